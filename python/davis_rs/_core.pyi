@@ -1,0 +1,149 @@
+"""The Rust core."""
+
+import os
+from types import TracebackType
+from typing import Any, final
+
+import numpy as np
+import numpy.typing as npt
+
+__version__: str
+
+class DecodeError(ValueError):
+    """Contents of a file or stream that do not follow the format they claim; the message says where."""
+
+@final
+class CrossingEngine:
+    """Turns frames of linear luma into events, by the crossing rule of an ideal event-camera pixel.
+
+    Each pixel holds a reference R = B + n_on C_on - n_off C_off with integer counters, B being its log intensity at the
+    first frame. Between two frames log intensity L = ln(luma + log_eps) is linear; an ON event falls each time it
+    reaches R + C_on, an OFF event each time it reaches R - C_off. An event's stamp is the first microsecond at or after
+    the crossing, so it lies in (t_a, t_b]. Levels and stamps are decided exactly for the float64 L: nothing drifts,
+    and after every frame -C_off < L - R < C_on holds in every pixel.
+
+    Args:
+        width, height: sensor size in pixels, 1..65535.
+        contrast_threshold: C_on in natural-log units, 1e-6..1e3.
+        contrast_threshold_off: C_off; None means C_on.
+        log_eps: dark level in units of luma, > 0.
+        threads: None means one a core. The events do not depend on it.
+
+    Raises:
+        ValueError: for a parameter out of range.
+
+    Source: Mueggler, Rebecq, Gallego, Delbruck, Scaramuzza, The Event-Camera Dataset and Simulator, IJRR 2017,
+    section 6.
+    """
+
+    def __new__(
+        cls,
+        width: int,
+        height: int,
+        *,
+        contrast_threshold: float = 0.15,
+        contrast_threshold_off: float | None = None,
+        log_eps: float = 1e-3,
+        threads: int | None = None,
+    ) -> CrossingEngine: ...
+    def push(self, t_us: int, luma: npt.NDArray[np.floating[Any]]) -> npt.NDArray[np.void]:
+        """Take the frame at ``t_us``; return the events since the frame before it.
+
+        The first frame sets the references and returns no events. The GIL is released.
+
+        Args:
+            t_us: time in microseconds, >= 0 and after the last frame's.
+            luma: linear luma, shape (height, width), finite and >= 0; float32 in C order is taken without a copy,
+                other layouts are copied, float64 is rounded to float32.
+
+        Returns:
+            Events (:data:`davis_rs.EVENT_DTYPE`), sorted by (t, y, x, order of crossing).
+
+        Raises:
+            ValueError: for a wrong shape or dtype, luma that is NaN, infinite or negative (with time and pixel), or a
+                time that does not increase. The engine is then as it was.
+        """
+    def push_log(self, t_us: int, log_intensity: npt.NDArray[np.floating[Any]]) -> npt.NDArray[np.void]:
+        """:meth:`push` of log intensity itself: float64, shape (height, width), within +-746."""
+    @property
+    def reference(self) -> npt.NDArray[np.float64]:
+        """The reference R in log intensity, shape (height, width); NaN before the first frame."""
+    @property
+    def last_event_us(self) -> npt.NDArray[np.int64]:
+        """The surface of active events: time of each pixel's last event, shape (height, width); -1 = none yet."""
+
+@final
+class EventTextWriter:
+    """Writes events.txt: one line ``timestamp x y polarity`` an event, seconds with nine decimals, polarity 0 or 1.
+
+    Converted in integer arithmetic, streaming, in constant memory.
+
+    Args:
+        path: a file that does not exist yet.
+
+    Raises:
+        OSError: if it exists or cannot be created.
+
+    Source: Mueggler et al., IJRR 2017, section 4 (the public dataset's text format).
+    """
+
+    def __new__(cls, path: str | os.PathLike[str]) -> EventTextWriter: ...
+    def write(self, events: npt.NDArray[np.void]) -> None:
+        """Append events; times may not decrease.
+
+        Raises:
+            ValueError: for times that go back or a polarity above 1, with the index; nothing of the packet is written.
+            OSError: if the system refuses, for example when the disk is full.
+        """
+    def flush(self) -> None:
+        """Hand everything to the operating system."""
+    def finish(self) -> int:
+        """Flush, close and return the number of events written."""
+    def __enter__(self) -> EventTextWriter: ...
+    def __exit__(
+        self,
+        exc_type: type[BaseException] | None = None,
+        exc_value: BaseException | None = None,
+        traceback: TracebackType | None = None,
+    ) -> None: ...
+
+def read_events_text(path: str | os.PathLike[str]) -> npt.NDArray[np.void]:
+    """Read events.txt into an array of :data:`davis_rs.EVENT_DTYPE`.
+
+    Raises:
+        OSError: if it cannot be read.
+        DecodeError: for the first malformed line, with line and byte.
+    """
+
+def log_intensity(luma: npt.NDArray[np.floating[Any]], log_eps: float) -> npt.NDArray[np.float64]:
+    """L = ln(luma + log_eps) in float64, shape (height, width), as :class:`CrossingEngine` computes it.
+
+    The same bits on every processor, within 1 ulp of the exact logarithm.
+
+    Raises:
+        ValueError: for luma that is NaN, infinite or negative (with the pixel), or log_eps <= 0.
+    """
+
+def reconstruct(
+    events: npt.NDArray[np.void],
+    first_log_intensity: npt.NDArray[np.floating[Any]],
+    t_us: int,
+    contrast_threshold: float,
+    contrast_threshold_off: float | None = None,
+) -> npt.NDArray[np.float64]:
+    """Log intensity at ``t_us`` from the first frame's and the events until then (t <= t_us).
+
+    log I(x; t) = log I(x; 0) + n_on C_on - n_off C_off with each pixel's counts: the engine's reference to the bit.
+
+    Args:
+        events: events of the sensor, in any order.
+        first_log_intensity: float64, shape (height, width).
+
+    Returns:
+        float64, shape (height, width).
+
+    Raises:
+        ValueError: for thresholds out of range or an event outside of the frame.
+
+    Source: Mueggler et al., IJRR 2017, section 6.
+    """

@@ -1,0 +1,114 @@
+"""The only door to Mitsuba and Dr.Jit: imported on first use, under a variant set only for the time of a call."""
+
+from __future__ import annotations
+
+import functools
+import os
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ._llvm import HOW_TO_GET_IT, OLDEST_USABLE, find_libllvm
+
+FAST, SCALAR = "llvm_ad_rgb", "scalar_rgb"
+
+
+@functools.cache
+def default_variant() -> tuple[str, str]:
+    """(variant, why): ``llvm_ad_rgb`` where LLVM can be used, else ``scalar_rgb`` with how to get the fast one."""
+    library = find_libllvm()
+    if library is None:
+        return (
+            SCALAR,
+            f"no usable LLVM (>= {OLDEST_USABLE}) was found, so Mitsuba runs its slow scalar variant; {HOW_TO_GET_IT}",
+        )
+    os.environ["DRJIT_LIBLLVM_PATH"] = str(library)
+    import drjit as dr
+    import mitsuba as mi
+
+    if FAST not in mi.variants():
+        return SCALAR, f"this Mitsuba was built without {FAST}, so its slow scalar variant runs; {HOW_TO_GET_IT}"
+    try:
+        with variant(FAST):
+            version = dr.detail.llvm_version()
+    except ImportError as error:  # the library could not be loaded after all
+        return (
+            SCALAR,
+            f"{library} could not be used ({error}), so Mitsuba runs its slow scalar variant; {HOW_TO_GET_IT}",
+        )
+    # A program that imported Dr.Jit before us may have loaded another library.
+    if version < (OLDEST_USABLE,):
+        loaded = ".".join(map(str, version))
+        return (
+            SCALAR,
+            f"LLVM {loaded} is loaded already and would abort, so Mitsuba runs its scalar variant; {HOW_TO_GET_IT}",
+        )
+    return FAST, f"LLVM {'.'.join(map(str, version))}"
+
+
+@contextmanager
+def variant(name: str) -> Iterator[tuple[Any, Any]]:
+    """``with variant(name) as (mi, dr):`` the caller's own variant is restored afterwards."""
+    import drjit as dr
+    import mitsuba as mi
+
+    before = mi.variant()
+    if before != name:
+        mi.set_variant(name)
+    try:
+        yield mi, dr
+    finally:
+        if before not in (None, name):
+            mi.set_variant(before)
+
+
+def load_scene_source(source: Path | Mapping[str, Any], mi: Any) -> Any:
+    """Load a Mitsuba XML file or scene dictionary.
+
+    In a dictionary, NumPy arrays stand for what Mitsuba wants there: ``to_world`` and ``to_uv`` for transforms, any
+    other key for a tensor (a bitmap's ``data``). Equal objects are not merged, so that every one keeps its name.
+
+    Raises:
+        OSError: if the XML file cannot be read.
+        ValueError: if Mitsuba refuses the scene, or it has no shapes.
+    """
+    name = str(source) if isinstance(source, Path) else "the scene dictionary"
+    if isinstance(source, Path):
+        source.open("rb").close()
+    try:
+        if isinstance(source, Path):
+            scene = mi.load_file(str(source), optimize=False)
+        else:
+            scene = mi.load_dict(_with_mitsuba_types(source, mi), optimize=False)
+    except RuntimeError as error:
+        raise ValueError(f"Mitsuba cannot load {name}: {error}") from None
+    if not isinstance(scene, mi.Scene):
+        raise ValueError(f"{name} must describe a scene, got a {type(scene).__name__}")
+    if not scene.shapes():
+        raise ValueError(f"{name} has no shapes: there is nothing that a camera could see")
+    return scene
+
+
+def _with_mitsuba_types(node: Mapping[str, Any], mi: Any) -> dict[str, Any]:
+    def convert(key: str, value: Any) -> Any:
+        if isinstance(value, Mapping):
+            return _with_mitsuba_types(value, mi)
+        if isinstance(value, np.ndarray):
+            return {"to_world": mi.ScalarTransform4f, "to_uv": mi.ScalarTransform3f}.get(key, mi.TensorXf)(value)
+        return value
+
+    return {key: convert(key, value) for key, value in node.items()}
+
+
+def versions(variant_name: str) -> dict[str, str]:
+    """Versions of what renders, for a record of the run."""
+    import drjit as dr
+    import mitsuba as mi
+
+    found = {"mitsuba": mi.__version__, "drjit": dr.__version__, "variant": variant_name}
+    if variant_name == FAST:
+        found["llvm"] = ".".join(map(str, dr.detail.llvm_version()))
+    return found

@@ -1,0 +1,182 @@
+"""The camera: pinhole with OpenCV's radial-tangential distortion, and the rays of its pixels."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from ._core import DecodeError
+
+FloatArray = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Camera:
+    """Intrinsics of a pinhole camera with radial-tangential distortion (OpenCV's model, ``calib.txt``'s nine numbers).
+
+    Pixel (x, y) = (column, row) has its *centre* at exactly (x, y), as in OpenCV and in the public dataset's
+    calibration, and covers x - 0.5 to x + 0.5; so the centre of a 240-pixel row lies at 119.5.
+
+    Args:
+        width, height: sensor size in pixels (at most 65,535 each).
+        fx, fy: focal lengths in pixels, > 0; they may differ.
+        cx, cy: principal point in pixels.
+        k1, k2, p1, p2, k3: distortion coefficients; with normalised undistorted (x, y) and r^2 = x^2 + y^2 the image
+            is at x (1 + k1 r^2 + k2 r^4 + k3 r^6) + 2 p1 x y + p2 (r^2 + 2 x^2), y likewise with p1 and p2 exchanged.
+
+    Raises:
+        ValueError: for a size, focal length or coefficient out of range, or a distortion that folds over inside the
+            image (then no ray belongs to a pixel).
+
+    Source: OpenCV, camera calibration and 3D reconstruction; Mueggler et al., IJRR 2017, section 2.2.
+    """
+
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    k1: float = 0.0
+    k2: float = 0.0
+    p1: float = 0.0
+    p2: float = 0.0
+    k3: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("width", "height"):
+            if not 1 <= getattr(self, name) <= 65535:
+                raise ValueError(f"camera {name} must lie in 1..65535, got {getattr(self, name)}")
+        for name in ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3"):
+            if not np.isfinite(getattr(self, name)):
+                raise ValueError(f"camera {name} must be finite, got {getattr(self, name)}")
+        if self.fx <= 0 or self.fy <= 0:
+            raise ValueError(f"camera focal lengths must be > 0, got fx = {self.fx}, fy = {self.fy}")
+
+    @property
+    def distortion(self) -> tuple[float, float, float, float, float]:
+        """(k1, k2, p1, p2, k3), in the order of ``calib.txt``."""
+        return (self.k1, self.k2, self.p1, self.p2, self.k3)
+
+    def project(self, points: npt.ArrayLike) -> FloatArray:
+        """Pixel coordinates, shape (..., 2), of points (..., 3) in camera axes (x right, y down, z forward, metres).
+
+        Points with z <= 0 are behind the camera and give NaN.
+        """
+        p = np.asarray(points, np.float64)
+        z = np.where(p[..., 2] > 0, p[..., 2], np.nan)
+        distorted = self._distort(np.stack([p[..., 0] / z, p[..., 1] / z], -1))[0]
+        return distorted * (self.fx, self.fy) + (self.cx, self.cy)
+
+    def rays(self, pixels: npt.ArrayLike) -> FloatArray:
+        """Undistorted ray directions (..., 2): the x and y of (x, y, 1) in camera axes, for pixel coordinates (..., 2).
+
+        Solved by Newton's method in float64 until the projection is the pixel again within 1e-9 px.
+
+        Raises:
+            ValueError: where no ray projects to a pixel (the distortion folds over), naming the pixel.
+        """
+        pixel = np.asarray(pixels, np.float64)
+        target = (pixel - (self.cx, self.cy)) / (self.fx, self.fy)
+        xy = target.copy()
+        for _ in range(50):
+            distorted, jacobian = self._distort(xy)
+            residual = distorted - target
+            if np.abs(residual).max(initial=0.0) < 1e-13:
+                break
+            determinant = jacobian[..., 0, 0] * jacobian[..., 1, 1] - jacobian[..., 0, 1] * jacobian[..., 1, 0]
+            with np.errstate(all="ignore"):
+                dx = (jacobian[..., 1, 1] * residual[..., 0] - jacobian[..., 0, 1] * residual[..., 1]) / determinant
+                dy = (jacobian[..., 0, 0] * residual[..., 1] - jacobian[..., 1, 0] * residual[..., 0]) / determinant
+                xy = xy - np.stack([dx, dy], -1)
+        distorted, jacobian = self._distort(xy)
+        error = np.abs((distorted - target) * (self.fx, self.fy)).max(-1)
+        determinant = jacobian[..., 0, 0] * jacobian[..., 1, 1] - jacobian[..., 0, 1] * jacobian[..., 1, 0]
+        bad = ~(error < 1e-9) | (determinant <= 0)
+        if bad.any():
+            where = pixel[bad][0]
+            raise ValueError(
+                f"the lens distortion {self.distortion} folds over inside the image: no ray projects to pixel "
+                f"({where[0]:.2f}, {where[1]:.2f}); check calib.txt's order fx fy cx cy k1 k2 p1 p2 k3"
+            )
+        return xy
+
+    def distortion_jacobian(self, xy: npt.ArrayLike) -> FloatArray:
+        """d(pixel)/d(undistorted ray), shape (..., 2, 2), at ray directions (..., 2)."""
+        return self._distort(np.asarray(xy, np.float64))[1] * np.array([[self.fx], [self.fy]])
+
+    def _distort(self, xy: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Distorted normalised coordinates (..., 2) and their Jacobian (..., 2, 2)."""
+        k1, k2, p1, p2, k3 = self.distortion
+        x, y = xy[..., 0], xy[..., 1]
+        r2 = x * x + y * y
+        radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
+        slope = 2 * (k1 + r2 * (2 * k2 + r2 * 3 * k3))  # d(radial)/dx = slope * x, d(radial)/dy = slope * y
+        distorted = np.stack(
+            [
+                x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x),
+                y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y,
+            ],
+            -1,
+        )
+        cross = slope * x * y + 2 * p1 * x + 2 * p2 * y
+        jacobian = np.stack(
+            [
+                np.stack([radial + slope * x * x + 2 * p1 * y + 6 * p2 * x, cross], -1),
+                np.stack([cross, radial + slope * y * y + 6 * p1 * y + 2 * p2 * x], -1),
+            ],
+            -2,
+        )
+        return distorted, jacobian
+
+    def to_calib(self) -> str:
+        """The line of ``calib.txt``: ``fx fy cx cy k1 k2 p1 p2 k3``, each number exact (shortest round-trip form)."""
+        return " ".join(repr(float(v)) for v in (self.fx, self.fy, self.cx, self.cy, *self.distortion)) + "\n"
+
+    @classmethod
+    def from_calib(cls, path: str | Path, *, width: int = 240, height: int = 180) -> Camera:
+        """Read ``calib.txt``: one line ``fx fy cx cy k1 k2 p1 p2 [k3]``; the file does not hold the sensor size.
+
+        Raises:
+            OSError: if it cannot be read.
+            DecodeError: if it does not hold eight or nine numbers on one line, naming file and line.
+        """
+        lines = [(n, line) for n, line in enumerate(Path(path).read_text().splitlines(), 1) if line.strip()]
+        if len(lines) != 1:
+            raise DecodeError(f"{path}: expected one line 'fx fy cx cy k1 k2 p1 p2 k3', found {len(lines)} lines")
+        number, line = lines[0]
+        try:
+            values = [float(word) for word in line.split()]
+        except ValueError as error:
+            raise DecodeError(f"{path}, line {number}: {error}") from None
+        if len(values) not in (8, 9):
+            raise DecodeError(f"{path}, line {number}: expected 8 or 9 numbers, found {len(values)}")
+        return cls(width, height, *values)
+
+
+PRESETS: dict[str, Camera] = {
+    "ideal": Camera(240, 180, 200.0, 200.0, 119.5, 89.5),
+    "davis240c": Camera(
+        240, 180, 199.371, 199.708, 133.754, 113.992, k1=-0.38290, k2=0.18934, p1=-0.0010025, p2=-0.00056378
+    ),
+}
+"""``ideal``: a distortion-free DAVIS240 of 200 px focal length. ``davis240c``: the public dataset's calibration."""
+
+
+def load_camera(name_or_path: str | Path) -> Camera:
+    """A preset by name (see :data:`PRESETS`), else a ``calib.txt`` for a 240 x 180 sensor.
+
+    Raises:
+        ValueError: if it is neither a preset nor a file.
+        DecodeError: if the file is malformed.
+    """
+    if str(name_or_path) in PRESETS:
+        return PRESETS[str(name_or_path)]
+    if not Path(name_or_path).is_file():
+        raise ValueError(
+            f"camera {str(name_or_path)!r} is neither a preset ({', '.join(PRESETS)}) nor a calib.txt file"
+        )
+    return Camera.from_calib(name_or_path)

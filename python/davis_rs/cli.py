@@ -1,0 +1,204 @@
+"""The command line: davis-rs simulate, check, view."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import warnings
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from . import __version__
+from .camera import PRESETS, load_camera
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run a command; returns the exit status: 0, 1 for a failure or a check that does not hold, 130 after Ctrl-C."""
+    options = _parser().parse_args(arguments)
+    warnings.showwarning = lambda message, *_: print(f"davis-rs: warning: {message}", file=sys.stderr)
+    try:
+        run: Callable[[argparse.Namespace], int] = options.run
+        return run(options)
+    except (ValueError, OSError, ImportError) as error:
+        print(f"davis-rs: error: {error}", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        return 130
+
+
+def _simulate(options: argparse.Namespace) -> int:
+    from .record import record
+    from .sampling import FixedRate, MaxDisplacement, TimeSampling
+    from .scenes import load_scene, start_pose
+    from .simulate import Simulator, trajectory_part
+    from .trajectory import Trajectory, align
+    from .trajectory_file import read_trajectory
+
+    scene = load_scene(options.scene)
+    trajectory: Trajectory | None = None
+    if options.trajectory is not None:
+        sigmas = {"position_sigma_m": options.position_sigma, "rotation_sigma_rad": options.rotation_sigma}
+        given = {name: value for name, value in sigmas.items() if value is not None}
+        trajectory = read_trajectory(options.trajectory, max_gap_s=options.max_gap, **given)
+    # A built-in scene shares no world with anybody's trajectory, a user's own file may.
+    built_in_scene_foreign_path = scene.trajectory is not None and options.trajectory is not None
+    moved = built_in_scene_foreign_path if options.align is None else options.align
+    part = trajectory_part(scene, trajectory, options.start, options.duration)
+    if moved:
+        part = align(part, start_pose(scene))
+    sampling: TimeSampling = MaxDisplacement(options.max_displacement)
+    if options.render_rate is not None:
+        sampling = FixedRate(options.render_rate)
+    if not options.overwrite and Path(options.output).exists() and any(Path(options.output).iterdir()):
+        # Said again, and binding, when the folder is made; here it saves the time until then.
+        raise FileExistsError(f"{options.output} exists and is not empty: choose another folder or give --overwrite")
+    simulator = Simulator(
+        scene,
+        camera=None if options.camera is None else load_camera(options.camera),
+        contrast_threshold=options.contrast_threshold,
+        contrast_threshold_off=options.contrast_threshold_off,
+        log_eps=options.log_eps,
+        frame_rate_hz=options.frame_rate,
+        depth_rate_hz=options.depth_rate,
+        sampling=sampling,
+        samples=options.samples,
+        seed=options.seed,
+        threads=options.threads,
+        renderer=options.renderer,
+        blur=options.blur,
+    )
+    if not options.quiet:
+        print(f"rendering with {simulator.renderer.name}: {simulator.renderer.reason}", file=sys.stderr)
+        if moved:
+            print("trajectory moved so that it starts where the scene's camera does (--no-align)", file=sys.stderr)
+    recording = record(
+        simulator,
+        part,
+        options.output,
+        pose_rate_hz=options.pose_rate,
+        exposure=options.exposure,
+        overwrite=options.overwrite,
+        meta={"command": ["davis-rs", *sys.argv[1:]]},
+        quiet=options.quiet,
+    )
+    print(recording)
+    return 130 if recording.interrupted else 0
+
+
+def _check(options: argparse.Namespace) -> int:
+    from .check import check_dataset
+
+    report = check_dataset(options.dataset)
+    print(report)
+    return 0 if report.ok else 1
+
+
+def _view(options: argparse.Namespace) -> int:
+    from .video import video_dataset
+    from .view import view_dataset
+
+    if options.video is not None:
+        print(video_dataset(options.dataset, options.video, fps=options.fps, speed=options.speed, progress=True))
+        return 0
+    output = options.output or Path(options.dataset) / "view.png"
+    print(view_dataset(options.dataset, output, t_s=options.time, window_s=options.window))
+    return 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="davis-rs",
+        description="Simulate a DAVIS event camera.",
+        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
+    )
+    parser.add_argument("--version", action="version", version=f"davis-rs {__version__}")
+    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+    _add_simulate(commands)
+
+    check = commands.add_parser("check", help="check a dataset: do its events explain its images?")
+    check.add_argument("dataset", type=Path, metavar="DIR")
+    check.set_defaults(run=_check)
+
+    view = commands.add_parser("view", help="draw a dataset as a picture or a video", formatter_class=_Help)
+    view.add_argument("dataset", type=Path, metavar="DIR")
+    view.add_argument("-o", "--output", type=Path, metavar="PNG", help="the picture; DIR/view.png if not given")
+    view.add_argument("--time", type=float, metavar="S", help="the moment shown; the middle if not given")
+    view.add_argument("--window", type=float, metavar="S", help="length of the window of events; chosen if not given")
+    view.add_argument("--video", type=Path, metavar="FILE", help="make an .mp4 or .gif instead of a picture")
+    view.add_argument("--fps", type=float, default=25.0, help="pictures a second of the video")
+    view.add_argument("--speed", type=float, default=0.1, help="seconds of the sequence in a second of the video")
+    view.set_defaults(run=_view)
+    return parser
+
+
+class _Help(argparse.ArgumentDefaultsHelpFormatter):
+    """Shows the defaults that are values; None says nothing."""
+
+    def _get_help_string(self, action: argparse.Action) -> str | None:
+        return action.help if action.default in (None, False) else super()._get_help_string(action)
+
+
+def _add_simulate(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    simulate = commands.add_parser("simulate", help="simulate a sequence into a dataset folder", formatter_class=_Help)
+    simulate.set_defaults(run=_simulate)
+    simulate.add_argument("scene", metavar="SCENE", help="three_planes, three_walls or a Mitsuba XML file")
+    simulate.add_argument("-o", "--output", required=True, metavar="DIR", help="the folder to write")
+
+    path = simulate.add_argument_group("camera path")
+    path.add_argument(
+        "--trajectory",
+        metavar="FILE",
+        help="groundtruth.txt, TUM, or ESIM's CSV in nanoseconds; the scene's own path if not given",
+    )
+    path.add_argument("--start", type=float, default=0.0, metavar="S", help="where on the trajectory t = 0 lies")
+    path.add_argument("--duration", type=float, metavar="S", help="seconds to simulate; to the end if not given")
+    path.add_argument(
+        "--align",
+        action=argparse.BooleanOptionalAction,
+        help="move the trajectory so that it starts where the scene's camera does; "
+        "if not given: where a file's trajectory meets a built-in scene",
+    )
+    path.add_argument(
+        "--position-sigma", type=float, metavar="M", help="noise of the file's positions, smoothed away; 0 = none"
+    )
+    path.add_argument("--rotation-sigma", type=float, metavar="RAD", help="noise of the file's rotations, likewise")
+    path.add_argument(
+        "--max-gap", type=float, default=0.1, metavar="S", help="longest gap between samples that is bridged"
+    )
+
+    camera = simulate.add_argument_group("camera and pixel")
+    camera.add_argument(
+        "--camera", metavar="CAMERA", help=f"{', '.join(PRESETS)} or a calib.txt; the scene's if not given"
+    )
+    camera.add_argument(
+        "--contrast-threshold", type=float, metavar="C", help="of ON events, natural log; the scene's if not given"
+    )
+    camera.add_argument("--contrast-threshold-off", type=float, metavar="C", help="of OFF events; as ON if not given")
+    camera.add_argument("--log-eps", type=float, default=1e-3, metavar="Y", help="dark level in units of luma")
+    camera.add_argument("--frame-rate", type=float, default=40.0, metavar="HZ", help="intensity frames; 0 = none")
+    camera.add_argument("--depth-rate", type=float, default=40.0, metavar="HZ", help="depth maps; 0 = none")
+    camera.add_argument("--pose-rate", type=float, default=200.0, metavar="HZ", help="ground truth")
+    camera.add_argument(
+        "--exposure", type=float, help="grey = 255 x exposure x luma; chosen from the first frame if not given"
+    )
+
+    accuracy = simulate.add_argument_group("accuracy and cost")
+    rate = accuracy.add_mutually_exclusive_group()
+    rate.add_argument("--render-rate", type=float, metavar="HZ", help="render at a fixed rate")
+    rate.add_argument(
+        "--max-displacement", type=float, default=1 / 3, metavar="PX", help="render whenever a pixel moved so far"
+    )
+    accuracy.add_argument("--samples", type=int, metavar="N", help="rays a pixel; 8 if not given, 2 without LLVM")
+    accuracy.add_argument("--renderer", choices=("auto", "table", "integrator"), default="auto")
+    accuracy.add_argument(
+        "--blur", action=argparse.BooleanOptionalAction, help="3 x 3 blur of luma; as the scene if not given"
+    )
+    accuracy.add_argument("--seed", type=int, default=0, metavar="N", help="of Mitsuba's integrators")
+    accuracy.add_argument("--threads", type=int, metavar="N", help="of the crossing engine; one a core if not given")
+
+    simulate.add_argument("--overwrite", action="store_true", help="replace the dataset in DIR")
+    simulate.add_argument("--quiet", action="store_true", help="no progress bar, only the last line")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,110 @@
+"""The pose of a camera, and the quaternion algebra that it needs: (x, y, z, w), Hamilton."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+# scipy is imported where it is used: it costs more than the 0.2 s that `import davis_rs` may take.
+
+FloatArray = npt.NDArray[np.float64]
+
+UNIT_NORM_TOLERANCE = 1e-3
+
+
+@dataclass(frozen=True, eq=False, init=False)
+class Pose:
+    """T_world_camera: maps points in camera axes (x right, y down, z forward) to the world.
+
+    Args:
+        position: the camera's centre in the world, metres, shape (3,).
+        quaternion: rotation R_world_camera as (x, y, z, w), Hamilton, of norm 1 within 1e-3; it is then normalised.
+
+    Both are held as read-only float64 arrays.
+
+    Raises:
+        ValueError: for another shape, a value that is not finite, or a quaternion that is not of norm 1.
+    """
+
+    position: FloatArray
+    quaternion: FloatArray
+
+    def __init__(self, position: npt.ArrayLike, quaternion: npt.ArrayLike) -> None:
+        for name, size, values in (("position", 3, position), ("quaternion", 4, quaternion)):
+            array = np.array(values, np.float64)
+            if array.shape != (size,):
+                raise ValueError(f"pose {name} must have shape ({size},), got {array.shape}")
+            if not np.isfinite(array).all():
+                raise ValueError(f"pose {name} must be finite, got {array.tolist()}")
+            if name == "quaternion":
+                norm = float(np.linalg.norm(array))
+                if abs(norm - 1.0) > UNIT_NORM_TOLERANCE:
+                    raise ValueError(
+                        f"pose quaternion must have norm 1 within {UNIT_NORM_TOLERANCE}, got norm {norm:.9g}"
+                    )
+                array /= norm
+            array.flags.writeable = False
+            object.__setattr__(self, name, array)
+
+    @property
+    def rotation(self) -> FloatArray:
+        """R_world_camera, shape (3, 3)."""
+        return rotation_matrices(self.quaternion)
+
+    @property
+    def matrix(self) -> FloatArray:
+        """T_world_camera, shape (4, 4)."""
+        matrix = np.eye(4)
+        matrix[:3, :3] = self.rotation
+        matrix[:3, 3] = self.position
+        return matrix
+
+    @classmethod
+    def from_matrix(cls, matrix: npt.ArrayLike) -> Pose:
+        """The pose of a T_world_camera (4, 4); the sign of its quaternion is free.
+
+        Raises:
+            ValueError: if it is not a rigid transform (rotation within 1e-6, last row 0 0 0 1).
+        """
+        from scipy.spatial.transform import Rotation
+
+        m = np.asarray(matrix, np.float64)
+        if m.shape != (4, 4) or not np.isfinite(m).all() or not np.array_equal(m[3], (0.0, 0.0, 0.0, 1.0)):
+            raise ValueError(f"a pose matrix must be finite, of shape (4, 4), with last row 0 0 0 1, got {m.tolist()}")
+        r = m[:3, :3]
+        if np.abs(r @ r.T - np.eye(3)).max() > 1e-6 or np.linalg.det(r) < 0:
+            raise ValueError(
+                f"a pose matrix must hold a rotation (orthonormal within 1e-6, right-handed), got {r.tolist()}"
+            )
+        return cls(m[:3, 3], Rotation.from_matrix(r).as_quat())
+
+
+def describe_pose(pose: Pose) -> dict[str, object]:
+    return {"position": pose.position.tolist(), "quaternion": pose.quaternion.tolist()}
+
+
+def hamilton(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Hamilton product a * b of quaternions (..., 4) in the order (x, y, z, w).
+
+    Unlike a product of scipy's Rotations it is linear in both, so that the sign stays continuous.
+    """
+    av, aw, bv, bw = a[..., :3], a[..., 3:], b[..., :3], b[..., 3:]
+    return np.concatenate([aw * bv + bw * av + np.cross(av, bv), aw * bw - (av * bv).sum(-1, keepdims=True)], -1)
+
+
+def conjugate(q: FloatArray) -> FloatArray:
+    return q * (-1.0, -1.0, -1.0, 1.0)
+
+
+def body_rates(q: FloatArray, dq_dt: FloatArray) -> FloatArray:
+    """Angular rate (..., 3) in body axes, rad/s, of unit quaternions: q' = q * (omega, 0) / 2 (Hamilton)."""
+    return 2.0 * hamilton(conjugate(q), dq_dt)[..., :3]
+
+
+def rotation_matrices(q: FloatArray) -> FloatArray:
+    from scipy.spatial.transform import Rotation
+
+    matrices: FloatArray = Rotation.from_quat(q).as_matrix()
+    return matrices

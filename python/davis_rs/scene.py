@@ -1,0 +1,41 @@
+"""The scene: what Mitsuba renders, and what goes with it by default."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from .camera import PRESETS, Camera
+from .trajectory import Trajectory
+
+SceneSource = Path | Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A scene and the settings that belong to it, each of which the caller may override.
+
+    World axes: z up, metres.
+
+    Attributes:
+        name: for people and records.
+        source: called when the scene is loaded; a path of a Mitsuba XML file, or a Mitsuba scene dictionary in which
+            NumPy arrays stand for bitmap data (float32, linear RGB) and transforms.
+        camera: the camera it is made for.
+        trajectory: the camera path that belongs to it; None if it has none.
+        contrast_threshold: C in natural-log units.
+        blur: soften luma by the 3 x 3 kernel of the dataset's simulator.
+        shadows: trace shadows of point and directional lights. A scene in which no shadow can be seen saves them.
+        lux_per_luma: illuminance on the sensor's scale: lux that one unit of luma stands for.
+    """
+
+    name: str
+    source: Callable[[], SceneSource]
+    camera: Camera = PRESETS["ideal"]
+    trajectory: Trajectory | None = None
+    contrast_threshold: float = 0.15
+    blur: bool = False
+    shadows: bool = True
+    lux_per_luma: float = 1000.0

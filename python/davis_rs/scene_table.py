@@ -1,0 +1,183 @@
+"""A diffuse scene of triangles as flat tables: what the table kernel gathers from instead of asking Mitsuba.
+
+Each triangle becomes one record: its plane, and affine maps from a point on it to texture coordinates (and to the
+interpolated normal, where a mesh is smooth). All textures lie in one flat buffer of texels, already weighted to luma:
+one buffer for each light colour, so that a red light sees the red of a texture.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from .luma import LUMA_WEIGHTS
+from .scene_texture import TextureTable, Unsuitable
+
+__all__ = ["Light", "SceneTable", "Unsuitable"]
+
+FloatArray = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Light:
+    """One light: its kind, colour group and strength.
+
+    ``vector`` is the position (point, metres) or the direction that light travels (directional, unit).
+    """
+
+    kind: str
+    group: int
+    strength: float
+    vector: FloatArray
+
+
+class SceneTable:
+    """The tables of a Mitsuba scene.
+
+    Attributes:
+        scene: the Mitsuba scene, for its ray tracing.
+        first_record: uint32, record of a shape's first triangle, by the shape's registry number.
+        planes: float32 (n, 4): unit normal and offset, n . p + offset = 0.
+        u_maps, v_maps: float32 (n, 4): u = map[:3] . p + map[3].
+        normal_maps: float32 (n, 3, 4), the interpolated vertex normal before normalisation; None where all is flat.
+        textures: the textures, and which one each record has.
+        two_sided: uint32 (n): 1 where the back of the surface reflects too.
+        lights: the lights.
+
+    Raises:
+        Unsuitable: naming the first thing in the scene that the table kernel cannot render.
+    """
+
+    def __init__(self, scene: Any, mi: Any, dr: Any, *, shadows: bool, any_integrator: bool) -> None:
+        self.scene, self.shadows = scene, shadows
+        if not any_integrator:
+            _check_integrator(scene.integrator())
+        colours: list[FloatArray] = []
+        self.lights = [_light(emitter, mi, colours) for emitter in scene.emitters()]
+        planes, maps_u, maps_v, normals, two_sided, records_of = [], [], [], [], [], {}
+        self.textures = TextureTable(mi, [np.asarray(LUMA_WEIGHTS) * colour for colour in colours])
+        smooth = False
+        count = 0
+        for shape in scene.shapes():
+            if not shape.is_mesh():
+                raise Unsuitable(f"shape {shape.id()!r} is a {shape.class_name()}, not made of triangles")
+            if shape.is_emitter():
+                raise Unsuitable(f"shape {shape.id()!r} emits light")
+            number = int(dr.reinterpret_array(mi.UInt32, mi.ShapePtr(shape)).numpy()[0])
+            records_of[number] = count
+            mesh = _Mesh(shape)
+            two_sided.append(np.full(mesh.count, self.textures.add(shape, mesh.count), np.uint32))
+            planes.append(mesh.planes())
+            u, v = mesh.texture_maps()
+            maps_u.append(u)
+            maps_v.append(v)
+            normal, is_smooth = mesh.normal_maps()
+            normals.append(normal)
+            smooth |= is_smooth
+            count += mesh.count
+        self.first_record = np.zeros(max(records_of) + 1, np.uint32)
+        for number, first in records_of.items():
+            self.first_record[number] = first
+        self.planes = np.concatenate(planes).astype(np.float32)
+        self.u_maps = np.concatenate(maps_u).astype(np.float32)
+        self.v_maps = np.concatenate(maps_v).astype(np.float32)
+        self.normal_maps = np.concatenate(normals).astype(np.float32) if smooth else None
+        self.two_sided = np.concatenate(two_sided)
+
+    @property
+    def background_luma(self) -> float:
+        """Luma of a ray that hits nothing: the radiance of the constant lights."""
+        groups = [weights.sum() for weights in self.textures.group_weights]
+        return float(sum(light.strength * groups[light.group] for light in self.lights if light.kind == "constant"))
+
+
+class _Mesh:
+    """A mesh's triangles in float64."""
+
+    def __init__(self, shape: Any) -> None:
+        self.shape = shape
+        faces = np.array(shape.faces_buffer()).reshape(-1, 3)
+        self.corners = self._per_corner(shape.vertex_positions_buffer(), faces, 3)
+        self.uv = self._per_corner(shape.vertex_texcoords_buffer(), faces, 2) if shape.has_vertex_texcoords() else None
+        smooth = shape.has_vertex_normals() and "face_normals = 0" in str(shape)
+        self.vertex_normals = self._per_corner(shape.vertex_normals_buffer(), faces, 3) if smooth else None
+        self.count = len(faces)
+        edges = self.corners[:, 1:] - self.corners[:, :1]
+        cross = np.cross(edges[:, 0], edges[:, 1])
+        area = np.linalg.norm(cross, axis=1, keepdims=True)
+        # A triangle without area is never hit; any plane will do for it.
+        self.normals = np.divide(cross, area, out=np.zeros_like(cross), where=area > 0)
+        # Gradients of the two barycentric coordinates over the plane: b = gradient . (p - corner 0).
+        double_area = np.where(area > 0, area, 1.0)
+        self.gradients = (
+            np.stack([np.cross(edges[:, 1], self.normals), np.cross(self.normals, edges[:, 0])], 1)
+            / double_area[:, None]
+        )
+
+    @staticmethod
+    def _per_corner(buffer: Any, faces: npt.NDArray[Any], width: int) -> FloatArray:
+        return np.array(buffer, np.float64).reshape(-1, width)[faces]
+
+    def planes(self) -> FloatArray:
+        offsets = -np.einsum("ij,ij->i", self.normals, self.corners[:, 0])
+        return np.concatenate([self.normals, offsets[:, None]], 1)
+
+    def affine(self, values: FloatArray) -> FloatArray:
+        """(n, 4) maps that take the values (n, 3) at a triangle's three corners, and are linear between."""
+        slopes = np.einsum("ij,ijk->ik", values[:, 1:] - values[:, :1], self.gradients)
+        offsets = values[:, 0] - np.einsum("ij,ij->i", slopes, self.corners[:, 0])
+        return np.concatenate([slopes, offsets[:, None]], 1)
+
+    def texture_maps(self) -> tuple[FloatArray, FloatArray]:
+        if self.uv is None:
+            # Without texture coordinates Mitsuba takes the barycentric ones.
+            barycentric = np.broadcast_to(np.array([[0.0, 1, 0], [0, 0, 1]]), (self.count, 2, 3))
+            return self.affine(barycentric[:, 0]), self.affine(barycentric[:, 1])
+        return self.affine(self.uv[..., 0]), self.affine(self.uv[..., 1])
+
+    def normal_maps(self) -> tuple[FloatArray, bool]:
+        """(n, 3, 4) maps of the shading normal, and whether any triangle is smooth (has it differ from its plane's)."""
+        flat = np.zeros((self.count, 3, 4))
+        flat[..., 3] = self.normals
+        if self.vertex_normals is None:
+            return flat, False
+        maps = np.stack([self.affine(self.vertex_normals[..., axis]) for axis in range(3)], 1)
+        differs = np.abs(self.vertex_normals - self.normals[:, None]).max() > 1e-5
+        return maps, bool(differs)
+
+
+def _check_integrator(integrator: Any) -> None:
+    if integrator is not None and integrator.class_name() != "DirectIntegrator":
+        raise Unsuitable(
+            f"the scene asks for Mitsuba's {integrator.class_name()}, which the table kernel (direct light only) is not"
+        )
+
+
+def _light(emitter: Any, mi: Any, colours: list[FloatArray]) -> Light:
+    """The emitter as a light; its colour joins ``colours`` unless one of the same hue is there."""
+    kind = emitter.class_name()
+    parameters = mi.traverse(emitter)
+    names = {
+        "PointLight": ("point", "intensity.value"),
+        "DirectionalEmitter": ("directional", "irradiance.value"),
+        "ConstantBackgroundEmitter": ("constant", "radiance.value"),
+    }
+    if kind not in names or names[kind][1] not in parameters:
+        raise Unsuitable(f"a light is a {kind}, not a point, directional or constant one of one colour")
+    kind, name = names[kind]
+    rgb = np.broadcast_to(np.array(parameters[name], np.float64).reshape(-1), (3,))
+    strength = float(rgb.max())
+    colour = rgb / strength if strength > 0 else np.ones(3)
+    group = next((i for i, known in enumerate(colours) if np.allclose(known, colour, atol=1e-6)), len(colours))
+    if group == len(colours):
+        colours.append(colour)
+    vector = np.zeros(3)
+    if kind == "point":
+        vector = np.array(parameters["position"], np.float64).reshape(3)
+    elif kind == "directional":
+        vector = np.array(parameters["to_world"].matrix, np.float64).reshape(4, 4)[:3, 2]
+        vector = vector / np.linalg.norm(vector)
+    return Light(kind, group, strength, vector)

@@ -1,0 +1,139 @@
+"""The textures of a diffuse scene in one flat buffer of texels, weighted to luma for each light colour."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+FloatArray = npt.NDArray[np.float64]
+
+WRAP_MODES = ("repeat", "clamp", "mirror")
+
+
+class Unsuitable(Exception):
+    """Something in a scene that the table kernel cannot render; the message says what."""
+
+
+class TextureTable:
+    """Diffuse reflectances of a scene's shapes: bitmaps with bilinear lookup, or constants (bitmaps of one texel).
+
+    Args:
+        mi: Mitsuba, under the variant that loaded the scene.
+        group_weights: for each light colour the weights (3,) that turn reflected RGB into luma.
+
+    Attributes:
+        sizes: int32 (textures, 4): first texel, width, height, index into :data:`WRAP_MODES`.
+        uv_maps: float32 (textures, 2, 3): the texture's own affine map of (u, v, 1).
+        texture_of: uint32 (records): each record's texture.
+    """
+
+    def __init__(self, mi: Any, group_weights: list[FloatArray]) -> None:
+        self._mi, self.group_weights = mi, group_weights
+        self._texels: list[FloatArray] = []
+        self._sizes: list[tuple[int, int, int, int]] = []
+        self._uv_maps: list[FloatArray] = []
+        self._texture_of: list[npt.NDArray[np.uint32]] = []
+
+    @property
+    def sizes(self) -> npt.NDArray[np.int32]:
+        return np.array(self._sizes, np.int32)
+
+    @property
+    def uv_maps(self) -> npt.NDArray[np.float32]:
+        return np.array(self._uv_maps, np.float32)
+
+    @property
+    def texture_of(self) -> npt.NDArray[np.uint32]:
+        return np.concatenate(self._texture_of)
+
+    def texels(self, group: int) -> npt.NDArray[np.float32]:
+        """All texels as luma under a light of the group's colour, float32."""
+        return (np.concatenate(self._texels) @ self.group_weights[group]).astype(np.float32)
+
+    def add(self, shape: Any, records: int) -> bool:
+        """Take the reflectance of a shape that has so many records; returns whether it is two-sided.
+
+        Raises:
+            Unsuitable: if its BSDF is not diffuse, or its texture neither a constant nor a bilinear bitmap.
+        """
+        bsdf = shape.bsdf()
+        parameters = self._mi.traverse(bsdf)
+        two_sided = bsdf.class_name() == "TwoSidedBRDF"
+        if not (two_sided or bsdf.class_name() == "SmoothDiffuse") or "SmoothDiffuse" not in str(bsdf):
+            raise Unsuitable(f"shape {shape.id()!r} has a {bsdf.class_name()} surface, not a diffuse one")
+        prefix = "brdf_0.reflectance" if two_sided else "reflectance"
+        if two_sided and not _same_on_both_sides(parameters):
+            raise Unsuitable(f"shape {shape.id()!r} has two different sides")
+        if f"{prefix}.value" in parameters:
+            texels = np.broadcast_to(np.array(parameters[f"{prefix}.value"], np.float64).reshape(-1), (1, 1, 3))
+            uv_map, wrap = np.eye(3), 0
+        elif f"{prefix}.data" in parameters:
+            texels = _rgb(np.array(parameters[f"{prefix}.data"], np.float64))
+            uv_map = np.array(parameters[f"{prefix}.to_uv"].matrix, np.float64).reshape(3, 3)
+            wrap = self._wrap_mode(shape, texels, uv_map)
+        else:
+            raise Unsuitable(f"shape {shape.id()!r} has a reflectance that is neither a constant nor a bitmap")
+        height, width = texels.shape[:2]
+        first = sum(len(t) for t in self._texels)
+        self._texture_of.append(np.full(records, len(self._sizes), np.uint32))
+        self._sizes.append((first, width, height, wrap))
+        self._uv_maps.append(uv_map[:2])
+        self._texels.append(texels.reshape(-1, 3))
+        return two_sided
+
+    def _wrap_mode(self, shape: Any, texels: FloatArray, uv_map: FloatArray) -> int:
+        """Mitsuba does not tell a bitmap's wrap mode or filter: find the mode whose lookup agrees with its own."""
+        mi = self._mi
+        uv = np.random.RandomState(0).uniform(-2, 3, (2, 256)).astype(np.float32)
+        si = mi.SurfaceInteraction3f()
+        si.uv = mi.Point2f(uv)
+        si.wi = mi.Vector3f(0, 0, 1)
+        own = np.array(shape.bsdf().eval_diffuse_reflectance(si), np.float64).T
+        mapped = uv_map[:2, :2] @ uv.astype(np.float64) + uv_map[:2, 2:]
+        for wrap in range(len(WRAP_MODES)):
+            if np.abs(bilinear(texels, mapped, wrap) - own).max() < 1e-3:
+                return wrap
+        raise Unsuitable(f"shape {shape.id()!r} has a texture whose lookup is not bilinear")
+
+
+def bilinear(texels: FloatArray, uv: FloatArray, wrap: int) -> FloatArray:
+    """Reference lookup: (n, 3) from texels (H, W, 3) at uv (2, n); texel centres lie at (i + 0.5) / size."""
+    height, width = texels.shape[:2]
+    x, y = uv[0] * width - 0.5, uv[1] * height - 0.5
+    x0, y0 = np.floor(x).astype(int), np.floor(y).astype(int)
+    fx, fy = (x - x0)[:, None], (y - y0)[:, None]
+    columns = [wrap_index(x0 + i, width, wrap) for i in (0, 1)]
+    rows = [wrap_index(y0 + i, height, wrap) for i in (0, 1)]
+    top, bottom = (texels[row, columns[0]] * (1 - fx) + texels[row, columns[1]] * fx for row in rows)
+    return np.asarray(top * (1 - fy) + bottom * fy)
+
+
+def wrap_index(index: npt.NDArray[Any], n: int, wrap: int) -> npt.NDArray[Any]:
+    """The texel that an index outside of 0..n-1 stands for."""
+    if WRAP_MODES[wrap] == "clamp":
+        return np.clip(index, 0, n - 1)
+    if WRAP_MODES[wrap] == "repeat":
+        return index % n
+    folded = index % (2 * n)
+    return np.minimum(folded, 2 * n - 1 - folded)
+
+
+def _rgb(data: FloatArray) -> FloatArray:
+    """Bitmap data as (H, W, 3)."""
+    data = data.reshape(data.shape[0], data.shape[1], -1)
+    return np.ascontiguousarray(np.broadcast_to(data[..., :3], (*data.shape[:2], 3)))
+
+
+def _same_on_both_sides(parameters: Any) -> bool:
+    keys = [key for key in parameters.keys() if key.startswith("brdf_0.")]  # noqa: SIM118 (not a dict)
+    return all(
+        f"brdf_1.{key[7:]}" not in parameters
+        or np.array_equal(_numbers(parameters[key]), _numbers(parameters[f"brdf_1.{key[7:]}"]))
+        for key in keys
+    )
+
+
+def _numbers(value: Any) -> npt.NDArray[Any]:
+    return np.array(getattr(value, "matrix", value))

@@ -1,0 +1,247 @@
+"""The simulator: scene, camera and trajectory in, packets of events, frames, depth and poses out."""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Iterator
+from itertools import groupby, islice, repeat
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ._core import CrossingEngine, __version__
+from ._mitsuba import versions
+from .camera import Camera
+from .events import EventArray
+from .packet import Packet
+from .pose import Pose
+from .renderers import make_renderer
+from .sampling import MaxDisplacement, TimeSampling, periodic_instants
+from .scene import Scene
+from .trajectory import SegmentTrajectory, Trajectory, interval
+
+_PACKET_RATE_HZ = 40.0
+"""Where no frame or depth map falls due, packets still end this often, so that memory stays bounded."""
+
+
+class _Instant(NamedTuple):
+    """A rendered instant, and what falls due there."""
+
+    t_us: int
+    frame: bool
+    depth: bool
+    packet: bool
+
+
+class Simulator:
+    """A DAVIS in a scene.
+
+    :meth:`run` follows a trajectory; :meth:`step` serves a controller that decides the next pose as it goes. Every
+    intensity frame and depth map is one of the rendered instants, so events, frames and depth agree exactly.
+
+    Args:
+        scene: see :class:`~davis_rs.scene.Scene`.
+        camera: None takes the scene's.
+        contrast_threshold: C_on in natural-log units; None takes the scene's.
+        contrast_threshold_off: C_off; None means C_on.
+        log_eps: dark level in units of luma: L = ln(luma + log_eps).
+        frame_rate_hz, depth_rate_hz: instant k of either is round(k 1e6 / rate) us; 0 for none.
+        sampling: when to render; by default whenever a pixel may have moved by a third of a pixel.
+        samples: rays a pixel, 1..1024; None means 8, or 2 in Mitsuba's scalar variant.
+        seed: of Mitsuba's integrators, where one of them renders.
+        threads: of the crossing engine; None means one a core. Results do not depend on it.
+        renderer: ``auto``, ``table`` or ``integrator``, see :func:`~davis_rs.renderers.make_renderer`.
+        blur: the 3 x 3 blur of luma; None leaves it to the scene.
+        poses_per_launch: rendered in one call; None leaves it to the renderer. Results do not depend on it.
+
+    Raises:
+        ValueError: for a value out of range or a scene that cannot be rendered.
+        OSError: if a scene file cannot be read.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        *,
+        camera: Camera | None = None,
+        contrast_threshold: float | None = None,
+        contrast_threshold_off: float | None = None,
+        log_eps: float = 1e-3,
+        frame_rate_hz: float = 40.0,
+        depth_rate_hz: float = 40.0,
+        sampling: TimeSampling | None = None,
+        samples: int | None = None,
+        seed: int = 0,
+        threads: int | None = None,
+        renderer: str = "auto",
+        blur: bool | None = None,
+        poses_per_launch: int | None = None,
+    ) -> None:
+        self.scene = scene
+        self.camera = camera or scene.camera
+        self.sampling = sampling or MaxDisplacement()
+        contrast_threshold = scene.contrast_threshold if contrast_threshold is None else contrast_threshold
+        self.parameters: dict[str, Any] = {
+            "contrast_threshold": contrast_threshold,
+            "contrast_threshold_off": contrast_threshold if contrast_threshold_off is None else contrast_threshold_off,
+            "log_eps": log_eps,
+            "frame_rate_hz": frame_rate_hz,
+            "depth_rate_hz": depth_rate_hz,
+            "seed": seed,
+        }
+        for rate_hz in (frame_rate_hz, depth_rate_hz):
+            periodic_instants(rate_hz, 0, 0)  # refuses bad rates before anything is loaded
+        if poses_per_launch is not None and poses_per_launch < 1:
+            raise ValueError(f"poses_per_launch must be at least 1, got {poses_per_launch}")
+        self._engine = CrossingEngine(
+            self.camera.width,
+            self.camera.height,
+            contrast_threshold=contrast_threshold,
+            contrast_threshold_off=contrast_threshold_off,
+            log_eps=log_eps,
+            threads=threads,
+        )
+        self.renderer = make_renderer(scene, self.camera, samples=samples, seed=seed, kind=renderer, blur=blur)
+        self._poses_per_launch = poses_per_launch or self.renderer.poses_per_launch
+        self._pose: Pose | None = None
+        self._t_us = 0
+
+    def run(self, trajectory: Trajectory) -> Iterator[Packet]:
+        """Simulate a trajectory from its start to its end; memory stays bounded, however long it is.
+
+        Yields:
+            Packets that tile the time; the first ends at 0 and has no events. One ends at every instant where a frame
+            or a depth map falls due, and at the end.
+
+        Raises:
+            ValueError: if the simulator has run before, or no ray hits anything anywhere along the trajectory.
+        """
+        if self._pose is not None:
+            raise ValueError("this simulator has run already; its pixels remember: make a new one for a new sequence")
+        self._refuse_empty_view(trajectory)
+        yield from self._packets(trajectory, 0, round(trajectory.duration_s * 1e6))
+
+    def step(self, t_us: int, pose: Pose) -> list[Packet]:
+        """Move the camera to ``pose`` at ``t_us``; return the packets since the last step.
+
+        Between two poses the camera moves at constant velocity and body rate, and is rendered as often as ``sampling``
+        asks. The first step must be at 0: it sets the references. The last packet ends at ``t_us``; the others
+        end where frames and depth maps fall due between.
+
+        Raises:
+            ValueError: for a first step that is not at 0, or a time that does not increase.
+        """
+        if self._pose is None:
+            if t_us != 0:
+                raise ValueError(f"the first step must be at t = 0 us, got {t_us} us")
+            # A duration is needed for a trajectory, but nothing after its start is rendered.
+            return list(self._packets(SegmentTrajectory(pose, pose, 1.0), 0, 0))
+        if t_us <= self._t_us:
+            raise ValueError(f"the time of a step must be after the last one ({self._t_us} us), got {t_us} us")
+        segment = SegmentTrajectory(self._pose, pose, (t_us - self._t_us) * 1e-6)
+        return list(self._packets(segment, self._t_us, t_us))
+
+    def describe(self) -> dict[str, Any]:
+        """Everything that is needed to repeat the run, for meta.json."""
+        return {
+            "davis_rs": __version__,
+            "versions": {"numpy": np.__version__, **versions(self.renderer.variant)},
+            "scene": {"name": self.scene.name, "lux_per_luma": self.scene.lux_per_luma},
+            "sensor": {"width": self.camera.width, "height": self.camera.height},
+            "renderer": {"name": self.renderer.name, "reason": self.renderer.reason},
+            "parameters": {
+                **self.parameters,
+                "samples": self.renderer.samples,
+                "blur": self.renderer.blur,
+                "sampling": repr(self.sampling),
+            },
+        }
+
+    def _packets(self, trajectory: Trajectory, start_us: int, end_us: int) -> Iterator[Packet]:
+        """Packets of (start_us, end_us], or of the very first instant too; the trajectory starts at ``start_us``."""
+        instants = self._instants(trajectory, start_us, end_us)
+        pending: list[EventArray] = []
+        while batch := list(islice(instants, self._poses_per_launch)):
+            poses = [trajectory.pose((instant.t_us - start_us) * 1e-6) for instant in batch]
+            luma = self.renderer.luma(poses)
+            due = [pose for pose, instant in zip(poses, batch, strict=True) if instant.depth]
+            depths = iter(self.renderer.depth(due) if due else ())
+            for instant, pose, frame in zip(batch, poses, luma, strict=True):
+                pending.append(self._engine.push(instant.t_us, frame))
+                depth = next(depths) if instant.depth else None
+                if not instant.packet:
+                    continue
+                packet_start, self._t_us, self._pose = self._t_us, instant.t_us, pose
+                events = np.concatenate(pending)
+                pending.clear()
+                yield Packet(packet_start, instant.t_us, events, pose, frame.copy() if instant.frame else None, depth)
+
+    def _instants(self, trajectory: Trajectory, start_us: int, end_us: int) -> Iterator[_Instant]:
+        """All instants to render, in order, each once."""
+        first_us = start_us if self._pose is None else start_us + 1
+        renders = (start_us + t for t in self.sampling.instants(self.renderer, trajectory, end_us - start_us))
+        rates = {"frame": "frame_rate_hz", "depth": "depth_rate_hz"}
+        streams = [
+            zip(renders, repeat("render")),
+            zip(periodic_instants(_PACKET_RATE_HZ, first_us, end_us), repeat("packet")),
+            *(
+                zip(periodic_instants(self.parameters[rate], first_us, end_us), repeat(kind))
+                for kind, rate in rates.items()
+            ),
+            iter([(first_us, "packet")] if self._pose is None else ()),
+            iter([(end_us, "packet")]),
+        ]
+        for t_us, group in groupby(heapq.merge(*streams), key=lambda item: item[0]):
+            kinds = {kind for _, kind in group}
+            yield _Instant(t_us, "frame" in kinds, "depth" in kinds, kinds != {"render"})
+
+    def _refuse_empty_view(self, trajectory: Trajectory) -> None:
+        for t_s in np.linspace(0, trajectory.duration_s, 9):
+            if np.isfinite(self.renderer.depth([trajectory.pose(float(t_s))])).any():
+                return
+        pose = trajectory.pose(0.0)
+        raise ValueError(
+            f"no ray hits anything in scene {self.scene.name!r}, from nowhere along the trajectory; the camera starts "
+            f"at {np.round(pose.position, 3).tolist()} m and looks along {np.round(pose.rotation[:, 2], 3).tolist()}; "
+            "align the trajectory with the scene (--align), or check axes and units"
+        )
+
+
+def simulate(
+    scene: Scene,
+    trajectory: Trajectory | None = None,
+    *,
+    start_s: float = 0.0,
+    duration_s: float | None = None,
+    **settings: Any,
+) -> Iterator[Packet]:
+    """Simulate a DAVIS that moves through a scene: a generator of packets, in bounded memory.
+
+    >>> for packet in simulate(load_scene("three_planes"), duration_s=0.1):
+    ...     print(packet.end_us, len(packet.events))
+
+    Args:
+        scene: see :func:`~davis_rs.scenes.load_scene`.
+        trajectory: None takes the scene's.
+        start_s, duration_s: the part of the trajectory to simulate, by default all from ``start_s`` on; t = 0 of the
+            sequence is at ``start_s``.
+        settings: see :class:`Simulator`.
+
+    Raises:
+        ValueError, OSError: as :class:`Simulator` and :meth:`Simulator.run`, at the call or at the first packet.
+    """
+    return Simulator(scene, **settings).run(trajectory_part(scene, trajectory, start_s, duration_s))
+
+
+def trajectory_part(
+    scene: Scene, trajectory: Trajectory | None, start_s: float = 0.0, duration_s: float | None = None
+) -> Trajectory:
+    """The part of a trajectory (or of the scene's own) that a run follows, from t = 0.
+
+    Raises:
+        ValueError: if there is no trajectory, or not that part of it.
+    """
+    trajectory = trajectory or scene.trajectory
+    if trajectory is None:
+        raise ValueError(f"scene {scene.name!r} has no trajectory of its own: one must be given")
+    return interval(trajectory, start_s, duration_s)

@@ -1,0 +1,74 @@
+"""Procedural textures: deterministic, periodic, with fine and coarse structure and hard edges.
+
+Made of sums and products of frozen random numbers (NumPy's ``RandomState`` keeps its streams for ever) and rounded to
+eight bits, so that they are the same on every machine.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+FloatArray = npt.NDArray[np.float64]
+
+
+def patchwork(
+    size: int, seed: int, *, low: float, high: float, grain: float, shapes: int, tint: tuple[float, float, float]
+) -> npt.NDArray[np.float32]:
+    """An RGB reflectance (size, size, 3), float32 in [0, 1]: noise under hard-edged rectangles, discs and stripes.
+
+    Args:
+        size: texels a side; a power of two.
+        low, high: range of reflectance.
+        grain: share of noise in a shape's brightness, 0..1.
+        shapes: number of shapes.
+        tint: factors of red, green and blue.
+    """
+    random = np.random.RandomState(seed)
+    noise = _value_noise(size, random)
+    level = noise.copy()
+    for _ in range(shapes):
+        rows, columns, inside = _shape(size, random)
+        brightness = random.random_sample()
+        window = np.ix_(rows, columns)
+        level[window] = np.where(inside, (1 - grain) * brightness + grain * noise[window], level[window])
+    # Even steps in log reflectance: equal contrast in the dark and in the bright.
+    reflectance = low * (high / low) ** level
+    rgb = np.clip(reflectance[..., None] * np.array(tint), 0, 1)
+    return (np.round(rgb * 255) / 255).astype(np.float32)
+
+
+def _value_noise(size: int, random: np.random.RandomState) -> FloatArray:
+    """Periodic noise in [0, 1]: octaves of random lattices, each half as strong and twice as fine as the one before."""
+    total = np.zeros((size, size))
+    cells, strength = 8, 1.0
+    while cells <= size // 4:
+        lattice = random.random_sample((cells, cells))
+        x = (np.arange(size) + 0.5) * cells / size
+        i, f = x.astype(int), x % 1
+        f = f * f * (3 - 2 * f)
+        j = (i + 1) % cells
+        rows = lattice[i] * (1 - f)[:, None] + lattice[j] * f[:, None]
+        total += strength * (rows[:, i] * (1 - f) + rows[:, j] * f)
+        cells, strength = 2 * cells, strength / 2
+    return (total - total.min()) / (total.max() - total.min())
+
+
+def _shape(
+    size: int, random: np.random.RandomState
+) -> tuple[npt.NDArray[np.int_], npt.NDArray[np.int_], npt.NDArray[np.bool_]]:
+    """One hard-edged shape at a random place: rows and columns of a window, wrapped around the borders, and a mask."""
+    centre_x, centre_y, scale, angle, kind = random.random_sample(5) * (size, size, 1, 1, 3)
+    radius = size * 0.02 * (6.0**scale)  # many small ones, some large
+    reach = int(radius * 1.5) + 1
+    window = np.arange(-reach, reach + 1)
+    dy, dx = window[:, None] - centre_y % 1, window[None] - centre_x % 1
+    rows, columns = (window + int(centre_y)) % size, (window + int(centre_x)) % size
+    if kind < 1:
+        return rows, columns, dx * dx + dy * dy < radius * radius
+    # A rational rotation (no sine or cosine, whose last bit depends on the C library).
+    t = 2 * angle - 1
+    cos, sin = (1 - t * t) / (1 + t * t), 2 * t / (1 + t * t)
+    u, v = cos * dx + sin * dy, cos * dy - sin * dx
+    box = (abs(u) < radius) & (abs(v) < radius * 0.6)
+    return rows, columns, box if kind < 2 else box & (np.floor(u / (radius * 0.2)) % 2 == 0)

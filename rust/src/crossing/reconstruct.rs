@@ -1,0 +1,48 @@
+//! Log intensity back from events: the paper's formula.
+
+use super::level::{Level, Thresholds};
+use super::parameters::check_threshold;
+use crate::error::{Error, Result};
+use crate::event::{Event, SensorSize};
+
+/// `log I(x; t) = log I(x; 0) + (ON events until t) C_on - (OFF events until t) C_off`, for each pixel.
+///
+/// Mueggler et al., IJRR 2017, section 6. Counted in integers and rounded once, so that it is the engine's reference.
+///
+/// # Errors
+/// [`Error::Argument`] for thresholds out of range, a frame of the wrong size, or an event outside of the sensor.
+pub fn reconstruct(
+    events: &[Event],
+    first_log_intensity: &[f64],
+    size: SensorSize,
+    t_us: i64,
+    contrast_threshold: f64,
+    contrast_threshold_off: f64,
+) -> Result<Vec<f64>> {
+    check_threshold("contrast_threshold", contrast_threshold)?;
+    check_threshold("contrast_threshold_off", contrast_threshold_off)?;
+    if first_log_intensity.len() != size.pixels() {
+        return Err(Error::Argument(format!(
+            "first_log_intensity must have {} pixels, got {}",
+            size.pixels(),
+            first_log_intensity.len()
+        )));
+    }
+    let mut levels: Vec<Level> = first_log_intensity.iter().map(|&base| Level { base, on: 0, off: 0 }).collect();
+    for (index, event) in events.iter().enumerate().filter(|(_, event)| event.t <= t_us) {
+        if event.x >= size.width || event.y >= size.height {
+            return Err(Error::Argument(format!(
+                "event {index} at (x, y) = ({}, {}) lies outside of the {} x {} sensor",
+                event.x, event.y, size.width, size.height
+            )));
+        }
+        let level = &mut levels[usize::from(event.y) * usize::from(size.width) + usize::from(event.x)];
+        if event.p == 0 {
+            level.off += 1;
+        } else {
+            level.on += 1;
+        }
+    }
+    let c = Thresholds { on: contrast_threshold, off: contrast_threshold_off };
+    Ok(levels.iter().map(|level| level.exact(c).value()).collect())
+}

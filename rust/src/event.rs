@@ -1,0 +1,50 @@
+//! The event: the one type in which every source and every consumer meet.
+
+/// A brightness change at one pixel, in 16 bytes.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub struct Event {
+    /// Microseconds from the start of the sequence.
+    pub t: i64,
+    /// Column, to the right from 0.
+    pub x: u16,
+    /// Row, down from 0.
+    pub y: u16,
+    /// Polarity: 1 = ON (brighter), 0 = OFF (darker).
+    pub p: u8,
+    /// Padding written out, so that equal events are equal bytes.
+    padding: [u8; 3],
+}
+
+impl Event {
+    /// An event at `t` microseconds in pixel (`x`, `y`); `on` is its polarity.
+    #[must_use]
+    pub const fn new(t: i64, x: u16, y: u16, on: bool) -> Self {
+        Self { t, x, y, p: on as u8, padding: [0; 3] }
+    }
+}
+
+/// Width and height of a sensor in pixels.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct SensorSize {
+    /// Columns.
+    pub width: u16,
+    /// Rows.
+    pub height: u16,
+}
+
+impl SensorSize {
+    /// The number of pixels.
+    #[must_use]
+    pub const fn pixels(self) -> usize {
+        self.width as usize * self.height as usize
+    }
+
+    /// (x, y) of a pixel by its row-major index.
+    #[must_use]
+    #[allow(clippy::cast_possible_truncation, reason = "the quotient and remainder fit the sensor's u16 sides")]
+    pub const fn xy(self, index: usize) -> (u16, u16) {
+        let width = self.width as usize;
+        ((index % width) as u16, (index / width) as u16)
+    }
+}

@@ -1,0 +1,49 @@
+//! The Python module `davis_rs._core`: thin classes over the crate, arrays, and the mapping of errors.
+
+#![allow(clippy::needless_pass_by_value, reason = "PyO3 hands arguments over by value")]
+
+mod arrays;
+mod dtype;
+mod engine;
+mod text;
+
+use pyo3::create_exception;
+use pyo3::exceptions::{PyOSError, PyValueError};
+use pyo3::prelude::*;
+
+use crate::error::Error;
+
+create_exception!(
+    davis_rs,
+    DecodeError,
+    PyValueError,
+    "Contents of a file or stream that do not follow the format they claim; the message says where."
+);
+
+impl From<Error> for PyErr {
+    fn from(error: Error) -> Self {
+        let message = error.to_string();
+        match error {
+            // With errno in its arguments Python picks the right subclass (FileNotFoundError, PermissionError, ...).
+            Error::Io { context, source } => match source.raw_os_error() {
+                Some(errno) => PyOSError::new_err((errno, format!("{context}: {source}"))),
+                None => PyOSError::new_err(message),
+            },
+            Error::Format { .. } => DecodeError::new_err(message),
+            Error::Argument(_) | Error::Order(_) => PyValueError::new_err(message),
+        }
+    }
+}
+
+/// The module that maturin builds.
+#[pymodule]
+fn _core(m: &Bound<'_, PyModule>) -> PyResult<()> {
+    m.add("__version__", env!("CARGO_PKG_VERSION"))?;
+    m.add("DecodeError", m.py().get_type::<DecodeError>())?;
+    m.add_class::<engine::PyCrossingEngine>()?;
+    m.add_class::<text::PyEventTextWriter>()?;
+    m.add_function(wrap_pyfunction!(engine::log_intensity, m)?)?;
+    m.add_function(wrap_pyfunction!(engine::reconstruct, m)?)?;
+    m.add_function(wrap_pyfunction!(text::read_events_text, m)?)?;
+    Ok(())
+}

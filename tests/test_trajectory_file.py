@@ -1,0 +1,207 @@
+"""Reading trajectory files: formats, exact stamps, every rule with its line, and a real recording."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from davis_rs import DecodeError
+from davis_rs.sampled_trajectory import SampledTrajectory
+from davis_rs.trajectory_file import read_trajectory
+
+SHARED = Path(__file__).resolve().parents[2] / "shared"
+POSTER = SHARED / "data" / "poster_6dof.csv"
+SLIDER = SHARED / "data" / "slider_depth" / "groundtruth.txt"
+
+POSE = "0.1 0.2 0.3 0.5 -0.5 0.5 -0.5"
+
+
+def tum_lines(n: int = 10) -> list[str]:
+    """Samples every 10 ms along x, at a constant attitude whose four components differ in sign."""
+    return [f"{0.01 * i:.9f} {0.02 * i:.4f} 0.2 0.3 0.5 -0.5 0.5 -0.5" for i in range(n)]
+
+
+def write(path: Path, lines: list[str]) -> Path:
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def exact(path: Path) -> SampledTrajectory:
+    return read_trajectory(path, position_sigma_m=0, rotation_sigma_rad=0)
+
+
+def test_tum_and_csv_give_one_path(tmp_path: Path) -> None:
+    """The same samples in either format, with comments, a header, blank lines, CRLF and a BOM, are one trajectory."""
+    tum = write(tmp_path / "a.txt", ["# timestamp tx ty tz qx qy qz qw", "", *tum_lines()])
+    rows = [line.split() for line in tum_lines()]
+    csv_lines = [", ".join([str(round(float(row[0]) * 1e9)), *row[1:]]) for row in rows]
+    csv = tmp_path / "a.csv"
+    csv.write_bytes(
+        ("\r\n".join(["# timestamp, x, y, z, qx, qy, qz, qw", *csv_lines[:5], "", *csv_lines[5:]])).encode("utf-8-sig")
+    )
+    bare = write(tmp_path / "b.csv", ["timestamp,x,y,z,qx,qy,qz,qw", *csv_lines])
+    t = np.linspace(0, 0.09, 33)
+    for path in (csv, bare):
+        assert exact(path).duration_s == exact(tum).duration_s == pytest.approx(0.09, abs=1e-15)
+        assert np.array_equal(exact(path).positions(t), exact(tum).positions(t))
+        assert np.array_equal(exact(path).quaternions(t), exact(tum).quaternions(t))
+    assert np.allclose(exact(tum).velocities(t), [2.0, 0.0, 0.0], atol=1e-9)
+    assert np.allclose(exact(tum).quaternions(t), [0.5, -0.5, 0.5, -0.5], atol=1e-12)
+
+
+@pytest.mark.parametrize("form", ["{:d}.{:09d}", "{:d}{:09d}e-9"])
+def test_unix_stamps_are_exact_to_the_nanosecond(tmp_path: Path, form: str) -> None:
+    """Spacings of 10 ms + 1 ns survive at 1.4e9 s, where float64 resolves 240 ns."""
+    start = 1403636579763555584
+    stamps = [start + i * 10_000_001 for i in range(10)]
+    path = write(tmp_path / "tum.txt", [f"{form.format(*divmod(s, 10**9))} {POSE}" for s in stamps])
+    trajectory = exact(path)
+    assert trajectory.describe()["start_time_ns"] == start
+    assert trajectory.duration_s == pytest.approx(0.090000009, abs=1e-15)
+
+
+def test_seconds_are_the_nearest_to_the_decimal(tmp_path: Path) -> None:
+    """A stamp in the file and the same number in Python are one float64."""
+    path = write(tmp_path / "tum.txt", [f"0.0 {POSE}", f"59.830544472 {POSE}"])
+    assert exact(path).duration_s == 59.830544472
+
+
+def test_description_identifies_the_file(tmp_path: Path) -> None:
+    """describe() is JSON and holds name, hash, sigmas, number and start of the samples."""
+    path = write(tmp_path / "groundtruth.txt", [line.replace("0.0", "5.0", 1) for line in tum_lines()])
+    described = read_trajectory(path, position_sigma_m=1e-4, rotation_sigma_rad=2e-4).describe()
+    assert json.loads(json.dumps(described)) == described
+    assert described["file"] == "groundtruth.txt"
+    assert described["sha256"] == hashlib.sha256(path.read_bytes()).hexdigest()
+    assert described["start_time_ns"] == 5_000_000_000
+    assert (described["samples"], described["position_sigma_m"], described["rotation_sigma_rad"]) == (10, 1e-4, 2e-4)
+
+
+@pytest.mark.parametrize(
+    ("line", "rule"),
+    [
+        ("0.05 0.1 0.2 0.3 0.5 -0.5 0.5", "expected 8 columns .* found 7: '0.05 0.1"),
+        (f"0.05 {POSE} 1", "expected 8 columns .* found 9: '0.05 0.1"),
+        (f"0.05, {POSE}", "'0.05,' is not a number"),
+        ("0.05 0.1 0.2 0.3 0.5 -0.5 0.5 zero", "'zero' is not a number"),
+        (f"five {POSE}", "'five' is not a number"),
+        ("0.05 0.1 nan 0.3 0.5 -0.5 0.5 -0.5", "every number must be finite, found 'nan'"),
+        ("0.05 0.1 -inf 0.3 0.5 -0.5 0.5 -0.5", "every number must be finite, found '-inf'"),
+        (f"nan {POSE}", "every number must be finite, found 'nan'"),
+        (
+            f"1403636579763555584 {POSE}",
+            "must be in seconds, below 4.6e9, found '1403636579763555584'",
+        ),
+        (
+            "0.05 0.1 0.2 0.3 0.5 -0.5 0.5 -0.6",
+            r"\(stamp 0.05\): the quaternion must have norm 1 within 0.001, got .*-0.6\] of norm 1.05",
+        ),
+        (f"0.04 {POSE}", r"\(stamp 0.04\): times must strictly increase, .* after .*line 6 \(stamp 0.040000000"),
+        (f"0.001 {POSE}", r"\(stamp 0.001\): times must strictly increase"),
+    ],
+)
+def test_a_malformed_line_is_named(tmp_path: Path, line: str, rule: str) -> None:
+    """File, line, rule and the offending text, for each rule of a line."""
+    lines = ["# comment", *tum_lines()]
+    lines[6] = line
+    path = write(tmp_path / "bad.txt", lines)
+    with pytest.raises(DecodeError, match=rf"bad\.txt, line 7.*{rule}"):
+        read_trajectory(path)
+
+
+@pytest.mark.parametrize("stamp", ["0.05", "5e7", "50 000 000", "", "0x10", "9" * 20])
+def test_csv_stamps_must_be_integer_nanoseconds(tmp_path: Path, stamp: str) -> None:
+    """Seconds in a CSV, which would be taken for nanoseconds, are refused."""
+    pose = POSE.replace(" ", ",")
+    path = write(tmp_path / "bad.csv", [f"0,{pose}", f"{stamp},{pose}"])
+    with pytest.raises(DecodeError, match=rf"bad\.csv, line 2: .* must be integer nanoseconds.*, found '{stamp}'"):
+        read_trajectory(path)
+
+
+@pytest.mark.parametrize(
+    "header",
+    [
+        "#timestamp, p_RS_R_x [m], p_RS_R_y [m], p_RS_R_z [m], q_RS_w [], q_RS_x [], q_RS_y [], q_RS_z []",
+        "timestamp,x,y,z,qw,qx,qy,qz",
+        "# timestamp tx ty tz qw qx qy qz",
+    ],
+)
+def test_a_header_with_w_first_is_refused(tmp_path: Path, header: str) -> None:
+    """EuRoC's order would be a wrong rotation that no other check sees."""
+    pose = POSE.replace(" ", ",")
+    path = write(tmp_path / "euroc.csv", [header, f"0,{pose}", f"10000000,{pose}"])
+    with pytest.raises(DecodeError, match=r"euroc\.csv, line 1: the quaternion must be in the order qx qy qz qw"):
+        read_trajectory(path)
+
+
+def test_gaps(tmp_path: Path) -> None:
+    """A short gap is bridged with a warning that names the lines; a long one is an error with both lines."""
+    lines = tum_lines(40)
+    path = write(tmp_path / "gap.txt", lines[:10] + lines[15:])
+    with pytest.warns(
+        UserWarning, match=r"bridged 1 gap.*gap\.txt, line 11 \(stamp 0\.15.*: 0\.06 s after .*line 10 \(stamp 0\.09"
+    ):
+        exact(path)
+    write(path, lines[:10] + lines[25:])
+    with pytest.raises(
+        DecodeError, match=r"line 11 \(stamp 0\.25.*: 0\.16 s after .*line 10 \(stamp 0\.09.*max_gap_s = 0\.1"
+    ):
+        exact(path)
+    with pytest.warns(UserWarning, match="bridged 1 gap"):
+        read_trajectory(path, max_gap_s=0.2)
+
+
+@pytest.mark.parametrize("lines", [[], ["# only a comment"], tum_lines(1)])
+def test_too_few_samples(tmp_path: Path, lines: list[str]) -> None:
+    """No samples, or one, are no trajectory."""
+    path = write(tmp_path / "short.txt", lines)
+    with pytest.raises(DecodeError, match=r"short\.txt: a trajectory needs at least 2 samples, found [01]$"):
+        read_trajectory(path)
+
+
+def test_what_is_not_the_content_is_not_a_decode_error(tmp_path: Path) -> None:
+    """A missing file is an OSError, a bad sigma a ValueError, bytes that are no text a DecodeError with the byte."""
+    with pytest.raises(FileNotFoundError):
+        read_trajectory(tmp_path / "none.txt")
+    with pytest.raises(ValueError, match="position_sigma_m") as caught:
+        read_trajectory(write(tmp_path / "good.txt", tum_lines()), position_sigma_m=-1)
+    assert not isinstance(caught.value, DecodeError)
+    binary = tmp_path / "image.png"
+    binary.write_bytes(b"0.0 \x89PNG")
+    with pytest.raises(DecodeError, match=r"image\.png: not a text file, byte 4 is 0x89"):
+        read_trajectory(binary)
+
+
+@pytest.mark.skipif(not POSTER.exists(), reason="the real recording is not here")
+def test_hand_held_recording_moves_as_its_paper_says() -> None:
+    """poster_6dof: the paper's tops of 2.51 m/s and 937 deg/s hold for the mean motion over 80 ms, 2.51 m/s for the
+    velocity itself too, at a hand's accelerations."""
+    with pytest.warns(UserWarning, match=r"bridged 38 gap\(s\).*line 8629 .* 0\.0549936 s after"):
+        trajectory = read_trajectory(POSTER)
+    assert trajectory.duration_s == 59.830544472
+    t = np.arange(0, trajectory.duration_s, 1e-3)
+    assert np.linalg.norm(trajectory.velocities(t), axis=1).max() == pytest.approx(2.51, rel=0.10)
+    assert np.linalg.norm(trajectory.accelerations(t), axis=1).max() < 60
+    position, q = trajectory.positions(t), trajectory.quaternions(t)
+    speed = np.linalg.norm(position[80:] - position[:-80], axis=1) / 0.08
+    assert speed.max() == pytest.approx(2.51, rel=0.02)
+    angle = 2 * np.arccos(np.abs((q[80:] * q[:-80]).sum(1)))
+    assert np.degrees(angle.max() / 0.08) == pytest.approx(937, rel=0.10)
+    # The raw poses turn at 1,076 deg/s over eight samples: a top well below that would be smoothed away, not found.
+    assert 1076 < np.degrees(np.linalg.norm(trajectory.angular_rates(t), axis=1).max()) < 1200
+    # In the dataset's convention the camera is held upright: its y axis points down.
+    assert trajectory.rotations([0.0])[0, 2, 1] < -0.9
+
+
+@pytest.mark.skipif(not SLIDER.exists(), reason="the real recording is not here")
+def test_slider_recording_is_a_straight_line() -> None:
+    """slider_depth: a steady 0.32 m/s along x and nothing else, from a first stamp that is not 0."""
+    trajectory = read_trajectory(SLIDER)
+    assert trajectory.describe()["start_time_ns"] == 22_291_582
+    v = trajectory.velocities(np.linspace(0.2, 1.5, 500))
+    assert np.abs(v[:, 0] - 0.318).max() < 0.004
+    assert np.abs(v[:, 1:]).max() == 0.0
