@@ -78,6 +78,7 @@ fn two_sum(a: f64, b: f64) -> (f64, f64) {
 }
 
 #[cfg(test)]
+#[allow(clippy::cast_precision_loss, reason = "below 2^53")]
 mod tests {
     use super::Expansion;
     use proptest::prelude::*;

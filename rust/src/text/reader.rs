@@ -105,7 +105,7 @@ mod tests {
             let text = format!("0.500000000 1 1 0\n{line}\n");
             match read_events_text(text.as_bytes()) {
                 Err(Error::Format { message, line: 2, byte: 18 }) => {
-                    assert!(message.contains(rule), "{line:?}: {message}")
+                    assert!(message.contains(rule), "{line:?}: {message}");
                 }
                 other => panic!("{line:?}: {other:?}"),
             }
