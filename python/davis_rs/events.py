@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -38,3 +39,10 @@ def as_events(array: npt.ArrayLike) -> EventArray:
             raise ValueError(f"event field {name!r} holds values that {EVENT_DTYPE[name]} cannot hold exactly")
         events[name] = column
     return events
+
+
+def concatenate_events(packets: Sequence[EventArray]) -> EventArray:
+    """Join event arrays into one, padding bytes included: ``np.concatenate`` leaves those to chance, and equal streams
+    would no longer be equal bytes."""
+    whole = [np.ascontiguousarray(events).view(f"V{EVENT_DTYPE.itemsize}") for events in packets]
+    return np.concatenate(whole).view(EVENT_DTYPE) if whole else np.zeros(0, EVENT_DTYPE)

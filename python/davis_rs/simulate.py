@@ -12,7 +12,7 @@ import numpy as np
 from ._core import CrossingEngine, __version__
 from ._mitsuba import versions
 from .camera import Camera
-from .events import EventArray
+from .events import EventArray, concatenate_events
 from .packet import Packet
 from .pose import Pose
 from .renderers import make_renderer
@@ -172,7 +172,7 @@ class Simulator:
                 if not instant.packet:
                     continue
                 packet_start, self._t_us, self._pose = self._t_us, instant.t_us, pose
-                events = np.concatenate(pending)
+                events = concatenate_events(pending)
                 pending.clear()
                 yield Packet(packet_start, instant.t_us, events, pose, frame.copy() if instant.frame else None, depth)
 

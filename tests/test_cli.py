@@ -1,0 +1,195 @@
+"""The command line, run as a user runs it."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import davis_rs
+
+SHARED = Path(__file__).resolve().parents[2] / "shared"
+
+
+def run(*arguments: object, **environment: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "davis_rs.cli", *map(str, arguments)]
+    return subprocess.run(
+        command, capture_output=True, text=True, env={**os.environ, **environment}, timeout=300, check=False
+    )
+
+
+def simulate(*arguments: object, **environment: str) -> subprocess.CompletedProcess[str]:
+    return run("simulate", *arguments, "--samples", 1, **environment)
+
+
+def test_simulate_check_and_view(tmp_path: Path) -> None:
+    """The main job: a dataset that its own check accepts, and that a second run repeats byte for byte."""
+    out, again = tmp_path / "out", tmp_path / "again"
+    done = simulate("three_planes", "-o", out, "--duration", 0.1, "--threads", 1)
+    assert done.returncode == 0, done.stderr
+    assert " events in 0.1 s (" in done.stdout
+    assert "rendering with" in done.stderr
+    checked = run("check", out)
+    assert checked.returncode == 0, checked.stdout
+    assert "the check holds" in checked.stdout
+    viewed = run("view", out, "-o", tmp_path / "view.png")
+    assert viewed.returncode == 0, viewed.stderr
+    assert (tmp_path / "view.png").stat().st_size > 50_000
+
+    quiet = simulate("three_planes", "-o", again, "--duration", 0.1, "--threads", 2, "--quiet")
+    assert (quiet.returncode, quiet.stderr) == (0, "")
+    names = ["events.txt", "images.txt", "depthmaps.txt", "groundtruth.txt", "calib.txt", "images/frame_00000004.png"]
+    for name in names:
+        assert (out / name).read_bytes() == (again / name).read_bytes(), name
+    meta = json.loads((out / "meta.json").read_text())
+    assert meta["complete"] is True
+    assert meta["parameters"]["contrast_threshold"] == 0.15
+    dataset = davis_rs.Dataset(out)
+    assert [frame.t_us for frame in dataset.frames] == [0, 25_000, 50_000, 75_000, 100_000]
+    assert list(dataset.groundtruth.t_us) == list(range(0, 100_001, 5_000))
+
+
+def test_a_folder_that_exists_is_kept(tmp_path: Path) -> None:
+    """Yesterday's dataset is not overwritten by a repeated command; --overwrite does it."""
+    out = tmp_path / "out"
+    assert simulate("three_planes", "-o", out, "--duration", 0.01).returncode == 0
+    before = (out / "events.txt").read_bytes()
+    refused = simulate("three_planes", "-o", out, "--duration", 0.02)
+    assert refused.returncode == 1
+    assert "davis-rs: error:" in refused.stderr
+    assert "--overwrite" in refused.stderr
+    assert (out / "events.txt").read_bytes() == before
+    assert simulate("three_planes", "-o", out, "--duration", 0.02, "--overwrite").returncode == 0
+    assert len((out / "events.txt").read_bytes()) > len(before)
+
+
+def test_bad_input_leaves_the_old_dataset_alone(tmp_path: Path) -> None:
+    """With --overwrite too, what is there goes only once the new run is known to work."""
+    out = tmp_path / "out"
+    assert simulate("three_planes", "-o", out, "--duration", 0.01).returncode == 0
+    before = (out / "events.txt").read_bytes()
+    path = tmp_path / "path.txt"
+    path.write_text("0.0 0 0 0 0 0 0 1\n0.005 0 0 0 0 0 0 2\n")
+    failed = simulate("three_planes", "-o", out, "--overwrite", "--trajectory", path)
+    assert failed.returncode == 1
+    assert f"{path}, line 2" in failed.stderr
+    assert "Traceback" not in failed.stderr
+    away = simulate("three_planes", "-o", out, "--overwrite", "--trajectory", still_path(tmp_path), "--no-align")
+    assert away.returncode == 1
+    assert "no ray hits anything" in away.stderr
+    assert (out / "events.txt").read_bytes() == before
+
+
+def still_path(folder: Path) -> Path:
+    """A trajectory that stays at the origin, which looks up into the sky of three_planes, and shakes."""
+    path = folder / "still.txt"
+    path.write_text("".join(f"{k * 0.005:.3f} {0.001 * (k % 3)} 0 5 0 0 0 1\n" for k in range(40)))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["no_such_scene"], "neither one of three_planes, three_walls nor"),
+        (["three_planes", "--camera", "no_such_camera"], "neither a preset"),
+        (["three_planes", "--trajectory", "no_such_file"], "no_such_file"),
+        (["three_planes", "--contrast-threshold", "-1"], "contrast_threshold must lie in"),
+        (["three_planes", "--render-rate", "0"], "render rate"),
+        (["three_planes", "--max-displacement", "nan"], "displacement"),
+        (["three_planes", "--duration", "5"], "runs from 0 to 2.0 s"),
+        (["three_planes", "--start", "-1"], "inside the trajectory"),
+    ],
+)
+def test_errors_are_one_sentence(tmp_path: Path, arguments: list[str], message: str) -> None:
+    """No traceback, no folder left behind."""
+    failed = simulate(*arguments, "-o", tmp_path / "out")
+    assert failed.returncode == 1
+    assert message in failed.stderr
+    assert "Traceback" not in failed.stderr
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_path_that_cannot_be_written(tmp_path: Path) -> None:
+    """A folder under a file can be made by nobody, root included."""
+    (tmp_path / "file").write_text("")
+    failed = simulate("three_planes", "-o", tmp_path / "file" / "out", "--duration", 0.01)
+    assert failed.returncode == 1
+    assert str(tmp_path / "file") in failed.stderr
+
+
+def test_ctrl_c_leaves_a_valid_shorter_dataset(tmp_path: Path) -> None:
+    """What was simulated until then is whole: it passes the check."""
+    out = tmp_path / "out"
+    command = [sys.executable, "-m", "davis_rs.cli", "simulate", "three_planes", "-o", str(out), "--samples", "1"]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    deadline = time.monotonic() + 120
+    while not (out / "images" / "frame_00000002.png").exists():
+        assert process.poll() is None, process.communicate()
+        assert time.monotonic() < deadline
+        time.sleep(0.005)
+    process.send_signal(signal.SIGINT)
+    stdout, stderr = process.communicate(timeout=120)
+    assert process.returncode == 130, stderr
+    assert "cut short by Ctrl-C" in stdout
+    meta = json.loads((out / "meta.json").read_text())
+    assert (meta["complete"], meta["interrupted"]) == (False, True)
+    assert 25_000 <= meta["duration_us"] < 2_000_000
+    checked = run("check", out)
+    assert checked.returncode == 0, checked.stdout
+
+
+def test_a_camera_file_and_a_trajectory_file(tmp_path: Path) -> None:
+    """A hand-held path in a built-in scene is moved to where the scene's camera starts, and keeps its own motion."""
+    (tmp_path / "calib.txt").write_text("150.0 155.0 118.0 91.0 -0.3 0.1 0.001 -0.0005 0.0\n")
+    t = np.arange(41) * 0.005
+    rows = np.stack([t, 0.3 * np.sin(4 * t), 7 + 0.1 * t, 0 * t, 0 * t, 0 * t, 0 * t, 1 + 0 * t], 1)
+    np.savetxt(tmp_path / "path.txt", rows, fmt="%.9f")
+    out = tmp_path / "out"
+    done = simulate(
+        "three_planes", "-o", out, "--trajectory", tmp_path / "path.txt", "--position-sigma", 0, "--rotation-sigma", 0,
+        "--camera", tmp_path / "calib.txt", "--start", 0.05, "--duration", 0.1,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert "trajectory moved" in done.stderr
+    dataset = davis_rs.Dataset(out)
+    assert dataset.camera.fy == 155.0
+    start = davis_rs.start_pose(davis_rs.load_scene("three_planes"))
+    np.testing.assert_allclose(dataset.groundtruth.positions[0], start.position, atol=1e-9)
+    moved = np.linalg.norm(dataset.groundtruth.positions - dataset.groundtruth.positions[0], axis=1)
+    expected = np.hypot(0.3 * (np.sin(4 * (t[10:31])) - np.sin(0.2)), 0.1 * (t[10:31] - 0.05))
+    np.testing.assert_allclose(moved, expected, atol=1e-4)
+    assert run("check", out).returncode == 0
+
+
+@pytest.mark.skipif(not (SHARED / "data" / "poster_6dof.csv").exists(), reason="needs the recorded trajectory")
+def test_a_real_hand_held_trajectory(tmp_path: Path) -> None:
+    """Motion capture with its jitter and gaps: gaps are told of, the check holds."""
+    out = tmp_path / "out"
+    path = SHARED / "data" / "poster_6dof.csv"
+    done = simulate("three_planes", "-o", out, "--trajectory", path, "--start", 44.3, "--duration", 0.1)
+    assert done.returncode == 0, done.stderr
+    assert "bridged" in done.stderr
+    assert run("check", out).returncode == 0
+
+
+def test_without_llvm_the_scalar_variant_does_it(tmp_path: Path) -> None:
+    """One sentence says how to get the fast one, and the dataset is whole."""
+    out = tmp_path / "out"
+    nowhere = "/nonexistent/libLLVM.so"
+    done = simulate("three_planes", "-o", out, "--duration", 0.01, "--frame-rate", 200, DRJIT_LIBLLVM_PATH=nowhere)
+    assert done.returncode == 0, done.stderr
+    assert "scalar variant" in done.stderr
+    assert "apt-get install libllvm19" in done.stderr
+    checked = run("check", out)
+    assert checked.returncode == 0, checked.stdout
+
+
+def test_the_version_is_told() -> None:
+    assert run("--version").stdout.strip() == f"davis-rs {davis_rs.__version__}"

@@ -1,0 +1,170 @@
+"""The simulator end to end: packets, determinism, closed loop."""
+
+from __future__ import annotations
+
+import itertools
+from typing import Any
+
+import numpy as np
+import pytest
+
+import davis_rs
+from davis_rs import Camera, FixedRate, MaxDisplacement, Packet, Pose, Scene, Simulator
+from davis_rs.events import EventArray, concatenate_events
+from davis_rs.simulate import simulate
+
+SMALL = Camera(40, 30, 33.0, 33.0, 19.5, 14.5)
+PARAMETERS: dict[str, Any] = {"camera": SMALL, "samples": 2}
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    return davis_rs.load_scene("three_planes")
+
+
+def events_of(packets: list[Packet]) -> EventArray:
+    return concatenate_events([packet.events for packet in packets])
+
+
+def test_packets_tile_the_time_and_bring_what_falls_due(scene: Scene) -> None:
+    """A gap or an overlap between packets would lose or double events."""
+    packets = list(simulate(scene, duration_s=0.06, frame_rate_hz=40, depth_rate_hz=100, **PARAMETERS))
+    assert (packets[0].start_us, packets[0].end_us, len(packets[0].events)) == (0, 0, 0)
+    assert packets[-1].end_us == 60_000
+    for before, after in itertools.pairwise(packets):
+        assert before.end_us == after.start_us < after.end_us
+    for packet in packets:
+        t = packet.events["t"]
+        assert np.all((t > packet.start_us) & (t <= packet.end_us))
+    assert [p.end_us for p in packets if p.luma is not None] == [0, 25_000, 50_000]
+    assert [p.end_us for p in packets if p.depth is not None] == list(range(0, 60_001, 10_000))
+    events = events_of(packets)
+    assert len(events) > 1000
+    order = np.lexsort((events["x"], events["y"], events["t"]))
+    assert np.all(np.diff(events["t"]) >= 0)
+    assert np.array_equal(events[["t", "y", "x"]][order], events[["t", "y", "x"]])
+
+
+def test_frames_and_events_agree_exactly(scene: Scene) -> None:
+    """A frame is one of the rendered instants: the events up to it leave log intensity within one threshold."""
+    packets = list(simulate(scene, duration_s=0.06, **PARAMETERS, contrast_threshold=0.1, contrast_threshold_off=0.2))
+    first = packets[0].luma
+    assert first is not None
+    start = davis_rs.log_intensity(first, 1e-3)
+    for packet in packets[1:]:
+        if packet.luma is None:
+            continue
+        error = davis_rs.log_intensity(packet.luma, 1e-3) - davis_rs.reconstruct(
+            events_of(packets), start, packet.end_us, 0.1, 0.2
+        )
+        assert -0.2 < error.min() < -0.05
+        assert 0.05 < error.max() < 0.1
+
+
+def test_threads_and_batches_do_not_change_a_byte(scene: Scene) -> None:
+    """The stream is a function of its parameters alone."""
+    streams = [
+        events_of(list(simulate(scene, duration_s=0.05, **PARAMETERS, threads=threads, poses_per_launch=batch)))
+        for threads, batch in [(1, None), (2, None), (1, 1), (2, 7)]
+    ]
+    assert len(streams[0]) > 500
+    assert {stream.tobytes() for stream in streams} == {streams[0].tobytes()}
+
+
+def test_more_renders_than_frames_change_only_the_sampling(scene: Scene) -> None:
+    """Frames are extra samples on a path that is sampled densely: few events may differ."""
+    with_frames = events_of(list(simulate(scene, duration_s=0.05, frame_rate_hz=40, **PARAMETERS)))
+    without = events_of(list(simulate(scene, duration_s=0.05, frame_rate_hz=0, depth_rate_hz=0, **PARAMETERS)))
+    assert abs(len(with_frames) - len(without)) < 0.01 * len(without)
+
+
+def test_start_and_duration_choose_a_part(scene: Scene) -> None:
+    """t = 0 of the sequence lies at the start; poses are the trajectory's from there."""
+    packets = list(simulate(scene, start_s=0.5, duration_s=0.05, **PARAMETERS))
+    assert scene.trajectory is not None
+    assert packets[-1].end_us == 50_000
+    np.testing.assert_allclose(packets[-1].pose.position, scene.trajectory.pose(0.55).position, atol=1e-12)
+    with pytest.raises(ValueError, match=r"to 2\.0 s"):
+        list(simulate(scene, start_s=1.9, duration_s=0.2, **PARAMETERS))
+
+
+def test_a_fixed_rate_renders_as_often_as_it_says(scene: Scene) -> None:
+    """Two dense samplings agree on how many events there are; one at 25 ms misses many."""
+    coarse = events_of(list(simulate(scene, duration_s=0.05, sampling=FixedRate(40.0), **PARAMETERS)))
+    fine = events_of(list(simulate(scene, duration_s=0.05, sampling=FixedRate(2000.0), **PARAMETERS)))
+    finer = events_of(list(simulate(scene, duration_s=0.05, sampling=MaxDisplacement(0.05), **PARAMETERS)))
+    assert abs(len(fine) - len(finer)) < 0.1 * len(finer)
+    assert len(coarse) < 0.7 * len(finer)
+
+
+def test_steps_of_a_controller_give_what_a_run_gives(scene: Scene) -> None:
+    """Poses on a straight path, handed over one by one, are the path."""
+    start = davis_rs.start_pose(scene)
+    target = Pose(start.position + np.array([0.03, -0.01, 0.02]), start.quaternion)
+    path = davis_rs.SegmentTrajectory(start, target, 0.05)
+    settings = {**PARAMETERS, "sampling": FixedRate(1000.0)}
+    run = events_of(list(Simulator(scene, **settings).run(path)))
+    stepper = Simulator(scene, **settings)
+    packets = stepper.step(0, path.pose(0.0))
+    for t_us in (7_000, 20_000, 26_000, 50_000):
+        packets += stepper.step(t_us, path.pose(t_us * 1e-6))
+    assert packets[-1].end_us == 50_000
+    assert [p.end_us for p in packets if p.luma is not None] == [0, 25_000, 50_000]
+    stepped = events_of(packets)
+    assert len(run) > 300
+    # The same instants; poses agree to rounding, so events agree but for a few that lie on a tick's edge.
+    assert abs(len(stepped) - len(run)) <= 0.01 * len(run)
+    with pytest.raises(ValueError, match=r"after the last one \(50000 us\)"):
+        stepper.step(50_000, target)
+    with pytest.raises(ValueError, match="first step must be at t = 0"):
+        Simulator(scene, **settings).step(5, target)
+
+
+def test_a_camera_at_rest_makes_no_events(scene: Scene) -> None:
+    """Any noise of the renderer would show here as events."""
+    start = davis_rs.start_pose(scene)
+    still = davis_rs.SegmentTrajectory(start, start, 0.2)
+    packets = list(simulate(scene, still, **PARAMETERS))
+    assert len(packets) == 9
+    assert sum(len(packet.events) for packet in packets) == 0
+
+
+def test_looking_away_is_an_error_that_says_where(scene: Scene) -> None:
+    """An empty dataset would be found out much later."""
+    away = Pose([0, 0, 100], [0, 0, 0, 1])
+    with pytest.raises(ValueError, match=r"no ray hits anything.*three_planes.*--align"):
+        next(iter(simulate(scene, davis_rs.SegmentTrajectory(away, away, 1.0), **PARAMETERS)))
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"contrast_threshold": 0.0}, "contrast_threshold"),
+        ({"contrast_threshold_off": float("nan")}, "contrast_threshold_off"),
+        ({"log_eps": 0.0}, "log_eps"),
+        ({"frame_rate_hz": -1.0}, "rate"),
+        ({"depth_rate_hz": 2e6}, "rate"),
+        ({"samples": 0}, "samples"),
+        ({"threads": 0}, "threads"),
+        ({"poses_per_launch": 0}, "poses_per_launch"),
+        ({"renderer": "magic"}, "renderer"),
+    ],
+)
+def test_bad_settings_are_refused(scene: Scene, settings: dict[str, Any], message: str) -> None:
+    """Each names its rule and value, before anything is rendered."""
+    with pytest.raises(ValueError, match=message):
+        Simulator(scene, **{**PARAMETERS, **settings})
+
+
+def test_a_simulator_runs_once(scene: Scene) -> None:
+    """A second run would begin with the first one's references."""
+    simulator = Simulator(scene, **PARAMETERS)
+    assert scene.trajectory is not None
+    list(simulator.run(davis_rs.interval(scene.trajectory, 0, 0.01)))
+    with pytest.raises(ValueError, match="has run already"):
+        next(simulator.run(scene.trajectory))
+
+
+def test_a_scene_without_a_path_asks_for_one(scene: Scene) -> None:
+    with pytest.raises(ValueError, match="has no trajectory"):
+        simulate(Scene(name="mine", source=scene.source), **PARAMETERS)
