@@ -7,6 +7,16 @@ from typing import Any, final
 import numpy as np
 import numpy.typing as npt
 
+__all__ = [
+    "CrossingEngine",
+    "DecodeError",
+    "EventTextWriter",
+    "__version__",
+    "log_intensity",
+    "read_events_text",
+    "reconstruct",
+]
+
 __version__: str
 
 class DecodeError(ValueError):
