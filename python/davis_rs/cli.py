@@ -8,7 +8,7 @@ import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from . import __version__
+from ._core import __version__
 from .camera import PRESETS, load_camera
 
 

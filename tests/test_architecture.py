@@ -1,0 +1,81 @@
+"""The rules of ARCHITECTURE.md: imports go one way, heavy libraries are imported late."""
+
+from __future__ import annotations
+
+import ast
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+PACKAGE = ROOT / "python" / "davis_rs"
+
+# From the top down: a module may import only from the layers below its own, and from its own to its right.
+LAYERS = [
+    ["cli"],
+    ["record"],
+    ["simulate"],
+    ["check", "video", "view"],
+    ["read"],
+    ["dataset", "dataset_files"],
+    ["sampling"],
+    ["renderers", "render_table", "render_integrator", "scene_table", "scene_texture", "render"],
+    ["scenes", "builtin_scenes", "textures", "scene"],
+    ["trajectory_file", "sampled_trajectory"],
+    ["packet", "trajectory", "pose"],
+    ["camera", "lattice", "luma"],
+    ["events"],
+    ["_mitsuba", "_llvm"],
+    ["_core"],
+]
+RANK = {module: (layer, place) for layer, modules in enumerate(LAYERS) for place, module in enumerate(modules)}
+LATE = {"mitsuba", "drjit", "scipy", "matplotlib", "imageio", "OpenEXR", "PIL", "tqdm"}
+
+MODULES = sorted(path.stem for path in PACKAGE.glob("*.py") if path.stem != "__init__")
+
+
+def imports(node: ast.AST) -> set[str]:
+    """Modules that a tree imports: those of the package as '.name', others by their first name."""
+    found: set[str] = set()
+    for child in ast.walk(node):
+        if isinstance(child, ast.Import):
+            found |= {alias.name.split(".")[0] for alias in child.names}
+        elif isinstance(child, ast.ImportFrom):
+            name = (child.module or "").split(".")[0]
+            found |= {f".{name}"} if child.level else {name}
+    return found
+
+
+@pytest.mark.parametrize("module", MODULES)
+def test_python_imports_go_one_way(module: str) -> None:
+    """A cycle, or a lower layer that knows a higher one, would tie everything to everything."""
+    tree = ast.parse((PACKAGE / f"{module}.py").read_text())
+    for name in imports(tree):
+        if name.startswith("."):
+            assert RANK[name[1:]] > RANK[module], f"{module} imports {name[1:]}"
+
+
+@pytest.mark.parametrize("module", MODULES)
+def test_heavy_libraries_are_imported_late(module: str) -> None:
+    """`import davis_rs` must be quick and work where they are not installed."""
+    tree = ast.parse((PACKAGE / f"{module}.py").read_text())
+    at_import = [node for node in tree.body if isinstance(node, ast.Import | ast.ImportFrom)]
+    early = set().union(*(imports(node) for node in at_import)) & LATE
+    assert not early, f"{module} imports {early} when it is imported"
+
+
+def test_rust_modules_keep_apart() -> None:
+    """The crossing engine and the text format know nothing of each other, and nobody but python/ knows PyO3."""
+    sources = {path: path.read_text() for path in (ROOT / "rust" / "src").rglob("*.rs")}
+    assert len(sources) > 10
+    for path, text in sources.items():
+        place = path.relative_to(ROOT / "rust" / "src")
+        used = set(re.findall(r"crate::(\w+)", text))
+        if place.parts[0] == "crossing":
+            assert not used & {"text", "python"}, place
+        if place.parts[0].startswith("text"):
+            assert not used & {"crossing", "python", "order"}, place
+        if place.parts[0] != "python":
+            assert "pyo3" not in text, place
+            assert "unsafe" not in text, place
