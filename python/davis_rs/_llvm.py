@@ -22,13 +22,14 @@ HOW_TO_GET_IT = (
     "or name a libLLVM.so in DRJIT_LIBLLVM_PATH)"
 )
 
+# libLLVM-19.so, libLLVM.so.19.1; not what merely links to it, such as libLLVMSPIRVLib.so.19.
 _PATTERNS = (
-    "/usr/lib/*-linux-gnu/libLLVM*.so*",
-    "/usr/lib64/libLLVM*.so*",
-    "/usr/lib/libLLVM*.so*",
-    "/usr/lib/llvm*/lib/libLLVM*.so*",
-    "/usr/lib64/llvm*/lib/libLLVM*.so*",
-    "/usr/local/lib/libLLVM*.so*",
+    "/usr/lib/*-linux-gnu/libLLVM[-.][0-9s]*",
+    "/usr/lib64/libLLVM[-.][0-9s]*",
+    "/usr/lib/libLLVM[-.][0-9s]*",
+    "/usr/lib/llvm*/lib/libLLVM[-.][0-9s]*",
+    "/usr/lib64/llvm*/lib/libLLVM[-.][0-9s]*",
+    "/usr/local/lib/libLLVM[-.][0-9s]*",
 )
 
 
@@ -55,7 +56,7 @@ def _installed() -> Iterable[Path]:
     root = Path("/")
     for pattern in _PATTERNS:
         yield from root.glob(pattern.lstrip("/"))
-    yield from Path(sys.prefix).glob("lib/libLLVM*.so*")  # conda
+    yield from Path(sys.prefix).glob("lib/libLLVM[-.][0-9s]*")  # conda
 
 
 def _ask_version(path: Path) -> int | None:

@@ -95,7 +95,9 @@ class Camera:
         distorted, jacobian = self._distort(xy)
         error = np.abs((distorted - target) * (self.fx, self.fy)).max(-1)
         determinant = jacobian[..., 0, 0] * jacobian[..., 1, 1] - jacobian[..., 0, 1] * jacobian[..., 1, 0]
-        bad = ~(error < 1e-9) | (determinant <= 0)
+        # Beyond a fold the distortion may rise again: a ray from there is not the pixel's, though it projects to it.
+        beyond = (xy**2).sum(-1) >= self._squared_radius_of_fold()
+        bad = ~(error < 1e-9) | (determinant <= 0) | beyond
         if bad.any():
             where = pixel[bad][0]
             raise ValueError(
@@ -107,6 +109,11 @@ class Camera:
     def distortion_jacobian(self, xy: npt.ArrayLike) -> FloatArray:
         """d(pixel)/d(undistorted ray), shape (..., 2, 2), at ray directions (..., 2)."""
         return self._distort(np.asarray(xy, np.float64))[1] * np.array([[self.fx], [self.fy]])
+
+    def _squared_radius_of_fold(self) -> float:
+        """Smallest r^2 where the distorted radius, r (1 + k1 r^2 + k2 r^4 + k3 r^6), stops growing; inf if nowhere."""
+        roots = np.roots([7 * self.k3, 5 * self.k2, 3 * self.k1, 1.0])
+        return float(roots.real[(roots.imag == 0) & (roots.real > 0)].min(initial=np.inf))
 
     def _distort(self, xy: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Distorted normalised coordinates (..., 2) and their Jacobian (..., 2, 2)."""
@@ -142,9 +149,11 @@ class Camera:
 
         Raises:
             OSError: if it cannot be read.
-            DecodeError: if it does not hold eight or nine numbers on one line, naming file and line.
+            DecodeError: if it does not hold eight or nine numbers on one line, or they are no camera's, naming file
+                and line.
         """
-        lines = [(n, line) for n, line in enumerate(Path(path).read_text().splitlines(), 1) if line.strip()]
+        text = Path(path).read_text("utf-8", errors="replace")
+        lines = [(n, line) for n, line in enumerate(text.splitlines(), 1) if line.strip()]
         if len(lines) != 1:
             raise DecodeError(f"{path}: expected one line 'fx fy cx cy k1 k2 p1 p2 k3', found {len(lines)} lines")
         number, line = lines[0]
@@ -154,7 +163,10 @@ class Camera:
             raise DecodeError(f"{path}, line {number}: {error}") from None
         if len(values) not in (8, 9):
             raise DecodeError(f"{path}, line {number}: expected 8 or 9 numbers, found {len(values)}")
-        return cls(width, height, *values)
+        try:
+            return cls(width, height, *values)
+        except ValueError as error:
+            raise DecodeError(f"{path}, line {number}: {error}") from None
 
 
 PRESETS: dict[str, Camera] = {

@@ -17,7 +17,8 @@ import numpy.typing as npt
 def rank1_lattice(n: int) -> npt.NDArray[np.float64]:
     """n points (n, 2) in (-0.5, 0.5)^2 around the pixel's centre, their mean at the centre.
 
-    Point i is (i / n, frac(i g / n)) with the generator g whose points keep the largest least distance on the torus.
+    Point i is (i / n, frac(i g / n)) with the generator g, coprime to n (no two points share a row or column), whose
+    points keep the largest least distance on the torus.
 
     Raises:
         ValueError: for n outside of 1..1024.
@@ -34,4 +35,6 @@ def rank1_lattice(n: int) -> npt.NDArray[np.float64]:
         return int((np.minimum(dx, n - dx) ** 2 + np.minimum(dy, n - dy) ** 2).min(initial=2 * n * n))
 
     generator = max((g for g in range(1, n + 1) if gcd(g, n) == 1), key=least_distance)
-    return (np.stack([i, i * generator % n], 1) + 0.5) / n - 0.5
+    points = (np.stack([i, i * generator % n], 1) + 0.5) / n - 0.5
+    points.flags.writeable = False  # every caller gets the same array
+    return points

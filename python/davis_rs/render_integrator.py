@@ -16,8 +16,18 @@ from .render import Renderer, ray_table
 
 
 def _integrator(scene: Any, mi: Any) -> Any:
-    """The scene's integrator; path tracing where it names none."""
-    return scene.integrator() or mi.load_dict({"type": "path"})
+    """The scene's integrator; path tracing where it names none.
+
+    Raises:
+        ValueError: for one that cannot be asked what a ray sees: a particle tracer, or one made for derivatives.
+    """
+    integrator = scene.integrator() or mi.load_dict({"type": "path"})
+    if not isinstance(integrator, mi.SamplingIntegrator) or isinstance(integrator, mi.CppADIntegrator):
+        raise ValueError(
+            f"the scene asks for Mitsuba's {type(integrator).__name__}, which cannot follow single rays; "
+            "name one that can (direct, path, volpath)"
+        )
+    return integrator
 
 
 class IntegratorRenderer(Renderer):

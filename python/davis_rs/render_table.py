@@ -73,7 +73,7 @@ class TableRenderer(Renderer):
             pixel, origin, axes = self._pose_lanes(poses, mi, dr)
             rays = self._centre_rays
             direction = axes @ mi.Vector3f(dr.gather(mi.Float, rays[0], pixel), dr.gather(mi.Float, rays[1], pixel), 1)
-            distance, hit, _ = self._gather.hit(mi.Ray3f(origin, direction))
+            distance, hit, _, _ = self._gather.hit(mi.Ray3f(origin, direction))
             # Camera-frame directions have z = 1, so the ray parameter is z.
             return self._frames(dr.select(hit, distance, dr.inf), len(poses))
 
@@ -108,15 +108,15 @@ class _Tables:
             mi.Float((own[:, i, :1] * u + own[:, i, 1:2] * v + own[:, i, 2:] * offset).ravel()) for i in (0, 1)
         ]
         smooth = table.normal_maps
-        self._normal_maps = None if smooth is None else [mi.Float(smooth[:, axis].ravel()) for axis in range(3)]
+        self._normal_maps = [] if smooth is None else [mi.Float(smooth[:, axis].ravel()) for axis in range(3)]
         self._texture_of = mi.UInt32(textures.texture_of)
         self._sizes = mi.Int32(textures.sizes.ravel())
         self._wraps = sorted(set(textures.sizes[:, 3].tolist()))
         self._two_sided = mi.UInt32(table.two_sided)
         self._texels = [mi.Float(textures.texels(group)) for group in range(len(textures.group_weights))]
 
-    def hit(self, ray: Any) -> tuple[Any, Any, Any]:
-        """(distance in units of the direction, whether anything is hit, the triangle's record)."""
+    def hit(self, ray: Any) -> tuple[Any, Any, Any, Any]:
+        """(distance in units of the direction, whether anything is hit, the triangle's record and its normal)."""
         import drjit as dr
         import mitsuba as mi
 
@@ -127,31 +127,30 @@ class _Tables:
         plane = dr.gather(mi.Vector4f, self._planes, record, hit)
         normal = plane.xyz
         distance = -(dr.dot(normal, ray.o) + plane.w) / dr.dot(normal, ray.d)
-        return distance, hit, record
+        return distance, hit, record, normal
 
     def luma(self, ray: Any) -> Any:
         """Linear luma along a ray."""
         import drjit as dr
         import mitsuba as mi
 
-        distance, hit, record = self.hit(ray)
+        distance, hit, record, plane_normal = self.hit(ray)
         point = dr.fma(ray.d, distance, ray.o)
-        normal = self._normal(point, record, hit)
+        normal = self._smooth_normal(point, record, hit) if self._normal_maps else plane_normal
         # Lambert's cosines count on the side that is seen; the back of a one-sided surface is black.
         facing = -dr.sign(dr.dot(normal, ray.d))
         lit = hit & ((facing > 0) | (dr.gather(mi.UInt32, self._two_sided, record, hit) == 1))
         reflectances = self._reflectances(point, record, hit)
         total = dr.zeros(mi.Float, dr.width(point))
         for light in self._table.lights:
-            total += reflectances[light.group] * self._irradiance_over_pi(light, point, normal * facing, lit)
+            irradiance = self._irradiance_over_pi(light, point, normal * facing, plane_normal, lit)
+            total += reflectances[light.group] * irradiance
         return dr.select(hit, dr.select(lit, total, 0), self._table.background_luma)
 
-    def _normal(self, point: Any, record: Any, hit: Any) -> Any:
+    def _smooth_normal(self, point: Any, record: Any, hit: Any) -> Any:
         import drjit as dr
         import mitsuba as mi
 
-        if self._normal_maps is None:
-            return dr.gather(mi.Vector4f, self._planes, record, hit).xyz
         rows = [dr.gather(mi.Vector4f, rows, record, hit) for rows in self._normal_maps]
         return dr.normalize(mi.Vector3f(*(dr.dot(row.xyz, point) + row.w for row in rows)))
 
@@ -204,7 +203,7 @@ class _Tables:
         beyond_left, beyond_right = dr.select(repeats, last, 0), dr.select(repeats, 0, last)
         return [dr.select(left < 0, beyond_left, left), dr.select(right > last, beyond_right, right)], x - x0
 
-    def _irradiance_over_pi(self, light: Light, point: Any, normal: Any, active: Any) -> Any:
+    def _irradiance_over_pi(self, light: Light, point: Any, normal: Any, plane_normal: Any, active: Any) -> Any:
         """What a white diffuse surface reflects: irradiance / pi, in the light's strongest channel."""
         import drjit as dr
         import mitsuba as mi
@@ -220,16 +219,16 @@ class _Tables:
             to_light = -vector
             value = light.strength / dr.pi * dr.maximum(dr.dot(normal, to_light), 0)
         if self._table.shadows:
-            value = dr.select(self._occluded(light, point, normal, to_light, active & (value > 0)), 0, value)
+            value = dr.select(self._occluded(light, point, plane_normal, to_light, active & (value > 0)), 0, value)
         return value
 
-    def _occluded(self, light: Light, point: Any, normal: Any, to_light: Any, active: Any) -> Any:
+    def _occluded(self, light: Light, point: Any, plane_normal: Any, to_light: Any, active: Any) -> Any:
         import drjit as dr
         import mitsuba as mi
 
-        # Step off the surface by its float32 rounding error, as Mitsuba's own integrators do.
+        # Step off the surface by its float32 rounding error, to the light's side, as Mitsuba's own integrators do.
         step = (1 + dr.max(dr.abs(point))) * (1500 * 2.0**-24)
-        origin = point + normal * step
+        origin = point + plane_normal * dr.mulsign(step, dr.dot(plane_normal, to_light))
         if light.kind == "point":
             end = mi.Vector3f(*light.vector.tolist()) - origin
             return self._table.scene.ray_test(mi.Ray3f(origin, end, 1 - 1e-3, 0, []), active)

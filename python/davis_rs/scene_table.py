@@ -53,6 +53,7 @@ class SceneTable:
 
     def __init__(self, scene: Any, mi: Any, dr: Any, *, shadows: bool, any_integrator: bool) -> None:
         self.scene, self.shadows = scene, shadows
+        self._hides_lights = bool(getattr(scene.integrator(), "hide_emitters", False))
         if not any_integrator:
             _check_integrator(scene.integrator())
         colours: list[FloatArray] = []
@@ -64,18 +65,18 @@ class SceneTable:
         for shape in scene.shapes():
             if not shape.is_mesh():
                 raise Unsuitable(f"shape {shape.id()!r} is a {shape.class_name()}, not made of triangles")
-            if shape.is_emitter():
-                raise Unsuitable(f"shape {shape.id()!r} emits light")
             number = int(dr.reinterpret_array(mi.UInt32, mi.ShapePtr(shape)).numpy()[0])
             records_of[number] = count
             mesh = _Mesh(shape)
             two_sided.append(np.full(mesh.count, self.textures.add(shape, mesh.count), np.uint32))
-            planes.append(mesh.planes())
             u, v = mesh.texture_maps()
             maps_u.append(u)
             maps_v.append(v)
             normal, is_smooth = mesh.normal_maps()
-            normals.append(normal)
+            # Which side is the front matters only where the back is another.
+            turned = np.ones(mesh.count) if two_sided[-1].any() else mesh.turned(normal, mi, dr)
+            planes.append(mesh.planes() * turned[:, None])
+            normals.append(normal * turned[:, None, None])
             smooth |= is_smooth
             count += mesh.count
         self.first_record = np.zeros(max(records_of) + 1, np.uint32)
@@ -89,7 +90,9 @@ class SceneTable:
 
     @property
     def background_luma(self) -> float:
-        """Luma of a ray that hits nothing: the radiance of the constant lights."""
+        """Luma of a ray that hits nothing: the radiance of the constant lights, unless the scene hides its lights."""
+        if self._hides_lights:
+            return 0.0
         groups = [weights.sum() for weights in self.textures.group_weights]
         return float(sum(light.strength * groups[light.group] for light in self.lights if light.kind == "constant"))
 
@@ -147,6 +150,17 @@ class _Mesh:
         maps = np.stack([self.affine(self.vertex_normals[..., axis]) for axis in range(3)], 1)
         differs = np.abs(self.vertex_normals - self.normals[:, None]).max() > 1e-5
         return maps, bool(differs)
+
+    def turned(self, normal_maps: FloatArray, mi: Any, dr: Any) -> FloatArray:
+        """For each triangle -1 where Mitsuba's normal is the opposite (flipped, or a mirrored rectangle), else 1."""
+        centre = mi.PreliminaryIntersection3f()
+        centre.t = dr.ones(mi.Float, self.count)
+        centre.prim_index = dr.arange(mi.UInt32, self.count)
+        centre.prim_uv = mi.Point2f(1 / 3)
+        ray = mi.Ray3f(mi.Point3f(0), mi.Vector3f(0, 0, 1))
+        theirs = self.shape.compute_surface_interaction(ray, centre).sh_frame.n.numpy().T
+        ours = np.einsum("nij,nj->ni", normal_maps[..., :3], self.corners.mean(1)) + normal_maps[..., 3]
+        return np.where((ours * theirs).sum(-1) < 0, -1.0, 1.0)
 
 
 def _check_integrator(integrator: Any) -> None:

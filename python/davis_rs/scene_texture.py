@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -70,9 +71,8 @@ class TextureTable:
             texels = np.broadcast_to(np.array(parameters[f"{prefix}.value"], np.float64).reshape(-1), (1, 1, 3))
             uv_map, wrap = np.eye(3), 0
         elif f"{prefix}.data" in parameters:
-            texels = _rgb(np.array(parameters[f"{prefix}.data"], np.float64))
             uv_map = np.array(parameters[f"{prefix}.to_uv"].matrix, np.float64).reshape(3, 3)
-            wrap = self._wrap_mode(shape, texels, uv_map)
+            texels, wrap = self._lookup(shape, np.array(parameters[f"{prefix}.data"]), uv_map)
         else:
             raise Unsuitable(f"shape {shape.id()!r} has a reflectance that is neither a constant nor a bitmap")
         height, width = texels.shape[:2]
@@ -83,8 +83,11 @@ class TextureTable:
         self._texels.append(texels.reshape(-1, 3))
         return two_sided
 
-    def _wrap_mode(self, shape: Any, texels: FloatArray, uv_map: FloatArray) -> int:
-        """Mitsuba does not tell a bitmap's wrap mode or filter: find the mode whose lookup agrees with its own."""
+    def _lookup(self, shape: Any, data: npt.NDArray[Any], uv_map: FloatArray) -> tuple[FloatArray, int]:
+        """Reflectances (H, W, 3) and wrap mode of a bitmap.
+
+        Mitsuba does not tell a bitmap's encoding, wrap mode or filter: find those whose lookup agrees with its own.
+        """
         mi = self._mi
         uv = np.random.RandomState(0).uniform(-2, 3, (2, 256)).astype(np.float32)
         si = mi.SurfaceInteraction3f()
@@ -92,9 +95,13 @@ class TextureTable:
         si.wi = mi.Vector3f(0, 0, 1)
         own = np.array(shape.bsdf().eval_diffuse_reflectance(si), np.float64).T
         mapped = uv_map[:2, :2] @ uv.astype(np.float64) + uv_map[:2, 2:]
-        for wrap in range(len(WRAP_MODES)):
-            if np.abs(bilinear(texels, mapped, wrap) - own).max() < 1e-3:
-                return wrap
+        # Mitsuba's coordinates are float32: far out on a fine texture they are wrong by a good part of a texel.
+        texels_off = np.abs(mapped).max(0) * max(data.shape[:2]) * 2.0**-22
+        for texels in map(_rgb, _decoded(data)):
+            tolerance = 1e-3 + np.ptp(texels) * texels_off[:, None]
+            for wrap in range(len(WRAP_MODES)):
+                if (np.abs(bilinear(texels, mapped, wrap) - own) < tolerance).all():
+                    return texels, wrap
         raise Unsuitable(f"shape {shape.id()!r} has a texture whose lookup is not bilinear")
 
 
@@ -120,6 +127,16 @@ def wrap_index(index: npt.NDArray[Any], n: int, wrap: int) -> npt.NDArray[Any]:
     return np.minimum(folded, 2 * n - 1 - folded)
 
 
+def _decoded(data: npt.NDArray[Any]) -> Iterator[FloatArray]:
+    """What a bitmap's data may stand for: 8-bit images stay encoded until they are looked up, in sRGB unless raw."""
+    if data.dtype != np.uint8:
+        yield data.astype(np.float64)
+        return
+    encoded = data / 255
+    yield np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
+    yield encoded
+
+
 def _rgb(data: FloatArray) -> FloatArray:
     """Bitmap data as (H, W, 3)."""
     data = data.reshape(data.shape[0], data.shape[1], -1)
@@ -127,12 +144,11 @@ def _rgb(data: FloatArray) -> FloatArray:
 
 
 def _same_on_both_sides(parameters: Any) -> bool:
-    keys = [key for key in parameters.keys() if key.startswith("brdf_0.")]  # noqa: SIM118 (not a dict)
-    return all(
-        f"brdf_1.{key[7:]}" not in parameters
-        or np.array_equal(_numbers(parameters[key]), _numbers(parameters[f"brdf_1.{key[7:]}"]))
-        for key in keys
+    front, back = (
+        {key[7:]: _numbers(value) for key, value in parameters if key.startswith(f"brdf_{side}.")} for side in (0, 1)
     )
+    # One BSDF for both sides is listed once.
+    return not back or (front.keys() == back.keys() and all(np.array_equal(front[key], back[key]) for key in front))
 
 
 def _numbers(value: Any) -> npt.NDArray[Any]:

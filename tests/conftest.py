@@ -1,0 +1,41 @@
+"""What the test files share: the profile of hypothesis, and fixtures for Mitsuba's fast variant and for processes."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+
+import pytest
+from hypothesis import settings
+
+from davis_rs._mitsuba import FAST, default_variant
+
+# The same examples in every run, and no time limit for one: kernels are compiled on first use.
+settings.register_profile("davis_rs", derandomize=True, deadline=None)
+settings.load_profile("davis_rs")
+
+
+@pytest.fixture(scope="session")
+def llvm() -> str:
+    """The fast variant's name; without a usable LLVM the test is skipped, and the summary says why."""
+    name, why = default_variant()
+    if name != FAST:
+        pytest.skip(f"needs Mitsuba's {FAST}: {why}")
+    return name
+
+
+@pytest.fixture(scope="session")
+def run_python() -> Callable[..., str]:
+    """Run a program in a fresh interpreter, with environment variables; returns what it prints."""
+
+    def run(program: str, *arguments: str, **environment: str) -> str:
+        command = [sys.executable, "-c", program, *arguments]
+        done = subprocess.run(
+            command, env={**os.environ, **environment}, capture_output=True, text=True, timeout=300, check=False
+        )
+        assert done.returncode == 0, f"exit status {done.returncode}\n{done.stdout}\n{done.stderr}"
+        return done.stdout
+
+    return run
