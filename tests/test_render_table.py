@@ -606,9 +606,12 @@ def test_suitable_scenes_take_the_table_and_say_why() -> None:
     assert make_renderer(unshadowed, CAMERA).reason == (
         "diffuse triangles under constant and directional light, without shadows"
     )
-    assert make_renderer(make_scene({"floor": FLOOR}, integrator=None), CAMERA).reason == (
-        "diffuse triangles under no light, with shadows"
-    )
+    dark = make_scene({"floor": FLOOR})
+    assert make_renderer(dark, CAMERA).reason == "diffuse triangles under no light, with shadows"
+    unnamed = make_renderer(make_scene(SCENES["point light"], integrator=None), CAMERA)
+    assert isinstance(unnamed, IntegratorRenderer)
+    assert "names no integrator" in unnamed.reason
+    assert "PathIntegrator" in unnamed.name
     assert make_renderer(scene, CAMERA, kind="integrator").reason == "asked for"
     assert make_renderer(scene, CAMERA).samples == 8
     with pytest.raises(ValueError, match="auto, table or integrator, got 'fast'"):

@@ -164,7 +164,9 @@ class _Mesh:
 
 
 def _check_integrator(integrator: Any) -> None:
-    if integrator is not None and integrator.class_name() != "DirectIntegrator":
+    if integrator is None:
+        raise Unsuitable("the scene names no integrator, so a path tracer renders it (the table kernel is for 'direct')")
+    if integrator.class_name() != "DirectIntegrator":
         raise Unsuitable(
             f"the scene asks for Mitsuba's {integrator.class_name()}, which the table kernel (direct light only) is not"
         )
