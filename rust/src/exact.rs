@@ -23,35 +23,49 @@ impl Expansion {
 
     /// `self + value`, exactly (Shewchuk's grow-expansion, with zeros left out).
     #[must_use]
-    pub(crate) fn plus(self, value: f64) -> Self {
-        let mut sum = Self { len: 0, ..self };
-        let mut carry = value;
-        for &part in &self.parts[..self.len] {
-            let (high, low) = two_sum(carry, part);
-            if low != 0.0 {
-                sum.parts[sum.len] = low;
-                sum.len += 1;
-            }
-            carry = high;
-        }
-        if carry != 0.0 {
-            sum.parts[sum.len] = carry;
-            sum.len += 1;
-        }
-        sum
+    pub(crate) fn plus(mut self, value: f64) -> Self {
+        self.add(value);
+        self
     }
 
     /// `self + a * b`, exactly.
     #[must_use]
-    pub(crate) fn plus_product(self, a: f64, b: f64) -> Self {
-        let product = a * b;
-        self.plus(a.mul_add(b, -product)).plus(product)
+    pub(crate) fn plus_product(mut self, a: f64, b: f64) -> Self {
+        self.add_product(a, b);
+        self
     }
 
     /// `self * factor`, exactly.
     #[must_use]
-    pub(crate) fn times(self, factor: f64) -> Self {
-        self.parts[..self.len].iter().fold(Self::new(0.0), |sum, &part| sum.plus_product(part, factor))
+    pub(crate) fn times(&self, factor: f64) -> Self {
+        let mut product = Self { parts: [0.0; CAPACITY], len: 0 };
+        for &part in &self.parts[..self.len] {
+            product.add_product(part, factor);
+        }
+        product
+    }
+
+    fn add(&mut self, value: f64) {
+        let (mut carry, mut kept) = (value, 0);
+        for i in 0..self.len {
+            let (high, low) = two_sum(carry, self.parts[i]);
+            if low != 0.0 {
+                self.parts[kept] = low;
+                kept += 1;
+            }
+            carry = high;
+        }
+        if carry != 0.0 {
+            self.parts[kept] = carry;
+            kept += 1;
+        }
+        self.len = kept;
+    }
+
+    fn add_product(&mut self, a: f64, b: f64) {
+        let product = a * b;
+        self.add(a.mul_add(b, -product));
+        self.add(product);
     }
 
     /// The sign of the exact value: -1, 0 or 1, that of its largest part.

@@ -19,7 +19,7 @@ mod text;
 #[cfg(feature = "python")]
 mod python;
 
-pub use crossing::{CrossingEngine, CrossingParameters, reconstruct};
+pub use crossing::{CrossingEngine, CrossingParameters, EngineState, Interpolation, Threshold, reconstruct};
 pub use error::{Error, Result};
 pub use event::{Event, SensorSize};
 pub use log_intensity::{log_intensity, log_intensity_frame};

@@ -2,10 +2,78 @@
 
 use crate::event::Event;
 
-/// Sorts events that stand in raster order (y, x, order of crossing) by time.
+/// Time is sorted into buckets by so many leading bits; where it has no more, each tick has its own.
+const BUCKET_BITS: u32 = 12;
+
+/// Sorts the events of an interval by time: stably, from raster order (y, x, order of crossing).
 ///
-/// The sort is stable, so that the raster order decides among equal times: the result depends on nothing but the
-/// events, whatever threads made them.
-pub(crate) fn sort_raster_by_time(events: &mut [Event]) {
-    events.sort_by_key(|event| event.t);
+/// So the result depends on nothing but the events, whatever threads made them. The memory for counting is kept.
+#[derive(Default)]
+pub(crate) struct TimeSort {
+    starts: Vec<usize>,
+}
+
+impl TimeSort {
+    /// Puts the events of `parts`, which together are in raster order and lie in `(start_us, start_us + ticks]`, into
+    /// `sorted`.
+    pub(crate) fn sort<'a>(
+        &mut self,
+        parts: impl Iterator<Item = &'a [Event]> + Clone,
+        start_us: i64,
+        ticks: i64,
+        sorted: &mut Vec<Event>,
+    ) {
+        let total = parts.clone().map(<[Event]>::len).sum();
+        // What is in there will be overwritten: no need to clear it.
+        sorted.resize(total, Event::default());
+        if total == 0 {
+            return;
+        }
+        let shift = (i64::BITS - ticks.leading_zeros()).saturating_sub(BUCKET_BITS);
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "BUCKET_BITS are left")]
+        let bucket = |event: &Event| ((event.t - start_us) >> shift) as usize;
+        let buckets = 1 << BUCKET_BITS;
+        self.starts.clear();
+        self.starts.resize(buckets + 1, 0);
+        for event in parts.clone().flatten() {
+            self.starts[bucket(event) + 1] += 1;
+        }
+        for i in 1..self.starts.len() {
+            self.starts[i] += self.starts[i - 1];
+        }
+        for event in parts.flatten() {
+            let place = &mut self.starts[bucket(event)];
+            sorted[*place] = *event;
+            *place += 1;
+        }
+        if shift > 0 {
+            // Each bucket's start has moved on to its end.
+            let mut rest = &mut sorted[..];
+            let mut taken = 0;
+            for &end in &self.starts[..buckets] {
+                let (bucket, after) = rest.split_at_mut(end - taken);
+                bucket.sort_by_key(|event| event.t);
+                (rest, taken) = (after, end);
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn it_is_a_stable_sort(times in prop::collection::vec(1i64..=100_000, 0..300), ticks in prop::sample::select(vec![100_000i64, 1 << 40]), cut in 0usize..300) {
+            let events: Vec<Event> = times.iter().zip(0u16..).map(|(&t, i)| Event::new(7 + t, i, i, true)).collect();
+            let (a, b) = events.split_at(cut.min(events.len()));
+            let mut sorted = Vec::new();
+            TimeSort::default().sort([a, b].into_iter(), 7, ticks, &mut sorted);
+            let mut expected = events.clone();
+            expected.sort_by_key(|event| event.t);
+            prop_assert_eq!(sorted, expected);
+        }
+    }
 }

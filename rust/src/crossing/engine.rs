@@ -1,34 +1,40 @@
 //! The engine: frames in, sorted events out.
 
-use rayon::prelude::*;
-
-use super::level::Thresholds;
-use super::parameters::CrossingParameters;
+use super::band::Interval;
+use super::core::Core;
+use super::parameters::{CrossingParameters, Interpolation};
 use super::pixel::{NEVER, Pixel};
+use super::sample::Sample;
+use super::state::EngineState;
 use crate::error::{Error, Result};
 use crate::event::{Event, SensorSize};
-use crate::log_intensity::{check_luma, check_none, log_intensity};
-use crate::order::sort_raster_by_time;
-
-/// Pixels that one thread takes at a time: large enough to hide the hand-over, small enough to balance the load.
-const TILE: usize = 4096;
-
-/// No logarithm of a positive finite float64 lies outside of +-745.2.
-const MAX_LOG_INTENSITY: f64 = 746.0;
+use crate::order::TimeSort;
 
 /// Turns luma frames into events, by the crossing rule of an ideal event-camera pixel.
 ///
 /// Each pixel holds a reference `R = B + n_on C_on - n_off C_off` with integer counters, `B` being the log intensity of
-/// the first frame. Between two frames log intensity is linear; an ON event falls each time it reaches `R + C_on`, an
-/// OFF event each time it reaches `R - C_off`, stamped with the first microsecond tick at or after the crossing. Every
-/// decision is exact for the given float64 log intensity.
+/// the first frame. Between two frames log intensity is interpolated; an ON event falls each time it reaches
+/// `R + C_on`, an OFF event each time it reaches `R - C_off`, stamped with the first microsecond tick at or after the
+/// crossing. With linear interpolation every decision is exact for the given float64 log intensity.
+///
+/// A pixel may have 2^32 - 1 events of each polarity; the push that might exceed that is refused.
 pub struct CrossingEngine {
     size: SensorSize,
     parameters: CrossingParameters,
-    pool: rayon::ThreadPool,
-    /// The time of the last frame; none before the first.
+    /// None for one thread, which then is the caller's.
+    pool: Option<rayon::ThreadPool>,
     t_us: Option<i64>,
-    pixels: Vec<Pixel>,
+    samples: Samples,
+    /// No counter of any pixel is larger.
+    largest_counter: u64,
+    sort: TimeSort,
+}
+
+/// The pixels, by what they are fed with.
+enum Samples {
+    None,
+    Luma(Core<f32>),
+    Log(Core<f64>),
 }
 
 impl CrossingEngine {
@@ -37,21 +43,27 @@ impl CrossingEngine {
     /// # Errors
     /// [`Error::Argument`] for a parameter out of range or an empty sensor.
     pub fn new(size: SensorSize, parameters: CrossingParameters, threads: Option<usize>) -> Result<Self> {
-        parameters.check()?;
         if size.pixels() == 0 {
             return Err(Error::Argument(format!(
                 "the sensor must have at least one pixel, got {} x {}",
                 size.width, size.height
             )));
         }
+        parameters.check(size)?;
         if threads == Some(0) {
             return Err(Error::Argument("threads must be at least 1, got 0".into()));
         }
-        let pool = rayon::ThreadPoolBuilder::new()
-            .num_threads(threads.unwrap_or(0))
-            .build()
-            .map_err(|e| Error::Argument(format!("threads = {threads:?}: {e}")))?;
-        Ok(Self { size, parameters, pool, t_us: None, pixels: Vec::new() })
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads.unwrap_or(0)).build();
+        let pool = pool.map_err(|e| Error::Argument(format!("threads = {threads:?}: {e}")))?;
+        Ok(Self {
+            size,
+            parameters,
+            pool: (pool.current_num_threads() > 1).then_some(pool),
+            t_us: None,
+            samples: Samples::None,
+            largest_counter: 0,
+            sort: TimeSort::default(),
+        })
     }
 
     /// The size of the sensor.
@@ -66,114 +78,202 @@ impl CrossingEngine {
         self.t_us
     }
 
-    /// Takes the frame of linear luma at `t_us`, row by row; returns the events since the frame before it.
+    /// Takes the frame of linear luma at `t_us`, row by row; puts the events since the frame before it into `events`.
+    ///
+    /// `rate` is the frame's total rate of change in luma per second, for Hermite interpolation; a rate that is not
+    /// finite means a straight line for that pixel.
     ///
     /// # Errors
-    /// A frame of the wrong size, luma that is NaN, infinite or negative ([`Error::Argument`] with time and pixel), or
-    /// a time that is not after the last one ([`Error::Order`]). The state is then as it was.
-    pub fn push(&mut self, t_us: i64, luma: &[f32]) -> Result<Vec<Event>> {
-        let ticks = self.check_frame(t_us, luma.len())?;
-        check_luma(luma, self.size, Some(t_us))?;
-        let log_eps = self.parameters.log_eps;
-        Ok(self.advance(t_us, ticks, luma, |&y| log_intensity(y, log_eps)))
+    /// A frame of the wrong size, luma that is NaN, infinite or negative ([`Error::Argument`] with time and pixel), a
+    /// time that is not after the last one ([`Error::Order`]), rates where there should be none or the reverse. The
+    /// state is then as it was.
+    pub fn push(&mut self, t_us: i64, luma: &[f32], rate: Option<&[f32]>, events: &mut Vec<Event>) -> Result<()> {
+        let interval = self.check_frame(t_us, luma, rate)?;
+        match &mut self.samples {
+            Samples::Log(_) => return Err(mixed("log intensity", "luma")),
+            Samples::None => self.samples = Samples::Luma(Core::new(luma, rate, &self.parameters, self.pool.as_ref())),
+            Samples::Luma(core) => {
+                core.advance(luma, rate, interval, self.size, &self.parameters, self.pool.as_ref());
+                self.sort.sort(core.events(), interval.start_us, interval.ticks, events);
+                self.t_us = Some(t_us);
+                return Ok(());
+            }
+        }
+        events.clear();
+        self.t_us = Some(t_us);
+        Ok(())
     }
 
-    /// [`Self::push`] of log intensity itself.
+    /// [`Self::push`] of log intensity itself, with its rate of change per second.
     ///
     /// # Errors
     /// As [`Self::push`]; log intensity must lie within +-746, the logarithms of all positive finite floats.
-    pub fn push_log(&mut self, t_us: i64, log_intensity: &[f64]) -> Result<Vec<Event>> {
-        let ticks = self.check_frame(t_us, log_intensity.len())?;
-        let bad = log_intensity.iter().position(|l| l.is_nan() || l.abs() > MAX_LOG_INTENSITY);
-        check_none(bad, self.size, Some(t_us), |i| {
-            format!("log intensity must lie within +-746, got {}", log_intensity[i])
-        })?;
-        Ok(self.advance(t_us, ticks, log_intensity, |&l| l))
+    pub fn push_log(&mut self, t_us: i64, log: &[f64], rate: Option<&[f64]>, events: &mut Vec<Event>) -> Result<()> {
+        let interval = self.check_frame(t_us, log, rate)?;
+        match &mut self.samples {
+            Samples::Luma(_) => return Err(mixed("luma", "log intensity")),
+            Samples::None => self.samples = Samples::Log(Core::new(log, rate, &self.parameters, self.pool.as_ref())),
+            Samples::Log(core) => {
+                core.advance(log, rate, interval, self.size, &self.parameters, self.pool.as_ref());
+                self.sort.sort(core.events(), interval.start_us, interval.ticks, events);
+                self.t_us = Some(t_us);
+                return Ok(());
+            }
+        }
+        events.clear();
+        self.t_us = Some(t_us);
+        Ok(())
     }
 
     /// The reference `R` of each pixel in log intensity, row by row; NaN before the first frame.
     #[must_use]
     pub fn reference(&self) -> Vec<f64> {
-        if self.pixels.is_empty() {
-            return vec![f64::NAN; self.size.pixels()];
-        }
-        let c = self.thresholds();
-        self.pixels.iter().map(|pixel| pixel.reference.exact(c).value()).collect()
+        let value = |(i, pixel): (usize, &Pixel)| pixel.reference.exact(self.parameters.thresholds(i)).value();
+        self.pixels().map_or_else(|| vec![f64::NAN; self.size.pixels()], |p| p.iter().enumerate().map(value).collect())
     }
 
     /// The surface of active events: the time of each pixel's last event in microseconds, row by row; -1 = none yet.
     #[must_use]
     pub fn last_event_us(&self) -> Vec<i64> {
-        if self.pixels.is_empty() {
-            return vec![NEVER; self.size.pixels()];
+        let never = || vec![NEVER; self.size.pixels()];
+        self.pixels().map_or_else(never, |pixels| pixels.iter().map(|pixel| pixel.last_event_us).collect())
+    }
+
+    /// The state, to be stored.
+    #[must_use]
+    pub fn state(&self) -> EngineState {
+        let pixels = self.pixels().unwrap_or_default();
+        let (luma, log_intensity, rate) = match &self.samples {
+            Samples::None => (vec![], vec![], vec![]),
+            Samples::Luma(core) => (core.last().to_vec(), vec![], core.rates().iter().map(|&r| r.into()).collect()),
+            Samples::Log(core) => (vec![], core.last().to_vec(), core.rates().to_vec()),
+        };
+        EngineState {
+            size: self.size,
+            parameters: self.parameters.clone(),
+            t_us: self.t_us,
+            luma,
+            log_intensity,
+            rate,
+            base: pixels.iter().map(|pixel| pixel.reference.base).collect(),
+            on: pixels.iter().map(|pixel| pixel.reference.on).collect(),
+            off: pixels.iter().map(|pixel| pixel.reference.off).collect(),
+            last_event_us: pixels.iter().map(|pixel| pixel.last_event_us).collect(),
         }
-        self.pixels.iter().map(|pixel| pixel.last_event_us).collect()
     }
 
-    fn thresholds(&self) -> Thresholds {
-        Thresholds { on: self.parameters.contrast_threshold, off: self.parameters.contrast_threshold_off }
-    }
-
-    /// The length of the interval that the frame ends (none for the first frame).
-    fn check_frame(&self, t_us: i64, pixels: usize) -> Result<Option<i64>> {
-        if pixels != self.size.pixels() {
+    /// An engine that goes on from a stored state as the one it was taken from would have.
+    ///
+    /// # Errors
+    /// [`Error::Argument`] for a state that no engine can be in.
+    pub fn from_state(state: &EngineState, threads: Option<usize>) -> Result<Self> {
+        let mut engine = Self::new(state.size, state.parameters.clone(), threads)?;
+        let Some(t_us) = state.t_us else { return Ok(engine) };
+        let hermite = state.parameters.interpolation == Interpolation::Hermite;
+        let lengths = [state.base.len(), state.on.len(), state.off.len(), state.last_event_us.len()];
+        if lengths.iter().any(|&n| n != state.size.pixels()) {
             return Err(Error::Argument(format!(
-                "a frame must have {} x {} = {} pixels, got {pixels}",
-                self.size.width,
-                self.size.height,
-                self.size.pixels()
+                "a state of {} pixels must have as many values of base, on, off and last_event_us, got {lengths:?}",
+                state.size.pixels()
             )));
+        }
+        if state.base.iter().any(|base| base.is_nan() || base.abs() > 746.0) {
+            return Err(Error::Argument("the base of a state must lie within +-746 in all pixels".into()));
+        }
+        let rate: Vec<f32>;
+        if state.luma.is_empty() {
+            let given = hermite.then_some(&state.rate[..]);
+            engine.push_log(t_us, &state.log_intensity, given, &mut Vec::new())?;
+        } else {
+            #[allow(clippy::cast_possible_truncation, reason = "stored from float32")]
+            {
+                rate = state.rate.iter().map(|&r| r as f32).collect();
+            }
+            engine.push(t_us, &state.luma, hermite.then_some(&rate[..]), &mut Vec::new())?;
+        }
+        match &mut engine.samples {
+            Samples::None => {}
+            Samples::Luma(core) => core.restore(state),
+            Samples::Log(core) => core.restore(state),
+        }
+        engine.largest_counter = engine.count_largest();
+        Ok(engine)
+    }
+
+    fn pixels(&self) -> Option<&[Pixel]> {
+        match &self.samples {
+            Samples::None => None,
+            Samples::Luma(core) => Some(core.pixels()),
+            Samples::Log(core) => Some(core.pixels()),
+        }
+    }
+
+    fn count_largest(&self) -> u64 {
+        let largest = |pixel: &Pixel| pixel.reference.on.max(pixel.reference.off);
+        self.pixels().unwrap_or_default().iter().map(largest).max().unwrap_or(0).into()
+    }
+
+    /// Everything that can be wrong with a frame; what is left cannot fail. Returns the interval that it ends.
+    fn check_frame<S: Sample>(&mut self, t_us: i64, frame: &[S], rate: Option<&[S]>) -> Result<Interval> {
+        let pixels = self.size.pixels();
+        for (name, length) in [("a frame", Some(frame.len())), ("a rate of change", rate.map(<[S]>::len))] {
+            if length.is_some_and(|length| length != pixels) {
+                return Err(Error::Argument(format!(
+                    "{name} must have {} x {} = {pixels} pixels, got {}",
+                    self.size.width,
+                    self.size.height,
+                    length.unwrap_or_default()
+                )));
+            }
+        }
+        match (self.parameters.interpolation, rate) {
+            (Interpolation::Hermite, None) => {
+                return Err(Error::Argument("Hermite interpolation needs the rate of change with every frame".into()));
+            }
+            (Interpolation::Linear, Some(_)) => {
+                return Err(Error::Argument("a rate of change was given, but interpolation is linear".into()));
+            }
+            _ => {}
         }
         if t_us < 0 {
             return Err(Error::Argument(format!("the time of a frame must be >= 0 us, got {t_us} us")));
         }
-        let Some(last) = self.t_us else { return Ok(None) };
-        if t_us <= last {
+        let start_us = self.t_us.unwrap_or(t_us - 1);
+        if t_us <= start_us {
             return Err(Error::Order(format!(
-                "the time of a frame must be after the last one ({last} us), got {t_us} us"
+                "the time of a frame must be after the last one ({start_us} us), got {t_us} us"
             )));
         }
-        if t_us - last >= 1 << 53 {
+        let ticks = t_us - start_us;
+        if ticks >= 1 << 53 {
             return Err(Error::Argument(format!(
-                "two frames must be less than 2^53 us apart, got {last} us and {t_us} us"
+                "two frames must be less than 2^53 us apart, got {start_us} us and {t_us} us"
             )));
         }
-        Ok(Some(t_us - last))
+        S::check(frame, self.size, t_us)?;
+        self.make_room()?;
+        Ok(Interval { start_us, ticks })
     }
 
-    /// Runs every pixel over one checked frame.
-    fn advance<S: Sync>(
-        &mut self,
-        t_us: i64,
-        ticks: Option<i64>,
-        samples: &[S],
-        log: impl Fn(&S) -> f64 + Sync,
-    ) -> Vec<Event> {
-        self.t_us = Some(t_us);
-        let Some(ticks) = ticks else {
-            self.pixels = samples.iter().map(|sample| Pixel::new(log(sample))).collect();
-            return Vec::new();
-        };
-        let (size, c) = (self.size, self.thresholds());
-        let pixels = &mut self.pixels;
-        let tiles: Vec<Vec<Event>> = self.pool.install(|| {
-            pixels
-                .par_chunks_mut(TILE)
-                .zip(samples.par_chunks(TILE))
-                .enumerate()
-                .map(|(tile, (pixels, samples))| {
-                    let mut events = Vec::new();
-                    for (i, (pixel, sample)) in pixels.iter_mut().zip(samples).enumerate() {
-                        let (x, y) = size.xy(tile * TILE + i);
-                        pixel
-                            .advance(log(sample), t_us - ticks, ticks, c, |t, on| events.push(Event::new(t, x, y, on)));
-                    }
-                    events
-                })
-                .collect()
-        });
-        let mut events = tiles.concat();
-        sort_raster_by_time(&mut events);
-        events
+    /// Counters must not overflow; whether one could is estimated from above, and counted only when it comes near.
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "at most 3e9")]
+    fn make_room(&mut self) -> Result<()> {
+        // Log intensity spans less than 1500; a Hermite curve goes there and back.
+        let most = (2.0 * 1500.0 / self.parameters.least_threshold()) as u64 + 2;
+        if self.largest_counter + most > u32::MAX.into() {
+            self.largest_counter = self.count_largest();
+            if self.largest_counter + most > u32::MAX.into() {
+                return Err(Error::Argument(format!(
+                    "a pixel has had {} events of one polarity; another interval could exceed the 2^32 - 1 that it can count",
+                    self.largest_counter
+                )));
+            }
+        }
+        self.largest_counter += most;
+        Ok(())
     }
+}
+
+fn mixed(before: &str, now: &str) -> Error {
+    Error::Argument(format!("this engine has been fed with {before}: it cannot take {now} as well"))
 }

@@ -1,15 +1,32 @@
 //! The crossing engine: where the log intensity of a pixel reaches a level, an event falls.
 //!
-//! [`level`] knows where the levels lie, [`tick`] when a line reaches one, [`pixel`] which events one new sample
-//! makes, [`engine`] runs that over frames and threads.
+//! ```text
+//! frame -> scan: which samples left their pixel's bounds?
+//!       -> candidates: those in vector registers, where one event is beyond doubt
+//!       -> pixel: the rest, exactly
+//!       -> order: all by time
+//! ```
+//!
+//! [`level`] knows where the levels lie, [`curve`] ([`line`], [`cubic`]) when log intensity reaches one, [`pixel`] which
+//! events one new sample makes. [`sample`], [`scan`] and [`candidates`] spare nearly all pixels that; [`band`] does it all for
+//! a band of rows, [`core`] runs the bands on threads, [`engine`] is what the user sees.
 
+mod band;
+mod candidates;
+mod core;
+mod cubic;
+mod curve;
 mod engine;
 mod level;
+mod line;
 mod parameters;
 mod pixel;
 mod reconstruct;
-mod tick;
+mod sample;
+mod scan;
+mod state;
 
 pub use engine::CrossingEngine;
-pub use parameters::CrossingParameters;
+pub use parameters::{CrossingParameters, Interpolation, Threshold};
 pub use reconstruct::reconstruct;
+pub use state::EngineState;

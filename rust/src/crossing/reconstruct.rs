@@ -1,7 +1,7 @@
 //! Log intensity back from events: the paper's formula.
 
 use super::level::{Level, Thresholds};
-use super::parameters::check_threshold;
+use super::parameters::Threshold;
 use crate::error::{Error, Result};
 use crate::event::{Event, SensorSize};
 
@@ -16,11 +16,11 @@ pub fn reconstruct(
     first_log_intensity: &[f64],
     size: SensorSize,
     t_us: i64,
-    contrast_threshold: f64,
-    contrast_threshold_off: f64,
+    contrast_threshold: &Threshold,
+    contrast_threshold_off: &Threshold,
 ) -> Result<Vec<f64>> {
-    check_threshold("contrast_threshold", contrast_threshold)?;
-    check_threshold("contrast_threshold_off", contrast_threshold_off)?;
+    contrast_threshold.check("contrast_threshold", size)?;
+    contrast_threshold_off.check("contrast_threshold_off", size)?;
     if first_log_intensity.len() != size.pixels() {
         return Err(Error::Argument(format!(
             "first_log_intensity must have {} pixels, got {}",
@@ -43,6 +43,6 @@ pub fn reconstruct(
             level.on += 1;
         }
     }
-    let c = Thresholds { on: contrast_threshold, off: contrast_threshold_off };
-    Ok(levels.iter().map(|level| level.exact(c).value()).collect())
+    let thresholds = |i| Thresholds { on: contrast_threshold.at(i), off: contrast_threshold_off.at(i) };
+    Ok(levels.iter().enumerate().map(|(i, level)| level.exact(thresholds(i)).value()).collect())
 }

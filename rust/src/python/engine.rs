@@ -1,10 +1,12 @@
-//! `CrossingEngine`, `log_intensity` and `reconstruct` for Python.
+//! `CrossingEngine` for Python.
 
-use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods};
+use numpy::{IntoPyArray, PyArray1, PyArray2};
 use pyo3::prelude::*;
+use pyo3::types::PyDict;
 
-use super::arrays::{events, frame, size_of};
-use crate::crossing::{self, CrossingEngine, CrossingParameters};
+use super::arrays::{frame, image, threshold};
+use super::state;
+use crate::crossing::{CrossingEngine, CrossingParameters, Interpolation};
 use crate::error::Error;
 use crate::event::{Event, SensorSize};
 
@@ -15,43 +17,73 @@ pub(super) struct PyCrossingEngine(CrossingEngine);
 #[pymethods]
 impl PyCrossingEngine {
     #[new]
-    #[pyo3(signature = (width, height, *, contrast_threshold=0.15, contrast_threshold_off=None, log_eps=1e-3, threads=None))]
+    #[pyo3(signature = (
+        width,
+        height,
+        *,
+        contrast_threshold=None,
+        contrast_threshold_off=None,
+        log_eps=1e-3,
+        interpolation="linear",
+        threads=None,
+    ))]
     fn new(
         width: u16,
         height: u16,
-        contrast_threshold: f64,
-        contrast_threshold_off: Option<f64>,
+        contrast_threshold: Option<&Bound<'_, PyAny>>,
+        contrast_threshold_off: Option<&Bound<'_, PyAny>>,
         log_eps: f64,
+        interpolation: &str,
         threads: Option<usize>,
     ) -> PyResult<Self> {
+        let size = SensorSize { width, height };
+        let default = CrossingParameters::default();
+        let on = contrast_threshold.map(|c| threshold(c, "contrast_threshold", size)).transpose()?;
+        let on = on.unwrap_or(default.contrast_threshold);
+        let off = contrast_threshold_off.map(|c| threshold(c, "contrast_threshold_off", size)).transpose()?;
         let parameters = CrossingParameters {
-            contrast_threshold,
-            contrast_threshold_off: contrast_threshold_off.unwrap_or(contrast_threshold),
+            contrast_threshold_off: off.unwrap_or_else(|| on.clone()),
+            contrast_threshold: on,
             log_eps,
+            interpolation: interpolation_of(interpolation)?,
         };
-        Ok(Self(CrossingEngine::new(SensorSize { width, height }, parameters, threads)?))
+        Ok(Self(CrossingEngine::new(size, parameters, threads)?))
     }
 
+    #[pyo3(signature = (t_us, luma, dluma_dt=None))]
     fn push<'py>(
         &mut self,
         py: Python<'py>,
         t_us: i64,
         luma: &Bound<'py, PyAny>,
+        dluma_dt: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Bound<'py, PyArray1<Event>>> {
-        let luma = frame::<f32>(luma, "luma", Some(self.0.size()))?;
+        let size = Some(self.0.size());
+        let luma = frame::<f32>(luma, "luma", size)?;
+        let rate = dluma_dt.map(|rate| frame::<f32>(rate, "dluma_dt", size)).transpose()?;
         let luma = luma.as_slice()?;
-        Ok(py.detach(|| self.0.push(t_us, luma))?.into_pyarray(py))
+        let rate = rate.as_ref().map(|rate| rate.as_slice()).transpose()?;
+        let mut events = Vec::new();
+        py.detach(|| self.0.push(t_us, luma, rate, &mut events))?;
+        Ok(events.into_pyarray(py))
     }
 
+    #[pyo3(signature = (t_us, log_intensity, slope=None))]
     fn push_log<'py>(
         &mut self,
         py: Python<'py>,
         t_us: i64,
         log_intensity: &Bound<'py, PyAny>,
+        slope: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Bound<'py, PyArray1<Event>>> {
-        let log_intensity = frame::<f64>(log_intensity, "log_intensity", Some(self.0.size()))?;
-        let log_intensity = log_intensity.as_slice()?;
-        Ok(py.detach(|| self.0.push_log(t_us, log_intensity))?.into_pyarray(py))
+        let size = Some(self.0.size());
+        let log = frame::<f64>(log_intensity, "log_intensity", size)?;
+        let rate = slope.map(|rate| frame::<f64>(rate, "slope", size)).transpose()?;
+        let log = log.as_slice()?;
+        let rate = rate.as_ref().map(|rate| rate.as_slice()).transpose()?;
+        let mut events = Vec::new();
+        py.detach(|| self.0.push_log(t_us, log, rate, &mut events))?;
+        Ok(events.into_pyarray(py))
     }
 
     #[getter]
@@ -63,37 +95,27 @@ impl PyCrossingEngine {
     fn last_event_us<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<i64>>> {
         image(py, self.0.last_event_us(), self.0.size())
     }
+
+    fn state<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        state::to_dict(py, self.0.state())
+    }
+
+    #[staticmethod]
+    #[pyo3(signature = (state, *, threads=None))]
+    fn from_state(state: &Bound<'_, PyDict>, threads: Option<usize>) -> PyResult<Self> {
+        Ok(Self(CrossingEngine::from_state(&state::from_dict(state)?, threads)?))
+    }
+
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, (Bound<'py, PyDict>,))> {
+        Ok((py.get_type::<Self>().getattr("from_state")?, (self.state(py)?,)))
+    }
 }
 
-/// See `_core.pyi`.
-#[pyfunction]
-pub(super) fn log_intensity<'py>(luma: &Bound<'py, PyAny>, log_eps: f64) -> PyResult<Bound<'py, PyArray2<f64>>> {
-    let luma = frame::<f32>(luma, "luma", None)?;
-    let size = size_of(&luma)?;
-    let logs = crate::log_intensity::log_intensity_frame(luma.as_slice()?, size, log_eps)?;
-    image(luma.py(), logs, size)
-}
-
-/// See `_core.pyi`.
-#[pyfunction]
-#[pyo3(signature = (events, first_log_intensity, t_us, contrast_threshold, contrast_threshold_off=None))]
-pub(super) fn reconstruct<'py>(
-    #[pyo3(from_py_with = events)] events: numpy::PyReadonlyArray1<'py, Event>,
-    first_log_intensity: &Bound<'py, PyAny>,
-    t_us: i64,
-    contrast_threshold: f64,
-    contrast_threshold_off: Option<f64>,
-) -> PyResult<Bound<'py, PyArray2<f64>>> {
-    let first = frame::<f64>(first_log_intensity, "first_log_intensity", None)?;
-    let size = size_of(&first)?;
-    let off = contrast_threshold_off.unwrap_or(contrast_threshold);
-    let logs = crossing::reconstruct(events.as_slice()?, first.as_slice()?, size, t_us, contrast_threshold, off)?;
-    image(first.py(), logs, size)
-}
-
-fn image<T: numpy::Element>(py: Python<'_>, pixels: Vec<T>, size: SensorSize) -> PyResult<Bound<'_, PyArray2<T>>> {
-    pixels
-        .into_pyarray(py)
-        .reshape([usize::from(size.height), usize::from(size.width)])
-        .map_err(|e| Error::Argument(e.to_string()).into())
+/// The interpolation by its name.
+pub(super) fn interpolation_of(name: &str) -> Result<Interpolation, Error> {
+    match name {
+        "linear" => Ok(Interpolation::Linear),
+        "hermite" => Ok(Interpolation::Hermite),
+        _ => Err(Error::Argument(format!("interpolation must be 'linear' or 'hermite', got {name:?}"))),
+    }
 }

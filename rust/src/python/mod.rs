@@ -5,6 +5,8 @@
 mod arrays;
 mod dtype;
 mod engine;
+mod functions;
+mod state;
 mod text;
 
 use pyo3::create_exception;
@@ -42,8 +44,8 @@ fn _core(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add("DecodeError", m.py().get_type::<DecodeError>())?;
     m.add_class::<engine::PyCrossingEngine>()?;
     m.add_class::<text::PyEventTextWriter>()?;
-    m.add_function(wrap_pyfunction!(engine::log_intensity, m)?)?;
-    m.add_function(wrap_pyfunction!(engine::reconstruct, m)?)?;
+    m.add_function(wrap_pyfunction!(functions::log_intensity, m)?)?;
+    m.add_function(wrap_pyfunction!(functions::reconstruct, m)?)?;
     m.add_function(wrap_pyfunction!(text::read_events_text, m)?)?;
     Ok(())
 }

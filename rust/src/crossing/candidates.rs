@@ -1,0 +1,184 @@
+//! Pixels that left their bounds, decided many at a time in vector registers where there is no doubt.
+//!
+//! Nearly all of them reach exactly one level, clearly, at a moment clearly between two ticks. What is not clear within
+//! the bounds of float64 rounding is left to [`super::pixel`], which decides exactly.
+
+use multiversion::multiversion;
+
+use super::level::{Level, Thresholds};
+use super::sample::{Around, Sample};
+use super::scan::{Found, TILE};
+
+/// What a candidate turned out to be.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+pub(crate) enum Verdict {
+    /// Left its bounds, which are drawn inward, without reaching a level.
+    Nothing,
+    /// One OFF event.
+    Off,
+    /// One ON event.
+    On,
+    /// Several events, or too close to call.
+    Unclear,
+}
+
+/// Candidates of a tile as arrays.
+pub(crate) struct Candidates<S> {
+    /// Log intensity at the interval's start and end.
+    pub(crate) from: Vec<f64>,
+    pub(crate) to: Vec<f64>,
+    base: Vec<f64>,
+    steps_on: Vec<f64>,
+    steps_off: Vec<f64>,
+    threshold_on: Vec<f64>,
+    threshold_off: Vec<f64>,
+    /// The tick of the event, where there is one.
+    pub(crate) tick: Vec<i64>,
+    pub(crate) verdict: Vec<Verdict>,
+    /// The levels around the reference that the event leaves behind, and the bounds that belong to them.
+    below: Vec<f64>,
+    above: Vec<f64>,
+    pub(crate) low: Vec<S>,
+    pub(crate) high: Vec<S>,
+}
+
+/// Arrays are worked on in whole vectors: up to the next multiple.
+const VECTOR: usize = 8;
+
+impl<S: Sample> Candidates<S> {
+    pub(crate) fn new() -> Self {
+        let zeros = || vec![0.0; TILE];
+        Self {
+            from: zeros(),
+            to: zeros(),
+            base: zeros(),
+            steps_on: zeros(),
+            steps_off: zeros(),
+            threshold_on: zeros(),
+            threshold_off: zeros(),
+            tick: vec![0; TILE],
+            verdict: vec![Verdict::Nothing; TILE],
+            below: zeros(),
+            above: zeros(),
+            low: vec![S::default(); TILE],
+            high: vec![S::default(); TILE],
+        }
+    }
+
+    /// Sets candidate `j`'s reference and thresholds.
+    #[inline]
+    pub(crate) fn set(&mut self, j: usize, reference: Level, c: Thresholds) {
+        self.base[j] = reference.base;
+        self.steps_on[j] = f64::from(reference.on);
+        self.steps_off[j] = f64::from(reference.off);
+        self.threshold_on[j] = c.on;
+        self.threshold_off[j] = c.off;
+    }
+
+    /// Computes log intensity of the first `count` candidates.
+    pub(crate) fn take_logs(&mut self, found: &Found<S>, count: usize, log_eps: f64) {
+        S::logs(&found.from[..count], log_eps, &mut self.from[..count]);
+        S::logs(&found.to[..count], log_eps, &mut self.to[..count]);
+    }
+
+    /// Decides the first `count` candidates over a straight line of so many ticks.
+    #[allow(clippy::cast_precision_loss, reason = "ticks < 2^53")]
+    pub(crate) fn decide(&mut self, count: usize, ticks: i64, log_eps: f64) {
+        let n = count.next_multiple_of(VECTOR);
+        decide(
+            Lines { from: &self.from[..n], to: &self.to[..n], ticks: ticks as f64 },
+            References {
+                base: &self.base[..n],
+                steps_on: &self.steps_on[..n],
+                steps_off: &self.steps_off[..n],
+                threshold_on: &self.threshold_on[..n],
+                threshold_off: &self.threshold_off[..n],
+            },
+            Decisions {
+                tick: &mut self.tick[..n],
+                verdict: &mut self.verdict[..n],
+                below: &mut self.below[..n],
+                above: &mut self.above[..n],
+            },
+        );
+        let levels = Around { below: &self.below[..n], above: &self.above[..n] };
+        S::bounds(levels, log_eps, Around { below: &mut self.low[..n], above: &mut self.high[..n] });
+    }
+}
+
+struct Lines<'a> {
+    from: &'a [f64],
+    to: &'a [f64],
+    ticks: f64,
+}
+
+struct References<'a> {
+    base: &'a [f64],
+    steps_on: &'a [f64],
+    steps_off: &'a [f64],
+    threshold_on: &'a [f64],
+    threshold_off: &'a [f64],
+}
+
+struct Decisions<'a> {
+    tick: &'a mut [i64],
+    verdict: &'a mut [Verdict],
+    below: &'a mut [f64],
+    above: &'a mut [f64],
+}
+
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
+#[allow(clippy::needless_bitwise_bool, reason = "a lazy operator is a branch, which vectors cannot take")]
+fn decide(lines: Lines<'_>, references: References<'_>, decisions: Decisions<'_>) {
+    const ROUND: f64 = 6_755_399_441_055_744.0; // 1.5 * 2^52: adding and subtracting it rounds to an integer
+    const LARGEST_TICK: f64 = 1_125_899_906_842_624.0; // 2^50: up to here that works
+    const TWO_52: f64 = 4_503_599_627_370_496.0;
+    let n = lines.from.len();
+    let Lines { from, to, ticks } = Lines { from: &lines.from[..n], to: &lines.to[..n], ..lines };
+    let (base, on, off) = (&references.base[..n], &references.steps_on[..n], &references.steps_off[..n]);
+    let (c_on, c_off) = (&references.threshold_on[..n], &references.threshold_off[..n]);
+    let (tick, verdict) = (&mut decisions.tick[..n], &mut decisions.verdict[..n]);
+    let (below, above) = (&mut decisions.below[..n], &mut decisions.above[..n]);
+    for j in 0..n {
+        let (up, down) = (on[j] * c_on[j], off[j] * c_off[j]);
+        let reference = base[j] + (up - down);
+        // The reference takes four roundings, the levels one and two more, none of them of anything larger than this.
+        let error = 8.0 * f64::EPSILON * (base[j].abs() + up + down + c_on[j] + c_off[j]);
+        let brighter = to[j] > reference;
+        let (sign, c) = if brighter { (1.0, c_on[j]) } else { (-1.0, c_off[j]) };
+        let level = reference + sign * c;
+        let past_first = sign * (to[j] - level);
+        let past_second = sign * (to[j] - (level + sign * c));
+        let nothing = past_first < -error;
+
+        let span = to[j] - from[j];
+        let scale = ticks / span;
+        let estimate = (level - from[j]) * scale;
+        // Both differences, the quotient and the product round by half an ulp each.
+        let doubt = error * scale.abs() * 1.01 + 4.0 * f64::EPSILON * estimate.abs();
+        let nearest = (estimate + ROUND) - ROUND;
+        let ceiling = nearest + if nearest < estimate { 1.0 } else { 0.0 };
+        let one = (past_first > error)
+            & (past_second < -error)
+            & (sign * span > 0.0)
+            & (ceiling - estimate > doubt)
+            & (estimate - (ceiling - 1.0) > doubt)
+            & (ceiling >= 1.0)
+            & (ceiling <= ticks)
+            & (ceiling < LARGEST_TICK)
+            & (error < 1e-10);
+        // To an integer by way of the bits of 2^52 + tick: vector units lack the conversion.
+        tick[j] = (ceiling + TWO_52).to_bits().wrapping_sub(TWO_52.to_bits()).cast_signed();
+        below[j] = level - c_off[j];
+        above[j] = level + c_on[j];
+        let event = if brighter { Verdict::On } else { Verdict::Off };
+        verdict[j] = if one {
+            event
+        } else if nothing {
+            Verdict::Nothing
+        } else {
+            Verdict::Unclear
+        };
+    }
+}

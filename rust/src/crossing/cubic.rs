@@ -1,0 +1,135 @@
+//! Cubic Hermite interpolation: log intensity from samples and slopes at both ends, in at most two monotone pieces.
+
+use super::curve::{Curve, Piece, first_true};
+use super::level::{Level, Thresholds};
+use super::line::Line;
+
+/// L(s) = from + s (a + s (b + s c)), s from 0 to 1 over the interval; ends at `to`.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Cubic {
+    line: Line,
+    coefficients: [f64; 3],
+    /// Where it turns, strictly inside of (0, 1).
+    turn: Option<f64>,
+}
+
+impl Cubic {
+    /// The cubic with the given slopes (log intensity over the whole interval's length) at the ends of `line`.
+    ///
+    /// A slope makes no extremum that the samples don't support. Slopes of opposite sign do support one, and exactly one
+    /// there is. Slopes of one sign promise a monotone curve: where that is the way that the samples go, they are cut to
+    /// three times the chord's, which keeps the cubic monotone (Fritsch and Carlson, SIAM J. Numer. Anal. 1980);
+    /// where it is not, the line is all that the samples support. A slope that is NaN or infinite means the line too.
+    pub(crate) fn new(line: Line, slope_from: f64, slope_to: f64) -> Self {
+        let chord = line.to - line.from;
+        let finite = slope_from.is_finite() && slope_to.is_finite();
+        let (mut p, mut q) = if finite { (slope_from, slope_to) } else { (chord, chord) };
+        if p * q >= 0.0 {
+            let sign = chord.signum();
+            let agree = chord != 0.0 && p * sign >= 0.0 && q * sign >= 0.0;
+            let most = if agree { 3.0 * chord.abs() } else { 0.0 };
+            (p, q) = (p.clamp(-most, most), q.clamp(-most, most));
+            if !agree {
+                (p, q) = (chord, chord);
+            }
+        }
+        let coefficients = [p, 3.0 * chord - 2.0 * p - q, p + q - 2.0 * chord];
+        let turn = if p * q < 0.0 { Some(turning_point(coefficients)) } else { None };
+        Self { line, coefficients, turn: turn.filter(|s| 0.0 < *s && *s < 1.0) }
+    }
+
+    fn at(&self, s: f64) -> f64 {
+        let [a, b, c] = self.coefficients;
+        self.line.from + s * (a + s * (b + s * c))
+    }
+}
+
+/// The root in (0, 1) of the derivative a + 2 b s + 3 c s^2, which has opposite signs at 0 and 1.
+fn turning_point([a, b, c]: [f64; 3]) -> f64 {
+    // The form without cancellation: q carries the sign of b, and the roots are q / 3c and a / q.
+    let q = -(b + (b * b - 3.0 * a * c).max(0.0).sqrt().copysign(b));
+    [a / q, q / (3.0 * c)].into_iter().find(|s| 0.0 < *s && *s < 1.0).unwrap_or(1.0)
+}
+
+impl Curve for Cubic {
+    type Piece = CubicPiece;
+
+    fn pieces(&self) -> impl Iterator<Item = CubicPiece> {
+        let piece = |from: f64, to: f64| CubicPiece { cubic: *self, from, to };
+        let first = self.turn.map(|turn| piece(0.0, turn));
+        first.into_iter().chain([piece(self.turn.unwrap_or(0.0), 1.0)])
+    }
+}
+
+/// A cubic between two points at most one of which is its turning point.
+pub(crate) struct CubicPiece {
+    cubic: Cubic,
+    from: f64,
+    to: f64,
+}
+
+impl Piece for CubicPiece {
+    fn end(&self) -> f64 {
+        if self.to < 1.0 { self.cubic.at(self.to) } else { self.cubic.line.to }
+    }
+
+    /// By bisection over the ticks of the piece, on the cubic's value in float64.
+    #[allow(clippy::cast_precision_loss, reason = "ticks < 2^53")]
+    #[allow(clippy::cast_possible_truncation, reason = "within 0..=ticks")]
+    fn first_tick(&self, level: Level, up: bool, c: Thresholds) -> i64 {
+        let ticks = self.cubic.line.ticks as f64;
+        let (after, at) = ((self.from * ticks).floor() as i64, (self.to * ticks).ceil() as i64);
+        first_true(after, at.max(after + 1), |k| {
+            let sign = level.sign_of_excess(self.cubic.at(k as f64 / ticks), c);
+            if up { sign >= 0 } else { sign <= 0 }
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn cubic(from: f64, to: f64, slope_from: f64, slope_to: f64) -> Cubic {
+        Cubic::new(Line { from, to, ticks: 1000 }, slope_from, slope_to)
+    }
+
+    #[test]
+    fn equal_slopes_of_the_chord_are_the_line() {
+        let curve = cubic(0.0, 1.0, 1.0, 1.0);
+        assert_eq!(curve.pieces().count(), 1);
+        for s in [0.0, 0.25, 0.5, 1.0] {
+            assert!((curve.at(s) - s).abs() < 1e-15);
+        }
+    }
+
+    #[test]
+    fn slopes_of_opposite_sign_make_one_turn() {
+        // A parabola: up by 1/4 and back.
+        let curve = cubic(0.0, 0.0, 1.0, -1.0);
+        let ends: Vec<f64> = curve.pieces().map(|piece| piece.end()).collect();
+        assert_eq!(ends, [0.25, 0.0]);
+        assert_eq!(curve.turn, Some(0.5));
+    }
+
+    #[test]
+    fn slopes_that_the_samples_do_not_support_make_no_turn() {
+        for (to, p, q) in
+            [(1.0, 40.0, 50.0), (1.0, -2.0, -2.0), (0.0, 5.0, 5.0), (-1.0, 0.0, 7.0), (1.0, f64::NAN, 0.0)]
+        {
+            let curve = cubic(0.0, to, p, q);
+            assert_eq!(curve.pieces().count(), 1, "{to} {p} {q}");
+            let values: Vec<f64> = (0..=100u8).map(|i| curve.at(f64::from(i) / 100.0)).collect();
+            assert!(values.windows(2).all(|w| (w[1] - w[0]) * to >= -1e-15), "{to} {p} {q}");
+        }
+    }
+
+    #[test]
+    fn slopes_that_are_not_finite_are_the_line() {
+        for (p, q) in [(f64::INFINITY, f64::NEG_INFINITY), (f64::NAN, 0.0), (3.0, f64::INFINITY)] {
+            let curve = cubic(0.0, 1.0, p, q);
+            assert_eq!(curve.pieces().count(), 1);
+            assert!((curve.at(0.25) - 0.25).abs() < 1e-15);
+        }
+    }
+}

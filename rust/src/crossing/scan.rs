@@ -1,0 +1,121 @@
+//! The common path: samples that stay between their pixel's bounds are compared, stored, and no more.
+
+use multiversion::multiversion;
+
+use super::sample::Sample;
+
+/// Pixels scanned at a time; what was found among them is kept in arrays of this length.
+pub(crate) const TILE: usize = 2048;
+
+/// Pixels that are passed over together when none of them left its bounds.
+const BLOCK: usize = 64;
+
+/// Places are written so many at a time.
+const GROUP: usize = 8;
+
+/// Samples that left their pixel's bounds: their place in the tile, and what log intensity wants, both samples.
+pub(crate) struct Found<S> {
+    pub(crate) count: usize,
+    /// With room for one group more than a tile.
+    pub(crate) place: Vec<u16>,
+    pub(crate) from: Vec<S>,
+    pub(crate) to: Vec<S>,
+}
+
+impl<S: Sample> Found<S> {
+    pub(crate) fn new() -> Self {
+        let samples = || vec![S::default(); TILE];
+        Self { count: 0, place: vec![0; TILE + GROUP], from: samples(), to: samples() }
+    }
+}
+
+/// Compares a tile's new samples with their bounds, stores them as the last ones, and notes those that left.
+///
+/// `rates` are the rates of change at the interval's start and end, where they are known: an extremum between makes a
+/// pixel worth a look wherever its samples lie.
+pub(crate) fn scan<S: Sample>(
+    new: &[S],
+    last: &mut [S],
+    bounds: (&[S], &[S]),
+    rates: Option<(&[S], &[S])>,
+    found: &mut Found<S>,
+) {
+    found.count = match rates {
+        None => leavers(new, bounds.0, bounds.1, &mut found.place),
+        Some(rates) => leavers_or_turners(new, bounds, rates, &mut found.place),
+    };
+    let places = found.place[..found.count].iter();
+    for ((&place, from), to) in places.zip(&mut found.from).zip(&mut found.to) {
+        *from = last[usize::from(place)];
+        *to = new[usize::from(place)];
+    }
+    last.copy_from_slice(new);
+}
+
+/// The places of samples at or beyond their bounds, in order; returns how many.
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
+#[allow(clippy::cast_possible_truncation, reason = "places lie below TILE")]
+#[allow(clippy::needless_bitwise_bool, reason = "a lazy operator is a branch, which vectors cannot take")]
+fn leavers<S: Sample>(new: &[S], low: &[S], high: &[S], places: &mut [u16]) -> usize {
+    let mut count = 0;
+    let whole = new.len() - new.len() % BLOCK;
+    for start in (0..whole).step_by(BLOCK) {
+        let (new, low, high) = (&new[start..start + BLOCK], &low[start..start + BLOCK], &high[start..start + BLOCK]);
+        let has_left = |i: usize| (new[i] >= high[i]) | (new[i] <= low[i]);
+        if (0..BLOCK).fold(0, |any, i| any | u32::from(has_left(i))) == 0 {
+            continue;
+        }
+        let mut left = [0u8; BLOCK];
+        for (i, left) in left.iter_mut().enumerate() {
+            *left = u8::from(has_left(i));
+        }
+        for (group, left) in left.chunks_exact(GROUP).enumerate() {
+            // Eight bytes of 0 or 1 to eight bits: each lands in the top byte at a place of its own.
+            let bytes = u64::from_le_bytes(left.try_into().unwrap_or_default());
+            let bits = (bytes.wrapping_mul(0x0102_0408_1020_4080) >> 56) as usize;
+            let first = (start + group * GROUP) as u16;
+            // All eight are written, those that left kept: no branch to mispredict.
+            let (places, (positions, kept)) = (&mut places[count..count + GROUP], &POSITIONS[bits]);
+            for (place, position) in places.iter_mut().zip(positions) {
+                *place = first + position;
+            }
+            count += *kept as usize;
+        }
+    }
+    for i in whole..new.len() {
+        places[count] = i as u16;
+        count += usize::from((new[i] >= high[i]) | (new[i] <= low[i]));
+    }
+    count
+}
+
+/// For eight bits, the positions of those that are set, in order, and their number.
+static POSITIONS: [([u16; GROUP], u32); 256] = {
+    let mut table = [([0; GROUP], 0); 256];
+    let mut bits = 0;
+    while bits < 256 {
+        let (mut position, mut count) = (0, 0);
+        while position < 8 {
+            if bits >> position & 1 == 1 {
+                table[bits].0[count] = position;
+                count += 1;
+            }
+            position += 1;
+        }
+        table[bits].1 = bits.count_ones();
+        bits += 1;
+    }
+    table
+};
+
+/// [`leavers`], and the places where the rates of change turn.
+#[allow(clippy::cast_possible_truncation, reason = "places lie below TILE")]
+fn leavers_or_turners<S: Sample>(new: &[S], bounds: (&[S], &[S]), rates: (&[S], &[S]), places: &mut [u16]) -> usize {
+    let mut count = 0;
+    for (i, &sample) in new.iter().enumerate() {
+        places[count] = i as u16;
+        let left = sample >= bounds.1[i] || sample <= bounds.0[i];
+        count += usize::from(left || S::turns(rates.0[i], rates.1[i]));
+    }
+    count
+}
