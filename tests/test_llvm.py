@@ -125,7 +125,7 @@ from davis_rs.renderers import make_renderer
 
 floor = {"type": "rectangle", "bsdf": {"type": "diffuse", "reflectance": 0.5}}
 light = {"type": "point", "position": [0.0, 0.0, 2.0], "intensity": 1.0}
-scene = Scene("floor", lambda: {"type": "scene", "light": light, "floor": floor})
+scene = Scene("floor", lambda: {"type": "scene", "by": {"type": "direct"}, "light": light, "floor": floor})
 renderer = make_renderer(scene, Camera(5, 4, 9.0, 9.0, 2.0, 1.5), samples=1)
 assert renderer.luma([Pose([0.0, 0.0, 1.0], [1.0, 0.0, 0.0, 0.0])]).min() > 0
 print(renderer.variant)

@@ -27,16 +27,23 @@ class CrossingEngine:
     """Turns frames of linear luma into events, by the crossing rule of an ideal event-camera pixel.
 
     Each pixel holds a reference R = B + n_on C_on - n_off C_off with integer counters, B being its log intensity at the
-    first frame. Between two frames log intensity L = ln(luma + log_eps) is linear; an ON event falls each time it
+    first frame. Between two frames log intensity L = ln(luma + log_eps) is interpolated; an ON event falls each time it
     reaches R + C_on, an OFF event each time it reaches R - C_off. An event's stamp is the first microsecond at or after
-    the crossing, so it lies in (t_a, t_b]. Levels and stamps are decided exactly for the float64 L: nothing drifts,
-    and after every frame -C_off < L - R < C_on holds in every pixel.
+    the crossing, so it lies in (t_a, t_b]. After every frame -C_off < L - R < C_on holds in every pixel.
+
+    With linear interpolation levels and stamps are decided exactly for the float64 L. With Hermite interpolation the
+    stamp may be one microsecond off where the crossing lies within 1e-6 us of one, and where an extremum comes
+    within 4 ulp of a level either count may come. See docs/crossing.md for the guarantee and where it ends.
+
+    Engines can be pickled. A pixel may have 2^32 - 1 events of each polarity.
 
     Args:
         width, height: sensor size in pixels, 1..65535.
-        contrast_threshold: C_on in natural-log units, 1e-6..1e3.
-        contrast_threshold_off: C_off; None means C_on.
+        contrast_threshold: C_on in natural-log units, 1e-6..1e3: a number (None means 0.15), or float, shape
+            (height, width).
+        contrast_threshold_off: C_off, likewise; None means C_on.
         log_eps: dark level in units of luma, > 0.
+        interpolation: ``linear``, or ``hermite``: cubics through samples and rates of change.
         threads: None means one a core. The events do not depend on it.
 
     Raises:
@@ -51,12 +58,18 @@ class CrossingEngine:
         width: int,
         height: int,
         *,
-        contrast_threshold: float = 0.15,
-        contrast_threshold_off: float | None = None,
+        contrast_threshold: float | npt.NDArray[np.floating[Any]] | None = None,
+        contrast_threshold_off: float | npt.NDArray[np.floating[Any]] | None = None,
         log_eps: float = 1e-3,
+        interpolation: str = "linear",
         threads: int | None = None,
     ) -> CrossingEngine: ...
-    def push(self, t_us: int, luma: npt.NDArray[np.floating[Any]]) -> npt.NDArray[np.void]:
+    def push(
+        self,
+        t_us: int,
+        luma: npt.NDArray[np.floating[Any]],
+        dluma_dt: npt.NDArray[np.floating[Any]] | None = None,
+    ) -> npt.NDArray[np.void]:
         """Take the frame at ``t_us``; return the events since the frame before it.
 
         The first frame sets the references and returns no events. The GIL is released.
@@ -65,22 +78,40 @@ class CrossingEngine:
             t_us: time in microseconds, >= 0 and after the last frame's.
             luma: linear luma, shape (height, width), finite and >= 0; float32 in C order is taken without a copy,
                 other layouts are copied, float64 is rounded to float32.
+            dluma_dt: for Hermite interpolation, the total dY/dt in luma per second, likewise; a value that is not
+                finite means a straight line for that pixel. A slope makes no extremum that the samples do not support:
+                slopes of one sign against the samples' way are ignored, along it cut to three times the chord's.
 
         Returns:
             Events (:data:`davis_rs.EVENT_DTYPE`), sorted by (t, y, x, order of crossing).
 
         Raises:
-            ValueError: for a wrong shape or dtype, luma that is NaN, infinite or negative (with time and pixel), or a
-                time that does not increase. The engine is then as it was.
+            ValueError: for a wrong shape or dtype, luma that is NaN, infinite or negative (with time and pixel), a time
+                that does not increase, a rate that is missing or should not be there, or an engine that has been fed
+                with log intensity. The engine is then as it was.
         """
-    def push_log(self, t_us: int, log_intensity: npt.NDArray[np.floating[Any]]) -> npt.NDArray[np.void]:
-        """:meth:`push` of log intensity itself: float64, shape (height, width), within +-746."""
+    def push_log(
+        self,
+        t_us: int,
+        log_intensity: npt.NDArray[np.floating[Any]],
+        slope: npt.NDArray[np.floating[Any]] | None = None,
+    ) -> npt.NDArray[np.void]:
+        """:meth:`push` of log intensity itself: float64, shape (height, width), within +-746, and its dL/dt."""
     @property
     def reference(self) -> npt.NDArray[np.float64]:
         """The reference R in log intensity, shape (height, width); NaN before the first frame."""
     @property
     def last_event_us(self) -> npt.NDArray[np.int64]:
         """The surface of active events: time of each pixel's last event, shape (height, width); -1 = none yet."""
+    def state(self) -> dict[str, Any]:
+        """All that decides what comes next, as numbers and arrays: parameters, time, last frame, counters."""
+    @staticmethod
+    def from_state(state: dict[str, Any], *, threads: int | None = None) -> CrossingEngine:
+        """An engine that goes on from :meth:`state` as the one it was taken from would have.
+
+        Raises:
+            ValueError: for a state that no engine can be in, naming the entry.
+        """
 
 @final
 class EventTextWriter:
@@ -138,8 +169,8 @@ def reconstruct(
     events: npt.NDArray[np.void],
     first_log_intensity: npt.NDArray[np.floating[Any]],
     t_us: int,
-    contrast_threshold: float,
-    contrast_threshold_off: float | None = None,
+    contrast_threshold: float | npt.NDArray[np.floating[Any]],
+    contrast_threshold_off: float | npt.NDArray[np.floating[Any]] | None = None,
 ) -> npt.NDArray[np.float64]:
     """Log intensity at ``t_us`` from the first frame's and the events until then (t <= t_us).
 

@@ -16,7 +16,7 @@ EventArray = npt.NDArray[np.void]
 
 
 def as_events(array: npt.ArrayLike) -> EventArray:
-    """Return ``array`` as a contiguous array of :data:`EVENT_DTYPE`, without a copy where it is one already.
+    """Return ``array`` as a contiguous, aligned array of :data:`EVENT_DTYPE`, without a copy where it is one already.
 
     A structured array of another layout is accepted when it has the fields t, x, y and p.
 
@@ -31,7 +31,7 @@ def as_events(array: npt.ArrayLike) -> EventArray:
             f"got shape {source.shape} and dtype {source.dtype}"
         )
     if source.dtype == EVENT_DTYPE:
-        return np.ascontiguousarray(source)
+        return np.require(source, requirements=["C", "ALIGNED"])
     events = np.zeros(source.shape, EVENT_DTYPE)
     for name in ("t", "x", "y", "p"):
         column = source[name]

@@ -165,7 +165,7 @@ class _Mesh:
 
 def _check_integrator(integrator: Any) -> None:
     if integrator is None:
-        raise Unsuitable("the scene names no integrator, so a path tracer renders it (the table kernel is for 'direct')")
+        raise Unsuitable("the scene names no integrator, so a path tracer renders it; the table kernel is for 'direct'")
     if integrator.class_name() != "DirectIntegrator":
         raise Unsuitable(
             f"the scene asks for Mitsuba's {integrator.class_name()}, which the table kernel (direct light only) is not"

@@ -1,0 +1,174 @@
+//! The crossing engine through its public interface, against integer arithmetic.
+
+use std::num::NonZeroI128;
+
+use davis_rs::{
+    CrossingEngine, CrossingParameters, Error, Event, Result, SensorSize, Threshold, log_intensity, reconstruct,
+};
+use proptest::prelude::*;
+
+/// Log intensities and thresholds of the oracle are whole numbers of this unit, which float64 holds exactly.
+const UNIT: f64 = 1.0 / 1_048_576.0;
+
+fn to_float(units: i64) -> f64 {
+    f64::from(i32::try_from(units).expect("small")) * UNIT
+}
+
+fn engine(size: SensorSize, on: f64, off: f64, threads: usize) -> CrossingEngine {
+    let (contrast_threshold, contrast_threshold_off) = (Threshold::Uniform(on), Threshold::Uniform(off));
+    let parameters = CrossingParameters { contrast_threshold, contrast_threshold_off, ..Default::default() };
+    CrossingEngine::new(size, parameters, Some(threads)).expect("valid parameters")
+}
+
+fn push(engine: &mut CrossingEngine, t_us: i64, luma: &[f32]) -> Result<Vec<Event>> {
+    let mut events = Vec::new();
+    engine.push(t_us, luma, None, &mut events).map(|()| events)
+}
+
+fn push_log(engine: &mut CrossingEngine, t_us: i64, log_intensity: &[f64]) -> Result<Vec<Event>> {
+    let mut events = Vec::new();
+    engine.push_log(t_us, log_intensity, None, &mut events).map(|()| events)
+}
+
+/// Smallest integer at or above `a / b`.
+fn ceil_div(a: i128, b: NonZeroI128) -> i128 {
+    let (quotient, remainder) = (a / b.get(), a % b.get());
+    if remainder != 0 && (remainder > 0) == (b.get() > 0) { quotient + 1 } else { quotient }
+}
+
+/// The contract for one pixel in whole units: (t, on) of every event.
+fn oracle(samples: &[(i64, i64)], on: i64, off: i64) -> Vec<(i64, bool)> {
+    let mut events = Vec::new();
+    let mut reference = samples[0].1;
+    for pair in samples.windows(2) {
+        let [(t_a, a), (t_b, b)] = [pair[0], pair[1]];
+        loop {
+            if b >= reference + on {
+                reference += on;
+            } else if b <= reference - off {
+                reference -= off;
+            } else {
+                break;
+            }
+            let rise = NonZeroI128::new(i128::from(b - a)).expect("a level was reached, so the signal moved");
+            let tick = ceil_div(i128::from(reference - a) * i128::from(t_b - t_a), rise);
+            events.push((t_a + i64::try_from(tick).expect("within the interval"), b > a));
+        }
+    }
+    events
+}
+
+/// A signal as (time, log intensity in units), with returns to its first value and steps of whole thresholds.
+fn signal(on: i64) -> impl Strategy<Value = Vec<(i64, i64)>> {
+    let step = prop_oneof![-4_000_000..4_000_000i64, (-3..=3i64).prop_map(move |n| n * on), -2..=2i64];
+    let gap = prop_oneof![1..10i64, 1..1_000_000i64, Just(1 << 50)];
+    (0..2_000_000_000i64, -1_000_000..1_000_000i64, prop::collection::vec((gap, step), 1..12)).prop_map(
+        |(t, first, moves)| {
+            let mut samples = vec![(t, first)];
+            for (gap, step) in moves {
+                let t = samples[samples.len() - 1].0 + gap;
+                samples.push((t, first + step));
+            }
+            samples
+        },
+    )
+}
+
+proptest! {
+    #[test]
+    fn events_are_those_of_integer_arithmetic(
+        (on, off, samples) in (20_000..2_000_000i64, 20_000..2_000_000i64, any::<bool>())
+            .prop_flat_map(|(on, off, equal)| (Just(on), Just(if equal { on } else { off }), signal(on))),
+    ) {
+        let size = SensorSize { width: 1, height: 1 };
+        let mut engine = engine(size, to_float(on), to_float(off), 1);
+        let mut events = Vec::new();
+        for &(t, units) in &samples {
+            events.extend(push_log(&mut engine, t, &[to_float(units)]).unwrap());
+        }
+        let expected: Vec<Event> =
+            oracle(&samples, on, off).into_iter().map(|(t, on)| Event::new(t, 0, 0, on)).collect();
+        prop_assert_eq!(&events, &expected);
+        let rebuilt =
+            reconstruct(&events, &[to_float(samples[0].1)], size, i64::MAX, &Threshold::Uniform(to_float(on)), &Threshold::Uniform(to_float(off))).unwrap();
+        prop_assert_eq!(rebuilt, engine.reference());
+    }
+}
+
+const SIZE: SensorSize = SensorSize { width: 150, height: 61 };
+
+/// Frames of a moving texture, larger than what one thread takes at a time.
+fn frames() -> Vec<Vec<f32>> {
+    (0..5u16)
+        .map(|frame| {
+            let wave = |x: u16, y: u16| {
+                let (x, y, t) = (f32::from(x), f32::from(y), f32::from(frame));
+                (1.5 * (0.31 * x + 0.8 * t).sin() + (0.17 * y - 0.5 * t).cos()).exp()
+            };
+            (0..SIZE.height).flat_map(|y| (0..SIZE.width).map(move |x| wave(x, y))).collect()
+        })
+        .collect()
+}
+
+#[test]
+fn events_do_not_depend_on_threads_and_are_sorted() {
+    let run = |threads| -> Vec<Vec<Event>> {
+        let mut engine = engine(SIZE, 0.1, 0.12, threads);
+        (0..).step_by(1_000).zip(frames()).map(|(t, luma)| push(&mut engine, t, &luma).unwrap()).collect()
+    };
+    let packets = run(1);
+    assert!(packets[0].is_empty());
+    assert!(packets.iter().map(Vec::len).sum::<usize>() > 50_000);
+    for packet in &packets {
+        assert!(packet.is_sorted_by_key(|event| (event.t, event.y, event.x)));
+    }
+    assert_eq!(run(2), packets);
+    assert_eq!(run(7), packets);
+}
+
+#[test]
+fn push_is_push_log_of_log_intensity() {
+    let (mut by_luma, mut by_log) = (engine(SIZE, 0.15, 0.15, 2), engine(SIZE, 0.15, 0.15, 2));
+    for (t, luma) in (0..).zip(frames()) {
+        let logs: Vec<f64> = luma.iter().map(|&y| log_intensity(y, 1e-3)).collect();
+        assert_eq!(push(&mut by_luma, t, &luma).unwrap(), push_log(&mut by_log, t, &logs).unwrap());
+    }
+    assert_eq!(by_luma.reference(), by_log.reference());
+    assert_eq!(by_luma.last_event_us(), by_log.last_event_us());
+}
+
+#[test]
+fn a_refused_frame_changes_nothing() {
+    let (mut engine, mut untroubled) = (engine(SIZE, 0.15, 0.15, 2), engine(SIZE, 0.15, 0.15, 2));
+    for (t, luma) in (10..).step_by(10).zip(frames()) {
+        for bad in [f32::NAN, f32::INFINITY, -1.0] {
+            let mut spoiled = luma.clone();
+            spoiled[3 * 150 + 7] = bad;
+            match push(&mut engine, t, &spoiled) {
+                Err(Error::Argument(message)) => {
+                    assert!(message.contains("(x, y) = (7, 3)"), "{message}");
+                    assert!(message.contains(&format!("t = {t} us")), "{message}");
+                }
+                other => panic!("{other:?}"),
+            }
+        }
+        assert!(matches!(push(&mut engine, t, &luma[1..]), Err(Error::Argument(_))));
+        assert!(matches!(push(&mut engine, -1, &luma), Err(Error::Argument(_))));
+        if let Some(last) = engine.t_us() {
+            assert!(matches!(push(&mut engine, last, &luma), Err(Error::Order(_))));
+        }
+        assert_eq!(engine.t_us(), untroubled.t_us());
+        assert_eq!(push(&mut engine, t, &luma).unwrap(), push(&mut untroubled, t, &luma).unwrap());
+    }
+    assert_eq!(engine.last_event_us(), untroubled.last_event_us());
+}
+
+#[test]
+fn a_new_engine_has_no_time_no_reference_and_no_events() {
+    let engine = engine(SIZE, 0.15, 0.15, 1);
+    assert_eq!(engine.size(), SIZE);
+    assert_eq!(engine.t_us(), None);
+    assert!(engine.reference().iter().all(|r| r.is_nan()));
+    assert!(engine.last_event_us().iter().all(|&t| t == -1));
+    assert_eq!(engine.reference().len(), SIZE.pixels());
+}
