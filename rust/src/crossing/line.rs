@@ -49,11 +49,15 @@ impl Piece for Line {
 }
 
 impl Line {
-    /// [`Piece::first_tick`] by an exact predicate: the likely tick, else bisection.
+    /// [`Piece::first_tick`] by exact predicates: the ends, then the likely tick, else bisection.
     #[cold]
     fn first_tick_exact(&self, level: Level, up: bool, c: Thresholds, likely: i64) -> i64 {
-        if self.reached(level, up, c, 0) {
+        let sign_at_start = level.sign_of_excess(self.from, c);
+        if if up { sign_at_start >= 0 } else { sign_at_start <= 0 } {
             return 1;
+        }
+        if level.sign_of_excess(self.to, c) == 0 {
+            return self.ticks;
         }
         let reached = |k| self.reached(level, up, c, k);
         if likely >= 1 && !reached(likely - 1) && (likely == self.ticks || reached(likely)) {
