@@ -271,13 +271,26 @@ def on_and_beside_levels(base: LogFrame, frames: int, c_on: float, c_off: float)
     return walk
 
 
-@pytest.mark.parametrize("log_eps", [1e-300, 1e-9, 1e-3, 10.0])
-def test_luma_on_and_beside_levels_gives_the_oracles_events(log_eps: float) -> None:
+@pytest.mark.parametrize(
+    ("log_eps", "least", "most", "c"),
+    [
+        (1e-300, 1e-6, 1e5, 0.13),
+        (1e-9, 1e-6, 1e5, 0.13),
+        (1e-3, 1e-6, 1e5, 0.13),
+        (10.0, 1e-6, 1e5, 0.13),
+        # Faint against log_eps: a float32 step of luma is a thousandth of what 1e-9 is of luma + log_eps.
+        (11.31, 1e-3, 1e-2, 1.3e-5),
+        (11.32, 1e-3, 1e-2, 1.3e-5),
+    ],
+)
+def test_luma_on_and_beside_levels_gives_the_oracles_events(
+    log_eps: float, least: float, most: float, c: float
+) -> None:
     """Luma within a few float32 of every level, black, subnormal and huge luma among it: decided by L in float64."""
-    width, height, c_on, c_off = 61, 43, 0.13, 0.17
+    width, height, c_on, c_off = 61, 43, c, 1.3 * c
     rng = np.random.default_rng(5)
-    base = np.log(10 ** rng.uniform(-6, 5, (height, width)) + log_eps)
-    extremes = np.array([0.0, -0.0, 1e-45, 1e-40, 3e38, np.finfo(np.float32).max], np.float32)
+    base = np.log(np.exp(rng.uniform(math.log(least), math.log(most), (height, width))) + log_eps)
+    extremes = np.array([0.0, -0.0, 1e-45, 1e-40, 3e38, np.finfo(np.float32).max] if c > 0.1 else [0.0, -0.0, 1e-45])
     engine = CrossingEngine(width, height, contrast_threshold=c_on, contrast_threshold_off=c_off, log_eps=log_eps)
     oracle = ExactEngine(contrast_threshold=c_on, contrast_threshold_off=c_off)
     total = 0
@@ -303,6 +316,29 @@ def test_log_intensity_on_and_beside_levels_gives_the_oracles_events(gap_us: int
     for i, log in enumerate(on_and_beside_levels(base, 5, c_on, c_off)):
         log = (log.view(np.int64) + rng.integers(-2, 3, log.shape)).view(np.float64)
         np.testing.assert_array_equal(engine.push_log(i * gap_us, log), oracle.push_log(i * gap_us, log))
+
+
+def test_pixels_with_a_billion_events_behind_them_go_on_exactly() -> None:
+    """Counters that high leave float64 1e-7 to err in; events are the oracle's all the same."""
+    width, height, c_on, c_off = 37, 11, 0.15, 0.2
+    n_on = 1_000_000_000 + np.arange(width * height, dtype=np.uint32).reshape(height, width)
+    n_off = n_on // 4 * 3  # 0.15 up four times is 0.2 down three times: the references lie near B
+    first = np.zeros((height, width))
+    engine = CrossingEngine(width, height, contrast_threshold=c_on, contrast_threshold_off=c_off)
+    engine.push_log(0, first)
+    oracle = ExactEngine(contrast_threshold=c_on, contrast_threshold_off=c_off)
+    oracle.push_log(0, first)
+    last = np.empty((height, width))
+    for place, pixel in oracle.pixels.items():
+        pixel.n_on, pixel.n_off = int(n_on[place]), int(n_off[place])
+        last[place] = float(pixel.reference)
+        pixel.log_intensity = Fraction(last[place])
+    counters = {"on": n_on.ravel(), "off": n_off.ravel(), "log_intensity": last.ravel()}
+    engine = CrossingEngine.from_state({**engine.state(), **counters})
+    rng = np.random.default_rng(3)
+    for i, log in enumerate(on_and_beside_levels(last, 9, c_on, c_off), 1):
+        near = log + rng.uniform(-3e-7, 3e-7, log.shape)
+        np.testing.assert_array_equal(engine.push_log(i * 1_000, near), oracle.push_log(i * 1_000, near))
 
 
 def test_thread_counts_do_not_change_a_byte() -> None:

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from davis_rs import CrossingEngine, reconstruct
+from davis_rs import CrossingEngine, log_intensity, reconstruct
 from davis_rs.events import EventArray, concatenate_events
 
 SHAPE = (5, 7)
@@ -89,6 +89,41 @@ def test_counters_that_could_overflow_are_refused() -> None:
     with pytest.raises(ValueError, match="a pixel has had 4294967286 events of one polarity"):
         engine.push_log(1000, np.array([[0.1]]))
     assert engine.state()["t_us"] == 0
+
+
+@pytest.mark.parametrize("log_eps", [0.715, 1.4, 3.1, 1e-3])
+def test_bounds_in_the_dark_are_not_too_wide(log_eps: float) -> None:
+    """Far below the dark level luma is a small difference of large numbers: a bound off by 1e-10 would hide events."""
+    threshold = 1e-6
+    base = log_intensity(np.zeros((1, 1), np.float32), log_eps)[0, 0]
+    on_level = next_luma(log_eps, Fraction(float(base)) + Fraction(threshold))
+    engine = CrossingEngine(1, 1, contrast_threshold=threshold, log_eps=log_eps)
+    engine.push(0, np.zeros((1, 1), np.float32))
+    just_below = np.nextafter(on_level, np.float32(0))
+    assert len(engine.push(1000, np.full((1, 1), just_below))) == 0
+    assert len(engine.push(2000, np.full((1, 1), on_level))) == 1
+    # And down again: the first luma whose log intensity is at or below the level.
+    bright = np.float32(log_eps * 5e-6)
+    engine = CrossingEngine(1, 1, contrast_threshold=threshold, log_eps=log_eps)
+    engine.push(0, np.full((1, 1), bright))
+    base = log_intensity(np.full((1, 1), bright), log_eps)[0, 0]
+    off_level = next_luma(log_eps, Fraction(float(base)) - Fraction(threshold))
+    dark = np.nextafter(off_level, np.float32(0))
+    assert len(engine.push(1000, np.full((1, 1), np.nextafter(off_level, np.float32(1))))) == 0
+    assert len(engine.push(2000, np.full((1, 1), dark))) == 1
+
+
+def next_luma(log_eps: float, level: Fraction) -> np.float32:
+    """The least float32 luma whose log intensity reaches ``level`` exactly, by bisection over the floats."""
+    low, high = 0, int(np.float32(1).view(np.uint32))
+    while high - low > 1:
+        middle = (low + high) // 2
+        luma = np.uint32(middle).view(np.float32)
+        if Fraction(float(log_intensity(np.full((1, 1), luma), log_eps)[0, 0])) >= level:
+            high = middle
+        else:
+            low = middle
+    return np.float32(np.uint32(high).view(np.float32))
 
 
 def test_thresholds_of_each_pixel() -> None:

@@ -87,7 +87,7 @@ impl<S: Sample> Band<S> {
             let in_share = tile + usize::from(self.found.place[j]);
             let index = share.first_pixel + in_share;
             // Places go up, so the row is followed instead of divided for.
-            if index >= row_start + width || j == 0 {
+            if index >= row_start + width {
                 (row_start, y) = (index - index % width, index / width);
             }
             #[allow(clippy::cast_possible_truncation, reason = "within the sensor's u16 sides")]

@@ -155,7 +155,8 @@ fn decide(lines: Lines<'_>, references: References<'_>, decisions: Decisions<'_>
         let span = to[j] - from[j];
         let scale = ticks / span;
         let estimate = (level - from[j]) * scale;
-        // Both differences, the quotient and the product round by half an ulp each.
+        // Both differences, the quotient and the product round by half an ulp each. Where the end is clearly past the
+        // level, a stamp that is clear of its ticks lies within the interval.
         let doubt = error * scale.abs() * 1.01 + 4.0 * f64::EPSILON * estimate.abs();
         let nearest = (estimate + ROUND) - ROUND;
         let ceiling = nearest + if nearest < estimate { 1.0 } else { 0.0 };
@@ -164,9 +165,7 @@ fn decide(lines: Lines<'_>, references: References<'_>, decisions: Decisions<'_>
             & (sign * span > 0.0)
             & (ceiling - estimate > doubt)
             & (estimate - (ceiling - 1.0) > doubt)
-            & (ceiling >= 1.0)
-            & (ceiling <= ticks)
-            & (ceiling < LARGEST_TICK)
+            & (1.0..LARGEST_TICK).contains(&ceiling)
             & (error < 1e-10);
         // To an integer by way of the bits of 2^52 + tick: vector units lack the conversion.
         tick[j] = (ceiling + TWO_52).to_bits().wrapping_sub(TWO_52.to_bits()).cast_signed();
@@ -180,5 +179,59 @@ fn decide(lines: Lines<'_>, references: References<'_>, decisions: Decisions<'_>
         } else {
             Verdict::Unclear
         };
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const C: Thresholds = Thresholds { on: 0.25, off: 0.5 };
+
+    /// The verdict and tick of one candidate whose reference is `reference`.
+    fn decide_one(reference: Level, c: Thresholds, from: f64, to: f64, ticks: i64) -> (Verdict, i64) {
+        let mut candidates = Candidates::<f64>::new();
+        candidates.set(0, reference, c);
+        (candidates.from[0], candidates.to[0]) = (from, to);
+        candidates.decide(1, ticks, 1e-3);
+        (candidates.verdict[0], candidates.tick[0])
+    }
+
+    const ZERO: Level = Level { base: 0.0, on: 0, off: 0 };
+
+    #[test]
+    fn one_clear_event_is_decided() {
+        assert_eq!(decide_one(ZERO, C, 0.0, 0.3, 1000), (Verdict::On, 834));
+        assert_eq!(decide_one(ZERO, C, 0.0, -0.6, 1000), (Verdict::Off, 834));
+        assert_eq!(decide_one(ZERO, C, 0.0, 0.2, 1000).0, Verdict::Nothing);
+        assert_eq!(decide_one(ZERO, C, 0.0, -0.4, 1000).0, Verdict::Nothing);
+    }
+
+    #[test]
+    fn what_is_not_clear_is_left() {
+        // Two events; a level hit exactly; a moment on a tick.
+        assert_eq!(decide_one(ZERO, C, 0.0, 0.55, 1000).0, Verdict::Unclear);
+        assert_eq!(decide_one(ZERO, C, 0.0, 0.25, 1000).0, Verdict::Unclear);
+        assert_eq!(decide_one(ZERO, C, 0.0, 0.4, 1000).0, Verdict::Unclear);
+    }
+
+    #[test]
+    fn a_level_that_was_passed_before_is_left() {
+        assert_eq!(decide_one(ZERO, C, 0.4, 0.3, 1000).0, Verdict::Unclear);
+        assert_eq!(decide_one(ZERO, C, 0.3, 0.4, 1000).0, Verdict::Unclear);
+    }
+
+    #[test]
+    fn more_ticks_than_floats_tell_apart_are_left() {
+        assert_eq!(decide_one(ZERO, C, 0.0, 0.25 + 1e-9, 1 << 52).0, Verdict::Unclear);
+    }
+
+    #[test]
+    fn counters_too_large_for_the_bounds_are_left() {
+        let c = Thresholds { on: 1000.0, off: 1000.0 };
+        let far = Level { base: 0.0, on: 4_000_000_000, off: 4_000_000_000 };
+        assert_eq!(decide_one(far, c, 0.0, 1010.3, 1000).0, Verdict::Unclear);
+        let near = Level { base: 0.0, on: 4, off: 4 };
+        assert_eq!(decide_one(near, c, 0.0, 1010.3, 1000).0, Verdict::On);
     }
 }
