@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import hashlib
 import heapq
 from collections.abc import Iterator
+from dataclasses import asdict
 from itertools import groupby, islice, repeat
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -143,10 +146,15 @@ class Simulator:
 
     def describe(self) -> dict[str, Any]:
         """Everything that is needed to repeat the run, for meta.json."""
+        scene: dict[str, Any] = {"name": self.scene.name, "lux_per_luma": self.scene.lux_per_luma}
+        source = self.scene.source()
+        if isinstance(source, Path):
+            scene |= {"file": str(source), "sha256": hashlib.sha256(source.read_bytes()).hexdigest()}
         return {
             "davis_rs": __version__,
             "versions": {"numpy": np.__version__, **versions(self.renderer.variant)},
-            "scene": {"name": self.scene.name, "lux_per_luma": self.scene.lux_per_luma},
+            "scene": scene,
+            "camera": asdict(self.camera),
             "sensor": {"width": self.camera.width, "height": self.camera.height},
             "renderer": {"name": self.renderer.name, "reason": self.renderer.reason},
             "parameters": {

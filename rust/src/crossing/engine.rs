@@ -37,6 +37,40 @@ enum Samples {
     Log(Core<f64>),
 }
 
+/// A kind of sample, and where its pixels are kept.
+trait Feed: Sample {
+    /// What it is, for people.
+    const NAME: &'static str;
+
+    fn core(samples: &mut Samples) -> Option<&mut Core<Self>>;
+
+    fn wrap(core: Core<Self>) -> Samples;
+}
+
+impl Feed for f32 {
+    const NAME: &'static str = "luma";
+
+    fn core(samples: &mut Samples) -> Option<&mut Core<Self>> {
+        if let Samples::Luma(core) = samples { Some(core) } else { None }
+    }
+
+    fn wrap(core: Core<Self>) -> Samples {
+        Samples::Luma(core)
+    }
+}
+
+impl Feed for f64 {
+    const NAME: &'static str = "log intensity";
+
+    fn core(samples: &mut Samples) -> Option<&mut Core<Self>> {
+        if let Samples::Log(core) = samples { Some(core) } else { None }
+    }
+
+    fn wrap(core: Core<Self>) -> Samples {
+        Samples::Log(core)
+    }
+}
+
 impl CrossingEngine {
     /// An engine for a sensor; `threads = None` takes one thread a core.
     ///
@@ -88,20 +122,7 @@ impl CrossingEngine {
     /// time that is not after the last one ([`Error::Order`]), rates where there should be none or the reverse. The
     /// state is then as it was.
     pub fn push(&mut self, t_us: i64, luma: &[f32], rate: Option<&[f32]>, events: &mut Vec<Event>) -> Result<()> {
-        let interval = self.check_frame(t_us, luma, rate)?;
-        match &mut self.samples {
-            Samples::Log(_) => return Err(mixed("log intensity", "luma")),
-            Samples::None => self.samples = Samples::Luma(Core::new(luma, rate, &self.parameters, self.pool.as_ref())),
-            Samples::Luma(core) => {
-                core.advance(luma, rate, interval, self.size, &self.parameters, self.pool.as_ref());
-                self.sort.sort(core.events(), interval.start_us, interval.ticks, events);
-                self.t_us = Some(t_us);
-                return Ok(());
-            }
-        }
-        events.clear();
-        self.t_us = Some(t_us);
-        Ok(())
+        self.take(t_us, luma, rate, events)
     }
 
     /// [`Self::push`] of log intensity itself, with its rate of change per second.
@@ -109,20 +130,7 @@ impl CrossingEngine {
     /// # Errors
     /// As [`Self::push`]; log intensity must lie within +-746, the logarithms of all positive finite floats.
     pub fn push_log(&mut self, t_us: i64, log: &[f64], rate: Option<&[f64]>, events: &mut Vec<Event>) -> Result<()> {
-        let interval = self.check_frame(t_us, log, rate)?;
-        match &mut self.samples {
-            Samples::Luma(_) => return Err(mixed("luma", "log intensity")),
-            Samples::None => self.samples = Samples::Log(Core::new(log, rate, &self.parameters, self.pool.as_ref())),
-            Samples::Log(core) => {
-                core.advance(log, rate, interval, self.size, &self.parameters, self.pool.as_ref());
-                self.sort.sort(core.events(), interval.start_us, interval.ticks, events);
-                self.t_us = Some(t_us);
-                return Ok(());
-            }
-        }
-        events.clear();
-        self.t_us = Some(t_us);
-        Ok(())
+        self.take(t_us, log, rate, events)
     }
 
     /// The reference `R` of each pixel in log intensity, row by row; NaN before the first frame.
@@ -200,6 +208,24 @@ impl CrossingEngine {
         Ok(engine)
     }
 
+    fn take<S: Feed>(&mut self, t_us: i64, frame: &[S], rate: Option<&[S]>, events: &mut Vec<Event>) -> Result<()> {
+        let at = self.check_frame(t_us, frame, rate)?;
+        if let Some(core) = S::core(&mut self.samples) {
+            core.advance(frame, rate, at, self.size, &self.parameters, self.pool.as_ref());
+            self.sort.sort(core.events(), at.start_us, at.ticks, events);
+        } else if self.t_us.is_none() {
+            self.samples = S::wrap(Core::new(frame, rate, &self.parameters, self.pool.as_ref()));
+            events.clear();
+        } else {
+            return Err(Error::Argument(format!(
+                "this engine has been fed otherwise: it cannot take {} as well",
+                S::NAME
+            )));
+        }
+        self.t_us = Some(t_us);
+        Ok(())
+    }
+
     fn pixels(&self) -> Option<&[Pixel]> {
         match &self.samples {
             Samples::None => None,
@@ -272,8 +298,4 @@ impl CrossingEngine {
         self.largest_counter += most;
         Ok(())
     }
-}
-
-fn mixed(before: &str, now: &str) -> Error {
-    Error::Argument(format!("this engine has been fed with {before}: it cannot take {now} as well"))
 }
