@@ -92,7 +92,7 @@ pub(crate) fn check_luma(luma: &[f32], size: SensorSize, t_us: Option<i64>) -> R
 
 /// Is every value finite and >= 0? Without an early exit, so that it becomes vector code.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
-fn all_luma_valid(luma: &[f32]) -> bool {
+pub(crate) fn all_luma_valid(luma: &[f32]) -> bool {
     luma.iter().fold(true, |valid, y| valid & (0.0..=f32::MAX).contains(y))
 }
 

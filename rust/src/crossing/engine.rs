@@ -1,5 +1,7 @@
 //! The engine: frames in, sorted events out.
 
+use rayon::prelude::*;
+
 use super::band::Interval;
 use super::core::Core;
 use super::parameters::{CrossingParameters, Interpolation};
@@ -9,6 +11,9 @@ use super::state::EngineState;
 use crate::error::{Error, Result};
 use crate::event::{Event, SensorSize};
 use crate::order::TimeSort;
+
+/// Values that one thread checks at a time.
+const CHECKED_AT_A_TIME: usize = 1 << 16;
 
 /// Turns luma frames into events, by the crossing rule of an ideal event-camera pixel.
 ///
@@ -276,7 +281,13 @@ impl CrossingEngine {
                 "two frames must be less than 2^53 us apart, got {start_us} us and {t_us} us"
             )));
         }
-        S::check(frame, self.size, t_us)?;
+        let valid = match &self.pool {
+            None => S::all_valid(frame),
+            Some(pool) => pool.install(|| frame.par_chunks(CHECKED_AT_A_TIME).all(S::all_valid)),
+        };
+        if !valid {
+            S::check(frame, self.size, t_us)?;
+        }
         self.make_room()?;
         Ok(Interval { start_us, ticks })
     }

@@ -7,7 +7,7 @@ use multiversion::multiversion;
 
 use crate::error::Result;
 use crate::event::SensorSize;
-use crate::log_intensity::{check_luma, check_none, log_intensities};
+use crate::log_intensity::{all_luma_valid, check_luma, check_none, log_intensities};
 
 /// What lies around a pixel's reference: one array for below, one for above.
 pub(crate) struct Around<T> {
@@ -17,6 +17,9 @@ pub(crate) struct Around<T> {
 
 /// A sample of a frame.
 pub(crate) trait Sample: Copy + Default + PartialOrd + Send + Sync + 'static {
+    /// Has every value a log intensity?
+    fn all_valid(frame: &[Self]) -> bool;
+
     /// Refuses a frame with values that have no log intensity, with time and pixel.
     fn check(frame: &[Self], size: SensorSize, t_us: i64) -> Result<()>;
 
@@ -37,6 +40,10 @@ pub(crate) trait Sample: Copy + Default + PartialOrd + Send + Sync + 'static {
 }
 
 impl Sample for f32 {
+    fn all_valid(frame: &[Self]) -> bool {
+        all_luma_valid(frame)
+    }
+
     fn check(frame: &[Self], size: SensorSize, t_us: i64) -> Result<()> {
         check_luma(frame, size, Some(t_us))
     }
@@ -59,6 +66,10 @@ impl Sample for f32 {
 const MAX_LOG_INTENSITY: f64 = 746.0;
 
 impl Sample for f64 {
+    fn all_valid(frame: &[Self]) -> bool {
+        frame.iter().fold(true, |valid, log| valid & (log.abs() <= MAX_LOG_INTENSITY))
+    }
+
     fn check(frame: &[Self], size: SensorSize, t_us: i64) -> Result<()> {
         let bad = frame.iter().position(|l| l.is_nan() || l.abs() > MAX_LOG_INTENSITY);
         check_none(bad, size, Some(t_us), |i| format!("log intensity must lie within +-746, got {}", frame[i]))
