@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+from collections.abc import Callable
 from fractions import Fraction
 from typing import Any
 
@@ -186,3 +187,27 @@ def test_states_that_no_engine_can_be_in_are_refused(change: dict[str, Any], mes
     del state["off"]
     with pytest.raises(ValueError, match='must have an entry "off"'):
         CrossingEngine.from_state(state)
+
+
+def test_an_engine_follows_a_fork(run_python: Callable[..., str]) -> None:
+    """Threads do not: in a forked worker, as of a data loader, the engine would wait for them for ever."""
+    program = """
+import os, sys, warnings
+import numpy as np
+from davis_rs import CrossingEngine
+warnings.simplefilter("ignore")
+engine = CrossingEngine(200, 100, threads=3)
+engine.push(0, np.ones((100, 200), np.float32))
+child = os.fork()
+events = engine.push(1000, np.full((100, 200), 2.0, np.float32))
+if child == 0:
+    os._exit(0 if len(events) == 80_000 else 1)
+print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), len(events))
+"""
+    assert run_python(program).split() == ["0", "80000"]
+
+
+@pytest.mark.parametrize("size", [(70_000, 1), (1, -1), (0, 3)])
+def test_sizes_out_of_range_are_values_errors(size: tuple[int, int]) -> None:
+    with pytest.raises(ValueError, match=r"must lie in 1\.\.65535|at least one pixel"):
+        CrossingEngine(*size)

@@ -4,6 +4,9 @@ use super::curve::{Curve, Piece, first_true};
 use super::level::{Level, Thresholds};
 use super::line::Line;
 
+/// Steeper than this, in log intensity over an interval, no slope is believed: 1000 spans twice all that float32 luma can.
+const STEEPEST: f64 = 1000.0;
+
 /// L(s) = from + s (a + s (b + s c)), s from 0 to 1 over the interval; ends at `to`.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Cubic {
@@ -19,11 +22,13 @@ impl Cubic {
     /// A slope makes no extremum that the samples don't support. Slopes of opposite sign do support one, and exactly one
     /// there is. Slopes of one sign promise a monotone curve: where that is the way that the samples go, they are cut to
     /// three times the chord's, which keeps the cubic monotone (Fritsch and Carlson, SIAM J. Numer. Anal. 1980);
-    /// where it is not, the line is all that the samples support. A slope that is NaN or infinite means the line too.
+    /// where it is not, the line is all that the samples support. A slope that is NaN or infinite means the line too,
+    /// and one beyond [`STEEPEST`] is cut to that.
     pub(crate) fn new(line: Line, slope_from: f64, slope_to: f64) -> Self {
         let chord = line.to - line.from;
         let finite = slope_from.is_finite() && slope_to.is_finite();
-        let (mut p, mut q) = if finite { (slope_from, slope_to) } else { (chord, chord) };
+        let (p, q) = if finite { (slope_from, slope_to) } else { (chord, chord) };
+        let (mut p, mut q) = (p.clamp(-STEEPEST, STEEPEST), q.clamp(-STEEPEST, STEEPEST));
         if p * q >= 0.0 {
             let sign = chord.signum();
             let agree = chord != 0.0 && p * sign >= 0.0 && q * sign >= 0.0;
@@ -122,6 +127,13 @@ mod tests {
             let values: Vec<f64> = (0..=100u8).map(|i| curve.at(f64::from(i) / 100.0)).collect();
             assert!(values.windows(2).all(|w| (w[1] - w[0]) * to >= -1e-15), "{to} {p} {q}");
         }
+    }
+
+    #[test]
+    fn slopes_beyond_belief_are_cut() {
+        let top = |slope: f64| cubic(0.0, 0.0, slope, -slope).pieces().next().map(|piece| piece.end());
+        assert_eq!(top(1e300), Some(STEEPEST / 4.0));
+        assert_eq!(top(1e3), Some(STEEPEST / 4.0));
     }
 
     #[test]

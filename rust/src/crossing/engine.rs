@@ -28,6 +28,8 @@ pub struct CrossingEngine {
     parameters: CrossingParameters,
     /// None for one thread, which then is the caller's.
     pool: Option<rayon::ThreadPool>,
+    /// The process that the pool's threads live in.
+    process: u32,
     t_us: Option<i64>,
     samples: Samples,
     /// No counter of any pixel is larger.
@@ -92,12 +94,12 @@ impl CrossingEngine {
         if threads == Some(0) {
             return Err(Error::Argument("threads must be at least 1, got 0".into()));
         }
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads.unwrap_or(0)).build();
-        let pool = pool.map_err(|e| Error::Argument(format!("threads = {threads:?}: {e}")))?;
+        let pool = new_pool(threads.unwrap_or(0))?;
         Ok(Self {
             size,
             parameters,
             pool: (pool.current_num_threads() > 1).then_some(pool),
+            process: std::process::id(),
             t_us: None,
             samples: Samples::None,
             largest_counter: 0,
@@ -214,6 +216,7 @@ impl CrossingEngine {
     }
 
     fn take<S: Feed>(&mut self, t_us: i64, frame: &[S], rate: Option<&[S]>, events: &mut Vec<Event>) -> Result<()> {
+        self.follow_a_fork()?;
         let at = self.check_frame(t_us, frame, rate)?;
         if let Some(core) = S::core(&mut self.samples) {
             core.advance(frame, rate, at, self.size, &self.parameters, self.pool.as_ref());
@@ -228,6 +231,18 @@ impl CrossingEngine {
             )));
         }
         self.t_us = Some(t_us);
+        Ok(())
+    }
+
+    /// Threads do not follow a fork: in a child process (of Python's multiprocessing, say) the pool is made anew.
+    fn follow_a_fork(&mut self) -> Result<()> {
+        if self.process != std::process::id() {
+            if let Some(pool) = self.pool.take() {
+                self.pool = Some(new_pool(pool.current_num_threads())?);
+                std::mem::forget(pool); // its threads are not here to be stopped
+            }
+            self.process = std::process::id();
+        }
         Ok(())
     }
 
@@ -309,4 +324,9 @@ impl CrossingEngine {
         self.largest_counter += most;
         Ok(())
     }
+}
+
+fn new_pool(threads: usize) -> Result<rayon::ThreadPool> {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
+    pool.map_err(|e| Error::Argument(format!("{threads} threads cannot be started: {e}")))
 }

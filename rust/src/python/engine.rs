@@ -28,15 +28,19 @@ impl PyCrossingEngine {
         threads=None,
     ))]
     fn new(
-        width: u16,
-        height: u16,
+        width: i64,
+        height: i64,
         contrast_threshold: Option<&Bound<'_, PyAny>>,
         contrast_threshold_off: Option<&Bound<'_, PyAny>>,
         log_eps: f64,
         interpolation: &str,
         threads: Option<usize>,
     ) -> PyResult<Self> {
-        let size = SensorSize { width, height };
+        let pixels = |name, n: i64| {
+            let rule = || Error::Argument(format!("{name} must lie in 1..65535, got {n}"));
+            u16::try_from(n).map_err(|_| rule())
+        };
+        let size = SensorSize { width: pixels("width", width)?, height: pixels("height", height)? };
         let default = CrossingParameters::default();
         let on = contrast_threshold.map(|c| threshold(c, "contrast_threshold", size)).transpose()?;
         let on = on.unwrap_or(default.contrast_threshold);

@@ -62,6 +62,15 @@ impl PyEventTextWriter {
     }
 }
 
+impl Drop for PyEventTextWriter {
+    /// A writer that nobody finished loses nothing; what goes wrong now can no longer be told.
+    fn drop(&mut self) {
+        if let Some(writer) = self.writer.as_mut() {
+            let _ = writer.flush();
+        }
+    }
+}
+
 impl PyEventTextWriter {
     /// Runs `work` on the open writer without the GIL, and puts the path into its system errors.
     fn with_writer(

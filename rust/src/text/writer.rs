@@ -18,16 +18,26 @@ pub struct EventTextWriter<W: Write> {
     sink: W,
     buffer: Vec<u8>,
     last_us: i64,
+    /// Events whose lines went out, and those that wait in the buffer.
     events: u64,
+    waiting: u64,
+    failed: bool,
 }
 
 impl<W: Write> EventTextWriter<W> {
     /// A writer into any byte sink; it buffers by itself.
     pub fn new(sink: W) -> Self {
-        Self { sink, buffer: Vec::with_capacity(BUFFER + LONGEST_LINE), last_us: 0, events: 0 }
+        Self {
+            sink,
+            buffer: Vec::with_capacity(BUFFER + LONGEST_LINE),
+            last_us: 0,
+            events: 0,
+            waiting: 0,
+            failed: false,
+        }
     }
 
-    /// The number of events written.
+    /// The number of events handed to the sink; after [`Self::flush`], all.
     pub fn events(&self) -> u64 {
         self.events
     }
@@ -38,14 +48,15 @@ impl<W: Write> EventTextWriter<W> {
     /// [`Error::Order`] or [`Error::Argument`] with the index of the first bad event, before anything of the packet is
     /// written; [`Error::Io`] if the sink refuses.
     pub fn write(&mut self, events: &[Event]) -> Result<()> {
+        self.refuse_after_failure()?;
         self.check(events)?;
         for event in events {
             push_line(&mut self.buffer, event);
+            self.last_us = event.t;
+            self.waiting += 1;
             if self.buffer.len() >= BUFFER {
                 self.drain()?;
             }
-            self.last_us = event.t;
-            self.events += 1;
         }
         Ok(())
     }
@@ -69,10 +80,22 @@ impl<W: Write> EventTextWriter<W> {
     }
 
     fn drain(&mut self) -> Result<()> {
+        self.refuse_after_failure()?;
         let written = self.sink.write_all(&self.buffer);
-        // After a failure nobody knows how much went out; writing it again could double events.
+        // After a failure nobody knows how much went out: going on would write into a cut line, or twice.
+        self.failed = written.is_err();
         self.buffer.clear();
-        written.map_err(Error::io("writing events"))
+        written.map_err(Error::io("writing events"))?;
+        self.events += std::mem::take(&mut self.waiting);
+        Ok(())
+    }
+
+    fn refuse_after_failure(&self) -> Result<()> {
+        if self.failed {
+            let source = std::io::Error::other("an earlier write failed: nothing more is taken");
+            return Err(Error::Io { context: "writing events".into(), source });
+        }
+        Ok(())
     }
 
     fn check(&self, events: &[Event]) -> Result<()> {
@@ -156,6 +179,7 @@ mod tests {
         let mut wrong = Event::new(7, 0, 0, true);
         wrong.p = 2;
         assert!(matches!(writer.write(&[wrong]), Err(Error::Argument(_))));
+        writer.flush().unwrap();
         assert_eq!(writer.events(), 1);
         assert_eq!(writer.finish().unwrap(), b"0.000005000 0 0 1\n");
     }
@@ -180,5 +204,9 @@ mod tests {
         let mut writer = EventTextWriter::new(Disk(10));
         writer.write(&[Event::new(0, 0, 0, true)]).unwrap();
         assert!(matches!(writer.flush(), Err(Error::Io { .. })));
+        // The last line is cut: what came after would be glued to it.
+        assert!(matches!(writer.write(&[Event::new(1, 0, 0, true)]), Err(Error::Io { .. })));
+        assert!(writer.flush().is_err());
+        assert_eq!(writer.events(), 0);
     }
 }
