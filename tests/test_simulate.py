@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import hashlib
 import itertools
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -168,3 +170,14 @@ def test_a_simulator_runs_once(scene: Scene) -> None:
 def test_a_scene_without_a_path_asks_for_one(scene: Scene) -> None:
     with pytest.raises(ValueError, match="has no trajectory"):
         simulate(Scene(name="mine", source=scene.source), **PARAMETERS)
+
+
+def test_the_record_of_a_run_names_the_scene_file(tmp_path: Path, scene: Scene) -> None:
+    """A file can change after the run: its checksum tells."""
+    path = tmp_path / "wall.xml"
+    path.write_text('<scene version="3.0.0"><shape type="rectangle"/></scene>')
+    described = Simulator(davis_rs.load_scene(path), **PARAMETERS).describe()
+    assert described["scene"]["file"] == str(path)
+    assert described["scene"]["sha256"] == hashlib.sha256(path.read_bytes()).hexdigest()
+    assert described["camera"]["fx"] == 33.0
+    assert "file" not in Simulator(scene, **PARAMETERS).describe()["scene"]

@@ -23,6 +23,7 @@ class Scene:
         name: for people and records.
         source: called when the scene is loaded; a path of a Mitsuba XML file, or a Mitsuba scene dictionary in which
             NumPy arrays stand for bitmap data (float32, linear RGB) and transforms.
+        file: the file that it comes from, for records; None for a scene made in code.
         camera: the camera it is made for.
         trajectory: the camera path that belongs to it; None if it has none.
         contrast_threshold: C in natural-log units.
@@ -33,6 +34,7 @@ class Scene:
 
     name: str
     source: Callable[[], SceneSource]
+    file: Path | None = None
     camera: Camera = PRESETS["ideal"]
     trajectory: Trajectory | None = None
     contrast_threshold: float = 0.15

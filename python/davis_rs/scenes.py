@@ -26,7 +26,7 @@ def load_scene(name_or_path: str | Path) -> Scene:
     if not path.is_file():
         names = ", ".join(BUILTIN_SCENES)
         raise ValueError(f"scene {str(name_or_path)!r} is neither one of {names} nor a Mitsuba XML file")
-    return Scene(name=path.stem, source=lambda: path)
+    return Scene(name=path.stem, source=lambda: path, file=path)
 
 
 def start_pose(scene: Scene) -> Pose:

@@ -7,7 +7,6 @@ import heapq
 from collections.abc import Iterator
 from dataclasses import asdict
 from itertools import groupby, islice, repeat
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -147,9 +146,9 @@ class Simulator:
     def describe(self) -> dict[str, Any]:
         """Everything that is needed to repeat the run, for meta.json."""
         scene: dict[str, Any] = {"name": self.scene.name, "lux_per_luma": self.scene.lux_per_luma}
-        source = self.scene.source()
-        if isinstance(source, Path):
-            scene |= {"file": str(source), "sha256": hashlib.sha256(source.read_bytes()).hexdigest()}
+        if self.scene.file is not None:
+            digest = hashlib.sha256(self.scene.file.read_bytes()).hexdigest()
+            scene |= {"file": str(self.scene.file), "sha256": digest}
         return {
             "davis_rs": __version__,
             "versions": {"numpy": np.__version__, **versions(self.renderer.variant)},

@@ -52,7 +52,7 @@ impl<S: Sample> Band<S> {
             if self.found.count == 0 {
                 continue;
             }
-            self.candidates.take_logs(&self.found, self.found.count, p.log_eps);
+            self.candidates.take_logs(&self.found, p.log_eps);
             if share.rates.is_some() {
                 self.candidates.verdict[..self.found.count].fill(Verdict::Unclear);
             } else {

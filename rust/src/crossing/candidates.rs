@@ -6,7 +6,7 @@
 use multiversion::multiversion;
 
 use super::level::{Level, Thresholds};
-use super::sample::{Around, Sample};
+use super::sample::{Around, ROUND, Sample};
 use super::scan::{Found, TILE};
 
 /// What a candidate turned out to be.
@@ -76,8 +76,9 @@ impl<S: Sample> Candidates<S> {
         self.threshold_off[j] = c.off;
     }
 
-    /// Computes log intensity of the first `count` candidates.
-    pub(crate) fn take_logs(&mut self, found: &Found<S>, count: usize, log_eps: f64) {
+    /// Computes log intensity of all candidates found.
+    pub(crate) fn take_logs(&mut self, found: &Found<S>, log_eps: f64) {
+        let count = found.count;
         S::logs(&found.from[..count], log_eps, &mut self.from[..count]);
         S::logs(&found.to[..count], log_eps, &mut self.to[..count]);
     }
@@ -131,8 +132,7 @@ struct Decisions<'a> {
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
 #[allow(clippy::needless_bitwise_bool, reason = "a lazy operator is a branch, which vectors cannot take")]
 fn decide(lines: Lines<'_>, references: References<'_>, decisions: Decisions<'_>) {
-    const ROUND: f64 = 6_755_399_441_055_744.0; // 1.5 * 2^52: adding and subtracting it rounds to an integer
-    const LARGEST_TICK: f64 = 1_125_899_906_842_624.0; // 2^50: up to here that works
+    const LARGEST_TICK: f64 = 1_125_899_906_842_624.0; // 2^50: up to here ROUND works
     const TWO_52: f64 = 4_503_599_627_370_496.0;
     let n = lines.from.len();
     let Lines { from, to, ticks } = Lines { from: &lines.from[..n], to: &lines.to[..n], ..lines };

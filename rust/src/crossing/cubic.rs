@@ -32,11 +32,8 @@ impl Cubic {
         if p * q >= 0.0 {
             let sign = chord.signum();
             let agree = chord != 0.0 && p * sign >= 0.0 && q * sign >= 0.0;
-            let most = if agree { 3.0 * chord.abs() } else { 0.0 };
-            (p, q) = (p.clamp(-most, most), q.clamp(-most, most));
-            if !agree {
-                (p, q) = (chord, chord);
-            }
+            let most = 3.0 * chord.abs();
+            (p, q) = if agree { (p.clamp(-most, most), q.clamp(-most, most)) } else { (chord, chord) };
         }
         let coefficients = [p, 3.0 * chord - 2.0 * p - q, p + q - 2.0 * chord];
         let turn = if p * q < 0.0 { Some(turning_point(coefficients)) } else { None };

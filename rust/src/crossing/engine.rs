@@ -192,7 +192,7 @@ impl CrossingEngine {
                 state.size.pixels()
             )));
         }
-        if state.base.iter().any(|base| base.is_nan() || base.abs() > 746.0) {
+        if !f64::all_valid(&state.base) {
             return Err(Error::Argument("the base of a state must lie within +-746 in all pixels".into()));
         }
         let rate: Vec<f32>;

@@ -107,11 +107,13 @@ fn luma_bounds(levels: &[f64], margin: f64, log_eps: f64, bounds: &mut [f32]) {
     }
 }
 
+/// 1.5 * 2^52: adding it rounds to an integer, in the low bits; subtracting it again gives that as a float.
+pub(crate) const ROUND: f64 = 6_755_399_441_055_744.0;
+
 /// The exponential within 1e-9, for levels from -700 to 700 and clamped to that beyond, without branches.
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "vectorised into its caller's loop")]
 fn exp(x: f64) -> f64 {
-    const ROUND: f64 = 6_755_399_441_055_744.0; // 1.5 * 2^52: adding it rounds to an integer in the low bits
     // Taylor's series: 1 / n!, n = 8 to 1; the next term is 0.35^9 / 9! = 2e-10.
     const INVERSE_FACTORIALS: [f64; 8] =
         [1.0 / 40_320.0, 1.0 / 5_040.0, 1.0 / 720.0, 1.0 / 120.0, 1.0 / 24.0, 1.0 / 6.0, 0.5, 1.0];
