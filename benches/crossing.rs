@@ -1,17 +1,21 @@
-//! The crossing engine on moving textures, and what memory alone would cost: pixels a second.
+//! The crossing engine on moving textures, beside what memory alone would cost: pixels a second, and ratios.
 
 use std::hint::black_box;
+use std::time::{Duration, Instant};
 
-use criterion::{BenchmarkGroup, Criterion, Throughput, criterion_group, criterion_main, measurement::WallTime};
+use criterion::{Criterion, Throughput, criterion_group};
 use davis_rs::{CrossingEngine, CrossingParameters, Event, SensorSize};
 
 const SMALL: SensorSize = SensorSize { width: 240, height: 180 };
 const LARGE: SensorSize = SensorSize { width: 1280, height: 720 };
 
-/// Frames of a sequence, there and back, for ever.
-const FRAMES: u16 = 40;
+/// Frames that are timed, after one that spreads the references and one that settles them.
+const FRAMES: u16 = 60;
 
-/// A texture of waves of 8 to 128 pixels, as strong in each octave (0.6 rms in log), moved by `step` pixels a frame.
+/// Passes over a sequence in the table, of each case in turn; the medians are shown.
+const ROUNDS: usize = 9;
+
+/// Frames of a texture of waves of 8 to 128 pixels, as strong in each octave (0.6 rms in log), moved by `step` pixels.
 fn sequence(size: SensorSize, step: f64) -> Vec<Vec<f32>> {
     let waves: Vec<(f64, f64, f64, f64)> = (0..24)
         .map(|i| {
@@ -24,9 +28,7 @@ fn sequence(size: SensorSize, step: f64) -> Vec<Vec<f32>> {
     let frame = |frame: u16| {
         let mut logs = vec![-1.5; size.pixels()];
         for &(kx, ky, phase, strength) in &waves {
-            // Back between the places of the way there: real signals seldom meet a value again to the last bit.
-            let place = if frame < FRAMES / 2 { f64::from(frame) } else { f64::from(FRAMES - frame) - 0.43 };
-            let moved = -(kx + 0.4 * ky) * place * step;
+            let moved = -(kx + 0.4 * ky) * f64::from(frame) * step;
             // sin(a + b) = sin a cos b + cos a sin b: one sine a row and column instead of one a pixel.
             let row: Vec<(f64, f64)> =
                 (0..size.height).map(|y| (ky * f64::from(y) + moved + phase).sin_cos()).collect();
@@ -40,78 +42,171 @@ fn sequence(size: SensorSize, step: f64) -> Vec<Vec<f32>> {
         #[allow(clippy::cast_possible_truncation, reason = "luma is float32")]
         logs.iter().map(|log: &f64| log.exp() as f32).collect()
     };
-    (0..FRAMES).map(frame).collect()
+    (0..=FRAMES).map(frame).collect()
 }
 
-/// One engine, fed without end.
-fn engine(group: &mut BenchmarkGroup<'_, WallTime>, name: &str, size: SensorSize, step: f64, threads: usize) {
-    let frames = sequence(size, step);
-    let mut engine = CrossingEngine::new(size, CrossingParameters::default(), Some(threads)).expect("valid");
-    // The first frame sets the references; one that comes again would be met exactly, which real signals are not.
-    let first: Vec<f32> = frames[0].iter().map(|luma| luma * 1.013).collect();
-    engine.push(0, &first, None, &mut Vec::new()).expect("valid");
-    let mut order = (0..frames.len()).cycle();
-    let (mut t_us, mut events, mut total) = (1000, Vec::<Event>::new(), (0, 0));
-    let mut push = move || {
-        let frame = &frames[order.next().expect("endless")];
-        engine.push(t_us, frame, None, &mut events).expect("valid");
-        t_us += 1000;
-        total = (total.0 + events.len(), total.1 + frame.len());
-        black_box(&events);
-        total
+/// Something that is done to every frame of a sequence; returns the time that `FRAMES` frames take, and their events.
+struct Case<'a> {
+    name: String,
+    size: SensorSize,
+    pass: Box<dyn FnMut() -> (Duration, usize) + 'a>,
+}
+
+/// The engine. Each pass begins with references spread over a threshold around the signal, as in the midst of a run.
+fn engine<'a>(name: &str, size: SensorSize, frames: &'a [Vec<f32>], threads: usize) -> Case<'a> {
+    // The golden ratio's multiples spread evenly.
+    #[allow(clippy::cast_precision_loss, reason = "few pixels")]
+    let spread = |i: usize| (0.3 * ((i as f64 * 0.618_033_988_749_895).fract() - 0.5)).exp();
+    #[allow(clippy::cast_possible_truncation, reason = "luma is float32")]
+    let first: Vec<f32> = frames[0].iter().enumerate().map(|(i, y)| (f64::from(*y) * spread(i)) as f32).collect();
+    let pass = move || {
+        let mut engine = CrossingEngine::new(size, CrossingParameters::default(), Some(threads)).expect("valid");
+        let mut events = Vec::<Event>::new();
+        let mut push = |t_us, luma: &[f32]| {
+            engine.push(t_us, luma, None, &mut events).expect("valid");
+            black_box(&events).len()
+        };
+        push(0, &first);
+        push(1000, &frames[0]);
+        let start = Instant::now();
+        let count = (2000..).step_by(1000).zip(&frames[1..]).map(|(t_us, luma)| push(t_us, luma)).sum();
+        (start.elapsed(), count)
     };
-    for _ in 0..FRAMES {
-        push();
-    }
-    group.bench_function(name, |b| b.iter(&mut push));
-    #[allow(clippy::cast_precision_loss, reason = "for people")]
-    let (events, pixels) = (push().0 as f64, push().1 as f64);
-    println!("{name}: {:.3} events a pixel a frame", events / pixels);
+    Case { name: name.into(), size, pass: Box::new(pass) }
 }
 
 /// What the common path cannot do without: read the frame and both bounds, and store the frame.
 #[allow(clippy::needless_bitwise_bool, reason = "a lazy operator is a branch")]
-fn bare_pass(group: &mut BenchmarkGroup<'_, WallTime>, name: &str, size: SensorSize) {
-    let (new, low, high) = (vec![0.5f32; size.pixels()], vec![0.4f32; size.pixels()], vec![0.6f32; size.pixels()]);
+fn bare_pass(size: SensorSize, frames: &[Vec<f32>]) -> Case<'_> {
+    let (low, high) = (vec![0.0f32; size.pixels()], vec![1e9f32; size.pixels()]);
     let mut last = vec![0.0f32; size.pixels()];
-    group.bench_function(name, |b| {
-        b.iter(|| {
+    let pass = move || {
+        let start = Instant::now();
+        for new in &frames[1..] {
             let mut left = 0;
-            for (((last, new), low), high) in last.iter_mut().zip(black_box(&new)).zip(&low).zip(&high) {
+            for (((last, new), low), high) in last.iter_mut().zip(new).zip(black_box(&low)).zip(&high) {
                 left |= u32::from((new >= high) | (new <= low));
                 *last = *new;
             }
-            black_box(&last);
-            left
-        });
-    });
+            black_box((&last, left));
+        }
+        (start.elapsed(), 0)
+    };
+    Case { name: "bare pass over the same bytes".into(), size, pass: Box::new(pass) }
 }
 
-/// Copying 16 bytes a pixel, half read and half written.
-fn copy(group: &mut BenchmarkGroup<'_, WallTime>, name: &str, size: SensorSize) {
+/// Copying 16 bytes a pixel, half read and half written: all that so many threads can do at the most.
+fn copy<'a>(name: &str, size: SensorSize, threads: usize) -> Case<'a> {
     let from = vec![1u64; size.pixels()];
     let mut to = vec![0u64; size.pixels()];
-    group.bench_function(name, |b| {
-        b.iter(|| {
-            to.copy_from_slice(black_box(&from));
-            black_box(&to);
+    let part = size.pixels().div_ceil(threads);
+    let pass = move || {
+        let start = Instant::now();
+        std::thread::scope(|scope| {
+            for (to, from) in to.chunks_mut(part).zip(from.chunks(part)) {
+                scope.spawn(move || {
+                    for _ in 0..FRAMES {
+                        to.copy_from_slice(black_box(from));
+                        black_box(&*to);
+                    }
+                });
+            }
         });
-    });
+        (start.elapsed(), 0)
+    };
+    Case { name: name.into(), size, pass: Box::new(pass) }
+}
+
+/// The sequences of one sensor size.
+struct Sequences {
+    size: SensorSize,
+    dense: Vec<Vec<f32>>,
+    quiet: Vec<Vec<f32>>,
+    still: Vec<Vec<f32>>,
+}
+
+impl Sequences {
+    fn new(size: SensorSize) -> Self {
+        Self { size, dense: sequence(size, 1.0 / 3.0), quiet: sequence(size, 0.02), still: sequence(size, 0.0) }
+    }
+
+    fn cases(&self) -> Vec<Case<'_>> {
+        vec![
+            engine("dense: 1/3 px a frame", self.size, &self.dense, 1),
+            engine("dense, two threads", self.size, &self.dense, 2),
+            engine("quiet: 0.02 px a frame", self.size, &self.quiet, 1),
+            engine("static", self.size, &self.still, 1),
+            bare_pass(self.size, &self.still),
+            copy("copying 16 bytes a pixel, two threads", self.size, 2),
+            copy("copying 16 bytes a pixel", self.size, 1),
+        ]
+    }
 }
 
 fn crossing(c: &mut Criterion) {
-    for (size_name, size) in [("240 x 180", SMALL), ("1280 x 720", LARGE)] {
-        let mut group = c.benchmark_group(size_name);
-        group.throughput(Throughput::Elements(size.pixels() as u64));
-        for (name, step) in [("dense: 1/3 px a frame", 1.0 / 3.0), ("quiet: 0.02 px a frame", 0.02), ("static", 0.0)] {
-            engine(&mut group, name, size, step, 1);
+    for (name, size) in [("240 x 180", SMALL), ("1280 x 720", LARGE)] {
+        let sequences = Sequences::new(size);
+        let mut group = c.benchmark_group(name);
+        group.throughput(Throughput::Elements(size.pixels() as u64)).sample_size(20);
+        for Case { name, mut pass, .. } in sequences.cases() {
+            group.bench_function(&name, |b| {
+                #[allow(clippy::cast_precision_loss, reason = "few frames")]
+                b.iter_custom(|frames| {
+                    let passes = frames.div_ceil(FRAMES.into());
+                    let total: Duration = (0..passes).map(|_| pass().0).sum();
+                    total.mul_f64(frames as f64 / (passes * u64::from(FRAMES)) as f64)
+                });
+            });
         }
-        engine(&mut group, "dense, two threads", size, 1.0 / 3.0, 2);
-        bare_pass(&mut group, "bare pass over the same bytes", size);
-        copy(&mut group, "copying 16 bytes a pixel", size);
         group.finish();
     }
 }
 
+/// All cases in turn, `ROUNDS` times, so that whatever else the machine does falls on all alike.
+#[allow(clippy::cast_precision_loss, reason = "for people")]
+fn table() {
+    let all = [SMALL, LARGE].map(Sequences::new);
+    let mut cases: Vec<Case<'_>> = all.iter().flat_map(Sequences::cases).collect();
+    let mut seconds = vec![vec![]; cases.len()];
+    let mut events = vec![0; cases.len()];
+    for _ in 0..ROUNDS {
+        for (i, case) in cases.iter_mut().enumerate() {
+            let (time, count) = (case.pass)();
+            seconds[i].push(time.as_secs_f64());
+            events[i] = count;
+        }
+    }
+    println!(
+        "| sensor | case | events a pixel a frame | Mpixel/s | times the bare pass's time | share of copy bandwidth |"
+    );
+    println!("|---|---|---|---|---|---|");
+    let per_size = cases.len() / 2;
+    for (i, case) in cases.iter().enumerate() {
+        let pixels = f64::from(FRAMES) * case.size.pixels() as f64;
+        let median = |i: usize| {
+            let mut times = seconds[i].clone();
+            times.sort_by(f64::total_cmp);
+            times[ROUNDS / 2]
+        };
+        let last = i - i % per_size + per_size - 1;
+        let (bare, copied) = (median(last - 2), median(last));
+        println!(
+            "| {} x {} | {} | {:.3} | {:.0} | {:.2} | {:.0} % |",
+            case.size.width,
+            case.size.height,
+            case.name,
+            events[i] as f64 / pixels,
+            pixels / median(i) / 1e6,
+            median(i) / bare,
+            100.0 * copied / median(i)
+        );
+    }
+}
+
 criterion_group!(benches, crossing);
-criterion_main!(benches);
+
+fn main() {
+    benches();
+    Criterion::default().configure_from_args().final_summary();
+    table();
+}

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+import numpy.typing as npt
 from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 
@@ -136,3 +137,11 @@ def sequences(draw: st.DrawFn, *, max_frames: int = 9, gaps: st.SearchStrategy[i
             samples.append(next_sample(step, samples, c_on, c_off))
         frames[:, y, x] = samples
     return Sequence(c_on, c_off, times_us, list(frames))
+
+
+def random_paths(count: int, frames: int) -> npt.NDArray[np.float64]:
+    """(frames, count) random walks with jumps, the same in every run."""
+    rng = np.random.default_rng(7)
+    steps = rng.normal(0, 0.2, (frames, count)) + rng.choice([0, 1.5], (frames, count), p=[0.9, 0.1])
+    walks: npt.NDArray[np.float64] = np.cumsum(steps, axis=0)
+    return walks

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from fractions import Fraction
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -15,7 +14,7 @@ from hypothesis import strategies as st
 from davis_rs import EVENT_DTYPE, CrossingEngine, log_intensity, reconstruct
 from davis_rs.events import EventArray
 from reference import ExactEngine, ExactPixel, LogFrame, exact_events
-from strategies import EPOCH_US, EXAMPLES, Sequence, intervals, nudged, sequences, start_times
+from strategies import EPOCH_US, EXAMPLES, Sequence, intervals, nudged, random_paths, sequences, start_times
 
 LumaFrame = npt.NDArray[np.float32]
 
@@ -223,18 +222,10 @@ def test_push_is_push_log_of_log_intensity(luma: list[list[float]], log_eps: flo
 # ---- sensors of many pixels ----
 
 
-def paths(count: int, frames: int) -> npt.NDArray[np.float64]:
-    """(frames, count) random walks with jumps, the same in every run."""
-    rng = np.random.default_rng(7)
-    steps = rng.normal(0, 0.2, (frames, count)) + rng.choice([0, 1.5], (frames, count), p=[0.9, 0.1])
-    walks: npt.NDArray[np.float64] = np.cumsum(steps, axis=0)
-    return walks
-
-
 def test_every_pixel_of_a_large_sensor_is_the_oracles() -> None:
     """131 x 77 pixels (more than one thread takes at once) that follow eleven paths: all events, in (t, y, x) order."""
     width, height, times_us = 131, 77, [5, 1_005, 1_019, 40_000]
-    walks = paths(11, len(times_us))
+    walks = random_paths(11, len(times_us))
     which = (np.arange(height)[:, None] * 5 + np.arange(width) * 3) % 11
     engine = CrossingEngine(width, height, contrast_threshold=0.21, contrast_threshold_off=0.16)
     oracle = ExactEngine(contrast_threshold=0.21, contrast_threshold_off=0.16)
@@ -342,8 +333,8 @@ def test_pixels_with_a_billion_events_behind_them_go_on_exactly() -> None:
 
 
 def test_thread_counts_do_not_change_a_byte() -> None:
-    """1, 2, 7 threads or one a core return the same bytes, padding included, and the padding is zero."""
-    frames = np.exp(paths(120 * 90, 4)).astype(np.float32).reshape(4, 90, 120)
+    """1, 2, 7 threads or as many as pay return the same bytes, padding included, and the padding is zero."""
+    frames = np.exp(random_paths(120 * 90, 4)).astype(np.float32).reshape(4, 90, 120)
 
     def run(threads: int | None) -> list[bytes]:
         engine = CrossingEngine(120, 90, contrast_threshold=0.1, threads=threads)
@@ -354,253 +345,3 @@ def test_thread_counts_do_not_change_a_byte() -> None:
     assert not np.frombuffer(b"".join(alone), np.uint8).reshape(-1, 16)[:, 13:].any()
     for threads in (2, 7, None):
         assert run(threads) == alone
-
-
-# ---- frames as NumPy has them ----
-
-
-def layouts(frame: LumaFrame) -> dict[str, npt.NDArray[np.floating[Any]]]:
-    """The same values in every layout that ``push`` takes."""
-    height, width = frame.shape
-    wide = np.full((height * 2, width * 3), np.float32(np.nan))
-    wide[1::2, ::3] = frame
-    read_only = frame.copy()
-    read_only.flags.writeable = False
-    return {
-        "F order": np.asfortranarray(frame),
-        "strided": wide[1::2, ::3],
-        "reversed": frame[::-1, ::-1].copy()[::-1, ::-1],
-        "read-only": read_only,
-        "float64": frame.astype(np.float64),
-        "float64, F order": np.asfortranarray(frame.astype(np.float64)),
-    }
-
-
-@pytest.mark.parametrize("layout", list(layouts(np.zeros((1, 1), np.float32))))
-def test_any_layout_of_a_frame_gives_the_same_events(layout: str) -> None:
-    """F order, strides, read-only memory and float64 are taken as the values that they hold, and left untouched."""
-    frames = np.exp(paths(12, 3)).astype(np.float32).reshape(3, 3, 4)
-    plain, other = CrossingEngine(4, 3), CrossingEngine(4, 3)
-    plain_log, other_log = CrossingEngine(4, 3), CrossingEngine(4, 3)
-    for i, frame in enumerate(frames):
-        array = layouts(frame)[layout]
-        before = (array.tobytes(), array.flags.writeable)
-        assert other.push(i * 100, array).tobytes() == plain.push(i * 100, frame).tobytes()
-        assert other_log.push_log(i * 100, array).tobytes() == plain_log.push_log(i * 100, frame).tobytes()
-        assert (array.tobytes(), array.flags.writeable) == before
-    assert (plain.last_event_us >= 0).any()
-
-
-def test_a_misaligned_frame_is_taken() -> None:
-    """A frame at an odd address, as in a file mapped after its header, is a float32 frame like any other."""
-    memory = np.zeros(4 * 6 + 1, np.uint8)
-    frame = memory[1:].view(np.float32).reshape(2, 3)
-    frame[:] = 0.5
-    assert not frame.flags.aligned
-    engine = CrossingEngine(3, 2)
-    engine.push(0, frame)
-    np.testing.assert_array_equal(engine.reference, log_intensity(np.full((2, 3), 0.5, np.float32), 1e-3))
-
-
-def test_float32_log_intensity_is_taken_as_it_is() -> None:
-    """push_log widens float32 without a loss: its values are the float64 ones."""
-    frame = np.array([[0.1, 0.7]], np.float32)
-    engine = CrossingEngine(2, 1)
-    engine.push_log(0, frame)
-    assert engine.reference.tolist() == [[float(np.float32(0.1)), float(np.float32(0.7))]]
-
-
-def test_results_are_copies_that_belong_to_the_caller() -> None:
-    """Writing into returned references, surfaces or pushed frames changes nothing in the engine."""
-    engine = CrossingEngine(1, 1)
-    frame = np.ones((1, 1), np.float32)
-    engine.push(0, frame)
-    frame[:] = 100
-    engine.reference[:] = 100.0
-    engine.last_event_us[:] = 100
-    assert engine.last_event_us.tolist() == [[-1]]
-    assert len(engine.push(1, np.ones((1, 1), np.float32))) == 0
-
-
-# ---- what is refused, and that it changes nothing ----
-
-
-def spoiled(frame: LumaFrame, value: float) -> LumaFrame:
-    """A copy with a bad value at (x, y) = (1, 2) and another further on, where the error need not look."""
-    bad = frame.copy()
-    bad[2, 1] = bad[3, 2] = value
-    return bad
-
-
-@pytest.mark.parametrize("good_frames", [0, 1, 3])
-def test_a_refused_frame_leaves_the_engine_as_it_was(good_frames: int) -> None:
-    """After any refusal the next good frame gives what it would have given, for the first frame and for later ones."""
-    frames = np.exp(paths(12, 6)).astype(np.float32).reshape(6, 4, 3)
-    engine, untroubled = CrossingEngine(3, 4), CrossingEngine(3, 4)
-    for i in range(good_frames):
-        engine.push(100 + i, frames[i])
-        untroubled.push(100 + i, frames[i])
-    good, pixel = frames[5], r"pixel \(x, y\) = \(1, 2\) of the frame at t = 500 us"
-    for value, shown in ((np.nan, "NaN"), (np.inf, "inf"), (-np.inf, "-inf"), (-1e-30, "-")):
-        with pytest.raises(ValueError, match=rf"luma must be finite and >= 0, got {shown}.* at {pixel}"):
-            engine.push(500, spoiled(good, value))
-    for value in (np.nan, np.inf, -np.inf, 746.5, -1e300):
-        with pytest.raises(ValueError, match=rf"log intensity must lie within \+-746, got .* at {pixel}"):
-            engine.push_log(500, spoiled(good, 0).astype(np.float64) + np.where(good == spoiled(good, 0), 0, value))
-    for wrong in (good.T, good[None], good.ravel(), good[:, :2], np.zeros((0, 0), np.float32)):
-        with pytest.raises(ValueError, match=r"must have shape \(4, 3\), got"):
-            engine.push(500, wrong)
-    for dtype in (np.uint8, np.int64, np.float16, np.complex64, np.bool_, object):
-        with pytest.raises(ValueError, match="must be float32 or float64, got"):
-            engine.push(500, good.astype(dtype))
-    with pytest.raises(ValueError, match="must be a NumPy array, got"):
-        engine.push(500, good.tolist())
-    for late in {-1, *(() if good_frames == 0 else (100, 100 + good_frames - 1))}:
-        with pytest.raises(ValueError, match=rf"got {late} us"):
-            engine.push(late, good)
-    assert engine.reference.tobytes() == untroubled.reference.tobytes()
-    assert engine.last_event_us.tobytes() == untroubled.last_event_us.tobytes()
-    for i in range(good_frames, 6):
-        assert engine.push(100 + i, frames[i]).tobytes() == untroubled.push(100 + i, frames[i]).tobytes()
-
-
-def test_times_must_increase_and_the_error_tells_both() -> None:
-    """A frame at or before the last one is refused, with both times."""
-    engine = CrossingEngine(1, 1)
-    frame = np.ones((1, 1), np.float32)
-    engine.push(1_000, frame)
-    for t_us in (1_000, 999, 0):
-        with pytest.raises(ValueError, match=rf"must be after the last one \(1000 us\), got {t_us} us"):
-            engine.push(t_us, frame)
-    with pytest.raises(ValueError, match=r"less than 2\^53 us apart, got 1000 us and 9007199254741992 us"):
-        engine.push((1 << 53) + 1_000, frame)
-    engine.push((1 << 53) + 999, frame)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "rule"),
-    [
-        ({"contrast_threshold": 0.0}, "contrast_threshold must lie in"),
-        ({"contrast_threshold": -0.15}, "contrast_threshold must lie in"),
-        ({"contrast_threshold": math.nan}, "contrast_threshold must lie in"),
-        ({"contrast_threshold": math.inf}, "contrast_threshold must lie in"),
-        ({"contrast_threshold_off": 0.0}, "contrast_threshold_off must lie in"),
-        ({"contrast_threshold_off": math.nan}, "contrast_threshold_off must lie in"),
-        ({"log_eps": 0.0}, "log_eps"),
-        ({"log_eps": -1e-3}, "log_eps"),
-        ({"log_eps": math.nan}, "log_eps"),
-        ({"log_eps": math.inf}, "log_eps"),
-        ({"log_eps": 1e-301}, "log_eps"),
-        ({"threads": 0}, "threads must be at least 1"),
-        ({"width": 0}, "at least one pixel, got 0 x 2"),
-        ({"height": 0}, "at least one pixel, got 3 x 0"),
-    ],
-)
-def test_parameters_out_of_range_are_refused(arguments: dict[str, Any], rule: str) -> None:
-    """A ValueError that names the parameter."""
-    with pytest.raises(ValueError, match=rule):
-        CrossingEngine(**{"width": 3, "height": 2, **arguments})
-
-
-def test_parameters_are_keywords_and_c_off_is_c_on_unless_given() -> None:
-    """Thresholds cannot be swapped by position, and None means a symmetric pixel."""
-    with pytest.raises(TypeError, match="positional"):
-        CrossingEngine(3, 2, 0.15)  # type: ignore[call-arg]
-    symmetric = CrossingEngine(1, 1, contrast_threshold=0.25)
-    symmetric.push_log(0, np.zeros((1, 1)))
-    assert symmetric.push_log(4, np.full((1, 1), -1.0))["t"].tolist() == [1, 2, 3, 4]
-
-
-def test_reconstruct_refuses_what_it_cannot_place() -> None:
-    """An event outside of the frame and thresholds out of range are errors; events after t_us are not looked at."""
-    events = np.array([(10, 1, 0, 1), (20, 2, 0, 1)], EVENT_DTYPE)
-    first = np.zeros((1, 2))
-    np.testing.assert_array_equal(reconstruct(events, first, 10, 0.5), [[0.0, 0.5]])
-    with pytest.raises(ValueError, match=r"event 1 at \(x, y\) = \(2, 0\) lies outside of the 2 x 1 sensor"):
-        reconstruct(events, first, 20, 0.5)
-    with pytest.raises(ValueError, match="contrast_threshold_off must lie in"):
-        reconstruct(events, first, 20, 0.5, 0.0)
-    with pytest.raises(ValueError, match="must have shape"):
-        reconstruct(events, np.zeros(2), 20, 0.5)
-
-
-# ---- hard cases ----
-
-
-def test_equal_log_steps_give_equal_events_over_130_db() -> None:
-    """Neighbours from 1e-6 to 1e6 in luma, all brighter by e and darker again: one event for each C, everywhere.
-
-    log_eps far below the darkest pixel, so that it eats at most a thousandth of the step there.
-    """
-    luma = np.logspace(-6, 6, 13, dtype=np.float32)[None, :]
-    engine = CrossingEngine(13, 1, contrast_threshold=0.0765, log_eps=1e-9)
-    engine.push(0, luma)
-    up = engine.push(1_000, luma * np.float32(math.e))
-    down = engine.push(2_000, luma)
-    for events, polarity in ((up, 1), (down, 0)):
-        assert np.bincount(events["x"], minlength=13).tolist() == [13] * 13  # 13.07 thresholds
-        assert set(events["p"].tolist()) == {polarity}
-
-
-@pytest.mark.parametrize("luma", [0.0, -0.0, 1e-45, 1e-38, 1.0, 1e6, float(np.finfo(np.float32).max)])
-def test_extreme_luma_gives_all_its_events(luma: float) -> None:
-    """To and from black, -0.0, subnormals and the largest float32: an event for each threshold, and back."""
-    engine = CrossingEngine(1, 1, contrast_threshold=0.15, log_eps=1e-3)
-    start, end = (np.full((1, 1), value, np.float32) for value in (1e-2, luma))
-    levels = [float(log_intensity(frame, 1e-3)[0, 0]) for frame in (start, end)]
-    expected = exact_events([0, 1_000, 2_000], [np.array([[v]]) for v in (*levels, levels[0])], 0.15, 0.15)
-    events = [engine.push(t, frame) for t, frame in ((0, start), (1_000, end), (2_000, start))]
-    np.testing.assert_array_equal(np.concatenate(events), expected)
-    assert len(expected) >= 30
-
-
-def test_one_microsecond_holds_any_jump() -> None:
-    """0 to 1e6 within 1 us is 138 events, all on the one tick there is."""
-    engine = CrossingEngine(1, 1)
-    engine.push(7, np.zeros((1, 1), np.float32))
-    events = engine.push(8, np.full((1, 1), 1e6, np.float32))
-    assert len(events) == math.floor(math.log(1e9 + 1) / 0.15) == 138
-    assert set(events["t"].tolist()) == {8}
-    assert set(events["p"].tolist()) == {1}
-
-
-def test_a_slow_ramp_of_205_000_frames_misses_nothing() -> None:
-    """1e-9 a frame under C = 1e-4: two levels up, two down, each at its exact tick, whatever the base.
-
-    205,000 steps far below any tolerance, where L, R and the tick come from sums and quotients that all round.
-    """
-    frames, gap_us, c, step = 205_000, 1_000, 1e-4, 1e-9
-    bases = np.array([0.0, -6.9, 13.8, 0.0, -6.9, 13.8])
-    slopes = np.array([step, step, step, -step, -step, -step])
-    engine = CrossingEngine(6, 1, contrast_threshold=c, threads=1)
-    samples = np.array([bases + slopes * k for k in range(frames)])
-    packets = [engine.push_log(k * gap_us, row[None, :]) for k, row in enumerate(samples)]
-    found = np.concatenate([packet for packet in packets if len(packet)])
-    for x, (base, slope) in enumerate(zip(bases, slopes, strict=True)):
-        expected = []
-        for n in (1, 2):
-            level = Fraction(base) + int(np.sign(slope)) * n * Fraction(c)
-            towards = 1 if slope > 0 else -1
-            # Every sample is base + slope k rounded, so that the level lies within an ulp of its place in the list.
-            near = round((level - Fraction(base)) / Fraction(slope))
-            k = next(k for k in range(near - 3, near + 4) if towards * (Fraction(samples[k, x]) - level) >= 0)
-            before, after = Fraction(samples[k - 1, x]), Fraction(samples[k, x])
-            expected.append((k - 1) * gap_us + math.ceil((level - before) / (after - before) * gap_us))
-        assert found[found["x"] == x]["t"].tolist() == expected
-        assert set(found[found["x"] == x]["p"].tolist()) == {int(slope > 0)}
-
-
-def test_20_000_frames_are_the_same_from_zero_an_hour_and_the_unix_epoch() -> None:
-    """20 s at 1 kHz that start at 0, 1e9 us and 1.7e15 us: identical events, shifted."""
-    luma = np.exp(np.sin(np.arange(20_000) * 0.37) + np.sin(np.arange(20_000) * 0.011)).astype(np.float32)
-
-    def run(start_us: int) -> EventArray:
-        engine = CrossingEngine(1, 1, contrast_threshold=0.07, contrast_threshold_off=0.09, threads=1)
-        return np.concatenate([engine.push(start_us + k * 1_000, y.reshape(1, 1)) for k, y in enumerate(luma)])
-
-    events = run(0)
-    assert len(events) > 10_000
-    for start_us in (1_000_000_000, EPOCH_US):
-        shifted = run(start_us)
-        shifted["t"] -= start_us
-        np.testing.assert_array_equal(shifted, events)

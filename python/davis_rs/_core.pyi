@@ -44,7 +44,7 @@ class CrossingEngine:
         contrast_threshold_off: C_off, likewise; None means C_on.
         log_eps: dark level in units of luma, > 0.
         interpolation: ``linear``, or ``hermite``: cubics through samples and rates of change.
-        threads: None means one a core. The events do not depend on it.
+        threads: None means as many as pay on this sensor, at most one a core. The events do not depend on it.
 
     Raises:
         ValueError: for a parameter out of range.

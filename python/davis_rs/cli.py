@@ -194,7 +194,7 @@ def _add_simulate(commands: argparse._SubParsersAction[argparse.ArgumentParser])
         "--blur", action=argparse.BooleanOptionalAction, help="3 x 3 blur of luma; as the scene if not given"
     )
     accuracy.add_argument("--seed", type=int, default=0, metavar="N", help="of Mitsuba's integrators")
-    accuracy.add_argument("--threads", type=int, metavar="N", help="of the crossing engine; one a core if not given")
+    accuracy.add_argument("--threads", type=int, metavar="N", help="of the crossing engine; as many as pay by default")
 
     simulate.add_argument("--overwrite", action="store_true", help="replace the dataset in DIR")
     simulate.add_argument("--quiet", action="store_true", help="no progress bar, only the last line")

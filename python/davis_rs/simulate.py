@@ -51,7 +51,7 @@ class Simulator:
         sampling: when to render; by default whenever a pixel may have moved by a third of a pixel.
         samples: rays a pixel, 1..1024; None means 8, or 2 in Mitsuba's scalar variant.
         seed: of Mitsuba's integrators, where one of them renders.
-        threads: of the crossing engine; None means one a core. Results do not depend on it.
+        threads: of the crossing engine; None means as many as pay. Results do not depend on it.
         renderer: ``auto``, ``table`` or ``integrator``, see :func:`~davis_rs.renderers.make_renderer`.
         blur: the 3 x 3 blur of luma; None leaves it to the scene.
         poses_per_launch: rendered in one call; None leaves it to the renderer. Results do not depend on it.

@@ -22,6 +22,12 @@ impl Event {
     pub const fn new(t: i64, x: u16, y: u16, on: bool) -> Self {
         Self { t, x, y, p: on as u8, padding: [0; 3] }
     }
+
+    /// The row-major index of its pixel.
+    #[inline]
+    pub(crate) fn pixel(&self, size: SensorSize) -> usize {
+        usize::from(self.y) * usize::from(size.width) + usize::from(self.x)
+    }
 }
 
 /// Width and height of a sensor in pixels.

@@ -32,7 +32,8 @@ impl TimeSort {
         let shift = (i64::BITS - ticks.leading_zeros()).saturating_sub(BUCKET_BITS);
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "BUCKET_BITS are left")]
         let bucket = |event: &Event| ((event.t - start_us) >> shift) as usize;
-        let buckets = 1 << BUCKET_BITS;
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "BUCKET_BITS are left")]
+        let buckets = (ticks >> shift) as usize + 1;
         self.starts.clear();
         self.starts.resize(buckets + 1, 0);
         for event in parts.clone().flatten() {

@@ -2,11 +2,13 @@
 
 use super::candidates::{Candidates, Verdict};
 use super::cubic::Cubic;
+use super::level::Level;
 use super::line::Line;
 use super::parameters::CrossingParameters;
-use super::pixel::Pixel;
-use super::sample::{Around, Sample};
-use super::scan::{Found, TILE, scan};
+use super::pixel::follow;
+use super::sample::Sample;
+use super::scan::{Found, MOST_FOUND, TILE};
+use super::steps::Steps;
 use crate::event::{Event, SensorSize};
 
 /// The interval that a frame ends.
@@ -19,7 +21,8 @@ pub(crate) struct Interval {
 /// A band's share of the engine's state and of the new frame.
 pub(crate) struct Share<'a, S> {
     pub(crate) first_pixel: usize,
-    pub(crate) pixels: &'a mut [Pixel],
+    pub(crate) references: &'a mut [Level],
+    pub(crate) last_event_us: &'a mut [i64],
     pub(crate) last: &'a mut [S],
     pub(crate) low: &'a mut [S],
     pub(crate) high: &'a mut [S],
@@ -34,57 +37,54 @@ pub(crate) struct Band<S> {
     pub(crate) events: Vec<Event>,
     found: Found<S>,
     candidates: Candidates<S>,
+    /// Room for the events of candidates that are clear.
+    clear: Vec<Event>,
 }
 
 impl<S: Sample> Band<S> {
-    pub(crate) fn new() -> Self {
-        Self { events: Vec::new(), found: Found::new(), candidates: Candidates::new() }
+    pub(crate) fn new(p: &CrossingParameters) -> Self {
+        Self {
+            events: Vec::new(),
+            found: Found::new(),
+            candidates: Candidates::new(p),
+            clear: vec![Event::default(); MOST_FOUND],
+        }
     }
 
     /// Takes the frame's share: finds the events and moves the state on.
     pub(crate) fn advance(&mut self, mut share: Share<'_, S>, at: Interval, size: SensorSize, p: &CrossingParameters) {
-        self.events.clear();
+        for event in self.events.drain(..) {
+            share.last_event_us[event.pixel(size) - share.first_pixel] = event.t;
+        }
         for start in (0..share.new.len()).step_by(TILE) {
             let end = (start + TILE).min(share.new.len());
             let rates = share.rates.map(|(from, to)| (&from[start..end], &to[start..end]));
             let bounds = (&share.low[start..end], &share.high[start..end]);
-            scan(&share.new[start..end], &mut share.last[start..end], bounds, rates, &mut self.found);
-            if self.found.count == 0 {
-                continue;
+            self.found.scan(start, &share.new[start..end], &mut share.last[start..end], bounds, rates);
+            if self.found.is_full() {
+                self.decide(&mut share, at, size, p);
             }
-            self.candidates.take_logs(&self.found, p.log_eps);
-            if share.rates.is_some() {
-                self.candidates.verdict[..self.found.count].fill(Verdict::Unclear);
-            } else {
-                self.decide(&share, start, at, p);
-            }
-            self.carry_out(&mut share, start, at, size, p);
         }
+        self.decide(&mut share, at, size, p);
     }
 
-    /// Decides a tile's candidates over straight lines.
-    fn decide(&mut self, share: &Share<'_, S>, tile: usize, at: Interval, p: &CrossingParameters) {
-        for (j, &place) in self.found.place[..self.found.count].iter().enumerate() {
-            let in_share = tile + usize::from(place);
-            let c = p.thresholds(share.first_pixel + in_share);
-            self.candidates.set(j, share.pixels[in_share].reference, c);
+    /// Decides what was found, makes its events, and moves its pixels and bounds on.
+    fn decide(&mut self, share: &mut Share<'_, S>, at: Interval, size: SensorSize, p: &CrossingParameters) {
+        self.candidates.take_logs(&self.found, p.log_eps);
+        if share.rates.is_some() {
+            self.candidates.verdict[..self.found.count].fill(Verdict::Unclear);
+        } else {
+            self.candidates.decide(&self.found, share.references, share.first_pixel, at.ticks, p);
         }
-        self.candidates.decide(self.found.count, at.ticks, p.log_eps);
+        self.carry_out(share, at, size, p);
+        self.found.count = 0;
     }
 
-    /// Makes the events of a tile's candidates, and moves their pixels and bounds on.
-    fn carry_out(
-        &mut self,
-        share: &mut Share<'_, S>,
-        tile: usize,
-        at: Interval,
-        size: SensorSize,
-        p: &CrossingParameters,
-    ) {
+    fn carry_out(&mut self, share: &mut Share<'_, S>, at: Interval, size: SensorSize, p: &CrossingParameters) {
         let width = usize::from(size.width);
-        let (mut row_start, mut y) = (0, 0);
+        let (mut row_start, mut y, mut made) = (0, 0, 0);
         for j in 0..self.found.count {
-            let in_share = tile + usize::from(self.found.place[j]);
+            let in_share = self.found.place[j] as usize;
             let index = share.first_pixel + in_share;
             // Places go up, so the row is followed instead of divided for.
             if index >= row_start + width {
@@ -92,23 +92,25 @@ impl<S: Sample> Band<S> {
             }
             #[allow(clippy::cast_possible_truncation, reason = "within the sensor's u16 sides")]
             let (x, y) = ((index - row_start) as u16, y as u16);
-            let verdict = self.candidates.verdict[j];
-            match verdict {
-                Verdict::Nothing => {}
-                Verdict::On | Verdict::Off => {
-                    let on = verdict == Verdict::On;
-                    let pixel = &mut share.pixels[in_share];
-                    pixel.reference.on += u32::from(on);
-                    pixel.reference.off += u32::from(!on);
-                    let t_us = at.start_us + self.candidates.tick[j];
-                    pixel.last_event_us = t_us;
-                    share.low[in_share] = self.candidates.low[j];
-                    share.high[in_share] = self.candidates.high[j];
-                    self.events.push(Event::new(t_us, x, y, on));
+            let on = match self.candidates.verdict[j] {
+                Verdict::Nothing => continue,
+                Verdict::Unclear => {
+                    self.events.extend_from_slice(&self.clear[..made]);
+                    made = 0;
+                    self.follow(share, j, (x, y), at, p);
+                    continue;
                 }
-                Verdict::Unclear => self.follow(share, j, in_share, (x, y), at, p),
-            }
+                verdict => verdict == Verdict::On,
+            };
+            let reference = &mut share.references[in_share];
+            *if on { &mut reference.on } else { &mut reference.off } += 1;
+            share.low[in_share] = self.candidates.low[j];
+            share.high[in_share] = self.candidates.high[j];
+            // A place in an array is cheaper than a push.
+            self.clear[made] = Event::new(at.start_us + self.candidates.tick[j], x, y, on);
+            made += 1;
         }
+        self.events.extend_from_slice(&self.clear[..made]);
     }
 
     /// Runs one candidate through the interval exactly.
@@ -117,32 +119,32 @@ impl<S: Sample> Band<S> {
         &mut self,
         share: &mut Share<'_, S>,
         candidate: usize,
-        in_share: usize,
         (x, y): (u16, u16),
         at: Interval,
         p: &CrossingParameters,
     ) {
+        let in_share = self.found.place[candidate] as usize;
         let c = p.thresholds(share.first_pixel + in_share);
-        let pixel = &mut share.pixels[in_share];
+        let reference = &mut share.references[in_share];
         let events = &mut self.events;
         let emit = |t_us, on| events.push(Event::new(t_us, x, y, on));
         let line = Line { from: self.candidates.from[candidate], to: self.candidates.to[candidate], ticks: at.ticks };
         let moved = match share.rates {
-            None => pixel.follow(&line, at.start_us, c, emit),
+            None => follow(reference, &line, at.start_us, c, emit),
             Some(rates) => {
                 #[allow(clippy::cast_precision_loss, reason = "ticks < 2^53")]
                 let seconds = at.ticks as f64 * 1e-6;
                 let slope = |sample: S, rate: S| sample.log_rate(rate, p.log_eps) * seconds;
                 let from = slope(self.found.from[candidate], rates.0[in_share]);
                 let to = slope(self.found.to[candidate], rates.1[in_share]);
-                pixel.follow(&Cubic::new(line, from, to), at.start_us, c, emit)
+                follow(reference, &Cubic::new(line, from, to), at.start_us, c, emit)
             }
         };
         if moved {
-            let levels = [pixel.reference.down().value(c), pixel.reference.up().value(c)];
-            let bounds =
-                Around { below: &mut share.low[in_share..=in_share], above: &mut share.high[in_share..=in_share] };
-            S::bounds(Around { below: &levels[..1], above: &levels[1..] }, p.log_eps, bounds);
+            let Steps { on, off, rise, fall } = Steps::new(c);
+            let steps = Steps { on: &[on][..], off: &[off], rise: &[rise], fall: &[fall] };
+            let bounds = (&mut share.low[in_share..=in_share], &mut share.high[in_share..=in_share]);
+            S::bounds(&[reference.value(c)], steps, p.log_eps, bounds);
         }
     }
 }

@@ -5,9 +5,12 @@
 
 use multiversion::multiversion;
 
-use super::level::{Level, Thresholds};
-use super::sample::{Around, ROUND, Sample};
-use super::scan::{Found, TILE};
+use super::exponential::ROUND;
+use super::level::Level;
+use super::parameters::CrossingParameters;
+use super::sample::Sample;
+use super::scan::{Found, MOST_FOUND};
+use super::steps::{StepArrays, Steps};
 
 /// What a candidate turned out to be.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -23,22 +26,20 @@ pub(crate) enum Verdict {
     Unclear,
 }
 
-/// Candidates of a tile as arrays.
+/// Candidates as arrays.
 pub(crate) struct Candidates<S> {
     /// Log intensity at the interval's start and end.
     pub(crate) from: Vec<f64>,
     pub(crate) to: Vec<f64>,
     base: Vec<f64>,
-    steps_on: Vec<f64>,
-    steps_off: Vec<f64>,
-    threshold_on: Vec<f64>,
-    threshold_off: Vec<f64>,
-    /// The tick of the event, where there is one.
+    count_on: Vec<f64>,
+    count_off: Vec<f64>,
+    steps: StepArrays,
+    /// The tick of the event, where there is one, and the reference that it leaves behind.
     pub(crate) tick: Vec<i64>,
     pub(crate) verdict: Vec<Verdict>,
-    /// The levels around the reference that the event leaves behind, and the bounds that belong to them.
-    below: Vec<f64>,
-    above: Vec<f64>,
+    after: Vec<f64>,
+    /// The bounds that belong to that reference.
     pub(crate) low: Vec<S>,
     pub(crate) high: Vec<S>,
 }
@@ -47,33 +48,22 @@ pub(crate) struct Candidates<S> {
 const VECTOR: usize = 8;
 
 impl<S: Sample> Candidates<S> {
-    pub(crate) fn new() -> Self {
-        let zeros = || vec![0.0; TILE];
+    pub(crate) fn new(p: &CrossingParameters) -> Self {
+        let length = MOST_FOUND.next_multiple_of(VECTOR);
+        let zeros = || vec![0.0; length];
         Self {
             from: zeros(),
             to: zeros(),
             base: zeros(),
-            steps_on: zeros(),
-            steps_off: zeros(),
-            threshold_on: zeros(),
-            threshold_off: zeros(),
-            tick: vec![0; TILE],
-            verdict: vec![Verdict::Nothing; TILE],
-            below: zeros(),
-            above: zeros(),
-            low: vec![S::default(); TILE],
-            high: vec![S::default(); TILE],
+            count_on: zeros(),
+            count_off: zeros(),
+            steps: StepArrays::new(length, p),
+            tick: vec![0; length],
+            verdict: vec![Verdict::Nothing; length],
+            after: zeros(),
+            low: vec![S::default(); length],
+            high: vec![S::default(); length],
         }
-    }
-
-    /// Sets candidate `j`'s reference and thresholds.
-    #[inline]
-    pub(crate) fn set(&mut self, j: usize, reference: Level, c: Thresholds) {
-        self.base[j] = reference.base;
-        self.steps_on[j] = f64::from(reference.on);
-        self.steps_off[j] = f64::from(reference.off);
-        self.threshold_on[j] = c.on;
-        self.threshold_off[j] = c.off;
     }
 
     /// Computes log intensity of all candidates found.
@@ -83,28 +73,37 @@ impl<S: Sample> Candidates<S> {
         S::logs(&found.to[..count], log_eps, &mut self.to[..count]);
     }
 
-    /// Decides the first `count` candidates over a straight line of so many ticks.
+    /// Decides all candidates found over straight lines of so many ticks; `references` begin at pixel `first_pixel`.
+    pub(crate) fn decide(
+        &mut self,
+        found: &Found<S>,
+        references: &[Level],
+        first_pixel: usize,
+        ticks: i64,
+        p: &CrossingParameters,
+    ) {
+        let places = &found.place[..found.count];
+        let counts = self.count_on.iter_mut().zip(&mut self.count_off);
+        for ((&place, base), (on, off)) in places.iter().zip(&mut self.base).zip(counts) {
+            let reference = references[place as usize];
+            (*base, *on, *off) = (reference.base, f64::from(reference.on), f64::from(reference.off));
+        }
+        self.steps.take(|j| first_pixel + places[j] as usize, found.count, p);
+        self.decide_set(found.count, ticks, p.log_eps);
+    }
+
+    /// Decides the first `count` candidates, whose references and thresholds are set.
     #[allow(clippy::cast_precision_loss, reason = "ticks < 2^53")]
-    pub(crate) fn decide(&mut self, count: usize, ticks: i64, log_eps: f64) {
+    fn decide_set(&mut self, count: usize, ticks: i64, log_eps: f64) {
         let n = count.next_multiple_of(VECTOR);
+        let steps = self.steps.first(n);
         decide(
-            Lines { from: &self.from[..n], to: &self.to[..n], ticks: ticks as f64 },
-            References {
-                base: &self.base[..n],
-                steps_on: &self.steps_on[..n],
-                steps_off: &self.steps_off[..n],
-                threshold_on: &self.threshold_on[..n],
-                threshold_off: &self.threshold_off[..n],
-            },
-            Decisions {
-                tick: &mut self.tick[..n],
-                verdict: &mut self.verdict[..n],
-                below: &mut self.below[..n],
-                above: &mut self.above[..n],
-            },
+            &Lines { from: &self.from[..n], to: &self.to[..n], ticks: ticks as f64 },
+            &References { base: &self.base[..n], on: &self.count_on[..n], off: &self.count_off[..n] },
+            steps,
+            Decisions { tick: &mut self.tick[..n], verdict: &mut self.verdict[..n], after: &mut self.after[..n] },
         );
-        let levels = Around { below: &self.below[..n], above: &self.above[..n] };
-        S::bounds(levels, log_eps, Around { below: &mut self.low[..n], above: &mut self.high[..n] });
+        S::bounds(&self.after[..n], steps, log_eps, (&mut self.low[..n], &mut self.high[..n]));
     }
 }
 
@@ -116,30 +115,26 @@ struct Lines<'a> {
 
 struct References<'a> {
     base: &'a [f64],
-    steps_on: &'a [f64],
-    steps_off: &'a [f64],
-    threshold_on: &'a [f64],
-    threshold_off: &'a [f64],
+    on: &'a [f64],
+    off: &'a [f64],
 }
 
 struct Decisions<'a> {
     tick: &'a mut [i64],
     verdict: &'a mut [Verdict],
-    below: &'a mut [f64],
-    above: &'a mut [f64],
+    after: &'a mut [f64],
 }
 
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
 #[allow(clippy::needless_bitwise_bool, reason = "a lazy operator is a branch, which vectors cannot take")]
-fn decide(lines: Lines<'_>, references: References<'_>, decisions: Decisions<'_>) {
+fn decide(lines: &Lines<'_>, references: &References<'_>, steps: Steps<&[f64]>, decisions: Decisions<'_>) {
     const LARGEST_TICK: f64 = 1_125_899_906_842_624.0; // 2^50: up to here ROUND works
     const TWO_52: f64 = 4_503_599_627_370_496.0;
     let n = lines.from.len();
-    let Lines { from, to, ticks } = Lines { from: &lines.from[..n], to: &lines.to[..n], ..lines };
-    let (base, on, off) = (&references.base[..n], &references.steps_on[..n], &references.steps_off[..n]);
-    let (c_on, c_off) = (&references.threshold_on[..n], &references.threshold_off[..n]);
-    let (tick, verdict) = (&mut decisions.tick[..n], &mut decisions.verdict[..n]);
-    let (below, above) = (&mut decisions.below[..n], &mut decisions.above[..n]);
+    let (from, to, ticks) = (&lines.from[..n], &lines.to[..n], lines.ticks);
+    let (base, on, off) = (&references.base[..n], &references.on[..n], &references.off[..n]);
+    let (c_on, c_off) = (&steps.on[..n], &steps.off[..n]);
+    let (tick, verdict, after) = (&mut decisions.tick[..n], &mut decisions.verdict[..n], &mut decisions.after[..n]);
     for j in 0..n {
         let (up, down) = (on[j] * c_on[j], off[j] * c_off[j]);
         let reference = base[j] + (up - down);
@@ -169,8 +164,7 @@ fn decide(lines: Lines<'_>, references: References<'_>, decisions: Decisions<'_>
             & (error < 1e-10);
         // To an integer by way of the bits of 2^52 + tick: vector units lack the conversion.
         tick[j] = (ceiling + TWO_52).to_bits().wrapping_sub(TWO_52.to_bits()).cast_signed();
-        below[j] = level - c_off[j];
-        above[j] = level + c_on[j];
+        after[j] = level;
         let event = if brighter { Verdict::On } else { Verdict::Off };
         verdict[j] = if one {
             event
@@ -185,15 +179,23 @@ fn decide(lines: Lines<'_>, references: References<'_>, decisions: Decisions<'_>
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::crossing::level::Thresholds;
+    use crate::crossing::parameters::Threshold;
 
     const C: Thresholds = Thresholds { on: 0.25, off: 0.5 };
 
     /// The verdict and tick of one candidate whose reference is `reference`.
     fn decide_one(reference: Level, c: Thresholds, from: f64, to: f64, ticks: i64) -> (Verdict, i64) {
-        let mut candidates = Candidates::<f64>::new();
-        candidates.set(0, reference, c);
-        (candidates.from[0], candidates.to[0]) = (from, to);
-        candidates.decide(1, ticks, 1e-3);
+        let parameters = CrossingParameters {
+            contrast_threshold: Threshold::Uniform(c.on),
+            contrast_threshold_off: Threshold::Uniform(c.off),
+            ..CrossingParameters::default()
+        };
+        let mut candidates = Candidates::<f64>::new(&parameters);
+        let mut found = Found::new();
+        (found.count, found.from[0], found.to[0]) = (1, from, to);
+        candidates.take_logs(&found, 1e-3);
+        candidates.decide(&found, &[reference], 0, ticks, &parameters);
         (candidates.verdict[0], candidates.tick[0])
     }
 

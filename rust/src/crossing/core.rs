@@ -3,12 +3,16 @@
 use rayon::prelude::*;
 
 use super::band::{Band, Interval, Share};
+use super::level::Level;
 use super::parameters::CrossingParameters;
-use super::pixel::Pixel;
-use super::sample::{Around, Sample};
+use super::sample::Sample;
 use super::scan::TILE;
 use super::state::EngineState;
+use super::steps::StepArrays;
 use crate::event::{Event, SensorSize};
+
+/// No event yet.
+pub(crate) const NEVER: i64 = -1;
 
 /// State of 36 bytes a pixel for luma (the rate of change takes four more), in arrays: what every frame touches lies
 /// together, apart from what only an event touches.
@@ -18,7 +22,9 @@ pub(crate) struct Core<S> {
     high: Vec<S>,
     /// Empty where interpolation is linear.
     rates: Vec<S>,
-    pixels: Vec<Pixel>,
+    references: Vec<Level>,
+    /// Times of last events, in microseconds, without those of the last frame: the bands still hold these.
+    last_event_us: Vec<i64>,
     bands: Vec<Band<S>>,
 }
 
@@ -36,13 +42,15 @@ impl<S: Sample> Core<S> {
         let mut logs = vec![0.0; first.len()];
         S::logs(first, parameters.log_eps, &mut logs);
         let bands = pool.map_or(1, |pool| BANDS_PER_THREAD * pool.current_num_threads());
+        let samples = || vec![S::default(); first.len()];
         let mut core = Self {
             last: first.to_vec(),
-            low: vec![S::default(); first.len()],
-            high: vec![S::default(); first.len()],
+            low: samples(),
+            high: samples(),
             rates: rates.map_or(vec![], <[S]>::to_vec),
-            pixels: logs.into_iter().map(Pixel::new).collect(),
-            bands: (0..bands).map(|_| Band::new()).collect(),
+            references: logs.into_iter().map(|base| Level { base, on: 0, off: 0 }).collect(),
+            last_event_us: vec![NEVER; first.len()],
+            bands: (0..bands).map(|_| Band::new(parameters)).collect(),
         };
         core.reset_bounds(parameters);
         core
@@ -50,12 +58,10 @@ impl<S: Sample> Core<S> {
 
     /// Takes up stored counters and times, the last frame being that of the state.
     pub(crate) fn restore(&mut self, state: &EngineState) {
-        for (i, pixel) in self.pixels.iter_mut().enumerate() {
-            pixel.reference.base = state.base[i];
-            pixel.reference.on = state.on[i];
-            pixel.reference.off = state.off[i];
-            pixel.last_event_us = state.last_event_us[i];
+        for (i, reference) in self.references.iter_mut().enumerate() {
+            *reference = Level { base: state.base[i], on: state.on[i], off: state.off[i] };
         }
+        self.last_event_us.copy_from_slice(&state.last_event_us);
         self.reset_bounds(&state.parameters);
     }
 
@@ -67,8 +73,17 @@ impl<S: Sample> Core<S> {
         &self.rates
     }
 
-    pub(crate) fn pixels(&self) -> &[Pixel] {
-        &self.pixels
+    pub(crate) fn references(&self) -> &[Level] {
+        &self.references
+    }
+
+    /// The time of each pixel's last event in microseconds, or [`NEVER`].
+    pub(crate) fn last_event_us(&self, size: SensorSize) -> Vec<i64> {
+        let mut times = self.last_event_us.clone();
+        for event in self.events().flatten() {
+            times[event.pixel(size)] = event.t;
+        }
+        times
     }
 
     /// The events of the last frame: parts that together are in raster order.
@@ -86,29 +101,27 @@ impl<S: Sample> Core<S> {
         parameters: &CrossingParameters,
         pool: Option<&rayon::ThreadPool>,
     ) {
-        let Self { last, low, high, rates: before, pixels, bands } = self;
+        let Self { last, low, high, rates: before, references, last_event_us, bands } = self;
         let rates_at = |start: usize, n: usize| rates.map(|now| (&before[start..start + n], &now[start..start + n]));
         match pool {
             None => {
                 let rates = rates_at(0, frame.len());
-                let share = Share { first_pixel: 0, pixels, last, low, high, new: frame, rates };
+                let share = Share { first_pixel: 0, references, last_event_us, last, low, high, new: frame, rates };
                 bands[0].advance(share, at, size, parameters);
             }
             Some(pool) => {
                 let length = frame.len().div_ceil(bands.len()).next_multiple_of(TILE);
-                for band in &mut *bands {
-                    band.events.clear(); // one that gets no pixels keeps none of its last
-                }
                 pool.install(|| {
-                    (pixels.par_chunks_mut(length), last.par_chunks_mut(length), low.par_chunks_mut(length))
-                        .into_par_iter()
-                        .zip((high.par_chunks_mut(length), frame.par_chunks(length), bands.par_iter_mut()))
-                        .enumerate()
-                        .for_each(|(i, ((pixels, last, low), (high, new, band)))| {
-                            let rates = rates_at(i * length, new.len());
-                            let share = Share { first_pixel: i * length, pixels, last, low, high, new, rates };
+                    let state = (references.par_chunks_mut(length), last_event_us.par_chunks_mut(length));
+                    let bounds = (low.par_chunks_mut(length), high.par_chunks_mut(length));
+                    let samples = (last.par_chunks_mut(length), frame.par_chunks(length));
+                    (state, bounds, samples, bands.par_iter_mut()).into_par_iter().enumerate().for_each(
+                        |(i, ((references, last_event_us), (low, high), (last, new), band))| {
+                            let (first_pixel, rates) = (i * length, rates_at(i * length, new.len()));
+                            let share = Share { first_pixel, references, last_event_us, last, low, high, new, rates };
                             band.advance(share, at, size, parameters);
-                        });
+                        },
+                    );
                 });
             }
         }
@@ -119,14 +132,16 @@ impl<S: Sample> Core<S> {
 
     /// Computes the bounds of all pixels afresh.
     fn reset_bounds(&mut self, parameters: &CrossingParameters) {
-        let pixels = self.pixels.iter().enumerate();
-        let (below, above): (Vec<f64>, Vec<f64>) = pixels
-            .map(|(i, Pixel { reference, .. })| {
-                let c = parameters.thresholds(i);
-                (reference.down().value(c), reference.up().value(c))
-            })
-            .unzip();
-        let bounds = Around { below: &mut self.low[..], above: &mut self.high[..] };
-        S::bounds(Around { below: &below, above: &above }, parameters.log_eps, bounds);
+        let mut steps = StepArrays::new(TILE, parameters);
+        let mut values = vec![0.0; TILE];
+        for (tile, references) in self.references.chunks(TILE).enumerate() {
+            let (first, n) = (tile * TILE, references.len());
+            steps.take(|j| first + j, n, parameters);
+            for ((j, value), reference) in values.iter_mut().enumerate().zip(references) {
+                *value = reference.value(parameters.thresholds(first + j));
+            }
+            let bounds = (&mut self.low[first..first + n], &mut self.high[first..first + n]);
+            S::bounds(&values[..n], steps.first(n), parameters.log_eps, bounds);
+        }
     }
 }

@@ -3,9 +3,9 @@
 use rayon::prelude::*;
 
 use super::band::Interval;
-use super::core::Core;
+use super::core::{Core, NEVER};
+use super::level::Level;
 use super::parameters::{CrossingParameters, Interpolation};
-use super::pixel::{NEVER, Pixel};
 use super::sample::Sample;
 use super::state::EngineState;
 use crate::error::{Error, Result};
@@ -14,6 +14,9 @@ use crate::order::TimeSort;
 
 /// Values that one thread checks at a time.
 const CHECKED_AT_A_TIME: usize = 1 << 16;
+
+/// Fewer, and waking a thread costs more than it saves.
+const PIXELS_PER_THREAD: usize = 1 << 17;
 
 /// Turns luma frames into events, by the crossing rule of an ideal event-camera pixel.
 ///
@@ -79,7 +82,7 @@ impl Feed for f64 {
 }
 
 impl CrossingEngine {
-    /// An engine for a sensor; `threads = None` takes one thread a core.
+    /// An engine for a sensor; `threads = None` takes as many as pay on it, at most one a core.
     ///
     /// # Errors
     /// [`Error::Argument`] for a parameter out of range or an empty sensor.
@@ -94,11 +97,12 @@ impl CrossingEngine {
         if threads == Some(0) {
             return Err(Error::Argument("threads must be at least 1, got 0".into()));
         }
-        let pool = new_pool(threads.unwrap_or(0))?;
+        let cores = || std::thread::available_parallelism().map_or(1, usize::from);
+        let threads = threads.unwrap_or_else(|| (size.pixels() / PIXELS_PER_THREAD).clamp(1, cores()));
         Ok(Self {
             size,
             parameters,
-            pool: (pool.current_num_threads() > 1).then_some(pool),
+            pool: (threads > 1).then(|| new_pool(threads)).transpose()?,
             process: std::process::id(),
             t_us: None,
             samples: Samples::None,
@@ -143,21 +147,25 @@ impl CrossingEngine {
     /// The reference `R` of each pixel in log intensity, row by row; NaN before the first frame.
     #[must_use]
     pub fn reference(&self) -> Vec<f64> {
-        let value = |(i, pixel): (usize, &Pixel)| pixel.reference.exact(self.parameters.thresholds(i)).value();
-        self.pixels().map_or_else(|| vec![f64::NAN; self.size.pixels()], |p| p.iter().enumerate().map(value).collect())
+        let value = |(i, level): (usize, &Level)| level.exact(self.parameters.thresholds(i)).value();
+        let none = || vec![f64::NAN; self.size.pixels()];
+        self.references().map_or_else(none, |levels| levels.iter().enumerate().map(value).collect())
     }
 
     /// The surface of active events: the time of each pixel's last event in microseconds, row by row; -1 = none yet.
     #[must_use]
     pub fn last_event_us(&self) -> Vec<i64> {
-        let never = || vec![NEVER; self.size.pixels()];
-        self.pixels().map_or_else(never, |pixels| pixels.iter().map(|pixel| pixel.last_event_us).collect())
+        match &self.samples {
+            Samples::None => vec![NEVER; self.size.pixels()],
+            Samples::Luma(core) => core.last_event_us(self.size),
+            Samples::Log(core) => core.last_event_us(self.size),
+        }
     }
 
     /// The state, to be stored.
     #[must_use]
     pub fn state(&self) -> EngineState {
-        let pixels = self.pixels().unwrap_or_default();
+        let levels = self.references().unwrap_or_default();
         let (luma, log_intensity, rate) = match &self.samples {
             Samples::None => (vec![], vec![], vec![]),
             Samples::Luma(core) => (core.last().to_vec(), vec![], core.rates().iter().map(|&r| r.into()).collect()),
@@ -170,10 +178,10 @@ impl CrossingEngine {
             luma,
             log_intensity,
             rate,
-            base: pixels.iter().map(|pixel| pixel.reference.base).collect(),
-            on: pixels.iter().map(|pixel| pixel.reference.on).collect(),
-            off: pixels.iter().map(|pixel| pixel.reference.off).collect(),
-            last_event_us: pixels.iter().map(|pixel| pixel.last_event_us).collect(),
+            base: levels.iter().map(|level| level.base).collect(),
+            on: levels.iter().map(|level| level.on).collect(),
+            off: levels.iter().map(|level| level.off).collect(),
+            last_event_us: if levels.is_empty() { vec![] } else { self.last_event_us() },
         }
     }
 
@@ -246,17 +254,17 @@ impl CrossingEngine {
         Ok(())
     }
 
-    fn pixels(&self) -> Option<&[Pixel]> {
+    fn references(&self) -> Option<&[Level]> {
         match &self.samples {
             Samples::None => None,
-            Samples::Luma(core) => Some(core.pixels()),
-            Samples::Log(core) => Some(core.pixels()),
+            Samples::Luma(core) => Some(core.references()),
+            Samples::Log(core) => Some(core.references()),
         }
     }
 
     fn count_largest(&self) -> u64 {
-        let largest = |pixel: &Pixel| pixel.reference.on.max(pixel.reference.off);
-        self.pixels().unwrap_or_default().iter().map(largest).max().unwrap_or(0).into()
+        let largest = |level: &Level| level.on.max(level.off);
+        self.references().unwrap_or_default().iter().map(largest).max().unwrap_or(0).into()
     }
 
     /// Everything that can be wrong with a frame; what is left cannot fail. Returns the interval that it ends.

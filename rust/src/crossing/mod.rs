@@ -8,7 +8,7 @@
 //! ```
 //!
 //! [`level`] knows where the levels lie, [`curve`] ([`line`], [`cubic`]) when log intensity reaches one, [`pixel`] which
-//! events one new sample makes. [`sample`], [`scan`] and [`candidates`] spare nearly all pixels that; [`band`] does it all for
+//! events one new sample makes. [`sample`], [`steps`], [`scan`] and [`candidates`] spare nearly all pixels that; [`band`] does it all for
 //! a band of rows, [`core`] runs the bands on threads, [`engine`] is what the user sees.
 
 mod band;
@@ -17,6 +17,7 @@ mod core;
 mod cubic;
 mod curve;
 mod engine;
+mod exponential;
 mod level;
 mod line;
 mod parameters;
@@ -25,6 +26,7 @@ mod reconstruct;
 mod sample;
 mod scan;
 mod state;
+mod steps;
 
 pub use engine::CrossingEngine;
 pub use parameters::{CrossingParameters, Interpolation, Threshold};

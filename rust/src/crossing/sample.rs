@@ -5,15 +5,11 @@
 
 use multiversion::multiversion;
 
+use super::exponential::exp;
+use super::steps::Steps;
 use crate::error::Result;
 use crate::event::SensorSize;
 use crate::log_intensity::{all_luma_valid, check_luma, check_none, log_intensities};
-
-/// What lies around a pixel's reference: one array for below, one for above.
-pub(crate) struct Around<T> {
-    pub(crate) below: T,
-    pub(crate) above: T,
-}
 
 /// A sample of a frame.
 pub(crate) trait Sample: Copy + Default + PartialOrd + Send + Sync + 'static {
@@ -26,8 +22,9 @@ pub(crate) trait Sample: Copy + Default + PartialOrd + Send + Sync + 'static {
     /// Log intensity of each sample.
     fn logs(samples: &[Self], log_eps: f64, logs: &mut [f64]);
 
-    /// Bounds of samples whose log intensity lies strictly between two levels, which are given within 1e-9.
-    fn bounds(levels: Around<&[f64]>, log_eps: f64, bounds: Around<&mut [Self]>);
+    /// The bounds (below, above) of samples whose log intensity lies strictly between the levels around a reference,
+    /// which is given within 1e-9.
+    fn bounds(references: &[f64], steps: Steps<&[f64]>, log_eps: f64, bounds: (&mut [Self], &mut [Self]));
 
     /// Change of log intensity per second, from the sample and its own rate of change.
     fn log_rate(self, rate: Self, log_eps: f64) -> f64;
@@ -52,9 +49,8 @@ impl Sample for f32 {
         log_intensities(samples, log_eps, logs);
     }
 
-    fn bounds(levels: Around<&[f64]>, log_eps: f64, bounds: Around<&mut [Self]>) {
-        luma_bounds(levels.below, 1.0 + MARGIN, log_eps, bounds.below);
-        luma_bounds(levels.above, 1.0 - MARGIN, log_eps, bounds.above);
+    fn bounds(references: &[f64], steps: Steps<&[f64]>, log_eps: f64, bounds: (&mut [Self], &mut [Self])) {
+        luma_bounds(references, steps, log_eps, bounds);
     }
 
     fn log_rate(self, rate: Self, log_eps: f64) -> f64 {
@@ -79,13 +75,11 @@ impl Sample for f64 {
         logs.copy_from_slice(samples);
     }
 
-    fn bounds(levels: Around<&[f64]>, _: f64, bounds: Around<&mut [Self]>) {
-        // Levels are within 1e-9, and adding rounds by less.
-        for (bound, below) in bounds.below.iter_mut().zip(levels.below) {
-            *bound = below + 3e-9;
-        }
-        for (bound, above) in bounds.above.iter_mut().zip(levels.above) {
-            *bound = above - 3e-9;
+    fn bounds(references: &[f64], steps: Steps<&[f64]>, _: f64, bounds: (&mut [Self], &mut [Self])) {
+        // References are within 1e-9, and adding rounds by less.
+        for (i, reference) in references.iter().enumerate() {
+            bounds.0[i] = reference - steps.off[i] + 3e-9;
+            bounds.1[i] = reference + steps.on[i] - 3e-9;
         }
     }
 
@@ -94,68 +88,50 @@ impl Sample for f64 {
     }
 }
 
-/// Bounds are drawn inward by this share of luma plus dark level: a level is off by less than 1e-9, the exponential by
-/// 1e-9, and rounding to float32 takes 2^-24, all together less than half of it.
+/// Bounds are drawn inward by this share of luma plus dark level: a reference is off by less than 1e-9, the exponential
+/// and the step by 1e-9 each, and rounding to float32 takes 2^-24, all together less than half of it.
 const MARGIN: f64 = 1.0 / 2_097_152.0;
 
-/// exp(level) * `margin` - `log_eps`; too large for float32 is infinity.
+/// exp(reference) * step * `margin` - `log_eps`; too large for float32 is infinity.
+///
+/// A reference that no luma can lead to (float32 ends at 89) makes every sample worth a look.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
 #[allow(clippy::cast_possible_truncation, reason = "the margin allows for rounding")]
-fn luma_bounds(levels: &[f64], margin: f64, log_eps: f64, bounds: &mut [f32]) {
-    for (bound, level) in bounds.iter_mut().zip(levels) {
-        *bound = (exp(*level) * margin - log_eps) as f32;
+fn luma_bounds(references: &[f64], steps: Steps<&[f64]>, log_eps: f64, bounds: (&mut [f32], &mut [f32])) {
+    let n = references.len();
+    let (rise, fall) = (&steps.rise[..n], &steps.fall[..n]);
+    let (below, above) = (&mut bounds.0[..n], &mut bounds.1[..n]);
+    for i in 0..n {
+        let usable = (-700.0..=100.0).contains(&references[i]);
+        let luma = exp(references[i]);
+        let (low, high) = (luma * (fall[i] * (1.0 + MARGIN)) - log_eps, luma * (rise[i] * (1.0 - MARGIN)) - log_eps);
+        below[i] = if usable { low as f32 } else { f32::INFINITY };
+        above[i] = if usable { high as f32 } else { f32::NEG_INFINITY };
     }
-}
-
-/// 1.5 * 2^52: adding it rounds to an integer, in the low bits; subtracting it again gives that as a float.
-pub(crate) const ROUND: f64 = 6_755_399_441_055_744.0;
-
-/// The exponential within 1e-9, for levels from -700 to 700 and clamped to that beyond, without branches.
-#[inline(always)]
-#[allow(clippy::inline_always, reason = "vectorised into its caller's loop")]
-fn exp(x: f64) -> f64 {
-    // Taylor's series: 1 / n!, n = 8 to 1; the next term is 0.35^9 / 9! = 2e-10.
-    const INVERSE_FACTORIALS: [f64; 8] =
-        [1.0 / 40_320.0, 1.0 / 5_040.0, 1.0 / 720.0, 1.0 / 120.0, 1.0 / 24.0, 1.0 / 6.0, 0.5, 1.0];
-    let x = x.clamp(-700.0, 700.0);
-    let shifted = x * std::f64::consts::LOG2_E + ROUND;
-    let n = shifted - ROUND;
-    let r = x - n * std::f64::consts::LN_2;
-    let mut sum = 0.0;
-    for coefficient in INVERSE_FACTORIALS {
-        sum = (sum + coefficient) * r;
-    }
-    (1.0 + sum) * f64::from_bits((shifted.to_bits() << 52).wrapping_add(0x3ff0_0000_0000_0000))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::crossing::level::Thresholds;
     use crate::log_intensity::log_intensity;
     use proptest::prelude::*;
-
-    #[test]
-    fn the_exponential_is_good_enough_for_the_margin() {
-        for i in -70_000..70_000i32 {
-            let x = f64::from(i) * 0.01;
-            assert!((exp(x) / x.exp() - 1.0).abs() < 1e-9, "{x}");
-        }
-    }
 
     proptest! {
         /// Luma strictly inside of the bounds has its logarithm strictly inside of the levels.
         #[test]
-        fn bounds_are_inward(level in -30.0f64..88.0, gap in 1e-6f64..3.0, exponent in -12.0f64..3.0, nudge in -3i32..4) {
+        fn bounds_are_inward(reference in -30.0f64..88.0, gap in 1e-6f64..3.0, share in 0.1f64..10.0, exponent in -12.0f64..3.0, nudge in -3i32..4) {
             let log_eps = 10f64.powf(exponent);
             let (mut low, mut high) = ([0.0], [0.0]);
-            let levels = Around { below: &[level - gap][..], above: &[level][..] };
-            f32::bounds(levels, log_eps, Around { below: &mut low[..], above: &mut high[..] });
+            let Steps { on, off, rise, fall } = Steps::new(Thresholds { on: gap, off: share * gap });
+            let steps = Steps { on: &[on][..], off: &[off], rise: &[rise], fall: &[fall] };
+            f32::bounds(&[reference], steps, log_eps, (&mut low, &mut high));
             let ([low], [high]) = (low, high);
             for bound in [low, high] {
                 let luma = f32::from_bits(bound.max(0.0).to_bits().saturating_add_signed(nudge));
                 if luma.is_finite() && low < luma && luma < high {
                     let log = log_intensity(luma, log_eps);
-                    prop_assert!(level - gap < log && log < level);
+                    prop_assert!(reference - off < log && log < reference + on);
                 }
             }
         }

@@ -4,8 +4,8 @@ use multiversion::multiversion;
 
 use super::sample::Sample;
 
-/// Pixels scanned at a time; what was found among them is kept in arrays of this length.
-pub(crate) const TILE: usize = 2048;
+/// Pixels scanned at a time.
+pub(crate) const TILE: usize = 1024;
 
 /// Pixels that are passed over together when none of them left its bounds.
 const BLOCK: usize = 64;
@@ -13,43 +13,61 @@ const BLOCK: usize = 64;
 /// Places are written so many at a time.
 const GROUP: usize = 8;
 
-/// Samples that left their pixel's bounds: their place in the tile, and what log intensity wants, both samples.
+/// Samples that left their pixel's bounds, of one or more tiles: their place in the band's share, and what log intensity
+/// wants, both samples.
 pub(crate) struct Found<S> {
     pub(crate) count: usize,
-    /// With room for one group more than a tile.
-    pub(crate) place: Vec<u16>,
+    pub(crate) place: Vec<u32>,
     pub(crate) from: Vec<S>,
     pub(crate) to: Vec<S>,
+    /// Places in a tile, with room for one group more.
+    in_tile: Vec<u16>,
 }
+
+/// What was found is decided when it is so much: enough to make the most of vectors, little enough for the first cache.
+const BATCH: usize = 256;
+
+/// At most so much is found before it is decided.
+pub(crate) const MOST_FOUND: usize = BATCH - 1 + TILE;
 
 impl<S: Sample> Found<S> {
     pub(crate) fn new() -> Self {
-        let samples = || vec![S::default(); TILE];
-        Self { count: 0, place: vec![0; TILE + GROUP], from: samples(), to: samples() }
+        let samples = || vec![S::default(); MOST_FOUND];
+        Self { count: 0, place: vec![0; MOST_FOUND], from: samples(), to: samples(), in_tile: vec![0; TILE + GROUP] }
     }
-}
 
-/// Compares a tile's new samples with their bounds, stores them as the last ones, and notes those that left.
-///
-/// `rates` are the rates of change at the interval's start and end, where they are known: an extremum between makes a
-/// pixel worth a look wherever its samples lie.
-pub(crate) fn scan<S: Sample>(
-    new: &[S],
-    last: &mut [S],
-    bounds: (&[S], &[S]),
-    rates: Option<(&[S], &[S])>,
-    found: &mut Found<S>,
-) {
-    found.count = match rates {
-        None => leavers(new, bounds.0, bounds.1, &mut found.place),
-        Some(rates) => leavers_or_turners(new, bounds, rates, &mut found.place),
-    };
-    let places = found.place[..found.count].iter();
-    for ((&place, from), to) in places.zip(&mut found.from).zip(&mut found.to) {
-        *from = last[usize::from(place)];
-        *to = new[usize::from(place)];
+    pub(crate) fn is_full(&self) -> bool {
+        self.count >= BATCH
     }
-    last.copy_from_slice(new);
+
+    /// Compares a tile's new samples with their bounds, stores them as the last ones, and notes those that left.
+    ///
+    /// The tile begins at `start` of the share. `rates` are the rates of change at the interval's start and end, where
+    /// they are known: an extremum between makes a pixel worth a look wherever its samples lie.
+    #[allow(clippy::cast_possible_truncation, reason = "no sensor has 2^32 pixels")]
+    pub(crate) fn scan(
+        &mut self,
+        start: usize,
+        new: &[S],
+        last: &mut [S],
+        bounds: (&[S], &[S]),
+        rates: Option<(&[S], &[S])>,
+    ) {
+        let count = match rates {
+            None => leavers(new, bounds.0, bounds.1, &mut self.in_tile),
+            Some(rates) => leavers_or_turners(new, bounds, rates, &mut self.in_tile),
+        };
+        let found = self.count..self.count + count;
+        let (place, from, to) =
+            (&mut self.place[found.clone()], &mut self.from[found.clone()], &mut self.to[found.clone()]);
+        for (((&i, place), from), to) in self.in_tile[..count].iter().zip(place).zip(from).zip(to) {
+            *place = start as u32 + u32::from(i);
+            *from = last[usize::from(i)];
+            *to = new[usize::from(i)];
+        }
+        self.count = found.end;
+        last.copy_from_slice(new);
+    }
 }
 
 /// The places of samples at or beyond their bounds, in order; returns how many.

@@ -1,29 +1,48 @@
 //! Arrays from Python as slices: checked, and copied only where their layout asks for it.
 
 use numpy::{
-    Element, IntoPyArray, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArray,
-    PyUntypedArrayMethods,
+    Element, IntoPyArray, PyArray2, PyArrayDescrMethods, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2,
+    PyUntypedArray, PyUntypedArrayMethods,
 };
-use pyo3::exceptions::PyValueError;
+use pyo3::exceptions::{PyOverflowError, PyValueError};
 use pyo3::prelude::*;
 
 use crate::crossing::Threshold;
 use crate::error::Error;
 use crate::event::{Event, SensorSize};
 
+/// A sample as NumPy has it.
+pub(super) trait Float: Element {
+    /// Of a float64 that is to become one; where it cannot, it becomes a value that is refused like it.
+    fn of(value: f64) -> Self;
+}
+
+impl Float for f32 {
+    #[allow(clippy::cast_possible_truncation, reason = "float64 is rounded to float32")]
+    fn of(value: f64) -> Self {
+        let rounded = value as Self;
+        // Rounding takes the sign's meaning from a negative number smaller than all float32.
+        if value < 0.0 && rounded == 0.0 { -Self::from_bits(1) } else { rounded }
+    }
+}
+
+impl Float for f64 {
+    fn of(value: f64) -> Self {
+        value
+    }
+}
+
 /// A frame of floats as a C-contiguous array of `T`; float32 and float64 of any layout are taken, `T` without a copy.
-pub(super) fn frame<'py, T: Element>(
+pub(super) fn frame<'py, T: Float>(
     array: &Bound<'py, PyAny>,
     name: &str,
     size: Option<SensorSize>,
 ) -> PyResult<PyReadonlyArray2<'py, T>> {
-    let py = array.py();
     let untyped = array
         .cast::<PyUntypedArray>()
         .map_err(|_| PyValueError::new_err(format!("{name} must be a NumPy array, got {}", array.get_type())))?;
     let dtype = untyped.dtype();
-    let float = |wanted: &Bound<'py, numpy::PyArrayDescr>| numpy::PyArrayDescrMethods::is_equiv_to(&dtype, wanted);
-    if !float(&numpy::dtype::<f32>(py)) && !float(&numpy::dtype::<f64>(py)) {
+    if dtype.kind() != b'f' || ![4, 8].contains(&dtype.itemsize()) {
         return Err(PyValueError::new_err(format!("{name} must be float32 or float64, got {dtype}")));
     }
     let shape = untyped.shape();
@@ -32,8 +51,35 @@ pub(super) fn frame<'py, T: Element>(
         let expected = expected.map_or("(height, width)".to_owned(), |[h, w]| format!("({h}, {w})"));
         return Err(PyValueError::new_err(format!("{name} must have shape {expected}, got {shape:?}")));
     }
-    let converted = py.import("numpy")?.call_method1("require", (array, numpy::dtype::<T>(py), ("C", "ALIGNED")))?;
-    Ok(converted.cast_into::<PyArray2<T>>()?.readonly())
+    if let Some(frame) = plain::<T>(array) {
+        return Ok(frame);
+    }
+    // Every layout and byte order: NumPy makes it plain, and widens what is narrower.
+    let py = array.py();
+    let width = if dtype.itemsize() == 4 { numpy::dtype::<f32>(py) } else { numpy::dtype::<f64>(py) };
+    let native = py.import("numpy")?.call_method1("require", (array, width, ("C", "ALIGNED")))?;
+    if let Some(frame) = plain::<T>(&native) {
+        return Ok(frame);
+    }
+    let wide = native.call_method1("astype", (numpy::dtype::<f64>(py),))?.cast_into::<PyArray2<f64>>()?;
+    Ok(PyArray2::from_owned_array(py, wide.readonly().as_array().mapv(T::of)).readonly())
+}
+
+/// The array itself, where its memory is already what is wanted.
+fn plain<'py, T: Element>(array: &Bound<'py, PyAny>) -> Option<PyReadonlyArray2<'py, T>> {
+    let array = array.cast::<PyArray2<T>>().ok()?;
+    (array.is_c_contiguous() && array.is_aligned()).then(|| array.readonly())
+}
+
+/// A time in microseconds.
+pub(super) fn microseconds(t_us: &Bound<'_, PyAny>) -> PyResult<i64> {
+    t_us.extract().map_err(|error: PyErr| {
+        if error.is_instance_of::<PyOverflowError>(t_us.py()) {
+            PyValueError::new_err(format!("a time must lie in 0..2^63 us, got {t_us}"))
+        } else {
+            error
+        }
+    })
 }
 
 /// The sensor that a frame's shape describes.

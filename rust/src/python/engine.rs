@@ -4,7 +4,7 @@ use numpy::{IntoPyArray, PyArray1, PyArray2};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-use super::arrays::{frame, image, threshold};
+use super::arrays::{frame, image, microseconds, threshold};
 use super::state;
 use crate::crossing::{CrossingEngine, CrossingParameters, Interpolation};
 use crate::error::Error;
@@ -58,7 +58,7 @@ impl PyCrossingEngine {
     fn push<'py>(
         &mut self,
         py: Python<'py>,
-        t_us: i64,
+        t_us: &Bound<'py, PyAny>,
         luma: &Bound<'py, PyAny>,
         dluma_dt: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Bound<'py, PyArray1<Event>>> {
@@ -68,6 +68,7 @@ impl PyCrossingEngine {
         let luma = luma.as_slice()?;
         let rate = rate.as_ref().map(|rate| rate.as_slice()).transpose()?;
         let mut events = Vec::new();
+        let t_us = microseconds(t_us)?;
         py.detach(|| self.0.push(t_us, luma, rate, &mut events))?;
         Ok(events.into_pyarray(py))
     }
@@ -76,7 +77,7 @@ impl PyCrossingEngine {
     fn push_log<'py>(
         &mut self,
         py: Python<'py>,
-        t_us: i64,
+        t_us: &Bound<'py, PyAny>,
         log_intensity: &Bound<'py, PyAny>,
         slope: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Bound<'py, PyArray1<Event>>> {
@@ -86,6 +87,7 @@ impl PyCrossingEngine {
         let log = log.as_slice()?;
         let rate = rate.as_ref().map(|rate| rate.as_slice()).transpose()?;
         let mut events = Vec::new();
+        let t_us = microseconds(t_us)?;
         py.detach(|| self.0.push_log(t_us, log, rate, &mut events))?;
         Ok(events.into_pyarray(py))
     }
