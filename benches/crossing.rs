@@ -4,7 +4,7 @@ use std::hint::black_box;
 use std::time::{Duration, Instant};
 
 use criterion::{Criterion, Throughput, criterion_group};
-use davis_rs::{CrossingEngine, CrossingParameters, Event, SensorSize};
+use davis_rs::{CrossingEngine, CrossingParameters, Event, Frame, SensorSize};
 
 const SMALL: SensorSize = SensorSize { width: 240, height: 180 };
 const LARGE: SensorSize = SensorSize { width: 1280, height: 720 };
@@ -63,7 +63,7 @@ fn engine<'a>(name: &str, size: SensorSize, frames: &'a [Vec<f32>], threads: usi
         let mut engine = CrossingEngine::new(size, CrossingParameters::default(), Some(threads)).expect("valid");
         let mut events = Vec::<Event>::new();
         let mut push = |t_us, luma: &[f32]| {
-            engine.push(t_us, luma, None, &mut events).expect("valid");
+            engine.push(Frame::new(t_us, luma), &mut events).expect("valid");
             black_box(&events).len()
         };
         push(0, &first);

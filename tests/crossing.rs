@@ -3,7 +3,7 @@
 use std::num::NonZeroI128;
 
 use davis_rs::{
-    CrossingEngine, CrossingParameters, Error, Event, Result, SensorSize, Threshold, log_intensity, reconstruct,
+    CrossingEngine, CrossingParameters, Error, Event, Frame, Result, SensorSize, Threshold, log_intensity, reconstruct,
 };
 use proptest::prelude::*;
 
@@ -22,12 +22,12 @@ fn engine(size: SensorSize, on: f64, off: f64, threads: usize) -> CrossingEngine
 
 fn push(engine: &mut CrossingEngine, t_us: i64, luma: &[f32]) -> Result<Vec<Event>> {
     let mut events = Vec::new();
-    engine.push(t_us, luma, None, &mut events).map(|()| events)
+    engine.push(Frame::new(t_us, luma), &mut events).map(|()| events)
 }
 
 fn push_log(engine: &mut CrossingEngine, t_us: i64, log_intensity: &[f64]) -> Result<Vec<Event>> {
     let mut events = Vec::new();
-    engine.push_log(t_us, log_intensity, None, &mut events).map(|()| events)
+    engine.push_log(Frame::new(t_us, log_intensity), &mut events).map(|()| events)
 }
 
 /// Smallest integer at or above `a / b`.

@@ -92,7 +92,7 @@ def next_sample(step: Step, samples: list[float], c_on: float, c_off: float) -> 
 
 _ULPS = st.integers(-2, 2)
 _COUNTS = st.integers(0, 5)
-_STEPS: st.SearchStrategy[Step] = st.one_of(
+steps: st.SearchStrategy[Step] = st.one_of(
     st.builds(Step, st.just("hold")),
     st.builds(Step, st.just("first"), ulps=_ULPS),
     st.builds(Step, st.just("jump"), amount=st.floats(-6, 6)),
@@ -133,7 +133,7 @@ def sequences(draw: st.DrawFn, *, max_frames: int = 9, gaps: st.SearchStrategy[i
     frames = np.empty((count, height, width))
     for y, x in np.ndindex(height, width):
         samples = [draw(base_levels)]
-        for step in draw(st.lists(_STEPS, min_size=count - 1, max_size=count - 1)):
+        for step in draw(st.lists(steps, min_size=count - 1, max_size=count - 1)):
             samples.append(next_sample(step, samples, c_on, c_off))
         frames[:, y, x] = samples
     return Sequence(c_on, c_off, times_us, list(frames))

@@ -19,6 +19,8 @@ __all__ = [
 
 __version__: str
 
+SparseSamples = tuple[npt.NDArray[np.integer[Any]], npt.NDArray[np.integer[Any]], npt.NDArray[np.floating[Any]]]
+
 class DecodeError(ValueError):
     """Contents of a file or stream that do not follow the format they claim; the message says where."""
 
@@ -69,6 +71,8 @@ class CrossingEngine:
         t_us: int,
         luma: npt.NDArray[np.floating[Any]],
         dluma_dt: npt.NDArray[np.floating[Any]] | None = None,
+        *,
+        sparse: SparseSamples | None = None,
     ) -> npt.NDArray[np.void]:
         """Take the frame at ``t_us``; return the events since the frame before it.
 
@@ -81,20 +85,26 @@ class CrossingEngine:
             dluma_dt: for Hermite interpolation, the total dY/dt in luma per second, likewise; a value that is not
                 finite means a straight line for that pixel. A slope makes no extremum that the samples do not support:
                 slopes of one sign against the samples' way are ignored, along it cut to three times the chord's.
+            sparse: samples that some pixels bring since the last frame: (pixel, t_us, luma), arrays of one length:
+                row-major pixel index, time strictly between the two frames, luma as above; sorted by pixel and then
+                by time. Straight lines run between them, also where the frames have rates.
 
         Returns:
             Events (:data:`davis_rs.EVENT_DTYPE`), sorted by (t, y, x, order of crossing).
 
         Raises:
             ValueError: for a wrong shape or dtype, luma that is NaN, infinite or negative (with time and pixel), a time
-                that does not increase, a rate that is missing or should not be there, or an engine that has been fed
-                with log intensity. The engine is then as it was.
+                that does not increase, a rate that is missing or should not be there, sparse samples that are out of
+                order or of the interval, or an engine that has been fed with log intensity. The engine is then as
+                it was.
         """
     def push_log(
         self,
         t_us: int,
         log_intensity: npt.NDArray[np.floating[Any]],
         slope: npt.NDArray[np.floating[Any]] | None = None,
+        *,
+        sparse: SparseSamples | None = None,
     ) -> npt.NDArray[np.void]:
         """:meth:`push` of log intensity itself: float64, shape (height, width), within +-746, and its dL/dt."""
     @property

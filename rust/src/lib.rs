@@ -19,7 +19,9 @@ mod text;
 #[cfg(feature = "python")]
 mod python;
 
-pub use crossing::{CrossingEngine, CrossingParameters, EngineState, Interpolation, Threshold, reconstruct};
+pub use crossing::{
+    CrossingEngine, CrossingParameters, EngineState, Frame, Interpolation, SparseSamples, Threshold, reconstruct,
+};
 pub use error::{Error, Result};
 pub use event::{Event, SensorSize};
 pub use log_intensity::{log_intensity, log_intensity_frame};

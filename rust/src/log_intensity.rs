@@ -81,13 +81,16 @@ pub(crate) fn check_log_eps(log_eps: f64) -> Result<()> {
     Err(Error::Argument(format!("log_eps (the dark level, in units of luma) must lie in 1e-300..1e300, got {log_eps}")))
 }
 
+/// What luma must be.
+pub(crate) const LUMA_RULE: &str = "luma must be finite and >= 0";
+
 /// Refuses luma that is NaN, infinite or negative, with time and pixel.
 pub(crate) fn check_luma(luma: &[f32], size: SensorSize, t_us: Option<i64>) -> Result<()> {
     if all_luma_valid(luma) {
         return Ok(());
     }
     let bad = luma.iter().position(|y| !(0.0..=f32::MAX).contains(y));
-    check_none(bad, size, t_us, |i| format!("luma must be finite and >= 0, got {}", luma[i]))
+    check_none(bad, size, t_us, |i| format!("{LUMA_RULE}, got {}", luma[i]))
 }
 
 /// Is every value finite and >= 0? Without an early exit, so that it becomes vector code.

@@ -2,6 +2,7 @@
 
 use super::candidates::{Candidates, Verdict};
 use super::cubic::Cubic;
+use super::frame::SparseSamples;
 use super::level::Level;
 use super::line::Line;
 use super::parameters::CrossingParameters;
@@ -29,6 +30,16 @@ pub(crate) struct Share<'a, S> {
     pub(crate) new: &'a [S],
     /// Rates of change at the interval's start and end.
     pub(crate) rates: Option<(&'a [S], &'a [S])>,
+    /// Of these pixels, numbered as in the sensor.
+    pub(crate) sparse: SparseSamples<'a, S>,
+}
+
+impl<'a, S: Sample> Share<'a, S> {
+    /// The sparse samples of the pixel at a place of the share.
+    fn sparse_of(&self, place: u32) -> SparseSamples<'a, S> {
+        let pixel = self.first_pixel + place as usize;
+        self.sparse.of(pixel, pixel + 1)
+    }
 }
 
 /// Memory that a band keeps from frame to frame.
@@ -39,6 +50,8 @@ pub(crate) struct Band<S> {
     candidates: Candidates<S>,
     /// Room for the events of candidates that are clear.
     clear: Vec<Event>,
+    /// Log intensity of a pixel's sparse samples.
+    logs: Vec<f64>,
 }
 
 impl<S: Sample> Band<S> {
@@ -48,6 +61,7 @@ impl<S: Sample> Band<S> {
             found: Found::new(),
             candidates: Candidates::new(p),
             clear: vec![Event::default(); MOST_FOUND],
+            logs: Vec::new(),
         }
     }
 
@@ -60,7 +74,9 @@ impl<S: Sample> Band<S> {
             let end = (start + TILE).min(share.new.len());
             let rates = share.rates.map(|(from, to)| (&from[start..end], &to[start..end]));
             let bounds = (&share.low[start..end], &share.high[start..end]);
-            self.found.scan(start, &share.new[start..end], &mut share.last[start..end], bounds, rates);
+            let sparse = share.sparse.of(share.first_pixel + start, share.first_pixel + end).pixel;
+            let also = sparse.iter().map(|&pixel| pixel as usize - share.first_pixel - start);
+            self.found.scan(start, &share.new[start..end], &mut share.last[start..end], bounds, rates, also);
             if self.found.is_full() {
                 self.decide(&mut share, at, size, p);
             }
@@ -75,6 +91,13 @@ impl<S: Sample> Band<S> {
             self.candidates.verdict[..self.found.count].fill(Verdict::Unclear);
         } else {
             self.candidates.decide(&self.found, share.references, share.first_pixel, at.ticks, p);
+            if !share.sparse.is_empty() {
+                for (verdict, &place) in self.candidates.verdict.iter_mut().zip(&self.found.place[..self.found.count]) {
+                    if !share.sparse_of(place).is_empty() {
+                        *verdict = Verdict::Unclear; // no single line tells
+                    }
+                }
+            }
         }
         self.carry_out(share, at, size, p);
         self.found.count = 0;
@@ -124,12 +147,24 @@ impl<S: Sample> Band<S> {
         p: &CrossingParameters,
     ) {
         let in_share = self.found.place[candidate] as usize;
+        let sparse = share.sparse_of(self.found.place[candidate]);
         let c = p.thresholds(share.first_pixel + in_share);
         let reference = &mut share.references[in_share];
         let events = &mut self.events;
-        let emit = |t_us, on| events.push(Event::new(t_us, x, y, on));
+        let mut emit = |t_us, on| events.push(Event::new(t_us, x, y, on));
         let line = Line { from: self.candidates.from[candidate], to: self.candidates.to[candidate], ticks: at.ticks };
         let moved = match share.rates {
+            _ if !sparse.is_empty() => {
+                self.logs.resize(sparse.samples.len(), 0.0);
+                S::logs(sparse.samples, p.log_eps, &mut self.logs);
+                let (mut from, mut start_us, mut moved) = (line.from, at.start_us, false);
+                let end = (at.start_us + at.ticks, line.to);
+                for (t_us, to) in sparse.t_us.iter().copied().zip(self.logs.iter().copied()).chain([end]) {
+                    moved |= follow(reference, &Line { from, to, ticks: t_us - start_us }, start_us, c, &mut emit);
+                    (from, start_us) = (to, t_us);
+                }
+                moved
+            }
             None => follow(reference, &line, at.start_us, c, emit),
             Some(rates) => {
                 #[allow(clippy::cast_precision_loss, reason = "ticks < 2^53")]

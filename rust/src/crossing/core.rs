@@ -3,6 +3,7 @@
 use rayon::prelude::*;
 
 use super::band::{Band, Interval, Share};
+use super::frame::Frame;
 use super::level::Level;
 use super::parameters::CrossingParameters;
 use super::sample::Sample;
@@ -94,38 +95,41 @@ impl<S: Sample> Core<S> {
     /// Runs every pixel over one checked frame.
     pub(crate) fn advance(
         &mut self,
-        frame: &[S],
-        rates: Option<&[S]>,
+        frame: &Frame<'_, S>,
         at: Interval,
         size: SensorSize,
         parameters: &CrossingParameters,
         pool: Option<&rayon::ThreadPool>,
     ) {
         let Self { last, low, high, rates: before, references, last_event_us, bands } = self;
-        let rates_at = |start: usize, n: usize| rates.map(|now| (&before[start..start + n], &now[start..start + n]));
+        let rates_at =
+            |start: usize, n: usize| frame.rate.map(|now| (&before[start..start + n], &now[start..start + n]));
+        let (new, sparse) = (frame.samples, frame.sparse);
         match pool {
             None => {
-                let rates = rates_at(0, frame.len());
-                let share = Share { first_pixel: 0, references, last_event_us, last, low, high, new: frame, rates };
+                let rates = rates_at(0, new.len());
+                let share = Share { first_pixel: 0, references, last_event_us, last, low, high, new, rates, sparse };
                 bands[0].advance(share, at, size, parameters);
             }
             Some(pool) => {
-                let length = frame.len().div_ceil(bands.len()).next_multiple_of(TILE);
+                let length = new.len().div_ceil(bands.len()).next_multiple_of(TILE);
                 pool.install(|| {
                     let state = (references.par_chunks_mut(length), last_event_us.par_chunks_mut(length));
                     let bounds = (low.par_chunks_mut(length), high.par_chunks_mut(length));
-                    let samples = (last.par_chunks_mut(length), frame.par_chunks(length));
+                    let samples = (last.par_chunks_mut(length), new.par_chunks(length));
                     (state, bounds, samples, bands.par_iter_mut()).into_par_iter().enumerate().for_each(
                         |(i, ((references, last_event_us), (low, high), (last, new), band))| {
                             let (first_pixel, rates) = (i * length, rates_at(i * length, new.len()));
-                            let share = Share { first_pixel, references, last_event_us, last, low, high, new, rates };
+                            let sparse = sparse.of(first_pixel, first_pixel + new.len());
+                            let share =
+                                Share { first_pixel, references, last_event_us, last, low, high, new, rates, sparse };
                             band.advance(share, at, size, parameters);
                         },
                     );
                 });
             }
         }
-        if let Some(now) = rates {
+        if let Some(now) = frame.rate {
             before.copy_from_slice(now);
         }
     }

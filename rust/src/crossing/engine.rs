@@ -4,6 +4,7 @@ use rayon::prelude::*;
 
 use super::band::Interval;
 use super::core::{Core, NEVER};
+use super::frame::Frame;
 use super::level::Level;
 use super::parameters::{CrossingParameters, Interpolation};
 use super::sample::Sample;
@@ -123,25 +124,22 @@ impl CrossingEngine {
         self.t_us
     }
 
-    /// Takes the frame of linear luma at `t_us`, row by row; puts the events since the frame before it into `events`.
-    ///
-    /// `rate` is the frame's total rate of change in luma per second, for Hermite interpolation; a rate that is not
-    /// finite means a straight line for that pixel.
+    /// Takes a frame of linear luma; puts the events since the frame before it into `events`.
     ///
     /// # Errors
     /// A frame of the wrong size, luma that is NaN, infinite or negative ([`Error::Argument`] with time and pixel), a
-    /// time that is not after the last one ([`Error::Order`]), rates where there should be none or the reverse. The
-    /// state is then as it was.
-    pub fn push(&mut self, t_us: i64, luma: &[f32], rate: Option<&[f32]>, events: &mut Vec<Event>) -> Result<()> {
-        self.take(t_us, luma, rate, events)
+    /// time that is not after the last one ([`Error::Order`]), rates where there should be none or the reverse, sparse
+    /// samples without a place in the interval or before the first frame. The state is then as it was.
+    pub fn push(&mut self, frame: Frame<'_, f32>, events: &mut Vec<Event>) -> Result<()> {
+        self.take(frame, events)
     }
 
-    /// [`Self::push`] of log intensity itself, with its rate of change per second.
+    /// [`Self::push`] of log intensity itself.
     ///
     /// # Errors
     /// As [`Self::push`]; log intensity must lie within +-746, the logarithms of all positive finite floats.
-    pub fn push_log(&mut self, t_us: i64, log: &[f64], rate: Option<&[f64]>, events: &mut Vec<Event>) -> Result<()> {
-        self.take(t_us, log, rate, events)
+    pub fn push_log(&mut self, frame: Frame<'_, f64>, events: &mut Vec<Event>) -> Result<()> {
+        self.take(frame, events)
     }
 
     /// The reference `R` of each pixel in log intensity, row by row; NaN before the first frame.
@@ -205,14 +203,15 @@ impl CrossingEngine {
         }
         let rate: Vec<f32>;
         if state.luma.is_empty() {
-            let given = hermite.then_some(&state.rate[..]);
-            engine.push_log(t_us, &state.log_intensity, given, &mut Vec::new())?;
+            let frame = Frame::new(t_us, &state.log_intensity[..]);
+            engine.take(Frame { rate: hermite.then_some(&state.rate), ..frame }, &mut Vec::new())?;
         } else {
             #[allow(clippy::cast_possible_truncation, reason = "stored from float32")]
             {
                 rate = state.rate.iter().map(|&r| r as f32).collect();
             }
-            engine.push(t_us, &state.luma, hermite.then_some(&rate[..]), &mut Vec::new())?;
+            let frame = Frame::new(t_us, &state.luma[..]);
+            engine.take(Frame { rate: hermite.then_some(&rate), ..frame }, &mut Vec::new())?;
         }
         match &mut engine.samples {
             Samples::None => {}
@@ -223,14 +222,14 @@ impl CrossingEngine {
         Ok(engine)
     }
 
-    fn take<S: Feed>(&mut self, t_us: i64, frame: &[S], rate: Option<&[S]>, events: &mut Vec<Event>) -> Result<()> {
+    fn take<S: Feed>(&mut self, frame: Frame<'_, S>, events: &mut Vec<Event>) -> Result<()> {
         self.follow_a_fork()?;
-        let at = self.check_frame(t_us, frame, rate)?;
+        let at = self.check_frame(&frame)?;
         if let Some(core) = S::core(&mut self.samples) {
-            core.advance(frame, rate, at, self.size, &self.parameters, self.pool.as_ref());
+            core.advance(&frame, at, self.size, &self.parameters, self.pool.as_ref());
             self.sort.sort(core.events(), at.start_us, at.ticks, events);
         } else if self.t_us.is_none() {
-            self.samples = S::wrap(Core::new(frame, rate, &self.parameters, self.pool.as_ref()));
+            self.samples = S::wrap(Core::new(frame.samples, frame.rate, &self.parameters, self.pool.as_ref()));
             events.clear();
         } else {
             return Err(Error::Argument(format!(
@@ -238,7 +237,7 @@ impl CrossingEngine {
                 S::NAME
             )));
         }
-        self.t_us = Some(t_us);
+        self.t_us = Some(frame.t_us);
         Ok(())
     }
 
@@ -268,9 +267,10 @@ impl CrossingEngine {
     }
 
     /// Everything that can be wrong with a frame; what is left cannot fail. Returns the interval that it ends.
-    fn check_frame<S: Sample>(&mut self, t_us: i64, frame: &[S], rate: Option<&[S]>) -> Result<Interval> {
+    fn check_frame<S: Sample>(&mut self, frame: &Frame<'_, S>) -> Result<Interval> {
+        let Frame { t_us, samples, rate, sparse } = *frame;
         let pixels = self.size.pixels();
-        for (name, length) in [("a frame", Some(frame.len())), ("a rate of change", rate.map(<[S]>::len))] {
+        for (name, length) in [("a frame", Some(samples.len())), ("a rate of change", rate.map(<[S]>::len))] {
             if length.is_some_and(|length| length != pixels) {
                 return Err(Error::Argument(format!(
                     "{name} must have {} x {} = {pixels} pixels, got {}",
@@ -305,21 +305,35 @@ impl CrossingEngine {
             )));
         }
         let valid = match &self.pool {
-            None => S::all_valid(frame),
-            Some(pool) => pool.install(|| frame.par_chunks(CHECKED_AT_A_TIME).all(S::all_valid)),
+            None => S::all_valid(samples),
+            Some(pool) => pool.install(|| samples.par_chunks(CHECKED_AT_A_TIME).all(S::all_valid)),
         };
         if !valid {
-            S::check(frame, self.size, t_us)?;
+            S::check(samples, self.size, t_us)?;
         }
-        self.make_room()?;
+        if !sparse.is_empty() {
+            if self.t_us.is_none() {
+                return Err(Error::Argument(
+                    "the first frame can have no sparse samples: nothing lies before it".into(),
+                ));
+            }
+            sparse.check(self.size, start_us, t_us)?;
+        }
+        self.make_room(sparse.pixel.len())?;
         Ok(Interval { start_us, ticks })
     }
 
     /// Counters must not overflow; whether one could is estimated from above, and counted only when it comes near.
-    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "at most 3e9")]
-    fn make_room(&mut self) -> Result<()> {
-        // Log intensity spans less than 1500; a Hermite curve goes there and back.
-        let most = (2.0 * 1500.0 / self.parameters.least_threshold()) as u64 + 2;
+    #[allow(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        clippy::cast_precision_loss,
+        reason = "an estimate"
+    )]
+    fn make_room(&mut self, sparse: usize) -> Result<()> {
+        // Log intensity spans less than 1500; a Hermite curve goes there and back, and so may each sparse sample.
+        let ways = 2.0 + sparse as f64;
+        let most = (ways * 1500.0 / self.parameters.least_threshold()) as u64 + 2;
         if self.largest_counter + most > u32::MAX.into() {
             self.largest_counter = self.count_largest();
             if self.largest_counter + most > u32::MAX.into() {

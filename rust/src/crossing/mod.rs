@@ -18,6 +18,7 @@ mod cubic;
 mod curve;
 mod engine;
 mod exponential;
+mod frame;
 mod level;
 mod line;
 mod parameters;
@@ -29,6 +30,7 @@ mod state;
 mod steps;
 
 pub use engine::CrossingEngine;
+pub use frame::{Frame, SparseSamples};
 pub use parameters::{CrossingParameters, Interpolation, Threshold};
 pub use reconstruct::reconstruct;
 pub use state::EngineState;

@@ -3,16 +3,21 @@
 //! A sample strictly between its pixel's bounds has reached no level. Bounds are rounded inward, so that nothing that
 //! has reached one is missed; the few samples that are on a bound's wrong side without need are decided exactly.
 
+use std::fmt::Debug;
+
 use multiversion::multiversion;
 
 use super::exponential::exp;
 use super::steps::Steps;
 use crate::error::Result;
 use crate::event::SensorSize;
-use crate::log_intensity::{all_luma_valid, check_luma, check_none, log_intensities};
+use crate::log_intensity::{LUMA_RULE, all_luma_valid, check_luma, check_none, log_intensities};
 
 /// A sample of a frame.
-pub(crate) trait Sample: Copy + Default + PartialOrd + Send + Sync + 'static {
+pub(crate) trait Sample: Copy + Debug + Default + PartialOrd + Send + Sync + 'static {
+    /// What a valid one is, for people.
+    const RULE: &'static str;
+
     /// Has every value a log intensity?
     fn all_valid(frame: &[Self]) -> bool;
 
@@ -37,6 +42,8 @@ pub(crate) trait Sample: Copy + Default + PartialOrd + Send + Sync + 'static {
 }
 
 impl Sample for f32 {
+    const RULE: &'static str = LUMA_RULE;
+
     fn all_valid(frame: &[Self]) -> bool {
         all_luma_valid(frame)
     }
@@ -62,13 +69,15 @@ impl Sample for f32 {
 const MAX_LOG_INTENSITY: f64 = 746.0;
 
 impl Sample for f64 {
+    const RULE: &'static str = "log intensity must lie within +-746";
+
     fn all_valid(frame: &[Self]) -> bool {
         frame.iter().fold(true, |valid, log| valid & (log.abs() <= MAX_LOG_INTENSITY))
     }
 
     fn check(frame: &[Self], size: SensorSize, t_us: i64) -> Result<()> {
         let bad = frame.iter().position(|l| l.is_nan() || l.abs() > MAX_LOG_INTENSITY);
-        check_none(bad, size, Some(t_us), |i| format!("log intensity must lie within +-746, got {}", frame[i]))
+        check_none(bad, size, Some(t_us), |i| format!("{}, got {}", Self::RULE, frame[i]))
     }
 
     fn logs(samples: &[Self], _: f64, logs: &mut [f64]) {

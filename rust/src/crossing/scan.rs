@@ -43,7 +43,8 @@ impl<S: Sample> Found<S> {
     /// Compares a tile's new samples with their bounds, stores them as the last ones, and notes those that left.
     ///
     /// The tile begins at `start` of the share. `rates` are the rates of change at the interval's start and end, where
-    /// they are known: an extremum between makes a pixel worth a look wherever its samples lie.
+    /// they are known: an extremum between makes a pixel worth a look wherever its samples lie. `also` are places that
+    /// are noted whatever their samples.
     #[allow(clippy::cast_possible_truncation, reason = "no sensor has 2^32 pixels")]
     pub(crate) fn scan(
         &mut self,
@@ -52,11 +53,15 @@ impl<S: Sample> Found<S> {
         last: &mut [S],
         bounds: (&[S], &[S]),
         rates: Option<(&[S], &[S])>,
+        also: impl ExactSizeIterator<Item = usize>,
     ) {
-        let count = match rates {
+        let mut count = match rates {
             None => leavers(new, bounds.0, bounds.1, &mut self.in_tile),
             Some(rates) => leavers_or_turners(new, bounds, rates, &mut self.in_tile),
         };
+        if also.len() > 0 {
+            count = add(&mut self.in_tile, count, also);
+        }
         let found = self.count..self.count + count;
         let (place, from, to) =
             (&mut self.place[found.clone()], &mut self.from[found.clone()], &mut self.to[found.clone()]);
@@ -105,6 +110,17 @@ fn leavers<S: Sample>(new: &[S], low: &[S], high: &[S], places: &mut [u16]) -> u
         count += usize::from((new[i] >= high[i]) | (new[i] <= low[i]));
     }
     count
+}
+
+/// Adds places (each may come several times, or be there) to the first `count`, in order; returns how many there are.
+#[allow(clippy::cast_possible_truncation, reason = "places lie below TILE")]
+fn add(places: &mut [u16], count: usize, also: impl Iterator<Item = usize>) -> usize {
+    let mut noted = [false; TILE];
+    for place in places[..count].iter().map(|&place| usize::from(place)).chain(also) {
+        noted[place] = true;
+    }
+    let all = noted.iter().enumerate().filter(|(_, noted)| **noted).map(|(place, _)| place as u16);
+    places.iter_mut().zip(all).map(|(to, place)| *to = place).count()
 }
 
 /// For eight bits, the positions of those that are set, in order, and their number.

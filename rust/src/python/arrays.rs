@@ -1,7 +1,7 @@
 //! Arrays from Python as slices: checked, and copied only where their layout asks for it.
 
 use numpy::{
-    Element, IntoPyArray, PyArray2, PyArrayDescrMethods, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2,
+    Element, IntoPyArray, PyArray1, PyArray2, PyArrayDescrMethods, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2,
     PyUntypedArray, PyUntypedArrayMethods,
 };
 use pyo3::exceptions::{PyOverflowError, PyValueError};
@@ -71,6 +71,26 @@ fn plain<'py, T: Element>(array: &Bound<'py, PyAny>) -> Option<PyReadonlyArray2<
     (array.is_c_contiguous() && array.is_aligned()).then(|| array.readonly())
 }
 
+/// A one-dimensional array of numbers, converted where nothing is lost by it (float64 to float32 is rounded).
+pub(super) fn column<'py, T: Element>(array: &Bound<'py, PyAny>, name: &str) -> PyResult<PyReadonlyArray1<'py, T>> {
+    let py = array.py();
+    let numpy = py.import("numpy")?;
+    let array = numpy.call_method1("asarray", (array,))?;
+    let dtype = numpy::dtype::<T>(py);
+    let (given, kind) = (array.getattr("dtype")?, dtype.kind());
+    let same_kind: bool = numpy.call_method1("can_cast", (&given, &dtype, "same_kind"))?.extract()?;
+    // Integers of any width are taken; one that does not fit is seen by its value, not by its type.
+    let integers = matches!(kind, b'u' | b'i') && matches!(given.getattr("kind")?.extract::<char>()?, 'u' | 'i');
+    if !(same_kind || integers) || array.getattr("ndim")?.extract::<usize>()? != 1 {
+        return Err(PyValueError::new_err(format!("{name} must be a one-dimensional array of {dtype}, got {array:?}")));
+    }
+    let converted = numpy.call_method1("require", (&array, &dtype, ("C", "ALIGNED")))?;
+    if integers && !numpy.call_method1("array_equal", (&array, &converted))?.extract::<bool>()? {
+        return Err(PyValueError::new_err(format!("{name} must fit {dtype}")));
+    }
+    Ok(converted.cast_into::<PyArray1<T>>()?.readonly())
+}
+
 /// A time in microseconds.
 pub(super) fn microseconds(t_us: &Bound<'_, PyAny>) -> PyResult<i64> {
     t_us.extract().map_err(|error: PyErr| {
@@ -92,7 +112,7 @@ pub(super) fn size_of<T: Element>(frame: &PyReadonlyArray2<'_, T>) -> PyResult<S
 /// An event array; anything with the fields t, x, y, p is taken, `EVENT_DTYPE` without a copy.
 pub(super) fn events<'py>(array: &Bound<'py, PyAny>) -> PyResult<PyReadonlyArray1<'py, Event>> {
     let converted = array.py().import("davis_rs.events")?.call_method1("as_events", (array,))?;
-    Ok(converted.cast_into::<numpy::PyArray1<Event>>()?.readonly())
+    Ok(converted.cast_into::<PyArray1<Event>>()?.readonly())
 }
 
 /// A contrast threshold: a number, or a float array of the sensor's shape.

@@ -4,9 +4,9 @@ use numpy::{IntoPyArray, PyArray1, PyArray2};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-use super::arrays::{frame, image, microseconds, threshold};
+use super::arrays::{Float, column, frame, image, microseconds, threshold};
 use super::state;
-use crate::crossing::{CrossingEngine, CrossingParameters, Interpolation};
+use crate::crossing::{CrossingEngine, CrossingParameters, Frame, Interpolation, SparseSamples};
 use crate::error::Error;
 use crate::event::{Event, SensorSize};
 
@@ -54,42 +54,28 @@ impl PyCrossingEngine {
         Ok(Self(CrossingEngine::new(size, parameters, threads)?))
     }
 
-    #[pyo3(signature = (t_us, luma, dluma_dt=None))]
+    #[pyo3(signature = (t_us, luma, dluma_dt=None, *, sparse=None))]
     fn push<'py>(
         &mut self,
-        py: Python<'py>,
         t_us: &Bound<'py, PyAny>,
         luma: &Bound<'py, PyAny>,
         dluma_dt: Option<&Bound<'py, PyAny>>,
+        sparse: Option<SparseArrays<'py>>,
     ) -> PyResult<Bound<'py, PyArray1<Event>>> {
-        let size = Some(self.0.size());
-        let luma = frame::<f32>(luma, "luma", size)?;
-        let rate = dluma_dt.map(|rate| frame::<f32>(rate, "dluma_dt", size)).transpose()?;
-        let luma = luma.as_slice()?;
-        let rate = rate.as_ref().map(|rate| rate.as_slice()).transpose()?;
-        let mut events = Vec::new();
-        let t_us = microseconds(t_us)?;
-        py.detach(|| self.0.push(t_us, luma, rate, &mut events))?;
-        Ok(events.into_pyarray(py))
+        let names = ("luma", "dluma_dt");
+        take(&mut self.0, CrossingEngine::push, t_us, (luma, dluma_dt, sparse), names)
     }
 
-    #[pyo3(signature = (t_us, log_intensity, slope=None))]
+    #[pyo3(signature = (t_us, log_intensity, slope=None, *, sparse=None))]
     fn push_log<'py>(
         &mut self,
-        py: Python<'py>,
         t_us: &Bound<'py, PyAny>,
         log_intensity: &Bound<'py, PyAny>,
         slope: Option<&Bound<'py, PyAny>>,
+        sparse: Option<SparseArrays<'py>>,
     ) -> PyResult<Bound<'py, PyArray1<Event>>> {
-        let size = Some(self.0.size());
-        let log = frame::<f64>(log_intensity, "log_intensity", size)?;
-        let rate = slope.map(|rate| frame::<f64>(rate, "slope", size)).transpose()?;
-        let log = log.as_slice()?;
-        let rate = rate.as_ref().map(|rate| rate.as_slice()).transpose()?;
-        let mut events = Vec::new();
-        let t_us = microseconds(t_us)?;
-        py.detach(|| self.0.push_log(t_us, log, rate, &mut events))?;
-        Ok(events.into_pyarray(py))
+        let names = ("log_intensity", "slope");
+        take(&mut self.0, CrossingEngine::push_log, t_us, (log_intensity, slope, sparse), names)
     }
 
     #[getter]
@@ -115,6 +101,38 @@ impl PyCrossingEngine {
     fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, (Bound<'py, PyDict>,))> {
         Ok((py.get_type::<Self>().getattr("from_state")?, (self.state(py)?,)))
     }
+}
+
+/// Pixel, time and value of sparse samples, as a user gives them.
+type SparseArrays<'py> = (Bound<'py, PyAny>, Bound<'py, PyAny>, Bound<'py, PyAny>);
+
+/// Feeds an engine by one of its two ways, without the GIL.
+fn take<'py, S: Float + Sync>(
+    engine: &mut CrossingEngine,
+    push: impl Fn(&mut CrossingEngine, Frame<'_, S>, &mut Vec<Event>) -> Result<(), Error> + Send + Sync,
+    t_us: &Bound<'py, PyAny>,
+    (samples, rate, sparse): (&Bound<'py, PyAny>, Option<&Bound<'py, PyAny>>, Option<SparseArrays<'py>>),
+    names: (&str, &str),
+) -> PyResult<Bound<'py, PyArray1<Event>>> {
+    let py = t_us.py();
+    let size = Some(engine.size());
+    let samples = frame::<S>(samples, names.0, size)?;
+    let rate = rate.map(|rate| frame::<S>(rate, names.1, size)).transpose()?;
+    let sparse = sparse
+        .map(|(pixel, t_us, value)| {
+            let pixel = column::<u32>(&pixel, "the pixels of sparse samples")?;
+            let t_us = column::<i64>(&t_us, "the times of sparse samples")?;
+            PyResult::Ok((pixel, t_us, column::<S>(&value, "the values of sparse samples")?))
+        })
+        .transpose()?;
+    let mut input = Frame::new(microseconds(t_us)?, samples.as_slice()?);
+    input.rate = rate.as_ref().map(|rate| rate.as_slice()).transpose()?;
+    if let Some((pixel, t_us, samples)) = &sparse {
+        input.sparse = SparseSamples { pixel: pixel.as_slice()?, t_us: t_us.as_slice()?, samples: samples.as_slice()? };
+    }
+    let mut events = Vec::new();
+    py.detach(|| push(engine, input, &mut events))?;
+    Ok(events.into_pyarray(py))
 }
 
 /// The interpolation by its name.
