@@ -172,3 +172,12 @@ fn a_new_engine_has_no_time_no_reference_and_no_events() {
     assert!(engine.last_event_us().iter().all(|&t| t == -1));
     assert_eq!(engine.reference().len(), SIZE.pixels());
 }
+
+/// The first frame has no events, also where the vector comes with some of another run's.
+#[test]
+fn what_was_in_the_vector_is_replaced() {
+    let mut events = vec![Event::new(1, 0, 0, true)];
+    let mut engine = engine(SensorSize { width: 1, height: 1 }, 0.5, 0.5, 1);
+    engine.push_log(Frame::new(0, &[0.0]), &mut events).expect("a valid frame");
+    assert!(events.is_empty());
+}

@@ -219,8 +219,8 @@ mod tests {
 
     #[test]
     fn a_level_that_was_passed_before_is_left() {
-        assert_eq!(decide_one(ZERO, C, 0.4, 0.3, 1000).0, Verdict::Unclear);
-        assert_eq!(decide_one(ZERO, C, 0.3, 0.4, 1000).0, Verdict::Unclear);
+        assert_eq!(decide_one(ZERO, C, 0.4007, 0.3013, 1000).0, Verdict::Unclear);
+        assert_eq!(decide_one(ZERO, C, 0.3013, 0.4007, 1000).0, Verdict::Unclear);
     }
 
     #[test]

@@ -144,5 +144,21 @@ mod tests {
                 }
             }
         }
+
+
+        /// Luma clear of the levels lies strictly between its bounds: what leads to no event costs no second look.
+        #[test]
+        fn bounds_are_sharp(reference in -30.0f64..88.0, on in 1e-4f64..3.0, off in 1e-4f64..3.0, place in 0.01f64..0.99, exponent in -12.0f64..3.0) {
+            let log_eps = 10f64.powf(exponent);
+            let log = reference - off + place * (on + off);
+            #[allow(clippy::cast_possible_truncation, reason = "the test wants float32")]
+            let luma = (log.exp() - log_eps) as f32;
+            prop_assume!(luma.is_normal() && luma > 0.0);
+            let (mut low, mut high) = ([0.0], [0.0]);
+            let Steps { on, off, rise, fall } = Steps::new(Thresholds { on, off });
+            let steps = Steps { on: &[on][..], off: &[off], rise: &[rise], fall: &[fall] };
+            f32::bounds(&[reference], steps, log_eps, (&mut low, &mut high));
+            prop_assert!(low[0] < luma && luma < high[0]);
+        }
     }
 }

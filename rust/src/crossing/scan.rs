@@ -20,7 +20,7 @@ pub(crate) struct Found<S> {
     pub(crate) place: Vec<u32>,
     pub(crate) from: Vec<S>,
     pub(crate) to: Vec<S>,
-    /// Places in a tile, with room for one group more.
+    /// Places in a tile.
     in_tile: Vec<u16>,
 }
 
@@ -33,7 +33,7 @@ pub(crate) const MOST_FOUND: usize = BATCH - 1 + TILE;
 impl<S: Sample> Found<S> {
     pub(crate) fn new() -> Self {
         let samples = || vec![S::default(); MOST_FOUND];
-        Self { count: 0, place: vec![0; MOST_FOUND], from: samples(), to: samples(), in_tile: vec![0; TILE + GROUP] }
+        Self { count: 0, place: vec![0; MOST_FOUND], from: samples(), to: samples(), in_tile: vec![0; TILE] }
     }
 
     pub(crate) fn is_full(&self) -> bool {
