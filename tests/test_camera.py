@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 from davis_rs import Camera, DecodeError, Pose, Scene, load_camera
 from davis_rs.camera import PRESETS
 from davis_rs.renderers import make_renderer
+from davis_rs.views import Views
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -106,7 +107,7 @@ def test_a_small_object_appears_where_its_point_projects(kind: str, distorted: b
             "quad": {"type": "rectangle", "to_world": to_world, "bsdf": {"type": "twosided", "inner": DIFFUSE}},
         }
         renderer = make_renderer(Scene("quad", partial(dict, source)), camera, samples=256, kind=kind)
-        luma = renderer.luma([pose])[0].astype(np.float64)
+        luma = renderer.luma(Views.at_rest([pose]))[0].astype(np.float64)
         rows, columns = np.indices(luma.shape)
         centroid = [(columns * luma).sum() / luma.sum(), (rows * luma).sum() / luma.sum()]
         np.testing.assert_allclose(centroid, opencv(camera, seen), rtol=0, atol=0.03)

@@ -122,12 +122,13 @@ if "preload" in sys.argv:
     del os.environ["DRJIT_LIBLLVM_PATH"]
 from davis_rs import Camera, Pose, Scene
 from davis_rs.renderers import make_renderer
+from davis_rs.views import Views
 
 floor = {"type": "rectangle", "bsdf": {"type": "diffuse", "reflectance": 0.5}}
 light = {"type": "point", "position": [0.0, 0.0, 2.0], "intensity": 1.0}
 scene = Scene("floor", lambda: {"type": "scene", "by": {"type": "direct"}, "light": light, "floor": floor})
 renderer = make_renderer(scene, Camera(5, 4, 9.0, 9.0, 2.0, 1.5), samples=1)
-assert renderer.luma([Pose([0.0, 0.0, 1.0], [1.0, 0.0, 0.0, 0.0])]).min() > 0
+assert renderer.luma(Views.at_rest([Pose([0.0, 0.0, 1.0], [1.0, 0.0, 0.0, 0.0])])).min() > 0
 print(renderer.variant)
 print(renderer.reason)
 """

@@ -12,8 +12,10 @@ import pytest
 from davis_rs import Camera, Pose, Scene
 from davis_rs._mitsuba import FAST, SCALAR, load_scene_source, variant
 from davis_rs.render import Renderer
-from davis_rs.render_integrator import IntegratorRenderer, ScalarRenderer
+from davis_rs.render_integrator import IntegratorRenderer
+from davis_rs.render_scalar import ScalarRenderer
 from davis_rs.renderers import make_renderer
+from davis_rs.views import Views
 
 BT601 = np.array([0.299, 0.587, 0.114])
 CAMERA = Camera(21, 15, 20.0, 23.0, 9.2, 7.9, k1=-0.2, k2=0.05, p1=0.004, p2=-0.006)
@@ -52,7 +54,7 @@ def build(
 @VARIANTS
 def test_lamberts_law_by_hand(name: str, request: pytest.FixtureRequest) -> None:
     """BT.601 luma of a coloured light on a coloured floor, for each pixel's own distorted ray, worked out by hand."""
-    luma = build(name, make_scene(lamp=LAMP, floor=FLOOR), request).luma([POSE])[0]
+    luma = build(name, make_scene(lamp=LAMP, floor=FLOOR), request).luma(Views.at_rest([POSE]))[0]
     rows, columns = np.indices((15, 21))
     rays = np.concatenate([CAMERA.rays(np.stack([columns, rows], -1)), np.ones((15, 21, 1))], -1) @ POSE.rotation.T
     ground = POSE.position - rays * (POSE.position[2] / rays[..., 2:])
@@ -69,9 +71,9 @@ def test_rays_that_hit_nothing_see_the_background(name: str, request: pytest.Fix
     """A pixel off all surfaces has the luma of the constant light; without one it is black; its depth is inf."""
     up = Pose([0.0, 0.0, 1.0], [0.0, 0.0, 0.0, 1.0])
     lit = build(name, make_scene(sky=SKY, floor=FLOOR), request)
-    np.testing.assert_allclose(lit.luma([up]), BT601 @ (0.5, 0.9, 0.2), rtol=1e-6)
-    assert (build(name, make_scene(lamp=LAMP, floor=FLOOR), request).luma([up]) == 0).all()
-    assert np.isposinf(lit.depth([up])).all()
+    np.testing.assert_allclose(lit.luma(Views.at_rest([up])), BT601 @ (0.5, 0.9, 0.2), rtol=1e-6)
+    assert (build(name, make_scene(lamp=LAMP, floor=FLOOR), request).luma(Views.at_rest([up])) == 0).all()
+    assert np.isposinf(lit.depth(Views.at_rest([up]))).all()
 
 
 @pytest.mark.usefixtures("llvm")
@@ -80,8 +82,8 @@ def test_all_renderers_agree_without_noise(request: pytest.FixtureRequest) -> No
     parts = {"lamp": LAMP, "floor": {**FLOOR, "bsdf": TEXTURED}}
     scene = make_scene(**parts)
     poses = [POSE, Pose(np.add(POSE.position, (0.2, 0.1, 0.0)), POSE.quaternion)]
-    fast, scalar = (build(name, scene, request, samples=3).luma(poses) for name in (FAST, SCALAR))
-    table = make_renderer(scene, CAMERA, samples=3, kind="table").luma(poses)
+    fast, scalar = (build(name, scene, request, samples=3).luma(Views.at_rest(poses)) for name in (FAST, SCALAR))
+    table = make_renderer(scene, CAMERA, samples=3, kind="table").luma(Views.at_rest(poses))
     assert fast.shape == (2, 15, 21)
     assert fast.std() > 0.1 * fast.max()
     np.testing.assert_allclose(scalar, fast, rtol=0, atol=1e-5 * fast.max())
@@ -91,7 +93,7 @@ def test_all_renderers_agree_without_noise(request: pytest.FixtureRequest) -> No
 @VARIANTS
 def test_depth_of_a_sphere_is_z(name: str, request: pytest.FixtureRequest) -> None:
     """Depth along the optical axis of a sphere's near side from the quadratic formula, inf around it."""
-    depth = build(name, make_scene(lamp=LAMP, ball=BALL), request).depth([POSE, POSE])
+    depth = build(name, make_scene(lamp=LAMP, ball=BALL), request).depth(Views.at_rest([POSE, POSE]))
     rows, columns = np.indices((15, 21))
     rays = np.concatenate([CAMERA.rays(np.stack([columns, rows], -1)), np.ones((15, 21, 1))], -1) @ POSE.rotation.T
     offset = POSE.position - np.array([0.2, 0.1, 0.6])
@@ -109,12 +111,12 @@ def test_a_still_camera_sees_the_same_bits(name: str, request: pytest.FixtureReq
     scene = make_scene({"type": "path", "max_depth": 3}, sky=SKY, floor=FLOOR, ball=BALL)
     renderer = build(name, scene, request, samples=2)
     other_pose = Pose(np.add(POSE.position, (0.1, 0.0, 0.0)), POSE.quaternion)
-    frames = renderer.luma([POSE, other_pose, POSE])
+    frames = renderer.luma(Views.at_rest([POSE, other_pose, POSE]))
     assert np.array_equal(frames[0], frames[2])
     assert not np.array_equal(frames[0], frames[1])
-    assert np.array_equal(renderer.luma([POSE])[0], frames[0])
-    assert np.array_equal(build(name, scene, request, samples=2).luma([POSE])[0], frames[0])
-    reseeded = build(name, scene, request, samples=2, seed=1000).luma([POSE])[0]
+    assert np.array_equal(renderer.luma(Views.at_rest([POSE]))[0], frames[0])
+    assert np.array_equal(build(name, scene, request, samples=2).luma(Views.at_rest([POSE]))[0], frames[0])
+    reseeded = build(name, scene, request, samples=2, seed=1000).luma(Views.at_rest([POSE]))[0]
     assert not np.array_equal(reseeded, frames[0])
     assert reseeded.mean() == pytest.approx(frames[0].mean(), rel=0.1)
 
@@ -131,8 +133,8 @@ def test_the_scenes_own_integrator_renders(name: str, request: pytest.FixtureReq
     assert "PathIntegrator" in path.name
     assert unnamed.name == path.name
     # Direct light alone: the mirror reflects no lamp, and shows no ceiling.
-    assert (direct.luma([POSE]) == 0).all()
-    assert (path.luma([POSE]) > 0).all()
+    assert (direct.luma(Views.at_rest([POSE])) == 0).all()
+    assert (path.luma(Views.at_rest([POSE])) > 0).all()
 
 
 @pytest.mark.usefixtures("llvm")
@@ -155,8 +157,8 @@ def test_the_callers_variant_stays_in_force() -> None:
         for kind in ("table", "integrator"):
             renderer = make_renderer(scene, CAMERA, samples=1, kind=kind)
             assert mi.variant() == own
-            renderer.luma([POSE])
-            renderer.depth([POSE])
+            renderer.luma(Views.at_rest([POSE]))
+            renderer.depth(Views.at_rest([POSE]))
             assert mi.variant() == own
         with pytest.raises(ValueError, match="table kernel"):
             make_renderer(make_scene(lamp=LAMP, ball=BALL), CAMERA, kind="table")
@@ -168,20 +170,21 @@ import numpy as np
 from davis_rs import Camera, Pose, Scene
 from davis_rs._mitsuba import versions
 from davis_rs.renderers import make_renderer
+from davis_rs.views import Views
 
 floor = {"type": "rectangle", "bsdf": {"type": "diffuse", "reflectance": 0.5}}
 light = {"type": "point", "position": [0.0, 0.0, 2.0], "intensity": 1.0}
 scene = Scene("floor", lambda: {"type": "scene", "light": light, "floor": floor})
 renderer = make_renderer(scene, Camera(9, 7, 9.0, 9.0, 4.0, 3.0))
 pose = Pose([0.0, 0.0, 1.0], [1.0, 0.0, 0.0, 0.0])
-luma, depth = renderer.luma([pose]), renderer.depth([pose])
+luma, depth = renderer.luma(Views.at_rest([pose])), renderer.depth(Views.at_rest([pose]))
 assert abs(luma[0, 3, 4] - 0.5 / np.pi / 4) < 1e-3, luma
 assert np.allclose(depth, 1.0), depth
 try:
     make_renderer(scene, Camera(9, 7, 9.0, 9.0, 4.0, 3.0), kind="table")
 except ValueError as error:
     print(error)
-print(renderer.name, renderer.variant, renderer.samples, versions(renderer.variant)["variant"], sep="|")
+print(renderer.name, renderer.variant, renderer.rays, versions(renderer.variant)["variant"], sep="|")
 print(renderer.reason)
 """
 

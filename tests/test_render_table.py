@@ -19,6 +19,7 @@ from davis_rs.luma import LumaFrames
 from davis_rs.render_integrator import IntegratorRenderer
 from davis_rs.render_table import TableRenderer
 from davis_rs.renderers import make_renderer
+from davis_rs.views import Views
 
 pytestmark = pytest.mark.usefixtures("llvm")
 
@@ -101,7 +102,7 @@ def table(scene: Scene, *, samples: int = 1, camera: Camera = CAMERA) -> TableRe
 
 
 def table_luma(parts: Parts, pose: Pose = POSE, **settings: Any) -> LumaFrames:
-    return table(make_scene(parts, **settings)).luma([pose])[0]
+    return table(make_scene(parts, **settings)).luma(Views.at_rest([pose]))[0]
 
 
 def perspective(camera: Camera, pose: Pose, mi: Any) -> Any:
@@ -229,7 +230,7 @@ def test_hidden_lights_leave_the_background_black() -> None:
     np.testing.assert_allclose(ours[inside], table_luma(parts)[inside], rtol=1e-6)
     with variant(FAST) as (mi, _):
         loaded = load_scene_source(make_scene(parts, integrator=hiding).source(), mi)
-    theirs = IntegratorRenderer(loaded, CAMERA, samples=1, blur=False, seed=0, reason="").luma([POSE])[0]
+    theirs = IntegratorRenderer(loaded, CAMERA, samples=1, blur=False, seed=0, reason="").luma(Views.at_rest([POSE]))[0]
     assert np.array_equal(theirs == 0, ours == 0)
 
 
@@ -239,7 +240,7 @@ def test_one_sided_backs_are_black() -> None:
     front, back = (table_luma({"sky": sky(), "floor": floor}, pose) for pose in (POSE, BELOW))
     covered = front != front[0, 0]
     assert covered.any()
-    hit = np.isfinite(table(make_scene({"floor": floor})).depth([BELOW])[0])
+    hit = np.isfinite(table(make_scene({"floor": floor})).depth(Views.at_rest([BELOW]))[0])
     assert hit.any()
     assert (back[hit] == 0).all()
     for light in (sun(), point()):
@@ -266,10 +267,10 @@ def test_lamberts_law_by_hand() -> None:
     }
     floor = rectangle(diffuse(rgb(*albedo)), np.diag([9.0, 9.0, 1.0, 1.0]))
     for light, arriving in expected.values():
-        luma = table(make_scene({"light": light, "floor": floor}), camera=camera).luma([pose])[0]
+        luma = table(make_scene({"light": light, "floor": floor}), camera=camera).luma(Views.at_rest([pose]))[0]
         np.testing.assert_allclose(luma, (arriving * albedo) @ BT601, rtol=1e-5)
     together = {f"light {i}": light for i, (light, _) in enumerate(expected.values())}
-    luma = table(make_scene({**together, "floor": floor}), camera=camera).luma([pose])[0]
+    luma = table(make_scene({**together, "floor": floor}), camera=camera).luma(Views.at_rest([pose]))[0]
     np.testing.assert_allclose(luma, (sum(arriving for _, arriving in expected.values()) * albedo) @ BT601, rtol=1e-5)
 
 
@@ -392,7 +393,7 @@ def test_many_rays_a_pixel_against_mi_render() -> None:
         scene = load_scene_source(make_scene(parts).source(), mi)
         image = mi.render(scene, sensor=perspective(CAMERA, POSE, mi), spp=4096, seed=1)
         theirs = np.array(image, np.float64) @ BT601
-    ours = table(make_scene(parts), samples=64).luma([POSE])[0]
+    ours = table(make_scene(parts), samples=64).luma(Views.at_rest([POSE]))[0]
     # At the box's edges 64 rays are good to a few 1/64 of the contrast, 4,096 random ones to 0.02.
     np.testing.assert_allclose(ours, theirs, rtol=0, atol=0.06 * theirs.max())
     assert np.sqrt(((ours - theirs) ** 2).mean()) < 0.004 * theirs.max()
@@ -409,7 +410,7 @@ def test_depth_is_z_and_not_the_length_of_the_ray() -> None:
     rays = np.concatenate([camera.rays(np.stack([columns, rows], -1)), np.ones((30, 40, 1))], -1)
     poses = [look_at([0.3, -0.6, 2.0]), look_at([0.4, 0.9, 2.0], (0.3, 0.2, 0.0), roll=-1.0)]
     for kind in ("table", "integrator"):
-        for pose, z in zip(poses, make_renderer(scene, camera, kind=kind).depth(poses), strict=True):
+        for pose, z in zip(poses, make_renderer(scene, camera, kind=kind).depth(Views.at_rest(poses)), strict=True):
             normal = tilt[:3, 2]
             expected = normal @ (tilt[:3, 3] - pose.position) / (rays @ pose.rotation.T @ normal)
             assert (expected > 0).all()
@@ -420,7 +421,9 @@ def test_depth_is_z_and_not_the_length_of_the_ray() -> None:
 def test_depth_of_nothing_is_infinite() -> None:
     """A pixel whose centre ray hits nothing is at inf, from both renderers; the others are finite and in front."""
     scene = make_scene(SCENES["several triangles and textures"])
-    ours, theirs = (make_renderer(scene, CAMERA, kind=kind).depth([POSE])[0] for kind in ("table", "integrator"))
+    ours, theirs = (
+        make_renderer(scene, CAMERA, kind=kind).depth(Views.at_rest([POSE]))[0] for kind in ("table", "integrator")
+    )
     assert 0 < np.isinf(ours).mean() < 1
     assert np.array_equal(np.isinf(ours), np.isinf(theirs))
     hit = np.isfinite(ours)
@@ -437,7 +440,7 @@ def test_depth_of_three_planes() -> None:
     t_s = [0.0, 0.4, 1.3]
     poses = [scene.trajectory.pose(t) for t in t_s]
     column = np.arange(240)
-    for pose, depth in zip(poses, renderer.depth(poses), strict=True):
+    for pose, depth in zip(poses, renderer.depth(Views.at_rest(poses)), strict=True):
         expected = np.full(240, np.inf)
         # x from, x to, height of each plane (the camera at height 1.8 looks down).
         for left, right, z in ((-7.8, -0.8, -0.1), (-0.8, -0.2, 0.6), (-0.2, 6.8, 0.2)):
@@ -457,20 +460,20 @@ POSES = [look_at([1.0 + 0.05 * i, -1.7, 1.6 - 0.03 * i], roll=0.1 * i) for i in 
 def test_bits_do_not_depend_on_the_batch_or_the_threads(camera: Camera, threads: int) -> None:
     """A pose has the same luma and depth bits alone, among 3 or 16, in any order, after others, on 1 and 2 threads."""
     renderer = table(make_scene(SCENES["several triangles and textures"]), samples=5, camera=camera)
-    expected, depth = renderer.luma(POSES), renderer.depth(POSES)
+    expected, depth = renderer.luma(Views.at_rest(POSES)), renderer.depth(Views.at_rest(POSES))
     assert len({frame.tobytes() for frame in expected}) == len(POSES)
     with variant(FAST) as (_, dr):
         before = dr.thread_count()
         dr.set_thread_count(threads)
     try:
         for index in (0, 7, 15):
-            assert np.array_equal(renderer.luma([POSES[index]])[0], expected[index])
-            assert np.array_equal(renderer.depth([POSES[index]])[0], depth[index])
-        assert np.array_equal(renderer.luma(POSES[5:8]), expected[5:8])
-        assert np.array_equal(renderer.luma(POSES[::-1]), expected[::-1])
-        assert np.array_equal(renderer.depth(POSES[::-1]), depth[::-1])
+            assert np.array_equal(renderer.luma(Views.at_rest([POSES[index]]))[0], expected[index])
+            assert np.array_equal(renderer.depth(Views.at_rest([POSES[index]]))[0], depth[index])
+        assert np.array_equal(renderer.luma(Views.at_rest(POSES[5:8])), expected[5:8])
+        assert np.array_equal(renderer.luma(Views.at_rest(POSES[::-1])), expected[::-1])
+        assert np.array_equal(renderer.depth(Views.at_rest(POSES[::-1])), depth[::-1])
         again = table(make_scene(SCENES["several triangles and textures"]), samples=5, camera=camera)
-        assert np.array_equal(again.luma(POSES[:3]), expected[:3])
+        assert np.array_equal(again.luma(Views.at_rest(POSES[:3])), expected[:3])
     finally:
         with variant(FAST) as (_, dr):
             dr.set_thread_count(before)
@@ -479,18 +482,18 @@ def test_bits_do_not_depend_on_the_batch_or_the_threads(camera: Camera, threads:
 def test_frames_are_independent_arrays() -> None:
     """Frames are float32 (n, H, W), and later renders leave earlier frames alone."""
     renderer = table(make_scene(SCENES["point light"]))
-    first = renderer.luma(POSES[:2])
+    first = renderer.luma(Views.at_rest(POSES[:2]))
     kept = first.copy()
     assert first.dtype == np.float32
     assert first.shape == (2, 24, 32)
-    renderer.luma(POSES[5:7])
+    renderer.luma(Views.at_rest(POSES[5:7]))
     assert np.array_equal(first, kept)
 
 
 def test_blur_softens_what_is_rendered() -> None:
     """With blur a frame is the 3 x 3 blur of the frame without."""
     scene = make_scene(SCENES["point light"])
-    sharp, soft = (make_renderer(scene, CAMERA, blur=blur).luma([POSE])[0] for blur in (False, True))
+    sharp, soft = (make_renderer(scene, CAMERA, blur=blur).luma(Views.at_rest([POSE]))[0] for blur in (False, True))
     around = sum(
         weight * np.roll(np.roll(sharp, dy, 0), dx, 1)
         for weight, dy, dx in [
@@ -507,6 +510,7 @@ import sys
 import numpy as np
 from davis_rs import Camera, Pose, Scene
 from davis_rs.renderers import make_renderer
+from davis_rs.views import Views
 
 floor = {
     "type": "rectangle",
@@ -516,7 +520,7 @@ light = {"type": "point", "position": [0.0, 0.0, 2.0], "intensity": 1.0}
 scene = Scene("floor", lambda: {"type": "scene", "light": light, "floor": floor})
 renderer = make_renderer(scene, Camera(33, 17, 28.0, 28.0, 14.2, 8.9), samples=3, kind="table")
 down, up = Pose([0.9, 0.0, 1.0], [1.0, 0.0, 0.0, 0.0]), Pose([0.0, 0.0, 1.0], [0.0, 0.0, 0.0, 1.0])
-luma, depth = renderer.luma([down, up]), renderer.depth([down, up])
+luma, depth = renderer.luma(Views.at_rest([down, up])), renderer.depth(Views.at_rest([down, up]))
 assert 0 < (luma[0] > 0).mean() < 1 and (luma[1] == 0).all(), luma
 assert 0 < np.isfinite(depth[0]).mean() < 1 and np.isinf(depth[1]).all(), depth
 print("alive")
@@ -584,7 +588,7 @@ def test_what_the_table_kernel_cannot_render_falls_back(name: str) -> None:
         make_renderer(scene, CAMERA, samples=1, kind="table")
     with pytest.raises(ValueError, match=f"{renderer.reason}$"):
         make_renderer(scene, CAMERA, samples=1, kind="table")
-    assert np.isfinite(renderer.luma([POSE])).all()
+    assert np.isfinite(renderer.luma(Views.at_rest([POSE]))).all()
 
 
 def test_path_tracing_is_left_to_mitsuba_unless_the_table_is_asked_for() -> None:
@@ -595,7 +599,7 @@ def test_path_tracing_is_left_to_mitsuba_unless_the_table_is_asked_for() -> None
     assert "PathIntegrator" in chosen.reason
     assert "PathIntegrator" in chosen.name
     asked = make_renderer(scene, CAMERA, samples=1, kind="table")
-    assert np.array_equal(asked.luma([POSE])[0], table_luma(SCENES["point light"]))
+    assert np.array_equal(asked.luma(Views.at_rest([POSE]))[0], table_luma(SCENES["point light"]))
 
 
 def test_suitable_scenes_take_the_table_and_say_why() -> None:
@@ -613,7 +617,7 @@ def test_suitable_scenes_take_the_table_and_say_why() -> None:
     assert "names no integrator" in unnamed.reason
     assert "PathIntegrator" in unnamed.name
     assert make_renderer(scene, CAMERA, kind="integrator").reason == "asked for"
-    assert make_renderer(scene, CAMERA).samples == 8
+    assert make_renderer(scene, CAMERA).rays == 8
     with pytest.raises(ValueError, match="auto, table or integrator, got 'fast'"):
         make_renderer(scene, CAMERA, kind="fast")
     with pytest.raises(ValueError, match=r"1\.\.1024, got 0"):

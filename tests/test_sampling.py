@@ -19,6 +19,7 @@ from davis_rs.camera import PRESETS
 from davis_rs.render import Renderer
 from davis_rs.renderers import make_renderer
 from davis_rs.sampling import periodic_instants
+from davis_rs.views import Views
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -140,7 +141,7 @@ def largest_displacements(renderer: Renderer, trajectory: Trajectory, instants: 
     largest = []
     for start_us, stop_us in zip([0, *instants], instants, strict=False):
         start, stop = (trajectory.pose(t * 1e-6) for t in (start_us, stop_us))
-        points = start.position + renderer.depth([start])[0][..., None] * rays @ start.rotation.T
+        points = start.position + renderer.depth(Views.at_rest([start]))[0][..., None] * rays @ start.rotation.T
         moved = camera.project((points - stop.position) @ stop.rotation)
         inside = ((moved >= 0) & (moved <= (camera.width - 1, camera.height - 1))).all(-1)
         largest.append(np.linalg.norm(moved - pixels, axis=-1)[inside].max())
@@ -173,7 +174,7 @@ def test_a_camera_at_rest_asks_for_nothing() -> None:
     assert list(MaxDisplacement().instants(renderer, SegmentTrajectory(START, START, 0.1), 100_000)) == []
     up = Pose([0.0, 0.0, 3.0], [0.0, 0.0, 0.0, 1.0])
     away = SegmentTrajectory(up, Pose([0.5, 0.2, 3.0], up.quaternion), 0.05)
-    assert np.isinf(renderer.depth([up])).all()
+    assert np.isinf(renderer.depth(Views.at_rest([up]))).all()
     assert list(MaxDisplacement().instants(renderer, away, 50_000)) == []
 
 
@@ -194,8 +195,8 @@ def test_instants_do_not_depend_on_what_is_rendered_between() -> None:
     at_once = list(MaxDisplacement(0.5).instants(renderer, trajectory, 120_000))
     one_by_one = []
     for t_us in MaxDisplacement(0.5).instants(renderer, trajectory, 120_000):
-        renderer.luma([trajectory.pose(t_us * 1e-6)] * 3)
-        renderer.depth([START, START])
+        renderer.luma(Views.at_rest([trajectory.pose(t_us * 1e-6)] * 3))
+        renderer.depth(Views.at_rest([START, START]))
         one_by_one.append(t_us)
     assert one_by_one == at_once
     assert list(MaxDisplacement(0.5).instants(tilted_floor(PLAIN), trajectory, 120_000)) == at_once

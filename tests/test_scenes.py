@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 from davis_rs import Camera, Scene, Trajectory, load_scene, start_pose
 from davis_rs.renderers import make_renderer
 from davis_rs.textures import patchwork
+from davis_rs.views import Views
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -77,10 +78,10 @@ def test_every_pixel_sees_a_surface_all_along(name: str) -> None:
     renderer = make_renderer(scene, scene.camera, samples=1)
     assert renderer.name == "table kernel"
     poses = [path_of(scene).pose(0.05 * k) for k in range(41)]
-    depth = renderer.depth(poses)
+    depth = renderer.depth(Views.at_rest(poses))
     assert np.isfinite(depth).all()
     assert depth.min() > 0.1
-    luma = renderer.luma(poses[::10])
+    luma = renderer.luma(Views.at_rest(poses[::10]))
     assert luma.min() > 0.01
     assert luma.max() < 10
 
@@ -92,10 +93,10 @@ def test_no_shadow_can_be_seen_where_none_is_traced(name: str) -> None:
     scene = load_scene(name)
     assert not scene.shadows
     poses = [path_of(scene).pose(0.1 * k) for k in range(21)]
-    without = make_renderer(scene, scene.camera, samples=1).luma(poses)
+    without = make_renderer(scene, scene.camera, samples=1).luma(Views.at_rest(poses))
     traced = make_renderer(
         Scene("traced", scene.source, camera=scene.camera, blur=scene.blur), scene.camera, samples=1
-    ).luma(poses)
+    ).luma(Views.at_rest(poses))
     assert np.array_equal(without, traced)
 
 
@@ -178,11 +179,11 @@ def test_a_scene_file_and_its_own_sensor(tmp_path: Path, monkeypatch: pytest.Mon
     # x right is the world's x, y down the world's -z, z forward the world's y.
     np.testing.assert_allclose(pose.rotation, [[1, 0, 0], [0, 0, 1], [0, -1, 0]], atol=1e-6)
     renderer = make_renderer(scene, CAMERA, samples=4)
-    rows, columns = np.nonzero(renderer.luma([pose])[0])
+    rows, columns = np.nonzero(renderer.luma(Views.at_rest([pose]))[0])
     # The square spans x 0.4..1.0 and z 0.3..0.9, three metres ahead.
     assert (columns.min(), columns.max()) == (round(15.5 + 28 * 0.4 / 3), round(15.5 + 28 * 1.0 / 3))
     assert (rows.min(), rows.max()) == (round(11.5 - 28 * 0.9 / 3), round(11.5 - 28 * 0.3 / 3))
-    depth = renderer.depth([pose])[0]
+    depth = renderer.depth(Views.at_rest([pose]))[0]
     np.testing.assert_allclose(depth[np.isfinite(depth)], 3.0, rtol=1e-5)
 
 
@@ -215,7 +216,7 @@ def test_a_scene_without_sensor_has_no_start(tmp_path: Path) -> None:
 def test_names_and_files_that_are_no_scene(tmp_path: Path) -> None:
     """A name that is neither built in nor a file is refused at once, with the names that there are."""
     for name in ("four_planes", tmp_path, tmp_path / "none.xml"):
-        with pytest.raises(ValueError, match="is neither one of three_planes, three_walls nor a Mitsuba XML file"):
+        with pytest.raises(ValueError, match="is neither one of three_planes, three_walls, fence nor a Mitsuba XML file"):
             load_scene(name)
 
 

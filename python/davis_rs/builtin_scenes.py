@@ -13,11 +13,8 @@ import numpy as np
 
 from .pose import FloatArray
 from .scene import Scene
-from .textures import patchwork
+from .scene_parts import DIRECT, look_at, textured_rectangle
 from .trajectory import CallableTrajectory
-
-_DIRECT = {"type": "direct", "emitter_samples": 1, "bsdf_samples": 0}
-"""Light from points is found by asking the light, never by following the surface."""
 
 
 def three_planes() -> Scene:
@@ -57,7 +54,7 @@ def three_planes() -> Scene:
 def _planes() -> dict[str, Any]:
     return {
         "type": "scene",
-        "integrator": _DIRECT,
+        "integrator": DIRECT,
         "light": {"type": "point", "position": [-0.5, 1.0, 8.0], "intensity": 180.0},
         # Half-widths in x and y.
         "left": _plane([-4.3, 1.0, -0.1], (3.5, 6.0), 11),
@@ -68,45 +65,7 @@ def _planes() -> dict[str, Any]:
 
 def _plane(centre: list[float], half: tuple[float, float], seed: int) -> dict[str, Any]:
     """A horizontal plane, facing up."""
-    return _rectangle(centre, np.eye(3), half, seed=seed, period=0.8, darkest=0.02, shapes=900)
-
-
-def _rectangle(
-    centre: list[float],
-    axes: FloatArray,
-    half: tuple[float, float],
-    *,
-    seed: int,
-    period: float,
-    darkest: float,
-    shapes: int,
-) -> dict[str, Any]:
-    """A textured rectangle; the columns of ``axes`` are its own x, y and normal in the world.
-
-    ``half`` are its half-sides; the texture repeats every ``period`` metres, reflects at least ``darkest`` and has so
-    many hard-edged shapes.
-    """
-    to_world = np.eye(4)
-    to_world[:3, :3] = axes * (half[0], half[1], 1.0)
-    to_world[:3, 3] = centre
-    texture = patchwork(512, seed, low=darkest, high=0.98, grain=0.5, shapes=shapes, tint=(1.0, 0.97, 0.92))
-    return {
-        "type": "rectangle",
-        "to_world": to_world,
-        "bsdf": {
-            "type": "twosided",
-            "nested": {
-                "type": "diffuse",
-                "reflectance": {
-                    "type": "bitmap",
-                    "raw": True,
-                    "wrap_mode": "repeat",
-                    "data": texture,
-                    "to_uv": np.diag([2 * half[0] / period, 2 * half[1] / period, 1.0]),
-                },
-            },
-        },
-    }
+    return textured_rectangle(centre, np.eye(3), half, seed=seed, period=0.8, darkest=0.02, shapes=900)
 
 
 _TOP_SPEED, _TOP_RATE = 5.31, np.radians(109.0)
@@ -122,7 +81,7 @@ def three_walls() -> Scene:
     reach = np.array([[1.0, 1.0, 0.6], [0.25, 0.25, 0.2]])
     turn = np.array([[0.35, 0.45, 0.4], [0.12, 0.1, 0.15]])
     centre = np.array([3.2, 3.0, 1.8])
-    looking = Rotation.from_matrix(_look_at(centre, np.array([0.0, 0.0, 0.9])))
+    looking = Rotation.from_matrix(look_at(centre, np.array([0.0, 0.0, 0.9])))
 
     def sines(t: FloatArray, amplitude: FloatArray, derivative: bool) -> FloatArray:
         argument = 2 * np.pi * frequency * t[..., None, None] + phase
@@ -173,24 +132,16 @@ def _walls() -> dict[str, Any]:
     # Seen from inside of a concave corner, no wall shades another.
     return {
         "type": "scene",
-        "integrator": _DIRECT,
+        "integrator": DIRECT,
         "light": {"type": "point", "position": [6.0, 6.0, 7.0], "intensity": 250.0},
         # They reach a little past the corner, so that no ray slips through where they meet.
-        "wall_x": _rectangle(
+        "wall_x": textured_rectangle(
             [0.0, 7.9, 7.9], np.stack([y, z, x], 1), (8.0, 8.0), seed=21, period=4.0, darkest=0.1, shapes=350
         ),
-        "wall_y": _rectangle(
+        "wall_y": textured_rectangle(
             [7.9, 0.0, 7.9], np.stack([z, x, y], 1), (8.0, 8.0), seed=22, period=4.0, darkest=0.1, shapes=350
         ),
-        "floor": _rectangle(
+        "floor": textured_rectangle(
             [7.9, 7.9, 0.0], np.stack([x, y, z], 1), (8.0, 8.0), seed=23, period=4.0, darkest=0.1, shapes=350
         ),
     }
-
-
-def _look_at(position: FloatArray, target: FloatArray) -> FloatArray:
-    """Camera axes (columns x right, y down, z forward) that look at a target, with the world's z up."""
-    forward = (target - position) / np.linalg.norm(target - position)
-    right = np.cross(forward, [0.0, 0, 1])
-    right /= np.linalg.norm(right)
-    return np.stack([right, np.cross(forward, right), forward], 1)

@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import functools
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from ._mitsuba import FAST, SCALAR, variant
+from ._mitsuba import FAST, variant
 from .camera import Camera
+from .camera_rays import CameraRays, Lanes
 from .luma import LUMA_WEIGHTS, LumaFrames
-from .pose import Pose
-from .render import Renderer, ray_table
+from .render import Indices, Renderer
+from .views import Views
 
 
-def _integrator(scene: Any, mi: Any) -> Any:
+def scene_integrator(scene: Any, mi: Any) -> Any:
     """The scene's integrator; path tracing where it names none.
 
     Raises:
@@ -33,7 +34,9 @@ def _integrator(scene: Any, mi: Any) -> Any:
 class IntegratorRenderer(Renderer):
     """Any scene, through the integrator that it names, in the LLVM variant.
 
-    Every frame draws the same random numbers, so that a still image makes no events.
+    The random numbers of a ray depend on the seed and on its place in the frame alone: so a still image makes no
+    events, and a single pixel is what it is in the frame. Rates are differences: Mitsuba's forward mode through these
+    integrators is slow, not always the slope of the luma that is seen, and aborts the process in a volumetric one.
     """
 
     variant = FAST
@@ -42,104 +45,75 @@ class IntegratorRenderer(Renderer):
     def __init__(self, scene: Any, camera: Camera, *, samples: int, blur: bool, seed: int, reason: str) -> None:
         super().__init__(camera, samples=samples, blur=blur)
         self._scene, self._seed, self.reason = scene, seed, reason
+        self._camera_rays = CameraRays(camera)
+        self._camera_rays.prepare(samples)
         with variant(FAST) as (mi, _):
-            self._integrator = _integrator(scene, mi)
-            # The rays of a pixel lie side by side, to be summed in order.
-            columns = ray_table(camera, samples).transpose(2, 1, 0).astype(np.float32)
-            self._rays = [mi.Float(np.ascontiguousarray(column).ravel()) for column in columns]
-            centres = ray_table(camera, 1)[0].T.astype(np.float32)
-            self._centre_rays = [mi.Float(np.ascontiguousarray(column)) for column in centres]
-            self._sampler = mi.load_dict({"type": "independent"})
+            self._integrator = scene_integrator(scene, mi)
         self.name = f"Mitsuba's {self._integrator.class_name()}"
 
-    def _luma(self, poses: Sequence[Pose]) -> LumaFrames:
-        return np.stack([self._one(pose) for pose in poses])
+    def _depth(self, views: Views) -> npt.NDArray[np.float32]:
+        depths = self._blank(views)
+        for i, depth in enumerate(depths):
+            with variant(FAST) as (mi, dr):
+                lanes, _, _ = self._lanes(views, *self._frame(i), 1, mi, dr)
+                ray = self._camera_rays.ray(lanes, 0, 1)
+                # Mitsuba expects unit directions; its distance is along them.
+                length = dr.norm(ray.d)
+                found = self._scene.ray_intersect_preliminary(mi.Ray3f(ray.o, ray.d / length), coherent=True)
+                z = dr.select(found.is_valid(), found.t / length, dr.inf)
+                depth[:] = z.numpy().reshape(depth.shape)
+        return depths
 
-    def _one(self, pose: Pose) -> LumaFrames:
+    def _luma(self, views: Views) -> LumaFrames:
+        frames = self._blank(views)
+        for i, frame in enumerate(frames):
+            frame[:] = self._samples(views, *self._frame(i), self.rays).reshape(frame.shape)
+        return frames
+
+    def _samples(self, views: Views, view: Indices, pixel: Indices, rays: int) -> LumaFrames:
         with variant(FAST) as (mi, dr):
-            rays = self._camera_rays(pose, self._rays, mi)
-            self._sampler.seed(self._seed, dr.width(self._rays[0]))
-            colour, valid, *_ = self._integrator.sample(
-                self._scene, self._sampler, mi.RayDifferential3f(rays), None, True
-            )
+            lanes, sample, place = self._lanes(views, view, pixel, rays, mi, dr)
+            ray = self._camera_rays.ray(lanes, sample, rays)
+            ray = mi.RayDifferential3f(mi.Ray3f(ray.o, dr.normalize(ray.d)))
+            sampler = _frame_sampler()(self._seed, place)
+            colour, valid, *_ = self._integrator.sample(self._scene, sampler, ray, None, True)
             del valid  # a ray that hits nothing has the background's colour
             luma = colour[0] * LUMA_WEIGHTS[0] + colour[1] * LUMA_WEIGHTS[1] + colour[2] * LUMA_WEIGHTS[2]
-            total = dr.block_sum(luma, self.samples) / self.samples
-            return np.array(total, np.float32).reshape(self.camera.height, self.camera.width)
+            # The rays of a pixel lie side by side, and are summed in order.
+            return np.array((dr.block_sum(luma, rays) / rays).numpy(), np.float32)
 
-    def depth(self, poses: Sequence[Pose]) -> npt.NDArray[np.float32]:
-        with variant(FAST) as (mi, dr):
-            depths = []
-            for pose in poses:
-                found = self._scene.ray_intersect_preliminary(
-                    self._camera_rays(pose, self._centre_rays, mi), coherent=True
-                )
-                # Directions are unit here and camera-frame z is 1 before: t over the length is z.
-                length = dr.sqrt(dr.square(self._centre_rays[0]) + dr.square(self._centre_rays[1]) + 1)
-                z = dr.select(found.is_valid(), found.t / length, dr.inf)
-                depths.append(np.array(z, np.float32).reshape(self.camera.height, self.camera.width))
-            return np.stack(depths)
+    def _frame(self, index: int) -> tuple[Indices, Indices]:
+        """All pixels of one view."""
+        pixels = self._camera_rays.pixels
+        return np.full(pixels, index), np.arange(pixels)
 
-    @staticmethod
-    def _camera_rays(pose: Pose, rays: list[Any], mi: Any) -> Any:
-        axes = [mi.Vector3f(axis) for axis in pose.rotation.T.astype(np.float32).tolist()]
-        direction = axes[0] * rays[0] + axes[1] * rays[1] + axes[2]
-        # Integrators expect unit directions.
-        import drjit as dr
-
-        return mi.Ray3f(mi.Point3f(pose.position.astype(np.float32).tolist()), dr.normalize(direction))
+    def _lanes(
+        self, views: Views, view: Indices, pixel: Indices, rays: int, mi: Any, dr: Any
+    ) -> tuple[Lanes, Any, Any]:
+        """(lanes, which lattice ray each is, its place in the frame): a pixel's rays side by side."""
+        lane = dr.arange(mi.UInt32, len(view) * rays)
+        pair = lane // rays
+        views_of, pixels = (dr.gather(mi.UInt32, mi.UInt32(index.astype(np.uint32)), pair) for index in (view, pixel))
+        sample = lane - pair * rays
+        return self._camera_rays.lanes(views, views_of, pixels, motion=False), sample, pixels * rays + sample
 
 
-class ScalarRenderer(Renderer):
-    """The same without LLVM: one ray after the other in Mitsuba's scalar variant. Slow, but it runs everywhere.
+@functools.cache
+def _frame_sampler() -> Any:
+    """The class of Mitsuba's independent sampler numbered by the rays' places in the frame, not in the launch."""
+    import mitsuba as mi
 
-    Each ray seeds the sampler by its own number, so that its random numbers never depend on its neighbours' paths.
-    """
+    class FrameSampler(mi.Sampler):  # type: ignore[misc]
+        def __init__(self, seed: int, place: Any) -> None:
+            super().__init__(mi.Properties())
+            self._generator = mi.PCG32()
+            self._generator.seed(*mi.sample_tea_32(mi.UInt32(seed), place))
 
-    variant = SCALAR
-    poses_per_launch = 1
+        def next_1d(self, active: Any = True) -> Any:
+            return self._generator.next_float32(mi.Mask(active))
 
-    def __init__(self, scene: Any, camera: Camera, *, samples: int, blur: bool, seed: int, reason: str) -> None:
-        super().__init__(camera, samples=samples, blur=blur)
-        self._scene, self._seed, self.reason = scene, seed, reason
-        with variant(SCALAR) as (mi, _):
-            self._integrator = _integrator(scene, mi)
-            self._sampler = mi.load_dict({"type": "independent"})
-        self._rays = self._unit_rays(samples)
-        self._centre_rays = self._unit_rays(1)
-        self.name = f"Mitsuba's {self._integrator.class_name()}, scalar"
+        def next_2d(self, active: Any = True) -> Any:
+            x = self.next_1d(active)
+            return mi.Point2f(x, self.next_1d(active))
 
-    def _unit_rays(self, samples: int) -> npt.NDArray[np.float64]:
-        """Unit directions (H * W * samples, 3) in camera axes, a pixel's rays side by side."""
-        xy = ray_table(self.camera, samples).transpose(1, 0, 2).reshape(-1, 2)
-        directions = np.concatenate([xy, np.ones((len(xy), 1))], 1)
-        return directions / np.linalg.norm(directions, axis=1, keepdims=True)
-
-    def _luma(self, poses: Sequence[Pose]) -> LumaFrames:
-        return np.stack([self._one(pose) for pose in poses])
-
-    def _one(self, pose: Pose) -> LumaFrames:
-        with variant(SCALAR) as (mi, _):
-            origin = mi.Point3f(*pose.position.tolist())
-            scene, sampler, sample, seed = self._scene, self._sampler, self._integrator.sample, self._seed
-            make_ray, make_vector = mi.RayDifferential3f, mi.Vector3f
-            red, green, blue = LUMA_WEIGHTS
-            values = []
-            for number, (x, y, z) in enumerate((self._rays @ pose.rotation.T).tolist()):
-                sampler.seed(seed + number)
-                colour = sample(scene, sampler, make_ray(origin, make_vector(x, y, z)))[0]
-                values.append(red * colour[0] + green * colour[1] + blue * colour[2])
-            luma = np.array(values).reshape(self.camera.height, self.camera.width, self.samples)
-            return luma.mean(-1).astype(np.float32)
-
-    def depth(self, poses: Sequence[Pose]) -> npt.NDArray[np.float32]:
-        with variant(SCALAR) as (mi, _):
-            depths = []
-            for pose in poses:
-                origin = mi.Point3f(*pose.position.tolist())
-                directions = (self._centre_rays @ pose.rotation.T).tolist()
-                hit = self._scene.ray_intersect_preliminary
-                # A miss has t = inf; the unit direction's camera-frame z turns distance into depth.
-                distance = np.array([hit(mi.Ray3f(origin, d), True).t for d in directions])
-                depths.append((distance * self._centre_rays[:, 2]).reshape(self.camera.height, self.camera.width))
-            return np.stack(depths).astype(np.float32)
+    return FrameSampler

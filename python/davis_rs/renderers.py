@@ -5,7 +5,8 @@ from __future__ import annotations
 from ._mitsuba import FAST, SCALAR, default_variant, load_scene_source, variant
 from .camera import Camera
 from .render import Renderer
-from .render_integrator import IntegratorRenderer, ScalarRenderer
+from .render_integrator import IntegratorRenderer
+from .render_scalar import ScalarRenderer
 from .render_table import TableRenderer
 from .scene import Scene
 from .scene_table import SceneTable, Unsuitable

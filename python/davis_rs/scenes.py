@@ -8,14 +8,15 @@ import numpy as np
 
 from ._mitsuba import default_variant, load_scene_source, variant
 from .builtin_scenes import three_planes, three_walls
+from .fence_scene import fence
 from .pose import Pose
 from .scene import Scene
 
-BUILTIN_SCENES = {"three_planes": three_planes, "three_walls": three_walls}
+BUILTIN_SCENES = {"three_planes": three_planes, "three_walls": three_walls, "fence": fence}
 
 
 def load_scene(name_or_path: str | Path) -> Scene:
-    """A built-in scene by name (``three_planes``, ``three_walls``), or a Mitsuba XML file.
+    """A built-in scene by name (a key of :data:`BUILTIN_SCENES`), or a Mitsuba XML file.
 
     Raises:
         ValueError: if it is neither a name nor a file.

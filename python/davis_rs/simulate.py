@@ -6,7 +6,7 @@ import hashlib
 import heapq
 from collections.abc import Iterator
 from dataclasses import asdict
-from itertools import groupby, islice, repeat
+from itertools import groupby, repeat, tee
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,24 +15,26 @@ from ._core import CrossingEngine, __version__
 from ._mitsuba import versions
 from .camera import Camera
 from .events import EventArray, concatenate_events
+from .keyframes import Keyframe, Stretch
 from .packet import Packet
 from .pose import Pose
+from .refine import refine as refine_events
 from .renderers import make_renderer
 from .sampling import MaxDisplacement, TimeSampling, periodic_instants
 from .scene import Scene
 from .trajectory import SegmentTrajectory, Trajectory, interval
+from .views import Views
 
 _PACKET_RATE_HZ = 40.0
 """Where no frame or depth map falls due, packets still end this often, so that memory stays bounded."""
 
 
-class _Instant(NamedTuple):
-    """A rendered instant, and what falls due there."""
+class _Due(NamedTuple):
+    """An instant at which a packet ends, and what else falls due there."""
 
     t_us: int
     frame: bool
     depth: bool
-    packet: bool
 
 
 class Simulator:
@@ -54,6 +56,8 @@ class Simulator:
         threads: of the crossing engine; None means as many as pay. Results do not depend on it.
         renderer: ``auto``, ``table`` or ``integrator``, see :func:`~davis_rs.renderers.make_renderer`.
         blur: the 3 x 3 blur of luma; None leaves it to the scene.
+        refine: polish each event's time by asking the renderer itself, to the microsecond; slow. See
+            :func:`~davis_rs.refine.refine`.
         poses_per_launch: rendered in one call; None leaves it to the renderer. Results do not depend on it.
 
     Raises:
@@ -77,6 +81,7 @@ class Simulator:
         threads: int | None = None,
         renderer: str = "auto",
         blur: bool | None = None,
+        refine: bool = False,
         poses_per_launch: int | None = None,
     ) -> None:
         self.scene = scene
@@ -101,11 +106,15 @@ class Simulator:
             contrast_threshold=contrast_threshold,
             contrast_threshold_off=contrast_threshold_off,
             log_eps=log_eps,
+            interpolation=self.sampling.interpolation,
             threads=threads,
         )
+        self._thresholds = (contrast_threshold, self.parameters["contrast_threshold_off"])
+        self.refine = refine
         self.renderer = make_renderer(scene, self.camera, samples=samples, seed=seed, kind=renderer, blur=blur)
         self._poses_per_launch = poses_per_launch or self.renderer.poses_per_launch
         self._pose: Pose | None = None
+        self._last: Keyframe | None = None
         self._t_us = 0
 
     def run(self, trajectory: Trajectory) -> Iterator[Packet]:
@@ -158,54 +167,68 @@ class Simulator:
             "renderer": {"name": self.renderer.name, "reason": self.renderer.reason},
             "parameters": {
                 **self.parameters,
-                "samples": self.renderer.samples,
+                "samples": self.renderer.rays,
                 "blur": self.renderer.blur,
                 "sampling": repr(self.sampling),
+                "refine": self.refine,
             },
         }
 
     def _packets(self, trajectory: Trajectory, start_us: int, end_us: int) -> Iterator[Packet]:
         """Packets of (start_us, end_us], or of the very first instant too; the trajectory starts at ``start_us``."""
-        instants = self._instants(trajectory, start_us, end_us)
+        instants, ahead = tee(self._due(start_us, end_us))
+        stretch = Stretch(
+            renderer=self.renderer,
+            trajectory=trajectory,
+            start_us=start_us,
+            end_us=end_us,
+            first=self._pose is None,
+            due=(instant.t_us for instant in ahead),
+            contrast_threshold=min(self._thresholds),
+            log_eps=self.parameters["log_eps"],
+            batch=self._poses_per_launch,
+        )
         pending: list[EventArray] = []
-        while batch := list(islice(instants, self._poses_per_launch)):
-            poses = [trajectory.pose((instant.t_us - start_us) * 1e-6) for instant in batch]
-            luma = self.renderer.luma(poses)
-            due = [pose for pose, instant in zip(poses, batch, strict=True) if instant.depth]
-            depths = iter(self.renderer.depth(due) if due else ())
-            for instant, pose, frame in zip(batch, poses, luma, strict=True):
-                pending.append(self._engine.push(instant.t_us, frame))
-                depth = next(depths) if instant.depth else None
-                if not instant.packet:
-                    continue
-                packet_start, self._t_us, self._pose = self._t_us, instant.t_us, pose
-                events = concatenate_events(pending)
-                pending.clear()
-                yield Packet(packet_start, instant.t_us, events, pose, frame.copy() if instant.frame else None, depth)
+        due = next(instants)
+        for keyframe in self.sampling.keyframes(stretch):
+            pending.append(self._take(keyframe, stretch))
+            if keyframe.t_us < due.t_us:
+                continue
+            depth = self.renderer.depth(stretch.views([due.t_us]))[0] if due.depth else None
+            pose = trajectory.pose((due.t_us - start_us) * 1e-6)
+            packet_start, self._t_us, self._pose = self._t_us, due.t_us, pose
+            events = concatenate_events(pending)
+            pending.clear()
+            yield Packet(packet_start, due.t_us, events, pose, keyframe.luma.copy() if due.frame else None, depth)
+            due = next(instants, due)
 
-    def _instants(self, trajectory: Trajectory, start_us: int, end_us: int) -> Iterator[_Instant]:
-        """All instants to render, in order, each once."""
+    def _take(self, keyframe: Keyframe, stretch: Stretch) -> EventArray:
+        """Feed the crossing engine; return the events since the last keyframe."""
+        last, self._last = self._last, keyframe
+        reference = self._engine.reference if self.refine and last is not None else None
+        events = self._engine.push(keyframe.t_us, keyframe.luma, keyframe.rate, sparse=keyframe.sparse)
+        if last is None or reference is None:
+            return events
+        return refine_events(events, reference, last, keyframe, stretch, self._thresholds)
+
+    def _due(self, start_us: int, end_us: int) -> Iterator[_Due]:
+        """All instants at which something falls due, in order, each once."""
         first_us = start_us if self._pose is None else start_us + 1
-        renders = (start_us + t for t in self.sampling.instants(self.renderer, trajectory, end_us - start_us))
-        rates = {"frame": "frame_rate_hz", "depth": "depth_rate_hz"}
         streams = [
-            zip(renders, repeat("render")),
             zip(periodic_instants(_PACKET_RATE_HZ, first_us, end_us), repeat("packet")),
-            *(
-                zip(periodic_instants(self.parameters[rate], first_us, end_us), repeat(kind))
-                for kind, rate in rates.items()
-            ),
+            zip(periodic_instants(self.parameters["frame_rate_hz"], first_us, end_us), repeat("frame")),
+            zip(periodic_instants(self.parameters["depth_rate_hz"], first_us, end_us), repeat("depth")),
             iter([(first_us, "packet")] if self._pose is None else ()),
             iter([(end_us, "packet")]),
         ]
         for t_us, group in groupby(heapq.merge(*streams), key=lambda item: item[0]):
             kinds = {kind for _, kind in group}
-            yield _Instant(t_us, "frame" in kinds, "depth" in kinds, kinds != {"render"})
+            yield _Due(t_us, "frame" in kinds, "depth" in kinds)
 
     def _refuse_empty_view(self, trajectory: Trajectory) -> None:
-        for t_s in np.linspace(0, trajectory.duration_s, 9):
-            if np.isfinite(self.renderer.depth([trajectory.pose(float(t_s))])).any():
-                return
+        views = Views.along(trajectory, np.linspace(0, trajectory.duration_s, 9))
+        if any(np.isfinite(self.renderer.depth(views[i : i + 1])).any() for i in range(len(views))):
+            return
         pose = trajectory.pose(0.0)
         raise ValueError(
             f"no ray hits anything in scene {self.scene.name!r}, from nowhere along the trajectory; the camera starts "

@@ -1,0 +1,179 @@
+"""What a ray sees of a :class:`SceneTable`: Mitsuba finds the triangle, flat buffers give the rest."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from .scene_table import Light, SceneTable
+from .scene_texture import WRAP_MODES, TextureTable
+
+
+class TableKernel:
+    """The scene table as Dr.Jit buffers, and traced code that computes from them what rays see.
+
+    The triangle that is hit is found without derivatives. Everything after follows from the ray by smooth operations,
+    so derivatives of the ray pass through: luma's are exact inside surfaces, and know nothing of edges.
+    """
+
+    def __init__(self, table: SceneTable, mi: Any) -> None:
+        self._table = table
+        self._first_record = mi.UInt32(table.first_record)
+        self._planes = mi.Float(table.planes.ravel())
+        textures = table.textures
+        u, v = table.u_maps, table.v_maps
+        # The texture's own uv transform is affine too: fold it into the record's maps.
+        own = textures.uv_maps[textures.texture_of]
+        offset = np.array([0, 0, 0, 1], np.float32)
+        self._uv_maps = [
+            mi.Float((own[:, i, :1] * u + own[:, i, 1:2] * v + own[:, i, 2:] * offset).ravel()) for i in (0, 1)
+        ]
+        smooth = table.normal_maps
+        self._normal_maps = [] if smooth is None else [mi.Float(smooth[:, axis].ravel()) for axis in range(3)]
+        self._wraps = sorted(set(textures.sizes[:, 3].tolist()))
+        layout = textures.sizes.copy()
+        layout[:, 0] = np.cumsum([0, *((layout[:, 1] + 2) * (layout[:, 2] + 2))])[:-1]
+        self._layout = [_PerRecord(column, mi.Int32) for column in layout[textures.texture_of].T]
+        self._two_sided = _PerRecord(table.two_sided, mi.UInt32)
+        self._texels = [mi.Float(_framed(textures, group)) for group in range(len(textures.group_weights))]
+
+    def hit(self, ray: Any) -> tuple[Any, Any, Any, Any]:
+        """(distance in units of the direction, whether anything is hit, the triangle's record and its normal)."""
+        import drjit as dr
+        import mitsuba as mi
+
+        found = self._table.scene.ray_intersect_preliminary(dr.detach(ray), coherent=True)
+        hit = found.is_valid()
+        shape = dr.reinterpret_array(mi.UInt32, found.shape)
+        record = dr.gather(mi.UInt32, self._first_record, shape, hit) + found.prim_index
+        plane = dr.gather(mi.Vector4f, self._planes, record, hit)
+        normal = plane.xyz
+        distance = -(dr.dot(normal, ray.o) + plane.w) / dr.dot(normal, ray.d)
+        return distance, hit, record, normal
+
+    def luma(self, ray: Any) -> Any:
+        """Linear luma along a ray."""
+        import drjit as dr
+        import mitsuba as mi
+
+        distance, hit, record, plane_normal = self.hit(ray)
+        point = dr.fma(ray.d, distance, ray.o)
+        normal = self._smooth_normal(point, record, hit) if self._normal_maps else plane_normal
+        # Lambert's cosines count on the side that is seen; the back of a one-sided surface is black.
+        facing = -dr.sign(dr.dot(normal, ray.d))
+        lit = hit & ((facing > 0) | (self._two_sided(record, hit) == 1))
+        reflectances = self._reflectances(point, record, hit)
+        total = dr.zeros(mi.Float, dr.width(point))
+        for light in self._table.lights:
+            irradiance = self._irradiance_over_pi(light, point, normal * facing, plane_normal, lit)
+            total += reflectances[light.group] * irradiance
+        return dr.select(hit, dr.select(lit, total, 0), self._table.background_luma)
+
+    def _smooth_normal(self, point: Any, record: Any, hit: Any) -> Any:
+        import drjit as dr
+        import mitsuba as mi
+
+        rows = [dr.gather(mi.Vector4f, rows, record, hit) for rows in self._normal_maps]
+        return dr.normalize(mi.Vector3f(*(dr.dot(row.xyz, point) + row.w for row in rows)))
+
+    def _reflectances(self, point: Any, record: Any, hit: Any) -> list[Any]:
+        """Bilinear texture lookup: the reflectance as luma, for each light colour."""
+        import drjit as dr
+        import mitsuba as mi
+
+        first, width, height, wrap = (column(record, hit) for column in self._layout)
+        rows = [dr.gather(mi.Vector4f, rows, record, hit) for rows in self._uv_maps]
+        u, v = (dr.dot(row.xyz, point) + row.w for row in rows)
+        column, fx = self._texel_before(u, width, wrap)
+        line, fy = self._texel_before(v, height, wrap)
+        top = mi.UInt32(first + line * (width + 2) + column)
+        below = top + mi.UInt32(width + 2)
+
+        def lookup(texels: Any) -> Any:
+            lines = [[dr.gather(mi.Float, texels, line + i, hit) for i in (0, 1)] for line in (top, below)]
+            return dr.lerp(*(dr.lerp(left, right, fx) for left, right in lines), fy)
+
+        return [lookup(texels) for texels in self._texels]
+
+    def _texel_before(self, u: Any, n: Any, wrap: Any) -> tuple[Any, Any]:
+        """The texel at or before a coordinate, counted from the frame around the texture, and how far it is past it.
+
+        The same as :func:`scene_texture.wrap_index` on whole texels; only the modes that the scene has are compiled.
+        """
+        import drjit as dr
+        import mitsuba as mi
+
+        def fold(mode: int) -> Any:
+            if WRAP_MODES[mode] == "clamp":
+                return dr.clip(u, 0, 1)
+            if WRAP_MODES[mode] == "repeat":
+                return u - dr.floor(u)
+            period = u - 2 * dr.floor(u * 0.5)
+            return dr.minimum(period, 2 - period)
+
+        inside = fold(self._wraps[0])
+        for mode in self._wraps[1:]:
+            inside = dr.select(wrap == mode, fold(mode), inside)
+        x = dr.fma(inside, mi.Float(n), -0.5)
+        x0 = dr.floor(x)
+        # What is not finite must not lead outside of the buffer.
+        return dr.clip(mi.Int32(x0) + 1, 0, n), x - x0
+
+    def _irradiance_over_pi(self, light: Light, point: Any, normal: Any, plane_normal: Any, active: Any) -> Any:
+        """What a white diffuse surface reflects: irradiance / pi, in the light's strongest channel."""
+        import drjit as dr
+        import mitsuba as mi
+
+        if light.kind == "constant":
+            return light.strength
+        vector = mi.Vector3f(*light.vector.tolist())
+        if light.kind == "point":
+            to_light = vector - point
+            squared = dr.squared_norm(to_light)
+            value = light.strength / dr.pi * dr.maximum(dr.dot(normal, to_light), 0) / (squared * dr.sqrt(squared))
+        else:
+            to_light = -vector
+            value = light.strength / dr.pi * dr.maximum(dr.dot(normal, to_light), 0)
+        if self._table.shadows:
+            occluded = self._occluded(
+                light, dr.detach(point), plane_normal, dr.detach(to_light), active & (dr.detach(value) > 0)
+            )
+            value = dr.select(occluded, 0, value)
+        return value
+
+    def _occluded(self, light: Light, point: Any, plane_normal: Any, to_light: Any, active: Any) -> Any:
+        import drjit as dr
+        import mitsuba as mi
+
+        # Step off the surface by its float32 rounding error, to the light's side, as Mitsuba's own integrators do.
+        step = (1 + dr.max(dr.abs(point))) * (1500 * 2.0**-24)
+        origin = point + plane_normal * dr.mulsign(step, dr.dot(plane_normal, to_light))
+        if light.kind == "point":
+            end = mi.Vector3f(*light.vector.tolist()) - origin
+            return self._table.scene.ray_test(mi.Ray3f(origin, end, 1 - 1e-3, 0, []), active)
+        return self._table.scene.ray_test(mi.Ray3f(origin, to_light), active)
+
+
+class _PerRecord:
+    """A number for each record; nothing is gathered where all have the same."""
+
+    def __init__(self, values: npt.NDArray[np.integer], kind: Any) -> None:
+        self._kind, self._same = kind, bool((values == values[0]).all())
+        self._values = kind(int(values[0])) if self._same else kind(np.ascontiguousarray(values))
+
+    def __call__(self, record: Any, active: Any) -> Any:
+        import drjit as dr
+
+        return self._values if self._same else dr.gather(self._kind, self._values, record, active)
+
+
+def _framed(textures: TextureTable, group: int) -> npt.NDArray[np.float32]:
+    """All texels, with a frame of one texel around each texture: what its wrap mode puts there."""
+    texels = textures.texels(group)
+    images = []
+    for first, width, height, wrap in textures.sizes.tolist():
+        image = texels[first : first + width * height].reshape(height, width)
+        images.append(np.pad(image, 1, mode="wrap" if WRAP_MODES[wrap] == "repeat" else "edge").ravel())
+    return np.concatenate(images)
