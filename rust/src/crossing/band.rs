@@ -1,6 +1,6 @@
 //! A band of rows: the pixels that one thread takes at a time.
 
-use super::candidates::{Candidates, Verdict};
+use super::candidates::{Candidates, Verdict, seconds};
 use super::cubic::Cubic;
 use super::frame::SparseSamples;
 use super::level::Level;
@@ -87,15 +87,11 @@ impl<S: Sample> Band<S> {
     /// Decides what was found, makes its events, and moves its pixels and bounds on.
     fn decide(&mut self, share: &mut Share<'_, S>, at: Interval, size: SensorSize, p: &CrossingParameters) {
         self.candidates.take_logs(&self.found, p.log_eps);
-        if share.rates.is_some() {
-            self.candidates.verdict[..self.found.count].fill(Verdict::Unclear);
-        } else {
-            self.candidates.decide(&self.found, share.references, share.first_pixel, at.ticks, p);
-            if !share.sparse.is_empty() {
-                for (verdict, &place) in self.candidates.verdict.iter_mut().zip(&self.found.place[..self.found.count]) {
-                    if !share.sparse_of(place).is_empty() {
-                        *verdict = Verdict::Unclear; // no single line tells
-                    }
+        self.candidates.decide(&self.found, share.references, share.rates, share.first_pixel, at.ticks, p);
+        if !share.sparse.is_empty() {
+            for (verdict, &place) in self.candidates.verdict.iter_mut().zip(&self.found.place[..self.found.count]) {
+                if !share.sparse_of(place).is_empty() {
+                    *verdict = Verdict::Unclear; // no single curve tells
                 }
             }
         }
@@ -167,8 +163,7 @@ impl<S: Sample> Band<S> {
             }
             None => follow(reference, &line, at.start_us, c, emit),
             Some(rates) => {
-                #[allow(clippy::cast_precision_loss, reason = "ticks < 2^53")]
-                let seconds = at.ticks as f64 * 1e-6;
+                let seconds = seconds(at.ticks);
                 let slope = |sample: S, rate: S| sample.log_rate(rate, p.log_eps) * seconds;
                 let from = slope(self.found.from[candidate], rates.0[in_share]);
                 let to = slope(self.found.to[candidate], rates.1[in_share]);

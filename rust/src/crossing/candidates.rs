@@ -5,6 +5,7 @@
 
 use multiversion::multiversion;
 
+use super::cubic_candidates::{Slopes, decide_cubics};
 use super::exponential::ROUND;
 use super::level::Level;
 use super::parameters::CrossingParameters;
@@ -35,6 +36,9 @@ pub(crate) struct Candidates<S> {
     count_on: Vec<f64>,
     count_off: Vec<f64>,
     steps: StepArrays,
+    /// Slopes at the interval's start and end, where curves are cubics.
+    slope_from: Vec<f64>,
+    slope_to: Vec<f64>,
     /// The tick of the event, where there is one, and the reference that it leaves behind.
     pub(crate) tick: Vec<i64>,
     pub(crate) verdict: Vec<Verdict>,
@@ -58,6 +62,8 @@ impl<S: Sample> Candidates<S> {
             count_on: zeros(),
             count_off: zeros(),
             steps: StepArrays::new(length, p),
+            slope_from: zeros(),
+            slope_to: zeros(),
             tick: vec![0; length],
             verdict: vec![Verdict::Nothing; length],
             after: zeros(),
@@ -73,11 +79,13 @@ impl<S: Sample> Candidates<S> {
         S::logs(&found.to[..count], log_eps, &mut self.to[..count]);
     }
 
-    /// Decides all candidates found over straight lines of so many ticks; `references` begin at pixel `first_pixel`.
+    /// Decides all candidates found over an interval of so many ticks; `references` begin at pixel `first_pixel`, as do
+    /// the rates of change at the interval's ends, where there are any.
     pub(crate) fn decide(
         &mut self,
         found: &Found<S>,
         references: &[Level],
+        rates: Option<(&[S], &[S])>,
         first_pixel: usize,
         ticks: i64,
         p: &CrossingParameters,
@@ -89,40 +97,58 @@ impl<S: Sample> Candidates<S> {
             (*base, *on, *off) = (reference.base, f64::from(reference.on), f64::from(reference.off));
         }
         self.steps.take(|j| first_pixel + places[j] as usize, found.count, p);
-        self.decide_set(found.count, ticks, p.log_eps);
+        if let Some(rates) = rates {
+            let seconds = seconds(ticks);
+            let slopes = self.slope_from.iter_mut().zip(&mut self.slope_to);
+            for ((j, &place), (from, to)) in places.iter().enumerate().zip(slopes) {
+                *from = found.from[j].log_rate(rates.0[place as usize], p.log_eps) * seconds;
+                *to = found.to[j].log_rate(rates.1[place as usize], p.log_eps) * seconds;
+            }
+        }
+        self.decide_set(found.count, rates.is_some(), ticks, p.log_eps);
     }
 
-    /// Decides the first `count` candidates, whose references and thresholds are set.
+    /// Decides the first `count` candidates, of which all is set.
     #[allow(clippy::cast_precision_loss, reason = "ticks < 2^53")]
-    fn decide_set(&mut self, count: usize, ticks: i64, log_eps: f64) {
+    fn decide_set(&mut self, count: usize, cubics: bool, ticks: i64, log_eps: f64) {
         let n = count.next_multiple_of(VECTOR);
         let steps = self.steps.first(n);
-        decide(
-            &Lines { from: &self.from[..n], to: &self.to[..n], ticks: ticks as f64 },
-            &References { base: &self.base[..n], on: &self.count_on[..n], off: &self.count_off[..n] },
-            steps,
-            Decisions { tick: &mut self.tick[..n], verdict: &mut self.verdict[..n], after: &mut self.after[..n] },
-        );
+        let lines = Lines { from: &self.from[..n], to: &self.to[..n], ticks: ticks as f64 };
+        let references = References { base: &self.base[..n], on: &self.count_on[..n], off: &self.count_off[..n] };
+        let decisions =
+            Decisions { tick: &mut self.tick[..n], verdict: &mut self.verdict[..n], after: &mut self.after[..n] };
+        if cubics {
+            let slopes = Slopes { from: &self.slope_from[..n], to: &self.slope_to[..n] };
+            decide_cubics(&lines, &slopes, &references, steps, decisions);
+        } else {
+            decide(&lines, &references, steps, decisions);
+        }
         S::bounds(&self.after[..n], steps, log_eps, (&mut self.low[..n], &mut self.high[..n]));
     }
 }
 
-struct Lines<'a> {
-    from: &'a [f64],
-    to: &'a [f64],
-    ticks: f64,
+/// An interval's length in seconds.
+#[allow(clippy::cast_precision_loss, reason = "ticks < 2^53")]
+pub(crate) fn seconds(ticks: i64) -> f64 {
+    ticks as f64 * 1e-6
 }
 
-struct References<'a> {
-    base: &'a [f64],
-    on: &'a [f64],
-    off: &'a [f64],
+pub(crate) struct Lines<'a> {
+    pub(crate) from: &'a [f64],
+    pub(crate) to: &'a [f64],
+    pub(crate) ticks: f64,
 }
 
-struct Decisions<'a> {
-    tick: &'a mut [i64],
-    verdict: &'a mut [Verdict],
-    after: &'a mut [f64],
+pub(crate) struct References<'a> {
+    pub(crate) base: &'a [f64],
+    pub(crate) on: &'a [f64],
+    pub(crate) off: &'a [f64],
+}
+
+pub(crate) struct Decisions<'a> {
+    pub(crate) tick: &'a mut [i64],
+    pub(crate) verdict: &'a mut [Verdict],
+    pub(crate) after: &'a mut [f64],
 }
 
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
@@ -195,7 +221,7 @@ mod tests {
         let mut found = Found::new();
         (found.count, found.from[0], found.to[0]) = (1, from, to);
         candidates.take_logs(&found, 1e-3);
-        candidates.decide(&found, &[reference], 0, ticks, &parameters);
+        candidates.decide(&found, &[reference], None, 0, ticks, &parameters);
         (candidates.verdict[0], candidates.tick[0])
     }
 

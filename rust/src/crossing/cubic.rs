@@ -5,7 +5,7 @@ use super::level::{Level, Thresholds};
 use super::line::Line;
 
 /// Steeper than this, in log intensity over an interval, no slope is believed: 1000 spans twice all that float32 luma can.
-const STEEPEST: f64 = 1000.0;
+pub(crate) const STEEPEST: f64 = 1000.0;
 
 /// L(s) = from + s (a + s (b + s c)), s from 0 to 1 over the interval; ends at `to`.
 #[derive(Clone, Copy, Debug)]
@@ -75,16 +75,53 @@ impl Piece for CubicPiece {
         if self.to < 1.0 { self.cubic.at(self.to) } else { self.cubic.line.to }
     }
 
-    /// By bisection over the ticks of the piece, on the cubic's value in float64.
+    /// On the cubic's value in float64: the likely tick, else bisection over the ticks of the piece.
     #[allow(clippy::cast_precision_loss, reason = "ticks < 2^53")]
     #[allow(clippy::cast_possible_truncation, reason = "within 0..=ticks")]
     fn first_tick(&self, level: Level, up: bool, c: Thresholds) -> i64 {
         let ticks = self.cubic.line.ticks as f64;
         let (after, at) = ((self.from * ticks).floor() as i64, (self.to * ticks).ceil() as i64);
-        first_true(after, at.max(after + 1), |k| {
+        let at = at.max(after + 1);
+        let reached = |k: i64| {
             let sign = level.sign_of_excess(self.cubic.at(k as f64 / ticks), c);
             if up { sign >= 0 } else { sign <= 0 }
-        })
+        };
+        let likely = (self.near(level.approximate(c).0) * ticks).ceil() as i64;
+        if likely > after
+            && likely <= at
+            && (likely == at || reached(likely))
+            && (likely - 1 == after || !reached(likely - 1))
+        {
+            return likely;
+        }
+        first_true(after, at, reached)
+    }
+}
+
+impl CubicPiece {
+    /// About where the piece has a value that it does reach: Newton's steps, within a bracket that every one narrows.
+    fn near(&self, value: f64) -> f64 {
+        const MOST_STEPS: usize = 6;
+        const NEAR: f64 = 1e-9;
+        let [a, b, c] = self.cubic.coefficients;
+        let (mut low, mut high) = (self.from, self.to);
+        let rises = self.end() >= self.cubic.at(low);
+        let mut s = 0.5 * (low + high);
+        for _ in 0..MOST_STEPS {
+            let missing = value - self.cubic.at(s);
+            if (missing > 0.0) == rises {
+                low = s;
+            } else {
+                high = s;
+            }
+            let next = s + missing / (a + s * (2.0 * b + 3.0 * c * s));
+            let next = if next > low && next < high { next } else { 0.5 * (low + high) };
+            if (next - s).abs() < NEAR {
+                return next;
+            }
+            s = next;
+        }
+        s
     }
 }
 

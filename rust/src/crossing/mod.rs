@@ -15,6 +15,7 @@ mod band;
 mod candidates;
 mod core;
 mod cubic;
+mod cubic_candidates;
 mod curve;
 mod engine;
 mod exponential;

@@ -77,24 +77,40 @@ impl<S: Sample> Found<S> {
 
 /// The places of samples at or beyond their bounds, in order; returns how many.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
-#[allow(clippy::cast_possible_truncation, reason = "places lie below TILE")]
 #[allow(clippy::needless_bitwise_bool, reason = "a lazy operator is a branch, which vectors cannot take")]
 fn leavers<S: Sample>(new: &[S], low: &[S], high: &[S], places: &mut [u16]) -> usize {
+    let n = new.len();
+    let (low, high) = (&low[..n], &high[..n]);
+    places_where(n, places, |i| (new[i] >= high[i]) | (new[i] <= low[i]))
+}
+
+/// [`leavers`], and the places where the rates of change turn.
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
+#[allow(clippy::needless_bitwise_bool, reason = "a lazy operator is a branch, which vectors cannot take")]
+fn leavers_or_turners<S: Sample>(new: &[S], bounds: (&[S], &[S]), rates: (&[S], &[S]), places: &mut [u16]) -> usize {
+    let n = new.len();
+    let (low, high, from, to) = (&bounds.0[..n], &bounds.1[..n], &rates.0[..n], &rates.1[..n]);
+    places_where(n, places, |i| (new[i] >= high[i]) | (new[i] <= low[i]) | S::turns(from[i], to[i]))
+}
+
+/// The places in 0..n where something is true, in order; returns how many.
+#[inline(always)]
+#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
+#[allow(clippy::cast_possible_truncation, reason = "places lie below TILE")]
+fn places_where(n: usize, places: &mut [u16], is: impl Fn(usize) -> bool) -> usize {
     let mut count = 0;
-    let whole = new.len() - new.len() % BLOCK;
+    let whole = n - n % BLOCK;
     for start in (0..whole).step_by(BLOCK) {
-        let (new, low, high) = (&new[start..start + BLOCK], &low[start..start + BLOCK], &high[start..start + BLOCK]);
-        let has_left = |i: usize| (new[i] >= high[i]) | (new[i] <= low[i]);
-        if (0..BLOCK).fold(0, |any, i| any | u32::from(has_left(i))) == 0 {
+        if (start..start + BLOCK).fold(0, |any, i| any | u32::from(is(i))) == 0 {
             continue;
         }
-        let mut left = [0u8; BLOCK];
-        for (i, left) in left.iter_mut().enumerate() {
-            *left = u8::from(has_left(i));
+        let mut found = [0u8; BLOCK];
+        for (i, found) in found.iter_mut().enumerate() {
+            *found = u8::from(is(start + i));
         }
-        for (group, left) in left.chunks_exact(GROUP).enumerate() {
+        for (group, found) in found.chunks_exact(GROUP).enumerate() {
             // Eight bytes of 0 or 1 to eight bits: each lands in the top byte at a place of its own.
-            let bytes = u64::from_le_bytes(left.try_into().unwrap_or_default());
+            let bytes = u64::from_le_bytes(found.try_into().unwrap_or_default());
             let bits = (bytes.wrapping_mul(0x0102_0408_1020_4080) >> 56) as usize;
             let first = (start + group * GROUP) as u16;
             // All eight are written, those that left kept: no branch to mispredict.
@@ -105,9 +121,9 @@ fn leavers<S: Sample>(new: &[S], low: &[S], high: &[S], places: &mut [u16]) -> u
             count += *kept as usize;
         }
     }
-    for i in whole..new.len() {
+    for i in whole..n {
         places[count] = i as u16;
-        count += usize::from((new[i] >= high[i]) | (new[i] <= low[i]));
+        count += usize::from(is(i));
     }
     count
 }
@@ -141,15 +157,3 @@ static POSITIONS: [([u16; GROUP], u32); 256] = {
     }
     table
 };
-
-/// [`leavers`], and the places where the rates of change turn.
-#[allow(clippy::cast_possible_truncation, reason = "places lie below TILE")]
-fn leavers_or_turners<S: Sample>(new: &[S], bounds: (&[S], &[S]), rates: (&[S], &[S]), places: &mut [u16]) -> usize {
-    let mut count = 0;
-    for (i, &sample) in new.iter().enumerate() {
-        places[count] = i as u16;
-        let left = sample >= bounds.1[i] || sample <= bounds.0[i];
-        count += usize::from(left || S::turns(rates.0[i], rates.1[i]));
-    }
-    count
-}
