@@ -13,18 +13,23 @@ PACKAGE = ROOT / "python" / "davis_rs"
 
 # From the top down: a module may import only from the layers below its own, and from its own to its right.
 LAYERS = [
-    ["cli"],
+    ["cli", "cli_accuracy"],
+    ["accuracy_report", "accuracy", "accuracy_settings", "reference_events"],
     ["record"],
     ["simulate"],
     ["check", "compare", "video", "view"],
     ["read"],
     ["dataset", "dataset_files"],
-    ["refine", "tolerance", "sampling", "displacement", "keyframes"],
+    ["observe", "interpolate"],
+    ["presets", "refine", "tolerance", "sampling", "displacement", "keyframes"],
+    ["differentiable", "differentiable_kernel", "differentiable_poses"],
     [
-        *["renderers", "render_table", "render_scalar", "render_integrator", "swept", "table_kernel", "scene_table"],
+        *["renderers", "render_table", "render_scalar", "render_integrator"],
+        *["table_kernel", "moving_lanes", "scene_table", "scene_updates"],
         *["scene_texture", "render", "rate_difference", "neighbours", "camera_rays", "flow"],
+        *["swept_objects", "swept", "scene_motion"],
     ],
-    ["scenes", "fence_scene", "builtin_scenes", "scene_parts", "textures", "scene"],
+    ["scenes", "fence_scene", "builtin_scenes", "scene_parts", "textures", "scene", "light_course"],
     ["trajectory_file", "sampled_trajectory"],
     ["packet", "views", "trajectory", "pose"],
     ["camera", "lattice", "luma"],

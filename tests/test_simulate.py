@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 
 import davis_rs
-from davis_rs import Camera, FixedRate, MaxDisplacement, Packet, Pose, Scene, Simulator
+from davis_rs import Camera, FixedRate, MaxDisplacement, Packet, Pose, Scene, Simulator, Tolerance
 from davis_rs.events import EventArray, concatenate_events
+from davis_rs.sampling import TimeSampling
 from davis_rs.simulate import simulate
 
 SMALL = Camera(40, 30, 33.0, 33.0, 19.5, 14.5)
@@ -120,6 +121,63 @@ def test_steps_of_a_controller_give_what_a_run_gives(scene: Scene) -> None:
         stepper.step(50_000, target)
     with pytest.raises(ValueError, match="first step must be at t = 0"):
         Simulator(scene, **settings).step(5, target)
+
+
+@pytest.mark.parametrize(
+    ("sampling", "same"),
+    [(FixedRate(1000.0, hermite=True), 0.99), (Tolerance(0.05), 0.95)],
+    ids=["hermite", "tolerance"],
+)
+def test_steps_agree_with_a_run_where_slopes_and_samples_look_around(
+    scene: Scene, sampling: TimeSampling, same: float
+) -> None:
+    """Steps cut the path into stretches that do not know what comes after: other keyframes, nearly the same events.
+
+    With a fixed rate the instants are the same, and the rates, as the velocity is; a tolerance places its keyframes
+    anew from each step, and its slopes at a step are those of one side.
+    """
+    start = davis_rs.start_pose(scene)
+    target = Pose(start.position + np.array([0.03, -0.01, 0.02]), start.quaternion)
+    path = davis_rs.SegmentTrajectory(start, target, 0.05)
+    settings = {**PARAMETERS, "sampling": sampling, "samples": 8}
+    run = events_of(list(Simulator(scene, **settings).run(path)))
+    stepper = Simulator(scene, **settings)
+    packets = stepper.step(0, path.pose(0.0))
+    for t_us in (1, 7_000, 7_001, 20_000, 26_000, 50_000):
+        packets += stepper.step(t_us, path.pose(t_us * 1e-6))
+        assert packets[-1].end_us == t_us
+    stepped = events_of(packets)
+    assert len(run) > 300
+    found = davis_rs.compare_events(stepped, run, size=(SMALL.width, SMALL.height), window_us=3000)
+    assert found.matched >= same * len(run)
+    assert found.spurious <= (1 - same) * len(run)
+    assert found.median_us <= 50
+
+
+def test_steps_are_refined_to_where_the_renderer_has_their_levels(scene: Scene) -> None:
+    """Refined times do not depend on the keyframes, so neither on the steps: nearly all agree to the microsecond."""
+    start = davis_rs.start_pose(scene)
+    target = Pose(start.position + np.array([0.02, -0.01, 0.02]), start.quaternion)
+    path = davis_rs.SegmentTrajectory(start, target, 0.03)
+    settings = {**PARAMETERS, "samples": 8, "sampling": Tolerance(0.05), "refine": True}
+    run = events_of(list(Simulator(scene, **settings).run(path)))
+    stepper = Simulator(scene, **settings)
+    packets = stepper.step(0, path.pose(0.0))
+    for t_us in (8_000, 20_000, 30_000):
+        packets += stepper.step(t_us, path.pose(t_us * 1e-6))
+    found = davis_rs.compare_events(events_of(packets), run, size=(SMALL.width, SMALL.height), window_us=3000)
+    assert found.matched > max(0.95 * len(run), 200)
+    assert (np.abs(found.time_error_us) <= 1).mean() > 0.95
+
+
+def test_the_record_of_a_run_names_its_sampling(scene: Scene) -> None:
+    """What decides the events is in meta.json: the rule with its settings, and whether times were refined."""
+    for sampling in (Tolerance(0.07, halvings=2), FixedRate(250.0, hermite=True)):
+        parameters = Simulator(scene, **PARAMETERS, sampling=sampling, refine=True).describe()["parameters"]
+        assert parameters["sampling"] == repr(sampling)
+        assert parameters["refine"] is True
+    assert "contrast=0.07" in repr(Tolerance(0.07))
+    assert Simulator(scene, **PARAMETERS).describe()["parameters"]["refine"] is False
 
 
 def test_a_camera_at_rest_makes_no_events(scene: Scene) -> None:

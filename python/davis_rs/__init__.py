@@ -3,10 +3,13 @@
 from ._core import CrossingEngine, DecodeError, EventTextWriter, __version__, log_intensity, reconstruct
 from .camera import Camera, load_camera
 from .check import check_dataset
+from .compare import EventComparison, compare_events
 from .dataset import DatasetWriter
 from .events import EVENT_DTYPE, as_events
+from .light_course import Flicker, LightCourse, SampledCourse
 from .packet import Packet
 from .pose import Pose
+from .presets import ACCURACY, Accuracy
 from .read import Dataset
 from .record import record
 from .sampled_trajectory import SampledTrajectory
@@ -14,33 +17,42 @@ from .sampling import FixedRate, MaxDisplacement
 from .scene import Scene
 from .scenes import load_scene, start_pose
 from .simulate import Simulator, simulate
+from .tolerance import Tolerance
 from .trajectory import CallableTrajectory, SegmentTrajectory, Trajectory, align, interval
 from .trajectory_file import read_trajectory
 from .video import video_dataset
 from .view import view_dataset
 
 __all__ = [
+    "ACCURACY",
     "EVENT_DTYPE",
+    "Accuracy",
     "CallableTrajectory",
     "Camera",
     "CrossingEngine",
     "Dataset",
     "DatasetWriter",
     "DecodeError",
+    "EventComparison",
     "EventTextWriter",
     "FixedRate",
+    "Flicker",
+    "LightCourse",
     "MaxDisplacement",
     "Packet",
     "Pose",
+    "SampledCourse",
     "SampledTrajectory",
     "Scene",
     "SegmentTrajectory",
     "Simulator",
+    "Tolerance",
     "Trajectory",
     "__version__",
     "align",
     "as_events",
     "check_dataset",
+    "compare_events",
     "interval",
     "load_camera",
     "load_scene",

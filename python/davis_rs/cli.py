@@ -10,6 +10,7 @@ from pathlib import Path
 
 from ._core import __version__
 from .camera import PRESETS, load_camera
+from .cli_accuracy import add_accuracy
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -31,6 +32,7 @@ def _simulate(options: argparse.Namespace) -> int:
     from .sampling import FixedRate, MaxDisplacement, TimeSampling
     from .scenes import load_scene, start_pose
     from .simulate import Simulator, trajectory_part
+    from .tolerance import Tolerance
     from .trajectory import Trajectory, align
     from .trajectory_file import read_trajectory
 
@@ -46,9 +48,13 @@ def _simulate(options: argparse.Namespace) -> int:
     part = trajectory_part(scene, trajectory, options.start, options.duration)
     if moved:
         part = align(part, start_pose(scene))
-    sampling: TimeSampling = MaxDisplacement(options.max_displacement)
+    sampling: TimeSampling | None = None
     if options.render_rate is not None:
         sampling = FixedRate(options.render_rate)
+    elif options.max_displacement is not None:
+        sampling = MaxDisplacement(options.max_displacement)
+    elif options.tolerance is not None:
+        sampling = Tolerance(options.tolerance)
     if not options.overwrite and Path(options.output).exists() and any(Path(options.output).iterdir()):
         # Said again, and binding, when the folder is made; here it saves the time until then.
         raise FileExistsError(f"{options.output} exists and is not empty: choose another folder or give --overwrite")
@@ -60,12 +66,14 @@ def _simulate(options: argparse.Namespace) -> int:
         log_eps=options.log_eps,
         frame_rate_hz=options.frame_rate,
         depth_rate_hz=options.depth_rate,
+        accuracy=options.accuracy,
         sampling=sampling,
         samples=options.samples,
         seed=options.seed,
         threads=options.threads,
         renderer=options.renderer,
         blur=options.blur,
+        refine=options.refine,
     )
     if not options.quiet:
         print(f"rendering with {simulator.renderer.name}: {simulator.renderer.reason}", file=sys.stderr)
@@ -114,6 +122,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"davis-rs {__version__}")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
     _add_simulate(commands)
+    add_accuracy(commands)
 
     check = commands.add_parser("check", help="check a dataset: do its events explain its images?")
     check.add_argument("dataset", type=Path, metavar="DIR")
@@ -183,10 +192,21 @@ def _add_simulate(commands: argparse._SubParsersAction[argparse.ArgumentParser])
     )
 
     accuracy = simulate.add_argument_group("accuracy and cost")
+    accuracy.add_argument(
+        "--accuracy",
+        choices=("fast", "balanced", "exact"),
+        help="a point on the curve of docs/accuracy.md; what follows overrides it; the paper's rule if not given",
+    )
     rate = accuracy.add_mutually_exclusive_group()
     rate.add_argument("--render-rate", type=float, metavar="HZ", help="render at a fixed rate")
     rate.add_argument(
-        "--max-displacement", type=float, default=1 / 3, metavar="PX", help="render whenever a pixel moved so far"
+        "--max-displacement", type=float, metavar="PX", help="render whenever a pixel moved so far; 1/3 in the paper"
+    )
+    rate.add_argument(
+        "--tolerance", type=float, metavar="SHARE", help="keep the error of log luma below this share of C"
+    )
+    accuracy.add_argument(
+        "--refine", action=argparse.BooleanOptionalAction, help="polish event times to the microsecond; slow"
     )
     accuracy.add_argument("--samples", type=int, metavar="N", help="rays a pixel; 8 if not given, 2 without LLVM")
     accuracy.add_argument("--renderer", choices=("auto", "table", "integrator"), default="auto")

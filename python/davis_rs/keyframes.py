@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from ._core import log_intensity
 from .luma import LumaFrames
 from .pose import FloatArray
 from .render import Renderer
@@ -80,6 +81,14 @@ class Stretch:
     def log_luma(self, luma: LumaFrames) -> LumaFrames:
         """ln(luma + log_eps) in float32: for estimates, not for events."""
         return np.asarray(np.log(luma + np.float32(self.log_eps)))
+
+
+def exact_log_luma(luma: npt.NDArray[np.float32], log_eps: float) -> FloatArray:
+    """Log intensity (n,) of n samples, to the bit as the crossing engine has it."""
+    columns = 1024
+    padded = np.zeros(-(-len(luma) // columns) * columns, np.float32)
+    padded[: len(luma)] = luma
+    return np.asarray(log_intensity(padded.reshape(-1, columns), log_eps).ravel()[: len(luma)])
 
 
 def slopes(t_us: npt.ArrayLike, log_luma: LumaFrames) -> LumaFrames:

@@ -1,4 +1,4 @@
-"""Reference streams: the events of a short sequence, as nearly as rendering can tell, to judge simulations by.
+"""Reference streams: the events of a short recipe, as nearly as rendering can tell, to judge simulations by.
 
 Times are in ticks of a tenth of a microsecond, so that the microsecond of a simulated stamp is seen as what it is: an
 error of half a microsecond.
@@ -7,7 +7,7 @@ error of half a microsecond.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Generator
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -18,7 +18,7 @@ import numpy.typing as npt
 from ._core import CrossingEngine, __version__, log_intensity
 from .compare import compare_events
 from .events import EVENT_DTYPE, EventArray, concatenate_events
-from .keyframes import slopes
+from .keyframes import exact_log_luma, slopes
 from .pose import FloatArray
 from .render import Renderer
 from .sampling import MaxDisplacement
@@ -27,6 +27,9 @@ from .views import Views
 
 TICKS_PER_US = 10
 
+EXACT_PX = 1 / 48
+"""How far the fastest pixel moves between the samples that bracket exact crossings."""
+
 IntArray = npt.NDArray[np.int64]
 
 _AT_ONCE = 1 << 15
@@ -34,7 +37,7 @@ _AT_ONCE = 1 << 15
 
 
 @dataclass(frozen=True)
-class Sequence:
+class Recipe:
     """What is simulated, and judged.
 
     Attributes:
@@ -58,9 +61,7 @@ class Sequence:
 
     def engine(self, renderer: Renderer, interpolation: str) -> CrossingEngine:
         camera, threshold = renderer.camera, self.contrast_threshold
-        return CrossingEngine(
-            camera.width, camera.height, contrast_threshold=threshold, interpolation=interpolation
-        )
+        return CrossingEngine(camera.width, camera.height, contrast_threshold=threshold, interpolation=interpolation)
 
     def log_luma(self, luma: npt.NDArray[np.float32]) -> FloatArray:
         """L (n, H, W), float64, of frames."""
@@ -100,7 +101,7 @@ def in_ticks(events: EventArray) -> EventArray:
     return ticks
 
 
-def exact_crossings(renderer: Renderer, sequence: Sequence, *, pixels: float = 1 / 48) -> Crossings:
+def exact_crossings(renderer: Renderer, recipe: Recipe, *, pixels: float = EXACT_PX) -> Crossings:
     """The events that a renderer's own luma makes, as if it were rendered at every instant.
 
     It is rendered so densely that nothing is missed: whenever the fastest pixel has moved by ``pixels``. Each crossing
@@ -108,14 +109,14 @@ def exact_crossings(renderer: Renderer, sequence: Sequence, *, pixels: float = 1
     by rendering the pixel in its middle, until it is one tick long. Jumps (edges that pass a lattice ray) are found
     likewise. So what a simulation with the same renderer differs by is its error in time alone.
     """
-    engine = sequence.engine(renderer, "linear")
-    times = _instants(renderer, sequence, pixels)
+    engine = recipe.engine(renderer, "linear")
+    times = _instants(renderer, recipe, pixels)
     found: list[tuple[npt.NDArray[Any], ...]] = []
     last_us = 0
     for start in range(0, len(times), renderer.poses_per_launch):
         batch = times[start : start + renderer.poses_per_launch]
         for t_us, log in zip(
-            batch.tolist(), sequence.log_luma(renderer.luma(sequence.views(batch * TICKS_PER_US))), strict=True
+            batch.tolist(), recipe.log_luma(renderer.luma(recipe.views(batch * TICKS_PER_US))), strict=True
         ):
             before = engine.reference.ravel()
             events = engine.push_log(t_us, log)
@@ -125,12 +126,12 @@ def exact_crossings(renderer: Renderer, sequence: Sequence, *, pixels: float = 1
             new = np.concatenate([[True], pixel[1:] != pixel[:-1]])[: len(pixel)]
             nth = np.arange(len(pixel)) - np.maximum.accumulate(np.where(new, np.arange(len(pixel)), 0)) + 1
             sign = np.where(events["p"] == 1, 1.0, -1.0)
-            level = before[pixel] + sign * nth * sequence.contrast_threshold
+            level = before[pixel] + sign * nth * recipe.contrast_threshold
             bracket = np.broadcast_to(np.array([[last_us], [t_us]]) * TICKS_PER_US, (2, len(pixel)))
             found.append((pixel, sign, level, bracket))
             last_us = t_us
     pixel, sign, level, (low, high) = (np.concatenate(column, -1) for column in zip(*found, strict=True))
-    ticks = _first_ticks(renderer, sequence, pixel, sign, level, low, high)
+    ticks = _first_ticks(renderer, recipe, pixel, sign, level, low, high)
     events = np.zeros(len(pixel), EVENT_DTYPE)
     events["t"], events["p"] = ticks, sign > 0
     events["y"], events["x"] = np.divmod(pixel, renderer.camera.width)
@@ -140,7 +141,7 @@ def exact_crossings(renderer: Renderer, sequence: Sequence, *, pixels: float = 1
 
 def _first_ticks(
     renderer: Renderer,
-    sequence: Sequence,
+    recipe: Recipe,
     pixel: IntArray,
     sign: FloatArray,
     level: FloatArray,
@@ -153,8 +154,8 @@ def _first_ticks(
         for start in range(0, len(active), _AT_ONCE):
             some = active[start : start + _AT_ONCE]
             middle = (low[some] + high[some]) // 2
-            luma = renderer.samples(sequence.views(middle), np.arange(len(some)), pixel[some])
-            log = log_intensity(luma[None], sequence.log_eps)[0]
+            luma = renderer.samples(recipe.views(middle), np.arange(len(some)), pixel[some])
+            log = exact_log_luma(luma, recipe.log_eps)
             reached = sign[some] * (log - level[some]) >= 0
             high[some[reached]] = middle[reached]
             low[some[~reached]] = middle[~reached]
@@ -163,52 +164,51 @@ def _first_ticks(
 
 def fine_reference(
     renderer: Renderer,
-    sequence: Sequence,
+    recipe: Recipe,
     cache: Path,
     *,
     coarsest: float = 1 / 4,
-    finest: float = 1 / 32,
-    converged_us: float = 1.0,
-    rendered: Callable[[], object] = lambda: None,
-) -> FineReference:
+    finest: float = 1 / 16,
+) -> Generator[int, None, FineReference]:
     """The events by a renderer of very many rays, along cubics between its frames.
 
     For 1,024 rays a pixel, whose lattice shares no point with the small ones. The displacement between frames is halved
-    from ``coarsest`` until that moves the median event by no more than ``converged_us``, or it is ``finest``.
+    from ``coarsest`` until that moves the median event by less than a thousandth of the window, or it is ``finest``.
 
     Args:
         cache: an .npz file for the frames; used if it holds those of the same sequence and renderer.
-        rendered: called after each frame.
+
+    Yields:
+        After each frame, how many there are.
     """
     key = json.dumps(
         {
             "davis_rs": __version__,
-            "trajectory": sequence.trajectory.describe(),
-            "threshold": [sequence.contrast_threshold, sequence.log_eps],
+            "trajectory": recipe.trajectory.describe(),
+            "threshold": [recipe.contrast_threshold, recipe.log_eps],
             "camera": asdict(renderer.camera),
             "renderer": [renderer.name, renderer.rays, renderer.blur],
-            "spacing": [coarsest, finest, converged_us],
         }
     )
-    size, window_us = (renderer.camera.width, renderer.camera.height), sequence.window_us * TICKS_PER_US
+    size, window_us = (renderer.camera.width, renderer.camera.height), recipe.window_us * TICKS_PER_US
     frames = _cached_frames(cache, key)
     found: FineReference | None = None
     pixels = coarsest
     while True:
-        times = _instants(renderer, sequence, pixels)
+        times = _instants(renderer, recipe, pixels)
         for t_us in times.tolist():
             if t_us not in frames:
-                frames[t_us] = renderer.luma(sequence.views(np.array([t_us * TICKS_PER_US])))[0]
-                rendered()
+                frames[t_us] = renderer.luma(recipe.views(np.array([t_us * TICKS_PER_US])))[0]
+                yield len(frames)
         luma = np.stack([frames[t_us] for t_us in times.tolist()])
-        events = _cubic_events(renderer, sequence, times, luma)
+        events = _cubic_events(renderer, recipe, times, luma)
         shift, changed = (np.nan, np.nan), np.nan
         if found is not None:
             compared = compare_events(found.events, events, size=size, window_us=window_us)
             shift = (compared.median_us / TICKS_PER_US, compared.p99_us / TICKS_PER_US)
             changed = compared.missing_percent + compared.spurious_percent
         found = FineReference(events, times, luma, pixels, shift, changed)
-        if pixels / 2 < finest or shift[0] <= converged_us:
+        if pixels / 2 < finest or shift[0] <= recipe.window_us / 1000:
             break
         pixels /= 2
     cache.parent.mkdir(parents=True, exist_ok=True)
@@ -226,12 +226,10 @@ def _cached_frames(cache: Path, key: str) -> dict[int, npt.NDArray[np.float32]]:
         return dict(zip(file["t_us"].tolist(), file["luma"], strict=True))
 
 
-def _cubic_events(
-    renderer: Renderer, sequence: Sequence, t_us: IntArray, luma: npt.NDArray[np.float32]
-) -> EventArray:
+def _cubic_events(renderer: Renderer, recipe: Recipe, t_us: IntArray, luma: npt.NDArray[np.float32]) -> EventArray:
     """Events in ticks, along cubics whose slopes come from neighbouring frames."""
-    engine = sequence.engine(renderer, "hermite")
-    log = sequence.log_luma(luma)
+    engine = recipe.engine(renderer, "hermite")
+    log = recipe.log_luma(luma)
     rates = slopes(t_us * TICKS_PER_US, log.astype(np.float32))  # per second of the engine's, whose us is a tick
     return concatenate_events(
         [
@@ -241,7 +239,7 @@ def _cubic_events(
     )
 
 
-def _instants(renderer: Renderer, sequence: Sequence, pixels: float) -> IntArray:
+def _instants(renderer: Renderer, recipe: Recipe, pixels: float) -> IntArray:
     """The start, the end, and whenever the fastest pixel has moved by so many pixels."""
-    between = MaxDisplacement(pixels).instants(renderer, sequence.trajectory, sequence.end_us)
-    return np.unique([0, *between, sequence.end_us])
+    between = MaxDisplacement(pixels).instants(renderer, recipe.trajectory, recipe.end_us)
+    return np.unique([0, *between, recipe.end_us])

@@ -7,9 +7,8 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ._core import log_intensity
 from .events import EventArray
-from .keyframes import Keyframe, Stretch
+from .keyframes import Keyframe, Stretch, exact_log_luma
 
 IntArray = npt.NDArray[np.int64]
 FloatArray = npt.NDArray[np.float64]
@@ -60,10 +59,11 @@ def refine(
     events, pixel = events[order], pixel[order]
     first = np.concatenate([[True], pixel[1:] != pixel[:-1]])
     group = np.cumsum(first) - 1
-    steps = np.where(events["p"] == 1, thresholds[0], -thresholds[1])
-    before_group = (np.cumsum(steps) - steps)[first]
-    level = reference.ravel()[pixel] + (np.cumsum(steps) - before_group[group])
-    sign = np.sign(steps)
+    on = events["p"] == 1
+    # Counted, as the engine does: sums of thresholds would carry the rounding of all pixels before.
+    count_on, count_off = (np.cumsum(kind) - (np.cumsum(kind) - kind)[first][group] for kind in (on, ~on))
+    level = reference.ravel()[pixel] + (count_on * thresholds[0] - count_off * thresholds[1])
+    sign = np.where(on, 1.0, -1.0)
 
     t_us = events["t"].astype(np.int64)
     brackets = _brackets(t_us, pixel, sign, level, last, new, stretch.log_eps)
@@ -97,7 +97,7 @@ def _brackets(
             inside = np.clip(place, 0, len(keys) - 1)
             own = (place == inside) & (new.sparse.pixel[inside] == pixel)
             times[own], luma[own] = new.sparse.t_us[inside[own]], new.sparse.luma[inside[own]]
-    excess = [sign * (log_intensity(luma[None], log_eps)[0] - level) for luma in (low, high)]
+    excess = [sign * (exact_log_luma(luma, log_eps) - level) for luma in (low, high)]
     return _Brackets(low_us, high_us, *excess)
 
 
@@ -117,7 +117,7 @@ def _solve(brackets: _Brackets, pixel: IntArray, sign: FloatArray, level: FloatA
             guess = (start + stop) // 2
         t_us = np.clip(guess, start + 1, stop - 1)
         luma = stretch.renderer.samples(stretch.views(t_us), np.arange(len(active)), pixel[active])
-        excess = sign[active] * (log_intensity(luma[None], stretch.log_eps)[0] - level[active])
+        excess = sign[active] * (exact_log_luma(luma, stretch.log_eps) - level[active])
         reached = excess >= 0
         high_us[active[reached]], above[active[reached]] = t_us[reached], excess[reached]
         low_us[active[~reached]], below[active[~reached]] = t_us[~reached], excess[~reached]

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from functools import cached_property
+from collections.abc import Callable, Iterator
+from functools import cached_property, partial
 
 import numpy as np
 import numpy.typing as npt
@@ -14,10 +15,17 @@ from .flow import OpticalFlow
 from .lattice import rank1_lattice
 from .luma import LumaFrames, blur_3x3
 from .neighbours import Neighbours
+from .pose import FloatArray
 from .rate_difference import rate_by_differences
+from .scene_motion import STILL, SceneMotion, seen_from
+from .swept_objects import MovingSilhouettes
 from .views import Views
 
 Indices = npt.NDArray[np.int64]
+
+
+Launched = Callable[[], tuple[LumaFrames, LumaFrames | None]]
+"""Frames that are on their way, and their rates where they were asked for."""
 
 
 class Renderer(ABC):
@@ -39,22 +47,37 @@ class Renderer(ABC):
     poses_per_launch: int
     """How many views are best rendered in one call."""
 
-    def __init__(self, camera: Camera, *, samples: int, blur: bool) -> None:
-        self.camera, self.rays, self.blur = camera, samples, blur
+    motion: SceneMotion
+    """What moves and flickers in the scene, by the times of the views."""
+
+    def __init__(self, camera: Camera, *, samples: int, blur: bool, motion: SceneMotion = STILL) -> None:
+        self.camera, self.rays, self.blur, self.motion = camera, samples, blur, motion
+
+    silhouettes: MovingSilhouettes | None = None
+    """The geometry's edges, where somebody wants to know them."""
 
     def luma(self, views: Views) -> LumaFrames:
         """Linear luma (n, H, W), float32, of n views."""
-        frames = self._luma(views) if len(views) else self._blank(views)
-        return blur_3x3(frames) if self.blur else frames
+        return self.begin_luma(views)()[0]
+
+    def begin_luma(self, views: Views) -> Launched:
+        """Begin to render :meth:`luma`; a call of the result waits for it and gives (luma, None)."""
+        frames = self._begin_luma(views) if len(views) else partial(self._blank, views)
+        return lambda: (blur_3x3(frames()) if self.blur else frames(), None)
+
+    def begin_luma_and_rate(self, views: Views) -> Launched:
+        """As :meth:`begin_luma`, of :meth:`luma_and_rate`; rendered at once."""
+        both = self.luma_and_rate(views)
+        return lambda: both
 
     def luma_and_rate(self, views: Views) -> tuple[LumaFrames, LumaFrames]:
         """:meth:`luma`, and dY/dt in luma per second at each instant, (n, H, W), float32.
 
-        The rate is total: of the camera's translation and rotation. It is that of the surfaces which the rays hit,
-        shading and texture included. What appears, vanishes or passes into shadow as the camera moves is not in it: at
-        the edges of surfaces and shadows the true luma changes otherwise. The table kernel differentiates, and inside
-        surfaces is as exact as float32; the others take differences over 0.04 pixels of motion, with the same random
-        numbers, good to about 1 %.
+        The rate is total: of the camera, of all that moves, and of the lights. It is that of the surfaces which the
+        rays hit, shading and texture included. What appears, vanishes or passes into shadow is not in it: at the edges
+        of surfaces and shadows the true luma changes otherwise. The table kernel differentiates, and inside surfaces is
+        as exact as float32; the others take differences over 0.04 pixels of motion, with the same random numbers, good
+        to about 1 %.
         """
         frames, rates = self._luma_and_rate(views) if len(views) else (self._blank(views), self._blank(views))
         return (blur_3x3(frames), blur_3x3(rates)) if self.blur else (frames, rates)
@@ -92,14 +115,31 @@ class Renderer(ABC):
     def flow(self, views: Views) -> npt.NDArray[np.float32]:
         """Optical flow (n, H, W, 2), float32, in pixels per second (x right, y down); NaN where a ray hits nothing.
 
-        It is the motion in the image, through the lens, of the surface point that the pixel's centre sees.
+        It is the motion in the image, through the lens, of the surface point that the pixel's centre sees: by the
+        camera's motion, and by its own.
         """
         depth = self.depth(views)
         flows = np.empty((*depth.shape, 2), np.float32)
-        for i, (flow, z) in enumerate(zip(flows, depth, strict=True)):
-            flow[:] = self._centre_flow(views[i : i + 1], z.reshape(1, -1)).reshape(flow.shape)
+        for flow, z, exact in zip(flows, depth, self._flows(views, depth), strict=True):
+            flow[:] = exact.reshape(flow.shape)
             flow[np.isinf(z)] = np.nan
         return flows
+
+    def _flows(self, views: Views, depth: npt.NDArray[np.float32]) -> Iterator[FloatArray]:
+        """Flow (H * W, 2) of each view; where depth is inf, that of the camera's rotation."""
+        poses: tuple[Views, ...] = ()
+        if self.motion.objects and len(views):
+            poses = self.motion.at(views.t_s).objects
+        owners = self._owners(views) if poses else None
+        for i, depths in enumerate(depth):
+            view, z = views[i : i + 1], depths.reshape(1, -1)
+            flow = self._centre_flow(view, z)[0]
+            for number, pose in enumerate(poses, 1):
+                assert owners is not None
+                seen = owners[i].ravel() == number
+                if seen.any():
+                    flow[seen] = self._centre_flow(seen_from(view, pose[i : i + 1]), z)[0][seen]
+            yield flow
 
     @cached_property
     def _centre_flow(self) -> OpticalFlow:
@@ -113,19 +153,31 @@ class Renderer(ABC):
     @abstractmethod
     def _luma(self, views: Views) -> LumaFrames: ...
 
+    def _begin_luma(self, views: Views) -> Callable[[], LumaFrames]:
+        """Begin to render :meth:`_luma`, where that can go on beside other work."""
+        frames = self._luma(views)
+        return lambda: frames
+
     @abstractmethod
     def _samples(self, views: Views, view: Indices, pixel: Indices, rays: int) -> LumaFrames: ...
 
     @abstractmethod
     def _depth(self, views: Views) -> npt.NDArray[np.float32]: ...
 
+    def _owners(self, views: Views) -> npt.NDArray[np.uint32]:
+        """(n, H, W): what a pixel's centre sees: object 1, 2, ... of ``motion``, or 0 for all else."""
+        return np.zeros((len(views), self.camera.height, self.camera.width), np.uint32)
+
     def _luma_and_rate(self, views: Views) -> tuple[LumaFrames, LumaFrames]:
         # What is infinitely far counts too: it may be a background that a rotation carries past.
-        flow = (
-            self._centre_flow(views[i : i + 1], self.depth(views[i : i + 1]).reshape(1, -1)) for i in range(len(views))
-        )
-        speeds = np.array([np.linalg.norm(f, axis=-1).max() for f in flow])
-        return rate_by_differences(self._luma, views, speeds)
+        depths = (self.depth(views[i : i + 1]) for i in range(len(views)))
+        flows = (flow for i, depth in enumerate(depths) for flow in self._flows(views[i : i + 1], depth))
+        speeds = np.array([np.linalg.norm(flow, axis=-1).max() for flow in flows])
+        return rate_by_differences(partial(self._luma_after, views), speeds)
+
+    def _luma_after(self, views: Views, step_s: FloatArray) -> LumaFrames:
+        """Luma when each view and all that moves has gone on for its own time (n,), for rates by differences."""
+        return self._luma(views.moved(step_s))
 
 
 def _indices(name: str, values: npt.ArrayLike, size: int) -> Indices:

@@ -12,7 +12,10 @@ from ._mitsuba import FAST, variant
 from .camera import Camera
 from .camera_rays import CameraRays, Lanes
 from .luma import LUMA_WEIGHTS, LumaFrames
+from .pose import FloatArray
 from .render import Indices, Renderer
+from .scene_motion import STILL, SceneMotion, SceneState
+from .scene_updates import SceneUpdates, owner_numbers
 from .views import Views
 
 
@@ -37,40 +40,94 @@ class IntegratorRenderer(Renderer):
     The random numbers of a ray depend on the seed and on its place in the frame alone: so a still image makes no
     events, and a single pixel is what it is in the frame. Rates are differences: Mitsuba's forward mode through these
     integrators is slow, not always the slope of the luma that is seen, and aborts the process in a volumetric one.
+
+    Where objects move or lights flicker the scene itself is changed from view to view, see :class:`SceneUpdates`.
     """
 
     variant = FAST
     poses_per_launch = 1
 
-    def __init__(self, scene: Any, camera: Camera, *, samples: int, blur: bool, seed: int, reason: str) -> None:
-        super().__init__(camera, samples=samples, blur=blur)
+    def __init__(
+        self,
+        scene: Any,
+        camera: Camera,
+        *,
+        samples: int,
+        blur: bool,
+        seed: int,
+        reason: str,
+        motion: SceneMotion = STILL,
+    ) -> None:
+        super().__init__(camera, samples=samples, blur=blur, motion=motion)
         self._scene, self._seed, self.reason = scene, seed, reason
         self._camera_rays = CameraRays(camera)
         self._camera_rays.prepare(samples)
         with variant(FAST) as (mi, _):
             self._integrator = scene_integrator(scene, mi)
+            self._updates = SceneUpdates(scene, motion, mi)
         self.name = f"Mitsuba's {self._integrator.class_name()}"
 
     def _depth(self, views: Views) -> npt.NDArray[np.float32]:
         depths = self._blank(views)
         for i, depth in enumerate(depths):
-            with variant(FAST) as (mi, dr):
-                lanes, _, _ = self._lanes(views, *self._frame(i), 1, mi, dr)
-                ray = self._camera_rays.ray(lanes, 0, 1)
-                # Mitsuba expects unit directions; its distance is along them.
-                length = dr.norm(ray.d)
-                found = self._scene.ray_intersect_preliminary(mi.Ray3f(ray.o, ray.d / length), coherent=True)
+            with variant(FAST) as (_, dr):
+                found, length = self._centre_hits(views, i)
+                # Mitsuba's distance is along unit directions.
                 z = dr.select(found.is_valid(), found.t / length, dr.inf)
                 depth[:] = z.numpy().reshape(depth.shape)
         return depths
 
+    def _owners(self, views: Views) -> npt.NDArray[np.uint32]:
+        owners = super()._owners(views)
+        with variant(FAST) as (mi, dr):
+            table = mi.UInt32(owner_numbers(self._scene, self.motion, mi, dr))
+            for i, owner in enumerate(owners):
+                found, _ = self._centre_hits(views, i)
+                shape = dr.reinterpret_array(mi.UInt32, found.shape)
+                owner[:] = dr.gather(mi.UInt32, table, shape, found.is_valid()).numpy().reshape(owner.shape)
+        return owners
+
+    def _centre_hits(self, views: Views, index: int) -> tuple[Any, Any]:
+        """What the pixels' centres see in one view, and how long a ray is whose camera-frame z is 1."""
+        import drjit as dr
+        import mitsuba as mi
+
+        if self.motion:
+            self._updates.set(self.motion.at(views.t_s[index : index + 1]), 0)
+        lanes, _, _ = self._lanes(views, *self._frame(index), 1, mi, dr)
+        ray = self._camera_rays.ray(lanes, 0, 1)
+        # Mitsuba expects unit directions.
+        length = dr.norm(ray.d)
+        return self._scene.ray_intersect_preliminary(mi.Ray3f(ray.o, ray.d / length), coherent=True), length
+
     def _luma(self, views: Views) -> LumaFrames:
+        return self._render(views, self.motion.at(views.t_s))
+
+    def _luma_after(self, views: Views, step_s: FloatArray) -> LumaFrames:
+        return self._render(views.moved(step_s), self.motion.at(views.t_s).moved(step_s))
+
+    def _render(self, views: Views, state: SceneState) -> LumaFrames:
         frames = self._blank(views)
         for i, frame in enumerate(frames):
-            frame[:] = self._samples(views, *self._frame(i), self.rays).reshape(frame.shape)
+            frame[:] = self._samples_at(state, views, *self._frame(i), self.rays).reshape(frame.shape)
         return frames
 
     def _samples(self, views: Views, view: Indices, pixel: Indices, rays: int) -> LumaFrames:
+        return self._samples_at(self.motion.at(views.t_s), views, view, pixel, rays)
+
+    def _samples_at(self, state: SceneState, views: Views, view: Indices, pixel: Indices, rays: int) -> LumaFrames:
+        if not self.motion:
+            return self._traced(views, view, pixel, rays)
+        luma = np.empty(len(view), np.float32)
+        for i in np.unique(view):
+            of_view = view == i
+            with variant(FAST):
+                self._updates.set(state, i)
+            luma[of_view] = self._traced(views, view[of_view], pixel[of_view], rays)
+        return luma
+
+    def _traced(self, views: Views, view: Indices, pixel: Indices, rays: int) -> LumaFrames:
+        """Luma of pixels of views, in the scene as it is."""
         with variant(FAST) as (mi, dr):
             lanes, sample, place = self._lanes(views, view, pixel, rays, mi, dr)
             ray = self._camera_rays.ray(lanes, sample, rays)

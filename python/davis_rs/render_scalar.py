@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -12,8 +13,11 @@ from ._mitsuba import SCALAR, variant
 from .camera import Camera
 from .camera_rays import ray_table
 from .luma import LUMA_WEIGHTS, LumaFrames
+from .pose import FloatArray
 from .render import Indices, Renderer
 from .render_integrator import scene_integrator
+from .scene_motion import STILL, SceneMotion, SceneState
+from .scene_updates import SceneUpdates
 from .views import Views
 
 
@@ -26,34 +30,69 @@ class ScalarRenderer(Renderer):
     variant = SCALAR
     poses_per_launch = 1
 
-    def __init__(self, scene: Any, camera: Camera, *, samples: int, blur: bool, seed: int, reason: str) -> None:
-        super().__init__(camera, samples=samples, blur=blur)
+    def __init__(
+        self,
+        scene: Any,
+        camera: Camera,
+        *,
+        samples: int,
+        blur: bool,
+        seed: int,
+        reason: str,
+        motion: SceneMotion = STILL,
+    ) -> None:
+        super().__init__(camera, samples=samples, blur=blur, motion=motion)
         self._scene, self._seed, self.reason = scene, seed, reason
         with variant(SCALAR) as (mi, _):
             self._integrator = scene_integrator(scene, mi)
+            self._updates = SceneUpdates(scene, motion, mi)
             self._sampler = mi.load_dict({"type": "independent"})
         self._unit_rays = functools.lru_cache(maxsize=4)(self._make_unit_rays)
         self._unit_rays(samples)
         self.name = f"Mitsuba's {self._integrator.class_name()}, scalar"
 
     def _depth(self, views: Views) -> npt.NDArray[np.float32]:
-        rays = self._unit_rays(1)[:, 0]
         depths = self._blank(views)
-        with variant(SCALAR) as (mi, _):
-            hit = self._scene.ray_intersect_preliminary
-            for depth, position, rotation in zip(depths, views.positions, views.rotations, strict=True):
-                origin = mi.Point3f(*position.tolist())
-                # A miss has t = inf; the unit direction's camera-frame z turns distance into depth.
-                distance = np.array([hit(mi.Ray3f(origin, d), True).t for d in (rays @ rotation.T).tolist()])
-                depth[:] = (distance * rays[:, 2]).reshape(depth.shape)
+        z = self._unit_rays(1)[:, 0, 2]
+        for depth, found in zip(depths, self._centre_hits(views), strict=True):
+            # A miss has t = inf; the unit direction's camera-frame z turns distance into depth.
+            depth[:] = (np.array([hit.t for hit in found]) * z).reshape(depth.shape)
         return depths
 
+    def _owners(self, views: Views) -> npt.NDArray[np.uint32]:
+        owners = super()._owners(views)
+        numbers = {name: number for number, name in enumerate(self.motion.objects, 1)}
+        for owner, found in zip(owners, self._centre_hits(views), strict=True):
+            names = (hit.shape.id() if hit.is_valid() else "" for hit in found)
+            owner[:] = np.array([numbers.get(name, 0) for name in names]).reshape(owner.shape)
+        return owners
+
+    def _centre_hits(self, views: Views) -> Iterator[list[Any]]:
+        """What each view's pixel centres see."""
+        rays, state = self._unit_rays(1)[:, 0], self.motion.at(views.t_s)
+        for i, (position, rotation) in enumerate(zip(views.positions, views.rotations, strict=True)):
+            with variant(SCALAR) as (mi, _):
+                self._update(state, i)
+                hit, origin = self._scene.ray_intersect_preliminary, mi.Point3f(*position.tolist())
+                found = [hit(mi.Ray3f(origin, direction), True) for direction in (rays @ rotation.T).tolist()]
+            yield found
+
     def _luma(self, views: Views) -> LumaFrames:
+        return self._render(views, self.motion.at(views.t_s))
+
+    def _luma_after(self, views: Views, step_s: FloatArray) -> LumaFrames:
+        return self._render(views.moved(step_s), self.motion.at(views.t_s).moved(step_s))
+
+    def _render(self, views: Views, state: SceneState) -> LumaFrames:
         shape = (len(views), self.camera.height, self.camera.width)
         view, pixel = np.divmod(np.arange(np.prod(shape, dtype=np.int64)), shape[1] * shape[2])
-        return self._samples(views, view, pixel, self.rays).reshape(shape)
+        return self._samples_at(state, views, view, pixel, self.rays).reshape(shape)
 
     def _samples(self, views: Views, view: Indices, pixel: Indices, rays: int) -> LumaFrames:
+        return self._samples_at(self.motion.at(views.t_s), views, view, pixel, rays)
+
+    def _samples_at(self, state: SceneState, views: Views, view: Indices, pixel: Indices, rays: int) -> LumaFrames:
+        order = np.argsort(view, kind="stable")  # so that the scene changes once a view
         axes = np.moveaxis(views.rotations[view], -1, 0)[:, :, None]
         x, y, z = np.moveaxis(self._unit_rays(rays)[pixel], -1, 0)[..., None]
         directions = x * axes[0] + y * axes[1] + z * axes[2]
@@ -63,13 +102,22 @@ class ScalarRenderer(Renderer):
             make_ray, make_vector = mi.RayDifferential3f, mi.Vector3f
             red, green, blue = LUMA_WEIGHTS
             origins = [mi.Point3f(*position) for position in views.positions.tolist()]
-            seeds = (self._seed + pixel * rays).tolist()
-            for values, seed, which, of_pixel in zip(luma, seeds, view.tolist(), directions, strict=True):
-                for ray, direction in enumerate(of_pixel.tolist()):
+            seeds, views_of = (self._seed + pixel * rays).tolist(), view.tolist()
+            last = None
+            for place in order.tolist():
+                which, values, seed = views_of[place], luma[place], seeds[place]
+                if which != last:
+                    self._update(state, which)
+                    last = which
+                for ray, direction in enumerate(directions[place].tolist()):
                     sampler.seed(seed + ray)
                     colour = sample(scene, sampler, make_ray(origins[which], make_vector(*direction)))[0]
                     values[ray] = red * colour[0] + green * colour[1] + blue * colour[2]
         return luma.mean(-1).astype(np.float32)
+
+    def _update(self, state: SceneState, instant: int) -> None:
+        if self.motion:
+            self._updates.set(state, instant)
 
     def _make_unit_rays(self, rays: int) -> npt.NDArray[np.float64]:
         """Unit directions (H * W, rays, 3) in camera axes."""

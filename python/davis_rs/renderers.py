@@ -10,6 +10,8 @@ from .render_scalar import ScalarRenderer
 from .render_table import TableRenderer
 from .scene import Scene
 from .scene_table import SceneTable, Unsuitable
+from .scene_updates import scene_motion
+from .swept_objects import MovingSilhouettes
 
 
 def make_renderer(
@@ -20,6 +22,7 @@ def make_renderer(
     seed: int = 0,
     kind: str = "auto",
     blur: bool | None = None,
+    edges: bool = False,
 ) -> Renderer:
     """Choose and build the renderer for a scene.
 
@@ -28,33 +31,43 @@ def make_renderer(
         seed: of Mitsuba's integrators; the table kernel draws nothing at random.
         kind: ``table`` (diffuse meshes under point, directional and constant light: fastest), ``integrator`` (Mitsuba's
             own, for everything else) or ``auto``: the table kernel where it computes what the scene asks for.
+        edges: prepare :attr:`Renderer.silhouettes`.
         blur: the 3 x 3 blur of luma; None leaves it to the scene.
 
     Raises:
-        ValueError: if the scene cannot be loaded, or ``table`` was asked for and cannot render it.
+        ValueError: if the scene cannot be loaded, it has none of the objects or lights that shall change, or ``table``
+            was asked for and cannot render it.
         OSError: if a scene file cannot be read.
     """
     if kind not in ("auto", "table", "integrator"):
         raise ValueError(f"renderer must be auto, table or integrator, got {kind!r}")
     blur = scene.blur if blur is None else blur
     variant_name, why_variant = default_variant()
-    if variant_name == SCALAR:
-        if kind == "table":
-            raise ValueError(f"the table kernel needs Mitsuba's {FAST} variant: {why_variant}")
-        with variant(SCALAR) as (mi, _):
-            loaded = load_scene_source(scene.source(), mi)
-        samples = 2 if samples is None else samples
-        return ScalarRenderer(loaded, camera, samples=samples, blur=blur, seed=seed, reason=why_variant)
-    samples = 8 if samples is None else samples
-    with variant(FAST) as (mi, dr):
+    if variant_name == SCALAR and kind == "table":
+        raise ValueError(f"the table kernel needs Mitsuba's {FAST} variant: {why_variant}")
+    with variant(variant_name) as (mi, dr):
         loaded = load_scene_source(scene.source(), mi)
-        reason = "asked for"
-        if kind != "integrator":
+        motion = scene_motion(scene, loaded, mi)
+        silhouettes = MovingSilhouettes(loaded, motion) if edges else None
+        renderer: Renderer
+        if variant_name == SCALAR:
+            samples = 2 if samples is None else samples
+            renderer = ScalarRenderer(
+                loaded, camera, samples=samples, blur=blur, seed=seed, reason=why_variant, motion=motion
+            )
+        else:
+            samples = 8 if samples is None else samples
+            moving = list(motion.objects)
             try:
-                table = SceneTable(loaded, mi, dr, shadows=scene.shadows, any_integrator=kind == "table")
-                return TableRenderer(table, camera, samples=samples, blur=blur)
+                if kind == "integrator":
+                    raise Unsuitable("asked for")
+                table = SceneTable(loaded, mi, dr, shadows=scene.shadows, any_integrator=kind == "table", moving=moving)
+                renderer = TableRenderer(table, camera, samples=samples, blur=blur, motion=motion)
             except Unsuitable as unsuitable:
                 if kind == "table":
                     raise ValueError(f"the table kernel cannot render this scene: {unsuitable}") from None
-                reason = str(unsuitable)
-        return IntegratorRenderer(loaded, camera, samples=samples, blur=blur, seed=seed, reason=reason)
+                renderer = IntegratorRenderer(
+                    loaded, camera, samples=samples, blur=blur, seed=seed, reason=str(unsuitable), motion=motion
+                )
+    renderer.silhouettes = silhouettes
+    return renderer

@@ -13,7 +13,7 @@ import numpy as np
 
 from .displacement import DisplacementClock
 from .keyframes import Keyframe, Stretch
-from .render import Renderer
+from .render import Launched, Renderer
 from .trajectory import Trajectory
 
 
@@ -44,6 +44,9 @@ def _periodic_instants(rate_hz: Fraction, start_us: int, end_us: int) -> Iterato
 class TimeSampling(ABC):
     """A rule for when luma is rendered, and how log luma runs in between."""
 
+    edges: bool = False
+    """Does it want to know where the geometry's edges are?"""
+
     @property
     @abstractmethod
     def interpolation(self) -> str:
@@ -64,8 +67,11 @@ class PlannedSampling(TimeSampling):
     hermite: bool
 
     @abstractmethod
-    def instants(self, renderer: Renderer, trajectory: Trajectory, end_us: int) -> Iterator[int]:
-        """Strictly increasing instants in (0, end_us], in microseconds of the trajectory; not necessarily the end."""
+    def instants(self, renderer: Renderer, trajectory: Trajectory, end_us: int, *, start_us: int = 0) -> Iterator[int]:
+        """Strictly increasing instants in (0, end_us], in microseconds of the trajectory; not necessarily the end.
+
+        The trajectory begins at ``start_us`` of the sequence, by whose time other things move.
+        """
 
     @property
     def interpolation(self) -> str:
@@ -73,13 +79,24 @@ class PlannedSampling(TimeSampling):
 
     def keyframes(self, stretch: Stretch) -> Iterator[Keyframe]:
         renderer, start_us = stretch.renderer, stretch.start_us
-        planned = self.instants(renderer, stretch.trajectory, stretch.end_us - start_us)
+        planned = self.instants(renderer, stretch.trajectory, stretch.end_us - start_us, start_us=start_us)
         merged = heapq.merge((start_us + t_us for t_us in planned), stretch.due)
         times = (t_us for t_us, _ in groupby(merged))
+        begin = renderer.begin_luma_and_rate if self.hermite else renderer.begin_luma
+        launched: tuple[list[int], Launched] | None = None
         while batch := list(islice(times, stretch.batch)):
-            views = stretch.views(batch)
-            luma, rates = renderer.luma_and_rate(views) if self.hermite else (renderer.luma(views), repeat(None))
-            yield from map(Keyframe, batch, luma, rates)
+            # The next batch renders while the crossing engine works on the one before.
+            ahead = (batch, begin(stretch.views(batch)))
+            if launched is not None:
+                yield from _keyframes(*launched)
+            launched = ahead
+        if launched is not None:
+            yield from _keyframes(*launched)
+
+
+def _keyframes(times: list[int], launched: Launched) -> Iterator[Keyframe]:
+    luma, rates = launched()
+    return map(Keyframe, times, luma, repeat(None) if rates is None else rates)
 
 
 @dataclass(frozen=True)
@@ -97,7 +114,7 @@ class FixedRate(PlannedSampling):
         if not 0 < self.rate_hz <= 1e6:
             raise ValueError(f"the render rate must lie in (0, 1e6] Hz, got {self.rate_hz} Hz")
 
-    def instants(self, renderer: Renderer, trajectory: Trajectory, end_us: int) -> Iterator[int]:
+    def instants(self, renderer: Renderer, trajectory: Trajectory, end_us: int, *, start_us: int = 0) -> Iterator[int]:
         return periodic_instants(self.rate_hz, 1, end_us)
 
 
@@ -120,8 +137,8 @@ class MaxDisplacement(PlannedSampling):
         if not 0 < self.pixels < np.inf:
             raise ValueError(f"the displacement between renders must be > 0 pixels, got {self.pixels}")
 
-    def instants(self, renderer: Renderer, trajectory: Trajectory, end_us: int) -> Iterator[int]:
-        clock = DisplacementClock(renderer, trajectory, end_us)
+    def instants(self, renderer: Renderer, trajectory: Trajectory, end_us: int, *, start_us: int = 0) -> Iterator[int]:
+        clock = DisplacementClock(renderer, trajectory, end_us, start_us=start_us)
         last_us, count = 0, 1
         while (due_us := clock.time_at(count * self.pixels)) is not None:
             if due_us > last_us:

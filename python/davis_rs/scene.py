@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from .camera import PRESETS, Camera
+from .light_course import LightCourse
 from .trajectory import Trajectory
 
 SceneSource = Path | Mapping[str, Any]
@@ -29,6 +30,10 @@ class Scene:
         contrast_threshold: C in natural-log units.
         blur: soften luma by the 3 x 3 kernel of the dataset's simulator.
         shadows: trace shadows of point and directional lights. A scene in which no shadow can be seen saves them.
+        objects: what moves: T_world_object over the sequence's time for shapes by their ids (keys of the dictionary,
+            ids of the XML file). The source gives such a shape in the object's own frame: its ``to_world`` there places
+            it within the object. Before and after its trajectory an object stands still where that begins and ends.
+        lights: for lights by their ids (of a shape's own emitter ``shape.emitter``) the course of their strength.
         lux_per_luma: illuminance on the sensor's scale: lux that one unit of luma stands for.
     """
 
@@ -40,4 +45,6 @@ class Scene:
     contrast_threshold: float = 0.15
     blur: bool = False
     shadows: bool = True
+    objects: Mapping[str, Trajectory] = field(default_factory=dict)
+    lights: Mapping[str, LightCourse] = field(default_factory=dict)
     lux_per_luma: float = 1000.0

@@ -7,6 +7,7 @@ one buffer for each light colour, so that a red light sees the red of a texture.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -23,7 +24,7 @@ FloatArray = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Light:
-    """One light: its kind, colour group and strength.
+    """One light: its kind, colour group, strength and id.
 
     ``vector`` is the position (point, metres) or the direction that light travels (directional, unit).
     """
@@ -32,13 +33,18 @@ class Light:
     group: int
     strength: float
     vector: FloatArray
+    name: str = ""
 
 
 class SceneTable:
     """The tables of a Mitsuba scene.
 
+    Args:
+        moving: ids of shapes that move; each is in tables and rays of its own frame.
+
     Attributes:
-        scene: the Mitsuba scene, for its ray tracing.
+        scene: a Mitsuba scene of all that stands still, for its ray tracing.
+        bodies: a Mitsuba scene for each shape that moves.
         first_record: uint32, record of a shape's first triangle, by the shape's registry number.
         planes: float32 (n, 4): unit normal and offset, n . p + offset = 0.
         u_maps, v_maps: float32 (n, 4): u = map[:3] . p + map[3].
@@ -51,8 +57,10 @@ class SceneTable:
         Unsuitable: naming the first thing in the scene that the table kernel cannot render.
     """
 
-    def __init__(self, scene: Any, mi: Any, dr: Any, *, shadows: bool, any_integrator: bool) -> None:
-        self.scene, self.shadows = scene, shadows
+    def __init__(
+        self, scene: Any, mi: Any, dr: Any, *, shadows: bool, any_integrator: bool, moving: Sequence[str] = ()
+    ) -> None:
+        self.scene, self.shadows, self.bodies = scene, shadows, list[Any]()
         self._hides_lights = bool(getattr(scene.integrator(), "hide_emitters", False))
         if not any_integrator:
             _check_integrator(scene.integrator())
@@ -87,14 +95,22 @@ class SceneTable:
         self.v_maps = np.concatenate(maps_v).astype(np.float32)
         self.normal_maps = np.concatenate(normals).astype(np.float32) if smooth else None
         self.two_sided = np.concatenate(two_sided)
+        if moving:
+            shapes = scene.shapes()
+            self.scene = _part_of([shape for shape in shapes if shape.id() not in moving], mi)
+            self.bodies = [_part_of([shape for shape in shapes if shape.id() == name], mi) for name in moving]
 
     @property
     def background_luma(self) -> float:
         """Luma of a ray that hits nothing: the radiance of the constant lights, unless the scene hides its lights."""
+        return float(self.background(self.lights))
+
+    def background(self, lights: Sequence[Light]) -> Any:
+        """:attr:`background_luma` under these lights, whose strengths may be Dr.Jit arrays."""
         if self._hides_lights:
             return 0.0
-        groups = [weights.sum() for weights in self.textures.group_weights]
-        return float(sum(light.strength * groups[light.group] for light in self.lights if light.kind == "constant"))
+        groups = [float(weights.sum()) for weights in self.textures.group_weights]
+        return sum(light.strength * groups[light.group] for light in lights if light.kind == "constant")
 
 
 class _Mesh:
@@ -163,6 +179,15 @@ class _Mesh:
         return np.where((ours * theirs).sum(-1) < 0, -1.0, 1.0)
 
 
+def _part_of(shapes: list[Any], mi: Any) -> Any:
+    """A Mitsuba scene of some of a scene's shapes, for its ray tracing alone."""
+    names = [shape.id() for shape in shapes]
+    part = mi.load_dict({"type": "scene", **{f"shape_{i}": shape for i, shape in enumerate(shapes)}}, optimize=False)
+    for shape, name in zip(shapes, names, strict=True):  # loading has named them anew
+        shape.set_id(name)
+    return part
+
+
 def _check_integrator(integrator: Any) -> None:
     if integrator is None:
         raise Unsuitable("the scene names no integrator, so a path tracer renders it; the table kernel is for 'direct'")
@@ -196,4 +221,4 @@ def _light(emitter: Any, mi: Any, colours: list[FloatArray]) -> Light:
     elif kind == "directional":
         vector = np.array(parameters["to_world"].matrix, np.float64).reshape(4, 4)[:3, 2]
         vector = vector / np.linalg.norm(vector)
-    return Light(kind, group, strength, vector)
+    return Light(kind, group, strength, vector, emitter.id())

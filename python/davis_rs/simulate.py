@@ -18,9 +18,10 @@ from .events import EventArray, concatenate_events
 from .keyframes import Keyframe, Stretch
 from .packet import Packet
 from .pose import Pose
+from .presets import accuracy_preset
 from .refine import refine as refine_events
 from .renderers import make_renderer
-from .sampling import MaxDisplacement, TimeSampling, periodic_instants
+from .sampling import TimeSampling, periodic_instants
 from .scene import Scene
 from .trajectory import SegmentTrajectory, Trajectory, interval
 from .views import Views
@@ -50,8 +51,10 @@ class Simulator:
         contrast_threshold_off: C_off; None means C_on.
         log_eps: dark level in units of luma: L = ln(luma + log_eps).
         frame_rate_hz, depth_rate_hz: instant k of either is round(k 1e6 / rate) us; 0 for none.
-        sampling: when to render; by default whenever a pixel may have moved by a third of a pixel.
-        samples: rays a pixel, 1..1024; None means 8, or 2 in Mitsuba's scalar variant.
+        accuracy: ``fast``, ``balanced`` or ``exact``, see :data:`~davis_rs.presets.ACCURACY`: what the next two and
+            ``refine`` are where they are not given; None is the paper's rule.
+        sampling: when to render; by the paper's rule whenever a pixel may have moved by a third of a pixel.
+        samples: rays a pixel, 1..1024; by the paper's rule 8, or 2 in Mitsuba's scalar variant.
         seed: of Mitsuba's integrators, where one of them renders.
         threads: of the crossing engine; None means as many as pay. Results do not depend on it.
         renderer: ``auto``, ``table`` or ``integrator``, see :func:`~davis_rs.renderers.make_renderer`.
@@ -75,18 +78,23 @@ class Simulator:
         log_eps: float = 1e-3,
         frame_rate_hz: float = 40.0,
         depth_rate_hz: float = 40.0,
+        accuracy: str | None = None,
         sampling: TimeSampling | None = None,
         samples: int | None = None,
         seed: int = 0,
         threads: int | None = None,
         renderer: str = "auto",
         blur: bool | None = None,
-        refine: bool = False,
+        refine: bool | None = None,
         poses_per_launch: int | None = None,
     ) -> None:
         self.scene = scene
         self.camera = camera or scene.camera
-        self.sampling = sampling or MaxDisplacement()
+        preset = accuracy_preset(accuracy)
+        self.sampling = sampling or preset.sampling
+        self.refine = preset.refine if refine is None else refine
+        if samples is None and accuracy is not None:
+            samples = preset.samples
         contrast_threshold = scene.contrast_threshold if contrast_threshold is None else contrast_threshold
         self.parameters: dict[str, Any] = {
             "contrast_threshold": contrast_threshold,
@@ -110,8 +118,9 @@ class Simulator:
             threads=threads,
         )
         self._thresholds = (contrast_threshold, self.parameters["contrast_threshold_off"])
-        self.refine = refine
-        self.renderer = make_renderer(scene, self.camera, samples=samples, seed=seed, kind=renderer, blur=blur)
+        self.renderer = make_renderer(
+            scene, self.camera, samples=samples, seed=seed, kind=renderer, blur=blur, edges=self.sampling.edges
+        )
         self._poses_per_launch = poses_per_launch or self.renderer.poses_per_launch
         self._pose: Pose | None = None
         self._last: Keyframe | None = None
@@ -158,6 +167,8 @@ class Simulator:
         if self.scene.file is not None:
             digest = hashlib.sha256(self.scene.file.read_bytes()).hexdigest()
             scene |= {"file": str(self.scene.file), "sha256": digest}
+        scene["objects"] = {name: trajectory.describe() for name, trajectory in self.scene.objects.items()}
+        scene["lights"] = {name: course.describe() for name, course in self.scene.lights.items()}
         return {
             "davis_rs": __version__,
             "versions": {"numpy": np.__version__, **versions(self.renderer.variant)},

@@ -7,7 +7,7 @@ surface may hide another are followed through the image, and every pixel that on
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -85,8 +85,13 @@ class Silhouettes:
 
         Rectangles and cubes are meshes. Where two meshes touch, the free edges of both count.
         """
+        return cls.of_shapes(mi_scene.shapes())
+
+    @classmethod
+    def of_shapes(cls, shapes: Iterable[Any]) -> Silhouettes:
+        """Those of some shapes of a loaded Mitsuba scene, see :meth:`of_scene`."""
         found, boxes = [mesh_edges(np.empty((0, 3, 3)))], []
-        for shape in mi_scene.shapes():
+        for shape in shapes:
             if shape.is_mesh():
                 vertices = np.array(shape.vertex_positions_buffer(), np.float64).reshape(-1, 3)
                 found.append(mesh_edges(vertices[np.array(shape.faces_buffer()).reshape(-1, 3)]))

@@ -2,13 +2,28 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
+from .moving_lanes import Body, Surroundings
 from .scene_table import Light, SceneTable
 from .scene_texture import WRAP_MODES, TextureTable
+
+
+class _Surface(NamedTuple):
+    """What rays hit: whether anything, the triangle's record, the place in the world and in the frame of its record,
+    the shading normal and the plane's, both in the world."""
+
+    hit: Any
+    record: Any
+    point: Any
+    own_point: Any
+    normal: Any
+    plane_normal: Any
 
 
 class TableKernel:
@@ -53,23 +68,84 @@ class TableKernel:
         distance = -(dr.dot(normal, ray.o) + plane.w) / dr.dot(normal, ray.d)
         return distance, hit, record, normal
 
-    def luma(self, ray: Any) -> Any:
-        """Linear luma along a ray."""
+    def luma(self, ray: Any, around: Surroundings | None = None) -> Any:
+        """Linear luma along a ray; ``around`` it is what moves and flickers, None in a still scene."""
         import drjit as dr
         import mitsuba as mi
+
+        surface = self._still_surface(ray) if around is None else self._surface(ray, around.bodies)
+        hit, record = surface.hit, surface.record
+        # Lambert's cosines count on the side that is seen; the back of a one-sided surface is black.
+        facing = -dr.sign(dr.dot(surface.normal, ray.d))
+        lit = hit & ((facing > 0) | (self._two_sided(record, hit) == 1))
+        reflectances = self._reflectances(surface.own_point, record, hit)
+        total = dr.zeros(mi.Float, dr.width(surface.point))
+        bodies, lights = ((), self._table.lights) if around is None else (around.bodies, self._lights_at(around))
+        for light in lights:
+            irradiance = self._irradiance_over_pi(
+                light, surface.point, surface.normal * facing, surface.plane_normal, lit, bodies
+            )
+            total += reflectances[light.group] * irradiance
+        background = self._table.background_luma if around is None else self._table.background(lights)
+        return dr.select(hit, dr.select(lit, total, 0), background)
+
+    def nearest(self, ray: Any, bodies: Sequence[Body]) -> tuple[Any, Any, Any]:
+        """(distance in units of the direction, whether anything is hit, what: 0 for what stands still, else the number
+        of the body from 1 on), without derivatives."""
+        _, _, found, owner, distance = self._nearest(ray, bodies)
+        return distance, found, owner
+
+    def _still_surface(self, ray: Any) -> _Surface:
+        import drjit as dr
 
         distance, hit, record, plane_normal = self.hit(ray)
         point = dr.fma(ray.d, distance, ray.o)
         normal = self._smooth_normal(point, record, hit) if self._normal_maps else plane_normal
-        # Lambert's cosines count on the side that is seen; the back of a one-sided surface is black.
-        facing = -dr.sign(dr.dot(normal, ray.d))
-        lit = hit & ((facing > 0) | (self._two_sided(record, hit) == 1))
-        reflectances = self._reflectances(point, record, hit)
-        total = dr.zeros(mi.Float, dr.width(point))
-        for light in self._table.lights:
-            irradiance = self._irradiance_over_pi(light, point, normal * facing, plane_normal, lit)
-            total += reflectances[light.group] * irradiance
-        return dr.select(hit, dr.select(lit, total, 0), self._table.background_luma)
+        return _Surface(hit, record, point, point, normal, plane_normal)
+
+    def _surface(self, ray: Any, bodies: Sequence[Body]) -> _Surface:
+        import drjit as dr
+        import mitsuba as mi
+
+        own, record, hit, owner, _ = self._nearest(ray, bodies)
+        plane = dr.gather(mi.Vector4f, self._planes, record, hit)
+        distance = -(dr.dot(plane.xyz, own.o) + plane.w) / dr.dot(plane.xyz, own.d)
+        own_point = dr.fma(own.d, distance, own.o)
+        own_normal = self._smooth_normal(own_point, record, hit) if self._normal_maps else plane.xyz
+        normal, plane_normal = own_normal, plane.xyz
+        for number, body in enumerate(bodies, 1):
+            normal = dr.select(owner == number, body.to_world(own_normal), normal)
+            plane_normal = dr.select(owner == number, body.rotation @ plane.xyz, plane_normal)
+        return _Surface(hit, record, dr.fma(ray.d, distance, ray.o), own_point, normal, plane_normal)
+
+    def _nearest(self, ray: Any, bodies: Sequence[Body]) -> tuple[Any, Any, Any, Any, Any]:
+        """(the ray in the frame of what it hits, record, whether anything is hit, which body or 0, distance)."""
+        import drjit as dr
+        import mitsuba as mi
+
+        found = self._table.scene.ray_intersect_preliminary(dr.detach(ray), coherent=True)
+        shape, triangle, distance = dr.reinterpret_array(mi.UInt32, found.shape), found.prim_index, found.t
+        origin, direction, owner = ray.o, ray.d, mi.UInt32(0)
+        for number, (body, scene) in enumerate(zip(bodies, self._table.bodies, strict=True), 1):
+            # It is looked for only up to what is the nearest so far.
+            own = mi.Ray3f(dr.detach(body.ray.o), dr.detach(body.ray.d), distance, 0, [])
+            found = scene.ray_intersect_preliminary(own, coherent=True, active=_meets(scene.bbox(), own))
+            nearer = found.is_valid()
+            shape = dr.select(nearer, dr.reinterpret_array(mi.UInt32, found.shape), shape)
+            triangle = dr.select(nearer, found.prim_index, triangle)
+            distance = dr.select(nearer, found.t, distance)
+            origin, direction = dr.select(nearer, body.ray.o, origin), dr.select(nearer, body.ray.d, direction)
+            owner = dr.select(nearer, number, owner)
+        hit = distance < dr.inf
+        record = dr.gather(mi.UInt32, self._first_record, shape, hit) + triangle
+        return mi.Ray3f(origin, direction), record, hit, owner, distance
+
+    def _lights_at(self, around: Surroundings) -> list[Light]:
+        """The lights, those that run a course with their strength on it."""
+        return [
+            light if factor is None else replace(light, strength=light.strength * factor)
+            for light, factor in zip(self._table.lights, around.factors, strict=True)
+        ]
 
     def _smooth_normal(self, point: Any, record: Any, hit: Any) -> Any:
         import drjit as dr
@@ -121,7 +197,9 @@ class TableKernel:
         # What is not finite must not lead outside of the buffer.
         return dr.clip(mi.Int32(x0) + 1, 0, n), x - x0
 
-    def _irradiance_over_pi(self, light: Light, point: Any, normal: Any, plane_normal: Any, active: Any) -> Any:
+    def _irradiance_over_pi(
+        self, light: Light, point: Any, normal: Any, plane_normal: Any, active: Any, bodies: Sequence[Body] = ()
+    ) -> Any:
         """What a white diffuse surface reflects: irradiance / pi, in the light's strongest channel."""
         import drjit as dr
         import mitsuba as mi
@@ -138,12 +216,14 @@ class TableKernel:
             value = light.strength / dr.pi * dr.maximum(dr.dot(normal, to_light), 0)
         if self._table.shadows:
             occluded = self._occluded(
-                light, dr.detach(point), plane_normal, dr.detach(to_light), active & (dr.detach(value) > 0)
+                light, dr.detach(point), plane_normal, dr.detach(to_light), active & (dr.detach(value) > 0), bodies
             )
             value = dr.select(occluded, 0, value)
         return value
 
-    def _occluded(self, light: Light, point: Any, plane_normal: Any, to_light: Any, active: Any) -> Any:
+    def _occluded(
+        self, light: Light, point: Any, plane_normal: Any, to_light: Any, active: Any, bodies: Sequence[Body] = ()
+    ) -> Any:
         import drjit as dr
         import mitsuba as mi
 
@@ -152,8 +232,27 @@ class TableKernel:
         origin = point + plane_normal * dr.mulsign(step, dr.dot(plane_normal, to_light))
         if light.kind == "point":
             end = mi.Vector3f(*light.vector.tolist()) - origin
-            return self._table.scene.ray_test(mi.Ray3f(origin, end, 1 - 1e-3, 0, []), active)
-        return self._table.scene.ray_test(mi.Ray3f(origin, to_light), active)
+            ray = mi.Ray3f(origin, end, 1 - 1e-3, 0, [])
+        else:
+            ray = mi.Ray3f(origin, to_light)
+        occluded = self._table.scene.ray_test(ray, active)
+        for body, scene in zip(bodies, self._table.bodies, strict=True):
+            own = body.to_own(ray)
+            occluded |= scene.ray_test(own, active & ~occluded & _meets(scene.bbox(), own))
+        return occluded
+
+
+def _meets(box: Any, ray: Any) -> Any:
+    """Whether a ray may meet what is in a box: far cheaper than the search in it, which most rays can do without."""
+    import drjit as dr
+    import mitsuba as mi
+
+    low, high = (mi.Point3f(*np.array(corner).tolist()) for corner in (box.min, box.max))
+    margin = 1e-4 * (1 + dr.max(dr.abs(high - low))) + 1e-6 * dr.max(dr.abs(ray.o))
+    inverse = dr.rcp(ray.d)
+    one, other = (low - margin - ray.o) * inverse, (high + margin - ray.o) * inverse
+    enter, leave = dr.max(dr.minimum(one, other)), dr.min(dr.maximum(one, other))
+    return ~((enter > leave) | (leave < 0) | (enter > ray.maxt))
 
 
 class _PerRecord:

@@ -30,12 +30,15 @@ class Tolerance(TimeSampling):
     alone at the middle of their interval, and again at the middles of its halves, until a sample lies where the line
     between its neighbours predicted it.
 
-    What happens and vanishes between two samples leaves no trace in either: no estimate can see it.
+    What happens and vanishes between two samples leaves no trace in either: no estimate can see it. Where an edge of
+    the geometry passes over a pixel that may be so, and its interval is halved to the end whatever the samples say. A
+    thin line of a texture has no such protection.
 
     Args:
         contrast: tolerated error, as a share of the contrast threshold.
         pixels: displacement between keyframes at the start, and ``longest`` at the most.
         halvings: how often a pixel's interval is halved at the most.
+        edges: halve it so often where an edge of the geometry may pass.
 
     Raises:
         ValueError: for a value out of range.
@@ -48,6 +51,7 @@ class Tolerance(TimeSampling):
     pixels: float = 0.5
     longest: float = 1.0
     halvings: int = 3
+    edges: bool = True
 
     def __post_init__(self) -> None:
         for name in ("contrast", "pixels", "longest"):
@@ -67,12 +71,16 @@ class Tolerance(TimeSampling):
 _STEP = 8
 """Keyframes rendered between two decisions; fixed, so that results do not depend on ``batch``."""
 
-_TRUST = 0.5
+_TRUST = 1.0
 """An interval's error, as a share of the errors that leaving out its ends would have made: 0.14 for a smooth signal,
-1 for noise."""
+1 for noise, as which textures finer than a pixel come. With 1/2, a tenth of all pixels would miss their tolerance."""
 
 _WIDE, _NARROW = 0.35, 0.1
 """Share of untrusted pixels from which on an interval is halved, and that which keyframes are spaced for."""
+
+_SHORTEST = 1 / 32
+"""Displacement between keyframes at the least, as a share of that at the start: halving goes on below, but what is
+known only at a jump or in noise does not shorten all that follows."""
 
 _REMAINS = 1 / 3
 """Error of a line that is left when its middle becomes a sample: 1/4 for a smooth signal, 1/2 at a jump."""
@@ -110,6 +118,7 @@ class _Control:
                 share = float(untrusted[given - 1 : ready - 1].mean())
                 stretched = self._pixels * np.clip((_NARROW / max(share, 1e-3)) ** (1 / 3), 0.6, 1.4)
                 self._pixels = float(min(stretched, self._settings.longest))
+            self._pixels = max(self._pixels, _SHORTEST * min(self._settings.pixels, self._settings.longest))
             dropped = max(ready - 3, 0)
             given = ready - dropped
             self._t_us, self._luma, self._log = self._t_us[dropped:], self._luma[dropped:], self._log[dropped:]
@@ -117,13 +126,14 @@ class _Control:
     def _steps(self) -> Iterator[tuple[list[int], bool]]:
         """Times to render next, and whether they are the last."""
         stretch = self._stretch
-        clock = DisplacementClock(stretch.renderer, stretch.trajectory, stretch.end_us - stretch.start_us)
+        length_us = stretch.end_us - stretch.start_us
+        clock = DisplacementClock(stretch.renderer, stretch.trajectory, length_us, start_us=stretch.start_us)
         times: list[int] = []
         last_us = stretch.start_us
         for due_us in stretch.due:
             while True:
                 path = clock.path_at(last_us - stretch.start_us)
-                next_us = clock.time_at(path + self._pixels)
+                next_us = clock.time_at(path + self._pixels, due_us - stretch.start_us)
                 if next_us is None or stretch.start_us + next_us >= due_us:
                     break
                 last_us = max(stretch.start_us + next_us, last_us + 1)
@@ -135,6 +145,9 @@ class _Control:
                     times = []
             times.append(due_us)
             last_us = due_us
+            if len(times) >= _STEP:
+                yield times, False
+                times = []
         yield times, True
 
     def _render(self, times: list[int]) -> None:
@@ -165,25 +178,38 @@ class _Control:
 
     def _untrusted(self) -> BoolFrames:
         """(n - 1, H, W): where the cubic of an interval cannot be trusted."""
-        t, log = self._t_us * 1e-6, self._log
-        missed = np.empty_like(log)  # by a prediction of each keyframe from the others
-        for k in range(len(t)):
-            others = np.array([i for i in (k - 2, k - 1, k + 1, k + 2) if 0 <= i < len(t)])
-            if len(others) == 0:
-                missed[k] = 0
-                continue
-            weights = lagrange_weights(t[others] - t[k], 0.0).astype(np.float32)
-            if np.abs(weights).max() > 2:  # no prediction at the window's ends, where it would be an extrapolation
-                nearest = others[np.argmin(np.abs(t[others] - t[k]))]
-                missed[k] = np.abs(log[k] - log[nearest]) if len(t) < 4 else 0
-            else:
-                missed[k] = np.abs(log[k] - np.tensordot(weights, log[others], 1))
-        return np.asarray(np.float32(_TRUST) * np.maximum(missed[:-1], missed[1:]) > self._tolerated)
+        missed = np.zeros((len(self._t_us) - 1, *self._log.shape[1:]), np.float32)
+        for k, length_us in enumerate(np.diff(self._t_us).tolist()):
+            missed[k] = np.maximum(self._missed(k, length_us), self._missed(k + 1, length_us))
+        return np.asarray(np.float32(_TRUST) * missed > self._tolerated)
+
+    def _missed(self, k: int, length_us: int) -> LogLuma:
+        """By how much a prediction from the others misses keyframe k, at one end of an interval of this length.
+
+        Others less than half an interval apart are passed over: one close by would hide the error.
+        """
+        others: list[int] = []
+        for side in (range(k - 1, -1, -1), range(k + 1, len(self._t_us))):
+            chosen = [k]
+            for i in side:
+                if len(chosen) < 3 and 2 * abs(int(self._t_us[i] - self._t_us[chosen[-1]])) >= length_us:
+                    chosen.append(i)
+            others += chosen[1:]
+        if min(others) < k < max(others):
+            at_s = (self._t_us[others] - self._t_us[k]) * 1e-6
+            weights = lagrange_weights(at_s, 0.0).astype(np.float32)
+            return np.asarray(np.abs(self._log[k] - np.tensordot(weights, self._log[others], 1)))
+        # No prediction at the window's ends, where it would be an extrapolation.
+        if len(self._t_us) >= 4:
+            return np.zeros_like(self._log[k])
+        nearest = min(others, key=lambda i: abs(i - k))
+        return np.asarray(np.abs(self._log[k] - self._log[nearest]))
 
     def _sparse(self, untrusted: BoolFrames, first: int, end: int) -> Iterator[SparseSamples | None]:
         """The samples of untrusted pixels within each interval in first..end."""
-        interval, pixel = np.nonzero(untrusted[first:end].reshape(max(end - first, 0), -1))
         flat = self._log.reshape(len(self._log), -1)
+        swept = self._swept(first, end)
+        interval, pixel = np.nonzero((untrusted[first:end] | swept).reshape(end - first, flat.shape[1]))
         pieces = _Pieces(
             interval,
             pixel,
@@ -191,6 +217,7 @@ class _Control:
             self._t_us[first + interval + 1],
             flat[first + interval, pixel],
             flat[first + interval + 1, pixel],
+            swept.reshape(end - first, flat.shape[1])[interval, pixel],
         )
         found = []
         for _ in range(self._settings.halvings):
@@ -203,7 +230,7 @@ class _Control:
             found.append((pieces.interval, pieces.pixel, middle_us, luma))
             log = self._stretch.log_luma(luma)
             remains = np.float32(_REMAINS) * np.abs(log - pieces.line(middle_us))
-            pieces = pieces.halves(middle_us, log).of(np.tile(remains > self._tolerated, 2))
+            pieces = pieces.halves(middle_us, log).of(np.tile(pieces.swept | (remains > self._tolerated), 2))
         if not found:
             yield from [None] * (end - first)
             return
@@ -211,6 +238,22 @@ class _Control:
         order = np.lexsort((t_us, pixel, interval))
         for chosen in np.split(order, np.searchsorted(interval[order], np.arange(1, end - first))):
             yield SparseSamples(pixel[chosen].astype(np.uint32), t_us[chosen], luma[chosen])
+
+    def _swept(self, first: int, end: int) -> BoolFrames:
+        """(end - first, H, W): pixels that an edge may pass over within each interval in first..end."""
+        renderer, margin_px = self._stretch.renderer, 1.0 if self._stretch.renderer.blur else 0.0
+        if renderer.silhouettes is None or end <= first or self._settings.halvings == 0:
+            return np.zeros((max(end - first, 0), *self._log.shape[1:]), np.bool_)
+        t_us = self._t_us[first : end + 1]
+        poses = [self._stretch.trajectory.pose((t - self._stretch.start_us) * 1e-6) for t in t_us.tolist()]
+        return renderer.silhouettes.swept(
+            renderer.camera,
+            poses[:-1],
+            poses[1:],
+            t_before_s=t_us[:-1] * 1e-6,
+            t_after_s=t_us[1:] * 1e-6,
+            margin_px=margin_px,
+        )
 
     def _keyframe(self, k: int, sparse: SparseSamples | None) -> Keyframe:
         beside = slice(max(k - 1, 0), k + 2)
@@ -222,7 +265,7 @@ class _Control:
 
 
 class _Pieces(NamedTuple):
-    """Pieces of pixels' intervals: which interval and pixel, from when to when, and log luma at both ends."""
+    """Pieces of pixels' intervals: from when to when, log luma at both ends, and whether an edge may pass."""
 
     interval: IntArray
     pixel: IntArray
@@ -230,10 +273,19 @@ class _Pieces(NamedTuple):
     end_us: IntArray
     before: LogLuma
     after: LogLuma
+    swept: npt.NDArray[np.bool_]
 
     def of(self, chosen: npt.NDArray[np.bool_]) -> _Pieces:
-        interval, pixel, start_us, end_us, before, after = self
-        return _Pieces(interval[chosen], pixel[chosen], start_us[chosen], end_us[chosen], before[chosen], after[chosen])
+        interval, pixel, start_us, end_us, before, after, swept = self
+        return _Pieces(
+            interval[chosen],
+            pixel[chosen],
+            start_us[chosen],
+            end_us[chosen],
+            before[chosen],
+            after[chosen],
+            swept[chosen],
+        )
 
     def line(self, t_us: IntArray) -> LogLuma:
         """Log luma on the line between both ends."""
@@ -249,4 +301,5 @@ class _Pieces(NamedTuple):
             np.concatenate([t_us, self.end_us]),
             np.concatenate([self.before, log]),
             np.concatenate([log, self.after]),
+            np.tile(self.swept, 2),
         )
