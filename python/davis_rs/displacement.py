@@ -14,6 +14,7 @@ from .views import Views
 
 _BLOCK_US = 10_000
 _STEP_US = 1_000
+_BLOCKS_A_LAUNCH = 4
 _LIGHT_STEP_US = 50
 _TILE, _OBJECT_TILE = 4, 8
 _NEARER = 0.1
@@ -55,6 +56,7 @@ class DisplacementClock:
         if renderer.motion.objects:
             self._objects = _ObjectSpeeds(renderer, _centres(camera, _OBJECT_TILE))
         self._t_us, self._path = np.zeros(1), np.zeros(1)
+        self._ahead: dict[int, FloatArray] = {}
         self._nearest = self._nearest_at(0) if end_us > 0 else None
 
     def path_at(self, t_us: int) -> float:
@@ -96,9 +98,13 @@ class DisplacementClock:
 
     def _nearest_at(self, t_us: int) -> FloatArray:
         """The least depth in each tile at an instant."""
-        depth = self._renderer.depth(self._views(np.array([t_us * 1e-6])))[0]
-        pooled = np.minimum.reduceat(np.minimum.reduceat(depth, self._rows, 0), self._columns, 1)
-        return np.asarray(pooled.ravel(), np.float64)
+        if t_us not in self._ahead:
+            # Several maps in one launch; those of blocks to come are kept for them.
+            times = sorted({min(t_us + i * _BLOCK_US, self._end_us) for i in range(_BLOCKS_A_LAUNCH)})
+            depths = self._renderer.depth(self._views(np.array(times) * 1e-6))
+            pooled = np.minimum.reduceat(np.minimum.reduceat(depths, self._rows, 1), self._columns, 2)
+            self._ahead = dict(zip(times, pooled.reshape(len(times), -1).astype(np.float64), strict=True))
+        return self._ahead[t_us]
 
     def _fastest(self, depth: FloatArray, t_s: FloatArray) -> FloatArray:
         """The largest flow of any tile at each time, in pixels per second."""

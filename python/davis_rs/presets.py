@@ -27,9 +27,9 @@ PAPER = Accuracy(MaxDisplacement(), 8)
 """The rule of the dataset's own simulator, and the default: straight lines between renders a third of a pixel apart."""
 
 ACCURACY = {
-    "fast": Accuracy(Tolerance(0.3, pixels=2 / 3, halvings=0), 5),
-    "balanced": Accuracy(Tolerance(0.1, pixels=1 / 2, longest=2 / 3, halvings=1), 13),
-    "exact": Accuracy(Tolerance(0.02, pixels=1 / 16, longest=1 / 16, halvings=5), 32, refine=True),
+    "fast": Accuracy(MaxDisplacement(2 / 3), 5),
+    "balanced": Accuracy(Tolerance(0.5, pixels=2 / 3, longest=2 / 3, halvings=1, edges=False), 13),
+    "exact": Accuracy(Tolerance(0.05, pixels=1 / 16, longest=1 / 16, halvings=3), 32, refine=True),
 }
 """``docs/accuracy.md`` shows where they lie.
 

@@ -179,14 +179,20 @@ class _Control:
     def _untrusted(self) -> BoolFrames:
         """(n - 1, H, W): where the cubic of an interval cannot be trusted."""
         missed = np.zeros((len(self._t_us) - 1, *self._log.shape[1:]), np.float32)
+        known: dict[tuple[int, ...], LogLuma] = {}
         for k, length_us in enumerate(np.diff(self._t_us).tolist()):
-            missed[k] = np.maximum(self._missed(k, length_us), self._missed(k + 1, length_us))
+            for end in (k, k + 1):
+                others = self._others(end, length_us)
+                key = (end, *others)
+                if key not in known:
+                    known[key] = self._missed(end, others)
+                np.maximum(missed[k], known[key], out=missed[k])
         return np.asarray(np.float32(_TRUST) * missed > self._tolerated)
 
-    def _missed(self, k: int, length_us: int) -> LogLuma:
-        """By how much a prediction from the others misses keyframe k, at one end of an interval of this length.
+    def _others(self, k: int, length_us: int) -> list[int]:
+        """The keyframes on either side that predict keyframe k, at one end of an interval of this length.
 
-        Others less than half an interval apart are passed over: one close by would hide the error.
+        Those less than half an interval apart are passed over: one close by would hide the error.
         """
         others: list[int] = []
         for side in (range(k - 1, -1, -1), range(k + 1, len(self._t_us))):
@@ -195,6 +201,10 @@ class _Control:
                 if len(chosen) < 3 and 2 * abs(int(self._t_us[i] - self._t_us[chosen[-1]])) >= length_us:
                     chosen.append(i)
             others += chosen[1:]
+        return others
+
+    def _missed(self, k: int, others: list[int]) -> LogLuma:
+        """By how much a prediction from others misses keyframe k."""
         if min(others) < k < max(others):
             at_s = (self._t_us[others] - self._t_us[k]) * 1e-6
             weights = lagrange_weights(at_s, 0.0).astype(np.float32)
