@@ -79,34 +79,40 @@ impl<S: Sample> Found<S> {
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
 #[allow(clippy::needless_bitwise_bool, reason = "a lazy operator is a branch, which vectors cannot take")]
 fn leavers<S: Sample>(new: &[S], low: &[S], high: &[S], places: &mut [u16]) -> usize {
-    let n = new.len();
-    let (low, high) = (&low[..n], &high[..n]);
-    places_where(n, places, |i| (new[i] >= high[i]) | (new[i] <= low[i]))
+    places_where(new.len(), places, |start, n| {
+        let (new, low, high) = (&new[start..start + n], &low[start..start + n], &high[start..start + n]);
+        move |i| (new[i] >= high[i]) | (new[i] <= low[i])
+    })
 }
 
 /// [`leavers`], and the places where the rates of change turn.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
 #[allow(clippy::needless_bitwise_bool, reason = "a lazy operator is a branch, which vectors cannot take")]
 fn leavers_or_turners<S: Sample>(new: &[S], bounds: (&[S], &[S]), rates: (&[S], &[S]), places: &mut [u16]) -> usize {
-    let n = new.len();
-    let (low, high, from, to) = (&bounds.0[..n], &bounds.1[..n], &rates.0[..n], &rates.1[..n]);
-    places_where(n, places, |i| (new[i] >= high[i]) | (new[i] <= low[i]) | S::turns(from[i], to[i]))
+    places_where(new.len(), places, |start, n| {
+        let (new, low, high) = (&new[start..start + n], &bounds.0[start..start + n], &bounds.1[start..start + n]);
+        let (from, to) = (&rates.0[start..start + n], &rates.1[start..start + n]);
+        move |i| (new[i] >= high[i]) | (new[i] <= low[i]) | S::turns(from[i], to[i])
+    })
 }
 
 /// The places in 0..n where something is true, in order; returns how many.
+///
+/// `of(start, n)` tells it for the n places from `start` on: of whole blocks, whose length the compiler knows.
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 #[allow(clippy::cast_possible_truncation, reason = "places lie below TILE")]
-fn places_where(n: usize, places: &mut [u16], is: impl Fn(usize) -> bool) -> usize {
+fn places_where<F: Fn(usize) -> bool>(n: usize, places: &mut [u16], of: impl Fn(usize, usize) -> F) -> usize {
     let mut count = 0;
     let whole = n - n % BLOCK;
     for start in (0..whole).step_by(BLOCK) {
-        if (start..start + BLOCK).fold(0, |any, i| any | u32::from(is(i))) == 0 {
+        let is = of(start, BLOCK);
+        if (0..BLOCK).fold(0, |any, i| any | u32::from(is(i))) == 0 {
             continue;
         }
         let mut found = [0u8; BLOCK];
         for (i, found) in found.iter_mut().enumerate() {
-            *found = u8::from(is(start + i));
+            *found = u8::from(is(i));
         }
         for (group, found) in found.chunks_exact(GROUP).enumerate() {
             // Eight bytes of 0 or 1 to eight bits: each lands in the top byte at a place of its own.
@@ -121,9 +127,10 @@ fn places_where(n: usize, places: &mut [u16], is: impl Fn(usize) -> bool) -> usi
             count += *kept as usize;
         }
     }
+    let is = of(whole, n - whole);
     for i in whole..n {
         places[count] = i as u16;
-        count += usize::from(is(i));
+        count += usize::from(is(i - whole));
     }
     count
 }
