@@ -1,0 +1,51 @@
+"""A line thinner than a pixel that crosses pixels between two keyframes: no estimate can see it, the geometry can."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any
+
+import numpy as np
+import pytest
+
+from davis_rs import FixedRate, Scene, Simulator
+from davis_rs.events import EventArray
+from davis_rs.sampling import TimeSampling
+from davis_rs.tolerance import Tolerance
+from stretches import CAMERA, DOWN, LAMP, shift
+
+pytestmark = pytest.mark.usefixtures("llvm")
+
+
+def bar() -> Scene:
+    """A white bar, a quarter of a pixel wide, over a dark floor."""
+    floor, thin = np.diag([30.0, 30.0, 1.0, 1.0]), np.diag([0.01, 5.0, 1.0, 1.0])
+    thin[:3, 3] = (0.3, 0.0, 0.5)
+    parts: dict[str, Any] = {
+        "type": "scene",
+        "integrator": {"type": "direct", "emitter_samples": 1, "bsdf_samples": 0},
+        "lamp": LAMP,
+        "floor": {"type": "rectangle", "to_world": floor, "bsdf": {"type": "diffuse", "reflectance": 0.05}},
+        "bar": {"type": "rectangle", "to_world": thin, "bsdf": {"type": "diffuse", "reflectance": 0.9}},
+    }
+    return Scene("bar", partial(dict, parts), shadows=False)
+
+
+def events(sampling: TimeSampling) -> EventArray:
+    """Of a camera that moves by some eight pixels of the bar's depth in 10 ms, with nothing due between."""
+    simulator = Simulator(bar(), camera=CAMERA, samples=8, sampling=sampling, frame_rate_hz=0, depth_rate_hz=0)
+    return np.concatenate([packet.events for packet in simulator.run(shift([0.6, 0.0, 0.0], 0.01, DOWN))])
+
+
+def test_a_thin_line_that_crosses_pixels_within_one_interval_makes_its_events() -> None:
+    """With the edges of the geometry it makes nearly all events of dense sampling; without, those at both ends alone."""
+    truth = events(FixedRate(20_000))
+    settings = {"contrast": 1e6, "pixels": 100.0, "longest": 100.0, "halvings": 8}
+    blind = events(Tolerance(**settings, edges=False))
+    seen = events(Tolerance(**settings))
+    columns = set(np.unique(truth["x"]).tolist())
+    assert len(columns) >= 8
+    assert len(set(np.unique(blind["x"]).tolist())) <= 4
+    assert set(np.unique(seen["x"]).tolist()) >= columns - {min(columns), max(columns)}
+    assert len(seen) == pytest.approx(len(truth), rel=0.1)
+    assert len(blind) < 0.4 * len(truth)
