@@ -7,6 +7,7 @@ import statistics
 import time
 from collections.abc import Callable
 
+import drjit as dr
 import mitsuba as mi
 import numpy as np
 
@@ -33,7 +34,9 @@ def mitsuba_render(scene: davis_rs.Scene, samples: int) -> Callable[[Views], Non
         for position, rotation in zip(views.positions, views.rotations, strict=True):
             matrix = np.eye(4)
             matrix[:3, :3], matrix[:3, 3] = rotation @ np.diag([-1.0, -1.0, 1.0]), position
-            parameters["to_world"] = mi.Transform4f(matrix)
+            to_world = mi.Matrix4f(matrix.tolist())
+            dr.make_opaque(to_world)  # a literal would be compiled into the kernel, and compiled anew for every pose
+            parameters["to_world"] = mi.Transform4f(to_world)
             parameters.update()
             mi.render(loaded, sensor=sensor, spp=samples, seed=0).numpy()
 
