@@ -1,17 +1,20 @@
 """The table kernel against Mitsuba's own renderer: python benches/render.py
 
-three_planes, 240 x 180, in one process; medians of interleaved repetitions, in milliseconds a frame.
+three_planes, 240 x 180, in one process; medians, in milliseconds a frame.
 """
 
+import gc
 import statistics
 import time
 from collections.abc import Callable
+from functools import partial
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
 import davis_rs
+from davis_rs.render import Renderer
 from davis_rs.renderers import make_renderer
 from davis_rs.views import Views
 
@@ -43,35 +46,43 @@ def mitsuba_render(scene: davis_rs.Scene, samples: int) -> Callable[[Views], Non
     return render
 
 
+def milliseconds(make: Callable[[], Callable[[Views], object]], views: Views) -> float:
+    """Median time a frame of what ``make`` makes, which is dropped afterwards.
+
+    One after the other, since Mitsuba compiles every surface of all scenes that are loaded into each of its kernels.
+    """
+    render = make()
+    render(views)  # the first compiles
+    times = []
+    for _ in range(REPETITIONS):
+        start = time.perf_counter()
+        render(views)
+        times.append((time.perf_counter() - start) / len(views) * 1e3)
+    return statistics.median(times)
+
+
 def main() -> None:
     scene = davis_rs.load_scene("three_planes")
     assert scene.trajectory is not None
     views = Views.along(scene.trajectory, np.linspace(0.3, 0.5, POSES))
-    cases: dict[str, Callable[[Views], object]] = {}
+
+    def renderer(rays: int, kind: str, blur: bool) -> Renderer:
+        return make_renderer(scene, scene.camera, samples=rays, kind=kind, blur=blur)
+
+    cases: dict[str, Callable[[], Callable[[Views], object]]] = {}
+    for rays in (1, 16):
+        cases[f"mi.render, {rays} samples"] = partial(mitsuba_render, scene, rays)
+        cases[f"Mitsuba's integrator on our rays, {rays} rays"] = lambda n=rays: renderer(n, "integrator", False).luma
     for rays in (1, 4, 8, 13):
-        for blur in (False, True):
-            renderer = make_renderer(scene, scene.camera, samples=rays, blur=blur)
-            cases[f"table kernel, {rays} rays{', blurred' if blur else ''}"] = renderer.luma
-        cases[f"table kernel, {rays} rays, with dY/dt"] = make_renderer(
-            scene, scene.camera, samples=rays, blur=False
-        ).luma_and_rate
-    for samples in (1, 16):
-        integrator = make_renderer(scene, scene.camera, samples=samples, kind="integrator", blur=False)
-        cases[f"Mitsuba's integrator on our rays, {samples} rays"] = integrator.luma
-        cases[f"mi.render, {samples} samples"] = mitsuba_render(scene, samples)
-    times: dict[str, list[float]] = {name: [] for name in cases}
-    for repetition in range(REPETITIONS + 1):
-        for name, render in cases.items():
-            some = views if name.startswith("table") else views[: POSES // 4]
-            start = time.perf_counter()
-            render(some)
-            if repetition > 0:  # the first compiles
-                times[name].append((time.perf_counter() - start) / len(some) * 1e3)
+        cases[f"table kernel, {rays} rays"] = lambda n=rays: renderer(n, "table", False).luma
+        cases[f"table kernel, {rays} rays, blurred"] = lambda n=rays: renderer(n, "table", True).luma
+        cases[f"table kernel, {rays} rays, with dY/dt"] = lambda n=rays: renderer(n, "table", False).luma_and_rate
     print("| what | ms a frame | frames a second |")
     print("|---|---|---|")
-    for name, values in times.items():
-        middle = statistics.median(values)
-        print(f"| {name} | {middle:.2f} | {1e3 / middle:,.0f} |")
+    for name, make in cases.items():
+        middle = milliseconds(make, views)
+        print(f"| {name} | {middle:.2f} | {1e3 / middle:,.0f} |", flush=True)
+        gc.collect()
 
 
 if __name__ == "__main__":

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -40,9 +41,8 @@ def events(sampling: TimeSampling) -> EventArray:
 def test_a_thin_line_that_crosses_pixels_within_one_interval_makes_its_events() -> None:
     """With the edges of the geometry it makes nearly all events of dense sampling; without, those at both ends alone."""
     truth = events(FixedRate(20_000))
-    settings = {"contrast": 1e6, "pixels": 100.0, "longest": 100.0, "halvings": 8}
-    blind = events(Tolerance(**settings, edges=False))
-    seen = events(Tolerance(**settings))
+    seeing = Tolerance(1e6, pixels=100.0, longest=100.0, halvings=8)
+    seen, blind = events(seeing), events(replace(seeing, edges=False))
     columns = set(np.unique(truth["x"]).tolist())
     assert len(columns) >= 8
     assert len(set(np.unique(blind["x"]).tolist())) <= 4
