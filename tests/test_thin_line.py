@@ -39,7 +39,7 @@ def events(sampling: TimeSampling) -> EventArray:
 
 
 def test_a_thin_line_that_crosses_pixels_within_one_interval_makes_its_events() -> None:
-    """With the edges of the geometry it makes nearly all events of dense sampling; without, those at both ends alone."""
+    """With the edges of the geometry it makes nearly all events of dense sampling, without them those at its ends."""
     truth = events(FixedRate(20_000))
     seeing = Tolerance(1e6, pixels=100.0, longest=100.0, halvings=8)
     seen, blind = events(seeing), events(replace(seeing, edges=False))

@@ -19,7 +19,7 @@ __all__ = [
 
 __version__: str
 
-SparseSamples = tuple[npt.NDArray[np.integer[Any]], npt.NDArray[np.integer[Any]], npt.NDArray[np.floating[Any]]]
+_SparseSamples = tuple[npt.NDArray[np.integer[Any]], npt.NDArray[np.integer[Any]], npt.NDArray[np.floating[Any]]]
 
 class DecodeError(ValueError):
     """Contents of a file or stream that do not follow the format they claim; the message says where."""
@@ -72,7 +72,7 @@ class CrossingEngine:
         luma: npt.NDArray[np.floating[Any]],
         dluma_dt: npt.NDArray[np.floating[Any]] | None = None,
         *,
-        sparse: SparseSamples | None = None,
+        sparse: _SparseSamples | None = None,
     ) -> npt.NDArray[np.void]:
         """Take the frame at ``t_us``; return the events since the frame before it.
 
@@ -104,7 +104,7 @@ class CrossingEngine:
         log_intensity: npt.NDArray[np.floating[Any]],
         slope: npt.NDArray[np.floating[Any]] | None = None,
         *,
-        sparse: SparseSamples | None = None,
+        sparse: _SparseSamples | None = None,
     ) -> npt.NDArray[np.void]:
         """:meth:`push` of log intensity itself: float64, shape (height, width), within +-746, and its dL/dt."""
     @property
