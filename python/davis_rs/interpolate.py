@@ -70,14 +70,9 @@ def _take_sparse(
     assert new.sparse is not None
     pixels = np.unique(new.sparse.pixel).astype(np.int64)
     values = np.log(new.sparse.luma.astype(np.float64) + log_eps)
-    # The samples at or before, and those after the instant: their keys are sorted by pixel and then by time.
-    span = new.t_us - last.t_us + 1
-    keys = new.sparse.pixel.astype(np.int64) * span + (new.sparse.t_us - last.t_us)
-    after = np.searchsorted(keys, pixels * span + (t_us - last.t_us), side="right")
+    at_or_before, past = new.sparse.beside(pixels, np.full(len(pixels), t_us), after="past")
     ends = []
-    for place, frame, frame_us in ((after - 1, start, last.t_us), (after, stop, new.t_us)):
-        inside = np.clip(place, 0, len(keys) - 1)
-        own = (place == inside) & (new.sparse.pixel[inside] == pixels)
-        ends.append((np.where(own, new.sparse.t_us[inside], frame_us), np.where(own, values[inside], frame[pixels])))
+    for (sample, own), frame, frame_us in ((at_or_before, start, last.t_us), (past, stop, new.t_us)):
+        ends.append((np.where(own, new.sparse.t_us[sample], frame_us), np.where(own, values[sample], frame[pixels])))
     (before_us, before), (after_us, later) = ends
     log[pixels] = before + (t_us - before_us) / (after_us - before_us) * (later - before)

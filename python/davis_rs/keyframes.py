@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -15,6 +15,9 @@ from .pose import FloatArray
 from .render import Renderer
 from .trajectory import Trajectory
 from .views import Views
+
+BoolArray = npt.NDArray[np.bool_]
+IntArray = npt.NDArray[np.int64]
 
 
 class SparseSamples(NamedTuple):
@@ -29,6 +32,26 @@ class SparseSamples(NamedTuple):
     pixel: npt.NDArray[np.uint32]
     t_us: npt.NDArray[np.int64]
     luma: npt.NDArray[np.float32]
+
+    def beside(
+        self, pixel: IntArray, t_us: IntArray, *, after: Literal["at", "past"]
+    ) -> tuple[tuple[IntArray, BoolArray], tuple[IntArray, BoolArray]]:
+        """The samples of n pixels before and after n instants of the interval: (which, whether there is one), each.
+
+        Args:
+            after: a sample ``at`` the instant comes after it, or only one ``past`` it does.
+        """
+        start_us = min(int(self.t_us.min()), int(np.min(t_us, initial=np.iinfo(np.int64).max)))
+        span = max(int(self.t_us.max()), int(np.max(t_us, initial=0))) - start_us + 1
+        keys = self.pixel.astype(np.int64) * span + (self.t_us - start_us)
+        side: Literal["left", "right"] = "left" if after == "at" else "right"
+        following = np.searchsorted(keys, pixel * span + (t_us - start_us), side=side)
+
+        def own(place: IntArray) -> tuple[IntArray, BoolArray]:
+            inside = np.clip(place, 0, len(keys) - 1)
+            return inside, (place == inside) & (self.pixel[inside] == pixel)
+
+        return own(following - 1), own(following)
 
 
 class Keyframe(NamedTuple):

@@ -90,13 +90,9 @@ def _brackets(
     low_us, high_us = np.full(len(t_us), last.t_us), np.full(len(t_us), new.t_us)
     low, high = last.luma.ravel()[pixel], new.luma.ravel()[pixel]
     if new.sparse is not None and len(new.sparse.pixel):
-        span = new.t_us - last.t_us + 1
-        keys = new.sparse.pixel.astype(np.int64) * span + (new.sparse.t_us - last.t_us)
-        after = np.searchsorted(keys, pixel * span + (t_us - last.t_us))
-        for times, luma, place in ((low_us, low, after - 1), (high_us, high, after)):
-            inside = np.clip(place, 0, len(keys) - 1)
-            own = (place == inside) & (new.sparse.pixel[inside] == pixel)
-            times[own], luma[own] = new.sparse.t_us[inside[own]], new.sparse.luma[inside[own]]
+        before, after = new.sparse.beside(pixel, t_us, after="at")
+        for times, luma, (sample, own) in ((low_us, low, before), (high_us, high, after)):
+            times[own], luma[own] = new.sparse.t_us[sample[own]], new.sparse.luma[sample[own]]
     excess = [sign * (exact_log_luma(luma, log_eps) - level) for luma in (low, high)]
     return _Brackets(low_us, high_us, *excess)
 

@@ -120,9 +120,10 @@ class FixedRate(PlannedSampling):
 
 @dataclass(frozen=True)
 class MaxDisplacement(PlannedSampling):
-    """Render whenever the fastest pixel has moved by ``pixels``, in a scene that stands still.
+    """Render whenever the fastest pixel has moved by ``pixels``.
 
-    See :class:`~davis_rs.displacement.DisplacementClock`. A camera at rest asks for no instants.
+    See :class:`~davis_rs.displacement.DisplacementClock`: the camera's motion counts, moving objects, and light that
+    changes. Where nothing does, it asks for no instants.
 
     Raises:
         ValueError: for a displacement that is not positive and finite.

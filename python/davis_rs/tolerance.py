@@ -105,10 +105,9 @@ class _Control:
             given = 1
         for times, last in self._steps():
             self._render(times)
-            split = self._split(max(given - 1, 0))
+            untrusted, split = self._split(max(given - 1, 0))
             # The estimate of an interval looks two keyframes ahead.
             ready = len(self._t_us) if last else max(len(self._t_us) - 2, given)
-            untrusted = self._untrusted()
             if given == 0 and ready > 0:
                 yield self._keyframe(0, None)
                 given = 1
@@ -162,19 +161,23 @@ class _Control:
         self._luma = np.concatenate([self._luma, *luma])[order]
         self._log = np.concatenate([self._log, *map(stretch.log_luma, luma)])[order]
 
-    def _split(self, first: int) -> bool:
-        """Halve intervals from ``first`` on until few of their pixels are untrusted; was there any?"""
-        split = False
+    def _split(self, first: int) -> tuple[BoolFrames, bool]:
+        """Halve intervals from ``first`` on until few of their pixels are untrusted.
+
+        Returns:
+            What then is untrusted, and whether any interval was halved.
+        """
+        untrusted, split = self._untrusted(), False
         for _ in range(self._settings.halvings + 1):
-            untrusted = self._untrusted()[first:]
-            wide = (untrusted.mean((1, 2)) > _WIDE) & (np.diff(self._t_us)[first:] > 1)
+            wide = (untrusted[first:].mean((1, 2)) > _WIDE) & (np.diff(self._t_us)[first:] > 1)
             if not wide.any():
                 break
             middles = (self._t_us[first:-1] + self._t_us[first + 1 :])[wide] // 2
             self._render(middles.tolist())
+            untrusted = self._untrusted()
             # From here on they come closer.
             self._pixels, split = self._pixels * (0.7 if not split else 1.0), True
-        return split
+        return untrusted, split
 
     def _untrusted(self) -> BoolFrames:
         """(n - 1, H, W): where the cubic of an interval cannot be trusted."""

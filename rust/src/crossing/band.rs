@@ -1,6 +1,6 @@
 //! A band of rows: the pixels that one thread takes at a time.
 
-use super::candidates::{Candidates, Verdict, seconds};
+use super::candidates::{Candidates, Verdict};
 use super::cubic::Cubic;
 use super::frame::SparseSamples;
 use super::level::Level;
@@ -162,11 +162,8 @@ impl<S: Sample> Band<S> {
                 moved
             }
             None => follow(reference, &line, at.start_us, c, emit),
-            Some(rates) => {
-                let seconds = seconds(at.ticks);
-                let slope = |sample: S, rate: S| sample.log_rate(rate, p.log_eps) * seconds;
-                let from = slope(self.found.from[candidate], rates.0[in_share]);
-                let to = slope(self.found.to[candidate], rates.1[in_share]);
+            Some(_) => {
+                let (from, to) = (self.candidates.slope_from[candidate], self.candidates.slope_to[candidate]);
                 follow(reference, &Cubic::new(line, from, to), at.start_us, c, emit)
             }
         };

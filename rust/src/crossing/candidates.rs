@@ -27,6 +27,41 @@ pub(crate) enum Verdict {
     Unclear,
 }
 
+#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
+impl Verdict {
+    /// One event, none, or neither beyond doubt.
+    #[inline(always)]
+    pub(crate) fn of(one: bool, brighter: bool, nothing: bool) -> Self {
+        let event = if brighter { Self::On } else { Self::Off };
+        if one {
+            event
+        } else if nothing {
+            Self::Nothing
+        } else {
+            Self::Unclear
+        }
+    }
+}
+
+/// 2^50: up to here [`ceiling`] works.
+pub(crate) const LARGEST_TICK: f64 = 1_125_899_906_842_624.0;
+
+/// The least whole number that is not smaller, in operations that every vector unit has.
+#[inline(always)]
+#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
+pub(crate) fn ceiling(x: f64) -> f64 {
+    let nearest = (x + ROUND) - ROUND;
+    nearest + if nearest < x { 1.0 } else { 0.0 }
+}
+
+/// A whole number to an integer, by way of the bits of 2^52 + it: vector units lack the conversion.
+#[inline(always)]
+#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
+pub(crate) fn integer(whole: f64) -> i64 {
+    const TWO_52: f64 = 4_503_599_627_370_496.0;
+    (whole + TWO_52).to_bits().wrapping_sub(TWO_52.to_bits()).cast_signed()
+}
+
 /// Candidates as arrays.
 pub(crate) struct Candidates<S> {
     /// Log intensity at the interval's start and end.
@@ -36,9 +71,9 @@ pub(crate) struct Candidates<S> {
     count_on: Vec<f64>,
     count_off: Vec<f64>,
     steps: StepArrays,
-    /// Slopes at the interval's start and end, where curves are cubics.
-    slope_from: Vec<f64>,
-    slope_to: Vec<f64>,
+    /// Slopes at the interval's start and end, in log intensity over the interval, where curves are cubics.
+    pub(crate) slope_from: Vec<f64>,
+    pub(crate) slope_to: Vec<f64>,
     /// The tick of the event, where there is one, and the reference that it leaves behind.
     pub(crate) tick: Vec<i64>,
     pub(crate) verdict: Vec<Verdict>,
@@ -98,7 +133,8 @@ impl<S: Sample> Candidates<S> {
         }
         self.steps.take(|j| first_pixel + places[j] as usize, found.count, p);
         if let Some(rates) = rates {
-            let seconds = seconds(ticks);
+            #[allow(clippy::cast_precision_loss, reason = "ticks < 2^53")]
+            let seconds = ticks as f64 * 1e-6;
             let slopes = self.slope_from.iter_mut().zip(&mut self.slope_to);
             for ((j, &place), (from, to)) in places.iter().enumerate().zip(slopes) {
                 *from = found.from[j].log_rate(rates.0[place as usize], p.log_eps) * seconds;
@@ -127,12 +163,6 @@ impl<S: Sample> Candidates<S> {
     }
 }
 
-/// An interval's length in seconds.
-#[allow(clippy::cast_precision_loss, reason = "ticks < 2^53")]
-pub(crate) fn seconds(ticks: i64) -> f64 {
-    ticks as f64 * 1e-6
-}
-
 pub(crate) struct Lines<'a> {
     pub(crate) from: &'a [f64],
     pub(crate) to: &'a [f64],
@@ -154,8 +184,6 @@ pub(crate) struct Decisions<'a> {
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
 #[allow(clippy::needless_bitwise_bool, reason = "a lazy operator is a branch, which vectors cannot take")]
 fn decide(lines: &Lines<'_>, references: &References<'_>, steps: Steps<&[f64]>, decisions: Decisions<'_>) {
-    const LARGEST_TICK: f64 = 1_125_899_906_842_624.0; // 2^50: up to here ROUND works
-    const TWO_52: f64 = 4_503_599_627_370_496.0;
     let n = lines.from.len();
     let (from, to, ticks) = (&lines.from[..n], &lines.to[..n], lines.ticks);
     let (base, on, off) = (&references.base[..n], &references.on[..n], &references.off[..n]);
@@ -179,8 +207,7 @@ fn decide(lines: &Lines<'_>, references: &References<'_>, steps: Steps<&[f64]>, 
         // Both differences, the quotient and the product round by half an ulp each. Where the end is clearly past the
         // level, a stamp that is clear of its ticks lies within the interval.
         let doubt = error * scale.abs() * 1.01 + 4.0 * f64::EPSILON * estimate.abs();
-        let nearest = (estimate + ROUND) - ROUND;
-        let ceiling = nearest + if nearest < estimate { 1.0 } else { 0.0 };
+        let ceiling = ceiling(estimate);
         let one = (past_first > error)
             & (past_second < -error)
             & (sign * span > 0.0)
@@ -188,17 +215,9 @@ fn decide(lines: &Lines<'_>, references: &References<'_>, steps: Steps<&[f64]>, 
             & (estimate - (ceiling - 1.0) > doubt)
             & (1.0..LARGEST_TICK).contains(&ceiling)
             & (error < 1e-10);
-        // To an integer by way of the bits of 2^52 + tick: vector units lack the conversion.
-        tick[j] = (ceiling + TWO_52).to_bits().wrapping_sub(TWO_52.to_bits()).cast_signed();
+        tick[j] = integer(ceiling);
         after[j] = level;
-        let event = if brighter { Verdict::On } else { Verdict::Off };
-        verdict[j] = if one {
-            event
-        } else if nothing {
-            Verdict::Nothing
-        } else {
-            Verdict::Unclear
-        };
+        verdict[j] = Verdict::of(one, brighter, nothing);
     }
 }
 

@@ -2,9 +2,8 @@
 
 use multiversion::multiversion;
 
-use super::candidates::{Decisions, Lines, References, Verdict};
+use super::candidates::{Decisions, LARGEST_TICK, Lines, References, Verdict, ceiling, integer};
 use super::cubic::STEEPEST;
-use super::exponential::ROUND;
 use super::steps::Steps;
 
 /// Slopes, in log intensity over the whole interval, at its start and end.
@@ -25,8 +24,6 @@ pub(crate) fn decide_cubics(
     steps: Steps<&[f64]>,
     decisions: Decisions<'_>,
 ) {
-    const LARGEST_TICK: f64 = 1_125_899_906_842_624.0; // 2^50: up to here ROUND works
-    const TWO_52: f64 = 4_503_599_627_370_496.0;
     let n = lines.from.len();
     let (from, to, ticks) = (&lines.from[..n], &lines.to[..n], lines.ticks);
     let (slope_from, slope_to) = (&slopes.from[..n], &slopes.to[..n]);
@@ -73,9 +70,7 @@ pub(crate) fn decide_cubics(
             let next = s + missing / (p + s * (2.0 * b + 3.0 * c * s));
             s = if (next >= low) & (next <= high) { next } else { 0.5 * (low + high) };
         }
-        let estimate = s * ticks;
-        let nearest = (estimate + ROUND) - ROUND;
-        let ceiling = nearest + if nearest < estimate { 1.0 } else { 0.0 };
+        let ceiling = ceiling(s * ticks);
         let one = monotone
             & (sign * (to[j] - level) > error)
             & (sign * (to[j] - (level + sign * step)) < -error)
@@ -87,15 +82,8 @@ pub(crate) fn decide_cubics(
             & (sign * (at(ceiling / ticks) - level) > error)
             & (sign * (at((ceiling - 1.0) / ticks) - level) < -error)
             & (error < 1e-10);
-        tick[j] = (ceiling + TWO_52).to_bits().wrapping_sub(TWO_52.to_bits()).cast_signed();
+        tick[j] = integer(ceiling);
         after[j] = level;
-        let event = if brighter { Verdict::On } else { Verdict::Off };
-        verdict[j] = if one {
-            event
-        } else if nothing {
-            Verdict::Nothing
-        } else {
-            Verdict::Unclear
-        };
+        verdict[j] = Verdict::of(one, brighter, nothing);
     }
 }
