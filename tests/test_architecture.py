@@ -24,7 +24,7 @@ LAYERS = [
     ["presets", "refine", "tolerance", "sampling", "displacement", "keyframes"],
     ["differentiable", "differentiable_kernel", "differentiable_poses"],
     [
-        *["renderers", "render_table", "render_scalar", "render_integrator"],
+        *["renderers", "render_table", "render_scalar", "render_integrator", "render_scene"],
         *["table_kernel", "moving_lanes", "scene_table", "scene_updates"],
         *["scene_texture", "render", "rate_difference", "neighbours", "camera_rays", "flow"],
         *["swept_objects", "swept", "scene_motion"],

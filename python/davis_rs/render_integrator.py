@@ -12,60 +12,27 @@ from ._mitsuba import FAST, variant
 from .camera import Camera
 from .camera_rays import CameraRays, Lanes
 from .luma import LUMA_WEIGHTS, LumaFrames
-from .pose import FloatArray
-from .render import Indices, Renderer
-from .scene_motion import STILL, SceneMotion, SceneState
-from .scene_updates import SceneUpdates, owner_numbers
+from .render import Indices
+from .render_scene import SceneRenderer
+from .scene_motion import SceneState
+from .scene_updates import owner_numbers
 from .views import Views
 
 
-def scene_integrator(scene: Any, mi: Any) -> Any:
-    """The scene's integrator; path tracing where it names none.
-
-    Raises:
-        ValueError: for one that cannot be asked what a ray sees: a particle tracer, or one made for derivatives.
-    """
-    integrator = scene.integrator() or mi.load_dict({"type": "path"})
-    if not isinstance(integrator, mi.SamplingIntegrator) or isinstance(integrator, mi.CppADIntegrator):
-        raise ValueError(
-            f"the scene asks for Mitsuba's {type(integrator).__name__}, which cannot follow single rays; "
-            "name one that can (direct, path, volpath)"
-        )
-    return integrator
-
-
-class IntegratorRenderer(Renderer):
+class IntegratorRenderer(SceneRenderer):
     """Any scene, through the integrator that it names, in the LLVM variant.
 
     The random numbers of a ray depend on the seed and on its place in the frame alone: so a still image makes no
     events, and a single pixel is what it is in the frame. Rates are differences: Mitsuba's forward mode through these
     integrators is slow, not always the slope of the luma that is seen, and aborts the process in a volumetric one.
-
-    Where objects move or lights flicker the scene itself is changed from view to view, see :class:`SceneUpdates`.
     """
 
     variant = FAST
-    poses_per_launch = 1
 
-    def __init__(
-        self,
-        scene: Any,
-        camera: Camera,
-        *,
-        samples: int,
-        blur: bool,
-        seed: int,
-        reason: str,
-        motion: SceneMotion = STILL,
-    ) -> None:
-        super().__init__(camera, samples=samples, blur=blur, motion=motion)
-        self._scene, self._seed, self.reason = scene, seed, reason
+    def __init__(self, scene: Any, camera: Camera, *, samples: int, **settings: Any) -> None:
+        super().__init__(scene, camera, samples=samples, **settings)
         self._camera_rays = CameraRays(camera)
         self._camera_rays.prepare(samples)
-        with variant(FAST) as (mi, _):
-            self._integrator = scene_integrator(scene, mi)
-            self._updates = SceneUpdates(scene, motion, mi)
-        self.name = f"Mitsuba's {self._integrator.class_name()}"
 
     def _depth(self, views: Views) -> npt.NDArray[np.float32]:
         depths = self._blank(views)
@@ -100,20 +67,11 @@ class IntegratorRenderer(Renderer):
         length = dr.norm(ray.d)
         return self._scene.ray_intersect_preliminary(mi.Ray3f(ray.o, ray.d / length), coherent=True), length
 
-    def _luma(self, views: Views) -> LumaFrames:
-        return self._render(views, self.motion.at(views.t_s))
-
-    def _luma_after(self, views: Views, step_s: FloatArray) -> LumaFrames:
-        return self._render(views.moved(step_s), self.motion.at(views.t_s).moved(step_s))
-
     def _render(self, views: Views, state: SceneState) -> LumaFrames:
         frames = self._blank(views)
         for i, frame in enumerate(frames):
             frame[:] = self._samples_at(state, views, *self._frame(i), self.rays).reshape(frame.shape)
         return frames
-
-    def _samples(self, views: Views, view: Indices, pixel: Indices, rays: int) -> LumaFrames:
-        return self._samples_at(self.motion.at(views.t_s), views, view, pixel, rays)
 
     def _samples_at(self, state: SceneState, views: Views, view: Indices, pixel: Indices, rays: int) -> LumaFrames:
         if not self.motion:

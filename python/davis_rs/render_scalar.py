@@ -13,43 +13,27 @@ from ._mitsuba import SCALAR, variant
 from .camera import Camera
 from .camera_rays import ray_table
 from .luma import LUMA_WEIGHTS, LumaFrames
-from .pose import FloatArray
-from .render import Indices, Renderer
-from .render_integrator import scene_integrator
-from .scene_motion import STILL, SceneMotion, SceneState
-from .scene_updates import SceneUpdates
+from .render import Indices
+from .render_scene import SceneRenderer
+from .scene_motion import SceneState
 from .views import Views
 
 
-class ScalarRenderer(Renderer):
+class ScalarRenderer(SceneRenderer):
     """Any scene, one ray after the other in Mitsuba's scalar variant. Slow, but it runs everywhere.
 
     Each ray seeds the sampler by its own number, so that its random numbers never depend on its neighbours' paths.
     """
 
     variant = SCALAR
-    poses_per_launch = 1
 
-    def __init__(
-        self,
-        scene: Any,
-        camera: Camera,
-        *,
-        samples: int,
-        blur: bool,
-        seed: int,
-        reason: str,
-        motion: SceneMotion = STILL,
-    ) -> None:
-        super().__init__(camera, samples=samples, blur=blur, motion=motion)
-        self._scene, self._seed, self.reason = scene, seed, reason
+    def __init__(self, scene: Any, camera: Camera, *, samples: int, **settings: Any) -> None:
+        super().__init__(scene, camera, samples=samples, **settings)
         with variant(SCALAR) as (mi, _):
-            self._integrator = scene_integrator(scene, mi)
-            self._updates = SceneUpdates(scene, motion, mi)
             self._sampler = mi.load_dict({"type": "independent"})
         self._unit_rays = functools.lru_cache(maxsize=4)(self._make_unit_rays)
         self._unit_rays(samples)
-        self.name = f"Mitsuba's {self._integrator.class_name()}, scalar"
+        self.name += ", scalar"
 
     def _depth(self, views: Views) -> npt.NDArray[np.float32]:
         depths = self._blank(views)
@@ -77,19 +61,10 @@ class ScalarRenderer(Renderer):
                 found = [hit(mi.Ray3f(origin, direction), True) for direction in (rays @ rotation.T).tolist()]
             yield found
 
-    def _luma(self, views: Views) -> LumaFrames:
-        return self._render(views, self.motion.at(views.t_s))
-
-    def _luma_after(self, views: Views, step_s: FloatArray) -> LumaFrames:
-        return self._render(views.moved(step_s), self.motion.at(views.t_s).moved(step_s))
-
     def _render(self, views: Views, state: SceneState) -> LumaFrames:
         shape = (len(views), self.camera.height, self.camera.width)
         view, pixel = np.divmod(np.arange(np.prod(shape, dtype=np.int64)), shape[1] * shape[2])
         return self._samples_at(state, views, view, pixel, self.rays).reshape(shape)
-
-    def _samples(self, views: Views, view: Indices, pixel: Indices, rays: int) -> LumaFrames:
-        return self._samples_at(self.motion.at(views.t_s), views, view, pixel, rays)
 
     def _samples_at(self, state: SceneState, views: Views, view: Indices, pixel: Indices, rays: int) -> LumaFrames:
         order = np.argsort(view, kind="stable")  # so that the scene changes once a view
