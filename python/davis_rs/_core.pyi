@@ -1,8 +1,9 @@
 """The Rust core."""
 
 import os
+from collections.abc import Mapping
 from types import TracebackType
-from typing import Any, final
+from typing import Any, Protocol, final
 
 import numpy as np
 import numpy.typing as npt
@@ -12,6 +13,7 @@ __all__ = [
     "DecodeError",
     "EventTextWriter",
     "__version__",
+    "check_effects",
     "log_intensity",
     "read_events_text",
     "reconstruct",
@@ -20,6 +22,9 @@ __all__ = [
 __version__: str
 
 _SparseSamples = tuple[npt.NDArray[np.integer[Any]], npt.NDArray[np.integer[Any]], npt.NDArray[np.floating[Any]]]
+
+class _Effects(Protocol):
+    def engine_settings(self) -> dict[str, dict[str, Any]]: ...
 
 class DecodeError(ValueError):
     """Contents of a file or stream that do not follow the format they claim; the message says where."""
@@ -37,6 +42,9 @@ class CrossingEngine:
     stamp may be one microsecond off where the crossing lies within 1e-6 us of one, and where an extremum comes
     within 4 ulp of a level either count may come. See docs/crossing.md for the guarantee and where it ends.
 
+    Under ``effects`` the pixel is not ideal, and what is said above holds as far as they let it: see
+    :class:`davis_rs.Effects` and docs/effects.md. Noise is a function of (seed, effect, pixel, number of the draw).
+
     Engines can be pickled. A pixel may have 2^32 - 1 events of each polarity.
 
     Args:
@@ -46,6 +54,9 @@ class CrossingEngine:
         contrast_threshold_off: C_off, likewise; None means C_on.
         log_eps: dark level in units of luma, > 0.
         interpolation: ``linear``, or ``hermite``: cubics through samples and rates of change.
+        effects: :class:`davis_rs.Effects`, of which those on the log signal, in the pixel and on the stream act here;
+            None for ideal pixels.
+        seed: of thresholds and noise, 0..2^64 - 1.
         threads: None means as many as pay on this sensor, at most one a core. The events do not depend on it.
 
     Raises:
@@ -64,6 +75,8 @@ class CrossingEngine:
         contrast_threshold_off: float | npt.NDArray[np.floating[Any]] | None = None,
         log_eps: float = 1e-3,
         interpolation: str = "linear",
+        effects: _Effects | Mapping[str, Mapping[str, float | None]] | None = None,
+        seed: int = 0,
         threads: int | None = None,
     ) -> CrossingEngine: ...
     def push(
@@ -107,9 +120,21 @@ class CrossingEngine:
         sparse: _SparseSamples | None = None,
     ) -> npt.NDArray[np.void]:
         """:meth:`push` of log intensity itself: float64, shape (height, width), within +-746, and its dL/dt."""
+    def flush(self) -> npt.NDArray[np.void]:
+        """The events that a readout still holds: they came until the last frame, and are stamped after it."""
+    @property
+    def dropped_events(self) -> int:
+        """How many events the readout has dropped."""
+    @property
+    def contrast_threshold(self) -> float | npt.NDArray[np.float64]:
+        """C_on: of all pixels, or, shape (height, width), of each."""
+    @property
+    def contrast_threshold_off(self) -> float | npt.NDArray[np.float64]:
+        """C_off, likewise."""
     @property
     def reference(self) -> npt.NDArray[np.float64]:
-        """The reference R in log intensity, shape (height, width); NaN before the first frame."""
+        """The reference R in log intensity, shape (height, width); NaN before the first frame, and where a pixel is
+        held in reset."""
     @property
     def last_event_us(self) -> npt.NDArray[np.int64]:
         """The surface of active events: time of each pixel's last event, shape (height, width); -1 = none yet."""
@@ -157,6 +182,13 @@ class EventTextWriter:
         exc_value: BaseException | None = None,
         traceback: TracebackType | None = None,
     ) -> None: ...
+
+def check_effects(effects: Mapping[str, Mapping[str, float | None]]) -> None:
+    """Refuse settings of effects that are out of range.
+
+    Raises:
+        ValueError: naming the effect, the value and the range.
+    """
 
 def read_events_text(path: str | os.PathLike[str]) -> npt.NDArray[np.void]:
     """Read events.txt into an array of :data:`davis_rs.EVENT_DTYPE`.

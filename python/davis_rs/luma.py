@@ -43,6 +43,6 @@ def _blur_along(rows: LumaFrames, out: LumaFrames) -> None:
 
 
 def blur_neighbourhoods(luma: LumaFrames) -> LumaFrames:
-    """What :func:`blur_3x3` makes of pixels (m) whose neighbourhoods (3, 3, m) are given, bit by bit."""
-    column = _HALF * luma[1] + _QUARTER * (luma[0] + luma[2])
-    return _HALF * column[1] + _QUARTER * (column[0] + column[2])
+    """What :func:`blur_3x3` makes of the inner pixels (h - 2, w - 2, m) of squares (h, w, m) of a frame, bit by bit."""
+    column: LumaFrames = _HALF * luma[1:-1] + _QUARTER * (luma[:-2] + luma[2:])
+    return _HALF * column[:, 1:-1] + _QUARTER * (column[:, :-2] + column[:, 2:])

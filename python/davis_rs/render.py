@@ -13,8 +13,8 @@ from .camera import Camera
 from .camera_rays import pixel_centres
 from .flow import OpticalFlow
 from .lattice import rank1_lattice
-from .luma import LumaFrames, blur_3x3
-from .neighbours import Neighbours
+from .luma import LumaFrames, blur_3x3, blur_neighbourhoods
+from .neighbours import ImageMap, Neighbours
 from .pose import FloatArray
 from .rate_difference import rate_by_differences
 from .scene_motion import STILL, SceneMotion, seen_from
@@ -56,6 +56,14 @@ class Renderer(ABC):
     silhouettes: MovingSilhouettes | None = None
     """The geometry's edges, where somebody wants to know them."""
 
+    optics: ImageMap | None = None
+    """What the lens does to luma and its rates, after the blur; None for a perfect one."""
+
+    @property
+    def reach_px(self) -> int:
+        """How many pixels away, in x or y, the farthest one lies whose light a pixel has, by the blur and the lens."""
+        return int(self.blur) + (0 if self.optics is None else self.optics.reach)
+
     def luma(self, views: Views) -> LumaFrames:
         """Linear luma (n, H, W), float32, of n views."""
         return self.begin_luma(views)()[0]
@@ -63,7 +71,7 @@ class Renderer(ABC):
     def begin_luma(self, views: Views) -> Launched:
         """Begin to render :meth:`luma`; a call of the result waits for it and gives (luma, None)."""
         frames = self._begin_luma(views) if len(views) else partial(self._blank, views)
-        return lambda: (blur_3x3(frames()) if self.blur else frames(), None)
+        return lambda: (self._finished(frames()), None)
 
     def begin_luma_and_rate(self, views: Views) -> Launched:
         """As :meth:`begin_luma`, of :meth:`luma_and_rate`; rendered at once."""
@@ -80,7 +88,7 @@ class Renderer(ABC):
         to about 1 %.
         """
         frames, rates = self._luma_and_rate(views) if len(views) else (self._blank(views), self._blank(views))
-        return (blur_3x3(frames), blur_3x3(rates)) if self.blur else (frames, rates)
+        return self._finished(frames), self._finished(rates)
 
     def samples(
         self, views: Views, view: npt.ArrayLike, pixel: npt.ArrayLike, *, rays: int | None = None
@@ -103,10 +111,14 @@ class Renderer(ABC):
         rank1_lattice(rays)  # refuses bad numbers
         if len(view) == 0:
             return np.empty(0, np.float32)
-        if not self.blur:
-            return self._samples(views, view, pixel, rays)
-        neighbours = Neighbours(self.camera, len(views), view, pixel)
-        return neighbours.blur(self._samples(views, neighbours.view, neighbours.pixel, rays))
+        if self.reach_px:
+            neighbours = Neighbours(self.camera, len(views), view, pixel, self.reach_px)
+            squares = neighbours.squares(self._samples(views, neighbours.view, neighbours.pixel, rays))
+        else:
+            squares = self._samples(views, view, pixel, rays).reshape(1, 1, -1)
+        if self.blur:
+            squares = blur_neighbourhoods(squares)
+        return squares[0, 0] if self.optics is None else self.optics.pixels(squares, pixel)
 
     def depth(self, views: Views) -> npt.NDArray[np.float32]:
         """Depth (n, H, W), float32: z along the optical axis in metres; inf where a ray hits nothing."""
@@ -145,10 +157,15 @@ class Renderer(ABC):
     def _centre_flow(self) -> OpticalFlow:
         return OpticalFlow(self.camera, pixel_centres(self.camera))
 
+    def _finished(self, frames: LumaFrames) -> LumaFrames:
+        """What the blur and the lens make of rendered frames, or of their rates: both are linear."""
+        blurred = blur_3x3(frames) if self.blur else frames
+        return blurred if self.optics is None else self.optics.frames(blurred)
+
     def _blank(self, views: Views) -> npt.NDArray[np.float32]:
         return np.empty((len(views), self.camera.height, self.camera.width), np.float32)
 
-    # What an implementation gives, for at least one view or pixel, before the blur.
+    # What an implementation gives, for at least one view or pixel, before the blur and the lens.
 
     @abstractmethod
     def _luma(self, views: Views) -> LumaFrames: ...

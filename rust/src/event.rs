@@ -23,6 +23,11 @@ impl Event {
         Self { t, x, y, p: on as u8, padding: [0; 3] }
     }
 
+    /// The same event at another time.
+    pub(crate) const fn at(self, t: i64) -> Self {
+        Self { t, ..self }
+    }
+
     /// The row-major index of its pixel.
     #[inline]
     pub(crate) fn pixel(&self, size: SensorSize) -> usize {

@@ -14,15 +14,19 @@ mod event;
 mod exact;
 mod log_intensity;
 mod order;
+mod random;
+mod readout;
 mod text;
 
 #[cfg(feature = "python")]
 mod python;
 
 pub use crossing::{
-    CrossingEngine, CrossingParameters, EngineState, Frame, Interpolation, SparseSamples, Threshold, reconstruct,
+    CrossingEngine, CrossingParameters, EffectState, Effects, EngineState, Frame, HotPixels, Interpolation,
+    PhotoreceptorBandwidth, ShotNoise, SparseSamples, Threshold, reconstruct,
 };
 pub use error::{Error, Result};
 pub use event::{Event, SensorSize};
 pub use log_intensity::{log_intensity, log_intensity_frame};
+pub use readout::{ReadoutParameters, ReadoutState};
 pub use text::{EventTextWriter, read_events_text};

@@ -31,7 +31,7 @@ pub(crate) fn log_intensities(luma: &[f32], log_eps: f64, logs: &mut [f64]) {
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "vectorised into its callers' loops")]
 #[allow(clippy::many_single_char_names, clippy::excessive_precision, reason = "as in fdlibm")]
-fn ln(x: f64) -> f64 {
+pub(crate) fn ln(x: f64) -> f64 {
     const LN2_HIGH: f64 = 6.931_471_803_691_238_164_90e-1; // 32 bits: exact times k
     const LN2_LOW: f64 = 1.908_214_929_270_587_700_02e-10;
     const R: [f64; 7] = [

@@ -1,6 +1,6 @@
 //! Cubic Hermite interpolation: log intensity from samples and slopes at both ends, in at most two monotone pieces.
 
-use super::curve::{Curve, Piece, first_true};
+use super::curve::{Curve, Piece, Timed, first_true};
 use super::level::{Level, Thresholds};
 use super::line::Line;
 
@@ -40,7 +40,8 @@ impl Cubic {
         Self { line, coefficients, turn: turn.filter(|s| 0.0 < *s && *s < 1.0) }
     }
 
-    fn at(&self, s: f64) -> f64 {
+    /// Log intensity at the share `s` of the interval.
+    pub(crate) fn at(&self, s: f64) -> f64 {
         let [a, b, c] = self.coefficients;
         self.line.from + s * (a + s * (b + s * c))
     }
@@ -95,6 +96,21 @@ impl Piece for CubicPiece {
             return likely;
         }
         first_true(after, at, reached)
+    }
+}
+
+#[allow(clippy::cast_precision_loss, reason = "ticks < 2^53")]
+impl Timed for CubicPiece {
+    fn finish(&self) -> f64 {
+        self.to * self.cubic.line.ticks as f64
+    }
+
+    fn value(&self, at: f64) -> f64 {
+        self.cubic.at(at / self.cubic.line.ticks as f64)
+    }
+
+    fn moment(&self, level: Level, _: bool, c: Thresholds) -> f64 {
+        self.near(level.approximate(c).0) * self.cubic.line.ticks as f64
     }
 }
 

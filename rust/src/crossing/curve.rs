@@ -22,6 +22,20 @@ pub(crate) trait Piece {
     fn first_tick(&self, level: Level, up: bool, c: Thresholds) -> i64;
 }
 
+/// A piece that also knows its real times: for effects whose state goes on from the crossing itself, not from its stamp.
+///
+/// Times are microseconds from the curve's start.
+pub(crate) trait Timed: Piece {
+    /// When it ends.
+    fn finish(&self) -> f64;
+
+    /// Log intensity at a time within it.
+    fn value(&self, at: f64) -> f64;
+
+    /// When it reaches `level`, which it does, from below (`up`) or above.
+    fn moment(&self, level: Level, up: bool, c: Thresholds) -> f64;
+}
+
 /// The smallest k in `after + 1..=at` that is `reached`, for a predicate that stays true once it is; `at` is taken to be.
 pub(crate) fn first_true(mut after: i64, mut at: i64, mut reached: impl FnMut(i64) -> bool) -> i64 {
     while at - after > 1 {

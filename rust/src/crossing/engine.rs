@@ -4,6 +4,7 @@ use rayon::prelude::*;
 
 use super::band::Interval;
 use super::core::{Core, NEVER};
+use super::effects::{EffectCore, Effects, mismatched};
 use super::frame::Frame;
 use super::level::Level;
 use super::parameters::{CrossingParameters, Interpolation};
@@ -12,6 +13,7 @@ use super::state::EngineState;
 use crate::error::{Error, Result};
 use crate::event::{Event, SensorSize};
 use crate::order::TimeSort;
+use crate::readout::{Readout, ReadoutState};
 
 /// Values that one thread checks at a time.
 const CHECKED_AT_A_TIME: usize = 1 << 16;
@@ -19,7 +21,7 @@ const CHECKED_AT_A_TIME: usize = 1 << 16;
 /// Fewer, and waking a thread costs more than it saves.
 const PIXELS_PER_THREAD: usize = 1 << 17;
 
-/// Turns luma frames into events, by the crossing rule of an ideal event-camera pixel.
+/// Turns luma frames into events, by the crossing rule of an ideal event-camera pixel, or under [`Effects`].
 ///
 /// Each pixel holds a reference `R = B + n_on C_on - n_off C_off` with integer counters, `B` being the log intensity of
 /// the first frame. Between two frames log intensity is interpolated; an ON event falls each time it reaches
@@ -30,6 +32,8 @@ const PIXELS_PER_THREAD: usize = 1 << 17;
 pub struct CrossingEngine {
     size: SensorSize,
     parameters: CrossingParameters,
+    effects: Effects,
+    seed: u64,
     /// None for one thread, which then is the caller's.
     pool: Option<rayon::ThreadPool>,
     /// The process that the pool's threads live in.
@@ -39,13 +43,15 @@ pub struct CrossingEngine {
     /// No counter of any pixel is larger.
     largest_counter: u64,
     sort: TimeSort,
+    readout: Option<Readout>,
 }
 
-/// The pixels, by what they are fed with.
+/// The pixels, by what they are fed with; under effects, they say it by name.
 enum Samples {
     None,
     Luma(Core<f32>),
     Log(Core<f64>),
+    Effects(EffectCore, &'static str),
 }
 
 /// A kind of sample, and where its pixels are kept.
@@ -88,21 +94,43 @@ impl CrossingEngine {
     /// # Errors
     /// [`Error::Argument`] for a parameter out of range or an empty sensor.
     pub fn new(size: SensorSize, parameters: CrossingParameters, threads: Option<usize>) -> Result<Self> {
+        Self::with_effects(size, parameters, &Effects::default(), 0, threads)
+    }
+
+    /// [`Self::new`] for a sensor that is not ideal. The same seed draws the same thresholds and the same noise.
+    ///
+    /// # Errors
+    /// As [`Self::new`], and for effects out of range.
+    pub fn with_effects(
+        size: SensorSize,
+        parameters: CrossingParameters,
+        effects: &Effects,
+        seed: u64,
+        threads: Option<usize>,
+    ) -> Result<Self> {
         if size.pixels() == 0 {
             return Err(Error::Argument(format!(
                 "the sensor must have at least one pixel, got {} x {}",
                 size.width, size.height
             )));
         }
+        effects.check()?;
         parameters.check(size)?;
+        let parameters = mismatched(parameters, effects.threshold_mismatch, seed, size);
+        parameters.check(size)?;
+        let effects = Effects { threshold_mismatch: 0.0, ..effects.clone() };
         if threads == Some(0) {
             return Err(Error::Argument("threads must be at least 1, got 0".into()));
         }
         let cores = || std::thread::available_parallelism().map_or(1, usize::from);
         let threads = threads.unwrap_or_else(|| (size.pixels() / PIXELS_PER_THREAD).clamp(1, cores()));
+        let readout = effects.readout.filter(|bus| !bus.is_neutral());
         Ok(Self {
             size,
             parameters,
+            readout: readout.map(|bus| Readout::new(size, bus, seed, &ReadoutState::default())),
+            effects,
+            seed,
             pool: (threads > 1).then(|| new_pool(threads)).transpose()?,
             process: std::process::id(),
             t_us: None,
@@ -116,6 +144,12 @@ impl CrossingEngine {
     #[must_use]
     pub fn size(&self) -> SensorSize {
         self.size
+    }
+
+    /// The thresholds, one for each pixel where they differ.
+    #[must_use]
+    pub fn parameters(&self) -> &CrossingParameters {
+        &self.parameters
     }
 
     /// The time of the last frame in microseconds, if there was one.
@@ -142,12 +176,29 @@ impl CrossingEngine {
         self.take(frame, events)
     }
 
-    /// The reference `R` of each pixel in log intensity, row by row; NaN before the first frame.
+    /// The events that a readout still holds: requested by the last frame, stamped after it. None without a readout.
+    pub fn flush(&mut self) -> Vec<Event> {
+        self.readout.as_mut().map(Readout::flush).unwrap_or_default()
+    }
+
+    /// The number of events that the readout has dropped.
+    #[must_use]
+    pub fn dropped_events(&self) -> u64 {
+        self.readout.as_ref().map_or(0, Readout::dropped)
+    }
+
+    /// The reference `R` of each pixel in log intensity, row by row; NaN before the first frame, and where a refractory
+    /// pixel is held. Under a limited bandwidth it is to be compared with the photoreceptor's output.
     #[must_use]
     pub fn reference(&self) -> Vec<f64> {
         let value = |(i, level): (usize, &Level)| level.exact(self.parameters.thresholds(i)).value();
-        let none = || vec![f64::NAN; self.size.pixels()];
-        self.references().map_or_else(none, |levels| levels.iter().enumerate().map(value).collect())
+        let values = |levels: &[Level]| levels.iter().enumerate().map(value).collect();
+        match &self.samples {
+            Samples::None => vec![f64::NAN; self.size.pixels()],
+            Samples::Luma(core) => values(core.references()),
+            Samples::Log(core) => values(core.references()),
+            Samples::Effects(core, _) => core.reference(self.t_us.unwrap_or_default(), &self.parameters),
+        }
     }
 
     /// The surface of active events: the time of each pixel's last event in microseconds, row by row; -1 = none yet.
@@ -157,29 +208,40 @@ impl CrossingEngine {
             Samples::None => vec![NEVER; self.size.pixels()],
             Samples::Luma(core) => core.last_event_us(self.size),
             Samples::Log(core) => core.last_event_us(self.size),
+            Samples::Effects(core, _) => core.last_event_us(),
         }
     }
 
     /// The state, to be stored.
     #[must_use]
     pub fn state(&self) -> EngineState {
-        let levels = self.references().unwrap_or_default();
+        let levels = self.references();
         let (luma, log_intensity, rate) = match &self.samples {
             Samples::None => (vec![], vec![], vec![]),
             Samples::Luma(core) => (core.last().to_vec(), vec![], core.rates().iter().map(|&r| r.into()).collect()),
             Samples::Log(core) => (vec![], core.last().to_vec(), core.rates().to_vec()),
+            Samples::Effects(core, _) => {
+                let (logs, slopes) = core.logs();
+                (vec![], logs, slopes)
+            }
         };
+        let under_effects = if let Samples::Effects(core, name) = &self.samples { Some((core, *name)) } else { None };
         EngineState {
             size: self.size,
             parameters: self.parameters.clone(),
+            effects: self.effects.clone(),
+            seed: self.seed,
             t_us: self.t_us,
             luma,
             log_intensity,
+            takes_luma: under_effects.is_some_and(|(_, name)| name == <f32 as Feed>::NAME),
             rate,
             base: levels.iter().map(|level| level.base).collect(),
             on: levels.iter().map(|level| level.on).collect(),
             off: levels.iter().map(|level| level.off).collect(),
             last_event_us: if levels.is_empty() { vec![] } else { self.last_event_us() },
+            effect_state: under_effects.map(|(core, _)| core.state()),
+            readout: self.readout.as_ref().map(Readout::state),
         }
     }
 
@@ -188,7 +250,7 @@ impl CrossingEngine {
     /// # Errors
     /// [`Error::Argument`] for a state that no engine can be in.
     pub fn from_state(state: &EngineState, threads: Option<usize>) -> Result<Self> {
-        let mut engine = Self::new(state.size, state.parameters.clone(), threads)?;
+        let mut engine = Self::with_effects(state.size, state.parameters.clone(), &state.effects, state.seed, threads)?;
         let Some(t_us) = state.t_us else { return Ok(engine) };
         let hermite = state.parameters.interpolation == Interpolation::Hermite;
         let lengths = [state.base.len(), state.on.len(), state.off.len(), state.last_event_us.len()];
@@ -217,6 +279,17 @@ impl CrossingEngine {
             Samples::None => {}
             Samples::Luma(core) => core.restore(state),
             Samples::Log(core) => core.restore(state),
+            Samples::Effects(core, name) => {
+                let Some(effects) = &state.effect_state else {
+                    return Err(Error::Argument("a state of pixels under effects must have theirs".into()));
+                };
+                core.restore(state, effects)?;
+                *name = if state.takes_luma { <f32 as Feed>::NAME } else { <f64 as Feed>::NAME };
+            }
+        }
+        if let (Some(readout), Some(stored)) = (&mut engine.readout, &state.readout) {
+            let Some(bus) = state.effects.readout else { unreachable!("it was made from one") };
+            *readout = Readout::new(state.size, bus, state.seed, stored);
         }
         engine.largest_counter = engine.count_largest();
         Ok(engine)
@@ -225,17 +298,30 @@ impl CrossingEngine {
     fn take<S: Feed>(&mut self, frame: Frame<'_, S>, events: &mut Vec<Event>) -> Result<()> {
         self.follow_a_fork()?;
         let at = self.check_frame(&frame)?;
+        let (p, pool) = (&self.parameters, self.pool.as_ref());
         if let Some(core) = S::core(&mut self.samples) {
-            core.advance(&frame, at, self.size, &self.parameters, self.pool.as_ref());
+            core.advance(&frame, at, self.size, p, pool);
+            self.sort.sort(core.events(), at.start_us, at.ticks, events);
+        } else if let Samples::Effects(core, name) = &mut self.samples
+            && *name == S::NAME
+        {
+            core.advance(&frame, at, p, pool);
             self.sort.sort(core.events(), at.start_us, at.ticks, events);
         } else if self.t_us.is_none() {
-            self.samples = S::wrap(Core::new(frame.samples, frame.rate, &self.parameters, self.pool.as_ref()));
+            self.samples = if self.effects.change_the_pixel() {
+                Samples::Effects(EffectCore::new(&frame, self.size, p, &self.effects, self.seed, pool), S::NAME)
+            } else {
+                S::wrap(Core::new(frame.samples, frame.rate, p, pool))
+            };
             events.clear();
         } else {
             return Err(Error::Argument(format!(
                 "this engine has been fed otherwise: it cannot take {} as well",
                 S::NAME
             )));
+        }
+        if let Some(readout) = &mut self.readout {
+            readout.pass(events, frame.t_us);
         }
         self.t_us = Some(frame.t_us);
         Ok(())
@@ -253,17 +339,18 @@ impl CrossingEngine {
         Ok(())
     }
 
-    fn references(&self) -> Option<&[Level]> {
+    fn references(&self) -> Vec<&Level> {
         match &self.samples {
-            Samples::None => None,
-            Samples::Luma(core) => Some(core.references()),
-            Samples::Log(core) => Some(core.references()),
+            Samples::None => vec![],
+            Samples::Luma(core) => core.references().iter().collect(),
+            Samples::Log(core) => core.references().iter().collect(),
+            Samples::Effects(core, _) => core.references().collect(),
         }
     }
 
     fn count_largest(&self) -> u64 {
         let largest = |level: &Level| level.on.max(level.off);
-        self.references().unwrap_or_default().iter().map(largest).max().unwrap_or(0).into()
+        self.references().into_iter().map(largest).max().unwrap_or(0).into()
     }
 
     /// Everything that can be wrong with a frame; what is left cannot fail. Returns the interval that it ends.
@@ -319,7 +406,7 @@ impl CrossingEngine {
             }
             sparse.check(self.size, start_us, t_us)?;
         }
-        self.make_room(sparse.pixel.len())?;
+        self.make_room(sparse.pixel.len(), ticks)?;
         Ok(Interval { start_us, ticks })
     }
 
@@ -330,10 +417,11 @@ impl CrossingEngine {
         clippy::cast_precision_loss,
         reason = "an estimate"
     )]
-    fn make_room(&mut self, sparse: usize) -> Result<()> {
+    fn make_room(&mut self, sparse: usize, ticks: i64) -> Result<()> {
         // Log intensity spans less than 1500; a Hermite curve goes there and back, and so may each sparse sample.
         let ways = 2.0 + sparse as f64;
-        let most = (ways * 1500.0 / self.parameters.least_threshold()) as u64 + 2;
+        let leaked = self.effects.leak_rate_hz * 1e-6 * ticks as f64;
+        let most = (ways * 1500.0 / self.parameters.least_threshold() + leaked) as u64 + 2;
         if self.largest_counter + most > u32::MAX.into() {
             self.largest_counter = self.count_largest();
             if self.largest_counter + most > u32::MAX.into() {

@@ -1,4 +1,4 @@
-//! An exponential for bounds, which need no more than nine digits.
+//! Exponentials as plain arithmetic, the same bits everywhere: one of nine digits for bounds, one of all for signals.
 
 /// 1.5 * 2^52: adding it rounds to an integer, in the low bits; subtracting it again gives that as a float.
 pub(crate) const ROUND: f64 = 6_755_399_441_055_744.0;
@@ -21,6 +21,41 @@ pub(crate) fn exp(x: f64) -> f64 {
     (1.0 + sum) * f64::from_bits((shifted.to_bits() << 52).wrapping_add(0x3ff0_0000_0000_0000))
 }
 
+/// exp(x) - 1 within 2 ulp of the larger of itself and 2^n (n the nearest power), for x from -700 to 700 and clamped to
+/// that beyond, without branches. Near zero it loses no digits.
+#[inline(always)]
+#[allow(clippy::inline_always, reason = "vectorised into its caller's loop")]
+pub(crate) fn exp_m1(x: f64) -> f64 {
+    const LN_2_HIGH: f64 = 6.931_471_803_691_238e-1; // 32 bits: exact times n
+    const LN_2_LOW: f64 = 1.908_214_929_270_588e-10;
+    // 1 / n!, n = 14 to 2; the next term is 0.35^15 / 15! = 1e-19.
+    const INVERSE_FACTORIALS: [f64; 13] = [
+        1.0 / 87_178_291_200.0,
+        1.0 / 6_227_020_800.0,
+        1.0 / 479_001_600.0,
+        1.0 / 39_916_800.0,
+        1.0 / 3_628_800.0,
+        1.0 / 362_880.0,
+        1.0 / 40_320.0,
+        1.0 / 5_040.0,
+        1.0 / 720.0,
+        1.0 / 120.0,
+        1.0 / 24.0,
+        1.0 / 6.0,
+        0.5,
+    ];
+    let x = x.clamp(-700.0, 700.0);
+    let shifted = x * std::f64::consts::LOG2_E + ROUND;
+    let n = shifted - ROUND;
+    let r = (x - n * LN_2_HIGH) - n * LN_2_LOW;
+    let mut sum = 0.0;
+    for coefficient in INVERSE_FACTORIALS {
+        sum = (sum + coefficient) * r;
+    }
+    let power = f64::from_bits((shifted.to_bits() << 52).wrapping_add(0x3ff0_0000_0000_0000));
+    (r + sum * r) * power + (power - 1.0)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -30,6 +65,19 @@ mod tests {
         for i in -70_000..70_000i32 {
             let x = f64::from(i) * 0.01;
             assert!((exp(x) / x.exp() - 1.0).abs() < 1e-9, "{x}");
+        }
+    }
+
+    #[test]
+    fn exp_m1_keeps_all_digits() {
+        for i in -70_000..70_000i32 {
+            for x in [f64::from(i) * 0.01, f64::from(i) * 1e-7, f64::from(i) * 1e-17] {
+                let (got, expected) = (exp_m1(x), libm::expm1(x));
+                assert!(
+                    (got - expected).abs() <= 4.0 * f64::EPSILON * expected.abs().max(1e-290),
+                    "{x}: {got} {expected}"
+                );
+            }
         }
     }
 }

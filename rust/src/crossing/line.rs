@@ -2,7 +2,7 @@
 
 use std::iter;
 
-use super::curve::{Curve, Piece, first_true};
+use super::curve::{Curve, Piece, Timed, first_true};
 use super::level::{Level, Thresholds};
 
 /// Log intensity that runs straight from one sample to the next.
@@ -45,6 +45,23 @@ impl Piece for Line {
             return candidate as i64;
         }
         self.first_tick_exact(level, up, c, candidate.clamp(1.0, ticks) as i64)
+    }
+}
+
+#[allow(clippy::cast_precision_loss, reason = "ticks < 2^53")]
+impl Timed for Line {
+    fn finish(&self) -> f64 {
+        self.ticks as f64
+    }
+
+    fn value(&self, at: f64) -> f64 {
+        self.from + (self.to - self.from) * (at / self.ticks as f64)
+    }
+
+    fn moment(&self, level: Level, _: bool, c: Thresholds) -> f64 {
+        let share = (level.approximate(c).0 - self.from) / (self.to - self.from);
+        // A level that was passed before the interval began may leave no share at all.
+        if share.is_finite() { share.clamp(0.0, 1.0) * self.ticks as f64 } else { 0.0 }
     }
 }
 

@@ -9,7 +9,8 @@
 //!
 //! [`level`] knows where the levels lie, [`curve`] ([`line`], [`cubic`]) when log intensity reaches one, [`pixel`] which
 //! events one new sample makes. [`sample`], [`steps`], [`scan`] and [`candidates`] spare nearly all pixels that; [`band`] does it all for
-//! a band of rows, [`core`] runs the bands on threads, [`engine`] is what the user sees.
+//! a band of rows, [`core`] runs the bands on threads, [`engine`] is what the user sees. Pixels under [`effects`] go their
+//! own way from frame to events.
 
 mod band;
 mod candidates;
@@ -17,6 +18,7 @@ mod core;
 mod cubic;
 mod cubic_candidates;
 mod curve;
+mod effects;
 mod engine;
 mod exponential;
 mod frame;
@@ -30,8 +32,9 @@ mod scan;
 mod state;
 mod steps;
 
+pub use effects::{Effects, HotPixels, PhotoreceptorBandwidth, ShotNoise};
 pub use engine::CrossingEngine;
 pub use frame::{Frame, SparseSamples};
 pub use parameters::{CrossingParameters, Interpolation, Threshold};
 pub use reconstruct::reconstruct;
-pub use state::EngineState;
+pub use state::{EffectState, EngineState};

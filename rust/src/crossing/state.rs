@@ -1,21 +1,29 @@
 //! The engine's state laid open, to be stored and taken up again.
 
+use super::effects::Effects;
 use super::parameters::CrossingParameters;
 use crate::event::SensorSize;
+use crate::readout::ReadoutState;
 
 /// All that decides what an engine will do next. Row by row, one value a pixel; empty before the first frame.
 #[derive(Clone, Debug, PartialEq)]
 pub struct EngineState {
     /// The sensor.
     pub size: SensorSize,
-    /// The parameters.
+    /// The parameters, thresholds as they were drawn.
     pub parameters: CrossingParameters,
+    /// The effects that act beyond the thresholds.
+    pub effects: Effects,
+    /// Of all draws.
+    pub seed: u64,
     /// The time of the last frame.
     pub t_us: Option<i64>,
     /// The last frame, of an engine that takes luma.
     pub luma: Vec<f32>,
-    /// The last frame, of an engine that takes log intensity.
+    /// The last frame, of an engine that takes log intensity, or whose pixels are under effects.
     pub log_intensity: Vec<f64>,
+    /// Whether `log_intensity` is that of luma, which the engine takes.
+    pub takes_luma: bool,
     /// The last frame's rates of change per second, of an engine that interpolates by Hermite curves: of luma or of log
     /// intensity, whatever it takes.
     pub rate: Vec<f64>,
@@ -27,4 +35,27 @@ pub struct EngineState {
     pub off: Vec<u32>,
     /// The time of the last event; -1 = none yet.
     pub last_event_us: Vec<i64>,
+    /// Of pixels under effects.
+    pub effect_state: Option<EffectState>,
+    /// What the readout holds, where there is one.
+    pub readout: Option<ReadoutState>,
+}
+
+/// What effects add to the state of pixels. What belongs to an effect that is off is empty.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct EffectState {
+    /// The time of the first frame.
+    pub started_us: i64,
+    /// What leaves the photoreceptors.
+    pub filtered: Vec<f64>,
+    /// Microseconds from the last frame until the pixel is released; not finite where it is not held.
+    pub held_us: Vec<f64>,
+    /// Microseconds from the last frame to the next arrival of shot noise, and its number.
+    pub shot_wait_us: Vec<f64>,
+    /// See `shot_wait_us`.
+    pub shot_index: Vec<u64>,
+    /// Likewise of hot pixels, one after the other.
+    pub hot_wait_us: Vec<f64>,
+    /// See `hot_wait_us`.
+    pub hot_index: Vec<u64>,
 }

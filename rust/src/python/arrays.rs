@@ -123,6 +123,14 @@ pub(super) fn threshold(value: &Bound<'_, PyAny>, name: &str, size: SensorSize) 
     Ok(Threshold::PerPixel(frame::<f64>(value, name, Some(size))?.as_slice()?.to_vec()))
 }
 
+/// A contrast threshold as it was given.
+pub(super) fn threshold_to_python(py: Python<'_>, value: Threshold, size: SensorSize) -> PyResult<Bound<'_, PyAny>> {
+    match value {
+        Threshold::Uniform(value) => Ok(value.into_pyobject(py)?.into_any()),
+        Threshold::PerPixel(values) => image(py, values, size).map(Bound::into_any),
+    }
+}
+
 /// Values, row by row, as an array of the sensor's shape.
 pub(super) fn image<T: Element>(py: Python<'_>, pixels: Vec<T>, size: SensorSize) -> PyResult<Bound<'_, PyArray2<T>>> {
     pixels

@@ -4,8 +4,8 @@ use numpy::{IntoPyArray, PyArray1, PyArray2};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-use super::arrays::{Float, column, frame, image, microseconds, threshold};
-use super::state;
+use super::arrays::{Float, column, frame, image, microseconds, threshold, threshold_to_python};
+use super::{effects, state};
 use crate::crossing::{CrossingEngine, CrossingParameters, Frame, Interpolation, SparseSamples};
 use crate::error::Error;
 use crate::event::{Event, SensorSize};
@@ -25,8 +25,11 @@ impl PyCrossingEngine {
         contrast_threshold_off=None,
         log_eps=1e-3,
         interpolation="linear",
+        effects=None,
+        seed=0,
         threads=None,
     ))]
+    #[allow(clippy::too_many_arguments, reason = "keywords in Python")]
     fn new(
         width: i64,
         height: i64,
@@ -34,6 +37,8 @@ impl PyCrossingEngine {
         contrast_threshold_off: Option<&Bound<'_, PyAny>>,
         log_eps: f64,
         interpolation: &str,
+        effects: Option<&Bound<'_, PyAny>>,
+        seed: u64,
         threads: Option<usize>,
     ) -> PyResult<Self> {
         let pixels = |name, n: i64| {
@@ -51,7 +56,8 @@ impl PyCrossingEngine {
             log_eps,
             interpolation: interpolation_of(interpolation)?,
         };
-        Ok(Self(CrossingEngine::new(size, parameters, threads)?))
+        let effects = effects::from_python(effects)?;
+        Ok(Self(CrossingEngine::with_effects(size, parameters, &effects, seed, threads)?))
     }
 
     #[pyo3(signature = (t_us, luma, dluma_dt=None, *, sparse=None))]
@@ -76,6 +82,25 @@ impl PyCrossingEngine {
     ) -> PyResult<Bound<'py, PyArray1<Event>>> {
         let names = ("log_intensity", "slope");
         take(&mut self.0, CrossingEngine::push_log, t_us, (log_intensity, slope, sparse), names)
+    }
+
+    fn flush<'py>(&mut self, py: Python<'py>) -> Bound<'py, PyArray1<Event>> {
+        self.0.flush().into_pyarray(py)
+    }
+
+    #[getter]
+    fn dropped_events(&self) -> u64 {
+        self.0.dropped_events()
+    }
+
+    #[getter]
+    fn contrast_threshold<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        threshold_to_python(py, self.0.parameters().contrast_threshold.clone(), self.0.size())
+    }
+
+    #[getter]
+    fn contrast_threshold_off<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        threshold_to_python(py, self.0.parameters().contrast_threshold_off.clone(), self.0.size())
     }
 
     #[getter]

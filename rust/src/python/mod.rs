@@ -4,6 +4,7 @@
 
 mod arrays;
 mod dtype;
+mod effects;
 mod engine;
 mod functions;
 mod state;
@@ -44,6 +45,7 @@ fn _core(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add("DecodeError", m.py().get_type::<DecodeError>())?;
     m.add_class::<engine::PyCrossingEngine>()?;
     m.add_class::<text::PyEventTextWriter>()?;
+    m.add_function(wrap_pyfunction!(effects::check_effects, m)?)?;
     m.add_function(wrap_pyfunction!(functions::log_intensity, m)?)?;
     m.add_function(wrap_pyfunction!(functions::reconstruct, m)?)?;
     m.add_function(wrap_pyfunction!(text::read_events_text, m)?)?;

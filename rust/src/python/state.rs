@@ -5,21 +5,20 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-use super::arrays::{image, threshold};
+use super::arrays::{threshold, threshold_to_python};
+use super::effects;
 use super::engine::interpolation_of;
-use crate::crossing::{CrossingParameters, EngineState, Interpolation, Threshold};
-use crate::event::SensorSize;
+use crate::crossing::{CrossingParameters, EffectState, EngineState, Interpolation};
+use crate::event::{Event, SensorSize};
+use crate::readout::ReadoutState;
 
 /// Raised when the meaning of an entry changes.
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 
 pub(super) fn to_dict(py: Python<'_>, state: EngineState) -> PyResult<Bound<'_, PyDict>> {
     let dict = PyDict::new(py);
     let size = state.size;
-    let threshold = |threshold: Threshold| match threshold {
-        Threshold::Uniform(value) => Ok(value.into_pyobject(py)?.into_any()),
-        Threshold::PerPixel(values) => image(py, values, size).map(Bound::into_any),
-    };
+    let threshold = |threshold| threshold_to_python(py, threshold, size);
     let interpolation = match state.parameters.interpolation {
         Interpolation::Linear => "linear",
         Interpolation::Hermite => "hermite",
@@ -31,15 +30,76 @@ pub(super) fn to_dict(py: Python<'_>, state: EngineState) -> PyResult<Bound<'_, 
     dict.set_item("contrast_threshold_off", threshold(state.parameters.contrast_threshold_off)?)?;
     dict.set_item("log_eps", state.parameters.log_eps)?;
     dict.set_item("interpolation", interpolation)?;
+    dict.set_item("effects", effects::to_dict(py, &state.effects)?)?;
+    dict.set_item("seed", state.seed)?;
     dict.set_item("t_us", state.t_us)?;
     dict.set_item("luma", state.luma.into_pyarray(py))?;
     dict.set_item("log_intensity", state.log_intensity.into_pyarray(py))?;
+    dict.set_item("takes_luma", state.takes_luma)?;
     dict.set_item("rate", state.rate.into_pyarray(py))?;
     dict.set_item("base", state.base.into_pyarray(py))?;
     dict.set_item("on", state.on.into_pyarray(py))?;
     dict.set_item("off", state.off.into_pyarray(py))?;
     dict.set_item("last_event_us", state.last_event_us.into_pyarray(py))?;
+    dict.set_item("effect_state", state.effect_state.map(|effects| effect_state_to_dict(py, effects)).transpose()?)?;
+    dict.set_item("readout", state.readout.map(|readout| readout_to_dict(py, readout)).transpose()?)?;
     Ok(dict)
+}
+
+fn effect_state_to_dict(py: Python<'_>, state: EffectState) -> PyResult<Bound<'_, PyDict>> {
+    let dict = PyDict::new(py);
+    dict.set_item("started_us", state.started_us)?;
+    dict.set_item("filtered", state.filtered.into_pyarray(py))?;
+    dict.set_item("held_us", state.held_us.into_pyarray(py))?;
+    dict.set_item("shot_wait_us", state.shot_wait_us.into_pyarray(py))?;
+    dict.set_item("shot_index", state.shot_index.into_pyarray(py))?;
+    dict.set_item("hot_wait_us", state.hot_wait_us.into_pyarray(py))?;
+    dict.set_item("hot_index", state.hot_index.into_pyarray(py))?;
+    Ok(dict)
+}
+
+fn effect_state_from_dict(dict: &Bound<'_, PyDict>) -> PyResult<EffectState> {
+    Ok(EffectState {
+        started_us: item(dict, "started_us")?.extract()?,
+        filtered: values(dict, "filtered")?,
+        held_us: values(dict, "held_us")?,
+        shot_wait_us: values(dict, "shot_wait_us")?,
+        shot_index: values(dict, "shot_index")?,
+        hot_wait_us: values(dict, "hot_wait_us")?,
+        hot_index: values(dict, "hot_index")?,
+    })
+}
+
+fn readout_to_dict(py: Python<'_>, state: ReadoutState) -> PyResult<Bound<'_, PyDict>> {
+    let dict = PyDict::new(py);
+    dict.set_item("waiting", state.waiting.into_pyarray(py))?;
+    dict.set_item("stamped", state.stamped.into_pyarray(py))?;
+    dict.set_item("free_us", state.free_us)?;
+    dict.set_item("last_stamp_us", state.last_stamp_us)?;
+    dict.set_item("bursts", state.bursts)?;
+    dict.set_item("dropped", state.dropped)?;
+    Ok(dict)
+}
+
+fn readout_from_dict(dict: &Bound<'_, PyDict>) -> PyResult<ReadoutState> {
+    Ok(ReadoutState {
+        waiting: values::<Event>(dict, "waiting")?,
+        stamped: values::<Event>(dict, "stamped")?,
+        free_us: item(dict, "free_us")?.extract()?,
+        last_stamp_us: item(dict, "last_stamp_us")?.extract()?,
+        bursts: item(dict, "bursts")?.extract()?,
+        dropped: item(dict, "dropped")?.extract()?,
+    })
+}
+
+/// A dictionary within the state, or None.
+fn part<'py, T>(
+    dict: &Bound<'py, PyDict>,
+    name: &str,
+    of: impl FnOnce(&Bound<'py, PyDict>) -> PyResult<T>,
+) -> PyResult<Option<T>> {
+    let part: Option<Bound<'_, PyDict>> = item(dict, name)?.extract()?;
+    part.map(|part| of(&part)).transpose()
 }
 
 pub(super) fn from_dict(dict: &Bound<'_, PyDict>) -> PyResult<EngineState> {
@@ -56,14 +116,19 @@ pub(super) fn from_dict(dict: &Bound<'_, PyDict>) -> PyResult<EngineState> {
             log_eps: item(dict, "log_eps")?.extract()?,
             interpolation: interpolation_of(item(dict, "interpolation")?.extract()?)?,
         },
+        effects: effects::from_python(Some(&item(dict, "effects")?))?,
+        seed: item(dict, "seed")?.extract()?,
         t_us: item(dict, "t_us")?.extract()?,
         luma: values(dict, "luma")?,
         log_intensity: values(dict, "log_intensity")?,
+        takes_luma: item(dict, "takes_luma")?.extract()?,
         rate: values(dict, "rate")?,
         base: values(dict, "base")?,
         on: values(dict, "on")?,
         off: values(dict, "off")?,
         last_event_us: values(dict, "last_event_us")?,
+        effect_state: part(dict, "effect_state", effect_state_from_dict)?,
+        readout: part(dict, "readout", readout_from_dict)?,
     })
 }
 

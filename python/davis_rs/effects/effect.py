@@ -1,0 +1,48 @@
+"""What all effects have in common."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from dataclasses import asdict
+from typing import Any, ClassVar, Literal
+
+Where = Literal["luma", "log intensity", "pixel", "stream", "frames"]
+
+
+class Effect(ABC):
+    """An imperfection of a real sensor: a frozen dataclass whose first field is what ``--effect NAME=VALUE`` sets.
+
+    Attributes:
+        name: what it is called in :class:`~davis_rs.Effects` and on the command line, with its unit.
+        acts_on: where in the sensor it acts, and so where its code lives.
+    """
+
+    name: ClassVar[str]
+    acts_on: ClassVar[Where]
+
+    @property
+    @abstractmethod
+    def neutral(self) -> bool:
+        """Whether it changes nothing with these values; it is then off."""
+
+    def settings(self) -> dict[str, Any]:
+        """Its parameters by name."""
+        return asdict(self)  # type: ignore[call-overload]  # implementations are dataclasses
+
+
+def check_range(name: str, value: float, low: float, high: float, unit: str = "", *, finite: bool = True) -> None:
+    """Refuse a number outside of low..high.
+
+    Args:
+        finite: whether infinity is refused even where ``high`` is infinite.
+
+    Raises:
+        ValueError: naming the parameter, its value and the allowed range.
+    """
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    if number and low <= value <= high and not (finite and math.isinf(value)):
+        return
+    ending = f" {unit}" if unit else ""
+    allowed = f"be finite and >= {low:g}" if finite and math.isinf(high) else f"lie in {low:g}..{high:g}"
+    raise ValueError(f"{name} must {allowed}{ending}, got {value!r}")

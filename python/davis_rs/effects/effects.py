@@ -1,0 +1,141 @@
+"""The composition of effects."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import MISSING, Field, dataclass, fields
+from typing import Any
+
+from .aps import Aps
+from .effect import Effect
+from .engine_effect import EngineEffect
+from .hot_pixels import HotPixels
+from .leak_rate import LeakRate
+from .lens_blur import LensBlur
+from .photoreceptor_bandwidth import PhotoreceptorBandwidth
+from .readout import Readout
+from .refractory_period import RefractoryPeriod
+from .shot_noise import ShotNoise
+from .threshold_mismatch import ThresholdMismatch
+from .vignetting import Vignetting
+
+EFFECTS: dict[str, type[Effect]] = {
+    effect.name: effect
+    for effect in (
+        Vignetting,
+        LensBlur,
+        PhotoreceptorBandwidth,
+        ThresholdMismatch,
+        RefractoryPeriod,
+        LeakRate,
+        ShotNoise,
+        HotPixels,
+        Readout,
+        Aps,
+    )
+}
+"""All effects by name, in the order in which light and events meet them."""
+
+
+@dataclass(frozen=True, init=False)
+class Effects:
+    """What makes a sensor differ from ideal pixels; each effect is off unless it is given.
+
+    >>> Effects(refractory_period_us=100, leak_rate_hz=0.1)
+
+    Each argument is an object of the effect's class, or a number: its first parameter. An effect with neutral values is
+    off, and becomes None. What an effect does is said by its class.
+
+    Raises:
+        ValueError: for values out of range, naming the effect, the value and the range.
+    """
+
+    vignetting: Vignetting | None
+    lens_blur_px: LensBlur | None
+    photoreceptor_bandwidth_hz: PhotoreceptorBandwidth | None
+    threshold_mismatch: ThresholdMismatch | None
+    refractory_period_us: RefractoryPeriod | None
+    leak_rate_hz: LeakRate | None
+    shot_noise_rate_hz: ShotNoise | None
+    hot_pixels: HotPixels | None
+    readout: Readout | None
+    aps: Aps | None
+
+    def __init__(
+        self,
+        *,
+        vignetting: Vignetting | float | None = None,
+        lens_blur_px: LensBlur | float | None = None,
+        photoreceptor_bandwidth_hz: PhotoreceptorBandwidth | float | None = None,
+        threshold_mismatch: ThresholdMismatch | float | None = None,
+        refractory_period_us: RefractoryPeriod | float | None = None,
+        leak_rate_hz: LeakRate | float | None = None,
+        shot_noise_rate_hz: ShotNoise | float | None = None,
+        hot_pixels: HotPixels | float | None = None,
+        readout: Readout | float | None = None,
+        aps: Aps | float | None = None,
+    ) -> None:
+        given = locals()
+        for name, effect_class in EFFECTS.items():
+            value = given[name]
+            if value is not None and not isinstance(value, effect_class):
+                value = effect_class(value)  # type: ignore[call-arg]  # their first parameter
+            object.__setattr__(self, name, None if value is None or value.neutral else value)
+
+    @classmethod
+    def of(cls, effects: Iterable[Effect]) -> Effects:
+        """The composition of these; of several of one kind, the last."""
+        given: dict[str, Any] = {effect.name: effect for effect in effects}
+        return cls(**given)
+
+    def __iter__(self) -> Iterator[Effect]:
+        """Those that are on, in the order in which light and events meet them."""
+        return (effect for name in EFFECTS if (effect := getattr(self, name)) is not None)
+
+    def __bool__(self) -> bool:
+        """Whether any is on."""
+        return any(True for _ in self)
+
+    def engine_settings(self) -> dict[str, dict[str, Any]]:
+        """The parameters, by effect, of those that the crossing engine carries out."""
+        return {effect.name: effect.settings() for effect in self if isinstance(effect, EngineEffect)}
+
+    def describe(self) -> dict[str, dict[str, Any]]:
+        """The parameters of all that are on, by effect, for records."""
+        return {effect.name: effect.settings() for effect in self}
+
+
+def parse_effect(text: str) -> Effect:
+    """An effect as the command line has it: ``NAME``, ``NAME=VALUE``, or ``NAME=VALUE,PARAMETER=VALUE,...``.
+
+    The first value may go without its parameter's name. ``none`` stands for None.
+
+    Raises:
+        ValueError: for an effect or a parameter that is not there, a missing or a malformed value.
+    """
+    name, _, rest = text.partition("=")
+    if name not in EFFECTS:
+        raise ValueError(f"there is no effect {name!r}; there are {', '.join(EFFECTS)}")
+    effect_class = EFFECTS[name]
+    parameters: list[Field[Any]] = [field for field in fields(effect_class) if field.init]  # type: ignore[arg-type]
+    names = [field.name for field in parameters]
+    values: dict[str, float | None] = {}
+    for place, part in enumerate(rest.split(",") if rest else []):
+        parameter, equals, value = part.rpartition("=")
+        parameter = parameter if equals or place else names[0]
+        if parameter not in names:
+            raise ValueError(f"effect {name} has the parameters {', '.join(names)}, got {part!r}")
+        values[parameter] = _number(f"{name} {parameter}", value)
+    missing = [field.name for field in parameters if field.default is MISSING and field.name not in values]
+    if missing:
+        raise ValueError(f"effect {name} needs a value: {name}={missing[0].upper()}")
+    return effect_class(**values)  # type: ignore[arg-type]  # each checks its own
+
+
+def _number(what: str, text: str) -> float | None:
+    if text.lower() == "none":
+        return None
+    try:
+        return int(text) if text.lstrip("+-").isdigit() else float(text)
+    except ValueError:
+        raise ValueError(f"{what} must be a number or none, got {text!r}") from None

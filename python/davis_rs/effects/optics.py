@@ -1,0 +1,66 @@
+"""The lens: what it does to the image before any pixel sees it."""
+
+from __future__ import annotations
+
+from copy import copy
+
+import numpy as np
+
+from ..camera import Camera
+from ..luma import LumaFrames
+from ..neighbours import ImageMap, Indices
+from ..render import Renderer
+from .lens_blur import LensBlur, blur_frame, blur_squares
+from .vignetting import Vignetting
+
+
+class Optics(ImageMap):
+    """image = vignetting x (point-spread function * scene).
+
+    In this order because the lens's own fall-off is a share of the light that goes to an image point, wherever it then
+    lands: a spot in the corner is as wide as one in the middle, and is dimmed as a whole. With spots of a few pixels,
+    over which the fall-off hardly changes, the other order would give nearly the same.
+    """
+
+    def __init__(self, camera: Camera, vignetting: Vignetting | None, lens_blur: LensBlur | None) -> None:
+        self._gain = None if vignetting is None else vignetting.gain(camera)
+        self._weights = None if lens_blur is None else lens_blur.weights()
+        self.reach = 0 if self._weights is None else len(self._weights) - 1
+
+    def frames(self, luma: LumaFrames) -> LumaFrames:
+        image = np.empty_like(luma)
+        # Frame by frame: what is worked on then stays in the cache.
+        for frame, out in zip(luma, image, strict=True):
+            if self._weights is None:
+                out[:] = frame
+            else:
+                blur_frame(frame, self._weights, out)
+            if self._gain is not None:
+                np.multiply(out, self._gain, out=out)
+        return image
+
+    def pixels(self, squares: LumaFrames, pixel: Indices) -> LumaFrames:
+        luma = squares[0, 0] if self._weights is None else blur_squares(squares, self._weights)
+        return luma if self._gain is None else luma * self._gain.ravel()[pixel]
+
+
+def with_optics(renderer: Renderer, vignetting: Vignetting | None, lens_blur: LensBlur | None) -> Renderer:
+    """The renderer behind a lens that shades and blurs: luma, its rates and samples are those of the lens's image.
+
+    Depth, flow and silhouettes stay those of the scene. The renderer's own 3 x 3 blur comes before the lens.
+
+    Returns:
+        The renderer itself where neither effect is on; else another one that shares its scene, the first left as it is.
+
+    Raises:
+        ValueError: if the renderer has a lens already.
+    """
+    vignetting = None if vignetting is None or vignetting.neutral else vignetting
+    lens_blur = None if lens_blur is None or lens_blur.neutral else lens_blur
+    if vignetting is None and lens_blur is None:
+        return renderer
+    if renderer.optics is not None:
+        raise ValueError(f"{renderer.name} renders through a lens already; give all optical effects at once")
+    behind = copy(renderer)
+    behind.optics = Optics(renderer.camera, vignetting, lens_blur)
+    return behind

@@ -1,0 +1,48 @@
+"""The readout bus."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import ClassVar
+
+from .effect import Where
+from .engine_effect import EngineEffect
+
+
+@dataclass(frozen=True)
+class Readout(EngineEffect):
+    """A bus that reads events out row by row (address-event representation).
+
+    Pixels ask for their row. When the bus is free it grants the row whose request is the oldest, stamps all of that row's
+    requests alike, and carries them at its own pace. No event is lost unless ``drop_after_us`` is given; those that are
+    still waiting at the end come from :meth:`~davis_rs.CrossingEngine.flush`, with later stamps. A pixel's own reset does
+    not wait for the bus.
+
+    Args:
+        events_per_s: events that the bus carries in a second, >= 1; inf for all at once.
+        latency_us: from grant to stamp, 0..1e9 us.
+        jitter_us: standard deviation of the stamps' normal jitter, 0..1e9 us; order stays, and no stamp is earlier than
+            its grant.
+        drop_after_us: an event that has waited longer than this when its row is granted is dropped and counted; None
+            drops none.
+
+    Raises:
+        ValueError: for values out of range.
+
+    Source: Brandli, Berner, Yang, Liu and Delbruck, "A 240 x 180 130 dB 3 us latency global shutter spatiotemporal vision
+    sensor", IEEE JSSC 49(10), 2014 (word-serial burst readout; 12 million events per second).
+    """
+
+    events_per_s: float = 12e6
+    latency_us: float = 0.0
+    jitter_us: float = 0.0
+    drop_after_us: float | None = None
+
+    name: ClassVar[str] = "readout"
+    acts_on: ClassVar[Where] = "stream"
+
+    @property
+    def neutral(self) -> bool:
+        """Whether events leave as they come."""
+        return math.isinf(self.events_per_s) and self.latency_us == 0 and self.jitter_us == 0

@@ -1,0 +1,326 @@
+"""What makes a particular sensor differ from the ideal pixel, in the units of its data sheet."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields, replace
+from types import MappingProxyType
+from typing import Any, TypeVar
+
+from .biases import DAVIS240C_BIASES, DAVIS346_BIASES, BiasValues, ChipBias, CoarseFineBias, as_biases
+from .effects import Aps, Effects, HotPixels, PhotoreceptorBandwidth, Readout, ShotNoise
+from .effects.effect import check_range
+
+# Of the event pixel of the DAVIS240 and DAVIS346, by Nozaki, Delbruck, "Temperature and Parasitic Photocurrent Effects
+# in Dynamic Vision Sensors", IEEE Trans. Electron Devices 2017, fig. 1, with the capacitances that jAER's DavisConfig
+# gives as estimates from the layout.
+KAPPA_N = KAPPA_P = 0.7  # subthreshold slope factors
+CAPACITANCE_RATIO = 20.0  # C1 / C2 of the differencing amplifier
+INPUT_CAPACITANCE_F = 131.167e-15  # C1, the source follower's load
+REFRACTORY_CAPACITANCE_F = 20e-15
+REFRACTORY_SWING_V = 0.8
+THERMAL_VOLTAGE_V = 25e-3  # kT/q at room temperature
+
+THRESHOLD_GAIN = KAPPA_N / KAPPA_P**2 / CAPACITANCE_RATIO
+"""Change of log intensity for a change of 1 in the logarithm of the comparator's current ratio."""
+
+LARGEST_FOLLOWER_SHARE = 0.5
+"""Share of the photoreceptor's current from which on the follower's alone does not set the bandwidth."""
+
+_POSITIVE = {
+    *["contrast_threshold", "contrast_threshold_off", "photoreceptor_bandwidth_hz", "photoreceptor_bandwidth_lux"],
+    *["shot_noise_half_lux", "readout_events_per_s", "aps_exposure_us", "aps_bits", "aps_full_scale_lux"],
+}
+_SHARES = {"hot_pixel_fraction"}
+
+
+@dataclass(frozen=True, kw_only=True)
+class SensorParameters:
+    """A particular sensor. None stands for what is not known or does not occur: that effect is then off.
+
+    Illuminances (lux) are those of the scene as its ``lux_per_luma`` counts them; :meth:`effects` turns them into luma.
+
+    Attributes:
+        contrast_threshold: C_on in natural-log units; None leaves it to the scene.
+        contrast_threshold_off: C_off, positive; None takes C_on.
+        threshold_mismatch: standard deviation of the thresholds from pixel to pixel, as a share of the threshold.
+        photoreceptor_bandwidth_hz: corner frequency of the photoreceptor at ``photoreceptor_bandwidth_lux``; it is
+            proportional to the illuminance. Without that illuminance it holds in any light up to luma 1.
+        photoreceptor_bandwidth_lux: see there.
+        photoreceptor_bandwidth_floor_hz: corner frequency in the dark; None takes 0.
+        refractory_period_us: how long a pixel is held in reset after each event.
+        leak_rate_hz: ON events of a pixel on a static scene.
+        shot_noise_rate_hz: noise events of a pixel in the dark, of both polarities together.
+        shot_noise_half_lux: where that rate is halved; None takes the effect's own value.
+        hot_pixel_fraction: share of the pixels that fire on their own.
+        hot_pixel_rate_hz: their rate; None takes the effect's own value.
+        readout_events_per_s: throughput of the bus.
+        readout_latency_us: delay of every event; None takes 0.
+        readout_jitter_us: scatter of the stamps; None takes 0.
+        aps_exposure_us: exposure of the intensity frames.
+        aps_read_noise_dn: their read noise in counts of the converter; None takes the effect's own value.
+        aps_bits: bits of the converter; None takes the effect's own value.
+        aps_full_scale_lux: illuminance that saturates it at that exposure; None takes the effect's own value.
+        vignetting: exponent of the cosine by which the lens darkens away from its axis; 4 is natural vignetting.
+        lens_blur_px: standard deviation of the lens's point spread.
+
+    Raises:
+        ValueError: for a value out of range, naming it.
+    """
+
+    contrast_threshold: float | None = None
+    contrast_threshold_off: float | None = None
+    threshold_mismatch: float | None = None
+    photoreceptor_bandwidth_hz: float | None = None
+    photoreceptor_bandwidth_lux: float | None = None
+    photoreceptor_bandwidth_floor_hz: float | None = None
+    refractory_period_us: float | None = None
+    leak_rate_hz: float | None = None
+    shot_noise_rate_hz: float | None = None
+    shot_noise_half_lux: float | None = None
+    hot_pixel_fraction: float | None = None
+    hot_pixel_rate_hz: float | None = None
+    readout_events_per_s: float | None = None
+    readout_latency_us: float | None = None
+    readout_jitter_us: float | None = None
+    aps_exposure_us: float | None = None
+    aps_read_noise_dn: float | None = None
+    aps_bits: int | None = None
+    aps_full_scale_lux: float | None = None
+    vignetting: float | None = None
+    lens_blur_px: float | None = None
+
+    def __post_init__(self) -> None:
+        for name in (field.name for field in fields(self)):
+            value = getattr(self, name)
+            if value is None:
+                continue
+            if name in _POSITIVE and value == 0:
+                raise ValueError(f"{name} must be finite and > 0, got {value!r}")
+            check_range(name, value, 0.0, 1.0 if name in _SHARES else math.inf)
+
+    @classmethod
+    def from_biases(cls, biases: str | BiasValues, **known: Any) -> SensorParameters:
+        """Thresholds, bandwidth and refractory period that a DAVIS240 or DAVIS346 has with these biases.
+
+        - thresholds: (kappa_n / kappa_p^2) (C2 / C1) ln(I / I_DiffBn) with I of OnBn, and of OffBn (negative there);
+        - photoreceptor bandwidth: I_PrSFBp / (2 pi U_T C1), the source follower's, where I_PrSFBp <= I_PrBp / 2: in any
+          light, since the formula knows none;
+        - refractory period: 20 fF x 0.8 V / I_RefrBp.
+
+        They are nominal: mismatch and temperature move them.
+
+        Args:
+            biases: "indoors" or "outdoors" (the sets of the event-camera dataset), or names with (coarse, fine).
+            known: quantities by the names of this class, which need no formula then; None leaves one open.
+
+        Raises:
+            ValueError: for a quantity that the formulas do not give with these biases and that is not in ``known``;
+                for biases that do not exist or are out of range.
+            TypeError: for a quantity in ``known`` that does not exist.
+
+        Source: Nozaki, Delbruck, IEEE Trans. Electron Devices 2017, doi:10.1109/TED.2017.2717848, as used by jAER.
+        """
+        sensor = cls(**known)
+        values = as_biases(biases)
+        derived: dict[str, Any] = {
+            name: formula(name, values) for name, formula in _FORMULAS.items() if name not in known
+        }
+        return replace(sensor, **derived)
+
+    def effects(self, lux_per_luma: float) -> Effects:
+        """The effects that this sensor has in a scene whose unit of luma is ``lux_per_luma`` lux.
+
+        Thresholds are no effect: they go to the simulation by their own names.
+
+        Raises:
+            ValueError: for a scale that is not finite and > 0.
+        """
+        check_range("lux_per_luma", lux_per_luma, 0.0, math.inf, "lux")
+        if lux_per_luma == 0:
+            raise ValueError(f"lux_per_luma must be finite and > 0 lux, got {lux_per_luma!r}")
+        hz, lux = self.photoreceptor_bandwidth_hz, self.photoreceptor_bandwidth_lux
+        floor_hz = self.photoreceptor_bandwidth_floor_hz or 0.0
+        if hz is not None and lux is None:
+            floor_hz = hz = max(hz, floor_hz)
+        elif hz is not None and lux is not None:
+            hz = max(hz * lux_per_luma / lux, floor_hz)
+        half_lux, full_scale_lux = self.shot_noise_half_lux, self.aps_full_scale_lux
+        return Effects(
+            vignetting=self.vignetting,
+            lens_blur_px=self.lens_blur_px,
+            photoreceptor_bandwidth_hz=_made(PhotoreceptorBandwidth, hz=hz, floor_hz=floor_hz),
+            threshold_mismatch=self.threshold_mismatch,
+            refractory_period_us=self.refractory_period_us,
+            leak_rate_hz=self.leak_rate_hz,
+            shot_noise_rate_hz=_made(
+                ShotNoise, rate_hz=self.shot_noise_rate_hz, half_luma=half_lux and half_lux / lux_per_luma
+            ),
+            hot_pixels=_made(HotPixels, fraction=self.hot_pixel_fraction, rate_hz=self.hot_pixel_rate_hz),
+            readout=_made(
+                Readout,
+                events_per_s=self.readout_events_per_s,
+                latency_us=self.readout_latency_us,
+                jitter_us=self.readout_jitter_us,
+            ),
+            aps=_made(
+                Aps,
+                exposure_us=self.aps_exposure_us,
+                read_noise_dn=self.aps_read_noise_dn,
+                bits=self.aps_bits,
+                full_scale_luma=full_scale_lux and full_scale_lux / lux_per_luma,
+            ),
+        )
+
+
+_Made = TypeVar("_Made")
+
+
+def _made(effect: Callable[..., _Made], **values: float | None) -> _Made | None:
+    """The effect with what is known of it; None where its first value is unknown."""
+    known = {name: value for name, value in values.items() if value is not None}
+    return effect(**known) if next(iter(values)) in known else None
+
+
+_Biases = Mapping[str, CoarseFineBias]
+
+
+def _uncovered(quantity: str, why: str) -> ValueError:
+    return ValueError(
+        f"{quantity} does not follow from these biases: {why}; "
+        f"give it, as in from_biases(..., {quantity}=...), or None to leave it open"
+    )
+
+
+def _current_a(quantity: str, name: str, biases: _Biases) -> float:
+    if name not in biases:
+        raise _uncovered(quantity, f"it needs {name}, which is not among them")
+    if biases[name].fine == 0:
+        raise _uncovered(quantity, f"{name} is {biases[name]}, for which the table of currents gives 0 A")
+    return biases[name].current_a
+
+
+def _threshold(quantity: str, comparator: str, sign: int, biases: _Biases) -> float:
+    current, amplifier = (_current_a(quantity, name, biases) for name in (comparator, "DiffBn"))
+    threshold = sign * THRESHOLD_GAIN * math.log(current / amplifier)
+    if threshold <= 0:
+        rule = "more" if sign > 0 else "less"
+        raise _uncovered(
+            quantity,
+            f"{comparator} {biases[comparator]} ({current:.3g} A) must be {rule} than "
+            f"DiffBn {biases['DiffBn']} ({amplifier:.3g} A)",
+        )
+    return threshold
+
+
+def _on_threshold(quantity: str, biases: _Biases) -> float:
+    return _threshold(quantity, "OnBn", 1, biases)
+
+
+def _off_threshold(quantity: str, biases: _Biases) -> float:
+    return _threshold(quantity, "OffBn", -1, biases)
+
+
+def _follower_bandwidth_hz(quantity: str, biases: _Biases) -> float:
+    follower, photoreceptor = (_current_a(quantity, name, biases) for name in ("PrSFBp", "PrBp"))
+    if follower > LARGEST_FOLLOWER_SHARE * photoreceptor:
+        raise _uncovered(
+            quantity,
+            f"the source follower alone sets it only up to half of the photoreceptor's current, and "
+            f"PrSFBp {biases['PrSFBp']} is {follower:.3g} A, PrBp {biases['PrBp']} {photoreceptor:.3g} A",
+        )
+    return follower / (2 * math.pi * THERMAL_VOLTAGE_V * INPUT_CAPACITANCE_F)
+
+
+def _refractory_period_us(quantity: str, biases: _Biases) -> float:
+    return 1e6 * REFRACTORY_CAPACITANCE_F * REFRACTORY_SWING_V / _current_a(quantity, "RefrBp", biases)
+
+
+_FORMULAS: dict[str, Callable[[str, _Biases], float]] = {
+    "contrast_threshold": _on_threshold,
+    "contrast_threshold_off": _off_threshold,
+    "photoreceptor_bandwidth_hz": _follower_bandwidth_hz,
+    "refractory_period_us": _refractory_period_us,
+}
+
+
+def _defaults(chip: Mapping[str, ChipBias]) -> dict[str, CoarseFineBias]:
+    return {name: bias.default for name, bias in chip.items()}
+
+
+# Hz of bandwidth a lux of scene illuminance, while the photoreceptor is the slower stage: 3 kHz at 1 klux by
+# Lichtsteiner, Posch, Delbruck, "A 128 x 128 120 dB 15 us latency asynchronous temporal contrast vision sensor", IEEE
+# JSSC 2008 (abstract). Measured on the DVS128; that it holds for the DAVIS, of the same circuit, is an assumption.
+_BANDWIDTH_HZ_PER_LUX = 3.0
+
+# Noise by Hu, Liu, Delbruck, "v2e: From Video Frames to Realistic DVS Events", CVPRW 2021, and its code (v2ecore): leak
+# 0.1 Hz (emulator.py; the effect is that of Nozaki, Delbruck 2017); shot noise, ON and OFF as one, of 5 Hz in the dark
+# (its "noisy" model) and of 1 mHz in good light (default of v2e_args.py). That good light is 1000 lux and that the rate
+# falls as 1 / (1 + lux / half_lux) are assumptions, from which half_lux follows. Graca, Delbruck, "Unraveling the
+# paradox of intensity-dependent DVS pixel noise", IISW 2021, explain why it falls.
+_LEAK_RATE_HZ = 0.1
+_SHOT_NOISE_DARK_HZ = 5.0
+_SHOT_NOISE_HALF_LUX = 1000.0 / (_SHOT_NOISE_DARK_HZ / 1e-3 - 1)
+
+# libcaer's default exposure, and the converter's bits in its stream.
+_APS_EXPOSURE_US = 4000.0
+_APS_BITS = 10
+
+
+def _davis(chip: Mapping[str, ChipBias], threshold_deviation: float, **known: Any) -> SensorParameters:
+    """A DAVIS with the biases that its driver sets, and thresholds that scatter by so much in natural-log units."""
+    biases = _defaults(chip)
+    on = _on_threshold("contrast_threshold", biases)
+    bandwidth_hz = _follower_bandwidth_hz("photoreceptor_bandwidth_hz", biases)
+    return SensorParameters.from_biases(
+        biases,
+        contrast_threshold=on,
+        threshold_mismatch=threshold_deviation / on,
+        photoreceptor_bandwidth_hz=bandwidth_hz,
+        photoreceptor_bandwidth_lux=bandwidth_hz / _BANDWIDTH_HZ_PER_LUX,
+        leak_rate_hz=_LEAK_RATE_HZ,
+        shot_noise_rate_hz=_SHOT_NOISE_DARK_HZ,
+        shot_noise_half_lux=_SHOT_NOISE_HALF_LUX,
+        readout_events_per_s=12e6,
+        aps_exposure_us=_APS_EXPOSURE_US,
+        aps_bits=_APS_BITS,
+        **known,
+    )
+
+
+SENSORS: Mapping[str, SensorParameters] = MappingProxyType(
+    {
+        "ideal": SensorParameters(),
+        "davis240c": _davis(
+            DAVIS240C_BIASES,
+            0.035,
+            contrast_threshold_off=None,
+            readout_latency_us=3.0,
+            aps_read_noise_dn=1023 / 10 ** (51 / 20),
+        ),
+        "davis346": _davis(DAVIS346_BIASES, 0.03),
+    }
+)
+"""Sensors by name.
+
+``ideal`` has no imperfection at all. ``davis240c`` and ``davis346`` are those cameras with the biases that the vendor's
+driver sends:
+
+- From the biases (:meth:`SensorParameters.from_biases`): threshold 0.283 ON for both, 0.262 OFF for the DAVIS346;
+  refractory period 3.37 us; the source follower's bandwidth of 286 Hz, to which the photoreceptor rises at 95 lux. In
+  more light it would be the limit, which a corner proportional to the light passes. The DAVIS240C's OffBn has no
+  nominal current (4/0): its OFF threshold is assumed to be the ON threshold. Other biases go down to contrasts of 11 %
+  (DAVIS240, Brandli et al.), and of 14.3 % ON, 22.5 % OFF (DAVIS346, iniVation's specifications).
+- davis240c, by Brandli, Berner, Yang, Liu, Delbruck, "A 240 x 180 130 dB 3 us latency global shutter spatiotemporal
+  vision sensor", IEEE JSSC 2014 (abstract): thresholds match to 3.5 % contrast (taken as 0.035 in log units at any
+  threshold: an assumption), least latency 3 us (all of it taken as the readout's: an assumption), dynamic range of the
+  frames 51 dB (taken as full scale over read noise).
+- davis346: thresholds scatter by 0.03 in log units (v2e's default).
+- Both: a bus of 12 million events a second (iniVation's specifications); leak, noise and the photoreceptor's part of
+  the bandwidth as in the comments above; 10-bit frames of 4 ms (libcaer's default).
+- Left open for want of a source: hot pixels, jitter, the bandwidth's floor, what saturates the frames, the DAVIS346's
+  latency and read noise. Taverni et al., "Front and back illuminated dynamic and active pixel vision sensors
+  comparison", IEEE TCAS-II 2018, compare its quantum efficiency, leak under bright light and crosstalk, none of which
+  is a parameter here. Vignetting and blur belong to the lens.
+"""

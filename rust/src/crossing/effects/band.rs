@@ -1,0 +1,275 @@
+//! A band of rows under effects: its pixels' state, and a frame's way through them.
+
+use super::chain::Chain;
+use super::input::{Input, LowPass, bend};
+use super::noise::Arrivals;
+use super::scan::{Passed, low_pass, mark_leavers, mark_turners};
+use super::timeline::{FREE, Pixel};
+use crate::crossing::band::Interval;
+use crate::crossing::core::NEVER;
+use crate::crossing::frame::SparseSamples;
+use crate::crossing::level::{Level, Thresholds};
+use crate::crossing::parameters::CrossingParameters;
+use crate::crossing::sample::Sample;
+use crate::crossing::scan::TILE;
+use crate::event::Event;
+use crate::random::{Draw, Purpose};
+
+/// A frame's share of a band, and the interval that it ends.
+pub(super) struct Share<'a, S> {
+    pub(super) new: &'a [S],
+    pub(super) rates: Option<&'a [S]>,
+    pub(super) sparse: SparseSamples<'a, S>,
+    pub(super) at: Interval,
+}
+
+/// The state of a band's pixels. What belongs to an effect that is off is empty.
+pub(super) struct Band {
+    pub(super) first_pixel: usize,
+    /// The last frame's, in raster order.
+    pub(super) events: Vec<Event>,
+    /// Log intensity, and its change per second, at the last frame.
+    pub(super) logs: Vec<f64>,
+    pub(super) slopes: Vec<f64>,
+    pub(super) references: Vec<Level>,
+    pub(super) last_event_us: Vec<i64>,
+    /// What leaves the photoreceptor.
+    pub(super) filtered: Vec<f64>,
+    /// Microseconds from the last frame until the pixel is released.
+    pub(super) held_us: Vec<f64>,
+    pub(super) shot: Vec<Arrivals>,
+    pub(super) hot: Vec<(u32, Arrivals)>,
+    /// How far references leak in a microsecond; zeros where only others need it.
+    leak: Vec<f64>,
+    /// What a comparator sees strictly between has reached no level.
+    low: Vec<f64>,
+    high: Vec<f64>,
+    tile: Tile,
+}
+
+/// What a tile's pixels come to at a frame.
+struct Tile {
+    logs: Vec<f64>,
+    slopes: Vec<f64>,
+    decay: Vec<f64>,
+    filtered: Vec<f64>,
+    seen: Vec<f64>,
+    marked: Vec<bool>,
+    /// Of one pixel.
+    sparse: Vec<f64>,
+}
+
+impl Tile {
+    fn new() -> Self {
+        let [logs, slopes, decay, filtered, seen] = std::array::from_fn(|_| vec![0.0; TILE]);
+        Self { logs, slopes, decay, filtered, seen, marked: vec![false; TILE], sparse: vec![] }
+    }
+}
+
+impl Band {
+    /// Pixels that have just memorised their first log intensity.
+    #[allow(clippy::cast_possible_truncation, reason = "no sensor has 2^32 pixels")]
+    pub(super) fn new(first_pixel: usize, logs: &[f64], slopes: &[f64], p: &CrossingParameters, chain: &Chain) -> Self {
+        let (n, effects) = (logs.len(), &chain.effects);
+        let number = |i: usize| (first_pixel + i) as u32;
+        let thresholds = |i: usize| p.thresholds(first_pixel + i);
+        let leaks = effects.leak_rate_hz > 0.0;
+        // A leaking pixel has leaked before: by a part of C_on that differs from pixel to pixel.
+        let phase = |i| if leaks { Draw::at(chain.seed, Purpose::LeakPhase, number(i), 0).uniform() } else { 0.0 };
+        let base = |(i, log): (usize, &f64)| log - phase(i) * thresholds(i).on;
+        let hot = chain.hot.iter().flat_map(|noise| {
+            let chosen = (0..n).filter(|&i| noise.chosen(number(i), effects.hot_pixels.fraction));
+            chosen.map(|i| (i as u32, noise.first(number(i))))
+        });
+        let mut band = Self {
+            first_pixel,
+            events: vec![],
+            logs: logs.to_vec(),
+            slopes: slopes.to_vec(),
+            references: logs.iter().enumerate().map(|item| Level { base: base(item), on: 0, off: 0 }).collect(),
+            last_event_us: vec![NEVER; n],
+            filtered: if effects.filters() { logs.to_vec() } else { vec![] },
+            held_us: if effects.refractory_period_us > 0.0 { vec![FREE; n] } else { vec![] },
+            shot: chain.shot.iter().flat_map(|noise| (0..n).map(|i| noise.first(number(i)))).collect(),
+            hot: hot.collect(),
+            leak: (0..if leaks || effects.filters() { n } else { 0 }).map(|i| chain.leak(thresholds(i))).collect(),
+            low: vec![0.0; n],
+            high: vec![0.0; n],
+            tile: Tile::new(),
+        };
+        band.reset_bounds(p);
+        band
+    }
+
+    pub(super) fn reset_bounds(&mut self, p: &CrossingParameters) {
+        for i in 0..self.logs.len() {
+            self.set_bounds(i, p.thresholds(self.first_pixel + i));
+        }
+    }
+
+    /// Rounded inward: the reference is within 1e-9, and adding rounds by less.
+    fn set_bounds(&mut self, i: usize, c: Thresholds) {
+        let held = self.held_us.get(i).is_some_and(|&held| held > FREE);
+        let reference = self.references[i].value(c);
+        self.low[i] = if held { f64::NEG_INFINITY } else { reference - c.off + 3e-9 };
+        self.high[i] = if held { f64::INFINITY } else { reference + c.on - 3e-9 };
+    }
+
+    /// Runs the band's pixels over a frame.
+    #[allow(clippy::cast_precision_loss, reason = "intervals are shorter than 2^53 us")]
+    pub(super) fn advance<S: Sample>(&mut self, share: &Share<'_, S>, p: &CrossingParameters, chain: &Chain) {
+        self.events.clear();
+        for start in (0..share.new.len()).step_by(TILE) {
+            let end = (start + TILE).min(share.new.len());
+            self.see(start, end, share, p, chain);
+            self.mark(start, end, share, chain);
+            for i in start..end {
+                if self.tile.marked[i - start] {
+                    self.run(i, i - start, share, p, chain);
+                }
+            }
+            self.logs[start..end].copy_from_slice(&self.tile.logs[..end - start]);
+            keep(&mut self.filtered, start, end, &self.tile.filtered);
+            keep(&mut self.slopes, start, end, &self.tile.slopes);
+        }
+        // All waits are from the last frame on; a float minus an integer below it is exact.
+        let ticks = share.at.ticks as f64;
+        self.held_us.iter_mut().for_each(|held| *held -= ticks);
+        self.shot.iter_mut().chain(self.hot.iter_mut().map(|hot| &mut hot.1)).for_each(|next| next.wait_us -= ticks);
+    }
+
+    /// Computes what the pixels of a tile come to at the frame.
+    #[allow(clippy::cast_precision_loss, reason = "intervals are shorter than 2^53 us")]
+    fn see<S: Sample>(
+        &mut self,
+        start: usize,
+        end: usize,
+        share: &Share<'_, S>,
+        p: &CrossingParameters,
+        chain: &Chain,
+    ) {
+        let (n, tile, at) = (end - start, &mut self.tile, share.at);
+        S::logs(&share.new[start..end], p.log_eps, &mut tile.logs[..n]);
+        if let Some(rates) = share.rates {
+            let samples = share.new[start..end].iter().zip(&rates[start..end]);
+            let slopes = samples.map(|(sample, &rate)| sample.log_rate(rate, p.log_eps));
+            tile.slopes.iter_mut().zip(slopes).for_each(|(to, slope)| *to = slope);
+        }
+        if let Some(before) = self.filtered.get(start..end) {
+            let input = (&self.logs[start..end], &tile.logs[..n]);
+            let output = (&mut tile.decay[..n], &mut tile.filtered[..n]);
+            low_pass(chain.effects.photoreceptor_bandwidth, at.ticks as f64, before, input, output);
+            tile.seen[..n].copy_from_slice(&tile.filtered[..n]);
+        } else {
+            tile.seen[..n].copy_from_slice(&tile.logs[..n]);
+        }
+        let elapsed_us = chain.elapsed(at.start_us + at.ticks);
+        for (seen, leak) in tile.seen.iter_mut().zip(self.leak.get(start..end).unwrap_or_default()) {
+            *seen += leak * elapsed_us;
+        }
+    }
+
+    /// Marks the pixels of a tile to which something may have happened.
+    #[allow(clippy::cast_precision_loss, reason = "intervals are shorter than 2^53 us")]
+    fn mark<S: Sample>(&mut self, start: usize, end: usize, share: &Share<'_, S>, chain: &Chain) {
+        let (n, tile, ticks) = (end - start, &mut self.tile, share.at.ticks as f64);
+        let (bounds, marked) = ((&self.low[start..end], &self.high[start..end]), &mut tile.marked[..n]);
+        mark_leavers(&tile.seen, bounds, marked);
+        let from = &self.logs[start..end];
+        if let Some(before) = self.filtered.get(start..end) {
+            let passed = Passed { from, to: &tile.logs, before, output: &tile.filtered, decay: &tile.decay };
+            let since = chain.elapsed(share.at.start_us);
+            mark_turners(&passed, &self.leak[start..end], (since, since + ticks), bounds, marked);
+        }
+        if share.rates.is_some() {
+            let seconds = ticks * 1e-6;
+            for i in 0..n {
+                let slopes = (self.slopes[start + i] * seconds, tile.slopes[i] * seconds);
+                let leaked = self.leak.get(start + i).map_or(0.0, |leak| leak * ticks);
+                marked[i] |= if self.filtered.is_empty() {
+                    (slopes.0 + leaked) * (slopes.1 + leaked) < 0.0
+                } else {
+                    bend(slopes, tile.logs[i] - from[i]) > chain.flat
+                };
+            }
+        }
+        for (marked, &held) in marked.iter_mut().zip(self.held_us.get(start..end).unwrap_or_default()) {
+            *marked |= held > FREE && held <= ticks;
+        }
+        for (marked, arrivals) in marked.iter_mut().zip(self.shot.get(start..end).unwrap_or_default()) {
+            *marked |= arrivals.wait_us <= ticks;
+        }
+        let hot = self.hot.partition_point(|hot| (hot.0 as usize) < start);
+        for (i, arrivals) in self.hot[hot..].iter().take_while(|hot| (hot.0 as usize) < end) {
+            marked[*i as usize - start] |= arrivals.wait_us <= ticks;
+        }
+        for &pixel in share.sparse.of(self.first_pixel + start, self.first_pixel + end).pixel {
+            marked[pixel as usize - self.first_pixel - start] = true;
+        }
+    }
+
+    /// Runs one pixel over the frame, along all that it sees on the way.
+    #[allow(clippy::cast_possible_truncation, reason = "no sensor has 2^32 pixels")]
+    #[allow(clippy::cast_precision_loss, reason = "intervals are shorter than 2^53 us")]
+    fn run<S: Sample>(
+        &mut self,
+        i: usize,
+        in_tile: usize,
+        share: &Share<'_, S>,
+        p: &CrossingParameters,
+        chain: &Chain,
+    ) {
+        let (index, at) = (self.first_pixel + i, share.at);
+        let thresholds = p.thresholds(index);
+        let (x, y) = chain.size.xy(index);
+        let (events, last_event_us) = (&mut self.events, &mut self.last_event_us[i]);
+        let emit = |tick, on| {
+            events.push(Event::new(at.start_us + tick, x, y, on));
+            *last_event_us = at.start_us + tick;
+        };
+        let hot = self.hot.binary_search_by_key(&(i as u32), |hot| hot.0).ok();
+        let mut free = FREE;
+        let mut pixel = Pixel {
+            number: index as u32,
+            c: thresholds,
+            reference: &mut self.references[i],
+            held_until_us: self.held_us.get_mut(i).unwrap_or(&mut free),
+            refractory_us: chain.effects.refractory_period_us,
+            noise: [
+                chain.shot.zip(self.shot.get_mut(i)),
+                hot.and_then(|hot| chain.hot.zip(self.hot.get_mut(hot).map(|hot| &mut hot.1))),
+            ],
+        };
+        let input = Input {
+            log_eps: p.log_eps,
+            leak: chain.leak(thresholds),
+            elapsed_us: chain.elapsed(at.start_us),
+            from: self.logs[i],
+            to: self.tile.logs[in_tile],
+            ticks: at.ticks,
+        };
+        let low_pass = self.filtered.get(i).map(|&before| {
+            self.tile.filtered[in_tile] = before;
+            LowPass { bandwidth: chain.effects.photoreceptor_bandwidth, output: &mut self.tile.filtered[in_tile] }
+        });
+        let sparse = share.sparse.of(index, index + 1);
+        if share.rates.is_some() && sparse.is_empty() {
+            let seconds = at.ticks as f64 * 1e-6;
+            let slopes = (self.slopes[i] * seconds, self.tile.slopes[in_tile] * seconds);
+            input.follow_cubic(&mut pixel, slopes, chain.flat, low_pass, emit);
+        } else {
+            self.tile.sparse.resize(sparse.samples.len(), 0.0);
+            S::logs(sparse.samples, p.log_eps, &mut self.tile.sparse);
+            let ticks = sparse.t_us.iter().map(|t_us| t_us - at.start_us);
+            input.follow_lines(&mut pixel, ticks.zip(self.tile.sparse.iter().copied()), low_pass, emit);
+        }
+        self.set_bounds(i, thresholds);
+    }
+}
+
+/// Keeps a tile's values, of an effect that is on.
+fn keep(values: &mut [f64], start: usize, end: usize, tile: &[f64]) {
+    if let Some(values) = values.get_mut(start..end) {
+        values.copy_from_slice(&tile[..end - start]);
+    }
+}

@@ -1,0 +1,165 @@
+//! The pixels of a sensor under effects, in bands for threads.
+
+use rayon::prelude::*;
+
+use super::band::{Band, Share};
+use super::chain::Chain;
+use super::noise::Arrivals;
+use super::parameters::Effects;
+use super::timeline::FREE;
+use crate::crossing::band::Interval;
+use crate::crossing::frame::Frame;
+use crate::crossing::level::Level;
+use crate::crossing::parameters::CrossingParameters;
+use crate::crossing::sample::Sample;
+use crate::crossing::scan::TILE;
+use crate::crossing::state::{EffectState, EngineState};
+use crate::error::{Error, Result};
+use crate::event::{Event, SensorSize};
+
+/// As [`crate::crossing::core::Core`], for pixels that are not ideal. Whatever it is fed with, it keeps log intensity.
+pub(crate) struct EffectCore {
+    chain: Chain,
+    bands: Vec<Band>,
+}
+
+/// Bands for each thread, so that one with many events does not keep the others waiting.
+const BANDS_PER_THREAD: usize = 4;
+
+impl EffectCore {
+    /// Memorises the first frame.
+    pub(crate) fn new<S: Sample>(
+        frame: &Frame<'_, S>,
+        size: SensorSize,
+        p: &CrossingParameters,
+        effects: &Effects,
+        seed: u64,
+        pool: Option<&rayon::ThreadPool>,
+    ) -> Self {
+        let n = size.pixels();
+        let mut logs = vec![0.0; n];
+        S::logs(frame.samples, p.log_eps, &mut logs);
+        let slopes: Vec<f64> = frame.rate.map_or(vec![], |rates| {
+            frame.samples.iter().zip(rates).map(|(sample, &rate)| sample.log_rate(rate, p.log_eps)).collect()
+        });
+        let chain = Chain::new(size, p, effects, seed, frame.t_us);
+        let bands = pool.map_or(1, |pool| BANDS_PER_THREAD * pool.current_num_threads());
+        let length = n.div_ceil(bands).next_multiple_of(TILE);
+        let bands = (0..n).step_by(length).map(|first| {
+            let part = first..(first + length).min(n);
+            let slopes = slopes.get(part.clone()).unwrap_or_default();
+            Band::new(first, &logs[part], slopes, p, &chain)
+        });
+        Self { bands: bands.collect(), chain }
+    }
+
+    /// Runs every pixel over one checked frame.
+    pub(crate) fn advance<S: Sample>(
+        &mut self,
+        frame: &Frame<'_, S>,
+        at: Interval,
+        p: &CrossingParameters,
+        pool: Option<&rayon::ThreadPool>,
+    ) {
+        let chain = &self.chain;
+        let advance = |band: &mut Band| {
+            let part = band.first_pixel..band.first_pixel + band.logs.len();
+            let sparse = frame.sparse.of(part.start, part.end);
+            let share =
+                Share { new: &frame.samples[part.clone()], rates: frame.rate.map(|rates| &rates[part]), sparse, at };
+            band.advance(&share, p, chain);
+        };
+        match pool {
+            None => self.bands.iter_mut().for_each(advance),
+            Some(pool) => pool.install(|| self.bands.par_iter_mut().for_each(advance)),
+        }
+    }
+
+    /// The events of the last frame: parts that together are in raster order.
+    pub(crate) fn events(&self) -> impl Iterator<Item = &[Event]> + Clone {
+        self.bands.iter().map(|band| &band.events[..])
+    }
+
+    pub(crate) fn references(&self) -> impl Iterator<Item = &Level> {
+        self.bands.iter().flat_map(|band| &band.references)
+    }
+
+    /// The reference of each pixel in log intensity at `t_us`; NaN in those that are held.
+    pub(crate) fn reference(&self, t_us: i64, p: &CrossingParameters) -> Vec<f64> {
+        let elapsed_us = self.chain.elapsed(t_us);
+        let held = self.joined(|band| &band.held_us);
+        let value = |(i, level): (usize, &Level)| {
+            let c = p.thresholds(i);
+            let reference = level.exact(c).value() - self.chain.leak(c) * elapsed_us;
+            if held.get(i).is_some_and(|&held| held > FREE) { f64::NAN } else { reference }
+        };
+        self.references().enumerate().map(value).collect()
+    }
+
+    pub(crate) fn last_event_us(&self) -> Vec<i64> {
+        self.joined(|band| &band.last_event_us)
+    }
+
+    /// Log intensity at the last frame, and its change per second.
+    pub(crate) fn logs(&self) -> (Vec<f64>, Vec<f64>) {
+        (self.joined(|band| &band.logs), self.joined(|band| &band.slopes))
+    }
+
+    pub(crate) fn state(&self) -> EffectState {
+        let hot: Vec<Arrivals> = self.bands.iter().flat_map(|band| band.hot.iter().map(|hot| hot.1)).collect();
+        let shot = self.joined(|band| &band.shot);
+        EffectState {
+            started_us: self.chain.started_us,
+            filtered: self.joined(|band| &band.filtered),
+            held_us: self.joined(|band| &band.held_us),
+            shot_wait_us: shot.iter().map(|arrivals| arrivals.wait_us).collect(),
+            shot_index: shot.iter().map(|arrivals| arrivals.index).collect(),
+            hot_wait_us: hot.iter().map(|arrivals| arrivals.wait_us).collect(),
+            hot_index: hot.iter().map(|arrivals| arrivals.index).collect(),
+        }
+    }
+
+    /// Takes up a stored state, the last frame being that of the state.
+    pub(crate) fn restore(&mut self, engine: &EngineState, state: &EffectState) -> Result<()> {
+        self.chain.started_us = state.started_us;
+        let hot = self.bands.iter().map(|band| band.hot.len()).sum::<usize>();
+        let (n, filtered) = (self.chain.size.pixels(), self.chain.effects.filters());
+        let expected = |on: bool| if on { n } else { 0 };
+        let lengths = [
+            ("filtered", state.filtered.len(), expected(filtered)),
+            ("held_us", state.held_us.len(), expected(self.chain.effects.refractory_period_us > 0.0)),
+            ("shot_wait_us", state.shot_wait_us.len(), expected(self.chain.effects.shot_noise.rate_hz > 0.0)),
+            ("shot_index", state.shot_index.len(), state.shot_wait_us.len()),
+            ("hot_wait_us", state.hot_wait_us.len(), hot),
+            ("hot_index", state.hot_index.len(), hot),
+        ];
+        if let Some((name, length, expected)) = lengths.into_iter().find(|(_, length, expected)| length != expected) {
+            return Err(Error::Argument(format!(
+                "{name} of a state with these effects must have {expected} values, got {length}"
+            )));
+        }
+        let (mut first_hot, arrivals) = (0, |(&wait_us, &index)| Arrivals { wait_us, index });
+        for band in &mut self.bands {
+            let (first, n) = (band.first_pixel, band.logs.len());
+            let part = first..first + n;
+            for (i, reference) in band.references.iter_mut().enumerate() {
+                let at = first + i;
+                *reference = Level { base: engine.base[at], on: engine.on[at], off: engine.off[at] };
+            }
+            band.last_event_us.copy_from_slice(&engine.last_event_us[part.clone()]);
+            band.filtered = state.filtered.get(part.clone()).unwrap_or_default().to_vec();
+            band.held_us = state.held_us.get(part.clone()).unwrap_or_default().to_vec();
+            let shot = state.shot_wait_us.get(part.clone()).unwrap_or_default();
+            band.shot = shot.iter().zip(state.shot_index.get(part).unwrap_or_default()).map(arrivals).collect();
+            let waits = state.hot_wait_us[first_hot..].iter().zip(&state.hot_index[first_hot..]);
+            band.hot.iter_mut().zip(waits).for_each(|(hot, stored)| hot.1 = arrivals(stored));
+            first_hot += band.hot.len();
+            band.reset_bounds(&engine.parameters);
+        }
+        Ok(())
+    }
+
+    fn joined<T: Clone>(&self, part: impl Fn(&Band) -> &Vec<T>) -> Vec<T> {
+        self.bands.iter().flat_map(|band| part(band).iter().cloned()).collect()
+    }
+}

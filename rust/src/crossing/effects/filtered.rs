@@ -1,0 +1,181 @@
+//! What leaves a first-order low-pass: the curve, in closed form, for an input that runs straight.
+
+use super::parameters::PhotoreceptorBandwidth;
+use crate::crossing::curve::{Curve, Piece, Timed, first_true};
+use crate::crossing::exponential::exp_m1;
+use crate::crossing::level::{Level, Thresholds};
+use crate::log_intensity::ln;
+
+impl PhotoreceptorBandwidth {
+    /// The low-pass's time constants in an interval of so many microseconds, over which log intensity runs from one value
+    /// to another: 2 pi f T, f being the corner frequency at their mean.
+    #[inline(always)]
+    #[allow(clippy::inline_always, reason = "vectorised into its caller's loop")]
+    pub(crate) fn decay(&self, from: f64, to: f64, ticks: f64) -> f64 {
+        let irradiance = exp_m1(0.5 * (from + to)) + 1.0;
+        let corner_hz = (self.hz * irradiance).max(self.floor_hz);
+        (std::f64::consts::TAU * 1e-6 * corner_hz * ticks).min(700.0)
+    }
+}
+
+/// The share of the way that a step at the start has come after `z` time constants: 1 - exp(-z).
+#[inline(always)]
+#[allow(clippy::inline_always, reason = "vectorised into its caller's loop")]
+fn settled(z: f64) -> f64 {
+    -exp_m1(-z)
+}
+
+/// What of a ramp over the share `s` of an interval of `z` time constants has come through: s - (1 - exp(-z s)) / z.
+#[inline(always)]
+#[allow(clippy::inline_always, reason = "vectorised into its caller's loop")]
+fn ramped(z: f64, s: f64) -> f64 {
+    // Below, the difference cancels, and the series' next term is z^3 s^4 / 24.
+    let series = z * s * s * (0.5 - z * s / 6.0);
+    if z < 1e-5 { series } else { s - settled(z * s) / z }
+}
+
+/// The low-pass's output at the interval's end: it starts at `output`, its input runs from `from` to `to`.
+#[inline(always)]
+#[allow(clippy::inline_always, reason = "vectorised into its caller's loop")]
+pub(crate) fn filter(output: f64, from: f64, to: f64, z: f64) -> f64 {
+    output + (from - output) * settled(z) + (to - from) * ramped(z, 1.0)
+}
+
+/// The low-pass's output plus a straight drift, over an interval.
+///
+/// v(s) = start + gap (1 - exp(-z s)) + change (s - (1 - exp(-z s)) / z) + drift s, s from 0 to 1. It turns at most once.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Filtered {
+    pub(crate) start: f64,
+    /// As the next interval will have it as start.
+    pub(crate) end: f64,
+    /// Input minus output at the start.
+    pub(crate) gap: f64,
+    /// The input's change over the interval.
+    pub(crate) change: f64,
+    /// The drift over the interval.
+    pub(crate) drift: f64,
+    /// Time constants in the interval.
+    pub(crate) decay: f64,
+    pub(crate) ticks: i64,
+}
+
+impl Filtered {
+    fn at(&self, s: f64) -> f64 {
+        self.start + self.gap * settled(self.decay * s) + self.change * ramped(self.decay, s) + self.drift * s
+    }
+
+    /// Where it turns, strictly inside of (0, 1).
+    fn turn(&self) -> Option<f64> {
+        let final_slope = self.change + self.drift; // what the slope tends to
+        let rest = self.change - self.decay * self.gap; // the slope is final_slope - rest exp(-z s)
+        let ratio = rest / final_slope;
+        if !(ratio > 1.0 && ratio.is_finite()) {
+            return None;
+        }
+        Some(ln(ratio) / self.decay).filter(|s| 0.0 < *s && *s < 1.0)
+    }
+}
+
+impl Curve for Filtered {
+    type Piece = FilteredPiece;
+
+    fn pieces(&self) -> impl Iterator<Item = FilteredPiece> {
+        let piece = |from: f64, to: f64| FilteredPiece { curve: *self, from, to };
+        let turn = self.turn();
+        turn.map(|turn| piece(0.0, turn)).into_iter().chain([piece(turn.unwrap_or(0.0), 1.0)])
+    }
+}
+
+/// A monotone piece of it.
+pub(crate) struct FilteredPiece {
+    curve: Filtered,
+    from: f64,
+    to: f64,
+}
+
+#[allow(clippy::cast_precision_loss, reason = "ticks < 2^53")]
+#[allow(clippy::cast_possible_truncation, reason = "within 0..=ticks")]
+impl Piece for FilteredPiece {
+    fn end(&self) -> f64 {
+        if self.to < 1.0 { self.curve.at(self.to) } else { self.curve.end }
+    }
+
+    fn first_tick(&self, level: Level, up: bool, c: Thresholds) -> i64 {
+        let ticks = self.curve.ticks as f64;
+        let after = (self.from * ticks).floor() as i64;
+        let at = ((self.to * ticks).ceil() as i64).max(after + 1);
+        first_true(after, at, |k| self.reached(level, up, c, k as f64 / ticks))
+    }
+}
+
+#[allow(clippy::cast_precision_loss, reason = "ticks < 2^53")]
+impl Timed for FilteredPiece {
+    fn finish(&self) -> f64 {
+        self.to * self.curve.ticks as f64
+    }
+
+    fn value(&self, at: f64) -> f64 {
+        self.curve.at(at / self.curve.ticks as f64)
+    }
+
+    /// Within 1e-6 us.
+    fn moment(&self, level: Level, up: bool, c: Thresholds) -> f64 {
+        const PARTS: i64 = 1 << 20;
+        let ticks = self.curve.ticks as f64;
+        let start = (self.first_tick(level, up, c) - 1) as f64;
+        let after = |part: i64| start + part as f64 / PARTS as f64;
+        after(first_true(0, PARTS, |part| self.reached(level, up, c, after(part) / ticks)))
+    }
+}
+
+impl FilteredPiece {
+    fn reached(&self, level: Level, up: bool, c: Thresholds, s: f64) -> bool {
+        let sign = level.sign_of_excess(self.curve.at(s), c);
+        if up { sign >= 0 } else { sign <= 0 }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        /// Against the differential equation dy/ds = z (x - y), solved in many small steps (RK4).
+        #[test]
+        fn it_solves_the_equation(output in -3.0f64..3.0, from in -3.0f64..3.0, to in -3.0f64..3.0, exponent in -8.0f64..2.0) {
+            let z = 10f64.powf(exponent);
+            let steps = 4000;
+            let h = 1.0 / f64::from(steps);
+            let slope = |s: f64, y: f64| z * (from + (to - from) * s - y);
+            let mut y = output;
+            for i in 0..steps {
+                let s = f64::from(i) * h;
+                let a = slope(s, y);
+                let b = slope(s + h / 2.0, y + h / 2.0 * a);
+                let c = slope(s + h / 2.0, y + h / 2.0 * b);
+                let d = slope(s + h, y + h * c);
+                y += h / 6.0 * (a + 2.0 * b + 2.0 * c + d);
+            }
+            prop_assert!((filter(output, from, to, z) - y).abs() < 1e-9);
+        }
+
+        /// Pieces meet, are monotone, and end where the next interval begins.
+        #[test]
+        fn pieces_are_monotone(gap in -3.0f64..3.0, change in -3.0f64..3.0, drift in -0.1f64..0.1, exponent in -6.0f64..2.0) {
+            let z = 10f64.powf(exponent);
+            let end = filter(0.0, gap, gap + change, z) + drift;
+            let curve = Filtered { start: 0.0, end, gap, change, drift, decay: z, ticks: 1000 };
+            prop_assert!((curve.at(1.0) - end).abs() < 1e-12);
+            for piece in curve.pieces() {
+                let values: Vec<f64> = (0..=50u32).map(|i| curve.at(piece.from + (piece.to - piece.from) * f64::from(i) / 50.0)).collect();
+                let rises = piece.end() >= values[0];
+                for pair in values.windows(2) {
+                    let step = pair[1] - pair[0];
+                    prop_assert!(if rises { step >= -1e-12 } else { step <= 1e-12 }, "{}", step);
+                }
+            }
+        }
+    }
+}

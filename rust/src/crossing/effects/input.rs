@@ -1,0 +1,108 @@
+//! What a pixel's light does to its comparator over an interval: straight lines or a cubic, low-passed, leaking.
+
+use super::filtered::{Filtered, filter};
+use super::parameters::PhotoreceptorBandwidth;
+use super::timeline::Pixel;
+use crate::crossing::cubic::Cubic;
+use crate::crossing::line::Line;
+
+/// A pixel's input over an interval of so many ticks.
+pub(super) struct Input {
+    pub(super) log_eps: f64,
+    /// How far the reference leaks in a microsecond.
+    pub(super) leak: f64,
+    /// Microseconds from the first frame to the interval's start.
+    pub(super) elapsed_us: f64,
+    /// Log intensity at both ends.
+    pub(super) from: f64,
+    pub(super) to: f64,
+    pub(super) ticks: i64,
+}
+
+/// A low-pass, and its output at the start, then at the end.
+pub(super) struct LowPass<'a> {
+    pub(super) bandwidth: PhotoreceptorBandwidth,
+    pub(super) output: &'a mut f64,
+}
+
+#[allow(clippy::cast_precision_loss, reason = "intervals are shorter than 2^53 us")]
+impl Input {
+    /// Straight from node to node (tick, log intensity) between the ends.
+    pub(super) fn follow_lines(
+        &self,
+        pixel: &mut Pixel<'_>,
+        between: impl Iterator<Item = (i64, f64)>,
+        mut low_pass: Option<LowPass<'_>>,
+        mut emit: impl FnMut(i64, bool),
+    ) {
+        let (mut start, mut from) = (0, self.from);
+        for (tick, to) in between.chain([(self.ticks, self.to)]) {
+            let ticks = tick - start;
+            let luma_at = |t: f64| self.luma(from + (to - from) * (t / ticks as f64));
+            let (leaked, will_leak) = (self.leaked(start as f64), self.leaked(tick as f64));
+            if let Some(LowPass { bandwidth, output }) = &mut low_pass {
+                let decay = bandwidth.decay(from, to, ticks as f64);
+                let before = **output;
+                **output = filter(before, from, to, decay);
+                let curve = Filtered {
+                    start: before + leaked,
+                    end: **output + will_leak,
+                    gap: from - before,
+                    change: to - from,
+                    drift: will_leak - leaked,
+                    decay,
+                    ticks,
+                };
+                pixel.follow(&curve, start, luma_at, &mut emit);
+            } else {
+                let curve = Line { from: from + leaked, to: to + will_leak, ticks };
+                pixel.follow(&curve, start, luma_at, &mut emit);
+            }
+            (start, from) = (tick, to);
+        }
+    }
+
+    /// Along the cubic with these slopes (log intensity over the whole interval).
+    ///
+    /// A low-pass takes it as chords, so many that they stray from it by no more than `flat`, 16 at most.
+    pub(super) fn follow_cubic(
+        &self,
+        pixel: &mut Pixel<'_>,
+        slopes: (f64, f64),
+        flat: f64,
+        low_pass: Option<LowPass<'_>>,
+        emit: impl FnMut(i64, bool),
+    ) {
+        let line = Line { from: self.from, to: self.to, ticks: self.ticks };
+        let input = Cubic::new(line, slopes.0, slopes.1);
+        let log_at = |t: f64| input.at(t / self.ticks as f64);
+        if low_pass.is_some() {
+            // The error of chords falls with the square of their number.
+            #[allow(clippy::cast_possible_truncation, reason = "at most 16")]
+            let chords = (bend(slopes, self.to - self.from) / flat).sqrt().ceil().clamp(1.0, 16.0) as i64;
+            let chords = chords.min(self.ticks);
+            let ticks = (1..chords).map(|k| self.ticks * k / chords);
+            self.follow_lines(pixel, ticks.map(|tick| (tick, log_at(tick as f64))), low_pass, emit);
+        } else {
+            let (leaked, will_leak) = (self.leaked(0.0), self.leaked(self.ticks as f64));
+            let line = Line { from: self.from + leaked, to: self.to + will_leak, ticks: self.ticks };
+            let drift = will_leak - leaked;
+            let curve = Cubic::new(line, slopes.0 + drift, slopes.1 + drift);
+            pixel.follow(&curve, 0, |t| self.luma(log_at(t)), emit);
+        }
+    }
+
+    /// How far the reference has leaked at a tick of the interval.
+    fn leaked(&self, tick: f64) -> f64 {
+        self.leak * (self.elapsed_us + tick)
+    }
+
+    fn luma(&self, log_intensity: f64) -> f64 {
+        libm::exp(log_intensity) - self.log_eps
+    }
+}
+
+/// How far a cubic with these slopes strays from its chord, from above; NaN where it is its chord for want of a slope.
+pub(super) fn bend(slopes: (f64, f64), chord: f64) -> f64 {
+    4.0 / 27.0 * ((slopes.0 - chord).abs() + (slopes.1 - chord).abs())
+}

@@ -1,0 +1,114 @@
+//! Which effects there are, and what they may be set to.
+
+use crate::error::{Error, Result};
+use crate::readout::ReadoutParameters;
+
+/// The photoreceptor as a first-order low-pass of log intensity.
+///
+/// Its corner frequency is proportional to irradiance, down to a floor. It is frozen for each interval, at that of the
+/// mean log intensity of both ends. Source: Lichtsteiner, Posch and Delbruck, IEEE JSSC 43(2), 2008, section III.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PhotoreceptorBandwidth {
+    /// The corner frequency where luma + `log_eps` = 1; infinite for no low-pass.
+    pub hz: f64,
+    /// The corner frequency never falls below.
+    pub floor_hz: f64,
+}
+
+/// Events from noise alone: a Poisson process in each pixel, of both polarities alike.
+///
+/// Its rate falls with irradiance: `rate_hz` / (1 + luma / `half_luma`). It leaves the reference where it is (on average
+/// ON and OFF cancel), but a pixel with a refractory period is held after each such event as after any other.
+/// Source: Hu, Liu and Delbruck, "v2e", CVPR Workshops 2021 (rate falls with intensity); Graca and Delbruck,
+/// "Unraveling the paradox of intensity-dependent DVS pixel noise", IISW 2021.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ShotNoise {
+    /// Events per second of a pixel in the dark.
+    pub rate_hz: f64,
+    /// The luma at which the rate has halved.
+    pub half_luma: f64,
+}
+
+/// Pixels that fire by themselves: a share of all, each a Poisson process of ON events.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct HotPixels {
+    /// The share of pixels.
+    pub fraction: f64,
+    /// Events per second of each.
+    pub rate_hz: f64,
+}
+
+/// What makes a sensor differ from ideal pixels. The default is none of it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Effects {
+    /// The photoreceptor's low-pass.
+    pub photoreceptor_bandwidth: PhotoreceptorBandwidth,
+    /// Relative standard deviation of the thresholds from pixel to pixel, each log-normal about its nominal value as mean.
+    pub threshold_mismatch: f64,
+    /// A pixel is held in reset for so long after each event, and memorises log intensity anew at its end.
+    pub refractory_period_us: f64,
+    /// The reference drifts down by so many ON thresholds a second.
+    pub leak_rate_hz: f64,
+    /// Noise in all pixels.
+    pub shot_noise: ShotNoise,
+    /// Noise in a few.
+    pub hot_pixels: HotPixels,
+    /// The bus that events wait for; None for one that carries all at once.
+    pub readout: Option<ReadoutParameters>,
+}
+
+impl Default for Effects {
+    fn default() -> Self {
+        Self {
+            photoreceptor_bandwidth: PhotoreceptorBandwidth { hz: f64::INFINITY, floor_hz: 0.0 },
+            threshold_mismatch: 0.0,
+            refractory_period_us: 0.0,
+            leak_rate_hz: 0.0,
+            shot_noise: ShotNoise { rate_hz: 0.0, half_luma: 1.0 },
+            hot_pixels: HotPixels { fraction: 0.0, rate_hz: 0.0 },
+            readout: None,
+        }
+    }
+}
+
+impl Effects {
+    /// Refuses values outside of their ranges.
+    ///
+    /// # Errors
+    /// [`Error::Argument`] naming the effect, the value and the range.
+    pub fn check(&self) -> Result<()> {
+        let PhotoreceptorBandwidth { hz, floor_hz } = self.photoreceptor_bandwidth;
+        let most = f64::MAX;
+        let ranges = [
+            ("photoreceptor_bandwidth_hz", hz, 1e-3, f64::INFINITY, "Hz"),
+            ("photoreceptor_bandwidth_hz: floor_hz", floor_hz, 0.0, hz, "Hz"),
+            ("threshold_mismatch", self.threshold_mismatch, 0.0, 1.0, "of the threshold"),
+            ("refractory_period_us", self.refractory_period_us, 0.0, 1e15, "us"),
+            ("leak_rate_hz", self.leak_rate_hz, 0.0, 1e6, "Hz"),
+            ("shot_noise_rate_hz", self.shot_noise.rate_hz, 0.0, 1e7, "Hz"),
+            ("shot_noise_rate_hz: half_luma", self.shot_noise.half_luma, 1e-12, most, "units of luma"),
+            ("hot_pixels: fraction", self.hot_pixels.fraction, 0.0, 1.0, "of the pixels"),
+            ("hot_pixels: rate_hz", self.hot_pixels.rate_hz, 0.0, 1e7, "Hz"),
+        ];
+        for (name, value, low, high, unit) in ranges {
+            if !(low..=high).contains(&value) {
+                return Err(Error::Argument(format!("{name} must lie in {low}..{high:e} {unit}, got {value}")));
+            }
+        }
+        self.readout.as_ref().map_or(Ok(()), ReadoutParameters::check)
+    }
+
+    /// Whether the photoreceptor's low-pass is on.
+    pub(crate) fn filters(&self) -> bool {
+        self.photoreceptor_bandwidth.hz.is_finite()
+    }
+
+    /// Whether any of them acts inside of the pixel, where thresholds of its own are no reason to leave the ideal one.
+    pub(crate) fn change_the_pixel(&self) -> bool {
+        self.filters()
+            || self.refractory_period_us > 0.0
+            || self.leak_rate_hz > 0.0
+            || self.shot_noise.rate_hz > 0.0
+            || (self.hot_pixels.fraction > 0.0 && self.hot_pixels.rate_hz > 0.0)
+    }
+}

@@ -1,0 +1,71 @@
+//! The common path under effects: what pixels see at a frame, many at a time, and to which of them something may have
+//! happened since the last one.
+
+use multiversion::multiversion;
+
+use super::filtered::filter;
+use super::parameters::PhotoreceptorBandwidth;
+
+/// Of each pixel the low-pass's time constants in an interval, and its output at the end.
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
+pub(super) fn low_pass(
+    bandwidth: PhotoreceptorBandwidth,
+    ticks: f64,
+    before: &[f64],
+    (from, to): (&[f64], &[f64]),
+    (decay, output): (&mut [f64], &mut [f64]),
+) {
+    let n = before.len();
+    let (from, to, decay, output) = (&from[..n], &to[..n], &mut decay[..n], &mut output[..n]);
+    for i in 0..n {
+        let z = bandwidth.decay(from[i], to[i], ticks);
+        decay[i] = z;
+        output[i] = filter(before[i], from[i], to[i], z);
+    }
+}
+
+/// Marks pixels whose comparators see log intensity at or beyond its bounds.
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
+#[allow(clippy::needless_bitwise_bool, reason = "a lazy operator is a branch, which vectors cannot take")]
+pub(super) fn mark_leavers(seen: &[f64], (low, high): (&[f64], &[f64]), marked: &mut [bool]) {
+    let n = marked.len();
+    let (seen, low, high) = (&seen[..n], &low[..n], &high[..n]);
+    for i in 0..n {
+        marked[i] = (seen[i] >= high[i]) | (seen[i] <= low[i]);
+    }
+}
+
+/// A low-pass over an interval, pixel by pixel: its input and output at both ends, and its time constants.
+pub(super) struct Passed<'a> {
+    pub(super) from: &'a [f64],
+    pub(super) to: &'a [f64],
+    pub(super) before: &'a [f64],
+    pub(super) output: &'a [f64],
+    pub(super) decay: &'a [f64],
+}
+
+/// Marks pixels in which the low-pass's output turns on the way and may have been beyond its bounds there: it stays
+/// within what it starts from and its input.
+///
+/// Each leaks by `leak` a microsecond: what a comparator sees has drifted by that times `since` at both ends.
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
+#[allow(clippy::needless_bitwise_bool, reason = "a lazy operator is a branch, which vectors cannot take")]
+pub(super) fn mark_turners(
+    passed: &Passed<'_>,
+    leak: &[f64],
+    since: (f64, f64),
+    (low, high): (&[f64], &[f64]),
+    marked: &mut [bool],
+) {
+    let n = marked.len();
+    let Passed { from, to, before, output, decay } = passed;
+    let (from, to, before, output, decay) = (&from[..n], &to[..n], &before[..n], &output[..n], &decay[..n]);
+    let (leak, low, high) = (&leak[..n], &low[..n], &high[..n]);
+    for i in 0..n {
+        let leaked = leak[i] * (since.1 - since.0);
+        let slopes = (decay[i] * (from[i] - before[i]) + leaked, decay[i] * (to[i] - output[i]) + leaked);
+        let (least, most) = (from[i].min(before[i]).min(to[i]), from[i].max(before[i]).max(to[i]));
+        let may_leave = (most + leak[i] * since.1 >= high[i]) | (least + leak[i] * since.0 <= low[i]);
+        marked[i] |= (slopes.0 * slopes.1 < 0.0) & may_leave;
+    }
+}

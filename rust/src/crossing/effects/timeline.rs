@@ -1,0 +1,115 @@
+//! One pixel's time: crossings, holds and noise along a curve, in the order in which they happen.
+
+use super::noise::{Arrivals, Noise};
+use crate::crossing::curve::{Curve, Piece, Timed};
+use crate::crossing::level::{Level, Thresholds};
+
+/// Not held.
+pub(crate) const FREE: f64 = f64::NEG_INFINITY;
+
+/// A pixel's state. Times are microseconds from the interval's start.
+pub(crate) struct Pixel<'a> {
+    pub(crate) number: u32,
+    pub(crate) c: Thresholds,
+    pub(crate) reference: &'a mut Level,
+    /// Until when it is held in reset, or [`FREE`].
+    pub(crate) held_until_us: &'a mut f64,
+    pub(crate) refractory_us: f64,
+    /// Its processes of noise.
+    pub(crate) noise: [Option<(Noise, &'a mut Arrivals)>; 2],
+}
+
+impl Pixel<'_> {
+    /// Follows a curve that begins at `offset` of the interval; calls `emit(tick, on)` for each event, ticks counted
+    /// from the interval's start.
+    ///
+    /// `luma` gives the input's luma at a time of the curve.
+    #[allow(clippy::cast_precision_loss, reason = "intervals are shorter than 2^53 us")]
+    #[allow(clippy::cast_possible_truncation, reason = "within the interval")]
+    pub(crate) fn follow<C: Curve<Piece: Timed>>(
+        &mut self,
+        curve: &C,
+        offset: i64,
+        luma: impl Fn(f64) -> f64,
+        mut emit: impl FnMut(i64, bool),
+    ) {
+        let start = offset as f64;
+        let mut now = start;
+        for piece in curve.pieces() {
+            let finish = start + piece.finish();
+            loop {
+                if *self.held_until_us > FREE {
+                    let until = *self.held_until_us;
+                    self.skip_noise(until.min(finish));
+                    if until > finish {
+                        break;
+                    }
+                    *self.reference = Level { base: piece.value(until - start), on: 0, off: 0 };
+                    *self.held_until_us = FREE;
+                    now = until;
+                }
+                let crossing = self.crossing(&piece).map(|(level, on)| {
+                    (level, on, (start + piece.moment(level, on, self.c)).clamp(now, finish.max(now)))
+                });
+                let noise = self.next_noise().filter(|&(_, at)| at <= finish);
+                match (crossing, noise) {
+                    (crossing, Some((kind, at))) if crossing.is_none_or(|(_, _, crossed)| at < crossed) => {
+                        now = at;
+                        if let Some(on) = self.take_noise(kind, luma(at - start)) {
+                            emit(at.ceil() as i64, on);
+                            self.hold(at);
+                        }
+                    }
+                    (Some((level, on, crossed)), _) => {
+                        emit(offset + piece.first_tick(level, on, self.c), on);
+                        *self.reference = level;
+                        now = crossed;
+                        self.hold(crossed);
+                    }
+                    (None, _) => break,
+                }
+            }
+        }
+    }
+
+    /// The level that is reached by the piece's end, if one is.
+    fn crossing(&self, piece: &impl Piece) -> Option<(Level, bool)> {
+        let (up, down) = (self.reference.up(), self.reference.down());
+        if up.sign_of_excess(piece.end(), self.c) >= 0 {
+            Some((up, true))
+        } else if down.sign_of_excess(piece.end(), self.c) <= 0 {
+            Some((down, false))
+        } else {
+            None
+        }
+    }
+
+    fn hold(&mut self, since_us: f64) {
+        if self.refractory_us > 0.0 {
+            *self.held_until_us = since_us + self.refractory_us;
+        }
+    }
+
+    /// The process whose next arrival is the earliest, and when.
+    fn next_noise(&self) -> Option<(usize, f64)> {
+        let waits = self.noise.iter().enumerate().filter_map(|(kind, noise)| Some((kind, noise.as_ref()?.1.wait_us)));
+        waits.min_by(|a, b| a.1.total_cmp(&b.1))
+    }
+
+    /// Takes the next arrival of a process: its event's polarity, if it makes one.
+    fn take_noise(&mut self, kind: usize, luma: f64) -> Option<bool> {
+        let (noise, arrivals) = self.noise[kind].as_mut()?;
+        let event = noise.event(self.number, arrivals.index, luma);
+        noise.advance(self.number, arrivals);
+        event
+    }
+
+    /// Arrivals while the pixel is held make no events.
+    fn skip_noise(&mut self, until_us: f64) {
+        for (noise, arrivals) in self.noise.iter_mut().flatten() {
+            while arrivals.wait_us <= until_us {
+                noise.advance(self.number, arrivals);
+            }
+        }
+    }
+}

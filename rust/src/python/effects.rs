@@ -1,0 +1,90 @@
+//! Effects as dictionaries: the effect's name, and its parameters by theirs.
+
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+
+use crate::crossing::{Effects, HotPixels, PhotoreceptorBandwidth, ShotNoise};
+use crate::readout::ReadoutParameters;
+
+/// See `_core.pyi`.
+#[pyfunction]
+pub(super) fn check_effects(effects: &Bound<'_, PyAny>) -> PyResult<()> {
+    Ok(from_python(Some(effects))?.check()?)
+}
+
+/// What acts on the log signal, in the pixel and on the stream: a dictionary, or an object with `engine_settings`.
+pub(super) fn from_python(effects: Option<&Bound<'_, PyAny>>) -> PyResult<Effects> {
+    let mut all = Effects::default();
+    let Some(effects) = effects else { return Ok(all) };
+    let settings = match effects.cast::<PyDict>() {
+        Ok(dict) => dict.clone(),
+        Err(_) if effects.hasattr("engine_settings")? => {
+            effects.call_method0("engine_settings")?.cast_into::<PyDict>()?
+        }
+        Err(_) => {
+            return Err(PyValueError::new_err(format!(
+                "effects must be davis_rs.Effects or None, got {}",
+                effects.repr()?
+            )));
+        }
+    };
+    for (name, values) in settings {
+        let (name, values): (String, Bound<'_, PyDict>) = (name.extract()?, values.cast_into()?);
+        let number = |parameter: &str| -> PyResult<f64> { parameter_of(&name, &values, parameter)?.extract() };
+        match name.as_str() {
+            "photoreceptor_bandwidth_hz" => {
+                all.photoreceptor_bandwidth =
+                    PhotoreceptorBandwidth { hz: number("hz")?, floor_hz: number("floor_hz")? };
+            }
+            "threshold_mismatch" => all.threshold_mismatch = number("sigma")?,
+            "refractory_period_us" => all.refractory_period_us = number("period_us")?,
+            "leak_rate_hz" => all.leak_rate_hz = number("rate_hz")?,
+            "shot_noise_rate_hz" => {
+                all.shot_noise = ShotNoise { rate_hz: number("rate_hz")?, half_luma: number("half_luma")? };
+            }
+            "hot_pixels" => {
+                all.hot_pixels = HotPixels { fraction: number("fraction")?, rate_hz: number("rate_hz")? };
+            }
+            "readout" => {
+                all.readout = Some(ReadoutParameters {
+                    events_per_s: number("events_per_s")?,
+                    latency_us: number("latency_us")?,
+                    jitter_us: number("jitter_us")?,
+                    drop_after_us: parameter_of(&name, &values, "drop_after_us")?.extract()?,
+                });
+            }
+            _ => return Err(PyValueError::new_err(format!("there is no effect {name:?} of the crossing engine"))),
+        }
+    }
+    Ok(all)
+}
+
+/// The dictionary that [`from_python`] takes.
+pub(super) fn to_dict<'py>(py: Python<'py>, effects: &Effects) -> PyResult<Bound<'py, PyDict>> {
+    let all = PyDict::new(py);
+    let put = |name: &str, parameters: &[(&str, f64)]| -> PyResult<Bound<'py, PyDict>> {
+        let dict = PyDict::new(py);
+        for (parameter, value) in parameters {
+            dict.set_item(parameter, value)?;
+        }
+        all.set_item(name, &dict)?;
+        Ok(dict)
+    };
+    let (bandwidth, shot, hot) = (effects.photoreceptor_bandwidth, effects.shot_noise, effects.hot_pixels);
+    put("photoreceptor_bandwidth_hz", &[("hz", bandwidth.hz), ("floor_hz", bandwidth.floor_hz)])?;
+    put("refractory_period_us", &[("period_us", effects.refractory_period_us)])?;
+    put("leak_rate_hz", &[("rate_hz", effects.leak_rate_hz)])?;
+    put("shot_noise_rate_hz", &[("rate_hz", shot.rate_hz), ("half_luma", shot.half_luma)])?;
+    put("hot_pixels", &[("fraction", hot.fraction), ("rate_hz", hot.rate_hz)])?;
+    if let Some(bus) = effects.readout {
+        let numbers =
+            [("events_per_s", bus.events_per_s), ("latency_us", bus.latency_us), ("jitter_us", bus.jitter_us)];
+        put("readout", &numbers)?.set_item("drop_after_us", bus.drop_after_us)?;
+    }
+    Ok(all)
+}
+
+fn parameter_of<'py>(name: &str, values: &Bound<'py, PyDict>, parameter: &str) -> PyResult<Bound<'py, PyAny>> {
+    values.get_item(parameter)?.ok_or_else(|| PyValueError::new_err(format!("{name} must have {parameter}")))
+}
