@@ -22,8 +22,8 @@ class LensBlur(Effect):
     """Linear luma convolved with a Gaussian point-spread function, mirrored at the frame's edge.
 
     The weights at whole pixels k are those of a Gaussian, exp(-k^2 / 2 s^2), normalised, with the s that makes their
-    variance sigma_px^2 exactly. From 0.7 px up s is sigma_px within 0.2 %; a narrower Gaussian, sampled at pixels, would
-    blur less than it should, and in the end not at all.
+    variance sigma_px^2 exactly. From 0.7 px up s is sigma_px within 0.2 %; a narrower Gaussian, sampled at pixels,
+    would blur less than it should, and in the end not at all.
 
     Args:
         sigma_px: standard deviation of the spot in x and in y; 0.7 is 1.65 px wide at half its maximum, 0 none at all.

@@ -1,6 +1,6 @@
 //! Cubic Hermite interpolation: log intensity from samples and slopes at both ends, in at most two monotone pieces.
 
-use super::curve::{Curve, Piece, Timed, first_true};
+use super::curve::{Curve, Piece, Timed, first_true, near};
 use super::level::{Level, Thresholds};
 use super::line::Line;
 
@@ -115,29 +115,13 @@ impl Timed for CubicPiece {
 }
 
 impl CubicPiece {
-    /// About where the piece has a value that it does reach: Newton's steps, within a bracket that every one narrows.
     fn near(&self, value: f64) -> f64 {
-        const MOST_STEPS: usize = 6;
-        const NEAR: f64 = 1e-9;
         let [a, b, c] = self.cubic.coefficients;
-        let (mut low, mut high) = (self.from, self.to);
-        let rises = self.end() >= self.cubic.at(low);
-        let mut s = 0.5 * (low + high);
-        for _ in 0..MOST_STEPS {
-            let missing = value - self.cubic.at(s);
-            if (missing > 0.0) == rises {
-                low = s;
-            } else {
-                high = s;
-            }
-            let next = s + missing / (a + s * (2.0 * b + 3.0 * c * s));
-            let next = if next > low && next < high { next } else { 0.5 * (low + high) };
-            if (next - s).abs() < NEAR {
-                return next;
-            }
-            s = next;
-        }
-        s
+        let (first, last) = (self.cubic.at(self.from), self.end());
+        let share = (value - first) / (last - first);
+        near((self.from, self.to), share, last >= first, |s| {
+            (value - self.cubic.at(s), a + s * (2.0 * b + 3.0 * c * s))
+        })
     }
 }
 

@@ -36,6 +36,38 @@ pub(crate) trait Timed: Piece {
     fn moment(&self, level: Level, up: bool, c: Thresholds) -> f64;
 }
 
+/// About where a monotone piece has a value that it does reach: Newton's steps, within a bracket that every one narrows.
+///
+/// `missing(s)` is that value less the piece's at `s`, and the piece's slope there; `share` is how much of the way from
+/// its first value to its last the wanted one lies, where to begin.
+#[inline]
+pub(crate) fn near(
+    (mut low, mut high): (f64, f64),
+    share: f64,
+    rises: bool,
+    missing: impl Fn(f64) -> (f64, f64),
+) -> f64 {
+    const MOST_STEPS: usize = 6;
+    const NEAR: f64 = 1e-9;
+    // A level that was passed before the piece began leaves no share to begin with.
+    let mut s = if share > 0.0 && share < 1.0 { low + share * (high - low) } else { 0.5 * (low + high) };
+    for _ in 0..MOST_STEPS {
+        let (missing, slope) = missing(s);
+        if (missing > 0.0) == rises {
+            low = s;
+        } else {
+            high = s;
+        }
+        let next = s + missing / slope;
+        let next = if next > low && next < high { next } else { 0.5 * (low + high) };
+        if (next - s).abs() < NEAR {
+            return next;
+        }
+        s = next;
+    }
+    s
+}
+
 /// The smallest k in `after + 1..=at` that is `reached`, for a predicate that stays true once it is; `at` is taken to be.
 pub(crate) fn first_true(mut after: i64, mut at: i64, mut reached: impl FnMut(i64) -> bool) -> i64 {
     while at - after > 1 {

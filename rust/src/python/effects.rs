@@ -34,8 +34,11 @@ pub(super) fn from_python(effects: Option<&Bound<'_, PyAny>>) -> PyResult<Effect
         let number = |parameter: &str| -> PyResult<f64> { parameter_of(&name, &values, parameter)?.extract() };
         match name.as_str() {
             "photoreceptor_bandwidth_hz" => {
-                all.photoreceptor_bandwidth =
-                    PhotoreceptorBandwidth { hz: number("hz")?, floor_hz: number("floor_hz")? };
+                all.photoreceptor_bandwidth = PhotoreceptorBandwidth {
+                    hz: number("hz")?,
+                    floor_hz: number("floor_hz")?,
+                    ceiling_hz: number("ceiling_hz")?,
+                };
             }
             "threshold_mismatch" => all.threshold_mismatch = number("sigma")?,
             "refractory_period_us" => all.refractory_period_us = number("period_us")?,
@@ -72,7 +75,10 @@ pub(super) fn to_dict<'py>(py: Python<'py>, effects: &Effects) -> PyResult<Bound
         Ok(dict)
     };
     let (bandwidth, shot, hot) = (effects.photoreceptor_bandwidth, effects.shot_noise, effects.hot_pixels);
-    put("photoreceptor_bandwidth_hz", &[("hz", bandwidth.hz), ("floor_hz", bandwidth.floor_hz)])?;
+    put(
+        "photoreceptor_bandwidth_hz",
+        &[("hz", bandwidth.hz), ("floor_hz", bandwidth.floor_hz), ("ceiling_hz", bandwidth.ceiling_hz)],
+    )?;
     put("refractory_period_us", &[("period_us", effects.refractory_period_us)])?;
     put("leak_rate_hz", &[("rate_hz", effects.leak_rate_hz)])?;
     put("shot_noise_rate_hz", &[("rate_hz", shot.rate_hz), ("half_luma", shot.half_luma)])?;

@@ -1,7 +1,7 @@
 //! What leaves a first-order low-pass: the curve, in closed form, for an input that runs straight.
 
 use super::parameters::PhotoreceptorBandwidth;
-use crate::crossing::curve::{Curve, Piece, Timed, first_true};
+use crate::crossing::curve::{Curve, Piece, Timed, first_true, near};
 use crate::crossing::exponential::exp_m1;
 use crate::crossing::level::{Level, Thresholds};
 use crate::log_intensity::ln;
@@ -13,7 +13,7 @@ impl PhotoreceptorBandwidth {
     #[allow(clippy::inline_always, reason = "vectorised into its caller's loop")]
     pub(crate) fn decay(&self, from: f64, to: f64, ticks: f64) -> f64 {
         let irradiance = exp_m1(0.5 * (from + to)) + 1.0;
-        let corner_hz = (self.hz * irradiance).max(self.floor_hz);
+        let corner_hz = (self.hz * irradiance).max(self.floor_hz).min(self.ceiling_hz);
         (std::f64::consts::TAU * 1e-6 * corner_hz * ticks).min(700.0)
     }
 }
@@ -25,20 +25,22 @@ fn settled(z: f64) -> f64 {
     -exp_m1(-z)
 }
 
-/// What of a ramp over the share `s` of an interval of `z` time constants has come through: s - (1 - exp(-z s)) / z.
+/// What of a ramp over the share `s` of an interval of `z` time constants has come through, `come` being what has of a
+/// step: s - (1 - exp(-z s)) / z.
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "vectorised into its caller's loop")]
-fn ramped(z: f64, s: f64) -> f64 {
+fn ramped(z: f64, s: f64, come: f64) -> f64 {
     // Below, the difference cancels, and the series' next term is z^3 s^4 / 24.
     let series = z * s * s * (0.5 - z * s / 6.0);
-    if z < 1e-5 { series } else { s - settled(z * s) / z }
+    if z < 1e-5 { series } else { s - come / z }
 }
 
 /// The low-pass's output at the interval's end: it starts at `output`, its input runs from `from` to `to`.
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "vectorised into its caller's loop")]
 pub(crate) fn filter(output: f64, from: f64, to: f64, z: f64) -> f64 {
-    output + (from - output) * settled(z) + (to - from) * ramped(z, 1.0)
+    let come = settled(z);
+    output + (from - output) * come + (to - from) * ramped(z, 1.0, come)
 }
 
 /// The low-pass's output plus a straight drift, over an interval.
@@ -62,7 +64,15 @@ pub(crate) struct Filtered {
 
 impl Filtered {
     fn at(&self, s: f64) -> f64 {
-        self.start + self.gap * settled(self.decay * s) + self.change * ramped(self.decay, s) + self.drift * s
+        self.at_and_slope(s).0
+    }
+
+    /// Its value and its derivative at the share `s` of the interval.
+    #[inline]
+    fn at_and_slope(&self, s: f64) -> (f64, f64) {
+        let come = settled(self.decay * s);
+        let value = self.start + self.gap * come + self.change * ramped(self.decay, s, come) + self.drift * s;
+        (value, self.decay * self.gap * (1.0 - come) + self.change * come + self.drift)
     }
 
     /// Where it turns, strictly inside of (0, 1).
@@ -101,11 +111,24 @@ impl Piece for FilteredPiece {
         if self.to < 1.0 { self.curve.at(self.to) } else { self.curve.end }
     }
 
+    /// On the curve's value in float64: the likely tick, else bisection over the ticks of the piece.
     fn first_tick(&self, level: Level, up: bool, c: Thresholds) -> i64 {
         let ticks = self.curve.ticks as f64;
         let after = (self.from * ticks).floor() as i64;
         let at = ((self.to * ticks).ceil() as i64).max(after + 1);
-        first_true(after, at, |k| self.reached(level, up, c, k as f64 / ticks))
+        let reached = |k: i64| {
+            let sign = level.sign_of_excess(self.curve.at(k as f64 / ticks), c);
+            if up { sign >= 0 } else { sign <= 0 }
+        };
+        let likely = self.moment(level, up, c).ceil() as i64;
+        if likely > after
+            && likely <= at
+            && (likely == at || reached(likely))
+            && (likely - 1 == after || !reached(likely - 1))
+        {
+            return likely;
+        }
+        first_true(after, at, reached)
     }
 }
 
@@ -119,20 +142,15 @@ impl Timed for FilteredPiece {
         self.curve.at(at / self.curve.ticks as f64)
     }
 
-    /// Within 1e-6 us.
     fn moment(&self, level: Level, up: bool, c: Thresholds) -> f64 {
-        const PARTS: i64 = 1 << 20;
-        let ticks = self.curve.ticks as f64;
-        let start = (self.first_tick(level, up, c) - 1) as f64;
-        let after = |part: i64| start + part as f64 / PARTS as f64;
-        after(first_true(0, PARTS, |part| self.reached(level, up, c, after(part) / ticks)))
-    }
-}
-
-impl FilteredPiece {
-    fn reached(&self, level: Level, up: bool, c: Thresholds, s: f64) -> bool {
-        let sign = level.sign_of_excess(self.curve.at(s), c);
-        if up { sign >= 0 } else { sign <= 0 }
+        let value = level.approximate(c).0;
+        let missing = |s| {
+            let (at, slope) = self.curve.at_and_slope(s);
+            (value - at, slope)
+        };
+        let first = self.curve.at(self.from);
+        let share = (value - first) / (self.end() - first);
+        near((self.from, self.to), share, up, missing) * self.curve.ticks as f64
     }
 }
 

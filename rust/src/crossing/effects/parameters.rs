@@ -5,14 +5,16 @@ use crate::readout::ReadoutParameters;
 
 /// The photoreceptor as a first-order low-pass of log intensity.
 ///
-/// Its corner frequency is proportional to irradiance, down to a floor. It is frozen for each interval, at that of the
-/// mean log intensity of both ends. Source: Lichtsteiner, Posch and Delbruck, IEEE JSSC 43(2), 2008, section III.
+/// Its corner frequency is proportional to irradiance, down to a floor and up to a ceiling (where the source follower
+/// behind it is the slower one). It is frozen for each interval, at that of the mean log intensity of both ends. Source: Lichtsteiner, Posch and Delbruck, IEEE JSSC 43(2), 2008, section III.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PhotoreceptorBandwidth {
     /// The corner frequency where luma + `log_eps` = 1; infinite for no low-pass.
     pub hz: f64,
     /// The corner frequency never falls below.
     pub floor_hz: f64,
+    /// The corner frequency never rises above.
+    pub ceiling_hz: f64,
 }
 
 /// Events from noise alone: a Poisson process in each pixel, of both polarities alike.
@@ -60,7 +62,11 @@ pub struct Effects {
 impl Default for Effects {
     fn default() -> Self {
         Self {
-            photoreceptor_bandwidth: PhotoreceptorBandwidth { hz: f64::INFINITY, floor_hz: 0.0 },
+            photoreceptor_bandwidth: PhotoreceptorBandwidth {
+                hz: f64::INFINITY,
+                floor_hz: 0.0,
+                ceiling_hz: f64::INFINITY,
+            },
             threshold_mismatch: 0.0,
             refractory_period_us: 0.0,
             leak_rate_hz: 0.0,
@@ -77,11 +83,12 @@ impl Effects {
     /// # Errors
     /// [`Error::Argument`] naming the effect, the value and the range.
     pub fn check(&self) -> Result<()> {
-        let PhotoreceptorBandwidth { hz, floor_hz } = self.photoreceptor_bandwidth;
+        let PhotoreceptorBandwidth { hz, floor_hz, ceiling_hz } = self.photoreceptor_bandwidth;
         let most = f64::MAX;
         let ranges = [
             ("photoreceptor_bandwidth_hz", hz, 1e-3, f64::INFINITY, "Hz"),
-            ("photoreceptor_bandwidth_hz: floor_hz", floor_hz, 0.0, hz, "Hz"),
+            ("photoreceptor_bandwidth_hz: ceiling_hz", ceiling_hz, 1e-3, f64::INFINITY, "Hz"),
+            ("photoreceptor_bandwidth_hz: floor_hz", floor_hz, 0.0, ceiling_hz, "Hz"),
             ("threshold_mismatch", self.threshold_mismatch, 0.0, 1.0, "of the threshold"),
             ("refractory_period_us", self.refractory_period_us, 0.0, 1e15, "us"),
             ("leak_rate_hz", self.leak_rate_hz, 0.0, 1e6, "Hz"),
@@ -100,7 +107,7 @@ impl Effects {
 
     /// Whether the photoreceptor's low-pass is on.
     pub(crate) fn filters(&self) -> bool {
-        self.photoreceptor_bandwidth.hz.is_finite()
+        self.photoreceptor_bandwidth.hz.min(self.photoreceptor_bandwidth.ceiling_hz).is_finite()
     }
 
     /// Whether any of them acts inside of the pixel, where thresholds of its own are no reason to leave the ideal one.

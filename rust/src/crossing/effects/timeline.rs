@@ -48,23 +48,25 @@ impl Pixel<'_> {
                     *self.held_until_us = FREE;
                     now = until;
                 }
-                let crossing = self.crossing(&piece).map(|(level, on)| {
-                    (level, on, (start + piece.moment(level, on, self.c)).clamp(now, finish.max(now)))
-                });
+                let crossing = self.crossing(&piece);
                 let noise = self.next_noise().filter(|&(_, at)| at <= finish);
+                // When exactly it crosses matters to noise and to a hold, and costs as much as the rest together.
+                let moment = |(level, on)| (start + piece.moment(level, on, self.c)).clamp(now, finish.max(now));
                 match (crossing, noise) {
-                    (crossing, Some((kind, at))) if crossing.is_none_or(|(_, _, crossed)| at < crossed) => {
+                    (crossing, Some((kind, at))) if crossing.is_none_or(|crossing| at < moment(crossing)) => {
                         now = at;
                         if let Some(on) = self.take_noise(kind, luma(at - start)) {
                             emit(at.ceil() as i64, on);
                             self.hold(at);
                         }
                     }
-                    (Some((level, on, crossed)), _) => {
+                    (Some((level, on)), _) => {
+                        if self.refractory_us > 0.0 {
+                            now = moment((level, on));
+                        }
                         emit(offset + piece.first_tick(level, on, self.c), on);
                         *self.reference = level;
-                        now = crossed;
-                        self.hold(crossed);
+                        self.hold(now);
                     }
                     (None, _) => break,
                 }
