@@ -5,6 +5,7 @@ from .camera import Camera, load_camera
 from .check import check_dataset
 from .compare import EventComparison, compare_events
 from .dataset import DatasetWriter
+from .effects import Effects
 from .events import EVENT_DTYPE, as_events
 from .light_course import Flicker, LightCourse, SampledCourse
 from .packet import Packet
@@ -16,6 +17,7 @@ from .sampled_trajectory import SampledTrajectory
 from .sampling import FixedRate, MaxDisplacement
 from .scene import Scene
 from .scenes import load_scene, start_pose
+from .sensor_parameters import SENSORS, SensorParameters
 from .simulate import Simulator, simulate
 from .tolerance import Tolerance
 from .trajectory import CallableTrajectory, SegmentTrajectory, Trajectory, align, interval
@@ -26,6 +28,7 @@ from .view import view_dataset
 __all__ = [
     "ACCURACY",
     "EVENT_DTYPE",
+    "SENSORS",
     "Accuracy",
     "CallableTrajectory",
     "Camera",
@@ -33,6 +36,7 @@ __all__ = [
     "Dataset",
     "DatasetWriter",
     "DecodeError",
+    "Effects",
     "EventComparison",
     "EventTextWriter",
     "FixedRate",
@@ -45,6 +49,7 @@ __all__ = [
     "SampledTrajectory",
     "Scene",
     "SegmentTrajectory",
+    "SensorParameters",
     "Simulator",
     "Tolerance",
     "Trajectory",

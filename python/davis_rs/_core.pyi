@@ -56,7 +56,7 @@ class CrossingEngine:
         interpolation: ``linear``, or ``hermite``: cubics through samples and rates of change.
         effects: :class:`davis_rs.Effects`, of which those on the log signal, in the pixel and on the stream act here;
             None for ideal pixels.
-        seed: of thresholds and noise, 0..2^64 - 1.
+        seed: of thresholds and noise, 0..2^64 - 1; None means 0.
         threads: None means as many as pay on this sensor, at most one a core. The events do not depend on it.
 
     Raises:
@@ -76,7 +76,7 @@ class CrossingEngine:
         log_eps: float = 1e-3,
         interpolation: str = "linear",
         effects: _Effects | Mapping[str, Mapping[str, float | None]] | None = None,
-        seed: int = 0,
+        seed: int | None = None,
         threads: int | None = None,
     ) -> CrossingEngine: ...
     def push(

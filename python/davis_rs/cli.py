@@ -28,6 +28,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _simulate(options: argparse.Namespace) -> int:
+    from .effects import Effects, parse_effect
     from .record import record
     from .sampling import FixedRate, MaxDisplacement, TimeSampling
     from .scenes import load_scene, start_pose
@@ -69,6 +70,8 @@ def _simulate(options: argparse.Namespace) -> int:
         accuracy=options.accuracy,
         sampling=sampling,
         samples=options.samples,
+        sensor=options.sensor,
+        effects=options.effects or Effects.of(parse_effect(text) for text in options.effect or ()),
         seed=options.seed,
         threads=options.threads,
         renderer=options.renderer,
@@ -189,6 +192,23 @@ def _add_simulate(commands: argparse._SubParsersAction[argparse.ArgumentParser])
     camera.add_argument("--pose-rate", type=float, default=200.0, metavar="HZ", help="ground truth")
     camera.add_argument(
         "--exposure", type=float, help="grey = 255 x exposure x luma; chosen from the first frame if not given"
+    )
+
+    effects = simulate.add_argument_group("effects (docs/effects.md)")
+    effects.add_argument(
+        "--sensor", choices=("ideal", "davis240c", "davis346"), help="thresholds and effects of a sensor"
+    )
+    which = effects.add_mutually_exclusive_group()
+    which.add_argument(
+        "--effect",
+        action="append",
+        metavar="NAME[=VALUE[,PARAMETER=VALUE...]]",
+        help="an imperfection of the sensor, over those of --sensor; may be given several times",
+    )
+    which.add_argument(
+        "--effects",
+        choices=("auto",),
+        help="those of --sensor (davis240c if not given) whose neglect would show in this scene",
     )
 
     accuracy = simulate.add_argument_group("accuracy and cost")

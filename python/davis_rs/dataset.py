@@ -115,14 +115,16 @@ class DatasetWriter:
         """
         self._require_open()
         events = self._checked_events(packet)
-        luma = self._checked_image(packet.luma, "luma", packet.end_us, largest=float(np.finfo(np.float32).max))
+        largest = float(np.finfo(np.float32).max)
+        luma = self._checked_image(packet.luma, "luma", packet.end_us, largest=largest)
+        frame = self._checked_image(packet.frame, "frame", packet.end_us, largest=largest)
         depth = self._checked_image(packet.depth, "depth", packet.end_us, largest=math.inf)
         pose_list = self._checked_poses(poses)
         try:
             self._end_us = packet.end_us
             self._events.write(events)
             if luma is not None:
-                self._write_frame(packet.end_us, luma)
+                self._write_frame(packet.end_us, luma, luma if frame is None else frame)
             if depth is not None:
                 self._depth_maps.write(packet.end_us, encode_exr("Z", depth))
             if pose_list:
@@ -224,16 +226,16 @@ class DatasetWriter:
             )
         return array
 
-    def _write_frame(self, t_us: int, luma: npt.NDArray[np.float32]) -> None:
+    def _write_frame(self, t_us: int, luma: npt.NDArray[np.float32], frame: npt.NDArray[np.float32]) -> None:
         if self.exposure is None:
-            white = float(np.percentile(luma, _FRAME_PERCENTILE))
+            white = float(np.percentile(frame, _FRAME_PERCENTILE))
             self.exposure = _FRAME_FULL_SCALE / white if white > 0 else 1.0
             self._write_meta(complete=False)
         number = self._frames.count
         self._pending_luma = (t_us, luma.copy())
         if number == 0 or (self._check_frames and number % self._check_frames == 0):
             self._write_luma()
-        grey = np.rint(np.minimum(255 * self.exposure * luma.astype(np.float64), 255))
+        grey = np.rint(np.minimum(255 * self.exposure * frame.astype(np.float64), 255))
         self._frames.write(t_us, encode_png(grey.astype(np.uint8)))
 
     def _write_luma(self) -> None:

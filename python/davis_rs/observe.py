@@ -55,7 +55,7 @@ class CountedRenderer(Renderer):
 
     def __init__(self, renderer: Renderer) -> None:
         super().__init__(renderer.camera, samples=renderer.rays, blur=renderer.blur, motion=renderer.motion)
-        self.silhouettes = renderer.silhouettes
+        self.silhouettes, self.optics = renderer.silhouettes, renderer.optics
         self.name, self.reason, self.variant = renderer.name, renderer.reason, renderer.variant
         self.poses_per_launch = renderer.poses_per_launch
         self._renderer, self._pixels = renderer, renderer.camera.width * renderer.camera.height

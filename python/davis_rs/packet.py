@@ -25,6 +25,8 @@ class Packet:
         luma: linear luma, float32 (H, W), where an intensity frame fell due at ``end_us``, else None.
         depth: z along the optical axis in metres, float32 (H, W), inf where nothing is hit, where a depth map fell
             due at ``end_us``, else None.
+        frame: the intensity frame as active pixels made it (exposed, noisy, digitised), float32 (H, W), in units of
+            luma, where one fell due and :class:`~davis_rs.effects.Aps` is on; else None, and ``luma`` is the frame.
     """
 
     start_us: int
@@ -33,3 +35,4 @@ class Packet:
     pose: Pose
     luma: npt.NDArray[np.float32] | None = None
     depth: npt.NDArray[np.float32] | None = None
+    frame: npt.NDArray[np.float32] | None = None

@@ -76,22 +76,24 @@ def record(
     }
     packets = simulator.run(trajectory)
     first = next(packets)  # whatever is wrong with the scene shows before the folder is touched
+    record_of_run |= {"effects": simulator.effects.describe()}  # which may have been chosen just now
     events = 0
     with (
         DatasetWriter(path, simulator.camera, exposure=exposure, overwrite=overwrite, meta=record_of_run) as writer,
         _stop_requests() as stop_requested,
         tqdm(total=trajectory.duration_s, unit="s", disable=quiet, bar_format=_BAR) as bar,
     ):
-        end_us = 0
+        end_us, total_us = 0, round(trajectory.duration_s * 1e6)
         for packet in chain([first], packets):
-            pose_times = periodic_instants(pose_rate_hz, 0 if packet is first else end_us + 1, packet.end_us)
+            # What a readout brings after the end has no more poses.
+            last_us = min(packet.end_us, total_us)
+            pose_times = periodic_instants(pose_rate_hz, 0 if packet is first else end_us + 1, last_us)
             writer.write(packet, [(t_us, trajectory.pose(t_us * 1e-6)) for t_us in pose_times])
             events, end_us = events + len(packet.events), packet.end_us
             bar.set_postfix_str(f"{events:,} events", refresh=False)
-            bar.update(end_us * 1e-6 - bar.n)
+            bar.update(last_us * 1e-6 - bar.n)
             if stop_requested():
                 break
-        total_us = round(trajectory.duration_s * 1e6)
         writer.finish(interrupted=end_us < total_us)
     return Recording(Path(path), events, end_us * 1e-6, time.perf_counter() - started, end_us < total_us)
 

@@ -324,3 +324,17 @@ driver sends:
   comparison", IEEE TCAS-II 2018, compare its quantum efficiency, leak under bright light and crosstalk, none of which
   is a parameter here. Vignetting and blur belong to the lens.
 """
+
+
+def sensor_parameters(sensor: str | SensorParameters | None) -> SensorParameters:
+    """A sensor by its name; None is the ideal one.
+
+    Raises:
+        ValueError: for another name.
+    """
+    if isinstance(sensor, SensorParameters):
+        return sensor
+    name = "ideal" if sensor is None else sensor
+    if name not in SENSORS:
+        raise ValueError(f"sensor must be one of {', '.join(SENSORS)}, got {name!r}")
+    return SENSORS[name]

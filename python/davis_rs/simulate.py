@@ -10,11 +10,14 @@ from itertools import groupby, repeat, tee
 from typing import Any, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from ._core import CrossingEngine, __version__
 from ._mitsuba import versions
 from .camera import Camera
+from .effects import Effects, with_optics
 from .events import EventArray, concatenate_events
+from .exposure import expose
 from .keyframes import Keyframe, Stretch
 from .packet import Packet
 from .pose import Pose
@@ -23,6 +26,7 @@ from .refine import refine as refine_events
 from .renderers import make_renderer
 from .sampling import TimeSampling, periodic_instants
 from .scene import Scene
+from .sensor_parameters import SensorParameters, sensor_parameters
 from .trajectory import SegmentTrajectory, Trajectory, interval
 from .views import Views
 
@@ -55,12 +59,17 @@ class Simulator:
             ``refine`` are where they are not given; None is the paper's rule.
         sampling: when to render; by the paper's rule whenever a pixel may have moved by a third of a pixel.
         samples: rays a pixel, 1..1024; by the paper's rule 8, or 2 in Mitsuba's scalar variant.
-        seed: of Mitsuba's integrators, where one of them renders.
+        sensor: a preset of :data:`~davis_rs.SENSORS` by its name, or parameters of a sensor: thresholds and effects
+            where the other arguments do not give them.
+        effects: what makes pixels, readout and frames differ from ideal ones: :class:`~davis_rs.Effects`, over those of
+            ``sensor``; ``auto`` for those of ``sensor`` (davis240c if not given) whose neglect would show in this
+            scene: see :func:`~davis_rs.plan_effects`. None is the ideal sensor.
+        seed: of thresholds and noise, and of Mitsuba's integrators where one of them renders; 0..2^64 - 1.
         threads: of the crossing engine; None means as many as pay. Results do not depend on it.
         renderer: ``auto``, ``table`` or ``integrator``, see :func:`~davis_rs.renderers.make_renderer`.
         blur: the 3 x 3 blur of luma; None leaves it to the scene.
-        refine: polish each event's time by asking the renderer itself, to the microsecond; slow. See
-            :func:`~davis_rs.refine.refine`.
+        refine: polish each event's time by asking the renderer itself, to the microsecond; slow, and for ideal pixels
+            alone. See :func:`~davis_rs.refine.refine`.
         poses_per_launch: rendered in one call; None leaves it to the renderer. Results do not depend on it.
 
     Raises:
@@ -81,6 +90,8 @@ class Simulator:
         accuracy: str | None = None,
         sampling: TimeSampling | None = None,
         samples: int | None = None,
+        sensor: str | SensorParameters | None = None,
+        effects: Effects | str | None = None,
         seed: int = 0,
         threads: int | None = None,
         renderer: str = "auto",
@@ -90,15 +101,19 @@ class Simulator:
     ) -> None:
         self.scene = scene
         self.camera = camera or scene.camera
+        if isinstance(effects, str) and effects != "auto":
+            raise ValueError(f"effects must be davis_rs.Effects, 'auto' or None, got {effects!r}")
         preset = accuracy_preset(accuracy)
         self.sampling = sampling or preset.sampling
-        self.refine = preset.refine if refine is None else refine
         if samples is None and accuracy is not None:
             samples = preset.samples
-        contrast_threshold = scene.contrast_threshold if contrast_threshold is None else contrast_threshold
+        automatic = effects == "auto"
+        sensor = sensor_parameters("davis240c" if sensor is None and automatic else sensor)
+        contrast_threshold = _first(contrast_threshold, sensor.contrast_threshold, scene.contrast_threshold)
+        contrast_threshold_off = _first(contrast_threshold_off, sensor.contrast_threshold_off, contrast_threshold)
         self.parameters: dict[str, Any] = {
             "contrast_threshold": contrast_threshold,
-            "contrast_threshold_off": contrast_threshold if contrast_threshold_off is None else contrast_threshold_off,
+            "contrast_threshold_off": contrast_threshold_off,
             "log_eps": log_eps,
             "frame_rate_hz": frame_rate_hz,
             "depth_rate_hz": depth_rate_hz,
@@ -108,16 +123,9 @@ class Simulator:
             periodic_instants(rate_hz, 0, 0)  # refuses bad rates before anything is loaded
         if poses_per_launch is not None and poses_per_launch < 1:
             raise ValueError(f"poses_per_launch must be at least 1, got {poses_per_launch}")
-        self._engine = CrossingEngine(
-            self.camera.width,
-            self.camera.height,
-            contrast_threshold=contrast_threshold,
-            contrast_threshold_off=contrast_threshold_off,
-            log_eps=log_eps,
-            interpolation=self.sampling.interpolation,
-            threads=threads,
-        )
-        self._thresholds = (contrast_threshold, self.parameters["contrast_threshold_off"])
+        self._thresholds = (contrast_threshold, contrast_threshold_off)
+        self._threads = threads
+        self._refine, self._refine_by_default = refine, preset.refine
         self.renderer = make_renderer(
             scene, self.camera, samples=samples, seed=seed, kind=renderer, blur=blur, edges=self.sampling.edges
         )
@@ -125,13 +133,48 @@ class Simulator:
         self._pose: Pose | None = None
         self._last: Keyframe | None = None
         self._t_us = 0
+        self._exposed: list[Stretch] = []
+        self._frames = 0
+        self.plan: Any = None
+        self.effects = Effects()
+        candidates = sensor.effects(scene.lux_per_luma)
+        self._candidates = candidates if automatic else None
+        if not isinstance(effects, str):
+            self._take_effects(Effects.of([*candidates, *(effects or ())]))
+
+    def _take_effects(self, effects: Effects) -> None:
+        """Put the lens before the renderer, and make the pixels behind it."""
+        aps, in_engine = effects.aps, effects.engine_settings()
+        rate_hz = self.parameters["frame_rate_hz"]
+        if aps is not None and aps.exposure_us * rate_hz > 1e6:
+            raise ValueError(
+                f"the exposure of {aps.exposure_us:g} us must not exceed the frames' period of {1e6 / rate_hz:g} us"
+            )
+        if self._refine and in_engine:
+            raise ValueError(
+                f"refine finds the times of ideal pixels: it cannot be combined with {', '.join(in_engine)}"
+            )
+        self.refine = bool(self._refine_by_default and not in_engine if self._refine is None else self._refine)
+        self.effects = effects
+        self._engine = CrossingEngine(
+            self.camera.width,
+            self.camera.height,
+            contrast_threshold=self._thresholds[0],
+            contrast_threshold_off=self._thresholds[1],
+            log_eps=self.parameters["log_eps"],
+            interpolation=self.sampling.interpolation,
+            effects=effects,
+            seed=self.parameters["seed"],
+            threads=self._threads,
+        )
+        self.renderer = with_optics(self.renderer, effects.vignetting, effects.lens_blur_px)
 
     def run(self, trajectory: Trajectory) -> Iterator[Packet]:
         """Simulate a trajectory from its start to its end; memory stays bounded, however long it is.
 
         Yields:
             Packets that tile the time; the first ends at 0 and has no events. One ends at every instant where a frame
-            or a depth map falls due, and at the end.
+            or a depth map falls due, and at the end. Where a readout still holds events then, one more brings them.
 
         Raises:
             ValueError: if the simulator has run before, or no ray hits anything anywhere along the trajectory.
@@ -139,7 +182,24 @@ class Simulator:
         if self._pose is not None:
             raise ValueError("this simulator has run already; its pixels remember: make a new one for a new sequence")
         self._refuse_empty_view(trajectory)
-        yield from self._packets(trajectory, 0, round(trajectory.duration_s * 1e6))
+        if self._candidates is not None:
+            from .plan import plan_effects_of
+
+            self.plan = plan_effects_of(
+                self.renderer,
+                trajectory,
+                self._candidates,
+                contrast_threshold=self._thresholds[0],
+                contrast_threshold_off=self._thresholds[1],
+                log_eps=self.parameters["log_eps"],
+                seed=self.parameters["seed"],
+            )
+            self._take_effects(self.plan.effects)
+        end_us = round(trajectory.duration_s * 1e6)
+        yield from self._packets(trajectory, 0, end_us)
+        late = self._engine.flush()
+        if len(late):
+            yield Packet(end_us, int(late["t"][-1]), late, trajectory.pose(trajectory.duration_s))
 
     def step(self, t_us: int, pose: Pose) -> list[Packet]:
         """Move the camera to ``pose`` at ``t_us``; return the packets since the last step.
@@ -149,8 +209,11 @@ class Simulator:
         end where frames and depth maps fall due between.
 
         Raises:
-            ValueError: for a first step that is not at 0, or a time that does not increase.
+            ValueError: for a first step that is not at 0, a time that does not increase, or effects ``auto``, which
+                need a whole trajectory to look at.
         """
+        if self._candidates is not None:
+            raise ValueError("effects='auto' looks at a whole trajectory: it serves run(), not step()")
         if self._pose is None:
             if t_us != 0:
                 raise ValueError(f"the first step must be at t = 0 us, got {t_us} us")
@@ -183,6 +246,7 @@ class Simulator:
                 "sampling": repr(self.sampling),
                 "refine": self.refine,
             },
+            "effects": self.effects.describe(),
         }
 
     def _packets(self, trajectory: Trajectory, start_us: int, end_us: int) -> Iterator[Packet]:
@@ -199,6 +263,9 @@ class Simulator:
             log_eps=self.parameters["log_eps"],
             batch=self._poses_per_launch,
         )
+        # A shutter that is open now may have opened some stretches ago.
+        open_us = start_us - (0 if self.effects.aps is None else round(self.effects.aps.exposure_us))
+        self._exposed = [*(before for before in self._exposed if before.end_us > open_us), stretch]
         pending: list[EventArray] = []
         due = next(instants)
         for keyframe in self.sampling.keyframes(stretch):
@@ -210,8 +277,19 @@ class Simulator:
             packet_start, self._t_us, self._pose = self._t_us, due.t_us, pose
             events = concatenate_events(pending)
             pending.clear()
-            yield Packet(packet_start, due.t_us, events, pose, keyframe.luma.copy() if due.frame else None, depth)
+            luma = keyframe.luma.copy() if due.frame else None
+            frame = None if luma is None else self._frame(luma, due.t_us)
+            yield Packet(packet_start, due.t_us, events, pose, luma, depth, frame)
             due = next(instants, due)
+
+    def _frame(self, luma: npt.NDArray[np.float32], t_us: int) -> npt.NDArray[np.float32] | None:
+        """The frame that active pixels make, where they are not ideal."""
+        aps = self.effects.aps
+        if aps is None:
+            return None
+        exposed = expose(luma, self._exposed, t_us, round(aps.exposure_us))
+        number, self._frames = self._frames, self._frames + 1
+        return aps.read_out(exposed, frame=number, seed=self.parameters["seed"])
 
     def _take(self, keyframe: Keyframe, stretch: Stretch) -> EventArray:
         """Feed the crossing engine; return the events since the last keyframe."""
@@ -246,6 +324,11 @@ class Simulator:
             f"at {np.round(pose.position, 3).tolist()} m and looks along {np.round(pose.rotation[:, 2], 3).tolist()}; "
             "align the trajectory with the scene (--align), or check axes and units"
         )
+
+
+def _first(*values: float | None) -> float:
+    """The first that is given."""
+    return next(value for value in values if value is not None)
 
 
 def simulate(

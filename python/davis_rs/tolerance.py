@@ -254,7 +254,7 @@ class _Control:
 
     def _swept(self, first: int, end: int) -> BoolFrames:
         """(end - first, H, W): pixels that an edge may pass over within each interval in first..end."""
-        renderer, margin_px = self._stretch.renderer, 1.0 if self._stretch.renderer.blur else 0.0
+        renderer = self._stretch.renderer
         if renderer.silhouettes is None or end <= first or self._settings.halvings == 0:
             return np.zeros((max(end - first, 0), *self._log.shape[1:]), np.bool_)
         t_us = self._t_us[first : end + 1]
@@ -265,7 +265,7 @@ class _Control:
             poses[1:],
             t_before_s=t_us[:-1] * 1e-6,
             t_after_s=t_us[1:] * 1e-6,
-            margin_px=margin_px,
+            margin_px=float(renderer.reach_px),
         )
 
     def _keyframe(self, k: int, sparse: SparseSamples | None) -> Keyframe:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator
 from dataclasses import MISSING, Field, dataclass, fields
 from typing import Any
@@ -101,8 +102,11 @@ class Effects:
         return {effect.name: effect.settings() for effect in self if isinstance(effect, EngineEffect)}
 
     def describe(self) -> dict[str, dict[str, Any]]:
-        """The parameters of all that are on, by effect, for records."""
-        return {effect.name: effect.settings() for effect in self}
+        """The parameters of all that are on, by effect, for records: JSON, which knows no infinity but as text."""
+        return {
+            effect.name: {name: "inf" if value == math.inf else value for name, value in effect.settings().items()}
+            for effect in self
+        }
 
 
 def parse_effect(text: str) -> Effect:

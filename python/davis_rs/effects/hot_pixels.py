@@ -22,7 +22,7 @@ class HotPixels(EngineEffect):
     Raises:
         ValueError: for values out of range.
 
-    Source: Hu, Liu and Delbruck, CVPR Workshops 2021, section 3 (hot pixels).
+    Rate and share are whatever a sensor shows with its lens covered: no typical ones are published.
     """
 
     fraction: float

@@ -14,10 +14,10 @@ from .engine_effect import EngineEffect
 class Readout(EngineEffect):
     """A bus that reads events out row by row (address-event representation).
 
-    Pixels ask for their row. When the bus is free it grants the row whose request is the oldest, stamps all of that row's
-    requests alike, and carries them at its own pace. No event is lost unless ``drop_after_us`` is given; those that are
-    still waiting at the end come from :meth:`~davis_rs.CrossingEngine.flush`, with later stamps. A pixel's own reset does
-    not wait for the bus.
+    Pixels ask for their row. When the bus is free it grants the row whose request is the oldest, stamps all of that
+    row's requests alike, and carries them at its own pace. No event is lost unless ``drop_after_us`` is given; those
+    that still wait at the end come from :meth:`~davis_rs.CrossingEngine.flush`, with later stamps. A pixel's own reset
+    does not wait for the bus.
 
     Args:
         events_per_s: events that the bus carries in a second, >= 1; inf for all at once.
@@ -30,8 +30,8 @@ class Readout(EngineEffect):
     Raises:
         ValueError: for values out of range.
 
-    Source: Brandli, Berner, Yang, Liu and Delbruck, "A 240 x 180 130 dB 3 us latency global shutter spatiotemporal vision
-    sensor", IEEE JSSC 49(10), 2014 (word-serial burst readout; 12 million events per second).
+    Source: Brandli, Berner, Yang, Liu and Delbruck, "A 240 x 180 130 dB 3 us latency global shutter spatiotemporal
+    vision sensor", IEEE JSSC 49(10), 2014 (word-serial burst readout; 12 million events per second).
     """
 
     events_per_s: float = 12e6

@@ -21,8 +21,8 @@ class ThresholdMismatch(EngineEffect):
     Raises:
         ValueError: for a value out of range.
 
-    Source: Lichtsteiner, Posch and Delbruck, IEEE JSSC 43(2), 2008, section IV (2.1 % contrast mismatch at thresholds of
-    about 15 %, so sigma 0.14).
+    Source: Lichtsteiner, Posch and Delbruck, IEEE JSSC 43(2), 2008, section IV (2.1 % contrast mismatch at
+    thresholds of about 15 %, so sigma 0.14).
     """
 
     sigma: float

@@ -93,12 +93,21 @@ pub(super) fn column<'py, T: Element>(array: &Bound<'py, PyAny>, name: &str) -> 
 
 /// A time in microseconds.
 pub(super) fn microseconds(t_us: &Bound<'_, PyAny>) -> PyResult<i64> {
-    t_us.extract().map_err(|error: PyErr| {
-        if error.is_instance_of::<PyOverflowError>(t_us.py()) {
-            PyValueError::new_err(format!("a time must lie in 0..2^63 us, got {t_us}"))
-        } else {
-            error
-        }
+    whole(t_us, || format!("a time must lie in 0..2^63 us, got {t_us}"))
+}
+
+/// A seed of random draws.
+pub(super) fn seed(seed: &Bound<'_, PyAny>) -> PyResult<u64> {
+    whole(seed, || format!("a seed must lie in 0..2^64 - 1, got {seed}"))
+}
+
+/// A whole number; `rule` says what was broken by one that does not fit.
+fn whole<'py, T: FromPyObjectOwned<'py, Error = PyErr>>(
+    value: &Bound<'py, PyAny>,
+    rule: impl FnOnce() -> String,
+) -> PyResult<T> {
+    value.extract().map_err(|error: PyErr| {
+        if error.is_instance_of::<PyOverflowError>(value.py()) { PyValueError::new_err(rule()) } else { error }
     })
 }
 

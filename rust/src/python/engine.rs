@@ -5,7 +5,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use super::arrays::{Float, column, frame, image, microseconds, threshold, threshold_to_python};
-use super::{effects, state};
+use super::{arrays, effects, state};
 use crate::crossing::{CrossingEngine, CrossingParameters, Frame, Interpolation, SparseSamples};
 use crate::error::Error;
 use crate::event::{Event, SensorSize};
@@ -26,7 +26,7 @@ impl PyCrossingEngine {
         log_eps=1e-3,
         interpolation="linear",
         effects=None,
-        seed=0,
+        seed=None,
         threads=None,
     ))]
     #[allow(clippy::too_many_arguments, reason = "keywords in Python")]
@@ -38,7 +38,7 @@ impl PyCrossingEngine {
         log_eps: f64,
         interpolation: &str,
         effects: Option<&Bound<'_, PyAny>>,
-        seed: u64,
+        seed: Option<&Bound<'_, PyAny>>,
         threads: Option<usize>,
     ) -> PyResult<Self> {
         let pixels = |name, n: i64| {
@@ -57,6 +57,7 @@ impl PyCrossingEngine {
             interpolation: interpolation_of(interpolation)?,
         };
         let effects = effects::from_python(effects)?;
+        let seed = seed.map_or(Ok(0), arrays::seed)?;
         Ok(Self(CrossingEngine::with_effects(size, parameters, &effects, seed, threads)?))
     }
 
