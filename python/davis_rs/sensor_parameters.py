@@ -30,6 +30,7 @@ LARGEST_FOLLOWER_SHARE = 0.5
 
 _POSITIVE = {
     *["contrast_threshold", "contrast_threshold_off", "photoreceptor_bandwidth_hz", "photoreceptor_bandwidth_lux"],
+    "photoreceptor_bandwidth_ceiling_hz",
     *["shot_noise_half_lux", "readout_events_per_s", "aps_exposure_us", "aps_bits", "aps_full_scale_lux"],
 }
 _SHARES = {"hot_pixel_fraction"}
@@ -49,6 +50,7 @@ class SensorParameters:
             proportional to the illuminance. Without that illuminance it holds in any light up to luma 1.
         photoreceptor_bandwidth_lux: see there.
         photoreceptor_bandwidth_floor_hz: corner frequency in the dark; None takes 0.
+        photoreceptor_bandwidth_ceiling_hz: that in bright light, where the source follower limits it; None for none.
         refractory_period_us: how long a pixel is held in reset after each event.
         leak_rate_hz: ON events of a pixel on a static scene.
         shot_noise_rate_hz: noise events of a pixel in the dark, of both polarities together.
@@ -75,6 +77,7 @@ class SensorParameters:
     photoreceptor_bandwidth_hz: float | None = None
     photoreceptor_bandwidth_lux: float | None = None
     photoreceptor_bandwidth_floor_hz: float | None = None
+    photoreceptor_bandwidth_ceiling_hz: float | None = None
     refractory_period_us: float | None = None
     leak_rate_hz: float | None = None
     shot_noise_rate_hz: float | None = None
@@ -150,7 +153,9 @@ class SensorParameters:
         return Effects(
             vignetting=self.vignetting,
             lens_blur_px=self.lens_blur_px,
-            photoreceptor_bandwidth_hz=_made(PhotoreceptorBandwidth, hz=hz, floor_hz=floor_hz),
+            photoreceptor_bandwidth_hz=_made(
+                PhotoreceptorBandwidth, hz=hz, floor_hz=floor_hz, ceiling_hz=self.photoreceptor_bandwidth_ceiling_hz
+            ),
             threshold_mismatch=self.threshold_mismatch,
             refractory_period_us=self.refractory_period_us,
             leak_rate_hz=self.leak_rate_hz,
@@ -279,6 +284,7 @@ def _davis(chip: Mapping[str, ChipBias], threshold_deviation: float, **known: An
         threshold_mismatch=threshold_deviation / on,
         photoreceptor_bandwidth_hz=bandwidth_hz,
         photoreceptor_bandwidth_lux=bandwidth_hz / _BANDWIDTH_HZ_PER_LUX,
+        photoreceptor_bandwidth_ceiling_hz=bandwidth_hz,
         leak_rate_hz=_LEAK_RATE_HZ,
         shot_noise_rate_hz=_SHOT_NOISE_DARK_HZ,
         shot_noise_half_lux=_SHOT_NOISE_HALF_LUX,
@@ -308,8 +314,8 @@ SENSORS: Mapping[str, SensorParameters] = MappingProxyType(
 driver sends:
 
 - From the biases (:meth:`SensorParameters.from_biases`): threshold 0.283 ON for both, 0.262 OFF for the DAVIS346;
-  refractory period 3.37 us; the source follower's bandwidth of 286 Hz, to which the photoreceptor rises at 95 lux. In
-  more light it would be the limit, which a corner proportional to the light passes. The DAVIS240C's OffBn has no
+  refractory period 3.37 us; the source follower's bandwidth of 286 Hz, to which the photoreceptor rises at 95 lux,
+  and which is the limit in more light. The DAVIS240C's OffBn has no
   nominal current (4/0): its OFF threshold is assumed to be the ON threshold. Other biases go down to contrasts of 11 %
   (DAVIS240, Brandli et al.), and of 14.3 % ON, 22.5 % OFF (DAVIS346, iniVation's specifications).
 - davis240c, by Brandli, Berner, Yang, Liu, Delbruck, "A 240 x 180 130 dB 3 us latency global shutter spatiotemporal

@@ -133,7 +133,7 @@ def parse_effect(text: str) -> Effect:
     missing = [field.name for field in parameters if field.default is MISSING and field.name not in values]
     if missing:
         raise ValueError(f"effect {name} needs a value: {name}={missing[0].upper()}")
-    return effect_class(**values)  # type: ignore[arg-type]  # each checks its own
+    return effect_class(**values)  # each checks its own
 
 
 def _number(what: str, text: str) -> float | None:

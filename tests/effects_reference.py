@@ -1,0 +1,166 @@
+"""Pixels and a bus under effects, slow and plain: the oracles that the engine's effects are tested against.
+
+Written from what the effects' classes say, not from the engine.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+import mpmath
+import numpy as np
+import numpy.typing as npt
+
+from davis_rs import EVENT_DTYPE
+from davis_rs.effects import PhotoreceptorBandwidth
+from davis_rs.events import EventArray, concatenate_events
+
+Corner = Callable[[float, float], Any]
+"""The corner frequency in Hz of an interval, by log intensity at both its ends."""
+
+FIRST = 1e-6
+"""Within so many microseconds of a tick a crossing may have that tick or the next, or the one before."""
+
+_mp = mpmath.MPContext()
+_mp.dps = 40
+
+
+def scene(value: float, height: int = 1, width: int = 1) -> npt.NDArray[np.float64]:
+    """A frame that has one value everywhere."""
+    return np.full((height, width), float(value))
+
+
+def collect(packets: Any) -> EventArray:
+    """The events of all packets."""
+    return concatenate_events([packet for packet in packets if len(packet)])
+
+
+def of_pixel(events: EventArray, x: int, y: int = 0) -> EventArray:
+    """Those of one pixel, in their order."""
+    return events[(events["x"] == x) & (events["y"] == y)]
+
+
+def may_be_tick(stamp_us: int, at_us: Any, doubt_us: Any = FIRST) -> bool:
+    """Whether a stamp is the first tick at or after a time that is known within a doubt."""
+    return bool(at_us - doubt_us <= stamp_us < at_us + doubt_us + 1)
+
+
+def constant_corner(hz: float) -> PhotoreceptorBandwidth:
+    """A low-pass whose corner does not depend on irradiance."""
+    return PhotoreceptorBandwidth(hz, floor_hz=hz, ceiling_hz=hz)
+
+
+def corner_of(bandwidth: PhotoreceptorBandwidth) -> Corner:
+    """The documented rule: proportional to exp(mean log intensity), within floor and ceiling."""
+
+    def corner_hz(start: float, end: float) -> Any:
+        proportional = _mp.mpf(bandwidth.hz) * _mp.exp((_mp.mpf(start) + _mp.mpf(end)) / 2)
+        return min(max(proportional, bandwidth.floor_hz), bandwidth.ceiling_hz)
+
+    return corner_hz
+
+
+class Crossing(NamedTuple):
+    """A crossing at a real time, its polarity, and how fast the curve goes through the level (1 / us)."""
+
+    t_us: Any
+    p: int
+    slope: Any
+
+    def may_have(self, stamp_us: int) -> bool:
+        """Whether a stamp is right, given that the curve's value is a float64: within some ulp, over its slope."""
+        return may_be_tick(stamp_us, self.t_us, FIRST + 1e-13 / self.slope)
+
+
+class FilteredPixel:
+    """A pixel behind dy/dt = w (x - y), solved in 40 digits for x that runs straight; otherwise ideal.
+
+    Attributes:
+        nearest: how near an end of a monotone piece came to a level; a float64 cannot tell on which side much less is.
+    """
+
+    def __init__(self, t_us: int, log_intensity: float, c_on: float, c_off: float, corner: Corner) -> None:
+        self.t_us, self.input = t_us, log_intensity
+        self.base = self.output = _mp.mpf(log_intensity)
+        self.c_on, self.c_off = _mp.mpf(c_on), _mp.mpf(c_off)
+        self.corner = corner
+        self.n_on = self.n_off = 0
+        self.nearest = math.inf
+
+    @property
+    def reference(self) -> Any:
+        return self.base + self.n_on * self.c_on - self.n_off * self.c_off
+
+    def advance(self, t_us: int, log_intensity: float) -> list[Crossing]:
+        """The crossings in (self.t_us, t_us], over which the input runs straight to its new value."""
+        start_us, ticks = self.t_us, t_us - self.t_us
+        w = 2 * _mp.pi * self.corner(self.input, log_intensity) * _mp.mpf("1e-6")
+        x, rate = _mp.mpf(self.input), (_mp.mpf(log_intensity) - _mp.mpf(self.input)) / ticks
+        transient = self.output - x + rate / w
+
+        def value(u: Any) -> Any:
+            return x + rate * u - rate / w + transient * _mp.exp(-w * u)
+
+        def slope(u: Any) -> Any:
+            return rate - w * transient * _mp.exp(-w * u)
+
+        turn = _mp.log(w * transient / rate) / w if rate * transient > 0 else _mp.zero
+        ends = [_mp.zero, *([turn] if 0 < turn < ticks else []), _mp.mpf(ticks)]
+        found: list[Crossing] = []
+        for start, end in pairwise(ends):
+            last = value(end)
+            while True:
+                up, down = self.reference + self.c_on, self.reference - self.c_off
+                self.nearest = min(self.nearest, float(abs(last - up)), float(abs(last - down)))
+                if last >= up:
+                    self.n_on += 1
+                elif last <= down:
+                    self.n_off += 1
+                else:
+                    break
+                at = _root(lambda u: value(u) - self.reference, slope, start, end)
+                found.append(Crossing(start_us + at, int(last >= up), abs(slope(at))))
+        self.t_us, self.input, self.output = t_us, log_intensity, value(ticks)
+        return found
+
+
+def _root(of: Callable[[Any], Any], slope: Callable[[Any], Any], low: Any, high: Any) -> Any:
+    """The root of a monotone function whose sign changes, to 1e-9: Newton's steps, halves where they lead astray."""
+    rises = of(high) >= 0
+    at = (low + high) / 2
+    while high - low > 1e-9:
+        excess = of(at)
+        if (excess >= 0) == rises:
+            high = at
+        else:
+            low = at
+        newton = at - excess / slope(at)
+        if abs(newton - at) < 1e-12:
+            return newton
+        at = newton if low < newton < high else (low + high) / 2
+    return at
+
+
+def read_out(
+    events: EventArray, *, events_per_s: float, latency_us: float = 0.0, drop_after_us: float = math.inf
+) -> tuple[EventArray, int]:
+    """What a bus makes of events, and how many it drops: grants the row with the oldest request, carries all of it."""
+    pending = [(int(e["t"]), int(e["y"]), int(e["x"]), int(e["p"])) for e in events]
+    free_us, dropped = 0.0, 0
+    carried: list[tuple[int, int, int, int]] = []
+    while pending:
+        first_us, row = min(pending, key=lambda event: event[:2])[:2]
+        now_us = max(free_us, float(first_us))
+        granted = [event for event in pending if event[1] == row and event[0] <= now_us]
+        pending = [event for event in pending if event not in granted]
+        in_time = [event for event in granted if now_us - event[0] <= drop_after_us]
+        dropped += len(granted) - len(in_time)
+        if in_time:
+            stamp_us = math.ceil(now_us + latency_us)
+            carried += [(stamp_us, x, y, p) for _, y, x, p in in_time]
+            free_us = now_us + len(in_time) * (1e6 / events_per_s)
+    carried.sort(key=lambda event: (event[0], event[2], event[1]))
+    return np.array(carried, EVENT_DTYPE), dropped
