@@ -13,11 +13,11 @@ PACKAGE = ROOT / "python" / "davis_rs"
 
 # From the top down: a module may import only from the layers below its own, and from its own to its right.
 LAYERS = [
-    ["cli", "cli_accuracy"],
+    ["cli", "cli_plan", "cli_common", "cli_accuracy"],
     ["accuracy_report", "accuracy", "accuracy_settings", "reference_events"],
     ["record"],
     ["simulate"],
-    ["plan", "plan_report", "plan_evidence", "plan_probe"],
+    ["plan"],
     ["sensor_parameters"],
     ["check", "compare", "video", "view"],
     ["read"],

@@ -36,7 +36,7 @@ def build(source: Path, folder: Path) -> Path:
     """The program, built against a checkout."""
     (folder / "src").mkdir(parents=True)
     (folder / "Cargo.toml").write_text(_MANIFEST.format(source=source))
-    (folder / "src" / "main.rs").write_text((HERE / "main.rs").read_text())
+    (folder / "src" / "main.rs").write_text((HERE / "frames.rs").read_text())
     (folder / "Cargo.lock").write_text((source / "Cargo.lock").read_text())
     subprocess.run(["cargo", "build", "--release", "--quiet"], cwd=folder, check=True)
     return folder / "target" / "release" / "instructions"

@@ -9,6 +9,7 @@ from .effects import Effects
 from .events import EVENT_DTYPE, as_events
 from .light_course import Flicker, LightCourse, SampledCourse
 from .packet import Packet
+from .plan import EffectPlan, plan_effects
 from .pose import Pose
 from .presets import ACCURACY, Accuracy
 from .read import Dataset
@@ -36,6 +37,7 @@ __all__ = [
     "Dataset",
     "DatasetWriter",
     "DecodeError",
+    "EffectPlan",
     "Effects",
     "EventComparison",
     "EventTextWriter",
@@ -62,6 +64,7 @@ __all__ = [
     "load_camera",
     "load_scene",
     "log_intensity",
+    "plan_effects",
     "read_trajectory",
     "reconstruct",
     "record",

@@ -1,4 +1,4 @@
-"""The command line: davis-rs simulate, check, view."""
+"""The command line: davis-rs simulate, plan, check, view, accuracy."""
 
 from __future__ import annotations
 
@@ -11,6 +11,9 @@ from pathlib import Path
 from ._core import __version__
 from .camera import PRESETS, load_camera
 from .cli_accuracy import add_accuracy
+from .cli_common import add_path, path_of
+from .cli_plan import add_plan
+from .sensor_parameters import SENSORS
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -31,24 +34,12 @@ def _simulate(options: argparse.Namespace) -> int:
     from .effects import Effects, parse_effect
     from .record import record
     from .sampling import FixedRate, MaxDisplacement, TimeSampling
-    from .scenes import load_scene, start_pose
-    from .simulate import Simulator, trajectory_part
+    from .scenes import load_scene
+    from .simulate import Simulator
     from .tolerance import Tolerance
-    from .trajectory import Trajectory, align
-    from .trajectory_file import read_trajectory
 
     scene = load_scene(options.scene)
-    trajectory: Trajectory | None = None
-    if options.trajectory is not None:
-        sigmas = {"position_sigma_m": options.position_sigma, "rotation_sigma_rad": options.rotation_sigma}
-        given = {name: value for name, value in sigmas.items() if value is not None}
-        trajectory = read_trajectory(options.trajectory, max_gap_s=options.max_gap, **given)
-    # A built-in scene shares no world with anybody's trajectory, a user's own file may.
-    built_in_scene_foreign_path = scene.trajectory is not None and options.trajectory is not None
-    moved = built_in_scene_foreign_path if options.align is None else options.align
-    part = trajectory_part(scene, trajectory, options.start, options.duration)
-    if moved:
-        part = align(part, start_pose(scene))
+    part = path_of(options, scene, quiet=options.quiet)
     sampling: TimeSampling | None = None
     if options.render_rate is not None:
         sampling = FixedRate(options.render_rate)
@@ -80,8 +71,6 @@ def _simulate(options: argparse.Namespace) -> int:
     )
     if not options.quiet:
         print(f"rendering with {simulator.renderer.name}: {simulator.renderer.reason}", file=sys.stderr)
-        if moved:
-            print("trajectory moved so that it starts where the scene's camera does (--no-align)", file=sys.stderr)
     recording = record(
         simulator,
         part,
@@ -125,6 +114,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"davis-rs {__version__}")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
     _add_simulate(commands)
+    add_plan(commands)
     add_accuracy(commands)
 
     check = commands.add_parser("check", help="check a dataset: do its events explain its images?")
@@ -156,27 +146,7 @@ def _add_simulate(commands: argparse._SubParsersAction[argparse.ArgumentParser])
     simulate.add_argument("scene", metavar="SCENE", help="three_planes, three_walls or a Mitsuba XML file")
     simulate.add_argument("-o", "--output", required=True, metavar="DIR", help="the folder to write")
 
-    path = simulate.add_argument_group("camera path")
-    path.add_argument(
-        "--trajectory",
-        metavar="FILE",
-        help="groundtruth.txt, TUM, or ESIM's CSV in nanoseconds; the scene's own path if not given",
-    )
-    path.add_argument("--start", type=float, default=0.0, metavar="S", help="where on the trajectory t = 0 lies")
-    path.add_argument("--duration", type=float, metavar="S", help="seconds to simulate; to the end if not given")
-    path.add_argument(
-        "--align",
-        action=argparse.BooleanOptionalAction,
-        help="move the trajectory so that it starts where the scene's camera does; "
-        "if not given: where a file's trajectory meets a built-in scene",
-    )
-    path.add_argument(
-        "--position-sigma", type=float, metavar="M", help="noise of the file's positions, smoothed away; 0 = none"
-    )
-    path.add_argument("--rotation-sigma", type=float, metavar="RAD", help="noise of the file's rotations, likewise")
-    path.add_argument(
-        "--max-gap", type=float, default=0.1, metavar="S", help="longest gap between samples that is bridged"
-    )
+    add_path(simulate.add_argument_group("camera path"))
 
     camera = simulate.add_argument_group("camera and pixel")
     camera.add_argument(
@@ -195,9 +165,7 @@ def _add_simulate(commands: argparse._SubParsersAction[argparse.ArgumentParser])
     )
 
     effects = simulate.add_argument_group("effects (docs/effects.md)")
-    effects.add_argument(
-        "--sensor", choices=("ideal", "davis240c", "davis346"), help="thresholds and effects of a sensor"
-    )
+    effects.add_argument("--sensor", choices=tuple(SENSORS), help="thresholds and effects of a sensor")
     which = effects.add_mutually_exclusive_group()
     which.add_argument(
         "--effect",

@@ -68,15 +68,15 @@ def record(
     from tqdm import tqdm
 
     started = time.perf_counter()
+    packets = simulator.run(trajectory)
+    # Whatever is wrong with the scene shows before the folder is touched; effects may be chosen by now.
+    first = next(packets)
     record_of_run = {
         **simulator.describe(),
         "trajectory": trajectory.describe(),
         "pose_rate_hz": pose_rate_hz,
         **(meta or {}),
     }
-    packets = simulator.run(trajectory)
-    first = next(packets)  # whatever is wrong with the scene shows before the folder is touched
-    record_of_run |= {"effects": simulator.effects.describe()}  # which may have been chosen just now
     events = 0
     with (
         DatasetWriter(path, simulator.camera, exposure=exposure, overwrite=overwrite, meta=record_of_run) as writer,

@@ -20,6 +20,7 @@ from .events import EventArray, concatenate_events
 from .exposure import expose
 from .keyframes import Keyframe, Stretch
 from .packet import Packet
+from .plan import EffectPlan, plan_effects_of
 from .pose import Pose
 from .presets import accuracy_preset
 from .refine import refine as refine_events
@@ -135,8 +136,8 @@ class Simulator:
         self._t_us = 0
         self._exposed: list[Stretch] = []
         self._frames = 0
-        self.plan: Any = None
-        self.effects = Effects()
+        self.plan: EffectPlan | None = None  # of effects="auto", once it runs
+        self.effects, self.refine = Effects(), False
         candidates = sensor.effects(scene.lux_per_luma)
         self._candidates = candidates if automatic else None
         if not isinstance(effects, str):
@@ -183,8 +184,6 @@ class Simulator:
             raise ValueError("this simulator has run already; its pixels remember: make a new one for a new sequence")
         self._refuse_empty_view(trajectory)
         if self._candidates is not None:
-            from .plan import plan_effects_of
-
             self.plan = plan_effects_of(
                 self.renderer,
                 trajectory,

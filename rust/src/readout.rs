@@ -60,8 +60,10 @@ pub struct ReadoutState {
     pub waiting: Vec<Event>,
     /// Events that were read, with stamps that lie ahead.
     pub stamped: Vec<Event>,
-    /// When the bus falls free, in microseconds.
-    pub free_us: f64,
+    /// When the bus falls free: whole microseconds, and a share of the next.
+    pub free_us: i64,
+    /// See `free_us`.
+    pub free_share: f64,
     /// The last stamp given.
     pub last_stamp_us: i64,
     /// Bursts so far.
@@ -78,7 +80,8 @@ pub(crate) struct Readout {
     /// Rows with requests, by their oldest one: (time, row).
     requests: BinaryHeap<Reverse<(i64, u16)>>,
     stamped: VecDeque<Event>,
-    free_us: f64,
+    free_us: i64,
+    free_share: f64,
     last_stamp_us: i64,
     bursts: u64,
     dropped: u64,
@@ -93,6 +96,7 @@ impl Readout {
             requests: BinaryHeap::new(),
             stamped: state.stamped.iter().copied().collect(),
             free_us: state.free_us,
+            free_share: state.free_share,
             last_stamp_us: state.last_stamp_us,
             bursts: state.bursts,
             dropped: state.dropped,
@@ -112,6 +116,7 @@ impl Readout {
             waiting,
             stamped: self.stamped.iter().copied().collect(),
             free_us: self.free_us,
+            free_share: self.free_share,
             last_stamp_us: self.last_stamp_us,
             bursts: self.bursts,
             dropped: self.dropped,
@@ -124,8 +129,7 @@ impl Readout {
     pub(crate) fn pass(&mut self, events: &mut Vec<Event>, until_us: i64) {
         self.ask(events);
         events.clear();
-        #[allow(clippy::cast_precision_loss, reason = "times of interest lie below 2^53")]
-        self.grant(until_us as f64);
+        self.grant(until_us);
         let leaving = self.stamped.partition_point(|event| event.t <= until_us);
         events.extend(self.stamped.drain(..leaving));
         in_order(events);
@@ -133,7 +137,7 @@ impl Readout {
 
     /// Everything that is left.
     pub(crate) fn flush(&mut self) -> Vec<Event> {
-        self.grant(f64::INFINITY);
+        self.grant(i64::MAX);
         let mut events: Vec<Event> = self.stamped.drain(..).collect();
         in_order(&mut events);
         events
@@ -150,30 +154,35 @@ impl Readout {
     }
 
     /// Reads out all rows that are granted until a time.
-    #[allow(clippy::cast_precision_loss, reason = "times of interest lie below 2^53")]
-    fn grant(&mut self, until_us: f64) {
+    #[allow(clippy::cast_precision_loss, reason = "waits and bursts are far below 2^53")]
+    #[allow(clippy::cast_possible_truncation, reason = "waits and bursts are far below 2^53")]
+    fn grant(&mut self, until_us: i64) {
         let us_per_event = 1e6 / self.parameters.events_per_s;
         while let Some(&Reverse((first_us, row))) = self.requests.peek() {
-            let now_us = self.free_us.max(first_us as f64);
-            if now_us > until_us {
+            // Whole microseconds apart from their share: a float of both loses the share in a long time.
+            let (now_us, share) =
+                if first_us > self.free_us { (first_us, 0.0) } else { (self.free_us, self.free_share) };
+            if now_us > until_us || (now_us == until_us && share > 0.0) {
                 return;
             }
             self.requests.pop();
             let queue = &mut self.rows[usize::from(row)];
-            let waiting = queue.partition_point(|event| event.t as f64 <= now_us);
-            let oldest_us = self.parameters.drop_after_us.map_or(f64::NEG_INFINITY, |wait| now_us - wait);
-            let late = queue.partition_point(|event| (event.t as f64) < oldest_us).min(waiting);
+            let waiting = queue.partition_point(|event| event.t <= now_us);
+            let longest_us = self.parameters.drop_after_us.unwrap_or(f64::INFINITY);
+            let late = queue.partition_point(|event| (now_us - event.t) as f64 + share > longest_us).min(waiting);
             queue.drain(..late);
             self.dropped += late as u64;
             let burst = waiting - late;
             if burst > 0 {
-                let stamp_us = stamp(&self.parameters, self.seed, row, self.bursts, now_us).max(self.last_stamp_us);
+                let delay_us = share + delay(&self.parameters, self.seed, row, self.bursts);
+                let stamp_us = (now_us + delay_us.ceil() as i64).max(self.last_stamp_us);
                 let first = self.stamped.len();
                 self.stamped.extend(queue.drain(..burst).map(|event| event.at(stamp_us)));
                 self.stamped.make_contiguous()[first..].sort_by_key(|event| event.x);
                 self.last_stamp_us = stamp_us;
                 self.bursts += 1;
-                self.free_us = now_us + burst as f64 * us_per_event;
+                let free = share + burst as f64 * us_per_event;
+                (self.free_us, self.free_share) = (now_us + free.floor() as i64, free.fract());
             }
             if let Some(next) = queue.front() {
                 self.requests.push(Reverse((next.t, row)));
@@ -182,15 +191,14 @@ impl Readout {
     }
 }
 
-/// The stamp of a burst: not before its grant, however the jitter falls.
-#[allow(clippy::cast_possible_truncation, reason = "times of interest lie below 2^53")]
-fn stamp(p: &ReadoutParameters, seed: u64, row: u16, burst: u64, now_us: f64) -> i64 {
+/// From a burst's grant to its stamp, in microseconds: never negative, however the jitter falls.
+fn delay(p: &ReadoutParameters, seed: u64, row: u16, burst: u64) -> f64 {
     let jitter_us = if p.jitter_us > 0.0 {
         p.jitter_us * Draw::at(seed, Purpose::ReadoutJitter, row.into(), burst).normal()
     } else {
         0.0
     };
-    (now_us + (p.latency_us + jitter_us).max(0.0)).ceil() as i64
+    (p.latency_us + jitter_us).max(0.0)
 }
 
 /// Bursts of one stamp side by side, in raster order.

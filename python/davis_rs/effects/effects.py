@@ -140,6 +140,7 @@ def _number(what: str, text: str) -> float | None:
     if text.lower() == "none":
         return None
     try:
-        return int(text) if text.lstrip("+-").isdigit() else float(text)
+        number = float(text)
     except ValueError:
         raise ValueError(f"{what} must be a number or none, got {text!r}") from None
+    return int(number) if number.is_integer() and abs(number) < 2**53 else number

@@ -15,9 +15,9 @@ class PhotoreceptorBandwidth(EngineEffect):
     """A first-order low-pass of log intensity whose corner frequency is proportional to irradiance.
 
     In an interval between two samples the corner is f = hz * exp(mean log intensity), where exp(L) is luma + log_eps,
-    but within floor_hz..ceiling_hz. For an input that runs straight the output has a closed form, and levels are crossed
-    by that; a cubic input is taken as chords that stray from it by at most C / 100 (or 16 of them). A pixel begins
-    settled, at its first sample.
+    but within floor_hz..ceiling_hz. For an input that runs straight the output has a closed form, and levels are
+    crossed by that; a cubic input is taken as chords that stray from it by at most C / 100 (or 16 of them). A pixel
+    begins settled, at its first sample.
 
     Args:
         hz: corner frequency where luma + log_eps = 1, 1e-3..inf Hz; inf is neutral. Scenes tell how many lux that is

@@ -1,6 +1,6 @@
 //! Cubic Hermite interpolation: log intensity from samples and slopes at both ends, in at most two monotone pieces.
 
-use super::curve::{Curve, Piece, Timed, first_true, near};
+use super::curve::{Curve, FINE, Piece, ROUGH, Search, Timed, first_true, near};
 use super::level::{Level, Thresholds};
 use super::line::Line;
 
@@ -87,7 +87,7 @@ impl Piece for CubicPiece {
             let sign = level.sign_of_excess(self.cubic.at(k as f64 / ticks), c);
             if up { sign >= 0 } else { sign <= 0 }
         };
-        let likely = (self.near(level.approximate(c).0) * ticks).ceil() as i64;
+        let likely = (self.near(level.approximate(c).0, ROUGH) * ticks).ceil() as i64;
         if likely > after
             && likely <= at
             && (likely == at || reached(likely))
@@ -110,16 +110,16 @@ impl Timed for CubicPiece {
     }
 
     fn moment(&self, level: Level, _: bool, c: Thresholds) -> f64 {
-        self.near(level.approximate(c).0) * self.cubic.line.ticks as f64
+        self.near(level.approximate(c).0, FINE) * self.cubic.line.ticks as f64
     }
 }
 
 impl CubicPiece {
-    fn near(&self, value: f64) -> f64 {
+    fn near(&self, value: f64, search: Search) -> f64 {
         let [a, b, c] = self.cubic.coefficients;
         let (first, last) = (self.cubic.at(self.from), self.end());
         let share = (value - first) / (last - first);
-        near((self.from, self.to), share, last >= first, |s| {
+        near((self.from, self.to), share, last >= first, search, |s| {
             (value - self.cubic.at(s), a + s * (2.0 * b + 3.0 * c * s))
         })
     }

@@ -36,6 +36,19 @@ pub(crate) trait Timed: Piece {
     fn moment(&self, level: Level, up: bool, c: Thresholds) -> f64;
 }
 
+/// How closely [`near`] looks.
+#[derive(Clone, Copy)]
+pub(crate) struct Search {
+    steps: u32,
+    within: f64,
+}
+
+/// Enough for a tick that is checked anyway.
+pub(crate) const ROUGH: Search = Search { steps: 6, within: 1e-9 };
+
+/// To the last bits.
+pub(crate) const FINE: Search = Search { steps: 119, within: 1e-16 };
+
 /// About where a monotone piece has a value that it does reach: Newton's steps, within a bracket that every one narrows.
 ///
 /// `missing(s)` is that value less the piece's at `s`, and the piece's slope there; `share` is how much of the way from
@@ -45,13 +58,13 @@ pub(crate) fn near(
     (mut low, mut high): (f64, f64),
     share: f64,
     rises: bool,
+    search: Search,
     missing: impl Fn(f64) -> (f64, f64),
 ) -> f64 {
-    const MOST_STEPS: usize = 6;
-    const NEAR: f64 = 1e-9;
     // A level that was passed before the piece began leaves no share to begin with.
     let mut s = if share > 0.0 && share < 1.0 { low + share * (high - low) } else { 0.5 * (low + high) };
-    for _ in 0..MOST_STEPS {
+    let mut last_move = f64::INFINITY;
+    for step in 1..=search.steps {
         let (missing, slope) = missing(s);
         if (missing > 0.0) == rises {
             low = s;
@@ -59,11 +72,15 @@ pub(crate) fn near(
             high = s;
         }
         let next = s + missing / slope;
-        let next = if next > low && next < high { next } else { 0.5 * (low + high) };
-        if (next - s).abs() < NEAR {
-            return next;
+        let moved = (next - s).abs();
+        // Near enough, or so near that rounding moves it no less than the step before did.
+        if moved < search.within || (moved < 1e-9 && moved >= last_move) {
+            return next.clamp(low, high);
         }
-        s = next;
+        // Where Newton creeps along a bend, the bracket is halved now and then.
+        let newton = next > low && next < high && (step % 8 != 0 || moved < 1e-9);
+        s = if newton { next } else { 0.5 * (low + high) };
+        last_move = moved;
     }
     s
 }

@@ -21,11 +21,26 @@ pub(crate) fn exp(x: f64) -> f64 {
     (1.0 + sum) * f64::from_bits((shifted.to_bits() << 52).wrapping_add(0x3ff0_0000_0000_0000))
 }
 
-/// exp(x) - 1 within 2 ulp of the larger of itself and 2^n (n the nearest power), for x from -700 to 700 and clamped to
-/// that beyond, without branches. Near zero it loses no digits.
+/// exp(x) within 2 ulp, for x from -700 to 700 and clamped to that beyond, without branches.
+#[inline(always)]
+#[allow(clippy::inline_always, reason = "vectorised into its caller's loop")]
+pub(crate) fn exp_precise(x: f64) -> f64 {
+    let (beyond_one, power) = reduced(x);
+    (1.0 + beyond_one) * power
+}
+
+/// exp(x) - 1 within 2 ulp of the larger of itself and 2^n (n the nearest power), likewise. Near zero it loses no digits.
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "vectorised into its caller's loop")]
 pub(crate) fn exp_m1(x: f64) -> f64 {
+    let (beyond_one, power) = reduced(x);
+    beyond_one * power + (power - 1.0)
+}
+
+/// exp(x) as (e, 2^n): exp(x) = (1 + e) 2^n with n the nearest power.
+#[inline(always)]
+#[allow(clippy::inline_always, reason = "vectorised into its caller's loop")]
+fn reduced(x: f64) -> (f64, f64) {
     const LN_2_HIGH: f64 = 6.931_471_803_691_238e-1; // 32 bits: exact times n
     const LN_2_LOW: f64 = 1.908_214_929_270_588e-10;
     // 1 / n!, n = 14 to 2; the next term is 0.35^15 / 15! = 1e-19.
@@ -52,8 +67,7 @@ pub(crate) fn exp_m1(x: f64) -> f64 {
     for coefficient in INVERSE_FACTORIALS {
         sum = (sum + coefficient) * r;
     }
-    let power = f64::from_bits((shifted.to_bits() << 52).wrapping_add(0x3ff0_0000_0000_0000));
-    (r + sum * r) * power + (power - 1.0)
+    (r + sum * r, f64::from_bits((shifted.to_bits() << 52).wrapping_add(0x3ff0_0000_0000_0000)))
 }
 
 #[cfg(test)]
@@ -69,9 +83,11 @@ mod tests {
     }
 
     #[test]
-    fn exp_m1_keeps_all_digits() {
+    fn the_precise_ones_keep_all_digits() {
         for i in -70_000..70_000i32 {
             for x in [f64::from(i) * 0.01, f64::from(i) * 1e-7, f64::from(i) * 1e-17] {
+                let (got, expected) = (exp_precise(x), libm::exp(x));
+                assert!((got / expected - 1.0).abs() <= 4.0 * f64::EPSILON, "{x}: {got} {expected}");
                 let (got, expected) = (exp_m1(x), libm::expm1(x));
                 assert!(
                     (got - expected).abs() <= 4.0 * f64::EPSILON * expected.abs().max(1e-290),

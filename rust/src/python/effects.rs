@@ -31,7 +31,12 @@ pub(super) fn from_python(effects: Option<&Bound<'_, PyAny>>) -> PyResult<Effect
     };
     for (name, values) in settings {
         let (name, values): (String, Bound<'_, PyDict>) = (name.extract()?, values.cast_into()?);
-        let number = |parameter: &str| -> PyResult<f64> { parameter_of(&name, &values, parameter)?.extract() };
+        let number = |parameter: &str| -> PyResult<f64> {
+            let value = parameter_of(&name, &values, parameter)?;
+            value
+                .extract()
+                .map_err(|_| PyValueError::new_err(format!("{name}: {parameter} must be a number, got {value}")))
+        };
         match name.as_str() {
             "photoreceptor_bandwidth_hz" => {
                 all.photoreceptor_bandwidth = PhotoreceptorBandwidth {

@@ -75,6 +75,7 @@ fn readout_to_dict(py: Python<'_>, state: ReadoutState) -> PyResult<Bound<'_, Py
     dict.set_item("waiting", state.waiting.into_pyarray(py))?;
     dict.set_item("stamped", state.stamped.into_pyarray(py))?;
     dict.set_item("free_us", state.free_us)?;
+    dict.set_item("free_share", state.free_share)?;
     dict.set_item("last_stamp_us", state.last_stamp_us)?;
     dict.set_item("bursts", state.bursts)?;
     dict.set_item("dropped", state.dropped)?;
@@ -86,6 +87,7 @@ fn readout_from_dict(dict: &Bound<'_, PyDict>) -> PyResult<ReadoutState> {
         waiting: values::<Event>(dict, "waiting")?,
         stamped: values::<Event>(dict, "stamped")?,
         free_us: item(dict, "free_us")?.extract()?,
+        free_share: item(dict, "free_share")?.extract()?,
         last_stamp_us: item(dict, "last_stamp_us")?.extract()?,
         bursts: item(dict, "bursts")?.extract()?,
         dropped: item(dict, "dropped")?.extract()?,

@@ -1,8 +1,8 @@
 //! What leaves a first-order low-pass: the curve, in closed form, for an input that runs straight.
 
 use super::parameters::PhotoreceptorBandwidth;
-use crate::crossing::curve::{Curve, Piece, Timed, first_true, near};
-use crate::crossing::exponential::exp_m1;
+use crate::crossing::curve::{Curve, FINE, Piece, ROUGH, Search, Timed, first_true, near};
+use crate::crossing::exponential::{exp_m1, exp_precise};
 use crate::crossing::level::{Level, Thresholds};
 use crate::log_intensity::ln;
 
@@ -12,9 +12,8 @@ impl PhotoreceptorBandwidth {
     #[inline(always)]
     #[allow(clippy::inline_always, reason = "vectorised into its caller's loop")]
     pub(crate) fn decay(&self, from: f64, to: f64, ticks: f64) -> f64 {
-        let irradiance = exp_m1(0.5 * (from + to)) + 1.0;
-        let corner_hz = (self.hz * irradiance).max(self.floor_hz).min(self.ceiling_hz);
-        (std::f64::consts::TAU * 1e-6 * corner_hz * ticks).min(700.0)
+        let corner_hz = (self.hz * exp_precise(0.5 * (from + to))).max(self.floor_hz).min(self.ceiling_hz);
+        std::f64::consts::TAU * 1e-6 * corner_hz * ticks
     }
 }
 
@@ -120,7 +119,7 @@ impl Piece for FilteredPiece {
             let sign = level.sign_of_excess(self.curve.at(k as f64 / ticks), c);
             if up { sign >= 0 } else { sign <= 0 }
         };
-        let likely = self.moment(level, up, c).ceil() as i64;
+        let likely = (self.near(level, up, c, ROUGH) * ticks).ceil() as i64;
         if likely > after
             && likely <= at
             && (likely == at || reached(likely))
@@ -143,6 +142,12 @@ impl Timed for FilteredPiece {
     }
 
     fn moment(&self, level: Level, up: bool, c: Thresholds) -> f64 {
+        self.near(level, up, c, FINE) * self.curve.ticks as f64
+    }
+}
+
+impl FilteredPiece {
+    fn near(&self, level: Level, up: bool, c: Thresholds, search: Search) -> f64 {
         let value = level.approximate(c).0;
         let missing = |s| {
             let (at, slope) = self.curve.at_and_slope(s);
@@ -150,7 +155,7 @@ impl Timed for FilteredPiece {
         };
         let first = self.curve.at(self.from);
         let share = (value - first) / (self.end() - first);
-        near((self.from, self.to), share, up, missing) * self.curve.ticks as f64
+        near((self.from, self.to), share, up, search, missing)
     }
 }
 

@@ -102,7 +102,9 @@ impl Input {
     }
 }
 
-/// How far a cubic with these slopes strays from its chord, from above; NaN where it is its chord for want of a slope.
+/// How far a cubic with these slopes strays from its chord, from above: an eighth of its largest second derivative, which
+/// lies at one of its ends. NaN where it is its chord for want of a slope.
 pub(super) fn bend(slopes: (f64, f64), chord: f64) -> f64 {
-    4.0 / 27.0 * ((slopes.0 - chord).abs() + (slopes.1 - chord).abs())
+    let (from, to) = (slopes.0 - chord, slopes.1 - chord);
+    0.25 * (2.0 * from + to).abs().max((from + 2.0 * to).abs())
 }

@@ -7,11 +7,11 @@ from collections.abc import Callable
 
 import numpy as np
 
-from .effects import Aps, Effect, Effects, HotPixels, LeakRate, LensBlur, Readout, ShotNoise, Vignetting
-from .effects.optics import Optics
-from .plan_aps import aps_frame
-from .plan_footage import push_all
-from .plan_probe import Probe
+from ..effects import Aps, Effect, Effects, HotPixels, LeakRate, LensBlur, Readout, ShotNoise, Vignetting
+from ..effects.optics import Optics
+from .aps import aps_frame
+from .footage import push_all
+from .probe import Probe
 
 _ROUNDS = 3
 _MOST_EVENTS = 3_000_000

@@ -10,11 +10,11 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ._core import CrossingEngine
-from .effects import Effects
-from .events import EventArray, concatenate_events
-from .luma import LumaFrames
-from .pose import FloatArray
+from .._core import CrossingEngine
+from ..effects import Effects
+from ..events import EventArray, concatenate_events
+from ..luma import LumaFrames
+from ..pose import FloatArray
 
 IntArray = npt.NDArray[np.int64]
 
@@ -66,11 +66,6 @@ class Footage:
     def pixel_frames(self) -> int:
         """How many pixels of how many keyframes there are, but for the first of each part."""
         return sum(len(part.t_us) - 1 for part in self.parts) * self.pixels
-
-    @property
-    def seconds(self) -> float:
-        """How much of the sequence's time the parts last."""
-        return sum(int(part.t_us[-1] - part.t_us[0]) for part in self.parts) * 1e-6
 
     @cached_property
     def ideal(self) -> EventArray:

@@ -7,9 +7,9 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from .effects import Readout
-from .plan_footage import Footage
-from .plan_neglect import NOTHING, Neglect
+from ..effects import Readout
+from .footage import Footage
+from .neglect import NOTHING, Neglect
 
 _PEAK_EVENTS = 50
 """A peak rate is that of so many consecutive events of the pixels looked at: good to a seventh."""

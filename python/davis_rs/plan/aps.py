@@ -7,9 +7,9 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from .effects import Aps
-from .exposure import expose
-from .plan_probe import Probe
+from ..effects import Aps
+from ..exposure import expose
+from .probe import Probe
 
 _FRAMES = 4
 _WHITE_PERCENTILE, _WHITE = 99.0, 0.8
@@ -47,7 +47,7 @@ def frame_change(probe: Probe, aps: Aps) -> FrameChange:
     noise = aps.read_noise_dn * 255 / (2.0 ** (aps.bits or 10) - 1)
     evidence = (
         f"exposure x flow up to {moved_px.max():.3g} px (median {np.median(moved_px):.2g}); read noise {noise:.2g} "
-        f"grey values of 8 bits; {saturated:.3g} % saturated; {changed:.3g} % of pixels change by more than one grey value"
+        f"grey values of 8 bits; {saturated:.3g} % saturated; {changed:.3g} % of pixels change by more than one of them"
     )
     return FrameChange(changed, 100 * float((moved_px > BLUR_PX).mean()), evidence)
 

@@ -3,85 +3,21 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
-from .camera import Camera
-from .effects import Aps, Effect, Effects
-from .effects.effect import check_range
-from .keyframes import Stretch
-from .plan_aps import frame_change
-from .plan_cost import Costs
-from .plan_evidence import Judge
-from .plan_neglect import NOTHING, Neglect
-from .plan_probe import Probe
-from .plan_report import table
-from .render import Renderer
-from .renderers import make_renderer
-from .scene import Scene
-from .trajectory import Trajectory
-
-
-@dataclass(frozen=True)
-class PlannedEffect:
-    """What leaving out an effect would do, and what having it costs.
-
-    Shares are of the larger one of both streams, with and without the effect.
-
-    Attributes:
-        effect: with its values.
-        called_for: whether the plan switches it on.
-        evidence: what was seen of the sequence.
-        missing_percent: events that would be missing without it.
-        spurious_percent: events that would be there though they should not.
-        shifted_percent: events that would be off by more than the plan's ``shift_us``.
-        event_change_percent: events without it minus those with it.
-        median_us, p99_us: of how far events would be off; NaN where there are none.
-        frame_change_percent: pixels of 8-bit frames that would be off by more than one grey value; NaN but for APS.
-        cost_ns_per_pixel: of a keyframe, or of an intensity frame for APS; NaN where it costs none or was not measured.
-        cost_ns_per_event: likewise, of what acts on the stream.
-    """
-
-    effect: Effect
-    called_for: bool
-    evidence: str
-    missing_percent: float
-    spurious_percent: float
-    shifted_percent: float
-    event_change_percent: float
-    median_us: float
-    p99_us: float
-    frame_change_percent: float
-    cost_ns_per_pixel: float
-    cost_ns_per_event: float
-
-
-@dataclass(frozen=True)
-class EffectPlan:
-    """Which effects a sequence calls for; its string is a table for people.
-
-    Attributes:
-        items: one for each candidate, in the order in which light and events meet them.
-        share: of events (for APS, of pixels) that an effect must change to be called for.
-        shift_us: by how much an event must be off to count as shifted.
-        window_us: how far apart two events may be that count as the same.
-        events: of ideal pixels, estimated for the whole sequence.
-        duration_s: of the sequence.
-    """
-
-    items: tuple[PlannedEffect, ...]
-    share: float
-    shift_us: float
-    window_us: int
-    events: float
-    duration_s: float
-
-    @property
-    def effects(self) -> Effects:
-        """Those called for."""
-        return Effects.of(item.effect for item in self.items if item.called_for)
-
-    def __str__(self) -> str:
-        return table(self)
+from ..camera import Camera
+from ..effects import Aps, Effect, Effects
+from ..effects.effect import check_range
+from ..keyframes import Stretch
+from ..render import Renderer
+from ..renderers import make_renderer
+from ..scene import Scene
+from ..trajectory import Trajectory
+from .aps import frame_change
+from .cost import Costs
+from .evidence import Judge
+from .neglect import NOTHING, Neglect
+from .probe import Probe
+from .report import EffectPlan, PlannedEffect
 
 
 def plan_effects(
@@ -151,8 +87,9 @@ def plan_effects_of(
     of 8-bit frames change by more than one grey value.
 
     What an effect in the pixel or on the stream does is seen on a few pixels that are followed all the time (see
-    :class:`~davis_rs.plan_probe.Probe`), by the crossing engine itself or, of noise, from its known rate. As these are
-    a sample, a share that is close to ``share`` may fall on either side of it.
+    :class:`~davis_rs.plan.probe.Probe`), by the crossing engine itself or, of noise, from its known rate. As these are
+    a sample, a share that is close to ``share`` may fall on either side of it. Of a sequence of more than 4096
+    keyframes only parts are seen: what mismatch and refractory period add up to over more than 170 px is left out.
 
     Raises:
         ValueError: for a value out of range, or a renderer with a lens.
@@ -176,8 +113,7 @@ def plan_effects_of(
     probe = Probe(stretch, contrast_threshold=contrast_threshold, contrast_threshold_off=off, seed=seed)
     judge, costs = Judge(probe, probe.window_us(shift_us), shift_us), Costs(probe)
     items = tuple(_planned(effect, judge, costs, 100 * share) for effect in effects)
-    events = judge.whole(len(probe.pixels.ideal))
-    return EffectPlan(items, share, shift_us, judge.window_us, events, trajectory.duration_s)
+    return EffectPlan(items, share, shift_us, judge.window_us, judge.scene_events, trajectory.duration_s)
 
 
 def _planned(effect: Effect, judge: Judge, costs: Costs, percent: float) -> PlannedEffect:

@@ -1,4 +1,4 @@
-"""What is looked at of a sequence to foresee what effects do to it: few pixels all the time, all pixels now and then."""
+"""What is looked at of a sequence to foresee effects: a few pixels all the time, all pixels now and then."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from functools import cached_property
 
 import numpy as np
 
-from .keyframes import Stretch
-from .luma import LumaFrames
-from .plan_footage import Footage, Frames, IntArray
-from .sampling import MaxDisplacement
-from .views import Views
+from ..keyframes import Stretch
+from ..luma import LumaFrames
+from ..sampling import MaxDisplacement
+from ..views import Views
+from .footage import Footage, Frames, IntArray
 
 PATCH_PX = 2
 """Pixels are taken in squares of this side: those of a blur have most of their neighbours in common, and those of many

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from .effects import (
+from ..effects import (
     Effect,
     Effects,
     HotPixels,
@@ -23,18 +23,21 @@ from .effects import (
     ThresholdMismatch,
     Vignetting,
 )
-from .effects.optics import Optics
-from .events import EventArray
-from .plan_bus import through_bus
-from .plan_footage import Footage
-from .plan_neglect import Neglect, neglect, neglect_of_added
-from .plan_probe import Probe
+from ..effects.optics import Optics
+from ..events import EventArray
+from .bus import through_bus
+from .footage import Footage
+from .neglect import Neglect, neglect, neglect_of_added
+from .probe import Probe
 
 _FLOOD = 3_000_000
 """So many events need no engine: they bury all else, or so few are those of the scene."""
 
 _FEW = 30
 """So few events of a leak say less of its rate than the rate itself."""
+
+_NO_LEAK = 1e-9
+"""So many events of a pixel in the whole sequence."""
 
 
 @dataclass(frozen=True)
@@ -58,14 +61,20 @@ class Judge:
         footage = self.probe.pixels
         return self.compare(footage, footage.ideal, footage.events(Effects.of([effect])))
 
-    def whole(self, count: float) -> float:
-        """A number of events of the scattered pixels, for the whole sensor and sequence."""
+    @property
+    def scene_events(self) -> float:
+        """Of ideal pixels, for the whole sensor and sequence: events go by motion, as keyframes do."""
         footage = self.probe.pixels
-        return count / footage.part_of_sensor * (self.probe.duration_us * 1e-6 / footage.seconds)
+        seen = sum(len(part.t_us) - 1 for part in footage.parts)
+        return len(footage.ideal) / footage.part_of_sensor * ((len(self.probe.t_us) - 1) / seen)
 
-    def added(self, expected: float) -> Neglect:
-        """By so many events of the scattered pixels that come on top of the scene's."""
-        return neglect_of_added(self.whole(expected), self.whole(len(self.probe.pixels.ideal)))
+    def of_rate(self, hz: float) -> float:
+        """How many events so many a pixel and second come to."""
+        return hz * self.probe.camera.width * self.probe.camera.height * self.probe.duration_us * 1e-6
+
+    def added(self, hz: float) -> Neglect:
+        """By events at a rate a pixel that come on top of the scene's."""
+        return neglect_of_added(self.of_rate(hz), self.scene_events)
 
 
 def _vignetting(judge: Judge, effect: Vignetting) -> tuple[Neglect, str]:
@@ -130,55 +139,42 @@ def _leak(judge: Judge, effect: LeakRate) -> tuple[Neglect, str]:
 
     Else every event would count as shifted, by the part of C that each pixel has leaked before the first frame.
     """
-    footage, probe = judge.probe.pixels, judge.probe
-    expected = effect.rate_hz * footage.pixels * footage.seconds
-    events = len(footage.ideal)
+    footage, duration_s = judge.probe.pixels, judge.probe.duration_us * 1e-6
     seen = (
-        f"{judge.whole(expected):.3g} events expected of {effect.rate_hz:.3g} Hz a pixel, beside "
-        f"{judge.whole(events):.3g} of the scene; levels drift by {effect.rate_hz * probe.duration_us * 1e-6:.2g} C"
+        f"{judge.of_rate(effect.rate_hz):.3g} events expected of {effect.rate_hz:.3g} Hz a pixel, beside "
+        f"{judge.scene_events:.3g} of the scene; levels drift by {effect.rate_hz * duration_s:.2g} C"
     )
-    if expected > _FLOOD:
-        return judge.added(expected), seen
-    still = footage.events(Effects(leak_rate_hz=1e-9 / max(probe.duration_us * 1e-6, 1e-6)))
+    counted = judge.added(effect.rate_hz)
+    made = effect.rate_hz * footage.pixels * duration_s
+    if made > _FLOOD:
+        return counted, seen
+    still = footage.events(Effects(leak_rate_hz=_NO_LEAK / duration_s))
     found = judge.compare(footage, still, footage.events(Effects.of([effect])))
-    if expected >= _FEW:
-        return found, seen
-    counted = judge.added(expected)
-    return (
-        Neglect(
-            counted.missing_percent,
-            found.spurious_percent if events else 0.0,
-            found.shifted_percent,
-            counted.event_change_percent,
-            found.median_us,
-            found.p99_us,
-        ),
-        seen,
-    )
+    # What little the sample shows of few events is left to the rate, and so is what falls between the sample's parts.
+    missing = max(found.missing_percent, counted.missing_percent)
+    change = counted.event_change_percent if made < _FEW else found.event_change_percent
+    return replace(found, missing_percent=missing, event_change_percent=change), seen
 
 
 def _shot_noise(judge: Judge, effect: ShotNoise) -> tuple[Neglect, str]:
-    footage = judge.probe.pixels
-    steps = footage.steps()
+    steps = judge.probe.pixels.steps()
     rate = effect.rate_hz / (1 + steps.luma.astype(np.float64) / effect.half_luma)
-    expected = float((steps.length_s[:, None] * rate).sum())
+    hz = float(np.average(rate.mean(1), weights=steps.length_s))
     dark, bright = np.percentile(steps.luma, (1, 99))
     seen = (
         f"luma {dark:.3g}..{bright:.3g} (1 % to 99 %) against the {effect.half_luma:.3g} that halves the rate: "
-        f"{rate.mean():.3g} Hz a pixel, so {judge.whole(expected):.3g} events beside "
-        f"{judge.whole(len(footage.ideal)):.3g} of the scene"
+        f"{hz:.3g} Hz a pixel, so {judge.of_rate(hz):.3g} events beside {judge.scene_events:.3g} of the scene"
     )
-    return judge.added(expected), seen
+    return judge.added(hz), seen
 
 
 def _hot_pixels(judge: Judge, effect: HotPixels) -> tuple[Neglect, str]:
-    footage = judge.probe.pixels
-    expected = effect.fraction * effect.rate_hz * footage.pixels * footage.seconds
+    camera, hz = judge.probe.camera, effect.fraction * effect.rate_hz
     seen = (
-        f"{effect.fraction * footage.pixels / footage.part_of_sensor:.3g} pixels of {effect.rate_hz:.3g} Hz: "
-        f"{judge.whole(expected):.3g} events beside {judge.whole(len(footage.ideal)):.3g} of the scene"
+        f"{effect.fraction * camera.width * camera.height:.3g} pixels of {effect.rate_hz:.3g} Hz: "
+        f"{judge.of_rate(hz):.3g} events beside {judge.scene_events:.3g} of the scene"
     )
-    return judge.added(expected), seen
+    return judge.added(hz), seen
 
 
 def _gaps_us(events: EventArray) -> npt.NDArray[np.int64]:

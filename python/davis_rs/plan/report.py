@@ -1,20 +1,82 @@
-"""A plan as a table for people."""
+"""What a plan says: of each effect what leaving it out does and what having it costs, and a table for people."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from textwrap import wrap
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from .plan import EffectPlan, PlannedEffect
+from ..effects import Effect, Effects
 
 _HEADS = ("effect", "called for", "missing", "spurious", "shifted", "events", "off by: median / p99", "cost")
 _WIDTH = 118
 
 
-def table(plan: EffectPlan) -> str:
+@dataclass(frozen=True)
+class PlannedEffect:
+    """What leaving out an effect would do, and what having it costs.
+
+    Shares are of the larger one of both streams, with and without the effect.
+
+    Attributes:
+        effect: with its values.
+        called_for: whether the plan switches it on.
+        evidence: what was seen of the sequence.
+        missing_percent: events that would be missing without it.
+        spurious_percent: events that would be there though they should not.
+        shifted_percent: events that would be off by more than the plan's ``shift_us``.
+        event_change_percent: events without it minus those with it.
+        median_us, p99_us: of how far events would be off; NaN where there are none.
+        frame_change_percent: pixels of 8-bit frames that would be off by more than one grey value; NaN but for APS.
+        cost_ns_per_pixel: of a keyframe, or of an intensity frame for APS; NaN where it costs none or was not measured.
+        cost_ns_per_event: likewise, of what acts on the stream.
+    """
+
+    effect: Effect
+    called_for: bool
+    evidence: str
+    missing_percent: float
+    spurious_percent: float
+    shifted_percent: float
+    event_change_percent: float
+    median_us: float
+    p99_us: float
+    frame_change_percent: float
+    cost_ns_per_pixel: float
+    cost_ns_per_event: float
+
+
+@dataclass(frozen=True)
+class EffectPlan:
+    """Which effects a sequence calls for; its string is a table for people.
+
+    Attributes:
+        items: one for each candidate, in the order in which light and events meet them.
+        share: of events (for APS, of pixels) that an effect must change to be called for.
+        shift_us: by how much an event must be off to count as shifted.
+        window_us: how far apart two events may be that count as the same.
+        events: of ideal pixels, estimated for the whole sequence.
+        duration_s: of the sequence.
+    """
+
+    items: tuple[PlannedEffect, ...]
+    share: float
+    shift_us: float
+    window_us: int
+    events: float
+    duration_s: float
+
+    @property
+    def effects(self) -> Effects:
+        """Those called for."""
+        return Effects.of(item.effect for item in self.items if item.called_for)
+
+    def __str__(self) -> str:
+        return _table(self)
+
+
+def _table(plan: EffectPlan) -> str:
     """One row an effect, what was seen of the sequence below it, and what the columns mean at the end."""
     rows = [_HEADS, *(_cells(item) for item in plan.items)]
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]

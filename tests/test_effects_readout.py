@@ -1,0 +1,248 @@
+"""The readout bus: whose row is read and when, that order stays, and that what it cannot carry waits or is counted."""
+
+from __future__ import annotations
+
+import math
+import pickle
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy import stats
+
+from davis_rs import CrossingEngine, Effects
+from davis_rs.effects import Readout
+from davis_rs.events import EventArray, concatenate_events
+from effects_reference import collect, read_out, scene
+from strategies import EPOCH_US, EXAMPLES, random_paths
+
+UNLIKELY = 1e-6
+"""The significance of every statistical test here; seeds are fixed."""
+
+eighths = st.integers(0, 800).map(lambda n: n / 8)
+"""Waits in microseconds that make no rounding error."""
+
+LogFrames = npt.NDArray[np.float64]
+
+
+def texture(frames: int, height: int, width: int) -> LogFrames:
+    """Random walks of log intensity with jumps, (frames, height, width)."""
+    return random_paths(height * width, frames).reshape(frames, height, width)
+
+
+def engines(height: int, width: int, bus: Readout, **effects: Any) -> tuple[CrossingEngine, CrossingEngine]:
+    """The same pixels without the bus and with it."""
+    return (
+        CrossingEngine(width, height, effects=Effects(**effects)),
+        CrossingEngine(width, height, effects=Effects(readout=bus, **effects)),
+    )
+
+
+def run(engine: CrossingEngine, frames: LogFrames, gap_us: int) -> tuple[list[EventArray], EventArray]:
+    """The packet of each frame, and what is flushed at the end."""
+    packets = [engine.push_log(k * gap_us, frame) for k, frame in enumerate(frames)]
+    return packets, engine.flush()
+
+
+def without_stamps(events: EventArray) -> list[tuple[int, int, int]]:
+    """(y, x, p) of each pixel's events, in their order, pixel by pixel."""
+    order = np.lexsort((np.arange(len(events)), events["x"], events["y"]))
+    return [(int(e["y"]), int(e["x"]), int(e["p"])) for e in events[order]]
+
+
+def assert_in_order(events: EventArray) -> None:
+    keys = events["t"].astype(np.int64), events["y"].astype(np.int64), events["x"].astype(np.int64)
+    order = np.lexsort((np.arange(len(events)), keys[2], keys[1], keys[0]))
+    assert np.array_equal(order, np.arange(len(events)))
+
+
+@EXAMPLES
+@given(
+    st.integers(0, 5),
+    st.sampled_from([(1, 1), (3, 4), (5, 2)]),
+    st.sampled_from([3, 20, 300]),
+    st.sampled_from([1.0, 1e4, 2.5e5, 1e6, 8e6, math.inf]),
+    eighths,
+    st.one_of(st.none(), eighths),
+)
+def test_the_stream_is_that_of_a_plain_bus(
+    seed: int, size: tuple[int, int], gap_us: int, rate: float, latency_us: float, drop_after_us: float | None
+) -> None:
+    """Every stamp and every drop, against a bus that looks through all requests at each grant; no number rounds."""
+    bus = Readout(rate, latency_us, drop_after_us=drop_after_us)
+    plain, read = engines(*size, bus)
+    frames = texture(30, 6, 6)[seed : seed + 12, : size[0], : size[1]]
+    expected, dropped = read_out(
+        collect(run(plain, frames, gap_us)[0]),
+        events_per_s=rate,
+        latency_us=latency_us,
+        drop_after_us=math.inf if drop_after_us is None else drop_after_us,
+    )
+    packets, rest = run(read, frames, gap_us)
+    np.testing.assert_array_equal(concatenate_events([*packets, rest]), expected)
+    assert read.dropped_events == dropped
+    for k, packet in enumerate(packets):
+        assert np.all((packet["t"] > (k - 1) * gap_us) & (packet["t"] <= k * gap_us))
+    assert np.all(rest["t"] > (len(frames) - 1) * gap_us)
+    # What the pixels do does not depend on the bus.
+    np.testing.assert_array_equal(read.reference, plain.reference)
+    np.testing.assert_array_equal(read.last_event_us, plain.last_event_us)
+
+
+@pytest.mark.parametrize("latency_us", [0.0, 3.0, 250.5])
+@pytest.mark.parametrize("jitter_us", [0.0, 5.0, 400.0])
+@pytest.mark.parametrize("rate", [2e4, 12e6])
+def test_no_event_is_lost_or_out_of_order(rate: float, latency_us: float, jitter_us: float) -> None:
+    """Each event leaves once, after it came, in its pixel's order; the stream is sorted by (t, y, x) over all packets.
+
+    Stamps of a push lie after the last push's and not beyond its own time.
+    """
+    plain, read = engines(12, 9, Readout(rate, latency_us, jitter_us))
+    frames = texture(60, 12, 9)
+    came = collect(run(plain, frames, 500)[0])
+    packets, rest = run(read, frames, 500)
+    left = concatenate_events([*packets, rest])
+    assert_in_order(left)
+    for k, packet in enumerate(packets):
+        assert np.all((packet["t"] > (k - 1) * 500) & (packet["t"] <= k * 500))
+    assert without_stamps(left) == without_stamps(came)
+    by_pixel = [np.lexsort((np.arange(len(e)), e["x"], e["y"])) for e in (came, left)]
+    waited = left["t"][by_pixel[1]].astype(np.int64) - came["t"][by_pixel[0]]
+    # The stamp is not before the grant, which is not before the request.
+    assert waited.min() >= (latency_us if jitter_us == 0 else 0)
+    assert len(rest) > 0 or rate > 1e6
+    assert len(read.flush()) == read.dropped_events == 0
+
+
+@pytest.mark.parametrize("rate", [1e5, 3e6, 12e6])
+def test_a_megahertz_of_noise_leaves_at_the_pace_of_the_bus(rate: float) -> None:
+    """64 pixels at 1e6 Hz each, five times what the bus of a DAVIS240 carries and more: all come, at its pace.
+
+    From any stamp to any other there are no more events than the bus carries in that time, and one burst.
+    """
+    _, read = engines(8, 8, Readout(rate), shot_noise_rate_hz=1e6)
+    plain, _ = engines(8, 8, Readout(rate), shot_noise_rate_hz=1e6)
+    packets = [read.push_log(t, scene(-50, 8, 8)) for t in range(0, 1_001, 50)]
+    came = collect(plain.push_log(t, scene(-50, 8, 8)) for t in range(0, 1_001, 50))
+    during, rest = collect(packets), read.flush()
+    assert len(during) + len(rest) == len(came) > 60_000
+    # The last burst of the recording may be carried after its end.
+    largest = np.unique(concatenate_events([during, rest])["t"], return_counts=True)[1].max()
+    assert len(during) <= rate * 1e-3 + largest
+    assert len(during) > 0.9 * rate * 1e-3 - 64
+    stamps, burst = np.unique(concatenate_events([during, rest])["t"], return_counts=True)
+    before = np.cumsum(burst) - burst
+    # Events of bursts k to m-1 are carried between the stamps of k and m.
+    for ahead in (1, 2, 5, 20):
+        if len(stamps) > ahead:
+            assert np.all(before[ahead:] - before[:-ahead] <= (stamps[ahead:] - stamps[:-ahead] + 1) * rate * 1e-6)
+    assert rest["t"][-1] == pytest.approx(1e6 * (len(came) - burst[-1]) / rate, abs=50)
+
+
+@pytest.mark.parametrize("drop_after_us", [0.0, 20.0, 150.0])
+def test_what_waits_too_long_is_dropped_and_counted(drop_after_us: float) -> None:
+    """Those that leave and those that are counted are all that came, and none that leaves waited longer."""
+    plain, read = engines(6, 6, Readout(2e4, drop_after_us=drop_after_us))
+    frames = texture(50, 6, 6)
+    came = collect(run(plain, frames, 300)[0])
+    packets, rest = run(read, frames, 300)
+    left = concatenate_events([*packets, rest])
+    assert read.dropped_events > 50
+    assert len(left) + read.dropped_events == len(came)
+    for y, x in np.ndindex(6, 6):
+        requests = came[(came["x"] == x) & (came["y"] == y)]
+        for event in left[(left["x"] == x) & (left["y"] == y)]:
+            waits = event["t"] - requests["t"][requests["p"] == event["p"]].astype(float)
+            assert np.any((waits >= 0) & (waits <= drop_after_us + 1))
+
+
+def test_latency_is_added_to_each_stamp() -> None:
+    """On a bus without limit: the first tick at or after the crossing's and the latency; order stays."""
+    for latency_us in (0.25, 7.0, 123.4):
+        plain, read = engines(5, 5, Readout(math.inf, latency_us))
+        frames = texture(40, 5, 5)
+        expected = collect(run(plain, frames, 400)[0])
+        packets, rest = run(read, frames, 400)
+        expected["t"] += math.ceil(latency_us)
+        np.testing.assert_array_equal(concatenate_events([*packets, rest]), expected)
+
+
+def test_jitter_is_normal_with_the_given_deviation() -> None:
+    """Of 4,000 events far apart: mean latency, standard deviation (chi-square, 1e-6), normal (Kolmogorov-Smirnov)."""
+    latency_us, jitter_us, count = 5_000.0, 700.0, 4_000
+    read = CrossingEngine(1, 1, contrast_threshold=0.5, effects=Effects(readout=Readout(12e6, latency_us, jitter_us)))
+    # A step of C within a microsecond, every 20 ms.
+    packets = [read.push_log(20_000 * (k // 2) + k % 2, scene(0.6 * ((k + 1) // 2 % 2))) for k in range(2 * count + 2)]
+    stamps = concatenate_events([*packets, read.flush()])["t"]
+    delay = stamps % 20_000 - 1 - latency_us - 0.5  # rounded up to ticks
+    assert len(delay) >= count
+    assert abs(delay.mean()) < 5 * jitter_us / math.sqrt(len(delay))
+    spread = delay.var(ddof=1) * (len(delay) - 1) / jitter_us**2
+    assert UNLIKELY < stats.chi2.cdf(spread, len(delay) - 1) < 1 - UNLIKELY
+    assert stats.kstest(delay / jitter_us, "norm").pvalue > UNLIKELY
+    assert stats.pearsonr(delay[1:], delay[:-1]).pvalue > UNLIKELY
+
+
+def test_a_stamp_is_never_before_its_grant() -> None:
+    """However much larger than the latency the jitter is: half of the events have the tick of their request."""
+    plain, read = engines(1, 1, Readout(math.inf, 0.0, 50.0))
+    times = range(0, 2_000_000, 1_000)
+    frames = [(t, scene(0.151 * (t // 1_000))) for t in times]
+    came = collect(plain.push_log(*frame) for frame in frames)
+    left = concatenate_events([*(read.push_log(*frame) for frame in frames), read.flush()])
+    waited = left["t"] - came["t"]
+    assert waited.min() == 0
+    assert stats.binomtest(int((waited == 0).sum()), len(waited), 0.5).pvalue > UNLIKELY
+
+
+@pytest.mark.parametrize("cut", [1, 17, 39])
+def test_a_stored_bus_goes_on(cut: int) -> None:
+    """Requests that wait, events with stamps ahead, the bus's time and the count of drops: all are in the state."""
+    bus = Readout(3e4, 40.0, 30.0, drop_after_us=700.0)
+    _, whole = engines(7, 7, bus)
+    _, parts = engines(7, 7, bus)
+    frames = texture(40, 7, 7)
+    expected = [whole.push_log(k * 250, frame) for k, frame in enumerate(frames)]
+    got = [parts.push_log(k * 250, frame) for k, frame in enumerate(frames[:cut])]
+    parts = pickle.loads(pickle.dumps(parts))
+    got += [parts.push_log((cut + k) * 250, frame) for k, frame in enumerate(frames[cut:])]
+    for one, other in zip([*expected, whole.flush()], [*got, parts.flush()], strict=True):
+        assert one.tobytes() == other.tobytes()
+    assert parts.dropped_events == whole.dropped_events > 0
+
+
+def test_after_a_flush_the_bus_goes_on_in_order() -> None:
+    """Later events are stamped after those that were flushed, though these lie ahead of the frames."""
+    _, read = engines(6, 6, Readout(1e4))
+    frames = texture(30, 6, 6)
+    first = [read.push_log(k * 100, frame) for k, frame in enumerate(frames[:15])]
+    flushed = read.flush()
+    second = [read.push_log((15 + k) * 100, frame) for k, frame in enumerate(frames[15:])]
+    stream = concatenate_events([*first, flushed, *second, read.flush()])
+    plain, _ = engines(6, 6, Readout(1e4))
+    assert len(flushed) > 0
+    assert flushed["t"][-1] > 30 * 100
+    assert without_stamps(stream) == without_stamps(collect(run(plain, frames, 100)[0]))
+    assert np.all(np.diff(stream["t"]) >= 0)
+
+
+@pytest.mark.parametrize("rate", [1e6, 12e6])
+def test_at_a_unix_time_it_is_the_same(rate: float) -> None:
+    """From 0 and from 1.7e15 us: the same events, shifted, at the same pace."""
+    early, late = (
+        concatenate_events([*(read.push_log(start + t, scene(0, 8, 8)) for t in range(0, 1_001, 50)), read.flush()])
+        for start in (0, EPOCH_US)
+        for read in [engines(8, 8, Readout(rate, 0.3), shot_noise_rate_hz=1e6)[1]]
+    )
+    late["t"] -= EPOCH_US
+    np.testing.assert_array_equal(late, early)
+
+
+def test_an_engine_without_a_bus_holds_nothing_back() -> None:
+    """Nothing to flush, nothing dropped."""
+    plain = CrossingEngine(6, 6, effects=Effects(leak_rate_hz=1.0))
+    run(plain, texture(10, 6, 6), 100)
+    assert len(plain.flush()) == plain.dropped_events == 0

@@ -1,0 +1,297 @@
+"""Effects as settings: composition, the command line's words, neutral values, and nonsense refused by name."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+import pickle
+import re
+from typing import Any
+
+import pytest
+
+from davis_rs import CrossingEngine, Effects
+from davis_rs.effects import (
+    EFFECTS,
+    Aps,
+    Effect,
+    HotPixels,
+    LeakRate,
+    LensBlur,
+    PhotoreceptorBandwidth,
+    Readout,
+    RefractoryPeriod,
+    ShotNoise,
+    ThresholdMismatch,
+    Vignetting,
+    parse_effect,
+)
+
+ALL: list[Effect] = [
+    Vignetting(),
+    LensBlur(0.7),
+    PhotoreceptorBandwidth(300.0, floor_hz=3.0),
+    ThresholdMismatch(0.1),
+    RefractoryPeriod(10.0),
+    LeakRate(0.1),
+    ShotNoise(1.0),
+    HotPixels(0.01),
+    Readout(),
+    Aps(),
+]
+"""One of each, on."""
+
+NEUTRAL: list[Effect] = [
+    Vignetting(0),
+    LensBlur(0),
+    PhotoreceptorBandwidth(math.inf),
+    ThresholdMismatch(0),
+    RefractoryPeriod(0),
+    LeakRate(0),
+    ShotNoise(0),
+    ShotNoise(-0.0, 3.0),
+    HotPixels(0.0),
+    HotPixels(0.3, 0.0),
+    Readout(math.inf),
+    Readout(math.inf, drop_after_us=3.0),
+    Aps(0, read_noise_dn=0, bits=None, full_scale_luma=None),
+]
+
+
+def by_name(effect: Effect) -> str:
+    return effect.name
+
+
+def words(effect: Effect) -> dict[str, Any]:
+    """Its parameters, infinity as a word."""
+    return {name: "inf" if value == math.inf else value for name, value in effect.settings().items()}
+
+
+# Composition.
+
+
+@pytest.mark.parametrize("effect", ALL, ids=by_name)
+def test_an_effect_is_an_argument_of_its_own_name(effect: Effect) -> None:
+    """As an object, among those that are on; its class is listed under that name, and all others are off."""
+    arguments: dict[str, Any] = {effect.name: effect}
+    effects = Effects(**arguments)
+    assert list(effects) == [effect]
+    assert effects
+    assert getattr(effects, effect.name) is effect
+    assert EFFECTS[effect.name] is type(effect)
+    assert json.loads(json.dumps(effects.describe())) == {effect.name: words(effect)}
+    assert effects == Effects.of([effect])
+    assert hash(effects) == hash(Effects.of([effect]))
+    assert effects != Effects()
+    assert pickle.loads(pickle.dumps(effects)) == effects
+
+
+@pytest.mark.parametrize("effect", NEUTRAL, ids=repr)
+def test_a_neutral_effect_is_off(effect: Effect) -> None:
+    """It is not among those that are on, and nothing of it reaches the engine."""
+    assert effect.neutral
+    effects = Effects.of([effect])
+    assert effects == Effects()
+    assert not effects
+    assert effects.engine_settings() == effects.describe() == {}
+
+
+def test_a_number_is_the_first_parameter() -> None:
+    """As ``leak_rate_hz=0.1``; zero is off."""
+    effects = Effects(
+        photoreceptor_bandwidth_hz=300, threshold_mismatch=0.1, refractory_period_us=5, leak_rate_hz=0.2, readout=1e6
+    )
+    assert list(effects) == [
+        PhotoreceptorBandwidth(300),
+        ThresholdMismatch(0.1),
+        RefractoryPeriod(5),
+        LeakRate(0.2),
+        Readout(1e6),
+    ]
+    others = Effects(vignetting=2.0, lens_blur_px=0.5, shot_noise_rate_hz=3.0, hot_pixels=0.1, aps=5_000)
+    assert list(others) == [Vignetting(2.0), LensBlur(0.5), ShotNoise(3.0), HotPixels(0.1), Aps(5_000)]
+    assert Effects(leak_rate_hz=0, readout=math.inf) == Effects()
+
+
+def test_effects_come_in_the_order_in_which_light_and_events_meet_them() -> None:
+    """However they were given; of several of one kind the last is taken."""
+    effects = Effects.of(reversed(ALL))
+    assert list(effects) == ALL
+    assert [effect.name for effect in ALL] == list(EFFECTS) == [field.name for field in dataclasses.fields(effects)]
+    assert Effects.of([LeakRate(1), LeakRate(2)]) == Effects(leak_rate_hz=2)
+    assert Effects.of([LeakRate(1), LeakRate(0)]) == Effects()
+
+
+def test_the_engine_gets_what_it_carries_out() -> None:
+    """All that acts on the log signal, in the pixel and on the stream, with all parameters."""
+    settings = Effects.of(ALL).engine_settings()
+    assert list(settings) == [effect.name for effect in ALL if effect.acts_on in ("log intensity", "pixel", "stream")]
+    assert settings["readout"] == {
+        "events_per_s": 12e6,
+        "latency_us": 0.0,
+        "jitter_us": 0.0,
+        "drop_after_us": None,
+    }
+    assert settings["photoreceptor_bandwidth_hz"] == {"hz": 300.0, "floor_hz": 3.0, "ceiling_hz": math.inf}
+    CrossingEngine(2, 2, effects=settings)
+
+
+def test_effects_do_not_change() -> None:
+    """Neither the composition nor an effect."""
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        Effects().leak_rate_hz = LeakRate(1)  # type: ignore[misc]
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        LeakRate(1).rate_hz = 2  # type: ignore[misc]
+
+
+def test_an_effect_that_is_not_there_is_refused() -> None:
+    """By its name."""
+    with pytest.raises(TypeError, match="leak_rate"):
+        Effects(leak_rate=0.1)  # type: ignore[call-arg]
+    with pytest.raises(ValueError, match='no effect "leak_rate" of the crossing engine'):
+        CrossingEngine(1, 1, effects={"leak_rate": {"rate_hz": 1.0}})
+    with pytest.raises(ValueError, match="leak_rate_hz must have rate_hz"):
+        CrossingEngine(1, 1, effects={"leak_rate_hz": {}})
+    with pytest.raises(ValueError, match=r"effects must be davis_rs\.Effects or None, got 3"):
+        CrossingEngine(1, 1, effects=3)  # type: ignore[arg-type]
+
+
+# The command line's words.
+
+
+@pytest.mark.parametrize(
+    ("text", "effect"),
+    [
+        ("vignetting", Vignetting()),
+        ("readout", Readout()),
+        ("aps", Aps()),
+        ("leak_rate_hz=0.1", LeakRate(0.1)),
+        ("leak_rate_hz=rate_hz=0.1", LeakRate(0.1)),
+        ("leak_rate_hz=1e-1", LeakRate(0.1)),
+        ("refractory_period_us=100", RefractoryPeriod(100)),
+        ("shot_noise_rate_hz=5,half_luma=0.2", ShotNoise(5, 0.2)),
+        ("shot_noise_rate_hz=half_luma=0.2,rate_hz=5", ShotNoise(5, 0.2)),
+        ("hot_pixels=0.01,rate_hz=200", HotPixels(0.01, 200)),
+        ("readout=latency_us=3", Readout(latency_us=3)),
+        ("readout=1e6,drop_after_us=50,jitter_us=.5", Readout(1e6, 0.0, 0.5, 50)),
+        ("readout=inf,drop_after_us=none", Readout(math.inf)),
+        ("photoreceptor_bandwidth_hz=300,floor_hz=10,ceiling_hz=1e4", PhotoreceptorBandwidth(300, 10, 1e4)),
+        ("aps=10000,bits=8,full_scale_luma=NONE", Aps(10_000, bits=8, full_scale_luma=None)),
+        ("threshold_mismatch=0", ThresholdMismatch(0)),
+    ],
+)
+def test_words_are_effects(text: str, effect: Effect) -> None:
+    """A name alone, with a value, with parameters in any order; ``none`` and ``inf`` among the values."""
+    assert parse_effect(text) == effect
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "there is no effect ''; there are vignetting, lens_blur_px, "),
+        ("leak", "there is no effect 'leak'; there are "),
+        ("=3", "there is no effect ''"),
+        ("leak_rate_hz", "effect leak_rate_hz needs a value: leak_rate_hz=RATE_HZ"),
+        ("leak_rate_hz=", "effect leak_rate_hz needs a value: leak_rate_hz=RATE_HZ"),
+        ("hot_pixels=rate_hz=3", "effect hot_pixels needs a value: hot_pixels=FRACTION"),
+        ("hot_pixels=0.1,rate=3", "effect hot_pixels has the parameters fraction, rate_hz, got 'rate=3'"),
+        ("hot_pixels=0.1,3", "effect hot_pixels has the parameters fraction, rate_hz, got '3'"),
+        ("hot_pixels=0.1,", "effect hot_pixels has the parameters fraction, rate_hz, got ''"),
+        ("leak_rate_hz=fast", "leak_rate_hz rate_hz must be a number or none, got 'fast'"),
+        ("leak_rate_hz=1Hz", "leak_rate_hz rate_hz must be a number or none, got '1Hz'"),
+        ("leak_rate_hz=rate_hz=", "leak_rate_hz rate_hz must be a number or none, got ''"),
+        ("leak_rate_hz=²", "leak_rate_hz rate_hz must be a number or none, got '²'"),
+        ("leak_rate_hz=-1", "leak_rate_hz must lie in 0..1e6 Hz, got -1"),
+        ("leak_rate_hz=none", "leak_rate_hz"),
+        ("readout=none", "readout"),
+        ("leak_rate_hz=1" + "0" * 400, "leak_rate_hz"),
+        ("vignetting=1" + "0" * 400, "vignetting"),
+    ],
+)
+def test_words_that_make_no_effect_are_refused(text: str, message: str) -> None:
+    """With what there is, what is missing, or what was not understood."""
+    with pytest.raises(ValueError, match=re.escape(message)):
+        parse_effect(text)
+
+
+# Nonsense.
+
+NONSENSE: list[tuple[type[Effect], dict[str, Any], str]] = [
+    (LeakRate, {"rate_hz": -0.1}, "leak_rate_hz must lie in 0..1e6 Hz, got -0.1"),
+    (LeakRate, {"rate_hz": math.nan}, "leak_rate_hz must lie in 0..1e6 Hz, got NaN"),
+    (LeakRate, {"rate_hz": 1.1e6}, "leak_rate_hz must lie in 0..1e6 Hz, got 1100000"),
+    (ThresholdMismatch, {"sigma": -0.1}, "threshold_mismatch must lie in 0..1e0 of the threshold, got -0.1"),
+    (ThresholdMismatch, {"sigma": 1.01}, "threshold_mismatch must lie in 0..1e0 of the threshold, got 1.01"),
+    (ThresholdMismatch, {"sigma": math.nan}, "threshold_mismatch must lie in 0..1e0 of the threshold, got NaN"),
+    (RefractoryPeriod, {"period_us": -1}, "refractory_period_us must lie in 0..1e15 us, got -1"),
+    (RefractoryPeriod, {"period_us": math.inf}, "refractory_period_us must lie in 0..1e15 us, got inf"),
+    (RefractoryPeriod, {"period_us": math.nan}, "refractory_period_us must lie in 0..1e15 us, got NaN"),
+    (ShotNoise, {"rate_hz": -5}, "shot_noise_rate_hz must lie in 0..1e7 Hz, got -5"),
+    (ShotNoise, {"rate_hz": math.inf}, "shot_noise_rate_hz must lie in 0..1e7 Hz, got inf"),
+    (ShotNoise, {"rate_hz": 1, "half_luma": 0}, "shot_noise_rate_hz: half_luma must lie in "),
+    (ShotNoise, {"rate_hz": 1, "half_luma": math.nan}, "shot_noise_rate_hz: half_luma must lie in "),
+    (HotPixels, {"fraction": -0.1}, "hot_pixels: fraction must lie in 0..1e0 of the pixels, got -0.1"),
+    (HotPixels, {"fraction": 1.5}, "hot_pixels: fraction must lie in 0..1e0 of the pixels, got 1.5"),
+    (HotPixels, {"fraction": math.nan}, "hot_pixels: fraction must lie in 0..1e0 of the pixels, got NaN"),
+    (HotPixels, {"fraction": 0.1, "rate_hz": -1}, "hot_pixels: rate_hz must lie in 0..1e7 Hz, got -1"),
+    (HotPixels, {"fraction": 0.0, "rate_hz": math.nan}, "hot_pixels: rate_hz must lie in 0..1e7 Hz, got NaN"),
+    (PhotoreceptorBandwidth, {"hz": 0}, "photoreceptor_bandwidth_hz must lie in 0.001..inf Hz, got 0"),
+    (PhotoreceptorBandwidth, {"hz": -3}, "photoreceptor_bandwidth_hz must lie in 0.001..inf Hz, got -3"),
+    (PhotoreceptorBandwidth, {"hz": math.nan}, "photoreceptor_bandwidth_hz must lie in 0.001..inf Hz, got NaN"),
+    (PhotoreceptorBandwidth, {"hz": 9, "floor_hz": -1}, "photoreceptor_bandwidth_hz: floor_hz must lie in 0..inf Hz"),
+    (
+        PhotoreceptorBandwidth,
+        {"hz": 9, "floor_hz": 5, "ceiling_hz": 4},
+        "photoreceptor_bandwidth_hz: floor_hz must lie in 0..4e0 Hz, got 5",
+    ),
+    (
+        PhotoreceptorBandwidth,
+        {"hz": 9, "ceiling_hz": math.nan},
+        "photoreceptor_bandwidth_hz: ceiling_hz must lie in 0.001..inf Hz, got NaN",
+    ),
+    (Readout, {"events_per_s": 0}, "readout: events_per_s must be at least 1 per second, got 0"),
+    (Readout, {"events_per_s": -1e6}, "readout: events_per_s must be at least 1 per second, got -1000000"),
+    (Readout, {"events_per_s": math.nan}, "readout: events_per_s must be at least 1 per second, got NaN"),
+    (Readout, {"latency_us": -1}, "readout: latency_us must lie in 0..1e9 us, got -1"),
+    (Readout, {"latency_us": math.inf}, "readout: latency_us must lie in 0..1e9 us, got inf"),
+    (Readout, {"jitter_us": math.nan}, "readout: jitter_us must lie in 0..1e9 us, got NaN"),
+    (Readout, {"drop_after_us": -0.5}, "readout: drop_after_us must lie in 0..1e9 us, got -0.5"),
+    (Readout, {"drop_after_us": math.nan}, "readout: drop_after_us must lie in 0..1e9 us, got NaN"),
+]
+
+
+@pytest.mark.parametrize(("kind", "values", "message"), NONSENSE, ids=lambda value: repr(value)[:40])
+def test_nonsense_is_refused(kind: type[Effect], values: dict[str, Any], message: str) -> None:
+    """By the name of the effect and its parameter, with the value and the allowed range; by the engine as well."""
+    with pytest.raises(ValueError, match=re.escape(message)):
+        kind(**values)
+    on = next(effect for effect in ALL if isinstance(effect, kind))
+    with pytest.raises(ValueError, match=re.escape(message)):
+        CrossingEngine(1, 1, effects={kind.name: {**on.settings(), **values}})
+
+
+@pytest.mark.parametrize("kind", [LeakRate, ThresholdMismatch, RefractoryPeriod, ShotNoise, HotPixels, Readout])
+@pytest.mark.parametrize("value", ["1", None, [1], LeakRate(1)])
+def test_what_is_no_number_is_refused(kind: type[Any], value: Any) -> None:
+    """By an error that is about arguments."""
+    with pytest.raises((TypeError, ValueError), match="number"):
+        kind(value)
+
+
+@pytest.mark.parametrize("values", [(0.0,), (1e6,), (1e-300,)])
+def test_ends_of_a_range_belong_to_it(values: tuple[float]) -> None:
+    """Zero, the largest, and what is next to nothing."""
+    assert LeakRate(*values).settings() == {"rate_hz": values[0]}
+    assert ThresholdMismatch(1.0).sigma == 1.0
+    assert RefractoryPeriod(1e15).period_us == 1e15
+    assert PhotoreceptorBandwidth(9.0, 4.0, 4.0).ceiling_hz == 4.0
+
+
+def test_a_seed_out_of_range_is_refused() -> None:
+    """Seeds are whole numbers of 64 bits; both ends are taken."""
+    for seed in (0, 2**64 - 1):
+        CrossingEngine(1, 1, seed=seed)
+    for seed in (-1, 2**64):
+        with pytest.raises(ValueError, match=re.escape(f"got {seed}")):
+            CrossingEngine(1, 1, seed=seed)
