@@ -170,7 +170,7 @@ def test_luma_and_log_intensity_do_not_mix() -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"version": 2}, "version 2"),
+        ({"version": 1}, "version 1"),
         ({"on": np.zeros(3, np.uint32)}, "as many values"),
         ({"on": np.zeros(35, np.int64)}, "of a state must be an array of uint32"),
         ({"base": np.full(35, np.nan)}, "base of a state"),

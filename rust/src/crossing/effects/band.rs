@@ -107,12 +107,13 @@ impl Band {
         }
     }
 
-    /// Rounded inward: the reference is within 1e-9, and adding rounds by less.
+    /// Rounded inward: the reference is within 1e-9, adding rounds by less, and what has leaked for long by its own ulp.
     fn set_bounds(&mut self, i: usize, c: Thresholds) {
         let held = self.held_us.get(i).is_some_and(|&held| held > FREE);
         let reference = self.references[i].value(c);
-        self.low[i] = if held { f64::NEG_INFINITY } else { reference - c.off + 3e-9 };
-        self.high[i] = if held { f64::INFINITY } else { reference + c.on - 3e-9 };
+        let margin = 3e-9 + 4.0 * f64::EPSILON * reference.abs();
+        self.low[i] = if held { f64::NEG_INFINITY } else { reference - c.off + margin };
+        self.high[i] = if held { f64::INFINITY } else { reference + c.on - margin };
     }
 
     /// Runs the band's pixels over a frame.
