@@ -66,7 +66,8 @@ def main() -> None:
     # What a reference was at the start is as arbitrary without a leak: the same phases, and no drift.
     phases = run({"effects": Effects(leak_rate_hz=1e-9)})[1]
     size = SCENE.camera.width, SCENE.camera.height
-    print(f"{base:.2f} s of processor time without effects, {ROUNDS} rounds, medians; davis240c: {SENSORS['davis240c']}\n")
+    print(f"{base:.2f} s of processor time without effects, {ROUNDS} rounds, medians")
+    print(f"davis240c: {SENSORS['davis240c']}\n")
     print(
         "| effect | events | ON | missing | spurious | median shift | processor time |\n|---|---|---|---|---|---|---|"
     )

@@ -105,6 +105,6 @@ def _gaussian(k: npt.NDArray[np.int64], variance: float) -> npt.NDArray[np.float
     def excess(a: float) -> float:
         return float(2 * (k**2 * weights(a)).sum()) - variance
 
-    # A Gaussian at whole numbers varies less than a continuous one, by less than that of rounding to them; a wide one so
-    # little less that rounding hides it.
+    # A Gaussian at whole numbers varies less than a continuous one, by less than that of rounding to them; a wide one
+    # so little less that rounding hides it.
     return weights(brentq(excess, 0.5 / (variance + 0.25), 0.501 / variance, xtol=1e-15, rtol=1e-14))
