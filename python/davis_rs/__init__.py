@@ -1,10 +1,21 @@
 """A simulator of the DAVIS event camera: 3D scene and camera path in, events, frames, depth and ground truth out."""
 
-from ._core import CrossingEngine, DecodeError, EventTextWriter, __version__, log_intensity, reconstruct
+from ._core import (
+    CrossingEngine,
+    DecodeError,
+    Decoder,
+    Device,
+    Encoder,
+    EventTextWriter,
+    __version__,
+    log_intensity,
+    reconstruct,
+)
 from .camera import Camera, load_camera
 from .check import check_dataset
 from .compare import EventComparison, compare_events
 from .dataset import DatasetWriter
+from .decoded import IMU_COUNTS_DTYPE, IMU_DTYPE, TRIGGER_DTYPE, Decoded, Frame, TriggerKind
 from .events import EVENT_DTYPE, as_events
 from .light_course import Flicker, LightCourse, SampledCourse
 from .packet import Packet
@@ -26,6 +37,9 @@ from .view import view_dataset
 __all__ = [
     "ACCURACY",
     "EVENT_DTYPE",
+    "IMU_COUNTS_DTYPE",
+    "IMU_DTYPE",
+    "TRIGGER_DTYPE",
     "Accuracy",
     "CallableTrajectory",
     "Camera",
@@ -33,10 +47,15 @@ __all__ = [
     "Dataset",
     "DatasetWriter",
     "DecodeError",
+    "Decoded",
+    "Decoder",
+    "Device",
+    "Encoder",
     "EventComparison",
     "EventTextWriter",
     "FixedRate",
     "Flicker",
+    "Frame",
     "LightCourse",
     "MaxDisplacement",
     "Packet",
@@ -48,6 +67,7 @@ __all__ = [
     "Simulator",
     "Tolerance",
     "Trajectory",
+    "TriggerKind",
     "__version__",
     "align",
     "as_events",

@@ -1,0 +1,161 @@
+//! Bytes to what they mean.
+
+use super::clock::Clock;
+use super::decoded::Decoded;
+use super::device::Device;
+use super::imu::ImuAssembler;
+use super::readout::{FrameAssembler, Read};
+use super::run::{Pixels, run};
+use super::stats::Stats;
+use super::trigger::{Trigger, TriggerKind};
+use super::word;
+use crate::error::Result;
+
+/// Decodes the stream of a DAVIS, piece by piece.
+///
+/// Any split of the stream into pieces decodes alike. No input makes it fail; what it keeps between two pieces is at
+/// most one frame and one inertial sample.
+///
+/// Times are microseconds since the stream began or the camera's clock was last reset; they are whole numbers of 64
+/// bits and know no overflow.
+pub struct Decoder {
+    device: Device,
+    /// The first byte of a word whose second has not come.
+    half: Option<u8>,
+    clock: Clock,
+    pixels: Pixels,
+    imu: ImuAssembler,
+    frames: FrameAssembler,
+    stats: Stats,
+}
+
+impl Decoder {
+    /// A decoder of what this camera sends from its start on.
+    ///
+    /// # Errors
+    /// [`Error::Argument`](crate::Error::Argument) for sizes out of range.
+    pub fn new(device: Device) -> Result<Self> {
+        device.check()?;
+        Ok(Self {
+            half: None,
+            clock: Clock::default(),
+            pixels: Pixels {
+                columns: device.dvs_columns,
+                rows: device.dvs_rows,
+                swapped: device.dvs_swapped,
+                row: None,
+            },
+            imu: ImuAssembler::default(),
+            frames: FrameAssembler::new(&device),
+            stats: Stats::default(),
+            device,
+        })
+    }
+
+    /// The camera whose stream is decoded.
+    #[must_use]
+    pub fn device(&self) -> &Device {
+        &self.device
+    }
+
+    /// How often the stream was not what a camera sends.
+    #[must_use]
+    pub fn stats(&self) -> &Stats {
+        &self.stats
+    }
+
+    /// Decodes the next bytes of the stream and appends what is complete by them to `decoded`.
+    ///
+    /// An odd byte at the end waits for the next piece.
+    pub fn push(&mut self, bytes: &[u8], decoded: &mut Decoded) {
+        let mut bytes = bytes;
+        if let (Some(low), Some((&high, rest))) = (self.half, bytes.split_first()) {
+            self.half = None;
+            self.word(u16::from_le_bytes([low, high]), decoded);
+            bytes = rest;
+        }
+        let (mut words, half) = bytes.as_chunks::<2>();
+        if let [byte] = half {
+            self.half = Some(*byte);
+        }
+        while !words.is_empty() {
+            let (pixels, clock, frames) = (&mut self.pixels, &mut self.clock, &mut self.frames);
+            let plain = run(words, pixels, clock, frames, &mut decoded.events, &mut self.stats);
+            words = &words[plain..];
+            if let Some((first, rest)) = words.split_first() {
+                self.word(u16::from_le_bytes(*first), decoded);
+                words = rest;
+            }
+        }
+    }
+
+    /// Decodes one word: the whole of the format. [`run`] only spares it work.
+    fn word(&mut self, word: u16, decoded: &mut Decoded) {
+        let stats = &mut self.stats;
+        match word & !word::LOW_12 {
+            0 => self.mark(word, decoded),
+            word::ROW if word & word::LOW_12 < self.pixels.rows => self.pixels.row = Some(word & word::LOW_12),
+            word::ROW => stats.addresses_out_of_range += 1,
+            word::COLUMN_OFF | word::COLUMN_ON => match self.pixels.row {
+                _ if word & word::LOW_12 >= self.pixels.columns => stats.addresses_out_of_range += 1,
+                None => stats.columns_without_row += 1,
+                Some(row) => decoded.events.push(self.pixels.event(self.clock.now, row, word)),
+            },
+            word::SAMPLE => self.frames.samples(&[word], stats),
+            word::IMU_BYTE => self.byte(word),
+            word::EXPOSURE if word & word::LOW_12 <= word::LOW_10 => self.frames.exposure_word(word, stats),
+            word::EXPOSURE => stats.unknown_words += 1,
+            word::WRAP => {
+                if self.clock.wrap(word, stats) {
+                    // The drivers' 31 bits overflow here, and they lose what is open. So do we, to agree with them.
+                    self.abandon();
+                }
+            }
+            _ => self.clock.timestamp(word, stats),
+        }
+    }
+
+    /// Decodes a word without a payload.
+    fn mark(&mut self, mark: u16, decoded: &mut Decoded) {
+        let (now, stats) = (self.clock.now, &mut self.stats);
+        match mark {
+            word::IMU_START => self.imu.start(stats),
+            word::IMU_END => decoded.imu.extend(self.imu.end(now, self.device.imu_flips, stats)),
+            word::FRAME_START_GLOBAL => self.frames.start(now, true, stats),
+            word::FRAME_START_ROLLING => self.frames.start(now, false, stats),
+            word::FRAME_END => decoded.frames.extend(self.frames.end(now, stats)),
+            word::RESET_COLUMN_START => self.frames.column_start(Read::Reset, stats),
+            word::SIGNAL_COLUMN_START => self.frames.column_start(Read::Signal, stats),
+            word::COLUMN_END => self.frames.column_end(stats),
+            word::EXPOSURE_START => self.frames.exposure_start(now, stats),
+            word::EXPOSURE_END => self.frames.exposure_end(now, stats),
+            _ => match TriggerKind::of(mark) {
+                Some(TriggerKind::TimestampReset) => {
+                    self.clock = Clock::default();
+                    self.abandon();
+                    decoded.triggers.push(Trigger::new(0, TriggerKind::TimestampReset));
+                }
+                Some(kind) => decoded.triggers.push(Trigger::new(now, kind)),
+                None => stats.unknown_words += 1,
+            },
+        }
+    }
+
+    /// Decodes a word whose payload is a byte.
+    fn byte(&mut self, word: u16) {
+        let ([byte, _], stats) = (word.to_le_bytes(), &mut self.stats);
+        match word & !0xFF {
+            word::IMU_BYTE => self.imu.byte(byte, stats),
+            word::IMU_SCALE => self.imu.scale(byte, stats),
+            word::REGION_HIGH => self.frames.region_high(byte.into(), stats),
+            word::REGION_LOW => self.frames.region_low(byte.into(), stats),
+            _ => stats.unknown_words += 1,
+        }
+    }
+
+    /// Ignores samples and frames until their next start.
+    fn abandon(&mut self) {
+        self.imu.abandon(&mut self.stats);
+        self.frames.abandon(&mut self.stats);
+    }
+}
