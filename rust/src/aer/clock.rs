@@ -1,7 +1,7 @@
 //! The camera's time, unwrapped.
 
 use super::stats::Stats;
-use super::word::{LOW_12, LOW_15, WRAP};
+use super::word::{LOW_12, LOW_15, TIMESTAMP, WRAP};
 
 /// One wrap is 2^15 us.
 pub(super) const WRAP_BITS: u32 = 15;
@@ -9,8 +9,8 @@ pub(super) const WRAP_BITS: u32 = 15;
 /// The drivers' time overflows after 2^31 us.
 const EPOCH_BITS: u32 = 31;
 
-/// Here the clock stands still: 292,000 years, so that no stream makes it overflow.
-const LAST_BASE: i64 = i64::MAX - LOW_15 as i64;
+/// Here the clock stands still, after 146,000 years: no stream makes it overflow.
+const LAST_BASE: i64 = (1 << 62) - (1 << WRAP_BITS);
 
 /// The largest wrap there is.
 const LARGEST_WRAP: i64 = (LOW_12 as i64) << WRAP_BITS;
@@ -25,15 +25,19 @@ pub(super) struct Clock {
 }
 
 impl Clock {
-    pub(super) fn timestamp(&mut self, word: u16, stats: &mut Stats) {
-        self.set(self.base + i64::from(word & LOW_15), stats);
-    }
-
-    /// Carries a wrap out, and tells whether the drivers' 31 bits overflowed by it.
-    pub(super) fn wrap(&mut self, word: u16, stats: &mut Stats) -> bool {
+    /// Carries a timestamp or a wrap out, and tells whether the drivers' 31 bits overflowed by it.
+    #[inline]
+    pub(super) fn advance(&mut self, word: u16, stats: &mut Stats) -> bool {
         let epoch = self.epoch();
-        self.base = self.base.saturating_add(i64::from(word & LOW_12) << WRAP_BITS).min(LAST_BASE);
-        self.set(self.base, stats);
+        let low = if word < TIMESTAMP {
+            self.base = (self.base + (i64::from(word & LOW_12) << WRAP_BITS)).min(LAST_BASE);
+            0
+        } else {
+            i64::from(word & LOW_15)
+        };
+        let t = self.base + low;
+        stats.times_not_increasing += u64::from(t <= self.now);
+        self.now = t;
         self.epoch() != epoch
     }
 
@@ -48,14 +52,9 @@ impl Clock {
     }
 
     /// Whether the drivers' 31 bits overflow by the wraps among these words.
-    pub(super) fn overflows_within(&self, words: &[u16]) -> bool {
-        let is_wrap = |word: u16| word.wrapping_sub(WRAP) <= LOW_12;
-        let wraps = words.iter().map(|&word| if is_wrap(word) { i64::from(word & LOW_12) } else { 0 }).sum::<i64>();
+    pub(super) fn overflows_within(&self, words: &[[u8; 2]]) -> bool {
+        let words = words.iter().map(|bytes| u16::from_le_bytes(*bytes));
+        let wraps: i64 = words.filter(|word| word & !LOW_12 == WRAP).map(|word| i64::from(word & LOW_12)).sum();
         (self.base + (wraps << WRAP_BITS)) >> EPOCH_BITS != self.epoch()
-    }
-
-    fn set(&mut self, t: i64, stats: &mut Stats) {
-        stats.times_not_increasing += u64::from(t <= self.now);
-        self.now = t;
     }
 }

@@ -4,8 +4,9 @@ use super::clock::Clock;
 use super::decoded::Decoded;
 use super::device::Device;
 use super::imu::ImuAssembler;
+use super::pixels::Pixels;
 use super::readout::{FrameAssembler, Read};
-use super::run::{Pixels, run};
+use super::run::{State, run};
 use super::stats::Stats;
 use super::trigger::{Trigger, TriggerKind};
 use super::word;
@@ -22,11 +23,8 @@ pub struct Decoder {
     device: Device,
     /// The first byte of a word whose second has not come.
     half: Option<u8>,
-    clock: Clock,
-    pixels: Pixels,
+    state: State,
     imu: ImuAssembler,
-    frames: FrameAssembler,
-    stats: Stats,
 }
 
 impl Decoder {
@@ -38,16 +36,13 @@ impl Decoder {
         device.check()?;
         Ok(Self {
             half: None,
-            clock: Clock::default(),
-            pixels: Pixels {
-                columns: device.dvs_columns,
-                rows: device.dvs_rows,
-                swapped: device.dvs_swapped,
-                row: None,
+            state: State {
+                clock: Clock::default(),
+                pixels: Pixels::new(&device),
+                frames: FrameAssembler::new(&device),
+                stats: Stats::default(),
             },
             imu: ImuAssembler::default(),
-            frames: FrameAssembler::new(&device),
-            stats: Stats::default(),
             device,
         })
     }
@@ -61,7 +56,7 @@ impl Decoder {
     /// How often the stream was not what a camera sends.
     #[must_use]
     pub fn stats(&self) -> &Stats {
-        &self.stats
+        &self.state.stats
     }
 
     /// Decodes the next bytes of the stream and appends what is complete by them to `decoded`.
@@ -79,8 +74,7 @@ impl Decoder {
             self.half = Some(*byte);
         }
         while !words.is_empty() {
-            let (pixels, clock, frames) = (&mut self.pixels, &mut self.clock, &mut self.frames);
-            let plain = run(words, pixels, clock, frames, &mut decoded.events, &mut self.stats);
+            let plain = run(words, &mut self.state, &mut decoded.events);
             words = &words[plain..];
             if let Some((first, rest)) = words.split_first() {
                 self.word(u16::from_le_bytes(*first), decoded);
@@ -91,47 +85,43 @@ impl Decoder {
 
     /// Decodes one word: the whole of the format. [`run`] only spares it work.
     fn word(&mut self, word: u16, decoded: &mut Decoded) {
-        let stats = &mut self.stats;
+        let State { clock, pixels, frames, stats } = &mut self.state;
         match word & !word::LOW_12 {
             0 => self.mark(word, decoded),
-            word::ROW if word & word::LOW_12 < self.pixels.rows => self.pixels.row = Some(word & word::LOW_12),
-            word::ROW => stats.addresses_out_of_range += 1,
-            word::COLUMN_OFF | word::COLUMN_ON => match self.pixels.row {
-                _ if word & word::LOW_12 >= self.pixels.columns => stats.addresses_out_of_range += 1,
-                None => stats.columns_without_row += 1,
-                Some(row) => decoded.events.push(self.pixels.event(self.clock.now, row, word)),
-            },
-            word::SAMPLE => self.frames.samples(&[word], stats),
+            word::ROW | word::COLUMN_OFF | word::COLUMN_ON => {
+                pixels.address(word, clock.now, &mut decoded.events, stats);
+            }
+            word::SAMPLE => frames.samples(&[word.to_le_bytes()], stats),
             word::IMU_BYTE => self.byte(word),
-            word::EXPOSURE if word & word::LOW_12 <= word::LOW_10 => self.frames.exposure_word(word, stats),
+            word::EXPOSURE if word & word::LOW_12 <= word::LOW_10 => frames.exposure_word(word, stats),
             word::EXPOSURE => stats.unknown_words += 1,
-            word::WRAP => {
-                if self.clock.wrap(word, stats) {
-                    // The drivers' 31 bits overflow here, and they lose what is open. So do we, to agree with them.
+            _ => {
+                if clock.advance(word, stats) {
+                    // Where the drivers' 31 bits overflow they lose what is open. So do we, to agree with them.
                     self.abandon();
                 }
             }
-            _ => self.clock.timestamp(word, stats),
         }
     }
 
     /// Decodes a word without a payload.
     fn mark(&mut self, mark: u16, decoded: &mut Decoded) {
-        let (now, stats) = (self.clock.now, &mut self.stats);
+        let State { clock, frames, stats, .. } = &mut self.state;
+        let now = clock.now;
         match mark {
             word::IMU_START => self.imu.start(stats),
             word::IMU_END => decoded.imu.extend(self.imu.end(now, self.device.imu_flips, stats)),
-            word::FRAME_START_GLOBAL => self.frames.start(now, true, stats),
-            word::FRAME_START_ROLLING => self.frames.start(now, false, stats),
-            word::FRAME_END => decoded.frames.extend(self.frames.end(now, stats)),
-            word::RESET_COLUMN_START => self.frames.column_start(Read::Reset, stats),
-            word::SIGNAL_COLUMN_START => self.frames.column_start(Read::Signal, stats),
-            word::COLUMN_END => self.frames.column_end(stats),
-            word::EXPOSURE_START => self.frames.exposure_start(now, stats),
-            word::EXPOSURE_END => self.frames.exposure_end(now, stats),
+            word::FRAME_START_GLOBAL => frames.start(now, true, stats),
+            word::FRAME_START_ROLLING => frames.start(now, false, stats),
+            word::FRAME_END => decoded.frames.extend(frames.end(now, stats)),
+            word::RESET_COLUMN_START => frames.column_start(Read::Reset, stats),
+            word::SIGNAL_COLUMN_START => frames.column_start(Read::Signal, stats),
+            word::COLUMN_END => frames.column_end(stats),
+            word::EXPOSURE_START => frames.exposure_start(now, stats),
+            word::EXPOSURE_END => frames.exposure_end(now, stats),
             _ => match TriggerKind::of(mark) {
                 Some(TriggerKind::TimestampReset) => {
-                    self.clock = Clock::default();
+                    *clock = Clock::default();
                     self.abandon();
                     decoded.triggers.push(Trigger::new(0, TriggerKind::TimestampReset));
                 }
@@ -143,19 +133,20 @@ impl Decoder {
 
     /// Decodes a word whose payload is a byte.
     fn byte(&mut self, word: u16) {
-        let ([byte, _], stats) = (word.to_le_bytes(), &mut self.stats);
+        let State { frames, stats, .. } = &mut self.state;
+        let [byte, _] = word.to_le_bytes();
         match word & !0xFF {
             word::IMU_BYTE => self.imu.byte(byte, stats),
             word::IMU_SCALE => self.imu.scale(byte, stats),
-            word::REGION_HIGH => self.frames.region_high(byte.into(), stats),
-            word::REGION_LOW => self.frames.region_low(byte.into(), stats),
+            word::REGION_HIGH => frames.region_high(byte.into(), stats),
+            word::REGION_LOW => frames.region_low(byte.into(), stats),
             _ => stats.unknown_words += 1,
         }
     }
 
     /// Ignores samples and frames until their next start.
     fn abandon(&mut self) {
-        self.imu.abandon(&mut self.stats);
-        self.frames.abandon(&mut self.stats);
+        self.imu.abandon(&mut self.state.stats);
+        self.state.frames.abandon(&mut self.state.stats);
     }
 }

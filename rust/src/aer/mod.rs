@@ -15,6 +15,7 @@ mod encodable;
 mod encoder;
 mod frame;
 mod imu;
+mod pixels;
 mod readout;
 mod run;
 mod stats;

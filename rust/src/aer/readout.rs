@@ -208,7 +208,7 @@ impl FrameAssembler {
     }
 
     /// Takes samples that follow upon each other, as words.
-    pub(super) fn samples(&mut self, words: &[u16], stats: &mut Stats) {
+    pub(super) fn samples(&mut self, words: &[[u8; 2]], stats: &mut Stats) {
         if self.open.is_none() {
             stats.frame_stray_words += words.len() as u64;
             return;
@@ -222,7 +222,7 @@ impl FrameAssembler {
         if !words.is_empty() {
             let place = &mut reading.samples[reading.columns * rows + reading.row..][..words.len()];
             for (sample, word) in place.iter_mut().zip(words) {
-                *sample = word & LOW_12;
+                *sample = u16::from_le_bytes(*word) & LOW_12;
             }
             reading.row += words.len();
             reading.filled = reading.filled.max(reading.row);

@@ -1,97 +1,62 @@
 //! The common path: runs of words that need no more than a look: times, addresses, samples.
 //!
-//! It does what [`Decoder`](super::Decoder) does word by word, for many words without a branch in between: which of
-//! them is a column and which a time is as good as random, and a processor that guesses wrong loses more than all the
-//! work there is to do.
+//! It does what [`Decoder`](super::Decoder) does word by word, for many words without a branch in between: which of them is a column
+//! and which a time is as good as random, and a processor that guesses wrong loses more than all the work there is to do.
 
 use multiversion::multiversion;
 
 use super::clock::{Clock, WRAP_BITS};
+use super::pixels::Pixels;
 use super::readout::FrameAssembler;
 use super::stats::Stats;
-use super::word::{COLUMN_OFF, LOW_12, LOW_15, ON, ROW, SAMPLE, TIMESTAMP, WRAP};
+use super::word::{COLUMN_OFF, LOW_12, LOW_15, ON, ROW, SAMPLE, WRAP};
 use crate::event::Event;
 
-/// Words that are looked at together.
-const BLOCK: usize = 64;
+/// Words that are looked at together: a bit each.
+const BLOCK: usize = u64::BITS as usize;
 
-/// So many samples that follow upon each other are worth being copied as such.
-const ENOUGH_SAMPLES: usize = 8;
+/// So many words between samples are worth a whole block's work.
+const WORTH_A_BLOCK: usize = 20;
 
-/// The array of the sensor's event pixels, and the row that was addressed last.
-pub(super) struct Pixels {
-    pub(super) columns: u16,
-    pub(super) rows: u16,
-    /// Whether columns of the wire are rows of the image.
-    pub(super) swapped: bool,
-    pub(super) row: Option<u16>,
-}
+/// Words as they come: two bytes, low one first.
+type Words = [[u8; 2]];
 
-impl Pixels {
-    /// The event of a column's word in a row.
-    #[inline]
-    pub(super) fn event(&self, t: i64, row: u16, word: u16) -> Event {
-        let column = word & LOW_12;
-        let (x, y) = if self.swapped { (row, column) } else { (column, row) };
-        Event::new(t, x, y, word & ON != 0)
-    }
+/// What plain words change, besides that they make events.
+pub(super) struct State {
+    pub(super) clock: Clock,
+    pub(super) pixels: Pixels,
+    pub(super) frames: FrameAssembler,
+    pub(super) stats: Stats,
 }
 
 /// Carries out words for as long as they are plain ones; returns how many they were.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
-pub(super) fn run(
-    words: &[[u8; 2]],
-    pixels: &mut Pixels,
-    clock: &mut Clock,
-    frames: &mut FrameAssembler,
-    events: &mut Vec<Event>,
-    stats: &mut Stats,
-) -> usize {
-    let Some(mut row) = pixels.row else { return 0 };
-    if !clock.has_room_for(words.len()) {
+pub(super) fn run(words: &Words, state: &mut State, events: &mut Vec<Event>) -> usize {
+    if state.pixels.row.is_none() || !state.clock.has_room_for(words.len()) {
         return 0;
     }
-    let samples = if frames.takes_samples() { LOW_12 + 1 } else { 0 };
-    let looked_for = Plain { rows: pixels.rows, columns: pixels.columns, samples };
+    let samples = if state.frames.takes_samples() { LOW_12 + 1 } else { 0 };
+    let looked_for = Plain { rows: state.pixels.rows, columns: state.pixels.columns, samples };
     let mut done = 0;
     while done < words.len() {
-        let (block, loaded) = load(&words[done..]);
-        let found = looked_for.look(&block);
-        let plain = found.plain.min(loaded);
-        if found.leading_samples >= ENOUGH_SAMPLES {
-            let leading = found.leading_samples.min(plain);
-            frames.samples(&block[..leading], stats);
-            done += leading;
-            continue;
+        let rest = &words[done..];
+        let mut padded = [[0; 2]; BLOCK];
+        let block = rest.first_chunk::<BLOCK>().unwrap_or_else(|| {
+            // Reserved words at the end are not plain.
+            padded[..rest.len()].copy_from_slice(rest);
+            &padded
+        });
+        let found = looked_for.look(block);
+        if found.wraps && state.clock.overflows_within(block) {
+            break;
         }
-        let words = &block[..plain];
-        row = match (found.wraps, found.samples) {
-            (false, false) => carry_out::<false, false>(words, row, pixels, clock, frames, events, stats),
-            (false, true) => carry_out::<false, true>(words, row, pixels, clock, frames, events, stats),
-            _ if clock.overflows_within(words) => break,
-            _ => carry_out::<true, true>(words, row, pixels, clock, frames, events, stats),
-        };
-        done += plain;
-        if plain < BLOCK {
+        carry_out_runs(block, &found, state, events);
+        done += found.plain;
+        if found.plain < BLOCK {
             break;
         }
     }
-    pixels.row = Some(row);
     done
-}
-
-/// The next words, up to a block of them, and how many they are; what lacks is reserved words, which are not plain.
-#[inline(always)]
-#[allow(clippy::inline_always, reason = "becomes its caller's vector code")]
-fn load(words: &[[u8; 2]]) -> ([u16; BLOCK], usize) {
-    if let Some(whole) = words.first_chunk::<BLOCK>() {
-        return (whole.map(u16::from_le_bytes), BLOCK);
-    }
-    let mut block = [0; BLOCK];
-    for (word, bytes) in block.iter_mut().zip(words) {
-        *word = u16::from_le_bytes(*bytes);
-    }
-    (block, words.len())
 }
 
 /// What plain words are: those below each kind's first payload that is not.
@@ -105,89 +70,175 @@ struct Plain {
 struct Found {
     /// So many plain words, before another one or the end.
     plain: usize,
-    /// So many samples before anything else.
-    leading_samples: usize,
-    samples: bool,
+    /// Which of its words are samples: the lowest bit is the first word's.
+    samples: u64,
     wraps: bool,
 }
 
 impl Plain {
     #[inline(always)]
     #[allow(clippy::inline_always, reason = "becomes its caller's vector code")]
-    fn look(&self, block: &[u16; BLOCK]) -> Found {
-        let (mut others, mut no_samples) = ([0; BLOCK], [0; BLOCK]);
-        let (mut any_other, mut any_sample, mut any_wrap) = (0, 0, 0);
-        for ((word, other), no_sample) in block.iter().zip(&mut others).zip(&mut no_samples) {
-            let sample = u8::from(word.wrapping_sub(SAMPLE) < self.samples);
-            let wrap = u8::from(word.wrapping_sub(WRAP) <= LOW_12);
-            let time = u8::from(*word >= WRAP);
+    fn look(&self, block: &[[u8; 2]; BLOCK]) -> Found {
+        let (mut others, mut samples) = ([0; BLOCK], [0; BLOCK]);
+        let (mut any_other, mut any_sample, mut any_wrap, mut all_samples) = (0, 0, 0, 1);
+        for ((bytes, other), sample) in block.iter().zip(&mut others).zip(&mut samples) {
+            let word = u16::from_le_bytes(*bytes);
+            let time = u8::from(word >= WRAP);
             let row = u8::from(word.wrapping_sub(ROW) < self.rows);
             let column = u8::from((word & !ON).wrapping_sub(COLUMN_OFF) < self.columns);
-            *other = 1 - (time | row | column | sample);
-            *no_sample = 1 - sample;
+            *sample = u8::from(word.wrapping_sub(SAMPLE) < self.samples);
+            *other = 1 - (time | row | column | *sample);
+            any_wrap |= u8::from(word.wrapping_sub(WRAP) <= LOW_12);
             any_other |= *other;
-            any_sample |= sample;
-            any_wrap |= wrap;
+            any_sample |= *sample;
+            all_samples &= *sample;
         }
         Found {
-            plain: if any_other == 0 { BLOCK } else { first_set(&others) },
-            leading_samples: if any_sample == 0 { 0 } else { first_set(&no_samples) },
-            samples: any_sample != 0,
+            plain: if any_other == 0 { BLOCK } else { bits(&others).trailing_zeros() as usize },
+            samples: if all_samples != 0 {
+                u64::MAX
+            } else if any_sample != 0 {
+                bits(&samples)
+            } else {
+                0
+            },
             wraps: any_wrap != 0,
         }
     }
 }
 
-/// The place of the first flag that is set.
-fn first_set(flags: &[u8; BLOCK]) -> usize {
-    let groups = flags.as_chunks::<8>().0.iter().map(|flags| u64::from_le_bytes(*flags));
-    groups
-        .enumerate()
-        .find(|(_, group)| *group != 0)
-        .map_or(BLOCK, |(i, group)| 8 * i + group.trailing_zeros() as usize / 8)
+/// Flags, 0 or 1, as bits; the first is the lowest.
+#[inline(always)]
+#[allow(clippy::inline_always, reason = "becomes its caller's vector code")]
+fn bits(flags: &[u8; BLOCK]) -> u64 {
+    let eights = flags.as_chunks::<8>().0.iter().enumerate();
+    // Eight bytes of 0 or 1 to eight bits: each lands in the top byte at a place of its own.
+    eights.fold(0, |bits, (i, eight)| {
+        bits | u64::from_le_bytes(*eight).wrapping_mul(0x0102_0408_1020_4080) >> 56 << (8 * i)
+    })
 }
 
-/// Carries plain words out; returns the row that was addressed last.
+/// Carries out the plain words of a block, samples and others in turns.
+#[inline(always)]
+#[allow(clippy::inline_always, reason = "becomes its caller's vector code")]
+fn carry_out_runs(block: &[[u8; 2]; BLOCK], found: &Found, state: &mut State, events: &mut Vec<Event>) {
+    let mut start = 0;
+    while start < found.plain {
+        let samples = found.samples >> start;
+        let is_sample = samples & 1 == 1;
+        let length = if is_sample { samples.trailing_ones() } else { samples.trailing_zeros() } as usize;
+        let run = &block[start..found.plain.min(start + length)];
+        start += run.len();
+        if is_sample {
+            state.frames.samples(run, &mut state.stats);
+        } else if run.len() < WORTH_A_BLOCK {
+            for &bytes in run {
+                let word = u16::from_le_bytes(bytes);
+                if word < WRAP {
+                    state.pixels.address(word, state.clock.now, events, &mut state.stats);
+                } else {
+                    // Whether the drivers' 31 bits overflow was looked at before.
+                    state.clock.advance(word, &mut state.stats);
+                }
+            }
+        } else {
+            let mut padded = [[0; 2]; BLOCK];
+            let whole = run.first_chunk().unwrap_or_else(|| {
+                padded[..run.len()].copy_from_slice(run);
+                &padded
+            });
+            if found.wraps {
+                carry_out::<true>(whole, run.len(), state, events);
+            } else {
+                carry_out::<false>(whole, run.len(), state, events);
+            }
+        }
+    }
+}
+
+/// What the words of a block say, each kind apart.
+struct Fields {
+    /// The low part of a time; [`NO_TIME`] for what is none.
+    low: [u32; BLOCK],
+    /// What a wrap adds to the base.
+    jump: [u32; BLOCK],
+    /// What a word leaves of the fields of the event before, and what it sets.
+    kept: [u64; BLOCK],
+    set: [u64; BLOCK],
+    is_column: [u8; BLOCK],
+}
+
+/// No time has it as its low part.
+const NO_TIME: u32 = u32::MAX;
+
+impl Fields {
+    #[inline(always)]
+    #[allow(clippy::inline_always, reason = "becomes its caller's vector code")]
+    fn of(block: &[[u8; 2]; BLOCK], pixels: &Pixels) -> Self {
+        let is_wrap = |word: u16| word.wrapping_sub(WRAP) <= LOW_12;
+        let is_row = |word: u16| word.wrapping_sub(ROW) <= LOW_12;
+        let is_column = |word: u16| (word & !ON).wrapping_sub(COLUMN_OFF) <= LOW_12;
+        let low = |word: u16| if is_wrap(word) { 0 } else { u32::from(word & LOW_15) };
+        let (row, column) = (pixels.row_bits(LOW_12), pixels.column_bits(ON | LOW_12));
+        Self {
+            low: each(block, |word| if word >= WRAP { low(word) } else { NO_TIME }),
+            jump: each(block, |word| if is_wrap(word) { u32::from(word & LOW_12) << WRAP_BITS } else { 0 }),
+            kept: each(block, |word| {
+                if is_row(word) {
+                    !row
+                } else if is_column(word) {
+                    !column
+                } else {
+                    u64::MAX
+                }
+            }),
+            set: each(block, |word| {
+                let (row, column) = (pixels.row_bits(word & LOW_12), pixels.column_bits(word));
+                if is_row(word) {
+                    row
+                } else if is_column(word) {
+                    column
+                } else {
+                    0
+                }
+            }),
+            is_column: each(block, |word| u8::from(is_column(word))),
+        }
+    }
+}
+
+/// A value of each word.
+#[inline(always)]
+#[allow(clippy::inline_always, reason = "becomes its caller's vector code")]
+fn each<T>(block: &[[u8; 2]; BLOCK], of: impl Fn(u16) -> T) -> [T; BLOCK] {
+    block.map(|bytes| of(u16::from_le_bytes(bytes)))
+}
+
+/// Carries out the first `plain` words of a block, none of them a sample.
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "becomes its caller's code, for each kind of block")]
-#[allow(clippy::needless_bitwise_bool, reason = "a lazy operator is a branch")]
-fn carry_out<const WRAPS: bool, const SAMPLES: bool>(
-    words: &[u16],
-    mut row: u16,
-    pixels: &Pixels,
-    clock: &mut Clock,
-    frames: &mut FrameAssembler,
-    events: &mut Vec<Event>,
-    stats: &mut Stats,
-) -> u16 {
-    let Clock { mut base, mut now } = *clock;
-    let (mut event_count, mut sample_count, mut not_increasing) = (0, 0, 0);
-    let mut samples = [0; BLOCK];
+fn carry_out<const WRAPS: bool>(block: &[[u8; 2]; BLOCK], plain: usize, state: &mut State, events: &mut Vec<Event>) {
+    let State { clock: Clock { base, now }, pixels, stats, .. } = state;
+    let fields = Fields::of(block, pixels);
     let before = events.len();
     events.resize(before + BLOCK, Event::default());
-    let Some(out) = events[before..].first_chunk_mut::<BLOCK>() else { return row };
-    for &word in words {
-        if WRAPS && word.wrapping_sub(WRAP) <= LOW_12 {
-            base += i64::from(word & LOW_12) << WRAP_BITS;
+    let (Some(row), Some(out)) = (pixels.row, events[before..].first_chunk_mut::<BLOCK>()) else { return };
+    let (mut place, mut event_count, mut forward) = (pixels.row_bits(row), 0, 0u64);
+    for i in 0..plain.min(BLOCK) {
+        if WRAPS {
+            *base += i64::from(fields.jump[i]);
         }
-        let low = if WRAPS && word < TIMESTAMP { 0 } else { word & LOW_15 };
-        let (is_time, time) = (word >= WRAP, base + i64::from(low));
-        not_increasing += u64::from(is_time & (time <= now));
-        now = if is_time { time } else { now };
-        row = if word.wrapping_sub(ROW) <= LOW_12 { word & LOW_12 } else { row };
+        let low = fields.low[i];
+        let time = *base + i64::from(low);
+        // What is no time lies beyond it, or is at least as good as forward.
+        forward += u64::from(now.cast_unsigned() < time.cast_unsigned());
+        *now = if low == NO_TIME { *now } else { time };
+        place = place & fields.kept[i] | fields.set[i];
         // Each word writes an event, and only columns keep theirs.
-        out[event_count % BLOCK] = pixels.event(now, row, word);
-        event_count += usize::from((word & !ON).wrapping_sub(COLUMN_OFF) <= LOW_12);
-        if SAMPLES {
-            samples[sample_count % BLOCK] = word;
-            sample_count += usize::from(word.wrapping_sub(SAMPLE) <= LOW_12);
-        }
+        out[event_count % BLOCK] = Event::from_words(*now, place);
+        event_count += usize::from(fields.is_column[i]);
     }
     events.truncate(before + event_count);
-    *clock = Clock { base, now };
-    stats.times_not_increasing += not_increasing;
-    if SAMPLES && sample_count > 0 {
-        frames.samples(&samples[..sample_count], stats);
-    }
-    row
+    stats.times_not_increasing += plain as u64 - forward;
+    pixels.row = Some(pixels.row_of(place));
 }
