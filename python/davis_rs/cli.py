@@ -1,4 +1,4 @@
-"""The command line: davis-rs simulate, check, view."""
+"""The command line: davis-rs simulate, check, view, and the commands of other modules."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from pathlib import Path
 from ._core import __version__
 from .camera import PRESETS, load_camera
 from .cli_accuracy import add_accuracy
+from .cli_usb import add_usb
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -116,13 +117,14 @@ def _view(options: argparse.Namespace) -> int:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="davis-rs",
-        description="Simulate a DAVIS event camera.",
+        description="Simulate a DAVIS event camera, and read a real one.",
         formatter_class=argparse.ArgumentDefaultsHelpFormatter,
     )
     parser.add_argument("--version", action="version", version=f"davis-rs {__version__}")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
     _add_simulate(commands)
     add_accuracy(commands)
+    add_usb(commands)
 
     check = commands.add_parser("check", help="check a dataset: do its events explain its images?")
     check.add_argument("dataset", type=Path, metavar="DIR")
