@@ -150,3 +150,69 @@ impl Decoder {
         self.state.frames.abandon(&mut self.state.stats);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::aer::Chip;
+    use proptest::collection::vec;
+    use proptest::prelude::*;
+
+    /// Pieces of streams, long ones of plain words among them, good and bad.
+    fn streams() -> impl Strategy<Value = Vec<u16>> {
+        let plain = prop_oneof![
+            4 => 0x8000u16..=0xFFFF,
+            4 => 0x1000u16..0x100A,
+            12 => 0x2000u16..0x2080,
+            12 => 0x3000u16..0x3080,
+            1 => 0x7000u16..0x7003,
+        ];
+        let samples = 0x4000u16..0x4400;
+        let mixed = prop_oneof![plain.clone(), plain.clone(), samples.clone()];
+        let frame = vec![9, 0x6001, 0x5100, 0x5200, 0x5200, 0x5204, 0x5263, 11];
+        let pieces = prop_oneof![
+            4 => vec(plain, 0..300),
+            3 => vec(samples, 0..300),
+            3 => vec(mixed, 0..300),
+            2 => Just(frame),
+            2 => vec(prop::sample::select(vec![10u16, 11, 12, 13, 14, 15]), 1..3),
+            2 => vec(any::<u16>(), 0..5),
+            1 => vec(Just(0x7FFFu16), 0..30),
+            1 => vec(0u16..20, 0..3),
+        ];
+        vec(pieces, 0..12).prop_map(|pieces| pieces.concat())
+    }
+
+    proptest! {
+        #[test]
+        fn runs_only_spare_the_decoder_work(words in streams(), swapped in any::<bool>()) {
+            let mut device = Device::new(Chip::Davis128);
+            device.dvs_swapped = swapped;
+            let bytes: Vec<u8> = words.iter().flat_map(|word| word.to_le_bytes()).collect();
+            let mut decoder = Decoder::new(device.clone()).unwrap();
+            let mut output = Decoded::default();
+            decoder.push(&bytes, &mut output);
+
+            let mut slow = Decoder::new(device).unwrap();
+            let mut expected = Decoded::default();
+            for word in words {
+                slow.word(word, &mut expected);
+            }
+            prop_assert_eq!(output, expected);
+            prop_assert_eq!(decoder.stats(), slow.stats());
+        }
+    }
+
+    #[test]
+    fn the_clock_stops_before_its_bits_do() {
+        let mut decoder = Decoder::new(Device::new(Chip::Davis128)).unwrap();
+        decoder.state.clock.base = (1 << 62) - (1 << 35);
+        let words: Vec<u8> =
+            [[0x00, 0x10], [0x00, 0x30]].iter().chain([&[0xFF, 0x7F]; 1000]).flatten().copied().collect();
+        let mut output = Decoded::default();
+        decoder.push(&words, &mut output);
+        decoder.push(&[0xFF, 0xFF, 0x00, 0x30], &mut output);
+        assert_eq!(output.events.last().map(|event| event.t), Some((1 << 62) - 1));
+        assert!(decoder.stats().times_not_increasing > 0);
+    }
+}

@@ -250,7 +250,8 @@ mod tests {
         let mut reading = ImuReading::new(5, ImuGroups::ALL, 1, 2);
         (reading.accel, reading.gyro, reading.temperature) = ([8192, -8192, 0], [16384, 0, -16384], 340);
         let sample = reading.sample(ImuType::Mpu6050);
-        assert_eq!(sample.accel, [STANDARD_GRAVITY, -STANDARD_GRAVITY, 0.0]);
+        let expected = [STANDARD_GRAVITY, -STANDARD_GRAVITY, 0.0];
+        assert!(sample.accel.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-12));
         assert!((sample.gyro[0] - 500f64.to_radians()).abs() < 1e-12 && sample.gyro[2] < 0.0);
         assert!((sample.temperature - 36.0).abs() < 1e-12);
         let other = reading.sample(ImuType::Mpu9250).temperature;
