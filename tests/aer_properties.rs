@@ -61,8 +61,8 @@ fn readings() -> impl Strategy<Value = Vec<ImuReading>> {
 /// Frames of parts of the sensor, with intensities that the camera can send, none across the drivers' overflow.
 fn frames(device: &Device) -> impl Strategy<Value = Vec<Frame>> + use<> {
     let (size, double) = (device.frame_size(), device.chip == Chip::Davis240C);
-    let side = |n: u16| (0..n, 1..8u16).prop_map(move |(start, length)| (start, length.min(n - start)));
-    let shape = (side(size.width), side(size.height), any::<bool>(), 0u32..1 << 30, any::<u64>());
+    let span = |n: u16| (0..n, 1..8u16).prop_map(move |(start, length)| (start, length.min(n - start)));
+    let shape = (span(size.width), span(size.height), any::<bool>(), 0u32..1 << 30, any::<u64>());
     (times(12), vec(shape, 3)).prop_map(move |(times, shapes)| {
         let frame = |(times, ((x, width), (y, height), global_shutter, exposure_cycles, seed)): (&[i64; 4], _)| {
             let [t_start, t_exposure_start, t_exposure_end, t_end] = times.map(|t| t.max(times[3] >> 31 << 31));

@@ -150,7 +150,7 @@ fn carry_out_runs(block: &[[u8; 2]; BLOCK], found: &Found, state: &mut State, ev
             if found.wraps {
                 carry_out::<true>(whole, run.len(), state, events);
             } else {
-                carry_out::<false>(whole, run.len(), state, events);
+                carry_out_without_wraps(whole, state, events);
             }
         }
     }
@@ -241,4 +241,114 @@ fn carry_out<const WRAPS: bool>(block: &[[u8; 2]; BLOCK], plain: usize, state: &
     events.truncate(before + event_count);
     stats.times_not_increasing += plain as u64 - forward;
     pixels.row = Some(pixels.row_of(place));
+}
+
+/// Carries out a block without wraps and samples; reserved words in it do nothing.
+///
+/// For each word the time and the row that hold there, hence the event that it would be; then those of columns are kept.
+#[inline(always)]
+#[allow(clippy::inline_always, reason = "becomes its caller's vector code")]
+#[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "15 bits since the last wrap")]
+fn carry_out_without_wraps(block: &[[u8; 2]; BLOCK], state: &mut State, events: &mut Vec<Event>) {
+    let State { clock: Clock { base, now }, pixels, stats, .. } = state;
+    let Some(row) = pixels.row else { return };
+    let (mut fours, mut times, mut rows) = ([0; FOURS], [0; FOURS], [0; FOURS]);
+    for (four, bytes) in fours.iter_mut().zip(block.as_flattened().as_chunks().0) {
+        *four = u64::from_le_bytes(*bytes);
+    }
+    for ((four, time), row) in fours.iter().zip(&mut times).zip(&mut rows) {
+        *time = four & whole(*four);
+        *row = (four & in_each(LOW_12) | TOPS) & whole(!any_of_upper_four(four ^ in_each(ROW)));
+    }
+    let before = TOP | (*now - *base) as u16;
+    let (times_before, last_time) = hold(&mut times, before);
+    let (_, last_row) = hold(&mut rows, TOP | row);
+    let mut any_late = 0;
+    let mut late = [0; FOURS];
+    for (i, late) in late.iter_mut().enumerate() {
+        let time_before = times[i] << 16 | times_before[i] & u64::from(u16::MAX);
+        // The difference keeps its top bit where it does not go forward.
+        *late = (time_before | TOPS) - (fours[i] & !TOPS) & fours[i] & TOPS;
+        any_late |= *late;
+    }
+    if any_late != 0 {
+        stats.times_not_increasing += late.iter().map(|late| u64::from(late.count_ones())).sum::<u64>();
+    }
+
+    let (times, rows) = (apart(&times), apart(&rows));
+    let mut all = [Event::default(); BLOCK];
+    for (((event, bytes), time), row) in all.iter_mut().zip(block).zip(&times).zip(&rows) {
+        let column = pixels.column_bits(u16::from_le_bytes(*bytes));
+        *event = Event::from_words(*base + i64::from(time & LOW_15), pixels.row_bits(row & LOW_12) | column);
+    }
+    let mut columns = bits(&each(block, |word| u8::from((word & !ON).wrapping_sub(COLUMN_OFF) <= LOW_12)));
+    events.extend((0..columns.count_ones()).map(|_| {
+        let place = columns.trailing_zeros() as usize;
+        columns &= columns - 1;
+        all[place % BLOCK]
+    }));
+    *now = *base + i64::from(last_time & LOW_15);
+    pixels.row = Some(last_row & LOW_12);
+}
+
+/// The bit that tells a value from none, where payloads leave room for it.
+const TOP: u16 = 0x8000;
+const TOPS: u64 = in_each(TOP);
+
+/// Words are taken four at a time, as one number.
+const FOURS: usize = BLOCK / 4;
+
+/// The same in each of four.
+const fn in_each(value: u16) -> u64 {
+    0x0001_0001_0001_0001 * value as u64
+}
+
+/// All bits of those whose top bit is set.
+#[inline(always)]
+#[allow(clippy::inline_always, reason = "becomes its caller's vector code")]
+fn whole(fours: u64) -> u64 {
+    let tops = fours & TOPS;
+    (tops - (tops >> 15)) | tops
+}
+
+/// The top bit of those of whose upper four bits any is set; the other bits mean nothing.
+#[inline(always)]
+#[allow(clippy::inline_always, reason = "becomes its caller's vector code")]
+fn any_of_upper_four(fours: u64) -> u64 {
+    fours | fours << 1 | fours << 2 | fours << 3
+}
+
+/// Puts the last value before it in the place of each that is none (0; values have their top bits set).
+///
+/// `before` holds before the first. Returns what holds before each four, in all of four, and the last value.
+#[inline(always)]
+#[allow(clippy::inline_always, reason = "becomes its caller's vector code")]
+#[allow(clippy::cast_possible_truncation, reason = "one of four")]
+fn hold(values: &mut [u64; FOURS], before: u16) -> ([u64; FOURS], u16) {
+    for four in values.iter_mut() {
+        *four |= *four << 16 & !whole(*four);
+        *four |= *four << 32 & !whole(*four);
+    }
+    let (mut held, mut last) = ([0; FOURS], before);
+    for (four, held) in values.iter().zip(&mut held) {
+        *held = in_each(last);
+        let own = (four >> 48) as u16;
+        last = if own < TOP { last } else { own };
+    }
+    for (four, held) in values.iter_mut().zip(&held) {
+        *four |= held & !whole(*four);
+    }
+    (held, last)
+}
+
+/// Four by four, one by one.
+#[inline(always)]
+#[allow(clippy::inline_always, reason = "becomes its caller's vector code")]
+#[allow(clippy::cast_possible_truncation, reason = "one of four")]
+fn apart(fours: &[u64; FOURS]) -> [u16; BLOCK] {
+    let mut ones = [0; BLOCK];
+    for (four, ones) in fours.iter().zip(ones.as_chunks_mut::<4>().0) {
+        *ones = [*four as u16, (four >> 16) as u16, (four >> 32) as u16, (four >> 48) as u16];
+    }
+    ones
 }
