@@ -110,7 +110,7 @@ fn a_column_before_any_row_is_dropped() {
 #[test]
 fn addresses_out_of_range_are_dropped() {
     // 346 rows and 260 columns on the wire; the latched row stays.
-    let (decoded, stats) = decode(&[&EVENT[..], &[0x1000 | 346, 0x2000 | 260, 0x3FFF, 0x3007]].concat());
+    let (decoded, stats) = decode(&[&EVENT[..], &[0x115A, 0x2104, 0x3FFF, 0x3007]].concat());
     assert_eq!((decoded.events, stats), (vec![event(100); 2], counted(|s| s.addresses_out_of_range = 3)));
 }
 
@@ -194,7 +194,7 @@ fn a_missing_sample_shifts_its_column() {
     let mut words = frame();
     // The second of the first column's three: that column is a row of the swapped image.
     words[4].remove(2);
-    words[4][1] = 0x4000 | 490;
+    words[4][1] = 0x41EA;
     let (frames, stats) = decode_spoilt(&words);
     assert_eq!(frames[0].pixels, [110, 100, 1023, 100, 100, 100].map(|level| level << 6));
     assert_eq!(stats, counted(|s| s.samples_missing = 1));
@@ -203,7 +203,7 @@ fn a_missing_sample_shifts_its_column() {
 #[test]
 fn an_extra_sample_is_ignored() {
     let mut words = frame();
-    words[4].insert(1, 0x4000 | 490);
+    words[4].insert(1, 0x41EA);
     let (frames, stats) = decode_spoilt(&words);
     assert_eq!(frames[0].pixels, [110, 100, 100, 100, 100, 100].map(|level| level << 6));
     assert_eq!(stats, counted(|s| s.samples_extra = 1));
@@ -315,7 +315,7 @@ fn the_overflow_of_31_bits_is_none() {
     ]
     .concat();
     let (decoded, stats) = decode(&words);
-    let base = 16 * 4095 << 15;
+    let base = (16 * 4095) << 15;
     assert_eq!(decoded.events, [base + 100, 1 << 31, (1 << 31) + 100].map(event));
     let expected = counted(|s| (s.frames_unended, s.frame_stray_words) = (1, 10));
     assert_eq!((decoded.frames.len(), stats), (0, expected));

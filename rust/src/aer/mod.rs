@@ -7,12 +7,14 @@
 //! The rules are those of logic version 18, as the public drivers (libcaer 3.3, jAER) and the logic's VHDL have them. A
 //! malformed stream never stops the decoder: what it cannot use is dropped, and counted in [`Stats`].
 
+mod block;
 mod clock;
 mod decoded;
 mod decoder;
 mod device;
 mod encodable;
 mod encoder;
+mod fours;
 mod frame;
 mod imu;
 mod pixels;
