@@ -11,16 +11,21 @@ from ._core import (
     log_intensity,
     reconstruct,
 )
+from .biases import BIAS_SETS, CoarseFineBias
 from .camera import Camera, load_camera
 from .check import check_dataset
 from .compare import EventComparison, compare_events
 from .dataset import DatasetWriter
+from .davis import Davis
+from .davis_description import DavisDescription
+from .davis_settings import DavisSettings
 from .decoded import IMU_COUNTS_DTYPE, IMU_DTYPE, TRIGGER_DTYPE, Decoded, Frame, TriggerKind
 from .events import EVENT_DTYPE, as_events
 from .light_course import Flicker, LightCourse, SampledCourse
 from .packet import Packet
 from .pose import Pose
 from .presets import ACCURACY, Accuracy
+from .raw_file import RawRecording, RawWriter
 from .read import Dataset
 from .record import record
 from .sampled_trajectory import SampledTrajectory
@@ -36,6 +41,7 @@ from .view import view_dataset
 
 __all__ = [
     "ACCURACY",
+    "BIAS_SETS",
     "EVENT_DTYPE",
     "IMU_COUNTS_DTYPE",
     "IMU_DTYPE",
@@ -43,9 +49,13 @@ __all__ = [
     "Accuracy",
     "CallableTrajectory",
     "Camera",
+    "CoarseFineBias",
     "CrossingEngine",
     "Dataset",
     "DatasetWriter",
+    "Davis",
+    "DavisDescription",
+    "DavisSettings",
     "DecodeError",
     "Decoded",
     "Decoder",
@@ -60,6 +70,8 @@ __all__ = [
     "MaxDisplacement",
     "Packet",
     "Pose",
+    "RawRecording",
+    "RawWriter",
     "SampledCourse",
     "SampledTrajectory",
     "Scene",

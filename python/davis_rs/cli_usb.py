@@ -76,7 +76,7 @@ def _devices(_: argparse.Namespace) -> int:
         kind = "FX3" if device.product == FX3 else "FX2"
         line = f"bus {device.bus} address {device.address}  {kind} firmware {device.firmware}"
         if device.problem is not None:
-            print(f"{line}\n{device.problem.strerror}")
+            print(f"{line}\n{device.problem}")
             continue
         try:
             link = UsbLink(device)

@@ -229,4 +229,4 @@ def _choose(devices: list[FoundDevice], serial: str | None) -> FoundDevice:
             raise device.problem
     there = ", ".join(device.serial or "?" for device in openable) or "none"
     wanted = "DAVIS camera" if serial is None else f"DAVIS camera with the serial number {serial}"
-    raise FileNotFoundError(errno.ENOENT, f"no {wanted} on the USB; there is {there}")
+    raise FileNotFoundError(f"no {wanted} on the USB; there is {there}")

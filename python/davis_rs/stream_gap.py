@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 
-_IMU_END, _FRAME_END = 0x0007, 0x000A
 _RESET = 0x0001
+_EMPTY_PARTS = np.array([0x0005, 0x0007, 0x0008, 0x000A], "<u2").tobytes()
+"""An inertial sample and a frame with nothing in them."""
 
 
 def gap_words(words: bytes) -> bytes:
     """The words to put in place of lost ones.
 
     Timestamps are relative to the wraps before them and columns to the row before them: so resets of the clock, wraps,
-    the last timestamp and the last row stay, in their order. The ends of a frame and of an IMU sample are added, so
-    that one cut in two by the gap is dropped by the decoder, not completed by what comes after.
+    the last timestamp and the last row stay, in their order. An empty sample and an empty frame are added: they make
+    the decoder drop one that the gap cut in two, where what comes after might have completed it wrongly.
 
     Args:
         words: whole words of a camera's stream.
@@ -29,4 +30,4 @@ def gap_words(words: bytes) -> bytes:
     rows = np.flatnonzero(group == 1)
     if rows.size:
         kept[rows[-1]] = True
-    return stream[kept].tobytes() + np.array([_IMU_END, _FRAME_END], "<u2").tobytes()
+    return stream[kept].tobytes() + _EMPTY_PARTS

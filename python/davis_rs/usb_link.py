@@ -71,7 +71,7 @@ def explained(error: Exception, place: str, *, reading_strings: bool = False) ->
     """The system's error, or pyusb's, as one that says what it means for a camera."""
     number = error.errno if isinstance(error, OSError) else None
     if number == errno.EACCES or (reading_strings and isinstance(error, ValueError)):
-        return PermissionError(errno.EACCES, _NO_PERMISSION.format(place=place, rule=UDEV_RULE))
+        return PermissionError(_NO_PERMISSION.format(place=place, rule=UDEV_RULE))
     if number == errno.EBUSY:
         return OSError(errno.EBUSY, f"the camera at {place} is in use by another program")
     if number in (errno.ENODEV, errno.ENOENT):

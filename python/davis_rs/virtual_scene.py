@@ -16,6 +16,7 @@ from .virtual_davis import VIRTUAL_CHIPS, VirtualDavis
 _EXPOSURE_US = 4000
 _WHITE_PERCENTILE, _WHITE_SHARE = 98.0, 0.8
 _FULL_SCALE = 1023
+_BAR = "{desc}: {percentage:3.0f}%|{bar}| [{elapsed}<{remaining}]"
 
 
 def virtual_davis_of_scene(scene: Scene, *, duration_s: float | None = None, progress: bool = False) -> VirtualDavis:
@@ -39,7 +40,9 @@ def virtual_davis_of_scene(scene: Scene, *, duration_s: float | None = None, pro
     trajectory = trajectory_part(scene, None, 0.0, duration_s)
     stream: list[tuple[int, bytes]] = []
     scale: float | None = None
-    with tqdm(total=trajectory.duration_s, unit="s", disable=not progress, desc=f"simulating {scene.name}") as bar:
+    with tqdm(
+        total=trajectory.duration_s, disable=not progress, desc=f"simulating {scene.name}", bar_format=_BAR
+    ) as bar:
         for packet in simulator.run(trajectory):
             frames = []
             if packet.luma is not None:

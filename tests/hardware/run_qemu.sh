@@ -37,7 +37,7 @@ done | awk '$1 == "insmod" && !seen[$2]++ { print $2 }' | while read -r file; do
     basename "$file" >> "$root/modules/order"
 done
 [ $# -gt 0 ] || set -- "$python" tests/hardware/acceptance.py
-printf 'cd %q; export PYTHONDONTWRITEBYTECODE=1; exec timeout 300 %s\n' "$PWD" "$(printf '%q ' "$@")" > "$root/command"
+printf 'cd %q; export TMPDIR=/run PYTHONDONTWRITEBYTECODE=1; exec timeout 300 %s\n' "$PWD" "$(printf '%q ' "$@")" > "$root/command"
 (cd "$root" && find . | cpio --quiet -o -H newc | gzip -1) > "$root.img"
 trap 'rm -rf "$root" "$root.img"' EXIT
 

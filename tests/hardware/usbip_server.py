@@ -41,7 +41,7 @@ class UsbIpServer:
         self._lock = threading.RLock()
         self._waiting: set[int] = set()
         self._current: int | None = None
-        self._cancelled_by: int | None = None
+        self._cancellations: dict[int, int] = {}
 
     def serve(self) -> None:
         """Until the host detaches the camera or the camera unplugs itself."""
@@ -102,7 +102,7 @@ class UsbIpServer:
     def _unlink(self, sequence: int, target: int) -> None:
         with self._lock:
             if target == self._current:
-                self._cancelled_by = sequence  # the reading thread answers, for it may have data just now
+                self._cancellations[target] = sequence  # the reading thread answers, for it may have data just now
             else:
                 self._reply_to_unlink(sequence, -errno.ECONNRESET if target in self._waiting else 0)
                 self._waiting.discard(target)
@@ -121,16 +121,17 @@ class UsbIpServer:
             if sequence not in self._waiting:
                 return
             self._waiting.discard(sequence)
-            self._current, self._cancelled_by = sequence, None
+            self._current = sequence
         data = b""
-        while not data and self._cancelled_by is None:
+        while not data and sequence not in self._cancellations:
             data = self._camera.read(size, 0.01)
         with self._lock:
             self._current = None
             if data:
                 self._reply(sequence, 0, data)
-            if self._cancelled_by is not None:
-                self._reply_to_unlink(self._cancelled_by, 0 if data else -errno.ECONNRESET)
+            cancelled_by = self._cancellations.pop(sequence, None)
+            if cancelled_by is not None:
+                self._reply_to_unlink(cancelled_by, 0 if data else -errno.ECONNRESET)
 
     def _reply(self, sequence: int, status: int, data: bytes, *, length: int | None = None) -> None:
         length = len(data) if length is None else length

@@ -47,7 +47,7 @@ def wait_until_gone() -> None:
     Raises:
         TimeoutError: if it does not.
     """
-    _wait(_port_is_free, "the port is still in use")
+    _wait(is_free, "the port is still in use")
 
 
 def _wait(condition: Callable[[], bool], complaint: str, timeout_s: float = 30.0) -> None:
@@ -67,7 +67,8 @@ def _is_configured() -> bool:
     )
 
 
-def _port_is_free() -> bool:
+def is_free() -> bool:
+    """Whether nothing is plugged in."""
     for line in (VHCI / "status").read_text().splitlines():
         fields = line.split()
         if fields[:2] == ["hs", f"{PORT:04}"]:
