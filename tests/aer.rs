@@ -53,8 +53,7 @@ fn is_sample(sample: &ImuSample, row: &str) -> bool {
     let accel = sample.accel.map(|a| a / STANDARD_GRAVITY);
     let gyro = sample.gyro.map(f64::to_degrees);
     let values = accel.iter().chain(&gyro).chain([&sample.temperature]);
-    #[allow(clippy::cast_precision_loss, reason = "times are small")]
-    let same_time = sample.t as f64 == fields[0];
+    let same_time = row.split_once(',').is_some_and(|(t, _)| t.parse() == Ok(sample.t));
     same_time && values.zip(&fields[1..]).all(|(a, b)| (a - b).abs() <= 1e-6 * b.abs().max(1.0))
 }
 

@@ -91,9 +91,9 @@ class Device:
 class Decoder:
     """Decodes the USB stream of a DAVIS (logic version 18), piece by piece.
 
-    Any split of the stream into pieces decodes alike; an odd byte at the end of a piece waits for the next one. No input
-    makes it fail: what a malformed stream makes unusable is dropped and counted in :attr:`stats`. Between two pieces it
-    keeps at most one frame and one inertial sample.
+    Any split of the stream into pieces decodes alike; an odd byte at the end of a piece waits for the next one. No
+    input makes it fail: what a malformed stream makes unusable is dropped and counted in :attr:`stats`. Between two
+    pieces it keeps at most one frame and one inertial sample.
 
     Times are microseconds since the stream began or the camera's clock was last reset, int64, without overflow. Where a
     malformed stream goes back in time, so do they.
@@ -116,8 +116,9 @@ class Decoder:
             data: contiguous bytes, or 16-bit words; taken without a copy, and not to be changed meanwhile.
 
         Returns:
-            What is complete by them: ``(events, imu, frames, triggers)``. Events keep the order of the wire. A frame takes
-            up to some 200 times the memory of the smallest stream that makes one: push what you do not trust in pieces.
+            What is complete by them: ``(events, imu, frames, triggers)``. Events keep the order of the wire. A frame
+            that lacks its samples takes some 200 times the memory of the words that make it: push a stream that you do
+            not trust in pieces.
 
         Raises:
             ValueError: for data of another kind.
@@ -185,7 +186,8 @@ class Encoder:
             triggers: :data:`davis_rs.TRIGGER_DTYPE`.
 
         Raises:
-            ValueError: for times that go back, or what does not fit the camera, with the index; nothing is encoded then.
+            ValueError: for times that go back, or what does not fit the camera, with the index; nothing is encoded
+                then.
         """
     @property
     def device(self) -> Device:

@@ -9,8 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 IMU_DTYPE = np.dtype([("t", "<i8"), ("accel", "<f8", 3), ("gyro", "<f8", 3), ("temperature", "<f8")], align=True)
-"""An inertial sample in SI units, 64 bytes: time of its end in microseconds; acceleration along x, y, z in m/s^2; rotation
-about x, y, z in rad/s; temperature in degrees Celsius. What a sample lacks is 0."""
+"""An inertial sample in SI units, 64 bytes: time of its end in microseconds; acceleration along x, y, z in m/s^2;
+rotation about x, y, z in rad/s; temperature in degrees Celsius. What a sample lacks is 0."""
 
 IMU_COUNTS_DTYPE = np.dtype(
     [
@@ -25,8 +25,8 @@ IMU_COUNTS_DTYPE = np.dtype(
     align=True,
 )
 """The same in the sensor's counts, 32 bytes. ``groups``: what the sample holds, bits 4 acceleration, 2 rotation,
-1 temperature. ``accel_range`` 0..3: full scale 2, 4, 8, 16 g; ``gyro_range`` 0..3: 250, 500, 1000, 2000 deg/s. A count is
-full scale / 32768."""
+1 temperature. ``accel_range`` 0..3: full scale 2, 4, 8, 16 g; ``gyro_range`` 0..3: 250, 500, 1000, 2000 deg/s. A count
+is full scale / 32768."""
 
 TRIGGER_DTYPE = np.dtype([("t", "<i8"), ("kind", "u1")], align=True)
 """A trigger, 16 bytes: time in microseconds (of a reset of the clock: 0), and its :class:`TriggerKind`."""
