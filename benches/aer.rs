@@ -118,11 +118,17 @@ impl Pass {
     }
 }
 
+/// The streams in transfers, and a dense one that is long, at once: out of the caches.
+fn passes() -> impl Iterator<Item = (&'static str, Pass)> {
+    let in_transfers = streams().map(|(name, stream)| (name, Pass::new(stream, TRANSFER)));
+    let long = encode(&Decoded { events: rows(2_000_000, 6, 8), ..Decoded::default() });
+    in_transfers.into_iter().chain([("dense, 120 MB", Pass::new(long, usize::MAX))])
+}
+
 fn aer(c: &mut Criterion) {
     let mut group = c.benchmark_group("aer");
     group.sample_size(30);
-    for (name, stream) in streams() {
-        let mut pass = Pass::new(stream, TRANSFER);
+    for (name, mut pass) in passes() {
         group.throughput(Throughput::Elements(pass.words() as u64));
         group.bench_function(format!("decode {name}"), |b| b.iter(|| pass.decode()));
         group.throughput(Throughput::Bytes(pass.bytes() as u64));
@@ -140,10 +146,7 @@ fn median(times: &mut [f64]) -> f64 {
 /// Medians of both, taken in turns, and their ratio: what holds on any machine.
 fn ratios(_: &mut Criterion) {
     println!("{:>16} {:>9} {:>6} {:>12} {:>12} {:>6}", "", "Mwords/s", "Mev/s", "decode GB/s", "memcpy GB/s", "ratio");
-    let in_transfers = streams().map(|(name, stream)| (name, Pass::new(stream, TRANSFER)));
-    let long = encode(&Decoded { events: rows(2_000_000, 6, 8), ..Decoded::default() });
-    let whole = [("dense, 120 MB", Pass::new(long, usize::MAX))];
-    for (name, mut pass) in in_transfers.into_iter().chain(whole) {
+    for (name, mut pass) in passes() {
         let (mut decoding, mut copying) = (vec![], vec![]);
         for _ in 0..51 {
             let start = Instant::now();

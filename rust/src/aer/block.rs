@@ -10,6 +10,13 @@ use crate::event::Event;
 /// Words that are looked at together: a bit each.
 pub(super) const BLOCK: usize = u64::BITS as usize;
 
+/// Whether a word is the address of a column, in the array or beyond it.
+#[inline(always)]
+#[allow(clippy::inline_always, reason = "becomes its caller's vector code")]
+pub(super) fn is_column(word: u16) -> bool {
+    (word & !ON).wrapping_sub(COLUMN_OFF) <= LOW_12
+}
+
 /// Flags, 0 or 1, as bits; the first is the lowest.
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "becomes its caller's vector code")]
@@ -59,7 +66,7 @@ pub(super) fn without_wraps(block: &[[u8; 2]; BLOCK], state: &mut State, events:
         let column = pixels.column_bits(u16::from_le_bytes(*bytes));
         *event = Event::from_words(*base + i64::from(time & LOW_15), pixels.row_bits(row & LOW_12) | column);
     }
-    let mut columns = bits(&each(block, |word| u8::from((word & !ON).wrapping_sub(COLUMN_OFF) <= LOW_12)));
+    let mut columns = bits(&each(block, |word| u8::from(is_column(word))));
     events.extend((0..columns.count_ones()).map(|_| {
         let place = columns.trailing_zeros() as usize;
         columns &= columns - 1;
@@ -90,7 +97,6 @@ impl Fields {
     fn of(block: &[[u8; 2]; BLOCK], pixels: &Pixels) -> Self {
         let is_wrap = |word: u16| word.wrapping_sub(WRAP) <= LOW_12;
         let is_row = |word: u16| word.wrapping_sub(ROW) <= LOW_12;
-        let is_column = |word: u16| (word & !ON).wrapping_sub(COLUMN_OFF) <= LOW_12;
         let low = |word: u16| if is_wrap(word) { 0 } else { u32::from(word & LOW_15) };
         let (row, column) = (pixels.row_bits(LOW_12), pixels.column_bits(ON | LOW_12));
         Self {

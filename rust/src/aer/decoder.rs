@@ -1,12 +1,13 @@
 //! Bytes to what they mean.
 
+use super::block::BLOCK;
 use super::clock::Clock;
 use super::decoded::Decoded;
 use super::device::Device;
 use super::imu::ImuAssembler;
 use super::pixels::Pixels;
 use super::readout::{FrameAssembler, Read};
-use super::run::{State, run};
+use super::run::{State, count_columns, run};
 use super::stats::Stats;
 use super::trigger::{Trigger, TriggerKind};
 use super::word;
@@ -72,6 +73,10 @@ impl Decoder {
         let (mut words, half) = bytes.as_chunks::<2>();
         if let [byte] = half {
             self.half = Some(*byte);
+        }
+        if decoded.events.capacity() - decoded.events.len() < words.len() {
+            // Once, for fresh memory is dear, and growing goes through twice as much of it.
+            decoded.events.reserve(count_columns(words) + BLOCK);
         }
         while !words.is_empty() {
             let plain = run(words, &mut self.state, &mut decoded.events);

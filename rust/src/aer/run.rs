@@ -5,7 +5,7 @@
 
 use multiversion::multiversion;
 
-use super::block::{BLOCK, bits, with_wraps, without_wraps};
+use super::block::{BLOCK, bits, is_column, with_wraps, without_wraps};
 use super::clock::Clock;
 use super::pixels::Pixels;
 use super::readout::FrameAssembler;
@@ -55,6 +55,14 @@ pub(super) fn run(words: &Words, state: &mut State, events: &mut Vec<Event>) -> 
         }
     }
     done
+}
+
+/// The number of columns among words: no more events come of them.
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
+pub(super) fn count_columns(words: &[[u8; 2]]) -> usize {
+    let in_block =
+        |block: &[[u8; 2]]| block.iter().map(|bytes| u16::from(is_column(u16::from_le_bytes(*bytes)))).sum::<u16>();
+    words.chunks(BLOCK).map(|block| usize::from(in_block(block))).sum()
 }
 
 /// What plain words are: those below each kind's first payload that is not.
