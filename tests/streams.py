@@ -71,7 +71,7 @@ def join(packets: list[davis_rs.Decoded]) -> davis_rs.Decoded:
 
 
 class TornBackend(VirtualBackend):
-    """Pulls the camera out in the middle of a transfer, as libusb shows it: data in the buffer, an error, no length."""
+    """Pulls the camera out amid a transfer, as libusb may show it: data in the buffer, any error, no length."""
 
     def __init__(self, camera: VirtualDavis, *, after: int) -> None:
         super().__init__(camera)
@@ -83,5 +83,5 @@ class TornBackend(VirtualBackend):
         count = super().bulk_read(handle, endpoint, interface, buffer, timeout)
         if len(handle.sent) >= self.after:
             handle.unplug()
-            raise USBError("no such device", None, errno.ENODEV)
+            raise USBError("input/output error", None, errno.EIO)
         return count

@@ -132,7 +132,7 @@ def test_unplugging_ends_the_iteration_after_what_arrived(after: int) -> None:
 
 
 def test_a_transfer_torn_apart_gives_what_arrived_of_it() -> None:
-    """libusb has the data in its buffer, but pyusb then tells an error and no length."""
+    """libusb has the data in its buffer, but pyusb then tells an error and no length, and the error may be any."""
     words = encode("DAVIS240C", contents("DAVIS240C"))
     virtual = camera(words=words)
     got: list[bytes] = []
@@ -248,7 +248,8 @@ def test_settings_change_while_it_runs() -> None:
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"exposure_us": -1}, "exposure_us must lie in 0"),
+        ({"exposure_us": -1}, r"exposure_us must lie in 0\.\.4194303, got -1"),
+        ({"frame_interval_us": 1 << 23}, r"frame_interval_us must lie in 0\.\.8388607"),
         ({"region": (0, 0, 347, 260)}, "frames of 346 x 260"),
         ({"region": (10, 10, 0, 5)}, "region"),
         ({"accelerometer_range_g": 3}, "one of 2, 4, 8, 16; got 3"),

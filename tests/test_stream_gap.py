@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -35,6 +36,36 @@ def test_events_after_a_gap_are_the_same(chip: str, data: st.DataObject) -> None
     assert {(frame.t_end, frame.pixels.tobytes()) for frame in frames} <= sent
     samples = {sample.tobytes() for sample in whole.imu}
     assert {sample.tobytes() for part in (before, gap, after) for sample in part.imu} <= samples
+
+
+@pytest.mark.parametrize("chip", CHIPS)
+@pytest.mark.parametrize("mark", [0x0005, 0x0008])
+@pytest.mark.parametrize("part", [0.1, 0.5, 0.9])
+def test_two_halves_make_no_whole(chip: str, mark: int, part: float) -> None:
+    """A gap from within a sample or frame to the same place of the next leaves as many words as one of them has."""
+    stream = np.frombuffer(STREAMS[chip], "<u2")
+    first, second = np.flatnonzero(stream == mark)[:2]
+    end = np.flatnonzero(stream == (0x0007 if mark == 0x0005 else 0x000A))[0]
+    # Counted in the words of its own, for events come in between.
+    own = (stream >> 12 == 5) if mark == 0x0005 else (stream >> 12 == 4) | ((stream > 0x0A) & (stream < 0x10))
+    places = np.flatnonzero(own)
+    count = round(part * np.count_nonzero(own[first:end]))
+    start, stop = (places[np.searchsorted(places, at) + count] for at in (first, second))
+    decoder = davis_rs.Decoder(chip, imu_counts=True)
+    decoder.push(stream[:start])
+    got = decoder.push(gap_words(stream[start:stop].tobytes()) + stream[stop:].tobytes())
+    whole = WHOLE[chip]
+    assert {frame.pixels.tobytes() for frame in got.frames} <= {frame.pixels.tobytes() for frame in whole.frames}
+    assert {sample.tobytes() for sample in got.imu} <= {sample.tobytes() for sample in whole.imu}
+
+
+def test_a_reset_of_the_clock_survives_a_gap() -> None:
+    """It may come after the last wrap, and then nothing else would say that time began anew."""
+    words = STREAMS["DAVIS240C"]
+    decoder = davis_rs.Decoder("DAVIS240C")
+    decoder.push(words)
+    got = decoder.push(gap_words(words[-100:] + b"\x01\x00" + words[:100]) + words[100:])
+    np.testing.assert_array_equal(got.events, WHOLE["DAVIS240C"].events[-len(got.events) :])
 
 
 @given(st.binary(max_size=200).map(lambda data: data[: len(data) // 2 * 2]))

@@ -12,6 +12,7 @@ from .usb_protocol import Module, Register, Write, set_all
 
 ACCELEROMETER_RANGES_G = (2, 4, 8, 16)
 GYROSCOPE_RANGES_DEG_S = (250, 500, 1000, 2000)
+EXPOSURE_MAX_US, FRAME_INTERVAL_MAX_US = (1 << 22) - 1, (1 << 23) - 1
 
 _SHIFTED_SOURCE = 1 << 4 | 33 << 10
 """Reference level 1, regulator level 33: both shifted sources of every chip."""
@@ -53,11 +54,9 @@ class DavisSettings:
         ):
             if getattr(self, name) not in allowed:
                 raise ValueError(f"{name} is one of {', '.join(map(str, allowed))}; got {getattr(self, name)!r}")
-        for name in ("exposure_us", "frame_interval_us"):
-            if not 0 <= getattr(self, name) < 1 << 22:
-                raise ValueError(
-                    f"{name} must lie in 0..{(1 << 22) - 1} (it is kept in cycles), got {getattr(self, name)!r}"
-                )
+        for name, most in (("exposure_us", EXPOSURE_MAX_US), ("frame_interval_us", FRAME_INTERVAL_MAX_US)):
+            if not 0 <= getattr(self, name) <= most:
+                raise ValueError(f"{name} must lie in 0..{most}, got {getattr(self, name)!r}")
 
     def writes(self, camera: DavisDescription) -> tuple[Write, ...]:
         """Everything to be written into this camera before it is started, in order.

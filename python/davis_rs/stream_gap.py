@@ -21,13 +21,8 @@ def gap_words(words: bytes) -> bytes:
     """
     stream = np.frombuffer(words, "<u2")
     group = stream >> 12
-    clock = (stream == _RESET) | (group == 7)
-    kept = clock.copy()
-    stamps = np.flatnonzero(stream >> 15)
-    # A timestamp from before the last wrap or reset says nothing of what follows.
-    if stamps.size and not clock[stamps[-1] :].any():
-        kept[stamps[-1]] = True
-    rows = np.flatnonzero(group == 1)
-    if rows.size:
-        kept[rows[-1]] = True
+    kept = (stream == _RESET) | (group == 7)
+    for last_of in (stream >> 15 == 1, group == 1):
+        found = np.flatnonzero(last_of)
+        kept[found[-1:]] = True
     return stream[kept].tobytes() + _EMPTY_PARTS

@@ -6,6 +6,7 @@ Every refusal of the system becomes an OSError that says what to do about it.
 from __future__ import annotations
 
 import errno
+import time
 from array import array
 from collections.abc import Iterable
 from typing import Any, NamedTuple
@@ -44,6 +45,7 @@ def find_devices(backend: Any = None) -> list[FoundDevice]:
     Raises:
         OSError: if libusb itself is not installed.
     """
+    import usb.control
     import usb.core
     import usb.util
 
@@ -57,9 +59,11 @@ def find_devices(backend: Any = None) -> list[FoundDevice]:
             continue
         serial, problem = None, None
         try:
+            # Without permission pyusb says of a serial number that there is none; of a status it says the truth.
+            usb.control.get_status(device)
             serial = str(device.serial_number or "")
-        except (OSError, ValueError) as error:  # pyusb takes a device that it may not open for one without strings
-            problem = explained(error, f"bus {device.bus} address {device.address}", reading_strings=True)
+        except (OSError, ValueError) as error:
+            problem = explained(error, f"bus {device.bus} address {device.address}")
         finally:
             usb.util.dispose_resources(device)
         place = (device.bus, device.address, device.idProduct, device.bcdDevice & 0xFF)
@@ -67,14 +71,14 @@ def find_devices(backend: Any = None) -> list[FoundDevice]:
     return found
 
 
-def explained(error: Exception, place: str, *, reading_strings: bool = False) -> OSError:
+def explained(error: Exception, place: str) -> OSError:
     """The system's error, or pyusb's, as one that says what it means for a camera."""
     number = error.errno if isinstance(error, OSError) else None
-    if number == errno.EACCES or (reading_strings and isinstance(error, ValueError)):
+    if number == errno.EACCES:
         return PermissionError(_NO_PERMISSION.format(place=place, rule=UDEV_RULE))
     if number == errno.EBUSY:
         return OSError(errno.EBUSY, f"the camera at {place} is in use by another program")
-    if number in (errno.ENODEV, errno.ENOENT):
+    if number == errno.ENODEV:
         return OSError(errno.ENODEV, f"the camera at {place} was unplugged")
     return OSError(number or errno.EIO, f"the camera at {place} does not answer: {error}")
 
@@ -167,11 +171,22 @@ class UsbLink:
         except USBTimeoutError:
             return b""
         except OSError as error:
-            self._torn = explained(error, self.place)
+            self._torn = explained(error if self._is_there() else OSError(errno.ENODEV, ""), self.place)
             # pyusb does not say how far the transfer got. No camera sends the word 0, so the first of the zeros
             # put there at the end is where it stopped.
             arrived = bytes(view).rstrip(b"\0")
             return arrived + b"\0" * (len(arrived) % 2)
+
+    def _is_there(self) -> bool:
+        """Whether it is still plugged in: a cable that comes out shows at first as any error of a transfer."""
+        import usb.control
+
+        time.sleep(0.1)
+        try:
+            usb.control.get_status(self._device)
+        except OSError as error:
+            return bool(error.errno != errno.ENODEV)
+        return True
 
     def close(self) -> None:
         """Let go of the camera."""
