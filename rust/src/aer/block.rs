@@ -138,16 +138,18 @@ fn each<T>(block: &[[u8; 2]; BLOCK], of: impl Fn(u16) -> T) -> [T; BLOCK] {
 #[allow(clippy::inline_always, reason = "becomes its caller's vector code")]
 pub(super) fn with_wraps(block: &[[u8; 2]; BLOCK], plain: usize, state: &mut State, events: &mut Vec<Event>) {
     let State { clock: Clock { base, now }, pixels, stats, .. } = state;
+    let Some(row) = pixels.row else { return };
     let fields = Fields::of(block, pixels);
     let before = events.len();
     events.resize(before + BLOCK, Event::default());
-    let (Some(row), Some(out)) = (pixels.row, events[before..].first_chunk_mut::<BLOCK>()) else { return };
+    // Its length is known to the compiler, so that no place needs a check.
+    let Some(out) = events[before..].first_chunk_mut::<BLOCK>() else { return };
     let (mut place, mut event_count, mut forward) = (pixels.row_bits(row), 0, 0u64);
     for i in 0..plain.min(BLOCK) {
         *base += i64::from(fields.jump[i]);
         let low = fields.low[i];
         let time = *base + i64::from(low);
-        // What is no time lies beyond it, or is at least as good as forward.
+        // What is no time lies beyond all of them, and so counts as forward.
         forward += u64::from(now.cast_unsigned() < time.cast_unsigned());
         *now = if low == NO_TIME { *now } else { time };
         place = place & fields.kept[i] | fields.set[i];
