@@ -13,6 +13,18 @@ from davis_rs.virtual_davis import VirtualDavis
 
 CHIPS = ("DAVIS240C", "DAVIS346B")
 
+# As libcaer writes them, in the numbers of the registers: (module, parameter).
+SENSORS = [(1, 3), (2, 4), (3, 2), (3, 3), (3, 4), (4, 0)]
+STOP = [(*register, 0) for register in [*SENSORS, (0, 0), (0, 1), (9, 0), (0, 3)]]
+START = [
+    *STOP,
+    "clear halt",
+    "reading",
+    (0, 3, 1),
+    *[(9, 0, 1), (0, 1, 1), (0, 0, 1)],
+    *[(*register, 1) for register in SENSORS],
+]
+
 
 def contents(chip: str, *, seed: int = 0, events: int = 20_000, duration_us: int = 300_000) -> davis_rs.Decoded:
     """Events, samples every millisecond, two frames and some triggers, in whole microseconds from 1 on."""

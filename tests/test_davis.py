@@ -16,22 +16,10 @@ from davis_rs import Davis, DavisSettings
 from davis_rs.usb_protocol import Register, Write
 from davis_rs.virtual_backend import VirtualBackend
 from davis_rs.virtual_davis import VirtualDavis, paced
-from streams import CHIPS, TornBackend, assert_same, contents, decode, encode, is_empty, join
+from streams import CHIPS, START, STOP, TornBackend, assert_same, contents, decode, encode, is_empty, join
 
 FAST = 20e6
 """Bytes a second, so that tests are short."""
-
-# As libcaer writes them, in the numbers of the registers: (module, parameter).
-SENSORS = [(1, 3), (2, 4), (3, 2), (3, 3), (3, 4), (4, 0)]
-STOP = [(*register, 0) for register in [*SENSORS, (0, 0), (0, 1), (9, 0), (0, 3)]]
-START = [
-    *STOP,
-    "clear halt",
-    "reading",
-    (0, 3, 1),
-    *[(9, 0, 1), (0, 1, 1), (0, 0, 1)],
-    *[(*register, 1) for register in SENSORS],
-]
 
 
 def camera(chip: str = "DAVIS240C", words: bytes = b"", **options: object) -> VirtualDavis:

@@ -29,11 +29,13 @@ class Pieces:
 
 def take_all(reader: StreamReader) -> list[tuple[bytes, int]]:
     chunks = []
-    with pytest.raises(OSError, match="unplugged"):
-        while True:
-            chunk = reader.take(5)
-            assert chunk is not None
+
+    def take() -> None:
+        while (chunk := reader.take(5)) is not None:
             chunks.append((chunk.data, chunk.lost_bytes))
+
+    with pytest.raises(OSError, match="unplugged"):
+        take()
     return chunks
 
 

@@ -28,8 +28,7 @@ from davis_rs.usb_link import find_devices
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent))
 
-from streams import assert_same, contents, encode, join  # noqa: E402
-from test_davis import START, STOP  # noqa: E402
+from streams import START, STOP, assert_same, contents, encode, join  # noqa: E402
 
 SILENT_CHUNKS = 20
 """So many in a row, of 0.1 s each, and the stream is over: the machine may be far slower than a real one."""

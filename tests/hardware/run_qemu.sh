@@ -17,10 +17,10 @@ command -v qemu-system-x86_64 >/dev/null || skip "qemu-system-x86_64 is missing 
 busybox=$(command -v busybox) || skip "busybox is missing (Debian: apt-get install busybox-static)"
 if ldd "$busybox" >/dev/null 2>&1; then skip "busybox is not static (Debian: apt-get install busybox-static)"; fi
 command -v cpio >/dev/null || skip "cpio is missing (Debian: apt-get install cpio)"
-kernel=$(ls -v /boot/vmlinuz-*-amd64 2>/dev/null | tail -n 1)
+kernel=$(find /boot -name 'vmlinuz-*-amd64' 2>/dev/null | sort -V | tail -n 1)
 [ -n "$kernel" ] || skip "there is no Debian kernel in /boot (apt-get install linux-image-amd64)"
 release=${kernel#/boot/vmlinuz-}
-python=$(command -v python)
+python=$(command -v python) || skip "there is no python in PATH (activate the environment with davis_rs)"
 "$python" -c 'import davis_rs, usb.core, usb.backend.libusb1 as b; assert b.get_backend()' 2>/dev/null ||
     skip "$python lacks davis_rs, pyusb or libusb 1.0 (Debian: apt-get install libusb-1.0-0)"
 
@@ -37,14 +37,14 @@ done | awk '$1 == "insmod" && !seen[$2]++ { print $2 }' | while read -r file; do
     basename "$file" >> "$root/modules/order"
 done
 [ $# -gt 0 ] || set -- "$python" tests/hardware/acceptance.py
-printf 'cd %q; export TMPDIR=/run PYTHONDONTWRITEBYTECODE=1; exec timeout 300 %s\n' "$PWD" "$(printf '%q ' "$@")" > "$root/command"
+printf 'cd %q; export TMPDIR=/run PYTHONDONTWRITEBYTECODE=1; exec timeout 600 %s\n' "$PWD" "$(printf '%q ' "$@")" > "$root/command"
 (cd "$root" && find . | cpio --quiet -o -H newc | gzip -1) > "$root.img"
 trap 'rm -rf "$root" "$root.img"' EXIT
 
 output=$(mktemp)
 trap 'rm -rf "$root" "$root.img" "$output"' EXIT
 start=$(date +%s)
-timeout 420 qemu-system-x86_64 -machine q35,accel=tcg -cpu max -m 1024 -smp 2 -nographic -no-reboot -nic none \
+timeout 720 qemu-system-x86_64 -machine q35,accel=tcg -cpu max -m 1024 -smp 2 -nographic -no-reboot -nic none \
     -kernel "$kernel" -initrd "$root.img" -append "console=ttyS0 quiet panic=-1 mitigations=off" \
     -virtfs local,path=/,mount_tag=host,security_model=none,readonly=on,multidevs=remap </dev/null | tee "$output"
 echo "the machine ran for $(($(date +%s) - start)) s"
