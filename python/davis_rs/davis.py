@@ -117,9 +117,9 @@ class Davis:
         self._link.clear_halt()
         self._decoder = Decoder(self.description.device)
         self._reader = StreamReader(self._link, queue_bytes=self._queue_bytes)
+        self._running = True
         self._reader.start()
         time.sleep(READS_QUEUED_S)
-        self._running = True
         for phase in protocol.START:
             self._phase(phase)
 

@@ -124,7 +124,7 @@ class UsbLink:
         try:
             answer = self._device.ctrl_transfer(*request, 4)
         except OSError as error:
-            raise explained(error, self.place) from error
+            raise self._explained(error) from error
         if len(answer) != 4:
             raise OSError(
                 errno.EIO, f"the camera at {self.place} gave {len(answer)} bytes of register {register}, not 4"
@@ -145,14 +145,14 @@ class UsbLink:
         try:
             self._device.ctrl_transfer(protocol.REQUEST_OUT, request, value, index, payload)
         except OSError as error:
-            raise explained(error, self.place) from error
+            raise self._explained(error) from error
 
     def clear_halt(self) -> None:
         """Make the data endpoint usable, whatever happened to it before."""
         try:
             self._device.clear_halt(protocol.DATA_ENDPOINT)
         except OSError as error:
-            raise explained(error, self.place) from error
+            raise self._explained(error) from error
 
     def receive(self, buffer: array[int], timeout_s: float) -> bytes:
         """One transfer into ``buffer`` (of type "B"); returns its bytes, none if there were none within the timeout.
@@ -171,22 +171,23 @@ class UsbLink:
         except USBTimeoutError:
             return b""
         except OSError as error:
-            self._torn = explained(error if self._is_there() else OSError(errno.ENODEV, ""), self.place)
+            self._torn = self._explained(error)
             # pyusb does not say how far the transfer got. No camera sends the word 0, so the first of the zeros
             # put there at the end is where it stopped.
             arrived = bytes(view).rstrip(b"\0")
             return arrived + b"\0" * (len(arrived) % 2)
 
-    def _is_there(self) -> bool:
-        """Whether it is still plugged in: a cable that comes out shows at first as any error of a transfer."""
+    def _explained(self, error: OSError) -> OSError:
+        """A cable that comes out shows at first as any error of a transfer: ask again, a little later."""
         import usb.control
 
-        time.sleep(0.1)
-        try:
-            usb.control.get_status(self._device)
-        except OSError as error:
-            return bool(error.errno != errno.ENODEV)
-        return True
+        if error.errno not in (errno.EACCES, errno.EBUSY, errno.ENODEV):
+            time.sleep(0.1)
+            try:
+                usb.control.get_status(self._device)
+            except OSError as later:
+                error = later
+        return explained(error, self.place)
 
     def close(self) -> None:
         """Let go of the camera."""
