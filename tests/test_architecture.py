@@ -32,6 +32,7 @@ LAYERS = [
     ["scenes", "fence_scene", "builtin_scenes", "scene_parts", "textures", "scene", "light_course"],
     ["trajectory_file", "sampled_trajectory"],
     ["packet", "views", "trajectory", "pose"],
+    ["recordings"],
     ["camera", "lattice", "luma"],
     ["decoded_output", "backward"],
     ["davis", "raw_file", "davis_settings", "davis_description", "stream_reader", "stream_gap", "usb_link"],
@@ -42,7 +43,7 @@ LAYERS = [
     ["_core"],
 ]
 RANK = {module: (layer, place) for layer, modules in enumerate(LAYERS) for place, module in enumerate(modules)}
-LATE = {"mitsuba", "drjit", "scipy", "matplotlib", "imageio", "OpenEXR", "PIL", "tqdm", "usb"}
+LATE = {"mitsuba", "drjit", "scipy", "matplotlib", "imageio", "OpenEXR", "PIL", "tqdm", "usb", "lz4", "zstandard"}
 PLUG_INS = {"virtual_backend": {"usb"}}
 """Modules that derive from a class of a heavy library: imported late themselves."""
 
@@ -80,6 +81,16 @@ def test_heavy_libraries_are_imported_late(module: str) -> None:
     early = set().union(*(imports(node) for node in at_import)) & LATE
     assert early <= PLUG_INS.get(module, set()), f"{module} imports {early} when it is imported"
     assert not {f".{plug_in}" for plug_in in PLUG_INS} & set().union(*(imports(node) for node in at_import))
+
+
+@pytest.mark.parametrize("path", sorted((PACKAGE / "recordings").glob("*.py")), ids=lambda path: path.stem)
+def test_recordings_stand_on_the_ground(path: Path) -> None:
+    """Formats of other software know the arrays and the core; what unpacks them is imported late."""
+    tree = ast.parse(path.read_text())
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom) and node.level == 2:
+            assert RANK[node.module or ""] > RANK["recordings"], f"{path.stem} imports {node.module}"
+    assert not {name for node in tree.body if isinstance(node, ast.Import) for name in imports(node)} & LATE
 
 
 def test_rust_modules_keep_apart() -> None:

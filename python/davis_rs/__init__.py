@@ -28,6 +28,7 @@ from .presets import ACCURACY, Accuracy
 from .raw_file import RawRecording, RawWriter
 from .read import Dataset
 from .record import record
+from .recordings import Recording, RecordingWarning, read_recording
 from .sampled_trajectory import SampledTrajectory
 from .sampling import FixedRate, MaxDisplacement
 from .scene import Scene
@@ -72,6 +73,8 @@ __all__ = [
     "Pose",
     "RawRecording",
     "RawWriter",
+    "Recording",
+    "RecordingWarning",
     "SampledCourse",
     "SampledTrajectory",
     "Scene",
@@ -89,6 +92,7 @@ __all__ = [
     "load_camera",
     "load_scene",
     "log_intensity",
+    "read_recording",
     "read_trajectory",
     "reconstruct",
     "record",

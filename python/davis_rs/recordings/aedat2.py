@@ -1,8 +1,8 @@
 """AEDAT 2.0, jAER's format: records of address and time, eight bytes each, big-endian, after lines of text.
 
 An address with bit 31 clear is an event (y in bits 22-30, x 12-21, polarity 11) or, with bit 10, an external input.
-With bit 31 set it is a sample of a frame, or with bits 10 and 11 a word of an inertial sample. Of events both coordinates
-are mirrored (their origin is at the lower right), of samples of frames only y is (lower left).
+With bit 31 set it is a sample of a frame or, with bits 10 and 11 too, a word of an inertial sample. Of events both
+coordinates are mirrored (their origin is at the lower right), of samples of frames only y is (lower left).
 
 Source: docs.inivation.com, AEDAT 2.0; jAER, DavisChip, DavisBaseCamera and IMUSample.
 """

@@ -32,7 +32,7 @@ def assemble(samples: Samples, width: int, height: int, *, samples_count_double:
     """The frames that were read whole, but for at most half of their samples, which are then 0.
 
     The file has no mark where a frame begins. A read goes through the image in one direction, so where it steps back,
-    it has begun anew. A frame's region is that of all samples: a camera keeps it for a recording.
+    it has begun anew. A camera keeps the region of its frames for a recording: it is where most samples are.
     """
     usable = samples.where(
         (samples.read <= _SIGNAL) & (samples.x >= 0) & (samples.x < width) & (samples.y >= 0) & (samples.y < height)
@@ -41,14 +41,17 @@ def assemble(samples: Samples, width: int, height: int, *, samples_count_double:
         notes.append(f"{unusable} samples of frames outside of the image or of an unknown read left out")
     if not len(usable.t):
         return []
-    left, top = int(usable.x.min()), int(usable.y.min())
-    shape = (int(usable.y.max()) - top + 1, int(usable.x.max()) - left + 1)
+    (left, right), (top, bottom) = _extent(usable.x), _extent(usable.y)
+    shape = (bottom - top + 1, right - left + 1)
+    inside = (usable.x >= left) & (usable.x <= right) & (usable.y >= top) & (usable.y <= bottom)
+    left_out = len(usable.t)
+    usable = usable.where(inside)
     usable = usable._replace(x=usable.x - left, y=usable.y - top)
 
     resets, signals = (_passes(usable, read, at_least=shape[0] * shape[1] / 2) for read in (_RESET, _SIGNAL))
     frames: list[Frame] = []
-    used = missing = 0
-    ends = [int(reset[0]) for reset in resets[1:]] + [len(usable.t)]
+    missing = 0
+    ends = [*(int(reset[0]) for reset in resets), len(usable.t)][1:]
     begins = [int(signal[0]) for signal in signals]
     for reset, end in zip(resets, ends, strict=True):
         # The first signal read that began after this reset read, and before the next.
@@ -56,13 +59,20 @@ def assemble(samples: Samples, width: int, height: int, *, samples_count_double:
         if k < len(begins) and begins[k] < end:
             frame, lacking = _frame(usable, reset, signals[k], shape, samples_count_double=samples_count_double)
             frames.append(frame._replace(x=left, y=top))
-            used += len(reset) + len(signals[k])
+            left_out -= len(reset) + len(signals[k])
             missing += lacking
-    if unused := len(usable.t) - used:
-        notes.append(f"{unused} samples left out, of frames of which a read is less than half there")
+    if left_out:
+        notes.append(f"{left_out} samples left out, of frames of which a read is less than half there")
     if missing:
         notes.append(f"{missing} pixels of frames are 0 because a sample of theirs is missing")
     return frames
+
+
+def _extent(places: npt.NDArray[np.int64]) -> tuple[int, int]:
+    """The first and the last column or row that holds more than single wrong samples."""
+    counts = np.bincount(places)
+    held = np.flatnonzero(8 * counts >= counts.max())
+    return int(held[0]), int(held[-1])
 
 
 def _passes(samples: Samples, read: int, *, at_least: float) -> list[npt.NDArray[np.intp]]:

@@ -77,8 +77,6 @@ def read(path: Path, data: bytes, *, chip: str | None, **_: int | None) -> Recor
     at = begin + length
     cut: list[str] = []
     end = table if at <= table <= len(data) else len(data)
-    if table > len(data):
-        cut.append(f"byte {len(data)}: the file is cut off before its table at byte {table}")
     others = 0
     while at < end:
         left = end - at - _PACKET.size
@@ -98,6 +96,8 @@ def read(path: Path, data: bytes, *, chip: str | None, **_: int | None) -> Recor
         else:
             others += 1
         at += _PACKET.size + size
+    if table > len(data) and not cut:
+        cut.append(f"byte {len(data)}: the file is cut off before its table of packets, at byte {table}")
 
     events = concatenate_events([event_array([], [], [], []), *parts["EVTS"]])
     pixels = first.get("EVTS") or first.get("FRME")
