@@ -113,6 +113,13 @@ def test_aedat2_corners(folder: Path) -> None:
     assert read(folder, aedat2([(0, 7)], chip="Davis640")).width == 640
 
 
+def test_aedat2_events_outside(folder: Path) -> None:
+    """Addresses that no pixel of the chip has are left out, and counted."""
+    recording = read(folder, aedat2([(240 << 12, 1), (5 << 12, 2), (180 << 22, 3), (1023 << 12 | 511 << 22, 4)]))
+    assert recording.events.tolist() == [(2, 234, 179, 0)]
+    assert "3 events outside of 240 x 180 pixels left out" in recording.notes
+
+
 def test_aedat2_times_run_on_after_31_bits(folder: Path) -> None:
     """An hour of recording has times that do not go back."""
     stamps = [2**31 - 2, 2**31 - 1, -(2**31), -1, 0, 2**31 - 1, -(2**31)]

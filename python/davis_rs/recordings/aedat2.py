@@ -19,6 +19,7 @@ import numpy.typing as npt
 
 from .._core import DecodeError
 from ..decoded import TriggerKind
+from ..events import EventArray
 from .aedat2_frames import Samples, assemble
 from .recording import Recording, event_array, imu_array, known_chip, size_of, trigger_array
 
@@ -70,13 +71,7 @@ def read(
         cut.append(f"byte {len(data) - rest}: the last record is cut off after {rest} of {_RECORD.itemsize} bytes")
 
     is_event = address & (_NOT_EVENT | _EXTERNAL) == 0
-    x = (width - 1) - (address >> 12 & 0x3FF).astype(np.int64)
-    y = (height - 1) - (address >> 22 & 0x1FF).astype(np.int64)
-    inside = (x >= 0) & (y >= 0)
-    if outside := int(np.count_nonzero(is_event & ~inside)):
-        notes.append(f"{outside} events outside of {width} x {height} pixels left out")
-    is_event &= inside
-    events = event_array(t[is_event], x[is_event], y[is_event], address[is_event] >> 11 & 1)
+    events = _events(address[is_event], t[is_event], width, height, notes)
 
     is_external = address & (_NOT_EVENT | _EXTERNAL) == _EXTERNAL
     triggers = _triggers(t[is_external], address[is_external] & 0x3FF, notes)
@@ -90,9 +85,9 @@ def read(
 
     is_sample = (address & _NOT_EVENT != 0) & (address & _READ != _READ)
     # Of samples x is that of the image.
-    samples = Samples(
-        t[is_sample], (width - 1) - x[is_sample], y[is_sample], address[is_sample] >> 10 & 3, address[is_sample] & 0x3FF
-    )
+    sample = address[is_sample]
+    x, y = (sample >> 12 & 0x3FF).astype(np.int64), (height - 1) - (sample >> 22 & 0x1FF).astype(np.int64)
+    samples = Samples(t[is_sample], x, y, sample >> 10 & 3, sample & 0x3FF)
     frames = assemble(samples, width, height, samples_count_double="240" in chip, notes=notes)
     return Recording(
         path=path, format="AEDAT 2.0", chip=chip, width=width, height=height,
@@ -127,8 +122,22 @@ def _started(header: bytes) -> datetime | None:
 def _unwrapped(stamps: npt.NDArray[Any]) -> npt.NDArray[np.int64]:
     """Times beyond 2^31 us, where the file's 32 bits begin again at -2^31."""
     t = stamps.astype(np.int64)
-    t[1:] += (np.diff(t) < -(1 << 31)).cumsum() << 32
+    anew = t[1:] < t[:-1] - (1 << 31)
+    if anew.any():
+        t[1:] += anew.cumsum() << 32
     return t
+
+
+def _events(
+    address: npt.NDArray[np.uint32], t: npt.NDArray[np.int64], width: int, height: int, notes: list[str]
+) -> EventArray:
+    # What lies outside wraps around to more than any size.
+    x, y = np.uint32(width - 1) - (address >> 12 & 0x3FF), np.uint32(height - 1) - (address >> 22 & 0x1FF)
+    inside = (x < width) & (y < height)
+    if inside.all():
+        return event_array(t, x, y, address >> 11 & 1)
+    notes.append(f"{np.count_nonzero(~inside)} events outside of {width} x {height} pixels left out")
+    return event_array(t[inside], x[inside], y[inside], address[inside] >> 11 & 1)
 
 
 def _triggers(t: npt.NDArray[np.int64], kind: npt.NDArray[np.uint32], notes: list[str]) -> npt.NDArray[Any]:
