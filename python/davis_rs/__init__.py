@@ -1,10 +1,25 @@
 """A simulator of the DAVIS event camera: 3D scene and camera path in, events, frames, depth and ground truth out."""
 
-from ._core import CrossingEngine, DecodeError, EventTextWriter, __version__, log_intensity, reconstruct
+from ._core import (
+    CrossingEngine,
+    DecodeError,
+    Decoder,
+    Device,
+    Encoder,
+    EventTextWriter,
+    __version__,
+    log_intensity,
+    reconstruct,
+)
+from .biases import BIAS_SETS, CoarseFineBias
 from .camera import Camera, load_camera
 from .check import check_dataset
 from .compare import EventComparison, compare_events
 from .dataset import DatasetWriter
+from .davis import Davis
+from .davis_description import DavisDescription
+from .davis_settings import DavisSettings
+from .decoded import IMU_COUNTS_DTYPE, IMU_DTYPE, TRIGGER_DTYPE, Decoded, Frame, TriggerKind
 from .effects import Effects
 from .events import EVENT_DTYPE, as_events
 from .light_course import Flicker, LightCourse, SampledCourse
@@ -12,8 +27,10 @@ from .packet import Packet
 from .plan import EffectPlan, plan_effects
 from .pose import Pose
 from .presets import ACCURACY, Accuracy
+from .raw_file import RawRecording, RawWriter
 from .read import Dataset
 from .record import record
+from .recordings import Recording, RecordingWarning, read_recording
 from .sampled_trajectory import SampledTrajectory
 from .sampling import FixedRate, MaxDisplacement
 from .scene import Scene
@@ -28,25 +45,42 @@ from .view import view_dataset
 
 __all__ = [
     "ACCURACY",
+    "BIAS_SETS",
     "EVENT_DTYPE",
+    "IMU_COUNTS_DTYPE",
+    "IMU_DTYPE",
     "SENSORS",
+    "TRIGGER_DTYPE",
     "Accuracy",
     "CallableTrajectory",
     "Camera",
+    "CoarseFineBias",
     "CrossingEngine",
     "Dataset",
     "DatasetWriter",
+    "Davis",
+    "DavisDescription",
+    "DavisSettings",
     "DecodeError",
+    "Decoded",
+    "Decoder",
+    "Device",
     "EffectPlan",
     "Effects",
+    "Encoder",
     "EventComparison",
     "EventTextWriter",
     "FixedRate",
     "Flicker",
+    "Frame",
     "LightCourse",
     "MaxDisplacement",
     "Packet",
     "Pose",
+    "RawRecording",
+    "RawWriter",
+    "Recording",
+    "RecordingWarning",
     "SampledCourse",
     "SampledTrajectory",
     "Scene",
@@ -55,6 +89,7 @@ __all__ = [
     "Simulator",
     "Tolerance",
     "Trajectory",
+    "TriggerKind",
     "__version__",
     "align",
     "as_events",
@@ -65,6 +100,7 @@ __all__ = [
     "load_scene",
     "log_intensity",
     "plan_effects",
+    "read_recording",
     "read_trajectory",
     "reconstruct",
     "record",

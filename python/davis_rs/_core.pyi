@@ -1,16 +1,21 @@
 """The Rust core."""
 
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from types import TracebackType
 from typing import Any, Protocol, final
 
 import numpy as np
 import numpy.typing as npt
 
+from .decoded import Decoded, Frame
+
 __all__ = [
     "CrossingEngine",
     "DecodeError",
+    "Decoder",
+    "Device",
+    "Encoder",
     "EventTextWriter",
     "__version__",
     "check_effects",
@@ -28,6 +33,169 @@ class _Effects(Protocol):
 
 class DecodeError(ValueError):
     """Contents of a file or stream that do not follow the format they claim; the message says where."""
+
+@final
+class Device:
+    """What a decoder has to know of a camera: its chip, sizes, orientation, and inertial sensor.
+
+    Without anything else, the chip as it is by default; a live camera passes what its registers say, unchanged.
+
+    On some chips (the DAVIS346) x and y are swapped on the wire: a row there is a column of the image. ``width`` and
+    ``height`` are always those of the image.
+
+    Args:
+        chip: ``DAVIS240A``, ``DAVIS240B``, ``DAVIS240C``, ``DAVIS128``, ``DAVIS346A``, ``DAVIS346B``, ``DAVIS346C`` or
+            ``DAVIS640``; or the number by which the camera names it (module 6, parameter 1).
+        dvs_columns, dvs_rows: sizes of the event array on the wire (1, 0) and (1, 1), 1..4096.
+        dvs_orientation: (1, 2): bit 2 = x and y swapped.
+        aps_columns, aps_rows: sizes of the frame array on the wire (2, 0) and (2, 1), 1..4096.
+        aps_orientation: (2, 2): bits 2 = x and y swapped, 1 = columns from the last on, 0 = rows from the last on.
+        imu_type: (3, 0): 2 = MPU-9250, otherwise the MPU-6050's family; they count temperature differently.
+        imu_flips: (3, 1): axes to be negated, bits 2 = x, 1 = y, 0 = z.
+        adc_mhz: clock of the frame converter in MHz, in which exposures are counted; 30 if not given.
+
+    Raises:
+        ValueError: for a chip whose stream is not understood, or a size out of range.
+    """
+
+    def __new__(
+        cls,
+        chip: str | int,
+        *,
+        dvs_columns: int | None = None,
+        dvs_rows: int | None = None,
+        dvs_orientation: int | None = None,
+        aps_columns: int | None = None,
+        aps_rows: int | None = None,
+        aps_orientation: int | None = None,
+        imu_type: int | None = None,
+        imu_flips: int | None = None,
+        adc_mhz: float | None = None,
+    ) -> Device: ...
+    @property
+    def chip(self) -> str:
+        """The chip's name."""
+    @property
+    def width(self) -> int:
+        """Columns of the image that events fall on."""
+    @property
+    def height(self) -> int:
+        """Rows of the image that events fall on."""
+    @property
+    def frame_width(self) -> int:
+        """Columns of a full frame."""
+    @property
+    def frame_height(self) -> int:
+        """Rows of a full frame."""
+    @property
+    def adc_mhz(self) -> float:
+        """Clock of the frame converter in MHz."""
+
+@final
+class Decoder:
+    """Decodes the USB stream of a DAVIS (logic version 18), piece by piece.
+
+    Any split of the stream into pieces decodes alike; an odd byte at the end of a piece waits for the next one. No
+    input makes it fail: what a malformed stream makes unusable is dropped and counted in :attr:`stats`. Between two
+    pieces it keeps at most one frame and one inertial sample.
+
+    Times are microseconds since the stream began or the camera's clock was last reset, int64, without overflow. Where a
+    malformed stream goes back in time, so do they.
+
+    Args:
+        device: the name of a chip, or a :class:`Device` where sizes or orientation differ from the chip's own.
+        imu_counts: inertial samples in counts of the sensor (:data:`davis_rs.IMU_COUNTS_DTYPE`) instead of SI units.
+
+    Raises:
+        ValueError: for a chip whose stream is not understood.
+
+    Source: the public drivers libcaer 3.3 and jAER, and the logic's VHDL.
+    """
+
+    def __new__(cls, device: str | Device, *, imu_counts: bool = False) -> Decoder: ...
+    def push(self, data: bytes | bytearray | memoryview | npt.NDArray[np.uint8] | npt.NDArray[np.uint16]) -> Decoded:
+        """Decode the next bytes of the stream; the GIL is released.
+
+        Args:
+            data: contiguous bytes, or 16-bit words; taken without a copy, and not to be changed meanwhile.
+
+        Returns:
+            What is complete by them: ``(events, imu, frames, triggers)``. Events keep the order of the wire. A frame
+            that lacks its samples takes some 200 times the memory of the words that make it: push a stream that you do
+            not trust in pieces.
+
+        Raises:
+            ValueError: for data of another kind.
+        """
+    @property
+    def device(self) -> Device:
+        """The camera whose stream is decoded."""
+    @property
+    def stats(self) -> dict[str, int]:
+        """How often the stream was not what a camera sends, by kind; all zero for one that arrived whole.
+
+        - ``unknown_words``: words that mean nothing, the reserved 0x0000 among them; ignored
+        - ``times_not_increasing``: timestamps and wraps that do not go forward; obeyed
+        - ``addresses_out_of_range``: rows and columns outside of the array; dropped
+        - ``columns_without_row``: columns before any row; dropped
+        - ``imu_malformed``: inertial samples too short, too long or without a scale; dropped
+        - ``imu_unended``: inertial samples whose end never came; dropped
+        - ``imu_stray_words``: words of inertial samples where none had begun, a second end among them; ignored
+        - ``imu_repeated_scales``: scales that came again within a sample, which then begins anew
+        - ``frame_stray_words``: words of frames where none had begun; ignored
+        - ``samples_missing``: samples that their column lacked; 0 in their place
+        - ``samples_extra``: samples beyond the end of their column or of the region; ignored
+        - ``exposure_words_extra``: exposure words beyond the third of a frame; ignored
+        - ``exposure_marks_missing``: frames without start or end of exposure; that time is then the one before it
+        - ``frames_wrong_columns``: frames that a column's start or end was lost of; dropped
+        - ``frames_bad_region``: frames whose region is not one, or came not whole and once before the samples; dropped
+        - ``frames_unended``: frames whose end never came; dropped
+        """
+
+@final
+class Encoder:
+    """Encodes what a DAVIS would send: the inverse of :class:`Decoder`.
+
+    As the camera's logic does, it sends a timestamp only when time changed, wraps in one word where nothing happened
+    between them, and a row once for the columns that share its time. Decoding gives back what was encoded, but for what
+    the wire does not carry: of a pixel the upper ten bits (on a DAVIS240 nine, and white); and a frame or an inertial
+    sample that lies across a multiple of 2^31 us, which decoders lose.
+
+    Args:
+        device: the name of a chip, or a :class:`Device`.
+        accel_range, gyro_range: full scales for inertial samples in SI units, 0..3: 2, 4, 8, 16 g and 250, 500, 1000,
+            2000 deg/s. Samples in counts bring their own.
+
+    Raises:
+        ValueError: for a chip whose stream is not understood, or a range out of range.
+    """
+
+    def __new__(cls, device: str | Device, *, accel_range: int = 1, gyro_range: int = 1) -> Encoder: ...
+    def encode(
+        self,
+        events: npt.NDArray[Any] | None = None,
+        imu: npt.NDArray[Any] | None = None,
+        frames: Iterable[Frame] | None = None,
+        triggers: npt.NDArray[Any] | None = None,
+    ) -> bytes:
+        """The bytes of what happens next; the GIL is released.
+
+        Times must lie in 0..2^48 us, may not decrease within a kind, nor lie before the last time encoded; frames may
+        not overlap. A trigger that resets the clock comes first, at time 0; what follows counts from there.
+
+        Args:
+            events: anything with the fields t, x, y, p.
+            imu: :data:`davis_rs.IMU_DTYPE` (rounded to counts, which saturate) or :data:`davis_rs.IMU_COUNTS_DTYPE`.
+            frames: frames or parts of them.
+            triggers: :data:`davis_rs.TRIGGER_DTYPE`.
+
+        Raises:
+            ValueError: for times that go back, or what does not fit the camera, with the index; nothing is encoded
+                then.
+        """
+    @property
+    def device(self) -> Device:
+        """The camera whose stream is made."""
 
 @final
 class CrossingEngine:

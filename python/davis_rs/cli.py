@@ -1,4 +1,4 @@
-"""The command line: davis-rs simulate, plan, check, view, accuracy."""
+"""The command line: davis-rs simulate, check, view, and the commands of other modules."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from .camera import PRESETS, load_camera
 from .cli_accuracy import add_accuracy
 from .cli_common import add_path, path_of
 from .cli_plan import add_plan
+from .cli_usb import add_usb
 from .sensor_parameters import SENSORS
 
 
@@ -108,7 +109,7 @@ def _view(options: argparse.Namespace) -> int:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="davis-rs",
-        description="Simulate a DAVIS event camera.",
+        description="Simulate a DAVIS event camera, and read a real one.",
         formatter_class=argparse.ArgumentDefaultsHelpFormatter,
     )
     parser.add_argument("--version", action="version", version=f"davis-rs {__version__}")
@@ -116,6 +117,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_simulate(commands)
     add_plan(commands)
     add_accuracy(commands)
+    add_usb(commands)
 
     check = commands.add_parser("check", help="check a dataset: do its events explain its images?")
     check.add_argument("dataset", type=Path, metavar="DIR")

@@ -28,6 +28,14 @@ impl Event {
         Self { t, ..self }
     }
 
+    /// An event at `t` microseconds, of the bytes of its other fields, first one lowest: made of two words, it is stored
+    /// as two words.
+    #[inline]
+    pub(crate) const fn from_words(t: i64, place: u64) -> Self {
+        let [x0, x1, y0, y1, p, padding @ ..] = place.to_le_bytes();
+        Self { t, x: u16::from_le_bytes([x0, x1]), y: u16::from_le_bytes([y0, y1]), p, padding }
+    }
+
     /// The row-major index of its pixel.
     #[inline]
     pub(crate) fn pixel(&self, size: SensorSize) -> usize {

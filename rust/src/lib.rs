@@ -2,12 +2,14 @@
 //!
 //! ```text
 //! luma frames -> crossing::CrossingEngine -> [Event] -> EventTextWriter -> events.txt
+//!   USB bytes -> aer::Decoder -------------> [Event]
 //! ```
 //!
 //! Linear luma frames go in, one after the other; out come events stamped to the microsecond wherever the log
 //! intensity of a pixel crosses one of its levels, sorted and independent of the number of threads. Everything meets
 //! at [`Event`]. The Python bindings (feature `python`) are a thin layer on top and the only place that knows them.
 
+pub mod aer;
 mod crossing;
 mod error;
 mod event;

@@ -2,6 +2,7 @@
 
 #![allow(clippy::needless_pass_by_value, reason = "PyO3 hands arguments over by value")]
 
+mod aer;
 mod arrays;
 mod dtype;
 mod effects;
@@ -43,6 +44,9 @@ impl From<Error> for PyErr {
 fn _core(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add("__version__", env!("CARGO_PKG_VERSION"))?;
     m.add("DecodeError", m.py().get_type::<DecodeError>())?;
+    m.add_class::<aer::PyDecoder>()?;
+    m.add_class::<aer::PyDevice>()?;
+    m.add_class::<aer::PyEncoder>()?;
     m.add_class::<engine::PyCrossingEngine>()?;
     m.add_class::<text::PyEventTextWriter>()?;
     m.add_function(wrap_pyfunction!(effects::check_effects, m)?)?;

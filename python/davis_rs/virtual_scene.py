@@ -1,0 +1,80 @@
+"""A simulated scene as the source of a virtual camera: what the simulator computes, as the words a DAVIS would send."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import numpy.typing as npt
+
+from ._core import Device, Encoder
+from .decoded import Frame
+from .scene import Scene
+from .simulate import Simulator, trajectory_part
+from .virtual_davis import VIRTUAL_CHIPS, VirtualDavis
+
+_EXPOSURE_US = 4000
+_WHITE_PERCENTILE, _WHITE_SHARE = 98.0, 0.8
+_FULL_SCALE = 1023
+_BAR = "{desc}: {percentage:3.0f}%|{bar}| [{elapsed}<{remaining}]"
+
+
+def virtual_davis_of_scene(scene: Scene, *, duration_s: float | None = None, progress: bool = False) -> VirtualDavis:
+    """A virtual camera that sees a scene from the scene's own camera path: events and frames, then nothing.
+
+    The scene is simulated here, before anything is sent, so that the camera can keep time.
+
+    Args:
+        scene: its camera must have the size of one of the virtual cameras.
+        duration_s: how much of its path; all if not given.
+        progress: show a bar.
+
+    Raises:
+        ValueError: for a camera of another size, or a scene that cannot be simulated so long.
+    """
+    from tqdm import tqdm
+
+    simulator = Simulator(scene)
+    chip = _chip_of_size(simulator.camera.width, simulator.camera.height)
+    encoder = Encoder(chip)
+    trajectory = trajectory_part(scene, None, 0.0, duration_s)
+    stream: list[tuple[int, bytes]] = []
+    scale: float | None = None
+    with tqdm(
+        total=trajectory.duration_s, disable=not progress, desc=f"simulating {scene.name}", bar_format=_BAR
+    ) as bar:
+        for packet in simulator.run(trajectory):
+            frames = []
+            if packet.luma is not None:
+                scale = scale or _full_scale_of(packet.luma)
+                exposed_us = max(packet.start_us, packet.end_us - _EXPOSURE_US)
+                if exposed_us < packet.end_us:
+                    frames.append(_frame(packet.luma * scale, exposed_us, packet.end_us))
+            stream.append((packet.end_us, encoder.encode(packet.events, frames=frames)))
+            bar.update(packet.end_us * 1e-6 - bar.n)
+
+    def source() -> Iterator[tuple[int, bytes]]:
+        return iter(stream)
+
+    return VirtualDavis(source, chip=chip)
+
+
+def _chip_of_size(width: int, height: int) -> str:
+    sizes = {}
+    for name in VIRTUAL_CHIPS:
+        device = Device(name)
+        sizes[device.width, device.height] = name
+    if (width, height) not in sizes:
+        known = ", ".join(f"{w} x {h} ({name})" for (w, h), name in sizes.items())
+        raise ValueError(f"a virtual camera has {known} pixels, the scene's has {width} x {height}")
+    return sizes[width, height]
+
+
+def _full_scale_of(luma: npt.NDArray[np.float32]) -> float:
+    white = float(np.percentile(luma, _WHITE_PERCENTILE))
+    return _WHITE_SHARE / white if white > 0 else 1.0
+
+
+def _frame(shares: npt.NDArray[np.float32], start_us: int, end_us: int) -> Frame:
+    pixels = (np.rint(np.clip(shares, 0, 1) * _FULL_SCALE)).astype(np.uint16) << 6
+    return Frame(start_us, start_us, end_us, end_us, 0, 0, pixels.astype(np.uint16), exposure_us=end_us - start_us)

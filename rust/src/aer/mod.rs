@@ -1,0 +1,34 @@
+//! The USB stream of a real DAVIS, both ways.
+//!
+//! The camera sends little-endian 16-bit words: timestamps, row and column addresses of events, bytes of inertial
+//! samples, samples of the frame's pixels, and marks between them (`word` lists all). [`Decoder`] turns them into events,
+//! [`ImuReading`]s, [`Frame`]s and [`Trigger`]s; [`Encoder`] does the inverse. Neither does any input or output itself.
+//!
+//! The rules are those of logic version 18, as the public drivers (libcaer 3.3, jAER) and the logic's VHDL have them. A
+//! malformed stream never stops the decoder: what it cannot use is dropped, and counted in [`Stats`].
+
+mod block;
+mod clock;
+mod decoded;
+mod decoder;
+mod device;
+mod encodable;
+mod encoder;
+mod fours;
+mod frame;
+mod imu;
+mod pixels;
+mod readout;
+mod run;
+mod stats;
+mod trigger;
+mod word;
+
+pub use decoded::Decoded;
+pub use decoder::Decoder;
+pub use device::{Chip, Device};
+pub use encoder::Encoder;
+pub use frame::{Frame, Region};
+pub use imu::{ImuGroups, ImuReading, ImuSample, ImuType, STANDARD_GRAVITY};
+pub use stats::Stats;
+pub use trigger::{Trigger, TriggerKind};

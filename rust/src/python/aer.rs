@@ -1,0 +1,332 @@
+//! `Device`, `Decoder` and `Encoder` for Python.
+
+use numpy::{
+    Element, IntoPyArray, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods,
+};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use pyo3::types::{PyBytes, PyDict, PyList, PyMemoryView};
+
+use super::arrays::{self, column, image};
+use crate::aer::{
+    Chip, Decoded, Decoder, Device, Encoder, Frame, ImuGroups, ImuReading, ImuSample, ImuType, Region, Trigger,
+    TriggerKind,
+};
+use crate::error::Error;
+use crate::event::SensorSize;
+
+/// The bits of the orientation registers.
+const SWAPPED: u32 = 4;
+const FLIP_X: u32 = 2;
+const FLIP_Y: u32 = 1;
+
+/// See `_core.pyi`.
+#[pyclass(name = "Device", module = "davis_rs._core", frozen)]
+pub(super) struct PyDevice(Device);
+
+#[pymethods]
+impl PyDevice {
+    #[new]
+    #[pyo3(signature = (
+        chip,
+        *,
+        dvs_columns=None,
+        dvs_rows=None,
+        dvs_orientation=None,
+        aps_columns=None,
+        aps_rows=None,
+        aps_orientation=None,
+        imu_type=None,
+        imu_flips=None,
+        adc_mhz=None,
+    ))]
+    #[allow(clippy::too_many_arguments, reason = "one for each register")]
+    fn new(
+        chip: &Bound<'_, PyAny>,
+        dvs_columns: Option<i64>,
+        dvs_rows: Option<i64>,
+        dvs_orientation: Option<u32>,
+        aps_columns: Option<i64>,
+        aps_rows: Option<i64>,
+        aps_orientation: Option<u32>,
+        imu_type: Option<u32>,
+        imu_flips: Option<u32>,
+        adc_mhz: Option<f64>,
+    ) -> PyResult<Self> {
+        let chip = match chip.extract::<u32>() {
+            Ok(id) => Chip::from_id(id)?,
+            Err(_) => Chip::from_name(chip.extract()?)?,
+        };
+        let mut device = Device::new(chip);
+        let set = |name: &str, to: &mut u16, from: Option<i64>| {
+            let Some(n) = from else { return Ok(()) };
+            let rule = |_| Error::Argument(format!("{name} must lie in 1..4096, got {n}"));
+            u16::try_from(n).map_err(rule).map(|n| *to = n)
+        };
+        set("dvs_columns", &mut device.dvs_columns, dvs_columns)?;
+        set("dvs_rows", &mut device.dvs_rows, dvs_rows)?;
+        set("aps_columns", &mut device.aps_columns, aps_columns)?;
+        set("aps_rows", &mut device.aps_rows, aps_rows)?;
+        if let Some(bits) = dvs_orientation {
+            device.dvs_swapped = bits & SWAPPED != 0;
+        }
+        if let Some(bits) = aps_orientation {
+            device.aps_swapped = bits & SWAPPED != 0;
+            device.aps_flip_x = bits & FLIP_X != 0;
+            device.aps_flip_y = bits & FLIP_Y != 0;
+        }
+        if let Some(number) = imu_type {
+            device.imu_type = ImuType::of(number);
+        }
+        if let Some(bits) = imu_flips {
+            device.imu_flips = [4, 2, 1].map(|bit| bits & bit != 0);
+        }
+        device.adc_mhz = adc_mhz.unwrap_or(device.adc_mhz);
+        device.check()?;
+        Ok(Self(device))
+    }
+
+    #[getter]
+    fn chip(&self) -> &str {
+        self.0.chip.name()
+    }
+
+    #[getter]
+    fn width(&self) -> u16 {
+        self.0.size().width
+    }
+
+    #[getter]
+    fn height(&self) -> u16 {
+        self.0.size().height
+    }
+
+    #[getter]
+    fn frame_width(&self) -> u16 {
+        self.0.frame_size().width
+    }
+
+    #[getter]
+    fn frame_height(&self) -> u16 {
+        self.0.frame_size().height
+    }
+
+    #[getter]
+    fn adc_mhz(&self) -> f64 {
+        self.0.adc_mhz
+    }
+
+    fn __repr__(&self) -> String {
+        let SensorSize { width, height } = self.0.size();
+        format!("Device({:?}, {width} x {height})", self.0.chip.name())
+    }
+}
+
+/// A device, or the name of a chip.
+fn device(device: &Bound<'_, PyAny>) -> PyResult<Device> {
+    if let Ok(device) = device.cast::<PyDevice>() {
+        return Ok(device.get().0.clone());
+    }
+    Ok(Device::new(Chip::from_name(device.extract()?)?))
+}
+
+/// See `_core.pyi`.
+#[pyclass(name = "Decoder", module = "davis_rs._core")]
+pub(super) struct PyDecoder {
+    decoder: Decoder,
+    imu_counts: bool,
+}
+
+#[pymethods]
+impl PyDecoder {
+    #[new]
+    #[pyo3(signature = (device, *, imu_counts=false))]
+    fn new(#[pyo3(from_py_with = device)] device: Device, imu_counts: bool) -> PyResult<Self> {
+        Ok(Self { decoder: Decoder::new(device)?, imu_counts })
+    }
+
+    fn push<'py>(&mut self, data: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
+        let py = data.py();
+        let bytes = bytes(data)?;
+        let bytes = bytes.as_slice()?;
+        let mut decoded = Decoded::default();
+        py.detach(|| self.decoder.push(bytes, &mut decoded));
+        let Decoded { events, imu, frames, triggers } = decoded;
+        let imu_type = self.decoder.device().imu_type;
+        let imu = if self.imu_counts {
+            imu.into_pyarray(py).into_any()
+        } else {
+            let samples: Vec<ImuSample> = imu.iter().map(|reading| reading.sample(imu_type)).collect();
+            samples.into_pyarray(py).into_any()
+        };
+        let frames = frames.into_iter().map(|frame| self.frame(py, frame)).collect::<PyResult<Vec<_>>>()?;
+        let (events, triggers) = (events.into_pyarray(py), triggers.into_pyarray(py));
+        py.import("davis_rs.decoded")?.call_method1("Decoded", (events, imu, PyList::new(py, frames)?, triggers))
+    }
+
+    #[getter]
+    fn device(&self) -> PyDevice {
+        PyDevice(self.decoder.device().clone())
+    }
+
+    #[getter]
+    fn stats<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let stats = PyDict::new(py);
+        self.decoder.stats().iter().try_for_each(|(name, count)| stats.set_item(name, count))?;
+        Ok(stats)
+    }
+}
+
+impl PyDecoder {
+    fn frame<'py>(&self, py: Python<'py>, frame: Frame) -> PyResult<Bound<'py, PyAny>> {
+        let Region { x, y, width, height } = frame.region;
+        let times = (frame.t_start, frame.t_exposure_start, frame.t_exposure_end, frame.t_end);
+        let exposure_us = f64::from(frame.exposure_cycles) / self.decoder.device().adc_mhz;
+        let pixels = image(py, frame.pixels, SensorSize { width, height })?;
+        let fields = (times.0, times.1, times.2, times.3, x, y, pixels, frame.global_shutter, exposure_us);
+        py.import("davis_rs.decoded")?.call_method1("Frame", fields)
+    }
+}
+
+/// The bytes of a buffer of bytes or of 16-bit words, without a copy.
+fn bytes<'py>(data: &Bound<'py, PyAny>) -> PyResult<PyReadonlyArray1<'py, u8>> {
+    let py = data.py();
+    let rule = |found: String| {
+        PyValueError::new_err(format!(
+            "data must be contiguous bytes or 16-bit words in the machine's order (bytes, bytearray, memoryview, or a \
+             uint8 or uint16 array), got {found}"
+        ))
+    };
+    let view = PyMemoryView::from(data).map_err(|_| rule(data.get_type().to_string()))?;
+    let format: String = view.getattr("format")?.extract()?;
+    if !matches!(format.as_str(), "B" | "b" | "c" | "H" | "<H") || !view.getattr("c_contiguous")?.extract()? {
+        return Err(rule(format!("a buffer of format {format:?} and strides {}", view.getattr("strides")?)));
+    }
+    if view.getattr("nbytes")?.extract::<usize>()? == 0 {
+        return Ok(PyArray1::zeros(py, 0, false).readonly());
+    }
+    let array = py.import("numpy")?.call_method1("frombuffer", (view, numpy::dtype::<u8>(py)))?;
+    Ok(array.cast_into::<PyArray1<u8>>()?.readonly())
+}
+
+/// See `_core.pyi`.
+#[pyclass(name = "Encoder", module = "davis_rs._core")]
+pub(super) struct PyEncoder {
+    encoder: Encoder,
+    accel_range: u8,
+    gyro_range: u8,
+}
+
+#[pymethods]
+impl PyEncoder {
+    #[new]
+    #[pyo3(signature = (device, *, accel_range=1, gyro_range=1))]
+    fn new(#[pyo3(from_py_with = device)] device: Device, accel_range: u8, gyro_range: u8) -> PyResult<Self> {
+        let range = |name, n| match n {
+            0..=3 => Ok(n),
+            _ => Err(Error::Argument(format!("{name} must lie in 0..3, got {n}"))),
+        };
+        let (accel_range, gyro_range) = (range("accel_range", accel_range)?, range("gyro_range", gyro_range)?);
+        Ok(Self { encoder: Encoder::new(device)?, accel_range, gyro_range })
+    }
+
+    #[pyo3(signature = (events=None, imu=None, frames=None, triggers=None))]
+    fn encode<'py>(
+        &mut self,
+        py: Python<'py>,
+        events: Option<&Bound<'py, PyAny>>,
+        imu: Option<&Bound<'py, PyAny>>,
+        frames: Option<&Bound<'py, PyAny>>,
+        triggers: Option<&Bound<'py, PyAny>>,
+    ) -> PyResult<Bound<'py, PyBytes>> {
+        let events = events.map(|array| PyResult::Ok(arrays::events(array)?.as_slice()?.to_vec())).transpose()?;
+        let packet = Decoded {
+            events: events.unwrap_or_default(),
+            imu: imu.map(|array| self.readings(array)).transpose()?.unwrap_or_default(),
+            frames: match frames {
+                Some(frames) => frames.try_iter()?.map(|frame| self.frame(&frame?)).collect::<PyResult<_>>()?,
+                None => Vec::new(),
+            },
+            triggers: triggers.map(read_triggers).transpose()?.unwrap_or_default(),
+        };
+        let words = py.detach(|| self.encoder.encode(&packet))?;
+        Ok(PyBytes::new(py, &words))
+    }
+
+    #[getter]
+    fn device(&self) -> PyDevice {
+        PyDevice(self.encoder.device().clone())
+    }
+}
+
+impl PyEncoder {
+    /// Inertial samples of either dtype.
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "read back as what they are")]
+    fn readings(&self, array: &Bound<'_, PyAny>) -> PyResult<Vec<ImuReading>> {
+        let t = field::<i64>(array, "t")?;
+        if !array.getattr("dtype")?.getattr("names")?.contains("groups")? {
+            let (accel, gyro) = (field::<f64>(array, "accel")?, field::<f64>(array, "gyro")?);
+            let temperature = field::<f64>(array, "temperature")?;
+            let samples = t.iter().zip(accel.as_chunks().0).zip(gyro.as_chunks().0).zip(temperature);
+            let imu_type = self.encoder.device().imu_type;
+            return Ok(samples
+                .map(|(((&t, &accel), &gyro), temperature)| {
+                    let sample = ImuSample { t, accel, gyro, temperature };
+                    ImuReading::nearest(&sample, imu_type, self.accel_range, self.gyro_range)
+                })
+                .collect());
+        }
+        let (accel, gyro) = (field::<i16>(array, "accel")?, field::<i16>(array, "gyro")?);
+        let temperature = field::<i16>(array, "temperature")?;
+        let [groups, accel_range, gyro_range] =
+            ["groups", "accel_range", "gyro_range"].map(|name| field::<u8>(array, name));
+        let vectors = t.iter().zip(accel.as_chunks().0).zip(gyro.as_chunks().0).zip(temperature);
+        let scales = groups?.into_iter().zip(accel_range?).zip(gyro_range?);
+        Ok(vectors
+            .zip(scales)
+            .map(|((((&t, &accel), &gyro), temperature), ((groups, accel_range), gyro_range))| ImuReading {
+                accel,
+                gyro,
+                temperature,
+                ..ImuReading::new(t, ImuGroups(groups), accel_range, gyro_range)
+            })
+            .collect())
+    }
+
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates, and is then refused")]
+    fn frame(&self, frame: &Bound<'_, PyAny>) -> PyResult<Frame> {
+        let pixels: PyReadonlyArray2<'_, u16> = frame
+            .getattr("pixels")?
+            .cast_into::<PyArray2<u16>>()
+            .map_err(|_| PyValueError::new_err("pixels of a frame must be a uint16 array of shape (height, width)"))?
+            .readonly();
+        let [height, width] = [0, 1].map(|axis| u16::try_from(pixels.shape()[axis]).unwrap_or(u16::MAX));
+        let exposure_us: f64 = frame.getattr("exposure_us")?.extract()?;
+        Ok(Frame {
+            t_start: frame.getattr("t")?.extract()?,
+            t_exposure_start: frame.getattr("t_exposure_start")?.extract()?,
+            t_exposure_end: frame.getattr("t_exposure_end")?.extract()?,
+            t_end: frame.getattr("t_end")?.extract()?,
+            region: Region { x: frame.getattr("x")?.extract()?, y: frame.getattr("y")?.extract()?, width, height },
+            global_shutter: frame.getattr("global_shutter")?.extract()?,
+            exposure_cycles: (exposure_us * self.encoder.device().adc_mhz).round() as u32,
+            pixels: pixels.as_array().iter().copied().collect(),
+        })
+    }
+}
+
+fn read_triggers(array: &Bound<'_, PyAny>) -> PyResult<Vec<Trigger>> {
+    let kinds = field::<u8>(array, "kind")?;
+    let triggers = field::<i64>(array, "t")?.into_iter().zip(kinds).enumerate().map(|(index, (t, kind))| {
+        let rule = || Error::Argument(format!("trigger {index}: there is no kind {kind}"));
+        Ok(Trigger::new(t, TriggerKind::of(kind.into()).ok_or_else(rule)?))
+    });
+    Ok(triggers.collect::<Result<_, Error>>()?)
+}
+
+/// A field of a structured array, flat.
+fn field<T: Element + Copy>(array: &Bound<'_, PyAny>, name: &str) -> PyResult<Vec<T>> {
+    let rule = |_| PyValueError::new_err(format!("a structured array with a field {name:?} is needed, got {array:?}"));
+    let values = array.get_item(name).map_err(rule)?.call_method0("ravel")?;
+    Ok(column::<T>(&values, name)?.as_slice()?.to_vec())
+}

@@ -1,0 +1,226 @@
+"""Files of AEDAT 2.0, 3.1 and 4, written by the rules of the formats."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+import davis_rs
+from davis_rs import Frame, TriggerKind
+
+Field = tuple[str, float] | bytes | list[Any] | None
+"""Of a FlatBuffers table: a number with its format, a vector (its count first), a vector of tables, or nothing."""
+
+
+# --- AEDAT 2.0 ---
+
+
+def aedat2(records: Sequence[tuple[int, int]], *, chip: str = "DAVIS240C", lines: str = "") -> bytes:
+    """Records of address and time after jAER's header."""
+    header = (
+        "#!AER-DAT2.0\r\n# This is a raw AE data file - do not edit\r\n# created Fri Sep 18 09:50:42 CEST 2015\r\n"
+        f"# AEChip: eu.seebetter.ini.chips.davis.{chip}\r\n{lines}"
+    )
+    return header.encode() + b"".join(struct.pack(">Ii", *record) for record in records)
+
+
+def aedat2_event(x: int, y: int, p: int, *, width: int = 240, height: int = 180) -> int:
+    return (height - 1 - y) << 22 | (width - 1 - x) << 12 | p << 11
+
+
+def aedat2_imu(values: Sequence[int]) -> list[int]:
+    """Of ax ay az temperature gx gy gz in counts."""
+    return [1 << 31 | code << 28 | (value & 0xFFFF) << 12 | 3 << 10 for code, value in enumerate(values)]
+
+
+def aedat2_sample(x: int, y: int, read: int, value: int, *, height: int = 180) -> int:
+    return 1 << 31 | (height - 1 - y) << 22 | x << 12 | read << 10 | value
+
+
+# --- AEDAT 3.1 ---
+
+
+def aedat3(*packets: bytes, source: str = "DAVIS240C", form: str = "RAW") -> bytes:
+    header = (
+        f"#!AER-DAT3.1\r\n#Format: {form}\r\n#Source 1: {source}\r\n"
+        "#Start-Time: 2016-06-03 17:12:58 (TZ+0200)\r\n#!END-HEADER\r\n"
+    )
+    return header.encode() + b"".join(packets)
+
+
+def aedat3_packet(kind: int, events: Sequence[bytes], *, overflow: int = 0, size: int | None = None) -> bytes:
+    size = len(events[0]) if size is None else size
+    return struct.pack("<hhiiiiii", kind, 1, size, 4, overflow, len(events), len(events), len(events)) + b"".join(
+        events
+    )
+
+
+def aedat3_event(t: int, x: int, y: int, p: int, *, valid: int = 1) -> bytes:
+    return struct.pack("<Ii", x << 17 | y << 2 | p << 1 | valid, t)
+
+
+def aedat3_special(t: int, kind: int) -> bytes:
+    return struct.pack("<Ii", kind << 1 | 1, t)
+
+
+def aedat3_imu(t: int, values: Sequence[float]) -> bytes:
+    """Of acceleration in g, rotation in deg/s, temperature."""
+    return struct.pack("<Ii7f", 1, t, *values)
+
+
+def aedat3_frame(frame: Frame, channels: int = 1) -> bytes:
+    """A frame; in colour the pixels are red, and nothing else."""
+    height, width = frame.pixels.shape
+    pixels = np.zeros((height, width, channels), "<u2")
+    pixels[:, :, 0] = frame.pixels
+    times = (frame.t, frame.t_end, frame.t_exposure_start, frame.t_exposure_end)
+    return struct.pack("<I8i", channels << 1 | 1, *times, width, height, frame.x, frame.y) + pixels.tobytes()
+
+
+# --- AEDAT 4 ---
+
+
+class FlatBuffer:
+    """Writes tables one after the other; the first is the root."""
+
+    def __init__(self, identifier: bytes) -> None:
+        self.out = bytearray(struct.pack("<II", 0, 0) + identifier)
+
+    def table(self, fields: Sequence[Field]) -> int:
+        """Append a table and what it points to; returns where it is."""
+        body, slots, vectors = bytearray(4), [], []
+        for field in fields:
+            slots.append(0 if field is None else len(body))
+            if isinstance(field, tuple):
+                body += struct.pack(f"<{field[0]}", field[1])
+            elif field is not None:
+                vectors.append((len(body), field))
+                body += bytes(4)
+        vtable = len(self.out)
+        self.out += struct.pack(f"<HH{len(slots)}H", 4 + 2 * len(slots), len(body), *slots)
+        at = len(self.out)
+        body[:4] = struct.pack("<i", at - vtable)
+        self.out += body
+        for slot, vector in vectors:
+            self._point(at + slot, len(self.out))
+            if isinstance(vector, bytes):
+                self.out += vector
+                continue
+            first = len(self.out) + 4
+            self.out += struct.pack("<I", len(vector)) + bytes(4 * len(vector))
+            for k, child in enumerate(vector):
+                self._point(first + 4 * k, self.table(child))
+        return at
+
+    def _point(self, slot: int, to: int) -> None:
+        self.out[slot : slot + 4] = struct.pack("<I", to - slot)
+
+    def finish(self, fields: Sequence[Field]) -> bytes:
+        """The buffer with a root of these fields, its size first."""
+        self._point(4, self.table(fields))
+        self.out[:4] = struct.pack("<I", len(self.out) - 4)
+        return bytes(self.out)
+
+
+KINDS = ("EVTS", "FRME", "IMUS", "TRIG")
+
+COMPRESSIONS = ("none", "lz4", "lz4 high", "zstd", "zstd high")
+
+
+def compress(body: bytes, compression: int) -> bytes:
+    import lz4.frame
+    import zstandard
+
+    if compression == 0:
+        return body
+    if compression < 3:
+        return bytes(lz4.frame.compress(body, compression_level=9 * (compression - 1)))
+    return zstandard.ZstdCompressor(level=3 if compression == 3 else 19).compress(body)
+
+
+def aedat4_xml(
+    kinds: Sequence[str] = KINDS, *, source: str = "DAVIS346_00000002", size: tuple[int, int] = (346, 260)
+) -> str:
+    info = f'<attr key="source">{source}</attr><attr key="sizeX">{size[0]}</attr><attr key="sizeY">{size[1]}</attr>'
+    streams = "".join(
+        f'<node name="{k}"><attr key="typeIdentifier">{kind}</attr><node name="info">{info}</node></node>'
+        for k, kind in enumerate(kinds)
+    )
+    return f'<dv version="2.0"><node name="outInfo">{streams}</node></dv>'
+
+
+def aedat4(
+    *packets: tuple[int, bytes], compression: int = 0, xml: str | None = None, table: bytes | None = b"a table"
+) -> bytes:
+    """Packets of stream and body after a header, and a table (which nothing reads) after them, if there is one."""
+    text = (aedat4_xml() if xml is None else xml).encode()
+    bodies = [(stream, compress(body, compression)) for stream, body in packets]
+    content = b"".join(struct.pack("<ii", stream, len(body)) + body for stream, body in bodies)
+
+    def header(position: int) -> bytes:
+        fields: list[Field] = [("i", compression), ("q", position), struct.pack("<I", len(text)) + text]
+        return b"#!AER-DAT4.0\r\n" + FlatBuffer(b"IOHE").finish(fields)
+
+    position = -1 if table is None else len(header(0)) + len(content)
+    return header(position) + content + (table or b"")
+
+
+def aedat4_events(events: Any) -> bytes:
+    packed = b"".join(struct.pack("<qhhB3x", *event) for event in events[["t", "x", "y", "p"]].tolist())
+    return FlatBuffer(b"EVTS").finish([struct.pack("<I", len(events)) + packed])
+
+
+def aedat4_imu(samples: Sequence[tuple[int, Sequence[float]]]) -> bytes:
+    """Of a time and temperature, acceleration in g, rotation in deg/s; the magnetometer is left out."""
+    return FlatBuffer(b"IMUS").finish([[[("q", t), *(("f", value) for value in values)] for t, values in samples]])
+
+
+def aedat4_triggers(triggers: Sequence[tuple[int, int]]) -> bytes:
+    """Of time and type; a type of 0 is the default, and not written."""
+    return FlatBuffer(b"TRIG").finish([[[("q", t), ("b", kind)] if kind else [("q", t)] for t, kind in triggers]])
+
+
+def aedat4_frame(frame: Frame, *, form: int = 0) -> bytes:
+    """A frame of OpenCV's type ``form``; in colour the pixels are red, and nothing else."""
+    height, width = frame.pixels.shape
+    channels = (form >> 3) + 1
+    pixels = np.zeros((height, width, channels), "<u2" if form & 7 else "u1")
+    pixels[:, :, 2 if channels > 1 else 0] = frame.pixels if form & 7 else frame.pixels >> 8
+    times = (frame.t_exposure_start, frame.t, frame.t_end, frame.t_exposure_start, frame.t_exposure_end)
+    numbers = [("b", form), ("h", width), ("h", height), ("h", frame.x), ("h", frame.y)]
+    vector = struct.pack("<I", pixels.nbytes) + pixels.tobytes()
+    return FlatBuffer(b"FRME").finish([*(("q", t) for t in times), *numbers, vector])
+
+
+# --- what to write ---
+
+
+def events_of(rows: Sequence[tuple[int, int, int, int]]) -> Any:
+    return np.array(rows, davis_rs.EVENT_DTYPE) if rows else np.zeros(0, davis_rs.EVENT_DTYPE)
+
+
+def frame_of(width: int, height: int, *, t: int = 1000, x: int = 0, y: int = 0, bits: int = 10) -> Frame:
+    """A frame of a ramp in the upper ``bits`` of 16."""
+    pixels = np.arange(width * height).reshape(height, width) % (1 << bits) << (16 - bits)
+    return Frame(t, t + 10, t + 20, t + 30, x, y, pixels.astype(np.uint16), exposure_us=10.0)
+
+
+TRIGGERS_3 = {
+    1: TriggerKind.TIMESTAMP_RESET,
+    2: TriggerKind.INPUT_RISING,
+    3: TriggerKind.INPUT_FALLING,
+    4: TriggerKind.INPUT_PULSE,
+    12: TriggerKind.GENERATOR_RISING,
+    13: TriggerKind.GENERATOR_FALLING,
+}
+TRIGGERS_4 = {
+    0: TriggerKind.TIMESTAMP_RESET,
+    1: TriggerKind.INPUT_RISING,
+    2: TriggerKind.INPUT_FALLING,
+    3: TriggerKind.INPUT_PULSE,
+    4: TriggerKind.GENERATOR_RISING,
+    5: TriggerKind.GENERATOR_FALLING,
+}
