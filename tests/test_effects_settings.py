@@ -118,7 +118,11 @@ def test_effects_come_in_the_order_in_which_light_and_events_meet_them() -> None
     """However they were given; of several of one kind the last is taken."""
     effects = Effects.of(reversed(ALL))
     assert list(effects) == ALL
-    assert [effect.name for effect in ALL] == list(EFFECTS) == [field.name for field in dataclasses.fields(effects)]
+    assert (
+        [effect.name for effect in ALL]
+        == list(EFFECTS)
+        == [field.name for field in dataclasses.fields(effects) if field.compare]
+    )
     assert Effects.of([LeakRate(1), LeakRate(2)]) == Effects(leak_rate_hz=2)
     assert Effects.of([LeakRate(1), LeakRate(0)]) == Effects()
 
@@ -221,34 +225,34 @@ NONSENSE: list[tuple[type[Effect], dict[str, Any], str]] = [
     (LeakRate, {"rate_hz": -0.1}, "leak_rate_hz must lie in 0..1e6 Hz, got -0.1"),
     (LeakRate, {"rate_hz": math.nan}, "leak_rate_hz must lie in 0..1e6 Hz, got NaN"),
     (LeakRate, {"rate_hz": 1.1e6}, "leak_rate_hz must lie in 0..1e6 Hz, got 1100000"),
-    (ThresholdMismatch, {"sigma": -0.1}, "threshold_mismatch must lie in 0..1e0 of the threshold, got -0.1"),
-    (ThresholdMismatch, {"sigma": 1.01}, "threshold_mismatch must lie in 0..1e0 of the threshold, got 1.01"),
-    (ThresholdMismatch, {"sigma": math.nan}, "threshold_mismatch must lie in 0..1e0 of the threshold, got NaN"),
+    (ThresholdMismatch, {"sigma": -0.1}, "threshold_mismatch must lie in 0..1 of the threshold, got -0.1"),
+    (ThresholdMismatch, {"sigma": 1.01}, "threshold_mismatch must lie in 0..1 of the threshold, got 1.01"),
+    (ThresholdMismatch, {"sigma": math.nan}, "threshold_mismatch must lie in 0..1 of the threshold, got NaN"),
     (RefractoryPeriod, {"period_us": -1}, "refractory_period_us must lie in 0..1e15 us, got -1"),
     (RefractoryPeriod, {"period_us": math.inf}, "refractory_period_us must lie in 0..1e15 us, got inf"),
     (RefractoryPeriod, {"period_us": math.nan}, "refractory_period_us must lie in 0..1e15 us, got NaN"),
     (ShotNoise, {"rate_hz": -5}, "shot_noise_rate_hz must lie in 0..1e7 Hz, got -5"),
     (ShotNoise, {"rate_hz": math.inf}, "shot_noise_rate_hz must lie in 0..1e7 Hz, got inf"),
-    (ShotNoise, {"rate_hz": 1, "half_luma": 0}, "shot_noise_rate_hz: half_luma must lie in "),
-    (ShotNoise, {"rate_hz": 1, "half_luma": math.nan}, "shot_noise_rate_hz: half_luma must lie in "),
-    (HotPixels, {"fraction": -0.1}, "hot_pixels: fraction must lie in 0..1e0 of the pixels, got -0.1"),
-    (HotPixels, {"fraction": 1.5}, "hot_pixels: fraction must lie in 0..1e0 of the pixels, got 1.5"),
-    (HotPixels, {"fraction": math.nan}, "hot_pixels: fraction must lie in 0..1e0 of the pixels, got NaN"),
+    (ShotNoise, {"rate_hz": 1, "half_luma": 0}, "shot_noise_rate_hz: half_luma must be > 0 and at most "),
+    (ShotNoise, {"rate_hz": 1, "half_luma": math.nan}, "shot_noise_rate_hz: half_luma must be > 0 and at most "),
+    (HotPixels, {"fraction": -0.1}, "hot_pixels: fraction must lie in 0..1 of the pixels, got -0.1"),
+    (HotPixels, {"fraction": 1.5}, "hot_pixels: fraction must lie in 0..1 of the pixels, got 1.5"),
+    (HotPixels, {"fraction": math.nan}, "hot_pixels: fraction must lie in 0..1 of the pixels, got NaN"),
     (HotPixels, {"fraction": 0.1, "rate_hz": -1}, "hot_pixels: rate_hz must lie in 0..1e7 Hz, got -1"),
     (HotPixels, {"fraction": 0.0, "rate_hz": math.nan}, "hot_pixels: rate_hz must lie in 0..1e7 Hz, got NaN"),
-    (PhotoreceptorBandwidth, {"hz": 0}, "photoreceptor_bandwidth_hz must lie in 0.001..inf Hz, got 0"),
-    (PhotoreceptorBandwidth, {"hz": -3}, "photoreceptor_bandwidth_hz must lie in 0.001..inf Hz, got -3"),
-    (PhotoreceptorBandwidth, {"hz": math.nan}, "photoreceptor_bandwidth_hz must lie in 0.001..inf Hz, got NaN"),
+    (PhotoreceptorBandwidth, {"hz": 0}, "photoreceptor_bandwidth_hz must be > 0 and at most inf Hz, got 0"),
+    (PhotoreceptorBandwidth, {"hz": -3}, "photoreceptor_bandwidth_hz must be > 0 and at most inf Hz, got -3"),
+    (PhotoreceptorBandwidth, {"hz": math.nan}, "photoreceptor_bandwidth_hz must be > 0 and at most inf Hz, got NaN"),
     (PhotoreceptorBandwidth, {"hz": 9, "floor_hz": -1}, "photoreceptor_bandwidth_hz: floor_hz must lie in 0..inf Hz"),
     (
         PhotoreceptorBandwidth,
         {"hz": 9, "floor_hz": 5, "ceiling_hz": 4},
-        "photoreceptor_bandwidth_hz: floor_hz must lie in 0..4e0 Hz, got 5",
+        "photoreceptor_bandwidth_hz: floor_hz must lie in 0..4 Hz, got 5",
     ),
     (
         PhotoreceptorBandwidth,
         {"hz": 9, "ceiling_hz": math.nan},
-        "photoreceptor_bandwidth_hz: ceiling_hz must lie in 0.001..inf Hz, got NaN",
+        "photoreceptor_bandwidth_hz: ceiling_hz must be > 0 and at most inf Hz, got NaN",
     ),
     (Readout, {"events_per_s": 0}, "readout: events_per_s must be at least 1 per second, got 0"),
     (Readout, {"events_per_s": -1e6}, "readout: events_per_s must be at least 1 per second, got -1000000"),

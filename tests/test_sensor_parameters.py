@@ -364,12 +364,20 @@ def test_every_quantity_reaches_its_effect() -> None:
 
 
 def test_a_bandwidth_from_biases_holds_in_any_light() -> None:
-    """The formula knows no light: the corner is the floor as well, whatever the scene's scale."""
+    """The formula knows no light: the corner is floor and ceiling as well, whatever the scene's scale."""
     sensor = SensorParameters.from_biases("outdoors", contrast_threshold_off=0.2)
     for lux_per_luma in (1.0, 1e5):
         bandwidth = sensor.effects(lux_per_luma).photoreceptor_bandwidth_hz
         assert isinstance(bandwidth, PhotoreceptorBandwidth)
-        assert bandwidth.hz == bandwidth.floor_hz == pytest.approx(590, abs=1)
+        assert bandwidth.hz == bandwidth.floor_hz == bandwidth.ceiling_hz == pytest.approx(590, abs=1)
+
+
+def test_sensors_work_by_starlight_and_in_the_sun() -> None:
+    """No scale of light makes parameters that the effects refuse."""
+    for lux_per_luma in (1e-6, 1e-4, 1e17):
+        assert SENSORS["davis240c"].effects(lux_per_luma).photoreceptor_bandwidth_hz is not None
+    limited = SensorParameters(photoreceptor_bandwidth_hz=1000, photoreceptor_bandwidth_ceiling_hz=500)
+    assert limited.effects(100.0).photoreceptor_bandwidth_hz == PhotoreceptorBandwidth(1000, 500, 500)
 
 
 def test_the_floor_holds_in_a_dark_scene() -> None:
@@ -378,7 +386,7 @@ def test_the_floor_holds_in_a_dark_scene() -> None:
         photoreceptor_bandwidth_hz=300.0, photoreceptor_bandwidth_lux=100.0, photoreceptor_bandwidth_floor_hz=30.0
     )
     assert sensor.effects(100.0).photoreceptor_bandwidth_hz == PhotoreceptorBandwidth(300.0, floor_hz=30.0)
-    assert sensor.effects(1.0).photoreceptor_bandwidth_hz == PhotoreceptorBandwidth(30.0, floor_hz=30.0)
+    assert sensor.effects(1.0).photoreceptor_bandwidth_hz == PhotoreceptorBandwidth(3.0, floor_hz=30.0)
 
 
 @pytest.mark.parametrize("lux_per_luma", [0.0, -1.0, math.inf, math.nan])

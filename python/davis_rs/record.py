@@ -20,20 +20,23 @@ from .trajectory import Trajectory
 
 @dataclass(frozen=True)
 class Recording:
-    """What was recorded: events, simulated and wall time in seconds, and whether it was cut short by Ctrl-C."""
+    """What was recorded: events, simulated and wall time in seconds, whether it was cut short by Ctrl-C, and how many
+    events the readout dropped."""
 
     path: Path
     events: int
     duration_s: float
     wall_s: float
     interrupted: bool
+    dropped_events: int = 0
 
     def __str__(self) -> str:
         rate = self.events / self.duration_s if self.duration_s else 0.0
         cut = ", cut short by Ctrl-C" if self.interrupted else ""
+        dropped = f", {self.dropped_events:,} dropped by the readout" if self.dropped_events else ""
         return (
             f"{self.path}: {self.events:,} events in {self.duration_s:.6g} s ({rate / 1e6:.3f} Mev/s), "
-            f"wall time {self.wall_s:.1f} s{cut}"
+            f"wall time {self.wall_s:.1f} s{dropped}{cut}"
         )
 
 
@@ -93,9 +96,14 @@ def record(
             bar.set_postfix_str(f"{events:,} events", refresh=False)
             bar.update(last_us * 1e-6 - bar.n)
             if stop_requested():
+                for late in simulator.flush():
+                    writer.write(late)
+                    events += len(late.events)
                 break
-        writer.finish(interrupted=end_us < total_us)
-    return Recording(Path(path), events, end_us * 1e-6, time.perf_counter() - started, end_us < total_us)
+        dropped = simulator.dropped_events
+        writer.finish({"dropped_events": dropped}, interrupted=end_us < total_us)
+    simulated_s = min(end_us, total_us) * 1e-6
+    return Recording(Path(path), events, simulated_s, time.perf_counter() - started, end_us < total_us, dropped)
 
 
 _BAR = "{percentage:3.0f}%|{bar}| {n:.3f}/{total:.3g} s simulated [{elapsed}<{remaining}, {rate_noinv_fmt}{postfix}]"

@@ -144,18 +144,17 @@ class SensorParameters:
         if lux_per_luma == 0:
             raise ValueError(f"lux_per_luma must be finite and > 0 lux, got {lux_per_luma!r}")
         hz, lux = self.photoreceptor_bandwidth_hz, self.photoreceptor_bandwidth_lux
-        floor_hz = self.photoreceptor_bandwidth_floor_hz or 0.0
-        if hz is not None and lux is None:
-            floor_hz = hz = max(hz, floor_hz)
+        ceiling_hz = _first(self.photoreceptor_bandwidth_ceiling_hz, math.inf)
+        floor_hz = min(_first(self.photoreceptor_bandwidth_floor_hz, 0.0), ceiling_hz)
+        if hz is not None and lux is None:  # in any light
+            floor_hz = ceiling_hz = min(max(hz, floor_hz), ceiling_hz)
         elif hz is not None and lux is not None:
-            hz = max(hz * lux_per_luma / lux, floor_hz)
+            hz = hz * lux_per_luma / lux
         half_lux, full_scale_lux = self.shot_noise_half_lux, self.aps_full_scale_lux
         return Effects(
             vignetting=self.vignetting,
             lens_blur_px=self.lens_blur_px,
-            photoreceptor_bandwidth_hz=_made(
-                PhotoreceptorBandwidth, hz=hz, floor_hz=floor_hz, ceiling_hz=self.photoreceptor_bandwidth_ceiling_hz
-            ),
+            photoreceptor_bandwidth_hz=_made(PhotoreceptorBandwidth, hz=hz, floor_hz=floor_hz, ceiling_hz=ceiling_hz),
             threshold_mismatch=self.threshold_mismatch,
             refractory_period_us=self.refractory_period_us,
             leak_rate_hz=self.leak_rate_hz,
@@ -177,6 +176,10 @@ class SensorParameters:
                 full_scale_luma=full_scale_lux and full_scale_lux / lux_per_luma,
             ),
         )
+
+
+def _first(given: float | None, otherwise: float) -> float:
+    return otherwise if given is None else given
 
 
 _Made = TypeVar("_Made")
@@ -319,10 +322,10 @@ driver sends:
   nominal current (4/0): its OFF threshold is assumed to be the ON threshold. Other biases go down to contrasts of 11 %
   (DAVIS240, Brandli et al.), and of 14.3 % ON, 22.5 % OFF (DAVIS346, iniVation's specifications).
 - davis240c, by Brandli, Berner, Yang, Liu, Delbruck, "A 240 x 180 130 dB 3 us latency global shutter spatiotemporal
-  vision sensor", IEEE JSSC 2014 (abstract): thresholds match to 3.5 % contrast (taken as 0.035 in log units at any
-  threshold: an assumption), least latency 3 us (all of it taken as the readout's: an assumption), dynamic range of the
-  frames 51 dB (taken as full scale over read noise).
-- davis346: thresholds scatter by 0.03 in log units (v2e's default).
+  vision sensor", IEEE JSSC 2014 (abstract): thresholds match to 3.5 % contrast (taken as 0.035 in log units at the
+  threshold above, and as the same share of any other: an assumption), least latency 3 us (all of it taken as the
+  readout's: an assumption), dynamic range of the frames 51 dB (taken as full scale over read noise).
+- davis346: thresholds scatter by 0.03 in log units (v2e's default) at the ON threshold, by the same share at others.
 - Both: a bus of 12 million events a second (iniVation's specifications); leak, noise and the photoreceptor's part of
   the bandwidth as in the comments above; 10-bit frames of 4 ms (libcaer's default).
 - Left open for want of a source: hot pixels, jitter, the bandwidth's floor, what saturates the frames, the DAVIS346's

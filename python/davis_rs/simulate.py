@@ -52,8 +52,8 @@ class Simulator:
     Args:
         scene: see :class:`~davis_rs.scene.Scene`.
         camera: None takes the scene's.
-        contrast_threshold: C_on in natural-log units; None takes the scene's.
-        contrast_threshold_off: C_off; None means C_on.
+        contrast_threshold: C_on in natural-log units; None takes the sensor's, or else the scene's.
+        contrast_threshold_off: C_off; None takes the sensor's, or else C_on.
         log_eps: dark level in units of luma: L = ln(luma + log_eps).
         frame_rate_hz, depth_rate_hz: instant k of either is round(k 1e6 / rate) us; 0 for none.
         accuracy: ``fast``, ``balanced`` or ``exact``, see :data:`~davis_rs.presets.ACCURACY`: what the next two and
@@ -102,7 +102,7 @@ class Simulator:
     ) -> None:
         self.scene = scene
         self.camera = camera or scene.camera
-        if isinstance(effects, str) and effects != "auto":
+        if not (effects is None or effects == "auto" or isinstance(effects, Effects)):
             raise ValueError(f"effects must be davis_rs.Effects, 'auto' or None, got {effects!r}")
         preset = accuracy_preset(accuracy)
         self.sampling = sampling or preset.sampling
@@ -141,7 +141,7 @@ class Simulator:
         candidates = sensor.effects(scene.lux_per_luma)
         self._candidates = candidates if automatic else None
         if not isinstance(effects, str):
-            self._take_effects(Effects.of([*candidates, *(effects or ())]))
+            self._take_effects((effects or Effects()).over(candidates))
 
     def _take_effects(self, effects: Effects) -> None:
         """Put the lens before the renderer, and make the pixels behind it."""
@@ -164,7 +164,7 @@ class Simulator:
             contrast_threshold_off=self._thresholds[1],
             log_eps=self.parameters["log_eps"],
             interpolation=self.sampling.interpolation,
-            effects=effects,
+            effects=in_engine,
             seed=self.parameters["seed"],
             threads=self._threads,
         )
@@ -172,6 +172,8 @@ class Simulator:
 
     def run(self, trajectory: Trajectory) -> Iterator[Packet]:
         """Simulate a trajectory from its start to its end; memory stays bounded, however long it is.
+
+        Only a readout that carries less than comes, and drops none, holds more and more.
 
         Yields:
             Packets that tile the time; the first ends at 0 and has no events. One ends at every instant where a frame
@@ -196,9 +198,7 @@ class Simulator:
             self._take_effects(self.plan.effects)
         end_us = round(trajectory.duration_s * 1e6)
         yield from self._packets(trajectory, 0, end_us)
-        late = self._engine.flush()
-        if len(late):
-            yield Packet(end_us, int(late["t"][-1]), late, trajectory.pose(trajectory.duration_s))
+        yield from self.flush()
 
     def step(self, t_us: int, pose: Pose) -> list[Packet]:
         """Move the camera to ``pose`` at ``t_us``; return the packets since the last step.
@@ -222,6 +222,21 @@ class Simulator:
             raise ValueError(f"the time of a step must be after the last one ({self._t_us} us), got {t_us} us")
         segment = SegmentTrajectory(self._pose, pose, (t_us - self._t_us) * 1e-6)
         return list(self._packets(segment, self._t_us, t_us))
+
+    def flush(self) -> list[Packet]:
+        """What a readout still holds: a packet of events that came until now and are stamped later, if there are any.
+
+        :meth:`run` ends with it by itself; after :meth:`step` it is the caller's to ask for.
+        """
+        late = self._engine.flush()
+        if not len(late) or self._pose is None:
+            return []
+        return [Packet(self._t_us, int(late["t"][-1]), late, self._pose)]
+
+    @property
+    def dropped_events(self) -> int:
+        """How many events the readout has dropped; 0 unless it is told to."""
+        return self._engine.dropped_events
 
     def describe(self) -> dict[str, Any]:
         """Everything that is needed to repeat the run, for meta.json."""

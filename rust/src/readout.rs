@@ -53,6 +53,9 @@ impl ReadoutParameters {
     }
 }
 
+/// No bus is behind by more: latency, jitter and a burst of a whole row at an event a second come to less.
+const LONGEST_AHEAD_US: i64 = 1 << 50;
+
 /// What a readout still holds, laid open.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ReadoutState {
@@ -88,7 +91,38 @@ pub(crate) struct Readout {
 }
 
 impl Readout {
-    pub(crate) fn new(size: SensorSize, parameters: ReadoutParameters, seed: u64, state: &ReadoutState) -> Self {
+    /// A bus that nothing waits for.
+    pub(crate) fn new(size: SensorSize, parameters: ReadoutParameters, seed: u64) -> Self {
+        Self::of(size, parameters, seed, &ReadoutState::default())
+    }
+
+    /// The same bus where a state at `t_us` left it.
+    pub(crate) fn restored(&self, size: SensorSize, state: &ReadoutState, t_us: i64) -> Result<Self> {
+        let rule = |what: &str| Err(Error::Argument(format!("the readout of a state at {t_us} us {what}")));
+        let mut all = state.waiting.iter().chain(&state.stamped);
+        if all.any(|event| event.x >= size.width || event.y >= size.height || event.p > 1) {
+            return rule("must hold events of the sensor");
+        }
+        let sorted = |events: &[Event]| events.is_sorted_by_key(|event| event.t);
+        if !sorted(&state.waiting) || !sorted(&state.stamped) {
+            return rule("must hold events in order of time");
+        }
+        if state.waiting.iter().any(|event| !(0..=t_us).contains(&event.t)) {
+            return rule("must have waiting events until then");
+        }
+        let latest_us = t_us.saturating_add(LONGEST_AHEAD_US);
+        let ahead = |us: i64| t_us < us && us <= latest_us;
+        if state.stamped.iter().any(|event| !ahead(event.t)) {
+            return rule("must have stamps after that");
+        }
+        let times = [state.free_us, state.last_stamp_us];
+        if times.iter().any(|us| !(0..=latest_us).contains(us)) || !(0.0..1.0).contains(&state.free_share) {
+            return rule("must have times of the bus near then");
+        }
+        Ok(Self::of(size, self.parameters, self.seed, state))
+    }
+
+    fn of(size: SensorSize, parameters: ReadoutParameters, seed: u64, state: &ReadoutState) -> Self {
         let mut readout = Self {
             parameters,
             seed,
@@ -169,7 +203,7 @@ impl Readout {
             let queue = &mut self.rows[usize::from(row)];
             let waiting = queue.partition_point(|event| event.t <= now_us);
             let longest_us = self.parameters.drop_after_us.unwrap_or(f64::INFINITY);
-            let late = queue.partition_point(|event| (now_us - event.t) as f64 + share > longest_us).min(waiting);
+            let late = queue.partition_point(|event| (now_us - event.t) as f64 + share > longest_us);
             queue.drain(..late);
             self.dropped += late as u64;
             let burst = waiting - late;
@@ -216,7 +250,7 @@ mod tests {
         ReadoutParameters { events_per_s: 1e6, latency_us: 0.0, jitter_us: 0.0, drop_after_us: None };
 
     fn readout(parameters: ReadoutParameters) -> Readout {
-        Readout::new(SIZE, parameters, 1, &ReadoutState::default())
+        Readout::new(SIZE, parameters, 1)
     }
 
     fn requests() -> impl Strategy<Value = Vec<Event>> {
@@ -268,7 +302,7 @@ mod tests {
             let mut bus = readout(parameters);
             let mut parts = early.to_vec();
             bus.pass(&mut parts, cut);
-            let mut bus = Readout::new(SIZE, parameters, 1, &bus.state());
+            let mut bus = bus.restored(SIZE, &bus.state(), cut).unwrap();
             let mut rest = late.to_vec();
             bus.pass(&mut rest, 300);
             parts.extend(rest);

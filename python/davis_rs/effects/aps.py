@@ -32,8 +32,8 @@ class Aps(Effect):
     The neutral values are exposure 0, noise 0 and None for the others.
 
     Args:
-        exposure_us: how long the shutter is open, 0..4194303 us, to the microsecond; 0 for an instant. The range is
-            that of the camera's own setting (DAVIS_CONFIG_APS_EXPOSURE of libcaer).
+        exposure_us: how long the shutter is open, 0..4194303 us, rounded to the microsecond; 0 for an instant. The
+            range is that of the camera's own setting (DAVIS_CONFIG_APS_EXPOSURE of libcaer).
         read_noise_dn: standard deviation of all noise in the dark, in DN, >= 0. The DAVIS240 has a dynamic range of
             51 dB in its frames: 1023 / 10^(51 / 20) = 2.9 of 1023 DN.
         bits: of the ADC, 1..16; None does not round, and then a DN is that of 10 bits.

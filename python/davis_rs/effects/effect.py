@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from dataclasses import asdict
+from numbers import Real
 from typing import Any, ClassVar, Literal
 
 Where = Literal["luma", "log intensity", "pixel", "stream", "frames"]
@@ -31,7 +32,7 @@ class Effect(ABC):
         return asdict(self)  # type: ignore[call-overload]  # implementations are dataclasses
 
 
-def check_range(name: str, value: float, low: float, high: float, unit: str = "", *, finite: bool = True) -> None:
+def check_range(name: str, value: Any, low: float, high: float, unit: str = "", *, finite: bool = True) -> None:
     """Refuse a number outside of low..high.
 
     Args:
@@ -40,7 +41,7 @@ def check_range(name: str, value: float, low: float, high: float, unit: str = ""
     Raises:
         ValueError: naming the parameter, its value and the allowed range.
     """
-    number = isinstance(value, int | float) and not isinstance(value, bool)
+    number = isinstance(value, Real) and not isinstance(value, bool)
     if number and low <= value <= high and not (finite and math.isinf(value)):
         return
     ending = f" {unit}" if unit else ""

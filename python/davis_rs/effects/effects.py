@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator
-from dataclasses import MISSING, Field, dataclass, fields
+from dataclasses import MISSING, Field, dataclass, field, fields
 from typing import Any
 
 from .aps import Aps
@@ -45,7 +45,8 @@ class Effects:
     >>> Effects(refractory_period_us=100, leak_rate_hz=0.1)
 
     Each argument is an object of the effect's class, or a number: its first parameter. An effect with neutral values is
-    off, and becomes None. What an effect does is said by its class.
+    off, and becomes None; over a sensor's (:meth:`over`) it switches that one off. What an effect does is said by its
+    class.
 
     Raises:
         ValueError: for values out of range, naming the effect, the value and the range.
@@ -61,6 +62,8 @@ class Effects:
     hot_pixels: HotPixels | None
     readout: Readout | None
     aps: Aps | None
+    switched_off: frozenset[str] = field(repr=False, compare=False)
+    """Those given with neutral values: over others, they switch off."""
 
     def __init__(
         self,
@@ -76,18 +79,27 @@ class Effects:
         readout: Readout | float | None = None,
         aps: Aps | float | None = None,
     ) -> None:
-        given = locals()
+        given, neutral = locals(), set()
         for name, effect_class in EFFECTS.items():
             value = given[name]
             if value is not None and not isinstance(value, effect_class):
                 value = effect_class(value)  # type: ignore[call-arg]  # their first parameter
-            object.__setattr__(self, name, None if value is None or value.neutral else value)
+            if value is not None and value.neutral:
+                neutral.add(name)
+                value = None
+            object.__setattr__(self, name, value)
+        object.__setattr__(self, "switched_off", frozenset(neutral))
 
     @classmethod
     def of(cls, effects: Iterable[Effect]) -> Effects:
         """The composition of these; of several of one kind, the last."""
         given: dict[str, Any] = {effect.name: effect for effect in effects}
         return cls(**given)
+
+    def over(self, others: Effects) -> Effects:
+        """These, and of the others those that are not given here, not even with neutral values."""
+        kept = [effect for effect in others if effect.name not in self.switched_off]
+        return Effects.of([*kept, *self])
 
     def __iter__(self) -> Iterator[Effect]:
         """Those that are on, in the order in which light and events meet them."""
@@ -121,8 +133,8 @@ def parse_effect(text: str) -> Effect:
     if name not in EFFECTS:
         raise ValueError(f"there is no effect {name!r}; there are {', '.join(EFFECTS)}")
     effect_class = EFFECTS[name]
-    parameters: list[Field[Any]] = [field for field in fields(effect_class) if field.init]  # type: ignore[arg-type]
-    names = [field.name for field in parameters]
+    parameters: list[Field[Any]] = [one for one in fields(effect_class) if one.init]  # type: ignore[arg-type]
+    names = [parameter.name for parameter in parameters]
     values: dict[str, float | None] = {}
     for place, part in enumerate(rest.split(",") if rest else []):
         parameter, equals, value = part.rpartition("=")
@@ -130,7 +142,7 @@ def parse_effect(text: str) -> Effect:
         if parameter not in names:
             raise ValueError(f"effect {name} has the parameters {', '.join(names)}, got {part!r}")
         values[parameter] = _number(f"{name} {parameter}", value)
-    missing = [field.name for field in parameters if field.default is MISSING and field.name not in values]
+    missing = [one.name for one in parameters if one.default is MISSING and one.name not in values]
     if missing:
         raise ValueError(f"effect {name} needs a value: {name}={missing[0].upper()}")
     return effect_class(**values)  # each checks its own

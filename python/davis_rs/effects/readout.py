@@ -22,8 +22,8 @@ class Readout(EngineEffect):
     Args:
         events_per_s: events that the bus carries in a second, >= 1; inf for all at once.
         latency_us: from grant to stamp, 0..1e9 us.
-        jitter_us: standard deviation of the stamps' normal jitter, 0..1e9 us; order stays, and no stamp is earlier than
-            its grant.
+        jitter_us: standard deviation of the normal jitter that is added to the latency, 0..1e9 us. Order stays, and no
+            stamp is earlier than its grant: where latency or the gaps between bursts are less, it is no longer normal.
         drop_after_us: an event that has waited longer than this when its row is granted is dropped and counted; None
             drops none.
 

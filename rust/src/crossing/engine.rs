@@ -9,11 +9,10 @@ use super::frame::Frame;
 use super::level::Level;
 use super::parameters::{CrossingParameters, Interpolation};
 use super::sample::Sample;
-use super::state::EngineState;
 use crate::error::{Error, Result};
 use crate::event::{Event, SensorSize};
 use crate::order::TimeSort;
-use crate::readout::{Readout, ReadoutState};
+use crate::readout::Readout;
 
 /// Values that one thread checks at a time.
 const CHECKED_AT_A_TIME: usize = 1 << 16;
@@ -30,24 +29,24 @@ const PIXELS_PER_THREAD: usize = 1 << 17;
 ///
 /// A pixel may have 2^32 - 1 events of each polarity; the push that might exceed that is refused.
 pub struct CrossingEngine {
-    size: SensorSize,
-    parameters: CrossingParameters,
-    effects: Effects,
-    seed: u64,
+    pub(super) size: SensorSize,
+    pub(super) parameters: CrossingParameters,
+    pub(super) effects: Effects,
+    pub(super) seed: u64,
     /// None for one thread, which then is the caller's.
     pool: Option<rayon::ThreadPool>,
     /// The process that the pool's threads live in.
     process: u32,
-    t_us: Option<i64>,
-    samples: Samples,
+    pub(super) t_us: Option<i64>,
+    pub(super) samples: Samples,
     /// No counter of any pixel is larger.
-    largest_counter: u64,
+    pub(super) largest_counter: u64,
     sort: TimeSort,
-    readout: Option<Readout>,
+    pub(super) readout: Option<Readout>,
 }
 
 /// The pixels, by what they are fed with; under effects, they say it by name.
-enum Samples {
+pub(super) enum Samples {
     None,
     Luma(Core<f32>),
     Log(Core<f64>),
@@ -55,7 +54,7 @@ enum Samples {
 }
 
 /// A kind of sample, and where its pixels are kept.
-trait Feed: Sample {
+pub(super) trait Feed: Sample {
     /// What it is, for people.
     const NAME: &'static str;
 
@@ -128,7 +127,7 @@ impl CrossingEngine {
         Ok(Self {
             size,
             parameters,
-            readout: readout.map(|bus| Readout::new(size, bus, seed, &ReadoutState::default())),
+            readout: readout.map(|bus| Readout::new(size, bus, seed)),
             effects,
             seed,
             pool: (threads > 1).then(|| new_pool(threads)).transpose()?,
@@ -212,90 +211,7 @@ impl CrossingEngine {
         }
     }
 
-    /// The state, to be stored.
-    #[must_use]
-    pub fn state(&self) -> EngineState {
-        let levels = self.references();
-        let (luma, log_intensity, rate) = match &self.samples {
-            Samples::None => (vec![], vec![], vec![]),
-            Samples::Luma(core) => (core.last().to_vec(), vec![], core.rates().iter().map(|&r| r.into()).collect()),
-            Samples::Log(core) => (vec![], core.last().to_vec(), core.rates().to_vec()),
-            Samples::Effects(core, _) => {
-                let (logs, slopes) = core.logs();
-                (vec![], logs, slopes)
-            }
-        };
-        let under_effects = if let Samples::Effects(core, name) = &self.samples { Some((core, *name)) } else { None };
-        EngineState {
-            size: self.size,
-            parameters: self.parameters.clone(),
-            effects: self.effects.clone(),
-            seed: self.seed,
-            t_us: self.t_us,
-            luma,
-            log_intensity,
-            takes_luma: under_effects.is_some_and(|(_, name)| name == <f32 as Feed>::NAME),
-            rate,
-            base: levels.iter().map(|level| level.base).collect(),
-            on: levels.iter().map(|level| level.on).collect(),
-            off: levels.iter().map(|level| level.off).collect(),
-            last_event_us: if levels.is_empty() { vec![] } else { self.last_event_us() },
-            effect_state: under_effects.map(|(core, _)| core.state()),
-            readout: self.readout.as_ref().map(Readout::state),
-        }
-    }
-
-    /// An engine that goes on from a stored state as the one it was taken from would have.
-    ///
-    /// # Errors
-    /// [`Error::Argument`] for a state that no engine can be in.
-    pub fn from_state(state: &EngineState, threads: Option<usize>) -> Result<Self> {
-        let mut engine = Self::with_effects(state.size, state.parameters.clone(), &state.effects, state.seed, threads)?;
-        let Some(t_us) = state.t_us else { return Ok(engine) };
-        let hermite = state.parameters.interpolation == Interpolation::Hermite;
-        let lengths = [state.base.len(), state.on.len(), state.off.len(), state.last_event_us.len()];
-        if lengths.iter().any(|&n| n != state.size.pixels()) {
-            return Err(Error::Argument(format!(
-                "a state of {} pixels must have as many values of base, on, off and last_event_us, got {lengths:?}",
-                state.size.pixels()
-            )));
-        }
-        if !f64::all_valid(&state.base) {
-            return Err(Error::Argument("the base of a state must lie within +-746 in all pixels".into()));
-        }
-        let rate: Vec<f32>;
-        if state.luma.is_empty() {
-            let frame = Frame::new(t_us, &state.log_intensity[..]);
-            engine.take(Frame { rate: hermite.then_some(&state.rate), ..frame }, &mut Vec::new())?;
-        } else {
-            #[allow(clippy::cast_possible_truncation, reason = "stored from float32")]
-            {
-                rate = state.rate.iter().map(|&r| r as f32).collect();
-            }
-            let frame = Frame::new(t_us, &state.luma[..]);
-            engine.take(Frame { rate: hermite.then_some(&rate), ..frame }, &mut Vec::new())?;
-        }
-        match &mut engine.samples {
-            Samples::None => {}
-            Samples::Luma(core) => core.restore(state),
-            Samples::Log(core) => core.restore(state),
-            Samples::Effects(core, name) => {
-                let Some(effects) = &state.effect_state else {
-                    return Err(Error::Argument("a state of pixels under effects must have theirs".into()));
-                };
-                core.restore(state, effects)?;
-                *name = if state.takes_luma { <f32 as Feed>::NAME } else { <f64 as Feed>::NAME };
-            }
-        }
-        if let (Some(readout), Some(stored)) = (&mut engine.readout, &state.readout) {
-            let Some(bus) = state.effects.readout else { unreachable!("it was made from one") };
-            *readout = Readout::new(state.size, bus, state.seed, stored);
-        }
-        engine.largest_counter = engine.count_largest();
-        Ok(engine)
-    }
-
-    fn take<S: Feed>(&mut self, frame: Frame<'_, S>, events: &mut Vec<Event>) -> Result<()> {
+    pub(super) fn take<S: Feed>(&mut self, frame: Frame<'_, S>, events: &mut Vec<Event>) -> Result<()> {
         self.follow_a_fork()?;
         let at = self.check_frame(&frame)?;
         let (p, pool) = (&self.parameters, self.pool.as_ref());
@@ -339,7 +255,7 @@ impl CrossingEngine {
         Ok(())
     }
 
-    fn references(&self) -> Vec<&Level> {
+    pub(super) fn references(&self) -> Vec<&Level> {
         match &self.samples {
             Samples::None => vec![],
             Samples::Luma(core) => core.references().iter().collect(),
@@ -348,7 +264,7 @@ impl CrossingEngine {
         }
     }
 
-    fn count_largest(&self) -> u64 {
+    pub(super) fn count_largest(&self) -> u64 {
         let largest = |level: &Level| level.on.max(level.off);
         self.references().into_iter().map(largest).max().unwrap_or(0).into()
     }

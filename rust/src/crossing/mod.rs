@@ -9,7 +9,7 @@
 //!
 //! [`level`] knows where the levels lie, [`curve`] ([`line`], [`cubic`]) when log intensity reaches one, [`pixel`] which
 //! events one new sample makes. [`sample`], [`steps`], [`scan`] and [`candidates`] spare nearly all pixels that; [`band`] does it all for
-//! a band of rows, [`core`] runs the bands on threads, [`engine`] is what the user sees. Pixels under [`effects`] go their
+//! a band of rows, [`core`] runs the bands on threads, [`engine`] is what the user sees, [`restore`] stores it. Pixels under [`effects`] go their
 //! own way from frame to events.
 
 mod band;
@@ -27,6 +27,7 @@ mod line;
 mod parameters;
 mod pixel;
 mod reconstruct;
+mod restore;
 mod sample;
 mod scan;
 mod state;

@@ -20,7 +20,14 @@ pub(super) fn from_python(effects: Option<&Bound<'_, PyAny>>) -> PyResult<Effect
     let settings = match effects.cast::<PyDict>() {
         Ok(dict) => dict.clone(),
         Err(_) if effects.hasattr("engine_settings")? => {
-            effects.call_method0("engine_settings")?.cast_into::<PyDict>()?
+            let (settings, all) = (effects.call_method0("engine_settings")?, effects.call_method0("describe")?);
+            let (settings, all) = (settings.cast_into::<PyDict>()?, all.cast_into::<PyDict>()?);
+            for name in all.keys() {
+                if !settings.contains(&name)? {
+                    return Err(PyValueError::new_err(format!("{name} does not act in the crossing engine")));
+                }
+            }
+            settings
         }
         Err(_) => {
             return Err(PyValueError::new_err(format!(
@@ -30,7 +37,10 @@ pub(super) fn from_python(effects: Option<&Bound<'_, PyAny>>) -> PyResult<Effect
         }
     };
     for (name, values) in settings {
-        let (name, values): (String, Bound<'_, PyDict>) = (name.extract()?, values.cast_into()?);
+        let rule =
+            || PyValueError::new_err(format!("effects must be a dictionary of dictionaries, got {name}: {values}"));
+        let name: String = name.extract().map_err(|_| rule())?;
+        let values = values.cast::<PyDict>().map_err(|_| rule())?.clone();
         let number = |parameter: &str| -> PyResult<f64> {
             let value = parameter_of(&name, &values, parameter)?;
             value
@@ -59,7 +69,10 @@ pub(super) fn from_python(effects: Option<&Bound<'_, PyAny>>) -> PyResult<Effect
                     events_per_s: number("events_per_s")?,
                     latency_us: number("latency_us")?,
                     jitter_us: number("jitter_us")?,
-                    drop_after_us: parameter_of(&name, &values, "drop_after_us")?.extract()?,
+                    drop_after_us: match parameter_of(&name, &values, "drop_after_us")? {
+                        none if none.is_none() => None,
+                        _ => Some(number("drop_after_us")?),
+                    },
                 });
             }
             _ => return Err(PyValueError::new_err(format!("there is no effect {name:?} of the crossing engine"))),

@@ -138,6 +138,24 @@ impl EffectCore {
                 "{name} of a state with these effects must have {expected} values, got {length}"
             )));
         }
+        let t_us = engine.t_us.unwrap_or_default();
+        if !(0..=t_us).contains(&state.started_us) {
+            return Err(Error::Argument(format!(
+                "started_us of a state must lie in 0..{t_us}, got {}",
+                state.started_us
+            )));
+        }
+        let waits = |waits: &[f64]| waits.iter().all(|wait| (0.0..1e18).contains(wait));
+        let held = |held: &f64| *held == FREE || (-1e18..1e18).contains(held);
+        let ranges = [
+            ("filtered", "within +-746", f64::all_valid(&state.filtered)),
+            ("held_us", "numbers, or -inf where a pixel is free", state.held_us.iter().all(held)),
+            ("shot_wait_us", "finite and >= 0", waits(&state.shot_wait_us)),
+            ("hot_wait_us", "finite and >= 0", waits(&state.hot_wait_us)),
+        ];
+        if let Some((name, rule, _)) = ranges.into_iter().find(|(_, _, valid)| !valid) {
+            return Err(Error::Argument(format!("{name} of a state must be {rule}")));
+        }
         let (mut first_hot, arrivals) = (0, |(&wait_us, &index)| Arrivals { wait_us, index });
         for band in &mut self.bands {
             let (first, n) = (band.first_pixel, band.logs.len());

@@ -6,7 +6,8 @@ use crate::readout::ReadoutParameters;
 /// The photoreceptor as a first-order low-pass of log intensity.
 ///
 /// Its corner frequency is proportional to irradiance, down to a floor and up to a ceiling (where the source follower
-/// behind it is the slower one). It is frozen for each interval, at that of the mean log intensity of both ends. Source: Lichtsteiner, Posch and Delbruck, IEEE JSSC 43(2), 2008, section III.
+/// behind it is the slower one). It is frozen for each interval, at that of the mean log intensity of both ends.
+/// Source: Lichtsteiner, Posch and Delbruck, IEEE JSSC 43(2), 2008, section III.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PhotoreceptorBandwidth {
     /// The corner frequency where luma + `log_eps` = 1; infinite for no low-pass.
@@ -59,6 +60,18 @@ pub struct Effects {
     pub readout: Option<ReadoutParameters>,
 }
 
+/// So little, of what must be more than nothing.
+const LEAST: f64 = 1e-300;
+
+/// A bound as people write it.
+fn plain(bound: f64) -> String {
+    if bound == 0.0 || (1e-3..1e5).contains(&bound) || bound.is_infinite() {
+        format!("{bound}")
+    } else {
+        format!("{bound:e}")
+    }
+}
+
 impl Default for Effects {
     fn default() -> Self {
         Self {
@@ -84,22 +97,24 @@ impl Effects {
     /// [`Error::Argument`] naming the effect, the value and the range.
     pub fn check(&self) -> Result<()> {
         let PhotoreceptorBandwidth { hz, floor_hz, ceiling_hz } = self.photoreceptor_bandwidth;
-        let most = f64::MAX;
         let ranges = [
-            ("photoreceptor_bandwidth_hz", hz, 1e-3, f64::INFINITY, "Hz"),
-            ("photoreceptor_bandwidth_hz: ceiling_hz", ceiling_hz, 1e-3, f64::INFINITY, "Hz"),
+            ("photoreceptor_bandwidth_hz", hz, LEAST, f64::INFINITY, "Hz"),
+            ("photoreceptor_bandwidth_hz: ceiling_hz", ceiling_hz, LEAST, f64::INFINITY, "Hz"),
             ("photoreceptor_bandwidth_hz: floor_hz", floor_hz, 0.0, ceiling_hz, "Hz"),
             ("threshold_mismatch", self.threshold_mismatch, 0.0, 1.0, "of the threshold"),
             ("refractory_period_us", self.refractory_period_us, 0.0, 1e15, "us"),
             ("leak_rate_hz", self.leak_rate_hz, 0.0, 1e6, "Hz"),
             ("shot_noise_rate_hz", self.shot_noise.rate_hz, 0.0, 1e7, "Hz"),
-            ("shot_noise_rate_hz: half_luma", self.shot_noise.half_luma, 1e-12, most, "units of luma"),
+            ("shot_noise_rate_hz: half_luma", self.shot_noise.half_luma, LEAST, 1e300, "units of luma"),
             ("hot_pixels: fraction", self.hot_pixels.fraction, 0.0, 1.0, "of the pixels"),
             ("hot_pixels: rate_hz", self.hot_pixels.rate_hz, 0.0, 1e7, "Hz"),
         ];
         for (name, value, low, high, unit) in ranges {
             if !(low..=high).contains(&value) {
-                return Err(Error::Argument(format!("{name} must lie in {low}..{high:e} {unit}, got {value}")));
+                let (from, to) = (plain(low), plain(high));
+                let range =
+                    if low == LEAST { format!("be > 0 and at most {to}") } else { format!("lie in {from}..{to}") };
+                return Err(Error::Argument(format!("{name} must {range} {unit}, got {value}")));
             }
         }
         self.readout.as_ref().map_or(Ok(()), ReadoutParameters::check)

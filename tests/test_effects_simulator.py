@@ -1,0 +1,237 @@
+"""Effects in whole simulations: over a sensor's, through closed loops, into folders, and out of stored states."""
+
+from __future__ import annotations
+
+import json
+import os
+import pickle
+import signal
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from davis_rs import CrossingEngine, Effects, SensorParameters, Simulator, check_dataset, interval, load_scene, record
+from davis_rs.effects import Aps, Readout
+from davis_rs.events import concatenate_events
+from davis_rs.trajectory import Trajectory
+from effects_reference import scene
+
+pytestmark = pytest.mark.usefixtures("llvm")
+
+PLANES = load_scene("three_planes")
+SLOW_BUS = Readout(1e5)
+
+
+def path(seconds: float) -> Trajectory:
+    assert PLANES.trajectory is not None
+    return interval(PLANES.trajectory, 0.0, seconds)
+
+
+def test_what_is_given_stands_over_the_sensor_and_neutral_switches_off() -> None:
+    """A number replaces the sensor's, 0 removes it, what is not named stays."""
+    given = Effects(leak_rate_hz=0, refractory_period_us=50, aps=Aps(0, 0, None, None))
+    effects = Simulator(PLANES, sensor="davis240c", effects=given, frame_rate_hz=400).effects
+    assert effects.leak_rate_hz is None
+    assert effects.aps is None
+    assert effects.refractory_period_us is not None
+    assert effects.refractory_period_us.period_us == 50
+    assert effects.shot_noise_rate_hz is not None
+
+
+def test_thresholds_are_given_then_the_sensors_then_the_scenes() -> None:
+    """In that order, ON and OFF each by itself; OFF as ON at last."""
+    sensor = SensorParameters(contrast_threshold=0.3, contrast_threshold_off=0.2)
+    cases: list[tuple[dict[str, Any], tuple[float, float]]] = [
+        ({}, (0.15, 0.15)),
+        ({"sensor": sensor}, (0.3, 0.2)),
+        ({"sensor": sensor, "contrast_threshold": 0.4}, (0.4, 0.2)),
+        ({"contrast_threshold": 0.4}, (0.4, 0.4)),
+    ]
+    for settings, expected in cases:
+        parameters = Simulator(PLANES, **settings).parameters
+        assert (parameters["contrast_threshold"], parameters["contrast_threshold_off"]) == expected
+
+
+def test_no_event_of_a_slow_bus_is_lost_in_a_closed_loop() -> None:
+    """Steps and a flush bring as many events as pixels without a bus make; run() flushes by itself."""
+    steps = [(t_us, path(0.02).pose(t_us * 1e-6)) for t_us in range(0, 20_001, 5_000)]
+    ideal, slow = Simulator(PLANES), Simulator(PLANES, effects=Effects(readout=SLOW_BUS))
+    made = sum(len(packet.events) for t_us, pose in steps for packet in ideal.step(t_us, pose))
+    packets = [packet for t_us, pose in steps for packet in slow.step(t_us, pose)]
+    assert made > sum(len(packet.events) for packet in packets)
+    late = slow.flush()
+    assert made == sum(len(packet.events) for packet in packets + late)
+    assert [packet.start_us for packet in late] == [20_000]
+    assert slow.flush() == []
+    ran = list(Simulator(PLANES, effects=Effects(readout=SLOW_BUS)).run(path(0.02)))
+    events = concatenate_events([packet.events for packet in ran])
+    assert ran[-1].start_us == 20_000 < ran[-1].end_us == events["t"][-1]
+    assert np.all(np.diff(events["t"]) >= 0)
+
+
+@pytest.mark.parametrize("interrupted", [False, True])
+def test_a_folder_holds_what_the_bus_still_held(tmp_path: Path, interrupted: bool) -> None:
+    """Late events are written, also after Ctrl-C; the duration is that of the scene, and drops are counted."""
+    effects = Effects(readout=Readout(1e5, drop_after_us=30_000))
+    simulator = Simulator(PLANES, effects=effects, depth_rate_hz=0)
+    if interrupted:
+        run = simulator.run
+
+        def interrupting(trajectory: Trajectory) -> Any:
+            for packet in run(trajectory):
+                yield packet
+                if packet.end_us:
+                    os.kill(os.getpid(), signal.SIGINT)
+
+        simulator.run = interrupting  # type: ignore[method-assign]
+    recording = record(simulator, path(0.1), tmp_path / "out", quiet=True)
+    meta = json.loads((tmp_path / "out" / "meta.json").read_text())
+    assert recording.interrupted == interrupted
+    assert recording.duration_s < 0.1 if interrupted else recording.duration_s == pytest.approx(0.1)
+    assert meta["duration_us"] > recording.duration_s * 1e6
+    assert meta["counts"]["events"] == recording.events > 0
+    assert meta["dropped_events"] == recording.dropped_events == simulator.dropped_events > 0
+    assert f"{recording.dropped_events:,} dropped by the readout" in str(recording)
+    report = check_dataset(tmp_path / "out")
+    assert report.ok, str(report)
+    assert report.void == ["readout"]
+
+
+def test_frames_of_active_pixels_stand_beside_exact_luma(tmp_path: Path) -> None:
+    """Packets and folders hold both: images are exposed, the check compares events with exact luma."""
+    blurred = Simulator(PLANES, effects=Effects(aps=Aps(20_000, 0)), depth_rate_hz=0)
+    exact = Simulator(PLANES, depth_rate_hz=0)
+    for a, b in zip(blurred.run(path(0.05)), exact.run(path(0.05)), strict=True):
+        np.testing.assert_array_equal(a.events, b.events)
+        if b.luma is not None:
+            assert a.luma is not None
+            assert a.frame is not None
+            np.testing.assert_array_equal(a.luma, b.luma)
+            assert a.frame.shape == a.luma.shape
+            assert (np.abs(a.frame - a.luma).max() > 0.01) == (a.end_us > 0)
+        assert b.frame is None
+    record(Simulator(PLANES, effects=Effects(aps=Aps(20_000, 0))), path(0.05), tmp_path / "out", quiet=True)
+    assert check_dataset(tmp_path / "out").ok
+    with pytest.raises(ValueError, match="exposure of 20000 us must not exceed the frames' period of 10000 us"):
+        Simulator(PLANES, effects=Effects(aps=Aps(20_000)), frame_rate_hz=100)
+
+
+def test_auto_takes_what_the_plan_calls_for(tmp_path: Path) -> None:
+    """The plan of the very run is kept and recorded; a closed loop has no trajectory to plan for."""
+    simulator = Simulator(PLANES, effects="auto", depth_rate_hz=0)
+    with pytest.raises(ValueError, match="auto"):
+        simulator.step(0, path(0.1).pose(0.0))
+    record(simulator, path(0.1), tmp_path / "out", quiet=True)
+    assert simulator.plan is not None
+    assert simulator.effects == simulator.plan.effects
+    meta = json.loads((tmp_path / "out" / "meta.json").read_text())
+    assert list(meta["effects"]) == [effect.name for effect in simulator.effects]
+    assert "photoreceptor_bandwidth_hz" in meta["effects"]
+
+
+@pytest.mark.parametrize("effects", ["all", {"leak_rate_hz": 1}, ["leak_rate_hz"]])
+def test_what_is_no_composition_of_effects_is_refused(effects: Any) -> None:
+    """With what it must be."""
+    with pytest.raises(ValueError, match=r"effects must be davis_rs\.Effects, 'auto' or None"):
+        Simulator(PLANES, effects=effects)
+
+
+def test_refining_is_for_ideal_pixels() -> None:
+    """Asked for it is refused, by a preset it is left out."""
+    with pytest.raises(ValueError, match=r"refine finds the times of ideal pixels.*leak_rate_hz"):
+        Simulator(PLANES, effects=Effects(leak_rate_hz=1), refine=True)
+    assert not Simulator(PLANES, effects=Effects(leak_rate_hz=1), accuracy="exact").refine
+    assert Simulator(PLANES, effects=Effects(vignetting=4), accuracy="exact").refine
+
+
+def test_optics_and_frames_are_not_the_engines() -> None:
+    """They would be ignored there: refused, by name."""
+    for effects in (Effects(vignetting=4), Effects(aps=Aps())):
+        with pytest.raises(ValueError, match="does not act in the crossing engine"):
+            CrossingEngine(2, 2, effects=effects)
+
+
+# Stored states.
+
+
+def test_references_that_have_leaked_far_are_stored_and_restored() -> None:
+    """Hours of a leak lead memorised values beyond all log intensities: that is no reason to refuse them."""
+    effects = Effects(leak_rate_hz=1000, refractory_period_us=1)
+    engine = CrossingEngine(3, 2, contrast_threshold=0.3, effects=effects)
+    engine.push_log(0, scene(0.0, 2, 3))
+    engine.push_log(10_000_000, scene(0.1, 2, 3))
+    assert max(engine.state()["base"]) > 746
+    again = pickle.loads(pickle.dumps(engine))
+    frame = scene(-0.4, 2, 3)
+    np.testing.assert_array_equal(again.push_log(10_100_000, frame), engine.push_log(10_100_000, frame))
+
+
+@pytest.mark.parametrize(
+    ("change", "rule"),
+    [
+        ({"filtered": np.full(6, np.nan)}, "filtered of a state must be within"),
+        ({"filtered": np.full(6, 1e9)}, "filtered of a state must be within"),
+        ({"held_us": np.full(6, np.nan)}, "held_us of a state must be numbers"),
+        ({"shot_wait_us": np.full(6, -1.0)}, "shot_wait_us of a state must be finite and >= 0"),
+        ({"shot_wait_us": np.full(6, np.inf)}, "shot_wait_us of a state must be finite and >= 0"),
+        ({"hot_wait_us": np.full(6, np.nan)}, "hot_wait_us of a state must be finite and >= 0"),
+        ({"started_us": -(2**63)}, "started_us of a state must lie in 0..2000"),
+        ({"started_us": 2001}, "started_us of a state must lie in 0..2000"),
+    ],
+)
+def test_states_of_effects_that_no_engine_can_be_in_are_refused(change: dict[str, Any], rule: str) -> None:
+    """Each with its name and rule, before anything is run on it."""
+    state = everything().state()
+    state["effect_state"] |= change
+    with pytest.raises(ValueError, match=rule):
+        CrossingEngine.from_state(state)
+
+
+@pytest.mark.parametrize(
+    ("change", "rule"),
+    [
+        ({"free_us": 2**63 - 1}, "times of the bus"),
+        ({"free_share": float("nan")}, "times of the bus"),
+        ({"free_share": 1.0}, "times of the bus"),
+        ({"last_stamp_us": -1}, "times of the bus"),
+        ({"waiting": ("y", 9)}, "events of the sensor"),
+        ({"waiting": ("x", 3)}, "events of the sensor"),
+        ({"waiting": ("t", 2001)}, "waiting events until then"),
+        ({"stamped": ("t", 2000)}, "stamps after that"),
+        (None, "a readout where its effects have one"),
+    ],
+)
+def test_states_of_a_readout_that_no_engine_can_be_in_are_refused(change: dict[str, Any] | None, rule: str) -> None:
+    """Each with its rule, before anything is run on it."""
+    state = everything().state()
+    assert len(state["readout"]["waiting"]) > 0
+    assert len(state["readout"]["stamped"]) > 0
+    if change is None:
+        state["readout"] = None
+    else:
+        for name, value in change.items():
+            if isinstance(value, tuple):
+                events = state["readout"][name].copy()
+                events[value[0]][-1 if value[0] == "t" and name == "waiting" else 0] = value[1]
+                value = events
+            state["readout"][name] = value
+    with pytest.raises(ValueError, match=rule):
+        CrossingEngine.from_state(state)
+
+
+def everything() -> CrossingEngine:
+    """An engine at 2,000 us under all effects, whose bus holds both waiting and stamped events."""
+    effects = Effects(
+        photoreceptor_bandwidth_hz=1e4,
+        refractory_period_us=20,
+        leak_rate_hz=1,
+        shot_noise_rate_hz=100,
+        hot_pixels=1.0,
+        readout=Readout(5e3, latency_us=5_000),
+    )
+    engine = CrossingEngine(3, 2, effects=effects)
+    engine.push_log(0, scene(0.0, 2, 3))
+    engine.push_log(2_000, scene(2.0, 2, 3))
+    return engine
