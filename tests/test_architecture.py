@@ -62,14 +62,11 @@ def imports(node: ast.AST, depth: int = 0) -> set[str]:
     for child in ast.walk(node):
         if isinstance(child, ast.Import):
             found |= {alias.name.split(".")[0] for alias in child.names}
-        elif isinstance(child, ast.ImportFrom) and child.level and not child.module:
-            found |= {f".{alias.name}" for alias in child.names}
-        elif isinstance(child, ast.ImportFrom):
-            name = (child.module or "").split(".")[0]
-            if child.level == 0:
-                found.add(name)
-            elif child.level > depth:
-                found.add(f".{name}")
+        elif isinstance(child, ast.ImportFrom) and child.level == 0:
+            found.add((child.module or "").split(".")[0])
+        elif isinstance(child, ast.ImportFrom) and child.level > depth:
+            names = [child.module] if child.module else [alias.name for alias in child.names]
+            found |= {f".{name.split('.')[0]}" for name in names}
     return found
 
 

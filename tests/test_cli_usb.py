@@ -50,7 +50,8 @@ def test_a_recording_of_other_software_is_decoded_alike(tmp_path: Path) -> None:
     recording.write_bytes(aedat2([(aedat2_event(3, 5, 1), 700), (aedat2_event(4, 5, 0), 1_700)]))
     decoded = run("decode", recording, "-o", text)
     assert decoded.returncode == 0, decoded.stderr
-    assert "AEDAT 2.0, DAVIS240C, from 700 us on: 2 events" in decoded.stdout
+    assert decoded.stdout.startswith("AEDAT 2.0, DAVIS240C, ")
+    assert "from 700 us on: 2 events" in decoded.stdout
     assert text.read_text().splitlines() == ["0.000000000 3 5 1", "0.001000000 4 5 0"]
 
 
