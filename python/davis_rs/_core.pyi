@@ -12,9 +12,12 @@ __all__ = [
     "DecodeError",
     "EventTextWriter",
     "__version__",
+    "count_events",
+    "latest_times",
     "log_intensity",
     "read_events_text",
     "reconstruct",
+    "voxel_grid",
 ]
 
 __version__: str
@@ -198,3 +201,25 @@ def reconstruct(
 
     Source: Mueggler et al., IJRR 2017, section 6.
     """
+
+def count_events(events: npt.NDArray[np.void], size: tuple[int, int]) -> npt.NDArray[np.uint32]:
+    """Events by polarity and pixel, shape (2, height, width), OFF before ON; ``size`` is (width, height).
+
+    Raises:
+        ValueError: for an event outside of the sensor or of a polarity other than 0 or 1, with its index.
+    """
+
+def latest_times(events: npt.NDArray[np.void], size: tuple[int, int], until_us: int) -> npt.NDArray[np.int64]:
+    """The time in microseconds of the last event up to ``until_us`` by polarity and pixel, -1 where there was none.
+
+    Returns:
+        int64, shape (2, height, width), OFF before ON; ``size`` is (width, height).
+
+    Raises:
+        ValueError: as :func:`count_events`.
+    """
+
+def voxel_grid(
+    events: npt.NDArray[np.void], size: tuple[int, int], bins: int, start_us: int, stop_us: int, endpoint: bool
+) -> npt.NDArray[np.float64]:
+    """See :func:`davis_rs.represent.voxel_grid`; float64, shape (bins, height, width)."""

@@ -14,6 +14,7 @@ mod event;
 mod exact;
 mod log_intensity;
 mod order;
+mod represent;
 mod text;
 
 #[cfg(feature = "python")]
@@ -25,4 +26,5 @@ pub use crossing::{
 pub use error::{Error, Result};
 pub use event::{Event, SensorSize};
 pub use log_intensity::{log_intensity, log_intensity_frame};
+pub use represent::{TimeBins, count_events, latest_times, voxel_grid};
 pub use text::{EventTextWriter, read_events_text};

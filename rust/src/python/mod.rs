@@ -6,6 +6,7 @@ mod arrays;
 mod dtype;
 mod engine;
 mod functions;
+mod represent;
 mod state;
 mod text;
 
@@ -46,6 +47,9 @@ fn _core(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_class::<text::PyEventTextWriter>()?;
     m.add_function(wrap_pyfunction!(functions::log_intensity, m)?)?;
     m.add_function(wrap_pyfunction!(functions::reconstruct, m)?)?;
+    m.add_function(wrap_pyfunction!(represent::count_events, m)?)?;
+    m.add_function(wrap_pyfunction!(represent::latest_times, m)?)?;
+    m.add_function(wrap_pyfunction!(represent::voxel_grid, m)?)?;
     m.add_function(wrap_pyfunction!(text::read_events_text, m)?)?;
     Ok(())
 }
