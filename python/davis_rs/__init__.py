@@ -1,16 +1,18 @@
 """A simulator of the DAVIS event camera: 3D scene and camera path in, events, frames, depth and ground truth out."""
 
-from ._core import CrossingEngine, DecodeError, EventTextWriter, __version__, log_intensity, reconstruct
+from ._core import CrossingEngine, DecodeError, __version__, log_intensity, reconstruct
 from .camera import Camera, load_camera
 from .check import check_dataset
 from .compare import EventComparison, compare_events
 from .dataset import DatasetWriter
 from .events import EVENT_DTYPE, as_events
+from .formats import EventReader, EventWriter, TruncatedFileWarning, WriteReport
 from .light_course import Flicker, LightCourse, SampledCourse
 from .packet import Packet
 from .pose import Pose
 from .presets import ACCURACY, Accuracy
 from .read import Dataset
+from .read_events import iter_events, open_reader, read_events
 from .record import record
 from .sampled_trajectory import SampledTrajectory
 from .sampling import FixedRate, MaxDisplacement
@@ -22,6 +24,7 @@ from .trajectory import CallableTrajectory, SegmentTrajectory, Trajectory, align
 from .trajectory_file import read_trajectory
 from .video import video_dataset
 from .view import view_dataset
+from .write import open_writer
 
 __all__ = [
     "ACCURACY",
@@ -34,7 +37,8 @@ __all__ = [
     "DatasetWriter",
     "DecodeError",
     "EventComparison",
-    "EventTextWriter",
+    "EventReader",
+    "EventWriter",
     "FixedRate",
     "Flicker",
     "LightCourse",
@@ -48,15 +52,21 @@ __all__ = [
     "Simulator",
     "Tolerance",
     "Trajectory",
+    "TruncatedFileWarning",
+    "WriteReport",
     "__version__",
     "align",
     "as_events",
     "check_dataset",
     "compare_events",
     "interval",
+    "iter_events",
     "load_camera",
     "load_scene",
     "log_intensity",
+    "open_reader",
+    "open_writer",
+    "read_events",
     "read_trajectory",
     "reconstruct",
     "record",

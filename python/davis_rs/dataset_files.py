@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ._core import EventTextWriter
 from .events import EventArray
+from .formats.text import TextFormat
 from .pose import Pose
 
 
@@ -48,11 +48,10 @@ class EventFile:
     def __init__(self, path: Path) -> None:
         self.count = self.on_count = self._size = 0
         self._path = path
-        self._writer = EventTextWriter(str(path))
+        self._writer = TextFormat().open_writer(path, (65_535, 65_535), overwrite=False)
 
     def write(self, events: EventArray) -> None:
         self._writer.write(events)
-        self._writer.flush()
         size = self._path.stat().st_size
         # One assignment, so that an interrupt finds the three numbers of one packet.
         self.count, self.on_count, self._size = (

@@ -1,7 +1,8 @@
 //! The hot code of `davis_rs`, a simulator of the DAVIS event camera.
 //!
 //! ```text
-//! luma frames -> crossing::CrossingEngine -> [Event] -> EventTextWriter -> events.txt
+//! luma frames -> crossing::CrossingEngine -> [Event] -> EventWriter -> events.txt, ...
+//! events.txt, ... -> EventReader -> [Event]
 //! ```
 //!
 //! Linear luma frames go in, one after the other; out come events stamped to the microsecond wherever the log
@@ -14,8 +15,10 @@ mod event;
 mod exact;
 mod log_intensity;
 mod order;
+mod read;
 mod represent;
-mod text;
+mod ros;
+mod write;
 
 #[cfg(feature = "python")]
 mod python;
@@ -26,5 +29,7 @@ pub use crossing::{
 pub use error::{Error, Result};
 pub use event::{Event, SensorSize};
 pub use log_intensity::{log_intensity, log_intensity_frame};
+pub use read::{Decode, EventReader, TextDecoder};
 pub use represent::{TimeBins, count_events, latest_times, voxel_grid};
-pub use text::{EventTextWriter, read_events_text};
+pub use ros::{EventMessage, LATEST_US as ROS_LATEST_US, pack_events, packed_size, unpack_events};
+pub use write::{Encode, EventWriter, Limits, TextEncoder};
