@@ -12,8 +12,8 @@ use super::arrays::events;
 use super::sink::Sink;
 use crate::error::{Error, Result};
 use crate::event::Event;
-use crate::read::{EventReader, TextDecoder};
-use crate::write::{Encode, EventWriter, Limits, TextEncoder};
+use crate::read::{EventReader, Evt2Decoder, Evt3Decoder, TextDecoder};
+use crate::write::{Encode, EventWriter, Evt2Encoder, Evt3Encoder, Limits, TextEncoder};
 
 /// See `_core.pyi`.
 #[pyclass(name = "EventFileWriter", module = "davis_rs._core")]
@@ -40,6 +40,8 @@ impl PyEventFileWriter {
         let encoder: Box<dyn Encode> = match format {
             "text" if size_line => Box::new(TextEncoder::new(limits).with_size_line()),
             "text" => Box::new(TextEncoder::new(limits)),
+            "evt2" => Box::new(Evt2Encoder::new(width, height)),
+            "evt3" => Box::new(Evt3Encoder::new(width, height)),
             _ => return Err(PyValueError::new_err(format!("the core has no format {format:?}"))),
         };
         let (name, sink) = Sink::open(target, overwrite)?;
@@ -132,6 +134,8 @@ impl PyEventFileReader {
         let reader = match format {
             "text" if from_byte == 0 => EventReader::new(file, TextDecoder::new()),
             "text" => EventReader::new(file, TextDecoder::from_byte(from_byte)),
+            "evt2" => EventReader::new(file, Evt2Decoder::new()),
+            "evt3" => EventReader::new(file, Evt3Decoder::new()),
             _ => return Err(PyValueError::new_err(format!("the core has no format {format:?}"))),
         };
         Ok(Self { name, reader, file_size, over: false })

@@ -224,14 +224,9 @@ fn parse_number(word: &[u8]) -> Option<i64> {
 mod tests {
     use super::*;
     use crate::read::EventReader;
+    use crate::read::testing::{any_split_decodes_alike, read};
     use crate::write::{EventWriter, Limits, TextEncoder};
     use proptest::prelude::*;
-
-    fn read(bytes: &[u8]) -> Result<Vec<Event>> {
-        let mut events = Vec::new();
-        EventReader::new(bytes, TextDecoder::new()).read(usize::MAX, &mut events)?;
-        Ok(events)
-    }
 
     #[test]
     fn faults_are_named_with_line_and_byte() {
@@ -261,7 +256,7 @@ mod tests {
             // With lines behind it, it meets the rule of common lines; without, the other one.
             for behind in ["", "2.000000000 1 1 0\n2.000000000 1 1 0\n2.000000000 1 1 0\n"] {
                 let text = format!("0.500000000 1 1 0\n{line}\n{behind}");
-                match read(text.as_bytes()) {
+                match read(text.as_bytes(), TextDecoder::new()) {
                     Err(Error::Format { message, line: Some(2), byte: 18 }) => {
                         assert!(message.contains(rule), "{line:?}: {message}");
                     }
@@ -269,12 +264,12 @@ mod tests {
                 }
             }
         }
-        assert!(matches!(read(&[b'1'; 1000]), Err(Error::Format { line: Some(1), .. })));
+        assert!(matches!(read(&[b'1'; 1000], TextDecoder::new()), Err(Error::Format { line: Some(1), .. })));
     }
 
     #[test]
     fn fewer_decimals_and_a_last_line_without_newline_are_read() {
-        let events = read(b"0.5 1 2 0\r\n0.500001 3 4 1").unwrap();
+        let events = read(b"0.5 1 2 0\r\n0.500001 3 4 1", TextDecoder::new()).unwrap();
         assert_eq!(events, [Event::new(500_000, 1, 2, false), Event::new(500_001, 3, 4, true)]);
     }
 
@@ -288,7 +283,7 @@ mod tests {
             let second_is_whole = cut + 1 >= whole.len();
             assert_eq!((events.len(), reader.left_over() == 0), (1 + usize::from(second_is_whole), second_is_whole));
         }
-        assert!(read(b"0.5 1 2 0\n0.5 1 x").is_err());
+        assert!(read(b"0.5 1 2 0\n0.5 1 x", TextDecoder::new()).is_err());
     }
 
     #[test]
@@ -309,11 +304,7 @@ mod tests {
                 writer.write(packet).unwrap();
             }
             let bytes = writer.finish().unwrap();
-            let (a, b) = bytes.split_at(cut.min(bytes.len()));
-            let mut reader = EventReader::new(std::io::Read::chain(a, b), TextDecoder::new());
-            let mut again = Vec::new();
-            reader.read(usize::MAX, &mut again).unwrap();
-            prop_assert_eq!(again, events);
+            any_split_decodes_alike(&bytes, cut, TextDecoder::new, &events)?;
         }
     }
 }

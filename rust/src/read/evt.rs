@@ -1,0 +1,77 @@
+//! What EVT 2.0 and EVT 3.0 share: the text before the words.
+
+use crate::error::{Error, Result};
+
+/// A header is no longer; what goes on beyond is no `.raw` file.
+const LONGEST: usize = 1 << 16;
+
+/// Length and sensor size of a `.raw` file's header, once all of it is in `bytes` (at the end of the input: however it
+/// ends).
+pub(super) fn header(bytes: &[u8], at_end: bool) -> Result<Option<Header>> {
+    let mut header = Header { length: 0, size: None };
+    let (mut width, mut height) = (None, None);
+    loop {
+        let rest = &bytes[header.length..];
+        match rest.first() {
+            Some(b'%') => {}
+            Some(_) => break,
+            None if at_end => break,
+            None => return Ok(None),
+        }
+        let Some(end) = rest.iter().position(|&b| b == b'\n') else {
+            if !at_end && rest.len() < LONGEST {
+                return Ok(None);
+            }
+            let message = "a header line must end with a newline".to_owned();
+            return Err(Error::Format { message, line: None, byte: header.length });
+        };
+        header.length += end + 1;
+        let line = String::from_utf8_lossy(&rest[1..end]);
+        let line = line.trim();
+        if line == "end" {
+            break;
+        }
+        if let Some(geometry) = line.strip_prefix("geometry ") {
+            if let Some((w, h)) = geometry.split_once('x') {
+                (width, height) = (w.trim().parse().ok(), h.trim().parse().ok());
+            }
+        } else if let Some(format) = line.strip_prefix("format ") {
+            for (key, value) in format.split(';').filter_map(|item| item.split_once('=')) {
+                match key.trim() {
+                    "width" => width = value.trim().parse().ok(),
+                    "height" => height = value.trim().parse().ok(),
+                    _ => {}
+                }
+            }
+        }
+    }
+    header.size = width.zip(height);
+    Ok(Some(header))
+}
+
+pub(super) struct Header {
+    pub(super) length: usize,
+    pub(super) size: Option<(u32, u32)>,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn headers_of_cameras_and_of_other_programs_are_read() {
+        for (text, size) in [
+            (&b"% evt 3.0\n% format EVT3;height=720;width=1280\n% end\n\x25\x80"[..], Some((1280, 720))),
+            (b"% date 2020-01-01 00:00:00\n% evt 2.0\n% geometry 640x480\n\x00\x80\x00\x00", Some((640, 480))),
+            (b"% evt 2.0\n\x00\x80", None),
+            (b"\x00\x80", None),
+        ] {
+            let found = header(text, false).unwrap().unwrap();
+            assert_eq!(found.size, size);
+            assert_eq!(found.length, text.iter().rposition(|&b| b == b'\n').map_or(0, |at| at + 1));
+        }
+        assert!(header(b"% evt 2.0\n% geo", false).unwrap().is_none());
+        assert!(header(b"% evt 2.0\n% geo", true).is_err());
+        assert!(header(&[b'%'; 70_000], false).is_err());
+    }
+}
