@@ -7,8 +7,8 @@ import io
 import json
 import os
 import re
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
+from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .events import EventArray
+from .formats.system import naming
 from .formats.text import TextFormat
 from .pose import Pose
 
@@ -109,17 +110,6 @@ def encode_exr(channel: str, image: npt.NDArray[np.float32]) -> bytes:
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
     OpenEXR.File(header, {channel: image}).write(stream)
     return stream.getvalue()
-
-
-@contextmanager
-def naming(path: Path) -> Iterator[None]:
-    """Give an OSError the path it is about, where it comes without one (as those of writes do)."""
-    try:
-        yield
-    except OSError as error:
-        if error.filename is None and error.errno is not None:
-            raise OSError(error.errno, error.strerror, str(path)) from error
-        raise
 
 
 def write_file(path: Path, data: bytes) -> None:
