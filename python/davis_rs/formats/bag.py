@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from contextlib import suppress
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -165,7 +166,7 @@ class BagWriter(EventWriter):
         # Where the interval changes: cut there, and where a message is full.
         intervals = packet["t"] // self._message_us
         cuts = [0, *(np.flatnonzero(intervals[1:] != intervals[:-1]) + 1).tolist(), len(packet)]
-        for first, end in zip(cuts[:-1], cuts[1:], strict=True):
+        for first, end in pairwise(cuts):
             if self._count and intervals[first] != self._interval:
                 self._send()
             self._interval = int(intervals[first])
@@ -228,7 +229,7 @@ class BagWriter(EventWriter):
             bag.abort()
         with suppress(OSError):
             os.truncate(self.path, self._whole)
-            bag.bio = Path(self.path).open("r+b")
+            bag.bio = Path(self.path).open("r+b")  # noqa: SIM115 - the bag closes it
             bag.bio.seek(0, os.SEEK_END)
             bag.chunks = [chunk for chunk in bag.chunks if 0 <= chunk.pos < self._whole]
             bag.close()

@@ -26,10 +26,10 @@ SIZE_KEY = b"davis_rs.size"
 
 
 class ParquetWriter(EventWriter):
-    """Writes columns t (int64, us), x, y (uint16) and p (uint8).
+    """Writes columns t (int64, us), x, y (uint16) and p (bool).
 
-    Parquet is unreadable without its end. So a file is written beside its path, as NAME.part, and takes its name when it
-    is finished: a killed process leaves the path as it was. A stream gets the same bytes in order.
+    Parquet is unreadable without its end. So a file is written beside its path, as NAME.part, and takes its name when
+    it is finished: a killed process leaves the path as it was. A stream gets the same bytes in order.
 
     Args:
         level: of zstd, 1..22.
@@ -55,7 +55,7 @@ class ParquetWriter(EventWriter):
         with from_extra("parquet"):
             import pyarrow as pa
             import pyarrow.parquet as pq
-        types = {"t": pa.int64(), "x": pa.uint16(), "y": pa.uint16(), "p": pa.uint8()}
+        types = {"t": pa.int64(), "x": pa.uint16(), "y": pa.uint16(), "p": pa.bool_()}
         size_text = f"{self.size[0]}x{self.size[1]}".encode()
         self._schema = pa.schema(
             [pa.field(name, type_, nullable=False) for name, type_ in types.items()], metadata={SIZE_KEY: size_text}
@@ -70,7 +70,7 @@ class ParquetWriter(EventWriter):
             self._schema,
             compression="zstd",
             compression_level=level,
-            use_dictionary=["x", "y", "p"],
+            use_dictionary=["x", "y"],
             column_encoding={"t": "DELTA_BINARY_PACKED"},
             write_statistics=["t"],
         )
@@ -93,7 +93,8 @@ class ParquetWriter(EventWriter):
             return
         events = concatenate_events(self._waiting)
         self._waiting, self._count = [], 0
-        columns = [pa.array(np.ascontiguousarray(events[name])) for name in self._schema.names]
+        types = {"t": np.int64, "x": np.uint16, "y": np.uint16, "p": np.bool_}
+        columns = [pa.array(np.ascontiguousarray(events[name]).astype(types[name], copy=False)) for name in types]
         with naming(self.path):
             self._writer.write_table(pa.Table.from_arrays(columns, schema=self._schema), row_group_size=len(events))
 
@@ -184,9 +185,11 @@ class ParquetReader(EventReader):
                 raise DecodeError(f"{self.path}: column {name} must hold integers, found {column.type}")
             field = events[name]
             field[...] = values
+            if values.dtype == field.dtype and name != "p":
+                continue
             limit = 1 if name == "p" else np.iinfo(field.dtype).max
-            wrong = (values < 0) | (values > limit) if values.dtype != field.dtype or name == "p" else None
-            if wrong is not None and wrong.any():
+            wrong = (values < 0) | (values > limit)
+            if wrong.any():
                 at = int(wrong.argmax())
                 raise DecodeError(f"{self.path}: {name} of event {self._done + at} is {values[at]}, not in 0..{limit}")
         return events
