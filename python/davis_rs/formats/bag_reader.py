@@ -118,6 +118,7 @@ class BagReader(EventReader):
             events = self._unpack(data)[0]
             for start in range(0, len(events), chunk):
                 yield events[start : start + chunk]
+        self._done = 1.0
 
     def _unpack(self, data: bytes) -> tuple[EventArray, tuple[int, int]]:
         try:

@@ -28,7 +28,7 @@ SIGNATURE = b"\x89HDF\r\n\x1a\n"
 COMPLETE = "complete"
 """A root attribute of ours: 0 until the file is finished."""
 
-_FLUSH = 8 * CHUNK
+_FLUSH = 16 * CHUNK
 """Events between two flushes that come by themselves."""
 
 

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from .extras import from_extra
 from .hdf5_disk import Hdf5File
 
-CHUNK = 1 << 17
+CHUNK = 1 << 16
 """Rows of a chunk of events."""
 
 COMPRESSIONS = ("none", "lz4", "zstd")
