@@ -13,11 +13,11 @@ PACKAGE = ROOT / "python" / "davis_rs"
 
 # From the top down: a module may import only from the layers below its own, and from its own to its right.
 LAYERS = [
-    ["cli", "cli_accuracy"],
+    ["cli", "cli_accuracy", "cli_files"],
     ["accuracy_report", "accuracy", "accuracy_settings", "reference_events"],
     ["record"],
     ["simulate"],
-    ["check", "compare", "video", "view"],
+    ["check", "compare", "video", "view", "convert", "summary"],
     ["read", "read_events"],
     ["dataset", "dataset_files"],
     ["write"],
@@ -35,6 +35,7 @@ LAYERS = [
     ["trajectory_file", "sampled_trajectory"],
     ["packet", "views", "trajectory", "pose"],
     ["camera", "lattice", "luma"],
+    ["represent", "dtypes"],
     ["events"],
     ["_mitsuba", "_llvm"],
     ["_core"],

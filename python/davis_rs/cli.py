@@ -1,4 +1,4 @@
-"""The command line: davis-rs simulate, check, view."""
+"""The command line: davis-rs simulate, check, view, and the commands of cli_accuracy and cli_files."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from pathlib import Path
 from ._core import __version__
 from .camera import PRESETS, load_camera
 from .cli_accuracy import add_accuracy
+from .cli_files import add_files
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -123,6 +124,7 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
     _add_simulate(commands)
     add_accuracy(commands)
+    add_files(commands)
 
     check = commands.add_parser("check", help="check a dataset: do its events explain its images?")
     check.add_argument("dataset", type=Path, metavar="DIR")
