@@ -134,10 +134,13 @@ class EventFileWriter:
 
     Args:
         target: a path, or an object with ``write(bytes)``.
-        format: ``text``.
+        format: ``text``, ``evt2``, ``evt3`` or ``aedat4``.
         width, height: x and y must lie below.
         overwrite: whether an existing file may be replaced.
         size_line: text: whether a first line ``width height`` is written.
+        compression: aedat4: ``none``, ``lz4`` or ``zstd``.
+        level: aedat4: of zstd.
+        start_us: aedat4: added to all times.
     """
 
     def __new__(
@@ -149,6 +152,9 @@ class EventFileWriter:
         height: int,
         overwrite: bool = False,
         size_line: bool = False,
+        compression: str = "none",
+        level: int = 1,
+        start_us: int = 0,
     ) -> EventFileWriter: ...
     def write(self, events: npt.NDArray[np.void]) -> None:
         """Check events, and write them; they are in the system's hands when it returns, but for those that a format

@@ -29,7 +29,7 @@ pub use crossing::{
 pub use error::{Error, Result};
 pub use event::{Event, SensorSize};
 pub use log_intensity::{log_intensity, log_intensity_frame};
-pub use read::{Decode, EventReader, Evt2Decoder, Evt3Decoder, TextDecoder};
+pub use read::{Aedat4Decoder, Decode, EventReader, Evt2Decoder, Evt3Decoder, TextDecoder};
 pub use represent::{TimeBins, count_events, latest_times, voxel_grid};
 pub use ros::{EventMessage, LATEST_US as ROS_LATEST_US, pack_events, packed_size, unpack_events};
-pub use write::{Encode, EventWriter, Evt2Encoder, Evt3Encoder, Limits, TextEncoder};
+pub use write::{Aedat4Encoder, Compression, Encode, EventWriter, Evt2Encoder, Evt3Encoder, Limits, TextEncoder};

@@ -12,8 +12,8 @@ use super::arrays::events;
 use super::sink::Sink;
 use crate::error::{Error, Result};
 use crate::event::Event;
-use crate::read::{EventReader, Evt2Decoder, Evt3Decoder, TextDecoder};
-use crate::write::{Encode, EventWriter, Evt2Encoder, Evt3Encoder, Limits, TextEncoder};
+use crate::read::{Aedat4Decoder, EventReader, Evt2Decoder, Evt3Decoder, TextDecoder};
+use crate::write::{Aedat4Encoder, Compression, Encode, EventWriter, Evt2Encoder, Evt3Encoder, Limits, TextEncoder};
 
 /// See `_core.pyi`.
 #[pyclass(name = "EventFileWriter", module = "davis_rs._core")]
@@ -27,7 +27,8 @@ pub(super) struct PyEventFileWriter {
 #[pymethods]
 impl PyEventFileWriter {
     #[new]
-    #[pyo3(signature = (target, format, *, width, height, overwrite = false, size_line = false))]
+    #[allow(clippy::too_many_arguments, reason = "keywords in Python")]
+    #[pyo3(signature = (target, format, *, width, height, overwrite = false, size_line = false, compression = "none", level = 1, start_us = 0))]
     fn new(
         target: &Bound<'_, PyAny>,
         format: &str,
@@ -35,11 +36,26 @@ impl PyEventFileWriter {
         height: u32,
         overwrite: bool,
         size_line: bool,
+        compression: &str,
+        level: i32,
+        start_us: i64,
     ) -> PyResult<Self> {
         let limits = Limits { width, height, ..Limits::NONE };
         let encoder: Box<dyn Encode> = match format {
             "text" if size_line => Box::new(TextEncoder::new(limits).with_size_line()),
             "text" => Box::new(TextEncoder::new(limits)),
+            "aedat4" => {
+                let compression = match compression {
+                    "none" => Compression::None,
+                    "lz4" => Compression::Lz4,
+                    "zstd" => Compression::Zstd(level),
+                    _ => {
+                        let rule = format!("compression must be none, lz4 or zstd: got {compression:?}");
+                        return Err(PyValueError::new_err(rule));
+                    }
+                };
+                Box::new(Aedat4Encoder::new(width, height, compression, start_us))
+            }
             "evt2" => Box::new(Evt2Encoder::new(width, height)),
             "evt3" => Box::new(Evt3Encoder::new(width, height)),
             _ => return Err(PyValueError::new_err(format!("the core has no format {format:?}"))),
@@ -134,6 +150,7 @@ impl PyEventFileReader {
         let reader = match format {
             "text" if from_byte == 0 => EventReader::new(file, TextDecoder::new()),
             "text" => EventReader::new(file, TextDecoder::from_byte(from_byte)),
+            "aedat4" => EventReader::new(file, Aedat4Decoder::new()),
             "evt2" => EventReader::new(file, Evt2Decoder::new()),
             "evt3" => EventReader::new(file, Evt3Decoder::new()),
             _ => return Err(PyValueError::new_err(format!("the core has no format {format:?}"))),

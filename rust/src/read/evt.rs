@@ -8,7 +8,7 @@ const LONGEST: usize = 1 << 16;
 /// Length and sensor size of a `.raw` file's header, once all of it is in `bytes` (at the end of the input: however it
 /// ends).
 pub(super) fn header(bytes: &[u8], at_end: bool) -> Result<Option<Header>> {
-    let mut header = Header { length: 0, size: None };
+    let mut header = Header { length: 0, size: None, start_us: 0 };
     let (mut width, mut height) = (None, None);
     loop {
         let rest = &bytes[header.length..];
@@ -35,6 +35,8 @@ pub(super) fn header(bytes: &[u8], at_end: bool) -> Result<Option<Header>> {
             if let Some((w, h)) = geometry.split_once('x') {
                 (width, height) = (w.trim().parse().ok(), h.trim().parse().ok());
             }
+        } else if let Some(start) = line.strip_prefix("t0 ") {
+            header.start_us = start.trim().parse().unwrap_or(0);
         } else if let Some(format) = line.strip_prefix("format ") {
             for (key, value) in format.split(';').filter_map(|item| item.split_once('=')) {
                 match key.trim() {
@@ -52,6 +54,8 @@ pub(super) fn header(bytes: &[u8], at_end: bool) -> Result<Option<Header>> {
 pub(super) struct Header {
     pub(super) length: usize,
     pub(super) size: Option<(u32, u32)>,
+    /// What all times have to be added to: faery takes the first time off.
+    pub(super) start_us: i64,
 }
 
 #[cfg(test)]
@@ -60,18 +64,18 @@ mod tests {
 
     #[test]
     fn headers_of_cameras_and_of_other_programs_are_read() {
-        for (text, size) in [
-            (&b"% evt 3.0\n% format EVT3;height=720;width=1280\n% end\n\x25\x80"[..], Some((1280, 720))),
-            (b"% date 2020-01-01 00:00:00\n% evt 2.0\n% geometry 640x480\n\x00\x80\x00\x00", Some((640, 480))),
-            (b"% evt 2.0\n\x00\x80", None),
-            (b"\x00\x80", None),
+        for (text, size, start_us) in [
+            (&b"% evt 3.0\n% format EVT3;height=720;width=1280\n% end\n\x25\x80"[..], Some((1280, 720)), 0),
+            (b"% date 2020-01-01 00:00:00\n% evt 2.0\n% geometry 640x480\n% t0 70\n\x00\x80", Some((640, 480)), 70),
+            (b"% evt 2.0\n\x00\x80", None, 0),
+            (b"\x00\x80", None, 0),
         ] {
             let found = header(text, false).unwrap().unwrap();
-            assert_eq!(found.size, size);
+            assert_eq!((found.size, found.start_us), (size, start_us));
             assert_eq!(found.length, text.iter().rposition(|&b| b == b'\n').map_or(0, |at| at + 1));
         }
         assert!(header(b"% evt 2.0\n% geo", false).unwrap().is_none());
         assert!(header(b"% evt 2.0\n% geo", true).is_err());
-        assert!(header(&[b'%'; 70_000], false).is_err());
+        assert!(header(&vec![b'%'; 70_000], false).is_err());
     }
 }

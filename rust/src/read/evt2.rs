@@ -14,6 +14,8 @@ const ROUND: i64 = 1 << 28;
 pub struct Evt2Decoder {
     in_words: bool,
     size: Option<(u32, u32)>,
+    /// Added to all times.
+    start_us: i64,
     /// Time in units of 64 us, rounds included; None before the first one.
     high: Option<i64>,
 }
@@ -35,7 +37,7 @@ impl Evt2Decoder {
             match word >> 28 {
                 kind @ (0 | 1) => {
                     if let Some(high) = high {
-                        let t = high << 6 | i64::from(word >> 22 & 63);
+                        let t = self.start_us + (high << 6 | i64::from(word >> 22 & 63));
                         events.push(Event::new(t, (word >> 11 & 0x7ff) as u16, (word & 0x7ff) as u16, kind == 1));
                     }
                 }
@@ -60,7 +62,7 @@ impl Decode for Evt2Decoder {
         let mut used = 0;
         if !self.in_words {
             let Some(header) = header(bytes, false)? else { return Ok(0) };
-            (self.in_words, self.size, used) = (true, header.size, header.length);
+            (self.in_words, self.size, self.start_us, used) = (true, header.size, header.start_us, header.length);
         }
         Ok(used + self.words(&bytes[used..], events))
     }

@@ -16,6 +16,8 @@ const ROUND: i64 = 1 << 12;
 pub struct Evt3Decoder {
     in_words: bool,
     size: Option<(u32, u32)>,
+    /// Added to all times.
+    start_us: i64,
     /// Time above its low 12 bits, rounds included; None before the first one.
     high: Option<i64>,
     low: i64,
@@ -35,7 +37,7 @@ impl Evt3Decoder {
     fn words(&mut self, bytes: &[u8], events: &mut Vec<Event>) -> usize {
         let words = bytes.as_chunks::<2>().0;
         events.reserve(words.len() / 2);
-        let mut time = self.high.map(|high| high << 12 | self.low);
+        let mut time = self.high.map(|high| self.start_us + (high << 12 | self.low));
         for &word in words {
             let word = u16::from_le_bytes(word);
             let on = word & 0x800 != 0;
@@ -51,14 +53,14 @@ impl Evt3Decoder {
                 5 => self.vector(word & 0xff, 8, time, events),
                 6 => {
                     self.low = i64::from(word & 0xfff);
-                    time = self.high.map(|high| high << 12 | self.low);
+                    time = self.high.map(|high| self.start_us + (high << 12 | self.low));
                 }
                 8 => {
                     let high = unwrapped(self.high, i64::from(word & 0xfff), ROUND);
                     // Cameras repeat the high time as a sign of life; only where it is new does the low one start again.
                     if self.high != Some(high) {
                         (self.high, self.low) = (Some(high), 0);
-                        time = Some(high << 12);
+                        time = Some(self.start_us + (high << 12));
                     }
                 }
                 _ => {}
@@ -85,7 +87,7 @@ impl Decode for Evt3Decoder {
         let mut used = 0;
         if !self.in_words {
             let Some(header) = header(bytes, false)? else { return Ok(0) };
-            (self.in_words, self.size, used) = (true, header.size, header.length);
+            (self.in_words, self.size, self.start_us, used) = (true, header.size, header.start_us, header.length);
         }
         Ok(used + self.words(&bytes[used..], events))
     }

@@ -1,5 +1,6 @@
 //! Bytes to events: one push decoder a format, and the one reader that feeds them from a source.
 
+mod aedat4;
 mod evt;
 mod evt2;
 mod evt3;
@@ -8,6 +9,7 @@ mod reader;
 mod testing;
 mod text;
 
+pub use aedat4::Aedat4Decoder;
 pub use evt2::Evt2Decoder;
 pub use evt3::Evt3Decoder;
 pub use reader::{Decode, EventReader};

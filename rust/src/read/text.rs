@@ -145,11 +145,11 @@ fn common_line(bytes: &[u8]) -> Option<(Event, usize)> {
 #[inline]
 fn number(bytes: &[u8; 48], at: usize, most: usize, end: u8) -> Option<(u64, usize)> {
     let mut number = u64::from(digit(bytes[at])?);
-    for i in at + 1..=at + most {
-        if bytes[i] == end {
-            return Some((number, i + 1));
+    for (place, &byte) in bytes.iter().enumerate().skip(at + 1).take(most) {
+        if byte == end {
+            return Some((number, place + 1));
         }
-        number = 10 * number + u64::from(digit(bytes[i])?);
+        number = 10 * number + u64::from(digit(byte)?);
     }
     None
 }

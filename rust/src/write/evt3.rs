@@ -13,8 +13,7 @@ const TIME_HIGH: u16 = 8 << 12;
 const TIME_LOW: u16 = 6 << 12;
 const ADDRESS_X: u16 = 2 << 12;
 
-/// The largest step of the high time: readers know by its going back that 24 bits were over, so none may be passed
-/// over, nor come close to being one.
+/// The largest step of the high time, below half a round, so that it cannot be taken for one back.
 const STEP: i64 = 1 << 10;
 
 /// Events as EVT 3.0.
@@ -28,8 +27,8 @@ pub struct Evt3Encoder {
 }
 
 impl Evt3Encoder {
-    /// Time is written modulo 2^24 us, so that readers count its rounds: each costs 8 bytes even where nothing happens,
-    /// and that is done for 2^16 rounds (12.7 days). Coordinates have 11 bits.
+    /// Time is written modulo 2^24 us, so that readers count its rounds: each costs 10 bytes even where nothing
+    /// happens, and that is done for 2^16 rounds (12.7 days). Coordinates have 11 bits.
     pub const LIMITS: Limits = Limits { latest_us: (1 << 40) - 1, width: SIDE, height: SIDE };
 
     /// An encoder for a sensor of at most 2048 x 2048 pixels; a larger one is cut to that.
@@ -39,12 +38,18 @@ impl Evt3Encoder {
         Self { limits, high: -1, low: u16::MAX, y: u16::MAX, words: Vec::new() }
     }
 
-    /// The words from the high time as it is up to `high`.
+    /// The high times between the last one and `high`. A round ends with 0xfff and begins with 0: some readers count it
+    /// by nothing else.
     #[cold]
     fn advance(&mut self, high: i64, out: &mut Vec<u8>) {
-        while high - self.high > STEP {
-            self.high = if self.high < 0 { 0 } else { self.high + STEP };
-            out.extend_from_slice(&time_high(self.high).to_le_bytes());
+        loop {
+            let end = self.high | 0xfff;
+            let next = if self.high == end { end + 1 } else { end.min(self.high + STEP) };
+            if next >= high {
+                return;
+            }
+            self.high = next;
+            out.extend_from_slice(&time_high(next).to_le_bytes());
         }
     }
 }
@@ -70,7 +75,7 @@ impl Encode for Evt3Encoder {
         let mut at = 0;
         for event in events {
             let high = event.t >> 12;
-            if high - self.high > STEP {
+            if high - self.high > 1 {
                 super::push_words(&words[..at], u16::to_le_bytes, out);
                 at = 0;
                 self.advance(high, out);
@@ -79,7 +84,7 @@ impl Encode for Evt3Encoder {
             let place: &mut [u16; 4] = (&mut words[at..at + 4]).try_into().expect("of that length");
             let low = event.t as u16 & 0xfff;
             let new_high = high != self.high;
-            let new_low = new_high | (low != self.low);
+            let new_low = new_high || low != self.low;
             let new_y = event.y != self.y;
             let mut next = usize::from(new_high);
             place[0] = time_high(high);
@@ -117,17 +122,9 @@ mod tests {
         assert_eq!(
             words(&events),
             [
-                0x8001,
-                0x6003,
-                719,
-                0x2800 | 1279,
-                0x2001, // all is new
-                0x6004,
-                2,
-                0x2001, // time and row
-                0x8002,
-                0x6004,
-                0x2001, // the low time comes again with the high one
+                0x8000, 0x8001, 0x6003, 719, 0x2cff, 0x2001, // all is new, and the high time counts from 0
+                0x6004, 2, 0x2001, // time and row
+                0x8002, 0x6004, 0x2001, // the low time comes again with the high one
             ]
         );
     }
@@ -138,6 +135,6 @@ mod tests {
         let highs: Vec<u16> = all.iter().filter(|&&w| w >> 12 == 8).map(|w| w & 0xfff).collect();
         let rounds = highs.windows(2).filter(|pair| pair[1] < pair[0]).count();
         assert_eq!((rounds, *highs.last().unwrap()), ((1 << 16) - 1, 0xfff));
-        assert!(all.len() < (1 << 18) + 10);
+        assert_eq!(all.len(), 5 * (1 << 16) + 5);
     }
 }

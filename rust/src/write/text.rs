@@ -105,19 +105,13 @@ struct Decimal {
 
 static DECIMALS: [Decimal; 1000] = {
     let mut table = [Decimal { digits: 0, word: 0, length: 0 }; 1000];
-    let mut n = 0;
-    while n < 1000 {
-        let n32 = n as u32;
-        let digits = [b'0' as u32 + n32 / 100, b'0' as u32 + n32 / 10 % 10, b'0' as u32 + n32 % 10];
-        let all = digits[0] | digits[1] << 8 | digits[2] << 16;
-        let zeros = if n < 10 {
-            2
-        } else if n < 100 {
-            1
-        } else {
-            0
-        };
-        table[n] = Decimal { digits: all, word: (all | (b' ' as u32) << 24) >> (8 * zeros), length: 4 - zeros as u8 };
+    let (mut place, mut n) = (0, 0u32);
+    while place < table.len() {
+        let digits = (n / 100 | n / 10 % 10 << 8 | n % 10 << 16) + 0x30_3030;
+        let zeros: u8 = if n < 10 { 2 } else { (n < 100) as u8 };
+        let word = (digits | (b' ' as u32) << 24) >> (8 * zeros as u32);
+        table[place] = Decimal { digits, word, length: 4 - zeros };
+        place += 1;
         n += 1;
     }
     table
