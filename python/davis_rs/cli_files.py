@@ -29,10 +29,8 @@ def add_files(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> 
     conversion.add_argument(
         "--format", choices=sorted(FORMATS), help="of OUT; if not given, the one that its suffix stands for"
     )
-    conversion.add_argument(
-        "--start", type=_microseconds, metavar="S", help="only events from this time of the file on"
-    )
-    conversion.add_argument("--stop", type=_microseconds, metavar="S", help="only events before this time of the file")
+    conversion.add_argument("--start", type=_microseconds, metavar="S", help="only events from this time of IN on")
+    conversion.add_argument("--stop", type=_microseconds, metavar="S", help="only events before this time of IN")
     conversion.add_argument(
         "--roi", type=int, nargs=4, metavar=("X0", "Y0", "X1", "Y1"), help="only events with X0 <= x < X1, Y0 <= y < Y1"
     )

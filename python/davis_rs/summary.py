@@ -32,6 +32,9 @@ class Gap(NamedTuple):
     length_us: int
     start_us: int
 
+    def __str__(self) -> str:
+        return f"{self.length_us / 1e3:.3f} ms from {_seconds(self.start_us)}"
+
 
 @dataclass
 class EventSummary:
@@ -75,8 +78,8 @@ class EventSummary:
 
     @property
     def peak_rate_hz(self) -> float:
-        """Events a second in the fullest interval."""
-        return self.peak_events * 1e6 / PEAK_WINDOW_US
+        """Events a second in the fullest interval; the mean rate, where the file is shorter than one."""
+        return max(self.peak_events * 1e6 / PEAK_WINDOW_US, self.mean_rate_hz)
 
     def __str__(self) -> str:
         width, height = self.size
@@ -93,8 +96,7 @@ class EventSummary:
             f"peak rate   {_rate(self.peak_rate_hz)} in the {PEAK_WINDOW_US // 1000} ms from {_seconds(self.peak_us)}",
             f"pixels      {_rate(self.mean_rate_hz / self.counts.size)} on average; busiest ({x}, {y}) with "
             f"{self.counts[y, x]:,} events; {silent:,} without any",
-            "longest gaps "
-            + ", ".join(f"{gap.length_us / 1e3:.3f} ms from {_seconds(gap.start_us)}" for gap in self.gaps),
+            "gaps        " + (", ".join(map(str, self.gaps)) or "none"),
         ]
         if self.backward:
             lines.append(f"warning: {self.backward:,} events are earlier than the one before them")
@@ -104,8 +106,8 @@ class EventSummary:
 class DatasetRow(NamedTuple):
     """The columns of the paper's tables for one sequence.
 
-    ``duration_s`` T: the duration; ``translation_m_s`` TS and ``rotation_deg_s`` RS: top speeds of the camera, NaN without
-    ground truth; ``events`` NE: the number of events.
+    ``duration_s`` T: the duration; ``translation_m_s`` TS and ``rotation_deg_s`` RS: top speeds of the camera, NaN
+    without ground truth; ``events`` NE: the number of events.
 
     Source: Mueggler et al., IJRR 2017, tables 1 to 3.
     """
@@ -206,8 +208,8 @@ def dataset_row(path: str | Path, summary: EventSummary) -> DatasetRow:
 def top_speeds(ground_truth: GroundTruth) -> tuple[float, float]:
     """The largest translation speed in m/s and rotation speed in degrees a second, NaN for less than two poses.
 
-    A speed is that between a pose and the first one at least :data:`SPEED_SPAN_US` later (the last one, if there is none
-    so late).
+    A speed is that between a pose and the first one at least :data:`SPEED_SPAN_US` later; in a shorter sequence,
+    between its ends.
     """
     t_us = ground_truth.t_us
     if len(t_us) < 2:
