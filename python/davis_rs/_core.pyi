@@ -13,6 +13,8 @@ __all__ = [
     "EventFileWriter",
     "__version__",
     "check_events",
+    "crc32",
+    "crc32_combine",
     "count_events",
     "latest_times",
     "log_intensity",
@@ -202,6 +204,12 @@ def check_events(events: npt.NDArray[np.void], *, last_us: int, latest_us: int, 
         ValueError: for the first event, with its index, that goes back in time, is before 0 or after ``latest_us``,
             lies outside of ``size`` (width, height), or has a polarity above 1.
     """
+
+def crc32(bytes: npt.NDArray[np.uint8], start: int) -> int:
+    """CRC-32 (ISO-HDLC, zip's) of bytes that follow those of CRC-32 ``start`` (0 for none); the GIL is released."""
+
+def crc32_combine(first: int, second: int, second_length: int) -> int:
+    """CRC-32 of two stretches of bytes, of which the second has ``second_length``, from those of each."""
 
 def log_intensity(luma: npt.NDArray[np.floating[Any]], log_eps: float) -> npt.NDArray[np.float64]:
     """L = ln(luma + log_eps) in float64, shape (height, width), as :class:`CrossingEngine` computes it.

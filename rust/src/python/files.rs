@@ -206,3 +206,22 @@ pub(super) fn check_events(
     let limits = Limits { latest_us, width: size.0, height: size.1 };
     Ok(limits.check(events.as_slice()?, last_us.max(0))?)
 }
+
+/// See `_core.pyi`.
+#[pyfunction]
+pub(super) fn crc32(py: Python<'_>, bytes: PyReadonlyArray1<'_, u8>, start: u32) -> PyResult<u32> {
+    let bytes = bytes.as_slice()?;
+    Ok(py.detach(|| {
+        let mut hasher = crc32fast::Hasher::new_with_initial(start);
+        hasher.update(bytes);
+        hasher.finalize()
+    }))
+}
+
+/// See `_core.pyi`.
+#[pyfunction]
+pub(super) fn crc32_combine(first: u32, second: u32, second_length: u64) -> u32 {
+    let mut hasher = crc32fast::Hasher::new_with_initial(first);
+    hasher.combine(&crc32fast::Hasher::new_with_initial_len(second, second_length));
+    hasher.finalize()
+}

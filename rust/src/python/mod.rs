@@ -57,5 +57,7 @@ fn _core(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_function(wrap_pyfunction!(ros::pack_event_message, m)?)?;
     m.add_function(wrap_pyfunction!(ros::unpack_event_message, m)?)?;
     m.add_function(wrap_pyfunction!(files::check_events, m)?)?;
+    m.add_function(wrap_pyfunction!(files::crc32, m)?)?;
+    m.add_function(wrap_pyfunction!(files::crc32_combine, m)?)?;
     Ok(())
 }
