@@ -39,7 +39,8 @@ def test_counts_and_frames_are_those_of_a_loop(events: EventArray) -> None:
     for _, x, y, p in events.tolist():
         expected[p, y, x] += 1
     counts, frame = count_image(events, SIZE), event_frame(events, SIZE)
-    assert (counts.dtype, frame.dtype) == (np.uint32, np.int32)
+    assert counts.dtype == np.uint32
+    assert frame.dtype == np.int32
     np.testing.assert_array_equal(counts, expected)
     np.testing.assert_array_equal(frame, expected[1] - expected[0])
 

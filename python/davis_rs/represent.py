@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from . import _core
+from ._core import count_events, latest_times
+from ._core import voxel_grid as _voxel_grid
 from .events import EventArray
 
 
@@ -35,7 +36,7 @@ def count_image(events: EventArray, size: tuple[int, int]) -> npt.NDArray[np.uin
 
     Source: Maqueda et al., "Event-based Vision meets Deep Learning on Steering Prediction", CVPR 2018, section 3.1.
     """
-    return _core.count_events(events, _checked(size))
+    return count_events(events, _checked(size))
 
 
 def time_surface(
@@ -62,7 +63,7 @@ def time_surface(
         raise ValueError(f"the time constant must be > 0 us, got {tau_us}")
     if t_us is None:
         t_us = int(events["t"][-1]) if len(events) else 0
-    latest = _core.latest_times(events, _checked(size), t_us)
+    latest = latest_times(events, _checked(size), t_us)
     # The difference of integers first: a Unix time in microseconds has no digits left for an exponential.
     surface = np.exp((latest - t_us) / tau_us)
     surface[latest < 0] = 0
@@ -106,7 +107,7 @@ def voxel_grid(
     first, last = (int(events["t"][0]), int(events["t"][-1])) if len(events) else (0, 0)
     start = first if start_us is None else start_us
     stop = max(start, last) if stop_us is None else stop_us
-    return _core.voxel_grid(events, _checked(size), bins, start, stop, endpoint).astype(dtype, copy=False)
+    return _voxel_grid(events, _checked(size), bins, start, stop, endpoint).astype(dtype, copy=False)
 
 
 def _checked(size: tuple[int, int]) -> tuple[int, int]:

@@ -199,19 +199,24 @@ class Hdf5Reader(EventReader):
 
     def _slice(self, start: int, stop: int) -> EventArray:
         events = np.zeros(max(0, stop - start), EVENT_DTYPE)
-        if not len(events):
-            return events
+        # Piece by piece, so that what is decompressed is still in the processor's cache when it is put together.
+        while start < stop:
+            end = min(stop, start - start % CHUNK + CHUNK)
+            self._fill(events[len(events) - (stop - start) :][: end - start], start, end)
+            start = end
+        return events
+
+    def _fill(self, events: EventArray, start: int, end: int) -> None:
         try:
-            t, x, y, p = (self._file[name][start:stop] for name in self.names)
+            t, x, y, p = (self._file[name][start:end] for name in self.names)
         except OSError as error:  # a filter that fails on what it is given, or is missing
-            raise DecodeError(f"{self.path}: events {start}..{stop}: {error}") from error
+            raise DecodeError(f"{self.path}: events {start}..{end}: {error}") from error
         events["t"], events["p"] = self._times(t), p > 0
         for name, column in (("x", x), ("y", y)):
             if column.dtype.kind == "i" and column.min() < 0:
                 at = start + int(column.argmin())
                 raise DecodeError(f"{self.path}: {name} of event {at} is {column.min()}")
             events[name] = column
-        return events
 
 
 def open_hdf5(path: str | os.PathLike[str]) -> h5py.File:
