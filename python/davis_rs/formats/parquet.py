@@ -9,9 +9,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import numpy.typing as npt
 
 from .._core import DecodeError
-from ..events import EVENT_DTYPE, EventArray, concatenate_events
+from ..events import EVENT_DTYPE, EventArray
 from .extras import from_extra
 from .files import PartFile
 from .interface import CHUNK, EventReader, EventWriter, Format, Limits, Target
@@ -61,7 +62,10 @@ class ParquetWriter(EventWriter):
             [pa.field(name, type_, nullable=False) for name, type_ in types.items()], metadata={SIZE_KEY: size_text}
         )
         self._row_group = row_group
-        self._waiting: list[EventArray] = []
+        dtypes = {"t": np.int64, "x": np.uint16, "y": np.uint16, "p": np.bool_}
+        self._columns: dict[str, npt.NDArray[Any]] = {
+            name: np.empty(row_group, dtype) for name, dtype in dtypes.items()
+        }
         self._count = 0
         self._file = PartFile(target, overwrite=overwrite) if isinstance(target, str | os.PathLike) else None
         self._sink = pa.OSFile(str(self._file.part), "wb") if self._file is not None else pa.PythonFile(target, "w")
@@ -79,10 +83,10 @@ class ParquetWriter(EventWriter):
         start = 0
         while start < len(packet):
             piece = packet[start : start + self._row_group - self._count]
+            for name, column in self._columns.items():
+                np.copyto(column[self._count : self._count + len(piece)], piece[name], casting="unsafe")
             start += len(piece)
             self._count += len(piece)
-            # The caller's array may change before the row group is full.
-            self._waiting.append(piece.copy())
             if self._count == self._row_group:
                 self._write_group()
 
@@ -91,12 +95,10 @@ class ParquetWriter(EventWriter):
 
         if not self._count:
             return
-        events = concatenate_events(self._waiting)
-        self._waiting, self._count = [], 0
-        types = {"t": np.int64, "x": np.uint16, "y": np.uint16, "p": np.bool_}
-        columns = [pa.array(np.ascontiguousarray(events[name]).astype(types[name], copy=False)) for name in types]
+        count, self._count = self._count, 0
+        columns = [pa.array(self._columns[name][:count]) for name in self._schema.names]
         with naming(self.path):
-            self._writer.write_table(pa.Table.from_arrays(columns, schema=self._schema), row_group_size=len(events))
+            self._writer.write_table(pa.Table.from_arrays(columns, schema=self._schema), row_group_size=count)
 
     def _flush(self) -> None:
         self._write_group()
