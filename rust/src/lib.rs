@@ -9,6 +9,7 @@
 //! intensity of a pixel crosses one of its levels, sorted and independent of the number of threads. Everything meets
 //! at [`Event`]. The Python bindings (feature `python`) are a thin layer on top and the only place that knows them.
 
+mod columns;
 mod crossing;
 mod error;
 mod event;
@@ -23,6 +24,7 @@ mod write;
 #[cfg(feature = "python")]
 mod python;
 
+pub use columns::fill_events;
 pub use crossing::{
     CrossingEngine, CrossingParameters, EngineState, Frame, Interpolation, SparseSamples, Threshold, reconstruct,
 };

@@ -258,7 +258,7 @@ class EventReader(ABC):
                 waiting.append(part)
                 count += len(part)
         if waiting:
-            yield concatenate_events(waiting)
+            yield waiting[0] if len(waiting) == 1 else concatenate_events(waiting)
 
     @final
     def read(self, *, start_us: int | None = None, stop_us: int | None = None, roi: Roi | None = None) -> EventArray:

@@ -136,7 +136,8 @@ class NpyReader(EventReader):
             warn_truncated(self.path, f"the last {missing} of {self._count} events, from byte {self._end}, are missing")
 
     def _read(self, start_us: int | None, stop_us: int | None) -> EventArray:
-        return next(self._packets(max(self._events, 1), start_us, stop_us), np.zeros(0, EVENT_DTYPE))
+        packets = list(self._packets(max(self._events, 1), start_us, stop_us))
+        return packets[0] if packets else np.zeros(0, EVENT_DTYPE)
 
     @property
     def _end(self) -> int:

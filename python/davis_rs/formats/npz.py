@@ -97,15 +97,15 @@ class DeflatedReader(EventReader):
                 yield to_events(packet, self.path)
 
 
-class UnfinishedReader(NpyReader):
-    """Reads what a killed :class:`NpzWriter` left."""
+class CutReader(NpyReader):
+    """Reads what is left of an archive of :class:`NpzWriter` without its directory at the end."""
 
     def __init__(self, path: str | os.PathLike[str], *, format: str) -> None:
         super().__init__(path, format=format, start=len(_local_header(0, 0)))
 
     def _packets(self, chunk: int, start_us: int | None, stop_us: int | None) -> Iterator[EventArray]:
         yield from super()._packets(chunk, start_us, stop_us)
-        warn_truncated(self.path, f"the archive was never finished; its {self.events} events are read")
+        warn_truncated(self.path, f"the archive was cut, or never finished; {self.events} events are left")
 
 
 class NpzFormat(Format):
@@ -130,10 +130,8 @@ class NpzFormat(Format):
             with zipfile.ZipFile(file) as archive:
                 member = _events_of(archive, file)
         except zipfile.BadZipFile as error:
-            with file.open("rb") as stream:
-                unfinished = stream.read(len(_local_header(0, 0))) == _local_header(0, 0)
-            if unfinished:
-                return UnfinishedReader(file, format=self.name)
+            if _is_ours(file):
+                return CutReader(file, format=self.name)
             raise DecodeError(f"{file}: {error}") from None
         if member.compress_type != zipfile.ZIP_STORED:
             return DeflatedReader(file, format=self.name, member=member.filename)
@@ -151,6 +149,13 @@ def _events_of(archive: zipfile.ZipFile, path: Path) -> zipfile.ZipInfo:
         names = ", ".join(member.filename for member in members)
         raise DecodeError(f"{path}: expected one array of events, named events; found {names or 'none'}")
     return chosen[0]
+
+
+def _is_ours(path: Path) -> bool:
+    """Whether the file begins as those of :class:`NpzWriter` do, whatever is said of sizes."""
+    with path.open("rb") as file:
+        begin, whole = file.read(_LOCAL.size + len(_NAME)), _local_header(0, 0)
+    return begin[:14] == whole[:14] and begin[18:] == whole[18 : len(begin)]
 
 
 def _local_header(crc: int, size: int) -> bytes:

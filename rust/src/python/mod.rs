@@ -3,6 +3,7 @@
 #![allow(clippy::needless_pass_by_value, reason = "PyO3 hands arguments over by value")]
 
 mod arrays;
+mod columns;
 mod dtype;
 mod engine;
 mod files;
@@ -51,6 +52,7 @@ fn _core(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_class::<files::PyEventFileReader>()?;
     m.add_function(wrap_pyfunction!(functions::log_intensity, m)?)?;
     m.add_function(wrap_pyfunction!(functions::reconstruct, m)?)?;
+    m.add_function(wrap_pyfunction!(columns::fill_events, m)?)?;
     m.add_function(wrap_pyfunction!(represent::count_events, m)?)?;
     m.add_function(wrap_pyfunction!(represent::latest_times, m)?)?;
     m.add_function(wrap_pyfunction!(represent::voxel_grid, m)?)?;
