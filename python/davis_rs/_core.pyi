@@ -16,6 +16,7 @@ __all__ = [
     "crc32",
     "crc32_combine",
     "count_events",
+    "fill_events",
     "latest_times",
     "log_intensity",
     "pack_event_message",
@@ -278,4 +279,17 @@ def unpack_event_message(message: bytes) -> tuple[npt.NDArray[np.void], tuple[in
 
     Raises:
         DecodeError: where the message breaks the definition, with the byte.
+    """
+
+def fill_events(
+    events: npt.NDArray[np.void],
+    t: npt.NDArray[np.int64],
+    x: npt.NDArray[np.uint16],
+    y: npt.NDArray[np.uint16],
+    p: npt.NDArray[np.uint8],
+) -> None:
+    """Fill an array of :data:`davis_rs.EVENT_DTYPE` from contiguous columns of the same length.
+
+    Raises:
+        ValueError: if the lengths differ, or for the first polarity other than 0 or 1, with its index.
     """
