@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 import numpy as np
 import numpy.typing as npt
 
-from .._core import DecodeError
+from .._core import DecodeError, fill_events
 from ..events import EVENT_DTYPE, EventArray
 from .extras import from_extra
 from .files import claim
@@ -149,7 +149,8 @@ class Hdf5Reader(EventReader):
             raise DecodeError(f"{os.fspath(path)}: no dataset {', '.join(missing)}")
         super().__init__(path, format=format, size=self._size())
         self._done = 0
-        lengths = {name: len(self._file[name]) for name in self.names}
+        self._datasets = [self._file[name] for name in self.names]
+        lengths = {dataset.name: len(dataset) for dataset in self._datasets}
         self._count = min(lengths.values())
         if self._file.attrs.get(COMPLETE, 1) == 0:
             warn_truncated(path, f"the file was never finished; {self._count} events are in it")
@@ -181,7 +182,7 @@ class Hdf5Reader(EventReader):
         first, end = self._place(start_us, 0), self._place(stop_us, self._count)
         while first < end:
             # Cut where the file's own chunks are, so that none is decompressed twice.
-            step = (self._file[self.names[0]].chunks or (chunk,))[0]
+            step = (self._datasets[0].chunks or (chunk,))[0]
             stop = min(end, first + chunk)
             if stop < end and stop - stop % step > first:
                 stop -= stop % step
@@ -194,7 +195,7 @@ class Hdf5Reader(EventReader):
     def _place(self, t_us: int | None, default: int) -> int:
         if t_us is None:
             return default
-        times = self._file[self.names[0]]
+        times = self._datasets[0]
         return bisect_left(range(self._count), t_us, key=lambda row: int(self._times(times[row : row + 1])[0]))
 
     def _slice(self, start: int, stop: int) -> EventArray:
@@ -208,15 +209,22 @@ class Hdf5Reader(EventReader):
 
     def _fill(self, events: EventArray, start: int, end: int) -> None:
         try:
-            t, x, y, p = (self._file[name][start:end] for name in self.names)
+            t, x, y, p = (dataset[start:end] for dataset in self._datasets)
         except OSError as error:  # a filter that fails on what it is given, or is missing
             raise DecodeError(f"{self.path}: events {start}..{end}: {error}") from error
-        events["t"], events["p"] = self._times(t), p > 0
-        for name, column in (("x", x), ("y", y)):
-            if column.dtype.kind == "i" and column.min() < 0:
-                at = start + int(column.argmin())
-                raise DecodeError(f"{self.path}: {name} of event {at} is {column.min()}")
-            events[name] = column
+        x, y = self._coordinate("x", x, start), self._coordinate("y", y, start)
+        fill_events(events, self._times(t), x, y, (p > 0).view(np.uint8))
+
+    def _coordinate(self, name: str, column: npt.NDArray[Any], start: int) -> npt.NDArray[np.uint16]:
+        if column.dtype == np.uint16:
+            return column
+        if column.dtype.kind not in "iu":
+            raise DecodeError(f"{self.path}: {name} must hold integers, found {column.dtype}")
+        wrong = (column < 0) | (column > 65_535)
+        if wrong.any():
+            at = int(wrong.argmax())
+            raise DecodeError(f"{self.path}: {name} of event {start + at} is {column[at]}, not in 0..65535")
+        return column.astype(np.uint16)
 
 
 def open_hdf5(path: str | os.PathLike[str]) -> h5py.File:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from .._core import DecodeError
+from .._core import DecodeError, fill_events
 from ..events import EVENT_DTYPE, EventArray
 from .extras import from_extra
 from .files import PartFile
@@ -178,23 +178,27 @@ class ParquetReader(EventReader):
 
     def _events_of(self, batch: pa.RecordBatch) -> EventArray:
         events = np.zeros(batch.num_rows, EVENT_DTYPE)
-        for name in self._COLUMNS:
-            column = batch.column(batch.schema.get_field_index(name))
-            if column.null_count:
-                raise DecodeError(f"{self.path}: {column.null_count} values of {name} are missing")
-            values = column.to_numpy(zero_copy_only=False)
-            if values.dtype.kind not in "iub":
-                raise DecodeError(f"{self.path}: column {name} must hold integers, found {column.type}")
-            field = events[name]
-            field[...] = values
-            if values.dtype == field.dtype and name != "p":
-                continue
-            limit = 1 if name == "p" else np.iinfo(field.dtype).max
-            wrong = (values < 0) | (values > limit)
-            if wrong.any():
-                at = int(wrong.argmax())
-                raise DecodeError(f"{self.path}: {name} of event {self._done + at} is {values[at]}, not in 0..{limit}")
+        t, x, y, p = (self._column(batch, name) for name in self._COLUMNS)
+        fill_events(events, t, x, y, p)
         return events
+
+    def _column(self, batch: pa.RecordBatch, name: str) -> npt.NDArray[Any]:
+        """A column of the type that events have."""
+        column = batch.column(batch.schema.get_field_index(name))
+        if column.null_count:
+            raise DecodeError(f"{self.path}: {column.null_count} values of {name} are missing")
+        values = column.to_numpy(zero_copy_only=False)
+        dtype = EVENT_DTYPE[name]
+        if values.dtype == dtype and name != "p":
+            return values
+        if values.dtype.kind not in "iub":
+            raise DecodeError(f"{self.path}: column {name} must hold integers, found {column.type}")
+        limit = 1 if name == "p" else np.iinfo(dtype).max
+        wrong = (values < 0) | (values > limit)
+        if wrong.any():
+            at = int(wrong.argmax())
+            raise DecodeError(f"{self.path}: {name} of event {self._done + at} is {values[at]}, not in 0..{limit}")
+        return values.astype(dtype)
 
 
 class ParquetFormat(Format):
