@@ -50,7 +50,7 @@ def test_a_killed_writer_leaves_every_packet_that_was_written(tmp_path: Path, ki
     written beside its path, where nothing is until it is finished."""
     events, path = many(500_000), tmp_path / kind.file
     np.save(tmp_path / "events.npy", events)
-    command = [sys.executable, "-c", KILLED, path, kind.name, tmp_path / "events.npy", repr(kind.options)]
+    command = [sys.executable, "-c", KILLED, str(path), kind.name, str(tmp_path / "events.npy"), repr(kind.options)]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         assert process.stdout.readline() == "ready\n"

@@ -201,6 +201,7 @@ def to_events(array: EventArray, path: Path) -> EventArray:
         DecodeError: if it holds what events cannot.
     """
     try:
-        return as_events(array)
+        # A dtype that was read is equal to ours but for its alignment, without which NumPy would join arrays otherwise.
+        return as_events(array).view(EVENT_DTYPE)
     except ValueError as error:
         raise DecodeError(f"{path}: {error}") from None

@@ -37,7 +37,7 @@ impl Sink {
 
     /// Ends what a writer writes, with a table of contents where its place can be noted at the beginning.
     pub(super) fn end(writer: &mut EventWriter<Self>) -> Result<()> {
-        if matches!(writer.sink(), Self::File(_, true)) { writer.end_and_patch() } else { writer.end() }
+        if matches!(writer.sink(), Self::File(_, true)) { writer.write_contents() } else { writer.flush() }
     }
 }
 

@@ -23,11 +23,9 @@ pub trait Encode: Send + Sync {
     /// Appends what was kept back.
     fn flush(&mut self, _out: &mut Vec<u8>) {}
 
-    /// Appends the bytes after the last event.
-    fn end(&mut self, _out: &mut Vec<u8>) {}
-
-    /// After [`Self::end`]: bytes that replace some written before, and their place.
-    fn patch(&self) -> Option<(u64, Vec<u8>)> {
+    /// Appends a table of contents, for a sink that can be gone back in; returns bytes that are to replace some written
+    /// before, and their place.
+    fn contents(&mut self, _out: &mut Vec<u8>) -> Option<(u64, Vec<u8>)> {
         None
     }
 }
@@ -107,16 +105,8 @@ impl<W: Write> EventWriter<W> {
     /// # Errors
     /// [`Error::Io`] if the sink refuses.
     pub fn finish(mut self) -> Result<W> {
-        self.end()?;
+        self.flush()?;
         Ok(self.sink)
-    }
-
-    /// Writes what is left; nothing may be written after it.
-    pub(crate) fn end(&mut self) -> Result<()> {
-        self.encoder.flush(&mut self.buffer);
-        self.encoder.end(&mut self.buffer);
-        self.drain()?;
-        self.sink.flush().map_err(Error::io(WRITING))
     }
 
     fn drain(&mut self) -> Result<()> {
@@ -134,18 +124,20 @@ impl<W: Write> EventWriter<W> {
 }
 
 impl<W: Write + Seek> EventWriter<W> {
-    /// [`Self::finish`] for formats that keep a table of contents at the end and its place at the beginning.
+    /// [`Self::finish`], with a table of contents if the format has one.
     ///
     /// # Errors
     /// [`Error::Io`] if the sink refuses.
-    pub fn finish_and_patch(mut self) -> Result<W> {
-        self.end_and_patch()?;
+    pub fn finish_with_contents(mut self) -> Result<W> {
+        self.write_contents()?;
         Ok(self.sink)
     }
 
-    pub(crate) fn end_and_patch(&mut self) -> Result<()> {
-        self.end()?;
-        if let Some((place, bytes)) = self.encoder.patch() {
+    /// Writes what is left and the table of contents; nothing may be written after it.
+    pub(crate) fn write_contents(&mut self) -> Result<()> {
+        self.flush()?;
+        if let Some((place, bytes)) = self.encoder.contents(&mut self.buffer) {
+            self.drain()?;
             self.sink.seek(SeekFrom::Start(place)).map_err(Error::io(WRITING))?;
             self.sink.write_all(&bytes).map_err(Error::io(WRITING))?;
             self.sink.flush().map_err(Error::io(WRITING))?;

@@ -26,8 +26,6 @@ pub struct Aedat4Encoder {
     /// Bytes written so far.
     bytes: u64,
     table: Vec<Entry>,
-    /// Where the table begins, once it is written.
-    table_place: Option<u64>,
     packet: Vec<u8>,
 }
 
@@ -56,7 +54,6 @@ impl Aedat4Encoder {
             compressor: Compressor::new(compression),
             bytes: 0,
             table: Vec::new(),
-            table_place: None,
             packet: Vec::new(),
         }
     }
@@ -80,16 +77,10 @@ impl Encode for Aedat4Encoder {
         }
     }
 
-    fn end(&mut self, out: &mut Vec<u8>) {
-        let before = out.len();
+    fn contents(&mut self, out: &mut Vec<u8>) -> Option<(u64, Vec<u8>)> {
         self.compressor.compress(&flatbuffer::table(&self.table), out);
-        self.table_place = Some(self.bytes);
-        self.bytes += (out.len() - before) as u64;
-    }
-
-    fn patch(&self) -> Option<(u64, Vec<u8>)> {
         let place = MAGIC.len() + flatbuffer::TABLE_PLACE;
-        self.table_place.map(|table| (place as u64, table.to_le_bytes().to_vec()))
+        Some((place as u64, self.bytes.to_le_bytes().to_vec()))
     }
 }
 
