@@ -1,10 +1,13 @@
 """A simulator of the DAVIS event camera: 3D scene and camera path in, events, frames, depth and ground truth out."""
 
+from . import represent
 from ._core import CrossingEngine, DecodeError, __version__, log_intensity, reconstruct
 from .camera import Camera, load_camera
 from .check import check_dataset
 from .compare import EventComparison, compare_events
+from .convert import convert
 from .dataset import DatasetWriter
+from .dtypes import from_structured, to_structured, to_tonic
 from .events import EVENT_DTYPE, as_events
 from .formats import EventReader, EventWriter, TruncatedFileWarning, WriteReport
 from .light_course import Flicker, LightCourse, SampledCourse
@@ -59,6 +62,8 @@ __all__ = [
     "as_events",
     "check_dataset",
     "compare_events",
+    "convert",
+    "from_structured",
     "interval",
     "iter_events",
     "load_camera",
@@ -70,8 +75,11 @@ __all__ = [
     "read_trajectory",
     "reconstruct",
     "record",
+    "represent",
     "simulate",
     "start_pose",
+    "to_structured",
+    "to_tonic",
     "video_dataset",
     "view_dataset",
 ]
