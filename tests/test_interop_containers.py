@@ -13,6 +13,8 @@ import pytest
 from davis_rs import DecodeError, open_writer, read_events
 from davis_rs.dtypes import to_structured
 from davis_rs.events import EVENT_DTYPE, EventArray
+from davis_rs.formats.e2vid import E2vidReader, E2vidWriter
+from davis_rs.read_events import open_reader
 from davis_rs.represent import count_image, time_surface, voxel_grid
 
 SIZE = (240, 180)
@@ -89,7 +91,11 @@ def test_e2vids_columns_are_what_its_loader_reads(tmp_path: Path) -> None:
     """Types, seconds, and the attributes of event_cnn_minimal, with h5py alone (no filter plugin)."""
     h5py = pytest.importorskip("h5py")
     events, path = many(100_000), tmp_path / "events.h5"
-    write(path, events, "e2vid")
+    with open_writer(path, SIZE, "e2vid") as writer:
+        assert isinstance(writer, E2vidWriter)
+        writer.write(events[:50_000])
+        writer.write_image(500_000, (np.arange(240 * 180) % 256).astype(np.uint8).reshape(180, 240))
+        writer.write(events[50_000:])
     with h5py.File(path) as file:
         assert [file[f"events/{name}"].dtype.str for name in ("xs", "ys", "ts", "ps")] == ["<i2", "<i2", "<f8", "|b1"]
         np.testing.assert_array_equal(file["events/ts"][:], events["t"] / 1e6)
@@ -97,7 +103,14 @@ def test_e2vids_columns_are_what_its_loader_reads(tmp_path: Path) -> None:
         assert file.attrs["sensor_resolution"].tolist() == [180, 240]
         assert file.attrs["num_events"] == len(events)
         assert (file.attrs["t0"], file.attrs["tk"]) == (events["t"][0] / 1e6, events["t"][-1] / 1e6)
-        assert list(file["images"]) == []
+        assert list(file["images"]) == ["image000000000"]
+        image = file["images/image000000000"]
+        assert (image.attrs["timestamp"], image.attrs["event_idx"], image.shape) == (0.5, 50_000, (180, 240))
+        assert file.attrs["num_imgs"] == 1
+    with open_reader(path) as reader:
+        assert isinstance(reader, E2vidReader)
+        ((t_us, pixels),) = reader.images()
+        assert (t_us, int(pixels[3, 4])) == (500_000, 3 * 240 % 256 + 4)
 
 
 def test_hdf5_of_others_is_read(tmp_path: Path) -> None:
@@ -193,7 +206,6 @@ def test_all_topics_of_the_public_bags(tmp_path: Path) -> None:
     from davis_rs import Camera
     from davis_rs.formats.bag import BagWriter
     from davis_rs.formats.bag_reader import BagReader
-    from davis_rs.read_events import open_reader
 
     path = tmp_path / "all.bag"
     rng = np.random.default_rng(2)

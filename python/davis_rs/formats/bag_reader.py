@@ -53,7 +53,12 @@ class BagReader(EventReader):
             raise DecodeError(f"{path}: the index is broken") from error
         self._caller = caller
         self.path = path
-        super().__init__(path, format=format, size=self._first_size())
+        try:
+            size = self._first_size()
+        except BaseException:
+            self.close()
+            raise
+        super().__init__(path, format=format, size=size)
 
     @property
     def progress(self) -> float:

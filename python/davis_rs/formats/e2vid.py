@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ import numpy.typing as npt
 
 from ..events import EventArray
 from .hdf5 import Hdf5Format, Hdf5Reader, Hdf5Writer
-from .interface import EventReader, EventWriter, Limits, Target
+from .interface import Failing, Limits, Target
 
 
 class E2vidWriter(Hdf5Writer):
@@ -33,6 +34,30 @@ class E2vidWriter(Hdf5Writer):
         for name in ("duration", "t0", "tk"):
             root[name] = np.float64(0)
         root["source"] = "davis_rs"
+
+    def write_image(self, t_us: int, image: npt.NDArray[np.uint8]) -> None:
+        """Write an intensity frame, after the events before it: uint8, shape (height, width).
+
+        Raises:
+            ValueError: for another shape or type, or a negative time.
+            OSError: if the system refuses.
+        """
+        self._refuse_if_over()
+        width, height = self.size
+        if image.shape != (height, width) or image.dtype != np.uint8 or t_us < 0:
+            raise ValueError(
+                f"an image must be uint8 of shape {(height, width)} at 0 us or later: "
+                f"got {image.dtype}, {image.shape}, {t_us} us"
+            )
+        with Failing(self), self._telling():
+            root, images = self._hdf5.file.attrs, self._hdf5.file["images"]
+            dataset = images.create_dataset(f"image{len(images):09d}", data=image)
+            dataset.attrs["timestamp"] = t_us / 1e6
+            dataset.attrs["size"] = image.shape
+            dataset.attrs["type"] = "greyscale"
+            dataset.attrs["event_idx"] = self._on + self._off
+            root.modify("num_imgs", np.int64(len(images)))
+            self._hdf5.check()
 
     def _append(self, packet: EventArray) -> None:
         # Correctly rounded quotients, so that rint(1e6 t) gives the microseconds back.
@@ -66,6 +91,12 @@ class E2vidReader(Hdf5Reader):
 
     names = ("events/ts", "events/xs", "events/ys", "events/ps")
 
+    def images(self) -> Iterator[tuple[int, npt.NDArray[np.uint8]]]:
+        """Intensity frames as (t_us, uint8 (height, width)), in the order of their names."""
+        group = self._file.get("images", {})
+        for name in sorted(group):
+            yield round(float(group[name].attrs["timestamp"]) * 1e6), group[name][:]
+
     def _times(self, values: npt.NDArray[Any]) -> npt.NDArray[np.int64]:
         return np.rint(np.asarray(values, np.float64) * 1e6).astype(np.int64)
 
@@ -87,7 +118,7 @@ class E2vidFormat(Hdf5Format):
         compression: str = "none",
         level: int = 1,
         **options: Any,
-    ) -> EventWriter:
+    ) -> E2vidWriter:
         return E2vidWriter(
             target,
             format=self.name,
@@ -99,5 +130,5 @@ class E2vidFormat(Hdf5Format):
             **options,
         )
 
-    def open_reader(self, path: str | os.PathLike[str]) -> EventReader:
+    def open_reader(self, path: str | os.PathLike[str]) -> E2vidReader:
         return E2vidReader(Path(path), format=self.name)

@@ -144,18 +144,22 @@ class Hdf5Reader(EventReader):
 
     def __init__(self, path: str | os.PathLike[str], *, format: str) -> None:
         self._file = open_hdf5(path)
-        missing = [name for name in self.names if name not in self._file]
-        if missing:
-            raise DecodeError(f"{os.fspath(path)}: no dataset {', '.join(missing)}")
-        super().__init__(path, format=format, size=self._size())
-        self._done = 0
-        self._datasets = [self._file[name] for name in self.names]
-        lengths = {dataset.name: len(dataset) for dataset in self._datasets}
-        self._count = min(lengths.values())
-        if self._file.attrs.get(COMPLETE, 1) == 0:
-            warn_truncated(path, f"the file was never finished; {self._count} events are in it")
-        elif len(set(lengths.values())) > 1:
-            raise DecodeError(f"{path}: datasets of events differ in length: {lengths}")
+        try:
+            missing = [name for name in self.names if name not in self._file]
+            if missing:
+                raise DecodeError(f"{os.fspath(path)}: no dataset {', '.join(missing)}")
+            super().__init__(path, format=format, size=self._size())
+            self._done = 0
+            self._datasets = [self._file[name] for name in self.names]
+            lengths = {dataset.name: len(dataset) for dataset in self._datasets}
+            self._count = min(lengths.values())
+            if self._file.attrs.get(COMPLETE, 1) == 0:
+                warn_truncated(path, f"the file was never finished; {self._count} events are in it")
+            elif len(set(lengths.values())) > 1:
+                raise DecodeError(f"{path}: datasets of events differ in length: {lengths}")
+        except BaseException:
+            self._file.close()
+            raise
 
     @property
     def events(self) -> int:
