@@ -13,9 +13,9 @@ __all__ = [
     "EventFileWriter",
     "__version__",
     "check_events",
+    "count_events",
     "crc32",
     "crc32_combine",
-    "count_events",
     "fill_events",
     "latest_times",
     "log_intensity",
@@ -268,7 +268,9 @@ def voxel_grid(
     """See :func:`davis_rs.represent.voxel_grid`; float64, shape (bins, height, width)."""
 
 def pack_event_message(events: npt.NDArray[np.void], size: tuple[int, int], seq: int, frame_id: str) -> bytes:
-    """A ``dvs_msgs/EventArray`` as ROS 1 serializes it; its stamp is the last event's time. ``size`` is (width, height).
+    """A ``dvs_msgs/EventArray`` as ROS 1 serializes it, stamped with the last event's time.
+
+    ``size`` is (width, height).
 
     Raises:
         ValueError: for a time outside of 0..2^32 s, with the event's index.

@@ -47,11 +47,8 @@ def to_structured(events: EventArray, layout: str | npt.DTypeLike) -> npt.NDArra
     Raises:
         ValueError: if a value does not fit its field exactly, with the event's index; for an unknown layout.
     """
-    if isinstance(layout, str) and layout in LAYOUTS:
-        dtype = LAYOUTS[layout]
-    else:
-        dtype = np.dtype(layout)
-    return _converted(events, EVENT_DTYPE, dtype)
+    named = LAYOUTS.get(layout) if isinstance(layout, str) else None
+    return _converted(events, EVENT_DTYPE, np.dtype(layout) if named is None else named)
 
 
 def from_structured(events: npt.NDArray[np.void]) -> EventArray:
@@ -89,7 +86,6 @@ def _fields(dtype: np.dtype[np.void]) -> dict[str, str]:
     for ours, names in found.items():
         if len(names) != 1:
             raise ValueError(
-                f"a layout of events needs one field that is one of {', '.join(_NAMES[ours])}; {dtype} has "
-                f"{len(names)}"
+                f"a layout of events needs one field that is one of {', '.join(_NAMES[ours])}; {dtype} has {len(names)}"
             )
     return {ours: names[0] for ours, names in found.items()}
