@@ -1,55 +1,12 @@
-"""Rows of the bench beside other programs: HDF5, Parquet, bags, and voxel grids.
-
-``ROWS`` is what is measured. ``python benches/peers_containers.py EVENTS.npy [WORD ...]`` measures them by itself, on
-an array of ``davis_rs.EVENT_DTYPE``: each row in a process of its own, one thread, the file in the page cache without
-fsync; the best of three.
-"""
+"""Rows of ``peers.py``: HDF5, Parquet, bags, and voxel grids."""
 
 from __future__ import annotations
 
-import json
-import resource
-import subprocess
-import sys
-import tempfile
-import time
-from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-import numpy.typing as npt
-
-EventArray = npt.NDArray[np.void]
-SIZE = (240, 180)
-PACKET = 100_000
-
-
-class Row(NamedTuple):
-    """A program that writes a file of events, and perhaps one that reads it as it likes best."""
-
-    format: str
-    program: str
-    suffix: str
-    write: Callable[[Path, EventArray], object]
-    read: Callable[[Path], object] | None
-
-
-def _ours(format: str, suffix: str, **options: Any) -> Row:
-    def write(path: Path, events: EventArray) -> None:
-        from davis_rs import open_writer
-
-        with open_writer(path, SIZE, format, **options) as writer:
-            for packet in _packets(events):
-                writer.write(packet)
-
-    def read(path: Path) -> object:
-        from davis_rs import read_events
-
-        return read_events(path)
-
-    told = ", ".join(f"{name} {value}" for name, value in options.items())
-    return Row(f"{format}{f' ({told})' if told else ''}", "davis_rs", suffix, write, read)
+from peers_row import SIZE, EventArray, Row, ours, packets
 
 
 def _h5py_write(path: Path, events: EventArray, **filters: Any) -> None:
@@ -62,7 +19,7 @@ def _h5py_write(path: Path, events: EventArray, **filters: Any) -> None:
             name: file.create_dataset(f"events/{name}", (0,), dtype, maxshape=(None,), chunks=(1 << 17,), **filters)
             for name, dtype in types.items()
         }
-        for packet in _packets(events):
+        for packet in packets(events):
             for name, column in columns.items():
                 column.resize((len(column) + len(packet),))
                 column[-len(packet) :] = packet[name]
@@ -109,7 +66,7 @@ def _rosbags_write(path: Path, events: EventArray) -> None:
     path.unlink(missing_ok=True)
     with Writer(path) as bag:
         connection = bag.add_connection(*EVENTS, typestore=typestore())
-        for packet in _packets(events):
+        for packet in packets(events):
             packed = np.empty(len(packet), _PACKED)
             packed["x"], packed["y"], packed["p"] = packet["x"], packet["y"], packet["p"]
             packed["sec"], rest = np.divmod(packet["t"], 1_000_000)
@@ -150,80 +107,16 @@ def _tonics_grid(_: Path, events: EventArray) -> object:
 
 
 ROWS = [
-    _ours("dsec", ".h5"),
-    _ours("dsec", ".h5", compression="lz4"),
-    _ours("dsec", ".h5", compression="none"),
-    _ours("e2vid", ".h5"),
+    ours("dsec", ".h5"),
+    ours("dsec", ".h5", compression="lz4"),
+    ours("dsec", ".h5", compression="none"),
+    ours("e2vid", ".h5"),
     Row("h5py, raw", "h5py", ".h5", _h5py_write, _h5py_read),
     Row("h5py, Blosc zstd 1", "h5py", ".h5", _h5py_zstd, _h5py_read),
-    _ours("parquet", ".parquet"),
+    ours("parquet", ".parquet"),
     Row("parquet, whole table", "pyarrow / polars", ".parquet", _pyarrow_write, _polars_read),
-    _ours("bag", ".bag"),
+    ours("bag", ".bag"),
     Row("bag, packed by NumPy", "rosbags", ".bag", _rosbags_write, _rosbags_read),
     Row("voxel grid, 5 bins", "davis_rs", "", _our_grid, None),
     Row("voxel grid, 5 bins", "tonic", "", _tonics_grid, None),
 ]
-
-
-def _packets(events: EventArray) -> Iterable[EventArray]:
-    return (events[start : start + PACKET] for start in range(0, len(events), PACKET))
-
-
-def _one_thread() -> None:
-    """Tell the libraries of this process."""
-    import numcodecs.blosc
-    import pyarrow
-
-    numcodecs.blosc.set_nthreads(1)
-    pyarrow.set_cpu_count(1)
-
-
-def measure(row: Row, events: EventArray, rounds: int = 3) -> dict[str, float]:
-    """Mev/s by wall and by processor time, bytes an event, and the process's peak memory over that before."""
-    _one_thread()
-    best: dict[str, float] = {}
-
-    def timed(name: str, act: Callable[[], object]) -> None:
-        wall, processor = time.perf_counter(), time.process_time()
-        act()
-        wall, processor = time.perf_counter() - wall, time.process_time() - processor
-        for key, seconds in ((name, wall), (f"{name} (processor time)", processor)):
-            best[key] = max(best.get(key, 0.0), len(events) / 1e6 / seconds)
-
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / f"events{row.suffix}"
-        for _ in range(rounds):
-            path.unlink(missing_ok=True)
-            timed("write", lambda: row.write(path, events))
-        if path.exists():
-            best["bytes an event"] = path.stat().st_size / len(events)
-        best["peak MB"] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-        if row.read is not None:
-            read = row.read
-            for _ in range(rounds):
-                timed("read", lambda: read(path))
-    return best
-
-
-def main(arguments: list[str]) -> None:
-    """Measure the rows whose format or program has one of the words in it; all without a word."""
-    if arguments[:1] == ["--row"]:
-        events = np.load(arguments[2])
-        print(json.dumps(measure(ROWS[int(arguments[1])], events)))
-        return
-    path, words = arguments[0], arguments[1:]
-    for number, row in enumerate(ROWS):
-        if words and not any(word in f"{row.format} {row.program}" for word in words):
-            continue
-        command = [sys.executable, __file__, "--row", str(number), path]
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
-        name = f"{row.format:26} {row.program:18} "
-        if done.returncode:
-            print(name + done.stderr.splitlines()[-1])
-            continue
-        figures = json.loads(done.stdout)
-        print(name + "  ".join(f"{what} {value:.4g}" for what, value in figures.items()), flush=True)
-
-
-if __name__ == "__main__":
-    main(sys.argv[1:])
