@@ -161,10 +161,27 @@ class ParquetReader(EventReader):
         self._file.close()
 
     def _packets(self, chunk: int, start_us: int | None, stop_us: int | None) -> Iterator[EventArray]:
-        groups = [group for group in range(self._file.num_row_groups) if self._touches(group, start_us, stop_us)]
+        for batch in self._batches(self._groups(start_us, stop_us), chunk):
+            events = np.empty(batch.num_rows, EVENT_DTYPE)
+            self._fill(events, batch)
+            yield events
+
+    def _read(self, start_us: int | None, stop_us: int | None) -> EventArray:
+        groups = self._groups(start_us, stop_us)
+        events = np.empty(sum(self._file.metadata.row_group(group).num_rows for group in groups), EVENT_DTYPE)
+        filled = 0
+        for batch in self._batches(groups, 1 << 18):
+            self._fill(events[filled : filled + batch.num_rows], batch)
+            filled += batch.num_rows
+        return events
+
+    def _groups(self, start_us: int | None, stop_us: int | None) -> list[int]:
+        return [group for group in range(self._file.num_row_groups) if self._touches(group, start_us, stop_us)]
+
+    def _batches(self, groups: list[int], chunk: int) -> Iterator[pa.RecordBatch]:
         self._done = 0
         for batch in self._file.iter_batches(chunk, row_groups=groups, columns=list(self._COLUMNS)):
-            yield self._events_of(batch)
+            yield batch
             self._done += batch.num_rows
         self._done = self.events
 
@@ -176,11 +193,9 @@ class ParquetReader(EventReader):
             return True
         return (start_us is None or statistics.max >= start_us) and (stop_us is None or statistics.min < stop_us)
 
-    def _events_of(self, batch: pa.RecordBatch) -> EventArray:
-        events = np.zeros(batch.num_rows, EVENT_DTYPE)
+    def _fill(self, events: EventArray, batch: pa.RecordBatch) -> None:
         t, x, y, p = (self._column(batch, name) for name in self._COLUMNS)
         fill_events(events, t, x, y, p)
-        return events
 
     def _column(self, batch: pa.RecordBatch, name: str) -> npt.NDArray[Any]:
         """A column of the type that events have."""
@@ -189,6 +204,8 @@ class ParquetReader(EventReader):
             raise DecodeError(f"{self.path}: {column.null_count} values of {name} are missing")
         values = column.to_numpy(zero_copy_only=False)
         dtype = EVENT_DTYPE[name]
+        if values.dtype == np.bool_ and name == "p":
+            return values.view(np.uint8)
         if values.dtype == dtype and name != "p":
             return values
         if values.dtype.kind not in "iub":
