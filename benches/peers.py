@@ -1,7 +1,7 @@
 """Event files beside other programs in one run: ``python benches/peers.py EVENTS.npy [WORD ...]``.
 
 EVENTS.npy holds an array of ``davis_rs.EVENT_DTYPE``. Each row is measured in a process of its own, on one thread, the
-file in the page cache without fsync; the best of three. Programs that are not installed (extra ``interop``) are left out.
+file in the page cache without fsync; the best of three. What is not installed (extra ``interop``) is left out.
 """
 
 from __future__ import annotations

@@ -83,6 +83,20 @@ def test_slices_of_time_and_space_are_those_of_the_whole(tmp_path: Path, kind: K
         assert_same(read_events(path, start_us=start, stop_us=stop, roi=(10, 20, 60, 90)), events[keep])
 
 
+@pytest.mark.parametrize("name", ["text", "npy", "npz", "aedat4", "aedat4 lz4", "aedat4 zstd"])
+def test_a_slice_reads_its_part_of_the_file_alone(tmp_path: Path, name: str) -> None:
+    """What stands elsewhere may be damaged without harm."""
+    events = many(200_000)
+    path, t = write_events(KINDS[name], tmp_path, events), events["t"]
+    data = bytearray(path.read_bytes())
+    for share in (0.2, 0.8):
+        place = int(share * len(data))
+        data[place : place + 3000] = b"\xa5" * 3000
+    path.write_bytes(data)
+    start, stop = int(t[95_000]), int(t[105_000])
+    assert_same(read_events(path, start_us=start, stop_us=stop), events[(t >= start) & (t < stop)])
+
+
 @every_kind
 def test_chunks_join_to_the_whole(tmp_path: Path, kind: Kind) -> None:
     """iter_events() hands out arrays of the size asked for, the last one shorter; progress ends at 1."""

@@ -169,6 +169,9 @@ def test_we_read_dv_processings(tmp_path: Path, compression: str) -> None:
     del writer
     assert_same(read_events(path), events)
     assert open_reader(path).size == SIZE
+    start, stop = events["t"][700], events["t"][1300]
+    keep = (events["t"] >= start) & (events["t"] < stop)
+    assert_same(read_events(path, start_us=int(start), stop_us=int(stop)), events[keep])
 
 
 def test_tonic_reads_our_aedat(tmp_path: Path) -> None:

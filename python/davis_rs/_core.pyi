@@ -156,7 +156,7 @@ class EventFileWriter:
         overwrite: bool = False,
         size_line: bool = False,
         compression: str = "none",
-        level: int = 1,
+        level: int = 0,
         start_us: int = 0,
     ) -> EventFileWriter: ...
     def write(self, events: npt.NDArray[np.void]) -> None:
@@ -177,9 +177,21 @@ class EventFileReader:
         path: the file.
         format: as :class:`EventFileWriter`'s.
         from_byte: text: where the first line to be read begins.
+        start_us, stop_us: aedat4: only the packets that hold events of that slice are read, if the table of contents
+            tells.
     """
 
-    def __new__(cls, path: str | os.PathLike[str], format: str, *, from_byte: int = 0) -> EventFileReader: ...
+    def __new__(
+        cls,
+        path: str | os.PathLike[str],
+        format: str,
+        *,
+        from_byte: int = 0,
+        start_us: int | None = None,
+        stop_us: int | None = None,
+    ) -> EventFileReader: ...
+    def look(self) -> None:
+        """Read until there is an event or the size is known; for a reader that will read nothing else."""
     def read(self, enough: int) -> npt.NDArray[np.void]:
         """The next events: at least ``enough`` and not many more, fewer at the end."""
     @property

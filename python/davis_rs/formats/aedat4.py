@@ -6,15 +6,23 @@ import os
 from pathlib import Path
 from typing import Literal
 
+from .._core import EventFileReader
 from .core_files import CoreReader, CoreWriter
 from .interface import EventWriter, Format, Limits, Target
+
+
+class Aedat4Reader(CoreReader):
+    """Reads AEDAT 4.0; of a slice of time, its packets alone, if the file has a table of contents."""
+
+    def _open(self, start_us: int | None = None, stop_us: int | None = None) -> EventFileReader:
+        return EventFileReader(self.path, self.format, start_us=start_us, stop_us=stop_us)
 
 
 class Aedat4Format(Format):
     """Options of the writer:
 
     - ``compression`` ("lz4"): of each packet by itself, "none", "lz4" or "zstd";
-    - ``level`` (1): of Zstandard, -7..22;
+    - ``level`` (-4): of Zstandard, -7..22; 1 makes files 5 % smaller and takes a quarter more time;
     - ``start_us`` (0): the Unix time in microseconds of the events' 0, which is added to all times. They are read as
       they stand in the file.
 
@@ -38,7 +46,7 @@ class Aedat4Format(Format):
         *,
         overwrite: bool,
         compression: Literal["none", "lz4", "zstd"] = "lz4",
-        level: int = 1,
+        level: int = -4,
         start_us: int = 0,
     ) -> EventWriter:
         if not -7 <= level <= 22:
@@ -56,5 +64,5 @@ class Aedat4Format(Format):
             start_us=start_us,
         )
 
-    def open_reader(self, path: str | os.PathLike[str]) -> CoreReader:
-        return CoreReader(path, format=self.name)
+    def open_reader(self, path: str | os.PathLike[str]) -> Aedat4Reader:
+        return Aedat4Reader(path, format=self.name)

@@ -11,6 +11,8 @@ from .._core import EventFileReader, EventFileWriter
 from ..events import EventArray
 from .interface import EventReader, EventWriter, Failing, Limits, Target, warn_truncated
 
+_STEP = 1 << 13
+
 
 class CoreWriter(EventWriter):
     """A writer of a format of the core; ``options`` are those of :class:`davis_rs._core.EventFileWriter`."""
@@ -47,21 +49,23 @@ class CoreReader(EventReader):
         super().__init__(path, format=format)
         # The beginning may hold the size; what does not begin as its format says is told at once.
         self._core = self._open()
-        self._core.read(1)
+        self._core.look()
         self.size = self._core.size
 
     @property
     def progress(self) -> float:
         return self._core.bytes / max(self._core.file_size, 1)
 
-    def _open(self, start_us: int | None = None) -> EventFileReader:
-        """The core's reader, from the beginning or a place before which all times are below ``start_us``."""
+    def _open(self, start_us: int | None = None, stop_us: int | None = None) -> EventFileReader:
+        """The core's reader of the whole file, or of a part of it with all events of a slice of time."""
         return EventFileReader(self.path, self.format)
 
     def _packets(self, chunk: int, start_us: int | None, stop_us: int | None) -> Iterator[EventArray]:
-        core = self._core = self._open(start_us)
+        core = self._core = self._open(start_us, stop_us)
+        # Not far past the slice's end, where that is seen by its events.
+        enough = chunk if stop_us is None else min(chunk, _STEP)
         while not core.over:
-            packet = core.read(chunk)
+            packet = core.read(enough)
             yield packet
             if self._past(packet, stop_us):
                 return

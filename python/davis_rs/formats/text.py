@@ -18,7 +18,7 @@ _SEARCHED = 1 << 16
 class TextReader(CoreReader):
     """Reads events.txt; of a slice of time, its part of the file alone."""
 
-    def _open(self, start_us: int | None = None) -> EventFileReader:
+    def _open(self, start_us: int | None = None, stop_us: int | None = None) -> EventFileReader:
         from_byte = 0 if start_us is None else self._find(start_us)
         return EventFileReader(self.path, self.format, from_byte=from_byte)
 

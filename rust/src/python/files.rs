@@ -28,7 +28,7 @@ pub(super) struct PyEventFileWriter {
 impl PyEventFileWriter {
     #[new]
     #[allow(clippy::too_many_arguments, reason = "keywords in Python")]
-    #[pyo3(signature = (target, format, *, width, height, overwrite = false, size_line = false, compression = "none", level = 1, start_us = 0))]
+    #[pyo3(signature = (target, format, *, width, height, overwrite = false, size_line = false, compression = "none", level = 0, start_us = 0))]
     fn new(
         target: &Bound<'_, PyAny>,
         format: &str,
@@ -141,8 +141,14 @@ pub(super) struct PyEventFileReader {
 #[pymethods]
 impl PyEventFileReader {
     #[new]
-    #[pyo3(signature = (path, format, *, from_byte = 0))]
-    fn new(path: PathBuf, format: &str, from_byte: usize) -> PyResult<Self> {
+    #[pyo3(signature = (path, format, *, from_byte = 0, start_us = None, stop_us = None))]
+    fn new(
+        path: PathBuf,
+        format: &str,
+        from_byte: usize,
+        start_us: Option<i64>,
+        stop_us: Option<i64>,
+    ) -> PyResult<Self> {
         let name = path.display().to_string();
         let mut file = OpenOptions::new().read(true).open(&path).map_err(Error::io(&name))?;
         let file_size = file.metadata().map_err(Error::io(&name))?.len();
@@ -150,12 +156,21 @@ impl PyEventFileReader {
         let reader = match format {
             "text" if from_byte == 0 => EventReader::new(file, TextDecoder::new()),
             "text" => EventReader::new(file, TextDecoder::from_byte(from_byte)),
+            "aedat4" if start_us.is_some() || stop_us.is_some() => {
+                let times = start_us.unwrap_or(i64::MIN)..stop_us.unwrap_or(i64::MAX);
+                let decoder = Aedat4Decoder::of_slice(&mut file, times).map_err(|error| naming(error, &name))?;
+                EventReader::new(file, decoder)
+            }
             "aedat4" => EventReader::new(file, Aedat4Decoder::new()),
             "evt2" => EventReader::new(file, Evt2Decoder::new()),
             "evt3" => EventReader::new(file, Evt3Decoder::new()),
             _ => return Err(PyValueError::new_err(format!("the core has no format {format:?}"))),
         };
         Ok(Self { name, reader, file_size, over: false })
+    }
+
+    fn look(&mut self, py: Python<'_>) -> PyResult<()> {
+        Ok(py.detach(|| self.reader.look()).map_err(|error| naming(error, &self.name))?)
     }
 
     /// At least `enough` events and not many more, fewer at the end.

@@ -8,6 +8,9 @@ use crate::event::Event;
 /// Bytes asked of the source at a time.
 const AT_ONCE: usize = 1 << 18;
 
+/// Bytes asked of it for a first look.
+const LOOK: usize = 1 << 12;
+
 /// A format: how bytes become events. It does no I/O; any split of the bytes decodes alike.
 pub trait Decode: Send + Sync {
     /// Appends the events of the whole records at the beginning of `bytes`, which follow those used before, and returns
@@ -23,6 +26,11 @@ pub trait Decode: Send + Sync {
     /// As [`Self::decode`].
     fn end(&mut self, _bytes: &[u8], _events: &mut Vec<Event>) -> Result<usize> {
         Ok(0)
+    }
+
+    /// Whether no events can follow, whatever the source still holds.
+    fn over(&self) -> bool {
+        false
     }
 
     /// Width and height of the sensor, where the bytes so far tell.
@@ -71,29 +79,47 @@ impl<R: Read> EventReader<R> {
     /// [`Error::Io`] if the source refuses, [`Error::Format`] from the decoder.
     pub fn read(&mut self, enough: usize, events: &mut Vec<Event>) -> Result<bool> {
         while !self.over && events.len() < enough {
-            self.fill()?;
-            let bytes = &self.buffer[self.waiting.clone()];
-            let mut used = self.decoder.decode(bytes, events)?;
-            if self.over {
-                used += self.decoder.end(&bytes[used..], events)?;
-                self.left_over = (bytes.len() - used) as u64;
-            }
-            self.waiting.start += used;
-            self.bytes += used as u64;
+            self.step(AT_ONCE, events)?;
         }
         Ok(!self.over)
     }
 
+    /// Reads until there is an event or the size is known, and little more; for a reader that will read nothing else.
+    ///
+    /// # Errors
+    /// As [`Self::read`].
+    pub fn look(&mut self) -> Result<()> {
+        let mut events = Vec::new();
+        while !self.over && events.is_empty() && self.size().is_none() {
+            self.step(LOOK, &mut events)?;
+        }
+        Ok(())
+    }
+
+    fn step(&mut self, at_once: usize, events: &mut Vec<Event>) -> Result<()> {
+        self.fill(at_once)?;
+        let bytes = &self.buffer[self.waiting.clone()];
+        let mut used = self.decoder.decode(bytes, events)?;
+        if self.over {
+            used += self.decoder.end(&bytes[used..], events)?;
+            self.left_over = (bytes.len() - used) as u64;
+        }
+        self.over |= self.decoder.over();
+        self.waiting.start += used;
+        self.bytes += used as u64;
+        Ok(())
+    }
+
     /// Moves what waits to the front and puts more behind it; a record that fills the buffer makes it grow.
-    fn fill(&mut self) -> Result<()> {
+    fn fill(&mut self, at_once: usize) -> Result<()> {
         let kept = self.waiting.len();
         self.buffer.copy_within(self.waiting.clone(), 0);
-        if self.buffer.len() < kept + AT_ONCE {
-            self.buffer.resize(2 * (kept + AT_ONCE), 0);
+        if self.buffer.len() < kept + at_once {
+            self.buffer.resize(2 * (kept + at_once), 0);
         }
         self.waiting = 0..kept;
         // To the buffer's end only where it has grown: what is decoded should still be in the cache.
-        let until = (kept + AT_ONCE).max(2 * kept).min(self.buffer.len());
+        let until = (kept + at_once).max(2 * kept).min(self.buffer.len());
         loop {
             match self.source.read(&mut self.buffer[kept..until]) {
                 Ok(0) => self.over = true,

@@ -47,6 +47,12 @@ impl<'a> Flatbuffer<'a> {
         self.0.get(vector + 4..)?.get(..length)
     }
 
+    /// The tables of the vector that `place` refers to; one that lies outside ends them.
+    pub(super) fn tables(self, place: usize) -> Option<impl Iterator<Item = Table>> {
+        let (first, count) = (self.behind(place)? + 4, self.vector(place, 4)?.len() / 4);
+        Some((0..count).map_while(move |i| self.behind(first + 4 * i).map(Table)))
+    }
+
     fn behind(self, place: usize) -> Option<usize> {
         place.checked_add(usize::try_from(self.i32(place)?).ok()?)
     }

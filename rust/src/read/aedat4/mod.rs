@@ -1,5 +1,6 @@
 //! AEDAT 4.0 to events; the file is described in `write::aedat4`.
 
+mod contents;
 mod flatbuffer;
 mod header;
 
@@ -83,12 +84,12 @@ impl Decode for Aedat4Decoder {
                 None => return Ok(0),
             }
         }
-        while let Some((stream, size)) = packet_header(&bytes[at..]) {
-            let Some(header) = &self.header else { break };
-            let in_table = header.table_place.is_some_and(|table| self.place >= table);
+        while let Some(header) = &self.header {
+            self.over |= header.table_place.is_some_and(|table| self.place >= table);
+            let Some((stream, size)) = packet_header(&bytes[at..]) else { break };
             // A stream that was not announced: a table of contents that was being written when its writer ended.
-            if self.over || in_table || !header.streams.contains(&stream) {
-                self.over = true;
+            self.over |= !header.streams.contains(&stream);
+            if self.over {
                 break;
             }
             let fault = |message: String| Error::Format { message, line: None, byte: self.place };
@@ -112,6 +113,10 @@ impl Decode for Aedat4Decoder {
             return Err(Error::Format { message: message.into(), line: None, byte: 0 });
         }
         Ok(0)
+    }
+
+    fn over(&self) -> bool {
+        self.over
     }
 
     fn size(&self) -> Option<(u32, u32)> {

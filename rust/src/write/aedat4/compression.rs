@@ -3,6 +3,7 @@
 use std::io::Write;
 
 use lz4_flex::frame::{BlockMode, BlockSize, FrameEncoder, FrameInfo};
+use zstd::zstd_safe::CParameter;
 
 /// How the packets of a file are compressed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -11,7 +12,7 @@ pub enum Compression {
     None,
     /// LZ4 frames.
     Lz4,
-    /// Zstandard frames, of this level.
+    /// Zstandard frames, of this level; -4 steps by four bytes, which divide an event's 16.
     Zstd(i32),
 }
 
@@ -43,7 +44,14 @@ pub(super) struct Compressor {
 impl Compressor {
     pub(super) fn new(compression: Compression) -> Self {
         let zstd = match compression {
-            Compression::Zstd(level) => Some(zstd::bulk::Compressor::new(level).expect("memory for a compressor")),
+            Compression::Zstd(level) => {
+                let mut zstd = zstd::bulk::Compressor::new(level).expect("memory for a compressor");
+                if level < 0 {
+                    // Fast levels take a small table, and miss what comes again after some hundred events.
+                    zstd.set_parameter(CParameter::HashLog(14)).expect("a parameter within its range");
+                }
+                Some(zstd)
+            }
             _ => None,
         };
         Self { compression, zstd, frame: Vec::new() }
