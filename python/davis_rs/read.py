@@ -96,11 +96,12 @@ class Dataset:
     @cached_property
     def events(self) -> EventArray:
         """All events, ``EVENT_DTYPE``."""
-        with warnings.catch_warnings():
-            if self._unfinished:
-                warnings.simplefilter("ignore", TruncatedFileWarning)
-            with TextFormat().open_reader(self.path / EVENTS) as reader:
+        with warnings.catch_warnings(), TextFormat().open_reader(self.path / EVENTS) as reader:
+            warnings.simplefilter("ignore" if self._unfinished else "error", TruncatedFileWarning)
+            try:
                 return reader.read()
+            except TruncatedFileWarning as warning:
+                raise DecodeError(str(warning)) from None
 
     @cached_property
     def frames(self) -> list[StampedImage]:
