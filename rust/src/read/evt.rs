@@ -36,7 +36,8 @@ pub(super) fn header(bytes: &[u8], at_end: bool) -> Result<Option<Header>> {
                 (width, height) = (w.trim().parse().ok(), h.trim().parse().ok());
             }
         } else if let Some(start) = line.strip_prefix("t0 ") {
-            header.start_us = start.trim().parse().unwrap_or(0);
+            // Below 2^62, so that no time added to it leaves an i64.
+            header.start_us = start.trim().parse().ok().filter(|start| (0..1 << 62).contains(start)).unwrap_or(0);
         } else if let Some(format) = line.strip_prefix("format ") {
             for (key, value) in format.split(';').filter_map(|item| item.split_once('=')) {
                 match key.trim() {

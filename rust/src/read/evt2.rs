@@ -103,5 +103,12 @@ mod tests {
             prop_assert_eq!(read(&bytes, Evt2Decoder::new()).unwrap(), &events[..]);
             any_split_decodes_alike(&bytes, cut, Evt2Decoder::new, &events)?;
         }
+
+        #[test]
+        fn any_bytes_are_read_or_refused_alike_in_any_split(bytes in prop::collection::vec(any::<u8>(), 0..300), cut in 0usize..300) {
+            if let Ok(events) = read(&bytes, Evt2Decoder::new()) {
+                any_split_decodes_alike(&bytes, cut, Evt2Decoder::new, &events)?;
+            }
+        }
     }
 }

@@ -306,5 +306,12 @@ mod tests {
             let bytes = writer.finish().unwrap();
             any_split_decodes_alike(&bytes, cut, TextDecoder::new, &events)?;
         }
+
+        #[test]
+        fn any_bytes_are_read_or_refused_alike_in_any_split(bytes in prop::collection::vec(prop::sample::select(&b"0129. \n\r-"[..]), 0..300), cut in 0usize..300) {
+            if let Ok(events) = read(&bytes, TextDecoder::new()) {
+                any_split_decodes_alike(&bytes, cut, TextDecoder::new, &events)?;
+            }
+        }
     }
 }
