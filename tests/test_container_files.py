@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import errno
-import os
 import signal
 import subprocess
 import sys
 import time
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
@@ -22,6 +21,7 @@ from davis_rs import DecodeError, open_writer, read_events
 from davis_rs.events import EVENT_DTYPE, EventArray
 from davis_rs.formats import FORMATS, EventWriter, TruncatedFileWarning
 from davis_rs.read_events import open_reader
+from event_files import SIZE, assert_same, events_of, many
 
 pytest.importorskip("h5py")
 pytest.importorskip("numcodecs")
@@ -30,46 +30,14 @@ pytest.importorskip("pyarrow")
 pytest.importorskip("rosbags")
 
 FILES = {"dsec": "e.h5", "e2vid": "e.h5", "parquet": "e.parquet", "bag": "e.bag"}
-SIZE = (240, 180)
 
 every_format = pytest.mark.parametrize("name", sorted(FILES))
-
-
-def events_of(*events: tuple[int, int, int, int]) -> EventArray:
-    return np.array(list(events), EVENT_DTYPE)
-
-
-def many(count: int, *, start_us: int = 0, seed: int = 1) -> EventArray:
-    """Events on the sensor, a third of them at the time of the one before."""
-    rng = np.random.default_rng(seed)
-    events = np.zeros(count, EVENT_DTYPE)
-    events["t"] = start_us + np.cumsum(rng.integers(0, 3, count))
-    for field, limit in (("x", SIZE[0]), ("y", SIZE[1]), ("p", 2)):
-        events[field] = rng.integers(0, limit, count)
-    return events
 
 
 def write(path: Path, name: str, events: EventArray, *, packet: int = 1 << 30) -> None:
     with open_writer(path, SIZE, name, overwrite=True) as writer:
         for start in range(0, len(events), packet):
             writer.write(events[start : start + packet])
-
-
-def assert_same(events: EventArray, expected: EventArray) -> None:
-    assert events.dtype == EVENT_DTYPE
-    np.testing.assert_array_equal(events, expected)
-
-
-@pytest.fixture
-def small_disk(tmp_path: Path) -> Iterator[Path]:
-    """A file system of two megabytes."""
-    folder = tmp_path / "small"
-    folder.mkdir()
-    command = ["mount", "-t", "tmpfs", "-o", "size=2m", "tmpfs", str(folder)]
-    if os.geteuid() != 0 or subprocess.run(command, capture_output=True, check=False).returncode != 0:
-        pytest.skip("needs the right to mount a tmpfs")
-    yield folder
-    subprocess.run(["umount", "-l", str(folder)], check=True)
 
 
 # ---- what is written is read ----

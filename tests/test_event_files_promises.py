@@ -10,7 +10,7 @@ import sys
 import threading
 import time
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -73,18 +73,6 @@ def test_numpy_reads_what_a_killed_writer_left(tmp_path: Path) -> None:
         writer.write(many(30)[count - 10 : count])
         assert_same(np.load(tmp_path / "e.npy"), many(30)[:count])
     writer.finish()
-
-
-@pytest.fixture
-def small_disk(tmp_path: Path) -> Iterator[Path]:
-    """A file system of two megabytes."""
-    folder = tmp_path / "small"
-    folder.mkdir()
-    command = ["mount", "-t", "tmpfs", "-o", "size=2m", "tmpfs", str(folder)]
-    if os.geteuid() != 0 or subprocess.run(command, capture_output=True, check=False).returncode != 0:
-        pytest.skip("needs the right to mount a tmpfs")
-    yield folder
-    subprocess.run(["umount", "-l", str(folder)], check=True)
 
 
 def write_and_count(writer: EventWriter, events: EventArray, written: list[int]) -> None:
@@ -151,6 +139,15 @@ def test_a_folder_that_is_read_only_is_told(tmp_path: Path, kind: Kind) -> None:
     tmp_path.chmod(0o700)
 
 
+@every_kind
+def test_a_disk_that_is_read_only_is_told(small_disk: Path, kind: Kind) -> None:
+    """OSError with EROFS and the path, for root as well."""
+    subprocess.run(["mount", "-o", "remount,ro", str(small_disk)], check=True)
+    with pytest.raises(OSError, match=kind.file) as refused:
+        kind.writer(small_disk)
+    assert refused.value.errno == errno.EROFS
+
+
 def test_a_folder_that_vanishes_is_told_where_the_name_is_given(tmp_path: Path) -> None:
     """A .npz takes its name at the end: FileNotFoundError from finish() if there is no folder for it any more."""
     folder = tmp_path / "folder"
@@ -175,9 +172,16 @@ def test_a_pipe_is_written_to_and_told_when_closed(tmp_path: Path, kind: Kind) -
     reader.join()
     (tmp_path / "copy").write_bytes(received[0])
     assert_same(read_events(tmp_path / "copy"), events)
-    reader = threading.Thread(target=lambda: path.open("rb").close())
+    opened = threading.Event()
+
+    def hang_up() -> None:
+        with path.open("rb"):
+            opened.wait()
+
+    reader = threading.Thread(target=hang_up)
     reader.start()
     writer = kind.writer(tmp_path)
+    opened.set()
     reader.join()
     with pytest.raises(BrokenPipeError, match=kind.file):
         writer.write(events)
