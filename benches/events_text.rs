@@ -3,7 +3,7 @@
 use std::hint::black_box;
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
-use davis_rs::{Event, EventTextWriter, read_events_text};
+use davis_rs::{Event, EventReader, EventWriter, Limits, TextDecoder, TextEncoder};
 
 /// A million events, a microsecond or none apart, spread over a DAVIS240.
 fn events() -> Vec<Event> {
@@ -18,9 +18,16 @@ fn events() -> Vec<Event> {
 }
 
 fn text(events: &[Event]) -> Vec<u8> {
-    let mut writer = EventTextWriter::new(Vec::with_capacity(30 * events.len()));
+    let sink = Vec::with_capacity(30 * events.len());
+    let mut writer = EventWriter::new(sink, TextEncoder::new(Limits::NONE)).expect("memory");
     writer.write(events).expect("valid");
     writer.finish().expect("memory")
+}
+
+fn parsed(text: &[u8]) -> Vec<Event> {
+    let mut events = Vec::new();
+    EventReader::new(text, TextDecoder::new()).read(usize::MAX, &mut events).expect("valid");
+    events
 }
 
 fn events_text(c: &mut Criterion) {
@@ -30,7 +37,7 @@ fn events_text(c: &mut Criterion) {
     group.throughput(Throughput::Elements(events.len() as u64));
     group.sample_size(20);
     group.bench_function("write", |b| b.iter(|| text(black_box(&events))));
-    group.bench_function("read", |b| b.iter(|| read_events_text(black_box(&written)).expect("valid")));
+    group.bench_function("read", |b| b.iter(|| parsed(black_box(&written))));
     group.finish();
 }
 

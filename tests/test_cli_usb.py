@@ -19,7 +19,7 @@ def run(*arguments: object) -> subprocess.CompletedProcess[str]:
 
 def test_a_scene_is_recorded_and_decoded(tmp_path: Path) -> None:
     """From the simulator through words, the camera's USB, a file, and the decoder: the same events."""
-    raw, arrays = tmp_path / "planes.raw", tmp_path / "planes.npz"
+    raw, arrays = tmp_path / "planes.davis", tmp_path / "planes.npz"
     recorded = run("record", "--virtual", "three_planes", "--duration", 0.05, "-o", raw)
     assert recorded.returncode == 0, recorded.stderr
     assert "bytes of DAVIS240C VIRTUAL" in recorded.stdout
@@ -40,7 +40,7 @@ def test_a_scene_is_recorded_and_decoded(tmp_path: Path) -> None:
     live = run("record", "--virtual", "three_planes", "--duration", 0.05, "-o", tmp_path / "events.txt")
     assert live.returncode == 0, live.stderr
     assert "2 frames" in live.stdout
-    events = davis_rs._core.read_events_text(tmp_path / "events.txt")
+    events = davis_rs.read_events(tmp_path / "events.txt")
     np.testing.assert_array_equal(events, np.concatenate([packet.events for packet in packets]))
 
 
@@ -58,10 +58,10 @@ def test_a_recording_of_other_software_is_decoded_alike(tmp_path: Path) -> None:
 def test_what_cannot_be_done_is_one_sentence(tmp_path: Path) -> None:
     """No traceback, no file left behind."""
     for arguments, message in (
-        (["record", "-o", tmp_path / "a.raw", "--duration", 0], "duration must be positive"),
-        (["record", "-o", tmp_path / "a.raw", "--serial", "NOBODY"], "NOBODY"),
-        (["record", "-o", tmp_path / "a.raw", "--virtual", "no_such_scene"], "no_such_scene"),
-        (["decode", tmp_path / "missing.raw"], "missing.raw"),
+        (["record", "-o", tmp_path / "a.davis", "--duration", 0], "duration must be positive"),
+        (["record", "-o", tmp_path / "a.davis", "--serial", "NOBODY"], "NOBODY"),
+        (["record", "-o", tmp_path / "a.davis", "--virtual", "no_such_scene"], "no_such_scene"),
+        (["decode", tmp_path / "missing.davis"], "missing.davis"),
     ):
         failed = run(*arguments)
         assert (failed.returncode, "Traceback" in failed.stderr) == (1, False)

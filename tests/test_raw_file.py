@@ -22,6 +22,8 @@ from davis_rs.virtual_backend import VirtualBackend
 from davis_rs.virtual_davis import VirtualDavis, paced
 from streams import CHIPS, assert_same, contents, decode, encode, join
 
+SIZE = (240, 180)
+
 
 def description(chip: str = "DAVIS240C") -> DavisDescription:
     with Davis.open(backend=VirtualBackend(VirtualDavis(paced(b""), chip=chip))) as davis:
@@ -132,12 +134,12 @@ def test_runs_never_go_back_in_time(packets: list[list[int]]) -> None:
 def test_text_splits_into_files(tmp_path: Path) -> None:
     """A clock that was reset gives two sequences; what the format has no place for is told."""
     sent = contents("DAVIS240C", events=500)
-    output = decoded_output(tmp_path / "events.txt", backward="split")
+    output = decoded_output(tmp_path / "events.txt", SIZE, backward="split")
     output.write(sent)
     output.write(sent)
     said = "\n".join(output.finish())
     for name in ("events.txt", "events-1.txt"):
-        np.testing.assert_array_equal(davis_rs._core.read_events_text(tmp_path / name), sent.events)
+        np.testing.assert_array_equal(davis_rs.read_events(tmp_path / name), sent.events)
     assert "1000 events" in said
     assert "in 2 files" in said
     assert "598 IMU samples, 4 frames, 10 triggers" in said
@@ -146,25 +148,25 @@ def test_text_splits_into_files(tmp_path: Path) -> None:
 def test_text_drops_or_refuses(tmp_path: Path) -> None:
     """As asked for; what was written before a refusal stays."""
     sent = contents("DAVIS240C", events=500)
-    dropping = decoded_output(tmp_path / "dropped.txt", backward="drop")
+    dropping = decoded_output(tmp_path / "dropped.txt", SIZE, backward="drop")
     dropping.write(sent)
     dropping.write(sent)
     last = sent.events["t"] == sent.events["t"].max()
     assert f"{500 - last.sum()} events dropped" in "\n".join(dropping.finish())
-    refusing = decoded_output(tmp_path / "refused.txt")
+    refusing = decoded_output(tmp_path / "refused.txt", SIZE)
     refusing.write(sent)
     with pytest.raises(ValueError, match="times may not go back: event 500"):
         refusing.write(sent)
     assert "500 events" in refusing.finish()[0]
-    with pytest.raises(ValueError, match=r"\.txt \(events\) or \.npz \(all\), got .*events\.csv"):
-        decoded_output(tmp_path / "events.csv")
+    with pytest.raises(ValueError, match=r"the suffix of .*events\.csv.* stands for no event format"):
+        decoded_output(tmp_path / "events.csv", SIZE)
 
 
 def test_arrays_hold_everything(tmp_path: Path) -> None:
     """Events, samples, triggers and frames with their times, from several pieces."""
     words = encode("DAVIS346B", contents("DAVIS346B"))
     decoder = davis_rs.Decoder("DAVIS346B")
-    output = decoded_output(tmp_path / "all.npz")
+    output = decoded_output(tmp_path / "all.npz", SIZE)
     for at in range(0, len(words), 4096):
         output.write(decoder.push(words[at : at + 4096]))
     output.finish()

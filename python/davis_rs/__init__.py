@@ -1,12 +1,12 @@
 """A simulator of the DAVIS event camera: 3D scene and camera path in, events, frames, depth and ground truth out."""
 
+from . import represent
 from ._core import (
     CrossingEngine,
     DecodeError,
     Decoder,
     Device,
     Encoder,
-    EventTextWriter,
     __version__,
     log_intensity,
     reconstruct,
@@ -15,13 +15,16 @@ from .biases import BIAS_SETS, CoarseFineBias
 from .camera import Camera, load_camera
 from .check import check_dataset
 from .compare import EventComparison, compare_events
+from .convert import convert
 from .dataset import DatasetWriter
 from .davis import Davis
 from .davis_description import DavisDescription
 from .davis_settings import DavisSettings
 from .decoded import IMU_COUNTS_DTYPE, IMU_DTYPE, TRIGGER_DTYPE, Decoded, Frame, TriggerKind
+from .dtypes import from_structured, to_structured, to_tonic
 from .effects import Effects
 from .events import EVENT_DTYPE, as_events
+from .formats import EventReader, EventWriter, TruncatedFileWarning, WriteReport
 from .light_course import Flicker, LightCourse, SampledCourse
 from .packet import Packet
 from .plan import EffectPlan, plan_effects
@@ -29,6 +32,7 @@ from .pose import Pose
 from .presets import ACCURACY, Accuracy
 from .raw_file import RawRecording, RawWriter
 from .read import Dataset
+from .read_events import iter_events, open_reader, read_events
 from .record import record
 from .recordings import Recording, RecordingWarning, read_recording
 from .sampled_trajectory import SampledTrajectory
@@ -42,6 +46,7 @@ from .trajectory import CallableTrajectory, SegmentTrajectory, Trajectory, align
 from .trajectory_file import read_trajectory
 from .video import video_dataset
 from .view import view_dataset
+from .write import open_writer
 
 __all__ = [
     "ACCURACY",
@@ -69,7 +74,8 @@ __all__ = [
     "Effects",
     "Encoder",
     "EventComparison",
-    "EventTextWriter",
+    "EventReader",
+    "EventWriter",
     "FixedRate",
     "Flicker",
     "Frame",
@@ -90,22 +96,33 @@ __all__ = [
     "Tolerance",
     "Trajectory",
     "TriggerKind",
+    "TruncatedFileWarning",
+    "WriteReport",
     "__version__",
     "align",
     "as_events",
     "check_dataset",
     "compare_events",
+    "convert",
+    "from_structured",
     "interval",
+    "iter_events",
     "load_camera",
     "load_scene",
     "log_intensity",
+    "open_reader",
+    "open_writer",
     "plan_effects",
+    "read_events",
     "read_recording",
     "read_trajectory",
     "reconstruct",
     "record",
+    "represent",
     "simulate",
     "start_pose",
+    "to_structured",
+    "to_tonic",
     "video_dataset",
     "view_dataset",
 ]

@@ -2,8 +2,7 @@
 
 import os
 from collections.abc import Iterable, Mapping
-from types import TracebackType
-from typing import Any, Protocol, final
+from typing import Any, BinaryIO, Protocol, final
 
 import numpy as np
 import numpy.typing as npt
@@ -16,12 +15,21 @@ __all__ = [
     "Decoder",
     "Device",
     "Encoder",
-    "EventTextWriter",
+    "EventFileReader",
+    "EventFileWriter",
     "__version__",
     "check_effects",
+    "check_events",
+    "count_events",
+    "crc32",
+    "crc32_combine",
+    "fill_events",
+    "latest_times",
     "log_intensity",
-    "read_events_text",
+    "pack_event_message",
     "reconstruct",
+    "unpack_event_message",
+    "voxel_grid",
 ]
 
 __version__: str
@@ -317,39 +325,42 @@ class CrossingEngine:
         """
 
 @final
-class EventTextWriter:
-    """Writes events.txt: one line ``timestamp x y polarity`` an event, seconds with nine decimals, polarity 0 or 1.
-
-    Converted in integer arithmetic, streaming, in constant memory.
+class EventFileWriter:
+    """Encodes events in a format of the core and writes them; what :mod:`davis_rs.formats` stands on.
 
     Args:
-        path: a file that does not exist yet.
-
-    Raises:
-        OSError: if it exists or cannot be created.
-
-    Source: Mueggler et al., IJRR 2017, section 4 (the public dataset's text format).
+        target: a path, or an object with ``write(bytes)``.
+        format: ``text``, ``evt2``, ``evt3`` or ``aedat4``.
+        width, height: x and y must lie below.
+        overwrite: whether an existing file may be replaced.
+        size_line: text: whether a first line ``width height`` is written.
+        compression: aedat4: ``none``, ``lz4`` or ``zstd``.
+        level: aedat4: of zstd.
+        start_us: aedat4: added to all times.
     """
 
-    def __new__(cls, path: str | os.PathLike[str]) -> EventTextWriter: ...
+    def __new__(
+        cls,
+        target: str | os.PathLike[str] | BinaryIO,
+        format: str,
+        *,
+        width: int,
+        height: int,
+        overwrite: bool = False,
+        size_line: bool = False,
+        compression: str = "none",
+        level: int = 0,
+        start_us: int = 0,
+    ) -> EventFileWriter: ...
     def write(self, events: npt.NDArray[np.void]) -> None:
-        """Append events; times may not decrease.
-
-        Raises:
-            ValueError: for times that go back or a polarity above 1, with the index; nothing of the packet is written.
-            OSError: if the system refuses, for example when the disk is full.
-        """
+        """Check events, and write them; they are in the system's hands when it returns, but for those that a format
+        of packets keeps back."""
     def flush(self) -> None:
         """Hand everything to the operating system."""
     def finish(self) -> int:
-        """Flush, close and return the number of events written."""
-    def __enter__(self) -> EventTextWriter: ...
-    def __exit__(
-        self,
-        exc_type: type[BaseException] | None = None,
-        exc_value: BaseException | None = None,
-        traceback: TracebackType | None = None,
-    ) -> None: ...
+        """Write what is left, close the file and return its size in bytes."""
+    def abandon(self) -> None:
+        """Close the file as it is."""
 
 def check_effects(effects: Mapping[str, Mapping[str, float | None]]) -> None:
     """Refuse settings of effects that are out of range.
@@ -358,13 +369,60 @@ def check_effects(effects: Mapping[str, Mapping[str, float | None]]) -> None:
         ValueError: naming the effect, the value and the range.
     """
 
-def read_events_text(path: str | os.PathLike[str]) -> npt.NDArray[np.void]:
-    """Read events.txt into an array of :data:`davis_rs.EVENT_DTYPE`.
+@final
+class EventFileReader:
+    """Reads a file and decodes its events, from its beginning to its end.
+
+    Args:
+        path: the file.
+        format: as :class:`EventFileWriter`'s.
+        from_byte: text: where the first line to be read begins.
+        start_us, stop_us: aedat4: only the packets that hold events of that slice are read, if the table of contents
+            tells.
+    """
+
+    def __new__(
+        cls,
+        path: str | os.PathLike[str],
+        format: str,
+        *,
+        from_byte: int = 0,
+        start_us: int | None = None,
+        stop_us: int | None = None,
+    ) -> EventFileReader: ...
+    def look(self) -> None:
+        """Read until there is an event or the size is known; for a reader that will read nothing else."""
+    def read(self, enough: int) -> npt.NDArray[np.void]:
+        """The next events: at least ``enough`` and not many more, fewer at the end."""
+    @property
+    def over(self) -> bool:
+        """Whether the end was reached."""
+    @property
+    def size(self) -> tuple[int, int] | None:
+        """(width, height), once read, where the file says."""
+    @property
+    def bytes(self) -> int:
+        """Bytes that have become events."""
+    @property
+    def file_size(self) -> int:
+        """Bytes of the file."""
+    @property
+    def left_over(self) -> int:
+        """At the end: bytes that are no whole record."""
+
+def check_events(events: npt.NDArray[np.void], *, last_us: int, latest_us: int, size: tuple[int, int]) -> None:
+    """Check a packet that follows an event at ``last_us`` (-1 for none).
 
     Raises:
-        OSError: if it cannot be read.
-        DecodeError: for the first malformed line, with line and byte.
+        ValueError: for the first event, with its index, that goes back in time, is before 0 or after ``latest_us``,
+            lies outside of ``size`` (width, height), or has a polarity above 1.
     """
+
+def crc32(bytes: npt.NDArray[np.uint8], start: int) -> int:
+    """CRC-32 (ISO-HDLC, zip's) of bytes that follow those of CRC-32 ``start`` (0 for none); the GIL is released."""
+
+def crc32_combine(first: int, second: int, second_length: int) -> int:
+    """CRC-32 of two stretches of bytes, of which the second has ``second_length``, from those of each."""
 
 def log_intensity(luma: npt.NDArray[np.floating[Any]], log_eps: float) -> npt.NDArray[np.float64]:
     """L = ln(luma + log_eps) in float64, shape (height, width), as :class:`CrossingEngine` computes it.
@@ -397,4 +455,55 @@ def reconstruct(
         ValueError: for thresholds out of range or an event outside of the frame.
 
     Source: Mueggler et al., IJRR 2017, section 6.
+    """
+
+def count_events(events: npt.NDArray[np.void], size: tuple[int, int]) -> npt.NDArray[np.uint32]:
+    """Events by polarity and pixel, shape (2, height, width), OFF before ON; ``size`` is (width, height).
+
+    Raises:
+        ValueError: for an event outside of the sensor or of a polarity other than 0 or 1, with its index.
+    """
+
+def latest_times(events: npt.NDArray[np.void], size: tuple[int, int], until_us: int) -> npt.NDArray[np.int64]:
+    """The time in microseconds of the last event up to ``until_us`` by polarity and pixel, -1 where there was none.
+
+    Returns:
+        int64, shape (2, height, width), OFF before ON; ``size`` is (width, height).
+
+    Raises:
+        ValueError: as :func:`count_events`.
+    """
+
+def voxel_grid(
+    events: npt.NDArray[np.void], size: tuple[int, int], bins: int, start_us: int, stop_us: int, endpoint: bool
+) -> npt.NDArray[np.float64]:
+    """See :func:`davis_rs.represent.voxel_grid`; float64, shape (bins, height, width)."""
+
+def pack_event_message(events: npt.NDArray[np.void], size: tuple[int, int], seq: int, frame_id: str) -> bytes:
+    """A ``dvs_msgs/EventArray`` as ROS 1 serializes it, stamped with the last event's time.
+
+    ``size`` is (width, height).
+
+    Raises:
+        ValueError: for a time outside of 0..2^32 s, with the event's index.
+    """
+
+def unpack_event_message(message: bytes) -> tuple[npt.NDArray[np.void], tuple[int, int]]:
+    """The events of a ``dvs_msgs/EventArray``, times rounded to the nearest microsecond, and its (width, height).
+
+    Raises:
+        DecodeError: where the message breaks the definition, with the byte.
+    """
+
+def fill_events(
+    events: npt.NDArray[np.void],
+    t: npt.NDArray[np.int64],
+    x: npt.NDArray[np.uint16],
+    y: npt.NDArray[np.uint16],
+    p: npt.NDArray[np.uint8],
+) -> None:
+    """Fill an array of :data:`davis_rs.EVENT_DTYPE` from contiguous columns of the same length.
+
+    Raises:
+        ValueError: if the lengths differ, or for the first polarity other than 0 or 1, with its index.
     """

@@ -12,6 +12,7 @@ from ._core import __version__
 from .camera import PRESETS, load_camera
 from .cli_accuracy import add_accuracy
 from .cli_common import add_path, path_of
+from .cli_files import add_files
 from .cli_plan import add_plan
 from .cli_usb import add_usb
 from .sensor_parameters import SENSORS
@@ -118,6 +119,7 @@ def _parser() -> argparse.ArgumentParser:
     add_plan(commands)
     add_accuracy(commands)
     add_usb(commands)
+    add_files(commands)
 
     check = commands.add_parser("check", help="check a dataset: do its events explain its images?")
     check.add_argument("dataset", type=Path, metavar="DIR")

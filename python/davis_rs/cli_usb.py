@@ -15,14 +15,12 @@ from .davis import Davis
 from .davis_description import describe
 from .davis_settings import ACCELEROMETER_RANGES_G, GYROSCOPE_RANGES_DEG_S, DavisSettings
 from .decoded import Decoded
-from .decoded_output import decoded_output
+from .decoded_output import decoded_output, is_decoded
 from .raw_file import RawRecording, RawWriter, is_raw
 from .recordings import read_recording
 from .usb_link import UsbLink, find_devices
 from .usb_protocol import FX3
 from .virtual_davis import VirtualDavis
-
-DECODED_SUFFIXES = (".txt", ".npz")
 
 
 def add_usb(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -38,7 +36,7 @@ def add_usb(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> No
     record.set_defaults(run=_record)
     record.add_argument(
         "-o", "--output", required=True, type=Path, metavar="FILE",
-        help="the file to write: .txt (events) or .npz (all) decoded, any other the camera's own bytes, for decode",
+        help="the file to write: .npz (all) or an event file (.txt, .aedat4, ...) decoded, else the camera's bytes",
     )  # fmt: skip
     record.add_argument("--duration", type=float, metavar="S", help="seconds to record")
     record.add_argument("--serial", metavar="NUMBER", help="of the camera, where there are several")
@@ -58,7 +56,11 @@ def add_usb(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> No
     decode.set_defaults(run=_decode)
     decode.add_argument("recording", type=Path, metavar="FILE")
     decode.add_argument(
-        "-o", "--output", type=Path, metavar="OUT", help=".txt (events) or .npz (all); if not given, count"
+        "-o",
+        "--output",
+        type=Path,
+        metavar="OUT",
+        help=".npz (all) or an event file; if not given, count",
     )
     _add_backward(decode)
 
@@ -125,7 +127,7 @@ def _record(options: argparse.Namespace) -> int:
 
 def _record_camera(camera: Davis, options: argparse.Namespace, virtual: VirtualDavis | None) -> int:
     """Record until the end, however it comes, and complete the file; returns the exit status."""
-    raw = options.output.suffix not in DECODED_SUFFIXES
+    raw = not is_decoded(options.output)
     output = RawOutput(options.output, camera) if raw else LiveOutput(options.output, camera, options.backward)
     print(f"recording {camera.description}; Ctrl-C ends it", file=sys.stderr)
     status = 0
@@ -176,7 +178,8 @@ class LiveOutput:
 
     def __init__(self, path: Path, camera: Davis, backward: Policy) -> None:
         self._camera = camera
-        self._output = decoded_output(path, backward=backward)
+        device = camera.description.device
+        self._output = decoded_output(path, (device.width, device.height), backward=backward)
 
     def write(self, chunk: bytes) -> None:
         """Append."""
@@ -189,7 +192,7 @@ class LiveOutput:
 
 def _decode(options: argparse.Namespace) -> int:
     source = BytesOfCamera(options.recording) if is_raw(options.recording) else FileOfSoftware(options.recording)
-    output = None if options.output is None else decoded_output(options.output, backward=options.backward)
+    output = None if options.output is None else decoded_output(options.output, source.size, backward=options.backward)
     counts = {"events": 0, "IMU samples": 0, "frames": 0, "triggers": 0}
     said: list[str] = []
     try:
@@ -216,6 +219,7 @@ class BytesOfCamera:
     def __init__(self, path: Path) -> None:
         self._recording = RawRecording(path)
         self._decoder = self._recording.decoder()
+        self.size = (self._decoder.device.width, self._decoder.device.height)
         self.title = f"{self._recording.camera}, {self._recording.started:%Y-%m-%d %H:%M:%S} UTC"
 
     def pieces(self) -> Iterator[Decoded]:
@@ -241,6 +245,7 @@ class FileOfSoftware:
     def __init__(self, path: Path) -> None:
         recording = read_recording(path)
         self._recording = recording.from_start()
+        self.size = (recording.width, recording.height)
         started = "" if recording.started is None else f", {recording.started:%Y-%m-%d %H:%M:%S}"
         self.title = f"{recording.format}, {recording.chip or 'unknown chip'}{started}, from {recording.start_us} us on"
 

@@ -7,8 +7,8 @@ import io
 import json
 import os
 import re
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
+from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,8 +16,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ._core import EventTextWriter
 from .events import EventArray
+from .formats.system import naming
+from .formats.text import TextFormat
 from .pose import Pose
 
 
@@ -48,11 +49,10 @@ class EventFile:
     def __init__(self, path: Path) -> None:
         self.count = self.on_count = self._size = 0
         self._path = path
-        self._writer = EventTextWriter(str(path))
+        self._writer = TextFormat().open_writer(path, (65_535, 65_535), overwrite=False)
 
     def write(self, events: EventArray) -> None:
         self._writer.write(events)
-        self._writer.flush()
         size = self._path.stat().st_size
         # One assignment, so that an interrupt finds the three numbers of one packet.
         self.count, self.on_count, self._size = (
@@ -110,17 +110,6 @@ def encode_exr(channel: str, image: npt.NDArray[np.float32]) -> bytes:
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
     OpenEXR.File(header, {channel: image}).write(stream)
     return stream.getvalue()
-
-
-@contextmanager
-def naming(path: Path) -> Iterator[None]:
-    """Give an OSError the path it is about, where it comes without one (as those of writes do)."""
-    try:
-        yield
-    except OSError as error:
-        if error.filename is None and error.errno is not None:
-            raise OSError(error.errno, error.strerror, str(path)) from error
-        raise
 
 
 def write_file(path: Path, data: bytes) -> None:

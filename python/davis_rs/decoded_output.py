@@ -7,10 +7,14 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from ._core import EventTextWriter
 from .backward import Policy, TimeOrder
 from .decoded import IMU_DTYPE, TRIGGER_DTYPE, Decoded, Frame
 from .events import concatenate_events
+from .formats.registry import FORMATS
+from .write import open_writer
+
+ARRAYS_SUFFIX = ".npz"
+"""Of a file with all there is; other suffixes stand for files of events alone."""
 
 
 class DecodedOutput(Protocol):
@@ -23,23 +27,24 @@ class DecodedOutput(Protocol):
         """Complete what is written; returns sentences on what became of the stream."""
 
 
-class TextOutput:
-    """events.txt of the public dataset: events alone, in time order.
+class EventsOutput:
+    """A file of events alone, in time order, of any format that :func:`~davis_rs.open_writer` writes.
 
     Args:
         path: a file that does not exist yet. With ``backward="split"`` the next runs go to files beside it: events.txt,
             events-1.txt, events-2.txt ...
+        size: (width, height) of the sensor.
         backward: what to do where times go back.
 
     Raises:
         OSError: if a file exists or cannot be written.
-        ValueError: with ``backward="refuse"``, when times go back.
+        ValueError: for a suffix that stands for no format; with ``backward="refuse"``, when times go back.
     """
 
-    def __init__(self, path: Path, *, backward: Policy = "refuse") -> None:
-        self._path = path
+    def __init__(self, path: Path, size: tuple[int, int], *, backward: Policy = "refuse") -> None:
+        self._path, self._size = path, size
         self._order = TimeOrder(backward)
-        self._writer = EventTextWriter(path)
+        self._writer = open_writer(path, size)
         self._runs = 1
         self._events = 0
         self._left_out = {"IMU samples": 0, "frames": 0, "triggers": 0}
@@ -49,8 +54,8 @@ class TextOutput:
         first, *later = self._order.push(decoded.events)
         self._writer.write(first)
         for run in later:
-            self._events += self._writer.finish()
-            self._writer = EventTextWriter(self._path.with_stem(f"{self._path.stem}-{self._runs}"))
+            self._events += self._writer.finish().events
+            self._writer = open_writer(self._path.with_stem(f"{self._path.stem}-{self._runs}"), self._size)
             self._runs += 1
             self._writer.write(run)
         self._left_out["IMU samples"] += len(decoded.imu)
@@ -59,7 +64,7 @@ class TextOutput:
 
     def finish(self) -> list[str]:
         """Close; tells of splits, drops, and of what the format does not hold."""
-        self._events += self._writer.finish()
+        self._events += self._writer.finish().events
         said = [f"{self._path}: {self._events} events"]
         if self._runs > 1:
             said.append(f"times went back: the stream is in {self._runs} files, the last is number {self._runs - 1}")
@@ -112,19 +117,24 @@ class ArraysOutput:
         return [f"{self._path}: {said}, {len(frames)} frames"]
 
 
-def decoded_output(path: str | Path, *, backward: Policy = "refuse") -> DecodedOutput:
-    """The output for a file's suffix: .txt or .npz.
+def is_decoded(path: str | Path) -> bool:
+    """Whether a file's suffix stands for decoded streams."""
+    suffix = Path(path).suffix.lower()
+    return suffix == ARRAYS_SUFFIX or any(suffix in format.suffixes for format in FORMATS.values())
+
+
+def decoded_output(path: str | Path, size: tuple[int, int], *, backward: Policy = "refuse") -> DecodedOutput:
+    """The output for a file's suffix: .npz for all there is, those of event files for events.
+
+    Args:
+        size: (width, height) of the sensor.
 
     Raises:
         ValueError: for another suffix.
         OSError: if the file exists or cannot be created.
     """
     path = Path(path)
-    if path.suffix == ".txt":
-        return TextOutput(path, backward=backward)
-    if path.suffix == ".npz":
-        return ArraysOutput(path)
-    raise ValueError(f"a decoded stream is written as .txt (events) or .npz (all), got {path}")
+    return ArraysOutput(path) if path.suffix.lower() == ARRAYS_SUFFIX else EventsOutput(path, size, backward=backward)
 
 
 def _region(frame: Frame) -> tuple[int, int, int, int]:

@@ -5,22 +5,22 @@ from __future__ import annotations
 import io
 import json
 import math
-import os
 import re
-import shutil
+import warnings
 from collections.abc import Iterator
 from functools import cached_property
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from ._core import DecodeError, read_events_text
+from ._core import DecodeError
 from .camera import Camera
 from .dataset_files import CALIBRATION, DEPTH_MAPS, EVENTS, FRAMES, GROUND_TRUTH, LUMA_MAPS, META, ImageSeries
 from .events import EventArray
+from .formats.interface import TruncatedFileWarning
+from .formats.text import TextFormat
 
 
 class StampedImage(NamedTuple):
@@ -96,15 +96,12 @@ class Dataset:
     @cached_property
     def events(self) -> EventArray:
         """All events, ``EVENT_DTYPE``."""
-        path = self.path / EVENTS
-        whole = _size_of_whole_lines(path) if self._unfinished else None
-        if whole is None or whole == path.stat().st_size:
-            return read_events_text(path)
-        with TemporaryDirectory() as folder:
-            copy = Path(folder) / EVENTS
-            shutil.copyfile(path, copy)
-            os.truncate(copy, whole)
-            return read_events_text(copy)
+        with warnings.catch_warnings(), TextFormat().open_reader(self.path / EVENTS) as reader:
+            warnings.simplefilter("ignore" if self._unfinished else "error", TruncatedFileWarning)
+            try:
+                return reader.read()
+            except TruncatedFileWarning as warning:
+                raise DecodeError(str(warning)) from None
 
     @cached_property
     def frames(self) -> list[StampedImage]:
@@ -187,14 +184,6 @@ class Dataset:
             if len(words) != len(layout.split()):
                 raise DecodeError(f"{path}, line {number}: expected '{layout}', found {line[:60]!r}")
             yield number, words
-
-
-def _size_of_whole_lines(path: Path) -> int:
-    """The size of a text file up to its last newline, which is looked for in its last 4 KiB."""
-    with path.open("rb") as file:
-        start = max(0, file.seek(0, os.SEEK_END) - 4096)
-        file.seek(start)
-        return start + file.read().rfind(b"\n") + 1
 
 
 def _parse_stamp(word: str, path: Path, number: int) -> int:

@@ -14,13 +14,13 @@ pub enum Error {
         source: io::Error,
     },
     /// Bytes that do not follow the format they claim.
-    #[error("{message} (line {line}, byte {byte})")]
+    #[error("{message} ({}byte {byte})", line.map_or(String::new(), |line| format!("line {line}, ")))]
     Format {
         /// The rule that was broken, and by what.
         message: String,
-        /// Line of the fault, from 1.
-        line: usize,
-        /// Offset of that line's first byte, from 0.
+        /// In a text: line of the fault, from 1.
+        line: Option<usize>,
+        /// Offset of the first byte of that line or record, from 0.
         byte: usize,
     },
     /// A value outside of its range; nothing was changed.

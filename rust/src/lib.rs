@@ -1,8 +1,9 @@
 //! The hot code of `davis_rs`, a simulator of the DAVIS event camera.
 //!
 //! ```text
-//! luma frames -> crossing::CrossingEngine -> [Event] -> EventTextWriter -> events.txt
+//! luma frames -> crossing::CrossingEngine -> [Event] -> EventWriter -> events.txt, ...
 //!   USB bytes -> aer::Decoder -------------> [Event]
+//! events.txt, ... -> EventReader ----------> [Event]
 //! ```
 //!
 //! Linear luma frames go in, one after the other; out come events stamped to the microsecond wherever the log
@@ -10,6 +11,7 @@
 //! at [`Event`]. The Python bindings (feature `python`) are a thin layer on top and the only place that knows them.
 
 pub mod aer;
+mod columns;
 mod crossing;
 mod error;
 mod event;
@@ -17,12 +19,16 @@ mod exact;
 mod log_intensity;
 mod order;
 mod random;
+mod read;
 mod readout;
-mod text;
+mod represent;
+mod ros;
+mod write;
 
 #[cfg(feature = "python")]
 mod python;
 
+pub use columns::fill_events;
 pub use crossing::{
     CrossingEngine, CrossingParameters, EffectState, Effects, EngineState, Frame, HotPixels, Interpolation,
     PhotoreceptorBandwidth, ShotNoise, SparseSamples, Threshold, reconstruct,
@@ -30,5 +36,8 @@ pub use crossing::{
 pub use error::{Error, Result};
 pub use event::{Event, SensorSize};
 pub use log_intensity::{log_intensity, log_intensity_frame};
+pub use read::{Aedat4Decoder, Decode, EventReader, Evt2Decoder, Evt3Decoder, TextDecoder};
 pub use readout::{ReadoutParameters, ReadoutState};
-pub use text::{EventTextWriter, read_events_text};
+pub use represent::{TimeBins, count_events, latest_times, voxel_grid};
+pub use ros::{EventMessage, LATEST_US as ROS_LATEST_US, pack_events, packed_size, unpack_events};
+pub use write::{Aedat4Encoder, Compression, Encode, EventWriter, Evt2Encoder, Evt3Encoder, Limits, TextEncoder};

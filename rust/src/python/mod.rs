@@ -4,12 +4,16 @@
 
 mod aer;
 mod arrays;
+mod columns;
 mod dtype;
 mod effects;
 mod engine;
+mod files;
 mod functions;
+mod represent;
+mod ros;
+mod sink;
 mod state;
-mod text;
 
 use pyo3::create_exception;
 use pyo3::exceptions::{PyOSError, PyValueError};
@@ -31,7 +35,8 @@ impl From<Error> for PyErr {
             // With errno in its arguments Python picks the right subclass (FileNotFoundError, PermissionError, ...).
             Error::Io { context, source } => match source.raw_os_error() {
                 Some(errno) => PyOSError::new_err((errno, format!("{context}: {source}"))),
-                None => PyOSError::new_err(message),
+                // What a Python stream raised is raised as it was.
+                None => source.downcast::<Self>().unwrap_or_else(|_| PyOSError::new_err(message)),
             },
             Error::Format { .. } => DecodeError::new_err(message),
             Error::Argument(_) | Error::Order(_) => PyValueError::new_err(message),
@@ -48,10 +53,19 @@ fn _core(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_class::<aer::PyDevice>()?;
     m.add_class::<aer::PyEncoder>()?;
     m.add_class::<engine::PyCrossingEngine>()?;
-    m.add_class::<text::PyEventTextWriter>()?;
     m.add_function(wrap_pyfunction!(effects::check_effects, m)?)?;
+    m.add_class::<files::PyEventFileWriter>()?;
+    m.add_class::<files::PyEventFileReader>()?;
     m.add_function(wrap_pyfunction!(functions::log_intensity, m)?)?;
     m.add_function(wrap_pyfunction!(functions::reconstruct, m)?)?;
-    m.add_function(wrap_pyfunction!(text::read_events_text, m)?)?;
+    m.add_function(wrap_pyfunction!(columns::fill_events, m)?)?;
+    m.add_function(wrap_pyfunction!(represent::count_events, m)?)?;
+    m.add_function(wrap_pyfunction!(represent::latest_times, m)?)?;
+    m.add_function(wrap_pyfunction!(represent::voxel_grid, m)?)?;
+    m.add_function(wrap_pyfunction!(ros::pack_event_message, m)?)?;
+    m.add_function(wrap_pyfunction!(ros::unpack_event_message, m)?)?;
+    m.add_function(wrap_pyfunction!(files::check_events, m)?)?;
+    m.add_function(wrap_pyfunction!(files::crc32, m)?)?;
+    m.add_function(wrap_pyfunction!(files::crc32_combine, m)?)?;
     Ok(())
 }

@@ -1,0 +1,37 @@
+"""Event files: one module a format behind one interface (`interface`), listed in one place (`registry`)."""
+
+from .aedat4 import Aedat4Format
+from .bag import BagFormat
+from .dsec import DsecFormat
+from .e2vid import E2vidFormat
+from .evt import EVT2, EVT3
+from .interface import EventReader, EventWriter, Format, Limits, TruncatedFileWarning, WriteReport
+from .npy import NpyFormat
+from .npz import NpzFormat
+from .parquet import ParquetFormat
+from .registry import FORMATS, register
+from .text import TextFormat
+
+__all__ = [
+    "FORMATS",
+    "EventReader",
+    "EventWriter",
+    "Format",
+    "Limits",
+    "TruncatedFileWarning",
+    "WriteReport",
+]
+
+# Text last: whatever begins with a number is one.
+register(
+    EVT3,
+    EVT2,
+    Aedat4Format(),
+    NpyFormat(),
+    NpzFormat(),
+    DsecFormat(),
+    E2vidFormat(),
+    ParquetFormat(),
+    BagFormat(),
+    TextFormat(),
+)

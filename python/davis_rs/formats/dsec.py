@@ -1,0 +1,108 @@
+"""HDF5 in the layout of DSEC: events/{t, x, y, p}, ms_to_idx, t_offset."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from .._core import check_events
+from ..events import EventArray
+from .hdf5 import Hdf5Format, Hdf5Reader, Hdf5Writer
+from .interface import EventReader, EventWriter, Limits, Target
+
+_SPAN_US = 2**32
+"""Times are stored as uint32 after ``t_offset``."""
+
+
+class DsecWriter(Hdf5Writer):
+    """Writes events in DSEC's layout.
+
+    ``t_offset`` is 0 where the first event comes within 2^32 us (71 minutes), else that event's millisecond; a later
+    event 2^32 us or more after it is refused. ``ms_to_idx`` has an entry for each millisecond up to the last event's.
+
+    Source: Gehrig et al., "DSEC", RA-L 2021; https://dsec.ifi.uzh.ch/data-format.
+    """
+
+    def _create(self) -> None:
+        for name, dtype, bits in (("t", "<u4", True), ("x", "<u2", False), ("y", "<u2", False), ("p", "u1", True)):
+            self._columns[name] = self._column(f"events/{name}", dtype, bits=bits)
+        self._milliseconds = self._column("ms_to_idx", "<u8", chunk=1 << 12)
+        self._offset_us: int | None = None
+        self._hdf5.file["t_offset"] = np.int64(0)
+
+    def _check(self, packet: EventArray) -> None:
+        super()._check(packet)
+        latest_us = self._offset_of(packet) + _SPAN_US - 1
+        if packet["t"][-1] > latest_us:
+            check_events(packet, last_us=0, latest_us=latest_us, size=self.size)
+
+    def _offset_of(self, packet: EventArray) -> int:
+        if self._offset_us is not None:
+            return self._offset_us
+        first_us = int(packet["t"][0])
+        return 0 if first_us < _SPAN_US else first_us - first_us % 1000
+
+    def _append(self, packet: EventArray) -> None:
+        if self._offset_us is None:
+            self._offset_us = self._offset_of(packet)
+            self._hdf5.file["t_offset"][()] = self._offset_us
+        t_us = (packet["t"] - self._offset_us).astype(np.uint32)
+        due = np.arange(len(self._milliseconds), int(t_us[-1]) // 1000 + 1, dtype=np.int64) * 1000
+        self._milliseconds.append(np.searchsorted(t_us, due) + len(self._columns["t"]))
+        self._columns["t"].append(t_us)
+        for name in ("x", "y", "p"):
+            self._columns[name].append(packet[name])
+
+    def _settle(self) -> None:
+        for column in (*self._columns.values(), self._milliseconds):
+            column.settle()
+
+
+class DsecReader(Hdf5Reader):
+    """Reads DSEC's layout; ``t_offset`` is added to the times, and may be missing."""
+
+    names = ("events/t", "events/x", "events/y", "events/p")
+
+    def __init__(self, path: str | os.PathLike[str], *, format: str) -> None:
+        super().__init__(path, format=format)
+        self._offset_us = int(self._file["t_offset"][()]) if "t_offset" in self._file else 0
+
+    def _times(self, values: npt.NDArray[Any]) -> npt.NDArray[np.int64]:
+        return values.astype(np.int64) + self._offset_us
+
+
+class DsecFormat(Hdf5Format):
+    """DSEC's HDF5."""
+
+    name = "dsec"
+    suffixes = (".h5", ".hdf5")
+    limits = Limits()
+    marks = ("events/t",)
+
+    def open_writer(
+        self,
+        target: Target,
+        size: tuple[int, int],
+        *,
+        overwrite: bool,
+        compression: str = "zstd",
+        level: int = 1,
+        **options: Any,
+    ) -> EventWriter:
+        return DsecWriter(
+            target,
+            format=self.name,
+            size=size,
+            limits=self.limits,
+            overwrite=overwrite,
+            compression=compression,
+            level=level,
+            **options,
+        )
+
+    def open_reader(self, path: str | os.PathLike[str]) -> EventReader:
+        return DsecReader(Path(path), format=self.name)

@@ -1,0 +1,41 @@
+"""EVT 2.0 and EVT 3.0, Prophesee's ``.raw`` files: words of 32 and of 16 bits."""
+
+from __future__ import annotations
+
+import os
+import re
+from pathlib import Path
+
+from .core_files import CoreReader, CoreWriter
+from .interface import EventWriter, Format, Limits, Target
+
+
+class EvtFormat(Format):
+    """Without options. Sensors have at most 2048 x 2048 pixels.
+
+    Args:
+        version: 2 or 3.
+        latest_us: the latest time that is written.
+
+    Source: Prophesee, EVT 2.0 and EVT 3.0 formats, in Metavision's documentation.
+    """
+
+    suffixes = (".raw",)
+
+    def __init__(self, version: int, latest_us: int) -> None:
+        self.name = f"evt{version}"
+        self.limits = Limits(latest_us, 2048, 2048)
+        self._header = re.compile(rb"^%% (evt %d\.|format EVT%d[;\n\r])" % (version, version), re.MULTILINE)
+
+    def sniff(self, head: bytes, path: Path) -> bool:
+        return head.startswith(b"%") and self._header.search(head) is not None
+
+    def open_writer(self, target: Target, size: tuple[int, int], *, overwrite: bool) -> EventWriter:
+        return CoreWriter(target, format=self.name, size=size, limits=self.limits, overwrite=overwrite)
+
+    def open_reader(self, path: str | os.PathLike[str]) -> CoreReader:
+        return CoreReader(path, format=self.name)
+
+
+EVT3 = EvtFormat(3, 2**40 - 1)
+EVT2 = EvtFormat(2, 2**34 - 1)

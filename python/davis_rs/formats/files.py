@@ -1,0 +1,53 @@
+"""Making files: never over one that exists unless told so, and beside the path where a format must be whole at once."""
+
+from __future__ import annotations
+
+import errno
+import os
+from pathlib import Path
+
+
+def claim(path: str | os.PathLike[str], *, overwrite: bool) -> Path:
+    """An empty file at ``path``.
+
+    A pipe or a device has nothing to overwrite and is taken as it is.
+
+    Raises:
+        FileExistsError: if a file is there and ``overwrite`` is not set.
+        OSError: if it cannot be made.
+    """
+    target = Path(path)
+    if target.exists() and not (target.is_file() or target.is_dir()):
+        return target
+    try:
+        target.open("wb" if overwrite else "xb").close()
+    except FileExistsError:
+        raise FileExistsError(errno.EEXIST, "the file exists; overwrite=True replaces it", str(target)) from None
+    return target
+
+
+class PartFile:
+    """A file that is written beside its path, as ``NAME.part``, and takes its name when it is whole.
+
+    Raises:
+        FileExistsError: if the path exists and ``overwrite`` is not set, now or at the end.
+        OSError: if the file beside it cannot be made.
+    """
+
+    def __init__(self, path: str | os.PathLike[str], *, overwrite: bool) -> None:
+        self.path = Path(path)
+        self.part = self.path.with_name(self.path.name + ".part")
+        self._overwrite = overwrite
+        self._refuse()
+        claim(self.part, overwrite=True)
+
+    def commit(self) -> None:
+        """Give the file its name."""
+        self._refuse()
+        os.replace(self.part, self.path)
+
+    def _refuse(self) -> None:
+        if self.path.is_dir():
+            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(self.path))
+        if not self._overwrite and os.path.lexists(self.path):
+            raise FileExistsError(errno.EEXIST, "the file exists; overwrite=True replaces it", str(self.path))

@@ -1,0 +1,328 @@
+"""What every event format offers: one writer, one reader, and the format itself, which opens them."""
+
+from __future__ import annotations
+
+import os
+import warnings
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import BinaryIO, TypeVar, final
+
+import numpy as np
+
+from .._core import check_events
+from ..events import EVENT_DTYPE, EventArray, as_events, concatenate_events
+
+CHUNK = 1 << 20
+"""Events that an iteration hands out at a time, unless told otherwise: 16 MiB."""
+
+Target = str | os.PathLike[str] | BinaryIO
+"""Where events are written: a path, or an open binary stream (a pipe, a buffer), which the writer leaves open."""
+
+Roi = tuple[int, int, int, int]
+"""A region of the sensor, (x0, y0, x1, y1): x0 <= x < x1 and y0 <= y < y1. Coordinates stay the sensor's."""
+
+_Writer = TypeVar("_Writer", bound="EventWriter")
+_Reader = TypeVar("_Reader", bound="EventReader")
+
+
+class TruncatedFileWarning(UserWarning):
+    """A file ends in the middle of a record, or was never finished: what is whole in it was read."""
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What a format can hold: whole microseconds 0 .. ``latest_us``, and sensors of ``width`` x ``height``."""
+
+    latest_us: int = 2**63 - 1
+    width: int = 65_535
+    height: int = 65_535
+
+    def check_size(self, name: str, size: tuple[int, int]) -> tuple[int, int]:
+        """``size`` as (width, height) integers.
+
+        Raises:
+            ValueError: if the format called ``name`` cannot hold a sensor of that size.
+        """
+        width, height = (int(side) for side in size)
+        if not (1 <= width <= self.width and 1 <= height <= self.height):
+            raise ValueError(
+                f"{name} holds sensors of 1 x 1 to {self.width} x {self.height} pixels: got {width} x {height}"
+            )
+        return width, height
+
+
+@dataclass(frozen=True)
+class WriteReport:
+    """What a finished writer has written; ``first_us`` and ``last_us`` are None without events."""
+
+    path: str
+    format: str
+    events: int
+    bytes: int
+    first_us: int | None
+    last_us: int | None
+
+
+class EventWriter(ABC):
+    """Writes events packet by packet, in constant memory; a context manager.
+
+    A packet is checked as a whole before anything of it is written: times that go back, or lie outside of what the
+    format can hold, pixels outside of the sensor, and a polarity above 1 are a ValueError with index, value and rule,
+    and leave the file as it was. Ties keep their order. The caller's arrays are only read.
+
+    An OSError of the system (disk full, folder gone, pipe closed) comes from the call that meets it. What was written
+    before stays; the writer takes nothing more.
+
+    A format implements :meth:`_encode`, :meth:`_flush` and :meth:`_close`.
+
+    Args:
+        target: the path, or the stream, that is written to; for messages and the report.
+        format: the format's name.
+        size: (width, height) of the sensor in pixels.
+        limits: what the format can hold.
+    """
+
+    def __init__(self, target: Target, *, format: str, size: tuple[int, int], limits: Limits) -> None:
+        self.path = os.fspath(target) if isinstance(target, str | os.PathLike) else str(getattr(target, "name", target))
+        self.format = format
+        self.size = limits.check_size(format, size)
+        self._limits = limits
+        self._events = 0
+        self._first_us: int | None = None
+        self._last_us: int | None = None
+        self._report: WriteReport | None = None
+        self._failed = False
+
+    @final
+    def write(self, events: EventArray) -> None:
+        """Append a packet of any size: :data:`davis_rs.EVENT_DTYPE`, or any structured array with t, x, y and p.
+
+        Raises:
+            ValueError: for the first event that breaks a rule; nothing of the packet is written.
+            OSError: if the system refuses.
+        """
+        self._refuse_if_over()
+        packet = as_events(events)
+        if not len(packet):
+            return
+        self._take(packet)
+        if self._first_us is None:
+            self._first_us = int(packet["t"][0])
+        self._last_us = int(packet["t"][-1])
+        self._events += len(packet)
+
+    @final
+    def flush(self) -> None:
+        """Hand everything written so far to the operating system, such that it can be read.
+
+        Raises:
+            OSError: if the system refuses.
+        """
+        self._refuse_if_over()
+        with Failing(self):
+            self._flush()
+
+    @final
+    def finish(self) -> WriteReport:
+        """Write what is left, close the file and report; finishing again only reports.
+
+        Raises:
+            OSError: if the system refuses now, or did before.
+        """
+        if self._report is None:
+            if self._failed:
+                self._refuse_if_over()
+            with Failing(self):
+                size = self._close()
+            self._report = WriteReport(self.path, self.format, self._events, size, self._first_us, self._last_us)
+        return self._report
+
+    def __enter__(self: _Writer) -> _Writer:
+        return self
+
+    def __exit__(
+        self,
+        exc_type: type[BaseException] | None = None,
+        exc_value: BaseException | None = None,
+        traceback: TracebackType | None = None,
+    ) -> None:
+        """Finish; after a failed write, which has been told already, only let go of the file."""
+        if not self._failed:
+            self.finish()
+
+    def _take(self, packet: EventArray) -> None:
+        """Refuse a packet that breaks a rule, or write it."""
+        self._check(packet)
+        with Failing(self):
+            self._encode(packet)
+
+    def _check(self, packet: EventArray) -> None:
+        """Refuse a packet that breaks a rule."""
+        last_us = -1 if self._last_us is None else self._last_us
+        check_events(packet, last_us=last_us, latest_us=self._limits.latest_us, size=self.size)
+
+    @abstractmethod
+    def _encode(self, packet: EventArray) -> None:
+        """Write a checked, contiguous packet of at least one event."""
+
+    @abstractmethod
+    def _flush(self) -> None:
+        """Hand over what waits, such that it can be read."""
+
+    @abstractmethod
+    def _close(self) -> int:
+        """Write what is left, close the file and return its size in bytes."""
+
+    def _abandon(self) -> None:  # noqa: B027 - not every format holds something
+        """Let go of the file after a failure, leaving what is there."""
+
+    def _refuse_if_over(self) -> None:
+        if self._failed:
+            raise OSError(f"an earlier write to {self.path} failed: nothing more is taken")
+        if self._report is not None:
+            raise ValueError(f"{self.path} is finished: nothing can be written to it any more")
+
+
+class Failing:
+    """Marks a writer as failed when an error passes, but for those of class ``but``, and lets it go of its file."""
+
+    def __init__(self, writer: EventWriter, but: tuple[type[BaseException], ...] = ()) -> None:
+        self._writer = writer
+        self._but = but
+
+    def __enter__(self) -> None:
+        pass
+
+    def __exit__(self, exc_type: type[BaseException] | None, *_: object) -> None:
+        if exc_type is not None and not issubclass(exc_type, self._but):
+            self._writer._failed = True
+            self._writer._abandon()
+
+
+class EventReader(ABC):
+    """Reads the events of one file, in constant memory and as often as asked; a context manager.
+
+    Events come as :data:`davis_rs.EVENT_DTYPE`, in the file's order. A file that ends in the middle of a record gives
+    what is whole and a :class:`TruncatedFileWarning`.
+
+    A format implements :meth:`_packets`, and :meth:`_read` where it can do better than join them.
+    """
+
+    def __init__(self, path: str | os.PathLike[str], *, format: str, size: tuple[int, int] | None = None) -> None:
+        self.path = Path(path)
+        self.format = format
+        self.size = size
+        """(width, height) of the sensor in pixels, None where the file does not say."""
+
+    @property
+    def events(self) -> int | None:
+        """The number of events, None where the file does not say."""
+        return None
+
+    @property
+    def progress(self) -> float:
+        """How much of the file the iteration that goes on has behind it, 0 .. 1."""
+        return 0.0
+
+    @final
+    def iter(
+        self, chunk: int = CHUNK, *, start_us: int | None = None, stop_us: int | None = None, roi: Roi | None = None
+    ) -> Iterator[EventArray]:
+        """The events in arrays of ``chunk``, the last one shorter.
+
+        Args:
+            chunk: events an array, > 0.
+            start_us, stop_us: only events with start_us <= t < stop_us; what lies outside is not read where the
+                format allows it.
+            roi: only events in (x0, y0, x1, y1), half-open.
+
+        Raises:
+            OSError: if the file cannot be read.
+            DecodeError: for the first malformed record, with its place.
+        """
+        if chunk < 1:
+            raise ValueError(f"chunk must be a positive number of events: got {chunk}")
+        waiting: list[EventArray] = []
+        count = 0
+        for packet in self._packets(chunk, start_us, stop_us):
+            part = select(packet, start_us, stop_us, roi)
+            while count + len(part) >= chunk:
+                cut = chunk - count
+                yield part[:cut] if not waiting else concatenate_events([*waiting, part[:cut]])
+                waiting, count, part = [], 0, part[cut:]
+            if len(part):
+                waiting.append(part)
+                count += len(part)
+        if waiting:
+            yield waiting[0] if len(waiting) == 1 else concatenate_events(waiting)
+
+    @final
+    def read(self, *, start_us: int | None = None, stop_us: int | None = None, roi: Roi | None = None) -> EventArray:
+        """All events of the slice as one array; see :meth:`iter`."""
+        if roi is None:
+            return select(self._read(start_us, stop_us), start_us, stop_us, None)
+        return concatenate_events(list(self.iter(start_us=start_us, stop_us=stop_us, roi=roi)))
+
+    @abstractmethod
+    def _packets(self, chunk: int, start_us: int | None, stop_us: int | None) -> Iterator[EventArray]:
+        """From the beginning, arrays of about ``chunk`` events at most, in order; all of those with
+        start_us <= t < stop_us, and perhaps others. What is handed out belongs to the caller."""
+
+    def _read(self, start_us: int | None, stop_us: int | None) -> EventArray:
+        """All events with start_us <= t < stop_us, and perhaps others, as one array of the caller's."""
+        parts = (select(packet, start_us, stop_us, None) for packet in self._packets(CHUNK, start_us, stop_us))
+        return concatenate_events(list(parts))
+
+    def close(self) -> None:  # noqa: B027 - most formats open the file for an iteration only
+        """Let go of the file."""
+
+    def __enter__(self: _Reader) -> _Reader:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+class Format(ABC):
+    """One event format: how it is recognised, and who writes and reads it."""
+
+    name: str
+    """Its name, as ``format=`` takes it."""
+    suffixes: tuple[str, ...]
+    """The file suffixes that stand for it, lower case with the dot."""
+    limits: Limits = Limits()
+    """What it can hold."""
+
+    @abstractmethod
+    def sniff(self, head: bytes, path: Path) -> bool:
+        """Whether a file with these first bytes (4 KiB, or all of it) is one of this format."""
+
+    open_writer: Callable[..., EventWriter]
+    """``open_writer(target, size, *, overwrite, **options)``: a writer into a new file, with the format's own options;
+    see :func:`davis_rs.open_writer`."""
+
+    @abstractmethod
+    def open_reader(self, path: str | os.PathLike[str]) -> EventReader:
+        """A reader; see :func:`davis_rs.read_events`."""
+
+
+def select(events: EventArray, start_us: int | None, stop_us: int | None, roi: Roi | None) -> EventArray:
+    """The events of a slice, as :meth:`EventReader.iter` defines it; without a copy where all of them are."""
+    keep = np.ones(len(events), np.bool_)
+    if start_us is not None:
+        keep &= events["t"] >= start_us
+    if stop_us is not None:
+        keep &= events["t"] < stop_us
+    if roi is not None:
+        x0, y0, x1, y1 = roi
+        keep &= (events["x"] >= x0) & (events["x"] < x1) & (events["y"] >= y0) & (events["y"] < y1)
+    return events if keep.all() else np.ascontiguousarray(events.view("V16")[keep]).view(EVENT_DTYPE)
+
+
+def warn_truncated(path: str | os.PathLike[str], why: str) -> None:
+    """Say that a file is not whole, and what is left out."""
+    warnings.warn(f"{os.fspath(path)}: {why}", TruncatedFileWarning, stacklevel=3)

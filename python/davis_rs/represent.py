@@ -1,0 +1,117 @@
+"""Events as images: event frames, count images, time surfaces and voxel grids, as networks and trackers take them.
+
+All take an array of :data:`~davis_rs.EVENT_DTYPE` and the sensor's ``size`` as (width, height), and never change it.
+An event that lies outside of the sensor is a ValueError with its index.
+
+Sources: Gallego et al., "Event-based Vision: A Survey", TPAMI 2022, section 3.1 (what each is good for); each function
+names its own.
+"""
+
+from __future__ import annotations
+
+import operator
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ._core import count_events, latest_times
+from ._core import voxel_grid as _voxel_grid
+from .events import EventArray
+
+
+def event_frame(events: EventArray, size: tuple[int, int]) -> npt.NDArray[np.int32]:
+    """The sum of polarities in each pixel, ON as +1 and OFF as -1: int32, shape (height, width).
+
+    Source: Rebecq et al., "EVO", RA-L 2017, section III-B ("event image").
+    """
+    off, on = count_image(events, size)
+    return on.astype(np.int32) - off.astype(np.int32)
+
+
+def count_image(events: EventArray, size: tuple[int, int]) -> npt.NDArray[np.uint32]:
+    """The number of events in each pixel by polarity: uint32, shape (2, height, width), OFF before ON.
+
+    A frame of tonic's ``ToFrame`` has the same layout (in int16, which overflows).
+
+    Source: Maqueda et al., "Event-based Vision meets Deep Learning on Steering Prediction", CVPR 2018, section 3.1.
+    """
+    return count_events(events, _checked(size))
+
+
+def time_surface(
+    events: EventArray,
+    size: tuple[int, int],
+    tau_us: float,
+    *,
+    t_us: int | None = None,
+    dtype: npt.DTypeLike = np.float32,
+) -> npt.NDArray[Any]:
+    """How lately each pixel fired, by polarity: exp(-(t - t_last) / tau), 0 where it never did.
+
+    Args:
+        tau_us: time constant of the decay in microseconds, > 0.
+        t_us: the moment of the surface; later events are left out. The last event's time if not given.
+        dtype: a floating type; computed in float64.
+
+    Returns:
+        shape (2, height, width), OFF before ON, values in 0..1. tonic's ``ToTimesurface`` has the same layout.
+
+    Source: Lagorce et al., "HOTS", TPAMI 2017, section 3.1, equation 3.
+    """
+    if not tau_us > 0:
+        raise ValueError(f"the time constant must be > 0 us, got {tau_us}")
+    if t_us is None:
+        t_us = int(events["t"][-1]) if len(events) else 0
+    latest = latest_times(events, _checked(size), t_us)
+    # The difference of integers first: a Unix time in microseconds has no digits left for an exponential.
+    surface = np.exp((latest - t_us) / tau_us)
+    surface[latest < 0] = 0
+    return surface.astype(dtype, copy=False)
+
+
+def voxel_grid(
+    events: EventArray,
+    size: tuple[int, int],
+    bins: int,
+    *,
+    start_us: int | None = None,
+    stop_us: int | None = None,
+    endpoint: bool = True,
+    dtype: npt.DTypeLike = np.float32,
+) -> npt.NDArray[Any]:
+    """Polarities spread over ``bins`` planes in time, each event shared linearly by the two planes around it.
+
+    The planes are at ``np.linspace(start_us, stop_us, bins, endpoint=endpoint)``. An event at t gives plane k its
+    polarity (+1 ON, -1 OFF) times max(0, 1 - \\|t - t_k\\| / step).
+
+    Args:
+        bins: number of planes, at least 1.
+        start_us, stop_us: the window, both ends inclusive; events outside of it do not count. The first and the last
+            event's time if not given, as in the paper.
+        endpoint: whether the last plane is at ``stop_us`` (the paper) or one step before it (tonic's ``ToVoxelGrid``,
+            where events after the last plane fade out).
+        dtype: a floating type; summed in float64.
+
+    Returns:
+        shape (bins, height, width).
+
+    Raises:
+        ValueError: for less than 1 bin, a window that ends before it starts, an event outside of the sensor.
+
+    Source: Zhu et al., "Unsupervised Event-based Learning of Optical Flow, Depth, and Egomotion", CVPR 2019, section
+    3.1, equations 1 to 3.
+    """
+    if operator.index(bins) < 1:
+        raise ValueError(f"a voxel grid needs at least 1 bin, got {bins}")
+    first, last = (int(events["t"][0]), int(events["t"][-1])) if len(events) else (0, 0)
+    start = first if start_us is None else start_us
+    stop = max(start, last) if stop_us is None else stop_us
+    return _voxel_grid(events, _checked(size), bins, start, stop, endpoint).astype(dtype, copy=False)
+
+
+def _checked(size: tuple[int, int]) -> tuple[int, int]:
+    width, height = (operator.index(side) for side in size)
+    if not (1 <= width <= 65_535 and 1 <= height <= 65_535):
+        raise ValueError(f"size must be (width, height) with sides of 1..65535 pixels, got {size}")
+    return width, height

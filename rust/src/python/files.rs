@@ -1,0 +1,242 @@
+//! `EventFileWriter` and `EventFileReader` for Python: events to and from the formats of the core.
+
+use std::fs::{File, OpenOptions};
+use std::io::{Seek, SeekFrom};
+use std::path::PathBuf;
+
+use numpy::{IntoPyArray, PyArray1, PyReadonlyArray1};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+
+use super::arrays::events;
+use super::sink::Sink;
+use crate::error::{Error, Result};
+use crate::event::Event;
+use crate::read::{Aedat4Decoder, EventReader, Evt2Decoder, Evt3Decoder, TextDecoder};
+use crate::write::{Aedat4Encoder, Compression, Encode, EventWriter, Evt2Encoder, Evt3Encoder, Limits, TextEncoder};
+
+/// See `_core.pyi`.
+#[pyclass(name = "EventFileWriter", module = "davis_rs._core")]
+pub(super) struct PyEventFileWriter {
+    name: String,
+    /// None once finished.
+    writer: Option<EventWriter<Sink>>,
+    bytes: u64,
+}
+
+#[pymethods]
+impl PyEventFileWriter {
+    #[new]
+    #[allow(clippy::too_many_arguments, reason = "keywords in Python")]
+    #[pyo3(signature = (target, format, *, width, height, overwrite = false, size_line = false, compression = "none", level = 0, start_us = 0))]
+    fn new(
+        target: &Bound<'_, PyAny>,
+        format: &str,
+        width: u32,
+        height: u32,
+        overwrite: bool,
+        size_line: bool,
+        compression: &str,
+        level: i32,
+        start_us: i64,
+    ) -> PyResult<Self> {
+        let limits = Limits { width, height, ..Limits::NONE };
+        let encoder: Box<dyn Encode> = match format {
+            "text" if size_line => Box::new(TextEncoder::new(limits).with_size_line()),
+            "text" => Box::new(TextEncoder::new(limits)),
+            "aedat4" => {
+                let compression = match compression {
+                    "none" => Compression::None,
+                    "lz4" => Compression::Lz4,
+                    "zstd" => Compression::Zstd(level),
+                    _ => {
+                        let rule = format!("compression must be none, lz4 or zstd: got {compression:?}");
+                        return Err(PyValueError::new_err(rule));
+                    }
+                };
+                Box::new(Aedat4Encoder::new(width, height, compression, start_us))
+            }
+            "evt2" => Box::new(Evt2Encoder::new(width, height)),
+            "evt3" => Box::new(Evt3Encoder::new(width, height)),
+            _ => return Err(PyValueError::new_err(format!("the core has no format {format:?}"))),
+        };
+        let (name, sink) = Sink::open(target, overwrite)?;
+        let writer = target.py().detach(|| EventWriter::boxed(sink, encoder)).map_err(|error| naming(error, &name))?;
+        Ok(Self { name, bytes: writer.bytes(), writer: Some(writer) })
+    }
+
+    fn write(
+        &mut self,
+        py: Python<'_>,
+        #[pyo3(from_py_with = events)] events: PyReadonlyArray1<'_, Event>,
+    ) -> PyResult<()> {
+        let events = events.as_slice()?;
+        self.with_writer(py, |writer| writer.write(events))
+    }
+
+    fn flush(&mut self, py: Python<'_>) -> PyResult<()> {
+        self.with_writer(py, EventWriter::flush)
+    }
+
+    /// Finishing twice is harmless: the second call only tells the size again.
+    fn finish(&mut self, py: Python<'_>) -> PyResult<u64> {
+        if self.writer.is_some() {
+            let ended = self.with_writer(py, Sink::end);
+            self.writer = None;
+            ended?;
+        }
+        Ok(self.bytes)
+    }
+
+    /// Lets go of the file, and leaves it as it is.
+    fn abandon(&mut self) {
+        self.writer = None;
+    }
+}
+
+impl Drop for PyEventFileWriter {
+    /// A writer that nobody finished loses nothing; what goes wrong now can no longer be told.
+    fn drop(&mut self) {
+        if let Some(writer) = self.writer.as_mut() {
+            let _ = Sink::end(writer);
+        }
+    }
+}
+
+impl PyEventFileWriter {
+    /// Runs `work` on the open writer without the GIL, and puts the path into its system errors.
+    fn with_writer(
+        &mut self,
+        py: Python<'_>,
+        work: impl FnOnce(&mut EventWriter<Sink>) -> Result<()> + Send,
+    ) -> PyResult<()> {
+        let Some(writer) = self.writer.as_mut() else {
+            let rule = format!("{} is finished: nothing can be written to it any more", self.name);
+            return Err(PyValueError::new_err(rule));
+        };
+        let result = py.detach(|| work(writer));
+        self.bytes = writer.bytes();
+        Ok(result.map_err(|error| naming(error, &self.name))?)
+    }
+}
+
+/// `error` with the file's name, where it has none.
+fn naming(error: Error, name: &str) -> Error {
+    match error {
+        Error::Io { context, source } => Error::Io { context: format!("{context}: {name}"), source },
+        Error::Format { message, line, byte } => Error::Format { message: format!("{name}: {message}"), line, byte },
+        other => other,
+    }
+}
+
+/// See `_core.pyi`.
+#[pyclass(name = "EventFileReader", module = "davis_rs._core")]
+pub(super) struct PyEventFileReader {
+    name: String,
+    reader: EventReader<File>,
+    file_size: u64,
+    over: bool,
+}
+
+#[pymethods]
+impl PyEventFileReader {
+    #[new]
+    #[pyo3(signature = (path, format, *, from_byte = 0, start_us = None, stop_us = None))]
+    fn new(
+        path: PathBuf,
+        format: &str,
+        from_byte: usize,
+        start_us: Option<i64>,
+        stop_us: Option<i64>,
+    ) -> PyResult<Self> {
+        let name = path.display().to_string();
+        let mut file = OpenOptions::new().read(true).open(&path).map_err(Error::io(&name))?;
+        let file_size = file.metadata().map_err(Error::io(&name))?.len();
+        file.seek(SeekFrom::Start(from_byte as u64)).map_err(Error::io(&name))?;
+        let reader = match format {
+            "text" if from_byte == 0 => EventReader::new(file, TextDecoder::new()),
+            "text" => EventReader::new(file, TextDecoder::from_byte(from_byte)),
+            "aedat4" if start_us.is_some() || stop_us.is_some() => {
+                let times = start_us.unwrap_or(i64::MIN)..stop_us.unwrap_or(i64::MAX);
+                let decoder = Aedat4Decoder::of_slice(&mut file, times).map_err(|error| naming(error, &name))?;
+                EventReader::new(file, decoder)
+            }
+            "aedat4" => EventReader::new(file, Aedat4Decoder::new()),
+            "evt2" => EventReader::new(file, Evt2Decoder::new()),
+            "evt3" => EventReader::new(file, Evt3Decoder::new()),
+            _ => return Err(PyValueError::new_err(format!("the core has no format {format:?}"))),
+        };
+        Ok(Self { name, reader, file_size, over: false })
+    }
+
+    fn look(&mut self, py: Python<'_>) -> PyResult<()> {
+        Ok(py.detach(|| self.reader.look()).map_err(|error| naming(error, &self.name))?)
+    }
+
+    /// At least `enough` events and not many more, fewer at the end.
+    fn read<'py>(&mut self, py: Python<'py>, enough: usize) -> PyResult<Bound<'py, PyArray1<Event>>> {
+        let events = py.detach(|| {
+            let mut events = Vec::new();
+            self.over = !self.reader.read(enough, &mut events).map_err(|error| naming(error, &self.name))?;
+            Result::Ok(events)
+        })?;
+        Ok(events.into_pyarray(py))
+    }
+
+    #[getter]
+    fn over(&self) -> bool {
+        self.over
+    }
+
+    #[getter]
+    fn size(&self) -> Option<(u32, u32)> {
+        self.reader.size()
+    }
+
+    #[getter]
+    fn bytes(&self) -> u64 {
+        self.reader.bytes()
+    }
+
+    #[getter]
+    fn file_size(&self) -> u64 {
+        self.file_size
+    }
+
+    #[getter]
+    fn left_over(&self) -> u64 {
+        self.reader.left_over()
+    }
+}
+
+/// See `_core.pyi`.
+#[pyfunction]
+#[pyo3(signature = (events, *, last_us, latest_us, size))]
+pub(super) fn check_events(
+    #[pyo3(from_py_with = events)] events: PyReadonlyArray1<'_, Event>,
+    last_us: i64,
+    latest_us: i64,
+    size: (u32, u32),
+) -> PyResult<()> {
+    let limits = Limits { latest_us, width: size.0, height: size.1 };
+    Ok(limits.check(events.as_slice()?, last_us.max(0))?)
+}
+
+/// See `_core.pyi`.
+#[pyfunction]
+pub(super) fn crc32(py: Python<'_>, bytes: PyReadonlyArray1<'_, u8>, start: u32) -> PyResult<u32> {
+    let bytes = bytes.as_slice()?;
+    Ok(py.detach(|| {
+        let mut hasher = crc32fast::Hasher::new_with_initial(start);
+        hasher.update(bytes);
+        hasher.finalize()
+    }))
+}
+
+/// See `_core.pyi`.
+#[pyfunction]
+pub(super) fn crc32_combine(first: u32, second: u32, second_length: u64) -> u32 {
+    let mut hasher = crc32fast::Hasher::new_with_initial(first);
+    hasher.combine(&crc32fast::Hasher::new_with_initial_len(second, second_length));
+    hasher.finalize()
+}

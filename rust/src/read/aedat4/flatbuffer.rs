@@ -1,0 +1,63 @@
+//! Tables of a flatbuffer that others wrote: every place is checked.
+
+/// A flatbuffer, from behind its size.
+#[derive(Clone, Copy)]
+pub(super) struct Flatbuffer<'a>(&'a [u8]);
+
+/// A table's place.
+#[derive(Clone, Copy)]
+pub(super) struct Table(usize);
+
+impl<'a> Flatbuffer<'a> {
+    /// The flatbuffer whose size is at the beginning of `bytes`.
+    pub(super) fn with_size(bytes: &'a [u8]) -> Option<Self> {
+        let (size, rest) = bytes.split_first_chunk()?;
+        rest.get(..usize::try_from(u32::from_le_bytes(*size)).ok()?).map(Self)
+    }
+
+    pub(super) fn identifier(self) -> Option<&'a [u8]> {
+        self.0.get(4..8)
+    }
+
+    pub(super) fn root(self) -> Option<Table> {
+        self.behind(0).map(Table)
+    }
+
+    pub(super) fn i32(self, place: usize) -> Option<i32> {
+        Some(i32::from_le_bytes(*self.0.get(place..)?.first_chunk()?))
+    }
+
+    pub(super) fn i64(self, place: usize) -> Option<i64> {
+        Some(i64::from_le_bytes(*self.0.get(place..)?.first_chunk()?))
+    }
+
+    /// The place of a table's field; None where it has its default.
+    pub(super) fn field(self, Table(table): Table, index: usize) -> Option<usize> {
+        let vtable = i64::try_from(table).ok()? - i64::from(self.i32(table)?);
+        let vtable = usize::try_from(vtable).ok()?;
+        let at = 4 + 2 * index;
+        let offset = if at < usize::from(self.u16(vtable)?) { self.u16(vtable + at)? } else { 0 };
+        (offset != 0).then(|| table + usize::from(offset))
+    }
+
+    /// The bytes of the vector (or string) that `place` refers to, of elements of `size` bytes.
+    pub(super) fn vector(self, place: usize, size: usize) -> Option<&'a [u8]> {
+        let vector = self.behind(place)?;
+        let length = usize::try_from(self.i32(vector)?).ok()?.checked_mul(size)?;
+        self.0.get(vector + 4..)?.get(..length)
+    }
+
+    /// The tables of the vector that `place` refers to; one that lies outside ends them.
+    pub(super) fn tables(self, place: usize) -> Option<impl Iterator<Item = Table>> {
+        let (first, count) = (self.behind(place)? + 4, self.vector(place, 4)?.len() / 4);
+        Some((0..count).map_while(move |i| self.behind(first + 4 * i).map(Table)))
+    }
+
+    fn behind(self, place: usize) -> Option<usize> {
+        place.checked_add(usize::try_from(self.i32(place)?).ok()?)
+    }
+
+    fn u16(self, place: usize) -> Option<u16> {
+        Some(u16::from_le_bytes(*self.0.get(place..)?.first_chunk()?))
+    }
+}

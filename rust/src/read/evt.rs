@@ -1,0 +1,82 @@
+//! What EVT 2.0 and EVT 3.0 share: the text before the words.
+
+use crate::error::{Error, Result};
+
+/// A header is no longer; what goes on beyond is no `.raw` file.
+const LONGEST: usize = 1 << 16;
+
+/// Length and sensor size of a `.raw` file's header, once all of it is in `bytes` (at the end of the input: however it
+/// ends).
+pub(super) fn header(bytes: &[u8], at_end: bool) -> Result<Option<Header>> {
+    let mut header = Header { length: 0, size: None, start_us: 0 };
+    let (mut width, mut height) = (None, None);
+    loop {
+        let rest = &bytes[header.length..];
+        match rest.first() {
+            Some(b'%') => {}
+            Some(_) => break,
+            None if at_end => break,
+            None => return Ok(None),
+        }
+        let Some(end) = rest.iter().position(|&b| b == b'\n') else {
+            if !at_end && rest.len() < LONGEST {
+                return Ok(None);
+            }
+            let message = "a header line must end with a newline".to_owned();
+            return Err(Error::Format { message, line: None, byte: header.length });
+        };
+        header.length += end + 1;
+        let line = String::from_utf8_lossy(&rest[1..end]);
+        let line = line.trim();
+        if line == "end" {
+            break;
+        }
+        if let Some(geometry) = line.strip_prefix("geometry ") {
+            if let Some((w, h)) = geometry.split_once('x') {
+                (width, height) = (w.trim().parse().ok(), h.trim().parse().ok());
+            }
+        } else if let Some(start) = line.strip_prefix("t0 ") {
+            // Below 2^62, so that no time added to it leaves an i64.
+            header.start_us = start.trim().parse().ok().filter(|start| (0..1 << 62).contains(start)).unwrap_or(0);
+        } else if let Some(format) = line.strip_prefix("format ") {
+            for (key, value) in format.split(';').filter_map(|item| item.split_once('=')) {
+                match key.trim() {
+                    "width" => width = value.trim().parse().ok(),
+                    "height" => height = value.trim().parse().ok(),
+                    _ => {}
+                }
+            }
+        }
+    }
+    header.size = width.zip(height);
+    Ok(Some(header))
+}
+
+pub(super) struct Header {
+    pub(super) length: usize,
+    pub(super) size: Option<(u32, u32)>,
+    /// What all times have to be added to: faery takes the first time off.
+    pub(super) start_us: i64,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn headers_of_cameras_and_of_other_programs_are_read() {
+        for (text, size, start_us) in [
+            (&b"% evt 3.0\n% format EVT3;height=720;width=1280\n% end\n\x25\x80"[..], Some((1280, 720)), 0),
+            (b"% date 2020-01-01 00:00:00\n% evt 2.0\n% geometry 640x480\n% t0 70\n\x00\x80", Some((640, 480)), 70),
+            (b"% evt 2.0\n\x00\x80", None, 0),
+            (b"\x00\x80", None, 0),
+        ] {
+            let found = header(text, false).unwrap().unwrap();
+            assert_eq!((found.size, found.start_us), (size, start_us));
+            assert_eq!(found.length, text.iter().rposition(|&b| b == b'\n').map_or(0, |at| at + 1));
+        }
+        assert!(header(b"% evt 2.0\n% geo", false).unwrap().is_none());
+        assert!(header(b"% evt 2.0\n% geo", true).is_err());
+        assert!(header(&vec![b'%'; 70_000], false).is_err());
+    }
+}

@@ -1,0 +1,148 @@
+//! EVT 3.0 to events; the words are described in `write::evt3`.
+
+use super::evt::header;
+use super::evt2::unwrapped;
+use super::reader::Decode;
+use crate::error::Result;
+use crate::event::Event;
+
+/// The time's bits 23..12 go round at this.
+const ROUND: i64 = 1 << 12;
+
+/// Decodes EVT 3.0, words of several events (`3` base, `4` twelve and `5` eight pixels) included. Other words
+/// (triggers, counters) are passed over, and so are events before the first time. Where the 24 bits of time go round,
+/// time goes on.
+#[derive(Default)]
+pub struct Evt3Decoder {
+    in_words: bool,
+    size: Option<(u32, u32)>,
+    /// Added to all times.
+    start_us: i64,
+    /// Time above its low 12 bits, rounds included; None before the first one.
+    high: Option<i64>,
+    low: i64,
+    y: u16,
+    /// Where the next vector begins, and its polarity.
+    base_x: u16,
+    base_on: bool,
+}
+
+impl Evt3Decoder {
+    /// A decoder of a file's bytes, from its beginning.
+    #[must_use]
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    fn words(&mut self, bytes: &[u8], events: &mut Vec<Event>) -> usize {
+        let words = bytes.as_chunks::<2>().0;
+        events.reserve(words.len() / 2);
+        let mut time = self.high.map(|high| self.start_us + (high << 12 | self.low));
+        for &word in words {
+            let word = u16::from_le_bytes(word);
+            let on = word & 0x800 != 0;
+            match word >> 12 {
+                0 => self.y = word & 0x7ff,
+                2 => {
+                    if let Some(t) = time {
+                        events.push(Event::new(t, word & 0x7ff, self.y, on));
+                    }
+                }
+                3 => (self.base_x, self.base_on) = (word & 0x7ff, on),
+                4 => self.vector(word & 0xfff, 12, time, events),
+                5 => self.vector(word & 0xff, 8, time, events),
+                6 => {
+                    self.low = i64::from(word & 0xfff);
+                    time = self.high.map(|high| self.start_us + (high << 12 | self.low));
+                }
+                8 => {
+                    let high = unwrapped(self.high, i64::from(word & 0xfff), ROUND);
+                    // Cameras repeat the high time as a sign of life; only where it is new does the low one start again.
+                    if self.high != Some(high) {
+                        (self.high, self.low) = (Some(high), 0);
+                        time = Some(self.start_us + (high << 12));
+                    }
+                }
+                _ => {}
+            }
+        }
+        2 * words.len()
+    }
+
+    fn vector(&mut self, mut pixels: u16, length: u16, time: Option<i64>, events: &mut Vec<Event>) {
+        if let Some(t) = time {
+            while pixels != 0 {
+                #[allow(clippy::cast_possible_truncation, reason = "a word has 12 pixels at most")]
+                let offset = pixels.trailing_zeros() as u16;
+                events.push(Event::new(t, self.base_x.wrapping_add(offset), self.y, self.base_on));
+                pixels &= pixels - 1;
+            }
+        }
+        self.base_x = self.base_x.wrapping_add(length);
+    }
+}
+
+impl Decode for Evt3Decoder {
+    fn decode(&mut self, bytes: &[u8], events: &mut Vec<Event>) -> Result<usize> {
+        let mut used = 0;
+        if !self.in_words {
+            let Some(header) = header(bytes, false)? else { return Ok(0) };
+            (self.in_words, self.size, self.start_us, used) = (true, header.size, header.start_us, header.length);
+        }
+        Ok(used + self.words(&bytes[used..], events))
+    }
+
+    fn end(&mut self, bytes: &[u8], _events: &mut Vec<Event>) -> Result<usize> {
+        Ok(if self.in_words { 0 } else { header(bytes, true)?.map_or(0, |header| header.length) })
+    }
+
+    fn size(&self) -> Option<(u32, u32)> {
+        self.size
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::read::testing::{any_split_decodes_alike, read};
+    use crate::write::{EventWriter, Evt3Encoder};
+    use proptest::prelude::*;
+
+    #[test]
+    fn vectors_are_unfolded_in_order_of_x() {
+        let words = [0x2001u16, 0x8001, 0x6002, 0x0007, 0x3864, 0x4805, 0x5081, 0x8001, 0x2001, 0x8fff, 0x8000, 0x2003];
+        let bytes: Vec<u8> = words.into_iter().flat_map(u16::to_le_bytes).collect();
+        let events = read(&bytes, Evt3Decoder::new()).unwrap();
+        let t = 0x1002;
+        let expected = [
+            Event::new(t, 100, 7, true),
+            Event::new(t, 102, 7, true),
+            Event::new(t, 111, 7, true),
+            Event::new(t, 112, 7, true),
+            Event::new(t, 119, 7, true),
+            Event::new(t, 1, 7, false),
+            Event::new(1 << 24, 3, 7, false),
+        ];
+        assert_eq!(events, expected);
+    }
+
+    proptest! {
+        #[test]
+        fn what_is_written_is_read(raw in prop::collection::vec((0i64..1 << 32, 0u16..2048, 0u16..2048, any::<bool>()), 0..50), cut in 0usize..5000) {
+            let mut events: Vec<Event> = raw.iter().map(|&(t, x, y, p)| Event::new(t, x, y, p)).collect();
+            events.sort_by_key(|e| e.t);
+            let mut writer = EventWriter::new(Vec::new(), Evt3Encoder::new(2048, 2048)).unwrap();
+            writer.write(&events).unwrap();
+            let bytes = writer.finish().unwrap();
+            prop_assert_eq!(read(&bytes, Evt3Decoder::new()).unwrap(), &events[..]);
+            any_split_decodes_alike(&bytes, cut, Evt3Decoder::new, &events)?;
+        }
+
+        #[test]
+        fn any_bytes_are_read_or_refused_alike_in_any_split(bytes in prop::collection::vec(any::<u8>(), 0..300), cut in 0usize..300) {
+            if let Ok(events) = read(&bytes, Evt3Decoder::new()) {
+                any_split_decodes_alike(&bytes, cut, Evt3Decoder::new, &events)?;
+            }
+        }
+    }
+}

@@ -1,0 +1,16 @@
+//! Bytes to events: one push decoder a format, and the one reader that feeds them from a source.
+
+mod aedat4;
+mod evt;
+mod evt2;
+mod evt3;
+mod reader;
+#[cfg(test)]
+mod testing;
+mod text;
+
+pub use aedat4::Aedat4Decoder;
+pub use evt2::Evt2Decoder;
+pub use evt3::Evt3Decoder;
+pub use reader::{Decode, EventReader};
+pub use text::TextDecoder;

@@ -1,0 +1,120 @@
+//! Voxel grids: polarities spread over planes in time.
+
+use super::misplaced;
+use crate::error::{Error, Result};
+use crate::event::{Event, SensorSize};
+
+/// The planes of a voxel grid in time.
+#[derive(Clone, Copy, Debug)]
+pub struct TimeBins {
+    /// When the first plane is.
+    pub start_us: i64,
+    /// The end of the window, inclusive.
+    pub stop_us: i64,
+    /// The number of planes.
+    pub count: usize,
+    /// Whether the last plane is at the window's end (Zhu et al.) or one step before it.
+    pub endpoint: bool,
+}
+
+/// Sums polarities (+1 ON, -1 OFF) into `bins.count` planes, each event shared by the two planes around it in the
+/// measure of its nearness in time.
+///
+/// Events outside of the window count nowhere. The window may be an instant: all its events are then in the first plane.
+///
+/// # Errors
+/// [`Error::Argument`] if there is no plane, the window's end lies before its start, or an event of it lies outside of
+/// the sensor or has a polarity other than 0 or 1.
+pub fn voxel_grid(events: &[Event], size: SensorSize, bins: TimeBins) -> Result<Vec<f64>> {
+    let TimeBins { start_us, stop_us, count, endpoint } = bins;
+    if count == 0 || stop_us < start_us {
+        return Err(Error::Argument(format!(
+            "a voxel grid needs at least 1 bin and a window that does not end before it starts: got {count} bins in \
+             {start_us}..{stop_us} us"
+        )));
+    }
+    let pixels = size.pixels();
+    // What would fall past the last plane falls into two more, which are cut off again: no test per event.
+    let length = count.checked_add(2).and_then(|n| n.checked_mul(pixels)).filter(|&n| n <= isize::MAX as usize / 8);
+    let mut grid = vec![
+        0.0;
+        length.ok_or_else(|| {
+            Error::Argument(format!("{count} bins of {} x {} do not fit into memory", size.width, size.height))
+        })?
+    ];
+    #[allow(clippy::cast_precision_loss, reason = "times are shorter than 2^53 us, or the share is rounded")]
+    let (steps, span) =
+        ((if endpoint { count - 1 } else { count }) as f64, ((stop_us.abs_diff(start_us)).max(1)) as f64);
+    for (index, event) in events.iter().enumerate() {
+        if event.t < start_us || event.t > stop_us {
+            continue;
+        }
+        if event.x >= size.width || event.y >= size.height || event.p > 1 {
+            return Err(misplaced(index, event, size));
+        }
+        #[allow(clippy::cast_precision_loss, reason = "as above")]
+        let position = steps * (event.t.abs_diff(start_us) as f64) / span;
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "0 <= position <= count")]
+        let plane = position as usize;
+        #[allow(clippy::cast_precision_loss, reason = "a number of planes")]
+        let late = position - plane as f64;
+        let polarity = f64::from(event.p) * 2.0 - 1.0;
+        let cell = plane * pixels + event.pixel(size);
+        grid[cell] += polarity * (1.0 - late);
+        grid[cell + pixels] += polarity * late;
+    }
+    grid.truncate(count * pixels);
+    Ok(grid)
+}
+
+#[cfg(test)]
+#[allow(clippy::float_cmp, reason = "sums of dyadic fractions are exact")]
+mod tests {
+    use super::*;
+
+    const SIZE: SensorSize = SensorSize { width: 1, height: 1 };
+
+    fn grid(times: &[i64], count: usize, endpoint: bool) -> Vec<f64> {
+        let events: Vec<Event> = times.iter().map(|&t| Event::new(t, 0, 0, true)).collect();
+        voxel_grid(&events, SIZE, TimeBins { start_us: 0, stop_us: 8, count, endpoint }).unwrap()
+    }
+
+    #[test]
+    fn an_event_is_shared_by_the_planes_around_it() {
+        assert_eq!(grid(&[0], 3, true), [1.0, 0.0, 0.0]);
+        assert_eq!(grid(&[1], 3, true), [0.75, 0.25, 0.0]);
+        assert_eq!(grid(&[8], 3, true), [0.0, 0.0, 1.0]);
+        assert_eq!(grid(&[3], 2, false), [0.25, 0.75]);
+        assert_eq!(grid(&[7], 2, false), [0.0, 0.25]);
+        assert_eq!(grid(&[8], 2, false), [0.0, 0.0]);
+        assert_eq!(grid(&[0, 3, 8], 1, true), [3.0]);
+    }
+
+    #[test]
+    fn what_is_outside_of_the_window_counts_nowhere() {
+        assert_eq!(grid(&[-1, 9], 4, true), [0.0; 4]);
+    }
+
+    #[test]
+    fn an_instant_is_a_window() {
+        let bins = TimeBins { start_us: 5, stop_us: 5, count: 2, endpoint: true };
+        assert_eq!(voxel_grid(&[Event::new(5, 0, 0, false)], SIZE, bins).unwrap(), [-1.0, 0.0]);
+    }
+
+    #[test]
+    fn the_whole_of_time_is_a_window() {
+        let bins = TimeBins { start_us: i64::MIN, stop_us: i64::MAX, count: 2, endpoint: true };
+        assert_eq!(voxel_grid(&[Event::new(i64::MAX, 0, 0, true)], SIZE, bins).unwrap(), [0.0, 1.0]);
+    }
+
+    #[test]
+    fn bins_and_windows_that_are_none_are_refused() {
+        for bins in [
+            TimeBins { start_us: 0, stop_us: 1, count: 0, endpoint: true },
+            TimeBins { start_us: 1, stop_us: 0, count: 1, endpoint: true },
+            TimeBins { start_us: 0, stop_us: 1, count: usize::MAX, endpoint: true },
+        ] {
+            assert!(matches!(voxel_grid(&[], SIZE, bins), Err(Error::Argument(_))));
+        }
+    }
+}

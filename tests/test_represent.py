@@ -1,0 +1,155 @@
+"""Event frames, count images, time surfaces and voxel grids, against plain Python; and other libraries' layouts."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from davis_rs.dtypes import LAYOUTS, from_structured, to_structured, to_tonic
+from davis_rs.events import EVENT_DTYPE, EventArray
+from davis_rs.represent import count_image, event_frame, time_surface, voxel_grid
+from strategies import EPOCH_US, EXAMPLES
+
+WIDTH, HEIGHT = SIZE = (5, 4)
+
+
+@st.composite
+def streams(draw: st.DrawFn) -> EventArray:
+    """Events of a small sensor in order of time, with ties, from 0 and in Unix time."""
+    start = draw(st.sampled_from([0, EPOCH_US]))
+    event = st.tuples(
+        st.sampled_from([0, 1, 7, 1000]), st.integers(0, WIDTH - 1), st.integers(0, HEIGHT - 1), st.integers(0, 1)
+    )
+    events = np.array(draw(st.lists(event, max_size=40)), EVENT_DTYPE)
+    events["t"] = start + np.cumsum(events["t"])
+    events.flags.writeable = False
+    return events
+
+
+@EXAMPLES
+@given(streams())
+def test_counts_and_frames_are_those_of_a_loop(events: EventArray) -> None:
+    """OFF before ON; the event frame is ON minus OFF."""
+    expected = np.zeros((2, HEIGHT, WIDTH), int)
+    for _, x, y, p in events.tolist():
+        expected[p, y, x] += 1
+    counts, frame = count_image(events, SIZE), event_frame(events, SIZE)
+    assert counts.dtype == np.uint32
+    assert frame.dtype == np.int32
+    np.testing.assert_array_equal(counts, expected)
+    np.testing.assert_array_equal(frame, expected[1] - expected[0])
+
+
+@EXAMPLES
+@given(streams(), st.sampled_from([1.0, 30.0, 1e6]), st.sampled_from([None, 0, 3, 2000]))
+def test_time_surfaces_are_those_of_a_loop(events: EventArray, tau_us: float, after: int | None) -> None:
+    """exp(-(t - t_last) / tau), with events after t left out, to the last digit also in Unix time."""
+    if after is None or not len(events):
+        t_us, given_us = (int(events["t"][-1]) if len(events) else 0), None
+    else:
+        t_us = given_us = int(events["t"][0]) + after
+    expected = np.zeros((2, HEIGHT, WIDTH))
+    for t, x, y, p in events.tolist():
+        if t <= t_us:
+            expected[p, y, x] = math.exp((t - t_us) / tau_us)
+    surface = time_surface(events, SIZE, tau_us, t_us=given_us, dtype=np.float64)
+    np.testing.assert_allclose(surface, expected, rtol=1e-15)
+    assert time_surface(events, SIZE, tau_us, t_us=given_us).dtype == np.float32
+
+
+def grid_of_a_loop(
+    events: EventArray, bins: int, start_us: int, stop_us: int, endpoint: bool
+) -> npt.NDArray[np.float64]:
+    """The definition: each event times the triangle around each plane."""
+    grid = np.zeros((bins, HEIGHT, WIDTH))
+    steps = bins - 1 if endpoint else bins
+    for t, x, y, p in events.tolist():
+        if start_us <= t <= stop_us:
+            position = steps * (t - start_us) / max(1, stop_us - start_us)
+            for plane in range(bins):
+                grid[plane, y, x] += (2 * p - 1) * max(0.0, 1 - abs(position - plane))
+    return grid
+
+
+@EXAMPLES
+@given(streams(), st.integers(1, 6), st.booleans(), st.booleans())
+def test_voxel_grids_are_the_definitions(events: EventArray, bins: int, endpoint: bool, window: bool) -> None:
+    """Zhu et al.'s kernel, for the events' own window and a given one, with both conventions of the last plane."""
+    first, last = (int(events["t"][0]), int(events["t"][-1])) if len(events) else (0, 0)
+    if window:
+        start, stop = first + 3, first + 1003
+        grid = voxel_grid(events, SIZE, bins, start_us=start, stop_us=stop, endpoint=endpoint, dtype=np.float64)
+    else:
+        start, stop = first, last
+        grid = voxel_grid(events, SIZE, bins, endpoint=endpoint, dtype=np.float64)
+    np.testing.assert_allclose(grid, grid_of_a_loop(events, bins, start, stop, endpoint), atol=1e-12)
+
+
+def test_all_polarity_is_in_the_grid() -> None:
+    """With the last plane at the window's end no event fades: the grid's sum is that of the polarities."""
+    rng = np.random.default_rng(3)
+    events = np.zeros(10_000, EVENT_DTYPE)
+    events["t"] = np.sort(rng.integers(0, 1_000_000, len(events)))
+    events["x"], events["y"] = rng.integers(0, WIDTH, len(events)), rng.integers(0, HEIGHT, len(events))
+    events["p"] = rng.random(len(events)) < 0.7
+    grid = voxel_grid(events, SIZE, 5)
+    assert grid.dtype == np.float32
+    assert grid.sum(dtype=np.float64) == pytest.approx(event_frame(events, SIZE).sum(), rel=1e-6)
+
+
+def test_strangers_and_impossible_arguments_are_refused() -> None:
+    """With the rule, the value and the event's index."""
+    outside = np.array([(0, 0, 0, 1), (1, 5, 0, 1)], EVENT_DTYPE)
+    for represent in (event_frame, count_image, lambda e, s: time_surface(e, s, 1.0), lambda e, s: voxel_grid(e, s, 3)):
+        with pytest.raises(ValueError, match=r"5 x 4 sensor: event 1 is at \(5, 0\)"):
+            represent(outside, SIZE)
+    inside = outside[:1]
+    with pytest.raises(ValueError, match="at least 1 bin, got 0"):
+        voxel_grid(inside, SIZE, 0)
+    with pytest.raises(ValueError, match=r"window that does not end before it starts: got 2 bins in 5\.\.4"):
+        voxel_grid(inside, SIZE, 2, start_us=5, stop_us=4)
+    with pytest.raises(ValueError, match="> 0 us, got 0"):
+        time_surface(inside, SIZE, 0.0)
+    for size in ((0, 4), (5, 65_536)):
+        with pytest.raises(ValueError, match=r"sides of 1\.\.65535"):
+            count_image(inside, size)
+
+
+# ---- other libraries' layouts ----
+
+
+@pytest.mark.parametrize("name", sorted(LAYOUTS))
+@EXAMPLES
+@given(events=streams())
+def test_layouts_there_and_back(name: str, events: EventArray) -> None:
+    """The same events, in a copy."""
+    there = to_structured(events, name)
+    assert there.dtype == LAYOUTS[name]
+    assert from_structured(there).tolist() == events.tolist()
+
+
+def test_tonics_layout_is_tonics() -> None:
+    """x, y int16, t int64, p bool, in this order."""
+    events = to_tonic(np.array([(7, 1, 2, 1)], EVENT_DTYPE))
+    assert events.dtype.descr == [("x", "<i2"), ("y", "<i2"), ("t", "<i8"), ("p", "|b1")]
+    assert events.tolist() == [(1, 2, 7, True)]
+
+
+def test_what_a_layout_cannot_hold_is_refused() -> None:
+    """With field, index and value; a layout without a time is none."""
+    wide = np.array([(0, 1, 1, 1), (0, 32_768, 1, 1)], EVENT_DTYPE)
+    with pytest.raises(ValueError, match="x of event 1 is 32768, which int16"):
+        to_tonic(wide)
+    with pytest.raises(ValueError, match="needs one field that is one of t, ts, timestamp, time"):
+        to_structured(wide, np.dtype([("x", "i4"), ("y", "i4"), ("p", "i1")]))
+    signed = np.array([(0, 1, 1, -1)], np.dtype([("t", "i8"), ("x", "i2"), ("y", "i2"), ("p", "i1")]))
+    with pytest.raises(ValueError, match="p of event 0 is -1"):
+        from_structured(signed)
+    signed["p"] = 2
+    with pytest.raises(ValueError, match="polarity must be 0 or 1: event 0 has 2"):
+        from_structured(signed)
