@@ -21,6 +21,7 @@ from ._core import DecodeError, read_events_text
 from .camera import Camera
 from .dataset_files import CALIBRATION, DEPTH_MAPS, EVENTS, FRAMES, GROUND_TRUTH, LUMA_MAPS, META, ImageSeries
 from .events import EventArray
+from .pose import GroundTruth
 
 
 class StampedImage(NamedTuple):
@@ -28,17 +29,6 @@ class StampedImage(NamedTuple):
 
     t_us: int
     path: Path
-
-
-class GroundTruth(NamedTuple):
-    """Poses of the camera, T_world_camera.
-
-    ``t_us`` int64 (n,); ``positions`` float64 (n, 3) in metres; ``quaternions`` float64 (n, 4) as (x, y, z, w).
-    """
-
-    t_us: npt.NDArray[np.int64]
-    positions: npt.NDArray[np.float64]
-    quaternions: npt.NDArray[np.float64]
 
 
 class Dataset:
