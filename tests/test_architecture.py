@@ -13,13 +13,14 @@ PACKAGE = ROOT / "python" / "davis_rs"
 
 # From the top down: a module may import only from the layers below its own, and from its own to its right.
 LAYERS = [
-    ["cli", "cli_plan", "cli_common", "cli_accuracy"],
+    ["cli", "cli_plan", "cli_common", "cli_accuracy", "cli_calibrate"],
     ["accuracy_report", "accuracy", "accuracy_settings", "reference_events"],
     ["record"],
     ["simulate"],
     ["plan"],
     ["sensor_parameters"],
     ["check", "compare", "video", "view"],
+    ["calibrate"],
     ["read"],
     ["dataset", "dataset_files"],
     ["observe", "interpolate"],
@@ -32,7 +33,10 @@ LAYERS = [
         *["scene_texture", "render", "rate_difference", "neighbours", "camera_rays", "flow"],
         *["swept_objects", "swept", "scene_motion"],
     ],
-    ["scenes", "fence_scene", "builtin_scenes", "scene_parts", "textures", "scene", "light_course"],
+    [
+        *["scenes", "calibration_scene", "fence_scene", "builtin_scenes", "scene_parts", "textures"],
+        *["scene", "light_course", "checkerboard"],
+    ],
     ["trajectory_file", "sampled_trajectory"],
     ["packet", "views", "trajectory", "pose"],
     ["camera", "lattice", "luma", "biases"],
@@ -41,7 +45,7 @@ LAYERS = [
     ["_core"],
 ]
 RANK = {module: (layer, place) for layer, modules in enumerate(LAYERS) for place, module in enumerate(modules)}
-LATE = {"mitsuba", "drjit", "scipy", "matplotlib", "imageio", "OpenEXR", "PIL", "tqdm"}
+LATE = {"mitsuba", "drjit", "scipy", "matplotlib", "imageio", "OpenEXR", "PIL", "tqdm", "cv2"}
 
 MODULES = sorted(path.relative_to(PACKAGE) for path in PACKAGE.rglob("*.py") if path != PACKAGE / "__init__.py")
 

@@ -1,4 +1,4 @@
-"""The command line: davis-rs simulate, plan, check, view, accuracy."""
+"""The command line: davis-rs simulate, plan, check, view, accuracy, calibrate."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from pathlib import Path
 from ._core import __version__
 from .camera import PRESETS, load_camera
 from .cli_accuracy import add_accuracy
+from .cli_calibrate import add_calibrate
 from .cli_common import add_path, path_of
 from .cli_plan import add_plan
 from .sensor_parameters import SENSORS
@@ -116,6 +117,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_simulate(commands)
     add_plan(commands)
     add_accuracy(commands)
+    add_calibrate(commands)
 
     check = commands.add_parser("check", help="check a dataset: do its events explain its images?")
     check.add_argument("dataset", type=Path, metavar="DIR")
@@ -143,7 +145,9 @@ class _Help(argparse.ArgumentDefaultsHelpFormatter):
 def _add_simulate(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     simulate = commands.add_parser("simulate", help="simulate a sequence into a dataset folder", formatter_class=_Help)
     simulate.set_defaults(run=_simulate)
-    simulate.add_argument("scene", metavar="SCENE", help="three_planes, three_walls or a Mitsuba XML file")
+    simulate.add_argument(
+        "scene", metavar="SCENE", help="three_planes, three_walls, fence, calibration or a Mitsuba XML file"
+    )
     simulate.add_argument("-o", "--output", required=True, metavar="DIR", help="the folder to write")
 
     add_path(simulate.add_argument_group("camera path"))
