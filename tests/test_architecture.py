@@ -13,7 +13,7 @@ PACKAGE = ROOT / "python" / "davis_rs"
 
 # From the top down: a module may import only from the layers below its own, and from its own to its right.
 LAYERS = [
-    ["cli", "cli_plan", "cli_common", "cli_accuracy", "cli_calibrate"],
+    ["cli", "cli_plan", "cli_common", "cli_inertial", "cli_accuracy", "cli_calibrate"],
     ["accuracy_report", "accuracy", "accuracy_settings", "reference_events"],
     ["record"],
     ["simulate"],
@@ -22,7 +22,9 @@ LAYERS = [
     ["check", "compare", "video", "view"],
     ["calibrate"],
     ["read"],
-    ["dataset", "dataset_files"],
+    ["dataset", "write_trajectory", "dataset_files"],
+    ["clocks"],
+    ["imu", "motion_capture"],
     ["observe", "interpolate"],
     ["presets", "refine", "tolerance", "sampling", "exposure", "displacement", "keyframes"],
     ["effects"],
@@ -37,7 +39,7 @@ LAYERS = [
         *["scenes", "calibration_scene", "fence_scene", "builtin_scenes", "scene_parts", "textures"],
         *["scene", "light_course", "checkerboard"],
     ],
-    ["trajectory_file", "sampled_trajectory"],
+    ["motions", "waypoints", "trajectory_file", "sampled_trajectory"],
     ["packet", "views", "trajectory", "pose"],
     ["camera", "lattice", "luma", "biases"],
     ["events"],

@@ -3,14 +3,17 @@
 from ._core import CrossingEngine, DecodeError, EventTextWriter, __version__, log_intensity, reconstruct
 from .camera import Camera, load_camera
 from .check import check_dataset
+from .clocks import ClockAlignment, align_clocks
 from .compare import EventComparison, compare_events
 from .dataset import DatasetWriter
 from .effects import Effects
 from .events import EVENT_DTYPE, as_events
+from .imu import IMU_DTYPE, Imu, simulate_imu
 from .light_course import Flicker, LightCourse, SampledCourse
+from .motion_capture import MocapClock, MocapNoise, MotionCapture
 from .packet import Packet
 from .plan import EffectPlan, plan_effects
-from .pose import Pose
+from .pose import GroundTruth, Pose
 from .presets import ACCURACY, Accuracy
 from .read import Dataset
 from .record import record
@@ -25,14 +28,18 @@ from .trajectory import CallableTrajectory, SegmentTrajectory, Trajectory, align
 from .trajectory_file import read_trajectory
 from .video import video_dataset
 from .view import view_dataset
+from .waypoints import waypoint_trajectory
+from .write_trajectory import write_trajectory
 
 __all__ = [
     "ACCURACY",
     "EVENT_DTYPE",
+    "IMU_DTYPE",
     "SENSORS",
     "Accuracy",
     "CallableTrajectory",
     "Camera",
+    "ClockAlignment",
     "CrossingEngine",
     "Dataset",
     "DatasetWriter",
@@ -43,8 +50,13 @@ __all__ = [
     "EventTextWriter",
     "FixedRate",
     "Flicker",
+    "GroundTruth",
+    "Imu",
     "LightCourse",
     "MaxDisplacement",
+    "MocapClock",
+    "MocapNoise",
+    "MotionCapture",
     "Packet",
     "Pose",
     "SampledCourse",
@@ -57,6 +69,7 @@ __all__ = [
     "Trajectory",
     "__version__",
     "align",
+    "align_clocks",
     "as_events",
     "check_dataset",
     "compare_events",
@@ -69,7 +82,10 @@ __all__ = [
     "reconstruct",
     "record",
     "simulate",
+    "simulate_imu",
     "start_pose",
     "video_dataset",
     "view_dataset",
+    "waypoint_trajectory",
+    "write_trajectory",
 ]

@@ -13,6 +13,7 @@ from .camera import PRESETS, load_camera
 from .cli_accuracy import add_accuracy
 from .cli_calibrate import add_calibrate
 from .cli_common import add_path, path_of
+from .cli_inertial import add_inertial, imu_of, motion_capture_of
 from .cli_plan import add_plan
 from .sensor_parameters import SENSORS
 
@@ -39,6 +40,7 @@ def _simulate(options: argparse.Namespace) -> int:
     from .simulate import Simulator
     from .tolerance import Tolerance
 
+    imu, motion_capture = imu_of(options), motion_capture_of(options)
     scene = load_scene(options.scene)
     part = path_of(options, scene, quiet=options.quiet)
     sampling: TimeSampling | None = None
@@ -76,7 +78,8 @@ def _simulate(options: argparse.Namespace) -> int:
         simulator,
         part,
         options.output,
-        pose_rate_hz=options.pose_rate,
+        motion_capture=motion_capture,
+        imu=imu,
         exposure=options.exposure,
         overwrite=options.overwrite,
         meta={"command": ["davis-rs", *sys.argv[1:]]},
@@ -163,7 +166,6 @@ def _add_simulate(commands: argparse._SubParsersAction[argparse.ArgumentParser])
     camera.add_argument("--log-eps", type=float, default=1e-3, metavar="Y", help="dark level in units of luma")
     camera.add_argument("--frame-rate", type=float, default=40.0, metavar="HZ", help="intensity frames; 0 = none")
     camera.add_argument("--depth-rate", type=float, default=40.0, metavar="HZ", help="depth maps; 0 = none")
-    camera.add_argument("--pose-rate", type=float, default=200.0, metavar="HZ", help="ground truth")
     camera.add_argument(
         "--exposure", type=float, help="grey = 255 x exposure x luma; chosen from the first frame if not given"
     )
@@ -182,6 +184,8 @@ def _add_simulate(commands: argparse._SubParsersAction[argparse.ArgumentParser])
         choices=("auto",),
         help="those of --sensor (davis240c if not given) whose neglect would show in this scene",
     )
+
+    add_inertial(simulate)
 
     accuracy = simulate.add_argument_group("accuracy and cost")
     accuracy.add_argument(

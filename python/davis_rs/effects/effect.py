@@ -33,7 +33,7 @@ class Effect(ABC):
         return asdict(self)  # type: ignore[call-overload]  # implementations are dataclasses
 
     def random(self, seed: int, *, purpose: int = 0, index: int = 0) -> np.random.Generator:
-        """Draws that are a function of (seed, effect, purpose, index) alone; the name's first 8 bytes tell effects apart.
+        """Draws that are a function of (seed, effect, purpose, index) alone; a name's first 8 bytes tell which effect.
 
         Source: Salmon et al., "Parallel random numbers: as easy as 1, 2, 3", SC 2011 (Philox).
         """

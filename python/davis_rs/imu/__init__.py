@@ -1,6 +1,6 @@
 """The inertial measurement unit beside the sensor: what it would read, each imperfection off unless asked for."""
 
-from .imu import IMU_DTYPE, Imu, ImuArray, as_imu, simulate_imu
+from .imu import IMU_DTYPE, IMU_EFFECTS, Imu, ImuArray, as_imu, simulate_imu
 from .kalibr import kalibr_camera_chain, kalibr_imu
 from .lag import ImuLag
 from .low_pass import ImuLowPass
@@ -12,6 +12,7 @@ from .saturation import ImuSaturation
 __all__ = [
     "DAVIS_T_IMU_CAMERA",
     "IMU_DTYPE",
+    "IMU_EFFECTS",
     "Imu",
     "ImuArray",
     "ImuLag",

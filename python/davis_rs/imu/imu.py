@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -24,6 +24,15 @@ IMU_DTYPE = np.dtype([("t", "<i8"), ("accel", "<f8", (3,)), ("gyro", "<f8", (3,)
 
 ImuArray = np.ndarray[tuple[int], np.dtype[np.void]]
 """One-dimensional array of ``IMU_DTYPE``."""
+
+IMU_EFFECTS: dict[str, type[Effect]] = {
+    "low_pass": ImuLowPass,
+    "lag": ImuLag,
+    "noise": ImuNoise,
+    "saturation": ImuSaturation,
+    "quantisation": ImuQuantisation,
+}
+"""The effects by the names that they have in :class:`Imu`, in the order in which they act."""
 
 _GRAVITY = (0.0, 0.0, -9.81)
 _BLOCK = 4096
@@ -95,13 +104,13 @@ class Imu:
 
     def describe(self) -> dict[str, Any]:
         """What it is, of types that JSON knows."""
-        effects = {f.name: getattr(self, f.name) for f in fields(self) if isinstance(getattr(self, f.name), Effect)}
+        effects = {name: getattr(self, name) for name in IMU_EFFECTS}
         return {
             "rate_hz": self.rate_hz,
             "T_imu_camera": self.place.matrix.tolist(),
             "gravity": list(self.gravity),
             "lag_s": self.lag_s,
-            **{name: effect.settings() for name, effect in effects.items()},
+            **{name: effect.settings() for name, effect in effects.items() if effect is not None},
         }
 
 
@@ -163,11 +172,11 @@ def as_imu(samples: npt.ArrayLike) -> ImuArray:
 
 def _motion(trajectory: Trajectory, imu: Imu, t_us: npt.NDArray[np.int64]) -> FloatArray:
     """Ideal readings (n, 6), as late and as smooth as the IMU makes them."""
-    t = t_us * 1e-6 - imu.lag_s
+    t: FloatArray = t_us.astype(np.float64) * 1e-6 - imu.lag_s
     if imu.low_pass is None:
         return _readings(trajectory, imu, t)
     around, weights = imu.low_pass.kernel()
-    every = _readings(trajectory, imu, (t[:, None] + around).ravel())
+    every = _readings(trajectory, imu, np.add.outer(t, around).ravel())
     smooth: FloatArray = np.einsum("k,nkc->nc", weights, every.reshape(len(t), len(around), 6))
     return smooth
 

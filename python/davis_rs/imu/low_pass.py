@@ -10,8 +10,8 @@ import numpy as np
 from ..effects.effect import Effect, Where, check_range
 from ..pose import FloatArray
 
-_NODES = 15
-_WIDEST = 5.0  # standard deviations: beyond it a Gaussian is nothing
+_NODES = 21
+_WIDEST = 4.0  # standard deviations: beyond it a Gaussian is nothing
 _BOX_BANDWIDTH = 0.22147  # of a box of half-width 1 s, Hz: where sin(x) / x is 1 / sqrt(2), x = 2 pi f
 
 
