@@ -200,14 +200,15 @@ class TestNoise:
         white = ImuNoise(2e-3, 3e-4, 0.0, 0.0)
         walk = ImuNoise(0.0, 0.0, 5e-3, 7e-4)
         rate, count = 200.0, 400_000
-        for noise, law in ((white, lambda d, tau: d / np.sqrt(tau)), (walk, lambda d, tau: d * np.sqrt(tau / 3))):
+        for noise in (white, walk):
             values = noise.draw(count, rate, seed=3)
             accelerometer, gyroscope = (v for v in noise.settings().values() if v)
             for axis in range(6):
                 taus, deviations, _, n = allantools.oadev(
                     values[:, axis], rate=rate, data_type="freq", taus=[1.0, 10.0, 50.0]
                 )
-                expected = law(accelerometer if axis < 3 else gyroscope, taus)
+                density = accelerometer if axis < 3 else gyroscope
+                expected = density / np.sqrt(taus) if noise is white else density * np.sqrt(taus / 3)
                 alpha = 0 if noise is white else -2
                 for tau, deviation, true in zip(taus, deviations, expected, strict=True):
                     freedom = allantools.edf_greenhall(
