@@ -82,8 +82,7 @@ def calibrate_camera_imu(
 
     Raises:
         ValueError: for too few views or readings, more than half a second without a view, or a motion that does not
-            turn about two axes.
-        ArithmeticError: if it does not converge.
+            turn about two axes, or measurements that do not fit together.
 
     Source: Furgale, Rehder and Siegwart, IROS 2013 (continuous-time estimation).
     """

@@ -21,6 +21,8 @@ FloatArray = npt.NDArray[np.float64]
 _LEAST_TURN_RAD = np.radians(2.0)
 """Root mean square of the turns about the second axis that a motion must have."""
 
+_MOST_DISAGREEMENT_DEG = 3.0
+
 _MOST_LINEAR_VIEWS = 40
 """The linear solution takes all pairs of at most so many views."""
 
@@ -83,9 +85,8 @@ def calibrate_hand_eye(
         hand_poses: A', (n, 4, 4), one for each of ``camera_poses``.
 
     Raises:
-        ValueError: for fewer than three views, or motion that leaves X open: pure translation, or rotation about one
-            axis alone.
-        ArithmeticError: if it does not converge.
+        ValueError: for fewer than three views, motion that leaves X open (pure translation, or rotation about one axis
+            alone), or hand and camera that do not turn alike.
         ImportError: without OpenCV 4.
 
     Source: Tsai and Lenz, IEEE Trans. Robotics and Automation 1989; Mueggler et al., IJRR 2017, section 5.
@@ -94,6 +95,7 @@ def calibrate_hand_eye(
         raise ValueError(f"each view needs one pose of the hand, got {len(hand_poses)} for {len(camera_poses)} views")
     b = np.stack([pose.matrix for pose in camera_poses]) if camera_poses else np.empty((0, 4, 4))
     check_motion(hand_poses)
+    _check_agreement(hand_poses, b)
     x = linear_hand_eye(hand_poses, b)
     start = HandEyePoses(x, hand_poses[0] @ x @ inverse(b[0]))
     corners = np.stack([pose.view.corners for pose in camera_poses])
@@ -143,6 +145,21 @@ def check_motion(poses: FloatArray) -> None:
             f"the motion is degenerate: rotation about one axis alone ({np.degrees(first):.2g} degrees rms, but "
             f"{np.degrees(second):.2g} about a second one, where at least {least:g} are needed), so that the camera "
             "could sit anywhere along it"
+        )
+
+
+def _check_agreement(hand_poses: FloatArray, camera_poses: FloatArray) -> None:
+    """Hand and camera turn by the same angle from one view to another, however they sit on each other."""
+    later = len(hand_poses) // 2
+    hand, camera = (
+        np.linalg.norm(vector_of(np.swapaxes(poses[:-later, :3, :3], 1, 2) @ poses[later:, :3, :3]), axis=1)
+        for poses in (hand_poses, camera_poses)
+    )
+    off = np.degrees(np.sqrt(np.mean((hand - camera) ** 2)))
+    if off > _MOST_DISAGREEMENT_DEG:
+        raise ValueError(
+            f"the body and the camera do not turn alike (by angles that differ by {off:.2g} degrees rms, more than "
+            f"{_MOST_DISAGREEMENT_DEG:g}): are these poses of the body that carries the camera, on its clock?"
         )
 
 

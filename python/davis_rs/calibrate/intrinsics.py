@@ -11,10 +11,18 @@ from ..camera import Camera
 from ..checkerboard import Checkerboard
 from .corners import BoardView
 from .opencv import load_opencv
+from .reprojection import rotation_of
 
 PARAMETERS = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2")
 
 _LEAST_VIEWS = 6
+_LEAST_TILT_RAD = np.radians(10.0)
+_LARGEST_DEVIATION = 0.05
+"""Of the focal length, as a share of it."""
+
+_LONGEST_FOCAL_LENGTH = 20.0
+"""In widths of the sensor: a view of three degrees, in which no board shows perspective."""
+
 _MOST_VIEWS = 80
 """More are thinned evenly: neighbouring frames say little new, and time grows with them."""
 
@@ -54,7 +62,7 @@ def calibrate_intrinsics(
         raise ValueError(f"intrinsics need at least {_LEAST_VIEWS} views of the board, got {len(views)}")
     cv2 = load_opencv()
     used = thinned(views, most_views)
-    rms, matrix, distortion, _, _, deviations, _, frame_rms = cv2.calibrateCameraExtended(
+    rms, matrix, distortion, turns, _, deviations, _, frame_rms = cv2.calibrateCameraExtended(
         [board.corners.astype(np.float32)] * len(used),
         [view.corners.astype(np.float32) for view in used],
         (width, height),
@@ -65,13 +73,24 @@ def calibrate_intrinsics(
     )
     values = [matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2], *distortion.ravel()[:4]]
     spread = deviations.ravel()[: len(PARAMETERS)]
-    if not (np.isfinite(values).all() and np.isfinite(spread).all() and 0 < spread[:2].max() < 0.05 * matrix[0, 0]):
+    tilt = np.arccos(np.clip(rotation_of(np.reshape(turns, (-1, 3)))[:, 2, 2], -1, 1)).max()
+    # Seen straight, a board near a short lens looks like one far from a long lens, and the fit's deviations are void.
+    focal, deviation = float(matrix[0, 0]), float(spread[:2].max())
+    if not (
+        tilt > _LEAST_TILT_RAD
+        and np.isfinite(spread).all()
+        and deviation < _LARGEST_DEVIATION * focal
+        and focal < _LONGEST_FOCAL_LENGTH * width
+    ):
         raise ValueError(
-            f"these {len(used)} views do not tell the focal length (standard deviation {spread[:2].max():.3g} px of "
-            f"{matrix[0, 0]:.4g} px): the board must be seen from several directions"
+            f"these {len(used)} views do not tell the focal length ({focal:.4g} +- {deviation:.3g} px, the board "
+            f"tilted by {np.degrees(tilt):.2g} degrees at most): it must be seen from several directions"
         )
+    camera = Camera(width, height, *(float(value) for value in values))
+    for view in used:
+        camera.rays(view.corners)  # refuses a distortion that folds over where corners were seen
     return Intrinsics(
-        camera=Camera(width, height, *(float(value) for value in values)),
+        camera=camera,
         deviations=dict(zip(PARAMETERS, spread.tolist(), strict=True)),
         rms_px=float(rms),
         views=len(used),

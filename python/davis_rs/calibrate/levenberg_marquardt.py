@@ -36,8 +36,8 @@ def levenberg_marquardt(
         tolerance: done when a step promises to lower the sum by less than this share of it.
 
     Raises:
-        ValueError: if the residuals of ``start`` are not finite.
-        ArithmeticError: if it has not converged.
+        ValueError: if the residuals of ``start`` are not finite, or it does not converge: then the measurements do not
+            fit the model.
 
     Source: Marquardt, SIAM J. Appl. Math. 1963: damping in proportion to each parameter's own curvature.
     """
@@ -63,7 +63,9 @@ def levenberg_marquardt(
             if damping > _LARGEST_DAMPING:
                 return state  # no step helps: this is as low as floats go
         state, r, cost, damping = moved, moved_r, moved_cost, damping / 10
-    raise ArithmeticError(f"least squares has not converged in {iterations} iterations")
+    raise ValueError(
+        f"least squares has not converged in {iterations} iterations: the measurements do not fit together"
+    )
 
 
 def solve(matrix: Any, right: FloatArray) -> FloatArray:
