@@ -30,8 +30,8 @@ class ClockAlignment:
 
     Attributes:
         offset_s, drift: seconds, and seconds a second.
-        offset_sigma_s, drift_sigma: their standard deviations, on the safe side: what smoothing takes off sharp turns of
-            the poses counts as noise.
+        offset_sigma_s, drift_sigma: their standard deviations, on the safe side: what smoothing takes off sharp turns
+            of the poses counts as noise.
         unexplained: share of the signal's power that the aligned motion does not explain, 0..1.
     """
 

@@ -25,7 +25,7 @@ def slider(
 
     Args:
         start: the pose at t = 0.
-        distance_m, speed_m_s: > 0; the slider of the public dataset goes 0.19 to 1.04 m at 0.16 m/s or so.
+        distance_m, speed_m_s: > 0; that of the dataset's slider_depth goes 0.98 m at 0.29 m/s.
         direction: in camera axes, of any length but 0; the default is to the right.
 
     Raises:
@@ -67,8 +67,7 @@ def hand_held(
     Raises:
         ValueError: for numbers out of range, or a rate that this motion cannot reach (90 degrees and more either way).
 
-    Source of the pattern: Mueggler et al., IJRR 2017, section 5 ("increasing velocities, excited each degree of freedom
-    individually, then combined").
+    Source of the pattern: Mueggler et al., IJRR 2017, the list of datasets.
     """
     if kind not in ("rotation", "translation", "6dof"):
         raise ValueError(f"kind must be 'rotation', 'translation' or '6dof', got {kind!r}")

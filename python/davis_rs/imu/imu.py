@@ -79,7 +79,7 @@ class Imu:
 
         1 kHz, +-16 g, +-2000 deg/s, 16 bits, beside the sensor as calibrated, 2.4 ms late in all, noise as ESIM's.
 
-        Source: Mueggler et al., IJRR 2017, section 2 and section 4.
+        Source: Mueggler et al., IJRR 2017, the sensor and its calibration; Rebecq et al., CoRL 2018, for the noise.
         """
         return cls(
             mounting=Mounting(),

@@ -19,7 +19,7 @@ class ImuLag(Effect):
     Raises:
         ValueError: for a lag out of range.
 
-    Source: Mueggler et al., IJRR 2017, section 4 (calibration).
+    Source: Mueggler et al., IJRR 2017, calibration of camera and IMU.
     """
 
     total_s: float = 0.0024

@@ -26,7 +26,7 @@ class ImuQuantisation(Effect):
     Raises:
         ValueError: for values out of range.
 
-    Source: InvenSense, PS-MPU-6100A-00 product specification.
+    Source: InvenSense, MPU-6100 and MPU-6150 product specification.
     """
 
     bits: int = 16

@@ -27,7 +27,7 @@ class ImuSaturation(Effect):
     Raises:
         ValueError: for a full scale that is not > 0.
 
-    Source: Mueggler et al., IJRR 2017, section 2; InvenSense, PS-MPU-6100A-00 product specification.
+    Source: Mueggler et al., IJRR 2017, the sensor; InvenSense, MPU-6100 and MPU-6150 product specification.
     """
 
     acceleration_g: float = 16.0

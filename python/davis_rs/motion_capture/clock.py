@@ -21,7 +21,7 @@ class MocapClock(Effect):
     Raises:
         ValueError: for values out of range.
 
-    Source: Mueggler et al., IJRR 2017, section 4 (clock drift and offset).
+    Source: Mueggler et al., IJRR 2017, known issues: clock drift and offset.
     """
 
     offset_s: float = 0.0

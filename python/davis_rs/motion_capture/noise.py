@@ -25,7 +25,7 @@ class MocapNoise(Effect):
     Raises:
         ValueError: for values out of range.
 
-    Source: the residuals above; "sub-millimeter", Mueggler et al., IJRR 2017, section 2.
+    Source: the residuals above; the paper speaks of less than a millimetre (Mueggler et al., IJRR 2017).
     """
 
     position_m: float = 6.5e-4
