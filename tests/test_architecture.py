@@ -13,18 +13,21 @@ PACKAGE = ROOT / "python" / "davis_rs"
 
 # From the top down: a module may import only from the layers below its own, and from its own to its right.
 LAYERS = [
-    ["cli", "cli_plan", "cli_common", "cli_accuracy", "cli_usb", "cli_files"],
+    ["cli", "cli_plan", "cli_common", "cli_inertial", "cli_accuracy", "cli_usb", "cli_files", "cli_calibrate"],
     ["accuracy_report", "accuracy", "accuracy_settings", "reference_events"],
     ["record", "virtual_scene"],
     ["simulate"],
     ["plan"],
     ["sensor_parameters"],
     ["check", "compare", "video", "view", "convert", "summary"],
+    ["calibrate"],
     ["read", "read_events"],
-    ["dataset", "dataset_files"],
+    ["dataset", "write_trajectory", "dataset_files"],
     ["decoded_output", "backward"],
     ["write"],
     ["formats"],
+    ["clocks"],
+    ["imu", "motion_capture"],
     ["observe", "interpolate"],
     ["presets", "refine", "tolerance", "sampling", "exposure", "displacement", "keyframes"],
     ["effects"],
@@ -35,8 +38,11 @@ LAYERS = [
         *["scene_texture", "render", "rate_difference", "neighbours", "camera_rays", "flow"],
         *["swept_objects", "swept", "scene_motion"],
     ],
-    ["scenes", "fence_scene", "builtin_scenes", "scene_parts", "textures", "scene", "light_course"],
-    ["trajectory_file", "sampled_trajectory"],
+    [
+        *["scenes", "calibration_scene", "fence_scene", "builtin_scenes", "scene_parts", "textures"],
+        *["scene", "light_course", "checkerboard"],
+    ],
+    ["motions", "waypoints", "trajectory_file", "sampled_trajectory"],
     ["packet", "views", "trajectory", "pose"],
     ["recordings"],
     ["camera", "lattice", "luma"],
@@ -50,7 +56,7 @@ LAYERS = [
 ]
 RANK = {module: (layer, place) for layer, modules in enumerate(LAYERS) for place, module in enumerate(modules)}
 LATE = {"mitsuba", "drjit", "scipy", "matplotlib", "imageio", "OpenEXR", "PIL", "tqdm", "usb", "lz4", "zstandard"}
-LATE |= {"h5py", "hdf5plugin", "pyarrow", "rosbags"}
+LATE |= {"h5py", "hdf5plugin", "pyarrow", "rosbags", "cv2"}
 PLUG_INS = {"virtual_backend": {"usb"}}
 """Modules that derive from a class of a heavy library: imported late themselves."""
 

@@ -137,6 +137,7 @@ def test_everything_written_is_read_back(tmp_path: Path) -> None:
         "depth_maps": 4,
         "luma_maps": 4,
         "poses": STEPS + 1,
+        "imu_samples": 0,
     }
     assert (meta["duration_us"], meta["complete"], meta["interrupted"]) == (STEPS * STEP_US, True, False)
 

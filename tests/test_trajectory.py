@@ -480,3 +480,63 @@ class TestInterval:
                 "trajectory": {"kind": "analytic", "duration_s": 2.0, "scene": "circle"},
             },
         }
+
+
+@EVERY
+def test_second_derivatives_are_those_of_the_first(trajectory: Trajectory) -> None:
+    """Accelerations in world axes and angular accelerations in body axes agree with differences, also at the ends."""
+    h = 1e-5
+    t = np.linspace(h, trajectory.duration_s - h, 40)
+    for second, first in (
+        (trajectory.accelerations, trajectory.velocities),
+        (trajectory.angular_accelerations, trajectory.angular_rates),
+    ):
+        differences = (first(t + h) - first(t - h)) / (2 * h)
+        assert np.allclose(second(t), differences, atol=1e-5 * max(1.0, np.abs(differences).max()))
+
+
+def test_functions_may_bring_their_second_derivatives() -> None:
+    """Given, they are taken as they are; else differences of the first are good to 1e-6, at the ends too."""
+
+    def build(**second: object) -> CallableTrajectory:
+        return CallableTrajectory(
+            2.0,
+            position=lambda t: np.outer(np.sin(3 * t), [1, 0, 0]),
+            velocity=lambda t: np.outer(3 * np.cos(3 * t), [1, 0, 0]),
+            quaternion=lambda t: np.tile([0, 0, 0, 1.0], (len(t), 1)),
+            angular_rate=lambda t: np.zeros((len(t), 3)),
+            description={},
+            **second,  # type: ignore[arg-type]
+        )
+
+    t = np.linspace(0, 2, 21)
+    exact = np.outer(-9 * np.sin(3 * t), [1, 0, 0])
+    assert np.allclose(build().accelerations(t), exact, atol=1e-6)
+    given_ones = build(
+        acceleration=lambda t: np.full((len(t), 3), 7.0), angular_acceleration=lambda t: np.ones((len(t), 3))
+    )
+    assert (given_ones.accelerations(t) == 7).all()
+    assert (given_ones.angular_accelerations(t) == 1).all()
+
+
+def test_top_speeds_are_means_over_a_window() -> None:
+    """On a circle the mean over w is the chord's, (2 r / w) sin(omega w / 2); a window of 0 is the momentary speed."""
+    path = circle()
+    assert path.top_speeds(0).speed_m_s == pytest.approx(0.4, rel=1e-12)
+    assert path.top_speeds(0.1).speed_m_s == pytest.approx(2 * 0.2 / 0.1 * np.sin(0.1), rel=1e-9)
+    assert path.top_speeds(0.1).rate_rad_s == pytest.approx(0.5, rel=1e-9)
+    assert path.top_speeds(100.0).rate_rad_s == pytest.approx(0.5, rel=1e-9)
+    moment = sampled().top_speeds(0)
+    assert np.linalg.norm(sampled().velocities([moment.speed_at_s])) == pytest.approx(moment.speed_m_s, rel=1e-9)
+    with pytest.raises(ValueError, match="window_s must be finite and >= 0, got -1"):
+        path.top_speeds(-1)
+
+
+def test_check_names_what_is_too_fast() -> None:
+    """Within the limits the tops come back; above, the error has the value, the limit and the time."""
+    path = circle()
+    assert path.check(0.41, 0.51) == path.top_speeds()
+    with pytest.raises(ValueError, match=r"speed must be at most 0\.3 m/s, got 0\.39\d+ m/s over 100 ms at"):
+        path.check(max_speed_m_s=0.3)
+    with pytest.raises(ValueError, match=r"angular rate must be at most 0\.4 rad/s, got 0\.5 rad/s momentarily at"):
+        path.check(max_rate_rad_s=0.4, window_s=0)

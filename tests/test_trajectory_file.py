@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -205,3 +206,15 @@ def test_slider_recording_is_a_straight_line() -> None:
     v = trajectory.velocities(np.linspace(0.2, 1.5, 500))
     assert np.abs(v[:, 0] - 0.318).max() < 0.004
     assert np.abs(v[:, 1:]).max() == 0.0
+
+
+@pytest.mark.skipif(not POSTER.exists(), reason="needs ../shared/data")
+def test_top_speeds_of_the_recording_are_those_of_the_paper() -> None:
+    """poster_6dof over 100 ms: within 2 % of the table's 2.51 m/s and 937 deg/s, whether smoothed or not."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # gaps that the recording has
+        smooth, through = read_trajectory(POSTER), exact(POSTER)
+    for trajectory in (smooth, through):
+        top = trajectory.top_speeds()
+        assert top.speed_m_s == pytest.approx(2.51, rel=0.02)
+        assert np.degrees(top.rate_rad_s) == pytest.approx(937, rel=0.02)

@@ -14,6 +14,7 @@ from ._core import (
 from .biases import BIAS_SETS, CoarseFineBias
 from .camera import Camera, load_camera
 from .check import check_dataset
+from .clocks import ClockAlignment, align_clocks
 from .compare import EventComparison, compare_events
 from .convert import convert
 from .dataset import DatasetWriter
@@ -25,10 +26,12 @@ from .dtypes import from_structured, to_structured, to_tonic
 from .effects import Effects
 from .events import EVENT_DTYPE, as_events
 from .formats import EventReader, EventWriter, TruncatedFileWarning, WriteReport
+from .imu import Imu, simulate_imu
 from .light_course import Flicker, LightCourse, SampledCourse
+from .motion_capture import MocapClock, MocapNoise, MotionCapture
 from .packet import Packet
 from .plan import EffectPlan, plan_effects
-from .pose import Pose
+from .pose import GroundTruth, Pose
 from .presets import ACCURACY, Accuracy
 from .raw_file import RawRecording, RawWriter
 from .read import Dataset
@@ -46,7 +49,9 @@ from .trajectory import CallableTrajectory, SegmentTrajectory, Trajectory, align
 from .trajectory_file import read_trajectory
 from .video import video_dataset
 from .view import view_dataset
+from .waypoints import waypoint_trajectory
 from .write import open_writer
+from .write_trajectory import write_trajectory
 
 __all__ = [
     "ACCURACY",
@@ -59,6 +64,7 @@ __all__ = [
     "Accuracy",
     "CallableTrajectory",
     "Camera",
+    "ClockAlignment",
     "CoarseFineBias",
     "CrossingEngine",
     "Dataset",
@@ -79,8 +85,13 @@ __all__ = [
     "FixedRate",
     "Flicker",
     "Frame",
+    "GroundTruth",
+    "Imu",
     "LightCourse",
     "MaxDisplacement",
+    "MocapClock",
+    "MocapNoise",
+    "MotionCapture",
     "Packet",
     "Pose",
     "RawRecording",
@@ -100,6 +111,7 @@ __all__ = [
     "WriteReport",
     "__version__",
     "align",
+    "align_clocks",
     "as_events",
     "check_dataset",
     "compare_events",
@@ -120,9 +132,12 @@ __all__ = [
     "record",
     "represent",
     "simulate",
+    "simulate_imu",
     "start_pose",
     "to_structured",
     "to_tonic",
     "video_dataset",
     "view_dataset",
+    "waypoint_trajectory",
+    "write_trajectory",
 ]

@@ -14,7 +14,8 @@ from ._core import DecodeError, log_intensity, reconstruct
 from .dataset_files import META
 from .effects import EFFECTS
 from .events import EventArray
-from .read import Dataset, GroundTruth, StampedImage
+from .pose import GroundTruth
+from .read import Dataset, StampedImage
 
 TOLERANCE = 1e-9
 """What the check itself may add to an error, in units of C: its sums and differences are made in float64."""

@@ -11,8 +11,10 @@ from pathlib import Path
 from ._core import __version__
 from .camera import PRESETS, load_camera
 from .cli_accuracy import add_accuracy
+from .cli_calibrate import add_calibrate
 from .cli_common import add_path, path_of
 from .cli_files import add_files
+from .cli_inertial import add_inertial, imu_of, motion_capture_of
 from .cli_plan import add_plan
 from .cli_usb import add_usb
 from .sensor_parameters import SENSORS
@@ -40,6 +42,7 @@ def _simulate(options: argparse.Namespace) -> int:
     from .simulate import Simulator
     from .tolerance import Tolerance
 
+    imu, motion_capture = imu_of(options), motion_capture_of(options)
     scene = load_scene(options.scene)
     part = path_of(options, scene, quiet=options.quiet)
     sampling: TimeSampling | None = None
@@ -77,7 +80,8 @@ def _simulate(options: argparse.Namespace) -> int:
         simulator,
         part,
         options.output,
-        pose_rate_hz=options.pose_rate,
+        motion_capture=motion_capture,
+        imu=imu,
         exposure=options.exposure,
         overwrite=options.overwrite,
         meta={"command": ["davis-rs", *sys.argv[1:]]},
@@ -120,6 +124,7 @@ def _parser() -> argparse.ArgumentParser:
     add_accuracy(commands)
     add_usb(commands)
     add_files(commands)
+    add_calibrate(commands)
 
     check = commands.add_parser("check", help="check a dataset: do its events explain its images?")
     check.add_argument("dataset", type=Path, metavar="DIR")
@@ -147,7 +152,9 @@ class _Help(argparse.ArgumentDefaultsHelpFormatter):
 def _add_simulate(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     simulate = commands.add_parser("simulate", help="simulate a sequence into a dataset folder", formatter_class=_Help)
     simulate.set_defaults(run=_simulate)
-    simulate.add_argument("scene", metavar="SCENE", help="three_planes, three_walls or a Mitsuba XML file")
+    simulate.add_argument(
+        "scene", metavar="SCENE", help="three_planes, three_walls, fence, calibration or a Mitsuba XML file"
+    )
     simulate.add_argument("-o", "--output", required=True, metavar="DIR", help="the folder to write")
 
     add_path(simulate.add_argument_group("camera path"))
@@ -163,7 +170,6 @@ def _add_simulate(commands: argparse._SubParsersAction[argparse.ArgumentParser])
     camera.add_argument("--log-eps", type=float, default=1e-3, metavar="Y", help="dark level in units of luma")
     camera.add_argument("--frame-rate", type=float, default=40.0, metavar="HZ", help="intensity frames; 0 = none")
     camera.add_argument("--depth-rate", type=float, default=40.0, metavar="HZ", help="depth maps; 0 = none")
-    camera.add_argument("--pose-rate", type=float, default=200.0, metavar="HZ", help="ground truth")
     camera.add_argument(
         "--exposure", type=float, help="grey = 255 x exposure x luma; chosen from the first frame if not given"
     )
@@ -182,6 +188,8 @@ def _add_simulate(commands: argparse._SubParsersAction[argparse.ArgumentParser])
         choices=("auto",),
         help="those of --sensor (davis240c if not given) whose neglect would show in this scene",
     )
+
+    add_inertial(simulate)
 
     accuracy = simulate.add_argument_group("accuracy and cost")
     accuracy.add_argument(

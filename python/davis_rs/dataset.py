@@ -20,6 +20,9 @@ from .dataset_files import (
     EVENTS,
     FRAMES,
     GROUND_TRUTH,
+    INERTIAL,
+    KALIBR_CAMERA_CHAIN,
+    KALIBR_IMU,
     LUMA_MAPS,
     META,
     META_PART,
@@ -30,10 +33,12 @@ from .dataset_files import (
     claim_folder,
     encode_exr,
     encode_png,
+    imu_line,
     pose_line,
     write_file,
 )
 from .events import EventArray, as_events
+from .imu import IMU_DTYPE, Imu, ImuArray, as_imu, kalibr_camera_chain, kalibr_imu
 from .packet import Packet
 from .pose import Pose
 
@@ -45,9 +50,10 @@ class DatasetWriter:
     """Writes packets, as they come, into a dataset folder; a context manager.
 
     The folder has the layout of the public Event-Camera Dataset: ``events.txt``, ``images.txt`` with ``images/``,
-    ``depthmaps.txt`` with ``depthmaps/``, ``groundtruth.txt`` and ``calib.txt``; beside it stand ``luma.txt`` with
-    ``luma/`` (exact linear luma, OpenEXR channel ``Y``, of the first frame, every ``check_frames``-th and the last:
-    what :func:`~davis_rs.check.check_dataset` compares the events with) and ``meta.json``. A list that would be empty
+    ``depthmaps.txt`` with ``depthmaps/``, ``groundtruth.txt``, ``imu.txt`` and ``calib.txt``; beside it stand
+    ``luma.txt`` with ``luma/`` (exact linear luma, OpenEXR channel ``Y``, of the first frame, every
+    ``check_frames``-th and the last: what :func:`~davis_rs.check.check_dataset` compares the events with) and
+    ``meta.json``; with an IMU, Kalibr's ``imu.yaml`` and ``camchain.yaml``. A list that would be empty
     is not written.
 
     Every packet is on disk, as far as the operating system is concerned, when :meth:`write` returns, and an image is
@@ -63,13 +69,15 @@ class DatasetWriter:
         overwrite: replace a dataset that is already there. Only the files of a dataset are removed; any others in the
             folder stay.
         check_frames: every how many frames the linear luma is stored too; 0 stores only the first and the last.
+        imu: the IMU whose samples will be written: Kalibr's ``imu.yaml`` and ``camchain.yaml`` tell of it.
         meta: what is already known of the sequence, for ``meta.json``, so that a folder that is never finished has it.
 
     Raises:
         FileExistsError: if ``path`` is a file, or a folder that is not empty (with ``overwrite``: one that does not
             hold both ``events.txt`` and ``meta.json``, so that no other folder can be overwritten by mistake).
         OSError: if the folder cannot be written, here or later, naming the file.
-        ValueError: for an exposure that is not positive and finite, or a negative ``check_frames``.
+        ValueError: for an exposure that is not positive and finite, a negative ``check_frames``, or an IMU beside a
+            camera with k3, for which Kalibr has no model.
 
     Source: Mueggler et al., "The Event-Camera Dataset and Simulator", IJRR 2017, section 5 (file formats).
     """
@@ -82,6 +90,7 @@ class DatasetWriter:
         exposure: float | None = None,
         overwrite: bool = False,
         check_frames: int = 8,
+        imu: Imu | None = None,
         meta: Mapping[str, Any] | None = None,
     ) -> None:
         if exposure is not None and not 0 < exposure < math.inf:
@@ -95,6 +104,10 @@ class DatasetWriter:
         self._meta = as_json(meta or {})
         self._end_us = 0
         self._pose_count, self._last_pose_us = 0, -1
+        self._imu_count, self._last_imu_us = 0, -1
+        kalibr = (
+            {} if imu is None else {KALIBR_IMU: kalibr_imu(imu), KALIBR_CAMERA_CHAIN: kalibr_camera_chain(camera, imu)}
+        )
         self._pending_luma: tuple[int, npt.NDArray[np.float32]] | None = None
         claim_folder(self.path, overwrite=overwrite)
         self._open = True
@@ -103,10 +116,14 @@ class DatasetWriter:
         self._depth_maps = ImageFiles(self.path, DEPTH_MAPS)
         self._luma_maps = ImageFiles(self.path, LUMA_MAPS)
         write_file(self.path / CALIBRATION, camera.to_calib().encode())
+        for name, text in kalibr.items():
+            write_file(self.path / name, text.encode())
         self._write_meta(complete=False)
 
-    def write(self, packet: Packet, poses: Iterable[tuple[int, Pose]] = ()) -> None:
-        """Append one packet, and ``poses`` as (t_us, T_world_camera) to ``groundtruth.txt``.
+    def write(self, packet: Packet, poses: Iterable[tuple[int, Pose]] = (), imu: ImuArray | None = None) -> None:
+        """Append one packet, ``poses`` as (t_us, T_world_camera) to ``groundtruth.txt``, ``imu`` to ``imu.txt``.
+
+        ``imu`` is (n,) of :data:`~davis_rs.IMU_DTYPE`. Poses and samples may be of other times than the packet.
 
         Raises:
             ValueError: if times go back or leave the packet's interval, or an array does not fit the sensor. Nothing
@@ -120,6 +137,7 @@ class DatasetWriter:
         frame = self._checked_image(packet.frame, "frame", packet.end_us, largest=largest)
         depth = self._checked_image(packet.depth, "depth", packet.end_us, largest=math.inf)
         pose_list = self._checked_poses(poses)
+        samples = self._checked_imu(imu)
         try:
             self._end_us = packet.end_us
             self._events.write(events)
@@ -131,6 +149,12 @@ class DatasetWriter:
                 append_lines(self.path / GROUND_TRUTH, "".join(pose_line(t_us, pose) for t_us, pose in pose_list))
                 self._pose_count += len(pose_list)
                 self._last_pose_us = pose_list[-1][0]
+            if len(samples):
+                values = np.concatenate([samples["accel"], samples["gyro"]], axis=1)
+                lines = map(imu_line, samples["t"].tolist(), values)
+                append_lines(self.path / INERTIAL, "".join(lines))
+                self._imu_count += len(samples)
+                self._last_imu_us = int(samples["t"][-1])
         except OSError:
             self._abandon(interrupted=False)
             raise
@@ -140,8 +164,8 @@ class DatasetWriter:
 
         ``meta.json`` holds ``meta`` (added to what the constructor was given) and, under keys that are the writer's
         own, ``sensor``, ``exposure`` (null where no frame was written), ``counts`` (``events``, ``on_events``,
-        ``frames``, ``depth_maps``, ``luma_maps``, ``poses``), ``duration_us`` (the end of the last packet),
-        ``complete`` and ``interrupted``.
+        ``frames``, ``depth_maps``, ``luma_maps``, ``poses``, ``imu_samples``), ``duration_us`` (the end of the last
+        packet), ``complete`` and ``interrupted``.
 
         Args:
             meta: anything that JSON can hold; NumPy scalars and arrays and paths are converted.
@@ -209,6 +233,14 @@ class DatasetWriter:
             last_us = t_us
         return checked
 
+    def _checked_imu(self, imu: ImuArray | None) -> ImuArray:
+        samples = np.zeros(0, IMU_DTYPE) if imu is None else as_imu(imu)
+        if len(samples) and samples["t"][0] <= self._last_imu_us:
+            raise ValueError(
+                f"IMU times must be >= 0 and increase, got {samples['t'][0]} us after {self._last_imu_us} us"
+            )
+        return samples
+
     def _checked_image(
         self, image: npt.ArrayLike | None, what: str, t_us: int, *, largest: float
     ) -> npt.NDArray[np.float32] | None:
@@ -269,6 +301,7 @@ class DatasetWriter:
                 "depth_maps": self._depth_maps.count,
                 "luma_maps": self._luma_maps.count,
                 "poses": self._pose_count,
+                "imu_samples": self._imu_count,
             },
             "duration_us": self._end_us,
             "complete": complete,

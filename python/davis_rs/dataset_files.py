@@ -40,6 +40,7 @@ DEPTH_MAPS = ImageSeries("depthmaps.txt", "depthmaps", ".exr")
 LUMA_MAPS = ImageSeries("luma.txt", "luma", ".exr")
 EVENTS, GROUND_TRUTH, INERTIAL = "events.txt", "groundtruth.txt", "imu.txt"
 CALIBRATION, META = "calib.txt", "meta.json"
+KALIBR_IMU, KALIBR_CAMERA_CHAIN = "imu.yaml", "camchain.yaml"
 META_PART = META + ".part"
 
 
@@ -92,6 +93,11 @@ def stamp(t_us: int) -> str:
 
 def pose_line(t_us: int, pose: Pose) -> str:
     return " ".join([stamp(t_us), *(repr(float(v)) for v in (*pose.position, *pose.quaternion))]) + "\n"
+
+
+def imu_line(t_us: int, values: npt.NDArray[np.float64]) -> str:
+    """One sample: ``values`` (6,) are accelerometer x y z in m/s^2 and gyroscope x y z in rad/s, written exactly."""
+    return " ".join([stamp(t_us), *map(repr, values.tolist())]) + "\n"
 
 
 def encode_png(grey: npt.NDArray[np.uint8]) -> bytes:
@@ -179,5 +185,5 @@ def _remove_dataset(path: Path) -> None:
                 folder.rmdir()
         (path / series.list_name).unlink(missing_ok=True)
     # What marks the folder as a dataset goes last, so that an overwrite that was cut short can be repeated.
-    for name in (GROUND_TRUTH, INERTIAL, CALIBRATION, META_PART, EVENTS, META):
+    for name in (GROUND_TRUTH, INERTIAL, KALIBR_IMU, KALIBR_CAMERA_CHAIN, CALIBRATION, META_PART, EVENTS, META):
         (path / name).unlink(missing_ok=True)

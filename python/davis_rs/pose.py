@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -79,6 +80,17 @@ class Pose:
                 f"a pose matrix must hold a rotation (orthonormal within 1e-6, right-handed), got {r.tolist()}"
             )
         return cls(m[:3, 3], Rotation.from_matrix(r).as_quat())
+
+
+class GroundTruth(NamedTuple):
+    """Poses of the camera, T_world_camera, as a motion-capture system stamps them.
+
+    ``t_us`` int64 (n,); ``positions`` float64 (n, 3) in metres; ``quaternions`` float64 (n, 4) as (x, y, z, w).
+    """
+
+    t_us: npt.NDArray[np.int64]
+    positions: FloatArray
+    quaternions: FloatArray
 
 
 def describe_pose(pose: Pose) -> dict[str, object]:

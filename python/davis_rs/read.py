@@ -17,10 +17,22 @@ import numpy.typing as npt
 
 from ._core import DecodeError
 from .camera import Camera
-from .dataset_files import CALIBRATION, DEPTH_MAPS, EVENTS, FRAMES, GROUND_TRUTH, LUMA_MAPS, META, ImageSeries
+from .dataset_files import (
+    CALIBRATION,
+    DEPTH_MAPS,
+    EVENTS,
+    FRAMES,
+    GROUND_TRUTH,
+    INERTIAL,
+    LUMA_MAPS,
+    META,
+    ImageSeries,
+)
 from .events import EventArray
 from .formats.interface import TruncatedFileWarning
 from .formats.text import TextFormat
+from .imu import IMU_DTYPE, ImuArray
+from .pose import GroundTruth
 
 
 class StampedImage(NamedTuple):
@@ -28,17 +40,6 @@ class StampedImage(NamedTuple):
 
     t_us: int
     path: Path
-
-
-class GroundTruth(NamedTuple):
-    """Poses of the camera, T_world_camera.
-
-    ``t_us`` int64 (n,); ``positions`` float64 (n, 3) in metres; ``quaternions`` float64 (n, 4) as (x, y, z, w).
-    """
-
-    t_us: npt.NDArray[np.int64]
-    positions: npt.NDArray[np.float64]
-    quaternions: npt.NDArray[np.float64]
 
 
 class Dataset:
@@ -121,19 +122,16 @@ class Dataset:
     @cached_property
     def groundtruth(self) -> GroundTruth:
         """The camera's poses."""
-        path = self.path / GROUND_TRUTH
-        times, rows = [], []
-        for number, words in self._lines(GROUND_TRUTH, "timestamp px py pz qx qy qz qw"):
-            times.append(_parse_stamp(words[0], path, number))
-            try:
-                row = [float(word) for word in words[1:]]
-            except ValueError as error:
-                raise DecodeError(f"{path}, line {number}: {error}") from None
-            if not all(map(math.isfinite, row)):
-                raise DecodeError(f"{path}, line {number}: poses must be finite")
-            rows.append(row)
-        poses = np.array(rows, np.float64).reshape(-1, 7)
-        return GroundTruth(np.array(times, np.int64), poses[:, :3], poses[:, 3:])
+        t_us, poses = self._stamped_rows(GROUND_TRUTH, "timestamp px py pz qx qy qz qw", "poses")
+        return GroundTruth(t_us, poses[:, :3], poses[:, 3:])
+
+    @cached_property
+    def imu(self) -> ImuArray:
+        """The samples of the IMU, ``IMU_DTYPE``: m/s^2 and rad/s."""
+        t_us, values = self._stamped_rows(INERTIAL, "timestamp ax ay az gx gy gz", "IMU samples")
+        samples = np.zeros(len(t_us), IMU_DTYPE)
+        samples["t"], samples["accel"], samples["gyro"] = t_us, values[:, :3], values[:, 3:]
+        return samples
 
     def read_image(self, index: int) -> npt.NDArray[np.uint8]:
         """Intensity frame ``index``: uint8 (H, W)."""
@@ -168,6 +166,21 @@ class Dataset:
             StampedImage(_parse_stamp(words[0], path, number), self.path / words[1])
             for number, words in self._lines(series.list_name, f"timestamp {series.folder}/name{series.suffix}")
         ]
+
+    def _stamped_rows(self, name: str, layout: str, what: str) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float64]]:
+        """A text file of stamps and numbers: times (n,) and numbers (n, k)."""
+        path = self.path / name
+        times, rows = [], []
+        for number, words in self._lines(name, layout):
+            times.append(_parse_stamp(words[0], path, number))
+            try:
+                row = [float(word) for word in words[1:]]
+            except ValueError as error:
+                raise DecodeError(f"{path}, line {number}: {error}") from None
+            if not all(map(math.isfinite, row)):
+                raise DecodeError(f"{path}, line {number}: {what} must be finite")
+            rows.append(row)
+        return np.array(times, np.int64), np.array(rows, np.float64).reshape(-1, len(layout.split()) - 1)
 
     def _lines(self, name: str, layout: str) -> Iterator[tuple[int, list[str]]]:
         """The numbered lines of a text file, in words; none where it does not exist. '#' starts a comment line."""

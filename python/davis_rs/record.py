@@ -12,8 +12,13 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
+import numpy as np
+import numpy.typing as npt
+
 from .dataset import DatasetWriter
-from .sampling import periodic_instants
+from .imu import IMU_DTYPE, Imu, simulate_imu
+from .motion_capture import MotionCapture
+from .pose import Pose
 from .simulate import Simulator
 from .trajectory import Trajectory
 
@@ -46,6 +51,8 @@ def record(
     path: str | Path,
     *,
     pose_rate_hz: float = 200.0,
+    motion_capture: MotionCapture | None = None,
+    imu: Imu | None = None,
     exposure: float | None = None,
     overwrite: bool = False,
     meta: Mapping[str, Any] | None = None,
@@ -61,37 +68,55 @@ def record(
         trajectory: from t = 0.
         path, exposure, overwrite: see :class:`~davis_rs.dataset.DatasetWriter`.
         pose_rate_hz: rate of the ground truth; 200 Hz is the public dataset's.
+        motion_capture: what gives the ground truth, in place of exact poses at ``pose_rate_hz``.
+        imu: see :class:`~davis_rs.Imu`; None for no ``imu.txt``.
         meta: more for meta.json.
         quiet: no progress bar.
 
     Raises:
         OSError: if the folder exists or cannot be written; what was written stays readable.
-        ValueError: as :meth:`Simulator.run`.
+        ValueError: as :meth:`Simulator.run`, and :class:`~davis_rs.dataset.DatasetWriter`.
+
+    Noise of IMU and motion capture has the simulator's seed.
     """
     from tqdm import tqdm
 
     started = time.perf_counter()
+    motion_capture = motion_capture or MotionCapture(pose_rate_hz)
+    seed = simulator.parameters["seed"]
+    truth = motion_capture.poses(trajectory, seed=seed)
+    inertial = np.zeros(0, IMU_DTYPE) if imu is None else simulate_imu(trajectory, imu, seed=seed)
     packets = simulator.run(trajectory)
     # Whatever is wrong with the scene shows before the folder is touched; effects may be chosen by now.
     first = next(packets)
     record_of_run = {
         **simulator.describe(),
         "trajectory": trajectory.describe(),
-        "pose_rate_hz": pose_rate_hz,
+        "pose_rate_hz": motion_capture.rate_hz,
+        "motion_capture": motion_capture.describe(),
+        "imu": None if imu is None else imu.describe(),
         **(meta or {}),
     }
     events = 0
     with (
-        DatasetWriter(path, simulator.camera, exposure=exposure, overwrite=overwrite, meta=record_of_run) as writer,
+        DatasetWriter(
+            path, simulator.camera, exposure=exposure, overwrite=overwrite, imu=imu, meta=record_of_run
+        ) as writer,
         _stop_requests() as stop_requested,
         tqdm(total=trajectory.duration_s, unit="s", disable=quiet, bar_format=_BAR) as bar,
     ):
         end_us, total_us = 0, round(trajectory.duration_s * 1e6)
+        posed = sampled = 0
         for packet in chain([first], packets):
-            # What a readout brings after the end has no more poses.
             last_us = min(packet.end_us, total_us)
-            pose_times = periodic_instants(pose_rate_hz, 0 if packet is first else end_us + 1, last_us)
-            writer.write(packet, [(t_us, trajectory.pose(t_us * 1e-6)) for t_us in pose_times])
+            # Stamps of another clock may lie beyond the end: the last packet takes them all.
+            pose_end = _up_to(truth.t_us, last_us, total_us)
+            sample_end = _up_to(inertial["t"], last_us, total_us)
+            poses = [
+                (int(truth.t_us[i]), Pose(truth.positions[i], truth.quaternions[i])) for i in range(posed, pose_end)
+            ]
+            writer.write(packet, poses, inertial[sampled:sample_end])
+            posed, sampled = pose_end, sample_end
             events, end_us = events + len(packet.events), packet.end_us
             bar.set_postfix_str(f"{events:,} events", refresh=False)
             bar.update(last_us * 1e-6 - bar.n)
@@ -107,6 +132,11 @@ def record(
 
 
 _BAR = "{percentage:3.0f}%|{bar}| {n:.3f}/{total:.3g} s simulated [{elapsed}<{remaining}, {rate_noinv_fmt}{postfix}]"
+
+
+def _up_to(t_us: npt.NDArray[np.int64], last_us: int, total_us: int) -> int:
+    """How many of the stamps are due once the sequence has got to ``last_us`` of ``total_us``."""
+    return len(t_us) if last_us >= total_us else int(np.searchsorted(t_us, last_us, "right"))
 
 
 @contextmanager

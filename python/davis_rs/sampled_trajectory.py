@@ -99,7 +99,6 @@ class SampledTrajectory(Trajectory):
         return self._derivative(self._position, t_s, 1)
 
     def accelerations(self, t_s: npt.ArrayLike) -> FloatArray:
-        """Second derivatives of the position (n, 3) in world axes, m/s^2 (gravity is not in them)."""
         return self._derivative(self._position, t_s, 2)
 
     def angular_rates(self, t_s: npt.ArrayLike) -> FloatArray:
@@ -108,6 +107,14 @@ class SampledTrajectory(Trajectory):
         # conj(q) * q is real, so that the norm's change has no part in the vector; its size has to be divided out.
         unit_rates: FloatArray = rates / (q * q).sum(1, keepdims=True)
         return unit_rates
+
+    def angular_accelerations(self, t_s: npt.ArrayLike) -> FloatArray:
+        q, dq, ddq = (self._derivative(self._rotation, t_s, order) for order in range(3))
+        squared_norm = (q * q).sum(1, keepdims=True)
+        # As the rates: conj(q') * q' is real, so that only q'' and the norm's change are left of the derivative.
+        rates = body_rates(q, dq) / squared_norm
+        change: FloatArray = (body_rates(q, ddq) - rates * 2 * (q * dq).sum(1, keepdims=True)) / squared_norm
+        return change
 
     def describe(self) -> dict[str, object]:
         return dict(self._description)

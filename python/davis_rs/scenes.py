@@ -8,11 +8,17 @@ import numpy as np
 
 from ._mitsuba import default_variant, load_scene_source, variant
 from .builtin_scenes import three_planes, three_walls
+from .calibration_scene import calibration
 from .fence_scene import fence
 from .pose import Pose
 from .scene import Scene
 
-BUILTIN_SCENES = {"three_planes": three_planes, "three_walls": three_walls, "fence": fence}
+BUILTIN_SCENES = {
+    "three_planes": three_planes,
+    "three_walls": three_walls,
+    "fence": fence,
+    "calibration": calibration,
+}
 
 
 def load_scene(name_or_path: str | Path) -> Scene:

@@ -92,15 +92,14 @@ class Aps(Effect):
         signal = exposed / luma_per_dn
         if self.full_well_e is not None:
             electrons = np.minimum(signal * (self.full_well_e / highest), _MOST_ELECTRONS)
-            signal = np.asarray(self._random(seed, frame, _SHOT).poisson(electrons) * (highest / self.full_well_e))
+            signal = np.asarray(
+                self.random(seed, purpose=_SHOT, index=frame).poisson(electrons) * (highest / self.full_well_e)
+            )
         if self.read_noise_dn > 0:
-            signal = signal + self.read_noise_dn * self._random(seed, frame, _READ).standard_normal(signal.shape)
+            signal = signal + self.read_noise_dn * self.random(seed, purpose=_READ, index=frame).standard_normal(
+                signal.shape
+            )
         signal = np.clip(signal, 0.0, np.inf if self.full_scale_luma is None else highest)
         if self.bits is not None:
             signal = np.rint(signal)
         return (signal * luma_per_dn).astype(np.float32)
-
-    def _random(self, seed: int, frame: int, noise: int) -> np.random.Generator:
-        effect = int.from_bytes(self.name.encode(), "little")
-        counter = np.array([0, 0, noise, frame], np.uint64)
-        return np.random.Generator(np.random.Philox(key=np.array([seed, effect], np.uint64), counter=counter))

@@ -8,7 +8,9 @@ from dataclasses import asdict
 from numbers import Real
 from typing import Any, ClassVar, Literal
 
-Where = Literal["luma", "log intensity", "pixel", "stream", "frames"]
+import numpy as np
+
+Where = Literal["luma", "log intensity", "pixel", "stream", "frames", "imu", "ground truth"]
 
 
 class Effect(ABC):
@@ -30,6 +32,15 @@ class Effect(ABC):
     def settings(self) -> dict[str, Any]:
         """Its parameters by name."""
         return asdict(self)  # type: ignore[call-overload]  # implementations are dataclasses
+
+    def random(self, seed: int, *, purpose: int = 0, index: int = 0) -> np.random.Generator:
+        """Draws that are a function of (seed, effect, purpose, index) alone; a name's first 8 bytes tell which effect.
+
+        Source: Salmon et al., "Parallel random numbers: as easy as 1, 2, 3", SC 2011 (Philox).
+        """
+        effect = int.from_bytes(self.name.encode()[:8], "little")
+        counter = np.array([0, 0, purpose, index], np.uint64)
+        return np.random.Generator(np.random.Philox(key=np.array([seed, effect], np.uint64), counter=counter))
 
 
 def check_range(name: str, value: Any, low: float, high: float, unit: str = "", *, finite: bool = True) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import MISSING, Field, dataclass, field, fields
 from typing import Any
 
@@ -121,18 +121,18 @@ class Effects:
         }
 
 
-def parse_effect(text: str) -> Effect:
+def parse_effect(text: str, among: Mapping[str, type[Effect]] = EFFECTS) -> Effect:
     """An effect as the command line has it: ``NAME``, ``NAME=VALUE``, or ``NAME=VALUE,PARAMETER=VALUE,...``.
 
-    The first value may go without its parameter's name. ``none`` stands for None.
+    The first value may go without its parameter's name. ``none`` stands for None. ``among`` are the effects by name.
 
     Raises:
         ValueError: for an effect or a parameter that is not there, a missing or a malformed value.
     """
     name, _, rest = text.partition("=")
-    if name not in EFFECTS:
-        raise ValueError(f"there is no effect {name!r}; there are {', '.join(EFFECTS)}")
-    effect_class = EFFECTS[name]
+    if name not in among:
+        raise ValueError(f"there is no effect {name!r}; there are {', '.join(among)}")
+    effect_class = among[name]
     parameters: list[Field[Any]] = [one for one in fields(effect_class) if one.init]  # type: ignore[arg-type]
     names = [parameter.name for parameter in parameters]
     values: dict[str, float | None] = {}

@@ -1,0 +1,30 @@
+"""Calibration from views of a checkerboard: the camera, where it sits on a tracked body, and where beside an IMU."""
+
+from .board_pose import BoardPose, board_pose, board_poses
+from .camera_imu import MPU6150_NOISE, CameraImu, calibrate_camera_imu
+from .corners import BoardView, find_board, find_corners
+from .figure import draw_intrinsics
+from .hand_eye import HandEye, calibrate_hand_eye
+from .intrinsics import Intrinsics, calibrate_intrinsics
+from .report import as_dict, report
+from .tracked import tracked_poses
+
+__all__ = [
+    "MPU6150_NOISE",
+    "BoardPose",
+    "BoardView",
+    "CameraImu",
+    "HandEye",
+    "Intrinsics",
+    "as_dict",
+    "board_pose",
+    "board_poses",
+    "calibrate_camera_imu",
+    "calibrate_hand_eye",
+    "calibrate_intrinsics",
+    "draw_intrinsics",
+    "find_board",
+    "find_corners",
+    "report",
+    "tracked_poses",
+]

@@ -1,0 +1,63 @@
+"""A figure of a calibration: corners in a frame, and where they are off."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from ..checkerboard import Checkerboard
+from ..read import Dataset
+from .board_pose import board_pose
+from .corners import BoardView, encode
+from .intrinsics import Intrinsics
+from .reprojection import inverse
+
+
+def draw_intrinsics(
+    dataset: Dataset, views: Sequence[BoardView], board: Checkerboard, result: Intrinsics, path: str | Path
+) -> Path:
+    """Three panels: the worst used frame with its corners; all corners over the sensor; what is left of each.
+
+    Returns:
+        The path of the figure.
+
+    Raises:
+        ImportError: without matplotlib, saying how to get it.
+        OSError: if the file cannot be written.
+    """
+    try:
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+    except ImportError as error:
+        raise ImportError("drawing the figure needs matplotlib: pip install 'davis_rs[view]'") from error
+    camera = result.camera
+    used = [view for view in views if view.frame in result.frame_rms_px]
+    left = []
+    for view in used:
+        pose = inverse(board_pose(view, board, camera).matrix)
+        left.append(view.corners - camera.project(board.corners @ pose[:3, :3].T + pose[:3, 3]))
+    worst = max(used, key=lambda view: result.frame_rms_px[view.frame])
+
+    figure = Figure(figsize=(9.6, 3.0), dpi=150, layout="constrained")
+    FigureCanvasAgg(figure)
+    frame, sensor, rest = figure.subplots(1, 3)
+    frame.imshow(encode(dataset.read_image(worst.frame)), cmap="gray", vmin=0, vmax=255)
+    frame.plot(*worst.corners.T, "-", color="#0571b0", linewidth=0.6)
+    frame.scatter(*worst.corners.T, s=12, facecolors="none", edgecolors="#ca0020", linewidths=0.8)
+    frame.scatter(*worst.corners[0], s=14, color="#ca0020")
+    frame.set_title(f"frame {worst.frame}, {result.frame_rms_px[worst.frame]:.3f} px rms (the worst)", fontsize=8)
+    corners = np.concatenate([view.corners for view in used])
+    sensor.scatter(*corners.T, s=1, color="#0571b0")
+    sensor.set(xlim=(-0.5, camera.width - 0.5), ylim=(camera.height - 0.5, -0.5), aspect="equal")
+    sensor.set_title(f"{len(corners):,} corners on the sensor", fontsize=8)
+    off = np.concatenate(left)
+    rest.scatter(*off.T, s=1, color="#0571b0")
+    reach = 1.1 * float(np.abs(off).max())
+    rest.set(xlim=(-reach, reach), ylim=(reach, -reach), aspect="equal")
+    rest.set_title(f"found - fitted (px), {result.rms_px:.3f} px rms", fontsize=8)
+    for axes in (frame, sensor, rest):
+        axes.tick_params(labelsize=6)
+    figure.savefig(path)
+    return Path(path)

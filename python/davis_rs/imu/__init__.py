@@ -1,0 +1,28 @@
+"""The inertial measurement unit beside the sensor: what it would read, each imperfection off unless asked for."""
+
+from .imu import IMU_DTYPE, IMU_EFFECTS, Imu, ImuArray, as_imu, simulate_imu
+from .kalibr import kalibr_camera_chain, kalibr_imu
+from .lag import ImuLag
+from .low_pass import ImuLowPass
+from .mounting import DAVIS_T_IMU_CAMERA, Mounting
+from .noise import ImuNoise
+from .quantisation import ImuQuantisation
+from .saturation import ImuSaturation
+
+__all__ = [
+    "DAVIS_T_IMU_CAMERA",
+    "IMU_DTYPE",
+    "IMU_EFFECTS",
+    "Imu",
+    "ImuArray",
+    "ImuLag",
+    "ImuLowPass",
+    "ImuNoise",
+    "ImuQuantisation",
+    "ImuSaturation",
+    "Mounting",
+    "as_imu",
+    "kalibr_camera_chain",
+    "kalibr_imu",
+    "simulate_imu",
+]

@@ -1,0 +1,56 @@
+"""The IMU's full scale."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from ..effects.effect import Effect, Where, check_range
+from ..pose import FloatArray
+
+STANDARD_GRAVITY = 9.80665
+"""m/s^2 in one g, as datasheets count."""
+
+
+@dataclass(frozen=True)
+class ImuSaturation(Effect):
+    """Each axis is held within its full scale.
+
+    Args:
+        acceleration_g: +- so many g (of 9.80665 m/s^2), > 0.
+        rate_deg_s: +- so many degrees per second, > 0.
+
+    The defaults are those of the paper's MPU-6150. Infinity leaves one of the two as it is.
+
+    Raises:
+        ValueError: for a full scale that is not > 0.
+
+    Source: Mueggler et al., IJRR 2017, the sensor; InvenSense, MPU-6100 and MPU-6150 product specification.
+    """
+
+    acceleration_g: float = 16.0
+    rate_deg_s: float = 2000.0
+
+    name: ClassVar[str] = "imu_saturation_g"
+    acts_on: ClassVar[Where] = "imu"
+
+    def __post_init__(self) -> None:
+        for name, value in self.settings().items():
+            check_range(f"imu_saturation_g {name}", value, 1e-6, np.inf, finite=False)
+
+    @property
+    def neutral(self) -> bool:
+        """Whether both full scales are infinite."""
+        return bool(np.isinf(self.acceleration_g) and np.isinf(self.rate_deg_s))
+
+    def apply(self, values: FloatArray) -> FloatArray:
+        """``values`` (n, 6), m/s^2 and rad/s, within the full scale."""
+        scales = full_scales(self.acceleration_g, self.rate_deg_s)
+        return np.clip(values, -scales, scales)
+
+
+def full_scales(acceleration_g: float, rate_deg_s: float) -> FloatArray:
+    """Of the six axes, (6,), in m/s^2 and rad/s."""
+    return np.repeat([acceleration_g * STANDARD_GRAVITY, np.radians(rate_deg_s)], 3)
