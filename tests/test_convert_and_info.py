@@ -15,7 +15,8 @@ from davis_rs import open_writer, read_events
 from davis_rs.cli import main
 from davis_rs.convert import convert
 from davis_rs.events import EVENT_DTYPE, EventArray
-from davis_rs.read import Dataset, GroundTruth
+from davis_rs.pose import GroundTruth
+from davis_rs.read import Dataset
 from davis_rs.summary import Gap, dataset_row, draw_rates, summarize_events, top_speeds
 
 SIZE = (240, 180)

@@ -14,7 +14,8 @@ import numpy.typing as npt
 
 from ._core import count_events
 from .formats.interface import EventReader
-from .read import Dataset, GroundTruth
+from .pose import GroundTruth
+from .read import Dataset
 from .read_events import open_reader
 
 PEAK_WINDOW_US = 10_000

@@ -11,11 +11,14 @@ from .spline_basis import SplineBasis
 FloatArray = npt.NDArray[np.float64]
 
 
+_KNOTS_BETWEEN = 3
+
+
 class BodySpline:
     """R(t) = R_0(t) Exp(d(t)): R_0 interpolates measured rotations, d is a spline of rotation vectors.
 
-    d only takes away the measurements' noise, so it is small, and derivatives by its coefficients may be taken to first
-    order in it; values are exact.
+    R_0 goes through measurements three knots of d apart, and not through all of them: d can then take away whatever
+    noise R_0 has.
 
     Args:
         t_s: (n,) times of the measured rotations, increasing.
@@ -25,7 +28,11 @@ class BodySpline:
     def __init__(self, t_s: FloatArray, rotations: FloatArray, knot_rate_hz: float) -> None:
         from scipy.spatial.transform import Rotation, RotationSpline
 
-        self._course = RotationSpline(t_s, Rotation.from_matrix(rotations))
+        chosen = [0]
+        for i, t in enumerate(t_s):
+            if t - t_s[chosen[-1]] >= _KNOTS_BETWEEN / knot_rate_hz or (i == len(t_s) - 1 and i != chosen[-1]):
+                chosen.append(i)
+        self._course = RotationSpline(t_s[chosen], Rotation.from_matrix(rotations[chosen]))
         self.basis = SplineBasis(float(t_s[0]), float(t_s[-1]), knot_rate_hz)
 
     def rotations(self, coefficients: FloatArray, t_s: FloatArray) -> FloatArray:
@@ -39,11 +46,16 @@ class BodySpline:
         turned = np.einsum("nji,nj->ni", rotation_of(d), self._course(t_s, 1))
         return np.asarray(turned + np.einsum("nij,nj->ni", right_jacobian(d), rate))
 
+    def motions(self, coefficients: FloatArray, t_s: FloatArray) -> FloatArray:
+        """J(d), (n, 3, 3): a small change e of d turns R by J(d) e in the body's axes."""
+        return right_jacobian(self.basis.matrix(t_s) @ coefficients)
+
     def rate_derivatives(self, coefficients: FloatArray, t_s: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """d(rate)/d(d) and d(rate)/d(d'), (n, 3, 3) each, to first order in d."""
+        """d(rate)/d(d), to first order in d, and d(rate)/d(d'), (n, 3, 3) each."""
         d, rate = self.basis.matrix(t_s) @ coefficients, self.basis.matrix(t_s, 1) @ coefficients
         turned = np.einsum("nji,nj->ni", rotation_of(d), self._course(t_s, 1))
-        return cross_matrix(turned) + cross_matrix(rate) / 2, right_jacobian(d)
+        jacobian = right_jacobian(d)
+        return cross_matrix(turned) @ jacobian + cross_matrix(rate) / 2, jacobian
 
 
 def right_jacobian(vectors: FloatArray) -> FloatArray:

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from ..imu import ImuNoise
 from .board_pose import BoardPose
-from .body_spline import BodySpline
+from .body_spline import BodySpline, right_jacobian
 from .levenberg_marquardt import solve
 from .reprojection import cross_matrix, rotation_of, vector_of
 
@@ -23,6 +23,9 @@ STANDARD_GRAVITY = 9.81
 _GRAVITY_DEVIATION = 0.02
 _GYROSCOPE_BIAS_DEVIATION, _ACCELEROMETER_BIAS_DEVIATION = 0.2, 1.0
 """What is known beforehand: rad/s and m/s^2."""
+
+_TURN_DEVIATION, _PLACE_DEVIATION = 1.0, 100.0
+"""Likewise of the splines' coefficients, rad and m: it settles those that no measurement reaches, and no more."""
 
 _LONGEST_LAG_S = 0.05
 _STEP_S = 1e-4
@@ -160,6 +163,8 @@ class InertialProblem:
         )
         known = np.concatenate(
             [
+                s.turns.ravel() / _TURN_DEVIATION,
+                s.places.ravel() / _PLACE_DEVIATION,
                 s.gyroscope_bias / _GYROSCOPE_BIAS_DEVIATION,
                 s.accelerometer_bias / _ACCELEROMETER_BIAS_DEVIATION,
                 [(np.linalg.norm(s.gravity) - STANDARD_GRAVITY) / _GRAVITY_DEVIATION],
@@ -175,8 +180,8 @@ class InertialProblem:
         )
 
     def jacobian(self, s: InertialState) -> Any:
-        """d(residuals)/d(step), sparse; to first order in the small turns."""
-        from scipy.sparse import csr_array, vstack
+        """d(residuals)/d(step), sparse; of the angular rates to first order in the small turns."""
+        from scipy.sparse import csr_array, diags_array, vstack
 
         basis, t = self._spline.basis, self._readings.t_s - s.lag_s
         identity = np.broadcast_to(np.eye(3), (len(t), 3, 3))
@@ -199,27 +204,41 @@ class InertialProblem:
         rows[..., :3], rows[..., 6], rows[..., 10:13] = -s.rotation @ cross_matrix(force), by_lag[1], identity
         rows[..., 13:] = -to_imu
         accelerometer = _row_blocks(
-            [(basis.matrix(t), s.rotation @ cross_matrix(force))], [(basis.matrix(t, 2), to_imu)], rows, basis.size
+            [(basis.matrix(t), s.rotation @ cross_matrix(force) @ by_turning)],
+            [(basis.matrix(t, 2), to_imu)],
+            rows,
+            basis.size,
         )
 
         turns = self._spline.rotations(s.turns, self._t)
         relative = np.swapaxes(self._turns, 1, 2) @ turns
-        by_turn = np.concatenate([np.broadcast_to(np.eye(3), relative.shape), relative @ cross_matrix(s.lever)], 1)
+        motion = self._spline.motions(s.turns, self._t)
+        by_motion = np.concatenate(
+            [np.linalg.inv(right_jacobian(vector_of(relative))), relative @ cross_matrix(s.lever)], 1
+        )
         by_place = np.concatenate([np.zeros_like(relative), np.swapaxes(self._turns, 1, 2)], 1)
         rows = np.zeros((len(self._t), 6, _TAIL))
         rows[:, 3:, 3:6] = -relative
         at_views = basis.matrix(self._t)
         pose = _row_blocks(
-            [(at_views, self._whiten @ by_turn)], [(at_views, self._whiten @ by_place)], self._whiten @ rows, basis.size
+            [(at_views, self._whiten @ by_motion @ motion)],
+            [(at_views, self._whiten @ by_place)],
+            self._whiten @ rows,
+            basis.size,
         )
 
-        known = np.zeros((7, 6 * basis.size + _TAIL))
-        tail = known[:, 6 * basis.size :]
+        size = 3 * basis.size
+        curves = diags_array(
+            np.repeat([1 / _TURN_DEVIATION, 1 / _PLACE_DEVIATION], size), shape=(2 * size, 2 * size + _TAIL)
+        )
+        known = np.zeros((7, 2 * size + _TAIL))
+        tail = known[:, 2 * size :]
         tail[:3, 7:10] = np.eye(3) / _GYROSCOPE_BIAS_DEVIATION
         tail[3:6, 10:13] = np.eye(3) / _ACCELEROMETER_BIAS_DEVIATION
         tail[6, 13:] = s.gravity / np.linalg.norm(s.gravity) / _GRAVITY_DEVIATION
         return vstack(
-            [gyroscope / self._gyroscope, accelerometer / self._accelerometer, pose, csr_array(known)], format="csr"
+            [gyroscope / self._gyroscope, accelerometer / self._accelerometer, pose, curves, csr_array(known)],
+            format="csr",
         )
 
     def covariance(self, s: InertialState) -> FloatArray:
@@ -231,8 +250,8 @@ class InertialProblem:
 
     def scatter(self, s: InertialState) -> tuple[float, float, float]:
         """What is left, root mean square of an axis: of angular rates (rad/s), accelerations (m/s^2), corners (px)."""
-        r, n = self.residuals(s), 3 * self.samples
-        rate, acceleration, pixel = (float(np.sqrt(np.mean(p**2))) for p in np.split(r[:-7], [n, 2 * n]))
+        r, n, m = self.residuals(s), 3 * self.samples, 6 * len(self._t)
+        rate, acceleration, pixel = (float(np.sqrt(np.mean(p**2))) for p in np.split(r, [n, 2 * n, 2 * n + m])[:3])
         return rate * self._gyroscope, acceleration * self._accelerometer, pixel * self._pixel
 
     def _in_camera(self, s: InertialState, lag_s: float) -> tuple[FloatArray, FloatArray]:

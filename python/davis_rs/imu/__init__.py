@@ -1,6 +1,7 @@
 """The inertial measurement unit beside the sensor: what it would read, each imperfection off unless asked for."""
 
-from .imu import IMU_DTYPE, IMU_EFFECTS, Imu, ImuArray, as_imu, simulate_imu
+from ..decoded import IMU_DTYPE
+from .imu import IMU_EFFECTS, Imu, ImuArray, as_imu, simulate_imu
 from .kalibr import kalibr_camera_chain, kalibr_imu
 from .lag import ImuLag
 from .low_pass import ImuLowPass
