@@ -8,6 +8,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+STANDARD_GRAVITY = 9.806_65
+"""One g, in which datasheets give full scales, in m/s^2 (CGPM 1901)."""
+
 IMU_DTYPE = np.dtype([("t", "<i8"), ("accel", "<f8", 3), ("gyro", "<f8", 3), ("temperature", "<f8")], align=True)
 """An inertial sample in SI units, 64 bytes: time of its end in microseconds; acceleration along x, y, z in m/s^2;
 rotation about x, y, z in rad/s; temperature in degrees Celsius. What a sample lacks is 0."""

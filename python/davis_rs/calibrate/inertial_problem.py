@@ -17,7 +17,7 @@ from .reprojection import cross_matrix, rotation_of, vector_of
 
 FloatArray = npt.NDArray[np.float64]
 
-STANDARD_GRAVITY = 9.81
+_GRAVITY = 9.81
 """m/s^2; on Earth it is between 9.78 and 9.83."""
 
 _GRAVITY_DEVIATION = 0.02
@@ -167,7 +167,7 @@ class InertialProblem:
                 s.places.ravel() / _PLACE_DEVIATION,
                 s.gyroscope_bias / _GYROSCOPE_BIAS_DEVIATION,
                 s.accelerometer_bias / _ACCELEROMETER_BIAS_DEVIATION,
-                [(np.linalg.norm(s.gravity) - STANDARD_GRAVITY) / _GRAVITY_DEVIATION],
+                [(np.linalg.norm(s.gravity) - _GRAVITY) / _GRAVITY_DEVIATION],
             ]
         )
         return np.concatenate(

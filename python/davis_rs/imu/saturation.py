@@ -7,11 +7,9 @@ from typing import ClassVar
 
 import numpy as np
 
+from ..decoded import STANDARD_GRAVITY
 from ..effects.effect import Effect, Where, check_range
 from ..pose import FloatArray
-
-STANDARD_GRAVITY = 9.80665
-"""m/s^2 in one g, as datasheets count."""
 
 
 @dataclass(frozen=True)

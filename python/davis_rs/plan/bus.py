@@ -16,7 +16,7 @@ _PEAK_EVENTS = 50
 
 
 def through_bus(footage: Footage, effect: Readout, shift_us: float) -> tuple[Neglect, str]:
-    waits = [_waits_us(footage.part_events(part, None)["t"], effect, footage.part_of_sensor) for part in footage.parts]
+    waits = [_waits_us(events["t"], effect, footage.part_of_sensor) for events in footage.ideal_parts]
     wait_us = np.concatenate(waits)
     carried = wait_us[~np.isnan(wait_us)]
     peak = _peak_rate(footage)

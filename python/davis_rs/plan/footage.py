@@ -68,9 +68,14 @@ class Footage:
         return sum(len(part.t_us) - 1 for part in self.parts) * self.pixels
 
     @cached_property
+    def ideal_parts(self) -> list[EventArray]:
+        """The events of ideal pixels, part by part."""
+        return [self.part_events(part, None) for part in self.parts]
+
+    @cached_property
     def ideal(self) -> EventArray:
         """The events of ideal pixels."""
-        return self.events(None)
+        return concatenate_events(self.ideal_parts)
 
     def events(self, effects: Effects | None) -> EventArray:
         """The events of the parts under effects."""

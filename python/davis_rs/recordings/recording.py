@@ -13,12 +13,9 @@ import numpy as np
 import numpy.typing as npt
 
 from .._core import Device
-from ..decoded import IMU_DTYPE, TRIGGER_DTYPE, Decoded, Frame, TriggerKind
+from ..decoded import IMU_DTYPE, STANDARD_GRAVITY, TRIGGER_DTYPE, Decoded, Frame, TriggerKind
 from ..events import EVENT_DTYPE, EventArray
 from ..luma import LUMA_WEIGHTS
-
-STANDARD_GRAVITY = 9.806_65
-"""In m/s^2 (CGPM 1901)."""
 
 RADIANS = math.pi / 180
 

@@ -7,7 +7,7 @@ const LONGEST: usize = 1 << 16;
 
 /// Length and sensor size of a `.raw` file's header, once all of it is in `bytes` (at the end of the input: however it
 /// ends).
-pub(super) fn header(bytes: &[u8], at_end: bool) -> Result<Option<Header>> {
+fn header(bytes: &[u8], at_end: bool) -> Result<Option<Header>> {
     let mut header = Header { length: 0, size: None, start_us: 0 };
     let (mut width, mut height) = (None, None);
     loop {
@@ -52,11 +52,40 @@ pub(super) fn header(bytes: &[u8], at_end: bool) -> Result<Option<Header>> {
     Ok(Some(header))
 }
 
-pub(super) struct Header {
-    pub(super) length: usize,
-    pub(super) size: Option<(u32, u32)>,
+struct Header {
+    length: usize,
+    size: Option<(u32, u32)>,
     /// What all times have to be added to: faery takes the first time off.
-    pub(super) start_us: i64,
+    start_us: i64,
+}
+
+/// How far a decoder is past the header.
+#[derive(Default)]
+pub(super) struct Preamble(Option<Header>);
+
+impl Preamble {
+    /// How many of the bytes lie before the words; None until all of the header is there.
+    pub(super) fn pass(&mut self, bytes: &[u8]) -> Result<Option<usize>> {
+        if self.0.is_some() {
+            return Ok(Some(0));
+        }
+        self.0 = header(bytes, false)?;
+        Ok(self.0.as_ref().map(|header| header.length))
+    }
+
+    /// How many of the bytes at the end of the input belong to the header.
+    pub(super) fn end(&self, bytes: &[u8]) -> Result<usize> {
+        Ok(if self.0.is_some() { 0 } else { header(bytes, true)?.map_or(0, |header| header.length) })
+    }
+
+    pub(super) fn size(&self) -> Option<(u32, u32)> {
+        self.0.as_ref()?.size
+    }
+
+    /// What is added to all times.
+    pub(super) fn start_us(&self) -> i64 {
+        self.0.as_ref().map_or(0, |header| header.start_us)
+    }
 }
 
 #[cfg(test)]

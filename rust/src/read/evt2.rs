@@ -1,6 +1,6 @@
 //! EVT 2.0 to events; the words are described in `write::evt2`.
 
-use super::evt::header;
+use super::evt::Preamble;
 use super::reader::Decode;
 use crate::error::Result;
 use crate::event::Event;
@@ -12,10 +12,7 @@ const ROUND: i64 = 1 << 28;
 /// the first time. Where the 34 bits of time go round, time goes on.
 #[derive(Default)]
 pub struct Evt2Decoder {
-    in_words: bool,
-    size: Option<(u32, u32)>,
-    /// Added to all times.
-    start_us: i64,
+    preamble: Preamble,
     /// Time in units of 64 us, rounds included; None before the first one.
     high: Option<i64>,
 }
@@ -31,13 +28,13 @@ impl Evt2Decoder {
     fn words(&mut self, bytes: &[u8], events: &mut Vec<Event>) -> usize {
         let words = bytes.as_chunks::<4>().0;
         events.reserve(words.len());
-        let mut high = self.high;
+        let (start_us, mut high) = (self.preamble.start_us(), self.high);
         for &word in words {
             let word = u32::from_le_bytes(word);
             match word >> 28 {
                 kind @ (0 | 1) => {
                     if let Some(high) = high {
-                        let t = self.start_us + (high << 6 | i64::from(word >> 22 & 63));
+                        let t = start_us + (high << 6 | i64::from(word >> 22 & 63));
                         events.push(Event::new(t, (word >> 11 & 0x7ff) as u16, (word & 0x7ff) as u16, kind == 1));
                     }
                 }
@@ -59,20 +56,16 @@ pub(super) fn unwrapped(last: Option<i64>, value: i64, round: i64) -> i64 {
 
 impl Decode for Evt2Decoder {
     fn decode(&mut self, bytes: &[u8], events: &mut Vec<Event>) -> Result<usize> {
-        let mut used = 0;
-        if !self.in_words {
-            let Some(header) = header(bytes, false)? else { return Ok(0) };
-            (self.in_words, self.size, self.start_us, used) = (true, header.size, header.start_us, header.length);
-        }
+        let Some(used) = self.preamble.pass(bytes)? else { return Ok(0) };
         Ok(used + self.words(&bytes[used..], events))
     }
 
     fn end(&mut self, bytes: &[u8], _events: &mut Vec<Event>) -> Result<usize> {
-        Ok(if self.in_words { 0 } else { header(bytes, true)?.map_or(0, |header| header.length) })
+        self.preamble.end(bytes)
     }
 
     fn size(&self) -> Option<(u32, u32)> {
-        self.size
+        self.preamble.size()
     }
 }
 

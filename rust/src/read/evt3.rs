@@ -1,6 +1,6 @@
 //! EVT 3.0 to events; the words are described in `write::evt3`.
 
-use super::evt::header;
+use super::evt::Preamble;
 use super::evt2::unwrapped;
 use super::reader::Decode;
 use crate::error::Result;
@@ -14,10 +14,7 @@ const ROUND: i64 = 1 << 12;
 /// time goes on.
 #[derive(Default)]
 pub struct Evt3Decoder {
-    in_words: bool,
-    size: Option<(u32, u32)>,
-    /// Added to all times.
-    start_us: i64,
+    preamble: Preamble,
     /// Time above its low 12 bits, rounds included; None before the first one.
     high: Option<i64>,
     low: i64,
@@ -37,7 +34,8 @@ impl Evt3Decoder {
     fn words(&mut self, bytes: &[u8], events: &mut Vec<Event>) -> usize {
         let words = bytes.as_chunks::<2>().0;
         events.reserve(words.len() / 2);
-        let mut time = self.high.map(|high| self.start_us + (high << 12 | self.low));
+        let start_us = self.preamble.start_us();
+        let mut time = self.high.map(|high| start_us + (high << 12 | self.low));
         for &word in words {
             let word = u16::from_le_bytes(word);
             let on = word & 0x800 != 0;
@@ -53,14 +51,14 @@ impl Evt3Decoder {
                 5 => self.vector(word & 0xff, 8, time, events),
                 6 => {
                     self.low = i64::from(word & 0xfff);
-                    time = self.high.map(|high| self.start_us + (high << 12 | self.low));
+                    time = self.high.map(|high| start_us + (high << 12 | self.low));
                 }
                 8 => {
                     let high = unwrapped(self.high, i64::from(word & 0xfff), ROUND);
                     // Cameras repeat the high time as a sign of life; only where it is new does the low one start again.
                     if self.high != Some(high) {
                         (self.high, self.low) = (Some(high), 0);
-                        time = Some(self.start_us + (high << 12));
+                        time = Some(start_us + (high << 12));
                     }
                 }
                 _ => {}
@@ -84,20 +82,16 @@ impl Evt3Decoder {
 
 impl Decode for Evt3Decoder {
     fn decode(&mut self, bytes: &[u8], events: &mut Vec<Event>) -> Result<usize> {
-        let mut used = 0;
-        if !self.in_words {
-            let Some(header) = header(bytes, false)? else { return Ok(0) };
-            (self.in_words, self.size, self.start_us, used) = (true, header.size, header.start_us, header.length);
-        }
+        let Some(used) = self.preamble.pass(bytes)? else { return Ok(0) };
         Ok(used + self.words(&bytes[used..], events))
     }
 
     fn end(&mut self, bytes: &[u8], _events: &mut Vec<Event>) -> Result<usize> {
-        Ok(if self.in_words { 0 } else { header(bytes, true)?.map_or(0, |header| header.length) })
+        self.preamble.end(bytes)
     }
 
     fn size(&self) -> Option<(u32, u32)> {
-        self.size
+        self.preamble.size()
     }
 }
 
