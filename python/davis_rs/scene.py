@@ -9,6 +9,7 @@ from typing import Any
 
 from .camera import PRESETS, Camera
 from .light_course import LightCourse
+from .pose import Pose
 from .trajectory import Trajectory
 
 SceneSource = Path | Mapping[str, Any]
@@ -27,6 +28,7 @@ class Scene:
         file: the file that it comes from, for records; None for a scene made in code.
         camera: the camera it is made for.
         trajectory: the camera path that belongs to it; None if it has none.
+        start: where a camera starts in it, if it has no trajectory; None leaves that to the file's first sensor.
         contrast_threshold: C in natural-log units.
         blur: soften luma by the 3 x 3 kernel of the dataset's simulator.
         shadows: trace shadows of point and directional lights. A scene in which no shadow can be seen saves them.
@@ -42,6 +44,7 @@ class Scene:
     file: Path | None = None
     camera: Camera = PRESETS["ideal"]
     trajectory: Trajectory | None = None
+    start: Pose | None = None
     contrast_threshold: float = 0.15
     blur: bool = False
     shadows: bool = True

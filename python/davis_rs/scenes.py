@@ -37,13 +37,15 @@ def load_scene(name_or_path: str | Path) -> Scene:
 
 
 def start_pose(scene: Scene) -> Pose:
-    """Where a camera starts in a scene: its trajectory's first pose, else the scene file's first sensor.
+    """Where a camera starts in a scene: its trajectory's first pose, its own start, or the scene file's first sensor.
 
     Raises:
-        ValueError: if it has neither.
+        ValueError: if it has none of these.
     """
     if scene.trajectory is not None:
         return scene.trajectory.pose(0.0)
+    if scene.start is not None:
+        return scene.start
     with variant(default_variant()[0]) as (mi, _):
         sensors = load_scene_source(scene.source(), mi).sensors()
         if not sensors:
