@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from davis_rs import Camera, Trajectory, load_scene
 from davis_rs.calibrate import BoardView, find_corners
 from davis_rs.calibrate.reprojection import inverse, transform
-from davis_rs.calibration_scene import board_in_world
+from davis_rs.checkerboard_scene import board_in_world
 from davis_rs.checkerboard import DATASET_BOARD
 from davis_rs.dataset import DatasetWriter
 from davis_rs.events import EVENT_DTYPE
@@ -25,7 +25,7 @@ from davis_rs.views import Views
 
 FloatArray = npt.NDArray[np.float64]
 
-SCENE = load_scene("calibration")
+SCENE = load_scene("checkerboard")
 CAMERA = SCENE.camera
 BOARD = DATASET_BOARD
 FRAME_RATE_HZ = 10

@@ -39,7 +39,7 @@ LAYERS = [
         *["swept_objects", "swept", "scene_motion"],
     ],
     [
-        *["scenes", "calibration_scene", "fence_scene", "builtin_scenes", "scene_parts", "textures"],
+        *["scenes", "checkerboard_scene", "fence_scene", "builtin_scenes", "scene_parts", "textures"],
         *["scene", "light_course", "checkerboard"],
     ],
     ["motions", "waypoints", "trajectory_file", "sampled_trajectory"],

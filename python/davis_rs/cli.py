@@ -153,7 +153,7 @@ def _add_simulate(commands: argparse._SubParsersAction[argparse.ArgumentParser])
     simulate = commands.add_parser("simulate", help="simulate a sequence into a dataset folder", formatter_class=_Help)
     simulate.set_defaults(run=_simulate)
     simulate.add_argument(
-        "scene", metavar="SCENE", help="three_planes, three_walls, fence, calibration or a Mitsuba XML file"
+        "scene", metavar="SCENE", help="three_planes, three_walls, fence, checkerboard or a Mitsuba XML file"
     )
     simulate.add_argument("-o", "--output", required=True, metavar="DIR", help="the folder to write")
 

@@ -33,7 +33,7 @@ def add_calibrate(commands: argparse._SubParsersAction[argparse.ArgumentParser])
     calibrate = commands.add_parser(
         "calibrate",
         help="calibrate a camera, a hand-eye transform, or a camera and an IMU",
-        description="Calibrate from a sequence before a checkerboard, such as the scene 'calibration'. "
+        description="Calibrate from a sequence before a checkerboard, such as the scene 'checkerboard'. "
         "Needs OpenCV 4: pip install 'davis_rs[calibrate]'.",
     )
     kinds = calibrate.add_subparsers(required=True, metavar="WHAT")

@@ -8,7 +8,7 @@ import numpy as np
 
 from ._mitsuba import default_variant, load_scene_source, variant
 from .builtin_scenes import three_planes, three_walls
-from .calibration_scene import calibration
+from .checkerboard_scene import checkerboard
 from .fence_scene import fence
 from .pose import Pose
 from .scene import Scene
@@ -17,7 +17,7 @@ BUILTIN_SCENES = {
     "three_planes": three_planes,
     "three_walls": three_walls,
     "fence": fence,
-    "calibration": calibration,
+    "checkerboard": checkerboard,
 }
 
 

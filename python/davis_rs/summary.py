@@ -17,12 +17,10 @@ from .formats.interface import EventReader
 from .pose import GroundTruth
 from .read import Dataset
 from .read_events import open_reader
+from .trajectory import SPEED_WINDOW_S
 
 PEAK_WINDOW_US = 10_000
 """The peak rate is that of the fullest of the intervals of this length that follow each other from t = 0."""
-
-SPEED_SPAN_US = 20_000
-"""Speeds are those between poses at least so far apart: motion capture at 200 Hz is too noisy from pose to pose."""
 
 _GAPS = 3
 
@@ -209,14 +207,15 @@ def dataset_row(path: str | Path, summary: EventSummary) -> DatasetRow:
 def top_speeds(ground_truth: GroundTruth) -> tuple[float, float]:
     """The largest translation speed in m/s and rotation speed in degrees a second, NaN for less than two poses.
 
-    A speed is that between a pose and the first one at least :data:`SPEED_SPAN_US` later; in a shorter sequence,
-    between its ends.
+    A speed is that between a pose and the first one at least 100 ms later, in a shorter sequence between its ends: what
+    :meth:`~davis_rs.Trajectory.top_speeds` is of a trajectory, and far above a motion capture's noise.
     """
+    span_us = round(SPEED_WINDOW_S * 1e6)
     t_us = ground_truth.t_us
     if len(t_us) < 2:
         return float("nan"), float("nan")
-    later = np.minimum(np.searchsorted(t_us, t_us + SPEED_SPAN_US), len(t_us) - 1)
-    from_ = np.flatnonzero(t_us[later] - t_us >= min(SPEED_SPAN_US, int(t_us[-1] - t_us[0])))
+    later = np.minimum(np.searchsorted(t_us, t_us + span_us), len(t_us) - 1)
+    from_ = np.flatnonzero(t_us[later] - t_us >= min(span_us, int(t_us[-1] - t_us[0])))
     to = later[from_]
     seconds = (t_us[to] - t_us[from_]) / 1e6
     q = ground_truth.quaternions / np.linalg.norm(ground_truth.quaternions, axis=1, keepdims=True)

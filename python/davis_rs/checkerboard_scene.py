@@ -1,4 +1,4 @@
-"""The scene ``calibration``: a checkerboard on a white panel, seen from many sides."""
+"""The scene ``checkerboard``: a checkerboard on a white panel, seen from many sides."""
 
 from __future__ import annotations
 
@@ -31,36 +31,51 @@ def board_in_world() -> Pose:
     return Pose.from_matrix(np.block([[_AXES, origin[:, None]], [np.zeros((1, 3)), np.ones((1, 1))]]))
 
 
-def calibration() -> Scene:
+def checkerboard() -> Scene:
     """A checkerboard of 6 x 7 tiles of 70 mm on a white panel before a grey wall, for the DAVIS240C's lens; 20 s.
 
     Light falls straight on the board and from everywhere at once, so that one colour is equally bright everywhere. The
-    camera goes around the board by up to 35 degrees to either side and 30 up and down, 0.6 to 1.2 m away, rolls by up
-    to 35 degrees and lets the board wander over the image, at up to about 1 m/s and 130 deg/s: every rotation and
-    translation is excited, which calibrating against a hand or an IMU needs.
+    camera goes :func:`around_board` at up to about 1 m/s and 130 deg/s.
     """
-    t = np.linspace(0.0, 20.0, 1001)
+    return Scene(
+        name="checkerboard", source=_scene, camera=PRESETS["davis240c"], trajectory=around_board(20.0), shadows=False
+    )
 
-    def sine(amplitude: float, hertz: float, phase: float) -> FloatArray:
-        return np.asarray(amplitude * np.sin(2 * np.pi * hertz * t + phase))
+
+def around_board(duration_s: float, *, pace: float = 1.0, gaze_pace: float = 1.0) -> SampledTrajectory:
+    """A path around the board by up to 35 degrees to either side and 30 up and down, 0.6 to 1.2 m away.
+
+    It rolls by up to 35 degrees and lets the board wander over the image: every rotation and translation is excited,
+    which calibrating against a hand or an IMU needs.
+
+    Args:
+        duration_s: > 0.
+        pace, gaze_pace: of the places, and of gaze and roll: 0.5 is half as fast.
+    """
+    t = np.linspace(0.0, duration_s, round(duration_s * 50) + 1)
+
+    def place(amplitude: float, hertz: float, phase: float) -> FloatArray:
+        return np.asarray(amplitude * np.sin(2 * np.pi * pace * hertz * t + phase))
+
+    def gaze(amplitude: float, hertz: float, phase: float) -> FloatArray:
+        return np.asarray(amplitude * np.sin(2 * np.pi * gaze_pace * hertz * t + phase))
 
     # Where it stands: angles around the board, and distance.
-    around, above = np.radians([sine(35.0, 0.17, 0.0), sine(30.0, 0.23, 1.0)])
-    distance = 0.9 + sine(0.27, 0.29, 2.5)
+    around, above = np.radians([place(35.0, 0.17, 0.0), place(30.0, 0.23, 1.0)])
+    distance = 0.9 + place(0.27, 0.29, 2.5)
     direction = np.stack([np.sin(around) * np.cos(above), -np.cos(around) * np.cos(above), np.sin(above)], 1)
     positions = _CENTRE + distance[:, None] * direction
     # How it looks: past the board's middle by these angles (more where it is far), and rolled.
     far = (distance - 0.63) / 0.54
-    yaw = np.radians(2.5 + sine(14.0, 0.41, 0.5) * far + sine(3.0, 1.1, 0.0))
-    pitch = np.radians(-6.0 + sine(7.0, 0.53, 2.0) * far + sine(3.0, 1.3, 1.0))
-    roll = np.radians(sine(25.0, 0.37, 0.3) + sine(6.0, 0.9, 2.0))
-    trajectory = SampledTrajectory(
+    yaw = np.radians(2.5 + gaze(14.0, 0.41, 0.5) * far + gaze(3.0, 1.1, 0.0))
+    pitch = np.radians(-6.0 + gaze(7.0, 0.53, 2.0) * far + gaze(3.0, 1.3, 1.0))
+    roll = np.radians(gaze(25.0, 0.37, 0.3) + gaze(6.0, 0.9, 2.0))
+    return SampledTrajectory(
         t,
         positions,
         _looking(-direction, yaw, pitch, roll),
         description={"path": "around a checkerboard, sines in place, distance, gaze and roll"},
     )
-    return Scene(name="calibration", source=_scene, camera=PRESETS["davis240c"], trajectory=trajectory, shadows=False)
 
 
 def _looking(forward: FloatArray, yaw: FloatArray, pitch: FloatArray, roll: FloatArray) -> FloatArray:
