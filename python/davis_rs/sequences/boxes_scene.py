@@ -35,23 +35,23 @@ def boxes(hdr: bool = False) -> Scene:
         source=partial(_boxes, hdr),
         camera=PRESETS["davis240c"],
         start=standing(_EYE_M, (0.0, 2.0, 0.9)),
-        contrast_threshold=0.5,
+        contrast_threshold=0.4,
         lux_per_luma=LUX_PER_LUMA,
     )
 
 
 def _boxes(hdr: bool) -> dict[str, Any]:
     lights = (
-        {"spot": lamp((-0.45, 1.5, 1.6), 2300.0, 0.5), "general": general_light(80.0)}
+        {"spot": lamp((-0.45, 1.5, 1.6), 2320.0, 0.655), "general": general_light(80.0)}
         if hdr
-        else {"lamp": lamp((1.0, 0.2, 2.5), 400.0, 1.8), "general": general_light(150.0)}
+        else {"lamp": lamp((0.9, -0.6, 2.1), 350.0, 2.5), "general": general_light(200.0)}
     )
     carpet = patchwork(256, 60, low=0.08, high=0.5, grain=0.7, shapes=120, tint=(1.0, 0.9, 0.8))
     return {
         "type": "scene",
         "integrator": DIRECT,
         **lights,
-        **room((-2.5, 2.5), (-3.0, 3.3), 2.7, floor=bitmap(carpet, repeats=(3.0, 4.0))),
+        **room((-2.5, 2.5), (-3.0, 3.3), 3.0, floor=bitmap(carpet, repeats=(3.0, 4.0))),
         **_stacks(np.random.RandomState(61)),
     }
 
@@ -88,7 +88,7 @@ def _places() -> Iterator[tuple[float, float]]:
 
 def _covers() -> list[Texture]:
     """What boxes are printed with; 48 texels are 3 to 9 mm each on a box's side, about what a pixel sees."""
-    pictures = [blocks(48, 62 + k, low=0.08, high=0.8, count=30) for k in range(5)]
+    pictures = [blocks(48, 62 + k, low=0.06, high=0.85, count=40) for k in range(5)]
     pages = [text(48, 67 + k, line=9, ink=0.1, paper=paper) for k, paper in enumerate((0.8, 0.45))]
     signs = [
         plain_shapes(48, 48, 69 + k, cell=16, radius=(4.0, 6.5), share=0.9, ink=ink, paper=0.3)

@@ -11,8 +11,8 @@ from ..scene_parts import DIRECT, rectangle
 from .prints import bitmap, plain_shapes, stones
 from .room import FACING, LUX_PER_LUMA, general_light, lamp, room, standing
 
-_EYE_M, _WALL_M, _HEIGHT_M = 1.4, 1.3, 2.8
-"""The camera's height, its distance from the wall, and the room's height; at the wall a pixel is 6.5 mm wide."""
+_EYE_M, _WALL_M, _HEIGHT_M = 1.4, 1.1, 2.8
+"""The camera's height, its distance from the wall, and the room's height; at the wall a pixel is 5.5 mm wide."""
 
 _TEXEL_M = 0.005
 
@@ -63,7 +63,7 @@ def _shapes() -> dict[str, Any]:
 
 def _poster(hdr: bool) -> dict[str, Any]:
     printed = stones(512, 1024, 42, low=0.08, high=0.85, stone=30.0)
-    lights = {"spot": lamp((-0.5, _WALL_M - 0.4, 1.7), 2300.0, 0.4), "general": general_light(80.0)} if hdr else _EVEN
+    lights = {"spot": lamp((-0.5, _WALL_M - 0.3, 1.7), 2320.0, 0.3), "general": general_light(80.0)} if hdr else _EVEN
     return {
         "type": "scene",
         "integrator": DIRECT,
