@@ -71,7 +71,7 @@ def along_the_slide(scene: Scene, metres: float) -> Views:
 @pytest.mark.parametrize("name", SCENES)
 @pytest.mark.usefixtures("llvm")
 def test_there_is_something_to_see_all_around(name: str) -> None:
-    """Turned by 60 degrees about any axis, shifted by 0.2 m any way, each pixel sees a lit surface; ahead it is textured."""
+    """Turned by 60 degrees about any axis, shifted by 0.2 m any way, each pixel sees a lit surface."""
     scene = SCENES[name]()
     axes = np.concatenate([np.zeros((1, 3)), np.eye(3), -np.eye(3)])
     views = poses(scene, np.concatenate([0.2 * axes, np.zeros((7, 3))]), np.concatenate([0 * axes, 60 * axes]))

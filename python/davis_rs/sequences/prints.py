@@ -62,7 +62,7 @@ def text(size: int, seed: int, *, line: int, ink: float, paper: float) -> Textur
 
     Args:
         size: texels a side.
-        line: texels from line to line; a letter's strokes are a sixth of it wide.
+        line: texels from line to line; a letter's strokes are a sixth of it wide, two texels at least.
         ink, paper: reflectances.
     """
     random = np.random.RandomState(seed)

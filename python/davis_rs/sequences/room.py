@@ -15,11 +15,8 @@ LUX_PER_LUMA = 1000.0
 
 _X, _Y, _Z = np.eye(3)
 
-FACING = np.stack([_X, _Z, -_Y], 1)
-"""Axes of a rectangle that is looked at along +y, upright."""
-
-UPWARDS = np.eye(3)
-"""Axes of a rectangle that lies face up."""
+FACING, SIDEWAYS, UPWARDS = np.stack([_X, _Z, -_Y], 1), np.stack([_Y, _Z, _X], 1), np.eye(3)
+"""Axes of a rectangle that is looked at along y, upright; along x, upright; and from above."""
 
 
 def room(
@@ -39,21 +36,20 @@ def room(
     middle = np.array([(x0 + x1) / 2, (y0 + y1) / 2, height / 2])
     # Sides overlap at the corners: no ray slips through.
     half = np.array([(x1 - x0) / 2, (y1 - y0) / 2, height / 2]) + 0.01
-    sides = {
-        "left_wall": (_at(middle, 0, x0), np.stack([-_Y, _Z, -_X], 1) * (-1, 1, -1), (half[1], half[2]), 0.9 * walls),
-        "right_wall": (_at(middle, 0, x1), np.stack([-_Y, _Z, -_X], 1), (half[1], half[2]), 0.8 * walls),
-        "front_wall": (_at(middle, 1, y1), FACING, (half[0], half[2]), walls),
-        "back_wall": (_at(middle, 1, y0), FACING * (-1, 1, -1), (half[0], half[2]), 0.85 * walls),
-        "floor": (_at(middle, 2, 0.0), UPWARDS, (half[0], half[1]), floor),
-        "ceiling": (_at(middle, 2, height), UPWARDS * (-1, 1, -1), (half[0], half[1]), ceiling),
-    }
-    return {name: rectangle(centre, axes, sides, what) for name, (centre, axes, sides, what) in sides.items()}
-
-
-def _at(middle: FloatArray, axis: int, value: float) -> list[float]:
-    centre = middle.copy()
-    centre[axis] = value
-    return [float(v) for v in centre]
+    sides: list[tuple[str, int, float, FloatArray, tuple[float, float], dict[str, Any] | float]] = [
+        ("left_wall", 0, x0, SIDEWAYS, (half[1], half[2]), 0.9 * walls),
+        ("right_wall", 0, x1, SIDEWAYS, (half[1], half[2]), 0.8 * walls),
+        ("front_wall", 1, y1, FACING, (half[0], half[2]), walls),
+        ("back_wall", 1, y0, FACING, (half[0], half[2]), 0.85 * walls),
+        ("floor", 2, 0.0, UPWARDS, (half[0], half[1]), floor),
+        ("ceiling", 2, height, UPWARDS, (half[0], half[1]), ceiling),
+    ]
+    found = {}
+    for name, axis, place, axes, halves, reflectance in sides:
+        centre = middle.copy()
+        centre[axis] = place
+        found[name] = rectangle(centre.tolist(), axes, halves, reflectance)
+    return found
 
 
 def box(centre: FloatArray, size: FloatArray, turn: float, cover: Texture | float) -> dict[str, Any]:
