@@ -34,7 +34,7 @@ def boxes(hdr: bool = False) -> Scene:
         source=partial(_boxes, hdr),
         camera=PRESETS["davis240c"],
         start=standing(_EYE_M, (0.0, 2.0, 0.65)),
-        contrast_threshold=0.4,
+        contrast_threshold=0.5,
         lux_per_luma=LUX_PER_LUMA,
     )
 
@@ -100,7 +100,7 @@ def _places() -> Iterator[tuple[float, float]]:
 
 def _covers() -> list[Texture]:
     """What boxes are printed with; 48 texels are 3 to 9 mm each on a box's side, about what a pixel sees."""
-    pictures = [blocks(48, 62 + k, low=0.06, high=0.85, count=40) for k in range(5)]
+    pictures = [blocks(48, 62 + k, low=0.08, high=0.8, count=40) for k in range(5)]
     pages = [text(48, 67 + k, line=9, ink=0.1, paper=paper) for k, paper in enumerate((0.8, 0.45))]
     signs = [
         plain_shapes(48, 48, 69 + k, cell=16, radius=(4.0, 6.5), share=0.9, ink=ink, paper=0.3)

@@ -125,6 +125,7 @@ def _depths() -> dict[str, Any]:
         text(64, 87, line=12, ink=0.08, paper=0.8),
         plain_shapes(48, 48, 88, cell=16, radius=(4.0, 6.5), share=0.9, ink=0.85, paper=0.15),
         blocks(48, 89, low=0.08, high=0.8, count=30),
+        stones(64, 64, 91, low=0.1, high=0.8, stone=12.0),
     ]
     boxes = {
         f"box_{k:02}": box(

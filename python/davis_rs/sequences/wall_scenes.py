@@ -51,7 +51,7 @@ def _before_a_wall(name: str, source: Any) -> Scene:
 
 
 def _shapes() -> dict[str, Any]:
-    printed = plain_shapes(504, 1064, 41, cell=56, radius=(5.0, 25.0), share=0.18, ink=0.12, paper=0.75)
+    printed = plain_shapes(504, 1064, 41, cell=56, radius=(5.0, 25.0), share=0.16, ink=0.12, paper=0.75)
     return {
         "type": "scene",
         "integrator": DIRECT,
