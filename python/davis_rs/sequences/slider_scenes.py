@@ -68,8 +68,8 @@ def _wall(distance_m: float, hdr: bool) -> dict[str, Any]:
         "type": "scene",
         "integrator": DIRECT,
         **lights,
-        # The wall itself is 1 mm behind its prints.
-        **room((-2.0, 3.0), (distance_m - 4.0, distance_m + 0.001), 2.5),
+        # The wall itself is 0.1 mm behind its prints.
+        **room((-2.0, 3.0), (distance_m - 4.0, distance_m + 1e-4), 2.5),
         **hung,
     }
 

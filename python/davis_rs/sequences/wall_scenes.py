@@ -56,7 +56,7 @@ def _shapes() -> dict[str, Any]:
         "type": "scene",
         "integrator": DIRECT,
         **_EVEN,
-        **room((-3.0, 3.0), (-4.0, _WALL_M + 0.001), _HEIGHT_M, walls=0.75, ceiling=0.75),
+        **room((-3.0, 3.0), (-4.0, _WALL_M + 1e-4), _HEIGHT_M, walls=0.75, ceiling=0.75),
         "shapes": _on_the_wall(printed),
     }
 
@@ -68,13 +68,13 @@ def _poster(hdr: bool) -> dict[str, Any]:
         "type": "scene",
         "integrator": DIRECT,
         **lights,
-        **room((-3.0, 3.0), (-4.0, _WALL_M + 0.001), _HEIGHT_M),
+        **room((-3.0, 3.0), (-4.0, _WALL_M + 1e-4), _HEIGHT_M),
         "poster": _on_the_wall(printed),
     }
 
 
 def _on_the_wall(printed: Any) -> dict[str, Any]:
-    """A sheet in the middle of the wall, 1 mm before it."""
+    """A sheet in the middle of the wall, 0.1 mm before it."""
     height, width = printed.shape[:2]
     half = (width * _TEXEL_M / 2, height * _TEXEL_M / 2)
     return rectangle([0.0, _WALL_M, _HEIGHT_M / 2], FACING, half, bitmap(printed))
