@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 from typing import Any
 
 from ..camera import PRESETS
 from ..scene import Scene
 from ..scene_parts import DIRECT, rectangle
-from .prints import bitmap, plain_shapes, stones
+from .prints import Texture, bitmap, plain_shapes, stones
 from .room import FACING, LUX_PER_LUMA, general_light, lamp, room, standing
 
 _EYE_M, _WALL_M, _HEIGHT_M = 1.4, 1.1, 2.8
@@ -37,7 +38,7 @@ def poster(hdr: bool = False) -> Scene:
     return _before_a_wall("hdr_poster" if hdr else "poster", partial(_poster, hdr))
 
 
-def _before_a_wall(name: str, source: Any) -> Scene:
+def _before_a_wall(name: str, source: Callable[[], dict[str, Any]]) -> Scene:
     return Scene(
         name=name,
         source=source,
@@ -73,7 +74,7 @@ def _poster(hdr: bool) -> dict[str, Any]:
     }
 
 
-def _on_the_wall(printed: Any) -> dict[str, Any]:
+def _on_the_wall(printed: Texture) -> dict[str, Any]:
     """A sheet in the middle of the wall, 0.1 mm before it."""
     height, width = printed.shape[:2]
     half = (width * _TEXEL_M / 2, height * _TEXEL_M / 2)
