@@ -25,7 +25,7 @@ def patchwork(
         tint: factors of red, green and blue.
     """
     random = np.random.RandomState(seed)
-    noise = _value_noise(size, random)
+    noise = value_noise(size, random)
     level = noise.copy()
     for _ in range(shapes):
         rows, columns, inside = _shape(size, random)
@@ -38,7 +38,7 @@ def patchwork(
     return (np.round(rgb * 255) / 255).astype(np.float32)
 
 
-def _value_noise(size: int, random: np.random.RandomState) -> FloatArray:
+def value_noise(size: int, random: np.random.RandomState) -> FloatArray:
     """Periodic noise in [0, 1]: octaves of random lattices, each half as strong and twice as fine as the one before."""
     total = np.zeros((size, size))
     cells, strength = 8, 1.0
