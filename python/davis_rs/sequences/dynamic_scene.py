@@ -26,7 +26,7 @@ _PUSHED_BACK_M = 0.4
 
 
 def dynamic() -> Scene:
-    """The office of :func:`~davis_rs.sequences.office_scene.office` with a person in it, for 60 s; C = 0.3.
+    """The office of :func:`~davis_rs.sequences.office_scene.office` with a person in it, for 60 s; C = 0.5.
 
     The person types at the desk, stands up (the chair rolls back), walks to and fro before the desk at up to about 1.4
     m/s, turning to the camera at the ends, stops and waves, walks again, and sits down. The camera stands 2.2 m from
@@ -42,7 +42,7 @@ def dynamic() -> Scene:
         },
         camera=PRESETS["davis240c"],
         start=start_looking_at([0.0, -0.4, 1.3], [0.0, 2.0, 1.1]),
-        contrast_threshold=0.3,
+        contrast_threshold=0.5,
         objects=performance(),
         lux_per_luma=LUX_PER_LUMA,
     )

@@ -49,7 +49,7 @@ def room() -> dict[str, Any]:
         "lamp": {"type": "point", "position": [0.2, 0.6, 2.4], "intensity": 9.0},
         "sky": {"type": "constant", "radiance": 0.15},
         # From behind over the roof, onto the houses that the window shows.
-        "sun": {"type": "directional", "direction": [0.2, 0.6, -0.77], "irradiance": 25.0},
+        "sun": {"type": "directional", "direction": [0.2, 0.6, -0.77], "irradiance": 12.0},
         **_shell(),
         **_on_the_walls(),
         **_desk(),
@@ -91,9 +91,9 @@ def _shell() -> dict[str, Any]:
         )
     ]
     return {
-        "floor": shape(quad(corner, x, y, (0, 0, 4, 4)), noise(41, 0.1, 0.5)),
-        "ceiling": shape(quad(corner + z, x, y), grid(42, 10, 10, (25, 25), joint=0.35, low=0.75, high=0.85)),
-        "walls": shape(merged(walls), noise(43, 0.55, 0.85)),
+        "floor": shape(quad(corner, x, y, (0, 0, 4, 4)), noise(41, 0.14, 0.28)),
+        "ceiling": shape(quad(corner + z, x, y), grid(42, 10, 10, (25, 25), joint=0.5, low=0.75, high=0.85)),
+        "walls": shape(merged(walls), noise(43, 0.6, 0.8)),
         "frame": shape(merged(frame), 0.7),
         "street": shape(
             quad([-11.0, 15.0, -6.0], [38.0, 0, 0], [0, 0, 19.0], (0, 0, 2, 1)), facade(44, floors=5, bays=6)
@@ -112,11 +112,11 @@ def _on_the_walls() -> dict[str, Any]:
         quad([-1.0, _FRONT + 0.02, 1.0], [-1.6, 0, 0], [0, 0, 1.2], (0.1, 0.1, 0.9, 0.7)),
     ]
     return {
-        "whiteboard": shape(merged(boards), writing(51, lines=14, columns=60, paper=0.85, ink=0.1, cell=(5, 3))),
-        "sheets": shape(merged([*sheets, *papers]), writing(52, lines=18, columns=24, paper=0.8, ink=0.1, cell=(4, 3))),
+        "whiteboard": shape(merged(boards), writing(51, lines=14, columns=60, paper=0.85, ink=0.3, cell=(5, 3))),
+        "sheets": shape(merged([*sheets, *papers]), writing(52, lines=18, columns=24, paper=0.8, ink=0.3, cell=(4, 3))),
         "pictures": shape(
             merged(pictures),
-            patchwork(256, 53, low=0.05, high=0.9, grain=0.4, shapes=160, tint=(1.0, 0.9, 0.8)),
+            patchwork(256, 53, low=0.12, high=0.7, grain=0.5, shapes=90, tint=(1.0, 0.9, 0.8)),
         ),
         "woodwork": shape(
             merged(
@@ -155,11 +155,11 @@ def _desk() -> dict[str, Any]:
     keyboard = box([-0.26, 2.28, top], [0.2, 2.43, top + 0.02])
     return {
         "desk": shape(merged([*legs, plate]), wood(61, 0.3, 0.6)),
-        "screens": shape(merged(monitors), writing(62, lines=48, columns=64, paper=0.05, ink=0.8, cell=(2, 2))),
+        "screens": shape(merged(monitors), writing(62, lines=48, columns=64, paper=0.12, ink=0.5, cell=(2, 2))),
         "cases": shape(merged([*cases, *lamp, box([0.28, 2.3, top], [0.34, 2.4, top + 0.03])]), 0.05),
-        "mugs": shape(merged(mugs), grid(63, 4, 4, (4, 4), joint=0.8, low=0.1, high=0.8)),
+        "mugs": shape(merged(mugs), grid(63, 4, 4, (4, 4), joint=0.7, low=0.3, high=0.8)),
         "piles": shape(merged(piles), books(64)),
-        "papers": shape(merged(papers), writing(65, lines=22, columns=20, paper=0.85, ink=0.1, cell=(3, 2))),
+        "papers": shape(merged(papers), writing(65, lines=22, columns=20, paper=0.85, ink=0.35, cell=(3, 2))),
         "keyboard": shape(keyboard, grid(66, 5, 16, (6, 6), joint=0.02, low=0.08, high=0.3)),
     }
 

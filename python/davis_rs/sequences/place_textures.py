@@ -61,16 +61,16 @@ def writing(
 def books(seed: int, *, width: int = 256, height: int = 64) -> Texture:
     """A shelf full of spines: of their own widths, heights and brightness, with a band or two; dark above them."""
     random = np.random.RandomState(seed)
-    shelf = np.full((height, width), 0.04)
+    shelf = np.full((height, width), 0.07)
     place = 0
     while place < width:
-        end = place + int(random.randint(4, 13))
+        end = place + int(random.randint(5, 14))
         top = int(random.randint(2, height // 3))
-        brightness = 0.05 * 16 ** random.random_sample()
+        brightness = 0.1 * 5 ** random.random_sample()
         shelf[top:, place + 1 : end] = brightness
-        for _ in range(int(random.randint(1, 4))):
+        for _ in range(int(random.randint(0, 3))):
             band = int(random.randint(top, height - 4))
-            shelf[band : band + int(random.randint(2, 8)), place + 1 : end] = 0.05 * 16 ** random.random_sample()
+            shelf[band : band + int(random.randint(2, 8)), place + 1 : end] = 0.1 * 5 ** random.random_sample()
         place = end
     return finished(shelf)
 
