@@ -88,7 +88,10 @@ def ball(
     above = np.linspace(-np.pi / 2, np.pi / 2, rings + 1)[:, None]
     around = np.linspace(0.0, 2 * np.pi, sides + 1)
     unit = np.stack([np.cos(above) * np.cos(around), np.cos(above) * np.sin(around), np.sin(above) + 0 * around], -1)
-    return _grid(np.asarray(centre, np.float64) + unit * np.asarray(radii, np.float64), window)
+    mesh = _grid(np.asarray(centre, np.float64) + unit * np.asarray(radii, np.float64), window)
+    first, second, third = mesh.vertices[mesh.faces].swapaxes(0, 1)
+    at_a_pole = np.linalg.norm(np.cross(second - first, third - first), axis=1) < 1e-12
+    return mesh._replace(faces=mesh.faces[~at_a_pole])
 
 
 def _grid(points: FloatArray, window: Window) -> Mesh:

@@ -89,12 +89,12 @@ def grid(
 def facade(seed: int, *, floors: int, bays: int, texels: int = 256) -> Texture:
     """The front of a house: rows of windows with frames, glazing bars and sills on a wall of courses, doors below."""
     random = np.random.RandomState(seed)
-    wall = random.uniform(0.2, 0.75)
+    wall = random.uniform(0.2, 0.55)
     front = wall * (0.75 + 0.5 * value_noise(texels, random))
     front[:: texels // 32] *= random.uniform(0.7, 0.95)  # courses
     height, width = texels // floors, texels // bays
     wide, high = int(width * random.uniform(0.4, 0.65)), int(height * random.uniform(0.5, 0.65))
-    frame, frame_texels = random.choice([0.08, 0.85]), max(2, texels // 128)
+    frame, frame_texels = random.choice([0.12, 0.7]), max(2, texels // 128)
     for floor in range(floors):
         front[floor * height : floor * height + frame_texels] = wall * random.uniform(0.5, 1.4)  # cornice
         for bay in range(bays):
@@ -103,23 +103,23 @@ def facade(seed: int, *, floors: int, bays: int, texels: int = 256) -> Texture:
             door = floor == floors - 1 and random.random_sample() < 0.3
             bottom = (floor + 1) * height if door else top + high
             front[top - frame_texels : bottom, left - frame_texels : left + wide + frame_texels] = frame
-            front[top:bottom, left : left + wide] = random.uniform(0.1, 0.4) if door else random.uniform(0.02, 0.12)
+            front[top:bottom, left : left + wide] = random.uniform(0.1, 0.4) if door else random.uniform(0.06, 0.16)
             if not door:
                 front[top : top + int(random.uniform(0, 0.6) * high), left : left + wide] = random.uniform(0.1, 0.7)
                 front[top:bottom, left + wide // 2 : left + wide // 2 + frame_texels - 1] = frame  # glazing bars
                 front[top + high // 2 : top + high // 2 + frame_texels - 1, left : left + wide] = frame
-                front[bottom : bottom + frame_texels, left - frame_texels : left + wide + frame_texels] = 0.8  # sill
+                front[bottom : bottom + frame_texels, left - frame_texels : left + wide + frame_texels] = 0.6  # sill
     return finished(front)
 
 
-def leaves(seed: int, *, size: int = 256, count: int = 2500) -> Texture:
+def leaves(seed: int, *, size: int = 256, count: int = 1500) -> Texture:
     """A crown or a hedge from outside: lit and unlit leaves, and dark gaps between them."""
     random = np.random.RandomState(seed)
     level = 0.25 * value_noise(size, random)
-    y, x = np.mgrid[-6:7, -6:7]
+    y, x = np.mgrid[-9:10, -9:10]
     for _ in range(count):
         row, column, brightness = random.randint(size), random.randint(size), random.random_sample()
-        radius, slant = random.uniform(2.0, 5.0), random.uniform(-1.0, 1.0)
+        radius, slant = random.uniform(4.0, 8.0), random.uniform(-1.0, 1.0)
         rows, columns = np.nonzero((x + slant * y) ** 2 + 2 * (y - slant * x) ** 2 < radius * radius)
-        level[(row + rows - 6) % size, (column + columns - 6) % size] = brightness
-    return finished(0.04 * 9**level, (0.8, 1.1, 0.5))
+        level[(row + rows - 9) % size, (column + columns - 9) % size] = brightness
+    return finished(0.05 * 6**level, (0.8, 1.1, 0.5))

@@ -82,23 +82,24 @@ def trees(seed: int, x: float, reach: tuple[float, float], spacing: float) -> tu
     """Trunks and crowns of trees along y, about so far apart."""
     random = np.random.RandomState(seed)
     trunks, crowns = [], []
-    for y in np.arange(*reach, spacing) + random.uniform(-0.2, 0.2, len(np.arange(*reach, spacing))) * spacing:
-        height, root = random.uniform(2.6, 3.4), np.array([x + random.uniform(-0.2, 0.2), y, 0.0])
-        top = root + [random.uniform(-0.2, 0.2), random.uniform(-0.2, 0.2), height]
+    for line in np.arange(*reach, spacing):
+        y = line + random.uniform(-0.2, 0.2) * spacing
+        height, root = random.uniform(3.0, 4.0), np.array([x + random.uniform(-0.2, 0.2), y, 0.0])
+        top = root + np.array([*random.uniform(-0.2, 0.2, 2), height])
         trunks.append(tube(root, top, (0.17, 0.11), sides=6, window=(0, 0, 1, 3)))
         for _ in range(3):
-            centre = top + random.uniform(-0.7, 0.7, 3) + [0, 0, 0.9]
-            crowns.append(ball(centre, random.uniform(0.9, 1.5, 3), window=(0, 0, 3, 1.5)))
+            centre = top + random.uniform((-1.0, -1.0, 1.0), (1.0, 1.0, 2.4))
+            crowns.append(ball(centre, random.uniform(1.2, 2.0, 3), rings=4, sides=7, window=(0, 0, 2, 1)))
     return merged(trunks), merged(crowns)
 
 
 def car() -> tuple[Mesh, Mesh]:
     """Body, and windows with wheels, of a car that stands along y, its middle at the origin."""
     body = [box([-0.85, -2.1, 0.3], [0.85, 2.1, 0.85]), box([-0.7, -1.3, 1.3], [0.7, 0.9, 1.38])]
-    body += [box([x, y, 0.8], [x * 0.94, y + 0.08, 1.32]) for x in (-0.76, 0.76) for y in (-1.35, -0.3, 0.85)]
+    body += [box([x, y, 0.8], [x * 0.94, y + 0.08, 1.32]) for x in (-0.76, 0.76) for y in (-1.35, 0.85)]
     dark = [box([-0.72, -1.3, 0.85], [0.72, 0.9, 1.3])]
     dark += [
-        merged([tube([x, y, 0.32], [x * 0.78, y, 0.32], (0.32, 0.32), sides=10), _disc(x, y)])
+        merged([tube([x, y, 0.32], [x * 0.78, y, 0.32], (0.32, 0.32)), _disc(x, y)])
         for x in (-0.87, 0.87)
         for y in (-1.3, 1.3)
     ]
@@ -107,7 +108,7 @@ def car() -> tuple[Mesh, Mesh]:
 
 def _disc(x: float, y: float) -> Mesh:
     """The outside of a wheel, a flat cone."""
-    return tube([x, y, 0.32], [x * 1.02, y, 0.32], (0.32, 0.0), sides=10)
+    return tube([x, y, 0.32], [x * 1.02, y, 0.32], (0.32, 0.0))
 
 
 def lamp_post() -> Mesh:

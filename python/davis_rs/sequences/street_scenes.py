@@ -26,7 +26,7 @@ _LUX_PER_LUMA = 80_000.0
 
 
 def outdoors() -> Scene:
-    """A sunny path between trees, a street to its right and gardens to its left, 400 m ahead; C = 0.3.
+    """A sunny path between trees, a street to its right and gardens to its left, 400 m ahead; C = 0.4.
 
     For a camera carried straight ahead by a person who walks or runs (to 300 m ahead there is always a block to come):
     slabs and grass, trees whose shadows lie on the path, hedges, houses on both sides, lamps, parked cars, and a skyline
@@ -38,13 +38,13 @@ def outdoors() -> Scene:
         source=_outdoors,
         camera=PRESETS["davis240c"],
         start=start_looking_at([0.0, 0.0, 1.6], [0.0, 10.0, 1.5]),
-        contrast_threshold=0.3,
+        contrast_threshold=0.4,
         lux_per_luma=_LUX_PER_LUMA,
     )
 
 
 def urban() -> Scene:
-    """Five-storey fronts, shops and parked cars on both sides of a city street, from its pavement; C = 0.3.
+    """Five-storey fronts, shops and parked cars on both sides of a city street, from its pavement; C = 0.4.
 
     For a camera held by hand that looks across and along the street. A twin of the dataset's by kind, not a copy: nobody
     walks or drives, and fronts are flat but for their balconies and awnings.
@@ -54,7 +54,7 @@ def urban() -> Scene:
         source=_urban,
         camera=PRESETS["davis240c"],
         start=start_looking_at([-4.6, 0.0, 1.7], [6.0, 9.0, 3.4]),
-        contrast_threshold=0.3,
+        contrast_threshold=0.4,
         lux_per_luma=_LUX_PER_LUMA,
     )
 
@@ -85,7 +85,7 @@ def _outdoors() -> dict[str, Any]:
         *row_of_houses(102, 16.0, _REACH, height=(5, 9), width=(9, 14), gap=(0, 3)),
     ]
     trunks, crowns = zip(
-        *(trees(seed, x, _REACH, apart) for seed, x, apart in [(103, -2.7, 11.0), (104, 2.7, 13.0), (105, 13.5, 17.0)]),
+        *(trees(seed, x, _REACH, apart) for seed, x, apart in [(103, -2.7, 11.0), (104, 2.7, 13.0), (105, 13.5, 24.0)]),
         strict=True,
     )
     random = np.random.RandomState(106)
@@ -93,7 +93,7 @@ def _outdoors() -> dict[str, Any]:
         box([-5.2, y, 0], [-4.3, y + random.uniform(5, 10), random.uniform(0.9, 1.5)], period_m=1.5)
         for y in np.arange(*_REACH, 10.0)
     ]
-    cars = [part for part in zip(*(_parked(random, 6.0, y) for y in np.arange(*_REACH, 12.0)), strict=True)]
+    cars = [part for part in zip(*(_parked(random, 6.0, y) for y in np.arange(*_REACH, 16.0)), strict=True)]
     lamps = [lamp_post().moved([1.9, y, 0]) for y in np.arange(*_REACH, 28.0)]
     return {
         "type": "scene",
@@ -101,16 +101,16 @@ def _outdoors() -> dict[str, Any]:
         **_SUNLIGHT,
         "lawn": shape(
             quad([-300, -300, 0], [600, 0, 0], [0, 1000, 0], (0, 0, 100, 167)),
-            noise(111, 0.08, 0.4, tint=(0.8, 1.1, 0.5)),
+            noise(111, 0.1, 0.35, tint=(0.8, 1.1, 0.5)),
         ),
-        "path": shape(_strip(-1.6, 1.6, 0.02, 4.0), grid(112, 8, 8, (12, 12), joint=0.15, low=0.3, high=0.6)),
+        "path": shape(_strip(-1.6, 1.6, 0.02, 4.0), grid(112, 8, 8, (12, 12), joint=0.2, low=0.3, high=0.5)),
         "road": shape(_strip(4.9, 11.5, 0.02, 5.0), noise(113, 0.1, 0.25)),
         "walls": shape(merged([*(walls for walls, _ in rows), *_skyline(114)]), fronts(115, (2, 3), (3, 4))),
         "roofs": shape(merged(roof for _, roof in rows), grid(116, 12, 12, (8, 8), joint=0.06, low=0.12, high=0.3)),
         "trunks": shape(merged(trunks), noise(117, 0.06, 0.4, size=64)),
         "leaves": shape(merged([*crowns, *hedges]), leaves(118)),
         "cars": shape(merged(cars[0]), grid(119, 4, 4, (16, 16), joint=0.4, low=0.3, high=0.7)),
-        "dark": shape(merged([*cars[1], *lamps]), 0.05),
+        "dark": shape(merged([*cars[1], *lamps]), 0.09),
     }
 
 
@@ -159,5 +159,5 @@ def _urban() -> dict[str, Any]:
         "trunks": shape(trunks, noise(217, 0.06, 0.4, size=64)),
         "leaves": shape(crowns, leaves(218)),
         "cars": shape(merged(cars[0]), grid(219, 4, 4, (16, 16), joint=0.4, low=0.1, high=0.7)),
-        "dark": shape(merged([*cars[1], *lamps]), 0.05),
+        "dark": shape(merged([*cars[1], *lamps]), 0.09),
     }
