@@ -16,6 +16,7 @@ from .person import Joints, clothes, parts
 from .starts import start_looking_at
 
 DURATION_S = 60.0
+"""Of what the person does; then it stays seated."""
 _RATE_HZ = 50.0
 _SMOOTH_S = 0.07
 """Standard deviation of the Gaussian that rounds off all joints: no muscle jerks."""
@@ -24,11 +25,21 @@ _STRIDE_M = 1.3
 _SEAT = (0.1, 1.66)
 _PUSHED_BACK_M = 0.4
 
+_LEFT, _RIGHT = -1.4, 1.5
+_WALK = [
+    *((9.5, _SEAT[0], 0), (10.0, _SEAT[0], 90), (12.0, _LEFT, 90), (13.0, _LEFT, 270), (16.0, _RIGHT, 270)),
+    *((17.0, _RIGHT, 90), (20.0, _LEFT, 90), (21.0, _LEFT, 270), (24.0, _RIGHT, 270), (25.0, _RIGHT, 90)),
+    *((27.3, 0.0, 90), (28.0, 0.0, 180), (37.3, 0.0, 180), (38.0, 0.0, 90), (39.5, _LEFT, 90), (40.5, _LEFT, 270)),
+    *((43.5, _RIGHT, 270), (44.5, _RIGHT, 90), (47.5, _LEFT, 90), (48.5, _LEFT, 270), (51.3, _RIGHT, 270)),
+    *((52.0, _RIGHT, 90), (53.5, _SEAT[0], 90), (54.0, _SEAT[0], 0)),
+]
+"""When, at which x, facing where: 90 degrees is to the left, 180 to the camera."""
+
 
 def dynamic() -> Scene:
     """The office of :func:`~davis_rs.sequences.office_scene.office` with a person in it, for 60 s; C = 0.5.
 
-    The person types at the desk, stands up (the chair rolls back), walks to and fro before the desk at up to about 1.4
+    The person types at the desk, stands up (the chair rolls back), walks to and fro before the desk at up to about 1.5
     m/s, turning to the camera at the ends, stops and waves, walks again, and sits down. The camera stands 2.2 m from
     where the person walks, with 0.9 m of air around it. A twin of the dataset's by kind of motion, not a copy: the body
     is rigid parts that turn in their joints, and walks by rule.
@@ -60,34 +71,24 @@ def performance() -> dict[str, SampledTrajectory]:
 
 
 def _joints(t: FloatArray, sits: FloatArray) -> Joints:
-    """The person's day: what every joint does at the times (n,)."""
-    # To and fro before the desk; facing left is +90 degrees, and each turn goes by way of the camera.
-    left, right = -1.4, 1.5
-    walk = [(10.0, _SEAT[0]), (12.0, left), (13.0, left), (16.0, right), (17.0, right), (20.0, left), (21.0, left)]
-    walk += [(24.0, right), (25.0, right), (27.5, 0.0), (38.0, 0.0), (39.5, left), (40.5, left), (43.5, right)]
-    walk += [(44.5, right), (47.5, left), (48.5, left), (51.5, right), (52.0, right), (53.2, _SEAT[0])]
-    turns = [(9.5, 0), (10, 90), (12, 90), (13, 270), (16, 270), (17, 90), (20, 90), (21, 270), (24, 270), (25, 90)]
-    turns += [(27.3, 90), (28, 180), (37.3, 180), (38, 90), (39.5, 90), (40.5, 270), (43.5, 270), (44.5, 90)]
-    turns += [(47.5, 90), (48.5, 270), (51.3, 270), (52, 90), (53, 90), (53.8, 0)]
-    x, heading = _keyed(t, walk), np.radians(_keyed(t, turns))
-    y = _SEAT[1] + 0.16 * (1 - sits)
+    """What every joint does at the times (n,)."""
+    x, degrees = (_keyed(t, [(key[0], key[column]) for key in _WALK]) for column in (1, 2))
     speed = np.abs(np.gradient(x, t))
-    swing = _rounded(0.5 * np.clip(speed / 1.2, 0.0, 1.0))
-    step = 2 * np.pi * np.cumsum(speed) * (t[1] - t[0]) / _STRIDE_M
+    swing = _rounded(0.5 * np.clip(speed / 1.2, 0.0, 1.0))[:, None]
+    step = 2 * np.pi * np.cumsum(speed) / (_RATE_HZ * _STRIDE_M)
     legs = np.stack([np.sin(step), -np.sin(step)], 1)
     bent = np.stack([1 - np.sin(step - 1.1), 1 + np.sin(step - 1.1)], 1)
-    # Typing, and the right arm waves.
-    types = np.stack([np.sin(11.0 * t), np.sin(13.0 * t + 1)], 1) * sits[:, None]
+    seated = sits[:, None]
+    types = seated * np.stack([np.sin(11.0 * t), np.sin(13.0 * t + 1)], 1)
     waves = np.stack([0 * t, _keyed(t, [(29, 0), (30, 1), (35.5, 1), (36.5, 0)])], 1)
-    quarter = sits[:, None] * np.pi / 2
     return Joints(
-        place=np.column_stack([x, y]),
-        heading=heading,
+        place=np.column_stack([x, _SEAT[1] + 0.16 * (1 - sits)]),
+        heading=_rounded(np.radians(degrees)),
         lean=_rounded(0.06 + 1.6 * sits * (1 - sits) + 0.04 * np.sin(0.9 * t)),
-        hips=_rounded(quarter + swing[:, None] * legs),
-        knees=_rounded(quarter + 0.05 + 0.45 * swing[:, None] * bent),
-        shoulders=_rounded(0.75 * quarter / (np.pi / 2) - 0.9 * swing[:, None] * legs + 0.4 * waves + 0.04 * types),
-        elbows=_rounded(0.3 + 0.9 * sits[:, None] + 0.5 * swing[:, None] + 0.6 * waves + 0.1 * types),
+        hips=_rounded(np.pi / 2 * seated + swing * legs),
+        knees=_rounded(np.pi / 2 * seated + 0.05 + 0.45 * swing * bent),
+        shoulders=_rounded(0.75 * seated - 0.9 * swing * legs + 0.4 * waves + 0.04 * types),
+        elbows=_rounded(0.3 + 0.9 * seated + 0.5 * swing + 0.6 * waves + 0.1 * types),
         aside=_rounded(0.08 + waves * (2.2 + 0.45 * np.sin(8.0 * t))[:, None]),
     )
 
@@ -97,8 +98,7 @@ def _keyed(t: FloatArray, keys: list[tuple[float, float]]) -> FloatArray:
     times, values = np.array(keys, np.float64).T
     k = np.clip(np.searchsorted(times, t, side="right") - 1, 0, len(times) - 2)
     share = np.clip((t - times[k]) / (times[k + 1] - times[k]), 0.0, 1.0)
-    smooth: FloatArray = share**3 * (10 - 15 * share + 6 * share**2)
-    return np.asarray(values[k] + (values[k + 1] - values[k]) * smooth)
+    return np.asarray(values[k] + (values[k + 1] - values[k]) * share**2 * (3 - 2 * share))
 
 
 def _rounded(values: FloatArray) -> FloatArray:

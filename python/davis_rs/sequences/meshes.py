@@ -88,21 +88,24 @@ def ball(
     above = np.linspace(-np.pi / 2, np.pi / 2, rings + 1)[:, None]
     around = np.linspace(0.0, 2 * np.pi, sides + 1)
     unit = np.stack([np.cos(above) * np.cos(around), np.cos(above) * np.sin(around), np.sin(above) + 0 * around], -1)
-    mesh = _grid(np.asarray(centre, np.float64) + unit * np.asarray(radii, np.float64), window)
-    first, second, third = mesh.vertices[mesh.faces].swapaxes(0, 1)
-    at_a_pole = np.linalg.norm(np.cross(second - first, third - first), axis=1) < 1e-12
-    return mesh._replace(faces=mesh.faces[~at_a_pole])
+    return _grid(np.asarray(centre, np.float64) + unit * np.asarray(radii, np.float64), window)
 
 
 def _grid(points: FloatArray, window: Window) -> Mesh:
-    """Two triangles between each four neighbours of a grid of points (rows, columns, 3), its first row lowest."""
+    """Two triangles between each four neighbours of a grid of points (rows, columns, 3), its first row lowest.
+
+    Where a row shrinks to a point one of the two has no area, and is left out.
+    """
     rows, columns = points.shape[:2]
     left, top, right, bottom = window
     u, v = np.meshgrid(np.linspace(left, right, columns), np.linspace(bottom, top, rows))
     index = np.arange(rows * columns).reshape(rows, columns)
     a, b, c, d = (part.ravel() for part in (index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]))
     faces = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
-    return Mesh(points.reshape(-1, 3), faces, np.stack([u.ravel(), v.ravel()], 1))
+    vertices = points.reshape(-1, 3)
+    first, second, third = vertices[faces].swapaxes(0, 1)
+    double_area = np.linalg.norm(np.cross(second - first, third - first), axis=1)
+    return Mesh(vertices, faces[double_area > 1e-12], np.stack([u.ravel(), v.ravel()], 1))
 
 
 def shape(mesh: Mesh, reflectance: npt.NDArray[np.float32] | float) -> Any:

@@ -89,7 +89,7 @@ def trees(seed: int, x: float, reach: tuple[float, float], spacing: float) -> tu
         trunks.append(tube(root, top, (0.17, 0.11), sides=6, window=(0, 0, 1, 3)))
         for _ in range(3):
             centre = top + random.uniform((-1.0, -1.0, 1.0), (1.0, 1.0, 2.4))
-            crowns.append(ball(centre, random.uniform(1.2, 2.0, 3), rings=4, sides=7, window=(0, 0, 2, 1)))
+            crowns.append(ball(centre, random.uniform(1.2, 2.0, 3), rings=4, sides=6, window=(0, 0, 2, 1)))
     return merged(trunks), merged(crowns)
 
 

@@ -28,10 +28,10 @@ _LUX_PER_LUMA = 80_000.0
 def outdoors() -> Scene:
     """A sunny path between trees, a street to its right and gardens to its left, 400 m ahead; C = 0.4.
 
-    For a camera carried straight ahead by a person who walks or runs (to 300 m ahead there is always a block to come):
-    slabs and grass, trees whose shadows lie on the path, hedges, houses on both sides, lamps, parked cars, and a skyline
-    at the end. A twin of the dataset's outdoor sequences by kind of things and light, not a copy: nobody else is
-    about, the sky has no clouds, and the person who carries the camera casts no shadow.
+    For a camera carried straight ahead, 300 m at most, by a person who walks or runs: slabs and grass, trees whose
+    shadows lie on the path, hedges, houses on both sides, lamps, parked cars, and a skyline at the end. A twin of the
+    dataset's outdoor sequences by kind of things and light, not a copy: nobody else is about, the sky has no clouds,
+    and the person who carries the camera casts no shadow.
     """
     return Scene(
         name="outdoors",
@@ -46,8 +46,8 @@ def outdoors() -> Scene:
 def urban() -> Scene:
     """Five-storey fronts, shops and parked cars on both sides of a city street, from its pavement; C = 0.4.
 
-    For a camera held by hand that looks across and along the street. A twin of the dataset's by kind, not a copy: nobody
-    walks or drives, and fronts are flat but for their balconies and awnings.
+    For a camera held by hand that looks across and along the street. A twin of the dataset's by kind of things and
+    light, not a copy: nobody walks or drives, and fronts are flat but for their balconies and signs.
     """
     return Scene(
         name="urban",
@@ -93,7 +93,7 @@ def _outdoors() -> dict[str, Any]:
         box([-5.2, y, 0], [-4.3, y + random.uniform(5, 10), random.uniform(0.9, 1.5)], period_m=1.5)
         for y in np.arange(*_REACH, 10.0)
     ]
-    cars = [part for part in zip(*(_parked(random, 6.0, y) for y in np.arange(*_REACH, 16.0)), strict=True)]
+    cars = list(zip(*(_parked(random, 6.0, y) for y in np.arange(*_REACH, 16.0)), strict=True))
     lamps = [lamp_post().moved([1.9, y, 0]) for y in np.arange(*_REACH, 28.0)]
     return {
         "type": "scene",
@@ -127,9 +127,7 @@ def _urban() -> dict[str, Any]:
         *row_of_houses(202, 9.0, reach, height=(14, 18), width=(11, 16), gap=(0, 0)),
     ]
     random = np.random.RandomState(203)
-    cars = [
-        part for part in zip(*(_parked(random, x, y) for x in (-2.2, 4.4) for y in np.arange(*reach, 6.5)), strict=True)
-    ]
+    cars = list(zip(*(_parked(random, x, y) for x in (-2.2, 4.4) for y in np.arange(*reach, 6.5)), strict=True))
     lamps = [lamp_post().moved([-3.4, y, 0]) for y in np.arange(-52, 120, 22.0)]
     balconies = [
         box([8.1, y, z], [9.0, y + 1.6, z + 1.0], window=(0.1, 0.1, 0.5, 0.3))
