@@ -48,7 +48,7 @@ def dynamic() -> Scene:
         name="dynamic",
         source=lambda: {
             **room(),
-            "chair": shape(chair(), 0.15),
+            "chair": shape(chair(), 0.18),
             **{name: shape(part, clothes()) for name, part in parts().items()},
         },
         camera=PRESETS["davis240c"],

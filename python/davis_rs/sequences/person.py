@@ -56,7 +56,7 @@ def parts() -> dict[str, Mesh]:
 
 def clothes() -> Texture:
     """A checked shirt above; trousers, skin, and what is dark (hair and shoes) below."""
-    shirt = grid(81, 8, 16, (8, 8), joint=0.5, low=0.2, high=0.45)
+    shirt = grid(81, 8, 16, (8, 8), joint=0.45, low=0.22, high=0.4)
     below = [noise(82, 0.1, 0.2)[:64, :64], noise(83, 0.4, 0.6)[:64, :32], noise(84, 0.06, 0.15)[:64, :32]]
     return finished(np.concatenate([shirt, np.concatenate(below, axis=1)])[..., 0].astype(np.float64))
 

@@ -61,16 +61,16 @@ def writing(
 def books(seed: int, *, width: int = 256, height: int = 64) -> Texture:
     """A shelf full of spines: of their own widths, heights and brightness, with a band or two; dark above them."""
     random = np.random.RandomState(seed)
-    shelf = np.full((height, width), 0.07)
+    shelf = np.full((height, width), 0.1)
     place = 0
     while place < width:
         end = place + int(random.randint(5, 14))
         top = int(random.randint(2, height // 3))
-        brightness = 0.1 * 5 ** random.random_sample()
+        brightness = 0.14 * 3.5 ** random.random_sample()
         shelf[top:, place + 1 : end] = brightness
         for _ in range(int(random.randint(0, 3))):
             band = int(random.randint(top, height - 4))
-            shelf[band : band + int(random.randint(2, 8)), place + 1 : end] = 0.1 * 5 ** random.random_sample()
+            shelf[band : band + int(random.randint(2, 8)), place + 1 : end] = 0.14 * 3.5 ** random.random_sample()
         place = end
     return finished(shelf)
 
@@ -80,7 +80,7 @@ def grid(
 ) -> Texture:
     """Keys, tiles, slabs, bricks: cells (texels high and wide) of their own brightness, a joint of a texel between."""
     random = np.random.RandomState(seed)
-    cells = np.kron(random.uniform(low, high, (rows, columns)), np.ones(cell))
+    cells = np.repeat(np.repeat(random.uniform(low, high, (rows, columns)), cell[0], 0), cell[1], 1)
     cells[:: cell[0]] = joint
     cells[:, :: cell[1]] = joint
     return finished(cells)
@@ -94,7 +94,7 @@ def facade(seed: int, *, floors: int, bays: int, texels: int = 256) -> Texture:
     front[:: texels // 32] *= random.uniform(0.7, 0.95)  # courses
     height, width = texels // floors, texels // bays
     wide, high = int(width * random.uniform(0.4, 0.65)), int(height * random.uniform(0.5, 0.65))
-    frame, frame_texels = random.choice([0.12, 0.7]), max(2, texels // 128)
+    frame, frame_texels = 0.12 if random.random_sample() < 0.5 else 0.7, max(2, texels // 128)
     for floor in range(floors):
         front[floor * height : floor * height + frame_texels] = wall * random.uniform(0.5, 1.4)  # cornice
         for bay in range(bays):
