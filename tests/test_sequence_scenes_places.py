@@ -145,7 +145,7 @@ def test_the_person_walks_waves_and_sits() -> None:
     for side in ("left", "right"):
         shoulder = paths[f"{side}_upper_arm"]
         elbow = shoulder.positions(t) + np.einsum("nij,j->ni", shoulder.rotations(t), [0.0, 0.0, -0.3])
-        np.testing.assert_allclose(elbow, paths[f"{side}_lower_arm"].positions(t), atol=0.01)
+        np.testing.assert_allclose(elbow, paths[f"{side}_lower_arm"].positions(t), atol=0.001)
 
 
 @pytest.mark.usefixtures("llvm")

@@ -66,7 +66,7 @@ def performance() -> dict[str, SampledTrajectory]:
     sits = _keyed(t, [(0, 1), (8, 1), (9.5, 0), (54, 0), (55.5, 1)])
     placed = _joints(t, sits).placed()
     rolled = np.column_stack([np.full_like(t, _SEAT[0]), _SEAT[1] - _PUSHED_BACK_M * (1 - sits), 0 * t])
-    paths = {name: SampledTrajectory(t, _rounded(at), turn.as_quat()) for name, (at, turn) in placed.items()}
+    paths = {name: SampledTrajectory(t, at, turn.as_quat()) for name, (at, turn) in placed.items()}
     return {**paths, "chair": SampledTrajectory(t, rolled, np.tile([0.0, 0, 0, 1], (len(t), 1)))}
 
 
@@ -82,7 +82,7 @@ def _joints(t: FloatArray, sits: FloatArray) -> Joints:
     types = seated * np.stack([np.sin(11.0 * t), np.sin(13.0 * t + 1)], 1)
     waves = np.stack([0 * t, _keyed(t, [(29, 0), (30, 1), (35.5, 1), (36.5, 0)])], 1)
     return Joints(
-        place=np.column_stack([x, _SEAT[1] + 0.16 * (1 - sits)]),
+        place=_rounded(np.column_stack([x, _SEAT[1] + 0.16 * (1 - sits)])),
         heading=_rounded(np.radians(degrees)),
         lean=_rounded(0.06 + 1.6 * sits * (1 - sits) + 0.04 * np.sin(0.9 * t)),
         hips=_rounded(np.pi / 2 * seated + swing * legs),

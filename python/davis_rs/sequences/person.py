@@ -23,6 +23,8 @@ _HIP, _SHOULDER = 0.1, 0.22
 _SHOULDER_Z = 0.5
 """Above the hips."""
 
+_ROUND_M = 0.02
+
 _SHIRT: Window = (0.02, 0.02, 0.98, 0.48)
 _TROUSERS: Window = (0.02, 0.52, 0.48, 0.98)
 _SKIN: Window = (0.52, 0.52, 0.73, 0.98)
@@ -84,14 +86,16 @@ class Joints:
     aside: FloatArray
 
     def placed(self) -> dict[str, tuple[FloatArray, Any]]:
-        """Positions (n, 3) and SciPy rotations of the parts in the world, the lower foot on the floor."""
+        """Positions (n, 3) and SciPy rotations of the parts in the world, the lower foot on the floor within 2 cm."""
         from scipy.spatial.transform import Rotation
 
         def about(axis: str, angles: FloatArray) -> Rotation:
             return Rotation.from_euler(axis, angles[:, None])
 
         reach = THIGH_M * np.cos(self.hips) + SHIN_M * np.cos(self.hips - self.knees)
-        hips = np.column_stack([self.place, ANKLE_M + reach.max(1)])
+        # The longer of the two, rounded off where they take turns.
+        height = _ROUND_M * np.logaddexp(*(reach.T / _ROUND_M))
+        hips = np.column_stack([self.place, ANKLE_M + height])
         body = about("z", self.heading)
         trunk = body * about("x", -self.lean)
         placed: dict[str, tuple[FloatArray, Any]] = {"torso": (hips, trunk)}
