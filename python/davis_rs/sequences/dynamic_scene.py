@@ -41,7 +41,7 @@ def dynamic() -> Scene:
 
     The person types at the desk, stands up (the chair rolls back), walks to and fro before the desk at up to about 1.5
     m/s, turning to the camera at the ends, stops and waves, walks again, and sits down. The camera stands 2.2 m from
-    where the person walks, with 0.9 m of air around it. A twin of the dataset's by kind of motion, not a copy: the body
+    where the person walks, with 1.1 m of air around it. A twin of the dataset's by kind of motion, not a copy: the body
     is rigid parts that turn in their joints, and walks by rule.
     """
     return Scene(

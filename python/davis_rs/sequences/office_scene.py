@@ -20,15 +20,15 @@ _WINDOW = (0.95, 2.55, 0.95, 2.35)
 """In the back wall: from x to x, from z to z."""
 
 _DESK_Z = 0.74
-LUX_PER_LUMA = 800.0
-"""White on the desk has a luma of about 0.6 under the lamp: some 500 lx."""
+LUX_PER_LUMA = 1000.0
+"""White on the desk has a luma of about 0.5 under the lamp: some 500 lx."""
 
 
 def office() -> Scene:
     """A desk 1.5 m ahead, with two monitors, keyboard, mugs, books and papers; C = 0.17.
 
     Around it a shelf of books, a whiteboard and pictures, a chair, a cabinet, a door, and a window onto a street some
-    three times as bright as its walls. The camera has 0.6 m of air all around and 1.3 m ahead. A twin of the dataset's
+    three times as bright as its walls. The camera has 0.7 m of air all around. A twin of the dataset's
     office by kind of things, texture and light, not a copy; the daylight is seen, but lights nothing in the room.
     """
     return Scene(
@@ -103,7 +103,7 @@ def _shell() -> dict[str, Any]:
 
 
 def _on_the_walls() -> dict[str, Any]:
-    """Whiteboard, pictures, a notice board, a door and a cabinet."""
+    """Whiteboard, pictures, sheets of paper, a door and a cabinet."""
     boards = [quad([-1.0, _BACK - 0.02, 1.45], [1.6, 0, 0], [0, 0, 0.9])]
     sheets = [quad([_LEFT + 0.02, -1.6 + 0.75 * k, 1.2 + 0.1 * (k % 2)], [0, 0.5, 0], [0, 0, 0.7]) for k in range(3)]
     papers = [quad([_RIGHT - 0.02, 1.9 - 0.6 * k, 1.2 - 0.15 * (k % 3)], [0, -0.42, 0], [0, 0, 0.6]) for k in range(5)]
