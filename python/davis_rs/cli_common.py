@@ -1,4 +1,4 @@
-"""What several commands take alike: the camera's path."""
+"""What several commands have alike: how they show their defaults, and the camera's path."""
 
 from __future__ import annotations
 
@@ -10,6 +10,13 @@ from .scenes import start_pose
 from .simulate import trajectory_part
 from .trajectory import Trajectory, align
 from .trajectory_file import read_trajectory
+
+
+class Help(argparse.ArgumentDefaultsHelpFormatter):
+    """Shows the defaults that are values; None says nothing."""
+
+    def _get_help_string(self, action: argparse.Action) -> str | None:
+        return action.help if action.default in (None, False) else super()._get_help_string(action)
 
 
 def add_path(group: argparse._ArgumentGroup) -> None:

@@ -16,7 +16,8 @@ def add_inertial(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group("IMU and ground truth (docs/trajectories_and_imu.md)")
     group.add_argument(
         "--imu",
-        choices=("ideal", "davis", "mpu6150"),
+        choices=("none", "ideal", "davis", "mpu6150"),
+        default="none",
         help="write imu.txt: ideal at the camera's centre, ideal where the DAVIS240C has it, or with all effects too",
     )
     group.add_argument("--imu-rate", type=float, metavar="HZ", help="of the IMU; 1000 if not given")
@@ -39,7 +40,7 @@ def imu_of(options: argparse.Namespace) -> Imu | None:
     Raises:
         ValueError: for an effect that is not there or out of range, or options of an IMU without ``--imu``.
     """
-    if options.imu is None:
+    if options.imu == "none":
         if options.imu_rate is not None or options.imu_effect:
             raise ValueError("--imu-rate and --imu-effect need --imu")
         return None

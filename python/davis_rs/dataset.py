@@ -29,6 +29,7 @@ from .dataset_files import (
     EventFile,
     ImageFiles,
     append_lines,
+    as_grey,
     as_json,
     claim_folder,
     encode_exr,
@@ -44,6 +45,12 @@ from .pose import Pose
 
 _FRAME_FULL_SCALE = 0.8
 _FRAME_PERCENTILE = 98.0
+
+
+def exposure_for(frame: npt.NDArray[np.float32]) -> float:
+    """The exposure at which the frame's 98th percentile comes to 0.8 of full scale; 1.0 where that is black."""
+    white = float(np.percentile(frame, _FRAME_PERCENTILE))
+    return _FRAME_FULL_SCALE / white if white > 0 else 1.0
 
 
 class DatasetWriter:
@@ -260,15 +267,13 @@ class DatasetWriter:
 
     def _write_frame(self, t_us: int, luma: npt.NDArray[np.float32], frame: npt.NDArray[np.float32]) -> None:
         if self.exposure is None:
-            white = float(np.percentile(frame, _FRAME_PERCENTILE))
-            self.exposure = _FRAME_FULL_SCALE / white if white > 0 else 1.0
+            self.exposure = exposure_for(frame)
             self._write_meta(complete=False)
         number = self._frames.count
         self._pending_luma = (t_us, luma.copy())
         if number == 0 or (self._check_frames and number % self._check_frames == 0):
             self._write_luma()
-        grey = np.rint(np.minimum(255 * self.exposure * frame.astype(np.float64), 255))
-        self._frames.write(t_us, encode_png(grey.astype(np.uint8)))
+        self._frames.write(t_us, encode_png(as_grey(frame, self.exposure)))
 
     def _write_luma(self) -> None:
         if self._pending_luma is not None:

@@ -12,6 +12,7 @@ from .checkerboard_scene import checkerboard
 from .fence_scene import fence
 from .pose import Pose
 from .scene import Scene
+from .sequences import SEQUENCES
 
 BUILTIN_SCENES = {
     "three_planes": three_planes,
@@ -22,17 +23,21 @@ BUILTIN_SCENES = {
 
 
 def load_scene(name_or_path: str | Path) -> Scene:
-    """A built-in scene by name (a key of :data:`BUILTIN_SCENES`), or a Mitsuba XML file.
+    """A built-in scene or a sequence of the public dataset by name, or a Mitsuba XML file.
+
+    Names are keys of :data:`BUILTIN_SCENES` and of :data:`~davis_rs.sequences.SEQUENCES`.
 
     Raises:
         ValueError: if it is neither a name nor a file.
     """
     if str(name_or_path) in BUILTIN_SCENES:
         return BUILTIN_SCENES[str(name_or_path)]()
+    if str(name_or_path) in SEQUENCES:
+        return SEQUENCES[str(name_or_path)].scene()
     path = Path(name_or_path)
     if not path.is_file():
         names = ", ".join(BUILTIN_SCENES)
-        raise ValueError(f"scene {str(name_or_path)!r} is neither one of {names} nor a Mitsuba XML file")
+        raise ValueError(f"scene {str(name_or_path)!r} is neither one of {names}, a sequence of the dataset, nor a Mitsuba XML file")
     return Scene(name=path.stem, source=lambda: path, file=path)
 
 

@@ -4,19 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
+from ..camera import PRESETS
 from ..scene import Scene
-from ..trajectory import Trajectory
+from ..trajectory import Trajectory, interval
 
 
-@dataclass(frozen=True)
-class PaperRow:
-    """A row of the paper's table.
-
-    Attributes:
-        duration_s: T.
-        speed_m_s, rate_deg_s: the top speeds TS and RS; None where the table says n/a.
-        events: NE.
+class PaperRow(NamedTuple):
+    """A row of the paper's table: T, TS, RS and NE; None where it says n/a.
 
     Source: Mueggler et al., IJRR 2017, the table of sequences.
     """
@@ -34,21 +30,41 @@ class Sequence:
     Attributes:
         name: the dataset's.
         paper: its row in the paper's table.
-        make_scene: the scene, with camera and contrast threshold; it has a start, or a trajectory of its own.
-        make_motion: the camera's path in that scene; None for the scene's own trajectory.
-        biases: the set of biases that it was recorded with (:data:`~davis_rs.BIAS_SETS`), None where it was simulated.
+        make_scene: the scene, which has a start or a trajectory of its own.
+        motion: the camera's, in a few words.
+        make_motion: the camera's path in that scene; None for the scene's own.
+        camera: the lens: a key of :data:`~davis_rs.PRESETS`.
+        biases: the set of biases it was recorded with, a key of :data:`~davis_rs.BIAS_SETS`; None where it was
+            simulated.
         differs: what it is not.
     """
 
     name: str
     paper: PaperRow
     make_scene: Callable[[], Scene]
+    motion: str
     make_motion: Callable[[Scene], Trajectory] | None
+    camera: str
     biases: str | None
     differs: str
 
-    def scene(self) -> Scene:
-        """The scene under the sequence's name, with the sequence's trajectory."""
+    def scene(self, *, start_s: float = 0.0, duration_s: float | None = None) -> Scene:
+        """The scene under the sequence's name, with its lens and its trajectory.
+
+        Args:
+            start_s, duration_s: the part of the sequence that is wanted, in which what moves in the scene moves as in
+                the whole; all of it by default.
+
+        Raises:
+            ValueError: if the sequence does not have that part.
+        """
         scene = self.make_scene()
         trajectory = scene.trajectory if self.make_motion is None else self.make_motion(scene)
-        return replace(scene, name=self.name, trajectory=trajectory)
+        assert trajectory is not None
+        return replace(
+            scene,
+            name=self.name,
+            camera=PRESETS[self.camera],
+            trajectory=interval(trajectory, start_s, duration_s),
+            objects={name: interval(path, start_s) for name, path in scene.objects.items()},
+        )

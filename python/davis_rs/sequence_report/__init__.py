@@ -1,0 +1,17 @@
+"""The sequences of :mod:`davis_rs.sequences` beside the paper's table: listed, counted, drawn."""
+
+from .count import MEASURED, EventCount, count_events, read_counts, write_counts
+from .listing import as_markdown, as_text, table
+from .sheet import draw_sheet
+
+__all__ = [
+    "MEASURED",
+    "EventCount",
+    "as_markdown",
+    "as_text",
+    "count_events",
+    "draw_sheet",
+    "read_counts",
+    "table",
+    "write_counts",
+]

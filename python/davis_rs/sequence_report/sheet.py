@@ -1,0 +1,68 @@
+"""A contact sheet: what each sequence looks like, and its events there."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from ..dataset import exposure_for
+from ..dataset_files import as_grey
+from ..sequences import Sequence
+from ..simulate import Simulator
+from ..view import display_grey, event_picture
+
+_SLICE_S = 0.1
+_EVENTS_A_PIXEL = 0.15
+_COLUMNS, _GAP, _TITLE = 3, 8, 20
+"""Tiles a row; pixels between tiles; pixels of a tile's title."""
+
+
+def draw_sheet(sequences: Iterable[Sequence], output_png: str | Path, *, share: float = 0.7) -> Path:
+    """Draw a frame of each sequence and, beside it, the events that lead up to it over that frame, faded.
+
+    The frame is exposed by the rule of :class:`~davis_rs.dataset.DatasetWriter` and drawn with sRGB's curve; as many of
+    the last 0.1 s's events are shown as make 0.15 a pixel.
+
+    Args:
+        share: of the sequence's time that has passed, in 0..1.
+
+    Raises:
+        ValueError: for a share out of range, or no sequences.
+        OSError: if it cannot be written.
+    """
+    from PIL import Image, ImageDraw, ImageFont
+
+    if not 0 <= share <= 1:
+        raise ValueError(f"share must lie in 0..1, got {share}")
+    tiles = [(sequence.name, _tile(sequence, share)) for sequence in sequences]
+    if not tiles:
+        raise ValueError("a contact sheet needs at least one sequence")
+    height, width = tiles[0][1].shape[:2]
+    rows = -(-len(tiles) // _COLUMNS)
+    sheet = Image.new("RGB", (_COLUMNS * (width + _GAP) - _GAP, rows * (height + _TITLE + _GAP) - _GAP), "white")
+    draw = ImageDraw.Draw(sheet)
+    for number, (name, tile) in enumerate(tiles):
+        left, top = (number % _COLUMNS) * (width + _GAP), (number // _COLUMNS) * (height + _TITLE + _GAP)
+        draw.text((left, top), name, "black", ImageFont.load_default(size=14))
+        sheet.paste(Image.fromarray(tile), (left, top + _TITLE))
+    sheet.save(output_png)
+    return Path(output_png)
+
+
+def _tile(sequence: Sequence, share: float) -> npt.NDArray[np.uint8]:
+    """Frame and events side by side, (height, 2 width, 3)."""
+    whole_s = sequence.paper.duration_s
+    slice_s = min(_SLICE_S, whole_s)
+    scene = sequence.scene(start_s=share * (whole_s - slice_s), duration_s=slice_s)
+    assert scene.trajectory is not None
+    simulator = Simulator(scene, frame_rate_hz=1 / slice_s, depth_rate_hz=0, accuracy="fast")
+    packets = list(simulator.run(scene.trajectory))
+    luma = next(packet.luma for packet in reversed(packets) if packet.luma is not None)
+    events = np.concatenate([packet.events for packet in packets])
+    grey = display_grey(as_grey(luma, exposure_for(luma)))
+    shown = events[len(events) - min(len(events), round(_EVENTS_A_PIXEL * luma.size)) :]
+    frame = np.repeat(np.rint(255 * grey)[..., None], 3, axis=2).astype(np.uint8)
+    return np.concatenate([frame, event_picture(grey, shown)], axis=1)

@@ -1,0 +1,143 @@
+"""The 27 sequences of the public dataset: their table, their motions, and the commands that make and list them."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import davis_rs
+from davis_rs.check import check_dataset
+from davis_rs.cli import main
+from davis_rs.sequence_report import EventCount, count_events, read_counts, write_counts
+from davis_rs.sequences import SEQUENCES, PaperRow
+
+NAMES = list(SEQUENCES)
+
+
+def test_the_table_is_the_papers() -> None:
+    """27 rows of 1.5 thousand million events in 22 minutes; speeds are n/a where nothing tracked the camera."""
+    rows = [sequence.paper for sequence in SEQUENCES.values()]
+    assert len(rows) == 27
+    assert round(sum(row.events for row in rows) / 1e9, 2) == 1.51
+    assert 1300 < sum(row.duration_s for row in rows) < 1340
+    untracked = {name for name, sequence in SEQUENCES.items() if sequence.paper.speed_m_s is None}
+    assert untracked == {"outdoors_walking", "outdoors_running", "office_zigzag", "office_spiral", "urban"}
+    assert {name for name, s in SEQUENCES.items() if s.biases is None} == {"simulation_3planes", "simulation_3walls"}
+    assert {s.biases for s in SEQUENCES.values()} == {*davis_rs.BIAS_SETS, None}
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_duration_and_top_speeds_are_the_tables(name: str) -> None:
+    """T within 1 %, TS and RS within 10 %, by one definition of a top speed; nothing jumps when it starts."""
+    paper, scene = SEQUENCES[name].paper, SEQUENCES[name].scene()
+    trajectory = scene.trajectory
+    assert trajectory is not None
+    assert scene.name == name
+    assert trajectory.duration_s == pytest.approx(paper.duration_s, rel=0.01)
+    top = trajectory.top_speeds()
+    if paper.speed_m_s is not None and paper.rate_deg_s is not None:
+        assert top.speed_m_s == pytest.approx(paper.speed_m_s, rel=0.1)
+        assert np.degrees(top.rate_rad_s) == pytest.approx(paper.rate_deg_s, rel=0.1, abs=0.1)
+    else:
+        assert 0.1 < top.speed_m_s < 5
+    momentary = trajectory.top_speeds(0.0)
+    assert momentary.speed_m_s < 1.3 * top.speed_m_s
+    assert momentary.rate_rad_s < 1.5 * top.rate_rad_s + 1e-9
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_counts_on_record_are_within_a_factor_of_three(name: str) -> None:
+    """Of the whole sequence, as davis-rs sequences --count found them."""
+    count = read_counts()[name]
+    paper = SEQUENCES[name].paper
+    assert count.duration_s == pytest.approx(paper.duration_s, rel=0.01)
+    assert paper.events / 3 < count.events < 3 * paper.events
+    assert 0.3 < count.on_events / count.events < 0.7
+
+
+@pytest.mark.usefixtures("llvm")
+@pytest.mark.parametrize("name", ["simulation_3planes", "slider_depth"])
+def test_the_counts_on_record_are_those_of_the_sequences(name: str) -> None:
+    """Counted again, to the last bits that processors may differ in."""
+    assert count_events(SEQUENCES[name]).events == pytest.approx(read_counts()[name].events, rel=1e-3)
+
+
+def test_counts_are_read_back_and_what_is_no_count_is_named(tmp_path: Path) -> None:
+    """A file of counts holds them all; a broken line is told by its number."""
+    path = tmp_path / "counts.csv"
+    counts = [EventCount("urban", 10.7, 5_000_000, 2_400_000, 1.0, 5), EventCount("slider_far", 6.4, 12, 0, 0.5, 8)]
+    write_counts(path, counts)
+    assert list(read_counts(path).values()) == counts
+    path.write_text(path.read_text().replace("12,0", "twelve,0"))
+    with pytest.raises(ValueError, match=r"counts.csv, line 3: not a count of events"):
+        read_counts(path)
+
+
+@pytest.mark.usefixtures("llvm")
+def test_a_sequence_is_a_whole_dataset(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Events, frames and depth at the dataset's rate, the MPU-6150's samples, ground truth and lens; its check holds."""
+    out = tmp_path / "out"
+    options = ["--duration", "0.1", "--start", "1", "--samples", "2", "--quiet"]
+    assert main(["sequence", "slider_depth", "-o", str(out), *options]) == 0
+    dataset = davis_rs.Dataset(out)
+    assert [frame.t_us for frame in dataset.frames] == [0, 41_667, 83_333]
+    assert len(dataset.depth_maps) == 3
+    assert len(dataset.imu) == 101
+    assert len(dataset.groundtruth.t_us) == 21
+    assert dataset.camera == davis_rs.load_camera("davis240c")
+    assert check_dataset(out).ok
+    assert json.loads((out / "meta.json").read_text())["scene"]["name"] == "slider_depth"
+    assert main(["sequence", "no_such", "-o", str(tmp_path / "no")]) == 1
+    assert "there is no sequence 'no_such'; there are shapes_rotation," in capsys.readouterr().err
+    assert not (tmp_path / "no").exists()
+
+
+def test_the_list_has_the_paper_beside_ours(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A row has T, TS, RS and NE twice; what was not counted is a dash."""
+    counts = tmp_path / "counts.csv"
+    write_counts(counts, [EventCount("slider_depth", 3.4, 1_000_001, 500_000, 1.0, 5)])
+    assert main(["sequences", "slider_depth", "urban", "--measured", str(counts)]) == 0
+    head, depth, urban = (line.split() for line in capsys.readouterr().out.splitlines())
+    assert head[0] == "sequence"
+    assert depth[-8:] == ["3.4", "3.4", "0.32", "0.32", "0", "0", "1,078,541", "1,000,001"]
+    assert urban[-2:] == ["5,359,539", "-"]
+    assert urban[-6] == "n/a"
+    assert main(["sequences", "slider_depth", "--measured", str(counts), "--markdown"]) == 0
+    assert capsys.readouterr().out.splitlines()[2].startswith("| slider_depth | motorized slider | davis240c | indoors |")
+
+
+@pytest.mark.usefixtures("llvm")
+def test_counting_goes_on_where_it_was_stopped(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """What the file has is not counted again."""
+    path = tmp_path / "counts.csv"
+    write_counts(path, [EventCount("urban", 10.7, 7, 3, 1.0, 5)])
+    assert main(["sequences", "simulation_3planes", "urban", "--count", str(path)]) == 0
+    assert capsys.readouterr().out.startswith("simulation_3planes: ")
+    counts = read_counts(path)
+    assert list(counts) == ["urban", "simulation_3planes"]
+    assert counts["urban"].events == 7
+
+
+@pytest.mark.usefixtures("llvm")
+def test_the_sheet_shows_frames_and_events(tmp_path: Path) -> None:
+    """One tile a sequence, three a row: a grey frame, and the same faded with red and blue events."""
+    from PIL import Image
+
+    assert main(["sequences", "simulation_3planes", "slider_depth", "--sheet", str(tmp_path / "sheet.png")]) == 0
+    picture = np.asarray(Image.open(tmp_path / "sheet.png")).astype(int)
+    assert picture.shape == (200, 3 * 488 - 8, 3)
+    for left in (0, 488):
+        frame, events = picture[20:, left : left + 240], picture[20:, left + 240 : left + 480]
+        assert (frame.max(2) == frame.min(2)).all()
+        assert np.unique(frame).size > 20
+        coloured = events.max(2) - events.min(2) > 100
+        assert 0.02 < coloured.mean() < 0.2
+
+
+def test_a_row_of_the_table_says_what_it_lacks() -> None:
+    """Every sequence tells that it is a twin, and in what it differs."""
+    assert all(len(sequence.differs) > 10 for sequence in SEQUENCES.values())
+    assert SEQUENCES["poster_6dof"].paper == PaperRow(59.8, 2.51, 937, 133_464_530)
