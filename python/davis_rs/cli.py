@@ -6,15 +6,17 @@ import argparse
 import sys
 import warnings
 from collections.abc import Callable, Sequence
+from dataclasses import fields
 from pathlib import Path
 
 from ._core import __version__
-from .camera import PRESETS, load_camera
+from .camera import PRESETS
 from .cli_accuracy import add_accuracy
 from .cli_calibrate import add_calibrate
 from .cli_common import add_path, path_of
 from .cli_files import add_files
-from .cli_inertial import add_inertial, imu_of, motion_capture_of
+from .cli_generate import add_generate
+from .cli_inertial import add_inertial, refuse_lone_imu_options
 from .cli_plan import add_plan
 from .cli_usb import add_usb
 from .sensor_parameters import SENSORS
@@ -35,45 +37,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _simulate(options: argparse.Namespace) -> int:
-    from .effects import Effects, parse_effect
     from .record import record
-    from .sampling import FixedRate, MaxDisplacement, TimeSampling
+    from .run_settings import RunSettings
     from .scenes import load_scene
-    from .simulate import Simulator
-    from .tolerance import Tolerance
 
-    imu, motion_capture = imu_of(options), motion_capture_of(options)
+    refuse_lone_imu_options(options)
+    given = vars(options)
+    settings = RunSettings(**{one.name: given[one.name] for one in fields(RunSettings) if one.name in given})
+    imu, motion_capture = settings.make_imu(), settings.make_motion_capture()
     scene = load_scene(options.scene)
     part = path_of(options, scene, quiet=options.quiet)
-    sampling: TimeSampling | None = None
-    if options.render_rate is not None:
-        sampling = FixedRate(options.render_rate)
-    elif options.max_displacement is not None:
-        sampling = MaxDisplacement(options.max_displacement)
-    elif options.tolerance is not None:
-        sampling = Tolerance(options.tolerance)
     if not options.overwrite and Path(options.output).exists() and any(Path(options.output).iterdir()):
         # Said again, and binding, when the folder is made; here it saves the time until then.
         raise FileExistsError(f"{options.output} exists and is not empty: choose another folder or give --overwrite")
-    simulator = Simulator(
-        scene,
-        camera=None if options.camera is None else load_camera(options.camera),
-        contrast_threshold=options.contrast_threshold,
-        contrast_threshold_off=options.contrast_threshold_off,
-        log_eps=options.log_eps,
-        frame_rate_hz=options.frame_rate,
-        depth_rate_hz=options.depth_rate,
-        accuracy=options.accuracy,
-        sampling=sampling,
-        samples=options.samples,
-        sensor=options.sensor,
-        effects=options.effects or Effects.of(parse_effect(text) for text in options.effect or ()),
-        seed=options.seed,
-        threads=options.threads,
-        renderer=options.renderer,
-        blur=options.blur,
-        refine=options.refine,
-    )
+    simulator = settings.make_simulator(scene, seed=options.seed, threads=options.threads)
     if not options.quiet:
         print(f"rendering with {simulator.renderer.name}: {simulator.renderer.reason}", file=sys.stderr)
     recording = record(
@@ -121,6 +98,7 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
     _add_simulate(commands)
     add_plan(commands)
+    add_generate(commands)
     add_accuracy(commands)
     add_usb(commands)
     add_files(commands)

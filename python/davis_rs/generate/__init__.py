@@ -1,0 +1,6 @@
+"""Many sequences with randomised parameters, from a plan, by processes of this machine or of a cluster."""
+
+from .generate import Generated, generate_sequences, verify_sequences
+from .plan import SequencePlan, load_sequence_plan
+
+__all__ = ["Generated", "SequencePlan", "generate_sequences", "load_sequence_plan", "verify_sequences"]
