@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import re
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
-from generated import PLAN, write_plan
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -17,6 +18,7 @@ from davis_rs.effects import parse_effect
 from davis_rs.generate.generate import check_sequences, draw_sequences
 from davis_rs.generate.motion import MOTIONS, make_motion
 from davis_rs.generate.parse import effect_texts
+from generated import PLAN, write_plan
 
 
 def read(folder: Path, text: str) -> davis_rs.SequencePlan:
@@ -89,7 +91,10 @@ def test_numbers_are_read_as_in_json(tmp_path: Path) -> None:
         ("scene: {choice: [fence, 4]}", "scene.choice[1]: must be a text or a distribution"),
         ("scene: {choice: fence}", "scene.choice: must be a list, got 'fence'"),
         ("scene: {choice: [fence], weights: [a]}", "scene.weights: must be a list of values that are each a number"),
-        ("scene: {choice: [fence], weights: [1, 2]}", "scene: choice: there must be a weight for each of the 1 options"),
+        (
+            "scene: {choice: [fence], weights: [1, 2]}",
+            "scene: choice: there must be a weight for each of the 1 options",
+        ),
         ("scene: fence\nduration: {uniform: [1]}", "duration.uniform: must be a list of 2, got [1]"),
         ("scene: fence\nduration: {uniform: [2, 1]}", "duration: uniform: the first bound must lie below"),
         ("scene: fence\nduration: {uniform: [1, 2], min: 1}", "duration.min: there is no such key"),
@@ -99,7 +104,10 @@ def test_numbers_are_read_as_in_json(tmp_path: Path) -> None:
         ("scene: fence\nmotion: walking", "motion: must be a mapping with the motion's kind, got 'walking'"),
         ("scene: fence\nmotion: {kind: flying}", "motion.kind: must be one of slider, hand_held, zigzag"),
         ("scene: fence\nmotion: {kind: slider, distance_m: 1}", "motion: a motion of kind slider needs speed_m_s"),
-        ("scene: fence\nmotion: {kind: walking, bob: 1}", "motion.bob: there is no such key; there are kind, duration_s"),
+        (
+            "scene: fence\nmotion: {kind: walking, bob: 1}",
+            "motion.bob: there is no such key; there are kind, duration_s",
+        ),
         ("scene: fence\nmotion: {kind: walking, nod_rad: 1, nod_deg: 1}", "motion.nod_deg: must be the only one"),
         ("scene: fence\nmotion: {choice: [{kind: walking, bob_m: x}]}", "motion.choice[0].bob_m: must be a number"),
         ("scene: fence\nmotion: {kind: slider, direction: 3}", "motion.direction: must be a list of numbers, got 3"),
@@ -110,10 +118,9 @@ def test_numbers_are_read_as_in_json(tmp_path: Path) -> None:
 )
 def test_a_fault_is_named_with_its_place(tmp_path: Path, text: str, message: str) -> None:
     """File, key path, rule and value."""
-    with pytest.raises(ValueError) as refused:
+    with pytest.raises(ValueError, match=re.escape(message)) as refused:
         read(tmp_path, text)
     assert str(refused.value).startswith(str(tmp_path / "plan.yaml"))
-    assert message in str(refused.value)
 
 
 @pytest.mark.parametrize(
@@ -146,10 +153,9 @@ def test_a_fault_is_named_with_its_place(tmp_path: Path, text: str, message: str
 def test_a_draw_that_will_be_refused_is_refused_first(tmp_path: Path, changes: dict[str, Any], message: str) -> None:
     """Before hours of work, by the words of what will refuse it, with plan, sequence and key."""
     plan = davis_rs.load_sequence_plan(write_plan(tmp_path, **changes))
-    with pytest.raises(ValueError) as refused:
+    with pytest.raises(ValueError, match=re.escape(message)) as refused:
         check_sequences(plan, draw_sequences(plan))
     assert str(refused.value).startswith(f"{plan.file}: sequence_000")
-    assert message in str(refused.value)
 
 
 def test_effects_are_those_of_the_command_line() -> None:
@@ -210,10 +216,9 @@ junk = st.recursive(
 @given(key=st.sampled_from(["scene", "seed", "motion", "effects", "duration", "samples", "refine"]), value=junk)
 def test_whatever_stands_in_a_plan_is_drawn_or_refused_by_name(tmp_path: Path, key: str, value: Any) -> None:
     """Never another exception, and never a message without the file."""
-    try:
-        read(tmp_path, yaml.safe_dump({"scene": "fence", key: value})).parameters(0)
-    except ValueError as error:
-        assert str(error).startswith(str(tmp_path / "plan.yaml"))
+    named = pytest.raises(ValueError, match="^" + re.escape(str(tmp_path / "plan.yaml")))
+    with suppress(pytest.fail.Exception), named:  # not refused: it was drawn
+        assert "scene" in read(tmp_path, yaml.safe_dump({"scene": "fence", key: value})).parameters(0)
 
 
 def test_a_dry_run_prints_the_draws(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
