@@ -7,6 +7,7 @@ import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import psutil
 import pytest
@@ -19,7 +20,7 @@ distributed = pytest.importorskip("distributed")
 
 
 @pytest.fixture(scope="module")
-def cluster() -> Iterator[distributed.LocalCluster]:
+def cluster() -> Iterator[Any]:
     """Two worker processes of this machine."""
     with distributed.LocalCluster(
         n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=50
@@ -29,7 +30,7 @@ def cluster() -> Iterator[distributed.LocalCluster]:
     assert not any(psutil.pid_exists(pid) for pid in pids)
 
 
-def test_a_cluster_makes_the_same_bytes(cluster: distributed.LocalCluster, tmp_path: Path) -> None:
+def test_a_cluster_makes_the_same_bytes(cluster: Any, tmp_path: Path) -> None:
     """By its address, with a worker killed half-way; and a failure is told as on one machine."""
     exposure = {"choice": [100, 50_000], "weights": [3, 1]}
     path = write_plan(tmp_path, sequences=8, effects={"aps": {"exposure_us": exposure}}, frame_rate=100)
@@ -52,7 +53,7 @@ def test_a_cluster_makes_the_same_bytes(cluster: distributed.LocalCluster, tmp_p
 
 
 def test_the_command_line_takes_an_address_or_a_scheduler_file(
-    cluster: distributed.LocalCluster, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    cluster: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """The two ways in which a scheduler makes itself known."""
     plan = write_plan(tmp_path, sequences=2)

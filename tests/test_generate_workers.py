@@ -20,7 +20,7 @@ def nothing() -> None:
     """What a worker may do first."""
 
 
-def write_or_fail(folder: Path, task: str) -> None:
+def write_or_fail(folder: Path, task: str) -> str:
     """A task that says that it was tried, and then does what its name says."""
     with (folder / task).open("a") as file:
         file.write(f"{os.getpid()}\n")
@@ -34,9 +34,10 @@ def write_or_fail(folder: Path, task: str) -> None:
         raise ZeroDivisionError(task)
     if task.startswith("long"):
         time.sleep(60)
+    return task.upper()
 
 
-def run(folder: Path, tasks: list[str], workers: int, told: list[str]) -> Iterator[Outcome[str]]:
+def run(folder: Path, tasks: list[str], workers: int, told: list[str]) -> Iterator[Outcome[str, str]]:
     return run_locally(partial(write_or_fail, folder), tasks, workers=workers, begin=nothing, report=told.append)
 
 
@@ -45,8 +46,11 @@ def test_a_task_that_kills_its_workers_is_given_up_alone(tmp_path: Path, workers
     """Three workers die of it; one that dies once costs an attempt; errors are told; all others are done."""
     told: list[str] = []
     tasks = ["a", "killed", "b", "wrong", "once", "bug", "c", "exit", "d"]
-    errors = {outcome.task: outcome.error for outcome in run(tmp_path, tasks, workers, told)}
-    assert {task for task, error in errors.items() if error is None} == {"a", "b", "c", "d", "once"}
+    outcomes = list(run(tmp_path, tasks, workers, told))
+    errors = {outcome.task: outcome.error for outcome in outcomes}
+    results = {outcome.task: outcome.result for outcome in outcomes if outcome.error is None}
+    assert results == {"a": "A", "b": "B", "c": "C", "d": "D", "once": "ONCE"}
+    assert len(outcomes) == len(tasks)
     assert errors["killed"] == "it was given up after 3 workers; the last one was killed by SIGKILL"
     assert errors["exit"] == "it was given up after 3 workers; the last one ended with exit status 3"
     assert errors["wrong"] == "wrong breaks a rule"

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from distributed import Client
 
 Task = TypeVar("Task")
+Result = TypeVar("Result")
 
 _ONE_AT_A_TIME = threading.Lock()
 """Mitsuba's variant belongs to the process: of a worker's threads one simulates, the others wait."""
@@ -38,15 +39,15 @@ def connect(cluster: str | Path | Client) -> Client:
 
 
 def run_on_cluster(
-    function: Callable[[Task, int], None], tasks: Sequence[Task], client: Client
-) -> Iterator[Outcome[Task]]:
+    function: Callable[[Task, int], Result], tasks: Sequence[Task], client: Client
+) -> Iterator[Outcome[Task, Result]]:
     """Call ``function`` with each task and the number of threads of the worker that has it; yields outcomes.
 
     Tasks of workers that die are given to others by the scheduler, as often as its ``allowed-failures`` says. Whenever
     the caller leaves the loop, tasks that have not begun are cancelled.
 
     Args:
-        function, tasks: to be pickled.
+        function, tasks: to be pickled, as are results.
     """
     from distributed import as_completed
 
@@ -55,20 +56,22 @@ def run_on_cluster(
     futures = {client.submit(_call, function, task, key=f"{task}-{run}", pure=False): task for task in tasks}
     try:
         for future in as_completed(futures):
-            if future.status == "cancelled":
-                yield Outcome(futures[future], "it was cancelled by the cluster")
+            task = futures[future]
+            if future.status == "finished":
+                yield Outcome(task, future.result())
+            elif future.status == "error":
+                yield Outcome(task, error=_reason(future.exception()))
             else:
-                error = future.exception()
-                yield Outcome(futures[future], None if error is None else _reason(error))
+                yield Outcome(task, error=f"the cluster lost it ({future.status})")
     finally:
         client.cancel(list(futures))
 
 
-def _call(function: Callable[[Task, int], None], task: Task) -> None:
+def _call(function: Callable[[Task, int], Result], task: Task) -> Result:
     from distributed import get_worker
 
     with _ONE_AT_A_TIME:
-        function(task, get_worker().state.nthreads)
+        return function(task, get_worker().state.nthreads)
 
 
 def _reason(error: Any) -> str:

@@ -6,7 +6,7 @@ import json
 import os
 import shutil
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
 from dataclasses import dataclass, field
 from functools import cache, partial
 from pathlib import Path
@@ -88,7 +88,7 @@ def generate_sequences(
     say = report or (lambda text: tqdm.write(f"davis-rs: warning: {text}", file=sys.stderr))
     folder = Path(root).absolute()
     sequences = draw_sequences(plan)
-    check_sequences(plan, sequences)
+    check_sequences(plan, [one for one in sequences if not (folder / one.name).is_dir()], quiet=quiet)
     with claim_root(folder, plan):
         discard_hidden(folder)
         lines = _taken_up(sequences, folder, say)
@@ -100,11 +100,11 @@ def generate_sequences(
             with tqdm(total=len(sequences), initial=kept, unit=" sequences", disable=quiet) as bar:
                 for outcome in outcomes:
                     name = outcome.task.name
-                    if outcome.error is None:
-                        lines[name] = describe_folder(folder / name)
+                    if outcome.result is not None:
+                        lines[name] = outcome.result
                         write_manifest(folder, lines.values())
                     else:
-                        failed[name] = outcome.error
+                        failed[name] = str(outcome.error)
                     bar.update()
         finally:
             outcomes.close()
@@ -121,19 +121,21 @@ def draw_sequences(plan: SequencePlan) -> list[DrawnSequence]:
     ]
 
 
-def check_sequences(plan: SequencePlan, sequences: list[DrawnSequence]) -> None:
+def check_sequences(plan: SequencePlan, sequences: list[DrawnSequence], *, quiet: bool = True) -> None:
     """Refuse a plan of which a sequence cannot be made, as far as that can be told without rendering.
 
     Raises:
         ValueError: naming plan, sequence, keys, values and rule.
     """
 
+    from tqdm import tqdm
+
     @cache
     def scene_at(name: str) -> Scene:
         return load_scene(name)
 
     try:
-        for sequence in sequences:
+        for sequence in tqdm(sequences, desc="checking", unit=" sequences", leave=False, disable=quiet):
             sequence.check(lambda one: scene_at(resolve(one.parameters["scene"], one.base)))
     except ValueError as error:
         raise ValueError(f"{plan.file}: {error}") from None
@@ -207,7 +209,7 @@ def _outcomes(
     workers: int | None,
     cluster: str | Path | Client | None,
     say: Callable[[str], None],
-) -> Iterator[Outcome[DrawnSequence]]:
+) -> Generator[Outcome[DrawnSequence, dict[str, Any]], None, None]:
     if not missing:
         return
     if cluster is not None:
@@ -230,10 +232,10 @@ def _outcomes(
     )
 
 
-def _make(root: Path, threads: int, sequence: DrawnSequence) -> None:
-    make_sequence(sequence, root, threads)
+def _make(root: Path, threads: int, sequence: DrawnSequence) -> dict[str, Any]:
+    return make_sequence(sequence, root, threads)
 
 
-def _make_on_cluster(root: Path, sequence: DrawnSequence, threads: int) -> None:
+def _make_on_cluster(root: Path, sequence: DrawnSequence, threads: int) -> dict[str, Any]:
     begin_worker(threads)
-    make_sequence(sequence, root, threads)
+    return make_sequence(sequence, root, threads)

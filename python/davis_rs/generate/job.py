@@ -9,14 +9,18 @@ from typing import Any
 from .._mitsuba import default_variant, variant
 from ..record import record
 from .folder import discard, publish, working_folder
+from .manifest import describe_folder
 from .sequence import DrawnSequence
 
 
-def make_sequence(sequence: DrawnSequence, root: Path, threads: int) -> None:
-    """Simulate a sequence into its folder in ``root``, whole or not at all; nothing where it is there already.
+def make_sequence(sequence: DrawnSequence, root: Path, threads: int) -> dict[str, Any]:
+    """Simulate a sequence into its folder in ``root``, whole or not at all, unless it is there already.
 
     The folder is the same, byte by byte, whoever makes it: what is in it is a function of the plan and of the versions
     that ``meta.json`` names.
+
+    Returns:
+        Its line of the manifest: who made the folder sees it, which on a shared file system others may not at once.
 
     Raises:
         ValueError, OSError: as :func:`~davis_rs.record`.
@@ -24,7 +28,7 @@ def make_sequence(sequence: DrawnSequence, root: Path, threads: int) -> None:
     """
     final = root / sequence.name
     if final.is_dir():
-        return
+        return describe_folder(final)
     working = working_folder(root, sequence.name)
     try:
         _simulate(sequence, working, threads)
@@ -32,6 +36,7 @@ def make_sequence(sequence: DrawnSequence, root: Path, threads: int) -> None:
     except BaseException:
         discard(working)
         raise
+    return describe_folder(final)
 
 
 def begin_worker(threads: int) -> None:

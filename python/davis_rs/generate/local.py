@@ -16,16 +16,18 @@ from multiprocessing.process import BaseProcess
 from typing import Generic, TypeVar
 
 Task = TypeVar("Task")
+Result = TypeVar("Result")
 
 ATTEMPTS = 3
 """A task that kills so many workers is given up."""
 
 
 @dataclass(frozen=True)
-class Outcome(Generic[Task]):
-    """A task that is over: ``error`` is None where it is done, else what went wrong."""
+class Outcome(Generic[Task, Result]):
+    """A task that is over, with its result or an error: what went wrong, in words."""
 
     task: Task
+    result: Result | None = None
     error: str | None = None
 
 
@@ -37,13 +39,13 @@ class _Worker(Generic[Task]):
 
 
 def run_locally(
-    function: Callable[[Task], None],
+    function: Callable[[Task], Result],
     tasks: Sequence[Task],
     *,
     workers: int,
     begin: Callable[[], None],
     report: Callable[[str], None],
-) -> Iterator[Outcome[Task]]:
+) -> Iterator[Outcome[Task, Result]]:
     """Call ``function`` with each task in worker processes; yields outcomes as they come.
 
     Workers are spawned, not forked: Dr.Jit has threads. One that is killed costs its task an attempt and is replaced;
@@ -51,7 +53,7 @@ def run_locally(
     when this process does, however it does.
 
     Args:
-        function, begin, tasks: to be pickled; ``begin`` is called in each worker first.
+        function, begin, tasks: to be pickled, as are results; ``begin`` is called in each worker first.
         workers: so many at most.
         report: is told of workers that died.
     """
@@ -80,7 +82,7 @@ def run_locally(
                 task = worker.task
                 assert task is not None
                 try:
-                    error = worker.connection.recv()
+                    result, error = worker.connection.recv()
                 except (EOFError, OSError):
                     team.remove(worker)
                     why = _cause_of_death(worker)
@@ -89,10 +91,10 @@ def run_locally(
                         report(f"{task}: its worker {why}; it is tried again")
                         waiting.appendleft(task)
                     else:
-                        yield Outcome(task, f"it was given up after {ATTEMPTS} workers; the last one {why}")
+                        yield Outcome(task, error=f"it was given up after {ATTEMPTS} workers; the last one {why}")
                     continue
                 worker.task = None
-                yield Outcome(task, error)
+                yield Outcome(task, result, error)
     finally:
         for worker in team:
             worker.process.kill()
@@ -130,7 +132,7 @@ def _cause_of_death(worker: _Worker[Task]) -> str:
     return f"was killed by signal {-code}"
 
 
-def _work(connection: Connection, function: Callable[[Task], None], begin: Callable[[], None]) -> None:
+def _work(connection: Connection, function: Callable[[Task], Result], begin: Callable[[], None]) -> None:
     """What a worker does with its life."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal sends Ctrl-C to all; what to do is the parent's to say
     threading.Thread(target=_end_with_parent, daemon=True).start()
@@ -140,12 +142,12 @@ def _work(connection: Connection, function: Callable[[Task], None], begin: Calla
             task = connection.recv()
         except (EOFError, OSError):
             return
+        result, error = None, None
         try:
-            function(task)
-            error = None
+            result = function(task)
         except Exception as raised:
             error = error_text(raised)
-        connection.send(error)
+        connection.send((result, error))
 
 
 def _end_with_parent() -> None:

@@ -104,8 +104,8 @@ def _refuse_another(root: Path, plan: SequencePlan, described: dict[str, Any]) -
         different = [
             key
             for part in ("plan", "files")
-            for key in sorted(before[part].keys() | described[part].keys())
-            if before[part].get(key) != described[part].get(key)
+            for key in sorted(before.get(part, {}).keys() | described[part].keys())
+            if before.get(part, {}).get(key) != described[part].get(key)
         ]
         raise ValueError(
             f"{root} holds sequences of another plan than {plan.file} (it differs in {', '.join(different)}): "

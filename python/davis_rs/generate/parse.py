@@ -169,7 +169,8 @@ def _law(value: dict[Any, Any], where: Where, parse: Parser, rule: str) -> Law:
             return Integers(*numbers)
         if name == "normal":
             bounds = {key: float(_all_fit("a number", [value[key]], where.at(key))[0]) for key in more if key in value}
-            return Normal(*map(float, numbers), bounds.get("min", -math.inf), bounds.get("max", math.inf))
+            mean, sigma = map(float, numbers)
+            return Normal(mean, sigma, bounds.get("min", -math.inf), bounds.get("max", math.inf))
         return {"uniform": Uniform, "log_uniform": LogUniform}[name](*map(float, numbers))
     except ValueError as error:
         if str(error).startswith(f"{where.file}: "):
