@@ -17,7 +17,7 @@ from ..scene import Scene
 from ..scenes import load_scene
 from .folder import CHECKSUMS, damage, discard_hidden, folder_sha256
 from .job import begin_worker, make_sequence, origin
-from .manifest import MANIFEST, claim_root, describe_folder, read_manifest, write_manifest
+from .manifest import MANIFEST, claim_root, describe_folder, read_manifest, write_manifest, write_plan
 from .plan import SequencePlan, resolve
 from .sequence import DrawnSequence
 
@@ -88,8 +88,9 @@ def generate_sequences(
     say = report or (lambda text: tqdm.write(f"davis-rs: warning: {text}", file=sys.stderr))
     folder = Path(root).absolute()
     sequences = draw_sequences(plan)
-    check_sequences(plan, [one for one in sequences if not (folder / one.name).is_dir()], quiet=quiet)
     with claim_root(folder, plan):
+        check_sequences(plan, [one for one in sequences if not (folder / one.name).is_dir()], quiet=quiet)
+        write_plan(folder, plan)
         discard_hidden(folder)
         lines = _taken_up(sequences, folder, say)
         kept, failed = len(lines), dict[str, str]()

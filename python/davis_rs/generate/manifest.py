@@ -64,7 +64,7 @@ def read_manifest(root: Path) -> dict[str, dict[str, Any]]:
 
 @contextmanager
 def claim_root(root: Path, plan: SequencePlan) -> Iterator[None]:
-    """Make ``root`` the folder of a plan, for this process alone until the end.
+    """Have ``root`` as the folder of a plan, for this process alone until the end.
 
     Raises:
         FileExistsError: if there is something else, or another process at work.
@@ -80,19 +80,26 @@ def claim_root(root: Path, plan: SequencePlan) -> Iterator[None]:
     root.mkdir(parents=True, exist_ok=True)
     with (root / _LOCK).open("w") as lock:
         _lock(lock.fileno(), root)
-        described = {
-            "davis_rs": __version__,
-            "plan_sha256": plan.sha256,
-            "sequences": plan.sequences,
-            "plan": plan.identity,
-            "files": plan.digests,
-        }
-        _refuse_another(root, plan, described)
-        _replace(root / PLAN, json.dumps(described, indent=2, sort_keys=True) + "\n")
+        _refuse_another(root, plan)
         yield
 
 
-def _refuse_another(root: Path, plan: SequencePlan, described: dict[str, Any]) -> None:
+def write_plan(root: Path, plan: SequencePlan) -> None:
+    """Say whose folder it is from now on."""
+    _replace(root / PLAN, json.dumps(_description(plan), indent=2, sort_keys=True) + "\n")
+
+
+def _description(plan: SequencePlan) -> dict[str, Any]:
+    return {
+        "davis_rs": __version__,
+        "plan_sha256": plan.sha256,
+        "sequences": plan.sequences,
+        "plan": plan.identity,
+        "files": plan.digests,
+    }
+
+
+def _refuse_another(root: Path, plan: SequencePlan) -> None:
     if not (root / PLAN).exists():
         return
     try:
@@ -101,6 +108,7 @@ def _refuse_another(root: Path, plan: SequencePlan, described: dict[str, Any]) -
     except (ValueError, KeyError, TypeError) as error:
         raise ValueError(f"{root / PLAN} says of no plan whose sequences are in {root}: {error!r}") from None
     if digest != plan.sha256:
+        described = _description(plan)
         different = [
             key
             for part in ("plan", "files")
