@@ -1,10 +1,8 @@
-"""All sequences of a plan into a folder, and whether they are still what they were."""
+"""All sequences of a plan into a folder."""
 
 from __future__ import annotations
 
-import json
 import os
-import shutil
 import sys
 from collections.abc import Callable, Generator
 from dataclasses import dataclass, field
@@ -12,14 +10,14 @@ from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..dataset_files import META
 from ..scene import Scene
 from ..scenes import load_scene
-from .folder import CHECKSUMS, damage, discard_hidden, folder_sha256
-from .job import begin_worker, make_sequence, origin
-from .manifest import MANIFEST, claim_root, describe_folder, read_manifest, write_manifest, write_plan
+from .folder import discard_hidden
+from .job import begin_worker, make_sequence
+from .manifest import claim_root, describe_folder, write_manifest, write_plan
 from .plan import SequencePlan, resolve
 from .sequence import DrawnSequence
+from .verify import taken_up
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -92,7 +90,7 @@ def generate_sequences(
         check_sequences(plan, [one for one in sequences if not (folder / one.name).is_dir()], quiet=quiet)
         write_plan(folder, plan)
         discard_hidden(folder)
-        lines = _taken_up(sequences, folder, say)
+        lines = taken_up(sequences, folder, say)
         kept, failed = len(lines), dict[str, str]()
         write_manifest(folder, lines.values())
         missing = [sequence for sequence in sequences if sequence.name not in lines]
@@ -110,6 +108,12 @@ def generate_sequences(
         finally:
             outcomes.close()
             discard_hidden(folder)
+            # Some may have got their names without a word: Ctrl-C, or a worker's death, came in between.
+            unsaid = [one.name for one in missing if one.name not in lines and (folder / one.name).is_dir()]
+            if unsaid:
+                lines |= {name: describe_folder(folder / name) for name in unsaid}
+                write_manifest(folder, lines.values())
+    failed = {name: error for name, error in failed.items() if name not in lines}
     return Generated(Path(root), len(lines), len(lines) - kept, failed)
 
 
@@ -140,68 +144,6 @@ def check_sequences(plan: SequencePlan, sequences: list[DrawnSequence], *, quiet
             sequence.check(lambda one: scene_at(resolve(one.parameters["scene"], one.base)))
     except ValueError as error:
         raise ValueError(f"{plan.file}: {error}") from None
-
-
-def verify_sequences(root: str | Path) -> dict[str, str]:
-    """Read everything in a folder of generated sequences and compare it with the manifest.
-
-    Returns:
-        What is wrong, in words, by the names of sequences; nothing where all is as it was.
-
-    Raises:
-        OSError: if there is no manifest.
-        ValueError: if it is malformed.
-    """
-    folder = Path(root)
-    if not (folder / MANIFEST).exists():
-        raise FileNotFoundError(f"{folder / MANIFEST}: there is no manifest to compare the sequences with")
-    lines = read_manifest(folder)
-    wrong = {name: fault for name, line in lines.items() if (fault := _fault(folder / name, line)) is not None}
-    for path in folder.glob("sequence_*"):
-        if path.name not in lines:
-            wrong[path.name] = "the manifest does not have it"
-    return dict(sorted(wrong.items()))
-
-
-def _fault(folder: Path, line: dict[str, Any]) -> str | None:
-    if not folder.is_dir():
-        return "it is missing"
-    fault = damage(folder)
-    if fault is not None:
-        return fault
-    if folder_sha256(folder) != line.get("sha256"):
-        return f"{CHECKSUMS} is not what it was"
-    return None if describe_folder(folder) == line else "its line in the manifest is not what it was"
-
-
-def _taken_up(sequences: list[DrawnSequence], root: Path, say: Callable[[str], None]) -> dict[str, dict[str, Any]]:
-    """The lines of those that are there already.
-
-    One that the manifest knows is looked at, one that it does not know (a run was killed in between) is read. Where a
-    folder is not what it was, it goes, and will be made again.
-    """
-    known, lines = read_manifest(root), dict[str, dict[str, Any]]()
-    for sequence in sequences:
-        folder = root / sequence.name
-        if not folder.exists():
-            continue
-        try:
-            generated = json.loads((folder / META).read_text())["generated"]
-        except (OSError, ValueError, KeyError, TypeError):
-            generated = None
-        line = known.get(sequence.name)
-        listed = line is not None and (folder / CHECKSUMS).is_file() and folder_sha256(folder) == line.get("sha256")
-        fault = damage(folder, contents=not listed)
-        if fault is None and generated != origin(sequence):
-            fault = f"its {META} tells of other parameters"
-        if fault is None:
-            lines[sequence.name] = describe_folder(folder)
-            continue
-        if not (folder / CHECKSUMS).is_file() and line is None:
-            raise FileExistsError(f"{folder} is in the way: no sequence of {root} that is whole ({fault})")
-        say(f"{sequence.name} is made again: {fault}")
-        shutil.rmtree(folder)
-    return lines
 
 
 def _outcomes(
