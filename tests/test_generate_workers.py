@@ -5,6 +5,8 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
+import subprocess
+import sys
 import time
 from collections.abc import Iterator
 from functools import partial
@@ -76,7 +78,23 @@ def test_workers_are_gone_when_the_caller_leaves(tmp_path: Path) -> None:
     """In the midst of their tasks too."""
     outcomes = run(tmp_path, ["a", "long"], 2, [])
     assert next(outcomes).task == "a"
-    while not (tmp_path / "long").exists():
+    while not ((tmp_path / "long").exists() and (tmp_path / "long").read_text().endswith("\n")):
         time.sleep(0.01)
     outcomes.close()  # type: ignore[attr-defined]
     assert not psutil.pid_exists(int((tmp_path / "long").read_text()))
+
+
+def test_workers_end_with_their_parent(tmp_path: Path) -> None:
+    """Also in the midst of a task that would go on for a minute, when the parent has no time to say a word."""
+    program = (
+        "import sys; from pathlib import Path; sys.path.insert(0, sys.argv[1]); import test_generate_workers as tests; "
+        "list(tests.run(Path(sys.argv[2]), ['long'], 1, []))"
+    )
+    task = tmp_path / "long"
+    with subprocess.Popen([sys.executable, "-c", program, str(Path(__file__).parent), str(tmp_path)]) as parent:
+        while not (task.exists() and task.read_text().endswith("\n")):
+            assert parent.poll() is None
+            time.sleep(0.01)
+        worker = psutil.Process(int(task.read_text()))
+        parent.kill()
+    worker.wait(timeout=20)
