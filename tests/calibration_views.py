@@ -13,8 +13,8 @@ from scipy.spatial.transform import Rotation
 from davis_rs import Camera, Trajectory, load_scene
 from davis_rs.calibrate import BoardView, find_corners
 from davis_rs.calibrate.reprojection import inverse, transform
-from davis_rs.checkerboard_scene import board_in_world
 from davis_rs.checkerboard import DATASET_BOARD
+from davis_rs.checkerboard_scene import board_in_world
 from davis_rs.dataset import DatasetWriter
 from davis_rs.events import EVENT_DTYPE
 from davis_rs.imu import ImuArray

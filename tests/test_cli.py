@@ -99,7 +99,10 @@ def still_path(folder: Path) -> Path:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["no_such_scene"], "neither one of three_planes, three_walls, fence, checkerboard, a sequence of the dataset, nor"),
+        (
+            ["no_such_scene"],
+            "fence, checkerboard, a sequence of the dataset, nor a Mitsuba XML file",
+        ),
         (["three_planes", "--camera", "no_such_camera"], "neither a preset"),
         (["three_planes", "--trajectory", "no_such_file"], "no_such_file"),
         (["three_planes", "--contrast-threshold", "-1"], "contrast_threshold must lie in"),

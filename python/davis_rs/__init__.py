@@ -26,6 +26,7 @@ from .dtypes import from_structured, to_structured, to_tonic
 from .effects import Effects
 from .events import EVENT_DTYPE, as_events
 from .formats import EventReader, EventWriter, TruncatedFileWarning, WriteReport
+from .generate import Generated, SequencePlan, generate_sequences, load_sequence_plan, verify_sequences
 from .imu import Imu, simulate_imu
 from .light_course import Flicker, LightCourse, SampledCourse
 from .motion_capture import MocapClock, MocapNoise, MotionCapture
@@ -85,6 +86,7 @@ __all__ = [
     "FixedRate",
     "Flicker",
     "Frame",
+    "Generated",
     "GroundTruth",
     "Imu",
     "LightCourse",
@@ -103,6 +105,7 @@ __all__ = [
     "Scene",
     "SegmentTrajectory",
     "SensorParameters",
+    "SequencePlan",
     "Simulator",
     "Tolerance",
     "Trajectory",
@@ -117,10 +120,12 @@ __all__ = [
     "compare_events",
     "convert",
     "from_structured",
+    "generate_sequences",
     "interval",
     "iter_events",
     "load_camera",
     "load_scene",
+    "load_sequence_plan",
     "log_intensity",
     "open_reader",
     "open_writer",
@@ -136,6 +141,7 @@ __all__ = [
     "start_pose",
     "to_structured",
     "to_tonic",
+    "verify_sequences",
     "video_dataset",
     "view_dataset",
     "waypoint_trajectory",

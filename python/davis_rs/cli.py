@@ -13,6 +13,7 @@ from .cli_accuracy import add_accuracy
 from .cli_calibrate import add_calibrate
 from .cli_common import Help
 from .cli_files import add_files
+from .cli_generate import add_generate
 from .cli_plan import add_plan
 from .cli_sequences import add_sequences
 from .cli_simulate import add_simulate
@@ -64,6 +65,7 @@ def _parser() -> argparse.ArgumentParser:
     add_simulate(commands)
     add_sequences(commands)
     add_plan(commands)
+    add_generate(commands)
     add_accuracy(commands)
     add_usb(commands)
     add_files(commands)

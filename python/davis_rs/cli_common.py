@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import argparse
 import sys
+from dataclasses import replace
 
 from .scene import Scene
 from .scenes import start_pose
-from .simulate import trajectory_part
-from .trajectory import Trajectory, align
+from .trajectory import align, interval
 from .trajectory_file import read_trajectory
 
 
@@ -20,7 +20,7 @@ class Help(argparse.ArgumentDefaultsHelpFormatter):
 
 
 def add_path(group: argparse._ArgumentGroup) -> None:
-    """Add the options that :func:`path_of` reads."""
+    """Add the options that :func:`on_path` reads."""
     group.add_argument(
         "--trajectory",
         metavar="FILE",
@@ -43,18 +43,19 @@ def add_path(group: argparse._ArgumentGroup) -> None:
     )
 
 
-def path_of(options: argparse.Namespace, scene: Scene, *, quiet: bool = False) -> Trajectory:
-    """The part of a trajectory that the options ask for, from t = 0; says so where it was moved."""
-    trajectory: Trajectory | None = None
-    if options.trajectory is not None:
-        sigmas = {"position_sigma_m": options.position_sigma, "rotation_sigma_rad": options.rotation_sigma}
-        given = {name: value for name, value in sigmas.items() if value is not None}
-        trajectory = read_trajectory(options.trajectory, max_gap_s=options.max_gap, **given)
+def on_path(options: argparse.Namespace, scene: Scene, *, quiet: bool = False) -> Scene:
+    """The scene with the part of a trajectory that the options ask for, from t = 0; says so where it was moved."""
+    if options.trajectory is None:
+        if options.align:
+            raise ValueError("--align moves the trajectory of a file: give --trajectory")
+        return scene.part(options.start, options.duration)
+    sigmas = {"position_sigma_m": options.position_sigma, "rotation_sigma_rad": options.rotation_sigma}
+    given = {name: value for name, value in sigmas.items() if value is not None}
+    trajectory = read_trajectory(options.trajectory, max_gap_s=options.max_gap, **given)
+    part = interval(trajectory, options.start, options.duration)
     # A built-in scene shares no world with anybody's trajectory, a user's own file may.
-    built_in_scene_foreign_path = scene.trajectory is not None and trajectory is not None
-    part = trajectory_part(scene, trajectory, options.start, options.duration)
-    if not (built_in_scene_foreign_path if options.align is None else options.align):
-        return part
-    if not quiet:
-        print("trajectory moved so that it starts where the scene's camera does (--no-align)", file=sys.stderr)
-    return align(part, start_pose(scene))
+    if scene.trajectory is not None if options.align is None else options.align:
+        if not quiet:
+            print("trajectory moved so that it starts where the scene's camera does (--no-align)", file=sys.stderr)
+        part = align(part, start_pose(scene))
+    return replace(scene, trajectory=part)

@@ -6,7 +6,7 @@ import argparse
 from dataclasses import replace
 
 from .camera import load_camera
-from .cli_common import add_path, path_of
+from .cli_common import add_path, on_path
 from .effects import Effects, parse_effect
 from .plan import plan_effects
 from .scenes import load_scene
@@ -53,15 +53,16 @@ def add_plan(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> N
 
 
 def _plan(options: argparse.Namespace) -> int:
-    scene = load_scene(options.scene)
+    scene = on_path(options, load_scene(options.scene))
     if options.lux_per_luma is not None:
         scene = replace(scene, lux_per_luma=options.lux_per_luma)
+    assert scene.trajectory is not None
     given = [parse_effect(text) for text in options.effect]
     sensor = sensor_parameters(options.sensor or ("ideal" if given else "davis240c"))
     threshold, threshold_off = options.contrast_threshold, options.contrast_threshold_off
     plan = plan_effects(
         scene,
-        path_of(options, scene),
+        scene.trajectory,
         Effects.of([*sensor.effects(scene.lux_per_luma), *given]),
         camera=None if options.camera is None else load_camera(options.camera),
         contrast_threshold=sensor.contrast_threshold if threshold is None else threshold,

@@ -52,9 +52,7 @@ def add_sequences(commands: argparse._SubParsersAction[argparse.ArgumentParser])
 
 
 def _sequence(options: argparse.Namespace) -> int:
-    scene = _named(options.name).scene(start_s=options.start, duration_s=options.duration)
-    assert scene.trajectory is not None
-    return simulate_into(options, scene, scene.trajectory)
+    return simulate_into(options, _named(options.name).scene().part(options.start, options.duration))
 
 
 def _sequences(options: argparse.Namespace) -> int:

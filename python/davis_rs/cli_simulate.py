@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import argparse
 import sys
+from dataclasses import fields
 from pathlib import Path
 
-from .camera import PRESETS, load_camera
-from .cli_common import Help, add_path, path_of
-from .cli_inertial import add_inertial, imu_of, motion_capture_of
+from .camera import PRESETS
+from .cli_common import Help, add_path, on_path
+from .cli_inertial import add_inertial
+from .record import record
+from .run_settings import RunSettings
 from .scene import Scene
 from .scenes import BUILTIN_SCENES, load_scene
 from .sensor_parameters import SENSORS
-from .trajectory import Trajectory
 
 
 def add_simulate(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -29,8 +31,7 @@ def add_simulate(commands: argparse._SubParsersAction[argparse.ArgumentParser]) 
 
 
 def _simulate(options: argparse.Namespace) -> int:
-    scene = load_scene(options.scene)
-    return simulate_into(options, scene, path_of(options, scene, quiet=options.quiet))
+    return simulate_into(options, on_path(options, load_scene(options.scene), quiet=options.quiet))
 
 
 def add_settings(parser: argparse.ArgumentParser) -> None:
@@ -98,49 +99,21 @@ def add_settings(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--quiet", action="store_true", help="no progress bar, only the last line")
 
 
-def simulate_into(options: argparse.Namespace, scene: Scene, part: Trajectory) -> int:
-    """Simulate a path in a scene into the folder ``options.output``, under the options of :func:`add_settings`."""
-    from .effects import Effects, parse_effect
-    from .record import record
-    from .sampling import FixedRate, MaxDisplacement, TimeSampling
-    from .simulate import Simulator
-    from .tolerance import Tolerance
-
-    imu, motion_capture = imu_of(options), motion_capture_of(options)
-    sampling: TimeSampling | None = None
-    if options.render_rate is not None:
-        sampling = FixedRate(options.render_rate)
-    elif options.max_displacement is not None:
-        sampling = MaxDisplacement(options.max_displacement)
-    elif options.tolerance is not None:
-        sampling = Tolerance(options.tolerance)
+def simulate_into(options: argparse.Namespace, scene: Scene) -> int:
+    """Simulate a scene's trajectory into the folder ``options.output``, under the options of :func:`add_settings`."""
+    assert scene.trajectory is not None
+    given = vars(options)
+    settings = RunSettings(**{one.name: given[one.name] for one in fields(RunSettings) if one.name in given})
+    imu, motion_capture = settings.make_imu(), settings.make_motion_capture()
     if not options.overwrite and Path(options.output).exists() and any(Path(options.output).iterdir()):
         # Said again, and binding, when the folder is made; here it saves the time until then.
         raise FileExistsError(f"{options.output} exists and is not empty: choose another folder or give --overwrite")
-    simulator = Simulator(
-        scene,
-        camera=None if options.camera is None else load_camera(options.camera),
-        contrast_threshold=options.contrast_threshold,
-        contrast_threshold_off=options.contrast_threshold_off,
-        log_eps=options.log_eps,
-        frame_rate_hz=options.frame_rate,
-        depth_rate_hz=options.depth_rate,
-        accuracy=options.accuracy,
-        sampling=sampling,
-        samples=options.samples,
-        sensor=options.sensor,
-        effects=options.effects or Effects.of(parse_effect(text) for text in options.effect or ()),
-        seed=options.seed,
-        threads=options.threads,
-        renderer=options.renderer,
-        blur=options.blur,
-        refine=options.refine,
-    )
+    simulator = settings.make_simulator(scene, seed=options.seed, threads=options.threads)
     if not options.quiet:
         print(f"rendering with {simulator.renderer.name}: {simulator.renderer.reason}", file=sys.stderr)
     recording = record(
         simulator,
-        part,
+        scene.trajectory,
         options.output,
         motion_capture=motion_capture,
         imu=imu,

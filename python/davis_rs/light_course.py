@@ -149,3 +149,19 @@ class SampledCourse(LightCourse):
         from scipy.interpolate import PchipInterpolator
 
         return np.asarray(PchipInterpolator(self._t_s, self._factors)(t, order), np.float64)
+
+
+class LaterCourse(LightCourse):
+    """Another course from ``start_s`` on: this one's t = 0 lies there."""
+
+    def __init__(self, course: LightCourse, start_s: float) -> None:
+        self._course, self._start_s = course, start_s
+
+    def factor(self, t_s: npt.ArrayLike) -> FloatArray:
+        return self._course.factor(np.asarray(t_s, np.float64) + self._start_s)
+
+    def rate(self, t_s: npt.ArrayLike) -> FloatArray:
+        return self._course.rate(np.asarray(t_s, np.float64) + self._start_s)
+
+    def describe(self) -> dict[str, object]:
+        return {**self._course.describe(), "start_s": self._start_s}

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from .camera import PRESETS, Camera
-from .light_course import LightCourse
+from .light_course import LaterCourse, LightCourse
 from .pose import Pose
-from .trajectory import Trajectory
+from .trajectory import Trajectory, interval, rest_of
 
 SceneSource = Path | Mapping[str, Any]
 
@@ -51,3 +51,21 @@ class Scene:
     objects: Mapping[str, Trajectory] = field(default_factory=dict)
     lights: Mapping[str, LightCourse] = field(default_factory=dict)
     lux_per_luma: float = 1000.0
+
+    def part(self, start_s: float = 0.0, duration_s: float | None = None) -> Scene:
+        """The scene over a part of its own trajectory: what moves and flickers in it goes on from there.
+
+        Args:
+            start_s: where on the trajectory the part's t = 0 lies. duration_s: to the end by default.
+
+        Raises:
+            ValueError: if the scene has no trajectory of its own, or not that part of it.
+        """
+        if self.trajectory is None:
+            raise ValueError(f"scene {self.name!r} has no trajectory of its own: one must be given")
+        return replace(
+            self,
+            trajectory=interval(self.trajectory, start_s, duration_s),
+            objects={name: rest_of(path, start_s) for name, path in self.objects.items()},
+            lights={name: LaterCourse(course, start_s) for name, course in self.lights.items()},
+        )

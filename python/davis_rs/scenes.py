@@ -37,7 +37,9 @@ def load_scene(name_or_path: str | Path) -> Scene:
     path = Path(name_or_path)
     if not path.is_file():
         names = ", ".join(BUILTIN_SCENES)
-        raise ValueError(f"scene {str(name_or_path)!r} is neither one of {names}, a sequence of the dataset, nor a Mitsuba XML file")
+        raise ValueError(
+            f"scene {str(name_or_path)!r} is neither one of {names}, a sequence of the dataset, nor a Mitsuba XML file"
+        )
     return Scene(name=path.stem, source=lambda: path, file=path)
 
 

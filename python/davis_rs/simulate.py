@@ -368,7 +368,10 @@ def simulate(
     Raises:
         ValueError, OSError: as :class:`Simulator` and :meth:`Simulator.run`, at the call or at the first packet.
     """
-    return Simulator(scene, **settings).run(trajectory_part(scene, trajectory, start_s, duration_s))
+    if trajectory is None:
+        scene = scene.part(start_s, duration_s)
+        return Simulator(scene, **settings).run(trajectory_part(scene, None))
+    return Simulator(scene, **settings).run(interval(trajectory, start_s, duration_s))
 
 
 def trajectory_part(

@@ -370,3 +370,11 @@ def interval(trajectory: Trajectory, start_s: float = 0.0, duration_s: float | N
             f"which runs from 0 to {trajectory.duration_s} s"
         )
     return _Interval(trajectory, float(start_s), min(float(duration_s), trajectory.duration_s - start_s))
+
+
+def rest_of(trajectory: Trajectory, start_s: float) -> Trajectory:
+    """What is left of ``trajectory`` from ``start_s`` >= 0 on, t = 0 there; after its end a stand at its last pose."""
+    if start_s < trajectory.duration_s:
+        return interval(trajectory, start_s)
+    last = trajectory.pose(trajectory.duration_s)
+    return SegmentTrajectory(last, last, 1.0)

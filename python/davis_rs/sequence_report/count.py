@@ -51,7 +51,7 @@ def count_events(
             a pixel and 8 rays give the same count within a few per cent, for three times the time.
         progress: called with the simulated seconds since the call before.
     """
-    scene = sequence.scene(duration_s=duration_s)
+    scene = sequence.scene().part(0.0, duration_s)
     trajectory = scene.trajectory
     assert trajectory is not None
     simulator = Simulator(

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence as Rows
+from collections.abc import Iterable, Mapping
+from collections.abc import Sequence as Rows
 
 import numpy as np
 
@@ -26,7 +27,7 @@ def measured_row(sequence: Sequence, count: EventCount | None) -> PaperRow:
 
 def table(sequences: Iterable[Sequence], counts: Mapping[str, EventCount]) -> list[tuple[str, ...]]:
     """A row of cells for each sequence, in the order of :data:`HEAD`; a ``-`` is not counted."""
-    rows = []
+    rows: list[tuple[str, ...]] = []
     for sequence in sequences:
         paper, ours = sequence.paper, measured_row(sequence, counts.get(sequence.name))
         rows.append(

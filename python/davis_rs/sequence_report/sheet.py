@@ -56,7 +56,7 @@ def _tile(sequence: Sequence, share: float) -> npt.NDArray[np.uint8]:
     """Frame and events side by side, (height, 2 width, 3)."""
     whole_s = sequence.paper.duration_s
     slice_s = min(_SLICE_S, whole_s)
-    scene = sequence.scene(start_s=share * (whole_s - slice_s), duration_s=slice_s)
+    scene = sequence.scene().part(share * (whole_s - slice_s), slice_s)
     assert scene.trajectory is not None
     simulator = Simulator(scene, frame_rate_hz=1 / slice_s, depth_rate_hz=0, accuracy="fast")
     packets = list(simulator.run(scene.trajectory))

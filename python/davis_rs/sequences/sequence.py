@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from ..camera import PRESETS
 from ..scene import Scene
-from ..trajectory import Trajectory, interval
+from ..trajectory import Trajectory
 
 
 class PaperRow(NamedTuple):
@@ -48,23 +48,8 @@ class Sequence:
     biases: str | None
     differs: str
 
-    def scene(self, *, start_s: float = 0.0, duration_s: float | None = None) -> Scene:
-        """The scene under the sequence's name, with its lens and its trajectory.
-
-        Args:
-            start_s, duration_s: the part of the sequence that is wanted, in which what moves in the scene moves as in
-                the whole; all of it by default.
-
-        Raises:
-            ValueError: if the sequence does not have that part.
-        """
+    def scene(self) -> Scene:
+        """The scene under the sequence's name, with its lens and its trajectory."""
         scene = self.make_scene()
         trajectory = scene.trajectory if self.make_motion is None else self.make_motion(scene)
-        assert trajectory is not None
-        return replace(
-            scene,
-            name=self.name,
-            camera=PRESETS[self.camera],
-            trajectory=interval(trajectory, start_s, duration_s),
-            objects={name: interval(path, start_s) for name, path in scene.objects.items()},
-        )
+        return replace(scene, name=self.name, camera=PRESETS[self.camera], trajectory=trajectory)

@@ -30,7 +30,6 @@ from .wall_scenes import poster, shapes
 _LENS = "davis240c"
 
 
-
 def _board() -> Scene:
     return replace(checkerboard(), contrast_threshold=0.3)
 

@@ -1,0 +1,126 @@
+"""A sequence's folder: hidden while it is made, whole once it has its name, and checksums that say so later."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import re
+import shutil
+from pathlib import Path
+from uuid import uuid4
+
+CHECKSUMS = "sha256sums.txt"
+"""In every folder, of all other files, in the order of their names and as ``sha256sum --check`` reads it."""
+
+_HIDDEN = re.compile(r"\.sequence_\d{5,}\.[0-9a-f]{32}\.(part|gone)")
+
+
+def working_folder(root: Path, name: str) -> Path:
+    """A hidden path beside ``name`` that nobody else takes: not even one who makes the same sequence."""
+    return root / f".{name}.{uuid4().hex}.part"
+
+
+def publish(working: Path, final: Path) -> None:
+    """Give a folder that is whole its checksums, bring all of it to the disk, and then give it its name.
+
+    Where another one has come first, this one, which is the same, is dropped.
+
+    Raises:
+        OSError: if something cannot be written.
+    """
+    names = file_names(working)
+    lines = "".join(f"{file_sha256(working / name)}  {name}\n" for name in names)
+    (working / CHECKSUMS).write_text(lines)
+    for name in [*names, CHECKSUMS]:
+        sync(working / name)
+    for folder in {working, *(path for path in working.rglob("*") if path.is_dir())}:
+        sync(folder)
+    try:
+        working.rename(final)
+    except OSError:
+        if not final.is_dir():
+            raise
+        discard(working)
+    sync(final.parent)
+
+
+def discard(folder: Path) -> None:
+    """Remove a hidden folder.
+
+    It gets another name first: a process that still works in it cannot publish what is left of it.
+    """
+    gone = folder.with_name(folder.name.rpartition(".")[0] + ".gone")
+    try:
+        folder.rename(gone)
+    except FileNotFoundError:
+        return
+    shutil.rmtree(gone, ignore_errors=True)
+
+
+def discard_hidden(root: Path) -> None:
+    """Remove what killed processes left behind."""
+    for path in root.iterdir():
+        if _HIDDEN.fullmatch(path.name):
+            if path.name.endswith(".gone"):
+                shutil.rmtree(path, ignore_errors=True)
+            else:
+                discard(path)
+
+
+def folder_sha256(folder: Path) -> str:
+    """One digest of all files: that of the list of checksums.
+
+    Raises:
+        OSError: if there is no such list.
+    """
+    return file_sha256(folder / CHECKSUMS)
+
+
+def damage(folder: Path, *, contents: bool = True) -> str | None:
+    """What is wrong with a folder that was published, in words; None if it is as its list of checksums says.
+
+    Args:
+        contents: read every file; otherwise only look whether they are all there and no others.
+    """
+    try:
+        lines = (folder / CHECKSUMS).read_text().splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        return f"its {CHECKSUMS} cannot be read: {error}"
+    listed: dict[str, str] = {}
+    for line in lines:
+        digest, _, name = line.partition("  ")
+        listed[name] = digest
+    there = set(file_names(folder))
+    for what, names in (("is missing", listed.keys() - there), ("does not belong to it", there - listed.keys())):
+        if names:
+            return f"{min(names)} {what}"
+    for name, digest in listed.items() if contents else ():
+        try:
+            if file_sha256(folder / name) != digest:
+                return f"{name} is not what it was"
+        except OSError as error:
+            return f"{name} cannot be read: {error}"
+    return None
+
+
+def file_names(folder: Path) -> list[str]:
+    """All files but the list of checksums, relative to the folder, sorted."""
+    names = (path.relative_to(folder).as_posix() for path in folder.rglob("*") if not path.is_dir())
+    return sorted(name for name in names if name != CHECKSUMS)
+
+
+def file_sha256(path: Path) -> str:
+    digest = hashlib.sha256()
+    with path.open("rb") as file:
+        while block := file.read(1 << 20):
+            digest.update(block)
+    return digest.hexdigest()
+
+
+def sync(path: Path) -> None:
+    """Bring a file, or a folder as a list of names, to the disk: a stop of the machine then leaves no half of it."""
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)

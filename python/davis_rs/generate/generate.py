@@ -1,0 +1,184 @@
+"""All sequences of a plan into a folder."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable, Generator
+from dataclasses import dataclass, field
+from functools import cache, partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..scene import Scene
+from ..scenes import load_scene
+from .folder import discard_hidden
+from .job import begin_worker, make_sequence
+from .manifest import claim_root, describe_folder, write_manifest, write_plan
+from .plan import SequencePlan, resolve
+from .sequence import DrawnSequence
+from .verify import taken_up
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+    from .local import Outcome
+
+
+@dataclass(frozen=True)
+class Generated:
+    """What :func:`generate_sequences` did.
+
+    Attributes:
+        root: the folder.
+        sequences: how many of the plan's are in it, whole.
+        made: how many of them are new.
+        failed: what went wrong, by the names of the sequences that are not.
+    """
+
+    root: Path
+    sequences: int
+    made: int
+    failed: dict[str, str] = field(default_factory=dict)
+
+    def __str__(self) -> str:
+        failed = f", {len(self.failed)} failed" if self.failed else ""
+        return f"{self.root}: {self.sequences} sequences, {self.made} of them new{failed}"
+
+
+def generate_sequences(
+    plan: SequencePlan,
+    root: str | Path,
+    *,
+    workers: int | None = None,
+    cluster: str | Path | Client | None = None,
+    quiet: bool = False,
+    report: Callable[[str], None] | None = None,
+) -> Generated:
+    """Make the sequences of a plan that ``root`` does not hold yet.
+
+    Each is a folder ``sequence_00000`` and so on, in the layout of :class:`~davis_rs.DatasetWriter`, with
+    ``sha256sums.txt``; ``manifest.jsonl`` has a line for each. A folder with such a name is whole. However often a run
+    or one of its workers is killed, and with however many workers, what is there in the end is the same, byte by byte.
+
+    Args:
+        plan: see :func:`load_sequence_plan`.
+        root: made if it does not exist; that of the same plan, perhaps of fewer sequences, is gone on with.
+        workers: processes of this machine, which share its cores; None for one a core.
+        cluster: a Dask cluster in their place: the address of its scheduler, a scheduler file or a client. Its workers
+            must see ``root`` and the plan's files under the same paths, and have the same versions of everything.
+        quiet: no progress bar.
+        report: is told of workers that died and of folders that are made again; standard error if not given.
+
+    Raises:
+        ValueError: if a drawn sequence breaks a rule that can be seen beforehand, ``root`` holds sequences of another
+            plan, or ``workers`` is not at least 1.
+        OSError: if ``root`` cannot be written, or is at work already.
+        KeyboardInterrupt: after Ctrl-C, once workers have stopped; whole sequences stay.
+
+    A program that calls it without a cluster must be importable (``if __name__ == "__main__":``), as with every spawned
+    process.
+    """
+    from tqdm import tqdm
+
+    if workers is not None and workers < 1:
+        raise ValueError(f"workers must be at least 1, got {workers}")
+    say = report or (lambda text: tqdm.write(f"davis-rs: warning: {text}", file=sys.stderr))
+    folder = Path(root).absolute()
+    sequences = draw_sequences(plan)
+    with claim_root(folder, plan):
+        check_sequences(plan, [one for one in sequences if not (folder / one.name).is_dir()], quiet=quiet)
+        write_plan(folder, plan)
+        discard_hidden(folder)
+        lines = taken_up(sequences, folder, say)
+        kept, failed = len(lines), dict[str, str]()
+        write_manifest(folder, lines.values())
+        missing = [sequence for sequence in sequences if sequence.name not in lines]
+        outcomes = _outcomes(missing, folder, workers, cluster, say)
+        try:
+            with tqdm(total=len(sequences), initial=kept, unit=" sequences", disable=quiet) as bar:
+                for outcome in outcomes:
+                    name = outcome.task.name
+                    if outcome.result is not None:
+                        lines[name] = outcome.result
+                        write_manifest(folder, lines.values())
+                    else:
+                        failed[name] = str(outcome.error)
+                    bar.update()
+        finally:
+            outcomes.close()
+            discard_hidden(folder)
+            # Some may have got their names without a word: Ctrl-C, or a worker's death, came in between.
+            unsaid = [one.name for one in missing if one.name not in lines and (folder / one.name).is_dir()]
+            if unsaid:
+                lines |= {name: describe_folder(folder / name) for name in unsaid}
+                write_manifest(folder, lines.values())
+    failed = {name: error for name, error in failed.items() if name not in lines}
+    return Generated(Path(root), len(lines), len(lines) - kept, failed)
+
+
+def draw_sequences(plan: SequencePlan) -> list[DrawnSequence]:
+    """All sequences of a plan, drawn."""
+    base = plan.file.absolute().parent
+    digest = plan.sha256
+    return [
+        DrawnSequence(plan.name(index), index, plan.parameters(index), base, digest) for index in range(plan.sequences)
+    ]
+
+
+def check_sequences(plan: SequencePlan, sequences: list[DrawnSequence], *, quiet: bool = True) -> None:
+    """Refuse a plan of which a sequence cannot be made, as far as that can be told without rendering.
+
+    Raises:
+        ValueError: naming plan, sequence, keys, values and rule.
+    """
+
+    from tqdm import tqdm
+
+    @cache
+    def scene_at(name: str) -> Scene:
+        return load_scene(name)
+
+    try:
+        for sequence in tqdm(sequences, desc="checking", unit=" sequences", leave=False, disable=quiet):
+            sequence.check(lambda one: scene_at(resolve(one.parameters["scene"], one.base)))
+    except ValueError as error:
+        raise ValueError(f"{plan.file}: {error}") from None
+
+
+def _outcomes(
+    missing: list[DrawnSequence],
+    root: Path,
+    workers: int | None,
+    cluster: str | Path | Client | None,
+    say: Callable[[str], None],
+) -> Generator[Outcome[DrawnSequence, dict[str, Any]], None, None]:
+    if not missing:
+        return
+    if cluster is not None:
+        from .cluster import connect, run_on_cluster
+
+        client = connect(cluster)
+        try:
+            yield from run_on_cluster(partial(_make_on_cluster, root), missing, client)
+        finally:
+            if client is not cluster:
+                client.close()
+        return
+    from .local import run_locally
+
+    cores = len(os.sched_getaffinity(0))
+    workers = min(workers or cores, len(missing))
+    threads = max(1, cores // workers)
+    yield from run_locally(
+        partial(_make, root, threads), missing, workers=workers, begin=partial(begin_worker, threads), report=say
+    )
+
+
+def _make(root: Path, threads: int, sequence: DrawnSequence) -> dict[str, Any]:
+    return make_sequence(sequence, root, threads)
+
+
+def _make_on_cluster(root: Path, sequence: DrawnSequence, threads: int) -> dict[str, Any]:
+    begin_worker(threads)
+    return make_sequence(sequence, root, threads)

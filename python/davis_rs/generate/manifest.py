@@ -1,0 +1,149 @@
+"""What a folder of generated sequences says of itself: the plan, and a line for each sequence that is whole."""
+
+from __future__ import annotations
+
+import errno
+import json
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from .._core import __version__
+from ..dataset_files import META
+from .folder import file_names, folder_sha256, sync
+from .plan import SequencePlan
+
+MANIFEST, PLAN, _LOCK = "manifest.jsonl", "plan.json", ".lock"
+
+
+def describe_folder(folder: Path) -> dict[str, Any]:
+    """The manifest's line of a sequence: a function of what is in its folder.
+
+    Raises:
+        OSError, ValueError: if ``meta.json`` or the list of checksums cannot be read.
+    """
+    meta = json.loads((folder / META).read_text())
+    return {
+        "name": folder.name,
+        "parameters": meta["generated"]["parameters"],
+        "events": meta["counts"]["events"],
+        "duration_us": meta["duration_us"],
+        "files": len(file_names(folder)) + 1,
+        "sha256": folder_sha256(folder),
+    }
+
+
+def write_manifest(root: Path, lines: Iterable[dict[str, Any]]) -> None:
+    """Put a manifest in place of the one before, in the order of the sequences' names; at no instant there is half a
+    manifest."""
+    # The longer name comes later, should there be more than 100,000.
+    in_order = sorted(lines, key=lambda line: (len(line["name"]), line["name"]))
+    _replace(root / MANIFEST, "".join(json.dumps(line) + "\n" for line in in_order))
+
+
+def read_manifest(root: Path) -> dict[str, dict[str, Any]]:
+    """The lines of a manifest by their sequence's name; none where there is none.
+
+    Raises:
+        OSError: if it cannot be read.
+        ValueError: if a line is no manifest's, naming it.
+    """
+    path = root / MANIFEST
+    if not path.exists():
+        return {}
+    lines: dict[str, dict[str, Any]] = {}
+    for number, text in enumerate(path.read_text().splitlines(), 1):
+        try:
+            line = json.loads(text)
+            lines[line["name"]] = line
+        except (ValueError, KeyError, TypeError):
+            raise ValueError(f"{path}, line {number}: expected a sequence as JSON, found {text[:80]!r}") from None
+    return lines
+
+
+@contextmanager
+def claim_root(root: Path, plan: SequencePlan) -> Iterator[None]:
+    """Have ``root`` as the folder of a plan, for this process alone until the end.
+
+    Raises:
+        FileExistsError: if there is something else, or another process at work.
+        ValueError: if it is the folder of another plan, of more sequences, or of another version.
+        OSError: if it cannot be made.
+    """
+    if root.exists() and not root.is_dir():
+        raise FileExistsError(errno.EEXIST, "a file is in the way of the folder", str(root))
+    if root.is_dir() and not (root / PLAN).exists() and any(path.name != _LOCK for path in root.iterdir()):
+        raise FileExistsError(
+            errno.EEXIST, f"the folder is not empty, and it holds no sequences of a plan (no {PLAN})", str(root)
+        )
+    root.mkdir(parents=True, exist_ok=True)
+    with (root / _LOCK).open("w") as lock:
+        _lock(lock.fileno(), root)
+        _refuse_another(root, plan)
+        yield
+
+
+def write_plan(root: Path, plan: SequencePlan) -> None:
+    """Say whose folder it is from now on."""
+    _replace(root / PLAN, json.dumps(_description(plan), indent=2, sort_keys=True) + "\n")
+
+
+def _description(plan: SequencePlan) -> dict[str, Any]:
+    return {
+        "davis_rs": __version__,
+        "plan_sha256": plan.sha256,
+        "sequences": plan.sequences,
+        "plan": plan.identity,
+        "files": plan.digests,
+    }
+
+
+def _refuse_another(root: Path, plan: SequencePlan) -> None:
+    if not (root / PLAN).exists():
+        return
+    try:
+        before = json.loads((root / PLAN).read_text())
+        digest, count, version = before["plan_sha256"], before["sequences"], before["davis_rs"]
+    except (ValueError, KeyError, TypeError) as error:
+        raise ValueError(f"{root / PLAN} says of no plan whose sequences are in {root}: {error!r}") from None
+    if digest != plan.sha256:
+        described = _description(plan)
+        different = [
+            key
+            for part in ("plan", "files")
+            for key in sorted(before.get(part, {}).keys() | described[part].keys())
+            if before.get(part, {}).get(key) != described[part].get(key)
+        ]
+        raise ValueError(
+            f"{root} holds sequences of another plan than {plan.file} (it differs in {', '.join(different)}): "
+            "choose another folder"
+        )
+    if version != __version__:
+        raise ValueError(
+            f"{root} holds sequences that davis_rs {version} made, and this is {__version__}: choose another folder"
+        )
+    if count > plan.sequences:
+        raise ValueError(f"{root} is the folder of {count} sequences: a plan can grow, but not to {plan.sequences}")
+
+
+def _lock(descriptor: int, root: Path) -> None:
+    """Keep others out as long as the file is open: also after SIGKILL there is nothing to clear away."""
+    import fcntl
+
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        raise FileExistsError(errno.EEXIST, "another process generates into this folder", str(root)) from None
+    except OSError as error:
+        # A file system without locks: two at once cost time, but still no sequence.
+        if error.errno not in (errno.ENOLCK, errno.ENOSYS, errno.ENOTSUP):
+            raise
+
+
+def _replace(path: Path, text: str) -> None:
+    part = path.with_name(f".{path.name}.part")
+    part.write_text(text)
+    sync(part)
+    part.replace(path)
+    sync(path.parent)

@@ -1,0 +1,201 @@
+"""From what YAML holds to the nodes of a plan: values of the right type, or laws that give such."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NoReturn
+
+from .laws import Choice, Integers, Law, LogUniform, Normal, Uniform
+from .motion import MOTIONS, arguments, in_radians
+
+LAWS = {
+    "uniform": "a number",
+    "log_uniform": "a number",
+    "normal": "a number",
+    "integers": "an integer",
+    "choice": "anything",
+}
+"""The laws by the key that tells them, and what they give."""
+
+Parser = Callable[[Any, "Where"], Any]
+
+
+@dataclass(frozen=True)
+class Where:
+    """A place in a plan, for messages."""
+
+    file: Path
+    path: str = ""
+
+    def at(self, key: object) -> Where:
+        """A key, or a place in a list, within this one."""
+        return Where(self.file, f"{self.path}.{key}" if self.path else str(key))
+
+    def refuse(self, rule: str, value: Any) -> NoReturn:
+        """Raise the ValueError that names file, key path, rule and value."""
+        raise ValueError(f"{self.file}: {self.path or 'the plan'}: must be {rule}, got {value!r}")
+
+    def mapping(self, value: Any, rule: str) -> dict[str, Any]:
+        """``value`` if it is a mapping from texts."""
+        if not isinstance(value, dict):
+            self.refuse(rule, value)
+        for key in value:
+            if not isinstance(key, str):
+                self.refuse("a mapping whose keys are texts", key)
+        return value
+
+    def unknown(self, key: str, known: Mapping[str, Any] | tuple[str, ...]) -> NoReturn:
+        """Refuse a key that is not among those that are known."""
+        raise ValueError(f"{self.file}: {self.at(key).path}: there is no such key; there are {', '.join(known)}")
+
+
+def value_of(rule: str, *, none: bool = True) -> Parser:
+    """The parser of a value: "a number", "an integer", "a text" or "true or false"; ``none``: null may stand for it."""
+
+    def parse(value: Any, where: Where) -> Any:
+        if isinstance(value, dict):
+            return _law(value, where, parse, rule)
+        if not ((none and value is None) or _fits(rule, value)):
+            where.refuse(f"{rule} or a distribution ({', '.join(LAWS)})", value)
+        return value
+
+    return parse
+
+
+def motion(value: Any, where: Where) -> Any:
+    """The parser of a motion: a mapping with its kind, or a choice of such."""
+    if value is None:
+        return None
+    given = where.mapping(value, "a mapping with the motion's kind")
+    if "choice" in given:
+        return _law(given, where, motion, "a motion")
+    kind = given.get("kind")
+    if not isinstance(kind, str) or kind not in MOTIONS:
+        where.at("kind").refuse(f"one of {', '.join(MOTIONS)}", kind)
+    known = arguments(kind)
+    parsed: dict[str, Any] = {"kind": kind}
+    for key, node in given.items():
+        if key == "kind":
+            continue
+        if key not in known:
+            where.unknown(key, ("kind", *known))
+        if (other := in_radians(kind, key)) != key and other in given:
+            where.at(key).refuse(f"the only one, but {other} is given as well", node)
+        parsed[key] = _ARGUMENTS.get(known[key][0], value_of("a text", none=False))(node, where.at(key))
+    for name, (_, needed) in known.items():
+        if needed and not any(in_radians(kind, key) == name for key in given):
+            raise ValueError(f"{where.file}: {where.path}: a motion of kind {kind} needs {name}")
+    return parsed
+
+
+def effects(value: Any, where: Where) -> Any:
+    """The parser of effects: ``auto``, a mapping from names to values or parameters, or a choice of such."""
+    return _effects(value, where, automatic=True)
+
+
+def imu_effects(value: Any, where: Where) -> Any:
+    """The parser of the IMU's effects: as :func:`effects`, without ``auto``."""
+    return _effects(value, where, automatic=False)
+
+
+def effect_texts(drawn: Mapping[str, Any]) -> list[str]:
+    """Effects of a drawn sequence as :func:`~davis_rs.effects.parse_effect` takes them."""
+    texts: list[str] = []
+    for name, value in drawn.items():
+        if isinstance(value, Mapping):
+            value = ",".join(f"{parameter}={_text(one)}" for parameter, one in value.items())
+        texts.append(name if value in (None, "") else f"{name}={_text(value)}")
+    return texts
+
+
+def _effects(value: Any, where: Where, *, automatic: bool) -> Any:
+    if value is None or (automatic and value == "auto"):
+        return value
+    rule = "a mapping from effects to their values" + (", or auto" if automatic else "")
+    given = where.mapping(value, rule)
+    if "choice" in given:
+        return _law(given, where, lambda option, at: _effects(option, at, automatic=automatic), "effects")
+    number = value_of("a number")
+    parsed: dict[str, Any] = {}
+    for name, node in given.items():
+        at = where.at(name)
+        parameters = isinstance(node, dict) and not node.keys() & LAWS.keys()
+        parsed[name] = {key: number(one, at.at(key)) for key, one in node.items()} if parameters else number(node, at)
+    return parsed
+
+
+def _numbers(value: Any, where: Where) -> tuple[Any, ...]:
+    """The parser of a list of numbers, each of which may be a distribution."""
+    if not isinstance(value, list):
+        where.refuse("a list of numbers", value)
+    number = value_of("a number", none=False)
+    return tuple(number(one, where.at(place)) for place, one in enumerate(value))
+
+
+_ARGUMENTS: dict[str, Parser] = {
+    "float": value_of("a number", none=False),
+    "int": value_of("an integer", none=False),
+    "bool": value_of("true or false", none=False),
+    "npt.ArrayLike": _numbers,
+}
+"""The parsers of a motion's arguments, by their annotations; texts for all others."""
+
+
+def _law(value: dict[Any, Any], where: Where, parse: Parser, rule: str) -> Law:
+    """The law that a mapping describes, where ``rule`` says what is wanted."""
+    which = [key for key in value if key in LAWS]
+    if len(which) != 1:
+        where.refuse(f"{rule} or one distribution ({', '.join(LAWS)})", value)
+    name = which[0]
+    gives = LAWS[name]
+    if gives not in (rule, "anything") and (rule, gives) != ("a number", "an integer"):
+        where.refuse(f"{rule}, or a distribution of such", value)
+    more = {"choice": ("weights",), "normal": ("min", "max")}.get(name, ())
+    for key in value:
+        if key not in (name, *more):
+            where.unknown(str(key), (name, *more))
+    listed = value[name]
+    if not isinstance(listed, list):
+        where.at(name).refuse("a list", listed)
+    try:
+        if name == "choice":
+            options = tuple(parse(option, where.at(f"choice[{place}]")) for place, option in enumerate(listed))
+            return Choice(options, tuple(_all_fit("a number", value.get("weights", []), where.at("weights"))))
+        numbers = _all_fit("an integer" if name == "integers" else "a number", listed, where.at(name), 2)
+        if name == "integers":
+            return Integers(*numbers)
+        if name == "normal":
+            bounds = {key: float(_all_fit("a number", [value[key]], where.at(key))[0]) for key in more if key in value}
+            mean, sigma = map(float, numbers)
+            return Normal(mean, sigma, bounds.get("min", -math.inf), bounds.get("max", math.inf))
+        return {"uniform": Uniform, "log_uniform": LogUniform}[name](*map(float, numbers))
+    except ValueError as error:
+        if str(error).startswith(f"{where.file}: "):
+            raise
+        raise ValueError(f"{where.file}: {where.path}: {name}: {error}, got {value!r}") from None
+
+
+def _all_fit(rule: str, values: Any, where: Where, count: int | None = None) -> list[Any]:
+    """A list of values that fit, or a refusal."""
+    if not isinstance(values, list) or not all(_fits(rule, value) for value in values):
+        where.refuse(f"a list of values that are each {rule}", values)
+    if count is not None and len(values) != count:
+        where.refuse(f"a list of {count}", values)
+    return values
+
+
+def _fits(rule: str, value: Any) -> bool:
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    return {
+        "a number": number and math.isfinite(value),
+        "an integer": isinstance(value, int) and not isinstance(value, bool),
+        "a text": isinstance(value, str),
+        "true or false": isinstance(value, bool),
+    }[rule]
+
+
+def _text(value: Any) -> str:
+    return "none" if value is None else str(value) if isinstance(value, str) else repr(value)
