@@ -14,9 +14,9 @@ import mitsuba as mi
 import numpy as np
 
 import davis_rs
-from davis_rs.render import Renderer
-from davis_rs.renderers import make_renderer
-from davis_rs.views import Views
+from davis_rs.rendering.render import Renderer
+from davis_rs.rendering.renderers import make_renderer
+from davis_rs.trajectory.views import Views
 
 POSES, REPETITIONS = 64, 7
 

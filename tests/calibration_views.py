@@ -13,15 +13,15 @@ from scipy.spatial.transform import Rotation
 from davis_rs import Camera, Trajectory, load_scene
 from davis_rs.calibrate import BoardView, find_corners
 from davis_rs.calibrate.reprojection import inverse, transform
-from davis_rs.checkerboard import DATASET_BOARD
-from davis_rs.checkerboard_scene import board_in_world
-from davis_rs.dataset import DatasetWriter
+from davis_rs.dataset.writer import DatasetWriter
 from davis_rs.events import EVENT_DTYPE
 from davis_rs.imu import ImuArray
 from davis_rs.packet import Packet
 from davis_rs.pose import GroundTruth, Pose
-from davis_rs.renderers import make_renderer
-from davis_rs.views import Views
+from davis_rs.rendering.renderers import make_renderer
+from davis_rs.scene.checkerboard import DATASET_BOARD
+from davis_rs.scene.checkerboard_scene import board_in_world
+from davis_rs.trajectory.views import Views
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -8,8 +8,8 @@ from array import array
 import numpy as np
 
 import davis_rs
-from davis_rs.virtual_backend import VirtualBackend
-from davis_rs.virtual_davis import VirtualDavis
+from davis_rs.usb.virtual_backend import VirtualBackend
+from davis_rs.usb.virtual_davis import VirtualDavis
 
 CHIPS = ("DAVIS240C", "DAVIS346B")
 

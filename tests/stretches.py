@@ -10,10 +10,10 @@ import numpy as np
 import numpy.typing as npt
 
 from davis_rs import Camera, FixedRate, Pose, Scene, SegmentTrajectory, Trajectory, interval, load_scene
-from davis_rs.keyframes import Keyframe, Stretch
-from davis_rs.render import Renderer
-from davis_rs.renderers import make_renderer
-from davis_rs.sampling import TimeSampling
+from davis_rs.rendering.render import Renderer
+from davis_rs.rendering.renderers import make_renderer
+from davis_rs.sampling.keyframes import Keyframe, Stretch
+from davis_rs.sampling.rules import TimeSampling
 
 CAMERA = Camera(40, 30, 33.0, 33.0, 19.5, 14.5)
 NARROW = Camera(40, 30, 120.0, 120.0, 19.5, 14.5)

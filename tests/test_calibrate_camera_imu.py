@@ -19,7 +19,7 @@ from davis_rs.calibrate.body_spline import BodySpline
 from davis_rs.calibrate.inertial_problem import InertialProblem, Readings
 from davis_rs.calibrate.reprojection import rotation_of
 from davis_rs.calibrate.spline_basis import SplineBasis
-from davis_rs.cli import main
+from davis_rs.cli.main import main
 from davis_rs.imu import Imu, ImuArray, ImuLag, ImuNoise, Mounting, simulate_imu
 
 FloatArray = npt.NDArray[np.float64]

@@ -30,9 +30,9 @@ from davis_rs.calibrate.hand_eye import HandEyePoses, Reprojection, check_motion
 from davis_rs.calibrate.levenberg_marquardt import levenberg_marquardt
 from davis_rs.calibrate.reprojection import inverse, rotation_of, transform
 from davis_rs.calibrate.tracked import pose_noise
-from davis_rs.checkerboard_scene import board_in_world
-from davis_rs.cli import main
+from davis_rs.cli.main import main
 from davis_rs.motion_capture import MocapNoise, MotionCapture
+from davis_rs.scene.checkerboard_scene import board_in_world
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -17,7 +17,7 @@ from davis_rs.calibrate import BoardView, board_pose, board_poses, calibrate_int
 from davis_rs.calibrate.intrinsics import PARAMETERS
 from davis_rs.calibrate.opencv import load_opencv
 from davis_rs.calibrate.reprojection import moved, projection_jacobian, transform
-from davis_rs.cli import main
+from davis_rs.cli.main import main
 
 
 @pytest.mark.usefixtures("llvm")

@@ -16,8 +16,8 @@ from scipy.spatial.transform import Rotation
 
 from davis_rs import Camera, DecodeError, Pose, Scene, load_camera
 from davis_rs.camera import PRESETS
-from davis_rs.renderers import make_renderer
-from davis_rs.views import Views
+from davis_rs.rendering.renderers import make_renderer
+from davis_rs.trajectory.views import Views
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -12,10 +12,10 @@ import pytest
 from PIL import Image
 
 from davis_rs import EVENT_DTYPE
-from davis_rs.check import CheckReport, check_dataset
-from davis_rs.dataset import DatasetWriter
+from davis_rs.dataset.reader import Dataset
+from davis_rs.dataset.writer import DatasetWriter
 from davis_rs.events import EventArray
-from davis_rs.read import Dataset
+from davis_rs.inspection.check import CheckReport, check_dataset
 from test_dataset import (
     CAMERA,
     FRAME_STEPS,

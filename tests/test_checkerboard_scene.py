@@ -7,8 +7,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from calibration_views import BOARD, CAMERA, SCENE, board_camera, exact_view, frames, path
-from davis_rs.checkerboard import Checkerboard
-from davis_rs.views import Views
+from davis_rs.scene.checkerboard import Checkerboard
+from davis_rs.trajectory.views import Views
 
 
 def test_the_board_is_the_datasets() -> None:

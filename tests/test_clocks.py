@@ -25,9 +25,9 @@ from davis_rs import (
     start_pose,
 )
 from davis_rs.events import EventArray, concatenate_events
-from davis_rs.motions import hand_held
 from davis_rs.pose import Pose
-from davis_rs.trajectory_file import read_trajectory
+from davis_rs.trajectory.motions import hand_held
+from davis_rs.trajectory.trajectory_file import read_trajectory
 
 POSTER = Path(__file__).resolve().parents[2] / "shared" / "data" / "poster_6dof.csv"
 START = Pose([0.0, 0.0, 1.5], [-np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)])

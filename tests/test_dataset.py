@@ -23,12 +23,12 @@ from PIL import Image
 
 from davis_rs import EVENT_DTYPE, CrossingEngine, DecodeError
 from davis_rs.camera import Camera
-from davis_rs.dataset import DatasetWriter
-from davis_rs.dataset_files import stamp
+from davis_rs.dataset.files import stamp
+from davis_rs.dataset.reader import Dataset
+from davis_rs.dataset.writer import DatasetWriter
 from davis_rs.events import EventArray
 from davis_rs.packet import Packet
 from davis_rs.pose import Pose
-from davis_rs.read import Dataset
 
 SHARED = Path(__file__).resolve().parents[2] / "shared"
 WIDTH, HEIGHT = 24, 18

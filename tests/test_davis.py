@@ -13,9 +13,9 @@ import pytest
 
 import davis_rs
 from davis_rs import Davis, DavisSettings
-from davis_rs.usb_protocol import Register, Write
-from davis_rs.virtual_backend import VirtualBackend
-from davis_rs.virtual_davis import VirtualDavis, paced
+from davis_rs.usb.protocol import Register, Write
+from davis_rs.usb.virtual_backend import VirtualBackend
+from davis_rs.usb.virtual_davis import VirtualDavis, paced
 from streams import CHIPS, START, STOP, TornBackend, assert_same, contents, decode, encode, is_empty, join
 
 FAST = 20e6

@@ -19,9 +19,9 @@ from scipy.spatial.transform import Rotation
 from davis_rs import Camera, Pose, Scene
 from davis_rs._mitsuba import SCALAR, variant
 from davis_rs.differentiable import CameraPoses, DifferentiableRenderer, spline
-from davis_rs.light_course import Flicker
-from davis_rs.renderers import make_renderer
-from davis_rs.views import Views
+from davis_rs.rendering.renderers import make_renderer
+from davis_rs.scene.light_course import Flicker
+from davis_rs.trajectory.views import Views
 
 FloatArray = npt.NDArray[np.float64]
 Function = Callable[[Any], Any]

@@ -12,10 +12,10 @@ from scipy import stats
 
 from davis_rs import Flicker, LightCourse, SampledCourse, Scene, SegmentTrajectory, Trajectory
 from davis_rs.effects.aps import Aps
-from davis_rs.exposure import SUBFRAME_PX, expose, subframe_instants
-from davis_rs.keyframes import Stretch
 from davis_rs.pose import Pose
-from davis_rs.renderers import make_renderer
+from davis_rs.rendering.renderers import make_renderer
+from davis_rs.sampling.exposure import SUBFRAME_PX, expose, subframe_instants
+from davis_rs.sampling.keyframes import Stretch
 from stretches import CAMERA, DOWN, NARROW, built_in, shift, stretch
 
 SIGNIFICANCE = 1e-6

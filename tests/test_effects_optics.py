@@ -19,10 +19,10 @@ from davis_rs.effects.lens_blur import LensBlur
 from davis_rs.effects.optics import Optics, with_optics
 from davis_rs.effects.vignetting import Vignetting
 from davis_rs.luma import LumaFrames, blur_3x3, blur_neighbourhoods
-from davis_rs.neighbours import mirrored
-from davis_rs.render import Renderer
-from davis_rs.renderers import make_renderer
-from davis_rs.views import Views
+from davis_rs.rendering.neighbours import mirrored
+from davis_rs.rendering.render import Renderer
+from davis_rs.rendering.renderers import make_renderer
+from davis_rs.trajectory.views import Views
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -15,7 +15,7 @@ import pytest
 from davis_rs import CrossingEngine, Effects, SensorParameters, Simulator, check_dataset, interval, load_scene, record
 from davis_rs.effects import Aps, Readout
 from davis_rs.events import concatenate_events
-from davis_rs.trajectory import Trajectory
+from davis_rs.trajectory.trajectory import Trajectory
 from effects_reference import scene
 
 pytestmark = pytest.mark.usefixtures("llvm")

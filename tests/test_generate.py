@@ -17,7 +17,7 @@ import psutil
 import pytest
 
 import davis_rs
-from davis_rs.cli import main
+from davis_rs.cli.main import main
 from davis_rs.generate.folder import CHECKSUMS
 from generated import files_of, write_plan
 

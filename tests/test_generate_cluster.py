@@ -14,7 +14,7 @@ import psutil
 import pytest
 
 import davis_rs
-from davis_rs.cli import main
+from davis_rs.cli.main import main
 from generated import files_of, write_plan
 
 distributed = pytest.importorskip("distributed")

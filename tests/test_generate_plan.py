@@ -13,7 +13,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import davis_rs
-from davis_rs.cli import main
+from davis_rs.cli.main import main
 from davis_rs.effects import parse_effect
 from davis_rs.generate.generate import check_sequences, draw_sequences
 from davis_rs.generate.motion import MOTIONS, make_motion

@@ -25,7 +25,7 @@ from davis_rs.imu import (
     kalibr_imu,
 )
 from davis_rs.pose import Pose
-from davis_rs.trajectory_file import read_trajectory
+from davis_rs.trajectory.trajectory_file import read_trajectory
 
 FloatArray = npt.NDArray[np.float64]
 POSTER = Path(__file__).resolve().parents[2] / "shared" / "data" / "poster_6dof.csv"

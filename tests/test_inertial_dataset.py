@@ -24,7 +24,7 @@ from davis_rs import (
     record,
     simulate_imu,
 )
-from davis_rs.cli import main
+from davis_rs.cli.main import main
 from davis_rs.events import EVENT_DTYPE
 from davis_rs.imu import IMU_DTYPE, kalibr_camera_chain, kalibr_imu
 from davis_rs.packet import Packet

@@ -12,9 +12,9 @@ import pytest
 
 from davis_rs import DecodeError, open_writer, read_events
 from davis_rs.dtypes import to_structured
+from davis_rs.event_files.read import open_reader
 from davis_rs.events import EVENT_DTYPE, EventArray
 from davis_rs.formats.e2vid import E2vidReader, E2vidWriter
-from davis_rs.read_events import open_reader
 from davis_rs.represent import count_image, time_surface, voxel_grid
 
 SIZE = (240, 180)

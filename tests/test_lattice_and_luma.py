@@ -12,9 +12,9 @@ from hypothesis.extra import numpy as hnp
 from scipy.ndimage import convolve
 
 from davis_rs.camera import PRESETS, Camera
-from davis_rs.camera_rays import ray_table
 from davis_rs.lattice import rank1_lattice
 from davis_rs.luma import LUMA_WEIGHTS, LumaFrames, blur_3x3
+from davis_rs.rendering.camera_rays import ray_table
 
 
 @pytest.mark.parametrize("n", [1, 2, 3, 4, 7, 8, 16, 30, 64, 100, 1024])

@@ -13,16 +13,16 @@ from hypothesis import strategies as st
 
 from davis_rs import Camera, FixedRate, MaxDisplacement, Pose, Scene, SegmentTrajectory
 from davis_rs._mitsuba import FAST, SCALAR, load_scene_source, variant
-from davis_rs.displacement import DARKEST, LIGHT_PER_PIXEL, DisplacementClock
 from davis_rs.events import concatenate_events
-from davis_rs.light_course import Flicker, LightCourse, SampledCourse
-from davis_rs.render import Renderer
-from davis_rs.render_integrator import IntegratorRenderer
-from davis_rs.render_scalar import ScalarRenderer
-from davis_rs.renderers import make_renderer
-from davis_rs.scene_updates import scene_motion
+from davis_rs.rendering.render import Renderer
+from davis_rs.rendering.render_integrator import IntegratorRenderer
+from davis_rs.rendering.render_scalar import ScalarRenderer
+from davis_rs.rendering.renderers import make_renderer
+from davis_rs.rendering.scene_updates import scene_motion
+from davis_rs.sampling.displacement import DARKEST, LIGHT_PER_PIXEL, DisplacementClock
+from davis_rs.scene.light_course import Flicker, LightCourse, SampledCourse
 from davis_rs.simulate import simulate
-from davis_rs.views import Views
+from davis_rs.trajectory.views import Views
 
 FloatArray = npt.NDArray[np.float64]
 

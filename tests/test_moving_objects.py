@@ -13,17 +13,17 @@ from scipy.spatial.transform import Rotation
 
 from davis_rs import Camera, MaxDisplacement, Pose, Scene, SegmentTrajectory, Trajectory
 from davis_rs._mitsuba import FAST, SCALAR, load_scene_source, variant
-from davis_rs.displacement import DisplacementClock
 from davis_rs.events import concatenate_events
-from davis_rs.render import Renderer
-from davis_rs.render_integrator import IntegratorRenderer
-from davis_rs.render_scalar import ScalarRenderer
-from davis_rs.renderers import make_renderer
-from davis_rs.scene_motion import held, seen_from
-from davis_rs.scene_updates import scene_motion
+from davis_rs.rendering.render import Renderer
+from davis_rs.rendering.render_integrator import IntegratorRenderer
+from davis_rs.rendering.render_scalar import ScalarRenderer
+from davis_rs.rendering.renderers import make_renderer
+from davis_rs.rendering.scene_motion import held, seen_from
+from davis_rs.rendering.scene_updates import scene_motion
+from davis_rs.rendering.swept_objects import MovingSilhouettes
+from davis_rs.sampling.displacement import DisplacementClock
 from davis_rs.simulate import simulate
-from davis_rs.swept_objects import MovingSilhouettes
-from davis_rs.views import Views
+from davis_rs.trajectory.views import Views
 
 FloatArray = npt.NDArray[np.float64]
 Parts = dict[str, dict[str, Any]]

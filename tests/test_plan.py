@@ -38,13 +38,13 @@ from davis_rs.effects import (
     with_optics,
 )
 from davis_rs.events import EventArray, concatenate_events
-from davis_rs.exposure import expose
-from davis_rs.keyframes import Keyframe
 from davis_rs.plan import EffectPlan, PlannedEffect, plan_effects, plan_effects_of
 from davis_rs.plan.footage import Footage
 from davis_rs.plan.probe import MOST_KEYFRAMES, Probe
-from davis_rs.render import Renderer
-from davis_rs.renderers import make_renderer
+from davis_rs.rendering.render import Renderer
+from davis_rs.rendering.renderers import make_renderer
+from davis_rs.sampling.exposure import expose
+from davis_rs.sampling.keyframes import Keyframe
 from davis_rs.sensor_parameters import SENSORS
 from stretches import shift, stretch
 
@@ -378,7 +378,7 @@ def test_nonsense_is_refused() -> None:
 def test_the_command_prints_the_table() -> None:
     """davis-rs plan, of a sensor's effects or of given ones."""
     program = (
-        "import argparse, sys; from davis_rs.cli_plan import add_plan; p = argparse.ArgumentParser(); "
+        "import argparse, sys; from davis_rs.cli.plan import add_plan; p = argparse.ArgumentParser(); "
         "add_plan(p.add_subparsers()); o = p.parse_args(sys.argv[1:]); sys.exit(o.run(o))"
     )
     command = [sys.executable, "-c", program, "plan", "three_planes", "--duration", "0.05", "--samples", "1"]

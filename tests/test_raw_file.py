@@ -15,11 +15,11 @@ from hypothesis import strategies as st
 
 import davis_rs
 from davis_rs import DavisDescription, DecodeError, RawRecording, RawWriter
-from davis_rs.backward import TimeOrder
-from davis_rs.davis import Davis
-from davis_rs.decoded_output import decoded_output
-from davis_rs.virtual_backend import VirtualBackend
-from davis_rs.virtual_davis import VirtualDavis, paced
+from davis_rs.event_files.backward import TimeOrder
+from davis_rs.event_files.decoded_output import decoded_output
+from davis_rs.usb.davis import Davis
+from davis_rs.usb.virtual_backend import VirtualBackend
+from davis_rs.usb.virtual_davis import VirtualDavis, paced
 from streams import CHIPS, assert_same, contents, decode, encode, join
 
 SIZE = (240, 180)

@@ -22,10 +22,10 @@ from davis_rs import (
     log_intensity,
 )
 from davis_rs.events import EventArray, concatenate_events
-from davis_rs.keyframes import Keyframe, Stretch
-from davis_rs.refine import refine
-from davis_rs.renderers import make_renderer
-from davis_rs.sampling import TimeSampling
+from davis_rs.rendering.renderers import make_renderer
+from davis_rs.sampling.keyframes import Keyframe, Stretch
+from davis_rs.sampling.refine import refine
+from davis_rs.sampling.rules import TimeSampling
 from stretches import CAMERA, LOG_EPS, TINY, built_in, mirror, shift, stretch
 
 pytestmark = pytest.mark.usefixtures("llvm")

@@ -11,11 +11,11 @@ import pytest
 
 from davis_rs import Camera, Pose, Scene
 from davis_rs._mitsuba import FAST, SCALAR, load_scene_source, variant
-from davis_rs.render import Renderer
-from davis_rs.render_integrator import IntegratorRenderer
-from davis_rs.render_scalar import ScalarRenderer
-from davis_rs.renderers import make_renderer
-from davis_rs.views import Views
+from davis_rs.rendering.render import Renderer
+from davis_rs.rendering.render_integrator import IntegratorRenderer
+from davis_rs.rendering.render_scalar import ScalarRenderer
+from davis_rs.rendering.renderers import make_renderer
+from davis_rs.trajectory.views import Views
 
 BT601 = np.array([0.299, 0.587, 0.114])
 CAMERA = Camera(21, 15, 20.0, 23.0, 9.2, 7.9, k1=-0.2, k2=0.05, p1=0.004, p2=-0.006)
@@ -169,8 +169,8 @@ WITHOUT_LLVM = """
 import numpy as np
 from davis_rs import Camera, Pose, Scene
 from davis_rs._mitsuba import versions
-from davis_rs.renderers import make_renderer
-from davis_rs.views import Views
+from davis_rs.rendering.renderers import make_renderer
+from davis_rs.trajectory.views import Views
 
 floor = {"type": "rectangle", "bsdf": {"type": "diffuse", "reflectance": 0.5}}
 light = {"type": "point", "position": [0.0, 0.0, 2.0], "intensity": 1.0}

@@ -14,11 +14,11 @@ from hypothesis import strategies as st
 from davis_rs import Camera, Pose, Scene
 from davis_rs._mitsuba import FAST, SCALAR, load_scene_source, variant
 from davis_rs.luma import LumaFrames
-from davis_rs.render import Renderer
-from davis_rs.render_integrator import IntegratorRenderer
-from davis_rs.render_scalar import ScalarRenderer
-from davis_rs.renderers import make_renderer
-from davis_rs.views import Views
+from davis_rs.rendering.render import Renderer
+from davis_rs.rendering.render_integrator import IntegratorRenderer
+from davis_rs.rendering.render_scalar import ScalarRenderer
+from davis_rs.rendering.renderers import make_renderer
+from davis_rs.trajectory.views import Views
 
 Indices = npt.NDArray[np.integer[Any]]
 

@@ -16,10 +16,10 @@ from scipy.spatial.transform import Rotation
 from davis_rs import Camera, Pose, Scene, load_scene
 from davis_rs._mitsuba import FAST, load_scene_source, variant
 from davis_rs.luma import LumaFrames
-from davis_rs.render_integrator import IntegratorRenderer
-from davis_rs.render_table import TableRenderer
-from davis_rs.renderers import make_renderer
-from davis_rs.views import Views
+from davis_rs.rendering.render_integrator import IntegratorRenderer
+from davis_rs.rendering.render_table import TableRenderer
+from davis_rs.rendering.renderers import make_renderer
+from davis_rs.trajectory.views import Views
 
 pytestmark = pytest.mark.usefixtures("llvm")
 
@@ -509,8 +509,8 @@ MISSES = """
 import sys
 import numpy as np
 from davis_rs import Camera, Pose, Scene
-from davis_rs.renderers import make_renderer
-from davis_rs.views import Views
+from davis_rs.rendering.renderers import make_renderer
+from davis_rs.trajectory.views import Views
 
 floor = {
     "type": "rectangle",

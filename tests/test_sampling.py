@@ -16,10 +16,10 @@ from scipy.spatial.transform import Rotation
 
 from davis_rs import CallableTrajectory, Camera, FixedRate, MaxDisplacement, Pose, Scene, SegmentTrajectory, Trajectory
 from davis_rs.camera import PRESETS
-from davis_rs.render import Renderer
-from davis_rs.renderers import make_renderer
-from davis_rs.sampling import periodic_instants
-from davis_rs.views import Views
+from davis_rs.rendering.render import Renderer
+from davis_rs.rendering.renderers import make_renderer
+from davis_rs.sampling.rules import periodic_instants
+from davis_rs.trajectory.views import Views
 
 FloatArray = npt.NDArray[np.float64]
 

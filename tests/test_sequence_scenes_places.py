@@ -13,13 +13,13 @@ from scipy.spatial.transform import Rotation
 
 from davis_rs import Camera, Pose, Scene
 from davis_rs._mitsuba import default_variant, load_scene_source, variant
-from davis_rs.render import Renderer
-from davis_rs.renderers import make_renderer
+from davis_rs.rendering.render import Renderer
+from davis_rs.rendering.renderers import make_renderer
 from davis_rs.sequences.dynamic_scene import DURATION_S, dynamic, performance
 from davis_rs.sequences.office_scene import office
 from davis_rs.sequences.person import ANKLE_M, SHIN_M
 from davis_rs.sequences.street_scenes import outdoors, urban
-from davis_rs.views import Views
+from davis_rs.trajectory.views import Views
 
 SCENES = [office, dynamic, outdoors, urban]
 WIDE = Camera(32, 24, 18.0, 18.0, 15.5, 11.5)

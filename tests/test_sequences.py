@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import davis_rs
-from davis_rs.check import check_dataset
-from davis_rs.cli import main
+from davis_rs.cli.main import main
+from davis_rs.inspection.check import check_dataset
 from davis_rs.sequence_report import EventCount, count_events, read_counts, write_counts
 from davis_rs.sequences import SEQUENCES, PaperRow
 

@@ -13,7 +13,7 @@ import pytest
 import davis_rs
 from davis_rs import Camera, FixedRate, MaxDisplacement, Packet, Pose, Scene, Simulator, Tolerance
 from davis_rs.events import EventArray, concatenate_events
-from davis_rs.sampling import TimeSampling
+from davis_rs.sampling.rules import TimeSampling
 from davis_rs.simulate import simulate
 
 SMALL = Camera(40, 30, 33.0, 33.0, 19.5, 14.5)

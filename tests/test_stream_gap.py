@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import davis_rs
-from davis_rs.stream_gap import gap_words
+from davis_rs.usb.stream_gap import gap_words
 from streams import CHIPS, contents, decode, encode
 
 STREAMS = {chip: encode(chip, contents(chip, events=3000)) for chip in CHIPS}

@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from davis_rs.stream_gap import gap_words
-from davis_rs.stream_reader import StreamReader
+from davis_rs.usb.stream_gap import gap_words
+from davis_rs.usb.stream_reader import StreamReader
 
 
 class Pieces:

@@ -11,8 +11,8 @@ import pytest
 
 from davis_rs import FixedRate, Scene, Simulator
 from davis_rs.events import EventArray
-from davis_rs.sampling import TimeSampling
-from davis_rs.tolerance import Tolerance
+from davis_rs.sampling.rules import TimeSampling
+from davis_rs.sampling.tolerance import Tolerance
 from stretches import CAMERA, DOWN, LAMP, shift
 
 pytestmark = pytest.mark.usefixtures("llvm")

@@ -24,12 +24,12 @@ from davis_rs import (
     load_scene,
     log_intensity,
 )
-from davis_rs.displacement import DisplacementClock
 from davis_rs.events import EventArray, concatenate_events
-from davis_rs.interpolate import interpolated
-from davis_rs.keyframes import Keyframe, Stretch
-from davis_rs.renderers import make_renderer
-from davis_rs.trajectory import Trajectory
+from davis_rs.rendering.renderers import make_renderer
+from davis_rs.sampling.displacement import DisplacementClock
+from davis_rs.sampling.interpolate import interpolated
+from davis_rs.sampling.keyframes import Keyframe, Stretch
+from davis_rs.trajectory.trajectory import Trajectory
 from stretches import (
     CAMERA,
     DOWN,

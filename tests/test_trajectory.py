@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from davis_rs.pose import Pose
-from davis_rs.sampled_trajectory import SampledTrajectory
-from davis_rs.trajectory import CallableTrajectory, SegmentTrajectory, Trajectory, align, interval
+from davis_rs.trajectory.sampled_trajectory import SampledTrajectory
+from davis_rs.trajectory.trajectory import CallableTrajectory, SegmentTrajectory, Trajectory, align, interval
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from davis_rs import DecodeError
-from davis_rs.sampled_trajectory import SampledTrajectory
-from davis_rs.trajectory_file import read_trajectory
+from davis_rs.trajectory.sampled_trajectory import SampledTrajectory
+from davis_rs.trajectory.trajectory_file import read_trajectory
 
 SHARED = Path(__file__).resolve().parents[2] / "shared"
 POSTER = SHARED / "data" / "poster_6dof.csv"

@@ -15,10 +15,10 @@ from PIL import Image
 
 from davis_rs import EVENT_DTYPE
 from davis_rs.camera import Camera
-from davis_rs.dataset import DatasetWriter
+from davis_rs.dataset.writer import DatasetWriter
+from davis_rs.inspection.video import video_dataset
+from davis_rs.inspection.view import OFF_RGB, ON_RGB, display_grey, event_picture, view_dataset
 from davis_rs.packet import Packet
-from davis_rs.video import video_dataset
-from davis_rs.view import OFF_RGB, ON_RGB, display_grey, event_picture, view_dataset
 from test_dataset import HEIGHT, STEPS, WIDTH, packet_of, pose_at, write_sequence
 
 
@@ -147,8 +147,8 @@ def test_a_missing_library_says_how_to_get_it(folder: Path, tmp_path: Path, modu
     """Without the view extra the error names the command that installs it."""
     program = (
         f"import sys; sys.modules[{module!r}] = None\n"
-        "from davis_rs.view import view_dataset\n"
-        "from davis_rs.video import video_dataset\n"
+        "from davis_rs.inspection.view import view_dataset\n"
+        "from davis_rs.inspection.video import video_dataset\n"
         f"try: {call}({str(folder)!r}, {str(tmp_path / 'v.mp4')!r})\n"
         "except ImportError as error: print(error)"
     )

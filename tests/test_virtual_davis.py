@@ -8,9 +8,9 @@ import pytest
 import usb.core
 import usb.util
 
-from davis_rs.usb_protocol import RESET_TIMESTAMPS, START, STOP, Register, Write, decode_writes, encode_writes
-from davis_rs.virtual_backend import VirtualBackend
-from davis_rs.virtual_davis import Stalled, Unplugged, VirtualDavis, paced
+from davis_rs.usb.protocol import RESET_TIMESTAMPS, START, STOP, Register, Write, decode_writes, encode_writes
+from davis_rs.usb.virtual_backend import VirtualBackend
+from davis_rs.usb.virtual_davis import Stalled, Unplugged, VirtualDavis, paced
 
 WORDS = bytes(range(1, 201))
 

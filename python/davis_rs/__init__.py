@@ -13,46 +13,46 @@ from ._core import (
 )
 from .biases import BIAS_SETS, CoarseFineBias
 from .camera import Camera, load_camera
-from .check import check_dataset
 from .clocks import ClockAlignment, align_clocks
-from .compare import EventComparison, compare_events
-from .convert import convert
-from .dataset import DatasetWriter
-from .davis import Davis
-from .davis_description import DavisDescription
-from .davis_settings import DavisSettings
+from .dataset.reader import Dataset
+from .dataset.write_trajectory import write_trajectory
+from .dataset.writer import DatasetWriter
 from .decoded import IMU_COUNTS_DTYPE, IMU_DTYPE, TRIGGER_DTYPE, Decoded, Frame, TriggerKind
 from .dtypes import from_structured, to_structured, to_tonic
 from .effects import Effects
+from .event_files.convert import convert
+from .event_files.read import iter_events, open_reader, read_events
+from .event_files.write import open_writer
 from .events import EVENT_DTYPE, as_events
 from .formats import EventReader, EventWriter, TruncatedFileWarning, WriteReport
 from .generate import Generated, SequencePlan, generate_sequences, load_sequence_plan, verify_sequences
 from .imu import Imu, simulate_imu
-from .light_course import Flicker, LightCourse, SampledCourse
+from .inspection.check import check_dataset
+from .inspection.compare import EventComparison, compare_events
+from .inspection.video import video_dataset
+from .inspection.view import view_dataset
 from .motion_capture import MocapClock, MocapNoise, MotionCapture
 from .packet import Packet
 from .plan import EffectPlan, plan_effects
 from .pose import GroundTruth, Pose
-from .presets import ACCURACY, Accuracy
-from .raw_file import RawRecording, RawWriter
-from .read import Dataset
-from .read_events import iter_events, open_reader, read_events
 from .record import record
 from .recordings import Recording, RecordingWarning, read_recording
-from .sampled_trajectory import SampledTrajectory
-from .sampling import FixedRate, MaxDisplacement
-from .scene import Scene
+from .sampling.presets import ACCURACY, Accuracy
+from .sampling.rules import FixedRate, MaxDisplacement
+from .sampling.tolerance import Tolerance
+from .scene.light_course import Flicker, LightCourse, SampledCourse
+from .scene.scene import Scene
 from .scenes import load_scene, start_pose
 from .sensor_parameters import SENSORS, SensorParameters
 from .simulate import Simulator, simulate
-from .tolerance import Tolerance
-from .trajectory import CallableTrajectory, SegmentTrajectory, Trajectory, align, interval
-from .trajectory_file import read_trajectory
-from .video import video_dataset
-from .view import view_dataset
-from .waypoints import waypoint_trajectory
-from .write import open_writer
-from .write_trajectory import write_trajectory
+from .trajectory.sampled_trajectory import SampledTrajectory
+from .trajectory.trajectory import CallableTrajectory, SegmentTrajectory, Trajectory, align, interval
+from .trajectory.trajectory_file import read_trajectory
+from .trajectory.waypoints import waypoint_trajectory
+from .usb.davis import Davis
+from .usb.description import DavisDescription
+from .usb.raw_file import RawRecording, RawWriter
+from .usb.settings import DavisSettings
 
 __all__ = [
     "ACCURACY",

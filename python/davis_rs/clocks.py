@@ -11,8 +11,8 @@ import numpy.typing as npt
 from .events import EventArray, as_events
 from .imu import ImuArray, as_imu
 from .pose import FloatArray, GroundTruth
-from .sampled_trajectory import SampledTrajectory
-from .trajectory_file import MOCAP_POSITION_SIGMA_M, MOCAP_ROTATION_SIGMA_RAD
+from .trajectory.sampled_trajectory import SampledTrajectory
+from .trajectory.trajectory_file import MOCAP_POSITION_SIGMA_M, MOCAP_ROTATION_SIGMA_RAD
 
 _COARSE_STEP_S = 0.005
 _COARSE_SAMPLES = 2000

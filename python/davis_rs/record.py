@@ -15,12 +15,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from .dataset import DatasetWriter
+from .dataset.writer import DatasetWriter
 from .imu import IMU_DTYPE, Imu, simulate_imu
 from .motion_capture import MotionCapture
 from .pose import Pose
 from .simulate import Simulator
-from .trajectory import Trajectory
+from .trajectory.trajectory import Trajectory
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ def record(
     Args:
         simulator: a fresh one.
         trajectory: from t = 0.
-        path, exposure, overwrite: see :class:`~davis_rs.dataset.DatasetWriter`.
+        path, exposure, overwrite: see :class:`~davis_rs.dataset.writer.DatasetWriter`.
         pose_rate_hz: rate of the ground truth; 200 Hz is the public dataset's.
         motion_capture: what gives the ground truth, in place of exact poses at ``pose_rate_hz``.
         imu: see :class:`~davis_rs.Imu`; None for no ``imu.txt``.
@@ -75,7 +75,7 @@ def record(
 
     Raises:
         OSError: if the folder exists or cannot be written; what was written stays readable.
-        ValueError: as :meth:`Simulator.run`, and :class:`~davis_rs.dataset.DatasetWriter`.
+        ValueError: as :meth:`Simulator.run`, and :class:`~davis_rs.dataset.writer.DatasetWriter`.
 
     Noise of IMU and motion capture has the simulator's seed.
     """

@@ -10,10 +10,10 @@ from .camera import Camera, load_camera
 from .effects import Effects, parse_effect
 from .imu import IMU_EFFECTS, Imu, Mounting
 from .motion_capture import MocapClock, MocapNoise, MotionCapture
-from .sampling import FixedRate, MaxDisplacement, TimeSampling
-from .scene import Scene
+from .sampling.rules import FixedRate, MaxDisplacement, TimeSampling
+from .sampling.tolerance import Tolerance
+from .scene.scene import Scene
 from .simulate import Simulator
-from .tolerance import Tolerance
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 
 from ._mitsuba import default_variant, load_scene_source, variant
-from .builtin_scenes import three_planes, three_walls
-from .checkerboard_scene import checkerboard
-from .fence_scene import fence
 from .pose import Pose
-from .scene import Scene
+from .scene.checkerboard_scene import checkerboard
+from .scene.fence_scene import fence
+from .scene.planes_and_walls import three_planes, three_walls
+from .scene.scene import Scene
 from .sequences import SEQUENCES
 
 BUILTIN_SCENES = {

@@ -17,19 +17,19 @@ from ._mitsuba import versions
 from .camera import Camera
 from .effects import Effects, with_optics
 from .events import EventArray, concatenate_events
-from .exposure import expose
-from .keyframes import Keyframe, Stretch
 from .packet import Packet
 from .plan import EffectPlan, plan_effects_of
 from .pose import Pose
-from .presets import accuracy_preset
-from .refine import refine as refine_events
-from .renderers import make_renderer
-from .sampling import TimeSampling, periodic_instants
-from .scene import Scene
+from .rendering.renderers import make_renderer
+from .sampling.exposure import expose
+from .sampling.keyframes import Keyframe, Stretch
+from .sampling.presets import accuracy_preset
+from .sampling.refine import refine as refine_events
+from .sampling.rules import TimeSampling, periodic_instants
+from .scene.scene import Scene
 from .sensor_parameters import SensorParameters, sensor_parameters
-from .trajectory import SegmentTrajectory, Trajectory, interval
-from .views import Views
+from .trajectory.trajectory import SegmentTrajectory, Trajectory, interval
+from .trajectory.views import Views
 
 _PACKET_RATE_HZ = 40.0
 """Where no frame or depth map falls due, packets still end this often, so that memory stays bounded."""
@@ -50,14 +50,14 @@ class Simulator:
     intensity frame and depth map is one of the rendered instants, so events, frames and depth agree exactly.
 
     Args:
-        scene: see :class:`~davis_rs.scene.Scene`.
+        scene: see :class:`~davis_rs.scene.scene.Scene`.
         camera: None takes the scene's.
         contrast_threshold: C_on in natural-log units; None takes the sensor's, or else the scene's.
         contrast_threshold_off: C_off; None takes the sensor's, or else C_on.
         log_eps: dark level in units of luma: L = ln(luma + log_eps).
         frame_rate_hz, depth_rate_hz: instant k of either is round(k 1e6 / rate) us; 0 for none.
-        accuracy: ``fast``, ``balanced`` or ``exact``, see :data:`~davis_rs.presets.ACCURACY`: what the next two and
-            ``refine`` are where they are not given; None is the paper's rule.
+        accuracy: ``fast``, ``balanced`` or ``exact``, see :data:`~davis_rs.sampling.presets.ACCURACY`: what the next
+            two and ``refine`` are where they are not given; None is the paper's rule.
         sampling: when to render; by the paper's rule whenever a pixel may have moved by a third of a pixel.
         samples: rays a pixel, 1..1024; by the paper's rule 8, or 2 in Mitsuba's scalar variant.
         sensor: a preset of :data:`~davis_rs.SENSORS` by its name, or parameters of a sensor: thresholds and effects
@@ -67,10 +67,10 @@ class Simulator:
             scene: see :func:`~davis_rs.plan_effects`. None is the ideal sensor.
         seed: of thresholds and noise, and of Mitsuba's integrators where one of them renders; 0..2^64 - 1.
         threads: of the crossing engine; None means as many as pay. Results do not depend on it.
-        renderer: ``auto``, ``table`` or ``integrator``, see :func:`~davis_rs.renderers.make_renderer`.
+        renderer: ``auto``, ``table`` or ``integrator``, see :func:`~davis_rs.rendering.renderers.make_renderer`.
         blur: the 3 x 3 blur of luma; None leaves it to the scene.
         refine: polish each event's time by asking the renderer itself, to the microsecond; slow, and for ideal pixels
-            alone. See :func:`~davis_rs.refine.refine`.
+            alone. See :func:`~davis_rs.sampling.refine.refine`.
         poses_per_launch: rendered in one call; None leaves it to the renderer. Results do not depend on it.
 
     Raises:

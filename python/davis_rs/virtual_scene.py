@@ -9,9 +9,9 @@ import numpy.typing as npt
 
 from ._core import Device, Encoder
 from .decoded import Frame
-from .scene import Scene
+from .scene.scene import Scene
 from .simulate import Simulator, trajectory_part
-from .virtual_davis import VIRTUAL_CHIPS, VirtualDavis
+from .usb.virtual_davis import VIRTUAL_CHIPS, VirtualDavis
 
 _EXPOSURE_US = 4000
 _WHITE_PERCENTILE, _WHITE_SHARE = 98.0, 0.8

@@ -23,7 +23,7 @@ from typing import Any
 import vhci
 
 import davis_rs
-from davis_rs.usb_link import find_devices
+from davis_rs.usb.link import find_devices
 
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent))

@@ -19,8 +19,8 @@ import struct
 import threading
 from pathlib import Path
 
-from davis_rs.usb_protocol import CONFIGURATION, DATA_ENDPOINT, FIRMWARE_MIN, VENDOR
-from davis_rs.virtual_davis import Stalled, Unplugged, VirtualDavis, paced
+from davis_rs.usb.protocol import CONFIGURATION, DATA_ENDPOINT, FIRMWARE_MIN, VENDOR
+from davis_rs.usb.virtual_davis import Stalled, Unplugged, VirtualDavis, paced
 
 VERSION, IMPORT_REQUEST, IMPORT_REPLY = 0x0111, 0x8003, 0x0003
 SUBMIT, UNLINK, SUBMIT_REPLY, UNLINK_REPLY = 1, 2, 3, 4

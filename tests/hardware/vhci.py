@@ -10,7 +10,7 @@ from pathlib import Path
 
 from usbip_server import BUS_ID, HIGH_SPEED, IMPORT_REPLY, IMPORT_REQUEST, VERSION
 
-from davis_rs.usb_protocol import CONFIGURATION, VENDOR
+from davis_rs.usb.protocol import CONFIGURATION, VENDOR
 
 VHCI = Path("/sys/devices/platform/vhci_hcd.0")
 PORT = 0

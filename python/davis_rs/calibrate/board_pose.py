@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..camera import Camera
-from ..checkerboard import Checkerboard
+from ..scene.checkerboard import Checkerboard
 from .corners import BoardView
 from .opencv import load_opencv
 from .reprojection import cross_matrix, inverse, projection_jacobian, rotation_of, transform

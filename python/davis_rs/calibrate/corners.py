@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from ..checkerboard import Checkerboard
-from ..read import Dataset
+from ..dataset.reader import Dataset
+from ..scene.checkerboard import Checkerboard
 from .opencv import load_opencv
 
 FloatArray = npt.NDArray[np.float64]
@@ -27,7 +27,7 @@ class BoardView:
         t_us: the frame's time, microseconds.
         frame: its number.
         corners: (n, 2) pixel coordinates of the inner corners in the order of
-            :attr:`~davis_rs.checkerboard.Checkerboard.corners`; a pixel's centre has whole coordinates.
+            :attr:`~davis_rs.scene.checkerboard.Checkerboard.corners`; a pixel's centre has whole coordinates.
     """
 
     t_us: int

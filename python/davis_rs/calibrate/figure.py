@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ..checkerboard import Checkerboard
-from ..read import Dataset
+from ..dataset.reader import Dataset
+from ..scene.checkerboard import Checkerboard
 from .board_pose import board_pose
 from .corners import BoardView, encode
 from .intrinsics import Intrinsics

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..camera import Camera
-from ..checkerboard import Checkerboard
+from ..scene.checkerboard import Checkerboard
 from .board_pose import BoardPose
 from .levenberg_marquardt import levenberg_marquardt
 from .opencv import load_opencv

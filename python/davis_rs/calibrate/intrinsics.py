@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..camera import Camera
-from ..checkerboard import Checkerboard
+from ..scene.checkerboard import Checkerboard
 from .corners import BoardView
 from .opencv import load_opencv
 from .reprojection import rotation_of

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..pose import GroundTruth
-from ..sampled_trajectory import SampledTrajectory
+from ..trajectory.sampled_trajectory import SampledTrajectory
 from .reprojection import transform
 
 FloatArray = npt.NDArray[np.float64]

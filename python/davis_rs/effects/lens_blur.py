@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..luma import LumaFrames
-from ..neighbours import mirrored
+from ..rendering.neighbours import mirrored
 from .effect import Effect, Where, check_range
 
 _NEGLIGIBLE = 2.0**-23

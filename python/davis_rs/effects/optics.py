@@ -8,8 +8,8 @@ import numpy as np
 
 from ..camera import Camera
 from ..luma import LumaFrames
-from ..neighbours import ImageMap, Indices
-from ..render import Renderer
+from ..rendering.neighbours import ImageMap, Indices
+from ..rendering.render import Renderer
 from .lens_blur import LensBlur, blur_frame, blur_squares
 from .vignetting import Vignetting
 

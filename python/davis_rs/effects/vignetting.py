@@ -9,8 +9,8 @@ from typing import ClassVar
 import numpy as np
 
 from ..camera import Camera
-from ..camera_rays import pixel_centres
 from ..luma import LumaFrames
+from ..rendering.camera_rays import pixel_centres
 from .effect import Effect, Where, check_range
 
 

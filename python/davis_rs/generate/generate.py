@@ -10,7 +10,7 @@ from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..scene import Scene
+from ..scene.scene import Scene
 from ..scenes import load_scene
 from .folder import discard_hidden
 from .job import begin_worker, make_sequence

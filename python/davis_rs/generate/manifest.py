@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from .._core import __version__
-from ..dataset_files import META
+from ..dataset.files import META
 from .folder import file_names, folder_sha256, sync
 from .plan import SequencePlan
 

@@ -9,11 +9,11 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from .. import motions
-from ..scene import Scene
+from ..scene.scene import Scene
 from ..scenes import start_pose
-from ..trajectory import Trajectory, align
-from ..trajectory_file import read_trajectory
+from ..trajectory import motions
+from ..trajectory.trajectory import Trajectory, align
+from ..trajectory.trajectory_file import read_trajectory
 
 MOTIONS: dict[str, Callable[..., Trajectory]] = {
     "slider": motions.slider,

@@ -11,13 +11,13 @@ from typing import Any
 from .._core import CrossingEngine
 from ..effects import Effects
 from ..lattice import rank1_lattice
-from ..presets import accuracy_preset
 from ..run_settings import RunSettings
-from ..sampling import periodic_instants
-from ..scene import Scene
+from ..sampling.presets import accuracy_preset
+from ..sampling.rules import periodic_instants
+from ..scene.scene import Scene
 from ..scenes import load_scene
 from ..sensor_parameters import sensor_parameters
-from ..trajectory import interval
+from ..trajectory.trajectory import interval
 from .motion import make_motion
 from .parse import effect_texts
 from .plan import resolve

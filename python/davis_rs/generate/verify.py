@@ -8,7 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from ..dataset_files import META
+from ..dataset.files import META
 from .folder import CHECKSUMS, damage, folder_sha256
 from .job import origin
 from .manifest import MANIFEST, describe_folder, read_manifest

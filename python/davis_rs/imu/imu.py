@@ -11,8 +11,8 @@ import numpy.typing as npt
 from ..decoded import IMU_DTYPE
 from ..effects.effect import Effect
 from ..pose import FloatArray
-from ..sampling import periodic_instants
-from ..trajectory import Trajectory
+from ..sampling.rules import periodic_instants
+from ..trajectory.trajectory import Trajectory
 from .lag import ImuLag
 from .low_pass import ImuLowPass
 from .mounting import Mounting

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from ..pose import GroundTruth
-from ..sampling import periodic_instants
-from ..trajectory import Trajectory
+from ..sampling.rules import periodic_instants
+from ..trajectory.trajectory import Trajectory
 from .clock import MocapClock
 from .noise import MocapNoise
 

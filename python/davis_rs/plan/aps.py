@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..effects import Aps
-from ..exposure import expose
+from ..sampling.exposure import expose
 from .probe import Probe
 
 _FRAMES = 4

@@ -7,11 +7,11 @@ import math
 from ..camera import Camera
 from ..effects import Aps, Effect, Effects
 from ..effects.effect import check_range
-from ..keyframes import Stretch
-from ..render import Renderer
-from ..renderers import make_renderer
-from ..scene import Scene
-from ..trajectory import Trajectory
+from ..rendering.render import Renderer
+from ..rendering.renderers import make_renderer
+from ..sampling.keyframes import Stretch
+from ..scene.scene import Scene
+from ..trajectory.trajectory import Trajectory
 from .aps import frame_change
 from .cost import Costs
 from .evidence import Judge

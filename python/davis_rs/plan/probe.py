@@ -7,10 +7,10 @@ from functools import cached_property
 
 import numpy as np
 
-from ..keyframes import Stretch
 from ..luma import LumaFrames
-from ..sampling import MaxDisplacement
-from ..views import Views
+from ..sampling.keyframes import Stretch
+from ..sampling.rules import MaxDisplacement
+from ..trajectory.views import Views
 from .footage import Footage, Frames, IntArray
 
 PATCH_PX = 2

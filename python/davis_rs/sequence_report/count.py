@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 
 from ..formats.files import PartFile
-from ..sampling import MaxDisplacement
+from ..sampling.rules import MaxDisplacement
 from ..sequences import Sequence
 from ..simulate import Simulator
 

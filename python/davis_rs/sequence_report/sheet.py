@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from ..dataset import exposure_for
-from ..dataset_files import as_grey
+from ..dataset.files import as_grey
+from ..dataset.writer import exposure_for
+from ..inspection.view import display_grey, event_picture
 from ..sequences import Sequence
 from ..simulate import Simulator
-from ..view import display_grey, event_picture
 
 _SLICE_S = 0.1
 _EVENTS_A_PIXEL = 0.15
@@ -23,8 +23,8 @@ _COLUMNS, _GAP, _TITLE = 3, 8, 20
 def draw_sheet(sequences: Iterable[Sequence], output_png: str | Path, *, share: float = 0.7) -> Path:
     """Draw a frame of each sequence and, beside it, the events that lead up to it over that frame, faded.
 
-    The frame is exposed by the rule of :class:`~davis_rs.dataset.DatasetWriter` and drawn with sRGB's curve; as many of
-    the last 0.1 s's events are shown as make 0.15 a pixel.
+    The frame is exposed by the rule of :class:`~davis_rs.dataset.writer.DatasetWriter` and drawn with sRGB's curve; as
+    many of the last 0.1 s's events are shown as make 0.15 a pixel.
 
     Args:
         share: of the sequence's time that has passed, in 0..1.

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from ..camera import PRESETS
-from ..scene import Scene
-from ..scene_parts import DIRECT, rectangle
-from ..textures import patchwork
+from ..scene.parts import DIRECT, rectangle
+from ..scene.scene import Scene
+from ..scene.textures import patchwork
 from .prints import Texture, bitmap, blocks, plain_shapes, stones, text
 from .room import FACING, LUX_PER_LUMA, SIDEWAYS, box, general_light, lamp, room, standing
 

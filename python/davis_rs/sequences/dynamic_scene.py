@@ -8,8 +8,8 @@ import numpy as np
 
 from ..camera import PRESETS
 from ..pose import FloatArray
-from ..sampled_trajectory import SampledTrajectory
-from ..scene import Scene
+from ..scene.scene import Scene
+from ..trajectory.sampled_trajectory import SampledTrajectory
 from .meshes import shape
 from .office_scene import LUX_PER_LUMA, chair, room
 from .person import Joints, clothes, parts

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from ..camera import PRESETS
-from ..scene import Scene
-from ..scene_parts import DIRECT
-from ..textures import patchwork
+from ..scene.parts import DIRECT
+from ..scene.scene import Scene
+from ..scene.textures import patchwork
 from .meshes import Mesh, box, merged, quad, shape, tube
 from .place_textures import books, facade, grid, noise, wood, writing
 from .starts import start_looking_at

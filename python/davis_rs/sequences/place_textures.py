@@ -1,7 +1,7 @@
 """Textures of rooms and streets: carpet, wood, writing, books, keys, facades, paving, leaves.
 
-As those of :mod:`davis_rs.textures` they come from frozen random numbers and are rounded to eight bits, so that they
-are the same on every machine. All repeat.
+As those of :mod:`davis_rs.scene.textures` they come from frozen random numbers and are rounded to eight bits, so that
+they are the same on every machine. All repeat.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..pose import FloatArray
-from ..textures import value_noise
+from ..scene.textures import value_noise
 
 Texture = npt.NDArray[np.float32]
 Tint = tuple[float, float, float]

@@ -1,7 +1,7 @@
 """What is printed on walls, posters and boxes: plain shapes, stones, lines of text.
 
-Made of frozen random numbers and rounded to eight bits, as the textures of :mod:`davis_rs.textures`. A texture has no
-finer copies of itself for far views, so each has its smallest detail a few texels wide.
+Made of frozen random numbers and rounded to eight bits, as the textures of :mod:`davis_rs.scene.textures`. A texture
+has no finer copies of itself for far views, so each has its smallest detail a few texels wide.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..pose import FloatArray
-from ..textures import value_noise
+from ..scene.textures import value_noise
 
 Texture = npt.NDArray[np.float32]
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ..pose import FloatArray, Pose
-from ..scene_parts import look_at, rectangle
+from ..scene.parts import look_at, rectangle
 from .prints import Texture, bitmap
 
 LUX_PER_LUMA = 1000.0

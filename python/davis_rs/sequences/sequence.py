@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 from ..camera import PRESETS
-from ..scene import Scene
-from ..trajectory import Trajectory
+from ..scene.scene import Scene
+from ..trajectory.trajectory import Trajectory
 
 
 class PaperRow(NamedTuple):

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..pose import Pose
-from ..scene_parts import look_at
+from ..scene.parts import look_at
 
 
 def start_looking_at(position: npt.ArrayLike, target: npt.ArrayLike) -> Pose:

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from ..camera import PRESETS
-from ..scene import Scene
-from ..scene_parts import DIRECT
+from ..scene.parts import DIRECT
+from ..scene.scene import Scene
 from .meshes import Mesh, box, merged, quad, shape
 from .place_textures import grid, leaves, noise, writing
 from .starts import start_looking_at

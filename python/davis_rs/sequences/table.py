@@ -13,12 +13,12 @@ from zlib import crc32
 
 import numpy as np
 
-from ..builtin_scenes import three_planes, three_walls
-from ..checkerboard_scene import around_board, checkerboard
-from ..motions import Kind, hand_held, running, slider, spiral, walking, zigzag
 from ..pose import Pose
-from ..scene import Scene
-from ..trajectory import Trajectory
+from ..scene.checkerboard_scene import around_board, checkerboard
+from ..scene.planes_and_walls import three_planes, three_walls
+from ..scene.scene import Scene
+from ..trajectory.motions import Kind, hand_held, running, slider, spiral, walking, zigzag
+from ..trajectory.trajectory import Trajectory
 from .boxes_scene import boxes
 from .dynamic_scene import dynamic
 from .office_scene import office

@@ -7,8 +7,8 @@ from functools import partial
 from typing import Any
 
 from ..camera import PRESETS
-from ..scene import Scene
-from ..scene_parts import DIRECT, rectangle
+from ..scene.parts import DIRECT, rectangle
+from ..scene.scene import Scene
 from .prints import Texture, bitmap, plain_shapes, stones
 from .room import FACING, LUX_PER_LUMA, general_light, lamp, room, standing
 

@@ -1,0 +1,7 @@
+"""``python -m davis_rs.cli``."""
+
+import sys
+
+from .main import main
+
+sys.exit(main())

@@ -1,0 +1,143 @@
+"""The command line: davis-rs calibrate intrinsics, hand-eye, camera-imu."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+from ..calibrate import (
+    MPU6150_NOISE,
+    as_dict,
+    board_poses,
+    calibrate_camera_imu,
+    calibrate_hand_eye,
+    calibrate_intrinsics,
+    draw_intrinsics,
+    find_board,
+    report,
+    tracked_poses,
+)
+from ..calibrate.board_pose import BoardPose
+from ..calibrate.corners import BoardView
+from ..camera import Camera, load_camera
+from ..dataset.reader import Dataset
+from ..imu import ImuNoise
+from ..scene.checkerboard import DATASET_BOARD, Checkerboard
+
+
+def add_calibrate(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Add the command to the command line's."""
+    calibrate = commands.add_parser(
+        "calibrate",
+        help="calibrate a camera, a hand-eye transform, or a camera and an IMU",
+        description="Calibrate from a sequence before a checkerboard, such as the scene 'checkerboard'. "
+        "Needs OpenCV 4: pip install 'davis_rs[calibrate]'.",
+    )
+    kinds = calibrate.add_subparsers(required=True, metavar="WHAT")
+
+    intrinsics = kinds.add_parser("intrinsics", help="focal lengths, principal point and distortion, k3 = 0")
+    intrinsics.set_defaults(run=_intrinsics)
+    _add_common(intrinsics)
+    intrinsics.add_argument("--calib", type=Path, metavar="FILE", help="write the camera as a calib.txt")
+    intrinsics.add_argument("--figure", type=Path, metavar="PNG", help="draw the corners and what is left of them")
+
+    hand_eye = kinds.add_parser(
+        "hand-eye",
+        help="where the camera is on the body whose poses are in groundtruth.txt",
+        description="groundtruth.txt must hold the tracked body's poses, on the frames' clock.",
+    )
+    hand_eye.set_defaults(run=_hand_eye)
+    _add_common(hand_eye, camera=True)
+
+    camera_imu = kinds.add_parser("camera-imu", help="rotation, translation and time lag between camera and IMU")
+    camera_imu.set_defaults(run=_camera_imu)
+    _add_common(camera_imu, camera=True)
+    for name, value, unit in (
+        ("gyroscope", MPU6150_NOISE.gyroscope_noise_density, "rad/s/sqrt(Hz)"),
+        ("accelerometer", MPU6150_NOISE.accelerometer_noise_density, "m/s^2/sqrt(Hz)"),
+    ):
+        camera_imu.add_argument(
+            f"--{name}-noise", type=float, default=value, metavar="D", help=f"white noise, {unit} (default: {value:g})"
+        )
+    camera_imu.add_argument(
+        "--knot-rate",
+        type=float,
+        default=25.0,
+        metavar="HZ",
+        help="knots of the splines; three times the fastest motion (default: 25)",
+    )
+
+
+def _add_common(parser: argparse.ArgumentParser, *, camera: bool = False) -> None:
+    parser.add_argument("dataset", type=Path, metavar="DIR")
+    parser.add_argument(
+        "--tiles",
+        default=f"{DATASET_BOARD.rows}x{DATASET_BOARD.columns}",
+        metavar="RxC",
+        help="rows and columns of tiles; inner corners are one fewer each way (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--tile-size", type=float, default=DATASET_BOARD.tile_m, metavar="M", help="metres (default: %(default)s)"
+    )
+    parser.add_argument("-o", "--output", type=Path, metavar="JSON", help="write the result, with covariances")
+    if camera:
+        parser.add_argument("--camera", metavar="CAMERA", help="a preset or a calib.txt; the dataset's if not given")
+
+
+def _intrinsics(options: argparse.Namespace) -> int:
+    dataset, board, views = _views(options)
+    height, width = dataset.read_image(views[0].frame).shape
+    result = calibrate_intrinsics(views, board, width=width, height=height)
+    if options.calib is not None:
+        options.calib.write_text(result.camera.to_calib())
+    if options.figure is not None:
+        draw_intrinsics(dataset, views, board, result, options.figure)
+    return _done(result, options.output)
+
+
+def _hand_eye(options: argparse.Namespace) -> int:
+    dataset, board, views = _views(options)
+    camera = _camera(options, dataset)
+    poses = board_poses(views, board, camera)
+    hand, covered = tracked_poses(dataset.groundtruth, [pose.view.t_us * 1e-6 for pose in poses])
+    seen: list[BoardPose] = [pose for pose, known in zip(poses, covered, strict=True) if known]
+    return _done(calibrate_hand_eye(hand[covered], seen, board, camera), options.output)
+
+
+def _camera_imu(options: argparse.Namespace) -> int:
+    dataset, board, views = _views(options)
+    result = calibrate_camera_imu(
+        board_poses(views, board, _camera(options, dataset)),
+        dataset.imu,
+        noise=ImuNoise(
+            accelerometer_noise_density=options.accelerometer_noise, gyroscope_noise_density=options.gyroscope_noise
+        ),
+        knot_rate_hz=options.knot_rate,
+    )
+    return _done(result, options.output)
+
+
+def _views(options: argparse.Namespace) -> tuple[Dataset, Checkerboard, list[BoardView]]:
+    try:
+        rows, columns = (int(word) for word in options.tiles.split("x"))
+    except ValueError:
+        raise ValueError(f"--tiles must be ROWSxCOLUMNS, such as 6x7, got {options.tiles!r}") from None
+    board = Checkerboard(rows, columns, options.tile_size)
+    dataset = Dataset(options.dataset)
+    views = find_board(dataset, board)
+    print(f"all {len(board.corners)} corners found in {len(views)} of {len(dataset.frames)} frames", file=sys.stderr)
+    return dataset, board, views
+
+
+def _camera(options: argparse.Namespace, dataset: Dataset) -> Camera:
+    return dataset.camera if options.camera is None else load_camera(options.camera)
+
+
+def _done(result: Any, output: Path | None) -> int:
+    if output is not None:
+        output.write_text(json.dumps(as_dict(result), indent=2) + "\n")
+    print(report(result))
+    return 0

@@ -1,0 +1,134 @@
+"""The command line: davis-rs convert, davis-rs info."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from decimal import Decimal, InvalidOperation
+from pathlib import Path
+from typing import Any
+
+from ..event_files.convert import convert
+from ..formats import FORMATS
+from ..inspection.summary import dataset_row, draw_rates, summarize_events
+
+
+def add_files(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Add the commands to the command line's."""
+    conversion = commands.add_parser(
+        "convert",
+        help="convert events from one file format to another",
+        description="Convert events, in constant memory; times and coordinates stay as they are. Of a bag, the events.",
+    )
+    conversion.set_defaults(run=_convert)
+    conversion.add_argument("source", metavar="IN", help="a file of any format, or a dataset folder")
+    conversion.add_argument("target", metavar="OUT", help="the file to write, or - for standard output")
+    conversion.add_argument(
+        "--format", choices=sorted(FORMATS), help="of OUT; if not given, the one that its suffix stands for"
+    )
+    conversion.add_argument("--start", type=_microseconds, metavar="S", help="only events from this time of IN on")
+    conversion.add_argument("--stop", type=_microseconds, metavar="S", help="only events before this time of IN")
+    conversion.add_argument(
+        "--roi", type=int, nargs=4, metavar=("X0", "Y0", "X1", "Y1"), help="only events with X0 <= x < X1, Y0 <= y < Y1"
+    )
+    conversion.add_argument("--size", type=_size, metavar="WxH", help="sensor size in pixels, where IN does not say")
+    conversion.add_argument(
+        "--option", type=_option, action="append", default=[], metavar="NAME=VALUE", help="an option of OUT's format"
+    )
+    conversion.add_argument("--overwrite", action="store_true", help="replace OUT if it exists")
+    conversion.add_argument("--quiet", action="store_true", help="no progress bar, only the last line")
+
+    info = commands.add_parser(
+        "info",
+        help="sum up an event file or a dataset folder",
+        description="Sensor size, duration, events, ON share, rates and gaps; of a dataset folder also the columns of "
+        "the paper's tables: T (duration), TS and RS (top speeds), NE (number of events).",
+    )
+    info.set_defaults(run=_info)
+    info.add_argument("path", metavar="PATH", help="a file of any format, or a dataset folder")
+    info.add_argument("--picture", type=Path, metavar="PNG", help="draw the rate of each pixel")
+    info.add_argument("--size", type=_size, metavar="WxH", help="sensor size in pixels, where PATH does not say")
+    info.add_argument("--quiet", action="store_true", help="no progress bar")
+
+
+def _convert(options: argparse.Namespace) -> int:
+    to_stream = options.target == "-"
+    if to_stream and options.format is None:
+        raise ValueError("standard output has no suffix that would tell the format: give --format")
+    arguments: dict[str, Any] = {
+        "size": options.size,
+        "format": options.format,
+        "start_us": options.start,
+        "stop_us": options.stop,
+        "roi": None if options.roi is None else tuple(options.roi),
+        "overwrite": options.overwrite,
+        **dict(options.option),
+    }
+    try:
+        with _bar(f"to {options.target}", quiet=options.quiet) as progress:
+            target = sys.stdout.buffer if to_stream else options.target
+            report = convert(options.source, target, progress=progress, **arguments)
+            if to_stream:
+                sys.stdout.buffer.flush()
+    except TypeError as error:  # an option that the format does not have
+        raise ValueError(str(error)) from error
+    except BrokenPipeError:
+        # Nobody reads any more: what is left in the buffer has nowhere to go when Python ends.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        raise
+    print(
+        f"{report.path}: {report.format}, {report.events:,} events, {report.bytes:,} bytes",
+        file=sys.stderr if to_stream else sys.stdout,
+    )
+    return 0
+
+
+def _info(options: argparse.Namespace) -> int:
+    with _bar("reading", quiet=options.quiet) as progress:
+        summary = summarize_events(options.path, size=options.size, progress=progress)
+    print(summary)
+    if Path(options.path).is_dir():
+        print(dataset_row(options.path, summary))
+    if options.picture is not None:
+        print(draw_rates(summary, options.picture))
+    return 0
+
+
+@contextmanager
+def _bar(what: str, *, quiet: bool) -> Iterator[Callable[[float], object]]:
+    """A progress bar that is told the share that is done."""
+    from tqdm import tqdm
+
+    layout = "{desc}: {percentage:3.0f}% |{bar}| {elapsed} < {remaining}"
+    with tqdm(desc=what, total=1.0, disable=quiet, bar_format=layout, leave=False) as bar:
+        yield lambda share: bar.update(share - bar.n)
+
+
+def _microseconds(text: str) -> int:
+    """Decimal seconds as microseconds, exactly."""
+    try:
+        t_us = Decimal(text) * 1_000_000
+        if t_us != t_us.to_integral_value():
+            raise argparse.ArgumentTypeError(f"{text} s is no whole number of microseconds")
+    except InvalidOperation:
+        raise argparse.ArgumentTypeError(f"expected seconds, got {text!r}") from None
+    return int(t_us)
+
+
+def _size(text: str) -> tuple[int, int]:
+    width, _, height = text.partition("x")
+    if not (width.isdecimal() and height.isdecimal()):
+        raise argparse.ArgumentTypeError(f"expected WIDTHxHEIGHT such as 240x180, got {text!r}")
+    return int(width), int(height)
+
+
+def _option(text: str) -> tuple[str, Any]:
+    name, equals, value = text.partition("=")
+    if not (name.isidentifier() and equals):
+        raise argparse.ArgumentTypeError(f"expected NAME=VALUE such as compression=lz4, got {text!r}")
+    if value in ("true", "false"):
+        return name, value == "true"
+    return name, int(value) if value.isdecimal() else value

@@ -1,0 +1,91 @@
+"""The command line: davis-rs generate."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from ..generate import generate_sequences, load_sequence_plan, verify_sequences
+
+
+def add_generate(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Add the command to the command line's."""
+    generate = commands.add_parser(
+        "generate",
+        help="simulate many sequences with randomised parameters",
+        description="Simulate the sequences of a plan (docs/generate.md), each into a folder of its own. A run that "
+        "was ended or killed is gone on with by the same command.",
+    )
+    generate.set_defaults(run=_generate)
+    what = generate.add_mutually_exclusive_group(required=True)
+    what.add_argument("plan", nargs="?", metavar="PLAN.yaml", help="what is drawn, and from which laws")
+    what.add_argument("--verify", metavar="ROOT", help="read all sequences in ROOT and compare them with its manifest")
+    generate.add_argument("-o", "--output", metavar="ROOT", help="the folder of the sequences")
+    generate.add_argument("--dry-run", action="store_true", help="check the plan and print what would be drawn")
+    where = generate.add_mutually_exclusive_group()
+    where.add_argument("--workers", type=int, metavar="N", help="processes; one a core if not given")
+    where.add_argument(
+        "--cluster", metavar="ADDRESS", help="a Dask scheduler, or its scheduler file; ROOT must be shared"
+    )
+    generate.add_argument("--quiet", action="store_true", help="no progress bar, only the last lines")
+
+
+def _generate(options: argparse.Namespace) -> int:
+    if options.verify is not None:
+        return _verify(options.verify)
+    plan = load_sequence_plan(options.plan)
+    if options.dry_run:
+        from ..generate.generate import check_sequences, draw_sequences
+
+        drawn = draw_sequences(plan)
+        check_sequences(plan, drawn)
+        print("\n".join(_table({one.name: dict(_flat(one.parameters)) for one in drawn})))
+        return 0
+    if options.output is None:
+        raise ValueError("-o ROOT must be given: the folder of the sequences")
+    generated = generate_sequences(
+        plan, options.output, workers=options.workers, cluster=options.cluster, quiet=options.quiet
+    )
+    for name, error in generated.failed.items():
+        print(f"davis-rs: error: {name}: {error}", file=sys.stderr)
+    print(generated)
+    return 1 if generated.failed else 0
+
+
+def _verify(root: str) -> int:
+    wrong = verify_sequences(root)
+    for name, fault in wrong.items():
+        print(f"{Path(root) / name}: {fault}")
+    print(f"{root}: {len(wrong)} sequences are not what they were" if wrong else f"{root}: all is as it was")
+    return 1 if wrong else 0
+
+
+def _flat(parameters: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:
+    for key, value in parameters.items():
+        if isinstance(value, Mapping):
+            yield from _flat(value, f"{prefix}{key}.")
+        else:
+            yield prefix + key, _short(value)
+
+
+def _short(value: Any) -> str:
+    if isinstance(value, list):
+        return f"[{', '.join(map(_short, value))}]"
+    return f"{value:.6g}" if isinstance(value, float) else "-" if value is None else str(value)
+
+
+def _table(rows: Mapping[str, Mapping[str, str]]) -> list[str]:
+    """What all sequences have in common once, and then a row for each."""
+    keys = list(dict.fromkeys(key for row in rows.values() for key in row))
+    values = {key: [row.get(key, "-") for row in rows.values()] for key in keys}
+    common = [key for key in keys if len(set(values[key])) == 1]
+    columns: list[Sequence[str]] = [["", *rows]]
+    columns += [[key, *values[key]] for key in keys if key not in common]
+    widths = [max(map(len, column)) for column in columns]
+    lines = [f"{key}: {values[key][0]}" for key in common]
+    for row in zip(*columns, strict=True):
+        lines.append("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())
+    return lines

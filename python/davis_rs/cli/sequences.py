@@ -1,0 +1,90 @@
+"""The command line: davis-rs sequence, davis-rs sequences."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from ..sequence_report import MEASURED, as_markdown, as_text, count_events, draw_sheet, read_counts, table, write_counts
+from ..sequences import SEQUENCES, Sequence
+from .common import Help
+from .simulate import add_settings, simulate_into
+
+_FRAME_RATE_HZ = 24.0
+"""Of the dataset's recordings."""
+
+
+def add_sequences(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Add the two commands to the command line's."""
+    sequence = commands.add_parser(
+        "sequence",
+        help="simulate a sequence of the public dataset",
+        description="Simulate a twin of one of the public dataset's sequences into a dataset folder, with IMU. "
+        "davis-rs sequences lists them.",
+        formatter_class=Help,
+    )
+    sequence.add_argument("name", metavar="NAME", help="such as poster_6dof or slider_depth")
+    path = sequence.add_argument_group("camera path")
+    path.add_argument("--start", type=float, default=0.0, metavar="S", help="where in the sequence t = 0 lies")
+    path.add_argument("--duration", type=float, metavar="S", help="seconds of it; to the end if not given")
+    add_settings(sequence)
+    sequence.set_defaults(run=_sequence, imu="mpu6150", frame_rate=_FRAME_RATE_HZ, depth_rate=_FRAME_RATE_HZ)
+
+    sequences = commands.add_parser(
+        "sequences",
+        help="list the public dataset's sequences: the paper's table beside our own",
+        description="List duration T, top speeds TS and RS and number of events NE of each sequence, the paper's and "
+        "ours. Speeds are means over 100 ms; events are those of ideal pixels, counted before (--count).",
+    )
+    sequences.add_argument("names", nargs="*", metavar="NAME", help="all if not given")
+    sequences.add_argument("--markdown", action="store_true", help="as a table of Markdown")
+    sequences.add_argument("--sheet", type=Path, metavar="PNG", help="draw frame and events of each, instead")
+    sequences.add_argument(
+        "--count",
+        type=Path,
+        metavar="CSV",
+        help="simulate them whole, count their events and add them to this file, instead; takes hours, and goes on "
+        "where it was stopped",
+    )
+    sequences.add_argument("--measured", type=Path, metavar="CSV", default=MEASURED, help="counts to list")
+    sequences.set_defaults(run=_sequences)
+
+
+def _sequence(options: argparse.Namespace) -> int:
+    return simulate_into(options, _named(options.name).scene().part(options.start, options.duration))
+
+
+def _sequences(options: argparse.Namespace) -> int:
+    from tqdm import tqdm
+
+    sequences = [_named(name) for name in options.names or SEQUENCES]
+    if options.count is not None:
+        _count(sequences, options.count)
+        return 0
+    shown = tqdm(sequences, leave=False, disable=not sys.stderr.isatty())
+    if options.sheet is not None:
+        print(draw_sheet(shown, options.sheet))
+        return 0
+    rows = table(shown, read_counts(options.measured))
+    print(as_markdown(rows) if options.markdown else as_text(rows))
+    return 0
+
+
+def _count(sequences: list[Sequence], path: Path) -> None:
+    from tqdm import tqdm
+
+    counts = read_counts(path) if path.exists() else {}
+    for sequence in sequences:
+        if sequence.name in counts:
+            continue
+        with tqdm(total=sequence.paper.duration_s, unit="s", desc=sequence.name) as bar:
+            counts[sequence.name] = count_events(sequence, progress=bar.update)
+        write_counts(path, [counts[name] for name in SEQUENCES if name in counts])
+        print(f"{sequence.name}: {counts[sequence.name].events:,} events")
+
+
+def _named(name: str) -> Sequence:
+    if name not in SEQUENCES:
+        raise ValueError(f"there is no sequence {name!r}; there are {', '.join(SEQUENCES)}")
+    return SEQUENCES[name]

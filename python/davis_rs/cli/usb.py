@@ -1,0 +1,267 @@
+"""The command line: davis-rs devices, record, decode."""
+
+from __future__ import annotations
+
+import argparse
+import errno
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+from ..biases import BIAS_SETS
+from ..decoded import Decoded
+from ..event_files.backward import POLICIES, Policy
+from ..event_files.decoded_output import decoded_output, is_decoded
+from ..recordings import read_recording
+from ..usb.davis import Davis
+from ..usb.description import describe
+from ..usb.link import UsbLink, find_devices
+from ..usb.protocol import FX3
+from ..usb.raw_file import RawRecording, RawWriter, is_raw
+from ..usb.settings import ACCELEROMETER_RANGES_G, GYROSCOPE_RANGES_DEG_S, DavisSettings
+from ..usb.virtual_davis import VirtualDavis
+
+
+def add_usb(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Add the commands to the command line's."""
+    devices = commands.add_parser("devices", help="list the cameras that are plugged in")
+    devices.set_defaults(run=_devices)
+
+    record = commands.add_parser(
+        "record",
+        help="record a camera",
+        description="Record a camera until Ctrl-C, for a given time, or until it is unplugged.",
+    )
+    record.set_defaults(run=_record)
+    record.add_argument(
+        "-o", "--output", required=True, type=Path, metavar="FILE",
+        help="the file to write: .npz (all) or an event file (.txt, .aedat4, ...) decoded, else the camera's bytes",
+    )  # fmt: skip
+    record.add_argument("--duration", type=float, metavar="S", help="seconds to record")
+    record.add_argument("--serial", metavar="NUMBER", help="of the camera, where there are several")
+    record.add_argument("--virtual", metavar="SCENE", help="no camera: one in software that sees a built-in scene")
+    record.add_argument(
+        "--biases", choices=tuple(BIAS_SETS), help="a set of the dataset paper; the chip's if not given"
+    )
+    record.add_argument("--exposure-us", type=int, default=DavisSettings.exposure_us, metavar="US", help="of frames")
+    record.add_argument(
+        "--frame-interval-us", type=int, default=DavisSettings.frame_interval_us, metavar="US", help="between frames"
+    )
+    record.add_argument("--accelerometer-range", type=int, default=4, choices=ACCELEROMETER_RANGES_G, help="+- g")
+    record.add_argument("--gyroscope-range", type=int, default=500, choices=GYROSCOPE_RANGES_DEG_S, help="+- deg/s")
+    _add_backward(record)
+
+    decode = commands.add_parser("decode", help="decode a recording: of record, or AEDAT 2.0, 3.1, 4")
+    decode.set_defaults(run=_decode)
+    decode.add_argument("recording", type=Path, metavar="FILE")
+    decode.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        metavar="OUT",
+        help=".npz (all) or an event file; if not given, count",
+    )
+    _add_backward(decode)
+
+
+def _add_backward(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--backward",
+        choices=POLICIES,
+        default="refuse",
+        help="where times go back, in a format that cannot hold that: an error (the default), leave out what is older, "
+        "or go on in another file",
+    )
+
+
+def _devices(_: argparse.Namespace) -> int:
+    found = find_devices()
+    for device in found:
+        kind = "FX3" if device.product == FX3 else "FX2"
+        line = f"bus {device.bus} address {device.address}  {kind} firmware {device.firmware}"
+        if device.problem is not None:
+            print(f"{line}\n{device.problem}")
+            continue
+        try:
+            link = UsbLink(device)
+            try:
+                camera = describe(
+                    link.read, serial=device.serial or "", product=device.product, firmware=device.firmware
+                )
+            finally:
+                link.close()
+            size = f"{camera.device.width} x {camera.device.height}"
+            print(f"{line}  {camera.chip}  serial {camera.serial}  {size}  logic {camera.logic_version}")
+        except OSError as error:
+            print(f"{line}  serial {device.serial}\n{error.strerror or error}")
+    if not found:
+        print("no DAVIS camera on the USB", file=sys.stderr)
+    return 0 if found else 1
+
+
+def _record(options: argparse.Namespace) -> int:
+    if options.duration is not None and not options.duration > 0:
+        raise ValueError(f"duration must be positive, got {options.duration}")
+    if options.output.exists():
+        raise FileExistsError(f"{options.output} exists: choose another file")
+    settings = DavisSettings(
+        biases=options.biases or {},
+        exposure_us=options.exposure_us,
+        frame_interval_us=options.frame_interval_us,
+        accelerometer_range_g=options.accelerometer_range,
+        gyroscope_range_deg_s=options.gyroscope_range,
+    )
+    if options.virtual is None:
+        with Davis.open(options.serial, settings=settings) as camera:
+            return _record_camera(camera, options, None)
+
+    from ..scenes import load_scene
+    from ..usb.virtual_backend import VirtualBackend
+    from ..virtual_scene import virtual_davis_of_scene
+
+    virtual = virtual_davis_of_scene(load_scene(options.virtual), duration_s=options.duration, progress=True)
+    with Davis.open(options.serial, settings=settings, backend=VirtualBackend(virtual)) as camera:
+        return _record_camera(camera, options, virtual)
+
+
+def _record_camera(camera: Davis, options: argparse.Namespace, virtual: VirtualDavis | None) -> int:
+    """Record until the end, however it comes, and complete the file; returns the exit status."""
+    raw = not is_decoded(options.output)
+    output = RawOutput(options.output, camera) if raw else LiveOutput(options.output, camera, options.backward)
+    print(f"recording {camera.description}; Ctrl-C ends it", file=sys.stderr)
+    status = 0
+    started = time.monotonic()
+    try:
+        for chunk in camera.chunks():
+            output.write(chunk)
+            if virtual is not None:
+                over = virtual.over.is_set() and not chunk
+            else:
+                over = options.duration is not None and time.monotonic() - started >= options.duration
+            if over:
+                camera.stop()
+    except KeyboardInterrupt:
+        status = 130
+    except OSError as error:
+        if error.errno != errno.ENODEV:
+            raise
+        print(f"davis-rs: error: {error.strerror}: the recording ends there", file=sys.stderr)
+        status = 1
+    finally:
+        said = output.finish()
+    print("\n".join(said))
+    if camera.lost_bytes:
+        print(f"{camera.lost_bytes} of {camera.received_bytes} bytes were lost", file=sys.stderr)
+    return status
+
+
+class RawOutput:
+    """The camera's bytes, as they come."""
+
+    def __init__(self, path: Path, camera: Davis) -> None:
+        self._camera = camera
+        self._writer = RawWriter(path, camera.description)
+
+    def write(self, chunk: bytes) -> None:
+        """Append."""
+        self._writer.write(chunk)
+
+    def finish(self) -> list[str]:
+        """Complete the file; tells how much it is."""
+        size = self._writer.finish(lost_bytes=self._camera.lost_bytes)
+        return [f"{self._writer.path}: {size} bytes of {self._camera.description}"]
+
+
+class LiveOutput:
+    """The camera's stream, decoded."""
+
+    def __init__(self, path: Path, camera: Davis, backward: Policy) -> None:
+        self._camera = camera
+        device = camera.description.device
+        self._output = decoded_output(path, (device.width, device.height), backward=backward)
+
+    def write(self, chunk: bytes) -> None:
+        """Append."""
+        self._output.write(self._camera.decode(chunk))
+
+    def finish(self) -> list[str]:
+        """Complete the file; tells what it holds."""
+        return [*self._output.finish(), *_oddities(self._camera.stats)]
+
+
+def _decode(options: argparse.Namespace) -> int:
+    source = BytesOfCamera(options.recording) if is_raw(options.recording) else FileOfSoftware(options.recording)
+    output = None if options.output is None else decoded_output(options.output, source.size, backward=options.backward)
+    counts = {"events": 0, "IMU samples": 0, "frames": 0, "triggers": 0}
+    said: list[str] = []
+    try:
+        for decoded in source.pieces():
+            lengths = (len(decoded.events), len(decoded.imu), len(decoded.frames), len(decoded.triggers))
+            counts = {kind: count + more for (kind, count), more in zip(counts.items(), lengths, strict=True)}
+            if output is not None:
+                output.write(decoded)
+    finally:
+        if output is not None:
+            said = output.finish()
+    totals = ", ".join(f"{count} {kind}" for kind, count in counts.items())
+    print(f"{source.title}: {totals}")
+    for line in [*said, *source.remarks()]:
+        print(line)
+    for line in source.losses():
+        print(line, file=sys.stderr)
+    return 0
+
+
+class BytesOfCamera:
+    """A recording of a camera's bytes, decoded."""
+
+    def __init__(self, path: Path) -> None:
+        self._recording = RawRecording(path)
+        self._decoder = self._recording.decoder()
+        self.size = (self._decoder.device.width, self._decoder.device.height)
+        self.title = f"{self._recording.camera}, {self._recording.started:%Y-%m-%d %H:%M:%S} UTC"
+
+    def pieces(self) -> Iterator[Decoded]:
+        """What it holds, piece by piece."""
+        return (self._decoder.push(chunk) for chunk in self._recording.chunks())
+
+    def remarks(self) -> list[str]:
+        """What was odd."""
+        return _oddities(self._decoder.stats)
+
+    def losses(self) -> list[str]:
+        """What is not there."""
+        lost = self._recording.lost_bytes
+        said = [f"{lost} bytes had been lost while it was recorded"] if lost else []
+        if not self._recording.complete:
+            said.append("the recording was not finished: what is there was decoded")
+        return said
+
+
+class FileOfSoftware:
+    """An AEDAT file; its times count from its first."""
+
+    def __init__(self, path: Path) -> None:
+        recording = read_recording(path)
+        self._recording = recording.from_start()
+        self.size = (recording.width, recording.height)
+        started = "" if recording.started is None else f", {recording.started:%Y-%m-%d %H:%M:%S}"
+        self.title = f"{recording.format}, {recording.chip or 'unknown chip'}{started}, from {recording.start_us} us on"
+
+    def pieces(self) -> Iterator[Decoded]:
+        """All of it."""
+        yield self._recording.decoded
+
+    def remarks(self) -> list[str]:
+        """What was assumed."""
+        return list(self._recording.notes)
+
+    def losses(self) -> list[str]:
+        """What is cut off was said when it was read."""
+        return []
+
+
+def _oddities(stats: dict[str, int]) -> list[str]:
+    odd = ", ".join(f"{count} {kind}" for kind, count in stats.items() if count)
+    return [f"oddities of the stream: {odd}"] if odd else []

@@ -1,0 +1,194 @@
+"""The files of a dataset folder: their names, and writing them so that what is there can always be read."""
+
+from __future__ import annotations
+
+import errno
+import io
+import json
+import os
+import re
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..events import EventArray
+from ..formats.system import naming
+from ..formats.text import TextFormat
+from ..pose import Pose
+
+
+@dataclass(frozen=True)
+class ImageSeries:
+    """A time-stamped series of images in a dataset folder: a text list and a folder of numbered files."""
+
+    list_name: str
+    folder: str
+    suffix: str
+
+    def image_name(self, number: int) -> str:
+        """The path inside the dataset folder of image ``number``, as the list names it."""
+        return f"{self.folder}/frame_{number:08d}{self.suffix}"
+
+
+FRAMES = ImageSeries("images.txt", "images", ".png")
+DEPTH_MAPS = ImageSeries("depthmaps.txt", "depthmaps", ".exr")
+LUMA_MAPS = ImageSeries("luma.txt", "luma", ".exr")
+EVENTS, GROUND_TRUTH, INERTIAL = "events.txt", "groundtruth.txt", "imu.txt"
+CALIBRATION, META = "calib.txt", "meta.json"
+KALIBR_IMU, KALIBR_CAMERA_CHAIN = "imu.yaml", "camchain.yaml"
+META_PART = META + ".part"
+
+
+class EventFile:
+    """``events.txt``, cut back on closing to the last packet that was written whole."""
+
+    def __init__(self, path: Path) -> None:
+        self.count = self.on_count = self._size = 0
+        self._path = path
+        self._writer = TextFormat().open_writer(path, (65_535, 65_535), overwrite=False)
+
+    def write(self, events: EventArray) -> None:
+        self._writer.write(events)
+        size = self._path.stat().st_size
+        # One assignment, so that an interrupt finds the three numbers of one packet.
+        self.count, self.on_count, self._size = (
+            self.count + len(events),
+            self.on_count + int(np.count_nonzero(events["p"])),
+            size,
+        )
+
+    def close(self) -> None:
+        try:
+            self._writer.finish()
+        finally:
+            os.truncate(self._path, self._size)
+
+
+class ImageFiles:
+    """The files of one image series; an image is listed once it is whole."""
+
+    def __init__(self, root: Path, series: ImageSeries) -> None:
+        self.count = 0
+        self._root = root
+        self._series = series
+
+    def write(self, t_us: int, data: bytes) -> None:
+        name = self._series.image_name(self.count)
+        if self.count == 0:
+            (self._root / self._series.folder).mkdir(exist_ok=True)
+        write_file(self._root / name, data)
+        append_lines(self._root / self._series.list_name, f"{stamp(t_us)} {name}\n")
+        self.count += 1
+
+
+def stamp(t_us: int) -> str:
+    """A time in microseconds as the text formats write it: seconds with nine decimals, by integer arithmetic."""
+    return f"{t_us // 1_000_000}.{t_us % 1_000_000:06d}000"
+
+
+def pose_line(t_us: int, pose: Pose) -> str:
+    return " ".join([stamp(t_us), *(repr(float(v)) for v in (*pose.position, *pose.quaternion))]) + "\n"
+
+
+def imu_line(t_us: int, values: npt.NDArray[np.float64]) -> str:
+    """One sample: ``values`` (6,) are accelerometer x y z in m/s^2 and gyroscope x y z in rad/s, written exactly."""
+    return " ".join([stamp(t_us), *map(repr, values.tolist())]) + "\n"
+
+
+def as_grey(frame: npt.NDArray[np.float32], exposure: float) -> npt.NDArray[np.uint8]:
+    """Linear luma as an 8-bit frame: round(255 x exposure x luma), clipped."""
+    return np.rint(np.minimum(255 * exposure * frame.astype(np.float64), 255)).astype(np.uint8)
+
+
+def encode_png(grey: npt.NDArray[np.uint8]) -> bytes:
+    from PIL import Image
+
+    stream = io.BytesIO()
+    Image.fromarray(grey).save(stream, "PNG")
+    return stream.getvalue()
+
+
+def encode_exr(channel: str, image: npt.NDArray[np.float32]) -> bytes:
+    import OpenEXR
+
+    # Into memory: OpenEXR's own file errors have no errno.
+    stream = io.BytesIO()
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    OpenEXR.File(header, {channel: image}).write(stream)
+    return stream.getvalue()
+
+
+def write_file(path: Path, data: bytes) -> None:
+    try:
+        with naming(path):
+            path.write_bytes(data)
+    except OSError:
+        with suppress(OSError):
+            path.unlink()
+        raise
+
+
+def append_lines(path: Path, lines: str) -> None:
+    """Append whole lines to a text file, or none of them."""
+    size = path.stat().st_size if path.exists() else 0
+    try:
+        with naming(path), path.open("ab") as file:
+            file.write(lines.encode())
+    except BaseException:
+        with suppress(OSError):
+            os.truncate(path, size)
+        raise
+
+
+def as_json(meta: Mapping[str, Any]) -> dict[str, Any]:
+    """``meta`` as it will read back from JSON."""
+    loaded: dict[str, Any] = json.loads(json.dumps(meta, default=_plain, allow_nan=False))
+    return loaded
+
+
+def _plain(value: object) -> object:
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    if isinstance(value, Path):
+        return str(value)
+    raise TypeError(f"meta.json cannot hold {value!r} ({type(value).__name__})")
+
+
+def claim_folder(path: Path, *, overwrite: bool) -> None:
+    """Make ``path`` an empty dataset folder, or refuse."""
+    if path.exists() and not path.is_dir():
+        raise FileExistsError(errno.EEXIST, "a file is in the way of the dataset folder", str(path))
+    if path.is_dir() and any(path.iterdir()):
+        if not overwrite:
+            raise FileExistsError(
+                errno.EEXIST, "the folder is not empty; overwrite=True replaces a dataset in it", str(path)
+            )
+        if not ((path / EVENTS).is_file() and (path / META).is_file()):
+            raise FileExistsError(
+                errno.EEXIST, f"will not overwrite: no dataset in it (no {EVENTS} and {META})", str(path)
+            )
+        _remove_dataset(path)
+    path.mkdir(parents=True, exist_ok=True)
+
+
+def _remove_dataset(path: Path) -> None:
+    """Remove the files that a dataset consists of, and nothing else."""
+    for series in (FRAMES, DEPTH_MAPS, LUMA_MAPS):
+        folder = path / series.folder
+        if folder.is_symlink():  # the link is the dataset's, what it leads to is not
+            folder.unlink()
+        elif folder.is_dir():
+            for image in folder.iterdir():
+                if re.fullmatch(rf"frame_\d{{8,}}{re.escape(series.suffix)}", image.name):
+                    image.unlink()
+            with suppress(OSError):  # other files in it: it stays, with them
+                folder.rmdir()
+        (path / series.list_name).unlink(missing_ok=True)
+    # What marks the folder as a dataset goes last, so that an overwrite that was cut short can be repeated.
+    for name in (GROUND_TRUTH, INERTIAL, KALIBR_IMU, KALIBR_CAMERA_CHAIN, CALIBRATION, META_PART, EVENTS, META):
+        (path / name).unlink(missing_ok=True)

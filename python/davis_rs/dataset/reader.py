@@ -1,0 +1,223 @@
+"""Reading a dataset folder: one of ours, or one of the public Event-Camera Dataset."""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+import re
+import warnings
+from collections.abc import Iterator
+from functools import cached_property
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from .._core import DecodeError
+from ..camera import Camera
+from ..events import EventArray
+from ..formats.interface import TruncatedFileWarning
+from ..formats.text import TextFormat
+from ..imu import IMU_DTYPE, ImuArray
+from ..pose import GroundTruth
+from .files import (
+    CALIBRATION,
+    DEPTH_MAPS,
+    EVENTS,
+    FRAMES,
+    GROUND_TRUTH,
+    INERTIAL,
+    LUMA_MAPS,
+    META,
+    ImageSeries,
+)
+
+
+class StampedImage(NamedTuple):
+    """One image of a series: its time in microseconds and its file."""
+
+    t_us: int
+    path: Path
+
+
+class Dataset:
+    """A dataset folder, each part of it read when it is first asked for.
+
+    A part that the folder lacks is empty (``meta`` is then ``{}``), but for ``events`` and ``camera``, which raise
+    FileNotFoundError. Times are parsed from text to integer microseconds without a float between; where a file of
+    the public dataset has nanoseconds, to the nearest microsecond. In a dataset that was not completed, a last line
+    without its newline is left out: its writer was killed in the middle of it.
+
+    Raises:
+        FileNotFoundError: if the path does not exist, or is a folder without any of a dataset's files.
+        NotADirectoryError: if it is a file.
+        DecodeError: from any attribute or method, for the first malformed line of a file or a malformed image, naming
+            the file and the line.
+
+    Source: Mueggler et al., IJRR 2017, section 5 (file formats).
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        self.path = Path(path)
+        names = {entry.name for entry in self.path.iterdir()}
+        if names.isdisjoint({EVENTS, META, CALIBRATION, GROUND_TRUTH, FRAMES.list_name}):
+            raise FileNotFoundError(f"{self.path} is not a dataset: none of {EVENTS}, {META}, {CALIBRATION}, ... in it")
+
+    @cached_property
+    def meta(self) -> dict[str, Any]:
+        """The contents of ``meta.json``."""
+        path = self.path / META
+        if not path.exists():
+            return {}
+        try:
+            meta = json.loads(path.read_bytes())
+        except json.JSONDecodeError as error:
+            raise DecodeError(f"{path}, line {error.lineno}: {error.msg}") from None
+        except UnicodeDecodeError as error:
+            raise DecodeError(f"{path}, byte {error.start}: {error.reason}") from None
+        if not isinstance(meta, dict):
+            raise DecodeError(f"{path}: expected a JSON object, found {type(meta).__name__}")
+        return meta
+
+    @cached_property
+    def camera(self) -> Camera:
+        """The calibration; the sensor size comes from ``meta.json``, else the first frame, else is 240 x 180."""
+        width, height = 240, 180
+        if "sensor" in self.meta:
+            try:
+                width, height = (int(self.meta["sensor"][name]) for name in ("width", "height"))
+            except (KeyError, TypeError, ValueError):
+                raise DecodeError(f'{self.path / META}: "sensor" must hold the numbers width and height') from None
+        elif self.frames and self.frames[0].path.exists():
+            height, width = self.read_image(0).shape
+        return Camera.from_calib(self.path / CALIBRATION, width=width, height=height)
+
+    @cached_property
+    def events(self) -> EventArray:
+        """All events, ``EVENT_DTYPE``."""
+        with warnings.catch_warnings(), TextFormat().open_reader(self.path / EVENTS) as reader:
+            warnings.simplefilter("ignore" if self._unfinished else "error", TruncatedFileWarning)
+            try:
+                return reader.read()
+            except TruncatedFileWarning as warning:
+                raise DecodeError(str(warning)) from None
+
+    @cached_property
+    def frames(self) -> list[StampedImage]:
+        """The intensity frames."""
+        return self._series(FRAMES)
+
+    @cached_property
+    def depth_maps(self) -> list[StampedImage]:
+        """The depth maps."""
+        return self._series(DEPTH_MAPS)
+
+    @cached_property
+    def luma(self) -> list[StampedImage]:
+        """The maps of exact linear luma (the public dataset has none)."""
+        return self._series(LUMA_MAPS)
+
+    @cached_property
+    def groundtruth(self) -> GroundTruth:
+        """The camera's poses."""
+        t_us, poses = self._stamped_rows(GROUND_TRUTH, "timestamp px py pz qx qy qz qw", "poses")
+        return GroundTruth(t_us, poses[:, :3], poses[:, 3:])
+
+    @cached_property
+    def imu(self) -> ImuArray:
+        """The samples of the IMU, ``IMU_DTYPE``: m/s^2 and rad/s."""
+        t_us, values = self._stamped_rows(INERTIAL, "timestamp ax ay az gx gy gz", "IMU samples")
+        samples = np.zeros(len(t_us), IMU_DTYPE)
+        samples["t"], samples["accel"], samples["gyro"] = t_us, values[:, :3], values[:, 3:]
+        return samples
+
+    def read_image(self, index: int) -> npt.NDArray[np.uint8]:
+        """Intensity frame ``index``: uint8 (H, W)."""
+        from PIL import Image
+
+        path = self.frames[index].path
+        data = path.read_bytes()
+        try:
+            with Image.open(io.BytesIO(data)) as image:
+                mode, pixels = image.mode, np.array(image)
+        except (OSError, SyntaxError, ValueError) as error:  # what Pillow raises for malformed contents
+            raise DecodeError(f"{path}: {error}") from None
+        if mode != "L":
+            raise DecodeError(f"{path}: expected an 8-bit grey image, found mode {mode}")
+        return pixels
+
+    def read_depth(self, index: int) -> npt.NDArray[np.float32]:
+        """Depth map ``index``: z along the optical axis in metres, float32 (H, W), inf where nothing is hit."""
+        return _read_exr(self.depth_maps[index].path, "Z")
+
+    def read_luma(self, index: int) -> npt.NDArray[np.float32]:
+        """Luma map ``index``: linear luma, float32 (H, W)."""
+        return _read_exr(self.luma[index].path, "Y")
+
+    @property
+    def _unfinished(self) -> bool:
+        return self.meta.get("complete") is False
+
+    def _series(self, series: ImageSeries) -> list[StampedImage]:
+        path = self.path / series.list_name
+        return [
+            StampedImage(_parse_stamp(words[0], path, number), self.path / words[1])
+            for number, words in self._lines(series.list_name, f"timestamp {series.folder}/name{series.suffix}")
+        ]
+
+    def _stamped_rows(self, name: str, layout: str, what: str) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float64]]:
+        """A text file of stamps and numbers: times (n,) and numbers (n, k)."""
+        path = self.path / name
+        times, rows = [], []
+        for number, words in self._lines(name, layout):
+            times.append(_parse_stamp(words[0], path, number))
+            try:
+                row = [float(word) for word in words[1:]]
+            except ValueError as error:
+                raise DecodeError(f"{path}, line {number}: {error}") from None
+            if not all(map(math.isfinite, row)):
+                raise DecodeError(f"{path}, line {number}: {what} must be finite")
+            rows.append(row)
+        return np.array(times, np.int64), np.array(rows, np.float64).reshape(-1, len(layout.split()) - 1)
+
+    def _lines(self, name: str, layout: str) -> Iterator[tuple[int, list[str]]]:
+        """The numbered lines of a text file, in words; none where it does not exist. '#' starts a comment line."""
+        path = self.path / name
+        if not path.exists():
+            return
+        text = path.read_text(errors="replace")
+        if self._unfinished:
+            text = text[: text.rfind("\n") + 1]
+        for number, line in enumerate(text.splitlines(), 1):
+            words = line.split()
+            if not words or words[0].startswith("#"):
+                continue
+            if len(words) != len(layout.split()):
+                raise DecodeError(f"{path}, line {number}: expected '{layout}', found {line[:60]!r}")
+            yield number, words
+
+
+def _parse_stamp(word: str, path: Path, number: int) -> int:
+    """Decimal seconds to microseconds in integer arithmetic, to the nearest (halves up)."""
+    match = re.fullmatch(r"([0-9]{1,12})(?:\.([0-9]{1,18}))?", word)
+    if match is None:
+        raise DecodeError(f"{path}, line {number}: expected a time in decimal seconds, found {word[:40]!r}")
+    seconds, decimals = match[1], (match[2] or "").ljust(7, "0")
+    return int(seconds + decimals[:6]) + (decimals[6] >= "5")
+
+
+def _read_exr(path: Path, channel: str) -> npt.NDArray[np.float32]:
+    import OpenEXR
+
+    data = path.read_bytes()
+    try:
+        with OpenEXR.File(io.BytesIO(data)) as file:
+            channels = dict(file.channels())
+            pixels = channels[channel].pixels if channel in channels else None
+    except (RuntimeError, ValueError, TypeError) as error:
+        raise DecodeError(f"{path}: {error}") from None
+    if pixels is None or pixels.dtype != np.float32:
+        raise DecodeError(f"{path}: expected a float32 channel {channel!r}, found {sorted(channels)}")
+    return np.asarray(pixels, np.float32)

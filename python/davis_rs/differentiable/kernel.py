@@ -1,0 +1,133 @@
+"""The table kernel with textures and lights that are Dr.Jit arrays, so that derivatives reach them."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..rendering.scene_table import Light, SceneTable
+from ..rendering.scene_texture import TextureTable, wrap_index
+from ..rendering.table_kernel import TableKernel
+from .poses import tensor
+
+_STRENGTHS = {"point": "intensity", "directional": "irradiance", "constant": "radiance"}
+_VECTORS = {"point": "position", "directional": "direction"}
+
+
+class DifferentiableKernel(TableKernel):
+    """A table kernel whose textures and lights have names, and can be replaced."""
+
+    def __init__(self, table: SceneTable, mi: Any) -> None:
+        super().__init__(table, mi)
+        self._textures = {f"{shape.id()}.reflectance": number for number, shape in enumerate(table.scene.shapes())}
+        self._strengths, self._vectors = {}, {}
+        for number, light in enumerate(table.lights):
+            self._strengths[f"{light.name}.{_STRENGTHS[light.kind]}"] = number
+            if light.kind in _VECTORS:
+                self._vectors[f"{light.name}.{_VECTORS[light.kind]}"] = number
+
+    def parameters(self) -> dict[str, Any]:
+        """The scene's own values, ``mi.TensorXf``, by name."""
+        lights = self._table.lights
+        return {
+            **{name: tensor(_reflectances(self._table.textures, number)) for name, number in self._textures.items()},
+            **{name: tensor([lights[number].strength]) for name, number in self._strengths.items()},
+            **{name: tensor(lights[number].vector) for name, number in self._vectors.items()},
+        }
+
+    def replaced(self, parameters: Mapping[str, Any]) -> TableKernel:
+        """This kernel with other values for some of its parameters, attached to them.
+
+        Raises:
+            ValueError: for a name that is not there, or a value of another shape.
+        """
+        import drjit as dr
+        import mitsuba as mi
+
+        textures: dict[int, Any] = {}
+        lights = list(self._table.lights)
+        for name, value in parameters.items():
+            if name in self._textures:
+                number = self._textures[name]
+                _, width, height, _ = self._table.textures.sizes[number].tolist()
+                textures[number] = _shaped(name, value, (height, width, 3), (height, width))
+            elif name in self._strengths:
+                number = self._strengths[name]
+                lights[number] = replace(lights[number], strength=_shaped(name, value, (1,)).array)
+            elif name in self._vectors:
+                number = self._vectors[name]
+                vector = dr.unravel(mi.Vector3f, _shaped(name, value, (3,)).array)
+                if lights[number].kind == "directional":
+                    vector = dr.normalize(vector)
+                components: Any = _Components(vector)
+                lights[number] = replace(lights[number], vector=components)
+            else:
+                known = ", ".join([*self._textures, *self._strengths, *self._vectors])
+                raise ValueError(f"parameters of this scene are {known}; got {name!r}")
+        kernel = copy.copy(self)
+        if textures:
+            kernel._texels = [self._with_textures(group, textures) for group in range(len(self._texels))]
+        kernel._table = _AttachedTable(self._table, lights)
+        return kernel
+
+    def _with_textures(self, group: int, replacements: Mapping[int, Any]) -> Any:
+        """The kernel's buffer of texels as luma, each texture in its frame, with some of them replaced."""
+        import drjit as dr
+        import mitsuba as mi
+
+        weights = self._table.textures.group_weights[group].tolist()
+        parts, end = [], 0
+        for number, (_, width, height, wrap) in enumerate(self._table.textures.sizes.tolist()):
+            start, end = end, end + (width + 2) * (height + 2)
+            if number not in replacements:
+                parts.append(dr.gather(mi.Float, self._texels[group], dr.arange(mi.UInt32, start, end)))
+                continue
+            value = replacements[number]
+            rows, columns = (wrap_index(np.arange(-1, size + 1), size, wrap) for size in (height, width))
+            texel = mi.UInt32((rows[:, None] * width + columns).ravel().astype(np.uint32))
+            if value.ndim == 2:
+                parts.append(sum(weights) * dr.gather(mi.Float, value.array, texel))
+            else:
+                rgb = (dr.gather(mi.Float, value.array, texel * 3 + channel) for channel in range(3))
+                parts.append(sum(weight * values for weight, values in zip(weights, rgb, strict=True)))
+        return dr.concat(parts)
+
+
+class _AttachedTable(SceneTable):
+    """A table with other lights, whose numbers are Dr.Jit arrays."""
+
+    def __init__(self, table: SceneTable, lights: list[Light]) -> None:
+        self.__dict__.update(table.__dict__)
+        self.lights = lights
+
+    @property
+    def background_luma(self) -> Any:
+        return self.background(self.lights)
+
+
+class _Components(list[Any]):
+    """Components of a Dr.Jit vector, where the kernel looks for a NumPy vector."""
+
+    def tolist(self) -> list[Any]:
+        return self
+
+
+def _reflectances(textures: TextureTable, number: int) -> npt.NDArray[np.float32]:
+    """Linear RGB (H, W, 3) of a texture: its texels under a red, a green and a blue light."""
+    by_channel = copy.copy(textures)
+    by_channel.group_weights = list(np.eye(3))
+    first, width, height, _ = textures.sizes[number].tolist()
+    rgb = np.stack([by_channel.texels(channel)[first : first + width * height] for channel in range(3)], -1)
+    return rgb.reshape(height, width, 3)
+
+
+def _shaped(name: str, value: Any, *shapes: tuple[int, ...]) -> Any:
+    attached = tensor(value)
+    if attached.shape not in shapes:
+        raise ValueError(f"{name} must have shape {' or '.join(map(str, shapes))}, got {attached.shape}")
+    return attached

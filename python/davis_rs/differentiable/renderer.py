@@ -1,0 +1,122 @@
+"""The differentiable renderer: luma as a function, in Dr.Jit, of camera poses, textures and lights."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from .._mitsuba import FAST, default_variant, load_scene_source, variant
+from ..camera import Camera
+from ..rendering.camera_rays import CameraRays, Lanes
+from ..rendering.scene_table import SceneTable, Unsuitable
+from ..scene.scene import Scene
+from .kernel import DifferentiableKernel
+from .poses import CameraPoses, spline
+
+__all__ = ["CameraPoses", "DifferentiableRenderer", "spline"]
+
+_PACKET = 16
+
+
+class DifferentiableRenderer:
+    """Renders linear luma of a diffuse scene, attached to Dr.Jit's graph: forward and reverse mode go through it.
+
+    It is the table kernel on the table renderer's rays: frames are those of ``make_renderer(..., kind="table")``.
+    Derivatives are exact inside surfaces, for the rays that are traced. **Which surface a ray meets, and whether a
+    light is hidden from it, is taken as fixed**: how luma changes where the edge of a surface or of a shadow moves over
+    a pixel is not in them (docs/differentiable.md tells how much that is).
+
+    Args:
+        samples: rays a pixel.
+        blur: the 3 x 3 blur of luma; None leaves it to the scene.
+
+    Raises:
+        ValueError: if the table kernel cannot render the scene (the message says what in it is not a diffuse mesh
+            under point, directional and constant light), if objects move or lights change in it, for ``samples``
+            outside of 1..1024, or without ``llvm_ad_rgb``.
+        OSError: if a scene file cannot be read.
+    """
+
+    def __init__(
+        self, scene: Scene, camera: Camera | None = None, *, samples: int = 4, blur: bool | None = None
+    ) -> None:
+        self.camera = scene.camera if camera is None else camera
+        self.samples, self.blur = samples, scene.blur if blur is None else blur
+        if scene.objects or scene.lights:
+            changing = ", ".join([*scene.objects, *scene.lights])
+            raise ValueError(f"derivatives are of scenes in which nothing changes but the camera; here {changing} do")
+        variant_name, why = default_variant()
+        if variant_name != FAST:
+            raise ValueError(f"derivatives need Mitsuba's {FAST} variant: {why}")
+        self._rays = CameraRays(self.camera)
+        self._rays.prepare(samples)
+        with variant(FAST) as (mi, dr):
+            loaded = load_scene_source(scene.source(), mi)
+            try:
+                table = SceneTable(loaded, mi, dr, shadows=scene.shadows, any_integrator=True)
+            except Unsuitable as unsuitable:
+                raise ValueError(f"derivatives need the table kernel, which cannot render this: {unsuitable}") from None
+            self._kernel = DifferentiableKernel(table, mi)
+
+    @property
+    def parameters(self) -> dict[str, Any]:
+        """What :meth:`luma` can replace, each a new ``mi.TensorXf`` with the scene's own value.
+
+        For each shape ``<id>.reflectance`` (H, W, 3): its texels, linear RGB; (1, 1, 3) for a shape of one colour. For
+        each light ``<id>.intensity`` (point, W/sr), ``<id>.irradiance`` (directional, W/m^2) or ``<id>.radiance``
+        (constant), (1,), in its strongest channel: the light's colour stays. ``<id>.position`` (3,) of a point light,
+        metres, and ``<id>.direction`` (3,) of a directional one: where its light travels, of any length.
+        """
+        with variant(FAST):
+            return self._kernel.parameters()
+
+    def luma(self, poses: CameraPoses, parameters: Mapping[str, Any] | None = None) -> Any:
+        """Linear luma of n poses, a ``mi.TensorXf`` (n, H, W), attached to the poses and the parameters.
+
+        All rays of all poses are traced at once: with no loop in it, reverse mode needs no more than the memory of
+        n H W samples numbers, a few times over. ``dr.backward`` after each of several batches adds up the gradients.
+
+        Args:
+            parameters: replacements by their names in :attr:`parameters`: Dr.Jit arrays, or anything that NumPy takes.
+                A reflectance may also be (H, W), the same in all channels.
+
+        Raises:
+            ValueError: for a name that the scene does not have, a value of another shape, or 2^32 rays or more.
+        """
+        with variant(FAST) as (mi, dr):
+            kernel = self._kernel.replaced(parameters or {})
+            count, pixels, (height, width) = len(poses), self._rays.pixels, (self.camera.height, self.camera.width)
+            # Whole ray packets of one sample and view, as the table renderer has them: then the bits are its own.
+            padded = -(-pixels // _PACKET) * _PACKET
+            lanes = count * padded
+            if lanes * self.samples >= 1 << 32:
+                raise ValueError(f"poses x pixels x samples must stay below 2^32, got {lanes * self.samples}")
+            lane = dr.arange(mi.UInt32, lanes * self.samples)
+            sample, lane = lane // lanes, lane % lanes
+            view, pixel = lane // padded, dr.minimum(lane % padded, pixels - 1)
+            cameras = poses.gather(view)
+            ray = self._rays.ray(Lanes(pixel, cameras.positions, cameras.rotations, None), sample, self.samples)
+            luma = kernel.luma(ray)
+            pixel = dr.arange(mi.UInt32, count * pixels)
+            first = pixel // pixels * padded + pixel % pixels
+            frames = dr.zeros(mi.Float, count * pixels)
+            for number in range(self.samples):
+                frames += dr.gather(mi.Float, luma, first + number * lanes)
+            frames /= self.samples
+            if self.blur:
+                frames = _blur_along(_blur_along(frames, height, width), width, 1)
+            return mi.TensorXf(frames, (count, height, width))
+
+
+def _blur_along(luma: Any, size: int, stride: int) -> Any:
+    """One of the two passes of :func:`davis_rs.luma.blur_3x3`: along ``size`` pixels that lie ``stride`` apart."""
+    import drjit as dr
+    import mitsuba as mi
+
+    if size == 1:
+        return luma
+    pixel = dr.arange(mi.UInt32, dr.width(luma))
+    place = pixel // stride % size
+    before = dr.select(place == 0, pixel + stride, pixel - stride)
+    after = dr.select(place == size - 1, pixel - stride, pixel + stride)
+    return 0.5 * luma + 0.25 * (dr.gather(mi.Float, luma, before) + dr.gather(mi.Float, luma, after))

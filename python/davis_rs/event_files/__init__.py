@@ -1,0 +1,1 @@
+"""Event files of any format: read, written, converted."""

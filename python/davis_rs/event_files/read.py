@@ -1,0 +1,65 @@
+"""Reading events from a file of any format, which is recognised by its content."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+from ..dataset.files import EVENTS
+from ..events import EventArray
+from ..formats.interface import CHUNK, EventReader, Roi
+from ..formats.registry import format_of_content
+
+
+def open_reader(path: str | os.PathLike[str]) -> EventReader:
+    """A reader of an event file, or of the events of a dataset folder.
+
+    Raises:
+        OSError: if it cannot be read.
+        DecodeError: if it is in no known format.
+    """
+    file = Path(path)
+    if file.is_dir():
+        file /= EVENTS
+    return format_of_content(file).open_reader(file)
+
+
+def read_events(
+    path: str | os.PathLike[str],
+    *,
+    start_us: int | None = None,
+    stop_us: int | None = None,
+    roi: Roi | None = None,
+) -> EventArray:
+    """The events of a file as one array of :data:`davis_rs.EVENT_DTYPE`, in the file's order.
+
+    Args:
+        path: a file of any format in docs/formats.md, recognised by its content, or a dataset folder.
+        start_us, stop_us: only events with start_us <= t < stop_us; what lies outside is not read where the format
+            allows it.
+        roi: only events with x0 <= x < x1 and y0 <= y < y1, as (x0, y0, x1, y1).
+
+    Raises:
+        OSError: if it cannot be read.
+        DecodeError: if it is in no known format, or malformed; the message says where.
+
+    Warns:
+        TruncatedFileWarning: if the file ends in the middle of a record or was never finished; what is whole is
+            returned.
+    """
+    with open_reader(path) as reader:
+        return reader.read(start_us=start_us, stop_us=stop_us, roi=roi)
+
+
+def iter_events(
+    path: str | os.PathLike[str],
+    *,
+    chunk: int = CHUNK,
+    start_us: int | None = None,
+    stop_us: int | None = None,
+    roi: Roi | None = None,
+) -> Iterator[EventArray]:
+    """:func:`read_events` in arrays of ``chunk`` events, the last one shorter, in constant memory."""
+    with open_reader(path) as reader:
+        yield from reader.iter(chunk, start_us=start_us, stop_us=stop_us, roi=roi)

@@ -1,0 +1,282 @@
+"""Checking a dataset folder: its structure, and its events against the rendered log intensity."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, NamedTuple, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from .._core import DecodeError, log_intensity, reconstruct
+from ..dataset.files import META
+from ..dataset.reader import Dataset, StampedImage
+from ..effects import EFFECTS
+from ..events import EventArray
+from ..pose import GroundTruth
+
+TOLERANCE = 1e-9
+"""What the check itself may add to an error, in units of C: its sums and differences are made in float64."""
+
+_SHOWN = 20
+
+_VOIDING = {name for name, effect in EFFECTS.items() if effect.acts_on not in ("luma", "frames")}
+"""Optics act before log intensity, frames beside it."""
+_T = TypeVar("_T")
+
+
+class InstantError(NamedTuple):
+    """How far log intensity lies from what the events say, at one instant.
+
+    ``largest`` is the largest |L - R| over the pixels, at pixel (``x``, ``y``), and ``mean`` the mean, both in units of
+    the threshold on the error's side: C_on where L > R, C_off where L < R.
+    """
+
+    t_us: int
+    largest: float
+    mean: float
+    x: int
+    y: int
+
+
+@dataclass
+class CheckReport:
+    """What :func:`check_dataset` found; ``str()`` of it is a few lines for people.
+
+    Attributes:
+        path: the dataset folder.
+        problems: one sentence each; empty where the check holds.
+        counts: how many ``events``, ``frames``, ``depth_maps`` and ``luma_maps`` were found.
+        instants: the comparison at each instant whose luma is stored, after the first.
+        void: effects of the sensor under which events need not explain log intensity, so that nothing was compared.
+    """
+
+    path: Path
+    problems: list[str] = field(default_factory=list)
+    counts: dict[str, int] = field(default_factory=dict)
+    instants: list[InstantError] = field(default_factory=list)
+    void: list[str] = field(default_factory=list)
+
+    @property
+    def ok(self) -> bool:
+        """Whether no problem was found."""
+        return not self.problems
+
+    @property
+    def worst(self) -> InstantError | None:
+        """The instant with the largest error, None where nothing could be compared."""
+        return max(self.instants, key=lambda instant: instant.largest, default=None)
+
+    def __str__(self) -> str:
+        lines = [f"{self.path}: " + ", ".join(f"{n} {name.replace('_', ' ')}" for name, n in self.counts.items())]
+        if self.worst is not None:
+            worst, mean = self.worst, float(np.mean([instant.mean for instant in self.instants]))
+            lines.append(
+                f"log intensity minus reconstruction at {len(self.instants)} instants: largest {worst.largest:.9f} C "
+                f"at {_seconds(worst.t_us)}, pixel ({worst.x}, {worst.y}); mean {mean:.4f} C"
+            )
+        if self.void:
+            lines.append(
+                f"log intensity is not compared with the events, which need not explain it under {_and(self.void)}"
+            )
+        lines += [f"problem: {problem}" for problem in self.problems[:_SHOWN]]
+        if len(self.problems) > _SHOWN:
+            lines.append(f"... and {len(self.problems) - _SHOWN} more")
+        if self.ok:
+            lines.append("the check of its structure holds" if self.void else "the check holds")
+        else:
+            lines.append(f"the check fails: {len(self.problems)} problem{'s' * (len(self.problems) > 1)}")
+        return "\n".join(lines)
+
+
+def check_dataset(path: str | Path) -> CheckReport:
+    """Check a dataset that :class:`~davis_rs.dataset.writer.DatasetWriter` wrote.
+
+    Its events: log intensity is reconstructed from the first luma map and the events, and compared with the rendered
+    one wherever luma is stored; in every pixel the error L - R must lie inside (-C_off, C_on), give or take
+    :data:`TOLERANCE`. This is the check of the paper, for ideal pixels: where an effect acts behind the luma, it is
+    left out, and the report says so. Its structure: events sorted by (t, y, x), inside the sensor and
+    the duration; counts as in ``meta.json``; every listed image there, readable and of the sensor's size, at strictly
+    increasing times that are multiples of its period to the nearest microsecond; ground truth at strictly increasing
+    times with unit quaternions.
+
+    Raises:
+        OSError: if there is no dataset at ``path``. All else becomes a sentence in the report.
+
+    Source: Mueggler et al., IJRR 2017, section 6 (the simulator).
+    """
+    dataset = Dataset(path)
+    report = CheckReport(dataset.path)
+    problems = report.problems
+
+    def read(part: Callable[[], _T]) -> _T | None:
+        try:
+            return part()
+        except (DecodeError, OSError) as error:
+            problems.append(f"{error}.")
+            return None
+
+    meta = read(lambda: dataset.meta) or {}
+    if not meta:
+        problems.append(f"There is no {META} to be read, so the events cannot be compared with log intensity.")
+    camera, events, ground_truth = (
+        read(lambda: dataset.camera),
+        read(lambda: dataset.events),
+        read(lambda: dataset.groundtruth),
+    )
+    frames, depth_maps = read(lambda: dataset.frames) or [], read(lambda: dataset.depth_maps) or []
+    luma = read(lambda: dataset.luma) or []
+
+    if events is not None:
+        report.counts = {"events": len(events), "on_events": int(np.count_nonzero(events["p"]))}
+    report.counts |= {"frames": len(frames), "depth_maps": len(depth_maps), "luma_maps": len(luma)}
+    if meta:
+        problems += _meta_problems(meta, report.counts)
+    if camera is None:
+        return report
+    size = (camera.height, camera.width)
+    parameters = meta.get("parameters") or {}
+    event_problems = [] if events is None else list(_event_problems(events, size, _duration(meta)))
+    luma_problems = list(_image_problems("luma map", luma, dataset.read_luma, size, None))
+    problems += event_problems
+    problems += _image_problems("frame", frames, dataset.read_image, size, parameters.get("frame_rate_hz"))
+    problems += _image_problems("depth map", depth_maps, dataset.read_depth, size, parameters.get("depth_rate_hz"))
+    problems += luma_problems
+    if ground_truth is not None:
+        problems += _pose_problems(ground_truth)
+    report.void = [name for name in meta.get("effects") or {} if name in _VOIDING]
+    if meta and not report.void and events is not None and not event_problems and not luma_problems:
+        report.instants, comparison_problems = _compare(dataset, events, parameters)
+        problems += comparison_problems
+    return report
+
+
+def _and(names: list[str]) -> str:
+    return " and ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
+
+
+def _duration(meta: dict[str, Any]) -> int | None:
+    """The duration in microseconds, None where the writer did not come to write the final one."""
+    return meta.get("duration_us") if meta.get("complete") or meta.get("interrupted") else None
+
+
+def _meta_problems(meta: dict[str, Any], found: dict[str, int]) -> Iterator[str]:
+    if _duration(meta) is None:
+        yield f"The dataset was never finished ({META} says so): its writer was killed or failed."
+        return
+    stated = meta.get("counts") or {}
+    for name, count in found.items():
+        if stated.get(name) != count:
+            yield f"{META} counts {stated.get(name)} {name.replace('_', ' ')}, the folder holds {count}."
+
+
+def _event_problems(events: EventArray, size: tuple[int, int], duration_us: int | None) -> Iterator[str]:
+    height, width = size
+    outside = (events["x"] >= width) | (events["y"] >= height)
+    if outside.any():
+        t, x, y, _ = events[outside.argmax()]
+        yield (
+            f"{np.count_nonzero(outside)} of the events lie outside of the {width} x {height} sensor, "
+            f"the first at ({x}, {y}), {_seconds(t)}."
+        )
+    t_us = events["t"]
+    late = t_us < 1 if duration_us is None else (t_us < 1) | (t_us > duration_us)
+    if late.any():
+        limit = "..." if duration_us is None else _seconds(duration_us)
+        first = _seconds(t_us[late.argmax()])
+        yield f"{np.count_nonzero(late)} of the events lie outside of (0 s, {limit}], the first at {first}."
+    # One key a pixel keeps (y, x) order; times and keys of neighbours then decide.
+    pixel = events["y"].astype(np.int64) * 65536 + events["x"]
+    back = (t_us[1:] < t_us[:-1]) | ((t_us[1:] == t_us[:-1]) & (pixel[1:] < pixel[:-1]))
+    if back.any():
+        at = int(back.argmax()) + 1
+        yield (
+            f"The events are not sorted by (t, y, x): event {at + 1} of events.txt, at {_seconds(t_us[at])}, "
+            "belongs before the one above it."
+        )
+
+
+def _image_problems(
+    what: str,
+    series: list[StampedImage],
+    read: Callable[[int], npt.NDArray[Any]],
+    size: tuple[int, int],
+    rate_hz: float | None,
+) -> Iterator[str]:
+    last_us = -1
+    for number, (t_us, path) in enumerate(series):
+        if t_us <= last_us:
+            yield f"The times of the {what}s do not increase: {_seconds(t_us)} follows {_seconds(last_us)}."
+        last_us = t_us
+        due_us = number * 1e6 / rate_hz if rate_hz else None
+        if due_us is not None and abs(t_us - due_us) > 0.5 + 1e-6:
+            yield f"{what.capitalize()} {number} is at {_seconds(t_us)}, but fell due at {due_us / 1e6:.6f} s."
+            return  # those after it are late as well
+        try:
+            shape = read(number).shape
+        except FileNotFoundError:
+            yield f"{what.capitalize()} {number} is listed, but there is no file {path}."
+            continue
+        except (DecodeError, OSError) as error:
+            yield f"{what.capitalize()} {number} cannot be read: {error}."
+            continue
+        if shape != size:
+            yield f"{what.capitalize()} {number} has shape {shape}, the sensor {size}: {path}."
+
+
+def _pose_problems(ground_truth: GroundTruth) -> Iterator[str]:
+    t_us = ground_truth.t_us
+    back = t_us[1:] <= t_us[:-1]
+    if back.any():
+        at = int(back.argmax())
+        yield f"The times of the ground truth do not increase: {_seconds(t_us[at + 1])} follows {_seconds(t_us[at])}."
+    norm = np.linalg.norm(ground_truth.quaternions, axis=1)
+    wrong = np.abs(norm - 1) > 1e-6
+    if wrong.any():
+        at = int(wrong.argmax())
+        yield f"The ground truth's quaternions must have norm 1: it is {norm[at]:.9g} at {_seconds(t_us[at])}."
+
+
+def _compare(dataset: Dataset, events: EventArray, parameters: dict[str, Any]) -> tuple[list[InstantError], list[str]]:
+    """The paper's check: the error at each instant, and the problems."""
+    try:
+        c_on, log_eps = float(parameters["contrast_threshold"]), float(parameters["log_eps"])
+        c_off = float(parameters["contrast_threshold_off"] or c_on)
+    except (KeyError, TypeError, ValueError):
+        names = "contrast_threshold, contrast_threshold_off and log_eps"
+        return [], [f"{META} lacks the parameters {names}, so the events cannot be compared with log intensity."]
+    if len(dataset.luma) < 2:
+        return [], ["Fewer than two luma maps are stored, so the events cannot be compared with log intensity."]
+    start_us = dataset.luma[0].t_us
+    if len(events) and events["t"][0] <= start_us:
+        return [], [f"There are events before the first luma map, which is at {_seconds(start_us)}."]
+    instants = list(_instant_errors(dataset, events, c_on, c_off, log_eps))
+    failed = [instant for instant in instants if not instant.largest < 1 + TOLERANCE]
+    if not failed:
+        return instants, []
+    first = failed[0]
+    return instants, [
+        f"At {len(failed)} of {len(instants)} instants the events do not give log intensity within (-C_off, C_on): "
+        f"first at {_seconds(first.t_us)}, where pixel ({first.x}, {first.y}) is {first.largest:.6f} C away."
+    ]
+
+
+def _instant_errors(
+    dataset: Dataset, events: EventArray, c_on: float, c_off: float, log_eps: float
+) -> Iterator[InstantError]:
+    reconstruction, done = log_intensity(dataset.read_luma(0), log_eps), 0
+    for index, (t_us, _) in enumerate(dataset.luma[1:], 1):
+        # From one instant to the next, so that every event is counted once however many instants there are.
+        until = int(np.searchsorted(events["t"], t_us, side="right"))
+        reconstruction = reconstruct(events[done:until], reconstruction, t_us, c_on, c_off)
+        done = until
+        error = log_intensity(dataset.read_luma(index), log_eps) - reconstruction
+        in_c = np.where(error > 0, error / c_on, -error / c_off)
+        y, x = np.unravel_index(in_c.argmax(), in_c.shape)
+        yield InstantError(t_us, float(in_c[y, x]), float(in_c.mean()), int(x), int(y))
+
+
+def _seconds(t_us: int) -> str:
+    return f"{t_us / 1e6:.6f} s"

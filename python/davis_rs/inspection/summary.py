@@ -1,0 +1,272 @@
+"""What is in an event file or a dataset folder: counts, rates, gaps, and how fast the camera moved."""
+
+from __future__ import annotations
+
+import heapq
+import os
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from .._core import count_events
+from ..dataset.reader import Dataset
+from ..event_files.read import open_reader
+from ..formats.interface import EventReader
+from ..pose import GroundTruth
+from ..trajectory.trajectory import SPEED_WINDOW_S
+
+PEAK_WINDOW_US = 10_000
+"""The peak rate is that of the fullest of the intervals of this length that follow each other from t = 0."""
+
+_GAPS = 3
+
+
+class Gap(NamedTuple):
+    """A time without events: from ``start_us``, ``length_us`` long."""
+
+    length_us: int
+    start_us: int
+
+    def __str__(self) -> str:
+        return f"{self.length_us / 1e3:.3f} ms from {_seconds(self.start_us)}"
+
+
+@dataclass
+class EventSummary:
+    """What :func:`summarize_events` found; ``str()`` of it is a few lines for people.
+
+    Attributes:
+        path, format: the file, and the name of its format.
+        size: (width, height) of the sensor; where the file does not say, what the events span.
+        size_known: whether the file says it.
+        events, on: how many there are, and how many of them are ON.
+        first_us, last_us: times of the first and the last, None without events.
+        peak_events: most events in one of the intervals of :data:`PEAK_WINDOW_US`; ``peak_us`` is its start.
+        backward: how many events are earlier than the one before them.
+        gaps: the longest, longest first.
+        counts: events in each pixel, uint64 (height, width).
+    """
+
+    path: Path
+    format: str
+    size: tuple[int, int]
+    size_known: bool
+    events: int = 0
+    on: int = 0
+    first_us: int | None = None
+    last_us: int | None = None
+    peak_events: int = 0
+    peak_us: int = 0
+    backward: int = 0
+    gaps: list[Gap] = field(default_factory=list)
+    counts: npt.NDArray[np.uint64] = field(default_factory=lambda: np.zeros((0, 0), np.uint64))
+
+    @property
+    def duration_s(self) -> float:
+        """From the first event to the last."""
+        return 0.0 if self.first_us is None or self.last_us is None else (self.last_us - self.first_us) / 1e6
+
+    @property
+    def mean_rate_hz(self) -> float:
+        """Events a second over the duration; 0 where that is 0."""
+        return self.events / self.duration_s if self.duration_s > 0 else 0.0
+
+    @property
+    def peak_rate_hz(self) -> float:
+        """Events a second in the fullest interval; the mean rate, where the file is shorter than one."""
+        return max(self.peak_events * 1e6 / PEAK_WINDOW_US, self.mean_rate_hz)
+
+    def __str__(self) -> str:
+        width, height = self.size
+        known = "" if self.size_known else " (spanned by the events; the file does not say)"
+        lines = [f"{self.path}: {self.format}", f"sensor      {width} x {height}{known}"]
+        if not self.events:
+            return "\n".join([*lines, "events      0"])
+        y, x = np.unravel_index(int(self.counts.argmax()), self.counts.shape)
+        silent = int(np.count_nonzero(self.counts == 0))
+        lines += [
+            f"time        {_seconds(self.first_us)} to {_seconds(self.last_us)}, {self.duration_s:.6f} s",
+            f"events      {self.events:,}, {self.on / self.events:.1%} ON",
+            f"mean rate   {_rate(self.mean_rate_hz)}",
+            f"peak rate   {_rate(self.peak_rate_hz)} in the {PEAK_WINDOW_US // 1000} ms from {_seconds(self.peak_us)}",
+            f"pixels      {_rate(self.mean_rate_hz / self.counts.size)} on average; busiest ({x}, {y}) with "
+            f"{self.counts[y, x]:,} events; {silent:,} without any",
+            "gaps        " + (", ".join(map(str, self.gaps)) or "none"),
+        ]
+        if self.backward:
+            lines.append(f"warning: {self.backward:,} events are earlier than the one before them")
+        return "\n".join(lines)
+
+
+class DatasetRow(NamedTuple):
+    """The columns of the paper's tables for one sequence.
+
+    ``duration_s`` T: the duration; ``translation_m_s`` TS and ``rotation_deg_s`` RS: top speeds of the camera, NaN
+    without ground truth; ``events`` NE: the number of events.
+
+    Source: Mueggler et al., IJRR 2017, tables 1 to 3.
+    """
+
+    duration_s: float
+    translation_m_s: float
+    rotation_deg_s: float
+    events: int
+
+    def __str__(self) -> str:
+        return (
+            f"T = {self.duration_s:.3f} s, TS = {self.translation_m_s:.3f} m/s, RS = {self.rotation_deg_s:.1f} deg/s, "
+            f"NE = {self.events:,}"
+        )
+
+
+def summarize_events(
+    path: str | os.PathLike[str],
+    *,
+    size: tuple[int, int] | None = None,
+    progress: Callable[[float], object] | None = None,
+) -> EventSummary:
+    """Read an event file once, in constant memory, and sum it up.
+
+    Args:
+        path: a file of any format, or a dataset folder.
+        size: (width, height) of the sensor, where the file does not say.
+        progress: is told the share that is done, 0..1.
+
+    Raises:
+        OSError, DecodeError: if it cannot be read.
+        ValueError: for events outside of the sensor.
+    """
+    with open_reader(path) as reader:
+        known = reader.size if reader.size is not None else size
+        summary = EventSummary(Path(path), reader.format, known or (0, 0), known is not None)
+        _sum_up(reader, summary, progress)
+    return summary
+
+
+def _sum_up(reader: EventReader, summary: EventSummary, progress: Callable[[float], object] | None) -> None:
+    width, height = summary.size
+    counts: npt.NDArray[np.uint64] = np.zeros((height, width), np.uint64)
+    window, in_window = 0, 0
+    for events in reader.iter():
+        if not summary.size_known:
+            width, height = max(width, int(events["x"].max()) + 1), max(height, int(events["y"].max()) + 1)
+            grown = np.zeros((height, width), np.uint64)
+            grown[: counts.shape[0], : counts.shape[1]] = counts
+            counts = grown
+        off, on = count_events(events, (width, height))
+        counts += off
+        counts += on
+        t_us = np.ascontiguousarray(events["t"])
+        _add_gaps(summary, t_us)
+        windows, sizes = np.unique(t_us // PEAK_WINDOW_US, return_counts=True)
+        if windows[0] == window:  # the interval that the events before ended in
+            sizes[0] += in_window
+        fullest = int(sizes.argmax())
+        if sizes[fullest] > summary.peak_events:
+            summary.peak_events, summary.peak_us = int(sizes[fullest]), int(windows[fullest]) * PEAK_WINDOW_US
+        window, in_window = int(windows[-1]), int(sizes[-1])
+        summary.on += int(on.sum())
+        summary.events += len(events)
+        if summary.first_us is None:
+            summary.first_us = int(t_us[0])
+        summary.last_us = int(t_us[-1])
+        if progress is not None:
+            progress(reader.progress)
+    summary.size, summary.counts = (width, height), counts
+
+
+def _add_gaps(summary: EventSummary, t_us: npt.NDArray[np.int64]) -> None:
+    """Note the longest gaps up to the last of these times, and steps back."""
+    if summary.last_us is not None:
+        t_us = np.concatenate([[np.int64(summary.last_us)], t_us])
+    steps = np.diff(t_us)
+    summary.backward += int(np.count_nonzero(steps < 0))
+    longest = np.argpartition(steps, -_GAPS)[-_GAPS:] if len(steps) > _GAPS else np.arange(len(steps))
+    found = [Gap(int(steps[at]), int(t_us[at])) for at in longest if steps[at] > 0]
+    summary.gaps = heapq.nlargest(_GAPS, [*summary.gaps, *found])
+
+
+def dataset_row(path: str | Path, summary: EventSummary) -> DatasetRow:
+    """The paper's columns for a dataset folder whose events were summed up.
+
+    The duration is that of ``meta.json`` where there is one, else that of the events.
+
+    Raises:
+        OSError, DecodeError: if the ground truth cannot be read.
+    """
+    dataset = Dataset(path)
+    stated_us = dataset.meta.get("duration_us")
+    duration_s = stated_us / 1e6 if isinstance(stated_us, int) else summary.duration_s
+    return DatasetRow(duration_s, *top_speeds(dataset.groundtruth), summary.events)
+
+
+def top_speeds(ground_truth: GroundTruth) -> tuple[float, float]:
+    """The largest translation speed in m/s and rotation speed in degrees a second, NaN for less than two poses.
+
+    A speed is that between a pose and the first one at least 100 ms later, in a shorter sequence between its ends: what
+    :meth:`~davis_rs.Trajectory.top_speeds` is of a trajectory, and far above a motion capture's noise.
+    """
+    span_us = round(SPEED_WINDOW_S * 1e6)
+    t_us = ground_truth.t_us
+    if len(t_us) < 2:
+        return float("nan"), float("nan")
+    later = np.minimum(np.searchsorted(t_us, t_us + span_us), len(t_us) - 1)
+    from_ = np.flatnonzero(t_us[later] - t_us >= min(span_us, int(t_us[-1] - t_us[0])))
+    to = later[from_]
+    seconds = (t_us[to] - t_us[from_]) / 1e6
+    q = ground_truth.quaternions / np.linalg.norm(ground_truth.quaternions, axis=1, keepdims=True)
+    metres = np.linalg.norm(ground_truth.positions[to] - ground_truth.positions[from_], axis=1)
+    # Of q and -q, which are one rotation, the nearer; the chord keeps its digits where the cosine has none.
+    chord = np.minimum(np.linalg.norm(q[to] - q[from_], axis=1), np.linalg.norm(q[to] + q[from_], axis=1))
+    degrees = np.degrees(4 * np.arcsin(np.minimum(chord / 2, 1)))
+    return float((metres / seconds).max()), float((degrees / seconds).max())
+
+
+def draw_rates(summary: EventSummary, output: str | Path) -> Path:
+    """Draw the rate of each pixel, in events a second, on a logarithmic scale; returns the picture's path.
+
+    Raises:
+        ImportError: without matplotlib, saying how to get it.
+        ValueError: if there are no events, or all are at one time.
+        OSError: if it cannot be written.
+    """
+    try:
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.colors import LogNorm
+        from matplotlib.figure import Figure
+    except ImportError as error:
+        raise ImportError("drawing rates needs matplotlib: pip install 'davis_rs[view]'") from error
+    if summary.duration_s <= 0:
+        raise ValueError(f"{summary.path} has no two events at different times, so no rates to draw")
+    rates = summary.counts / summary.duration_s
+    width, height = summary.size
+    figure = Figure(figsize=(7.2, 1.2 + 6.0 * height / width), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.add_subplot()
+    least = float(rates[rates > 0].min())
+    shown = np.ma.masked_equal(rates, 0)
+    image = axes.imshow(shown, cmap="viridis", norm=LogNorm(least, max(float(rates.max()), least * 1.001)))
+    axes.set_facecolor("0.82")
+    axes.set_xlabel("x [px]")
+    axes.set_ylabel("y [px]")
+    axes.set_title(
+        f"{summary.path.name}: {summary.events:,} events in {summary.duration_s:.3f} s; grey: no events", fontsize=9
+    )
+    figure.colorbar(image, ax=axes, label="events a second", shrink=0.9)
+    figure.savefig(output, dpi=150)
+    return Path(output)
+
+
+def _rate(hertz: float) -> str:
+    for factor, unit in ((1e6, "Mev/s"), (1e3, "kev/s")):
+        if hertz >= factor:
+            return f"{hertz / factor:.3f} {unit}"
+    return f"{hertz:.3f} ev/s"
+
+
+def _seconds(t_us: int | None) -> str:
+    return "-" if t_us is None else f"{t_us / 1e6:.6f} s"

@@ -1,0 +1,97 @@
+"""A video of a dataset: its intensity frames beside its events."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from ..dataset.reader import Dataset
+from .view import display_grey, event_picture, sequence_end_us
+
+_PANEL_HEIGHT = 360
+_CAPTION_HEIGHT = 28
+_GAP = 8
+
+
+def video_dataset(
+    path: str | Path, output: str | Path, *, fps: float = 25.0, speed: float = 0.1, progress: bool = False
+) -> Path:
+    """Make a video of a dataset: the intensity frame on the left, on the right the events over it, ON red, OFF blue.
+
+    A picture of the video shows the events of the time that passes until the next one, (t - speed / fps, t], and the
+    last intensity frame until t.
+
+    Args:
+        path: the dataset folder.
+        output: the file to write: ``.mp4`` (H.264) or ``.gif``.
+        fps: pictures a second. A GIF counts in hundredths of a second, so there 50 at most.
+        speed: seconds of the sequence in a second of the video; 1 is real time, 0.1 ten times slower.
+        progress: show a progress bar.
+
+    Returns:
+        The path of the video.
+
+    Raises:
+        ImportError: without imageio, saying how to get it.
+        ValueError: for another suffix, or an fps or speed that is not positive and finite.
+        DecodeError, OSError: if the dataset cannot be read or the video cannot be written.
+    """
+    output = Path(output)
+    suffix = output.suffix.lower()
+    if suffix not in (".mp4", ".gif"):
+        raise ValueError(f"a video's name must end in .mp4 or .gif, got {output}")
+    for name, value in (("fps", fps), ("speed", speed)):
+        if not 0 < value < math.inf:
+            raise ValueError(f"{name} must be positive and finite, got {value}")
+    if suffix == ".gif" and fps > 50:
+        raise ValueError(f"a GIF cannot show more than 50 pictures a second, got fps = {fps}")
+    try:
+        import imageio.v2 as imageio
+    except ImportError as error:
+        raise ImportError("making a video needs imageio and ffmpeg: pip install 'davis_rs[view]'") from error
+    from tqdm import tqdm
+
+    dataset = Dataset(path)
+    step_us = 1e6 * speed / fps
+    count = max(1, math.ceil(sequence_end_us(dataset) / step_us))
+    if suffix == ".mp4":
+        writer = imageio.get_writer(output, fps=fps, quality=8, macro_block_size=2)
+    else:
+        writer = imageio.get_writer(output, duration=1000 / fps, loop=0)
+    with writer:
+        for picture in tqdm(_pictures(dataset, step_us, count), total=count, unit="picture", disable=not progress):
+            writer.append_data(picture)
+    return output
+
+
+def _pictures(dataset: Dataset, step_us: float, count: int) -> Iterator[npt.NDArray[np.uint8]]:
+    """The pictures of the video, uint8 (even height, even width, 3)."""
+    from PIL import Image, ImageDraw, ImageFont
+
+    camera, events, t = dataset.camera, dataset.events, dataset.events["t"]
+    scale = max(1, round(_PANEL_HEIGHT / camera.height))
+    panel_height, panel_width = camera.height * scale, camera.width * scale
+    # Video codecs halve the resolution of colour, so they want even sizes.
+    size = (2 * panel_width + _GAP, panel_height + _CAPTION_HEIGHT + panel_height % 2)
+    font = ImageFont.load_default(16)
+    stamps = [image.t_us for image in dataset.frames]
+    shown, grey = -1, np.ones((camera.height, camera.width))
+    for number in range(1, count + 1):
+        start_us, end_us = round((number - 1) * step_us), round(number * step_us)
+        latest = int(np.searchsorted(stamps, end_us, side="right")) - 1
+        if latest != shown:
+            shown, grey = latest, display_grey(dataset.read_image(latest))
+        window = slice(np.searchsorted(t, start_us, side="right"), np.searchsorted(t, end_us, side="right"))
+        picture = Image.new("RGB", size, "white")
+        for left, panel in (
+            (0, Image.fromarray(np.rint(255 * grey).astype(np.uint8))),
+            (panel_width + _GAP, Image.fromarray(event_picture(grey, events[window]))),
+        ):
+            picture.paste(panel.resize((panel_width, panel_height), Image.Resampling.NEAREST), (left, 0))
+        caption = f"t = {end_us / 1e6:.4f} s"
+        ImageDraw.Draw(picture).text((size[0] / 2, panel_height + _CAPTION_HEIGHT / 2), caption, "black", font, "mm")
+        yield np.asarray(picture)

@@ -1,0 +1,1 @@
+"""How to render: the table kernel and Mitsuba's integrators behind one interface."""

@@ -1,0 +1,41 @@
+"""Optical flow of a scene at rest: where the camera's motion carries what a pixel sees."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from ..camera import Camera
+from ..pose import FloatArray
+from ..trajectory.views import Views
+
+
+class OpticalFlow:
+    """Flow at fixed image points of a camera, through its lens distortion.
+
+    Args:
+        pixels: (p, 2) pixel coordinates (x, y); they may be fractions.
+    """
+
+    def __init__(self, camera: Camera, pixels: npt.ArrayLike) -> None:
+        rays = camera.rays(pixels)
+        x, y = rays.T
+        jacobian = camera.distortion_jacobian(rays)
+        still, one = np.zeros_like(x), np.ones_like(x)
+        # A point of a scene at rest moves by -v - w x X in camera axes; its image (X, Y) / Z accordingly.
+        self._by_velocity = jacobian @ np.stack([np.stack([-one, still, x], -1), np.stack([still, -one, y], -1)], -2)
+        self._by_rate = jacobian @ np.stack(
+            [np.stack([x * y, -(1 + x * x), y], -1), np.stack([1 + y * y, -x * y, -x], -1)], -2
+        )
+
+    def __call__(self, views: Views, depth: npt.ArrayLike) -> FloatArray:
+        """Flow (n, p, 2) in pixels per second, of surfaces at ``depth`` (n, p) or (p,): z in metres, inf for none.
+
+        At depth inf it is that of the rotation alone.
+
+        Source: Longuet-Higgins, Prazdny, The interpretation of a moving retinal image, Proc. R. Soc. B 208, 1980.
+        """
+        velocities = np.einsum("nij,ni->nj", views.rotations, views.velocities)  # camera axes
+        translation = np.einsum("pik,nk->npi", self._by_velocity, velocities)
+        rotation = np.einsum("pik,nk->npi", self._by_rate, views.angular_rates)
+        return translation / np.asarray(depth, np.float64)[..., None] + rotation

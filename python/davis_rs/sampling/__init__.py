@@ -1,0 +1,1 @@
+"""When to render: rules of sampling in time, and what lies between two renders."""

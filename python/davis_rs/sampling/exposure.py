@@ -1,0 +1,127 @@
+"""The shutter: what pixels that integrate light gather while it is open, as the mean of sub-frames."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from copy import copy
+
+import numpy as np
+import numpy.typing as npt
+
+from ..pose import FloatArray
+from ..rendering.render import Renderer
+from ..rendering.scene_motion import SceneMotion
+from ..scene.light_course import LightCourse, SampledCourse
+from ..trajectory.trajectory import interval
+from .displacement import DisplacementClock
+from .keyframes import Stretch
+
+IntArray = npt.NDArray[np.int64]
+
+SUBFRAME_PX = 0.5
+"""The fastest pixel moves by no more than this from one sub-frame to the next: less than the pixel's own width, so
+that sub-frames overlap and a blurred edge has no steps."""
+
+_SPEED_STEP_US = 1_000
+"""Speed is looked at this often, which is as often as the displacement clock does."""
+
+_LIGHT_STEP_US = 10
+"""Lights are averaged over samples so far apart."""
+
+_STEADY = SampledCourse([0.0, 1.0], [1.0, 1.0])
+
+
+def expose(
+    luma: npt.NDArray[np.float32], stretches: Sequence[Stretch], t_us: int, exposure_us: int
+) -> npt.NDArray[np.float64]:
+    """Mean luma (H, W), float64, over the time (t_us - exposure_us, t_us] in which the shutter is open.
+
+    The shutter closes at the frame's own instant, so that a frame needs nothing of the future. It cannot open before
+    the first stretch begins: there the exposure is shorter, and the mean is that of what is left. A shutter that does
+    not open at all, or before which nothing changes, sees ``luma`` itself, bit by bit.
+
+    The window (each stretch's share of it) is divided into equal parts, as many as keep the fastest pixel's motion, by
+    :class:`~davis_rs.sampling.displacement.DisplacementClock`, within :data:`SUBFRAME_PX` a part. Each part is rendered
+    once, at the microsecond in its middle, in the mean light of the part: flicker costs no sub-frames. What the clock
+    does not see, the shadow of a moving object, is blurred only as finely as the rest of the image moves.
+
+    Args:
+        luma: what is seen at ``t_us``.
+        stretches: without a gap between them, in order; the last one holds ``t_us``. Those that end before the
+            shutter opens are ignored.
+        exposure_us: >= 0.
+    """
+    open_us = t_us - exposure_us
+    bounds = [(stretch, max(stretch.start_us, open_us), min(stretch.end_us, t_us)) for stretch in stretches]
+    parts = [(*bound, _fastest(*bound)) for bound in bounds if bound[1] < bound[2]]
+    if all(speed == 0 and not stretch.renderer.motion.lights for stretch, _, _, speed in parts):
+        return luma.astype(np.float64)
+    # A running sum in order: the same bits, however many sub-frames are rendered in one call.
+    total, duration_us = np.zeros(luma.shape), sum(end_us - start_us for _, start_us, end_us, _ in parts)
+    for stretch, start_us, end_us, speed in parts:
+        instants = _middles(start_us, end_us, speed)
+        part_us = (end_us - start_us) / len(instants)
+        renderer, weight = _in_mean_light(stretch.renderer, part_us), part_us / duration_us
+        for first in range(0, len(instants), stretch.batch):
+            for frame in renderer.luma(stretch.views(instants[first : first + stretch.batch])):
+                total += weight * frame.astype(np.float64)
+    return total
+
+
+def subframe_instants(stretch: Stretch, start_us: int, end_us: int) -> IntArray:
+    """When sub-frames are rendered for a shutter that is open in (start_us, end_us] of a stretch, start_us < end_us."""
+    return _middles(start_us, end_us, _fastest(stretch, start_us, end_us))
+
+
+def _middles(start_us: int, end_us: int, speed: float) -> IntArray:
+    """The middles of equal parts in which no pixel of that speed, in pixels per microsecond, moves too far."""
+    length_us = end_us - start_us
+    count = int(np.clip(np.ceil(length_us * speed / SUBFRAME_PX), 1, length_us))
+    return start_us + ((2 * np.arange(count) + 1) * length_us + count) // (2 * count)
+
+
+def _fastest(stretch: Stretch, start_us: int, end_us: int) -> float:
+    """The largest speed of any pixel in (start_us, end_us], in pixels per microsecond."""
+    offset_us, length_us = start_us - stretch.start_us, end_us - start_us
+    # The clock would count the change of lights too, in which sub-frames need not be told apart.
+    renderer = _with_lights(stretch.renderer, dict.fromkeys(stretch.renderer.motion.lights, _STEADY))
+    path = interval(stretch.trajectory, offset_us * 1e-6, length_us * 1e-6)
+    clock = DisplacementClock(renderer, path, length_us, start_us=start_us)
+    times = np.append(np.arange(0, length_us, _SPEED_STEP_US), length_us)
+    moved = np.array([clock.path_at(t_us) for t_us in times.tolist()])
+    return float((np.diff(moved) / np.diff(times)).max())
+
+
+class _MeanCourse(LightCourse):
+    """Another course averaged over ``length_us`` around each instant."""
+
+    def __init__(self, course: LightCourse, length_us: float) -> None:
+        self._course, self._length_s = course, length_us * 1e-6
+        count = int(np.ceil(length_us / _LIGHT_STEP_US))
+        self._offsets_s = self._length_s * ((np.arange(count) + 0.5) / count - 0.5)
+
+    def factor(self, t_s: npt.ArrayLike) -> FloatArray:
+        return np.array([self._course.factor(t + self._offsets_s).mean() for t in np.asarray(t_s, np.float64)])
+
+    def rate(self, t_s: npt.ArrayLike) -> FloatArray:
+        t, half = np.asarray(t_s, np.float64), self._length_s / 2
+        return (self._course.factor(t + half) - self._course.factor(t - half)) / self._length_s
+
+    def describe(self) -> dict[str, object]:
+        return {"kind": "mean", "length_s": self._length_s, "of": self._course.describe()}
+
+
+def _in_mean_light(renderer: Renderer, length_us: float) -> Renderer:
+    """The renderer, with lights as they are on the average over ``length_us`` around each instant."""
+    return _with_lights(
+        renderer, {name: _MeanCourse(course, length_us) for name, course in renderer.motion.lights.items()}
+    )
+
+
+def _with_lights(renderer: Renderer, lights: Mapping[str, LightCourse]) -> Renderer:
+    """The renderer, with other courses for the same lights; it shares all else with the one given."""
+    if not lights:
+        return renderer
+    motion, other = renderer.motion, copy(renderer)
+    other.motion = SceneMotion(motion.objects, lights, dict(zip(motion.objects, motion.boxes, strict=True)))
+    return other

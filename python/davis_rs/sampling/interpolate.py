@@ -1,0 +1,78 @@
+"""Log luma between keyframes, as the crossing engine takes it to run: for measuring how far off it is."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+
+import numpy as np
+import numpy.typing as npt
+
+from .._core import log_intensity
+from ..pose import FloatArray
+from .keyframes import Keyframe
+
+_STEEPEST = 3.0
+"""Slopes are cut to so many times the chord's (Fritsch and Carlson, SIAM J. Numer. Anal. 1980)."""
+
+
+def interpolated(
+    keyframes: Iterable[Keyframe], instants_us: npt.ArrayLike, log_eps: float
+) -> Iterator[tuple[Keyframe, list[FloatArray]]]:
+    """Each keyframe, with the log luma (H, W), float64, at those instants that lie after the one before it, up to it.
+
+    Lines, or cubics where keyframes have rates; straight lines between the samples of a pixel that has sparse ones:
+    what docs/crossing.md says of the engine.
+
+    Args:
+        instants_us: increasing.
+    """
+    instants = np.asarray(instants_us, np.int64)
+    last: Keyframe | None = None
+    for new in keyframes:
+        if last is None:
+            yield new, [log_intensity(new.luma, log_eps)] * int(np.isin(new.t_us, instants))
+        else:
+            within = instants[(instants > last.t_us) & (instants <= new.t_us)].tolist()
+            yield new, [_between(last, new, t_us, log_eps) for t_us in within]
+        last = new
+
+
+def _between(last: Keyframe, new: Keyframe, t_us: int, log_eps: float) -> FloatArray:
+    start, stop = (log_intensity(keyframe.luma, log_eps) for keyframe in (last, new))
+    interval_us = new.t_us - last.t_us
+    share = (t_us - last.t_us) / interval_us
+    chord = stop - start
+    log = start + share * chord
+    if last.rate is not None and new.rate is not None:
+        p, q = _slopes(
+            last.rate * (interval_us * 1e-6 / np.exp(start)), new.rate * (interval_us * 1e-6 / np.exp(stop)), chord
+        )
+        log += share * (1 - share) * ((p - chord) * (1 - share) - (q - chord) * share)
+    if new.sparse is not None and len(new.sparse.pixel):
+        _take_sparse(log.reshape(-1), start.reshape(-1), stop.reshape(-1), last, new, t_us, log_eps)
+    return log
+
+
+def _slopes(p: FloatArray, q: FloatArray, chord: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Slopes, over the interval's length, that make no extremum which the samples do not support."""
+    one_way = p * q >= 0
+    agree = (chord != 0) & (p * chord >= 0) & (q * chord >= 0)
+    most = _STEEPEST * np.abs(chord)
+    usable = np.isfinite(p) & np.isfinite(q) & (agree | ~one_way)
+    cut = [np.where(one_way, np.clip(slope, -most, most), slope) for slope in (p, q)]
+    return np.where(usable, cut[0], chord), np.where(usable, cut[1], chord)
+
+
+def _take_sparse(
+    log: FloatArray, start: FloatArray, stop: FloatArray, last: Keyframe, new: Keyframe, t_us: int, log_eps: float
+) -> None:
+    """Put the lines between the samples of those pixels that have sparse ones in the place of what ``log`` holds."""
+    assert new.sparse is not None
+    pixels = np.unique(new.sparse.pixel).astype(np.int64)
+    values = np.log(new.sparse.luma.astype(np.float64) + log_eps)
+    at_or_before, past = new.sparse.beside(pixels, np.full(len(pixels), t_us), after="past")
+    ends = []
+    for (sample, own), frame, frame_us in ((at_or_before, start, last.t_us), (past, stop, new.t_us)):
+        ends.append((np.where(own, new.sparse.t_us[sample], frame_us), np.where(own, values[sample], frame[pixels])))
+    (before_us, before), (after_us, later) = ends
+    log[pixels] = before + (t_us - before_us) / (after_us - before_us) * (later - before)

@@ -1,0 +1,135 @@
+"""Keyframes: what is rendered of a sequence, and handed to the crossing engine."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from .._core import log_intensity
+from ..luma import LumaFrames
+from ..pose import FloatArray
+from ..rendering.render import Renderer
+from ..trajectory.trajectory import Trajectory
+from ..trajectory.views import Views
+
+BoolArray = npt.NDArray[np.bool_]
+IntArray = npt.NDArray[np.int64]
+
+
+class SparseSamples(NamedTuple):
+    """Samples that some pixels bring between two keyframes, sorted by pixel and then by time.
+
+    Attributes:
+        pixel: uint32 (m,), y W + x.
+        t_us: int64 (m,), strictly between the keyframes.
+        luma: float32 (m,).
+    """
+
+    pixel: npt.NDArray[np.uint32]
+    t_us: npt.NDArray[np.int64]
+    luma: npt.NDArray[np.float32]
+
+    def beside(
+        self, pixel: IntArray, t_us: IntArray, *, after: Literal["at", "past"]
+    ) -> tuple[tuple[IntArray, BoolArray], tuple[IntArray, BoolArray]]:
+        """The samples of n pixels before and after n instants of the interval: (which, whether there is one), each.
+
+        Args:
+            after: a sample ``at`` the instant comes after it, or only one ``past`` it does.
+        """
+        start_us = min(int(self.t_us.min()), int(np.min(t_us, initial=np.iinfo(np.int64).max)))
+        span = max(int(self.t_us.max()), int(np.max(t_us, initial=0))) - start_us + 1
+        keys = self.pixel.astype(np.int64) * span + (self.t_us - start_us)
+        side: Literal["left", "right"] = "left" if after == "at" else "right"
+        following = np.searchsorted(keys, pixel * span + (t_us - start_us), side=side)
+
+        def own(place: IntArray) -> tuple[IntArray, BoolArray]:
+            inside = np.clip(place, 0, len(keys) - 1)
+            return inside, (place == inside) & (self.pixel[inside] == pixel)
+
+        return own(following - 1), own(following)
+
+
+class Keyframe(NamedTuple):
+    """A rendered instant.
+
+    Attributes:
+        t_us: microseconds of the sequence.
+        luma: linear luma (H, W), float32.
+        rate: dY/dt in luma per second (H, W), float32, where log luma is interpolated by cubics.
+        sparse: samples since the keyframe before, if any.
+    """
+
+    t_us: int
+    luma: npt.NDArray[np.float32]
+    rate: npt.NDArray[np.float32] | None = None
+    sparse: SparseSamples | None = None
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """A stretch of a sequence that is to be rendered.
+
+    Attributes:
+        renderer: what renders it.
+        trajectory: the camera's; its time 0 is at ``start_us`` of the sequence.
+        start_us, end_us: the stretch.
+        first: nothing lies before it; else its start is the last keyframe of the stretch before.
+        due: strictly increasing instants of the stretch at which there must be a keyframe: the end, the start where
+            nothing lies before it, and any between.
+        contrast_threshold: the least of the sensor, in natural-log units.
+        log_eps: dark level in units of luma.
+        batch: how many keyframes are rendered in one call.
+    """
+
+    renderer: Renderer
+    trajectory: Trajectory
+    start_us: int
+    end_us: int
+    first: bool
+    due: Iterable[int]
+    contrast_threshold: float
+    log_eps: float
+    batch: int
+
+    def views(self, t_us: npt.ArrayLike) -> Views:
+        """The camera at instants of the sequence."""
+        t = (np.asarray(t_us, np.int64) - self.start_us) * 1e-6
+        return Views.along(self.trajectory, t, start_s=self.start_us * 1e-6)
+
+    def log_luma(self, luma: LumaFrames) -> LumaFrames:
+        """ln(luma + log_eps) in float32: for estimates, not for events."""
+        return np.asarray(np.log(luma + np.float32(self.log_eps)))
+
+
+def exact_log_luma(luma: npt.NDArray[np.float32], log_eps: float) -> FloatArray:
+    """Log intensity (n,) of n samples, to the bit as the crossing engine has it."""
+    columns = 1024
+    padded = np.zeros(-(-len(luma) // columns) * columns, np.float32)
+    padded[: len(luma)] = luma
+    return np.asarray(log_intensity(padded.reshape(-1, columns), log_eps).ravel()[: len(luma)])
+
+
+def slopes(t_us: npt.ArrayLike, log_luma: LumaFrames) -> LumaFrames:
+    """Slopes dL/dt (n, H, W) in 1/s of frames at n >= 2 instants: those of parabolas through each and its neighbours.
+
+    The first and the last have one neighbour: there it is the chord's.
+    """
+    t = np.asarray(t_us, np.float64) * 1e-6
+    chords = np.diff(log_luma, axis=0) / np.diff(t).astype(np.float32)[:, None, None]
+    result = np.empty_like(log_luma)
+    result[0], result[-1] = chords[0], chords[-1]
+    share = (np.diff(t)[1:] / (t[2:] - t[:-2])).astype(np.float32)[:, None, None]
+    result[1:-1] = share * chords[:-1] + (1 - share) * chords[1:]
+    return result
+
+
+def lagrange_weights(t: FloatArray, at: float) -> FloatArray:
+    """Weights (n,) of the samples at n instants in the polynomial through them, at another instant."""
+    others = ~np.eye(len(t), dtype=np.bool_)
+    ratios = (at - t)[None] / np.where(others, t[:, None] - t[None], 1.0)
+    return np.asarray(np.where(others, ratios, 1.0).prod(1))

@@ -1,0 +1,148 @@
+"""Sampling in time: at which instants a sequence is rendered."""
+
+from __future__ import annotations
+
+import heapq
+from abc import ABC, abstractmethod
+from collections.abc import Iterator
+from dataclasses import dataclass
+from fractions import Fraction
+from itertools import groupby, islice, repeat
+
+import numpy as np
+
+from ..rendering.render import Launched, Renderer
+from ..trajectory.trajectory import Trajectory
+from .displacement import DisplacementClock
+from .keyframes import Keyframe, Stretch
+
+
+def periodic_instants(rate_hz: float, start_us: int, end_us: int) -> Iterator[int]:
+    """Instants round(k 1e6 / rate) us, k = 0, 1, ..., that lie in [start_us, end_us]; none for rate 0.
+
+    Rounded half up in exact arithmetic, so that no rate drifts.
+
+    Raises:
+        ValueError: for a rate that is negative, not finite or above 1e6 Hz (two instants in one microsecond).
+    """
+    if not 0 <= rate_hz <= 1e6:
+        raise ValueError(f"a rate must lie in 0..1e6 Hz, got {rate_hz} Hz")
+    return _periodic_instants(Fraction(rate_hz), start_us, end_us)
+
+
+def _periodic_instants(rate_hz: Fraction, start_us: int, end_us: int) -> Iterator[int]:
+    if rate_hz == 0:
+        return
+    period = 1_000_000 / rate_hz
+    k = max(0, int(start_us / period) - 1)
+    while (t_us := int(k * period + Fraction(1, 2))) <= end_us:
+        if t_us >= start_us:
+            yield t_us
+        k += 1
+
+
+class TimeSampling(ABC):
+    """A rule for when luma is rendered, and how log luma runs in between."""
+
+    edges: bool = False
+    """Does it want to know where the geometry's edges are?"""
+
+    @property
+    @abstractmethod
+    def interpolation(self) -> str:
+        """``linear`` or ``hermite``: what keyframes come with, and so what the crossing engine has to know."""
+
+    @abstractmethod
+    def keyframes(self, stretch: Stretch) -> Iterator[Keyframe]:
+        """The keyframes of a stretch, in order, all of its due instants among them."""
+
+
+class PlannedSampling(TimeSampling):
+    """A rule that knows its instants beforehand.
+
+    Attributes:
+        hermite: interpolate log luma by cubics, through the renderer's own rates of change; else by lines.
+    """
+
+    hermite: bool
+
+    @abstractmethod
+    def instants(self, renderer: Renderer, trajectory: Trajectory, end_us: int, *, start_us: int = 0) -> Iterator[int]:
+        """Strictly increasing instants in (0, end_us], in microseconds of the trajectory; not necessarily the end.
+
+        The trajectory begins at ``start_us`` of the sequence, by whose time other things move.
+        """
+
+    @property
+    def interpolation(self) -> str:
+        return "hermite" if self.hermite else "linear"
+
+    def keyframes(self, stretch: Stretch) -> Iterator[Keyframe]:
+        renderer, start_us = stretch.renderer, stretch.start_us
+        planned = self.instants(renderer, stretch.trajectory, stretch.end_us - start_us, start_us=start_us)
+        merged = heapq.merge((start_us + t_us for t_us in planned), stretch.due)
+        times = (t_us for t_us, _ in groupby(merged))
+        begin = renderer.begin_luma_and_rate if self.hermite else renderer.begin_luma
+        launched: tuple[list[int], Launched] | None = None
+        while batch := list(islice(times, stretch.batch)):
+            # The next batch renders while the crossing engine works on the one before.
+            ahead = (batch, begin(stretch.views(batch)))
+            if launched is not None:
+                yield from _keyframes(*launched)
+            launched = ahead
+        if launched is not None:
+            yield from _keyframes(*launched)
+
+
+def _keyframes(times: list[int], launched: Launched) -> Iterator[Keyframe]:
+    luma, rates = launched()
+    return map(Keyframe, times, luma, repeat(None) if rates is None else rates)
+
+
+@dataclass(frozen=True)
+class FixedRate(PlannedSampling):
+    """Render at a fixed rate in Hz, whatever moves; 1000 is the dataset's own.
+
+    Raises:
+        ValueError: for a rate outside of (0, 1e6] Hz.
+    """
+
+    rate_hz: float
+    hermite: bool = False
+
+    def __post_init__(self) -> None:
+        if not 0 < self.rate_hz <= 1e6:
+            raise ValueError(f"the render rate must lie in (0, 1e6] Hz, got {self.rate_hz} Hz")
+
+    def instants(self, renderer: Renderer, trajectory: Trajectory, end_us: int, *, start_us: int = 0) -> Iterator[int]:
+        return periodic_instants(self.rate_hz, 1, end_us)
+
+
+@dataclass(frozen=True)
+class MaxDisplacement(PlannedSampling):
+    """Render whenever the fastest pixel has moved by ``pixels``.
+
+    See :class:`~davis_rs.sampling.displacement.DisplacementClock`: the camera's motion counts, moving objects, and
+    light that changes. Where nothing does, it asks for no instants.
+
+    Raises:
+        ValueError: for a displacement that is not positive and finite.
+
+    Source: Mueggler et al., IJRR 2017, section 6; Rebecq, Gehrig, Scaramuzza, ESIM, CoRL 2018 (sampling by flow).
+    """
+
+    pixels: float = 1 / 3
+    hermite: bool = False
+
+    def __post_init__(self) -> None:
+        if not 0 < self.pixels < np.inf:
+            raise ValueError(f"the displacement between renders must be > 0 pixels, got {self.pixels}")
+
+    def instants(self, renderer: Renderer, trajectory: Trajectory, end_us: int, *, start_us: int = 0) -> Iterator[int]:
+        clock = DisplacementClock(renderer, trajectory, end_us, start_us=start_us)
+        last_us, count = 0, 1
+        while (due_us := clock.time_at(count * self.pixels)) is not None:
+            if due_us > last_us:
+                last_us = due_us
+                yield due_us
+            count += 1

@@ -1,0 +1,1 @@
+"""What to render: scenes, what they are made of, and those that are built in."""

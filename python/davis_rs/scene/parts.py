@@ -1,0 +1,65 @@
+"""What the built-in scenes are made of: rectangles, and where a camera looks."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from ..pose import FloatArray
+from .textures import patchwork
+
+DIRECT = {"type": "direct", "emitter_samples": 1, "bsdf_samples": 0}
+"""Light from points is found by asking the light, never by following the surface."""
+
+
+def rectangle(
+    centre: list[float], axes: FloatArray, half: tuple[float, float], reflectance: Mapping[str, Any] | float
+) -> dict[str, Any]:
+    """A diffuse rectangle of two triangles, seen from both sides.
+
+    Args:
+        axes: columns are its own x, y and normal in the world.
+        half: its half-sides along x and y, metres.
+        reflectance: a texture, or grey.
+    """
+    to_world = np.eye(4)
+    to_world[:3, :3] = axes * (half[0], half[1], 1.0)
+    to_world[:3, 3] = centre
+    if isinstance(reflectance, float):
+        reflectance = {"type": "rgb", "value": reflectance}
+    bsdf = {"type": "twosided", "nested": {"type": "diffuse", "reflectance": reflectance}}
+    return {"type": "rectangle", "to_world": to_world, "bsdf": bsdf}
+
+
+def textured_rectangle(
+    centre: list[float],
+    axes: FloatArray,
+    half: tuple[float, float],
+    *,
+    seed: int,
+    period: float,
+    darkest: float,
+    shapes: int,
+) -> dict[str, Any]:
+    """A :func:`rectangle` whose texture repeats every ``period`` metres.
+
+    It reflects at least ``darkest`` and has so many hard-edged shapes.
+    """
+    texture = {
+        "type": "bitmap",
+        "raw": True,
+        "wrap_mode": "repeat",
+        "data": patchwork(512, seed, low=darkest, high=0.98, grain=0.5, shapes=shapes, tint=(1.0, 0.97, 0.92)),
+        "to_uv": np.diag([2 * half[0] / period, 2 * half[1] / period, 1.0]),
+    }
+    return rectangle(centre, axes, half, texture)
+
+
+def look_at(position: FloatArray, target: FloatArray) -> FloatArray:
+    """Camera axes (columns x right, y down, z forward) that look at a target, with the world's z up."""
+    forward = (target - position) / np.linalg.norm(target - position)
+    right = np.cross(forward, [0.0, 0, 1])
+    right /= np.linalg.norm(right)
+    return np.stack([right, np.cross(forward, right), forward], 1)

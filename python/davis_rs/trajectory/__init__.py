@@ -1,0 +1,1 @@
+"""A camera's path: trajectories of any kind, motions by rule, files."""

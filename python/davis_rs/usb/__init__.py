@@ -1,0 +1,1 @@
+"""A DAVIS on the USB, and one in software."""
