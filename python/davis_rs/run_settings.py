@@ -48,7 +48,7 @@ class RunSettings:
     sensor: str | None = None
     effects: str | None = None
     effect: Sequence[str] | None = None
-    imu: str = "none"
+    imu: str | None = None
     imu_rate: float | None = None
     imu_effect: Sequence[str] | None = None
     pose_rate: float = 200.0
@@ -98,9 +98,9 @@ class RunSettings:
             ValueError: for an effect that is not there or out of range, or settings of an IMU where there is none.
         """
         makers = {"ideal": Imu, "davis": lambda: Imu(mounting=Mounting()), "mpu6150": Imu.mpu6150}
-        if self.imu == "none":
+        if self.imu in (None, "none"):
             if self.imu_rate is not None or self.imu_effect:
-                raise ValueError("an IMU's rate and effects need an imu, got none")
+                raise ValueError("rate and effects of an IMU need an IMU")
             return None
         if self.imu not in makers:
             raise ValueError(f"imu must be one of none, {', '.join(makers)}, got {self.imu!r}")

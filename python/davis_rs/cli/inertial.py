@@ -13,7 +13,6 @@ def add_inertial(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--imu",
         choices=("none", "ideal", "davis", "mpu6150"),
-        default="none",
         help="write imu.txt: ideal at the camera's centre, ideal where the DAVIS240C has it, or with all effects too",
     )
     group.add_argument("--imu-rate", type=float, metavar="HZ", help="of the IMU; 1000 if not given")

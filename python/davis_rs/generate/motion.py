@@ -1,4 +1,4 @@
-"""Camera paths of a plan: the motions of davis_rs.motions by name, or a file."""
+"""Camera paths of a plan: the motions of davis_rs.trajectory.motions by name, or a file."""
 
 from __future__ import annotations
 
