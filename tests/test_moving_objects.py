@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,7 @@ import numpy.typing as npt
 import pytest
 from scipy.spatial.transform import Rotation
 
-from davis_rs import Camera, MaxDisplacement, Pose, Scene, SegmentTrajectory, Trajectory
+from davis_rs import Camera, Flicker, MaxDisplacement, Pose, Scene, SegmentTrajectory, Trajectory
 from davis_rs._mitsuba import FAST, SCALAR, load_scene_source, variant
 from davis_rs.events import concatenate_events
 from davis_rs.rendering.render import Renderer
@@ -402,3 +403,31 @@ def test_no_edge_of_an_object_sweeps_a_pixel_unmarked(camera_moves: bool) -> Non
     assert not rest.any()
     with pytest.raises(ValueError, match=r"1 intervals need as many times, got \(2,\)"):
         silhouettes.swept(CAMERA, [POSE], [POSE], t_before_s=[0.0, 1.0], t_after_s=[0.0], margin_px=0.0)
+
+
+def test_a_part_of_a_scene_goes_on_from_there(llvm: str) -> None:
+    """Objects that still move, one that has come to rest, and light run on: frames are those of the whole sequence."""
+    short = SegmentTrajectory(PATH.start, PATH.end, 0.2)
+    scene = Scene(
+        "parts",
+        partial(dict, type="scene", integrator=DIRECT, lamp=LAMP, floor=FLOOR, box=BOX, other=BOX),
+        camera=SMALL,
+        trajectory=SegmentTrajectory(POSE, Pose(POSE.position + 0.1, POSE.quaternion), 0.8),
+        objects={"box": PATH, "other": short},
+        lights={"lamp": Flicker(3.0, modulation=0.4)},
+    )
+    settings: dict[str, Any] = {"frame_rate_hz": 10, "depth_rate_hz": 10, "sampling": MaxDisplacement(1.0)}
+    whole = {packet.end_us: packet for packet in simulate(scene, **settings) if packet.luma is not None}
+    part = {p.end_us: p for p in simulate(scene, start_s=0.3, duration_s=0.4, **settings) if p.luma is not None}
+    assert list(part) == [0, 100_000, 200_000, 300_000, 400_000]
+    for t_us, packet in part.items():
+        same = whole[t_us + 300_000]
+        assert packet.luma is not None
+        assert same.luma is not None
+        np.testing.assert_allclose(packet.luma, same.luma, rtol=2e-4)
+        assert packet.depth is not None
+        assert same.depth is not None
+        np.testing.assert_allclose(packet.depth, same.depth, rtol=1e-5)
+    assert scene.part(0.3).lights["lamp"].describe() == {**scene.lights["lamp"].describe(), "start_s": 0.3}
+    with pytest.raises(ValueError, match="scene 'parts' has no trajectory of its own"):
+        replace(scene, trajectory=None).part()
