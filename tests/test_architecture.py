@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+import davis_rs
+
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "python" / "davis_rs"
 
@@ -127,3 +129,10 @@ def test_rust_modules_keep_apart() -> None:
         if place.parts[0] != "python":
             assert "pyo3" not in text, place
             assert "unsafe" not in text, place
+
+
+def test_every_public_name_is_there() -> None:
+    """Those that are imported late too; what there is not says so as any module does."""
+    assert all(hasattr(davis_rs, name) for name in davis_rs.__all__)
+    assert set(davis_rs.__all__) <= set(dir(davis_rs))
+    assert not hasattr(davis_rs, "no_such_name")

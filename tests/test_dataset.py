@@ -608,7 +608,8 @@ def test_a_folder_that_is_no_dataset_is_refused(tmp_path: Path) -> None:
 def test_heavy_libraries_are_imported_only_when_needed() -> None:
     """Importing the package and these modules loads no image, plotting or rendering library."""
     program = (
-        "import sys, davis_rs.dataset, davis_rs.read, davis_rs.check, davis_rs.view, davis_rs.video\n"
+        "import sys, davis_rs.dataset.writer, davis_rs.dataset.reader\n"
+        "from davis_rs.inspection import check, video, view\n"
         "print(sorted({'OpenEXR', 'PIL', 'matplotlib', 'imageio', 'mitsuba', 'tqdm'} & set(sys.modules)))"
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)

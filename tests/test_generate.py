@@ -18,6 +18,7 @@ import pytest
 
 import davis_rs
 from davis_rs.cli.main import main
+from davis_rs.generate import Generated, generate_sequences, load_sequence_plan, verify_sequences
 from davis_rs.generate.folder import CHECKSUMS
 from generated import files_of, write_plan
 
@@ -82,7 +83,7 @@ def test_a_killed_worker_costs_nothing(undisturbed: Path, tmp_path: Path) -> Non
     files = files_of(root)
     assert len(files) > 20 * 8
     assert files == files_of(undisturbed)
-    assert davis_rs.verify_sequences(root) == {}
+    assert verify_sequences(root) == {}
 
 
 @pytest.mark.parametrize("what", ["all", "parent"])
@@ -108,7 +109,7 @@ def test_a_killed_run_is_gone_on_with(undisturbed: Path, tmp_path: Path, what: s
     assert there == {name: data for name, data in reference.items() if name.partition("/")[0] in finished}
 
     made_at = {name: (root / name).stat().st_mtime_ns for name in finished}
-    generated = davis_rs.generate_sequences(davis_rs.load_sequence_plan(plan), root, workers=1, quiet=True)
+    generated = generate_sequences(load_sequence_plan(plan), root, workers=1, quiet=True)
     assert (generated.sequences, generated.made, generated.failed) == (8, 8 - len(finished), {})
     assert {name: (root / name).stat().st_mtime_ns for name in finished} == made_at
     files = files_of(root)
@@ -142,7 +143,7 @@ def test_a_failure_is_told_and_the_others_go_on(tmp_path: Path, capsys: pytest.C
     does the folder."""
     exposure = {"choice": [100, 50_000]}
     plan = write_plan(tmp_path, sequences=4, effects={"aps": {"exposure_us": exposure}})
-    parameters = [davis_rs.load_sequence_plan(plan).parameters(index) for index in range(4)]
+    parameters = [load_sequence_plan(plan).parameters(index) for index in range(4)]
     bad = [f"sequence_{k:05d}" for k, one in enumerate(parameters) if one["effects"]["aps"]["exposure_us"] > 10_000]
     assert 0 < len(bad) < 4
     assert main(["generate", str(plan), "-o", str(tmp_path / "root"), "--workers", "1", "--quiet"]) == 1
@@ -168,9 +169,9 @@ def root(undisturbed: Path, tmp_path: Path) -> Path:
     return copy
 
 
-def go_on(root: Path, told: list[str], **changes: object) -> davis_rs.Generated:
-    plan = davis_rs.load_sequence_plan(write_plan(root.parent, **({"sequences": 3} | changes)))
-    return davis_rs.generate_sequences(plan, root, workers=1, quiet=True, report=told.append)
+def go_on(root: Path, told: list[str], **changes: object) -> Generated:
+    plan = load_sequence_plan(write_plan(root.parent, **({"sequences": 3} | changes)))
+    return generate_sequences(plan, root, workers=1, quiet=True, report=told.append)
 
 
 def flip(path: Path) -> None:
@@ -224,19 +225,19 @@ def test_files_that_are_gone_or_strange_are_found(root: Path) -> None:
     shutil.copytree(root / "sequence_00002", root / "sequence_00003")
     lines = (root / "manifest.jsonl").read_text().splitlines(keepends=True)
     (root / "manifest.jsonl").write_text("".join(lines).replace('"events": ', '"events": 1'))
-    assert davis_rs.verify_sequences(root) == {
+    assert verify_sequences(root) == {
         "sequence_00000": "calib.txt is missing",
         "sequence_00001": "notes.txt does not belong to it",
         "sequence_00002": "its line in the manifest is not what it was",
         "sequence_00003": "the manifest does not have it",
     }
     shutil.rmtree(root / "sequence_00002")
-    assert davis_rs.verify_sequences(root)["sequence_00002"] == "it is missing"
+    assert verify_sequences(root)["sequence_00002"] == "it is missing"
     (root / "manifest.jsonl").write_text(lines[0] + "{}\n")
     with pytest.raises(ValueError, match=r"manifest.jsonl, line 2: expected a sequence as JSON, found '\{\}'"):
-        davis_rs.verify_sequences(root)
+        verify_sequences(root)
     with pytest.raises(FileNotFoundError, match="there is no manifest"):
-        davis_rs.verify_sequences(root / "sequence_00000")
+        verify_sequences(root / "sequence_00000")
 
 
 def test_another_plan_is_refused(root: Path) -> None:
@@ -288,7 +289,7 @@ def test_two_runs_do_not_share_a_folder(tmp_path: Path) -> None:
     with running(plan, root, 1) as process:
         wait_until(lambda: at_work(root))
         with pytest.raises(FileExistsError, match="another process generates into this folder"):
-            davis_rs.generate_sequences(davis_rs.load_sequence_plan(plan), root, quiet=True)
+            generate_sequences(load_sequence_plan(plan), root, quiet=True)
         assert process.poll() is None
         assert at_work(root) or whole(root)
 

@@ -13,8 +13,8 @@ from typing import Any
 import psutil
 import pytest
 
-import davis_rs
 from davis_rs.cli.main import main
+from davis_rs.generate import generate_sequences, load_sequence_plan, verify_sequences
 from generated import files_of, write_plan
 
 distributed = pytest.importorskip("distributed")
@@ -51,12 +51,12 @@ def test_a_cluster_makes_the_same_bytes(cluster: Any, tmp_path: Path) -> None:
     """By its address, with a worker killed half-way; and a failure is told as on one machine."""
     exposure = {"choice": [100, 50_000], "weights": [3, 1]}
     path = write_plan(tmp_path, sequences=8, effects={"aps": {"exposure_us": exposure}}, frame_rate=100)
-    plan = davis_rs.load_sequence_plan(path)
-    alone = davis_rs.generate_sequences(plan, tmp_path / "alone", workers=1, quiet=True)
+    plan = load_sequence_plan(path)
+    alone = generate_sequences(plan, tmp_path / "alone", workers=1, quiet=True)
     assert 0 < len(alone.failed) < 8
 
     with distributed.Client(cluster) as client, killing(cluster, tmp_path / "root", workers=1):
-        generated = davis_rs.generate_sequences(plan, tmp_path / "root", cluster=client, quiet=True)
+        generated = generate_sequences(plan, tmp_path / "root", cluster=client, quiet=True)
     assert generated.failed == alone.failed
     assert files_of(tmp_path / "root") == files_of(tmp_path / "alone")
 
@@ -77,17 +77,17 @@ def test_the_command_line_takes_an_address_or_a_scheduler_file(
 
 def test_what_the_scheduler_gives_up_is_told_and_made_by_the_next_run(cluster: Any, tmp_path: Path) -> None:
     """A scheduler that allows no failure: sequences of workers that die fail, by its words, and the others are made."""
-    plan = davis_rs.load_sequence_plan(write_plan(tmp_path, sequences=6))
+    plan = load_sequence_plan(write_plan(tmp_path, sequences=6))
     root, allowed = tmp_path / "root", cluster.scheduler.allowed_failures
     cluster.scheduler.allowed_failures = 0
     try:
         with distributed.Client(cluster) as client, killing(cluster, root, workers=2):
-            generated = davis_rs.generate_sequences(plan, root, cluster=client, quiet=True)
+            generated = generate_sequences(plan, root, cluster=client, quiet=True)
     finally:
         cluster.scheduler.allowed_failures = allowed
     assert generated.failed
     assert all(error.startswith("KilledWorker: ") for error in generated.failed.values())
     assert generated.sequences == 6 - len(generated.failed)
-    again = davis_rs.generate_sequences(plan, root, workers=1, quiet=True)
+    again = generate_sequences(plan, root, workers=1, quiet=True)
     assert (again.made, again.failed) == (len(generated.failed), {})
-    assert davis_rs.verify_sequences(root) == {}
+    assert verify_sequences(root) == {}

@@ -15,21 +15,22 @@ from hypothesis import strategies as st
 import davis_rs
 from davis_rs.cli.main import main
 from davis_rs.effects import parse_effect
+from davis_rs.generate import SequencePlan, load_sequence_plan
 from davis_rs.generate.generate import check_sequences, draw_sequences
 from davis_rs.generate.motion import MOTIONS, make_motion
 from davis_rs.generate.parse import effect_texts
 from generated import PLAN, write_plan
 
 
-def read(folder: Path, text: str) -> davis_rs.SequencePlan:
+def read(folder: Path, text: str) -> SequencePlan:
     path = folder / "plan.yaml"
     path.write_text(text)
-    return davis_rs.load_sequence_plan(path)
+    return load_sequence_plan(path)
 
 
 def test_every_sequence_draws_its_own(tmp_path: Path) -> None:
     """All keys are drawn, the seeds among them, and the same plan draws the same again."""
-    plan = davis_rs.load_sequence_plan(write_plan(tmp_path))
+    plan = load_sequence_plan(write_plan(tmp_path))
     drawn = [plan.parameters(index) for index in range(plan.sequences)]
     assert drawn == [plan.parameters(index) for index in range(plan.sequences)]
     assert len({one["duration"] for one in drawn}) == len({one["seed"] for one in drawn}) == 20
@@ -43,10 +44,10 @@ def test_every_sequence_draws_its_own(tmp_path: Path) -> None:
 
 def test_order_of_keys_and_number_of_sequences_change_no_draw(tmp_path: Path) -> None:
     """So a plan can be written anew, or grow, and goes on with what is there: it is the same plan."""
-    plan = davis_rs.load_sequence_plan(write_plan(tmp_path / "a"))
+    plan = load_sequence_plan(write_plan(tmp_path / "a"))
     path = write_plan(tmp_path / "b")
     path.write_text(yaml.safe_dump(dict(reversed({**PLAN, "sequences": 500}.items())), sort_keys=False))
-    other = davis_rs.load_sequence_plan(path)
+    other = load_sequence_plan(path)
     assert other.sha256 == plan.sha256
     assert all(list(plan.parameters(k).items()) == list(other.parameters(k).items()) for k in range(20))
 
@@ -54,9 +55,9 @@ def test_order_of_keys_and_number_of_sequences_change_no_draw(tmp_path: Path) ->
 def test_a_plan_is_another_one_where_a_file_of_it_is(tmp_path: Path) -> None:
     """The same name may stand for another scene tomorrow."""
     path = write_plan(tmp_path)
-    before = davis_rs.load_sequence_plan(path)
+    before = load_sequence_plan(path)
     (tmp_path / "scenes" / "board.xml").write_text("<scene/>")
-    assert davis_rs.load_sequence_plan(path).sha256 != before.sha256
+    assert load_sequence_plan(path).sha256 != before.sha256
 
 
 def test_numbers_are_read_as_in_json(tmp_path: Path) -> None:
@@ -152,7 +153,7 @@ def test_a_fault_is_named_with_its_place(tmp_path: Path, text: str, message: str
 )
 def test_a_draw_that_will_be_refused_is_refused_first(tmp_path: Path, changes: dict[str, Any], message: str) -> None:
     """Before hours of work, by the words of what will refuse it, with plan, sequence and key."""
-    plan = davis_rs.load_sequence_plan(write_plan(tmp_path, **changes))
+    plan = load_sequence_plan(write_plan(tmp_path, **changes))
     with pytest.raises(ValueError, match=re.escape(message)) as refused:
         check_sequences(plan, draw_sequences(plan))
     assert str(refused.value).startswith(f"{plan.file}: sequence_000")

@@ -1,5 +1,8 @@
 """A simulator of the DAVIS event camera: 3D scene and camera path in, events, frames, depth and ground truth out."""
 
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
 from . import represent
 from ._core import (
     CrossingEngine,
@@ -13,7 +16,6 @@ from ._core import (
 )
 from .biases import BIAS_SETS, CoarseFineBias
 from .camera import Camera, load_camera
-from .clocks import ClockAlignment, align_clocks
 from .dataset.reader import Dataset
 from .dataset.write_trajectory import write_trajectory
 from .dataset.writer import DatasetWriter
@@ -25,18 +27,12 @@ from .event_files.read import iter_events, open_reader, read_events
 from .event_files.write import open_writer
 from .events import EVENT_DTYPE, as_events
 from .formats import EventReader, EventWriter, TruncatedFileWarning, WriteReport
-from .generate import Generated, SequencePlan, generate_sequences, load_sequence_plan, verify_sequences
 from .imu import Imu, simulate_imu
-from .inspection.check import check_dataset
-from .inspection.compare import EventComparison, compare_events
-from .inspection.video import video_dataset
-from .inspection.view import view_dataset
 from .motion_capture import MocapClock, MocapNoise, MotionCapture
 from .packet import Packet
 from .plan import EffectPlan, plan_effects
 from .pose import GroundTruth, Pose
 from .record import record
-from .recordings import Recording, RecordingWarning, read_recording
 from .sampling.presets import ACCURACY, Accuracy
 from .sampling.rules import FixedRate, MaxDisplacement
 from .sampling.tolerance import Tolerance
@@ -49,10 +45,37 @@ from .trajectory.sampled_trajectory import SampledTrajectory
 from .trajectory.trajectory import CallableTrajectory, SegmentTrajectory, Trajectory, align, interval
 from .trajectory.trajectory_file import read_trajectory
 from .trajectory.waypoints import waypoint_trajectory
-from .usb.davis import Davis
-from .usb.description import DavisDescription
-from .usb.raw_file import RawRecording, RawWriter
-from .usb.settings import DavisSettings
+
+if TYPE_CHECKING:
+    from .clocks import ClockAlignment, align_clocks
+    from .inspection.check import check_dataset
+    from .inspection.compare import EventComparison, compare_events
+    from .inspection.video import video_dataset
+    from .inspection.view import view_dataset
+    from .recordings import Recording, RecordingWarning, read_recording
+    from .usb.davis import Davis
+    from .usb.description import DavisDescription
+    from .usb.raw_file import RawRecording, RawWriter
+    from .usb.settings import DavisSettings
+
+_LATE = {
+    "ClockAlignment": "clocks",
+    "Davis": "usb.davis",
+    "DavisDescription": "usb.description",
+    "DavisSettings": "usb.settings",
+    "EventComparison": "inspection.compare",
+    "RawRecording": "usb.raw_file",
+    "RawWriter": "usb.raw_file",
+    "Recording": "recordings",
+    "RecordingWarning": "recordings",
+    "align_clocks": "clocks",
+    "check_dataset": "inspection.check",
+    "compare_events": "inspection.compare",
+    "read_recording": "recordings",
+    "video_dataset": "inspection.video",
+    "view_dataset": "inspection.view",
+}
+"""What a simulation does not need is imported when it is asked for (PEP 562), so that `import davis_rs` is quick."""
 
 __all__ = [
     "ACCURACY",
@@ -86,7 +109,6 @@ __all__ = [
     "FixedRate",
     "Flicker",
     "Frame",
-    "Generated",
     "GroundTruth",
     "Imu",
     "LightCourse",
@@ -105,7 +127,6 @@ __all__ = [
     "Scene",
     "SegmentTrajectory",
     "SensorParameters",
-    "SequencePlan",
     "Simulator",
     "Tolerance",
     "Trajectory",
@@ -120,12 +141,10 @@ __all__ = [
     "compare_events",
     "convert",
     "from_structured",
-    "generate_sequences",
     "interval",
     "iter_events",
     "load_camera",
     "load_scene",
-    "load_sequence_plan",
     "log_intensity",
     "open_reader",
     "open_writer",
@@ -141,9 +160,18 @@ __all__ = [
     "start_pose",
     "to_structured",
     "to_tonic",
-    "verify_sequences",
     "video_dataset",
     "view_dataset",
     "waypoint_trajectory",
     "write_trajectory",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _LATE:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f".{_LATE[name]}", __name__), name)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

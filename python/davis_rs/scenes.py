@@ -12,7 +12,6 @@ from .scene.checkerboard_scene import checkerboard
 from .scene.fence_scene import fence
 from .scene.planes_and_walls import three_planes, three_walls
 from .scene.scene import Scene
-from .sequences import SEQUENCES
 
 BUILTIN_SCENES = {
     "three_planes": three_planes,
@@ -32,6 +31,8 @@ def load_scene(name_or_path: str | Path) -> Scene:
     """
     if str(name_or_path) in BUILTIN_SCENES:
         return BUILTIN_SCENES[str(name_or_path)]()
+    from .sequences import SEQUENCES  # many small scenes, which `import davis_rs` need not wait for
+
     if str(name_or_path) in SEQUENCES:
         return SEQUENCES[str(name_or_path)].scene()
     path = Path(name_or_path)
