@@ -109,6 +109,14 @@ def test_the_list_has_the_paper_beside_ours(tmp_path: Path, capsys: pytest.Captu
     assert capsys.readouterr().out.splitlines()[2].startswith("| slider_depth | motorized slider | davis240c |")
 
 
+def test_the_table_in_the_docs_is_what_the_command_prints(capsys: pytest.CaptureFixture[str]) -> None:
+    """All 27 rows, as they are now."""
+    assert main(["sequences", "--markdown"]) == 0
+    printed = capsys.readouterr().out
+    assert len(printed.splitlines()) == 29
+    assert printed in (Path(__file__).resolve().parents[1] / "docs" / "sequences.md").read_text()
+
+
 @pytest.mark.usefixtures("llvm")
 def test_counting_goes_on_where_it_was_stopped(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """What the file has is not counted again."""
