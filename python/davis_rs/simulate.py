@@ -370,19 +370,7 @@ def simulate(
     """
     if trajectory is None:
         scene = scene.part(start_s, duration_s)
-        return Simulator(scene, **settings).run(trajectory_part(scene, None))
-    return Simulator(scene, **settings).run(interval(trajectory, start_s, duration_s))
-
-
-def trajectory_part(
-    scene: Scene, trajectory: Trajectory | None, start_s: float = 0.0, duration_s: float | None = None
-) -> Trajectory:
-    """The part of a trajectory (or of the scene's own) that a run follows, from t = 0.
-
-    Raises:
-        ValueError: if there is no trajectory, or not that part of it.
-    """
-    trajectory = trajectory or scene.trajectory
-    if trajectory is None:
-        raise ValueError(f"scene {scene.name!r} has no trajectory of its own: one must be given")
-    return interval(trajectory, start_s, duration_s)
+        trajectory = scene.path
+    else:
+        trajectory = interval(trajectory, start_s, duration_s)
+    return Simulator(scene, **settings).run(trajectory)

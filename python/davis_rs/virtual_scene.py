@@ -10,7 +10,8 @@ import numpy.typing as npt
 from ._core import Device, Encoder
 from .decoded import Frame
 from .scene.scene import Scene
-from .simulate import Simulator, trajectory_part
+from .simulate import Simulator
+from .trajectory.trajectory import interval
 from .usb.virtual_davis import VIRTUAL_CHIPS, VirtualDavis
 
 _EXPOSURE_US = 4000
@@ -37,7 +38,7 @@ def virtual_davis_of_scene(scene: Scene, *, duration_s: float | None = None, pro
     simulator = Simulator(scene)
     chip = _chip_of_size(simulator.camera.width, simulator.camera.height)
     encoder = Encoder(chip)
-    trajectory = trajectory_part(scene, None, 0.0, duration_s)
+    trajectory = interval(scene.path, 0.0, duration_s)
     stream: list[tuple[int, bytes]] = []
     scale: float | None = None
     with tqdm(

@@ -21,7 +21,7 @@ from ..sampling.displacement import DisplacementClock
 from ..sampling.observe import CountedRenderer, Probes
 from ..sampling.rules import TimeSampling
 from ..scene.scene import Scene
-from ..simulate import Simulator, trajectory_part
+from ..simulate import Simulator
 from ..trajectory.trajectory import Trajectory, interval
 from .reference_events import TICKS_PER_US, FineReference, Recipe, exact_crossings, fine_reference, in_ticks
 from .settings import Setting
@@ -112,23 +112,23 @@ class Sweep:
         # Textures are made once, not for each setting.
         self.scene = replace(scene, source=cache(scene.source))
         self.camera, self.folder, self.fine_rays = camera or scene.camera, Path(folder), fine_rays
-        whole = trajectory_part(self.scene, trajectory)
+        whole = trajectory or self.scene.path
         renderer = self._renderer(1)
         if start_s is None:
             start_s = min(_half_way_s(renderer, whole), max(whole.duration_s - (duration_s or 0.0), 0.0))
-        rest = trajectory_part(self.scene, whole, start_s)
+        rest = interval(whole, start_s)
         clock = DisplacementClock(renderer, rest, round(rest.duration_s * 1e6))
         if duration_s is None:
             reached_us = clock.time_at(_PATH_PX)
             duration_s = rest.duration_s if reached_us is None else max(reached_us, 1) * 1e-6
-        judged = trajectory_part(self.scene, rest, 0.0, duration_s)
+        judged = interval(rest, 0.0, duration_s)
         self.start_s, self.duration_s = start_s, judged.duration_s
         self.path_px = DisplacementClock(renderer, judged, round(duration_s * 1e6)).path_at(round(duration_s * 1e6))
         if self.path_px <= 0:
             raise ValueError(
                 f"nothing moves in the {duration_s} s from {start_s} s of the trajectory: nothing to judge"
             )
-        self._timed = trajectory_part(self.scene, rest, 0.0, min(_TIMED_PARTS * duration_s, rest.duration_s))
+        self._timed = interval(rest, 0.0, min(_TIMED_PARTS * duration_s, rest.duration_s))
         # One pixel's way: what lies further apart is not the same crossing.
         window_us = int(np.clip(duration_s * 1e6 / self.path_px, 1, _LONGEST_WINDOW_US))
         self.recipe = Recipe(judged, scene.contrast_threshold, 1e-3, window_us)

@@ -7,9 +7,12 @@ import sys
 from dataclasses import replace
 
 from ..scene.scene import Scene
-from ..scenes import start_pose
+from ..scenes import BUILTIN_SCENES, start_pose
 from ..trajectory.trajectory import align, interval
 from ..trajectory.trajectory_file import read_trajectory
+
+SCENE_HELP = f"{', '.join(BUILTIN_SCENES)}, a sequence of davis-rs sequences, or a Mitsuba XML file"
+"""What a scene may be."""
 
 
 class Help(argparse.ArgumentDefaultsHelpFormatter):

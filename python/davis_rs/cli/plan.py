@@ -10,7 +10,7 @@ from ..effects import Effects, parse_effect
 from ..plan import plan_effects
 from ..scenes import load_scene
 from ..sensor_parameters import SENSORS, sensor_parameters
-from .common import add_path, on_path
+from .common import SCENE_HELP, add_path, on_path
 
 
 def add_plan(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -22,7 +22,7 @@ def add_plan(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> N
         "events (or frames), and what having it costs.",
     )
     plan.set_defaults(run=_plan)
-    plan.add_argument("scene", metavar="SCENE", help="a built-in scene or a Mitsuba XML file")
+    plan.add_argument("scene", metavar="SCENE", help=SCENE_HELP)
     plan.add_argument("--sensor", choices=tuple(SENSORS), help="davis240c if neither this nor --effect is given")
     plan.add_argument(
         "--effect",
@@ -56,13 +56,12 @@ def _plan(options: argparse.Namespace) -> int:
     scene = on_path(options, load_scene(options.scene))
     if options.lux_per_luma is not None:
         scene = replace(scene, lux_per_luma=options.lux_per_luma)
-    assert scene.trajectory is not None
     given = [parse_effect(text) for text in options.effect]
     sensor = sensor_parameters(options.sensor or ("ideal" if given else "davis240c"))
     threshold, threshold_off = options.contrast_threshold, options.contrast_threshold_off
     plan = plan_effects(
         scene,
-        scene.trajectory,
+        scene.path,
         Effects.of([*sensor.effects(scene.lux_per_luma), *given]),
         camera=None if options.camera is None else load_camera(options.camera),
         contrast_threshold=sensor.contrast_threshold if threshold is None else threshold,

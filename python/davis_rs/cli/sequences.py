@@ -38,9 +38,10 @@ def add_sequences(commands: argparse._SubParsersAction[argparse.ArgumentParser])
         "ours. Speeds are means over 100 ms; events are those of ideal pixels, counted before (--count).",
     )
     sequences.add_argument("names", nargs="*", metavar="NAME", help="all if not given")
-    sequences.add_argument("--markdown", action="store_true", help="as a table of Markdown")
-    sequences.add_argument("--sheet", type=Path, metavar="PNG", help="draw frame and events of each, instead")
-    sequences.add_argument(
+    instead = sequences.add_mutually_exclusive_group()
+    instead.add_argument("--markdown", action="store_true", help="as a table of Markdown")
+    instead.add_argument("--sheet", type=Path, metavar="PNG", help="draw frame and events of each, instead")
+    instead.add_argument(
         "--count",
         type=Path,
         metavar="CSV",
@@ -52,7 +53,9 @@ def add_sequences(commands: argparse._SubParsersAction[argparse.ArgumentParser])
 
 
 def _sequence(options: argparse.Namespace) -> int:
-    return simulate_into(options, _named(options.name).scene().part(options.start, options.duration))
+    sequence = _named(options.name)
+    part = sequence.scene().part(options.start, options.duration)
+    return simulate_into(options, part, sequence={"biases": sequence.biases, "differs": sequence.differs})
 
 
 def _sequences(options: argparse.Namespace) -> int:
@@ -67,7 +70,12 @@ def _sequences(options: argparse.Namespace) -> int:
         print(draw_sheet(shown, options.sheet))
         return 0
     rows = table(shown, read_counts(options.measured))
-    print(as_markdown(rows) if options.markdown else as_text(rows))
+    if options.markdown:
+        print(as_markdown(rows))
+        return 0
+    print(as_text(rows))
+    for sequence in sequences if options.names else ():
+        print(f"{sequence.name}, beside the recording: {sequence.differs}")
     return 0
 
 
@@ -75,12 +83,14 @@ def _count(sequences: list[Sequence], path: Path) -> None:
     from tqdm import tqdm
 
     counts = read_counts(path) if path.exists() else {}
+    write_counts(path, counts.values())  # fails before the counting, if it must
     for sequence in sequences:
         if sequence.name in counts:
             continue
         with tqdm(total=sequence.paper.duration_s, unit="s", desc=sequence.name) as bar:
             counts[sequence.name] = count_events(sequence, progress=bar.update)
-        write_counts(path, [counts[name] for name in SEQUENCES if name in counts])
+        places = {name: place for place, name in enumerate(SEQUENCES)}
+        write_counts(path, sorted(counts.values(), key=lambda count: places.get(count.name, len(places))))
         print(f"{sequence.name}: {counts[sequence.name].events:,} events")
 
 

@@ -6,14 +6,15 @@ import argparse
 import sys
 from dataclasses import fields
 from pathlib import Path
+from typing import Any
 
 from ..camera import PRESETS
 from ..record import record
 from ..run_settings import RunSettings
 from ..scene.scene import Scene
-from ..scenes import BUILTIN_SCENES, load_scene
+from ..scenes import load_scene
 from ..sensor_parameters import SENSORS
-from .common import Help, add_path, on_path
+from .common import SCENE_HELP, Help, add_path, on_path
 from .inertial import add_inertial
 
 
@@ -21,11 +22,7 @@ def add_simulate(commands: argparse._SubParsersAction[argparse.ArgumentParser]) 
     """Add the command to the command line's."""
     simulate = commands.add_parser("simulate", help="simulate a scene into a dataset folder", formatter_class=Help)
     simulate.set_defaults(run=_simulate)
-    simulate.add_argument(
-        "scene",
-        metavar="SCENE",
-        help=f"{', '.join(BUILTIN_SCENES)}, a sequence of davis-rs sequences, or a Mitsuba XML file",
-    )
+    simulate.add_argument("scene", metavar="SCENE", help=SCENE_HELP)
     add_path(simulate.add_argument_group("camera path"))
     add_settings(simulate)
 
@@ -46,9 +43,16 @@ def add_settings(parser: argparse.ArgumentParser) -> None:
         "--contrast-threshold", type=float, metavar="C", help="of ON events, natural log; the scene's if not given"
     )
     camera.add_argument("--contrast-threshold-off", type=float, metavar="C", help="of OFF events; as ON if not given")
-    camera.add_argument("--log-eps", type=float, default=1e-3, metavar="Y", help="dark level in units of luma")
-    camera.add_argument("--frame-rate", type=float, default=40.0, metavar="HZ", help="intensity frames; 0 = none")
-    camera.add_argument("--depth-rate", type=float, default=40.0, metavar="HZ", help="depth maps; 0 = none")
+    camera.add_argument(
+        "--log-eps", type=float, default=RunSettings.log_eps, metavar="Y", help="dark level in units of luma"
+    )
+    camera.add_argument("--lux-per-luma", type=float, metavar="LUX", help="brightness; the scene's if not given")
+    camera.add_argument(
+        "--frame-rate", type=float, default=RunSettings.frame_rate, metavar="HZ", help="intensity frames; 0 = none"
+    )
+    camera.add_argument(
+        "--depth-rate", type=float, default=RunSettings.depth_rate, metavar="HZ", help="depth maps; 0 = none"
+    )
     camera.add_argument(
         "--exposure", type=float, help="grey = 255 x exposure x luma; chosen from the first frame if not given"
     )
@@ -88,7 +92,7 @@ def add_settings(parser: argparse.ArgumentParser) -> None:
         "--refine", action=argparse.BooleanOptionalAction, help="polish event times to the microsecond; slow"
     )
     accuracy.add_argument("--samples", type=int, metavar="N", help="rays a pixel; 8 if not given, 2 without LLVM")
-    accuracy.add_argument("--renderer", choices=("auto", "table", "integrator"), default="auto")
+    accuracy.add_argument("--renderer", choices=("auto", "table", "integrator"), default=RunSettings.renderer)
     accuracy.add_argument(
         "--blur", action=argparse.BooleanOptionalAction, help="3 x 3 blur of luma; as the scene if not given"
     )
@@ -99,9 +103,11 @@ def add_settings(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--quiet", action="store_true", help="no progress bar, only the last line")
 
 
-def simulate_into(options: argparse.Namespace, scene: Scene) -> int:
-    """Simulate a scene's trajectory into the folder ``options.output``, under the options of :func:`add_settings`."""
-    assert scene.trajectory is not None
+def simulate_into(options: argparse.Namespace, scene: Scene, **meta: Any) -> int:
+    """Simulate a scene's trajectory into the folder ``options.output``, under the options of :func:`add_settings`.
+
+    ``meta`` is more for meta.json.
+    """
     given = vars(options)
     settings = RunSettings(**{one.name: given[one.name] for one in fields(RunSettings) if one.name in given})
     imu, motion_capture = settings.make_imu(), settings.make_motion_capture()
@@ -113,13 +119,13 @@ def simulate_into(options: argparse.Namespace, scene: Scene) -> int:
         print(f"rendering with {simulator.renderer.name}: {simulator.renderer.reason}", file=sys.stderr)
     recording = record(
         simulator,
-        scene.trajectory,
+        scene.path,
         options.output,
         motion_capture=motion_capture,
         imu=imu,
         exposure=options.exposure,
         overwrite=options.overwrite,
-        meta={"command": ["davis-rs", *sys.argv[1:]]},
+        meta={"command": ["davis-rs", *sys.argv[1:]], **meta},
         quiet=options.quiet,
     )
     print(recording)

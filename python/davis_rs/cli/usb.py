@@ -21,6 +21,7 @@ from ..usb.protocol import FX3
 from ..usb.raw_file import RawRecording, RawWriter, is_raw
 from ..usb.settings import ACCELEROMETER_RANGES_G, GYROSCOPE_RANGES_DEG_S, DavisSettings
 from ..usb.virtual_davis import VirtualDavis
+from .common import SCENE_HELP
 
 
 def add_usb(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -40,7 +41,7 @@ def add_usb(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> No
     )  # fmt: skip
     record.add_argument("--duration", type=float, metavar="S", help="seconds to record")
     record.add_argument("--serial", metavar="NUMBER", help="of the camera, where there are several")
-    record.add_argument("--virtual", metavar="SCENE", help="no camera: one in software that sees a built-in scene")
+    record.add_argument("--virtual", metavar="SCENE", help=f"no camera: one in software that sees {SCENE_HELP}")
     record.add_argument(
         "--biases", choices=tuple(BIAS_SETS), help="a set of the dataset paper; the chip's if not given"
     )

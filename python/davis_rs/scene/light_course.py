@@ -155,7 +155,10 @@ class LaterCourse(LightCourse):
     """Another course from ``start_s`` on: this one's t = 0 lies there."""
 
     def __init__(self, course: LightCourse, start_s: float) -> None:
-        self._course, self._start_s = course, start_s
+        self._course: LightCourse = course
+        self._start_s: float = start_s
+        if isinstance(course, LaterCourse):  # a part of a part
+            self._course, self._start_s = course._course, course._start_s + start_s
 
     def factor(self, t_s: npt.ArrayLike) -> FloatArray:
         return self._course.factor(np.asarray(t_s, np.float64) + self._start_s)

@@ -52,6 +52,17 @@ class Scene:
     lights: Mapping[str, LightCourse] = field(default_factory=dict)
     lux_per_luma: float = 1000.0
 
+    @property
+    def path(self) -> Trajectory:
+        """The scene's own trajectory.
+
+        Raises:
+            ValueError: if it has none.
+        """
+        if self.trajectory is None:
+            raise ValueError(f"scene {self.name!r} has no trajectory of its own: one must be given")
+        return self.trajectory
+
     def part(self, start_s: float = 0.0, duration_s: float | None = None) -> Scene:
         """The scene over a part of its own trajectory: what moves and flickers in it goes on from there.
 
@@ -61,11 +72,9 @@ class Scene:
         Raises:
             ValueError: if the scene has no trajectory of its own, or not that part of it.
         """
-        if self.trajectory is None:
-            raise ValueError(f"scene {self.name!r} has no trajectory of its own: one must be given")
         return replace(
             self,
-            trajectory=interval(self.trajectory, start_s, duration_s),
+            trajectory=interval(self.path, start_s, duration_s),
             objects={name: rest_of(path, start_s) for name, path in self.objects.items()},
             lights={name: LaterCourse(course, start_s) for name, course in self.lights.items()},
         )

@@ -1,6 +1,6 @@
 """The sequences of :mod:`davis_rs.sequences` beside the paper's table: listed, counted, drawn."""
 
-from .count import MEASURED, EventCount, count_events, read_counts, write_counts
+from .count import MEASURED, EventCount, count_events, mean_luma, read_counts, write_counts
 from .listing import as_markdown, as_text, table
 from .sheet import draw_sheet
 
@@ -11,6 +11,7 @@ __all__ = [
     "as_text",
     "count_events",
     "draw_sheet",
+    "mean_luma",
     "read_counts",
     "table",
     "write_counts",

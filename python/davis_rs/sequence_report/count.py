@@ -7,13 +7,20 @@ from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 
+import numpy as np
+
 from ..formats.files import PartFile
+from ..rendering.renderers import make_renderer
 from ..sampling.rules import MaxDisplacement
 from ..sequences import Sequence
 from ..simulate import Simulator
+from ..trajectory.views import Views
 
 MEASURED = Path(__file__).with_name("measured.csv")
 """The counts that ``davis-rs sequences`` shows: what :func:`count_events` found with the defaults."""
+
+
+_LOOK = 0.7
 
 
 @dataclass(frozen=True)
@@ -25,6 +32,7 @@ class EventCount:
         duration_s: simulated.
         events, on_events: how many there were, and how many of them ON.
         max_displacement_px, samples: how finely time and pixels were sampled.
+        contrast_threshold, luma: the scene's, and :func:`mean_luma`: of what these are the events.
     """
 
     name: str
@@ -33,6 +41,16 @@ class EventCount:
     on_events: int
     max_displacement_px: float
     samples: int
+    contrast_threshold: float
+    luma: float
+
+
+def mean_luma(sequence: Sequence) -> float:
+    """The mean luma of a view of the sequence, at 70 % of its time: another scene or path has another."""
+    scene = sequence.scene()
+    renderer = make_renderer(scene, scene.camera, samples=1)
+    view = Views.along(scene.path, np.array([_LOOK * scene.path.duration_s]))
+    return float(renderer.luma(view).mean(dtype=np.float64))
 
 
 def count_events(
@@ -52,18 +70,25 @@ def count_events(
         progress: called with the simulated seconds since the call before.
     """
     scene = sequence.scene().part(0.0, duration_s)
-    trajectory = scene.trajectory
-    assert trajectory is not None
     simulator = Simulator(
         scene, frame_rate_hz=0, depth_rate_hz=0, sampling=MaxDisplacement(max_displacement_px), samples=samples
     )
     events = on_events = 0
-    for packet in simulator.run(trajectory):
+    for packet in simulator.run(scene.path):
         events += len(packet.events)
         on_events += int(packet.events["p"].sum())
         if progress is not None:
             progress((packet.end_us - packet.start_us) * 1e-6)
-    return EventCount(sequence.name, round(trajectory.duration_s, 6), events, on_events, max_displacement_px, samples)
+    return EventCount(
+        sequence.name,
+        round(scene.path.duration_s, 6),
+        events,
+        on_events,
+        max_displacement_px,
+        samples,
+        scene.contrast_threshold,
+        round(mean_luma(sequence), 7),
+    )
 
 
 def read_counts(path: str | Path = MEASURED) -> dict[str, EventCount]:
@@ -85,6 +110,8 @@ def read_counts(path: str | Path = MEASURED) -> dict[str, EventCount]:
                     int(row["on_events"]),
                     float(row["max_displacement_px"]),
                     int(row["samples"]),
+                    float(row["contrast_threshold"]),
+                    float(row["luma"]),
                 )
             except (KeyError, TypeError, ValueError) as error:
                 raise ValueError(f"{path}, line {reader.line_num}: not a count of events: {error!r}") from None

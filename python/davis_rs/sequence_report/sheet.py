@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from ..dataset.files import as_grey
 from ..dataset.writer import exposure_for
+from ..formats.files import PartFile
 from ..inspection.view import display_grey, event_picture
 from ..sequences import Sequence
 from ..simulate import Simulator
@@ -37,6 +38,7 @@ def draw_sheet(sequences: Iterable[Sequence], output_png: str | Path, *, share: 
 
     if not 0 <= share <= 1:
         raise ValueError(f"share must lie in 0..1, got {share}")
+    file = PartFile(output_png, overwrite=True)  # fails before the rendering, if it must
     tiles = [(sequence.name, _tile(sequence, share)) for sequence in sequences]
     if not tiles:
         raise ValueError("a contact sheet needs at least one sequence")
@@ -48,8 +50,9 @@ def draw_sheet(sequences: Iterable[Sequence], output_png: str | Path, *, share: 
         left, top = (number % _COLUMNS) * (width + _GAP), (number // _COLUMNS) * (height + _TITLE + _GAP)
         draw.text((left, top), name, "black", ImageFont.load_default(size=14))
         sheet.paste(Image.fromarray(tile), (left, top + _TITLE))
-    sheet.save(output_png)
-    return Path(output_png)
+    sheet.save(file.part, format="PNG")
+    file.commit()
+    return file.path
 
 
 def _tile(sequence: Sequence, share: float) -> npt.NDArray[np.uint8]:
@@ -57,9 +60,8 @@ def _tile(sequence: Sequence, share: float) -> npt.NDArray[np.uint8]:
     whole_s = sequence.paper.duration_s
     slice_s = min(_SLICE_S, whole_s)
     scene = sequence.scene().part(share * (whole_s - slice_s), slice_s)
-    assert scene.trajectory is not None
     simulator = Simulator(scene, frame_rate_hz=1 / slice_s, depth_rate_hz=0, accuracy="fast")
-    packets = list(simulator.run(scene.trajectory))
+    packets = list(simulator.run(scene.path))
     luma = next(packet.luma for packet in reversed(packets) if packet.luma is not None)
     events = np.concatenate([packet.events for packet in packets])
     grey = display_grey(as_grey(luma, exposure_for(luma)))
