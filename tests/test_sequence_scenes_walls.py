@@ -33,10 +33,11 @@ SCENES: dict[str, Callable[[], Scene]] = {
     "boxes": boxes,
     "hdr_boxes": lambda: boxes(hdr=True),
     "slider_close": lambda: slider_wall(0.231),
+    "slider_hdr_close": lambda: slider_wall(0.232, hdr=True),
     "slider_hdr_far": lambda: slider_wall(0.584, hdr=True),
     "slider_depth": slider_depth,
 }
-DARKEST_LUX = {"hdr_poster": 105, "hdr_boxes": 85, "slider_hdr_far": 95}
+DARKEST_LUX = {"hdr_poster": 105, "hdr_boxes": 85, "slider_hdr_close": 85, "slider_hdr_far": 95}
 """The least that is seen: from the start, or along the slide."""
 
 HAND_HELD = ("shapes", "poster", "hdr_poster", "boxes", "hdr_boxes")
