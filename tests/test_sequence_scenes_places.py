@@ -17,7 +17,7 @@ from davis_rs.rendering.render import Renderer
 from davis_rs.rendering.renderers import make_renderer
 from davis_rs.sequences.dynamic_scene import DURATION_S, dynamic, performance
 from davis_rs.sequences.office_scene import office
-from davis_rs.sequences.person import ANKLE_M, SHIN_M
+from davis_rs.sequences.person import ANKLE_M, SHIN_M, parts
 from davis_rs.sequences.street_scenes import outdoors, urban
 from davis_rs.trajectory.views import Views
 
@@ -138,14 +138,44 @@ def test_the_person_walks_waves_and_sits() -> None:
     assert hips[[0, -1], 2] == pytest.approx([SHIN_M + ANKLE_M] * 2, abs=0.06)
     assert np.ptp(hips[:, 0]) > 2.5
     assert 0.9 < np.linalg.norm(paths["torso"].velocities(t), axis=1).max() < 2.0
-    hand = paths["right_lower_arm"].positions(t) + np.einsum(
-        "nij,j->ni", paths["right_lower_arm"].rotations(t), [0.0, 0.0, -0.3]
+    left, right = (
+        paths[name].positions(t) + np.einsum("nij,j->ni", paths[name].rotations(t), [0.0, 0.0, -0.3])
+        for name in ("left_lower_arm", "right_lower_arm")
     )
-    assert (hand[:, 2] - hips[:, 2]).max() > 0.7
+    assert (right[:, 2] - hips[:, 2]).max() > 0.7
+    above_keyboard = np.concatenate([left, right])[np.tile(t < 8, 2), 2] - 0.76
+    assert 0.08 < above_keyboard.min() < above_keyboard.max() < 0.2
     for side in ("left", "right"):
         shoulder = paths[f"{side}_upper_arm"]
         elbow = shoulder.positions(t) + np.einsum("nij,j->ni", shoulder.rotations(t), [0.0, 0.0, -0.3])
         np.testing.assert_allclose(elbow, paths[f"{side}_lower_arm"].positions(t), atol=0.001)
+
+
+def test_the_person_is_as_high_as_an_adult_and_stands_on_the_floor() -> None:
+    """1.85 m where it stands and waves; the lower foot is never 1 cm above the floor, walking toes up to 4 cm below."""
+    paths = performance()
+    t = np.linspace(0.0, DURATION_S, 1201)
+    heights = {
+        name: np.einsum("nj,kj->nk", paths[name].rotations(t)[:, 2], part.vertices) + paths[name].positions(t)[:, 2:]
+        for name, part in parts().items()
+    }
+    waves = (t > 30) & (t < 35)
+    lowest = np.minimum(heights["left_shin"].min(1), heights["right_shin"].min(1))
+    high = heights["torso"].max(1)[waves] - lowest[waves]
+    np.testing.assert_allclose(high, 1.85, atol=0.01)
+    assert lowest.max() < 0.01
+    assert -0.04 < lowest.min() < -0.03
+
+
+@pytest.mark.parametrize("make", [office, dynamic])
+def test_another_renderer_than_the_table_kernel_warns_of_black_shadows(make: Callable[[], Scene]) -> None:
+    """Constant light comes from without: the walls shut it out. Under a real sky nothing is amiss."""
+    scene = make()
+    with pytest.warns(UserWarning, match=rf"scene '{scene.name}' is made for the table kernel.*shadows are black"):
+        renderer = make_renderer(scene, WIDE, samples=1, kind="integrator")
+    views = Views.at_rest([start(scene)], 12.0)
+    assert renderer.luma(views).min() == 0
+    make_renderer(outdoors(), WIDE, samples=1, kind="integrator")  # a warning would be an error
 
 
 @pytest.mark.usefixtures("llvm")

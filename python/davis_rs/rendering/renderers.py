@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import warnings
+
 from .._mitsuba import FAST, SCALAR, default_variant, load_scene_source, variant
 from ..camera import Camera
 from ..scene.scene import Scene
@@ -38,6 +40,10 @@ def make_renderer(
         ValueError: if the scene cannot be loaded, it has none of the objects or lights that shall change, or ``table``
             was asked for and cannot render it.
         OSError: if a scene file cannot be read.
+
+    Warns:
+        UserWarning: if the scene's light is ambient (:attr:`Scene.ambient`), and it is not the table kernel that shows
+            it.
     """
     if kind not in ("auto", "table", "integrator"):
         raise ValueError(f"renderer must be auto, table or integrator, got {kind!r}")
@@ -69,5 +75,12 @@ def make_renderer(
                 renderer = IntegratorRenderer(
                     loaded, camera, samples=samples, blur=blur, seed=seed, reason=str(unsuitable), motion=motion
                 )
+    if scene.ambient and not isinstance(renderer, TableRenderer):
+        warnings.warn(
+            f"scene {scene.name!r} is made for the table kernel, not for the {renderer.name} ({renderer.reason}): the "
+            "scene's constant light, which shall come from all sides, does not reach into its closed room, so that "
+            "shadows are black and the range of illuminance is far wider than the scene's",
+            stacklevel=2,
+        )
     renderer.silhouettes = silhouettes
     return renderer

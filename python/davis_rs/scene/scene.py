@@ -37,6 +37,8 @@ class Scene:
             it within the object. Before and after its trajectory an object stands still where that begins and ends.
         lights: for lights by their ids (of a shape's own emitter ``shape.emitter``) the course of their strength.
         lux_per_luma: illuminance on the sensor's scale: lux that one unit of luma stands for.
+        ambient: its constant light stands for light from all sides, also within closed rooms: only the table kernel
+            shows it so.
     """
 
     name: str
@@ -51,6 +53,7 @@ class Scene:
     objects: Mapping[str, Trajectory] = field(default_factory=dict)
     lights: Mapping[str, LightCourse] = field(default_factory=dict)
     lux_per_luma: float = 1000.0
+    ambient: bool = False
 
     @property
     def path(self) -> Trajectory:

@@ -12,8 +12,10 @@ from ..camera import PRESETS
 from ..scene.parts import DIRECT, rectangle
 from ..scene.scene import Scene
 from ..scene.textures import patchwork
-from .prints import Texture, bitmap, blocks, plain_shapes, stones, text
-from .room import FACING, LUX_PER_LUMA, SIDEWAYS, box, general_light, lamp, room, standing
+from .prints import blocks, plain_shapes, stones, text
+from .reflectance import Texture, bitmap
+from .room import FACING, LUX_PER_LUMA, SIDEWAYS, covered_box, empty_room, general_light, lamp
+from .starts import start_looking_at
 
 _EYE_M = (0.0, 0.0, 1.1)
 _FREE_M = 1.1
@@ -33,9 +35,10 @@ def boxes(hdr: bool = False) -> Scene:
         name="hdr_boxes" if hdr else "boxes",
         source=partial(_boxes, hdr),
         camera=PRESETS["davis240c"],
-        start=standing(_EYE_M, (0.0, 2.0, 0.65)),
+        start=start_looking_at(_EYE_M, (0.0, 2.0, 0.65)),
         contrast_threshold=0.5,
         lux_per_luma=LUX_PER_LUMA,
+        ambient=True,
     )
 
 
@@ -50,7 +53,7 @@ def _boxes(hdr: bool) -> dict[str, Any]:
         "type": "scene",
         "integrator": DIRECT,
         **lights,
-        **room((-2.5, 2.5), (-3.0, 3.3), 3.0, floor=bitmap(carpet, repeats=(3.0, 4.0))),
+        **empty_room((-2.5, 2.5), (-3.0, 3.3), 3.0, floor=bitmap(carpet, repeats=(3.0, 4.0))),
         **_pictures(),
         **_stacks(np.random.RandomState(61)),
     }
@@ -82,7 +85,7 @@ def _stacks(random: np.random.RandomState) -> dict[str, Any]:
             turn = random.uniform(-0.3, 0.3)
             centre = np.array([x, y, bottom + height / 2])
             cover = covers[random.randint(len(covers))]
-            found[f"box_{len(found):02}"] = box(centre, np.array([width, depth, height]), turn, cover)
+            found[f"box_{len(found):02}"] = covered_box(centre, np.array([width, depth, height]), turn, cover)
             bottom += height
             width, depth = random.uniform(0.7, 1.0, 2) * (width, depth)
     return found

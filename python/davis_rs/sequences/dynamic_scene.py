@@ -11,8 +11,9 @@ from ..pose import FloatArray
 from ..scene.scene import Scene
 from ..trajectory.sampled_trajectory import SampledTrajectory
 from .meshes import shape
-from .office_scene import LUX_PER_LUMA, chair, room
+from .office_scene import chair, office_room
 from .person import Joints, clothes, parts
+from .room import LUX_PER_LUMA
 from .starts import start_looking_at
 
 DURATION_S = 60.0
@@ -39,15 +40,16 @@ _WALK = [
 def dynamic() -> Scene:
     """The office of :func:`~davis_rs.sequences.office_scene.office` with a person in it, for 60 s; C = 0.5.
 
-    The person types at the desk, stands up (the chair rolls back), walks to and fro before the desk at up to about 1.5
-    m/s, turning to the camera at the ends, stops and waves, walks again, and sits down. The camera stands 2.2 m from
-    where the person walks, with 1.1 m of air around it. A twin of the dataset's by kind of motion, not a copy: the body
-    is rigid parts that turn in their joints, and walks by rule.
+    The person sits at the desk and types in the air, 8 to 20 cm above the height of the keyboard, stands up (the chair
+    rolls back), walks to and fro before the desk at up to about 1.5 m/s, turning to the camera at the ends, stops and
+    waves, walks again, and sits down. The camera stands 2.2 m from where the person walks, with 1.1 m of air around it.
+    A twin of the dataset's by kind of motion, not a copy: the body is rigid parts that turn in their joints, and walks
+    by rule; its toes dip into the floor by up to 4 cm as it does.
     """
     return Scene(
         name="dynamic",
         source=lambda: {
-            **room(),
+            **office_room(),
             "chair": shape(chair(), 0.18),
             **{name: shape(part, clothes()) for name, part in parts().items()},
         },
@@ -56,6 +58,7 @@ def dynamic() -> Scene:
         contrast_threshold=0.5,
         objects=performance(),
         lux_per_luma=LUX_PER_LUMA,
+        ambient=True,
     )
 
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from ..pose import FloatArray
+from .reflectance import Texture, bitmap
 
 Window = tuple[float, float, float, float]
 """Left, top, right and bottom of the piece of a texture that a face shows; 0 to 1 is all of it, more repeats it."""
@@ -108,7 +109,7 @@ def _grid(points: FloatArray, window: Window) -> Mesh:
     return Mesh(vertices, faces[double_area > 1e-12], np.stack([u.ravel(), v.ravel()], 1))
 
 
-def shape(mesh: Mesh, reflectance: npt.NDArray[np.float32] | float) -> Any:
+def shape(mesh: Mesh, reflectance: Texture | float) -> Any:
     """A mesh as a diffuse Mitsuba shape, seen from both sides; made under the variant that loads the scene.
 
     Args:
@@ -116,9 +117,8 @@ def shape(mesh: Mesh, reflectance: npt.NDArray[np.float32] | float) -> Any:
     """
     import mitsuba as mi
 
-    colour: Mapping[str, Any] = {"type": "rgb", "value": reflectance}
-    if isinstance(reflectance, np.ndarray):
-        colour = {"type": "bitmap", "raw": True, "wrap_mode": "repeat", "data": mi.TensorXf(reflectance)}
+    textured = isinstance(reflectance, np.ndarray)
+    colour = bitmap(mi.TensorXf(reflectance)) if textured else {"type": "rgb", "value": reflectance}
     properties = mi.Properties()
     properties["bsdf"] = mi.load_dict({"type": "twosided", "nested": {"type": "diffuse", "reflectance": colour}})
     made = mi.Mesh("mesh", len(mesh.vertices), len(mesh.faces), properties, has_vertex_texcoords=True)

@@ -12,6 +12,7 @@ from ..scene.scene import Scene
 from ..scene.textures import patchwork
 from .meshes import Mesh, box, merged, quad, shape, tube
 from .place_textures import books, facade, grid, noise, wood, writing
+from .room import LUX_PER_LUMA, general_light
 from .starts import start_looking_at
 
 # The room, metres: x to the right, y ahead, to the wall behind the desk, z up from the floor.
@@ -20,34 +21,33 @@ _WINDOW = (0.95, 2.55, 0.95, 2.35)
 """In the back wall: from x to x, from z to z."""
 
 _DESK_Z = 0.74
-LUX_PER_LUMA = 1000.0
-"""White on the desk has a luma of about 0.5 under the lamp: some 500 lx."""
 
 
 def office() -> Scene:
-    """A desk 1.5 m ahead, with two monitors, keyboard, mugs, books and papers; C = 0.17.
+    """A desk 1.5 m ahead, with two monitors, keyboard, mugs, books and papers, under some 500 lux; C = 0.17.
 
-    Around it a shelf of books, a whiteboard and pictures, a chair, a cabinet, a door, and a window onto a street some
-    three times as bright as its walls. The camera has 0.7 m of air all around. A twin of the dataset's
+    Around it a shelf of books, a whiteboard and pictures, a chair, a cabinet, a door, and a window onto a street whose
+    light parts are about twice as bright as the walls. The camera has 0.7 m of air all around. A twin of the dataset's
     office by kind of things, texture and light, not a copy; the daylight is seen, but lights nothing in the room.
     """
     return Scene(
         name="office",
-        source=lambda: {**room(), "chair": shape(chair().moved([0.75, 1.75, 0.0], 0.5), 0.15)},
+        source=lambda: {**office_room(), "chair": shape(chair().moved([0.75, 1.75, 0.0], 0.5), 0.15)},
         camera=PRESETS["davis240c"],
         start=start_looking_at([0.0, 0.7, 1.25], [0.0, 2.7, 1.1]),
         contrast_threshold=0.17,
         lux_per_luma=LUX_PER_LUMA,
+        ambient=True,
     )
 
 
-def room() -> dict[str, Any]:
+def office_room() -> dict[str, Any]:
     """The room with its light and all that stands still in any scene of it."""
     return {
         "type": "scene",
         "integrator": DIRECT,
         "lamp": {"type": "point", "position": [0.2, 0.6, 2.4], "intensity": 7.0},
-        "sky": {"type": "constant", "radiance": 0.25},
+        "general": general_light(250.0),
         # Onto the houses that the window shows; from outside and below, where few surfaces of the room face it and so
         # few rays have to be traced for shadows.
         "daylight": {"type": "point", "position": [0.0, 4.5, -25.0], "intensity": 8000.0},

@@ -1,7 +1,7 @@
 """A body like a person's, of nine rigid parts, and how its joints carry them.
 
 Each part has a frame of its own with its upper joint at the origin: x to the body's right, y ahead, z up. Lengths are
-those of an adult of about 1.75 m; the rest is as simple as a wooden figure's.
+those of an adult of 1.85 m; the rest is as simple as a wooden figure's.
 """
 
 from __future__ import annotations
@@ -13,7 +13,8 @@ import numpy as np
 
 from ..pose import FloatArray
 from .meshes import Mesh, Window, ball, box, merged, tube
-from .place_textures import Texture, finished, grid, noise
+from .place_textures import grid, noise
+from .reflectance import Texture, finished
 
 THIGH_M, SHIN_M, ANKLE_M = 0.44, 0.43, 0.09
 _UPPER_ARM_M = 0.3
@@ -86,7 +87,11 @@ class Joints:
     aside: FloatArray
 
     def placed(self) -> dict[str, tuple[FloatArray, Any]]:
-        """Positions (n, 3) and SciPy rotations of the parts in the world, the lower foot on the floor within 2 cm."""
+        """Positions (n, 3) and SciPy rotations of the parts in the world.
+
+        The lower ankle is within 2 cm of its height over a flat foot. Feet turn with their shins, so that in a walk
+        toes reach up to 4 cm into the floor where a heel is raised.
+        """
         from scipy.spatial.transform import Rotation
 
         def about(axis: str, angles: FloatArray) -> Rotation:

@@ -1,32 +1,19 @@
 """Textures of rooms and streets: carpet, wood, writing, books, keys, facades, paving, leaves.
 
-As those of :mod:`davis_rs.scene.textures` they come from frozen random numbers and are rounded to eight bits, so that
-they are the same on every machine. All repeat.
+They come from frozen random numbers. All repeat.
 """
 
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
-from ..pose import FloatArray
 from ..scene.textures import value_noise
-
-Texture = npt.NDArray[np.float32]
-Tint = tuple[float, float, float]
-
-GREY: Tint = (1.0, 1.0, 1.0)
-
-
-def finished(reflectance: FloatArray, tint: Tint = GREY) -> Texture:
-    """RGB (H, W, 3) from grey (H, W), rounded to eight bits."""
-    rgb = np.clip(reflectance[..., None] * np.array(tint), 0.0, 1.0)
-    return (np.round(rgb * 255) / 255).astype(np.float32)
+from .reflectance import GREY, Texture, Tint, between, finished
 
 
 def noise(seed: int, low: float, high: float, *, size: int = 256, tint: Tint = GREY) -> Texture:
     """Plaster, carpet, asphalt, grass: coarse and fine grain between two reflectances, even in log reflectance."""
-    return finished(low * (high / low) ** value_noise(size, np.random.RandomState(seed)), tint)
+    return finished(between(low, high, value_noise(size, np.random.RandomState(seed))), tint)
 
 
 def wood(seed: int, low: float = 0.2, high: float = 0.55) -> Texture:

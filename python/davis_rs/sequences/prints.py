@@ -1,7 +1,7 @@
 """What is printed on walls, posters and boxes: plain shapes, stones, lines of text.
 
-Made of frozen random numbers and rounded to eight bits, as the textures of :mod:`davis_rs.scene.textures`. A texture
-has no finer copies of itself for far views, so each has its smallest detail a few texels wide.
+Made of frozen random numbers. A texture has no finer copies of itself for far views, so each has its smallest detail a
+few texels wide.
 """
 
 from __future__ import annotations
@@ -13,13 +13,7 @@ import numpy.typing as npt
 
 from ..pose import FloatArray
 from ..scene.textures import value_noise
-
-Texture = npt.NDArray[np.float32]
-
-
-def bitmap(data: Texture, *, repeats: tuple[float, float] = (1.0, 1.0)) -> dict[str, Any]:
-    """A texture for a surface, so many times over its width and height."""
-    return {"type": "bitmap", "raw": True, "wrap_mode": "repeat", "data": data, "to_uv": np.diag([*repeats, 1.0])}
+from .reflectance import Texture, between, finished
 
 
 def stones(height: int, width: int, seed: int, *, low: float, high: float, stone: float) -> Texture:
@@ -43,7 +37,7 @@ def stones(height: int, width: int, seed: int, *, low: float, high: float, stone
     (nearest, second), owner = _two_nearest(cKDTree(points, boxsize=(height, width)), bent)
     joint = np.clip((second - nearest) / (0.25 * stone), 0, 1)
     level = joint * (0.35 + 0.4 * random.random_sample(count)[owner] + 0.5 * (grain - 0.5))
-    return _reflectance(level, low, high)
+    return finished(between(low, high, level))
 
 
 def blocks(size: int, seed: int, *, low: float, high: float, count: int) -> Texture:
@@ -54,7 +48,7 @@ def blocks(size: int, seed: int, *, low: float, high: float, count: int) -> Text
         height, width = np.round(size * random.uniform(0.1, 0.5, 2)).astype(int)
         top, left = random.randint(size - height), random.randint(size - width)
         level[top : top + height, left : left + width] = random.random_sample()
-    return _reflectance(level, low, high)
+    return finished(between(low, high, level))
 
 
 def text(size: int, seed: int, *, line: int, ink: float, paper: float) -> Texture:
@@ -79,7 +73,7 @@ def text(size: int, seed: int, *, line: int, ink: float, paper: float) -> Textur
         height = scale * line // 2
         cover[top : top + height, margin : margin + strokes * stroke] = np.repeat(inked, stroke)
         top += scale * line
-    return _grey(paper + (ink - paper) * cover)
+    return finished(paper + (ink - paper) * cover)
 
 
 def plain_shapes(
@@ -118,7 +112,7 @@ def plain_shapes(
                 0.5 - _outside(("disc", "triangle", "square", "hexagon", "star")[int(5 * kind)], dx, dy, r, angle), 0, 1
             )
             cover[top : top + cell, left : left + cell] = inked
-    return _grey(paper + (ink - paper) * cover)
+    return finished(paper + (ink - paper) * cover)
 
 
 def _outside(kind: str, dx: FloatArray, dy: FloatArray, radius: float, angle: float) -> FloatArray:
@@ -138,13 +132,3 @@ def _outside(kind: str, dx: FloatArray, dy: FloatArray, radius: float, angle: fl
 def _two_nearest(tree: Any, places: FloatArray) -> tuple[tuple[FloatArray, FloatArray], npt.NDArray[np.int_]]:
     distances, owners = tree.query(places, k=2)
     return (distances[..., 0], distances[..., 1]), owners[..., 0]
-
-
-def _reflectance(level: FloatArray, low: float, high: float) -> Texture:
-    """Levels in [0, 1] in even steps of log reflectance, as those of a patchwork."""
-    return _grey(low * (high / low) ** np.clip(level, 0, 1))
-
-
-def _grey(reflectance: FloatArray) -> Texture:
-    rounded = np.round(np.clip(reflectance, 0, 1) * 255) / 255
-    return np.repeat(rounded[..., None], 3, -1).astype(np.float32)

@@ -1,4 +1,4 @@
-"""A plain closed room, its lights, boxes to put in it, and a camera in it, which never looks past what there is."""
+"""A plain closed room, in which no camera looks past what there is; its lights, and boxes to put in it."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from ..pose import FloatArray, Pose
-from ..scene.parts import look_at, rectangle
-from .prints import Texture, bitmap
+from ..pose import FloatArray
+from ..scene.parts import rectangle
+from .reflectance import Texture, bitmap
 
 LUX_PER_LUMA = 1000.0
 """Of the scenes in rooms: white paper under 500 lux has luma 0.5."""
@@ -19,7 +19,7 @@ FACING, SIDEWAYS, UPWARDS = np.stack([_X, _Z, -_Y], 1), np.stack([_Y, _Z, _X], 1
 """Axes of a rectangle that is looked at along y, upright; along x, upright; and from above."""
 
 
-def room(
+def empty_room(
     x: tuple[float, float],
     y: tuple[float, float],
     height: float,
@@ -52,7 +52,7 @@ def room(
     return found
 
 
-def box(centre: FloatArray, size: FloatArray, turn: float, cover: Texture | float) -> dict[str, Any]:
+def covered_box(centre: FloatArray, size: FloatArray, turn: float, cover: Texture | float) -> dict[str, Any]:
     """An upright box of this size (3,), metres, turned about the vertical (radians): each side shows its cover."""
     cos, sin = np.cos(turn), np.sin(turn)
     to_world = np.eye(4)
@@ -72,15 +72,7 @@ def lamp(position: tuple[float, float, float], lux: float, distance_m: float) ->
 def general_light(lux: float) -> dict[str, Any]:
     """Light from everywhere, so many lux on any surface: what walls and windows of a room send around.
 
-    It stands for light that was reflected often, so nothing shades it: only the table renderer, which takes constant
-    light as unoccluded, shows it within closed walls.
+    It stands for light that was reflected often, so nothing shades it: only the table kernel, which takes constant
+    light as unoccluded, shows it within closed walls. A scene with it is ``ambient``.
     """
     return {"type": "constant", "radiance": lux / LUX_PER_LUMA}
-
-
-def standing(eye: tuple[float, float, float], target: tuple[float, float, float]) -> Pose:
-    """A camera at ``eye`` that looks at ``target``, upright."""
-    pose = np.eye(4)
-    pose[:3, :3] = look_at(np.array(eye), np.array(target))
-    pose[:3, 3] = eye
-    return Pose.from_matrix(pose)

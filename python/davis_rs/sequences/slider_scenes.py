@@ -12,8 +12,10 @@ from ..camera import PRESETS
 from ..scene.parts import DIRECT, rectangle
 from ..scene.scene import Scene
 from ..scene.textures import patchwork
-from .prints import Texture, bitmap, blocks, plain_shapes, stones, text
-from .room import FACING, LUX_PER_LUMA, box, general_light, lamp, room, standing
+from .prints import blocks, plain_shapes, stones, text
+from .reflectance import Texture, bitmap
+from .room import FACING, LUX_PER_LUMA, covered_box, empty_room, general_light, lamp
+from .starts import start_looking_at
 
 _EYE_M = (0.0, 0.0, 1.2)
 _SLIDE_M = 1.04
@@ -25,8 +27,9 @@ _SHEET_M, _PITCH_M = 0.512, 0.54
 def slider_wall(distance_m: float, hdr: bool = False) -> Scene:
     """A wall hung with prints, exactly so far in front of a camera that slides 1.04 m to its right.
 
-    Lit evenly, or (``hdr``) by a lamp beside the wall, half-way along the slide: 80 to 2400 lux. The dataset's
-    distances are 0.231 m (slider_close, slider_hdr_close) and 0.584 m (slider_far, slider_hdr_far).
+    Lit evenly, or (``hdr``) by a lamp close to the wall, half-way along the slide: from 2400 lux down to 95 lux at the
+    ends of the slide, 83 where the wall is as close as 0.23 m. The dataset's distances are 0.231 m (slider_close,
+    slider_hdr_close) and 0.584 m (slider_far, slider_hdr_far).
 
     A twin by kind: flat prints of hard edges and grain, parallel to the image; the dataset's were other pictures.
 
@@ -39,17 +42,20 @@ def slider_wall(distance_m: float, hdr: bool = False) -> Scene:
         name="slider_hdr_wall" if hdr else "slider_wall",
         source=partial(_wall, distance_m, hdr),
         camera=PRESETS["davis240c"],
-        start=standing(_EYE_M, (0.0, 1.0, _EYE_M[2])),
+        start=start_looking_at(_EYE_M, (0.0, 1.0, _EYE_M[2])),
         contrast_threshold=0.3,
         # Flat, and lit from inside of an empty room.
         shadows=False,
         lux_per_luma=LUX_PER_LUMA,
+        ambient=True,
     )
 
 
 def _wall(distance_m: float, hdr: bool) -> dict[str, Any]:
+    # The closer the camera, the less of the wall it passes: the smaller must the spot be for all of its falling off.
+    spot_m = min(0.2, 0.35 * distance_m)
     lights = (
-        {"spot": lamp((_SLIDE_M / 2, distance_m - 0.2, 1.3), 2320.0, 0.2), "general": general_light(80.0)}
+        {"spot": lamp((_SLIDE_M / 2, distance_m - spot_m, 1.3), 2320.0, spot_m), "general": general_light(80.0)}
         if hdr
         else {"lamp": lamp((0.5, distance_m - 2.5, 2.0), 350.0, 2.6), "general": general_light(150.0)}
     )
@@ -69,7 +75,7 @@ def _wall(distance_m: float, hdr: bool) -> dict[str, Any]:
         "integrator": DIRECT,
         **lights,
         # The wall itself is 0.1 mm behind its prints.
-        **room((-2.0, 3.0), (distance_m - 4.0, distance_m + 1e-4), 2.5),
+        **empty_room((-2.0, 3.0), (distance_m - 4.0, distance_m + 1e-4), 2.5),
         **hung,
     }
 
@@ -112,9 +118,10 @@ def slider_depth() -> Scene:
         name="slider_depth",
         source=_depths,
         camera=PRESETS["davis240c"],
-        start=standing(_EYE_M, (0.0, 1.0, _EYE_M[2])),
+        start=start_looking_at(_EYE_M, (0.0, 1.0, _EYE_M[2])),
         contrast_threshold=0.3,
         lux_per_luma=LUX_PER_LUMA,
+        ambient=True,
     )
 
 
@@ -128,7 +135,7 @@ def _depths() -> dict[str, Any]:
         stones(64, 64, 91, low=0.1, high=0.8, stone=12.0),
     ]
     boxes = {
-        f"box_{k:02}": box(
+        f"box_{k:02}": covered_box(
             np.array([x, front + 0.05, top + height / 2]), np.array([width, 0.1, height]), 0.0, covers[k % len(covers)]
         )
         for k, (x, front, width, height) in enumerate(_OBJECTS)
@@ -139,8 +146,8 @@ def _depths() -> dict[str, Any]:
         "integrator": DIRECT,
         "lamp": lamp((0.5, -0.8, 2.4), 350.0, 2.0),
         "general": general_light(150.0),
-        **room((-2.5, 3.5), (-2.5, 2.601), 2.7),
-        "table": box(np.array([0.5, 1.45, top - 0.02]), np.array([3.0, 1.9, 0.04]), 0.0, 0.4),
+        **empty_room((-2.5, 3.5), (-2.5, 2.601), 2.7),
+        "table": covered_box(np.array([0.5, 1.45, top - 0.02]), np.array([3.0, 1.9, 0.04]), 0.0, 0.4),
         "poster": rectangle([0.6, 2.6, 1.9], FACING, (0.9, 0.6), bitmap(poster)),
         **boxes,
     }

@@ -8,7 +8,8 @@ from functools import cache
 import numpy as np
 
 from .meshes import Mesh, Window, ball, box, merged, quad, tube
-from .place_textures import Texture, facade
+from .place_textures import facade
+from .reflectance import Texture
 
 FRONTS = 8
 """Different house fronts, side by side in one texture."""

@@ -9,8 +9,10 @@ from typing import Any
 from ..camera import PRESETS
 from ..scene.parts import DIRECT, rectangle
 from ..scene.scene import Scene
-from .prints import Texture, bitmap, plain_shapes, stones
-from .room import FACING, LUX_PER_LUMA, general_light, lamp, room, standing
+from .prints import plain_shapes, stones
+from .reflectance import Texture, bitmap
+from .room import FACING, LUX_PER_LUMA, empty_room, general_light, lamp
+from .starts import start_looking_at
 
 _EYE_M, _WALL_M, _HEIGHT_M = 1.4, 1.1, 2.8
 """The camera's height, its distance from the wall, and the room's height; at the wall a pixel is 5.5 mm wide."""
@@ -43,11 +45,12 @@ def _before_a_wall(name: str, source: Callable[[], dict[str, Any]]) -> Scene:
         name=name,
         source=source,
         camera=PRESETS["davis240c"],
-        start=standing((0.0, 0.0, _EYE_M), (0.0, _WALL_M, _EYE_M)),
+        start=start_looking_at((0.0, 0.0, _EYE_M), (0.0, _WALL_M, _EYE_M)),
         contrast_threshold=0.5,
         # Seen from inside, nothing in an empty room shades anything.
         shadows=False,
         lux_per_luma=LUX_PER_LUMA,
+        ambient=True,
     )
 
 
@@ -57,7 +60,7 @@ def _shapes() -> dict[str, Any]:
         "type": "scene",
         "integrator": DIRECT,
         **_EVEN,
-        **room((-3.0, 3.0), (-4.0, _WALL_M + 1e-4), _HEIGHT_M, walls=0.75, ceiling=0.75),
+        **empty_room((-3.0, 3.0), (-4.0, _WALL_M + 1e-4), _HEIGHT_M, walls=0.75, ceiling=0.75),
         "shapes": _on_the_wall(printed),
     }
 
@@ -69,7 +72,7 @@ def _poster(hdr: bool) -> dict[str, Any]:
         "type": "scene",
         "integrator": DIRECT,
         **lights,
-        **room((-3.0, 3.0), (-4.0, _WALL_M + 1e-4), _HEIGHT_M),
+        **empty_room((-3.0, 3.0), (-4.0, _WALL_M + 1e-4), _HEIGHT_M),
         "poster": _on_the_wall(printed),
     }
 
