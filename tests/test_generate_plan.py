@@ -231,8 +231,14 @@ def test_a_file_is_relative_to_the_plan(tmp_path: Path) -> None:
     assert make_motion(motion | {"align": False}, scene, None, tmp_path).pose(0.02).position[0] == pytest.approx(0.01)
 
 
+numbers = st.integers() | st.just(10**400) | st.floats()
+pairs = st.lists(numbers, min_size=2, max_size=2)
+laws = st.sampled_from(["uniform", "log_uniform", "normal", "integers", "choice"]).flatmap(
+    lambda law: st.fixed_dictionaries({law: pairs}, optional={"weights": pairs, "min": numbers, "max": numbers})
+)
+parameters = st.dictionaries(st.sampled_from(["aps", "x"]), st.dictionaries(st.sampled_from(["x", 3, None]), numbers))
 junk = st.recursive(
-    st.none() | st.booleans() | st.integers() | st.just(10**400) | st.floats() | st.text(max_size=3),
+    st.none() | st.booleans() | numbers | st.text(max_size=3),
     lambda inner: (
         st.lists(inner, max_size=3)
         | st.dictionaries(st.sampled_from(["choice", "uniform", "normal", "weights", "kind", "min", "x"]), inner)
@@ -242,8 +248,11 @@ junk = st.recursive(
 )
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(key=st.sampled_from(["scene", "seed", "motion", "effects", "duration", "samples", "refine"]), value=junk)
+@settings(max_examples=400, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    key=st.sampled_from(["scene", "seed", "motion", "effects", "duration", "samples", "refine"]),
+    value=junk | laws | parameters,
+)
 def test_whatever_stands_in_a_plan_is_drawn_or_refused_by_name(tmp_path: Path, key: str, value: Any) -> None:
     """Never another exception, and never a message without the file."""
     named = pytest.raises(ValueError, match="^" + re.escape(str(tmp_path / "plan.yaml")))
