@@ -154,6 +154,42 @@ def test_a_failure_is_told_and_the_others_go_on(tmp_path: Path, capsys: pytest.C
     assert not set(bad) & {*json_names(tmp_path / "root"), *(path.name for path in (tmp_path / "root").iterdir())}
 
 
+def test_what_is_not_checked_first_fails_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Checking all of many would keep every worker waiting: of later ones the workers find out, and make the others."""
+    plan = load_sequence_plan(write_plan(tmp_path, seed=25, sequences=4, accuracy={"choice": ["fast", "no"]}))
+    bad = [index for index in range(4) if plan.parameters(index)["accuracy"] == "no"]
+    assert 0 < bad[0] < bad[-1]
+    with pytest.raises(ValueError, match=rf"sequence_0000{bad[0]}: accuracy = 'no': accuracy must be one of"):
+        generate_sequences(plan, tmp_path / "root", workers=1, quiet=True)
+    monkeypatch.setattr("davis_rs.generate.generate.CHECKED_FIRST", bad[0])
+    generated = generate_sequences(plan, tmp_path / "root", workers=1, quiet=True)
+    assert generated.failed.keys() == {f"sequence_0000{index}" for index in bad}
+    assert all("accuracy must be one of" in error for error in generated.failed.values())
+    assert generated.made == 4 - len(bad)
+
+
+def test_moving_scenes_are_the_same_with_any_workers(tmp_path: Path) -> None:
+    """Sequences of the public dataset, with a person that walks through one of them: also those are bytes of the plan
+    alone, whoever made what before."""
+    path = write_plan(
+        tmp_path,
+        scene={"choice": ["dynamic_6dof", "urban", "slider_depth"]},
+        seed=0,
+        sequences=4,
+        motion=None,
+        duration={"uniform": [0.01, 0.02]},
+        frame_rate=50,
+        depth_rate=0,
+        max_displacement=4,
+    )
+    plan = load_sequence_plan(path)
+    assert len({plan.parameters(index)["scene"] for index in range(4)}) == 3
+    for workers in (1, 2):
+        made = generate_sequences(plan, tmp_path / f"root{workers}", workers=workers, quiet=True)
+        assert (made.made, made.failed) == (4, {})
+    assert files_of(tmp_path / "root1") == files_of(tmp_path / "root2")
+
+
 @pytest.fixture
 def root(undisturbed: Path, tmp_path: Path) -> Path:
     """A copy of three of the sequences, that a test may spoil, with a plan of three beside it."""
@@ -221,23 +257,74 @@ def test_a_flipped_bit_is_found_and_made_again(
 def test_files_that_are_gone_or_strange_are_found(root: Path) -> None:
     """In a folder, whole folders, and lines of the manifest."""
     (root / "sequence_00000" / "calib.txt").unlink()
-    (root / "sequence_00001" / "notes.txt").write_text("mine")
     shutil.copytree(root / "sequence_00002", root / "sequence_00003")
     lines = (root / "manifest.jsonl").read_text().splitlines(keepends=True)
-    (root / "manifest.jsonl").write_text("".join(lines).replace('"events": ', '"events": 1'))
+    (root / "manifest.jsonl").write_text("".join([*lines[:2], lines[2].replace('"events": ', '"events": 1')]))
     assert verify_sequences(root) == {
         "sequence_00000": "calib.txt is missing",
-        "sequence_00001": "notes.txt does not belong to it",
         "sequence_00002": "its line in the manifest is not what it was",
         "sequence_00003": "the manifest does not have it",
     }
     shutil.rmtree(root / "sequence_00002")
     assert verify_sequences(root)["sequence_00002"] == "it is missing"
+    plan = (root / "plan.json").read_text()
+    (root / "plan.json").write_text("{}")
+    with pytest.raises(ValueError, match=r"plan.json says of no plan"):
+        verify_sequences(root)
+    (root / "plan.json").write_text(plan)
     (root / "manifest.jsonl").write_text(lines[0] + "{}\n")
     with pytest.raises(ValueError, match=r"manifest.jsonl, line 2: expected a sequence as JSON, found '\{\}'"):
         verify_sequences(root)
     with pytest.raises(FileNotFoundError, match="there is no manifest"):
         verify_sequences(root / "sequence_00000")
+
+
+def test_what_was_never_made_is_told(root: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A root whose sequences failed, or whose manifest lost lines, is not what its plan says."""
+    shutil.rmtree(root / "sequence_00001")
+    lines = (root / "manifest.jsonl").read_text().splitlines(keepends=True)
+    (root / "manifest.jsonl").write_text(lines[0])
+    assert main(["generate", "--verify", str(root)]) == 1
+    out = capsys.readouterr().out
+    assert "sequence_00001: it was never made" in out
+    assert "sequence_00002: the manifest does not have it" in out
+    assert "2 sequences are not what they were" in out
+
+
+@pytest.mark.parametrize("option", [["-o", "x"], ["--workers", "2"], ["--cluster", "x"], ["--dry-run"]], ids=str)
+def test_verify_takes_no_options_of_making(root: Path, option: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    """Who gives them expects something that would not happen."""
+    assert main(["generate", "--verify", str(root), *option]) == 1
+    assert f"makes none: it cannot be combined with {option[0]}" in capsys.readouterr().err
+
+
+def test_files_of_others_are_kept(root: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """In a folder that is as it was they are no fault; one that is damaged keeps all, under another name."""
+    before = files_of(root)
+    added = root / "sequence_00001" / "labels.txt"
+    added.write_text("car")
+    assert main(["generate", "--verify", str(root)]) == 0
+    out = capsys.readouterr().out
+    assert "sequence_00001: there are files beside those that it was made with: labels.txt" in out
+    assert "all is as it was" in out
+    for unknown in (False, True):
+        if unknown:
+            (root / "manifest.jsonl").unlink()
+        assert go_on(root, []).made == 0
+        assert files_of(root) == before | {"sequence_00001/labels.txt": b"car"}
+
+    (root / "sequence_00001" / "events.txt").unlink()
+    told: list[str] = []
+    assert go_on(root, told).made == 1
+    aside = root / "damaged_sequence_00001_0"
+    assert told == [
+        "sequence_00001 is made again: events.txt is missing; "
+        f"what it was is kept, for labels.txt was added to it: {aside}"
+    ]
+    kept = {f"{aside.name}/{name}": data for name, data in files_of(aside).items()}
+    assert kept[f"{aside.name}/labels.txt"] == b"car"
+    assert files_of(root) == before | kept
+    assert verify_sequences(root) == {}
 
 
 def test_another_plan_is_refused(root: Path) -> None:

@@ -2,11 +2,23 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
-from davis_rs.generate.folder import CHECKSUMS, damage, discard, discard_hidden, publish, working_folder
+from davis_rs.generate.folder import (
+    CHECKSUMS,
+    damage,
+    discard,
+    discard_hidden,
+    publish,
+    set_aside,
+    unlisted_files,
+    working_folder,
+)
+from davis_rs.generate.manifest import MANIFEST, Manifest, read_manifest
 
 
 def made(root: Path, text: str = "same") -> Path:
@@ -53,3 +65,74 @@ def test_only_what_is_ours_is_cleared_away(tmp_path: Path) -> None:
     (tmp_path / f".sequence_00008.{'0' * 32}.gone").mkdir()
     discard_hidden(tmp_path)
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted(others)
+
+
+def test_added_files_are_no_damage(tmp_path: Path) -> None:
+    """They belong to who added them: links and files in folders of their own too."""
+    final = tmp_path / "sequence_00007"
+    publish(made(tmp_path), final)
+    assert unlisted_files(final) == []
+    (final / "mine").mkdir()
+    (final / "mine" / "labels.txt").write_text("car")
+    (final / "elsewhere").symlink_to(tmp_path)
+    assert damage(final) is None
+    assert unlisted_files(final) == ["elsewhere", "mine/labels.txt"]
+    (final / CHECKSUMS).unlink()
+    assert unlisted_files(final) == ["elsewhere", "events.txt", "images/a.png", "mine/labels.txt"]
+
+
+def test_each_folder_set_aside_has_a_name_of_its_own(tmp_path: Path) -> None:
+    """The second time that a sequence is damaged does not cost what was kept the first time."""
+    final = tmp_path / "sequence_00007"
+    for number in range(2):
+        publish(made(tmp_path, str(number)), final)
+        assert set_aside(final) == tmp_path / f"damaged_sequence_00007_{number}"
+    assert (tmp_path / "damaged_sequence_00007_0" / "events.txt").read_text() == "0"
+    assert not final.exists()
+
+
+KILLED_AT = """
+import os, signal, sys
+from pathlib import Path
+from davis_rs.generate.folder import withdraw
+
+left = int(sys.argv[2])
+
+def count(event, arguments):
+    global left
+    if event in ("os.rename", "os.remove", "os.rmdir"):
+        if left == 0:
+            os.kill(os.getpid(), signal.SIGKILL)
+        left -= 1
+
+sys.addaudithook(count)
+withdraw(Path(sys.argv[1]))
+"""
+
+
+def test_a_kill_leaves_all_of_a_folder_or_nothing(tmp_path: Path) -> None:
+    """Before each of the steps that remove one: never a part of it under its name, which would stop every later run."""
+    final, step, killed = tmp_path / "sequence_00007", 0, True
+    while killed:
+        if not final.exists():
+            publish(made(tmp_path), final)
+        killed = subprocess.run([sys.executable, "-c", KILLED_AT, final, str(step)], check=False).returncode != 0
+        assert damage(final) is None if final.exists() else step > 0
+        discard_hidden(tmp_path)
+        assert {path.name for path in tmp_path.iterdir()} <= {final.name}
+        step += 1
+    assert step > 5  # two names, two files and two folders
+    assert not final.exists()
+
+
+def test_a_manifest_is_not_written_for_every_line(tmp_path: Path) -> None:
+    """All of it each time: for many sequences that would take longer than making them. It is whole at the end."""
+    lines = [{"name": f"sequence_{number:05d}"} for number in range(3)]
+    for period_s, known in ((3600.0, 1), (0.0, 3)):
+        manifest = Manifest(tmp_path, {lines[0]["name"]: lines[0]}, period_s=period_s)
+        for line in lines[1:]:
+            manifest.add(line)
+        assert len(read_manifest(tmp_path)) == known
+        manifest.write()
+        assert list(read_manifest(tmp_path).values()) == lines
+        (tmp_path / MANIFEST).unlink()

@@ -19,6 +19,7 @@ from davis_rs.generate import SequencePlan, load_sequence_plan
 from davis_rs.generate.generate import check_sequences, draw_sequences
 from davis_rs.generate.motion import MOTIONS, make_motion
 from davis_rs.generate.parse import effect_texts
+from davis_rs.generate.plan import sequence_name
 from generated import PLAN, write_plan
 
 
@@ -39,7 +40,7 @@ def test_every_sequence_draws_its_own(tmp_path: Path) -> None:
     assert all(("seed" in one["motion"]) == (one["motion"]["kind"] == "walking") for one in drawn)
     assert {one["imu"] for one in drawn} == {None, "mpu6150"}
     assert plan.digests.keys() == {"scenes/board.xml"}
-    assert plan.name(123) == "sequence_00123"
+    assert sequence_name(123) == "sequence_00123"
 
 
 def test_order_of_keys_and_number_of_sequences_change_no_draw(tmp_path: Path) -> None:
@@ -58,6 +59,19 @@ def test_a_plan_is_another_one_where_a_file_of_it_is(tmp_path: Path) -> None:
     before = load_sequence_plan(path)
     (tmp_path / "scenes" / "board.xml").write_text("<scene/>")
     assert load_sequence_plan(path).sha256 != before.sha256
+
+
+def test_a_known_name_is_no_file(tmp_path: Path) -> None:
+    """As for davis-rs simulate: what lies beside the plan under a scene's or a camera's name is something else."""
+    path = write_plan(tmp_path, scene={"choice": ["fence", "slider_far"]}, camera="ideal", sequences=1)
+    before = load_sequence_plan(path).sha256
+    for name in ("fence", "slider_far", "ideal"):
+        (tmp_path / name).write_text("notes")
+    plan = load_sequence_plan(path)
+    assert (plan.digests, plan.sha256) == ({}, before)
+    [sequence] = draw_sequences(plan)
+    assert sequence.scene().name == sequence.parameters["scene"]
+    assert sequence.settings.make_camera() == davis_rs.load_camera("ideal")
 
 
 def test_numbers_are_read_as_in_json(tmp_path: Path) -> None:
@@ -114,6 +128,15 @@ def test_numbers_are_read_as_in_json(tmp_path: Path) -> None:
         ("scene: fence\nmotion: {kind: slider, direction: 3}", "motion.direction: must be a list of numbers, got 3"),
         ("scene: fence\neffects: all", "effects: must be a mapping from effects to their values, or auto, got 'all'"),
         ("scene: fence\neffects: {leak_rate_hz: x}", "effects.leak_rate_hz: must be a number or a distribution"),
+        ("scene: fence\neffects: {aps: {3: 4}}", "effects.aps: must be a mapping whose keys are texts, got 3"),
+        ("scene: fence\nimu_effects: {noise: {x: 1, null: 4}}", "imu_effects.noise: must be a mapping whose keys"),
+        ("scene: fence\nlog_eps: 1" + 400 * "0", "log_eps: must be a number or a distribution"),
+        ("scene: fence\nsamples: 1" + 400 * "0", "samples: must be an integer or a distribution"),
+        ("scene: fence\nduration: {uniform: [0, 1" + 400 * "0" + "]}", "duration.uniform: must be a list of values"),
+        ("scene: fence\nduration: {normal: [0, 1], max: 1" + 400 * "0" + "}", "duration.max: must be a list of values"),
+        ("scene: fence\nduration: {integers: [0, 1" + 400 * "0" + "]}", "duration.integers: must be a list of values"),
+        ("scene: fence\nduration: 1" + 5000 * "0", "not a YAML file: Exceeds the limit"),
+        ("scene: fence\nduration: 2026-13-01", "not a YAML file: month must be in 1..12"),
         ("scene: fence\nimu_effects: auto", "imu_effects: must be a mapping from effects to their values, got 'auto'"),
     ],
 )
@@ -147,6 +170,11 @@ def test_a_fault_is_named_with_its_place(tmp_path: Path, text: str, message: str
         ({"log_eps": 0}, "log_eps = 0, "),
         ({"effects": {"leak": 3}}, "there is no effect 'leak'"),
         ({"effects": {"leak_rate_hz": {"normal": [0, 1]}}}, "effects = {'leak_rate_hz': -"),
+        ({"exposure": 0}, "exposure = 0: exposure must be positive and finite, got 0"),
+        ({"exposure": {"uniform": [-2, -1]}}, "exposure must be positive and finite, got -1."),
+        ({"renderer": "best"}, "renderer = 'best': renderer must be auto, table or integrator, got 'best'"),
+        ({"lux_per_luma": 0}, "lux_per_luma = 0: lux_per_luma must be finite and > 0 lux, got 0"),
+        ({"lux_per_luma": -5}, "lux_per_luma = -5: lux_per_luma must be finite and >= 0 lux"),
         ({"tolerance": 0.1}, "only one of render_rate, max_displacement, tolerance may be given"),
     ],
     ids=str,
@@ -203,23 +231,35 @@ def test_a_file_is_relative_to_the_plan(tmp_path: Path) -> None:
     assert make_motion(motion | {"align": False}, scene, None, tmp_path).pose(0.02).position[0] == pytest.approx(0.01)
 
 
+numbers = st.integers() | st.just(10**400) | st.floats()
+pairs = st.lists(numbers, min_size=2, max_size=2)
+laws = st.sampled_from(["uniform", "log_uniform", "normal", "integers", "choice"]).flatmap(
+    lambda law: st.fixed_dictionaries({law: pairs}, optional={"weights": pairs, "min": numbers, "max": numbers})
+)
+parameters = st.dictionaries(st.sampled_from(["aps", "x"]), st.dictionaries(st.sampled_from(["x", 3, None]), numbers))
 junk = st.recursive(
-    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=3),
+    st.none() | st.booleans() | numbers | st.text(max_size=3),
     lambda inner: (
         st.lists(inner, max_size=3)
         | st.dictionaries(st.sampled_from(["choice", "uniform", "normal", "weights", "kind", "min", "x"]), inner)
+        | st.dictionaries(st.sampled_from(["x", 3, None]), inner)
     ),
     max_leaves=6,
 )
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(key=st.sampled_from(["scene", "seed", "motion", "effects", "duration", "samples", "refine"]), value=junk)
+@settings(max_examples=400, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    key=st.sampled_from(["scene", "seed", "motion", "effects", "duration", "samples", "refine"]),
+    value=junk | laws | parameters,
+)
 def test_whatever_stands_in_a_plan_is_drawn_or_refused_by_name(tmp_path: Path, key: str, value: Any) -> None:
     """Never another exception, and never a message without the file."""
     named = pytest.raises(ValueError, match="^" + re.escape(str(tmp_path / "plan.yaml")))
     with suppress(pytest.fail.Exception), named:  # not refused: it was drawn
-        assert "scene" in read(tmp_path, yaml.safe_dump({"scene": "fence", key: value})).parameters(0)
+        plan = read(tmp_path, yaml.safe_dump({"scene": "fence", key: value}, sort_keys=False))
+        assert "scene" in plan.parameters(0)
+        assert plan.sha256
 
 
 def test_a_dry_run_prints_the_draws(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

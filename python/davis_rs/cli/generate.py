@@ -35,13 +35,21 @@ def add_generate(commands: argparse._SubParsersAction[argparse.ArgumentParser]) 
 
 def _generate(options: argparse.Namespace) -> int:
     if options.verify is not None:
-        return _verify(options.verify)
+        making = {
+            "-o": options.output,
+            "--dry-run": options.dry_run,
+            "--workers": options.workers,
+            "--cluster": options.cluster,
+        }
+        if given := [name for name, value in making.items() if value not in (None, False)]:
+            raise ValueError(f"--verify reads sequences and makes none: it cannot be combined with {', '.join(given)}")
+        return _verify(Path(options.verify))
     plan = load_sequence_plan(options.plan)
     if options.dry_run:
         from ..generate.generate import check_sequences, draw_sequences
 
         drawn = draw_sequences(plan)
-        check_sequences(plan, drawn)
+        check_sequences(plan, drawn, quiet=options.quiet)
         print("\n".join(_table({one.name: dict(_flat(one.parameters)) for one in drawn})))
         return 0
     if options.output is None:
@@ -55,10 +63,14 @@ def _generate(options: argparse.Namespace) -> int:
     return 1 if generated.failed else 0
 
 
-def _verify(root: str) -> int:
+def _verify(root: Path) -> int:
+    from ..generate.verify import added_files
+
     wrong = verify_sequences(root)
+    for name, added in added_files(root).items():
+        print(f"{root / name}: there are files beside those that it was made with: {', '.join(added)}")
     for name, fault in wrong.items():
-        print(f"{Path(root) / name}: {fault}")
+        print(f"{root / name}: {fault}")
     print(f"{root}: {len(wrong)} sequences are not what they were" if wrong else f"{root}: all is as it was")
     return 1 if wrong else 0
 

@@ -53,6 +53,12 @@ def exposure_for(frame: npt.NDArray[np.float32]) -> float:
     return _FRAME_FULL_SCALE / white if white > 0 else 1.0
 
 
+def check_exposure(exposure: float | None) -> None:
+    """Refuse, by a ValueError, an exposure that is not positive and finite; None is one that is still to be chosen."""
+    if exposure is not None and not 0 < exposure < math.inf:
+        raise ValueError(f"exposure must be positive and finite, got {exposure}")
+
+
 class DatasetWriter:
     """Writes packets, as they come, into a dataset folder; a context manager.
 
@@ -99,8 +105,7 @@ class DatasetWriter:
         imu: Imu | None = None,
         meta: Mapping[str, Any] | None = None,
     ) -> None:
-        if exposure is not None and not 0 < exposure < math.inf:
-            raise ValueError(f"exposure must be positive and finite, got {exposure}")
+        check_exposure(exposure)
         if check_frames < 0:
             raise ValueError(f"check_frames must be >= 0, got {check_frames}")
         self.path = Path(path)

@@ -6,11 +6,12 @@ import hashlib
 import os
 import re
 import shutil
+from itertools import count
 from pathlib import Path
 from uuid import uuid4
 
 CHECKSUMS = "sha256sums.txt"
-"""In every folder, of all other files, in the order of their names and as ``sha256sum --check`` reads it."""
+"""In every folder, of all other files that it is made with, by name and as ``sha256sum --check`` reads it."""
 
 _HIDDEN = re.compile(r"\.sequence_\d{5,}\.[0-9a-f]{32}\.(part|gone)")
 
@@ -57,6 +58,24 @@ def discard(folder: Path) -> None:
     shutil.rmtree(gone, ignore_errors=True)
 
 
+def withdraw(folder: Path) -> None:
+    """Remove a published folder.
+
+    It is hidden first: whenever this is cut short, all of the folder has its name or nothing does.
+    """
+    hidden = working_folder(folder.parent, folder.name)
+    folder.rename(hidden)
+    discard(hidden)
+
+
+def set_aside(folder: Path) -> Path:
+    """Give a published folder a name that no sequence has, and return it."""
+    names = (folder.with_name(f"damaged_{folder.name}_{number}") for number in count())
+    aside = next(path for path in names if not path.exists())
+    folder.rename(aside)
+    return aside
+
+
 def discard_hidden(root: Path) -> None:
     """Remove what killed processes left behind."""
     for path in root.iterdir():
@@ -79,21 +98,17 @@ def folder_sha256(folder: Path) -> str:
 def damage(folder: Path, *, contents: bool = True) -> str | None:
     """What is wrong with a folder that was published, in words; None if it is as its list of checksums says.
 
+    Files that somebody added are no damage.
+
     Args:
-        contents: read every file; otherwise only look whether they are all there and no others.
+        contents: read every file; otherwise only look whether they are all there.
     """
     try:
-        lines = (folder / CHECKSUMS).read_text().splitlines()
+        listed = listed_files(folder)
     except (OSError, UnicodeDecodeError) as error:
         return f"its {CHECKSUMS} cannot be read: {error}"
-    listed: dict[str, str] = {}
-    for line in lines:
-        digest, _, name = line.partition("  ")
-        listed[name] = digest
-    there = set(file_names(folder))
-    for what, names in (("is missing", listed.keys() - there), ("does not belong to it", there - listed.keys())):
-        if names:
-            return f"{min(names)} {what}"
+    if missing := listed.keys() - set(file_names(folder)):
+        return f"{min(missing)} is missing"
     for name, digest in listed.items() if contents else ():
         try:
             if file_sha256(folder / name) != digest:
@@ -103,9 +118,29 @@ def damage(folder: Path, *, contents: bool = True) -> str | None:
     return None
 
 
+def listed_files(folder: Path) -> dict[str, str]:
+    """What the list of checksums says: SHA-256 by name.
+
+    Raises:
+        OSError, UnicodeDecodeError: if it cannot be read.
+    """
+    lines = (line.partition("  ") for line in (folder / CHECKSUMS).read_text("utf-8").splitlines())
+    return {name: digest for digest, _, name in lines}
+
+
+def unlisted_files(folder: Path) -> list[str]:
+    """Files that the list of checksums does not have, sorted: somebody added them. Without a list, all files."""
+    try:
+        listed = listed_files(folder)
+    except (OSError, UnicodeDecodeError):
+        listed = {}
+    return [name for name in file_names(folder) if name not in listed]
+
+
 def file_names(folder: Path) -> list[str]:
     """All files but the list of checksums, relative to the folder, sorted."""
-    names = (path.relative_to(folder).as_posix() for path in folder.rglob("*") if not path.is_dir())
+    paths = (path for path in folder.rglob("*") if path.is_symlink() or not path.is_dir())
+    names = (path.relative_to(folder).as_posix() for path in paths)
     return sorted(name for name in names if name != CHECKSUMS)
 
 

@@ -14,8 +14,8 @@ from ..scene.scene import Scene
 from ..scenes import load_scene
 from .folder import discard_hidden
 from .job import begin_worker, make_sequence
-from .manifest import claim_root, describe_folder, write_manifest, write_plan
-from .plan import SequencePlan, resolve
+from .manifest import Manifest, claim_root, describe_folder, write_plan
+from .plan import SequencePlan, sequence_name
 from .sequence import DrawnSequence
 from .verify import taken_up
 
@@ -23,6 +23,9 @@ if TYPE_CHECKING:
     from distributed import Client
 
     from .local import Outcome
+
+CHECKED_FIRST = 200
+"""So many sequences are checked before the first one is made: one process does it, and a hand's path takes 0.1 s."""
 
 
 @dataclass(frozen=True)
@@ -71,8 +74,9 @@ def generate_sequences(
         report: is told of workers that died and of folders that are made again; standard error if not given.
 
     Raises:
-        ValueError: if a drawn sequence breaks a rule that can be seen beforehand, ``root`` holds sequences of another
-            plan, or ``workers`` is not at least 1.
+        ValueError: if one of the first 200 sequences that are to be made breaks a rule that can be seen beforehand (a
+            later one is among those that failed), ``root`` holds sequences of another plan, or ``workers`` is not at
+            least 1.
         OSError: if ``root`` cannot be written, or is at work already.
         KeyboardInterrupt: after Ctrl-C, once workers have stopped; whole sequences stay.
 
@@ -87,42 +91,40 @@ def generate_sequences(
     folder = Path(root).absolute()
     sequences = draw_sequences(plan)
     with claim_root(folder, plan):
-        check_sequences(plan, [one for one in sequences if not (folder / one.name).is_dir()], quiet=quiet)
+        absent = [one for one in sequences if not (folder / one.name).is_dir()]
+        check_sequences(plan, absent[:CHECKED_FIRST], quiet=quiet)
         write_plan(folder, plan)
         discard_hidden(folder)
-        lines = taken_up(sequences, folder, say)
+        manifest = Manifest(folder, taken_up(sequences, folder, say))
+        lines = manifest.lines
         kept, failed = len(lines), dict[str, str]()
-        write_manifest(folder, lines.values())
         missing = [sequence for sequence in sequences if sequence.name not in lines]
         outcomes = _outcomes(missing, folder, workers, cluster, say)
         try:
             with tqdm(total=len(sequences), initial=kept, unit=" sequences", disable=quiet) as bar:
                 for outcome in outcomes:
-                    name = outcome.task.name
                     if outcome.result is not None:
-                        lines[name] = outcome.result
-                        write_manifest(folder, lines.values())
+                        manifest.add(outcome.result)
                     else:
-                        failed[name] = str(outcome.error)
+                        failed[outcome.task.name] = str(outcome.error)
                     bar.update()
         finally:
             outcomes.close()
             discard_hidden(folder)
             # Some may have got their names without a word: Ctrl-C, or a worker's death, came in between.
             unsaid = [one.name for one in missing if one.name not in lines and (folder / one.name).is_dir()]
-            if unsaid:
-                lines |= {name: describe_folder(folder / name) for name in unsaid}
-                write_manifest(folder, lines.values())
+            lines |= {name: describe_folder(folder / name) for name in unsaid}
+            manifest.write()
     failed = {name: error for name, error in failed.items() if name not in lines}
     return Generated(Path(root), len(lines), len(lines) - kept, failed)
 
 
 def draw_sequences(plan: SequencePlan) -> list[DrawnSequence]:
     """All sequences of a plan, drawn."""
-    base = plan.file.absolute().parent
-    digest = plan.sha256
+    base, digest = plan.file.absolute().parent, plan.sha256
     return [
-        DrawnSequence(plan.name(index), index, plan.parameters(index), base, digest) for index in range(plan.sequences)
+        DrawnSequence(sequence_name(index), index, plan.parameters(index), base, digest)
+        for index in range(plan.sequences)
     ]
 
 
@@ -141,7 +143,7 @@ def check_sequences(plan: SequencePlan, sequences: list[DrawnSequence], *, quiet
 
     try:
         for sequence in tqdm(sequences, desc="checking", unit=" sequences", leave=False, disable=quiet):
-            sequence.check(lambda one: scene_at(resolve(one.parameters["scene"], one.base)))
+            sequence.check(lambda one: scene_at(one.scene_name))
     except ValueError as error:
         raise ValueError(f"{plan.file}: {error}") from None
 

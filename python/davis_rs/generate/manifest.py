@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import json
+import time
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -11,10 +12,14 @@ from typing import Any
 
 from .._core import __version__
 from ..dataset.files import META
-from .folder import file_names, folder_sha256, sync
+from .folder import folder_sha256, listed_files, sync
 from .plan import SequencePlan
 
 MANIFEST, PLAN, _LOCK = "manifest.jsonl", "plan.json", ".lock"
+
+PERIOD_S = 5.0
+"""A run at work writes its manifest so often: each time all of it, which for each sequence would take long in the end.
+What a kill keeps from it is in the sequences' folders."""
 
 
 def describe_folder(folder: Path) -> dict[str, Any]:
@@ -29,9 +34,33 @@ def describe_folder(folder: Path) -> dict[str, Any]:
         "parameters": meta["generated"]["parameters"],
         "events": meta["counts"]["events"],
         "duration_us": meta["duration_us"],
-        "files": len(file_names(folder)) + 1,
+        "files": len(listed_files(folder)) + 1,
         "sha256": folder_sha256(folder),
     }
+
+
+class Manifest:
+    """The manifest of a run at work: on the disk at the beginning, every ``period_s`` at most, and by :meth:`write`.
+
+    Attributes:
+        lines: of the sequences that are whole, by name.
+    """
+
+    def __init__(self, root: Path, lines: dict[str, dict[str, Any]], *, period_s: float = PERIOD_S) -> None:
+        self._root, self._period_s = root, period_s
+        self.lines = lines
+        self.write()
+
+    def add(self, line: dict[str, Any]) -> None:
+        """Have one more line, for the disk if that is due."""
+        self.lines[line["name"]] = line
+        if time.monotonic() - self._written_s >= self._period_s:
+            self.write()
+
+    def write(self) -> None:
+        """Bring all lines to the disk."""
+        write_manifest(self._root, self.lines.values())
+        self._written_s = time.monotonic()
 
 
 def write_manifest(root: Path, lines: Iterable[dict[str, Any]]) -> None:
@@ -60,6 +89,22 @@ def read_manifest(root: Path) -> dict[str, dict[str, Any]]:
         except (ValueError, KeyError, TypeError):
             raise ValueError(f"{path}, line {number}: expected a sequence as JSON, found {text[:80]!r}") from None
     return lines
+
+
+def read_plan(root: Path) -> dict[str, Any]:
+    """What a folder of sequences says of its plan, see :func:`write_plan`.
+
+    Raises:
+        OSError: if it cannot be read.
+        ValueError: if it says of no plan.
+    """
+    try:
+        record: dict[str, Any] = json.loads((root / PLAN).read_text())
+        if not (isinstance(record["sequences"], int) and {"plan_sha256", "davis_rs"} <= record.keys()):
+            raise ValueError(f"no number of sequences, or no plan: {sorted(record)}")
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        raise ValueError(f"{root / PLAN} says of no plan whose sequences are in {root}: {error!r}") from None
+    return record
 
 
 @contextmanager
@@ -102,11 +147,8 @@ def _description(plan: SequencePlan) -> dict[str, Any]:
 def _refuse_another(root: Path, plan: SequencePlan) -> None:
     if not (root / PLAN).exists():
         return
-    try:
-        before = json.loads((root / PLAN).read_text())
-        digest, count, version = before["plan_sha256"], before["sequences"], before["davis_rs"]
-    except (ValueError, KeyError, TypeError) as error:
-        raise ValueError(f"{root / PLAN} says of no plan whose sequences are in {root}: {error!r}") from None
+    before = read_plan(root)
+    digest, count, version = before["plan_sha256"], before["sequences"], before["davis_rs"]
     if digest != plan.sha256:
         described = _description(plan)
         different = [

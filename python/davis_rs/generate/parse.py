@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -122,8 +123,11 @@ def _effects(value: Any, where: Where, *, automatic: bool) -> Any:
     parsed: dict[str, Any] = {}
     for name, node in given.items():
         at = where.at(name)
-        parameters = isinstance(node, dict) and not node.keys() & LAWS.keys()
-        parsed[name] = {key: number(one, at.at(key)) for key, one in node.items()} if parameters else number(node, at)
+        if isinstance(node, dict) and not node.keys() & LAWS.keys():
+            parameters = at.mapping(node, "a mapping from parameters to numbers")
+            parsed[name] = {key: number(one, at.at(key)) for key, one in parameters.items()}
+        else:
+            parsed[name] = number(node, at)
     return parsed
 
 
@@ -163,7 +167,8 @@ def _law(value: dict[Any, Any], where: Where, parse: Parser, rule: str) -> Law:
     try:
         if name == "choice":
             options = tuple(parse(option, where.at(f"choice[{place}]")) for place, option in enumerate(listed))
-            return Choice(options, tuple(_all_fit("a number", value.get("weights", []), where.at("weights"))))
+            weights = _all_fit("a number", value.get("weights", []), where.at("weights"))
+            return Choice(options, tuple(map(float, weights)))
         numbers = _all_fit("an integer" if name == "integers" else "a number", listed, where.at(name), 2)
         if name == "integers":
             return Integers(*numbers)
@@ -189,9 +194,11 @@ def _all_fit(rule: str, values: Any, where: Where, count: int | None = None) -> 
 
 def _fits(rule: str, value: Any) -> bool:
     number = isinstance(value, int | float) and not isinstance(value, bool)
+    # Integers of YAML have any number of digits, and may stand wherever numbers do.
+    finite = number and -sys.float_info.max <= value <= sys.float_info.max
     return {
-        "a number": number and math.isfinite(value),
-        "an integer": isinstance(value, int) and not isinstance(value, bool),
+        "a number": finite,
+        "an integer": finite and isinstance(value, int),
         "a text": isinstance(value, str),
         "true or false": isinstance(value, bool),
     }[rule]

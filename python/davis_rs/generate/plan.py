@@ -4,17 +4,21 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
+from ..camera import PRESETS
 from ..run_settings import RunSettings
+from ..scenes import BUILTIN_SCENES
+from ..sequences import SEQUENCES
 from .laws import Choice, Law, Words, draw
 from .parse import Parser, Where, effects, imu_effects, motion, value_of
 from .yaml_file import read_yaml
 
 _TYPES = {"float": "a number", "int": "an integer", "str": "a text", "bool": "true or false"}
+_NAMES: Mapping[str, Collection[str]] = {"scene": {*BUILTIN_SCENES, *SEQUENCES}, "camera": PRESETS}
 _OWN_PARSERS = {"effects", "effect", "imu_effect"}
 
 KEYS: dict[str, Parser] = {
@@ -59,10 +63,6 @@ class SequencePlan:
         text = json.dumps([self.identity, self.digests], sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()
 
-    def name(self, index: int) -> str:
-        """The folder of a sequence; it does not depend on how many there are."""
-        return f"sequence_{index:05d}"
-
     def parameters(self, index: int) -> dict[str, Any]:
         """What is drawn for a sequence, in JSON's types and the order of the keys' names.
 
@@ -83,6 +83,11 @@ class SequencePlan:
 
 
 _SEEDED_MOTIONS = ("hand_held", "walking", "running")
+
+
+def sequence_name(index: int) -> str:
+    """The folder of a sequence; it does not depend on how many there are."""
+    return f"sequence_{index:05d}"
 
 
 def load_sequence_plan(path: str | Path) -> SequencePlan:
@@ -112,14 +117,17 @@ def load_sequence_plan(path: str | Path) -> SequencePlan:
     return SequencePlan(file, seed, sequences, tree, identity, _digests(tree, file.parent))
 
 
-def resolve(text: str, base: Path) -> str:
-    """A name, or where the file of this name lies that is relative to ``base``."""
+def resolve(key: str, text: str, base: Path) -> str:
+    """What ``scene`` or ``camera`` stands for: a name that is known, or where the file lies, relative to ``base``.
+
+    A known name is never a file's, as in :func:`~davis_rs.load_scene` and :func:`~davis_rs.load_camera`.
+    """
     path = base / text
-    return str(path) if path.is_file() else text
+    return str(path) if text not in _NAMES[key] and path.is_file() else text
 
 
 def _digests(tree: Mapping[str, Any], base: Path) -> dict[str, str]:
-    named = {text for key in ("scene", "camera") for text in _texts(tree.get(key))}
+    named = {text for key, names in _NAMES.items() for text in _texts(tree.get(key)) if text not in names}
     named |= {text for one in _options(tree.get("motion")) if one for text in _texts(one.get("file"))}
     files = {text: base / text for text in sorted(named) if (base / text).is_file()}
     return {text: hashlib.sha256(path.read_bytes()).hexdigest() for text, path in files.items()}

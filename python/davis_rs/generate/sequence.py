@@ -9,8 +9,10 @@ from pathlib import Path
 from typing import Any
 
 from .._core import CrossingEngine
+from ..dataset.writer import check_exposure
 from ..effects import Effects
 from ..lattice import rank1_lattice
+from ..rendering.renderers import check_renderer
 from ..run_settings import RunSettings
 from ..sampling.presets import accuracy_preset
 from ..sampling.rules import periodic_instants
@@ -50,16 +52,21 @@ class DrawnSequence:
         own = {one.name for one in fields(RunSettings)}
         given = {key: value for key, value in self.parameters.items() if key in own and key != "effects"}
         if given.get("camera") is not None:
-            given["camera"] = resolve(given["camera"], self.base)
+            given["camera"] = resolve("camera", given["camera"], self.base)
         effects = self.parameters.get("effects")
         given["effects" if isinstance(effects, str) else "effect"] = (
             effects if isinstance(effects, str) else effect_texts(effects or {})
         )
         return RunSettings(**given, imu_effect=effect_texts(self.parameters.get("imu_effects") or {}))
 
+    @property
+    def scene_name(self) -> str:
+        """The scene as :func:`~davis_rs.load_scene` takes it."""
+        return resolve("scene", self.parameters["scene"], self.base)
+
     def scene(self) -> Scene:
         """The scene, without the settings' light."""
-        return load_scene(resolve(self.parameters["scene"], self.base))
+        return load_scene(self.scene_name)
 
     def on_path(self, scene: Scene) -> Scene:
         """The scene with the part of the camera's path that is simulated, from t = 0.
@@ -93,7 +100,10 @@ class DrawnSequence:
         self._named(lambda: accuracy_preset(settings.accuracy), "accuracy")
         self._named(settings.make_motion_capture, *(name for name in _CAPTURE if name in self.parameters))
         self._named(settings.make_imu, "imu", "imu_rate", "imu_effects")
-        self._named(lambda: sensor_parameters(settings.sensor), "sensor")
+        sensor = self._named(lambda: sensor_parameters(settings.sensor), "sensor")
+        self._named(lambda: sensor.effects(settings.make_scene(scene).lux_per_luma), "lux_per_luma")
+        self._named(lambda: check_renderer(settings.renderer), "renderer")
+        self._named(lambda: check_exposure(settings.exposure), "exposure")
         for key in ("frame_rate", "depth_rate"):
             self._named(lambda key=key: periodic_instants(getattr(settings, key), 0, 0), key)  # type: ignore[misc]
         if settings.samples is not None:

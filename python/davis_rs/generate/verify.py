@@ -3,27 +3,28 @@
 from __future__ import annotations
 
 import json
-import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from ..dataset.files import META
-from .folder import CHECKSUMS, damage, folder_sha256
+from .folder import CHECKSUMS, damage, folder_sha256, set_aside, unlisted_files, withdraw
 from .job import origin
-from .manifest import MANIFEST, describe_folder, read_manifest
+from .manifest import MANIFEST, describe_folder, read_manifest, read_plan
+from .plan import sequence_name
 from .sequence import DrawnSequence
 
 
 def verify_sequences(root: str | Path) -> dict[str, str]:
-    """Read everything in a folder of generated sequences and compare it with the manifest.
+    """Read everything in a folder of generated sequences and compare it with the manifest, and this with the plan.
 
     Returns:
-        What is wrong, in words, by the names of sequences; nothing where all is as it was.
+        What is wrong, in words, by the names of sequences; nothing where all is there and as it was. Files that
+        somebody added to a sequence are not wrong, see :func:`added_files`.
 
     Raises:
-        OSError: if there is no manifest.
-        ValueError: if it is malformed.
+        OSError: if there is no manifest, or no ``plan.json``.
+        ValueError: if one of them is malformed.
     """
     folder = Path(root)
     if not (folder / MANIFEST).exists():
@@ -33,14 +34,22 @@ def verify_sequences(root: str | Path) -> dict[str, str]:
     for path in folder.glob("sequence_*"):
         if path.name not in lines:
             wrong[path.name] = "the manifest does not have it"
+    for name in map(sequence_name, range(read_plan(folder)["sequences"])):
+        if name not in lines:
+            wrong.setdefault(name, "it was never made")
     return dict(sorted(wrong.items()))
+
+
+def added_files(root: Path) -> dict[str, list[str]]:
+    """The files beside those that it was made with, by the names of the manifest's sequences that have some."""
+    return {name: added for name in read_manifest(root) if (added := unlisted_files(root / name))}
 
 
 def taken_up(sequences: list[DrawnSequence], root: Path, say: Callable[[str], None]) -> dict[str, dict[str, Any]]:
     """The lines of those that are there already.
 
     One that the manifest knows is looked at, one that it does not know (a run was killed in between) is read. Where a
-    folder is not what it was, it goes, and will be made again.
+    folder is not what it was, it goes, and will be made again; one with files that somebody added gets another name.
     """
     known, lines = read_manifest(root), dict[str, dict[str, Any]]()
     for sequence in sequences:
@@ -59,10 +68,14 @@ def taken_up(sequences: list[DrawnSequence], root: Path, say: Callable[[str], No
         if fault is None:
             lines[sequence.name] = describe_folder(folder)
             continue
-        if not (folder / CHECKSUMS).is_file() and line is None:
+        if not (folder / CHECKSUMS).is_file() and (line is None or not folder.is_dir()):
             raise FileExistsError(f"{folder} is in the way: no sequence of {root} that is whole ({fault})")
-        say(f"{sequence.name} is made again: {fault}")
-        shutil.rmtree(folder)
+        if added := unlisted_files(folder):
+            aside = set_aside(folder)
+            say(f"{sequence.name} is made again: {fault}; what it was is kept, for {added[0]} was added to it: {aside}")
+        else:
+            say(f"{sequence.name} is made again: {fault}")
+            withdraw(folder)
     return lines
 
 

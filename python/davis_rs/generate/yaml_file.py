@@ -39,5 +39,6 @@ def read_yaml(path: Path) -> Any:
         mark = error.problem_mark
         where = "" if mark is None else f", line {mark.line + 1}, column {mark.column + 1}"
         raise ValueError(f"{path}{where}: {error.problem}") from None
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
+    # PyYAML lets through what int() and datetime say of 5000 digits and of the 13th month.
+    except (yaml.YAMLError, ValueError) as error:
         raise ValueError(f"{path}: not a YAML file: {error}") from None

@@ -16,6 +16,12 @@ from .scene_updates import scene_motion
 from .swept_objects import MovingSilhouettes
 
 
+def check_renderer(kind: str) -> None:
+    """Refuse, by a ValueError, what is no kind of renderer."""
+    if kind not in ("auto", "table", "integrator"):
+        raise ValueError(f"renderer must be auto, table or integrator, got {kind!r}")
+
+
 def make_renderer(
     scene: Scene,
     camera: Camera,
@@ -45,8 +51,7 @@ def make_renderer(
         UserWarning: if the scene's light is ambient (:attr:`Scene.ambient`), and it is not the table kernel that shows
             it.
     """
-    if kind not in ("auto", "table", "integrator"):
-        raise ValueError(f"renderer must be auto, table or integrator, got {kind!r}")
+    check_renderer(kind)
     blur = scene.blur if blur is None else blur
     variant_name, why_variant = default_variant()
     if variant_name == SCALAR and kind == "table":
