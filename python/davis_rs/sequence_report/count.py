@@ -19,7 +19,6 @@ from ..trajectory.views import Views
 MEASURED = Path(__file__).with_name("measured.csv")
 """The counts that ``davis-rs sequences`` shows: what :func:`count_events` found with the defaults."""
 
-
 _LOOK = 0.7
 
 
@@ -66,7 +65,7 @@ def count_events(
     Args:
         duration_s: from its start; all of it by default.
         max_displacement_px, samples: a render for so much motion, and rays a pixel. The defaults are coarse: a third of
-            a pixel and 8 rays give the same count within a few per cent, for three times the time.
+            a pixel and 8 rays find 3 to 10 % more, for eight times the work (docs/sequences.md).
         progress: called with the simulated seconds since the call before.
     """
     scene = sequence.scene().part(0.0, duration_s)
