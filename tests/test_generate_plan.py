@@ -74,6 +74,16 @@ def test_a_known_name_is_no_file(tmp_path: Path) -> None:
     assert sequence.settings.make_camera() == davis_rs.load_camera("ideal")
 
 
+def test_files_lie_beside_the_plan(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One in the working directory alone, which the plan's digest does not know, is not taken."""
+    (tmp_path / "elsewhere").mkdir()
+    (tmp_path / "elsewhere" / "calib.txt").write_text("200 200 119.5 89.5 0 0 0 0 0")
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    [sequence] = draw_sequences(load_sequence_plan(write_plan(tmp_path, camera="calib.txt", sequences=1)))
+    with pytest.raises(ValueError, match=re.escape(f"{tmp_path / 'calib.txt'}")):
+        sequence.settings.make_camera()
+
+
 def test_numbers_are_read_as_in_json(tmp_path: Path) -> None:
     """YAML 1.1 takes 1e-3 for a text."""
     assert read(tmp_path, "scene: fence\nlog_eps: 1e-3\n").parameters(0)["log_eps"] == 1e-3
@@ -150,8 +160,8 @@ def test_a_fault_is_named_with_its_place(tmp_path: Path, text: str, message: str
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"scene": "nowhere"}, "scene = 'nowhere': scene 'nowhere' is neither one of"),
-        ({"camera": "nowhere"}, "camera = 'nowhere': camera 'nowhere' is neither a preset"),
+        ({"scene": "nowhere"}, "nowhere' is neither one of"),
+        ({"camera": "nowhere"}, "nowhere' is neither a preset"),
         ({"duration": 100}, "duration = 100: the interval from"),
         ({"motion": None}, "scene 'board' has no trajectory of its own"),
         ({"motion": {"kind": "slider", "distance_m": 1, "speed_m_s": 0}}, "speed_m_s must be finite and > 0, got 0"),

@@ -122,8 +122,7 @@ def resolve(key: str, text: str, base: Path) -> str:
 
     A known name is never a file's, as in :func:`~davis_rs.load_scene` and :func:`~davis_rs.load_camera`.
     """
-    path = base / text
-    return str(path) if text not in _NAMES[key] and path.is_file() else text
+    return text if text in _NAMES[key] else str(base / text)
 
 
 def _digests(tree: Mapping[str, Any], base: Path) -> dict[str, str]:
