@@ -83,13 +83,13 @@ def _count(sequences: list[Sequence], path: Path) -> None:
     from tqdm import tqdm
 
     counts = read_counts(path) if path.exists() else {}
+    places = {name: place for place, name in enumerate(SEQUENCES)}
     write_counts(path, counts.values())  # fails before the counting, if it must
     for sequence in sequences:
         if sequence.name in counts:
             continue
         with tqdm(total=sequence.paper.duration_s, unit="s", desc=sequence.name) as bar:
             counts[sequence.name] = count_events(sequence, progress=bar.update)
-        places = {name: place for place, name in enumerate(SEQUENCES)}
         write_counts(path, sorted(counts.values(), key=lambda count: places.get(count.name, len(places))))
         print(f"{sequence.name}: {counts[sequence.name].events:,} events")
 

@@ -1,6 +1,6 @@
 //! Cubic Hermite interpolation: log intensity from samples and slopes at both ends, in at most two monotone pieces.
 
-use super::curve::{Curve, FINE, Piece, ROUGH, Search, Timed, first_true, near};
+use super::curve::{Curve, FINE, Piece, ROUGH, Search, Timed, first_tick_on, near};
 use super::level::{Level, Thresholds};
 use super::line::Line;
 
@@ -76,26 +76,12 @@ impl Piece for CubicPiece {
         if self.to < 1.0 { self.cubic.at(self.to) } else { self.cubic.line.to }
     }
 
-    /// On the cubic's value in float64: the likely tick, else bisection over the ticks of the piece.
     #[allow(clippy::cast_precision_loss, reason = "ticks < 2^53")]
-    #[allow(clippy::cast_possible_truncation, reason = "within 0..=ticks")]
     fn first_tick(&self, level: Level, up: bool, c: Thresholds) -> i64 {
-        let ticks = self.cubic.line.ticks as f64;
-        let (after, at) = ((self.from * ticks).floor() as i64, (self.to * ticks).ceil() as i64);
-        let at = at.max(after + 1);
-        let reached = |k: i64| {
-            let sign = level.sign_of_excess(self.cubic.at(k as f64 / ticks), c);
-            if up { sign >= 0 } else { sign <= 0 }
-        };
-        let likely = (self.near(level.approximate(c).0, ROUGH) * ticks).ceil() as i64;
-        if likely > after
-            && likely <= at
-            && (likely == at || reached(likely))
-            && (likely - 1 == after || !reached(likely - 1))
-        {
-            return likely;
-        }
-        first_true(after, at, reached)
+        let likely = self.near(level.approximate(c).0, ROUGH);
+        first_tick_on((self.from, self.to), self.cubic.line.ticks as f64, likely, up, |s| {
+            level.sign_of_excess(self.cubic.at(s), c)
+        })
     }
 }
 

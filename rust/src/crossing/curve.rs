@@ -85,6 +85,36 @@ pub(crate) fn near(
     s
 }
 
+/// The first tick of a piece, over these shares of an interval of `ticks`, at which its value in float64 has reached a
+/// level: the one after `likely`, a share, else by bisection over the ticks of the piece.
+///
+/// `sign` is that of the value at a share less the level; the curve goes `up` or down.
+#[allow(clippy::cast_precision_loss, reason = "ticks < 2^53")]
+#[allow(clippy::cast_possible_truncation, reason = "within 0..=ticks")]
+pub(crate) fn first_tick_on(
+    (from, to): (f64, f64),
+    ticks: f64,
+    likely: f64,
+    up: bool,
+    sign: impl Fn(f64) -> i32,
+) -> i64 {
+    let after = (from * ticks).floor() as i64;
+    let at = ((to * ticks).ceil() as i64).max(after + 1);
+    let reached = |k: i64| {
+        let sign = sign(k as f64 / ticks);
+        if up { sign >= 0 } else { sign <= 0 }
+    };
+    let likely = (likely * ticks).ceil() as i64;
+    if likely > after
+        && likely <= at
+        && (likely == at || reached(likely))
+        && (likely - 1 == after || !reached(likely - 1))
+    {
+        return likely;
+    }
+    first_true(after, at, reached)
+}
+
 /// The smallest k in `after + 1..=at` that is `reached`, for a predicate that stays true once it is; `at` is taken to be.
 pub(crate) fn first_true(mut after: i64, mut at: i64, mut reached: impl FnMut(i64) -> bool) -> i64 {
     while at - after > 1 {

@@ -1,7 +1,7 @@
 //! What leaves a first-order low-pass: the curve, in closed form, for an input that runs straight.
 
 use super::parameters::PhotoreceptorBandwidth;
-use crate::crossing::curve::{Curve, FINE, Piece, ROUGH, Search, Timed, first_true, near};
+use crate::crossing::curve::{Curve, FINE, Piece, ROUGH, Search, Timed, first_tick_on, near};
 use crate::crossing::exponential::{exp_m1, exp_precise};
 use crate::crossing::level::{Level, Thresholds};
 use crate::log_intensity::ln;
@@ -104,30 +104,16 @@ pub(crate) struct FilteredPiece {
 }
 
 #[allow(clippy::cast_precision_loss, reason = "ticks < 2^53")]
-#[allow(clippy::cast_possible_truncation, reason = "within 0..=ticks")]
 impl Piece for FilteredPiece {
     fn end(&self) -> f64 {
         if self.to < 1.0 { self.curve.at(self.to) } else { self.curve.end }
     }
 
-    /// On the curve's value in float64: the likely tick, else bisection over the ticks of the piece.
     fn first_tick(&self, level: Level, up: bool, c: Thresholds) -> i64 {
-        let ticks = self.curve.ticks as f64;
-        let after = (self.from * ticks).floor() as i64;
-        let at = ((self.to * ticks).ceil() as i64).max(after + 1);
-        let reached = |k: i64| {
-            let sign = level.sign_of_excess(self.curve.at(k as f64 / ticks), c);
-            if up { sign >= 0 } else { sign <= 0 }
-        };
-        let likely = (self.near(level, up, c, ROUGH) * ticks).ceil() as i64;
-        if likely > after
-            && likely <= at
-            && (likely == at || reached(likely))
-            && (likely - 1 == after || !reached(likely - 1))
-        {
-            return likely;
-        }
-        first_true(after, at, reached)
+        let likely = self.near(level, up, c, ROUGH);
+        first_tick_on((self.from, self.to), self.curve.ticks as f64, likely, up, |s| {
+            level.sign_of_excess(self.curve.at(s), c)
+        })
     }
 }
 
