@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from davis_rs import SENSORS, Effects, Simulator, compare_events, interval, load_scene
+from davis_rs import SENSORS, Effects, Simulator, compare_events, load_scene
 from davis_rs.effects import Aps, HotPixels, PhotoreceptorBandwidth, Readout, ShotNoise
 from davis_rs.events import EventArray, concatenate_events
 
@@ -43,7 +43,7 @@ def run(settings: dict[str, Any]) -> tuple[float, EventArray, Any]:
     simulator = Simulator(SCENE, depth_rate_hz=0, **settings)
     events, frame = [], None
     start = time.process_time()
-    for packet in simulator.run(interval(SCENE.trajectory, 0.0, SECONDS)):
+    for packet in simulator.run(SCENE.trajectory.crop(0.0, SECONDS)):
         events.append(packet.events)
         if packet.end_us == round(SHOWN_S[0] * 1e6):
             frame = packet.luma if packet.frame is None else packet.frame

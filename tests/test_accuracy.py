@@ -19,7 +19,6 @@ from davis_rs import (
     Scene,
     SegmentTrajectory,
     Trajectory,
-    interval,
     load_scene,
     log_intensity,
     start_pose,
@@ -55,7 +54,7 @@ def scene() -> Scene:
 def recipe(scene: Scene) -> Recipe:
     """30 ms, in which the fastest pixel moves some 3 px."""
     assert scene.trajectory is not None
-    return Recipe(interval(scene.trajectory, 1.0, 0.03), scene.contrast_threshold, 1e-3, 10_000)
+    return Recipe(scene.trajectory.crop(1.0, 0.03), scene.contrast_threshold, 1e-3, 10_000)
 
 
 @pytest.fixture(scope="module")

@@ -19,7 +19,6 @@ from davis_rs import (
     SampledTrajectory,
     Simulator,
     align_clocks,
-    interval,
     load_scene,
     simulate_imu,
     start_pose,
@@ -74,7 +73,7 @@ class TestMotionCapture:
         assert ((noisy.quaternions * exact.quaternions).sum(1) > 0.99).all()
         assert noisy.positions.tobytes() == again.positions.tobytes()
         assert not np.isin(other.positions, noisy.positions).any()
-        short = MotionCapture(noise=noise).poses(interval(moving(), 0.0, 3.0), seed=1)
+        short = MotionCapture(noise=noise).poses(moving().crop(0.0, 3.0), seed=1)
         assert np.array_equal(short.positions, noisy.positions[: len(short.t_us)])
 
     def test_rules(self) -> None:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from davis_rs import CrossingEngine, Effects, SensorParameters, Simulator, check_dataset, interval, load_scene, record
+from davis_rs import CrossingEngine, Effects, SensorParameters, Simulator, check_dataset, load_scene, record
 from davis_rs.effects import Aps, Readout
 from davis_rs.events import concatenate_events
 from davis_rs.trajectory.trajectory import Trajectory
@@ -26,7 +26,7 @@ SLOW_BUS = Readout(1e5)
 
 def path(seconds: float) -> Trajectory:
     assert PLANES.trajectory is not None
-    return interval(PLANES.trajectory, 0.0, seconds)
+    return PLANES.trajectory.crop(0.0, seconds)
 
 
 def test_what_is_given_stands_over_the_sensor_and_neutral_switches_off() -> None:

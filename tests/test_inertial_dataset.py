@@ -18,7 +18,6 @@ from davis_rs import (
     MocapNoise,
     MotionCapture,
     Simulator,
-    interval,
     load_camera,
     load_scene,
     record,
@@ -82,7 +81,7 @@ def test_what_does_not_fit_is_refused(tmp_path: Path) -> None:
 def test_a_recording_has_the_imu_and_the_ground_truth_that_were_asked_for(tmp_path: Path) -> None:
     """imu.txt is simulate_imu, groundtruth.txt the motion capture's, and meta.json tells both."""
     scene = load_scene("three_walls")
-    trajectory = interval(scene.trajectory, 0.2, 0.12) if scene.trajectory is not None else None
+    trajectory = scene.trajectory.crop(0.2, 0.12) if scene.trajectory is not None else None
     assert trajectory is not None
     capture = MotionCapture(100.0, MocapNoise(), MocapClock(0.031, 1e-3))
     simulator = Simulator(scene, camera=Camera(24, 18, 20.0, 20.0, 11.5, 8.5), sampling=FixedRate(200), seed=9)

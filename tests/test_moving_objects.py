@@ -428,7 +428,7 @@ def test_a_part_of_a_scene_goes_on_from_there(llvm: str) -> None:
         assert packet.depth is not None
         assert same.depth is not None
         np.testing.assert_allclose(packet.depth, same.depth, rtol=1e-5)
-    described = scene.part(0.1).part(0.2, 0.1).lights["lamp"].describe()
+    described = scene.crop(0.1).crop(0.2, 0.1).lights["lamp"].describe()
     assert described == {**scene.lights["lamp"].describe(), "start_s": pytest.approx(0.3)}
     with pytest.raises(ValueError, match="scene 'parts' has no trajectory of its own"):
-        replace(scene, trajectory=None).part()
+        replace(scene, trajectory=None).crop()

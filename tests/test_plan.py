@@ -18,7 +18,7 @@ from davis_rs import (
     Camera,
     CrossingEngine,
     MaxDisplacement,
-    SampledCourse,
+    SampledProfile,
     Scene,
     Trajectory,
     compare_events,
@@ -83,7 +83,7 @@ class Sequence:
     called_for: set[str]
     texture: npt.NDArray[np.float64]
     path: Trajectory
-    flicker: SampledCourse | None = None
+    flicker: SampledProfile | None = None
     camera: Camera = CAMERA
     luma: float = 0.8
     log_eps: float = 1e-5
@@ -106,15 +106,15 @@ class Sequence:
         return Scene("floor", partial(dict, parts), shadows=False, lights=lights, contrast_threshold=C)
 
 
-def flicker(swing: float, ramp_us: float, cycles: int, pause_us: float) -> tuple[SampledCourse, Trajectory]:
+def flicker(swing: float, ramp_us: float, cycles: int, pause_us: float) -> tuple[SampledProfile, Trajectory]:
     """Log light goes from the middle to +swing / 2 C, -swing / 2 C, ..., along straight ramps with pauses between."""
     knots_us, levels = [0.0, pause_us], [0.0, 0.0]
     for i in range(2 * cycles):
         knots_us += [knots_us[-1] + ramp_us, knots_us[-1] + ramp_us + pause_us]
         levels += [swing / 2 * C * (-1) ** i] * 2
     t_us = np.unique(np.concatenate([np.linspace(a, b, 65) for a, b in itertools.pairwise(knots_us)]))
-    course = SampledCourse(t_us * 1e-6, np.exp(np.interp(t_us, knots_us, levels)))
-    return course, still(knots_us[-1] * 1e-6)
+    profile = SampledProfile(t_us * 1e-6, np.exp(np.interp(t_us, knots_us, levels)))
+    return profile, still(knots_us[-1] * 1e-6)
 
 
 def still(duration_s: float) -> Trajectory:
@@ -139,8 +139,8 @@ NOISE = 0.4 * np.exp(0.5 * np.random.RandomState(2).standard_normal((512, 512)).
 
 def flickering(called_for: set[str], texture: npt.NDArray[np.float64], *wave: float, **other: Any) -> Sequence:
     swing, ramp_us, cycles, pause_us = wave
-    course, path = flicker(swing, ramp_us, int(cycles), pause_us)
-    return Sequence(called_for, texture, path, course, **other)
+    profile, path = flicker(swing, ramp_us, int(cycles), pause_us)
+    return Sequence(called_for, texture, path, profile, **other)
 
 
 SEQUENCES: dict[str, Sequence] = {

@@ -220,7 +220,7 @@ def test_a_simulator_runs_once(scene: Scene) -> None:
     """A second run would begin with the first one's references."""
     simulator = Simulator(scene, **PARAMETERS)
     assert scene.trajectory is not None
-    list(simulator.run(davis_rs.interval(scene.trajectory, 0, 0.01)))
+    list(simulator.run(scene.trajectory.crop(0, 0.01)))
     with pytest.raises(ValueError, match="has run already"):
         next(simulator.run(scene.trajectory))
 

@@ -36,13 +36,13 @@ from .record import record
 from .sampling.presets import ACCURACY, Accuracy
 from .sampling.rules import FixedRate, MaxDisplacement
 from .sampling.tolerance import Tolerance
-from .scene.light_course import Flicker, LightCourse, SampledCourse
+from .scene.light_profile import Flicker, LightProfile, SampledProfile
 from .scene.scene import Scene
 from .scenes import load_scene, start_pose
 from .sensor_parameters import SENSORS, SensorParameters
 from .simulate import Simulator, simulate
 from .trajectory.sampled_trajectory import SampledTrajectory
-from .trajectory.trajectory import CallableTrajectory, SegmentTrajectory, Trajectory, align, interval
+from .trajectory.trajectory import CallableTrajectory, SegmentTrajectory, Trajectory, align
 from .trajectory.trajectory_file import read_trajectory
 from .trajectory.waypoints import waypoint_trajectory
 
@@ -111,7 +111,7 @@ __all__ = [
     "Frame",
     "GroundTruth",
     "Imu",
-    "LightCourse",
+    "LightProfile",
     "MaxDisplacement",
     "MocapClock",
     "MocapNoise",
@@ -122,7 +122,7 @@ __all__ = [
     "RawWriter",
     "Recording",
     "RecordingWarning",
-    "SampledCourse",
+    "SampledProfile",
     "SampledTrajectory",
     "Scene",
     "SegmentTrajectory",
@@ -141,7 +141,6 @@ __all__ = [
     "compare_events",
     "convert",
     "from_structured",
-    "interval",
     "iter_events",
     "load_camera",
     "load_scene",

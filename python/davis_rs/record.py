@@ -53,7 +53,7 @@ def record(
     pose_rate_hz: float = 200.0,
     motion_capture: MotionCapture | None = None,
     imu: Imu | None = None,
-    exposure: float | None = None,
+    image_gain: float | None = None,
     overwrite: bool = False,
     meta: Mapping[str, Any] | None = None,
     quiet: bool = False,
@@ -66,7 +66,7 @@ def record(
     Args:
         simulator: a fresh one.
         trajectory: from t = 0.
-        path, exposure, overwrite: see :class:`~davis_rs.dataset.writer.DatasetWriter`.
+        path, image_gain, overwrite: see :class:`~davis_rs.dataset.writer.DatasetWriter`.
         pose_rate_hz: rate of the ground truth; 200 Hz is the public dataset's.
         motion_capture: what gives the ground truth, in place of exact poses at ``pose_rate_hz``.
         imu: see :class:`~davis_rs.Imu`; None for no ``imu.txt``.
@@ -100,7 +100,7 @@ def record(
     events = 0
     with (
         DatasetWriter(
-            path, simulator.camera, exposure=exposure, overwrite=overwrite, imu=imu, meta=record_of_run
+            path, simulator.camera, image_gain=image_gain, overwrite=overwrite, imu=imu, meta=record_of_run
         ) as writer,
         _stop_requests() as stop_requested,
         tqdm(total=trajectory.duration_s, unit="s", disable=quiet, bar_format=_BAR) as bar,

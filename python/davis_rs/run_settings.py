@@ -28,7 +28,7 @@ class RunSettings:
             :class:`~davis_rs.Simulator`.
         lux_per_luma: in place of the scene's.
         frame_rate, depth_rate, pose_rate: in Hz.
-        exposure: see :class:`~davis_rs.DatasetWriter`.
+        image_gain: see :class:`~davis_rs.DatasetWriter`.
         effects: ``auto``, in place of effects.
         effect, imu_effect: each as :func:`~davis_rs.effects.parse_effect` takes it.
         imu: ``none``, ``ideal``, ``davis`` or ``mpu6150``. imu_rate: in Hz.
@@ -44,7 +44,7 @@ class RunSettings:
     lux_per_luma: float | None = None
     frame_rate: float = 40.0
     depth_rate: float = 40.0
-    exposure: float | None = None
+    image_gain: float | None = None
     sensor: str | None = None
     effects: str | None = None
     effect: Sequence[str] | None = None

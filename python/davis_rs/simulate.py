@@ -28,7 +28,7 @@ from .sampling.refine import refine as refine_events
 from .sampling.rules import TimeSampling, periodic_instants
 from .scene.scene import Scene
 from .sensor_parameters import SensorParameters, sensor_parameters
-from .trajectory.trajectory import SegmentTrajectory, Trajectory, interval
+from .trajectory.trajectory import SegmentTrajectory, Trajectory
 from .trajectory.views import Views
 
 _PACKET_RATE_HZ = 40.0
@@ -141,7 +141,7 @@ class Simulator:
         candidates = sensor.effects(scene.lux_per_luma)
         self._candidates = candidates if automatic else None
         if not isinstance(effects, str):
-            self._take_effects((effects or Effects()).over(candidates))
+            self._take_effects((effects or Effects()).with_defaults(candidates))
 
     def _take_effects(self, effects: Effects) -> None:
         """Put the lens before the renderer, and make the pixels behind it."""
@@ -245,7 +245,7 @@ class Simulator:
             digest = hashlib.sha256(self.scene.file.read_bytes()).hexdigest()
             scene |= {"file": str(self.scene.file), "sha256": digest}
         scene["objects"] = {name: trajectory.describe() for name, trajectory in self.scene.objects.items()}
-        scene["lights"] = {name: course.describe() for name, course in self.scene.lights.items()}
+        scene["lights"] = {name: profile.describe() for name, profile in self.scene.lights.items()}
         return {
             "davis_rs": __version__,
             "versions": {"numpy": np.__version__, **versions(self.renderer.variant)},
@@ -369,8 +369,8 @@ def simulate(
         ValueError, OSError: as :class:`Simulator` and :meth:`Simulator.run`, at the call or at the first packet.
     """
     if trajectory is None:
-        scene = scene.part(start_s, duration_s)
+        scene = scene.crop(start_s, duration_s)
         trajectory = scene.path
     else:
-        trajectory = interval(trajectory, start_s, duration_s)
+        trajectory = trajectory.crop(start_s, duration_s)
     return Simulator(scene, **settings).run(trajectory)

@@ -11,7 +11,6 @@ from ._core import Device, Encoder
 from .decoded import Frame
 from .scene.scene import Scene
 from .simulate import Simulator
-from .trajectory.trajectory import interval
 from .usb.virtual_davis import VIRTUAL_CHIPS, VirtualDavis
 
 _EXPOSURE_US = 4000
@@ -38,7 +37,7 @@ def virtual_davis_of_scene(scene: Scene, *, duration_s: float | None = None, pro
     simulator = Simulator(scene)
     chip = _chip_of_size(simulator.camera.width, simulator.camera.height)
     encoder = Encoder(chip)
-    trajectory = interval(scene.path, 0.0, duration_s)
+    trajectory = scene.path.crop(0.0, duration_s)
     stream: list[tuple[int, bytes]] = []
     scale: float | None = None
     with tqdm(

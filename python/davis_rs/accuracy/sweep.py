@@ -22,7 +22,7 @@ from ..sampling.observe import CountedRenderer, Probes
 from ..sampling.rules import TimeSampling
 from ..scene.scene import Scene
 from ..simulate import Simulator
-from ..trajectory.trajectory import Trajectory, interval
+from ..trajectory.trajectory import Trajectory
 from .reference_events import TICKS_PER_US, FineReference, Recipe, exact_crossings, fine_reference, in_ticks
 from .settings import Setting
 
@@ -116,19 +116,19 @@ class Sweep:
         renderer = self._renderer(1)
         if start_s is None:
             start_s = min(_half_way_s(renderer, whole), max(whole.duration_s - (duration_s or 0.0), 0.0))
-        rest = interval(whole, start_s)
+        rest = whole.crop(start_s)
         clock = DisplacementClock(renderer, rest, round(rest.duration_s * 1e6))
         if duration_s is None:
             reached_us = clock.time_at(_PATH_PX)
             duration_s = rest.duration_s if reached_us is None else max(reached_us, 1) * 1e-6
-        judged = interval(rest, 0.0, duration_s)
+        judged = rest.crop(0.0, duration_s)
         self.start_s, self.duration_s = start_s, judged.duration_s
         self.path_px = DisplacementClock(renderer, judged, round(duration_s * 1e6)).path_at(round(duration_s * 1e6))
         if self.path_px <= 0:
             raise ValueError(
                 f"nothing moves in the {duration_s} s from {start_s} s of the trajectory: nothing to judge"
             )
-        self._timed = interval(rest, 0.0, min(_TIMED_PARTS * duration_s, rest.duration_s))
+        self._timed = rest.crop(0.0, min(_TIMED_PARTS * duration_s, rest.duration_s))
         # One pixel's way: what lies further apart is not the same crossing.
         window_us = int(np.clip(duration_s * 1e6 / self.path_px, 1, _LONGEST_WINDOW_US))
         self.recipe = Recipe(judged, scene.contrast_threshold, 1e-3, window_us)
@@ -142,9 +142,7 @@ class Sweep:
     def measure(self, setting: Setting) -> Measurement:
         """Judge a setting, and time it unless it is slow: then the judged part is its one timed run."""
         seconds = self.duration_s
-        for _ in self._simulator(setting, setting.sampling).run(
-            interval(self.recipe.trajectory, 0, _WARM_UP * seconds)
-        ):
+        for _ in self._simulator(setting, setting.sampling).run(self.recipe.trajectory.crop(0, _WARM_UP * seconds)):
             pass
         simulator = self._simulator(setting, probes := Probes(setting.sampling, self._probes_us, self.recipe.log_eps))
         simulator.renderer = counted = CountedRenderer(simulator.renderer)

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 from ..scene.scene import Scene
 from ..scenes import BUILTIN_SCENES, start_pose
-from ..trajectory.trajectory import align, interval
+from ..trajectory.trajectory import align
 from ..trajectory.trajectory_file import read_trajectory
 
 SCENE_HELP = f"{', '.join(BUILTIN_SCENES)}, a sequence of davis-rs sequences, or a Mitsuba XML file"
@@ -51,11 +51,11 @@ def on_path(options: argparse.Namespace, scene: Scene, *, quiet: bool = False) -
     if options.trajectory is None:
         if options.align:
             raise ValueError("--align moves the trajectory of a file: give --trajectory")
-        return scene.part(options.start, options.duration)
+        return scene.crop(options.start, options.duration)
     sigmas = {"position_sigma_m": options.position_sigma, "rotation_sigma_rad": options.rotation_sigma}
     given = {name: value for name, value in sigmas.items() if value is not None}
     trajectory = read_trajectory(options.trajectory, max_gap_s=options.max_gap, **given)
-    part = interval(trajectory, options.start, options.duration)
+    part = trajectory.crop(options.start, options.duration)
     # A built-in scene shares no world with anybody's trajectory, a user's own file may.
     if scene.trajectory is not None if options.align is None else options.align:
         if not quiet:

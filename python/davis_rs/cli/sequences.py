@@ -20,8 +20,8 @@ def add_sequences(commands: argparse._SubParsersAction[argparse.ArgumentParser])
     sequence = commands.add_parser(
         "sequence",
         help="simulate a sequence of the public dataset",
-        description="Simulate a twin of one of the public dataset's sequences into a dataset folder, with IMU. "
-        "davis-rs sequences lists them.",
+        description="Simulate a synthetic counterpart of one of the public dataset's sequences into a dataset folder, "
+        "with IMU. davis-rs sequences lists them.",
         formatter_class=Help,
     )
     sequence.add_argument("name", metavar="NAME", help="such as poster_6dof or slider_depth")
@@ -54,7 +54,7 @@ def add_sequences(commands: argparse._SubParsersAction[argparse.ArgumentParser])
 
 def _sequence(options: argparse.Namespace) -> int:
     sequence = _named(options.name)
-    part = sequence.scene().part(options.start, options.duration)
+    part = sequence.scene().crop(options.start, options.duration)
     return simulate_into(options, part, sequence={"biases": sequence.biases, "differs": sequence.differs})
 
 

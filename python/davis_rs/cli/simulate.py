@@ -54,7 +54,10 @@ def add_settings(parser: argparse.ArgumentParser) -> None:
         "--depth-rate", type=float, default=RunSettings.depth_rate, metavar="HZ", help="depth maps; 0 = none"
     )
     camera.add_argument(
-        "--exposure", type=float, help="grey = 255 x exposure x luma; chosen from the first frame if not given"
+        "--image-gain",
+        type=float,
+        metavar="GAIN",
+        help="grey = 255 x image gain x luma; chosen from the first frame if not given",
     )
 
     effects = parser.add_argument_group("effects (docs/effects.md)")
@@ -123,7 +126,7 @@ def simulate_into(options: argparse.Namespace, scene: Scene, **meta: Any) -> int
         options.output,
         motion_capture=motion_capture,
         imu=imu,
-        exposure=options.exposure,
+        image_gain=options.image_gain,
         overwrite=options.overwrite,
         meta={"command": ["davis-rs", *sys.argv[1:]], **meta},
         quiet=options.quiet,

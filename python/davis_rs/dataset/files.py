@@ -100,9 +100,9 @@ def imu_line(t_us: int, values: npt.NDArray[np.float64]) -> str:
     return " ".join([stamp(t_us), *map(repr, values.tolist())]) + "\n"
 
 
-def as_grey(frame: npt.NDArray[np.float32], exposure: float) -> npt.NDArray[np.uint8]:
-    """Linear luma as an 8-bit frame: round(255 x exposure x luma), clipped."""
-    return np.rint(np.minimum(255 * exposure * frame.astype(np.float64), 255)).astype(np.uint8)
+def as_grey(frame: npt.NDArray[np.float32], image_gain: float) -> npt.NDArray[np.uint8]:
+    """Linear luma as an 8-bit frame: round(255 x image_gain x luma), clipped."""
+    return np.rint(np.minimum(255 * image_gain * frame.astype(np.float64), 255)).astype(np.uint8)
 
 
 def encode_png(grey: npt.NDArray[np.uint8]) -> bytes:

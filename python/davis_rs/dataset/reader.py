@@ -65,6 +65,13 @@ class Dataset:
         if names.isdisjoint({EVENTS, META, CALIBRATION, GROUND_TRUTH, FRAMES.list_name}):
             raise FileNotFoundError(f"{self.path} is not a dataset: none of {EVENTS}, {META}, {CALIBRATION}, ... in it")
 
+    @property
+    def image_gain(self) -> float | None:
+        """Grey value of a frame over 255 x luma, from ``meta.json``; older folders call it ``exposure``. None: not
+        known."""
+        gain = self.meta.get("image_gain", self.meta.get("exposure"))
+        return None if gain is None else float(gain)
+
     @cached_property
     def meta(self) -> dict[str, Any]:
         """The contents of ``meta.json``."""

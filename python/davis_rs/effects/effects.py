@@ -45,8 +45,8 @@ class Effects:
     >>> Effects(refractory_period_us=100, leak_rate_hz=0.1)
 
     Each argument is an object of the effect's class, or a number: its first parameter. An effect with neutral values is
-    off, and becomes None; over a sensor's (:meth:`over`) it switches that one off. What an effect does is said by its
-    class.
+    off, and becomes None; over a sensor's (:meth:`with_defaults`) it switches that one off. What an effect does is said
+    by its class.
 
     Raises:
         ValueError: for values out of range, naming the effect, the value and the range.
@@ -96,7 +96,7 @@ class Effects:
         given: dict[str, Any] = {effect.name: effect for effect in effects}
         return cls(**given)
 
-    def over(self, others: Effects) -> Effects:
+    def with_defaults(self, others: Effects) -> Effects:
         """These, and of the others those that are not given here, not even with neutral values."""
         kept = [effect for effect in others if effect.name not in self.switched_off]
         return Effects.of([*kept, *self])

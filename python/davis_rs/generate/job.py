@@ -71,7 +71,7 @@ def _simulate(sequence: DrawnSequence, folder: Path, threads: int) -> None:
         folder,
         motion_capture=settings.make_motion_capture(),
         imu=settings.make_imu(),
-        exposure=settings.exposure,
+        image_gain=settings.image_gain,
         meta={"generated": origin(sequence), "scene": described},
         quiet=True,
     )

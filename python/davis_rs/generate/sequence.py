@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from .._core import CrossingEngine
-from ..dataset.writer import check_exposure
+from ..dataset.writer import check_image_gain
 from ..effects import Effects
 from ..lattice import rank1_lattice
 from ..rendering.renderers import check_renderer
@@ -19,7 +19,6 @@ from ..sampling.rules import periodic_instants
 from ..scene.scene import Scene
 from ..scenes import load_scene
 from ..sensor_parameters import sensor_parameters
-from ..trajectory.trajectory import interval
 from .motion import make_motion
 from .parse import effect_texts
 from .plan import resolve
@@ -78,10 +77,10 @@ class DrawnSequence:
         start_s = self.parameters.get("start") or 0.0
         duration_s, motion = self.parameters.get("duration"), self.parameters.get("motion")
         if motion is None:
-            return scene.part(start_s, duration_s)
+            return scene.crop(start_s, duration_s)
         end_s = None if duration_s is None else start_s + duration_s
         trajectory = make_motion(motion, scene, end_s, self.base)
-        return replace(scene, trajectory=interval(trajectory, start_s, duration_s))
+        return replace(scene, trajectory=trajectory.crop(start_s, duration_s))
 
     def check(self, scene_of: Callable[[DrawnSequence], Scene] = scene) -> None:
         """Refuse what can be refused without rendering; the rest shows when the simulator is made.
@@ -103,7 +102,7 @@ class DrawnSequence:
         sensor = self._named(lambda: sensor_parameters(settings.sensor), "sensor")
         self._named(lambda: sensor.effects(settings.make_scene(scene).lux_per_luma), "lux_per_luma")
         self._named(lambda: check_renderer(settings.renderer), "renderer")
-        self._named(lambda: check_exposure(settings.exposure), "exposure")
+        self._named(lambda: check_image_gain(settings.image_gain), "image_gain")
         for key in ("frame_rate", "depth_rate"):
             self._named(lambda key=key: periodic_instants(getattr(settings, key), 0, 0), key)  # type: ignore[misc]
         if settings.samples is not None:

@@ -9,8 +9,8 @@ from typing import Any
 
 from ..camera import PRESETS, Camera
 from ..pose import Pose
-from ..trajectory.trajectory import Trajectory, interval, rest_of
-from .light_course import LaterCourse, LightCourse
+from ..trajectory.trajectory import SegmentTrajectory, Trajectory
+from .light_profile import LightProfile, ShiftedProfile
 
 SceneSource = Path | Mapping[str, Any]
 
@@ -35,7 +35,7 @@ class Scene:
         objects: what moves: T_world_object over the sequence's time for shapes by their ids (keys of the dictionary,
             ids of the XML file). The source gives such a shape in the object's own frame: its ``to_world`` there places
             it within the object. Before and after its trajectory an object stands still where that begins and ends.
-        lights: for lights by their ids (of a shape's own emitter ``shape.emitter``) the course of their strength.
+        lights: for lights by their ids (of a shape's own emitter ``shape.emitter``) the profile of their strength.
         lux_per_luma: illuminance on the sensor's scale: lux that one unit of luma stands for.
         ambient: its constant light stands for light from all sides, also within closed rooms: only the table kernel
             shows it so.
@@ -51,7 +51,7 @@ class Scene:
     blur: bool = False
     shadows: bool = True
     objects: Mapping[str, Trajectory] = field(default_factory=dict)
-    lights: Mapping[str, LightCourse] = field(default_factory=dict)
+    lights: Mapping[str, LightProfile] = field(default_factory=dict)
     lux_per_luma: float = 1000.0
     ambient: bool = False
 
@@ -66,18 +66,37 @@ class Scene:
             raise ValueError(f"scene {self.name!r} has no trajectory of its own: one must be given")
         return self.trajectory
 
-    def part(self, start_s: float = 0.0, duration_s: float | None = None) -> Scene:
-        """The scene over a part of its own trajectory: what moves and flickers in it goes on from there.
+    def with_trajectory(self, trajectory: Trajectory) -> Scene:
+        """The scene with this camera path; its objects and lights keep their own times.
 
         Args:
-            start_s: where on the trajectory the part's t = 0 lies. duration_s: to the end by default.
+            trajectory: of the camera. Its t = 0 is the scene's t = 0.
+        """
+        return replace(self, trajectory=trajectory)
+
+    def crop(self, start_s: float = 0.0, duration_s: float | None = None) -> Scene:
+        """The scene over a part of its camera path, with t = 0 at the start of that part.
+
+        The clocks of objects and lights move with the camera's, so the part looks as it does within the whole.
+
+        Args:
+            start_s: start of the part on the trajectory, seconds.
+            duration_s: its length, seconds; None: to the end of the trajectory.
 
         Raises:
-            ValueError: if the scene has no trajectory of its own, or not that part of it.
+            ValueError: if the scene has no trajectory, or the part does not lie inside it.
         """
         return replace(
             self,
-            trajectory=interval(self.path, start_s, duration_s),
-            objects={name: rest_of(path, start_s) for name, path in self.objects.items()},
-            lights={name: LaterCourse(course, start_s) for name, course in self.lights.items()},
+            trajectory=self.path.crop(start_s, duration_s),
+            objects={name: _from(path, start_s) for name, path in self.objects.items()},
+            lights={name: ShiftedProfile(profile, start_s) for name, profile in self.lights.items()},
         )
+
+
+def _from(path: Trajectory, start_s: float) -> Trajectory:
+    """An object's path from ``start_s`` on; after its end the object stands still."""
+    if start_s < path.duration_s:
+        return path.crop(start_s)
+    last = path.pose(path.duration_s)
+    return SegmentTrajectory(last, last, 1.0)

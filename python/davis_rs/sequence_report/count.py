@@ -68,7 +68,7 @@ def count_events(
             a pixel and 8 rays find 3 to 10 % more, for eight times the work (docs/sequences.md).
         progress: called with the simulated seconds since the call before.
     """
-    scene = sequence.scene().part(0.0, duration_s)
+    scene = sequence.scene().crop(0.0, duration_s)
     simulator = Simulator(
         scene, frame_rate_hz=0, depth_rate_hz=0, sampling=MaxDisplacement(max_displacement_px), samples=samples
     )

@@ -1,4 +1,4 @@
-"""The 27 sequences of the public Event-Camera Dataset, as simulated twins.
+"""The 27 sequences of the public Event-Camera Dataset, as synthetic counterparts.
 
 >>> from davis_rs.sequences import SEQUENCES
 >>> scene = SEQUENCES["poster_6dof"].scene()  # with lens, contrast threshold and trajectory

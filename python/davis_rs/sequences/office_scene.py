@@ -27,8 +27,9 @@ def office() -> Scene:
     """A desk 1.5 m ahead, with two monitors, keyboard, mugs, books and papers, under some 500 lux; C = 0.17.
 
     Around it a shelf of books, a whiteboard and pictures, a chair, a cabinet, a door, and a window onto a street whose
-    light parts are about twice as bright as the walls. The camera has 0.7 m of air all around. A twin of the dataset's
-    office by kind of things, texture and light, not a copy; the daylight is seen, but lights nothing in the room.
+    light parts are about twice as bright as the walls. The camera has 0.7 m of air all around. A synthetic counterpart
+    of the dataset's office by kind of things, texture and light, not a copy; the daylight is seen, but lights nothing
+    in the room.
     """
     return Scene(
         name="office",

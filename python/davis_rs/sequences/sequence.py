@@ -1,4 +1,4 @@
-"""A sequence of the public dataset, as its simulated twin."""
+"""A sequence of the public dataset, as its synthetic counterpart."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class PaperRow(NamedTuple):
 
 @dataclass(frozen=True)
 class Sequence:
-    """One of the dataset's sequences: a twin by kind of motion and texture, not a copy.
+    """One of the dataset's sequences: a synthetic counterpart by kind of motion and texture, not a copy.
 
     Attributes:
         name: the dataset's.

@@ -90,6 +90,22 @@ class Trajectory(ABC):
             )
         return np.clip(t, 0.0, self.duration_s)
 
+    def crop(self, start_s: float = 0.0, duration_s: float | None = None) -> Trajectory:
+        """The part from ``start_s`` on, ``duration_s`` long (default: to the end), with t = 0 at its start.
+
+        Raises:
+            ValueError: for a duration that is not > 0, or a part that is not inside the trajectory (within 1 us).
+        """
+        if duration_s is None:
+            duration_s = self.duration_s - start_s
+        end_s = start_s + duration_s
+        if not (0 <= start_s < self.duration_s and start_s < end_s <= self.duration_s + TIME_TOLERANCE_S):
+            raise ValueError(
+                f"the interval from {start_s} s to {end_s} s must be longer than 0 s and lie inside the trajectory, "
+                f"which runs from 0 to {self.duration_s} s"
+            )
+        return _Cropped(self, float(start_s), min(float(duration_s), self.duration_s - start_s))
+
     def top_speeds(self, window_s: float = SPEED_WINDOW_S) -> TopSpeeds:
         """The fastest mean motion over any ``window_s``: distance, and angle of the rotation, over time.
 
@@ -327,7 +343,7 @@ def align(trajectory: Trajectory, pose: Pose, at_s: float = 0.0) -> Trajectory:
     return _Aligned(trajectory, pose, at_s)
 
 
-class _Interval(Trajectory):
+class _Cropped(Trajectory):
     def __init__(self, trajectory: Trajectory, start_s: float, duration_s: float) -> None:
         self.duration_s = duration_s
         self._base, self._start_s = trajectory, start_s
@@ -352,29 +368,4 @@ class _Interval(Trajectory):
 
     def describe(self) -> dict[str, object]:
         at = {"start_s": self._start_s, "duration_s": self.duration_s}
-        return {"kind": "interval", **at, "trajectory": self._base.describe()}
-
-
-def interval(trajectory: Trajectory, start_s: float = 0.0, duration_s: float | None = None) -> Trajectory:
-    """The part of ``trajectory`` from ``start_s`` on, ``duration_s`` long (default: to its end), t = 0 at its start.
-
-    Raises:
-        ValueError: for a duration that is not > 0, or a part that is not inside the trajectory (within 1 us).
-    """
-    if duration_s is None:
-        duration_s = trajectory.duration_s - start_s
-    end_s = start_s + duration_s
-    if not (0 <= start_s < trajectory.duration_s and start_s < end_s <= trajectory.duration_s + TIME_TOLERANCE_S):
-        raise ValueError(
-            f"the interval from {start_s} s to {end_s} s must be longer than 0 s and lie inside the trajectory, "
-            f"which runs from 0 to {trajectory.duration_s} s"
-        )
-    return _Interval(trajectory, float(start_s), min(float(duration_s), trajectory.duration_s - start_s))
-
-
-def rest_of(trajectory: Trajectory, start_s: float) -> Trajectory:
-    """What is left of ``trajectory`` from ``start_s`` >= 0 on, t = 0 there; after its end a stand at its last pose."""
-    if start_s < trajectory.duration_s:
-        return interval(trajectory, start_s)
-    last = trajectory.pose(trajectory.duration_s)
-    return SegmentTrajectory(last, last, 1.0)
+        return {"kind": "crop", **at, "trajectory": self._base.describe()}

@@ -1,4 +1,4 @@
-"""Lights whose strength runs a course: courses themselves, frames, exact rates, the clock, and events."""
+"""Lights whose strength runs a profile: profiles themselves, frames, exact rates, the clock, and events."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from davis_rs.rendering.render_scalar import ScalarRenderer
 from davis_rs.rendering.renderers import make_renderer
 from davis_rs.rendering.scene_updates import scene_motion
 from davis_rs.sampling.displacement import DARKEST, LIGHT_PER_PIXEL, DisplacementClock
-from davis_rs.scene.light_course import Flicker, LightCourse, SampledCourse
+from davis_rs.scene.light_profile import Flicker, LightProfile, SampledProfile
 from davis_rs.simulate import simulate
 from davis_rs.trajectory.views import Views
 
@@ -45,15 +45,15 @@ FLOOR = {
     "to_world": np.diag([4.0, 4.0, 1.0, 1.0]),
     "bsdf": {"type": "twosided", "inner": {"type": "diffuse", "reflectance": BITMAP}},
 }
-COURSES: list[LightCourse] = [
+PROFILES: list[LightProfile] = [
     Flicker(100.0, modulation=0.6, phase_rad=0.4),
     Flicker(70.0, modulation=1.0, waveform="triangle"),
-    SampledCourse([0.0, 0.004, 0.01], [1.0, 0.2, 3.0]),
-    SampledCourse([0.0, 0.004, 0.007, 0.01], [0.0, 0.0, 3.0, 1.0], interpolation="cubic"),
+    SampledProfile([0.0, 0.004, 0.01], [1.0, 0.2, 3.0]),
+    SampledProfile([0.0, 0.004, 0.007, 0.01], [0.0, 0.0, 3.0, 1.0], interpolation="cubic"),
 ]
 
 
-def make_scene(lights: dict[str, LightCourse], **parts: dict[str, Any]) -> Scene:
+def make_scene(lights: dict[str, LightProfile], **parts: dict[str, Any]) -> Scene:
     return Scene("test", partial(dict, {"type": "scene", "by": DIRECT, **parts}), lights=lights)
 
 
@@ -72,15 +72,15 @@ def build(kind: str, scene: Scene, request: pytest.FixtureRequest, *, samples: i
 KINDS = pytest.mark.parametrize("kind", ["table", FAST, SCALAR])
 
 
-@pytest.mark.parametrize("course", COURSES, ids=repr)
-def test_rates_are_the_slopes_of_factors(course: LightCourse) -> None:
+@pytest.mark.parametrize("profile", PROFILES, ids=repr)
+def test_rates_are_the_slopes_of_factors(profile: LightProfile) -> None:
     """The rate is what the factor's difference quotient tends to, wherever no bend lies between."""
     t = np.linspace(-0.003, 0.014, 400) + 1.3e-6
-    before, now, after = (course.factor(t + step) for step in (-1e-8, 0.0, 1e-8))
+    before, now, after = (profile.factor(t + step) for step in (-1e-8, 0.0, 1e-8))
     slope = (after - before) / 2e-8
     smooth = np.abs(after - 2 * now + before) < 1e-9
     assert smooth.mean() > 0.9
-    np.testing.assert_allclose(course.rate(t)[smooth], slope[smooth], rtol=1e-5, atol=1e-3)
+    np.testing.assert_allclose(profile.rate(t)[smooth], slope[smooth], rtol=1e-5, atol=1e-3)
     assert (now >= 0).all()
 
 
@@ -88,10 +88,10 @@ def test_flicker_by_hand() -> None:
     """A sine, a triangle and a square of one period each at its quarters, and a phase that moves them."""
     quarters = np.arange(8) / 4 * 0.01 + 1e-9
     for waveform, wave in (("sine", [0, 1, 0, -1]), ("triangle", [0, 1, 0, -1]), ("square", [1, 1, -1, -1])):
-        course = Flicker(100.0, modulation=0.5, waveform=waveform)
-        np.testing.assert_allclose(course.factor(quarters), 1 + 0.5 * np.tile(wave, 2), atol=1e-6)
+        profile = Flicker(100.0, modulation=0.5, waveform=waveform)
+        np.testing.assert_allclose(profile.factor(quarters), 1 + 0.5 * np.tile(wave, 2), atol=1e-6)
         later = Flicker(100.0, modulation=0.5, phase_rad=np.pi / 2, waveform=waveform)
-        np.testing.assert_allclose(later.factor(quarters - 0.0025), course.factor(quarters), atol=1e-6)
+        np.testing.assert_allclose(later.factor(quarters - 0.0025), profile.factor(quarters), atol=1e-6)
     assert (Flicker(50.0, modulation=1.0, waveform="square").rate(quarters) == 0).all()
     assert Flicker(100.0, modulation=0.5).describe() == {
         "kind": "flicker",
@@ -106,15 +106,15 @@ def test_flicker_by_hand() -> None:
     factors=st.lists(st.floats(0.0, 50.0), min_size=2, max_size=8),
     interpolation=st.sampled_from(["linear", "cubic"]),
 )
-def test_sampled_courses_go_through_their_factors(factors: list[float], interpolation: str) -> None:
-    """At its times a course has its factors; between them it stays within their neighbours, outside it is held."""
+def test_sampled_profiles_go_through_their_factors(factors: list[float], interpolation: str) -> None:
+    """At its times a profile has its factors; between them it stays within their neighbours, outside it is held."""
     t = np.arange(len(factors)) * 0.1
-    course = SampledCourse(t, factors, interpolation=interpolation)
-    np.testing.assert_allclose(course.factor(t), factors, atol=1e-9)
-    np.testing.assert_allclose(course.factor([-5.0, t[-1] + 3.0]), [factors[0], factors[-1]], atol=1e-9)
-    assert (course.rate([-5.0, -1e-9, t[-1], t[-1] + 3.0]) == 0).all()
+    profile = SampledProfile(t, factors, interpolation=interpolation)
+    np.testing.assert_allclose(profile.factor(t), factors, atol=1e-9)
+    np.testing.assert_allclose(profile.factor([-5.0, t[-1] + 3.0]), [factors[0], factors[-1]], atol=1e-9)
+    assert (profile.rate([-5.0, -1e-9, t[-1], t[-1] + 3.0]) == 0).all()
     for i in range(len(factors) - 1):
-        between = course.factor(np.linspace(t[i], t[i + 1], 9))
+        between = profile.factor(np.linspace(t[i], t[i + 1], 9))
         low, high = sorted(factors[i : i + 2])
         assert low - 1e-9 <= between.min()
         assert between.max() <= high + 1e-9
@@ -128,12 +128,12 @@ def test_sampled_courses_go_through_their_factors(factors: list[float], interpol
         (partial(Flicker, 50.0, modulation=1.1), r"0\.\.1, got 1\.1"),
         (partial(Flicker, 50.0, modulation=0.1, phase_rad=float("inf")), "phase .* got inf"),
         (partial(Flicker, 50.0, modulation=0.1, waveform="saw"), "sine, triangle, square, got 'saw'"),
-        (partial(SampledCourse, [0.0], [1.0]), r"n >= 2, got \(1,\) and \(1,\)"),
-        (partial(SampledCourse, [0.0, 1.0], [1.0]), r"got \(2,\) and \(1,\)"),
-        (partial(SampledCourse, [0.0, 0.0], [1.0, 1.0]), "strictly increasing"),
-        (partial(SampledCourse, [0.0, 1.0], [1.0, -0.5]), r">= 0, got -0\.5"),
-        (partial(SampledCourse, [0.0, 1.0], [1.0, float("nan")]), r">= 0, got nan"),
-        (partial(SampledCourse, [0.0, 1.0], [1.0, 1.0], interpolation="step"), "linear, cubic, got 'step'"),
+        (partial(SampledProfile, [0.0], [1.0]), r"n >= 2, got \(1,\) and \(1,\)"),
+        (partial(SampledProfile, [0.0, 1.0], [1.0]), r"got \(2,\) and \(1,\)"),
+        (partial(SampledProfile, [0.0, 0.0], [1.0, 1.0]), "strictly increasing"),
+        (partial(SampledProfile, [0.0, 1.0], [1.0, -0.5]), r">= 0, got -0\.5"),
+        (partial(SampledProfile, [0.0, 1.0], [1.0, float("nan")]), r">= 0, got nan"),
+        (partial(SampledProfile, [0.0, 1.0], [1.0, 1.0], interpolation="step"), "linear, cubic, got 'step'"),
     ],
 )
 def test_bad_courses_are_refused(make: Any, message: str) -> None:
@@ -142,8 +142,8 @@ def test_bad_courses_are_refused(make: Any, message: str) -> None:
         make()
 
 
-class Broken(LightCourse):
-    """A course that breaks its contract after 5 ms."""
+class Broken(LightProfile):
+    """A profile that breaks its contract after 5 ms."""
 
     def factor(self, t_s: npt.ArrayLike) -> FloatArray:
         return np.where(np.asarray(t_s) < 0.005, 1.0, -2.0)
@@ -168,17 +168,17 @@ def test_a_course_that_breaks_its_contract_is_named(llvm: str) -> None:
 @KINDS
 def test_frames_are_scaled(kind: str, request: pytest.FixtureRequest) -> None:
     """Under one light every pixel has the light's factor, exactly, and its rate; views of one launch have their own."""
-    course = Flicker(100.0, modulation=0.6, phase_rad=0.4)
+    profile = Flicker(100.0, modulation=0.6, phase_rad=0.4)
     steady = build(kind, make_scene({}, lamp=LAMP, floor=FLOOR), request)
-    flickering = build(kind, make_scene({"lamp": course}, lamp=LAMP, floor=FLOOR), request)
+    flickering = build(kind, make_scene({"lamp": profile}, lamp=LAMP, floor=FLOOR), request)
     t_s = np.array([0.0, 0.0021, 0.0087, 0.0])
     views = Views.at_rest([POSE] * 4, t_s)
     base = steady.luma(views[:1])[0].astype(np.float64)
     assert base.min() > 0.01
     frames, rates = flickering.luma_and_rate(views)
-    np.testing.assert_allclose(frames, base * course.factor(t_s)[:, None, None], rtol=3e-6)
+    np.testing.assert_allclose(frames, base * profile.factor(t_s)[:, None, None], rtol=3e-6)
     exact = 1e-5 if kind == "table" else 1e-3
-    np.testing.assert_allclose(rates, base * course.rate(t_s)[:, None, None], rtol=exact, atol=exact * 100)
+    np.testing.assert_allclose(rates, base * profile.rate(t_s)[:, None, None], rtol=exact, atol=exact * 100)
     assert np.array_equal(frames[0], frames[3])
     pixels = np.array([3, 77, 30, 3, 107])
     of = np.array([2, 1, 0, 1, 3])
@@ -190,9 +190,9 @@ def test_of_two_lights_one_flickers(kind: str, request: pytest.FixtureRequest) -
     """Light adds up: a steady sun and sky beside a lamp, or a lamp beside a dimmed sky, background and all."""
     t_s = np.array([0.002, 0.008])
     up = Pose([0.0, 0.0, 1.0], [0.0, 0.0, 0.0, 1.0])
-    for name, course in (("lamp", COURSES[0]), ("sun", COURSES[2]), ("sky", COURSES[3])):
+    for name, profile in (("lamp", PROFILES[0]), ("sun", PROFILES[2]), ("sky", PROFILES[3])):
         lights: dict[str, dict[str, Any]] = {"lamp": LAMP, "sun": SUN, "sky": SKY}
-        whole = build(kind, make_scene({name: course}, floor=FLOOR, **lights), request)
+        whole = build(kind, make_scene({name: profile}, floor=FLOOR, **lights), request)
         for pose in (POSE, up):
             views = Views.at_rest([pose] * 2, t_s)
             alone = {key: build(kind, make_scene({}, floor=FLOOR, **{key: lights[key]}), request) for key in lights}
@@ -200,11 +200,11 @@ def test_of_two_lights_one_flickers(kind: str, request: pytest.FixtureRequest) -
             if kind != "table" and pose is POSE:
                 continue
             sums = {key: renderer.luma(views).astype(np.float64) for key, renderer in alone.items()}
-            factors = {key: course.factor(t_s) if key == name else np.ones(2) for key in lights}
+            factors = {key: profile.factor(t_s) if key == name else np.ones(2) for key in lights}
             expected = np.sum([sums[key] * factors[key][:, None, None] for key in lights], 0)
             frames, rates = whole.luma_and_rate(views)
             np.testing.assert_allclose(frames, expected, rtol=1e-5, atol=1e-7)
-            slope = sums[name] * course.rate(t_s)[:, None, None]
+            slope = sums[name] * profile.rate(t_s)[:, None, None]
             exact = 1e-5 if kind == "table" else 2e-3
             np.testing.assert_allclose(rates, slope, rtol=exact, atol=exact * max(1e-3, np.abs(slope).max()))
 
@@ -212,12 +212,12 @@ def test_of_two_lights_one_flickers(kind: str, request: pytest.FixtureRequest) -
 @pytest.mark.usefixtures("llvm")
 def test_rates_of_light_and_camera_add_up(request: pytest.FixtureRequest) -> None:
     """Product rule: with Y = f(t) S(t), the rate is f' S + f S', of a camera that moves under a lamp that flickers."""
-    course = COURSES[0]
+    profile = PROFILES[0]
     still = Views.at_rest([POSE] * 2, [0.001, 0.006])
     views = Views(still.t_s, still.positions, still.rotations, still.positions * 0.1, still.positions * -0.2)
     steady, steady_rate = build("table", make_scene({}, lamp=LAMP, floor=FLOOR), request).luma_and_rate(views)
-    _, rate = build("table", make_scene({"lamp": course}, lamp=LAMP, floor=FLOOR), request).luma_and_rate(views)
-    factor, slope = (values[:, None, None] for values in (course.factor(still.t_s), course.rate(still.t_s)))
+    _, rate = build("table", make_scene({"lamp": profile}, lamp=LAMP, floor=FLOOR), request).luma_and_rate(views)
+    factor, slope = (values[:, None, None] for values in (profile.factor(still.t_s), profile.rate(still.t_s)))
     expected = slope * steady.astype(np.float64) + factor * steady_rate
     np.testing.assert_allclose(rate, expected, atol=1e-5 * np.abs(expected).max())
 
@@ -225,8 +225,8 @@ def test_rates_of_light_and_camera_add_up(request: pytest.FixtureRequest) -> Non
 @pytest.mark.parametrize("kind", [FAST, SCALAR])
 def test_an_area_light_flickers(kind: str, request: pytest.FixtureRequest) -> None:
     """A shape's own light is named shape.emitter; its noise scales with it, the same seed in every frame."""
-    course = Flicker(100.0, modulation=0.6)
-    scene = make_scene({"panel.emitter": course}, panel=PANEL, floor=FLOOR)
+    profile = Flicker(100.0, modulation=0.6)
+    scene = make_scene({"panel.emitter": profile}, panel=PANEL, floor=FLOOR)
     frames = build(kind, scene, request).luma(Views.at_rest([POSE] * 2, [0.0, 0.0025]))
     assert frames[0].max() > 0.05
     np.testing.assert_allclose(frames[1], frames[0] * 1.6, rtol=1e-5)
@@ -236,7 +236,7 @@ def test_an_area_light_flickers(kind: str, request: pytest.FixtureRequest) -> No
 def test_an_unknown_light_is_refused(kind: str, name: str, llvm: str) -> None:
     """The message names the scene's lights."""
     del llvm
-    scene = make_scene({name: COURSES[0]}, lamp=LAMP, sky=SKY, floor=FLOOR)
+    scene = make_scene({name: PROFILES[0]}, lamp=LAMP, sky=SKY, floor=FLOOR)
     with pytest.raises(ValueError, match=f"has no light '{name}'; it has lamp, sky"):
         make_renderer(scene, CAMERA, kind=kind)
 
@@ -245,14 +245,14 @@ def test_an_unknown_light_is_refused(kind: str, name: str, llvm: str) -> None:
 @pytest.mark.parametrize("waveform", ["sine", "square"])
 def test_the_clock_counts_light(waveform: str) -> None:
     """Before a camera at rest the path is the length that log strength goes, also of a light that goes dark."""
-    course = Flicker(100.0, modulation=1.0, phase_rad=0.3, waveform=waveform)
-    renderer = make_renderer(make_scene({"lamp": course}, lamp=LAMP, floor=FLOOR), CAMERA, samples=1)
+    profile = Flicker(100.0, modulation=1.0, phase_rad=0.3, waveform=waveform)
+    renderer = make_renderer(make_scene({"lamp": profile}, lamp=LAMP, floor=FLOOR), CAMERA, samples=1)
     rest = SegmentTrajectory(POSE, POSE, 0.05)
     swing = np.log((2 + DARKEST) / DARKEST) / LIGHT_PER_PIXEL
     assert DisplacementClock(renderer, rest, 50_000).path_at(20_000) == pytest.approx(4 * swing, rel=0.02)
     instants = list(MaxDisplacement(1 / 3).instants(renderer, rest, 50_000))
     assert len(instants) > 0.5 * 3 * 10 * swing
-    steps = np.abs(np.diff(np.log(course.factor(np.array([0, *instants]) * 1e-6) + DARKEST)))
+    steps = np.abs(np.diff(np.log(profile.factor(np.array([0, *instants]) * 1e-6) + DARKEST)))
     # A jump remains one; all else changes by a third of LIGHT_PER_PIXEL from instant to instant.
     assert np.quantile(steps, 0.9) < LIGHT_PER_PIXEL / 3 * 1.2
 
@@ -260,8 +260,8 @@ def test_the_clock_counts_light(waveform: str) -> None:
 @pytest.mark.usefixtures("llvm")
 def test_the_clock_of_a_later_stretch() -> None:
     """A stretch that starts later sees the light as it is then."""
-    course = SampledCourse([0.0, 0.02, 0.03], [1.0, 1.0, 2.0])
-    renderer = make_renderer(make_scene({"lamp": course}, lamp=LAMP, floor=FLOOR), CAMERA, samples=1)
+    profile = SampledProfile([0.0, 0.02, 0.03], [1.0, 1.0, 2.0])
+    renderer = make_renderer(make_scene({"lamp": profile}, lamp=LAMP, floor=FLOOR), CAMERA, samples=1)
     rest = SegmentTrajectory(POSE, POSE, 0.01)
     assert DisplacementClock(renderer, rest, 10_000).path_at(10_000) == 0
     later = DisplacementClock(renderer, rest, 10_000, start_us=20_000).path_at(10_000)
@@ -272,8 +272,8 @@ def test_the_clock_of_a_later_stretch() -> None:
 @pytest.mark.parametrize("hermite", [False, True])
 def test_a_flicker_makes_events_in_all_pixels_alike(hermite: bool) -> None:
     """Nothing moves: every pixel's log intensity goes up and down by the lamp's own, one event a threshold, at once."""
-    course = Flicker(25.0, modulation=0.8)
-    scene = make_scene({"lamp": course}, lamp=LAMP, floor=FLOOR)
+    profile = Flicker(25.0, modulation=0.8)
+    scene = make_scene({"lamp": profile}, lamp=LAMP, floor=FLOOR)
     rest = SegmentTrajectory(POSE, POSE, 0.05)
     settings: dict[str, Any] = {"camera": CAMERA, "samples": 1, "log_eps": 1e-9, "contrast_threshold": 0.15}
     for sampling in (MaxDisplacement(1 / 3, hermite), FixedRate(2000.0, hermite)):

@@ -13,7 +13,7 @@ _WAVEFORMS = ("sine", "triangle", "square")
 _INTERPOLATIONS = ("linear", "cubic")
 
 
-class LightCourse(ABC):
+class LightProfile(ABC):
     """A factor >= 0 on a light's strength at any time of the sequence; 1 is the strength that the scene gives it."""
 
     @abstractmethod
@@ -29,11 +29,11 @@ class LightCourse(ABC):
 
     @abstractmethod
     def describe(self) -> dict[str, object]:
-        """What this course is, of types that JSON knows."""
+        """What this profile is, of types that JSON knows."""
 
 
-class Flicker(LightCourse):
-    """A periodic course about 1: factor 1 + modulation w(2 pi frequency t + phase), with w a wave in [-1, 1].
+class Flicker(LightProfile):
+    """A periodic profile about 1: factor 1 + modulation w(2 pi frequency t + phase), with w a wave in [-1, 1].
 
     A lamp on alternating current shines twice a period: 100 Hz on mains of 50 Hz, 120 Hz on those of 60 Hz.
 
@@ -94,8 +94,8 @@ class Flicker(LightCourse):
         return np.asarray(t_s, np.float64) * self.frequency_hz + self.phase_rad / (2 * np.pi)
 
 
-class SampledCourse(LightCourse):
-    """A course through given factors; before the first and after the last it stays as it is there, with rate 0.
+class SampledProfile(LightProfile):
+    """A profile through given factors; before the first and after the last it stays as it is there, with rate 0.
 
     Args:
         t_s: times (n,) in seconds of the sequence, n >= 2, strictly increasing.
@@ -151,20 +151,20 @@ class SampledCourse(LightCourse):
         return np.asarray(PchipInterpolator(self._t_s, self._factors)(t, order), np.float64)
 
 
-class LaterCourse(LightCourse):
-    """Another course from ``start_s`` on: this one's t = 0 lies there."""
+class ShiftedProfile(LightProfile):
+    """Another profile from ``start_s`` on: this one's t = 0 lies there."""
 
-    def __init__(self, course: LightCourse, start_s: float) -> None:
-        self._course: LightCourse = course
+    def __init__(self, profile: LightProfile, start_s: float) -> None:
+        self._profile: LightProfile = profile
         self._start_s: float = start_s
-        if isinstance(course, LaterCourse):  # a part of a part
-            self._course, self._start_s = course._course, course._start_s + start_s
+        if isinstance(profile, ShiftedProfile):  # a part of a part
+            self._profile, self._start_s = profile._profile, profile._start_s + start_s
 
     def factor(self, t_s: npt.ArrayLike) -> FloatArray:
-        return self._course.factor(np.asarray(t_s, np.float64) + self._start_s)
+        return self._profile.factor(np.asarray(t_s, np.float64) + self._start_s)
 
     def rate(self, t_s: npt.ArrayLike) -> FloatArray:
-        return self._course.rate(np.asarray(t_s, np.float64) + self._start_s)
+        return self._profile.rate(np.asarray(t_s, np.float64) + self._start_s)
 
     def describe(self) -> dict[str, object]:
-        return {**self._course.describe(), "start_s": self._start_s}
+        return {**self._profile.describe(), "start_s": self._start_s}
