@@ -65,7 +65,7 @@ def main() -> None:
     base = statistics.median(seconds["none"])
     # What a reference was at the start is as arbitrary without a leak: the same phases, and no drift.
     phases = run({"effects": Effects(leak_rate_hz=1e-9)})[1]
-    size = SCENE.camera.width, SCENE.camera.height
+    size = SCENE.own_camera.width, SCENE.own_camera.height
     print(f"{base:.2f} s of processor time without effects, {ROUNDS} rounds, medians")
     print(f"davis240c: {SENSORS['davis240c']}\n")
     print(
@@ -101,7 +101,7 @@ def draw(found: dict[str, tuple[EventArray, Any]], path: str) -> None:
             axis.imshow(frame, cmap="gray", vmin=0, vmax=1)
             axis.set_title(f"{name}\nthe frame at {SHOWN_S[0]:g} s", fontsize=10)
             continue
-        image = np.ones((SCENE.camera.height, SCENE.camera.width, 3))
+        image = np.ones((SCENE.own_camera.height, SCENE.own_camera.width, 3))
         for polarity, colour in ((1, (0.1, 0.3, 0.9)), (0, (0.85, 0.15, 0.1))):
             one = shown[shown["p"] == polarity]
             image[one["y"], one["x"]] = colour

@@ -27,7 +27,7 @@ def mitsuba_render(scene: davis_rs.Scene, samples: int) -> Callable[[Views], Non
 
     mi.set_variant("llvm_ad_rgb")
     loaded = load_scene_source(scene.source(), mi)
-    camera = scene.camera
+    camera = scene.own_camera
     film = {"type": "hdrfilm", "width": camera.width, "height": camera.height, "rfilter": {"type": "box"}}
     fov = float(np.degrees(2 * np.arctan(camera.width / (2 * camera.fx))))
     sensor = mi.load_dict({"type": "perspective", "fov": fov, "film": film})
@@ -67,7 +67,7 @@ def main() -> None:
     views = Views.along(scene.trajectory, np.linspace(0.3, 0.5, POSES))
 
     def renderer(rays: int, kind: str, blur: bool) -> Renderer:
-        return make_renderer(scene, scene.camera, samples=rays, kind=kind, blur=blur)
+        return make_renderer(scene, scene.own_camera, samples=rays, kind=kind, blur=blur)
 
     cases: dict[str, Callable[[], Callable[[Views], object]]] = {}
     for rays in (1, 16):

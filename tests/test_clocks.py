@@ -142,7 +142,7 @@ class TestAlignment:
 def shaken() -> tuple[SampledTrajectory, EventArray]:
     """Four seconds of a small camera that is shaken in front of three planes, and its events."""
     scene = load_scene("three_planes")
-    start, fx, fy = start_pose(scene), scene.camera.fx, scene.camera.fy
+    start, fx, fy = start_pose(scene), scene.own_camera.fx, scene.own_camera.fy
     t = np.arange(0, 4.0005, 0.005)
     shift = [0.1 * np.sin(5 * t + np.sin(3 * t)), 0.08 * np.sin(7 * t) * np.cos(t), 0.1 * np.sin(4 * t) ** 3]
     turn = Rotation.from_rotvec(0.1 * np.stack([np.sin(9 * t), np.sin(6 * t + 1), np.sin(8 * t)], 1))

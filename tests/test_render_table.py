@@ -435,7 +435,7 @@ def test_depth_of_three_planes() -> None:
     """From straight above, the depth of three_planes is the camera's height above the highest plane at each pixel."""
     scene = load_scene("three_planes")
     assert scene.trajectory is not None
-    renderer = make_renderer(scene, scene.camera)
+    renderer = make_renderer(scene, scene.own_camera)
     assert isinstance(renderer, TableRenderer)
     t_s = [0.0, 0.4, 1.3]
     poses = [scene.trajectory.pose(t) for t in t_s]

@@ -21,6 +21,7 @@ from .dataset.write_trajectory import write_trajectory
 from .dataset.writer import DatasetWriter
 from .decoded import IMU_COUNTS_DTYPE, IMU_DTYPE, TRIGGER_DTYPE, Decoded, Frame, TriggerKind
 from .dtypes import from_structured, to_structured, to_tonic
+from .effect_planning import EffectPlan, plan_effects
 from .effects import Effects
 from .event_files.convert import convert
 from .event_files.read import iter_events, open_reader, read_events
@@ -30,9 +31,7 @@ from .formats import EventReader, EventWriter, TruncatedFileWarning, WriteReport
 from .imu import Imu, simulate_imu
 from .motion_capture import MocapClock, MocapNoise, MotionCapture
 from .packet import Packet
-from .plan import EffectPlan, plan_effects
 from .pose import GroundTruth, Pose
-from .record import record
 from .sampling.presets import ACCURACY, Accuracy
 from .sampling.rules import FixedRate, MaxDisplacement
 from .sampling.tolerance import Tolerance
@@ -40,7 +39,9 @@ from .scene.light_profile import Flicker, LightProfile, SampledProfile
 from .scene.scene import Scene
 from .scenes import load_scene, start_pose
 from .sensor_parameters import SENSORS, SensorParameters
-from .simulate import Simulator, simulate
+from .simulation import simulate
+from .simulation_folder import SimulationReport, simulate_to_folder
+from .simulator import Simulator
 from .trajectory.sampled_trajectory import SampledTrajectory
 from .trajectory.trajectory import CallableTrajectory, SegmentTrajectory, Trajectory, align
 from .trajectory.trajectory_file import read_trajectory
@@ -127,6 +128,7 @@ __all__ = [
     "Scene",
     "SegmentTrajectory",
     "SensorParameters",
+    "SimulationReport",
     "Simulator",
     "Tolerance",
     "Trajectory",
@@ -152,10 +154,10 @@ __all__ = [
     "read_recording",
     "read_trajectory",
     "reconstruct",
-    "record",
     "represent",
     "simulate",
     "simulate_imu",
+    "simulate_to_folder",
     "start_pose",
     "to_structured",
     "to_tonic",

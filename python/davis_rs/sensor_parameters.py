@@ -43,6 +43,7 @@ class SensorParameters:
     Illuminances (lux) are those of the scene as its ``lux_per_luma`` counts them; :meth:`effects` turns them into luma.
 
     Attributes:
+        width, height: of the pixel array; None leaves the size to the camera.
         contrast_threshold: C_on in natural-log units; None leaves it to the scene.
         contrast_threshold_off: C_off, positive; None takes C_on.
         threshold_mismatch: standard deviation of the thresholds from pixel to pixel, as a share of the threshold.
@@ -71,6 +72,8 @@ class SensorParameters:
         ValueError: for a value out of range, naming it.
     """
 
+    width: int | None = None
+    height: int | None = None
     contrast_threshold: float | None = None
     contrast_threshold_off: float | None = None
     threshold_mismatch: float | None = None
@@ -98,6 +101,10 @@ class SensorParameters:
         for name in (field.name for field in fields(self)):
             value = getattr(self, name)
             if value is None:
+                continue
+            if name in ("width", "height"):
+                if not 1 <= value <= 65535:
+                    raise ValueError(f"{name} must lie in 1..65535 pixels, got {value!r}")
                 continue
             if name in _POSITIVE and value == 0:
                 raise ValueError(f"{name} must be finite and > 0, got {value!r}")
@@ -304,11 +311,13 @@ SENSORS: Mapping[str, SensorParameters] = MappingProxyType(
         "davis240c": _davis(
             DAVIS240C_BIASES,
             0.035,
+            width=240,
+            height=180,
             contrast_threshold_off=None,
             readout_latency_us=3.0,
             aps_read_noise_dn=1023 / 10 ** (51 / 20),
         ),
-        "davis346": _davis(DAVIS346_BIASES, 0.03),
+        "davis346": _davis(DAVIS346_BIASES, 0.03, width=346, height=260),
     }
 )
 """Sensors by name.

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from ._core import Device, Encoder
 from .decoded import Frame
 from .scene.scene import Scene
-from .simulate import Simulator
+from .simulator import Simulator
 from .usb.virtual_davis import VIRTUAL_CHIPS, VirtualDavis
 
 _EXPOSURE_US = 4000
@@ -34,16 +34,16 @@ def virtual_davis_of_scene(scene: Scene, *, duration_s: float | None = None, pro
     """
     from tqdm import tqdm
 
+    scene = scene.crop(0.0, duration_s)
     simulator = Simulator(scene)
     chip = _chip_of_size(simulator.camera.width, simulator.camera.height)
     encoder = Encoder(chip)
-    trajectory = scene.path.crop(0.0, duration_s)
     stream: list[tuple[int, bytes]] = []
     scale: float | None = None
     with tqdm(
-        total=trajectory.duration_s, disable=not progress, desc=f"simulating {scene.name}", bar_format=_BAR
+        total=scene.path.duration_s, disable=not progress, desc=f"simulating {scene.name}", bar_format=_BAR
     ) as bar:
-        for packet in simulator.run(trajectory):
+        for packet in simulator.run():
             frames = []
             if packet.luma is not None:
                 scale = scale or _full_scale_of(packet.luma)

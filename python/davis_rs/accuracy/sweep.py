@@ -18,10 +18,10 @@ from ..pose import FloatArray
 from ..rendering.render import Renderer
 from ..rendering.renderers import make_renderer
 from ..sampling.displacement import DisplacementClock
-from ..sampling.observe import CountedRenderer, Probes
+from ..sampling.observe import CountedRenderer, LumaRecorder
 from ..sampling.rules import TimeSampling
 from ..scene.scene import Scene
-from ..simulate import Simulator
+from ..simulator import Simulator
 from ..trajectory.trajectory import Trajectory
 from .reference_events import TICKS_PER_US, FineReference, Recipe, exact_crossings, fine_reference, in_ticks
 from .settings import Setting
@@ -29,7 +29,7 @@ from .settings import Setting
 FINE_RAYS = 1024
 
 _PATH_PX, _TIMED_PARTS = 6.0, 4
-_MOST_PROBES = 16
+_MOST_RECORDED = 16
 SLOW_S = 3.0
 """A setting that takes longer than this for the judged part alone is timed on that part, and once."""
 
@@ -86,8 +86,7 @@ class Sweep:
     """Settings on one scene, judged on a short part of a trajectory and timed on a longer one.
 
     Args:
-        scene: see :class:`~davis_rs.scene.scene.Scene`.
-        trajectory: None takes the scene's.
+        scene: with its camera path, see :meth:`Scene.with_trajectory`.
         start_s: where the part begins; None: where the fastest pixel has gone half of its path.
         duration_s: of the judged part; None: until the fastest pixel has moved 6 pixels. The timed part is four times
             as long, where the trajectory is.
@@ -101,7 +100,6 @@ class Sweep:
     def __init__(
         self,
         scene: Scene,
-        trajectory: Trajectory | None = None,
         *,
         start_s: float | None = None,
         duration_s: float | None = None,
@@ -111,24 +109,27 @@ class Sweep:
     ) -> None:
         # Textures are made once, not for each setting.
         self.scene = replace(scene, source=cache(scene.source))
-        self.camera, self.folder, self.fine_rays = camera or scene.camera, Path(folder), fine_rays
-        whole = trajectory or self.scene.path
-        renderer = self._renderer(1)
+        self.camera, self.folder, self.fine_rays = camera or scene.own_camera, Path(folder), fine_rays
+        whole = self.scene.path
+        renderer = make_renderer(self.scene, self.camera, samples=1)
         if start_s is None:
             start_s = min(_half_way_s(renderer, whole), max(whole.duration_s - (duration_s or 0.0), 0.0))
-        rest = whole.crop(start_s)
-        clock = DisplacementClock(renderer, rest, round(rest.duration_s * 1e6))
+        rest = self.scene.crop(start_s)
+        renderer = make_renderer(rest, self.camera, samples=1)
+        rest_s = rest.path.duration_s
+        clock = DisplacementClock(renderer, rest.path, round(rest_s * 1e6))
         if duration_s is None:
             reached_us = clock.time_at(_PATH_PX)
-            duration_s = rest.duration_s if reached_us is None else max(reached_us, 1) * 1e-6
-        judged = rest.crop(0.0, duration_s)
+            duration_s = rest_s if reached_us is None else max(reached_us, 1) * 1e-6
+        self._judged = rest.crop(0.0, duration_s)
+        judged = self._judged.path
         self.start_s, self.duration_s = start_s, judged.duration_s
         self.path_px = DisplacementClock(renderer, judged, round(duration_s * 1e6)).path_at(round(duration_s * 1e6))
         if self.path_px <= 0:
             raise ValueError(
                 f"nothing moves in the {duration_s} s from {start_s} s of the trajectory: nothing to judge"
             )
-        self._timed = rest.crop(0.0, min(_TIMED_PARTS * duration_s, rest.duration_s))
+        self._timed = rest.crop(0.0, min(_TIMED_PARTS * duration_s, rest_s))
         # One pixel's way: what lies further apart is not the same crossing.
         window_us = int(np.clip(duration_s * 1e6 / self.path_px, 1, _LONGEST_WINDOW_US))
         self.recipe = Recipe(judged, scene.contrast_threshold, 1e-3, window_us)
@@ -137,32 +138,33 @@ class Sweep:
     @property
     def timed_s(self) -> float:
         """How long the timed part is, in seconds of the trajectory."""
-        return self._timed.duration_s
+        return self._timed.path.duration_s
 
     def measure(self, setting: Setting) -> Measurement:
         """Judge a setting, and time it unless it is slow: then the judged part is its one timed run."""
         seconds = self.duration_s
-        for _ in self._simulator(setting, setting.sampling).run(self.recipe.trajectory.crop(0, _WARM_UP * seconds)):
+        for _ in self._simulator(setting, setting.sampling, self._judged.crop(0, _WARM_UP * seconds)).run():
             pass
-        simulator = self._simulator(setting, probes := Probes(setting.sampling, self._probes_us, self.recipe.log_eps))
+        recorder = LumaRecorder(setting.sampling, self._recorded_us, self.recipe.log_eps)
+        simulator = self._simulator(setting, recorder, self._judged)
         simulator.renderer = counted = CountedRenderer(simulator.renderer)
         started = time.perf_counter()
-        events = concatenate_events([packet.events for packet in simulator.run(self.recipe.trajectory)])
+        events = concatenate_events([packet.events for packet in simulator.run()])
         wall_s = time.perf_counter() - started
-        log = np.stack(probes.log)
+        log = np.stack(recorder.log)
         in_time = None if setting.random else self._errors(events, log, *self._same_rays(setting.samples))
         in_all = self._errors(events, log, self.fine.events, self._fine_log)
-        rates = probes.keyframe_count / seconds, counted.count / seconds
+        rates = recorder.keyframe_count / seconds, counted.count / seconds
         wall_s_per_s = wall_s / seconds if wall_s > SLOW_S else self.time(setting)
         return Measurement(setting, len(events), *rates, in_time, in_all, wall_s > SLOW_S, [wall_s_per_s])
 
     def time(self, setting: Setting) -> float:
         """Wall time per simulated second, of one run that keeps nothing."""
-        simulator = self._simulator(setting, setting.sampling)
+        simulator = self._simulator(setting, setting.sampling, self._timed)
         started = time.perf_counter()
-        for _ in simulator.run(self._timed):
+        for _ in simulator.run():
             pass
-        return (time.perf_counter() - started) / self._timed.duration_s
+        return (time.perf_counter() - started) / self.timed_s
 
     def prepare(self) -> Iterator[int]:
         """Render the fine reference, unless the folder holds it; yields after each frame how many there are."""
@@ -171,15 +173,15 @@ class Sweep:
         self.fine: FineReference = yield from fine_reference(renderer, self.recipe, cached)
         # At the rendered instants of the reference nothing of it is interpolated.
         inner = np.arange(1, len(self.fine.t_us) - 1)
-        chosen = inner[:: -(-len(inner) // _MOST_PROBES)] if len(inner) else np.array([len(self.fine.t_us) - 1])
-        self._probes_us = self.fine.t_us[chosen]
+        chosen = inner[:: -(-len(inner) // _MOST_RECORDED)] if len(inner) else np.array([len(self.fine.t_us) - 1])
+        self._recorded_us = self.fine.t_us[chosen]
         self._fine_log = self.recipe.log_luma(self.fine.luma[chosen])
 
     def _same_rays(self, samples: int) -> tuple[EventArray, FloatArray]:
         if samples not in self._same:
             renderer = self._renderer(samples)
             events = exact_crossings(renderer, self.recipe).events
-            luma = renderer.luma(self.recipe.views(self._probes_us * TICKS_PER_US))
+            luma = renderer.luma(self.recipe.views(self._recorded_us * TICKS_PER_US))
             self._same[samples] = events, self.recipe.log_luma(luma)
         return self._same[samples]
 
@@ -191,11 +193,11 @@ class Sweep:
         return Errors(median_us, p99_us, found.missing_percent, found.spurious_percent, log_rms)
 
     def _renderer(self, samples: int) -> Renderer:
-        return make_renderer(self.scene, self.camera, samples=samples)
+        return make_renderer(self._judged, self.camera, samples=samples)
 
-    def _simulator(self, setting: Setting, sampling: TimeSampling) -> Simulator:
+    def _simulator(self, setting: Setting, sampling: TimeSampling, scene: Scene) -> Simulator:
         return Simulator(
-            self.scene,
+            scene,
             camera=self.camera,
             frame_rate_hz=0,
             depth_rate_hz=0,

@@ -11,7 +11,6 @@ from pathlib import Path
 from .._core import __version__
 from .accuracy import add_accuracy
 from .calibrate import add_calibrate
-from .common import Help
 from .files import add_files
 from .generate import add_generate
 from .plan import add_plan
@@ -58,7 +57,6 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="davis-rs",
         description="Simulate a DAVIS event camera, and read a real one.",
-        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
     )
     parser.add_argument("--version", action="version", version=f"davis-rs {__version__}")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
@@ -75,13 +73,15 @@ def _parser() -> argparse.ArgumentParser:
     check.add_argument("dataset", type=Path, metavar="DIR")
     check.set_defaults(run=_check)
 
-    view = commands.add_parser("view", help="draw a dataset as a picture or a video", formatter_class=Help)
+    view = commands.add_parser("view", help="draw a dataset as a picture or a video")
     view.add_argument("dataset", type=Path, metavar="DIR")
     view.add_argument("-o", "--output", type=Path, metavar="PNG", help="the picture; DIR/view.png if not given")
     view.add_argument("--time", type=float, metavar="S", help="the moment shown; the middle if not given")
     view.add_argument("--window", type=float, metavar="S", help="length of the window of events; chosen if not given")
     view.add_argument("--video", type=Path, metavar="FILE", help="make an .mp4 or .gif instead of a picture")
-    view.add_argument("--fps", type=float, default=25.0, help="pictures a second of the video")
-    view.add_argument("--speed", type=float, default=0.1, help="seconds of the sequence in a second of the video")
+    view.add_argument("--fps", type=float, default=25.0, help="pictures a second of the video (default: 25)")
+    view.add_argument(
+        "--speed", type=float, default=0.1, help="seconds of the sequence in a second of the video (default: 0.1)"
+    )
     view.set_defaults(run=_view)
     return parser

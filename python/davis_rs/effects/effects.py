@@ -99,7 +99,14 @@ class Effects:
     def with_defaults(self, others: Effects) -> Effects:
         """These, and of the others those that are not given here, not even with neutral values."""
         kept = [effect for effect in others if effect.name not in self.switched_off]
-        return Effects.of([*kept, *self])
+        return Effects.of([*kept, *self]).without(self.switched_off)
+
+    def without(self, names: Iterable[str]) -> Effects:
+        """These, with the named ones switched off: no defaults bring them back."""
+        off = frozenset(names)
+        kept = Effects.of(effect for effect in self if effect.name not in off)
+        object.__setattr__(kept, "switched_off", self.switched_off | off)
+        return kept
 
     def __iter__(self) -> Iterator[Effect]:
         """Those that are on, in the order in which light and events meet them."""

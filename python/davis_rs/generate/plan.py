@@ -5,21 +5,29 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Collection, Iterator, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from ..camera import PRESETS
-from ..run_settings import RunSettings
 from ..scenes import BUILTIN_SCENES
 from ..sequences import SEQUENCES
+from ..settings import FolderSettings, Setting, settings_of
 from .laws import Choice, Law, Words, draw
 from .parse import Parser, Where, effects, imu_effects, motion, value_of
 from .yaml_file import read_yaml
 
-_TYPES = {"float": "a number", "int": "an integer", "str": "a text", "bool": "true or false"}
+_RULES: Mapping[type | None, str] = {float: "a number", int: "an integer", str: "a text", bool: "true or false"}
 _NAMES: Mapping[str, Collection[str]] = {"scene": {*BUILTIN_SCENES, *SEQUENCES}, "camera": PRESETS}
-_OWN_PARSERS = {"effects", "effect", "imu_effect"}
+_NOT_KEYS = {"seed", "threads"}
+"""The seed is the plan's, and drawn for each sequence; threads are those of the workers."""
+
+SETTINGS: dict[str, Setting] = {
+    setting.key: setting
+    for setting in settings_of(FolderSettings).values()
+    if setting.kind is not None and setting.name not in _NOT_KEYS
+}
+"""The settings of a simulation that a plan may give or draw, by key."""
 
 KEYS: dict[str, Parser] = {
     "scene": value_of("a text", none=False),
@@ -29,12 +37,12 @@ KEYS: dict[str, Parser] = {
     "effects": effects,
     "imu_effects": imu_effects,
     **{
-        one.name: value_of(_TYPES[str(one.type).removesuffix(" | None")], none="None" in str(one.type))
-        for one in fields(RunSettings)
-        if one.name not in _OWN_PARSERS
+        key: value_of(_RULES[setting.kind], none=setting.declared.default is None)
+        for key, setting in SETTINGS.items()
+        if setting.kind is not list
     },
 }
-"""The keys of a sequence, and what reads them: those of :class:`~davis_rs.run_settings.RunSettings`, and the path's."""
+"""The keys of a sequence, and what reads them: those of the settings, and the camera path's."""
 
 
 @dataclass(frozen=True)

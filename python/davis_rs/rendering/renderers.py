@@ -15,11 +15,8 @@ from .scene_table import SceneTable, Unsuitable
 from .scene_updates import scene_motion
 from .swept_objects import MovingSilhouettes
 
-
-def check_renderer(kind: str) -> None:
-    """Refuse, by a ValueError, what is no kind of renderer."""
-    if kind not in ("auto", "table", "integrator"):
-        raise ValueError(f"renderer must be auto, table or integrator, got {kind!r}")
+RENDERERS = ("auto", "table", "integrator")
+"""What ``renderer`` may be."""
 
 
 def make_renderer(
@@ -51,7 +48,8 @@ def make_renderer(
         UserWarning: if the scene's light is ambient (:attr:`Scene.ambient`), and it is not the table kernel that shows
             it.
     """
-    check_renderer(kind)
+    if kind not in RENDERERS:
+        raise ValueError(f"renderer must be one of {', '.join(RENDERERS)}, got {kind!r}")
     blur = scene.blur if blur is None else blur
     variant_name, why_variant = default_variant()
     if variant_name == SCALAR and kind == "table":

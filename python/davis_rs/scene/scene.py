@@ -26,9 +26,10 @@ class Scene:
         source: called when the scene is loaded; a path of a Mitsuba XML file, or a Mitsuba scene dictionary in which
             NumPy arrays stand for bitmap data (float32, linear RGB) and transforms.
         file: the file that it comes from, for records; None for a scene made in code.
-        camera: the camera it is made for.
+        file_name: how records call that file; None: by its path.
+        camera: the camera it is made for; None for a file without a perspective sensor.
         trajectory: the camera path that belongs to it; None if it has none.
-        start: where a camera starts in it, if it has no trajectory; None leaves that to the file's first sensor.
+        start: where a camera starts in it, if it has no trajectory; a file's first sensor stands there.
         contrast_threshold: C in natural-log units.
         blur: soften luma by the 3 x 3 kernel of the dataset's simulator.
         shadows: trace shadows of point and directional lights. A scene in which no shadow can be seen saves them.
@@ -44,7 +45,8 @@ class Scene:
     name: str
     source: Callable[[], SceneSource]
     file: Path | None = None
-    camera: Camera = PRESETS["ideal"]
+    file_name: str | None = None
+    camera: Camera | None = PRESETS["ideal"]
     trajectory: Trajectory | None = None
     start: Pose | None = None
     contrast_threshold: float = 0.15
@@ -65,6 +67,17 @@ class Scene:
         if self.trajectory is None:
             raise ValueError(f"scene {self.name!r} has no trajectory of its own: one must be given")
         return self.trajectory
+
+    @property
+    def own_camera(self) -> Camera:
+        """The scene's own camera.
+
+        Raises:
+            ValueError: if it has none.
+        """
+        if self.camera is None:
+            raise ValueError(f"scene {self.name!r} has no perspective sensor that tells lens and size: give a camera")
+        return self.camera
 
     def with_trajectory(self, trajectory: Trajectory) -> Scene:
         """The scene with this camera path; its objects and lights keep their own times.

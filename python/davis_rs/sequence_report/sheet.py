@@ -13,7 +13,7 @@ from ..dataset.writer import image_gain_for
 from ..formats.files import PartFile
 from ..inspection.view import display_grey, event_picture
 from ..sequences import Sequence
-from ..simulate import Simulator
+from ..simulator import Simulator
 
 _SLICE_S = 0.1
 _EVENTS_A_PIXEL = 0.15
@@ -61,7 +61,7 @@ def _tile(sequence: Sequence, share: float) -> npt.NDArray[np.uint8]:
     slice_s = min(_SLICE_S, whole_s)
     scene = sequence.scene().crop(share * (whole_s - slice_s), slice_s)
     simulator = Simulator(scene, frame_rate_hz=1 / slice_s, depth_rate_hz=0, accuracy="fast")
-    packets = list(simulator.run(scene.path))
+    packets = list(simulator.run())
     luma = next(packet.luma for packet in reversed(packets) if packet.luma is not None)
     events = np.concatenate([packet.events for packet in packets])
     grey = display_grey(as_grey(luma, image_gain_for(luma)))

@@ -1,4 +1,4 @@
-"""The plan of effects: what it foresees from a probe is what comes of the whole sequence, in scenes of all kinds."""
+"""The plan of effects: what it foresees from a sequence is what comes of the whole sequence, in scenes of all kinds."""
 
 from __future__ import annotations
 
@@ -24,6 +24,9 @@ from davis_rs import (
     compare_events,
     load_scene,
 )
+from davis_rs.effect_planning import EffectPlan, PlannedEffect, plan_effects, plan_effects_of
+from davis_rs.effect_planning.luma_sample import LumaSample
+from davis_rs.effect_planning.sequence_sample import MOST_KEYFRAMES, SequenceSample
 from davis_rs.effects import (
     Aps,
     Effect,
@@ -38,9 +41,6 @@ from davis_rs.effects import (
     with_optics,
 )
 from davis_rs.events import EventArray, concatenate_events
-from davis_rs.plan import EffectPlan, PlannedEffect, plan_effects, plan_effects_of
-from davis_rs.plan.footage import Footage
-from davis_rs.plan.probe import MOST_KEYFRAMES, Probe
 from davis_rs.rendering.render import Renderer
 from davis_rs.rendering.renderers import make_renderer
 from davis_rs.sampling.exposure import expose
@@ -290,8 +290,8 @@ def item_of(plan: EffectPlan, name: str) -> PlannedEffect:
 def test_a_long_sequence_is_seen_in_parts(monkeypatch: pytest.MonkeyPatch) -> None:
     """Eight parts with gaps, levels as if nothing lay between: the plan stays close to that of all keyframes."""
     sequence, (renderer, whole) = SEQUENCES["fine texture"], rendered("fine texture")
-    monkeypatch.setattr("davis_rs.plan.probe.MOST_KEYFRAMES", 16)
-    monkeypatch.setattr("davis_rs.plan.probe.PARTS", 4)
+    monkeypatch.setattr("davis_rs.effect_planning.sequence_sample.MOST_KEYFRAMES", 16)
+    monkeypatch.setattr("davis_rs.effect_planning.sequence_sample.PARTS", 4)
     assert MOST_KEYFRAMES > 16
     effects = Effects(leak_rate_hz=20.0, threshold_mismatch=0.1, readout=Readout(3e5))
     parts = plan_effects_of(renderer, sequence.path, effects, contrast_threshold=C, log_eps=sequence.log_eps)
@@ -307,14 +307,14 @@ def test_pixels_of_a_part_go_straight_to_it() -> None:
     """Levels are those of the first instant, as in the whole sequence, and only the part's events are told."""
     sequence, (renderer, _) = SEQUENCES["fine texture"], rendered("fine texture")
     part = stretch(renderer, sequence.path, contrast_threshold=C)
-    footage: Footage = Probe(part, contrast_threshold=C, contrast_threshold_off=C, seed=0).frames
+    sample: LumaSample = SequenceSample(part, contrast_threshold=C, contrast_threshold_off=C, seed=0).frames
     frames = keyframes(renderer, sequence)
-    assert footage.pixel_frames == (len(frames) - 1) * 48 * 36
-    late = footage.parts[0]._replace(t_us=footage.parts[0].t_us[10:], luma=footage.parts[0].luma[10:])
-    events = footage.part_events(late, None)
+    assert sample.pixel_frames == (len(frames) - 1) * 48 * 36
+    late = sample.parts[0]._replace(t_us=sample.parts[0].t_us[10:], luma=sample.parts[0].luma[10:])
+    events = sample.part_events(late, None)
     assert events["t"].min() > late.t_us[0]
-    reference = footage.engine_at(late, None).reference
-    crossed = (reference - np.log(footage.origin[0] + 1e-3)) / C
+    reference = sample.engine_at(late, None).reference
+    crossed = (reference - np.log(sample.origin[0] + 1e-3)) / C
     np.testing.assert_allclose(crossed, np.rint(crossed), atol=1e-3)
 
 
@@ -350,7 +350,7 @@ def test_a_sensor_on_a_built_in_scene() -> None:
     text = str(plan)
     for item in plan.items:
         assert item.effect.name in text
-        assert item.evidence.split(";")[0][:40] in text
+        assert item.observation.split(";")[0][:40] in text
     assert f"Called for: {', '.join(effect.name for effect in plan.effects)}." in text
     # 286 Hz delay every event by half a millisecond, and thresholds scatter by an eighth.
     assert {"photoreceptor_bandwidth_hz", "threshold_mismatch"} <= {effect.name for effect in plan.effects}

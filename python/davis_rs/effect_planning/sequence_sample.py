@@ -11,7 +11,7 @@ from ..luma import LumaFrames
 from ..sampling.keyframes import Stretch
 from ..sampling.rules import MaxDisplacement
 from ..trajectory.views import Views
-from .footage import Footage, Frames, IntArray
+from .luma_sample import IntArray, LumaSample, LumaSegment
 
 PATCH_PX = 2
 """Pixels are taken in squares of this side: those of a blur have most of their neighbours in common, and those of many
@@ -31,7 +31,7 @@ _SAMPLES_A_CALL = 1 << 16
 _LONGEST_WINDOW_US = 10_000
 
 
-class Probe:
+class SequenceSample:
     """A cheap look at a sequence.
 
     Keyframes lie a third of a pixel apart by the displacement clock. Most effects act in single pixels but over all
@@ -61,20 +61,20 @@ class Probe:
         self.pixel = _scattered(self.camera.width, self.camera.height, seed)
 
     @cached_property
-    def pixels(self) -> Footage:
+    def pixels(self) -> LumaSample:
         """A few pixels all the time; of a long sequence in some parts."""
         chosen = [self.t_us]
         if len(self.t_us) > MOST_KEYFRAMES:
             chosen = _spread(self.t_us, PARTS, MOST_KEYFRAMES // PARTS)
-        parts = [Frames(t_us, self._samples(t_us)) for t_us in chosen]
-        return Footage(self._samples(self.t_us[:1]), parts, *self._engine, len(self.pixel) / self._size)
+        parts = [LumaSegment(t_us, self._samples(t_us)) for t_us in chosen]
+        return LumaSample(self._samples(self.t_us[:1]), parts, *self._engine, len(self.pixel) / self._size)
 
     @cached_property
-    def frames(self) -> Footage:
+    def frames(self) -> LumaSample:
         """All pixels in a few windows."""
         chosen = _spread(self.t_us, WINDOWS, WHOLE_FRAMES)
-        parts = [Frames(t_us, self.luma(t_us)) for t_us in chosen]
-        return Footage(self.luma(self.t_us[:1]), parts, *self._engine, 1.0)
+        parts = [LumaSegment(t_us, self.luma(t_us)) for t_us in chosen]
+        return LumaSample(self.luma(self.t_us[:1]), parts, *self._engine, 1.0)
 
     def luma(self, t_us: IntArray) -> LumaFrames:
         """Whole frames (k, H, W)."""

@@ -10,8 +10,8 @@ import numpy as np
 from ..effects import Aps, Effect, Effects, HotPixels, LeakRate, LensBlur, Readout, ShotNoise, Vignetting
 from ..effects.optics import Optics
 from .aps import aps_frame
-from .footage import push_all
-from .probe import Probe
+from .luma_sample import push_all
+from .sequence_sample import SequenceSample
 
 _ROUNDS = 3
 _MOST_EVENTS = 3_000_000
@@ -19,48 +19,48 @@ _MOST_EVENTS = 3_000_000
 
 
 class Costs:
-    """Times of effects on the frames of a probe: with the effect minus without, the median of three rounds."""
+    """Times of effects on the frames of a sequence: with the effect minus without, the median of three rounds."""
 
-    def __init__(self, probe: Probe) -> None:
-        self._probe = probe
+    def __init__(self, sequence: SequenceSample) -> None:
+        self._sequence = sequence
 
     def __call__(self, effect: Effect) -> tuple[float, float]:
         """Nanoseconds a pixel and keyframe (of the APS: and intensity frame), and an event; NaN where neither fits."""
         if isinstance(effect, Aps):
             return self._aps(effect), np.nan
-        footage = self._probe.frames
-        if footage.pixel_frames == 0 or self._made(effect) > _MOST_EVENTS:
+        sample = self._sequence.frames
+        if sample.pixel_frames == 0 or self._made(effect) > _MOST_EVENTS:
             return np.nan, np.nan
         if isinstance(effect, Vignetting | LensBlur):
             vignetting = effect if isinstance(effect, Vignetting) else None
             blur = effect if isinstance(effect, LensBlur) else None
-            lens = Optics(self._probe.camera, vignetting, blur)
-            frames = sum(len(part.luma) for part in footage.parts)
-            taken_s = _median_s(lambda: [lens.frames(part.luma) for part in footage.parts])
-            return 1e9 * taken_s / (frames * footage.pixels), np.nan
+            lens = Optics(self._sequence.camera, vignetting, blur)
+            frames = sum(len(part.luma) for part in sample.parts)
+            taken_s = _median_s(lambda: [lens.frames(part.luma) for part in sample.parts])
+            return 1e9 * taken_s / (frames * sample.pixels), np.nan
         # In turn, so that a slow moment of the machine meets both.
         effects = Effects.of([effect])
         more_s = [self._pushing_s(effects) - self._pushing_s(None) for _ in range(_ROUNDS)]
         taken_ns = 1e9 * max(float(np.median(more_s)), 0.0)
         if isinstance(effect, Readout):
-            events = len(footage.ideal)
+            events = len(sample.ideal)
             return np.nan, taken_ns / events if events else np.nan
-        return taken_ns / footage.pixel_frames, np.nan
+        return taken_ns / sample.pixel_frames, np.nan
 
     def _pushing_s(self, effects: Effects | None) -> float:
-        footage = self._probe.frames
-        engines = [(footage.engine_at(part, effects), part) for part in footage.parts]
+        sample = self._sequence.frames
+        engines = [(sample.engine_at(part, effects), part) for part in sample.parts]
         return _seconds(lambda: [push_all(engine, part) for engine, part in engines])
 
     def _aps(self, aps: Aps) -> float:
-        probe = self._probe
-        t_us = probe.duration_us
-        luma = probe.luma(np.array([t_us]))[0]
-        return 1e9 * _median_s(lambda: aps_frame(probe, aps, t_us, luma, 0)) / luma.size
+        sequence = self._sequence
+        t_us = sequence.duration_us
+        luma = sequence.luma(np.array([t_us]))[0]
+        return 1e9 * _median_s(lambda: aps_frame(sequence, aps, t_us, luma, 0)) / luma.size
 
     def _made(self, effect: Effect) -> float:
         """At most so many events of noise, on the way to the windows and in them."""
-        pixel_s = self._probe.frames.pixels * len(self._probe.frames.parts) * self._probe.duration_us * 1e-6
+        pixel_s = self._sequence.frames.pixels * len(self._sequence.frames.parts) * self._sequence.duration_us * 1e-6
         match effect:
             case LeakRate() | ShotNoise():
                 return effect.rate_hz * pixel_s

@@ -8,29 +8,29 @@ import numpy as np
 import numpy.typing as npt
 
 from ..effects import Readout
-from .footage import Footage
-from .neglect import NOTHING, Neglect
+from .luma_sample import LumaSample
+from .omission_error import NO_ERROR, OmissionError
 
 _PEAK_EVENTS = 50
 """A peak rate is that of so many consecutive events of the pixels looked at: good to a seventh."""
 
 
-def through_bus(footage: Footage, effect: Readout, shift_us: float) -> tuple[Neglect, str]:
-    waits = [_waits_us(events["t"], effect, footage.part_of_sensor) for events in footage.ideal_parts]
+def through_bus(sample: LumaSample, effect: Readout, shift_us: float) -> tuple[OmissionError, str]:
+    waits = [_waits_us(events["t"], effect, sample.sensor_share) for events in sample.ideal_parts]
     wait_us = np.concatenate(waits)
     carried = wait_us[~np.isnan(wait_us)]
-    peak = _peak_rate(footage)
+    peak = _peak_rate(sample)
     rate = "too few events for a peak rate" if math.isnan(peak) else f"events come at up to {peak / 1e6:.3g} Mev/s"
     seen = (
         f"{rate}, the bus takes {effect.events_per_s / 1e6:.3g} Mev/s; longest wait "
         f"{carried.max(initial=0.0):.3g} us, latency {effect.latency_us:.3g} us, jitter {effect.jitter_us:.3g} us"
     )
     if not len(wait_us):
-        return NOTHING, seen
-    random = np.random.Generator(np.random.Philox(footage.seed))
+        return NO_ERROR, seen
+    random = np.random.Generator(np.random.Philox(sample.seed))
     error_us = carried + effect.latency_us + np.abs(effect.jitter_us * random.standard_normal(len(carried)))
     dropped = 100 * float(np.isnan(wait_us).mean())
-    found = Neglect(
+    found = OmissionError(
         0.0,
         dropped,
         100 * float((error_us > shift_us).sum()) / len(wait_us),
@@ -41,14 +41,14 @@ def through_bus(footage: Footage, effect: Readout, shift_us: float) -> tuple[Neg
     return found, seen
 
 
-def _waits_us(t_us: npt.NDArray[np.int64], effect: Readout, part_of_sensor: float) -> npt.NDArray[np.float64]:
+def _waits_us(t_us: npt.NDArray[np.int64], effect: Readout, sensor_share: float) -> npt.NDArray[np.float64]:
     """How long events wait for the bus, NaN for those dropped, if each one seen stands for others.
 
     Those are taken to come evenly since the event before, so that a few pixels tell of a queue of all: it grows where
     the rate exceeds the bus's, and shrinks where it does not.
     """
     service_us = 1e6 / effect.events_per_s
-    work_us, longest = service_us / part_of_sensor, math.inf if effect.drop_after_us is None else effect.drop_after_us
+    work_us, longest = service_us / sensor_share, math.inf if effect.drop_after_us is None else effect.drop_after_us
     waits = np.empty(len(t_us))
     wait = 0.0
     for i, gap in enumerate(np.diff(t_us, prepend=t_us[:1]).tolist()):
@@ -60,10 +60,10 @@ def _waits_us(t_us: npt.NDArray[np.int64], effect: Readout, part_of_sensor: floa
     return waits + service_us
 
 
-def _peak_rate(footage: Footage) -> float:
+def _peak_rate(sample: LumaSample) -> float:
     """Events a second of the whole sensor where they are densest; NaN where there are few."""
-    t = footage.ideal["t"]
+    t = sample.ideal["t"]
     if len(t) <= _PEAK_EVENTS:
         return math.nan
     shortest_us = max(int((t[_PEAK_EVENTS:] - t[:-_PEAK_EVENTS]).min()), 1)
-    return _PEAK_EVENTS / footage.part_of_sensor / (shortest_us * 1e-6)
+    return _PEAK_EVENTS / sample.sensor_share / (shortest_us * 1e-6)

@@ -19,7 +19,7 @@ from ..pose import FloatArray
 IntArray = npt.NDArray[np.int64]
 
 
-class Frames(NamedTuple):
+class LumaSegment(NamedTuple):
     """Consecutive keyframes of some or all pixels.
 
     Attributes:
@@ -32,7 +32,7 @@ class Frames(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Footage:
+class LumaSample:
     """Parts of a sequence as some pixels see them, and the engine that turns them into events.
 
     Levels are multiples of C from log luma at the sequence's first instant: there each part's engine begins, too, and
@@ -42,16 +42,16 @@ class Footage:
         origin: (1, H, W), the first instant.
         parts: in order, without overlap.
         contrast_threshold, contrast_threshold_off, log_eps, seed: of the engine.
-        part_of_sensor: share of the sensor's pixels.
+        sensor_share: share of the sensor's pixels.
     """
 
     origin: LumaFrames
-    parts: Sequence[Frames]
+    parts: Sequence[LumaSegment]
     contrast_threshold: float
     contrast_threshold_off: float
     log_eps: float
     seed: int
-    part_of_sensor: float
+    sensor_share: float
 
     @property
     def size(self) -> tuple[int, int]:
@@ -81,11 +81,11 @@ class Footage:
         """The events of the parts under effects."""
         return concatenate_events([self.part_events(part, effects) for part in self.parts])
 
-    def part_events(self, part: Frames, effects: Effects | None) -> EventArray:
+    def part_events(self, part: LumaSegment, effects: Effects | None) -> EventArray:
         """The events of one part."""
         return concatenate_events(push_all(self.engine_at(part, effects), part))
 
-    def engine_at(self, part: Frames, effects: Effects | None) -> CrossingEngine:
+    def engine_at(self, part: LumaSegment, effects: Effects | None) -> CrossingEngine:
         """An engine that has taken the first frame of a part."""
         width, height = self.size
         engine = CrossingEngine(
@@ -103,9 +103,9 @@ class Footage:
         engine.push(int(part.t_us[0]), part.luma[0])
         return engine
 
-    def through(self, lens: Callable[[LumaFrames], LumaFrames]) -> Footage:
+    def through(self, lens: Callable[[LumaFrames], LumaFrames]) -> LumaSample:
         """The same behind a lens, which maps luma (k, H, W) to luma."""
-        parts = [Frames(part.t_us, lens(part.luma)) for part in self.parts]
+        parts = [LumaSegment(part.t_us, lens(part.luma)) for part in self.parts]
         return replace(self, origin=lens(self.origin), parts=parts)
 
     def steps(self) -> Steps:
@@ -120,7 +120,7 @@ class Footage:
         )
 
 
-def push_all(engine: CrossingEngine, part: Frames) -> list[EventArray]:
+def push_all(engine: CrossingEngine, part: LumaSegment) -> list[EventArray]:
     """The events of all frames of a part but the first, which the engine has."""
     return [engine.push(t_us, luma) for t_us, luma in zip(part.t_us[1:].tolist(), part.luma[1:], strict=True)]
 

@@ -12,7 +12,7 @@ from ..inspection.compare import compare_events
 
 
 @dataclass(frozen=True)
-class Neglect:
+class OmissionError:
     """What becomes of a stream when an effect is left out, in percent of the larger one of both streams.
 
     Attributes:
@@ -36,12 +36,12 @@ class Neglect:
         return max(self.missing_percent, self.spurious_percent, self.shifted_percent)
 
 
-NOTHING = Neglect(0.0, 0.0, 0.0, 0.0, math.nan, math.nan)
+NO_ERROR = OmissionError(0.0, 0.0, 0.0, 0.0, math.nan, math.nan)
 
 
-def neglect(
+def omission_error(
     without: EventArray, with_effect: EventArray, *, size: tuple[int, int], window_us: int, shift_us: float
-) -> Neglect:
+) -> OmissionError:
     """Compare a stream in which an effect is left out with the one that it is in.
 
     Args:
@@ -50,7 +50,7 @@ def neglect(
     """
     found = compare_events(without, with_effect, size=size, window_us=window_us)
     percent = 100 / max(len(without), len(with_effect), 1)
-    return Neglect(
+    return OmissionError(
         percent * found.missing,
         percent * found.spurious,
         percent * float((np.abs(found.time_error_us) > shift_us).sum()),
@@ -60,11 +60,11 @@ def neglect(
     )
 
 
-def neglect_of_added(made: float, events: float) -> Neglect:
+def omission_error_of_added(made: float, events: float) -> OmissionError:
     """What leaving out ``made`` events does that come on top of ``events`` of the scene, both in expectation.
 
     Less than one event counts as that part of an event.
     """
     percent = 100 * made / max(events + made, 1.0)
     error_us = 0.0 if events else math.nan
-    return Neglect(percent, 0.0, 0.0, -percent, error_us, error_us)
+    return OmissionError(percent, 0.0, 0.0, -percent, error_us, error_us)

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from textwrap import wrap
+from typing import Any
 
 from ..effects import Effect, Effects
 
@@ -22,7 +23,7 @@ class PlannedEffect:
     Attributes:
         effect: with its values.
         called_for: whether the plan switches it on.
-        evidence: what was seen of the sequence.
+        observation: what was seen of the sequence.
         missing_percent: events that would be missing without it.
         spurious_percent: events that would be there though they should not.
         shifted_percent: events that would be off by more than the plan's ``shift_us``.
@@ -35,7 +36,7 @@ class PlannedEffect:
 
     effect: Effect
     called_for: bool
-    evidence: str
+    observation: str
     missing_percent: float
     spurious_percent: float
     shifted_percent: float
@@ -58,6 +59,7 @@ class EffectPlan:
         window_us: how far apart two events may be that count as the same.
         events: of ideal pixels, estimated for the whole sequence.
         duration_s: of the sequence.
+        kept: effects that were given by name and so are no candidates.
     """
 
     items: tuple[PlannedEffect, ...]
@@ -66,11 +68,27 @@ class EffectPlan:
     window_us: int
     events: float
     duration_s: float
+    kept: Effects = Effects()  # noqa: RUF009 (it is immutable)
 
     @property
     def effects(self) -> Effects:
-        """Those called for."""
-        return Effects.of(item.effect for item in self.items if item.called_for)
+        """Those called for and those kept; every other candidate is switched off, so that no sensor brings it back."""
+        chosen = {item.effect.name: item.effect for item in self.items if item.called_for}
+        off = {item.effect.name for item in self.items} - chosen.keys()
+        return self.kept.with_defaults(Effects.of(chosen.values())).without(off)
+
+    def describe(self) -> dict[str, Any]:
+        """The plan in JSON's types, for meta.json: what was found of each effect."""
+        items = [{**asdict(item), "effect": item.effect.name} for item in self.items]
+        found = [{name: None if value != value else value for name, value in item.items()} for item in items]  # NaN
+        return {
+            "share": self.share,
+            "shift_us": self.shift_us,
+            "window_us": self.window_us,
+            "events": self.events,
+            "kept": self.kept.describe(),
+            "effects": found,
+        }
 
     def __str__(self) -> str:
         return _table(self)
@@ -82,7 +100,7 @@ def _table(plan: EffectPlan) -> str:
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     lines = [_line(rows[0], widths)]
     for item, row in zip(plan.items, rows[1:], strict=True):
-        lines += [_line(row, widths), *wrap(item.evidence, _WIDTH, initial_indent="    ", subsequent_indent="    ")]
+        lines += [_line(row, widths), *wrap(item.observation, _WIDTH, initial_indent="    ", subsequent_indent="    ")]
     called = ", ".join(effect.name for effect in plan.effects) or "none"
     share = f"{100 * plan.share:g} %"
     notes = (

@@ -1,0 +1,24 @@
+"""The settings of a simulation: their declarations, and what they stand for with a given scene."""
+
+from .inertial import make_imu, make_motion_capture
+from .resolve import ViewedScene, chosen_sampling, view_scene
+from .setting import Setting, complete, did_you_mean, only, settings_of, takes_settings
+from .simulation_settings import FolderSettings, SimulationSettings, SimulatorSettings, ViewSettings
+
+__all__ = [
+    "FolderSettings",
+    "Setting",
+    "SimulationSettings",
+    "SimulatorSettings",
+    "ViewSettings",
+    "ViewedScene",
+    "chosen_sampling",
+    "complete",
+    "did_you_mean",
+    "make_imu",
+    "make_motion_capture",
+    "only",
+    "settings_of",
+    "takes_settings",
+    "view_scene",
+]
