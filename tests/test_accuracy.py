@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from davis_rs.simulate import Simulator
 from scipy.spatial.transform import Rotation
 
 from davis_rs import (
@@ -23,10 +24,10 @@ from davis_rs import (
     log_intensity,
     start_pose,
 )
+from davis_rs.accuracy.accuracy_sweep import Measurement, Sweep, sweep
 from davis_rs.accuracy.reference_events import FineReference, Recipe, exact_crossings, fine_reference, in_ticks
 from davis_rs.accuracy.report import draw, facts_of, markdown, pareto
 from davis_rs.accuracy.settings import Setting, default_settings
-from davis_rs.accuracy.sweep import Measurement, Sweep, sweep
 from davis_rs.cli.accuracy import run_sweep
 from davis_rs.cli.main import main
 from davis_rs.events import EventArray, concatenate_events
@@ -35,7 +36,6 @@ from davis_rs.rendering.render import Renderer
 from davis_rs.rendering.renderers import make_renderer
 from davis_rs.sampling.interpolate import interpolated
 from davis_rs.sampling.keyframes import Keyframe, SparseSamples
-from davis_rs.simulate import Simulator
 from davis_rs.trajectory.views import Views
 
 CAMERA = Camera(40, 30, 200.0, 200.0, 19.5, 14.5)

@@ -14,7 +14,7 @@ from PIL import Image
 from davis_rs import open_writer, read_events
 from davis_rs.cli.main import main
 from davis_rs.dataset.reader import Dataset
-from davis_rs.event_files.convert import convert
+from davis_rs.event_files.conversion import convert
 from davis_rs.events import EVENT_DTYPE, EventArray
 from davis_rs.inspection.summary import Gap, dataset_row, draw_rates, summarize_events, top_speeds
 from davis_rs.pose import GroundTruth
@@ -112,7 +112,7 @@ def test_memory_stays_constant(tmp_path: Path, run_python: Callable[..., str]) -
     pytest.importorskip("pyarrow")
     program = (
         "import resource, sys\n"
-        "from davis_rs.event_files.convert import convert\n"
+        "from davis_rs.event_files.conversion import convert\n"
         "convert(sys.argv[1], sys.argv[2], size=(240, 180))\n"
         "print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)\n"
     )

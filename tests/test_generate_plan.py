@@ -19,7 +19,7 @@ from davis_rs.generate import SequencePlan, load_sequence_plan
 from davis_rs.generate.generate import check_sequences, draw_sequences
 from davis_rs.generate.motion import MOTIONS, make_motion
 from davis_rs.generate.parse import effect_texts
-from davis_rs.generate.plan import sequence_name
+from davis_rs.generate.sequence_plan import sequence_name
 from generated import PLAN, write_plan
 
 
@@ -243,8 +243,10 @@ def test_a_file_is_relative_to_the_plan(tmp_path: Path) -> None:
 
 numbers = st.integers() | st.just(10**400) | st.floats()
 pairs = st.lists(numbers, min_size=2, max_size=2)
-laws = st.sampled_from(["uniform", "log_uniform", "normal", "integers", "choice"]).flatmap(
-    lambda law: st.fixed_dictionaries({law: pairs}, optional={"weights": pairs, "min": numbers, "max": numbers})
+distributions = st.sampled_from(["uniform", "log_uniform", "normal", "integers", "choice"]).flatmap(
+    lambda distribution: st.fixed_dictionaries(
+        {distribution: pairs}, optional={"weights": pairs, "min": numbers, "max": numbers}
+    )
 )
 parameters = st.dictionaries(st.sampled_from(["aps", "x"]), st.dictionaries(st.sampled_from(["x", 3, None]), numbers))
 junk = st.recursive(
@@ -261,7 +263,7 @@ junk = st.recursive(
 @settings(max_examples=400, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     key=st.sampled_from(["scene", "seed", "motion", "effects", "duration", "samples", "refine"]),
-    value=junk | laws | parameters,
+    value=junk | distributions | parameters,
 )
 def test_whatever_stands_in_a_plan_is_drawn_or_refused_by_name(tmp_path: Path, key: str, value: Any) -> None:
     """Never another exception, and never a message without the file."""

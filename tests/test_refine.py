@@ -22,8 +22,8 @@ from davis_rs import (
 )
 from davis_rs.events import EventArray, concatenate_events
 from davis_rs.rendering.renderers import make_renderer
+from davis_rs.sampling.event_refinement import refine
 from davis_rs.sampling.keyframes import Keyframe, Stretch
-from davis_rs.sampling.refine import refine
 from davis_rs.sampling.rules import TimeSampling
 from stretches import CAMERA, LOG_EPS, TINY, built_in, mirror, shift, stretch
 

@@ -23,7 +23,7 @@ from .decoded import IMU_COUNTS_DTYPE, IMU_DTYPE, TRIGGER_DTYPE, Decoded, Frame,
 from .dtypes import from_structured, to_structured, to_tonic
 from .effect_planning import EffectPlan, plan_effects
 from .effects import Effects
-from .event_files.convert import convert
+from .event_files.conversion import convert
 from .event_files.read import iter_events, open_reader, read_events
 from .event_files.write import open_writer
 from .events import EVENT_DTYPE, as_events

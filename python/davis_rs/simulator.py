@@ -17,9 +17,9 @@ from .packet import Packet
 from .pose import Pose
 from .rendering.renderers import make_renderer
 from .run_description import describe_run
+from .sampling.event_refinement import refine as refine_events
 from .sampling.exposure import expose
 from .sampling.keyframes import Keyframe, Stretch
-from .sampling.refine import refine as refine_events
 from .scene.scene import Scene
 from .settings import SimulatorSettings, chosen_sampling, complete, takes_settings, view_scene
 from .trajectory.trajectory import SegmentTrajectory, Trajectory

@@ -8,9 +8,9 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from ..accuracy.accuracy_sweep import Measurement, Sweep, sweep
 from ..accuracy.report import draw, facts_of, markdown, write_csv
 from ..accuracy.settings import Setting, default_settings
-from ..accuracy.sweep import Measurement, Sweep, sweep
 from ..scenes import load_scene
 from ..settings import ViewSettings, complete, view_scene
 from .common import SCENE_HELP, add_trajectory, on_trajectory

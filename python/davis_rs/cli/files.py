@@ -11,7 +11,7 @@ from decimal import Decimal, InvalidOperation
 from pathlib import Path
 from typing import Any
 
-from ..event_files.convert import convert
+from ..event_files.conversion import convert
 from ..formats import FORMATS
 from ..inspection.summary import dataset_row, draw_rates, summarize_events
 

@@ -15,8 +15,8 @@ from ..scenes import load_scene
 from .folder import discard_hidden
 from .job import begin_worker, make_sequence
 from .manifest import Manifest, claim_root, describe_folder, write_plan
-from .plan import SequencePlan, sequence_name
 from .sequence import DrawnSequence
+from .sequence_plan import SequencePlan, sequence_name
 from .verify import taken_up
 
 if TYPE_CHECKING:

@@ -23,7 +23,7 @@ from ..settings import (
 from ..simulation import read_effects
 from .motion import make_motion
 from .parse import effect_texts
-from .plan import SETTINGS, resolve
+from .sequence_plan import SETTINGS, resolve
 
 
 @dataclass(frozen=True)

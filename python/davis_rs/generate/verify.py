@@ -11,8 +11,8 @@ from ..dataset.files import META
 from .folder import CHECKSUMS, damage, folder_sha256, set_aside, unlisted_files, withdraw
 from .job import origin
 from .manifest import MANIFEST, describe_folder, read_manifest, read_plan
-from .plan import sequence_name
 from .sequence import DrawnSequence
+from .sequence_plan import sequence_name
 
 
 def verify_sequences(root: str | Path) -> dict[str, str]:

@@ -34,16 +34,16 @@ class Words:
         return ((self.word() >> 12) + 0.5) * 2.0**-52
 
 
-class Law(ABC):
-    """A law that stands in a plan in place of a value."""
+class Distribution(ABC):
+    """A distribution that stands in a plan in place of a value."""
 
     @abstractmethod
     def draw(self, words: Words) -> Any:
-        """One value; of :class:`Choice` an option, in which there may be other laws."""
+        """One value; of :class:`Choice` an option, in which there may be other distributions."""
 
 
 @dataclass(frozen=True)
-class Uniform(Law):
+class Uniform(Distribution):
     """``{uniform: [a, b]}``: a number between a and b, a < b."""
 
     low: float
@@ -57,7 +57,7 @@ class Uniform(Law):
 
 
 @dataclass(frozen=True)
-class LogUniform(Law):
+class LogUniform(Distribution):
     """``{log_uniform: [a, b]}``: a number whose logarithm is uniform, 0 < a < b."""
 
     low: float
@@ -74,7 +74,7 @@ class LogUniform(Law):
 
 
 @dataclass(frozen=True)
-class Integers(Law):
+class Integers(Distribution):
     """``{integers: [a, b]}``: an integer from a to b, both of them possible, a < b."""
 
     low: int
@@ -88,9 +88,11 @@ class Integers(Law):
 
 
 @dataclass(frozen=True)
-class Normal(Law):
-    """``{normal: [mean, sigma], min: a, max: b}``: the normal law, sigma > 0; where min or max are given, that part
-    of it (what lies outside is not moved to the bound, but never drawn)."""
+class Normal(Distribution):
+    """``{normal: [mean, sigma], min: a, max: b}``: the normal distribution, sigma > 0.
+
+    Where min or max are given, it is cut off there: what lies outside is never drawn, not moved to the bound.
+    """
 
     mean: float
     sigma: float
@@ -103,7 +105,7 @@ class Normal(Law):
         _check_bounds(self.low, self.high)
         least, most, _ = self._shares()
         if not least < most:
-            raise ValueError(f"nothing of the law lies in {self.low}..{self.high}")
+            raise ValueError(f"nothing of the distribution lies in {self.low}..{self.high}")
 
     def draw(self, words: Words) -> float:
         least, most, sign = self._shares()
@@ -113,7 +115,7 @@ class Normal(Law):
         return _within(self.mean + sign * self.sigma * NormalDist().inv_cdf(share), self.low, self.high)
 
     def _shares(self) -> tuple[float, float, int]:
-        """The law's shares below the two bounds; above the mean its mirror's, where small shares keep their digits."""
+        """Shares below the two bounds; above the mean those of the mirror image, so that small shares keep digits."""
         low, high, sign = (self.low - self.mean) / self.sigma, (self.high - self.mean) / self.sigma, 1
         if low > 0:
             low, high, sign = -high, -low, -1
@@ -121,9 +123,11 @@ class Normal(Law):
 
 
 @dataclass(frozen=True)
-class Choice(Law):
-    """``{choice: [x, y, ...], weights: [1, 2, ...]}``: one of the options, each of which may hold laws of its own;
-    without weights all are as likely."""
+class Choice(Distribution):
+    """``{choice: [x, y, ...], weights: [1, 2, ...]}``: one of the options; without weights all are as likely.
+
+    An option may hold distributions of its own.
+    """
 
     options: tuple[Any, ...]
     weights: tuple[float, ...] = ()
@@ -147,12 +151,12 @@ class Choice(Law):
 
 
 def draw(node: Any, seed: int, index: int, path: str = "", words: Words | None = None) -> Any:
-    """The value of a node of the plan in sequence ``index``: laws drawn, everything else as it is.
+    """The value of a node of the plan in sequence ``index``: distributions drawn, everything else as it is.
 
-    A law at ``path`` (``motion.speed_m_s``; the place in a list counts as a key) draws words of this path alone. One
-    that stands as an option of a choice at the same path goes on with the choice's words.
+    A distribution at ``path`` (``motion.speed_m_s``; the place in a list counts as a key) draws words of this path
+    alone. One that stands as an option of a choice at the same path goes on with the choice's words.
     """
-    if isinstance(node, Law):
+    if isinstance(node, Distribution):
         words = words or Words(seed, index, path)
         return draw(node.draw(words), seed, index, path, words)
     if isinstance(node, dict):
@@ -168,7 +172,7 @@ def _check_bounds(low: float, high: float) -> None:
 
 
 def _share_below(x: float) -> float:
-    """Of the standard normal law; far below 0 too, where 1 + erf has no digits left."""
+    """Of the standard normal distribution; far below 0 too, where 1 + erf has no digits left."""
     return 0.5 * math.erfc(-x / math.sqrt(2))
 
 

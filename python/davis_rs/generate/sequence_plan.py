@@ -1,4 +1,4 @@
-"""A plan: how many sequences, and for each setting a value or the law that it is drawn from."""
+"""A plan: how many sequences, and for each setting a value or the distribution that it is drawn from."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ..camera import PRESETS
 from ..scenes import BUILTIN_SCENES
 from ..sequences import SEQUENCES
 from ..settings import FolderSettings, Setting, settings_of
-from .laws import Choice, Law, Words, draw
+from .distributions import Choice, Distribution, Words, draw
 from .parse import Parser, Where, effects, imu_effects, motion, value_of
 from .yaml_file import read_yaml
 
@@ -53,7 +53,7 @@ class SequencePlan:
         file: where it came from; scenes, calibrations and trajectories that are files are relative to its folder.
         seed: of all draws, >= 0.
         sequences: how many.
-        tree: for each key a value or a law.
+        tree: for each key a value or a distribution.
         identity: the plan in JSON's types, without the number of sequences: this one can grow.
         digests: SHA-256 of each file that the plan names, by the name that it has there.
     """
@@ -99,7 +99,7 @@ def sequence_name(index: int) -> str:
 
 
 def load_sequence_plan(path: str | Path) -> SequencePlan:
-    """Read a plan. Its keys and laws are those of ``docs/generate.md``.
+    """Read a plan. Its keys and distributions are those of ``docs/generate.md``.
 
     Raises:
         OSError: if it, or a file that it names, cannot be read.
@@ -149,5 +149,5 @@ def _options(node: Any) -> Iterator[Any]:
     if isinstance(node, Choice):
         for option in node.options:
             yield from _options(option)
-    elif not isinstance(node, Law):
+    elif not isinstance(node, Distribution):
         yield node

@@ -1,4 +1,4 @@
-"""The laws of a plan: their range, their shape, and what a draw depends on."""
+"""The distributions of a plan: their range, their shape, and what a draw depends on."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from scipy import stats
 
-from davis_rs.generate.laws import Choice, Integers, Law, LogUniform, Normal, Uniform, Words, draw
+from davis_rs.generate.distributions import Choice, Distribution, Integers, LogUniform, Normal, Uniform, Words, draw
 
 finite = st.floats(-1e6, 1e6)
 
 
-def draws(law: Law, count: int = 4000, path: str = "key") -> list[Any]:
-    return [draw(law, 5, index, path) for index in range(count)]
+def draws(distribution: Distribution, count: int = 4000, path: str = "key") -> list[Any]:
+    return [draw(distribution, 5, index, path) for index in range(count)]
 
 
 def test_words_are_the_same_for_ever() -> None:
@@ -33,7 +33,7 @@ def test_units_lie_inside(seed: int, index: int, path: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("law", "expected"),
+    ("distribution", "expected"),
     [
         (Uniform(-2, 3), stats.uniform(-2, 5)),
         (LogUniform(0.01, 10), stats.loguniform(0.01, 10)),
@@ -44,13 +44,13 @@ def test_units_lie_inside(seed: int, index: int, path: str) -> None:
     ],
     ids=repr,
 )
-def test_a_law_has_its_distribution(law: Law, expected: Any) -> None:
+def test_a_law_has_its_distribution(distribution: Distribution, expected: Any) -> None:
     """Kolmogorov and Smirnov's test over sequences; also far out in a tail, where shares are tiny."""
-    assert stats.kstest(draws(law), expected.cdf).pvalue > 0.01
+    assert stats.kstest(draws(distribution), expected.cdf).pvalue > 0.01
 
 
 def test_integers_reach_both_ends_alike() -> None:
-    """The bounds belong to the law, as in a die's 1..6."""
+    """The bounds belong to the distribution, as in a die's 1..6."""
     values, counts = np.unique(draws(Integers(1, 6), 6000), return_counts=True)
     assert values.tolist() == [1, 2, 3, 4, 5, 6]
     assert stats.chisquare(counts).pvalue > 0.01
@@ -66,8 +66,8 @@ def test_choices_follow_their_weights() -> None:
 
 def test_a_law_within_a_choice_is_independent_of_the_choice() -> None:
     """It stands at the same key path, and must not draw the same words again."""
-    law = Choice((0.0, Uniform(1, 2), Choice((5.0, Uniform(3, 4)))))
-    drawn = np.array(draws(law, 9000))
+    distribution = Choice((0.0, Uniform(1, 2), Choice((5.0, Uniform(3, 4)))))
+    drawn = np.array(draws(distribution, 9000))
     for low in (1, 3):
         inside = drawn[(drawn > low) & (drawn < low + 1)]
         assert len(inside) > 1000
@@ -91,14 +91,14 @@ def test_draws_stay_in_their_bounds(seed: int, index: int, a: float, b: float, s
 @given(st.permutations(["a", "b", "c", "d"]), st.sets(st.sampled_from(["a", "b", "c", "d"]), min_size=1))
 def test_a_draw_depends_on_its_path_alone(order: list[str], kept: set[str]) -> None:
     """Other keys, their order and what surrounds them change nothing; another index, seed or path does."""
-    laws: dict[str, Any] = {
+    distributions: dict[str, Any] = {
         "a": Uniform(0, 1),
         "b": {"c": Normal(0, 1), "d": (Uniform(0, 1), Uniform(0, 1))},
         "c": Choice((1, {"e": Uniform(0, 1)})),
         "d": 3,
     }
-    whole = draw(laws, 1, 2)
-    some = draw({key: laws[key] for key in order if key in kept}, 1, 2)
+    whole = draw(distributions, 1, 2)
+    some = draw({key: distributions[key] for key in order if key in kept}, 1, 2)
     assert some == {key: whole[key] for key in kept}
     assert len({draw(Uniform(0, 1), *at) for at in ((1, 2, "a"), (1, 3, "a"), (2, 2, "a"), (1, 2, "b"))}) == 4
     assert whole["b"]["d"][0] != whole["b"]["d"][1]
@@ -111,7 +111,7 @@ def test_a_draw_depends_on_its_path_alone(order: list[str], kept: set[str]) -> N
         (lambda: LogUniform(0, 1), "bounds must be > 0, got 0"),
         (lambda: Integers(3, 1), "first bound must lie below the second one, got 3 and 1"),
         (lambda: Normal(0, 0), "sigma must be > 0, got 0"),
-        (lambda: Normal(0, 1, 50, 60), "nothing of the law lies in 50..60"),
+        (lambda: Normal(0, 1, 50, 60), "nothing of the distribution lies in 50..60"),
         (lambda: Choice(()), "there must be an option"),
         (lambda: Choice((1, 2), (1,)), "a weight for each of the 2 options"),
         (lambda: Choice((1, 2), (0, 0)), "not all 0"),
