@@ -15,6 +15,7 @@ from .files import add_files
 from .generate import add_generate
 from .plan import add_plan
 from .sequences import add_sequences
+from .settings_table import add_settings_table
 from .simulate import add_simulate
 from .usb import add_usb
 
@@ -62,6 +63,7 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
     add_simulate(commands)
     add_sequences(commands)
+    add_settings_table(commands)
     add_plan(commands)
     add_generate(commands)
     add_accuracy(commands)

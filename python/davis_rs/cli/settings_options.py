@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection
 from typing import Any
 
 from ..settings import Setting, settings_of
-
-_LIST_END = "s"
 
 
 def add_settings(parser: argparse.ArgumentParser, declaration: type, *, only: Collection[str] | None = None) -> None:
@@ -35,12 +33,6 @@ def given_settings(options: argparse.Namespace, declaration: type) -> dict[str, 
     return {name: given[name] for name in settings_of(declaration) if name in given}
 
 
-def option_of(name: str, settings: Mapping[str, Setting]) -> str:
-    """How the command line calls a setting."""
-    setting = settings[name]
-    return setting.option.removesuffix(_LIST_END) if setting.kind is list else setting.option
-
-
 def _add_option(group: argparse._ArgumentGroup, setting: Setting) -> None:
     declared = setting.declared
     default = declared.default_help if declared.default is None else str(declared.default)
@@ -49,12 +41,13 @@ def _add_option(group: argparse._ArgumentGroup, setting: Setting) -> None:
     if setting.kind is bool:
         group.add_argument(setting.option, action=argparse.BooleanOptionalAction, help=text, **common)
     elif setting.kind is list:
-        one = setting.option.removesuffix(_LIST_END)
         form = f"{declared.help}; may be given several times{f' (default: {default})' if default else ''}"
-        group.add_argument(one, action="append", metavar=declared.metavar, help=form.replace("%", "%%"), **common)
+        group.add_argument(
+            setting.option, action="append", metavar=declared.metavar, help=form.replace("%", "%%"), **common
+        )
         if setting.name == "effects":
             group.add_argument(
-                setting.option,
+                "--effects",
                 action="append",
                 choices=("auto",),
                 help="those of --sensor (davis240c if not given) whose omission would show in this scene; effects "

@@ -71,8 +71,9 @@ class Setting:
 
     @property
     def option(self) -> str:
-        """Its option of the command line."""
-        return "--" + self.key.replace("_", "-")
+        """Its option of the command line; one of a list is given at a time."""
+        key = self.key.removesuffix("s") if self.kind is list else self.key
+        return "--" + key.replace("_", "-")
 
     @property
     def range_text(self) -> str:
@@ -82,9 +83,10 @@ class Setting:
             return ", ".join(one.choices)
         if one.low == -math.inf and one.high == math.inf:
             return ""
+        low, high = _number(one.low), _number(one.high)
         if one.high == math.inf:
-            return f"{'>' if one.above_low else '>='} {one.low:g}"
-        return f"{one.low:g}..{one.high:g}" if not one.above_low else f"> {one.low:g} and <= {one.high:g}"
+            return f"{'>' if one.above_low else '>='} {low}"
+        return f"> {low} and <= {high}" if one.above_low else f"{low}..{high}"
 
     def check(self, value: Any, name: str | None = None) -> None:
         """Refuse a value that the declaration does not allow.
@@ -200,6 +202,13 @@ def _argument(setting: Setting) -> str:
     facts = ", ".join(part for part in (setting.annotation, one.unit, setting.range_text) if part)
     default = one.default_help if one.default is None else repr(one.default)
     return f"{setting.name} ({facts}): {one.help}{f'; default: {default}' if default else ''}."
+
+
+def _number(value: float) -> str:
+    """A bound of a range, as people write it."""
+    if value == 2**64 - 1:
+        return "2^64 - 1"
+    return str(int(value)) if math.isfinite(value) and value == int(value) else f"{value:g}"
 
 
 def _kind(annotation: Any) -> type | None:

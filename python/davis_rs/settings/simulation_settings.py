@@ -274,7 +274,9 @@ class FolderSettings(SimulationSettings, total=False):
     ]
     pose_rate_hz: Annotated[
         float,
-        Declared("poses of the ground truth", 200.0, unit="Hz", low=0, above_low=True, metavar="HZ", group=_INERTIAL),
+        Declared(
+            "poses of the ground truth; 0 for none", 200.0, unit="Hz", low=0, high=1e6, metavar="HZ", group=_INERTIAL
+        ),
     ]
     pose_noise_m: Annotated[
         float | None,
