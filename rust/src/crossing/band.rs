@@ -1,7 +1,8 @@
 //! A band of rows: the pixels that one thread takes at a time.
 
-use super::candidates::{Candidates, Verdict};
+use super::candidates::Candidates;
 use super::cubic::Cubic;
+use super::decision::Verdict;
 use super::frame::SparseSamples;
 use super::level::Level;
 use super::line::Line;

@@ -2,8 +2,8 @@
 
 use multiversion::multiversion;
 
-use super::candidates::{Decisions, LARGEST_TICK, Lines, References, Verdict, ceiling, integer};
 use super::cubic::STEEPEST;
+use super::decision::{Decisions, LARGEST_TICK, Lines, References, Verdict, ceiling, integer};
 use super::steps::Steps;
 
 /// Slopes, in log intensity over the whole interval, at its start and end.

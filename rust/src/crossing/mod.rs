@@ -18,6 +18,7 @@ mod core;
 mod cubic;
 mod cubic_candidates;
 mod curve;
+mod decision;
 mod effects;
 mod engine;
 mod exponential;

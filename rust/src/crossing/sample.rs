@@ -37,7 +37,7 @@ pub(crate) trait Sample: Copy + Debug + Default + PartialOrd + Send + Sync + 'st
     /// Do the rates at both ends of an interval have opposite signs, so that there is an extremum between?
     #[inline]
     #[allow(clippy::needless_bitwise_bool, reason = "a lazy operator is a branch, which vectors cannot take")]
-    fn turns(from: Self, to: Self) -> bool {
+    fn signs_differ(from: Self, to: Self) -> bool {
         let zero = Self::default();
         ((from > zero) & (to < zero)) | ((from < zero) & (to > zero))
     }

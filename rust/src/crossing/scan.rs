@@ -56,8 +56,8 @@ impl<S: Sample> Found<S> {
         also: impl ExactSizeIterator<Item = usize>,
     ) {
         let mut count = match rates {
-            None => leavers(new, bounds.0, bounds.1, &mut self.in_tile),
-            Some(rates) => leavers_or_turners(new, bounds, rates, &mut self.in_tile),
+            None => out_of_bounds(new, bounds.0, bounds.1, &mut self.in_tile),
+            Some(rates) => out_of_bounds_or_sign_change(new, bounds, rates, &mut self.in_tile),
         };
         if also.len() > 0 {
             count = add(&mut self.in_tile, count, also);
@@ -78,21 +78,26 @@ impl<S: Sample> Found<S> {
 /// The places of samples at or beyond their bounds, in order; returns how many.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
 #[allow(clippy::needless_bitwise_bool, reason = "a lazy operator is a branch, which vectors cannot take")]
-fn leavers<S: Sample>(new: &[S], low: &[S], high: &[S], places: &mut [u16]) -> usize {
+fn out_of_bounds<S: Sample>(new: &[S], low: &[S], high: &[S], places: &mut [u16]) -> usize {
     places_where(new.len(), places, |start, n| {
         let (new, low, high) = (&new[start..start + n], &low[start..start + n], &high[start..start + n]);
         move |i| (new[i] >= high[i]) | (new[i] <= low[i])
     })
 }
 
-/// [`leavers`], and the places where the rates of change turn.
+/// [`out_of_bounds`], and the places where the rates of change at the ends differ in sign.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
 #[allow(clippy::needless_bitwise_bool, reason = "a lazy operator is a branch, which vectors cannot take")]
-fn leavers_or_turners<S: Sample>(new: &[S], bounds: (&[S], &[S]), rates: (&[S], &[S]), places: &mut [u16]) -> usize {
+fn out_of_bounds_or_sign_change<S: Sample>(
+    new: &[S],
+    bounds: (&[S], &[S]),
+    rates: (&[S], &[S]),
+    places: &mut [u16],
+) -> usize {
     places_where(new.len(), places, |start, n| {
         let (new, low, high) = (&new[start..start + n], &bounds.0[start..start + n], &bounds.1[start..start + n]);
         let (from, to) = (&rates.0[start..start + n], &rates.1[start..start + n]);
-        move |i| (new[i] >= high[i]) | (new[i] <= low[i]) | S::turns(from[i], to[i])
+        move |i| (new[i] >= high[i]) | (new[i] <= low[i]) | S::signs_differ(from[i], to[i])
     })
 }
 

@@ -3,7 +3,7 @@
 use super::chain::Chain;
 use super::input::{Input, LowPass, bend};
 use super::noise::Arrivals;
-use super::scan::{Passed, low_pass, mark_leavers, mark_turners};
+use super::scan::{Passed, low_pass, mark_out_of_bounds, mark_sign_changes};
 use super::timeline::{FREE, Pixel};
 use crate::crossing::band::Interval;
 use crate::crossing::core::NEVER;
@@ -175,12 +175,12 @@ impl Band {
     fn mark<S: Sample>(&mut self, start: usize, end: usize, share: &Share<'_, S>, chain: &Chain) {
         let (n, tile, ticks) = (end - start, &mut self.tile, share.at.ticks as f64);
         let (bounds, marked) = ((&self.low[start..end], &self.high[start..end]), &mut tile.marked[..n]);
-        mark_leavers(&tile.seen, bounds, marked);
+        mark_out_of_bounds(&tile.seen, bounds, marked);
         let from = &self.logs[start..end];
         if let Some(before) = self.filtered.get(start..end) {
             let passed = Passed { from, to: &tile.logs, before, output: &tile.filtered, decay: &tile.decay };
             let since = chain.elapsed(share.at.start_us);
-            mark_turners(&passed, &self.leak[start..end], (since, since + ticks), bounds, marked);
+            mark_sign_changes(&passed, &self.leak[start..end], (since, since + ticks), bounds, marked);
         }
         if share.rates.is_some() {
             let seconds = ticks * 1e-6;

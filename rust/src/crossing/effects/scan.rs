@@ -27,7 +27,7 @@ pub(super) fn low_pass(
 /// Marks pixels whose comparators see log intensity at or beyond its bounds.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
 #[allow(clippy::needless_bitwise_bool, reason = "a lazy operator is a branch, which vectors cannot take")]
-pub(super) fn mark_leavers(seen: &[f64], (low, high): (&[f64], &[f64]), marked: &mut [bool]) {
+pub(super) fn mark_out_of_bounds(seen: &[f64], (low, high): (&[f64], &[f64]), marked: &mut [bool]) {
     let n = marked.len();
     let (seen, low, high) = (&seen[..n], &low[..n], &high[..n]);
     for i in 0..n {
@@ -44,13 +44,14 @@ pub(super) struct Passed<'a> {
     pub(super) decay: &'a [f64],
 }
 
-/// Marks pixels in which the low-pass's output turns on the way and may have been beyond its bounds there: it stays
-/// within what it starts from and its input.
+/// Marks pixels in which the slope of the low-pass's output changes its sign within the interval, and whose output may
+/// have been beyond its bounds at the extremum between.
 ///
-/// Each leaks by `leak` a microsecond: what a comparator sees has drifted by that times `since` at both ends.
+/// The output stays between its value at the start and its input's two ends, which bounds the extremum. Each pixel leaks
+/// by `leak` a microsecond: what a comparator sees has drifted by that times `since` at both ends.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
 #[allow(clippy::needless_bitwise_bool, reason = "a lazy operator is a branch, which vectors cannot take")]
-pub(super) fn mark_turners(
+pub(super) fn mark_sign_changes(
     passed: &Passed<'_>,
     leak: &[f64],
     since: (f64, f64),
