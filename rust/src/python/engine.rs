@@ -5,8 +5,8 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use super::arrays::{Float, column, frame, image, microseconds, threshold, threshold_to_python};
-use super::{arrays, effects, state};
-use crate::crossing::{CrossingEngine, CrossingParameters, Frame, Interpolation, SparseSamples};
+use super::{arrays, effects, interpolation, state};
+use crate::crossing::{CrossingEngine, CrossingParameters, Frame, SparseSamples};
 use crate::error::Error;
 use crate::event::{Event, SensorSize};
 
@@ -54,7 +54,7 @@ impl PyCrossingEngine {
             contrast_threshold_off: off.unwrap_or_else(|| on.clone()),
             contrast_threshold: on,
             log_eps,
-            interpolation: interpolation_of(interpolation)?,
+            interpolation: interpolation::of_name(interpolation)?,
         };
         let effects = effects::from_python(effects)?;
         let seed = seed.map_or(Ok(0), arrays::seed)?;
@@ -159,13 +159,4 @@ fn take<'py, S: Float + Sync>(
     let mut events = Vec::new();
     py.detach(|| push(engine, input, &mut events))?;
     Ok(events.into_pyarray(py))
-}
-
-/// The interpolation by its name.
-pub(super) fn interpolation_of(name: &str) -> Result<Interpolation, Error> {
-    match name {
-        "linear" => Ok(Interpolation::Linear),
-        "hermite" => Ok(Interpolation::Hermite),
-        _ => Err(Error::Argument(format!("interpolation must be 'linear' or 'hermite', got {name:?}"))),
-    }
 }

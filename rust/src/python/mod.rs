@@ -10,6 +10,7 @@ mod effects;
 mod engine;
 mod files;
 mod functions;
+mod interpolation;
 mod represent;
 mod ros;
 mod sink;
