@@ -1,8 +1,8 @@
 """The modules of a Rust crate and which of them use which, read from its source files.
 
 A module is a file. What a file uses is the file that defines the item: a name that an index file (``mod.rs``,
-``lib.rs``) re-exports by ``pub use`` is followed to where it comes from, so that ``use crate::crossing::Frame`` counts as
-a use of ``crossing::frame`` alone. Tests within files (``#[cfg(test)]``) may use anything and are left out.
+``lib.rs``) re-exports by ``pub use`` is followed to where it comes from, so that ``use crate::crossing::Frame`` counts
+as a use of ``crossing::frame`` alone. Tests within files (``#[cfg(test)]``) may use anything and are left out.
 
 It reads paths, not types: a method of a type of another module is no use unless a path names it. That is what an import
 is, and all that is needed to see which file cannot be read without which.

@@ -1,4 +1,4 @@
-"""The rules of ARCHITECTURE.md for the Rust crate: who may use whom, no circles, PyO3 and unsafe code in their places."""
+"""The rules of ARCHITECTURE.md for the Rust crate: who may use whom, no circles, where PyO3 may be."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import re
 from pathlib import Path
 
 import pytest
+
 from rust_modules import Crate, Module, bare
 
 ROOT = Path(__file__).resolve().parents[1]

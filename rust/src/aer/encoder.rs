@@ -62,6 +62,12 @@ impl Encoder {
         &self.device
     }
 
+    /// The last time encoded in microseconds: no later packet may go behind it.
+    #[must_use]
+    pub fn t_us(&self) -> i64 {
+        self.now
+    }
+
     /// The bytes of the next packet.
     ///
     /// Times must lie in 0..2^48 us, may not decrease within a kind, nor lie before the last time encoded; frames may

@@ -151,6 +151,12 @@ impl CrossingEngine {
         &self.parameters
     }
 
+    /// The effects that act beyond the thresholds, into which a mismatch was drawn.
+    #[must_use]
+    pub fn effects(&self) -> &Effects {
+        &self.effects
+    }
+
     /// The time of the last frame in microseconds, if there was one.
     #[must_use]
     pub fn t_us(&self) -> Option<i64> {
