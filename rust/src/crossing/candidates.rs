@@ -1,7 +1,11 @@
-//! Pixels that left their bounds, decided many at a time in vector registers where there is no doubt.
+//! Pixels that left their bounds, decided many at a time in vector registers where there is no doubt: straight lines.
 //!
 //! Nearly all of them reach exactly one level, clearly, at a moment clearly between two ticks. What is not clear within
 //! the bounds of float64 rounding is left to [`super::pixel`], which decides exactly.
+//!
+//! What must not break: a verdict other than `Unclear` is what the exact rule says, so the error bounds must cover
+//! every rounding. The loop in `decide` must stay free of branches and of calls that are not inlined, or it is no
+//! vector code.
 
 use multiversion::multiversion;
 

@@ -1,4 +1,11 @@
-//! How log intensity runs between two samples, in monotone pieces.
+//! How log intensity runs between two samples: in monotone pieces, each of which tells when it reaches a level.
+//!
+//! The rule of [`super::pixel`] is written for any such curve; [`super::line`], [`super::cubic`] and the low-pass of
+//! [`super::effects`] are the three that there are. The search for roots and ticks that the last two share is here,
+//! too.
+//!
+//! What must not break: pieces are monotone and come in order, and the last one ends exactly at the interval's end
+//! sample, because whether a level was reached depends on where a piece ends and on nothing else.
 
 use super::level::{Level, Thresholds};
 
@@ -36,7 +43,7 @@ pub(crate) trait Timed: Piece {
     fn moment(&self, level: Level, up: bool, c: Thresholds) -> f64;
 }
 
-/// How closely [`near`] looks.
+/// How closely [`bracketed_newton`] looks.
 #[derive(Clone, Copy)]
 pub(crate) struct Search {
     steps: u32,
@@ -54,7 +61,7 @@ pub(crate) const FINE: Search = Search { steps: 119, within: 1e-16 };
 /// `missing(s)` is that value less the piece's at `s`, and the piece's slope there; `share` is how much of the way from
 /// its first value to its last the wanted one lies, where to begin.
 #[inline]
-pub(crate) fn near(
+pub(crate) fn bracketed_newton(
     (mut low, mut high): (f64, f64),
     share: f64,
     rises: bool,

@@ -1,4 +1,10 @@
-//! The common path: samples that stay between their pixel's bounds are compared, stored, and no more.
+//! The common path: compares new samples with their pixel's bounds, stores them, and notes those that are out of
+//! bounds.
+//!
+//! Most samples of a frame end here, so it is written for memory speed: whole blocks without a single sample out of
+//! bounds are passed over together, and places are written without a branch.
+//!
+//! What must not break: places come in raster order, and no sample at or beyond a bound is passed over.
 
 use multiversion::multiversion;
 
