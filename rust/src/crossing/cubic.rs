@@ -8,7 +8,7 @@ use super::curve::{Curve, FINE, Piece, ROUGH, Search, Timed, bracketed_newton, f
 use super::level::{Level, Thresholds};
 use super::line::Line;
 
-/// Steeper than this, in log intensity over an interval, no slope is believed: 1000 spans twice all that float32 luma can.
+/// Slopes are cut to this, in log intensity over an interval. It is more than any change between two frames of luma.
 pub(crate) const STEEPEST: f64 = 1000.0;
 
 /// L(s) = from + s (a + s (b + s c)), s from 0 to 1 over the interval; ends at `to`.

@@ -50,16 +50,16 @@ pub(crate) struct Search {
     within: f64,
 }
 
-/// Enough for a tick that is checked anyway.
+/// Enough to guess a tick, which is checked afterwards.
 pub(crate) const ROUGH: Search = Search { steps: 6, within: 1e-9 };
 
 /// To the last bits.
 pub(crate) const FINE: Search = Search { steps: 119, within: 1e-16 };
 
-/// About where a monotone piece has a value that it does reach: Newton's steps, within a bracket that every one narrows.
+/// The place, about, at which a monotone piece has a value: by Newton's steps within a bracket that each step narrows.
 ///
-/// `missing(s)` is that value less the piece's at `s`, and the piece's slope there; `share` is how much of the way from
-/// its first value to its last the wanted one lies, where to begin.
+/// `missing(s)` gives the value less the piece's value at `s`, and the piece's slope there. `share` is where the value lies
+/// between the piece's first (0) and last (1) value; the search begins there. `rises` tells whether the piece rises.
 #[inline]
 pub(crate) fn bracketed_newton(
     (mut low, mut high): (f64, f64),

@@ -13,14 +13,14 @@ use super::sample::Sample;
 /// Pixels scanned at a time.
 pub(crate) const TILE: usize = 1024;
 
-/// Pixels that are passed over together when none of them left its bounds.
+/// Pixels that are skipped together when none of them is out of bounds.
 const BLOCK: usize = 64;
 
 /// Places are written so many at a time.
 const GROUP: usize = 8;
 
-/// Samples that left their pixel's bounds, of one or more tiles: their place in the band's share, and what log intensity
-/// wants, both samples.
+/// Samples out of bounds, of one or more tiles: their place in the band's share, and the samples before and now, of which
+/// log intensity is computed next.
 pub(crate) struct Found<S> {
     pub(crate) count: usize,
     pub(crate) place: Vec<u32>,
@@ -30,10 +30,10 @@ pub(crate) struct Found<S> {
     in_tile: Vec<u16>,
 }
 
-/// What was found is decided when it is so much: enough to make the most of vectors, little enough for the first cache.
+/// Candidates are decided when there are so many: enough to fill vectors, few enough for the first-level cache.
 const BATCH: usize = 256;
 
-/// At most so much is found before it is decided.
+/// The most candidates that there can be before they are decided: a batch less one, and all of another tile.
 pub(crate) const MOST_FOUND: usize = BATCH - 1 + TILE;
 
 impl<S: Sample> Found<S> {
