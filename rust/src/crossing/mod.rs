@@ -7,7 +7,7 @@
 //!       -> order       all events by time
 //! ```
 //!
-//! [`level`] says where the levels lie. [`curve`], [`line`] and [`cubic`] say when log intensity reaches one. [`pixel`]
+//! [`level`] says where the levels lie. [`curve`], [`mod@line`] and [`cubic`] say when log intensity reaches one. [`pixel`]
 //! says which events one new sample makes: it is the whole rule. [`sample`], [`steps`], [`scan`], [`decision`],
 //! [`candidates`] and [`cubic_candidates`] only spare nearly all pixels that work, and leave to it what they cannot
 //! decide beyond doubt. [`band`] does all of it for a band of rows, [`core`] runs the bands on threads, [`engine`] is
