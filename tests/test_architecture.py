@@ -1,10 +1,9 @@
-"""The rules of ARCHITECTURE.md: imports go one way, heavy libraries are imported late."""
+"""The rules of ARCHITECTURE.md for Python: imports go one way, heavy libraries are imported late."""
 
 from __future__ import annotations
 
 import ast
 import graphlib
-import re
 from pathlib import Path
 
 import pytest
@@ -111,24 +110,6 @@ def test_heavy_libraries_are_imported_late(module: Path) -> None:
         for name in [*(node.module or "").split("."), *(alias.name for alias in node.names)]
     }
     assert not named & PLUG_INS.keys()
-
-
-def test_rust_modules_keep_apart() -> None:
-    """Engine, file formats and camera stream know nothing of each other, and nobody but python/ knows PyO3."""
-    sources = {path: path.read_text() for path in (ROOT / "rust" / "src").rglob("*.rs")}
-    assert len(sources) > 10
-    for path, text in sources.items():
-        place = path.relative_to(ROOT / "rust" / "src")
-        used = set(re.findall(r"crate::(\w+)", text))
-        if place.parts[0] == "crossing":
-            assert not used & {"write", "read", "aer", "python"}, place
-        if place.parts[0] == "aer":
-            assert not used & {"crossing", "write", "read", "python", "order"}, place
-        if place.parts[0] in {"write", "read"}:
-            assert not used & {"crossing", "aer", "python", "order"}, place
-        if place.parts[0] != "python":
-            assert "pyo3" not in text, place
-            assert "unsafe" not in text, place
 
 
 def test_every_public_name_is_there() -> None:

@@ -44,9 +44,10 @@ class DecodeError(ValueError):
 
 @final
 class Device:
-    """What a decoder has to know of a camera: its chip, sizes, orientation, and inertial sensor.
+    """What a decoder has to know of a camera: its chip, sizes, orientation, inertial sensor and converter clock.
 
-    Without anything else, the chip as it is by default; a live camera passes what its registers say, unchanged.
+    Only the chip is needed; what is not given is as the chip has it by default. For a live camera, pass what its
+    registers say, unchanged. Numbers in parentheses are (module, parameter) of the camera's configuration.
 
     On some chips (the DAVIS346) x and y are swapped on the wire: a row there is a column of the image. ``width`` and
     ``height`` are always those of the image.
@@ -85,10 +86,10 @@ class Device:
         """The chip's name."""
     @property
     def width(self) -> int:
-        """Columns of the image that events fall on."""
+        """Columns of the image that events fall on: x lies below it."""
     @property
     def height(self) -> int:
-        """Rows of the image that events fall on."""
+        """Rows of the image that events fall on: y lies below it."""
     @property
     def frame_width(self) -> int:
         """Columns of a full frame."""
@@ -97,7 +98,7 @@ class Device:
         """Rows of a full frame."""
     @property
     def adc_mhz(self) -> float:
-        """Clock of the frame converter in MHz."""
+        """Clock of the frame converter in MHz, in which exposures are counted."""
 
 @final
 class Decoder:
@@ -125,12 +126,14 @@ class Decoder:
         """Decode the next bytes of the stream; the GIL is released.
 
         Args:
-            data: contiguous bytes, or 16-bit words; taken without a copy, and not to be changed meanwhile.
+            data: contiguous bytes, or 16-bit words in the machine's order. They are taken without a copy, so do not
+                change them while this runs.
 
         Returns:
-            What is complete by them: ``(events, imu, frames, triggers)``. Events keep the order of the wire. A frame
-            that lacks its samples takes some 200 times the memory of the words that make it: push a stream that you do
-            not trust in pieces.
+            What these bytes complete, ``(events, imu, frames, triggers)``: arrays of :data:`davis_rs.EVENT_DTYPE`,
+            :data:`davis_rs.IMU_DTYPE` (or :data:`davis_rs.IMU_COUNTS_DTYPE`) and :data:`davis_rs.TRIGGER_DTYPE`, and
+            a list of :class:`davis_rs.Frame`. Events keep the order of the wire. A frame that lacks its samples takes
+            some 200 times the memory of the words that make it: push a stream that you do not trust in pieces.
 
         Raises:
             ValueError: for data of another kind.
@@ -155,8 +158,8 @@ class Decoder:
         - ``samples_extra``: samples beyond the end of their column or of the region; ignored
         - ``exposure_words_extra``: exposure words beyond the third of a frame; ignored
         - ``exposure_marks_missing``: frames without start or end of exposure; that time is then the one before it
-        - ``frames_wrong_columns``: frames that a column's start or end was lost of; dropped
-        - ``frames_bad_region``: frames whose region is not one, or came not whole and once before the samples; dropped
+        - ``frames_wrong_columns``: frames of which a read did not see every column once; dropped
+        - ``frames_bad_region``: frames without one whole region on the sensor before the samples; dropped
         - ``frames_unended``: frames whose end never came; dropped
         """
 
@@ -186,7 +189,7 @@ class Encoder:
         frames: Iterable[Frame] | None = None,
         triggers: npt.NDArray[Any] | None = None,
     ) -> bytes:
-        """The bytes of what happens next; the GIL is released.
+        """The bytes of the next packet; the GIL is released.
 
         Times must lie in 0..2^48 us, may not decrease within a kind, nor lie before the last time encoded; frames may
         not overlap. A trigger that resets the clock comes first, at time 0; what follows counts from there.
@@ -194,8 +197,11 @@ class Encoder:
         Args:
             events: anything with the fields t, x, y, p.
             imu: :data:`davis_rs.IMU_DTYPE` (rounded to counts, which saturate) or :data:`davis_rs.IMU_COUNTS_DTYPE`.
-            frames: frames or parts of them.
+            frames: :class:`davis_rs.Frame`, full ones or parts of the image.
             triggers: :data:`davis_rs.TRIGGER_DTYPE`.
+
+        Returns:
+            Little-endian 16-bit words.
 
         Raises:
             ValueError: for times that go back, or what does not fit the camera, with the index; nothing is encoded
@@ -233,7 +239,8 @@ class CrossingEngine:
         effects: :class:`davis_rs.Effects`, of which those on the log signal, in the pixel and on the stream act here;
             None for ideal pixels.
         seed: of thresholds and noise, 0..2^64 - 1; None means 0.
-        threads: None means as many as pay on this sensor, at most one a core. The events do not depend on it.
+        threads: None means as many as make a sensor of this size faster, at most one a core. The events do not depend
+            on it.
 
     Raises:
         ValueError: for a parameter out of range.
@@ -284,8 +291,8 @@ class CrossingEngine:
         Raises:
             ValueError: for a wrong shape or dtype, luma that is NaN, infinite or negative (with time and pixel), a time
                 that does not increase, a rate that is missing or should not be there, sparse samples that are out of
-                order or of the interval, or an engine that has been fed with log intensity. The engine is then as
-                it was.
+                order or outside of the interval, or an engine that has been fed with log intensity. The engine is
+                then as it was.
         """
     def push_log(
         self,
@@ -295,30 +302,61 @@ class CrossingEngine:
         *,
         sparse: _SparseSamples | None = None,
     ) -> npt.NDArray[np.void]:
-        """:meth:`push` of log intensity itself: float64, shape (height, width), within +-746, and its dL/dt."""
+        """:meth:`push` of log intensity itself, which is taken as it is: ``log_eps`` has no part in it.
+
+        Args:
+            t_us: time in microseconds, >= 0 and after the last frame's.
+            log_intensity: natural logarithm, shape (height, width), within +-746; float64 in C order is taken without
+                a copy, float32 is widened.
+            slope: for Hermite interpolation, dL/dt per second, likewise; see ``dluma_dt`` of :meth:`push`.
+            sparse: as of :meth:`push`, with log intensity in place of luma.
+
+        Returns:
+            Events (:data:`davis_rs.EVENT_DTYPE`), as of :meth:`push`.
+
+        Raises:
+            ValueError: as :meth:`push`, for log intensity that is NaN or beyond +-746, or an engine that has been fed
+                with luma. The engine is then as it was.
+        """
     def flush(self) -> npt.NDArray[np.void]:
-        """The events that a readout still holds: they came until the last frame, and are stamped after it."""
+        """The events that the readout effect still holds: requested up to the last frame, stamped after it.
+
+        Returns:
+            Events (:data:`davis_rs.EVENT_DTYPE`), sorted; none without that effect.
+        """
     @property
     def dropped_events(self) -> int:
-        """How many events the readout has dropped."""
+        """How many events the readout effect has dropped so far; 0 without it."""
     @property
     def contrast_threshold(self) -> float | npt.NDArray[np.float64]:
-        """C_on: of all pixels, or, shape (height, width), of each."""
+        """C_on in natural-log units: one number for all pixels, or float64, shape (height, width), one for each."""
     @property
     def contrast_threshold_off(self) -> float | npt.NDArray[np.float64]:
-        """C_off, likewise."""
+        """C_off in natural-log units: one number for all pixels, or float64, shape (height, width), one for each."""
     @property
     def reference(self) -> npt.NDArray[np.float64]:
-        """The reference R in log intensity, shape (height, width); NaN before the first frame, and where a pixel is
-        held in reset."""
+        """The reference R in log intensity, float64, shape (height, width).
+
+        NaN before the first frame, and where a refractory period holds a pixel in reset.
+        """
     @property
     def last_event_us(self) -> npt.NDArray[np.int64]:
-        """The surface of active events: time of each pixel's last event, shape (height, width); -1 = none yet."""
+        """The surface of active events: the time of each pixel's last event in microseconds, -1 where there was none.
+
+        int64, shape (height, width).
+        """
     def state(self) -> dict[str, Any]:
-        """All that decides what comes next, as numbers and arrays: parameters, time, last frame, counters."""
+        """All that decides which events come next, as numbers and arrays: parameters, time, last frame, counters.
+
+        For :meth:`from_state`, and for NumPy's or any other storage; pickling stores the same.
+        """
     @staticmethod
     def from_state(state: dict[str, Any], *, threads: int | None = None) -> CrossingEngine:
         """An engine that goes on from :meth:`state` as the one it was taken from would have.
+
+        Args:
+            state: what :meth:`state` gave, also in another process or at another time.
+            threads: as of the class; the events do not depend on it.
 
         Raises:
             ValueError: for a state that no engine can be in, naming the entry.
@@ -326,7 +364,7 @@ class CrossingEngine:
 
 @final
 class EventFileWriter:
-    """Encodes events in a format of the core and writes them; what :mod:`davis_rs.formats` stands on.
+    """Encodes events in a format of the core and writes them; :func:`davis_rs.open_writer` is made of it.
 
     Args:
         target: a path, or an object with ``write(bytes)``.
@@ -337,6 +375,10 @@ class EventFileWriter:
         compression: aedat4: ``none``, ``lz4`` or ``zstd``.
         level: aedat4: of zstd.
         start_us: aedat4: added to all times.
+
+    Raises:
+        ValueError: for a format, compression or size that there is not.
+        OSError: for a file that cannot be made, or one that exists without ``overwrite``.
     """
 
     def __new__(
@@ -353,14 +395,33 @@ class EventFileWriter:
         start_us: int = 0,
     ) -> EventFileWriter: ...
     def write(self, events: npt.NDArray[np.void]) -> None:
-        """Check events, and write them; they are in the system's hands when it returns, but for those that a format
-        of packets keeps back."""
+        """Check events and write them.
+
+        The operating system (or ``target``) has their bytes when this returns; the GIL is released.
+
+        Args:
+            events: anything with the fields t, x, y, p; times must not decrease, also from one call to the next.
+
+        Raises:
+            ValueError: for the first event that breaks the format's limits, with its index, before any is written; for
+                a writer that is finished.
+            OSError: if the file refuses.
+        """
     def flush(self) -> None:
-        """Hand everything to the operating system."""
+        """Hand everything to the operating system.
+
+        Raises:
+            ValueError: for a writer that is finished.
+            OSError: if the file refuses.
+        """
     def finish(self) -> int:
-        """Write what is left, close the file and return its size in bytes."""
+        """Write what is left, close the file and return its size in bytes; again, only the size.
+
+        Raises:
+            OSError: if the file refuses; it is closed then.
+        """
     def abandon(self) -> None:
-        """Close the file as it is."""
+        """Close the file as it is, without what is left to write."""
 
 def check_effects(effects: Mapping[str, Mapping[str, float | None]]) -> None:
     """Refuse settings of effects that are out of range.
@@ -377,8 +438,12 @@ class EventFileReader:
         path: the file.
         format: as :class:`EventFileWriter`'s.
         from_byte: text: where the first line to be read begins.
-        start_us, stop_us: aedat4: only the packets that hold events of that slice are read, if the table of contents
-            tells.
+        start_us, stop_us: aedat4: only the packets that hold events of that slice are read, where the file has a table
+            of contents. Events of these packets outside of the slice come too.
+
+    Raises:
+        ValueError: for a format that there is not.
+        OSError: for a file that cannot be read.
     """
 
     def __new__(
@@ -391,27 +456,46 @@ class EventFileReader:
         stop_us: int | None = None,
     ) -> EventFileReader: ...
     def look(self) -> None:
-        """Read until there is an event or the size is known; for a reader that will read nothing else."""
+        """Read until there is an event or the size is known; for a reader that will read nothing else.
+
+        Raises:
+            DecodeError: where the file breaks its format, with the place.
+            OSError: if the file refuses.
+        """
     def read(self, enough: int) -> npt.NDArray[np.void]:
-        """The next events: at least ``enough`` and not many more, fewer at the end."""
+        """The next events: at least ``enough`` and not many more, fewer at the end; the GIL is released.
+
+        Returns:
+            Events (:data:`davis_rs.EVENT_DTYPE`), in the file's order.
+
+        Raises:
+            DecodeError: where the file breaks its format, with the place.
+            OSError: if the file refuses.
+        """
     @property
     def over(self) -> bool:
-        """Whether the end was reached."""
+        """Whether the end of the file was reached."""
     @property
     def size(self) -> tuple[int, int] | None:
-        """(width, height), once read, where the file says."""
+        """(width, height), where the file says it and once that part was read; None otherwise."""
     @property
     def bytes(self) -> int:
-        """Bytes that have become events."""
+        """How many bytes of the file were decoded so far."""
     @property
     def file_size(self) -> int:
-        """Bytes of the file."""
+        """How many bytes the file has."""
     @property
     def left_over(self) -> int:
-        """At the end: bytes that are no whole record."""
+        """At the end: how many bytes are left that are no whole record."""
 
 def check_events(events: npt.NDArray[np.void], *, last_us: int, latest_us: int, size: tuple[int, int]) -> None:
-    """Check a packet that follows an event at ``last_us`` (-1 for none).
+    """Check a packet of events before it is written.
+
+    Args:
+        events: anything with the fields t, x, y, p.
+        last_us: time of the event before the packet in microseconds, -1 for none.
+        latest_us: the latest time that the format can hold.
+        size: (width, height): x and y must lie below.
 
     Raises:
         ValueError: for the first event, with its index, that goes back in time, is before 0 or after ``latest_us``,
@@ -419,15 +503,35 @@ def check_events(events: npt.NDArray[np.void], *, last_us: int, latest_us: int, 
     """
 
 def crc32(bytes: npt.NDArray[np.uint8], start: int) -> int:
-    """CRC-32 (ISO-HDLC, zip's) of bytes that follow those of CRC-32 ``start`` (0 for none); the GIL is released."""
+    """CRC-32 of bytes that come in parts; the GIL is released.
+
+    Args:
+        bytes: uint8, shape (n,), contiguous: the next part.
+        start: CRC-32 of all parts before it, 0 for none.
+
+    Returns:
+        CRC-32 of all parts so far.
+
+    Source: CRC-32/ISO-HDLC, the one of zip (PKWARE's APPNOTE, 4.4.7).
+    """
 
 def crc32_combine(first: int, second: int, second_length: int) -> int:
-    """CRC-32 of two stretches of bytes, of which the second has ``second_length``, from those of each."""
+    """CRC-32 of two byte strings in a row, from the CRC-32 of each, as :func:`crc32` gives it.
+
+    Args:
+        first: CRC-32 of the first string.
+        second: CRC-32 of the second string.
+        second_length: bytes of the second string.
+    """
 
 def log_intensity(luma: npt.NDArray[np.floating[Any]], log_eps: float) -> npt.NDArray[np.float64]:
     """L = ln(luma + log_eps) in float64, shape (height, width), as :class:`CrossingEngine` computes it.
 
     The same bits on every processor, within 1 ulp of the exact logarithm.
+
+    Args:
+        luma: linear luma, shape (height, width), finite and >= 0; float32, or float64, which is rounded to it.
+        log_eps: dark level in units of luma, > 0.
 
     Raises:
         ValueError: for luma that is NaN, infinite or negative (with the pixel), or log_eps <= 0.
@@ -447,6 +551,9 @@ def reconstruct(
     Args:
         events: events of the sensor, in any order.
         first_log_intensity: float64, shape (height, width).
+        t_us: time in microseconds; later events are left out.
+        contrast_threshold, contrast_threshold_off: C_on and C_off as :class:`CrossingEngine` takes them; without C_off
+            it is C_on.
 
     Returns:
         float64, shape (height, width).
@@ -458,7 +565,14 @@ def reconstruct(
     """
 
 def count_events(events: npt.NDArray[np.void], size: tuple[int, int]) -> npt.NDArray[np.uint32]:
-    """Events by polarity and pixel, shape (2, height, width), OFF before ON; ``size`` is (width, height).
+    """Count events by polarity and pixel.
+
+    Args:
+        events: anything with the fields t, x, y, p.
+        size: (width, height) of the sensor.
+
+    Returns:
+        uint32, shape (2, height, width), OFF before ON.
 
     Raises:
         ValueError: for an event outside of the sensor or of a polarity other than 0 or 1, with its index.
@@ -467,8 +581,13 @@ def count_events(events: npt.NDArray[np.void], size: tuple[int, int]) -> npt.NDA
 def latest_times(events: npt.NDArray[np.void], size: tuple[int, int], until_us: int) -> npt.NDArray[np.int64]:
     """The time in microseconds of the last event up to ``until_us`` by polarity and pixel, -1 where there was none.
 
+    Args:
+        events: anything with the fields t, x, y, p, in any order.
+        size: (width, height) of the sensor.
+        until_us: later events are left out.
+
     Returns:
-        int64, shape (2, height, width), OFF before ON; ``size`` is (width, height).
+        int64, shape (2, height, width), OFF before ON.
 
     Raises:
         ValueError: as :func:`count_events`.
@@ -477,12 +596,32 @@ def latest_times(events: npt.NDArray[np.void], size: tuple[int, int], until_us: 
 def voxel_grid(
     events: npt.NDArray[np.void], size: tuple[int, int], bins: int, start_us: int, stop_us: int, endpoint: bool
 ) -> npt.NDArray[np.float64]:
-    """See :func:`davis_rs.represent.voxel_grid`; float64, shape (bins, height, width)."""
+    """Sum polarities (+1 ON, -1 OFF) in planes of time; :func:`davis_rs.represent.voxel_grid` is made of it.
+
+    Each event is shared by the two planes around it, in proportion to how near it is to each.
+
+    Args:
+        events: anything with the fields t, x, y, p; those outside of the window are left out.
+        size: (width, height) of the sensor.
+        bins: number of planes, >= 1.
+        start_us, stop_us: the window in microseconds, both ends included; the first plane is at ``start_us``.
+        endpoint: whether the last plane is at ``stop_us``, or one step before it.
+
+    Returns:
+        float64, shape (bins, height, width).
+
+    Raises:
+        ValueError: as :func:`count_events`, for ``bins`` < 1, or for a window that ends before it starts.
+    """
 
 def pack_event_message(events: npt.NDArray[np.void], size: tuple[int, int], seq: int, frame_id: str) -> bytes:
     """A ``dvs_msgs/EventArray`` as ROS 1 serializes it, stamped with the last event's time.
 
-    ``size`` is (width, height).
+    Args:
+        events: anything with the fields t, x, y, p.
+        size: (width, height) of the sensor.
+        seq: number of the message.
+        frame_id: name of the coordinate frame.
 
     Raises:
         ValueError: for a time outside of 0..2^32 s, with the event's index.
@@ -502,7 +641,14 @@ def fill_events(
     y: npt.NDArray[np.uint16],
     p: npt.NDArray[np.uint8],
 ) -> None:
-    """Fill an array of :data:`davis_rs.EVENT_DTYPE` from contiguous columns of the same length.
+    """Fill an array of events from columns, in one pass.
+
+    Args:
+        events: :data:`davis_rs.EVENT_DTYPE`, shape (n,), contiguous; it is overwritten.
+        t: int64, shape (n,), contiguous: microseconds.
+        x: uint16, shape (n,), contiguous.
+        y: uint16, shape (n,), contiguous.
+        p: uint8, shape (n,), contiguous: 0 or 1.
 
     Raises:
         ValueError: if the lengths differ, or for the first polarity other than 0 or 1, with its index.

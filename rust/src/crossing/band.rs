@@ -1,7 +1,14 @@
-//! A band of rows: the pixels that one thread takes at a time.
+//! A band of rows: the pixels that one thread takes at a time, through scan, candidates and the exact rule.
+//!
+//! A band keeps its buffers from frame to frame, because allocating them anew for each frame costs more than a quiet
+//! frame does. Candidates are decided in batches that fit into the first-level cache.
+//!
+//! What must not break: events leave in raster order and, within a pixel, in the order of crossing, because the sort by
+//! time is stable and relies on it. A pixel's bounds are set again whenever its reference moved.
 
-use super::candidates::{Candidates, Verdict};
+use super::candidates::Candidates;
 use super::cubic::Cubic;
+use super::decision::Verdict;
 use super::frame::SparseSamples;
 use super::level::Level;
 use super::line::Line;

@@ -1,66 +1,21 @@
-//! Pixels that left their bounds, decided many at a time in vector registers where there is no doubt.
+//! Pixels that left their bounds, decided many at a time in vector registers where there is no doubt: straight lines.
 //!
 //! Nearly all of them reach exactly one level, clearly, at a moment clearly between two ticks. What is not clear within
 //! the bounds of float64 rounding is left to [`super::pixel`], which decides exactly.
+//!
+//! What must not break: a verdict other than `Unclear` is what the exact rule says, so the error bounds must cover
+//! every rounding. The loop in `decide` must stay free of branches and of calls that are not inlined, or it is no
+//! vector code.
 
 use multiversion::multiversion;
 
 use super::cubic_candidates::{Slopes, decide_cubics};
-use super::exponential::ROUND;
+use super::decision::{Decisions, LARGEST_TICK, Lines, References, Verdict, ceiling, integer};
 use super::level::Level;
 use super::parameters::CrossingParameters;
 use super::sample::Sample;
 use super::scan::{Found, MOST_FOUND};
 use super::steps::{StepArrays, Steps};
-
-/// What a candidate turned out to be.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[repr(u8)]
-pub(crate) enum Verdict {
-    /// Left its bounds, which are drawn inward, without reaching a level.
-    Nothing,
-    /// One OFF event.
-    Off,
-    /// One ON event.
-    On,
-    /// Several events, or too close to call.
-    Unclear,
-}
-
-#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
-impl Verdict {
-    /// One event, none, or neither beyond doubt.
-    #[inline(always)]
-    pub(crate) fn of(one: bool, brighter: bool, nothing: bool) -> Self {
-        let event = if brighter { Self::On } else { Self::Off };
-        if one {
-            event
-        } else if nothing {
-            Self::Nothing
-        } else {
-            Self::Unclear
-        }
-    }
-}
-
-/// 2^50: up to here [`ceiling`] works.
-pub(crate) const LARGEST_TICK: f64 = 1_125_899_906_842_624.0;
-
-/// The least whole number that is not smaller, in operations that every vector unit has.
-#[inline(always)]
-#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
-pub(crate) fn ceiling(x: f64) -> f64 {
-    let nearest = (x + ROUND) - ROUND;
-    nearest + if nearest < x { 1.0 } else { 0.0 }
-}
-
-/// A whole number to an integer, by way of the bits of 2^52 + it: vector units lack the conversion.
-#[inline(always)]
-#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
-pub(crate) fn integer(whole: f64) -> i64 {
-    const TWO_52: f64 = 4_503_599_627_370_496.0;
-    (whole + TWO_52).to_bits().wrapping_sub(TWO_52.to_bits()).cast_signed()
-}
 
 /// Candidates as arrays.
 pub(crate) struct Candidates<S> {
@@ -161,24 +116,6 @@ impl<S: Sample> Candidates<S> {
         }
         S::bounds(&self.after[..n], steps, log_eps, (&mut self.low[..n], &mut self.high[..n]));
     }
-}
-
-pub(crate) struct Lines<'a> {
-    pub(crate) from: &'a [f64],
-    pub(crate) to: &'a [f64],
-    pub(crate) ticks: f64,
-}
-
-pub(crate) struct References<'a> {
-    pub(crate) base: &'a [f64],
-    pub(crate) on: &'a [f64],
-    pub(crate) off: &'a [f64],
-}
-
-pub(crate) struct Decisions<'a> {
-    pub(crate) tick: &'a mut [i64],
-    pub(crate) verdict: &'a mut [Verdict],
-    pub(crate) after: &'a mut [f64],
 }
 
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]

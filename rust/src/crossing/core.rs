@@ -1,4 +1,9 @@
-//! The pixels of a sensor, and one frame's way through them.
+//! The pixels of a sensor as arrays, cut into bands for threads, and a frame's way through them.
+//!
+//! Arrays for each quantity instead of a struct for each pixel, because a quiet frame then reads only samples and
+//! bounds.
+//!
+//! What must not break: the cut into bands changes no event, and bands begin at whole tiles.
 
 use rayon::prelude::*;
 

@@ -1,9 +1,16 @@
-//! [`super::candidates`] for cubics: the monotone ones that reach one level, and those that stay between theirs.
+//! [`super::candidates`] for cubics: decides monotone ones that reach one level, and those that stay between their
+//! levels.
+//!
+//! A root found by Newton's steps is only a guess here. It counts where the cubic has clearly reached the level at its
+//! tick and clearly not at the tick before, so the search may be as rough as it likes.
+//!
+//! What must not break: the limits of slopes are those of `Cubic::new`, the error bound covers every rounding, and the
+//! loop has neither branches nor calls that are not inlined.
 
 use multiversion::multiversion;
 
-use super::candidates::{Decisions, LARGEST_TICK, Lines, References, Verdict, ceiling, integer};
 use super::cubic::STEEPEST;
+use super::decision::{Decisions, LARGEST_TICK, Lines, References, Verdict, ceiling, integer};
 use super::steps::Steps;
 
 /// Slopes, in log intensity over the whole interval, at its start and end.

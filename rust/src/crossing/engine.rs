@@ -1,4 +1,9 @@
-//! The engine: frames in, sorted events out.
+//! The engine that users see: it checks a frame, runs the pixels over it and sorts the events.
+//!
+//! Everything that can be wrong with a frame is checked before any state changes, so that a refused frame leaves the
+//! engine as it was and the code behind the check cannot fail.
+//!
+//! What must not break: that order, and that the same input gives the same bytes on any number of threads.
 
 use rayon::prelude::*;
 
@@ -149,6 +154,12 @@ impl CrossingEngine {
     #[must_use]
     pub fn parameters(&self) -> &CrossingParameters {
         &self.parameters
+    }
+
+    /// The effects that act beyond the thresholds, into which a mismatch was drawn.
+    #[must_use]
+    pub fn effects(&self) -> &Effects {
+        &self.effects
     }
 
     /// The time of the last frame in microseconds, if there was one.

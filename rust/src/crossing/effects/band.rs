@@ -1,9 +1,14 @@
-//! A band of rows under effects: its pixels' state, and a frame's way through them.
+//! A band of rows under effects: the state of its pixels, and a frame's way through them.
+//!
+//! Each tile is first marked in vector code for pixels to which something may happen; only these are followed in time.
+//!
+//! What must not break: a pixel that is not marked has no event and changes no state but its samples. Waits are counted
+//! from the last frame, so that they keep their digits however long a run is.
 
-use super::chain::Chain;
 use super::input::{Input, LowPass, bend};
 use super::noise::Arrivals;
-use super::scan::{Passed, low_pass, mark_leavers, mark_turners};
+use super::scan::{FilterStep, low_pass, mark_out_of_bounds, mark_sign_changes};
+use super::sensor::Sensor;
 use super::timeline::{FREE, Pixel};
 use crate::crossing::band::Interval;
 use crate::crossing::core::NEVER;
@@ -69,15 +74,21 @@ impl Tile {
 impl Band {
     /// Pixels that have just memorised their first log intensity.
     #[allow(clippy::cast_possible_truncation, reason = "no sensor has 2^32 pixels")]
-    pub(super) fn new(first_pixel: usize, logs: &[f64], slopes: &[f64], p: &CrossingParameters, chain: &Chain) -> Self {
-        let (n, effects) = (logs.len(), &chain.effects);
+    pub(super) fn new(
+        first_pixel: usize,
+        logs: &[f64],
+        slopes: &[f64],
+        p: &CrossingParameters,
+        sensor: &Sensor,
+    ) -> Self {
+        let (n, effects) = (logs.len(), &sensor.effects);
         let number = |i: usize| (first_pixel + i) as u32;
         let thresholds = |i: usize| p.thresholds(first_pixel + i);
         let leaks = effects.leak_rate_hz > 0.0;
         // A leaking pixel has leaked before: by a part of C_on that differs from pixel to pixel.
-        let phase = |i| if leaks { Draw::at(chain.seed, Purpose::LeakPhase, number(i), 0).uniform() } else { 0.0 };
+        let phase = |i| if leaks { Draw::at(sensor.seed, Purpose::LeakPhase, number(i), 0).uniform() } else { 0.0 };
         let base = |(i, log): (usize, &f64)| log - phase(i) * thresholds(i).on;
-        let hot = chain.hot.iter().flat_map(|noise| {
+        let hot = sensor.hot.iter().flat_map(|noise| {
             let chosen = (0..n).filter(|&i| noise.chosen(number(i), effects.hot_pixels.fraction));
             chosen.map(|i| (i as u32, noise.first(number(i))))
         });
@@ -90,9 +101,9 @@ impl Band {
             last_event_us: vec![NEVER; n],
             filtered: if effects.filters() { logs.to_vec() } else { vec![] },
             held_us: if effects.refractory_period_us > 0.0 { vec![FREE; n] } else { vec![] },
-            shot: chain.shot.iter().flat_map(|noise| (0..n).map(|i| noise.first(number(i)))).collect(),
+            shot: sensor.shot.iter().flat_map(|noise| (0..n).map(|i| noise.first(number(i)))).collect(),
             hot: hot.collect(),
-            leak: (0..if leaks || effects.filters() { n } else { 0 }).map(|i| chain.leak(thresholds(i))).collect(),
+            leak: (0..if leaks || effects.filters() { n } else { 0 }).map(|i| sensor.leak(thresholds(i))).collect(),
             low: vec![0.0; n],
             high: vec![0.0; n],
             tile: Tile::new(),
@@ -118,15 +129,15 @@ impl Band {
 
     /// Runs the band's pixels over a frame.
     #[allow(clippy::cast_precision_loss, reason = "intervals are shorter than 2^53 us")]
-    pub(super) fn advance<S: Sample>(&mut self, share: &Share<'_, S>, p: &CrossingParameters, chain: &Chain) {
+    pub(super) fn advance<S: Sample>(&mut self, share: &Share<'_, S>, p: &CrossingParameters, sensor: &Sensor) {
         self.events.clear();
         for start in (0..share.new.len()).step_by(TILE) {
             let end = (start + TILE).min(share.new.len());
-            self.see(start, end, share, p, chain);
-            self.mark(start, end, share, chain);
+            self.see(start, end, share, p, sensor);
+            self.mark(start, end, share, sensor);
             for i in start..end {
                 if self.tile.marked[i - start] {
-                    self.run(i, i - start, share, p, chain);
+                    self.run(i, i - start, share, p, sensor);
                 }
             }
             self.logs[start..end].copy_from_slice(&self.tile.logs[..end - start]);
@@ -147,7 +158,7 @@ impl Band {
         end: usize,
         share: &Share<'_, S>,
         p: &CrossingParameters,
-        chain: &Chain,
+        sensor: &Sensor,
     ) {
         let (n, tile, at) = (end - start, &mut self.tile, share.at);
         S::logs(&share.new[start..end], p.log_eps, &mut tile.logs[..n]);
@@ -159,12 +170,12 @@ impl Band {
         if let Some(before) = self.filtered.get(start..end) {
             let input = (&self.logs[start..end], &tile.logs[..n]);
             let output = (&mut tile.decay[..n], &mut tile.filtered[..n]);
-            low_pass(chain.effects.photoreceptor_bandwidth, at.ticks as f64, before, input, output);
+            low_pass(sensor.effects.photoreceptor_bandwidth, at.ticks as f64, before, input, output);
             tile.seen[..n].copy_from_slice(&tile.filtered[..n]);
         } else {
             tile.seen[..n].copy_from_slice(&tile.logs[..n]);
         }
-        let elapsed_us = chain.elapsed(at.start_us + at.ticks);
+        let elapsed_us = sensor.elapsed(at.start_us + at.ticks);
         for (seen, leak) in tile.seen.iter_mut().zip(self.leak.get(start..end).unwrap_or_default()) {
             *seen += leak * elapsed_us;
         }
@@ -172,15 +183,15 @@ impl Band {
 
     /// Marks the pixels of a tile to which something may have happened.
     #[allow(clippy::cast_precision_loss, reason = "intervals are shorter than 2^53 us")]
-    fn mark<S: Sample>(&mut self, start: usize, end: usize, share: &Share<'_, S>, chain: &Chain) {
+    fn mark<S: Sample>(&mut self, start: usize, end: usize, share: &Share<'_, S>, sensor: &Sensor) {
         let (n, tile, ticks) = (end - start, &mut self.tile, share.at.ticks as f64);
         let (bounds, marked) = ((&self.low[start..end], &self.high[start..end]), &mut tile.marked[..n]);
-        mark_leavers(&tile.seen, bounds, marked);
+        mark_out_of_bounds(&tile.seen, bounds, marked);
         let from = &self.logs[start..end];
         if let Some(before) = self.filtered.get(start..end) {
-            let passed = Passed { from, to: &tile.logs, before, output: &tile.filtered, decay: &tile.decay };
-            let since = chain.elapsed(share.at.start_us);
-            mark_turners(&passed, &self.leak[start..end], (since, since + ticks), bounds, marked);
+            let filter_step = FilterStep { from, to: &tile.logs, before, output: &tile.filtered, decay: &tile.decay };
+            let since = sensor.elapsed(share.at.start_us);
+            mark_sign_changes(&filter_step, &self.leak[start..end], (since, since + ticks), bounds, marked);
         }
         if share.rates.is_some() {
             let seconds = ticks * 1e-6;
@@ -190,7 +201,7 @@ impl Band {
                 marked[i] |= if self.filtered.is_empty() {
                     (slopes.0 + leaked) * (slopes.1 + leaked) < 0.0
                 } else {
-                    bend(slopes, tile.logs[i] - from[i]) > chain.flat
+                    bend(slopes, tile.logs[i] - from[i]) > sensor.tolerance
                 };
             }
         }
@@ -218,11 +229,11 @@ impl Band {
         in_tile: usize,
         share: &Share<'_, S>,
         p: &CrossingParameters,
-        chain: &Chain,
+        sensor: &Sensor,
     ) {
         let (index, at) = (self.first_pixel + i, share.at);
         let thresholds = p.thresholds(index);
-        let (x, y) = chain.size.xy(index);
+        let (x, y) = sensor.size.xy(index);
         let (events, last_event_us) = (&mut self.events, &mut self.last_event_us[i]);
         let emit = |tick, on| {
             events.push(Event::new(at.start_us + tick, x, y, on));
@@ -235,29 +246,29 @@ impl Band {
             c: thresholds,
             reference: &mut self.references[i],
             held_until_us: self.held_us.get_mut(i).unwrap_or(&mut free),
-            refractory_us: chain.effects.refractory_period_us,
+            refractory_us: sensor.effects.refractory_period_us,
             noise: [
-                chain.shot.zip(self.shot.get_mut(i)),
-                hot.and_then(|hot| chain.hot.zip(self.hot.get_mut(hot).map(|hot| &mut hot.1))),
+                sensor.shot.zip(self.shot.get_mut(i)),
+                hot.and_then(|hot| sensor.hot.zip(self.hot.get_mut(hot).map(|hot| &mut hot.1))),
             ],
         };
         let input = Input {
             log_eps: p.log_eps,
-            leak: chain.leak(thresholds),
-            elapsed_us: chain.elapsed(at.start_us),
+            leak: sensor.leak(thresholds),
+            elapsed_us: sensor.elapsed(at.start_us),
             from: self.logs[i],
             to: self.tile.logs[in_tile],
             ticks: at.ticks,
         };
         let low_pass = self.filtered.get(i).map(|&before| {
             self.tile.filtered[in_tile] = before;
-            LowPass { bandwidth: chain.effects.photoreceptor_bandwidth, output: &mut self.tile.filtered[in_tile] }
+            LowPass { bandwidth: sensor.effects.photoreceptor_bandwidth, output: &mut self.tile.filtered[in_tile] }
         });
         let sparse = share.sparse.of(index, index + 1);
         if share.rates.is_some() && sparse.is_empty() {
             let seconds = at.ticks as f64 * 1e-6;
             let slopes = (self.slopes[i] * seconds, self.tile.slopes[in_tile] * seconds);
-            input.follow_cubic(&mut pixel, slopes, chain.flat, low_pass, emit);
+            input.follow_cubic(&mut pixel, slopes, sensor.tolerance, low_pass, emit);
         } else {
             self.tile.sparse.resize(sparse.samples.len(), 0.0);
             S::logs(sparse.samples, p.log_eps, &mut self.tile.sparse);

@@ -1,11 +1,13 @@
-//! The pixels of a sensor under effects, in bands for threads.
+//! The pixels of a sensor under effects, cut into bands for threads; their state, stored and restored.
+//!
+//! What must not break: the cut into bands changes no event, and a stored state is checked before any of it is used.
 
 use rayon::prelude::*;
 
 use super::band::{Band, Share};
-use super::chain::Chain;
 use super::noise::Arrivals;
 use super::parameters::Effects;
+use super::sensor::Sensor;
 use super::timeline::FREE;
 use crate::crossing::band::Interval;
 use crate::crossing::frame::Frame;
@@ -19,7 +21,7 @@ use crate::event::{Event, SensorSize};
 
 /// As [`crate::crossing::core::Core`], for pixels that are not ideal. Whatever it is fed with, it keeps log intensity.
 pub(crate) struct EffectCore {
-    chain: Chain,
+    sensor: Sensor,
     bands: Vec<Band>,
 }
 
@@ -42,15 +44,15 @@ impl EffectCore {
         let slopes: Vec<f64> = frame.rate.map_or(vec![], |rates| {
             frame.samples.iter().zip(rates).map(|(sample, &rate)| sample.log_rate(rate, p.log_eps)).collect()
         });
-        let chain = Chain::new(size, p, effects, seed, frame.t_us);
+        let sensor = Sensor::new(size, p, effects, seed, frame.t_us);
         let bands = pool.map_or(1, |pool| BANDS_PER_THREAD * pool.current_num_threads());
         let length = n.div_ceil(bands).next_multiple_of(TILE);
         let bands = (0..n).step_by(length).map(|first| {
             let part = first..(first + length).min(n);
             let slopes = slopes.get(part.clone()).unwrap_or_default();
-            Band::new(first, &logs[part], slopes, p, &chain)
+            Band::new(first, &logs[part], slopes, p, &sensor)
         });
-        Self { bands: bands.collect(), chain }
+        Self { bands: bands.collect(), sensor }
     }
 
     /// Runs every pixel over one checked frame.
@@ -61,13 +63,13 @@ impl EffectCore {
         p: &CrossingParameters,
         pool: Option<&rayon::ThreadPool>,
     ) {
-        let chain = &self.chain;
+        let sensor = &self.sensor;
         let advance = |band: &mut Band| {
             let part = band.first_pixel..band.first_pixel + band.logs.len();
             let sparse = frame.sparse.of(part.start, part.end);
             let share =
                 Share { new: &frame.samples[part.clone()], rates: frame.rate.map(|rates| &rates[part]), sparse, at };
-            band.advance(&share, p, chain);
+            band.advance(&share, p, sensor);
         };
         match pool {
             None => self.bands.iter_mut().for_each(advance),
@@ -86,11 +88,11 @@ impl EffectCore {
 
     /// The reference of each pixel in log intensity at `t_us`; NaN in those that are held.
     pub(crate) fn reference(&self, t_us: i64, p: &CrossingParameters) -> Vec<f64> {
-        let elapsed_us = self.chain.elapsed(t_us);
+        let elapsed_us = self.sensor.elapsed(t_us);
         let held = self.joined(|band| &band.held_us);
         let value = |(i, level): (usize, &Level)| {
             let c = p.thresholds(i);
-            let reference = level.exact(c).value() - self.chain.leak(c) * elapsed_us;
+            let reference = level.exact(c).value() - self.sensor.leak(c) * elapsed_us;
             if held.get(i).is_some_and(|&held| held > FREE) { f64::NAN } else { reference }
         };
         self.references().enumerate().map(value).collect()
@@ -109,7 +111,7 @@ impl EffectCore {
         let hot: Vec<Arrivals> = self.bands.iter().flat_map(|band| band.hot.iter().map(|hot| hot.1)).collect();
         let shot = self.joined(|band| &band.shot);
         EffectState {
-            started_us: self.chain.started_us,
+            started_us: self.sensor.started_us,
             filtered: self.joined(|band| &band.filtered),
             held_us: self.joined(|band| &band.held_us),
             shot_wait_us: shot.iter().map(|arrivals| arrivals.wait_us).collect(),
@@ -121,14 +123,14 @@ impl EffectCore {
 
     /// Takes up a stored state, the last frame being that of the state.
     pub(crate) fn restore(&mut self, engine: &EngineState, state: &EffectState) -> Result<()> {
-        self.chain.started_us = state.started_us;
+        self.sensor.started_us = state.started_us;
         let hot = self.bands.iter().map(|band| band.hot.len()).sum::<usize>();
-        let (n, filtered) = (self.chain.size.pixels(), self.chain.effects.filters());
+        let (n, filtered) = (self.sensor.size.pixels(), self.sensor.effects.filters());
         let expected = |on: bool| if on { n } else { 0 };
         let lengths = [
             ("filtered", state.filtered.len(), expected(filtered)),
-            ("held_us", state.held_us.len(), expected(self.chain.effects.refractory_period_us > 0.0)),
-            ("shot_wait_us", state.shot_wait_us.len(), expected(self.chain.effects.shot_noise.rate_hz > 0.0)),
+            ("held_us", state.held_us.len(), expected(self.sensor.effects.refractory_period_us > 0.0)),
+            ("shot_wait_us", state.shot_wait_us.len(), expected(self.sensor.effects.shot_noise.rate_hz > 0.0)),
             ("shot_index", state.shot_index.len(), state.shot_wait_us.len()),
             ("hot_wait_us", state.hot_wait_us.len(), hot),
             ("hot_index", state.hot_index.len(), hot),

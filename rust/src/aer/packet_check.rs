@@ -1,16 +1,19 @@
-//! What can be sent, before anything is.
+//! Checks a packet before the encoder sends any of it.
+//!
+//! All of it is checked first, so that a refused packet leaves the encoder as it was. Errors name the kind, the index and
+//! the value. The encoder relies on what is checked here: it casts times, addresses and sizes to their bits unchecked.
 
 use super::decoded::Decoded;
 use super::device::Device;
 use super::frame::{Frame, Region};
+use super::frame_assembler::EXPOSURE_WORDS;
 use super::imu::{ImuGroups, ImuReading};
-use super::readout::EXPOSURE_WORDS;
 use super::trigger::TriggerKind;
 use crate::error::{Error, Result};
 use crate::event::{Event, SensorSize};
 
-/// Times lie below this, 8.9 years: each wrap up to there takes its share of a word.
-const FIRST_TIME_BEYOND: i64 = 1 << 48;
+/// Times must lie below this, 8.9 years. A longer gap would need so many wrap words that memory could not hold them.
+const TIME_LIMIT_US: i64 = 1 << 48;
 
 /// Refuses what cannot follow the time `now`; the first `resets` triggers are resets of the clock.
 pub(super) fn check(packet: &Decoded, resets: usize, device: &Device, now: i64) -> Result<()> {
@@ -48,7 +51,7 @@ fn in_order(what: &str, times: impl Iterator<Item = i64>, now: i64) -> Result<()
         if t < last {
             return Err(Error::Order(format!("times must not decrease: {what} {index} is at {t} us, after {last} us")));
         }
-        if t >= FIRST_TIME_BEYOND {
+        if t >= TIME_LIMIT_US {
             return Err(at(what, index, &format!("times must lie below 2^48 us, got {t}")));
         }
         last = t;

@@ -1,10 +1,16 @@
-//! Samples to frames.
+//! Assembles frames of the active pixels (APS) from the samples of their two reads.
 //!
-//! Each pixel is read twice, after its reset and after the exposure; the difference is its intensity. A read goes
-//! column by column: start, samples from the first row on, end.
+//! Each pixel is read twice, after its reset and after the exposure. The difference is its intensity (correlated double
+//! sampling). A read goes column by column: start, samples from the first row on, end. Samples are gathered in the
+//! order of the wire and put into rows once, at the frame's end, because that is one pass over memory instead of a
+//! scattered write for each sample.
+//!
+//! What must not break: a malformed frame is dropped and counted, and never makes an index go out of range. A frame comes
+//! out only if its region came whole, once and before the samples, and if both reads saw every column. Memory grows only
+//! with a region that lies on the sensor.
 
 use super::device::Device;
-use super::frame::{Frame, LEAST_RESET, PIXEL_SHIFT, Region, WHITE};
+use super::frame::{Frame, MIN_RESET, PIXEL_SHIFT, Region, WHITE};
 use super::stats::Stats;
 use super::word::{LOW_10, LOW_12};
 use crate::event::SensorSize;
@@ -20,9 +26,9 @@ pub(super) enum Read {
     Signal,
 }
 
-/// One read of a frame: its samples in the order of the wire.
+/// The samples of one read, in the order of the wire.
 #[derive(Default)]
-struct Reading {
+struct ReadSamples {
     samples: Vec<u16>,
     /// Columns that ended.
     columns: usize,
@@ -32,23 +38,24 @@ struct Reading {
     filled: usize,
 }
 
-/// Gathers one frame after the other.
+/// Assembles one frame after the other.
 #[allow(clippy::struct_excessive_bools, reason = "the bits of the device's orientation")]
 pub(super) struct FrameAssembler {
     size: SensorSize,
     swapped: bool,
     flip_x: bool,
     flip_y: bool,
+    /// Whether samples count double (see [`Device::samples_count_double`]).
     double: bool,
-    /// The frame that was begun, if any.
-    open: Option<Begun>,
+    /// The frame that has begun, if any.
+    open: Option<OpenFrame>,
     read: Read,
-    reset: Reading,
-    signal: Reading,
+    reset: ReadSamples,
+    signal: ReadSamples,
 }
 
-/// What is known of a frame that has not ended.
-struct Begun {
+/// A frame that has begun and not ended.
+struct OpenFrame {
     t: i64,
     global_shutter: bool,
     exposure_start: Option<i64>,
@@ -83,8 +90,8 @@ impl FrameAssembler {
             double: device.samples_count_double(),
             open: None,
             read: Read::default(),
-            reset: Reading::default(),
-            signal: Reading::default(),
+            reset: ReadSamples::default(),
+            signal: ReadSamples::default(),
         }
     }
 
@@ -94,7 +101,7 @@ impl FrameAssembler {
         for reading in [&mut self.reset, &mut self.signal] {
             (reading.columns, reading.row, reading.filled) = (0, 0, 0);
         }
-        self.open = Some(Begun {
+        self.open = Some(OpenFrame {
             t,
             global_shutter,
             exposure_start: None,
@@ -110,89 +117,89 @@ impl FrameAssembler {
         });
     }
 
-    /// Ignores everything until the next start.
+    /// Drops the open frame. Words are strays until the next start.
     pub(super) fn abandon(&mut self, stats: &mut Stats) {
         stats.frames_unended += u64::from(self.open.take().is_some());
     }
 
-    /// The open frame; a word without one is a stray.
-    fn begun(&mut self, stats: &mut Stats) -> Option<&mut Begun> {
+    /// The open frame; without one the word is counted as a stray.
+    fn open_frame(&mut self, stats: &mut Stats) -> Option<&mut OpenFrame> {
         stats.frame_stray_words += u64::from(self.open.is_none());
         self.open.as_mut()
     }
 
     pub(super) fn exposure_start(&mut self, t: i64, stats: &mut Stats) {
-        if let Some(begun) = self.begun(stats) {
-            begun.exposure_start = Some(t);
+        if let Some(open) = self.open_frame(stats) {
+            open.exposure_start = Some(t);
         }
     }
 
     pub(super) fn exposure_end(&mut self, t: i64, stats: &mut Stats) {
-        if let Some(begun) = self.begun(stats) {
-            begun.exposure_end = Some(t);
+        if let Some(open) = self.open_frame(stats) {
+            open.exposure_end = Some(t);
         }
     }
 
     pub(super) fn exposure_word(&mut self, word: u16, stats: &mut Stats) {
-        let Some(begun) = self.begun(stats) else { return };
-        if begun.exposure_words == EXPOSURE_WORDS {
+        let Some(open) = self.open_frame(stats) else { return };
+        if open.exposure_words == EXPOSURE_WORDS {
             stats.exposure_words_extra += 1;
             return;
         }
-        begun.exposure_cycles |= u32::from(word & LOW_10) << (10 * begun.exposure_words);
-        begun.exposure_words += 1;
+        open.exposure_cycles |= u32::from(word & LOW_10) << (10 * open.exposure_words);
+        open.exposure_words += 1;
     }
 
     pub(super) fn region_high(&mut self, byte: u16, stats: &mut Stats) {
-        let Some(begun) = self.begun(stats) else { return };
-        begun.region_high = byte << 8;
-        if !matches!(begun.region, RegionState::Awaited) {
-            begun.region = RegionState::Bad;
+        let Some(open) = self.open_frame(stats) else { return };
+        open.region_high = byte << 8;
+        if !matches!(open.region, RegionState::Awaited) {
+            open.region = RegionState::Bad;
         }
     }
 
     pub(super) fn region_low(&mut self, byte: u16, stats: &mut Stats) {
         let (size, swapped) = (self.size, self.swapped);
-        let Some(begun) = self.begun(stats) else { return };
-        if !matches!(begun.region, RegionState::Awaited) {
-            begun.region = RegionState::Bad;
+        let Some(open) = self.open_frame(stats) else { return };
+        if !matches!(open.region, RegionState::Awaited) {
+            open.region = RegionState::Bad;
             return;
         }
-        begun.bounds[begun.bounds_seen] = begun.region_high | byte;
-        begun.bounds_seen += 1;
-        if begun.bounds_seen < begun.bounds.len() {
+        open.bounds[open.bounds_seen] = open.region_high | byte;
+        open.bounds_seen += 1;
+        if open.bounds_seen < open.bounds.len() {
             return;
         }
-        let [x, y, last_x, last_y] = begun.bounds;
+        let [x, y, last_x, last_y] = open.bounds;
         if x > last_x || y > last_y || last_x >= size.width || last_y >= size.height {
-            begun.region = RegionState::Bad;
+            open.region = RegionState::Bad;
             return;
         }
         let region = Region { x, y, width: last_x - x + 1, height: last_y - y + 1 };
         let (width, height) = (usize::from(region.width), usize::from(region.height));
-        (begun.columns, begun.rows) = if swapped { (height, width) } else { (width, height) };
-        begun.region = RegionState::Good(region);
+        (open.columns, open.rows) = if swapped { (height, width) } else { (width, height) };
+        open.region = RegionState::Good(region);
         for reading in [&mut self.reset, &mut self.signal] {
-            // What is in there is overwritten before it is used.
+            // Old samples need no clearing: each is overwritten before it is used.
             reading.samples.resize(region.pixels().max(reading.samples.len()), 0);
         }
     }
 
     pub(super) fn column_start(&mut self, read: Read, stats: &mut Stats) {
-        if self.begun(stats).is_some() {
-            self.need_region();
+        if self.open_frame(stats).is_some() {
+            self.close_region();
             self.read = read;
-            self.reading().row = 0;
+            self.current().row = 0;
         }
     }
 
     pub(super) fn column_end(&mut self, stats: &mut Stats) {
-        if self.begun(stats).is_none() {
+        if self.open_frame(stats).is_none() {
             return;
         }
-        self.need_region();
+        self.close_region();
         let Some((columns, rows)) = self.extent() else { return };
-        let reading = self.reading();
+        let reading = self.current();
         if reading.columns < columns {
             let column = &mut reading.samples[reading.columns * rows..][..rows];
             stats.samples_missing += (rows - reading.filled) as u64;
@@ -204,18 +211,18 @@ impl FrameAssembler {
 
     /// Whether samples would be of use now.
     pub(super) fn takes_samples(&mut self) -> bool {
-        self.extent().is_some_and(|(columns, _)| self.reading().columns < columns)
+        self.extent().is_some_and(|(columns, _)| self.current().columns < columns)
     }
 
-    /// Takes samples that follow upon each other, as words.
+    /// Takes consecutive samples, as words.
     pub(super) fn samples(&mut self, words: &[[u8; 2]], stats: &mut Stats) {
         if self.open.is_none() {
             stats.frame_stray_words += words.len() as u64;
             return;
         }
-        self.need_region();
+        self.close_region();
         let Some((columns, rows)) = self.extent() else { return };
-        let reading = self.reading();
+        let reading = self.current();
         let room = if reading.columns < columns { rows - reading.row } else { 0 };
         let (words, extra) = words.split_at(room.min(words.len()));
         stats.samples_extra += extra.len() as u64;
@@ -230,33 +237,33 @@ impl FrameAssembler {
     }
 
     pub(super) fn end(&mut self, t: i64, stats: &mut Stats) -> Option<Frame> {
-        self.begun(stats)?;
-        let begun = self.open.take()?;
-        let RegionState::Good(region) = begun.region else {
+        self.open_frame(stats)?;
+        let open = self.open.take()?;
+        let RegionState::Good(region) = open.region else {
             stats.frames_bad_region += 1;
             return None;
         };
-        if self.reset.columns != begun.columns || self.signal.columns != begun.columns {
+        if self.reset.columns != open.columns || self.signal.columns != open.columns {
             stats.frames_wrong_columns += 1;
             return None;
         }
-        if begun.exposure_start.is_none() || begun.exposure_end.is_none() {
+        if open.exposure_start.is_none() || open.exposure_end.is_none() {
             stats.exposure_marks_missing += 1;
         }
-        let t_exposure_start = begun.exposure_start.unwrap_or(begun.t);
+        let t_exposure_start = open.exposure_start.unwrap_or(open.t);
         Some(Frame {
-            t_start: begun.t,
+            t_start: open.t,
             t_exposure_start,
-            t_exposure_end: begun.exposure_end.unwrap_or(t_exposure_start),
+            t_exposure_end: open.exposure_end.unwrap_or(t_exposure_start),
             t_end: t,
             region,
-            global_shutter: begun.global_shutter,
-            exposure_cycles: begun.exposure_cycles,
-            pixels: self.pixels(region, begun.rows),
+            global_shutter: open.global_shutter,
+            exposure_cycles: open.exposure_cycles,
+            pixels: self.pixels(region, open.rows),
         })
     }
 
-    fn reading(&mut self) -> &mut Reading {
+    fn current(&mut self) -> &mut ReadSamples {
         match self.read {
             Read::Reset => &mut self.reset,
             Read::Signal => &mut self.signal,
@@ -265,13 +272,13 @@ impl FrameAssembler {
 
     /// Columns and rows of the open frame on the wire, if its region is good.
     fn extent(&self) -> Option<(usize, usize)> {
-        self.open.as_ref().filter(|begun| matches!(begun.region, RegionState::Good(_))).map(|b| (b.columns, b.rows))
+        self.open.as_ref().filter(|open| matches!(open.region, RegionState::Good(_))).map(|b| (b.columns, b.rows))
     }
 
-    /// Columns have begun: it is too late for the region.
-    fn need_region(&mut self) {
-        if let Some(begun) = self.open.as_mut().filter(|begun| matches!(begun.region, RegionState::Awaited)) {
-            begun.region = RegionState::Bad;
+    /// Columns have begun, so a region that has not come whole comes too late.
+    fn close_region(&mut self) {
+        if let Some(open) = self.open.as_mut().filter(|open| matches!(open.region, RegionState::Awaited)) {
+            open.region = RegionState::Bad;
         }
     }
 
@@ -282,17 +289,17 @@ impl FrameAssembler {
         for (level, reset) in levels.iter_mut().zip(reset) {
             *level = intensity(reset << shift, *level << shift) << PIXEL_SHIFT;
         }
-        turned(levels, rows, (self.swapped, self.flip_x, self.flip_y))
+        to_image_order(levels, rows, (self.swapped, self.flip_x, self.flip_y))
     }
 }
 
 /// Intensity of a pixel, in 0..=1023, from its two samples.
 fn intensity(reset: u16, signal: u16) -> u16 {
-    if reset < LEAST_RESET || signal == 0 { WHITE } else { reset.saturating_sub(signal).min(WHITE) }
+    if reset < MIN_RESET || signal == 0 { WHITE } else { reset.saturating_sub(signal).min(WHITE) }
 }
 
 /// Values in the order of the wire (columns of `rows` each) as the rows of the image.
-fn turned(values: &[u16], rows: usize, (swapped, flip_x, flip_y): (bool, bool, bool)) -> Vec<u16> {
+fn to_image_order(values: &[u16], rows: usize, (swapped, flip_x, flip_y): (bool, bool, bool)) -> Vec<u16> {
     let columns = values.len() / rows;
     let mut image = Vec::with_capacity(values.len());
     if swapped {
@@ -309,14 +316,14 @@ fn turned(values: &[u16], rows: usize, (swapped, flip_x, flip_y): (bool, bool, b
     image
 }
 
-/// The inverse of [`turned`].
-pub(super) fn unturned(image: &[u16], rows: usize, (swapped, flip_x, flip_y): (bool, bool, bool)) -> Vec<u16> {
+/// The inverse of [`to_image_order`].
+pub(super) fn to_wire_order(image: &[u16], rows: usize, (swapped, flip_x, flip_y): (bool, bool, bool)) -> Vec<u16> {
     if swapped {
         // Columns of the wire are rows of the image.
-        turned(image, rows, (true, flip_x, flip_y))
+        to_image_order(image, rows, (true, flip_x, flip_y))
     } else {
-        // Turning a transposed image over again gives it back; what was flipped along x is now flipped along y.
-        turned(image, image.len() / rows, (false, flip_y, flip_x))
+        // A transposed image transposed again is the image; what was flipped along x is now flipped along y.
+        to_image_order(image, image.len() / rows, (false, flip_y, flip_x))
     }
 }
 
@@ -347,10 +354,10 @@ mod tests {
             (6, [4, 5, 2, 3, 0, 1]),
             (7, [5, 4, 3, 2, 1, 0]),
         ] {
-            let turns = (bits & 4 != 0, bits & 2 != 0, bits & 1 != 0);
-            let image = turned(&wire, rows, turns);
+            let orientation = (bits & 4 != 0, bits & 2 != 0, bits & 1 != 0);
+            let image = to_image_order(&wire, rows, orientation);
             assert_eq!(image, expected, "orientation {bits} of {columns} columns");
-            assert_eq!(unturned(&image, rows, turns), wire, "orientation {bits}");
+            assert_eq!(to_wire_order(&image, rows, orientation), wire, "orientation {bits}");
         }
     }
 }

@@ -1,4 +1,4 @@
-//! What is the same for all pixels of a sensor under effects.
+//! A sensor under effects: what is the same for all of its pixels.
 
 use super::noise::Noise;
 use super::parameters::Effects;
@@ -6,8 +6,8 @@ use crate::crossing::level::Thresholds;
 use crate::crossing::parameters::CrossingParameters;
 use crate::event::SensorSize;
 
-/// The effects, the sensor, and the ideal pixel that they act on.
-pub(super) struct Chain {
+/// Size, effects, and what is derived from them.
+pub(super) struct Sensor {
     pub(super) size: SensorSize,
     pub(super) effects: Effects,
     pub(super) seed: u64,
@@ -16,13 +16,13 @@ pub(super) struct Chain {
     pub(super) shot: Option<Noise>,
     pub(super) hot: Option<Noise>,
     /// A change of log intensity that does not count: a hundredth of the least threshold.
-    pub(super) flat: f64,
+    pub(super) tolerance: f64,
 }
 
-impl Chain {
+impl Sensor {
     pub(super) fn new(size: SensorSize, p: &CrossingParameters, effects: &Effects, seed: u64, started_us: i64) -> Self {
         let (shot, hot) = (Noise::shot(effects, seed), Noise::hot(effects, seed));
-        Self { size, effects: effects.clone(), seed, started_us, shot, hot, flat: 0.01 * p.least_threshold() }
+        Self { size, effects: effects.clone(), seed, started_us, shot, hot, tolerance: 0.01 * p.least_threshold() }
     }
 
     /// How far a pixel's reference leaks in a microsecond.

@@ -1,40 +1,36 @@
-//! The common path: runs of words that need no more than a look: times, addresses, samples.
+//! The fast path: timestamps, wraps, addresses and frame samples, many words at a time.
 //!
-//! It does what [`Decoder`](super::Decoder) does word by word, for many words without a branch in between: which of them is a column
-//! and which a time is as good as random, and a processor that guesses wrong loses more than all the work there is to do.
+//! Nearly all words of a stream are of these kinds ("plain" words) and act only on [`State`]. The fast path takes them in
+//! blocks, because deciding word by word costs a mispredicted branch at nearly every word. It stops before the first
+//! word of another kind, which [`Decoder`](super::Decoder) then decodes on its own.
+//!
+//! What must not break: the result is exactly that of the decoder word by word, counters included, which the decoder's
+//! tests check on random streams. A word outside of the array, or one that would overflow the drivers' 31-bit time, is
+//! left to the decoder. Code is compiled for three processor levels (`multiversion`), so what is called in a loop must be
+//! inlined.
 
 use multiversion::multiversion;
 
-use super::block::{BLOCK, bits, is_column, with_wraps, without_wraps};
-use super::clock::Clock;
-use super::pixels::Pixels;
-use super::readout::FrameAssembler;
-use super::stats::Stats;
+use super::block::{bits, is_column, with_wraps, without_wraps};
+use super::lanes::BLOCK;
+use super::state::State;
 use super::word::{COLUMN_OFF, LOW_12, ON, ROW, SAMPLE, WRAP};
 use crate::event::Event;
 
-/// So many words between samples are worth a whole block's work.
-const WORTH_A_BLOCK: usize = 20;
+/// The number of words between frame samples from which on decoding them as a block pays.
+const MIN_BLOCK_RUN: usize = 20;
 
 /// Words as they come: two bytes, low one first.
 type Words = [[u8; 2]];
 
-/// What plain words change, besides that they make events.
-pub(super) struct State {
-    pub(super) clock: Clock,
-    pub(super) pixels: Pixels,
-    pub(super) frames: FrameAssembler,
-    pub(super) stats: Stats,
-}
-
-/// Carries out words for as long as they are plain ones; returns how many they were.
+/// Decodes words up to the first one that is not plain. Returns how many it decoded.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
-pub(super) fn run(words: &Words, state: &mut State, events: &mut Vec<Event>) -> usize {
-    if state.pixels.row.is_none() || !state.clock.has_room_for(words.len()) {
+pub(super) fn decode_plain_words(words: &Words, state: &mut State, events: &mut Vec<Event>) -> usize {
+    if state.addresses.row.is_none() || !state.clock.has_room_for(words.len()) {
         return 0;
     }
     let samples = if state.frames.takes_samples() { LOW_12 + 1 } else { 0 };
-    let looked_for = Plain { rows: state.pixels.rows, columns: state.pixels.columns, samples };
+    let limits = PlainLimits { rows: state.addresses.rows, columns: state.addresses.columns, samples };
     let mut done = 0;
     while done < words.len() {
         let rest = &words[done..];
@@ -44,20 +40,20 @@ pub(super) fn run(words: &Words, state: &mut State, events: &mut Vec<Event>) -> 
             padded[..rest.len()].copy_from_slice(rest);
             &padded
         });
-        let found = looked_for.look(block);
-        if found.wraps && state.clock.overflows_within(block) {
+        let kinds = limits.classify(block);
+        if kinds.wraps && state.clock.overflows_within(block) {
             break;
         }
-        carry_out_runs(block, &found, state, events);
-        done += found.plain;
-        if found.plain < BLOCK {
+        decode_runs(block, &kinds, state, events);
+        done += kinds.plain;
+        if kinds.plain < BLOCK {
             break;
         }
     }
     done
 }
 
-/// The number of columns among words: no more events come of them.
+/// The number of column addresses among words: an upper bound of the events that they make.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
 pub(super) fn count_columns(words: &[[u8; 2]]) -> usize {
     let in_block =
@@ -65,26 +61,27 @@ pub(super) fn count_columns(words: &[[u8; 2]]) -> usize {
     words.chunks(BLOCK).map(|block| usize::from(in_block(block))).sum()
 }
 
-/// What plain words are: those below each kind's first payload that is not.
-struct Plain {
+/// Which words are plain: those whose payload lies below the limit of their kind.
+struct PlainLimits {
     rows: u16,
     columns: u16,
     samples: u16,
 }
 
-/// What a block holds.
-struct Found {
-    /// So many plain words, before another one or the end.
+/// What kinds of words a block has.
+struct Classified {
+    /// The number of plain words before the first other one, or before the end.
     plain: usize,
-    /// Which of its words are samples: the lowest bit is the first word's.
+    /// A bit for each word, the lowest for the first: whether it is a frame sample.
     samples: u64,
+    /// Whether any word is a wrap.
     wraps: bool,
 }
 
-impl Plain {
+impl PlainLimits {
     #[inline(always)]
     #[allow(clippy::inline_always, reason = "becomes its caller's vector code")]
-    fn look(&self, block: &[[u8; 2]; BLOCK]) -> Found {
+    fn classify(&self, block: &[[u8; 2]; BLOCK]) -> Classified {
         let (mut others, mut samples) = ([0; BLOCK], [0; BLOCK]);
         let (mut any_other, mut any_sample, mut any_wrap, mut all_samples) = (0, 0, 0, 1);
         for ((bytes, other), sample) in block.iter().zip(&mut others).zip(&mut samples) {
@@ -99,7 +96,7 @@ impl Plain {
             any_sample |= *sample;
             all_samples &= *sample;
         }
-        Found {
+        Classified {
             plain: if any_other == 0 { BLOCK } else { bits(&others).trailing_zeros() as usize },
             samples: if all_samples != 0 {
                 u64::MAX
@@ -113,39 +110,39 @@ impl Plain {
     }
 }
 
-/// Carries out the plain words of a block, samples and others in turns.
+/// Decodes the plain words of a block: runs of samples and runs of others, one after the other.
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "becomes its caller's vector code")]
-fn carry_out_runs(block: &[[u8; 2]; BLOCK], found: &Found, state: &mut State, events: &mut Vec<Event>) {
+fn decode_runs(block: &[[u8; 2]; BLOCK], kinds: &Classified, state: &mut State, events: &mut Vec<Event>) {
     let mut start = 0;
-    while start < found.plain {
-        let samples = found.samples >> start;
+    while start < kinds.plain {
+        let samples = kinds.samples >> start;
         let is_sample = samples & 1 == 1;
         let length = if is_sample { samples.trailing_ones() } else { samples.trailing_zeros() } as usize;
-        let run = &block[start..found.plain.min(start + length)];
+        let run = &block[start..kinds.plain.min(start + length)];
         start += run.len();
         if is_sample {
             state.frames.samples(run, &mut state.stats);
-        } else if run.len() < WORTH_A_BLOCK {
+        } else if run.len() < MIN_BLOCK_RUN {
             for &bytes in run {
                 let word = u16::from_le_bytes(bytes);
                 if word < WRAP {
-                    state.pixels.address(word, state.clock.now, events, &mut state.stats);
+                    state.addresses.address(word, state.clock.now, events, &mut state.stats);
                 } else {
-                    // Whether the drivers' 31 bits overflow was looked at before.
+                    // That the drivers' 31 bits do not overflow was checked before.
                     state.clock.advance(word, &mut state.stats);
                 }
             }
         } else {
             let mut padded = [[0; 2]; BLOCK];
-            let whole = run.first_chunk().unwrap_or_else(|| {
+            let block = run.first_chunk().unwrap_or_else(|| {
                 padded[..run.len()].copy_from_slice(run);
                 &padded
             });
-            if found.wraps {
-                with_wraps(whole, run.len(), state, events);
+            if kinds.wraps {
+                with_wraps(block, run.len(), state, events);
             } else {
-                without_wraps(whole, state, events);
+                without_wraps(block, state, events);
             }
         }
     }
