@@ -72,11 +72,11 @@ def _reader(setting: Setting) -> Callable[[str], Any]:
             value = kind(text)
         except ValueError:
             wanted = "an integer" if kind is int else "a number"
-            raise argparse.ArgumentTypeError(f"{setting.option} must be {wanted}, got {text!r}") from None
+            raise argparse.ArgumentTypeError(f"must be {wanted}, got {text!r}") from None
         try:
             setting.check(value, setting.option)
         except ValueError as error:
-            raise argparse.ArgumentTypeError(str(error)) from None
+            raise argparse.ArgumentTypeError(str(error).removeprefix(f"{setting.option} ")) from None
         return value
 
     return read

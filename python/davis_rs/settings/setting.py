@@ -224,5 +224,8 @@ def _members(annotation: Any) -> tuple[Any, ...]:
 
 
 def _shown(annotation: Any) -> str:
-    names = ("None" if one is type(None) else getattr(one, "__name__", str(one)) for one in _members(annotation))
+    names = (
+        "None" if one is type(None) else str(one) if get_args(one) else getattr(one, "__name__", str(one))
+        for one in _members(annotation)
+    )
     return re.sub(r"\b(?:\w+\.)+", "", " | ".join(names))
