@@ -6,6 +6,8 @@ import argparse
 import sys
 from dataclasses import replace
 
+from .._mitsuba import FAST, default_variant
+from ..rendering.render import Renderer
 from ..scene.scene import Scene
 from ..scenes import BUILTIN_SCENES, start_pose
 from ..trajectory.trajectory import align, interval
@@ -62,3 +64,9 @@ def on_path(options: argparse.Namespace, scene: Scene, *, quiet: bool = False) -
             print("trajectory moved so that it starts where the scene's camera does (--no-align)", file=sys.stderr)
         part = align(part, start_pose(scene))
     return replace(scene, trajectory=part)
+
+
+def rendering_with(renderer: Renderer) -> str:
+    """What renders, why, and with which LLVM."""
+    with_what = f"; {default_variant()[1]}" if renderer.variant == FAST else ""  # without LLVM that is the reason
+    return f"rendering with {renderer.name}: {renderer.reason}{with_what}"

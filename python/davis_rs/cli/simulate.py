@@ -14,7 +14,7 @@ from ..run_settings import RunSettings
 from ..scene.scene import Scene
 from ..scenes import load_scene
 from ..sensor_parameters import SENSORS
-from .common import SCENE_HELP, Help, add_path, on_path
+from .common import SCENE_HELP, Help, add_path, on_path, rendering_with
 from .inertial import add_inertial
 
 
@@ -116,7 +116,7 @@ def simulate_into(options: argparse.Namespace, scene: Scene, **meta: Any) -> int
         raise FileExistsError(f"{options.output} exists and is not empty: choose another folder or give --overwrite")
     simulator = settings.make_simulator(scene, seed=options.seed, threads=options.threads)
     if not options.quiet:
-        print(f"rendering with {simulator.renderer.name}: {simulator.renderer.reason}", file=sys.stderr)
+        print(rendering_with(simulator.renderer), file=sys.stderr)
     recording = record(
         simulator,
         scene.path,
