@@ -219,6 +219,7 @@ def test_an_llvm_that_is_loaded_already_is_not_run(run_python: Callable[..., str
 @needs_usable_llvm
 def test_a_usable_llvm_gives_the_fast_variant(run_python: Callable[..., str]) -> None:
     """Where a usable library is found, a fresh process takes the fast variant and the table kernel."""
+    assert INSTALLED is not None
     variant, reason = run_python(RENDER, DRJIT_LIBLLVM_PATH=str(INSTALLED.path)).splitlines()
     assert variant == FAST
     assert reason == "diffuse triangles under point light, with shadows"

@@ -52,7 +52,8 @@ def _accuracy(options: argparse.Namespace) -> int:
     scene = load_scene(options.scene)
     trajectory: Trajectory | None = None
     if options.trajectory is not None:
-        trajectory = read_trajectory(options.trajectory)
+        trajectory = sampled = read_trajectory(options.trajectory)
+        print(f"{options.trajectory}: {sampled.smoothing()}", file=sys.stderr)
         if scene.trajectory is not None:  # a built-in scene, which shares no world with the file
             trajectory = align(trajectory, start_pose(scene))
     prepared = Sweep(

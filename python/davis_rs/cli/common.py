@@ -40,9 +40,17 @@ def add_path(group: argparse._ArgumentGroup) -> None:
         "if not given: where a file's trajectory meets a built-in scene",
     )
     group.add_argument(
-        "--position-sigma", type=float, metavar="M", help="noise of the file's positions, smoothed away; 0 = none"
+        "--position-sigma",
+        type=float,
+        metavar="M",
+        help="noise of the file's positions, smoothed away; estimated from the data if not given; 0 = none",
     )
-    group.add_argument("--rotation-sigma", type=float, metavar="RAD", help="noise of the file's rotations, likewise")
+    group.add_argument(
+        "--rotation-sigma",
+        type=float,
+        metavar="RAD",
+        help="noise of the file's rotations, likewise; estimated from the data if not given",
+    )
     group.add_argument(
         "--max-gap", type=float, default=0.1, metavar="S", help="longest gap between samples that is bridged"
     )
@@ -55,8 +63,9 @@ def on_path(options: argparse.Namespace, scene: Scene, *, quiet: bool = False) -
             raise ValueError("--align moves the trajectory of a file: give --trajectory")
         return scene.part(options.start, options.duration)
     sigmas = {"position_sigma_m": options.position_sigma, "rotation_sigma_rad": options.rotation_sigma}
-    given = {name: value for name, value in sigmas.items() if value is not None}
-    trajectory = read_trajectory(options.trajectory, max_gap_s=options.max_gap, **given)
+    trajectory = read_trajectory(options.trajectory, max_gap_s=options.max_gap, **sigmas)
+    if not quiet:
+        print(f"{options.trajectory}: {trajectory.smoothing()} (--position-sigma, --rotation-sigma)", file=sys.stderr)
     part = interval(trajectory, options.start, options.duration)
     # A built-in scene shares no world with anybody's trajectory, a user's own file may.
     if scene.trajectory is not None if options.align is None else options.align:
