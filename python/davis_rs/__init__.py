@@ -1,81 +1,143 @@
 """A simulator of the DAVIS event camera: 3D scene and camera path in, events, frames, depth and ground truth out."""
 
+import sys
 from importlib import import_module
+from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
-from . import represent
-from ._core import (
-    CrossingEngine,
-    DecodeError,
-    Decoder,
-    Device,
-    Encoder,
-    __version__,
-    log_intensity,
-    reconstruct,
-)
-from .biases import BIAS_SETS, CoarseFineBias
-from .camera import Camera, load_camera
-from .dataset.reader import Dataset
-from .dataset.write_trajectory import write_trajectory
-from .dataset.writer import DatasetWriter
-from .decoded import IMU_COUNTS_DTYPE, IMU_DTYPE, TRIGGER_DTYPE, Decoded, Frame, TriggerKind
-from .dtypes import from_structured, to_structured, to_tonic
-from .effects import Effects
-from .event_files.convert import convert
-from .event_files.read import iter_events, open_reader, read_events
-from .event_files.write import open_writer
-from .events import EVENT_DTYPE, as_events
-from .formats import EventReader, EventWriter, TruncatedFileWarning, WriteReport
-from .imu import Imu, simulate_imu
-from .motion_capture import MocapClock, MocapNoise, MotionCapture
-from .packet import Packet
-from .plan import EffectPlan, plan_effects
-from .pose import GroundTruth, Pose
-from .record import record
-from .sampling.presets import ACCURACY, Accuracy
-from .sampling.rules import FixedRate, MaxDisplacement
-from .sampling.tolerance import Tolerance
-from .scene.light_course import Flicker, LightCourse, SampledCourse
-from .scene.scene import Scene
-from .scenes import load_scene, start_pose
-from .sensor_parameters import SENSORS, SensorParameters
-from .simulate import Simulator, simulate
-from .trajectory.sampled_trajectory import SampledTrajectory
-from .trajectory.trajectory import CallableTrajectory, SegmentTrajectory, Trajectory, align, interval
-from .trajectory.trajectory_file import read_trajectory
-from .trajectory.waypoints import waypoint_trajectory
-
 if TYPE_CHECKING:
+    from . import represent
+    from ._core import CrossingEngine, DecodeError, Decoder, Device, Encoder, __version__, log_intensity, reconstruct
+    from .biases import BIAS_SETS, CoarseFineBias
+    from .camera import Camera, load_camera
     from .clocks import ClockAlignment, align_clocks
+    from .dataset.reader import Dataset
+    from .dataset.write_trajectory import write_trajectory
+    from .dataset.writer import DatasetWriter
+    from .decoded import IMU_COUNTS_DTYPE, IMU_DTYPE, TRIGGER_DTYPE, Decoded, Frame, TriggerKind
+    from .dtypes import from_structured, to_structured, to_tonic
+    from .effects import Effects
+    from .event_files.convert import convert
+    from .event_files.read import iter_events, open_reader, read_events
+    from .event_files.write import open_writer
+    from .events import EVENT_DTYPE, as_events
+    from .formats import EventReader, EventWriter, TruncatedFileWarning, WriteReport
+    from .imu import Imu, simulate_imu
     from .inspection.check import check_dataset
     from .inspection.compare import EventComparison, compare_events
     from .inspection.video import video_dataset
     from .inspection.view import view_dataset
+    from .motion_capture import MocapClock, MocapNoise, MotionCapture
+    from .packet import Packet
+    from .plan import EffectPlan, plan_effects
+    from .pose import GroundTruth, Pose
+    from .record import record
     from .recordings import Recording, RecordingWarning, read_recording
+    from .sampling.presets import ACCURACY, Accuracy
+    from .sampling.rules import FixedRate, MaxDisplacement
+    from .sampling.tolerance import Tolerance
+    from .scene.light_course import Flicker, LightCourse, SampledCourse
+    from .scene.scene import Scene
+    from .scenes import load_scene, start_pose
+    from .sensor_parameters import SENSORS, SensorParameters
+    from .simulate import Simulator, simulate
+    from .trajectory.sampled_trajectory import SampledTrajectory
+    from .trajectory.trajectory import CallableTrajectory, SegmentTrajectory, Trajectory, align, interval
+    from .trajectory.trajectory_file import read_trajectory
+    from .trajectory.waypoints import waypoint_trajectory
     from .usb.davis import Davis
     from .usb.description import DavisDescription
     from .usb.raw_file import RawRecording, RawWriter
     from .usb.settings import DavisSettings
 
-_LATE = {
+_MODULES = {
+    "ACCURACY": "sampling.presets",
+    "Accuracy": "sampling.presets",
+    "BIAS_SETS": "biases",
+    "CallableTrajectory": "trajectory.trajectory",
+    "Camera": "camera",
     "ClockAlignment": "clocks",
+    "CoarseFineBias": "biases",
+    "CrossingEngine": "_core",
+    "Dataset": "dataset.reader",
+    "DatasetWriter": "dataset.writer",
     "Davis": "usb.davis",
     "DavisDescription": "usb.description",
     "DavisSettings": "usb.settings",
+    "DecodeError": "_core",
+    "Decoded": "decoded",
+    "Decoder": "_core",
+    "Device": "_core",
+    "EVENT_DTYPE": "events",
+    "EffectPlan": "plan",
+    "Effects": "effects",
+    "Encoder": "_core",
     "EventComparison": "inspection.compare",
+    "EventReader": "formats",
+    "EventWriter": "formats",
+    "FixedRate": "sampling.rules",
+    "Flicker": "scene.light_course",
+    "Frame": "decoded",
+    "GroundTruth": "pose",
+    "IMU_COUNTS_DTYPE": "decoded",
+    "IMU_DTYPE": "decoded",
+    "Imu": "imu",
+    "LightCourse": "scene.light_course",
+    "MaxDisplacement": "sampling.rules",
+    "MocapClock": "motion_capture",
+    "MocapNoise": "motion_capture",
+    "MotionCapture": "motion_capture",
+    "Packet": "packet",
+    "Pose": "pose",
     "RawRecording": "usb.raw_file",
     "RawWriter": "usb.raw_file",
     "Recording": "recordings",
     "RecordingWarning": "recordings",
+    "SENSORS": "sensor_parameters",
+    "SampledCourse": "scene.light_course",
+    "SampledTrajectory": "trajectory.sampled_trajectory",
+    "Scene": "scene.scene",
+    "SegmentTrajectory": "trajectory.trajectory",
+    "SensorParameters": "sensor_parameters",
+    "Simulator": "simulate",
+    "TRIGGER_DTYPE": "decoded",
+    "Tolerance": "sampling.tolerance",
+    "Trajectory": "trajectory.trajectory",
+    "TriggerKind": "decoded",
+    "TruncatedFileWarning": "formats",
+    "WriteReport": "formats",
+    "__version__": "_core",
+    "align": "trajectory.trajectory",
     "align_clocks": "clocks",
+    "as_events": "events",
     "check_dataset": "inspection.check",
     "compare_events": "inspection.compare",
+    "convert": "event_files.convert",
+    "from_structured": "dtypes",
+    "interval": "trajectory.trajectory",
+    "iter_events": "event_files.read",
+    "load_camera": "camera",
+    "load_scene": "scenes",
+    "log_intensity": "_core",
+    "open_reader": "event_files.read",
+    "open_writer": "event_files.write",
+    "plan_effects": "plan",
+    "read_events": "event_files.read",
     "read_recording": "recordings",
+    "read_trajectory": "trajectory.trajectory_file",
+    "reconstruct": "_core",
+    "record": "record",
+    "simulate": "simulate",
+    "simulate_imu": "imu",
+    "start_pose": "scenes",
+    "to_structured": "dtypes",
+    "to_tonic": "dtypes",
     "video_dataset": "inspection.video",
     "view_dataset": "inspection.view",
+    "waypoint_trajectory": "trajectory.waypoints",
+    "write_trajectory": "dataset.write_trajectory",
 }
-"""What a simulation does not need is imported when it is asked for (PEP 562), so that `import davis_rs` is quick."""
+"""Where each name is found when it is asked for (PEP 562), so that `import davis_rs` is quick."""
 
 __all__ = [
     "ACCURACY",
@@ -168,10 +230,24 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    if name not in _LATE:
+    if name == "represent":
+        return import_module(".represent", __name__)
+    if name not in _MODULES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f".{_LATE[name]}", __name__), name)
+    return getattr(import_module(f".{_MODULES[name]}", __name__), name)
 
 
 def __dir__() -> list[str]:
     return sorted({*globals(), *__all__})
+
+
+class _Package(ModuleType):
+    """Keeps `davis_rs.record` and `davis_rs.simulate` functions: an import of the modules of these names sets them."""
+
+    def __setattr__(self, name: str, value: object) -> None:
+        if name in _MODULES and isinstance(value, ModuleType):
+            value = getattr(value, name)
+        super().__setattr__(name, value)
+
+
+sys.modules[__name__].__class__ = _Package

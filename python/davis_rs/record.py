@@ -60,8 +60,8 @@ def record(
 ) -> Recording:
     """Simulate a trajectory into a dataset folder.
 
-    Ctrl-C (SIGINT) or SIGTERM ends it after the packet at hand, with a valid, shorter dataset; a second one ends it
-    at once.
+    Ctrl-C (SIGINT) or SIGTERM ends it after the packet at hand (the second at the earliest), with a valid, shorter
+    dataset; a second one ends it at once.
 
     Args:
         simulator: a fresh one.
@@ -99,10 +99,10 @@ def record(
     }
     events = 0
     with (
+        _stop_requests() as stop_requested,
         DatasetWriter(
             path, simulator.camera, exposure=exposure, overwrite=overwrite, imu=imu, meta=record_of_run
         ) as writer,
-        _stop_requests() as stop_requested,
         tqdm(total=trajectory.duration_s, unit="s", disable=quiet, bar_format=_BAR) as bar,
     ):
         end_us, total_us = 0, round(trajectory.duration_s * 1e6)
@@ -120,7 +120,7 @@ def record(
             events, end_us = events + len(packet.events), packet.end_us
             bar.set_postfix_str(f"{events:,} events", refresh=False)
             bar.update(last_us * 1e-6 - bar.n)
-            if stop_requested():
+            if stop_requested() and end_us > 0:  # with the first frame alone the dataset could not be checked
                 for late in simulator.flush():
                     writer.write(late)
                     events += len(late.events)

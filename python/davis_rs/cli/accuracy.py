@@ -17,13 +17,11 @@ from ..trajectory.trajectory import Trajectory, align
 from ..trajectory.trajectory_file import read_trajectory
 
 
-def add_accuracy(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Add the command to the command line's."""
-    accuracy = commands.add_parser(
-        "accuracy",
-        help="measure what accuracy costs in time on a scene",
-        description="Measure settings of the simulator on a scene: errors against references, and time. "
-        "Writes accuracy.csv, accuracy.md and accuracy.png. Ctrl-C keeps what was measured.",
+def add_accuracy(accuracy: argparse.ArgumentParser) -> None:
+    """Add the command's arguments."""
+    accuracy.description = (
+        "Measure settings of the simulator on a scene: errors against references, and time. "
+        "Writes accuracy.csv, accuracy.md and accuracy.png. Ctrl-C keeps what was measured."
     )
     accuracy.set_defaults(run=_accuracy)
     accuracy.add_argument("scene", metavar="SCENE", help="a built-in scene or a Mitsuba XML file")

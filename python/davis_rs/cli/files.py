@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import os
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -16,12 +15,10 @@ from ..formats import FORMATS
 from ..inspection.summary import dataset_row, draw_rates, summarize_events
 
 
-def add_files(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Add the commands to the command line's."""
-    conversion = commands.add_parser(
-        "convert",
-        help="convert events from one file format to another",
-        description="Convert events, in constant memory; times and coordinates stay as they are. Of a bag, the events.",
+def add_convert(conversion: argparse.ArgumentParser) -> None:
+    """Add the command's arguments."""
+    conversion.description = (
+        "Convert events, in constant memory; times and coordinates stay as they are. Of a bag, the events."
     )
     conversion.set_defaults(run=_convert)
     conversion.add_argument("source", metavar="IN", help="a file of any format, or a dataset folder")
@@ -41,11 +38,12 @@ def add_files(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> 
     conversion.add_argument("--overwrite", action="store_true", help="replace OUT if it exists")
     conversion.add_argument("--quiet", action="store_true", help="no progress bar, only the last line")
 
-    info = commands.add_parser(
-        "info",
-        help="sum up an event file or a dataset folder",
-        description="Sensor size, duration, events, ON share, rates and gaps; of a dataset folder also the columns of "
-        "the paper's tables: T (duration), TS and RS (top speeds), NE (number of events).",
+
+def add_info(info: argparse.ArgumentParser) -> None:
+    """Add the command's arguments."""
+    info.description = (
+        "Sensor size, duration, events, ON share, rates and gaps; of a dataset folder also the columns of "
+        "the paper's tables: T (duration), TS and RS (top speeds), NE (number of events)."
     )
     info.set_defaults(run=_info)
     info.add_argument("path", metavar="PATH", help="a file of any format, or a dataset folder")
@@ -75,10 +73,6 @@ def _convert(options: argparse.Namespace) -> int:
                 sys.stdout.buffer.flush()
     except TypeError as error:  # an option that the format does not have
         raise ValueError(str(error)) from error
-    except BrokenPipeError:
-        # Nobody reads any more: what is left in the buffer has nowhere to go when Python ends.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        raise
     print(
         f"{report.path}: {report.format}, {report.events:,} events, {report.bytes:,} bytes",
         file=sys.stderr if to_stream else sys.stdout,

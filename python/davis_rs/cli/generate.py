@@ -11,13 +11,11 @@ from typing import Any
 from ..generate import generate_sequences, load_sequence_plan, verify_sequences
 
 
-def add_generate(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Add the command to the command line's."""
-    generate = commands.add_parser(
-        "generate",
-        help="simulate many sequences with randomised parameters",
-        description="Simulate the sequences of a plan (docs/generate.md), each into a folder of its own. A run that "
-        "was ended or killed is gone on with by the same command.",
+def add_generate(generate: argparse.ArgumentParser) -> None:
+    """Add the command's arguments."""
+    generate.description = (
+        "Simulate the sequences of a plan (docs/generate.md), each into a folder of its own. A run that "
+        "was ended or killed is gone on with by the same command."
     )
     generate.set_defaults(run=_generate)
     what = generate.add_mutually_exclusive_group(required=True)

@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 from ..sequence_report import MEASURED, as_markdown, as_text, count_events, draw_sheet, read_counts, table, write_counts
-from ..sequences import SEQUENCES, Sequence
+from ..sequences import SEQUENCES, Sequence, sequence_named
 from .common import Help
 from .simulate import add_settings, simulate_into
 
@@ -15,15 +15,13 @@ _FRAME_RATE_HZ = 24.0
 """Of the dataset's recordings."""
 
 
-def add_sequences(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Add the two commands to the command line's."""
-    sequence = commands.add_parser(
-        "sequence",
-        help="simulate a sequence of the public dataset",
-        description="Simulate a twin of one of the public dataset's sequences into a dataset folder, with IMU. "
-        "davis-rs sequences lists them.",
-        formatter_class=Help,
+def add_sequence(sequence: argparse.ArgumentParser) -> None:
+    """Add the command's arguments."""
+    sequence.description = (
+        "Simulate a twin of one of the public dataset's sequences into a dataset folder, with IMU. "
+        "davis-rs sequences lists them."
     )
+    sequence.formatter_class = Help
     sequence.add_argument("name", metavar="NAME", help="such as poster_6dof or slider_depth")
     path = sequence.add_argument_group("camera path")
     path.add_argument("--start", type=float, default=0.0, metavar="S", help="where in the sequence t = 0 lies")
@@ -31,11 +29,12 @@ def add_sequences(commands: argparse._SubParsersAction[argparse.ArgumentParser])
     add_settings(sequence)
     sequence.set_defaults(run=_sequence, imu="mpu6150", frame_rate=_FRAME_RATE_HZ, depth_rate=_FRAME_RATE_HZ)
 
-    sequences = commands.add_parser(
-        "sequences",
-        help="list the public dataset's sequences: the paper's table beside our own",
-        description="List duration T, top speeds TS and RS and number of events NE of each sequence, the paper's and "
-        "ours. Speeds are means over 100 ms; events are those of ideal pixels, counted before (--count).",
+
+def add_sequences(sequences: argparse.ArgumentParser) -> None:
+    """Add the command's arguments."""
+    sequences.description = (
+        "List duration T, top speeds TS and RS and number of events NE of each sequence, the paper's and "
+        "ours. Speeds are means over 100 ms; events are those of ideal pixels, counted before (--count)."
     )
     sequences.add_argument("names", nargs="*", metavar="NAME", help="all if not given")
     instead = sequences.add_mutually_exclusive_group()
@@ -53,7 +52,7 @@ def add_sequences(commands: argparse._SubParsersAction[argparse.ArgumentParser])
 
 
 def _sequence(options: argparse.Namespace) -> int:
-    sequence = _named(options.name)
+    sequence = sequence_named(options.name)
     part = sequence.scene().part(options.start, options.duration)
     return simulate_into(options, part, sequence={"biases": sequence.biases, "differs": sequence.differs})
 
@@ -61,7 +60,7 @@ def _sequence(options: argparse.Namespace) -> int:
 def _sequences(options: argparse.Namespace) -> int:
     from tqdm import tqdm
 
-    sequences = [_named(name) for name in options.names or SEQUENCES]
+    sequences = [sequence_named(name) for name in options.names or SEQUENCES]
     if options.count is not None:
         _count(sequences, options.count)
         return 0
@@ -92,9 +91,3 @@ def _count(sequences: list[Sequence], path: Path) -> None:
             counts[sequence.name] = count_events(sequence, progress=bar.update)
         write_counts(path, sorted(counts.values(), key=lambda count: places.get(count.name, len(places))))
         print(f"{sequence.name}: {counts[sequence.name].events:,} events")
-
-
-def _named(name: str) -> Sequence:
-    if name not in SEQUENCES:
-        raise ValueError(f"there is no sequence {name!r}; there are {', '.join(SEQUENCES)}")
-    return SEQUENCES[name]

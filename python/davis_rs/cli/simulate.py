@@ -18,9 +18,9 @@ from .common import SCENE_HELP, Help, add_path, on_path, rendering_with
 from .inertial import add_inertial
 
 
-def add_simulate(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Add the command to the command line's."""
-    simulate = commands.add_parser("simulate", help="simulate a scene into a dataset folder", formatter_class=Help)
+def add_simulate(simulate: argparse.ArgumentParser) -> None:
+    """Add the command's arguments."""
+    simulate.formatter_class = Help
     simulate.set_defaults(run=_simulate)
     simulate.add_argument("scene", metavar="SCENE", help=SCENE_HELP)
     add_path(simulate.add_argument_group("camera path"))
