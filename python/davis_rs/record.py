@@ -19,6 +19,7 @@ from .dataset.writer import DatasetWriter
 from .imu import IMU_DTYPE, Imu, simulate_imu
 from .motion_capture import MotionCapture
 from .pose import Pose
+from .progress import progress
 from .simulate import Simulator
 from .trajectory.trajectory import Trajectory
 
@@ -79,8 +80,6 @@ def record(
 
     Noise of IMU and motion capture has the simulator's seed.
     """
-    from tqdm import tqdm
-
     started = time.perf_counter()
     motion_capture = motion_capture or MotionCapture(pose_rate_hz)
     seed = simulator.parameters["seed"]
@@ -103,7 +102,7 @@ def record(
         DatasetWriter(
             path, simulator.camera, exposure=exposure, overwrite=overwrite, imu=imu, meta=record_of_run
         ) as writer,
-        tqdm(total=trajectory.duration_s, unit="s", disable=quiet, bar_format=_BAR) as bar,
+        progress("simulating", trajectory.duration_s, unit="s", show=not quiet) as bar,
     ):
         end_us, total_us = 0, round(trajectory.duration_s * 1e6)
         posed = sampled = 0
@@ -118,8 +117,7 @@ def record(
             writer.write(packet, poses, inertial[sampled:sample_end])
             posed, sampled = pose_end, sample_end
             events, end_us = events + len(packet.events), packet.end_us
-            bar.set_postfix_str(f"{events:,} events", refresh=False)
-            bar.update(last_us * 1e-6 - bar.n)
+            bar.to(last_us * 1e-6, f"{events:,} events")
             if stop_requested() and end_us > 0:  # with the first frame alone the dataset could not be checked
                 for late in simulator.flush():
                     writer.write(late)
@@ -129,9 +127,6 @@ def record(
         writer.finish({"dropped_events": dropped}, interrupted=end_us < total_us)
     simulated_s = min(end_us, total_us) * 1e-6
     return Recording(Path(path), events, simulated_s, time.perf_counter() - started, end_us < total_us, dropped)
-
-
-_BAR = "{percentage:3.0f}%|{bar}| {n:.3f}/{total:.3g} s simulated [{elapsed}<{remaining}, {rate_noinv_fmt}{postfix}]"
 
 
 def _up_to(t_us: npt.NDArray[np.int64], last_us: int, total_us: int) -> int:

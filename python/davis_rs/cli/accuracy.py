@@ -12,6 +12,7 @@ from ..accuracy.report import draw, facts_of, markdown, write_csv
 from ..accuracy.settings import Setting, default_settings
 from ..accuracy.sweep import Measurement, Sweep, sweep
 from ..camera import load_camera
+from ..progress import each, progress
 from ..scenes import load_scene, start_pose
 from ..trajectory.trajectory import Trajectory, align
 from ..trajectory.trajectory_file import read_trajectory
@@ -75,20 +76,19 @@ def run_sweep(prepared: Sweep, settings: Sequence[Setting], *, rounds: int, comm
         OSError: if a file cannot be written.
         ImportError: without matplotlib, after the tables are written.
     """
-    from tqdm import tqdm
-
     folder = prepared.folder
     folder.mkdir(parents=True, exist_ok=True)
     measured: list[Measurement] = []
     interrupted = False
     try:
-        with tqdm(desc=f"reference, {prepared.fine_rays:,} rays", unit=" frames", disable=quiet) as bar:
-            for count in prepared.prepare():
-                bar.update(count - bar.n)
-        with tqdm(desc="settings", total=len(settings) * rounds, unit=" runs", disable=quiet) as bar:
-            for measured in sweep(prepared, settings, rounds):
-                write_csv(measured, folder / "accuracy.csv")
-                bar.update()
+        with progress(f"reference, {prepared.fine_rays:,} rays", 1, unit="frames", show=not quiet) as bar:
+            for done, bar.total in prepared.prepare():
+                bar.to(done)
+            bar.total = max(bar.done, 1)  # it may be good before the densest frames
+        for measured in each(
+            sweep(prepared, settings, rounds), "settings", len(settings) * rounds, unit="runs", show=not quiet
+        ):
+            write_csv(measured, folder / "accuracy.csv")
     except KeyboardInterrupt:
         interrupted = True
     if measured:

@@ -13,6 +13,7 @@ from typing import Any
 from ..event_files.convert import convert
 from ..formats import FORMATS
 from ..inspection.summary import dataset_row, draw_rates, summarize_events
+from ..progress import progress
 
 
 def add_convert(conversion: argparse.ArgumentParser) -> None:
@@ -66,9 +67,9 @@ def _convert(options: argparse.Namespace) -> int:
         **dict(options.option),
     }
     try:
-        with _bar(f"to {options.target}", quiet=options.quiet) as progress:
+        with _bar(f"to {options.target}", quiet=options.quiet) as told:
             target = sys.stdout.buffer if to_stream else options.target
-            report = convert(options.source, target, progress=progress, **arguments)
+            report = convert(options.source, target, progress=told, **arguments)
             if to_stream:
                 sys.stdout.buffer.flush()
     except TypeError as error:  # an option that the format does not have
@@ -81,8 +82,8 @@ def _convert(options: argparse.Namespace) -> int:
 
 
 def _info(options: argparse.Namespace) -> int:
-    with _bar("reading", quiet=options.quiet) as progress:
-        summary = summarize_events(options.path, size=options.size, progress=progress)
+    with _bar("reading", quiet=options.quiet) as told:
+        summary = summarize_events(options.path, size=options.size, progress=told)
     print(summary)
     if Path(options.path).is_dir():
         print(dataset_row(options.path, summary))
@@ -94,11 +95,8 @@ def _info(options: argparse.Namespace) -> int:
 @contextmanager
 def _bar(what: str, *, quiet: bool) -> Iterator[Callable[[float], object]]:
     """A progress bar that is told the share that is done."""
-    from tqdm import tqdm
-
-    layout = "{desc}: {percentage:3.0f}% |{bar}| {elapsed} < {remaining}"
-    with tqdm(desc=what, total=1.0, disable=quiet, bar_format=layout, leave=False) as bar:
-        yield lambda share: bar.update(share - bar.n)
+    with progress(what, 100.0, unit="%", show=not quiet) as bar:
+        yield lambda share: bar.to(100.0 * share)
 
 
 def _microseconds(text: str) -> int:

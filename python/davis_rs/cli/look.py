@@ -40,7 +40,7 @@ def _view(options: argparse.Namespace) -> int:
     from ..inspection.view import view_dataset
 
     if options.video is not None:
-        print(video_dataset(options.dataset, options.video, fps=options.fps, speed=options.speed, progress=True))
+        print(video_dataset(options.dataset, options.video, fps=options.fps, speed=options.speed, show_progress=True))
         return 0
     output = options.output or Path(options.dataset) / "view.png"
     print(view_dataset(options.dataset, output, t_s=options.time, window_s=options.window))

@@ -12,6 +12,7 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from importlib import import_module
 
+from ..progress import say
 from .parser import Parser
 
 COMMANDS = {
@@ -60,7 +61,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _run(arguments: Sequence[str] | None, options: argparse.Namespace) -> int:
     make_parser().parse_args(arguments, options)
-    warnings.showwarning = lambda message, *_: print(f"davis-rs: warning: {message}", file=sys.stderr)
+    warnings.showwarning = lambda message, *_: say(f"davis-rs: warning: {message}")
     run: Callable[[argparse.Namespace], int] = options.run
     return run(options)
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 
+from ..progress import each, progress
 from ..sequence_report import MEASURED, as_markdown, as_text, count_events, draw_sheet, read_counts, table, write_counts
 from ..sequences import SEQUENCES, Sequence, sequence_named
 from .common import Help
@@ -58,13 +58,11 @@ def _sequence(options: argparse.Namespace) -> int:
 
 
 def _sequences(options: argparse.Namespace) -> int:
-    from tqdm import tqdm
-
     sequences = [sequence_named(name) for name in options.names or SEQUENCES]
     if options.count is not None:
         _count(sequences, options.count)
         return 0
-    shown = tqdm(sequences, leave=False, disable=not sys.stderr.isatty())
+    shown = each(sequences, "simulating" if options.sheet is not None else "listing", len(sequences), unit="sequences")
     if options.sheet is not None:
         print(draw_sheet(shown, options.sheet))
         return 0
@@ -79,15 +77,13 @@ def _sequences(options: argparse.Namespace) -> int:
 
 
 def _count(sequences: list[Sequence], path: Path) -> None:
-    from tqdm import tqdm
-
     counts = read_counts(path) if path.exists() else {}
     places = {name: place for place, name in enumerate(SEQUENCES)}
     write_counts(path, counts.values())  # fails before the counting, if it must
     for sequence in sequences:
         if sequence.name in counts:
             continue
-        with tqdm(total=sequence.paper.duration_s, unit="s", desc=sequence.name) as bar:
-            counts[sequence.name] = count_events(sequence, progress=bar.update)
+        with progress(sequence.name, sequence.paper.duration_s, unit="s") as bar:
+            counts[sequence.name] = count_events(sequence, progress=bar.advance)
         write_counts(path, sorted(counts.values(), key=lambda count: places.get(count.name, len(places))))
         print(f"{sequence.name}: {counts[sequence.name].events:,} events")

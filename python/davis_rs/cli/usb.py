@@ -123,7 +123,7 @@ def _record(options: argparse.Namespace) -> int:
     from ..usb.virtual_backend import VirtualBackend
     from ..virtual_scene import virtual_davis_of_scene
 
-    virtual = virtual_davis_of_scene(load_scene(options.virtual), duration_s=options.duration, progress=True)
+    virtual = virtual_davis_of_scene(load_scene(options.virtual), duration_s=options.duration, show_progress=True)
     with Davis.open(options.serial, settings=settings, backend=VirtualBackend(virtual)) as camera:
         return _record_camera(camera, options, virtual)
 
