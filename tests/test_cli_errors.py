@@ -255,3 +255,27 @@ def test_ctrl_c_while_workers_import_prints_no_traceback(tmp_path: Path) -> None
     _, told = process.communicate(timeout=60)
     assert told == ""
     assert process.returncode == 130
+
+
+@pytest.mark.parametrize(
+    ("line", "some"),
+    [
+        ("davis-rs sim", {"simulate"}),
+        ("davis-rs simulate three_planes --contrast-threshold-", {"--contrast-threshold-off"}),
+        ("davis-rs plan three_planes --sensor davis3", {"davis346"}),
+        ("davis-rs calibrate hand", {"hand-eye"}),
+    ],
+)
+def test_the_shell_completes(line: str, some: set[str], tmp_path: Path) -> None:
+    """Commands, options and choices, of the very parsers that read them."""
+    pytest.importorskip("argcomplete")
+    asked = {
+        "_ARGCOMPLETE": "1",
+        "_ARGCOMPLETE_IFS": "\n",
+        "_ARGCOMPLETE_STDOUT_FILENAME": str(tmp_path / "said"),
+        "COMP_LINE": line,
+        "COMP_POINT": str(len(line)),
+    }
+    done = run(**asked)
+    assert done.returncode == 0, done.stderr
+    assert {word.strip() for word in (tmp_path / "said").read_text().splitlines()} == some

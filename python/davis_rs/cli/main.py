@@ -60,7 +60,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(arguments: Sequence[str] | None, options: argparse.Namespace) -> int:
-    make_parser().parse_args(arguments, options)
+    parser = make_parser()
+    if "_ARGCOMPLETE" in os.environ:  # the shell asks what could come next
+        import argcomplete
+
+        for name in os.environ["COMP_LINE"].split():
+            if name in parser.commands:
+                parser.commands[name].fill()  # argcomplete has to find the arguments there
+        argcomplete.autocomplete(parser)
+    parser.parse_args(arguments, options)
     warnings.showwarning = lambda message, *_: say(f"davis-rs: warning: {message}")
     run: Callable[[argparse.Namespace], int] = options.run
     return run(options)
@@ -77,7 +85,7 @@ def make_parser() -> Parser:
     parser.add_argument("--debug", action="store_true", help=_DEBUG)
     commands = parser.add_subparsers(required=True, metavar="COMMAND", parser_class=Parser)
     for name, (module, does) in COMMANDS.items():
-        commands.add_parser(name, help=does, fill=_fill(name, module))
+        parser.commands[name] = commands.add_parser(name, help=does, fill=_fill(name, module))
     return parser
 
 

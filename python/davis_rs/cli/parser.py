@@ -16,11 +16,15 @@ class Parser(argparse.ArgumentParser):
 
     Args:
         fill: adds the arguments; called once, before the first arguments are read.
+
+    Attributes:
+        commands: the parsers of its commands, by name.
     """
 
     def __init__(self, *arguments: Any, fill: Callable[[argparse.ArgumentParser], None] | None = None, **more: Any):
         super().__init__(*arguments, **more)
         self._fill = fill
+        self.commands: dict[str, Parser] = {}
 
     def fill(self) -> None:
         """Add the arguments, if that is still to be done."""
