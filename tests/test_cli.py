@@ -105,7 +105,7 @@ def still_path(folder: Path) -> Path:
         ),
         (["three_planes", "--camera", "no_such_camera"], "neither a preset"),
         (["three_planes", "--trajectory", "no_such_file"], "no_such_file"),
-        (["three_planes", "--contrast-threshold", "-1"], "contrast_threshold must lie in"),
+        (["three_planes", "--contrast-threshold", "-1"], "--contrast-threshold must lie in"),
         (["three_planes", "--render-rate", "0"], "render rate"),
         (["three_planes", "--max-displacement", "nan"], "displacement"),
         (["three_planes", "--duration", "5"], "runs from 0 to 2.0 s"),
