@@ -101,7 +101,8 @@ class _Version(argparse.Action):
     def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
         from .._core import __version__
 
-        parser.exit(message=f"davis-rs {__version__}\n")
+        print(f"davis-rs {__version__}")
+        parser.exit()
 
 
 def _in_a_line(error: Exception, options: argparse.Namespace, debug: bool) -> str:
