@@ -121,7 +121,7 @@ def test_the_fine_reference_converges_and_is_kept(renderer: Renderer, recipe: Re
     """Halving its displacement moves events little; from its file it is the same, without a render."""
     cache = tmp_path / "deeper" / "frames.npz"
 
-    def run(frames: Generator[int, None, FineReference]) -> tuple[int, FineReference]:
+    def run(frames: Generator[tuple[int, int], None, FineReference]) -> tuple[int, FineReference]:
         rendered = 0
         while True:
             try:
@@ -189,7 +189,10 @@ SETTINGS = [
 def prepared(scene: Scene, tmp_path_factory: pytest.TempPathFactory) -> Sweep:
     folder = tmp_path_factory.mktemp("sweep")
     made = Sweep(scene, start_s=1.0, duration_s=0.03, camera=CAMERA, folder=folder, fine_rays=64)
-    assert list(made.prepare()) == sorted(range(1, len(made.fine.t_us) + 1))
+    counted = list(made.prepare())
+    assert [done for done, _ in counted] == list(range(1, len(made.fine.t_us) + 1))
+    assert len({most for _, most in counted}) == 1
+    assert counted[-1][0] <= counted[-1][1]
     return made
 
 

@@ -29,11 +29,11 @@ LAYERS = [
     ["recordings", "camera", "lattice", "luma"],
     ["usb", "biases"],
     ["represent", "dtypes", "decoded", "events"],
-    ["_mitsuba", "_llvm", "_core"],
+    ["_mitsuba", "_llvm", "_core", "close_names", "progress"],
 ]
 RANK = {name: (layer, place) for layer, names in enumerate(LAYERS) for place, name in enumerate(names)}
 LATE = {"mitsuba", "drjit", "scipy", "matplotlib", "imageio", "OpenEXR", "PIL", "tqdm", "usb", "lz4", "zstandard"}
-LATE |= {"h5py", "hdf5plugin", "pyarrow", "rosbags", "cv2", "yaml", "distributed"}
+LATE |= {"h5py", "hdf5plugin", "pyarrow", "rosbags", "cv2", "yaml", "distributed", "argcomplete"}
 PLUG_INS = {"virtual_backend": {"usb"}}
 """Modules that derive from a class of a heavy library: imported late themselves."""
 

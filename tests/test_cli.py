@@ -105,7 +105,7 @@ def still_path(folder: Path) -> Path:
         ),
         (["three_planes", "--camera", "no_such_camera"], "neither a preset"),
         (["three_planes", "--trajectory", "no_such_file"], "no_such_file"),
-        (["three_planes", "--contrast-threshold", "-1"], "contrast_threshold must lie in"),
+        (["three_planes", "--contrast-threshold", "-1"], "--contrast-threshold must lie in"),
         (["three_planes", "--render-rate", "0"], "render rate"),
         (["three_planes", "--max-displacement", "nan"], "displacement"),
         (["three_planes", "--duration", "5"], "runs from 0 to 2.0 s"),
@@ -158,11 +158,12 @@ def test_a_camera_file_and_a_trajectory_file(tmp_path: Path) -> None:
     np.savetxt(tmp_path / "path.txt", rows, fmt="%.9f")
     out = tmp_path / "out"
     done = simulate(
-        "three_planes", "-o", out, "--trajectory", tmp_path / "path.txt", "--position-sigma", 0, "--rotation-sigma", 0,
+        "three_planes", "-o", out, "--trajectory", tmp_path / "path.txt",
         "--camera", tmp_path / "calib.txt", "--start", 0.05, "--duration", 0.1,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     assert "trajectory moved" in done.stderr
+    assert "path.txt: positions and rotations taken as they are" in done.stderr
     dataset = davis_rs.Dataset(out)
     assert dataset.camera.fy == 155.0
     start = davis_rs.start_pose(davis_rs.load_scene("three_planes"))

@@ -91,7 +91,7 @@ def test_what_cannot_be_converted_is_refused(tmp_path: Path, capsys: pytest.Capt
 
 
 def test_a_closed_pipe_ends_the_conversion(tmp_path: Path) -> None:
-    """Standard output that nobody reads any more: exit status 1 and one line, no traceback."""
+    """Standard output that nobody reads any more: exit status 1 and no word, as of any program before `head`."""
     source = text_file(tmp_path / "events.txt", many(200_000))
     command = [sys.executable, "-m", "davis_rs.cli", "convert", str(source), "-", "--format", "text"]
     with subprocess.Popen(
@@ -103,8 +103,7 @@ def test_a_closed_pipe_ends_the_conversion(tmp_path: Path) -> None:
         process.stdout.close()
         told = process.stderr.read().decode()
     assert process.returncode == 1
-    assert told.count("\n") == 1
-    assert "Broken pipe" in told
+    assert told == ""
 
 
 def test_memory_stays_constant(tmp_path: Path, run_python: Callable[..., str]) -> None:

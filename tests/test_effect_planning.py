@@ -379,7 +379,7 @@ def test_the_command_prints_the_table() -> None:
     """davis-rs plan, of a sensor's effects or of given ones."""
     program = (
         "import argparse, sys; from davis_rs.cli.plan import add_plan; p = argparse.ArgumentParser(); "
-        "add_plan(p.add_subparsers()); o = p.parse_args(sys.argv[1:]); sys.exit(o.run(o))"
+        "add_plan(p); o = p.parse_args(sys.argv[2:]); sys.exit(o.run(o))"
     )
     command = [sys.executable, "-c", program, "plan", "three_planes", "--duration", "0.05", "--samples", "1"]
     given = ["--effect", "refractory_period_us=2000", "--effect", "leak_rate_hz=0.001", "--share", "0.1"]

@@ -10,6 +10,7 @@ import numpy.typing as npt
 from .decoded import Decoded, Frame
 
 __all__ = [
+    "RUST_SYSROOT",
     "CrossingEngine",
     "DecodeError",
     "Decoder",
@@ -33,6 +34,8 @@ __all__ = [
 ]
 
 __version__: str
+RUST_SYSROOT: str
+"""The Rust toolchain that built this module, as ``rustc --print sysroot`` named it; empty if it could not be asked."""
 
 _SparseSamples = tuple[npt.NDArray[np.integer[Any]], npt.NDArray[np.integer[Any]], npt.NDArray[np.floating[Any]]]
 

@@ -11,21 +11,18 @@ from typing import Any
 
 import numpy as np
 
-from ._llvm import HOW_TO_GET_IT, OLDEST_USABLE, find_libllvm
+from ._llvm import HOW_TO_GET_IT, OLDEST_USABLE, find_libllvm, why_none
 
 FAST, SCALAR = "llvm_ad_rgb", "scalar_rgb"
 
 
 @functools.cache
 def default_variant() -> tuple[str, str]:
-    """(variant, why): ``llvm_ad_rgb`` where LLVM can be used, else ``scalar_rgb`` with how to get the fast one."""
+    """(variant, why): ``llvm_ad_rgb`` where LLVM can be used, with which; else ``scalar_rgb`` with how to get that."""
     library = find_libllvm()
     if library is None:
-        return (
-            SCALAR,
-            f"no usable LLVM (>= {OLDEST_USABLE}) was found, so Mitsuba runs its slow scalar variant; {HOW_TO_GET_IT}",
-        )
-    os.environ["DRJIT_LIBLLVM_PATH"] = str(library)
+        return SCALAR, f"{why_none()}, so Mitsuba runs its slow scalar variant; {HOW_TO_GET_IT}"
+    os.environ["DRJIT_LIBLLVM_PATH"] = str(library.path)
     import drjit as dr
     import mitsuba as mi
 
@@ -37,7 +34,7 @@ def default_variant() -> tuple[str, str]:
     except ImportError as error:  # the library could not be loaded after all
         return (
             SCALAR,
-            f"{library} could not be used ({error}), so Mitsuba runs its slow scalar variant; {HOW_TO_GET_IT}",
+            f"{library.path} could not be used ({error}), so Mitsuba runs its slow scalar variant; {HOW_TO_GET_IT}",
         )
     # A program that imported Dr.Jit before us may have loaded another library.
     if version < (OLDEST_USABLE,):
@@ -46,7 +43,7 @@ def default_variant() -> tuple[str, str]:
             SCALAR,
             f"LLVM {loaded} is loaded already and would abort, so Mitsuba runs its scalar variant; {HOW_TO_GET_IT}",
         )
-    return FAST, f"LLVM {'.'.join(map(str, version))}"
+    return FAST, f"LLVM {'.'.join(map(str, version))}, {library.path} ({library.origin})"
 
 
 @contextmanager

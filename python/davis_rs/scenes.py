@@ -10,6 +10,7 @@ import numpy as np
 
 from ._mitsuba import default_variant, load_scene_source, variant
 from .camera import Camera
+from .close_names import did_you_mean
 from .pose import Pose
 from .scene.checkerboard_scene import checkerboard
 from .scene.fence_scene import fence
@@ -47,6 +48,7 @@ def load_scene(name_or_path: str | Path) -> Scene:
         names = ", ".join(BUILTIN_SCENES)
         raise ValueError(
             f"scene {str(name_or_path)!r} is neither one of {names}, a sequence of the dataset, nor a Mitsuba XML file"
+            f"{did_you_mean(str(name_or_path), [*BUILTIN_SCENES, *SEQUENCES])}"
         )
     return _scene_of_file(path)
 

@@ -9,6 +9,7 @@ from types import MappingProxyType
 from typing import Any, TypeVar
 
 from .biases import DAVIS240C_BIASES, DAVIS346_BIASES, BiasValues, ChipBias, CoarseFineBias, as_biases
+from .close_names import did_you_mean
 from .effects import Aps, Effects, HotPixels, PhotoreceptorBandwidth, Readout, ShotNoise
 from .effects.effect import check_range
 
@@ -354,5 +355,5 @@ def sensor_parameters(sensor: str | SensorParameters | None) -> SensorParameters
         return sensor
     name = "ideal" if sensor is None else sensor
     if name not in SENSORS:
-        raise ValueError(f"sensor must be one of {', '.join(SENSORS)}, got {name!r}")
+        raise ValueError(f"sensor must be one of {', '.join(SENSORS)}, got {name!r}{did_you_mean(name, SENSORS)}")
     return SENSORS[name]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import signal
-import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -16,11 +15,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from ._mitsuba import FAST, default_variant
 from .dataset.writer import DatasetWriter
 from .effect_planning import EffectPlan
 from .imu import IMU_DTYPE, ImuArray, simulate_imu
 from .packet import Packet
 from .pose import GroundTruth, Pose
+from .progress import Progress, progress, say
+from .rendering.render import Renderer
 from .scene.scene import Scene
 from .settings import FolderSettings, SimulationSettings, complete, make_imu, make_motion_capture, only, takes_settings
 from .simulation import make_simulator
@@ -77,8 +79,8 @@ def simulate_to_folder(
 
     >>> simulate_to_folder(load_scene("three_planes"), "planes", duration_s=0.1, imu="mpu6150")
 
-    Ctrl-C (SIGINT) or SIGTERM ends it after the packet at hand, with a valid, shorter dataset; a second one ends it
-    at once.
+    Ctrl-C (SIGINT) or SIGTERM ends it after the packet at hand (the second at the earliest), with a valid, shorter
+    dataset; a second one ends it at once.
 
     Args:
         scene: with its camera path, see :meth:`Scene.with_trajectory`.
@@ -101,7 +103,7 @@ def simulate_to_folder(
     scene = scene.crop(start_s, duration_s)
     simulator, plan = make_simulator(scene, only(SimulationSettings, given))
     if not quiet:
-        print(f"rendering with {simulator.renderer.name}: {simulator.renderer.reason}", file=sys.stderr)
+        say(_rendering_with(simulator.renderer))
     truth = motion_capture.poses(scene.path, seed=given["seed"])
     inertial = np.zeros(0, IMU_DTYPE) if imu is None else simulate_imu(scene.path, imu, seed=given["seed"])
     packets = simulator.run()
@@ -116,11 +118,14 @@ def simulate_to_folder(
         "imu": None if imu is None else imu.describe(),
         **(meta or {}),
     }
-    writer = DatasetWriter(
-        path, simulator.camera, image_gain=given["image_gain"], overwrite=overwrite, imu=imu, meta=described
-    )
-    with writer:
-        written = _write_all(writer, chain([first], packets), simulator, truth, inertial, quiet=quiet)
+    with (
+        _stop_requests() as stop_requested,  # before the folder is made: a signal must not leave an empty one
+        DatasetWriter(
+            path, simulator.camera, image_gain=given["image_gain"], overwrite=overwrite, imu=imu, meta=described
+        ) as writer,
+        progress("simulating", scene.path.duration_s, unit="s", show=not quiet) as bar,
+    ):
+        written = _write_all(writer, chain([first], packets), simulator, truth, inertial, bar, stop_requested)
     wall_s = time.perf_counter() - started
     return SimulationReport(
         Path(path), written.events, written.end_us * 1e-6, wall_s, written.interrupted, simulator.dropped_events, plan
@@ -141,42 +146,36 @@ def _write_all(
     simulator: Simulator,
     truth: GroundTruth,
     inertial: ImuArray,
-    *,
-    quiet: bool,
+    bar: Progress,
+    stop_requested: Callable[[], bool],
 ) -> _Written:
     """Write packets, with the poses and samples that fall due until their ends, until they or the user end it."""
-    from tqdm import tqdm
-
     total_us = round(simulator.scene.path.duration_s * 1e6)
     events = end_us = posed = sampled = 0
-    with (
-        _stop_requests() as stop_requested,
-        tqdm(total=total_us * 1e-6, unit="s", disable=quiet, bar_format=_BAR) as bar,
-    ):
-        for packet in packets:
-            last_us = min(packet.end_us, total_us)
-            # Stamps of another clock may lie beyond the end: the last packet takes them all.
-            pose_end = _up_to(truth.t_us, last_us, total_us)
-            sample_end = _up_to(inertial["t"], last_us, total_us)
-            poses = [
-                (int(truth.t_us[i]), Pose(truth.positions[i], truth.quaternions[i])) for i in range(posed, pose_end)
-            ]
-            writer.write(packet, poses, inertial[sampled:sample_end])
-            posed, sampled = pose_end, sample_end
-            events, end_us = events + len(packet.events), packet.end_us
-            bar.set_postfix_str(f"{events:,} events", refresh=False)
-            bar.update(last_us * 1e-6 - bar.n)
-            if stop_requested():
-                for late in simulator.flush():
-                    writer.write(late)
-                    events += len(late.events)
-                break
-        interrupted = end_us < total_us
-        writer.finish({"dropped_events": simulator.dropped_events}, interrupted=interrupted)
+    for packet in packets:
+        last_us = min(packet.end_us, total_us)
+        # Stamps of another clock may lie beyond the end: the last packet takes them all.
+        pose_end = _up_to(truth.t_us, last_us, total_us)
+        sample_end = _up_to(inertial["t"], last_us, total_us)
+        poses = [(int(truth.t_us[i]), Pose(truth.positions[i], truth.quaternions[i])) for i in range(posed, pose_end)]
+        writer.write(packet, poses, inertial[sampled:sample_end])
+        posed, sampled = pose_end, sample_end
+        events, end_us = events + len(packet.events), packet.end_us
+        bar.to(last_us * 1e-6, f"{events:,} events")
+        if stop_requested() and end_us > 0:  # with the first frame alone the dataset could not be checked
+            for late in simulator.flush():
+                writer.write(late)
+                events += len(late.events)
+            break
+    interrupted = end_us < total_us
+    writer.finish({"dropped_events": simulator.dropped_events}, interrupted=interrupted)
     return _Written(events, min(end_us, total_us), interrupted)
 
 
-_BAR = "{percentage:3.0f}%|{bar}| {n:.3f}/{total:.3g} s simulated [{elapsed}<{remaining}, {rate_noinv_fmt}{postfix}]"
+def _rendering_with(renderer: Renderer) -> str:
+    """What renders, why, and with which LLVM."""
+    with_what = f"; {default_variant()[1]}" if renderer.variant == FAST else ""  # without LLVM that is the reason
+    return f"rendering with {renderer.name}: {renderer.reason}{with_what}"
 
 
 def _up_to(t_us: npt.NDArray[np.int64], last_us: int, total_us: int) -> int:

@@ -166,8 +166,11 @@ class Sweep:
             pass
         return (time.perf_counter() - started) / self.timed_s
 
-    def prepare(self) -> Iterator[int]:
-        """Render the fine reference, unless the folder holds it; yields after each frame how many there are."""
+    def prepare(self) -> Iterator[tuple[int, int]]:
+        """Render the fine reference, unless the folder holds it.
+
+        Yields after each frame how many there are, and how many there will be at most.
+        """
         renderer = self._renderer(self.fine_rays)
         cached = self.folder / f"reference_{self.fine_rays}_rays.npz"
         self.fine: FineReference = yield from fine_reference(renderer, self.recipe, cached)

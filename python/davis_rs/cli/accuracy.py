@@ -11,6 +11,7 @@ from pathlib import Path
 from ..accuracy.accuracy_sweep import Measurement, Sweep, sweep
 from ..accuracy.report import draw, facts_of, markdown, write_csv
 from ..accuracy.settings import Setting, default_settings
+from ..progress import each, progress
 from ..scenes import load_scene
 from ..settings import ViewSettings, complete, view_scene
 from .common import SCENE_HELP, add_trajectory, on_trajectory
@@ -20,13 +21,11 @@ _SETTINGS = ("camera", "size")
 """The settings that a sweep does not vary by itself."""
 
 
-def add_accuracy(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Add the command to the command line's."""
-    accuracy = commands.add_parser(
-        "accuracy",
-        help="measure what accuracy costs in time on a scene",
-        description="Measure settings of the simulator on a scene: errors against references, and time. "
-        "Writes accuracy.csv, accuracy.md and accuracy.png. Ctrl-C keeps what was measured.",
+def add_accuracy(accuracy: argparse.ArgumentParser) -> None:
+    """Add the command's arguments."""
+    accuracy.description = (
+        "Measure settings of the simulator on a scene: errors against references, and time. "
+        "Writes accuracy.csv, accuracy.md and accuracy.png. Ctrl-C keeps what was measured."
     )
     accuracy.set_defaults(run=_accuracy)
     accuracy.add_argument("scene", metavar="SCENE", help=SCENE_HELP)
@@ -75,20 +74,19 @@ def run_sweep(prepared: Sweep, settings: Sequence[Setting], *, rounds: int, comm
         OSError: if a file cannot be written.
         ImportError: without matplotlib, after the tables are written.
     """
-    from tqdm import tqdm
-
     folder = prepared.folder
     folder.mkdir(parents=True, exist_ok=True)
     measured: list[Measurement] = []
     interrupted = False
     try:
-        with tqdm(desc=f"reference, {prepared.fine_rays:,} rays", unit=" frames", disable=quiet) as bar:
-            for count in prepared.prepare():
-                bar.update(count - bar.n)
-        with tqdm(desc="settings", total=len(settings) * rounds, unit=" runs", disable=quiet) as bar:
-            for measured in sweep(prepared, settings, rounds):
-                write_csv(measured, folder / "accuracy.csv")
-                bar.update()
+        with progress(f"reference, {prepared.fine_rays:,} rays", 1, unit="frames", show=not quiet) as bar:
+            for done, bar.total in prepared.prepare():
+                bar.to(done)
+            bar.total = max(bar.done, 1)  # it may be good before the densest frames
+        for measured in each(
+            sweep(prepared, settings, rounds), "settings", len(settings) * rounds, unit="runs", show=not quiet
+        ):
+            write_csv(measured, folder / "accuracy.csv")
     except KeyboardInterrupt:
         interrupted = True
     if measured:

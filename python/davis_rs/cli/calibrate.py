@@ -28,13 +28,11 @@ from ..imu import ImuNoise
 from ..scene.checkerboard import DATASET_BOARD, Checkerboard
 
 
-def add_calibrate(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Add the command to the command line's."""
-    calibrate = commands.add_parser(
-        "calibrate",
-        help="calibrate a camera, a hand-eye transform, or a camera and an IMU",
-        description="Calibrate from a sequence before a checkerboard, such as the scene 'checkerboard'. "
-        "Needs OpenCV 4: pip install 'davis_rs[calibrate]'.",
+def add_calibrate(calibrate: argparse.ArgumentParser) -> None:
+    """Add the command's arguments."""
+    calibrate.description = (
+        "Calibrate from a sequence before a checkerboard, such as the scene 'checkerboard'. "
+        "Needs OpenCV 4: pip install 'davis_rs[calibrate]'."
     )
     kinds = calibrate.add_subparsers(required=True, metavar="WHAT")
 

@@ -1,4 +1,4 @@
-"""What several commands have in common: scenes, sequences and the camera's path."""
+"""What several commands have in common: scenes and the camera's path."""
 
 from __future__ import annotations
 
@@ -7,26 +7,11 @@ import sys
 
 from ..scene.scene import Scene
 from ..scenes import BUILTIN_SCENES, start_pose
-from ..sequences import SEQUENCES, Sequence
-from ..settings import did_you_mean
 from ..trajectory.trajectory import Trajectory, align
 from ..trajectory.trajectory_file import read_trajectory
 
 SCENE_HELP = f"{', '.join(BUILTIN_SCENES)}, a sequence of davis-rs sequences, or a Mitsuba XML file"
 """What a scene may be."""
-
-
-def sequence_named(name: str) -> Sequence:
-    """A sequence of the public dataset.
-
-    Raises:
-        ValueError: for a name that is none.
-    """
-    if name not in SEQUENCES:
-        raise ValueError(
-            f"there is no sequence {name!r}; there are {', '.join(SEQUENCES)}{did_you_mean(name, SEQUENCES)}"
-        )
-    return SEQUENCES[name]
 
 
 def add_path(group: argparse._ArgumentGroup) -> None:
@@ -50,9 +35,17 @@ def add_trajectory(group: argparse._ArgumentGroup) -> None:
         "if not given: where a file's trajectory meets a built-in scene",
     )
     group.add_argument(
-        "--position-sigma", type=float, metavar="M", help="noise of the file's positions, smoothed away; 0 = none"
+        "--position-sigma",
+        type=float,
+        metavar="M",
+        help="noise of the file's positions, smoothed away; estimated from the data if not given; 0 = none",
     )
-    group.add_argument("--rotation-sigma", type=float, metavar="RAD", help="noise of the file's rotations, likewise")
+    group.add_argument(
+        "--rotation-sigma",
+        type=float,
+        metavar="RAD",
+        help="noise of the file's rotations, likewise; estimated from the data if not given",
+    )
     group.add_argument(
         "--max-gap",
         type=float,
@@ -79,8 +72,9 @@ def on_trajectory(options: argparse.Namespace, scene: Scene, *, at_s: float = 0.
             raise ValueError("--align moves the trajectory of a file: give --trajectory")
         return scene
     sigmas = {"position_sigma_m": options.position_sigma, "rotation_sigma_rad": options.rotation_sigma}
-    given = {name: value for name, value in sigmas.items() if value is not None}
-    trajectory: Trajectory = read_trajectory(options.trajectory, max_gap_s=options.max_gap, **given)
+    trajectory: Trajectory = (sampled := read_trajectory(options.trajectory, max_gap_s=options.max_gap, **sigmas))
+    if not quiet:
+        print(f"{options.trajectory}: {sampled.smoothing()} (--position-sigma, --rotation-sigma)", file=sys.stderr)
     # A built-in scene shares no world with anybody's trajectory, a user's own file may.
     if scene.trajectory is not None if options.align is None else options.align:
         if not quiet:

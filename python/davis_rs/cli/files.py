@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import os
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -14,14 +13,13 @@ from typing import Any
 from ..event_files.conversion import convert
 from ..formats import FORMATS
 from ..inspection.summary import dataset_row, draw_rates, summarize_events
+from ..progress import progress
 
 
-def add_files(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Add the commands to the command line's."""
-    conversion = commands.add_parser(
-        "convert",
-        help="convert events from one file format to another",
-        description="Convert events, in constant memory; times and coordinates stay as they are. Of a bag, the events.",
+def add_convert(conversion: argparse.ArgumentParser) -> None:
+    """Add the command's arguments."""
+    conversion.description = (
+        "Convert events, in constant memory; times and coordinates stay as they are. Of a bag, the events."
     )
     conversion.set_defaults(run=_convert)
     conversion.add_argument("source", metavar="IN", help="a file of any format, or a dataset folder")
@@ -41,11 +39,12 @@ def add_files(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> 
     conversion.add_argument("--overwrite", action="store_true", help="replace OUT if it exists")
     conversion.add_argument("--quiet", action="store_true", help="no progress bar, only the last line")
 
-    info = commands.add_parser(
-        "info",
-        help="sum up an event file or a dataset folder",
-        description="Sensor size, duration, events, ON share, rates and gaps; of a dataset folder also the columns of "
-        "the paper's tables: T (duration), TS and RS (top speeds), NE (number of events).",
+
+def add_info(info: argparse.ArgumentParser) -> None:
+    """Add the command's arguments."""
+    info.description = (
+        "Sensor size, duration, events, ON share, rates and gaps; of a dataset folder also the columns of "
+        "the paper's tables: T (duration), TS and RS (top speeds), NE (number of events)."
     )
     info.set_defaults(run=_info)
     info.add_argument("path", metavar="PATH", help="a file of any format, or a dataset folder")
@@ -68,17 +67,13 @@ def _convert(options: argparse.Namespace) -> int:
         **dict(options.option),
     }
     try:
-        with _bar(f"to {options.target}", quiet=options.quiet) as progress:
+        with _bar(f"to {options.target}", quiet=options.quiet) as told:
             target = sys.stdout.buffer if to_stream else options.target
-            report = convert(options.source, target, progress=progress, **arguments)
+            report = convert(options.source, target, progress=told, **arguments)
             if to_stream:
                 sys.stdout.buffer.flush()
     except TypeError as error:  # an option that the format does not have
         raise ValueError(str(error)) from error
-    except BrokenPipeError:
-        # Nobody reads any more: what is left in the buffer has nowhere to go when Python ends.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        raise
     print(
         f"{report.path}: {report.format}, {report.events:,} events, {report.bytes:,} bytes",
         file=sys.stderr if to_stream else sys.stdout,
@@ -87,8 +82,8 @@ def _convert(options: argparse.Namespace) -> int:
 
 
 def _info(options: argparse.Namespace) -> int:
-    with _bar("reading", quiet=options.quiet) as progress:
-        summary = summarize_events(options.path, size=options.size, progress=progress)
+    with _bar("reading", quiet=options.quiet) as told:
+        summary = summarize_events(options.path, size=options.size, progress=told)
     print(summary)
     if Path(options.path).is_dir():
         print(dataset_row(options.path, summary))
@@ -100,11 +95,8 @@ def _info(options: argparse.Namespace) -> int:
 @contextmanager
 def _bar(what: str, *, quiet: bool) -> Iterator[Callable[[float], object]]:
     """A progress bar that is told the share that is done."""
-    from tqdm import tqdm
-
-    layout = "{desc}: {percentage:3.0f}% |{bar}| {elapsed} < {remaining}"
-    with tqdm(desc=what, total=1.0, disable=quiet, bar_format=layout, leave=False) as bar:
-        yield lambda share: bar.update(share - bar.n)
+    with progress(what, 100.0, unit="%", show=not quiet) as bar:
+        yield lambda share: bar.to(100.0 * share)
 
 
 def _microseconds(text: str) -> int:

@@ -11,13 +11,11 @@ from typing import Any
 from ..generate import generate_sequences, load_sequence_plan, verify_sequences
 
 
-def add_generate(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Add the command to the command line's."""
-    generate = commands.add_parser(
-        "generate",
-        help="simulate many sequences with randomised parameters",
-        description="Simulate the sequences of a plan (docs/generate.md), each into a folder of its own. Run "
-        "the same command again to resume a run that was ended or killed.",
+def add_generate(generate: argparse.ArgumentParser) -> None:
+    """Add the command's arguments."""
+    generate.description = (
+        "Simulate the sequences of a plan (docs/generate.md), each into a folder of its own. Run the same command "
+        "again to resume a run that was ended or killed."
     )
     generate.set_defaults(run=_generate)
     generate.add_argument("plan", metavar="PLAN.yaml", help="what is drawn, and from which distributions")
@@ -30,9 +28,10 @@ def add_generate(commands: argparse._SubParsersAction[argparse.ArgumentParser]) 
     )
     generate.add_argument("--quiet", action="store_true", help="no progress bar, only the last lines")
 
-    verify = commands.add_parser(
-        "verify", help="compare generated sequences with their manifest", description="Read all sequences in ROOT."
-    )
+
+def add_verify(verify: argparse.ArgumentParser) -> None:
+    """Add the command's arguments."""
+    verify.description = "Read all sequences in ROOT and compare them with its manifest."
     verify.set_defaults(run=_verify)
     verify.add_argument("root", type=Path, metavar="ROOT", help="the folder of the sequences")
 

@@ -10,13 +10,11 @@ from .common import SCENE_HELP, add_path, on_path
 from .settings_options import add_settings, given_settings
 
 
-def add_plan(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Add the command to the command line's."""
-    plan = commands.add_parser(
-        "plan",
-        help="say which effects of a sensor a sequence calls for",
-        description="Look at a sequence, and say of each effect of a sensor what leaving it out would do to the "
-        "events (or frames), and what having it costs.",
+def add_plan(plan: argparse.ArgumentParser) -> None:
+    """Add the command's arguments."""
+    plan.description = (
+        "Look at a sequence, and say of each effect of a sensor what leaving it out would do to the "
+        "events (or frames), and what having it costs."
     )
     plan.set_defaults(run=_plan)
     plan.add_argument("scene", metavar="SCENE", help=SCENE_HELP)

@@ -7,12 +7,10 @@ import argparse
 from ..settings import FolderSettings, Setting, settings_of
 
 
-def add_settings_table(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Add the command to the command line's."""
-    table = commands.add_parser(
-        "settings",
-        help="list all settings of a simulation as a table of Markdown",
-        description="List all settings of a simulation: option of the command line, key of a plan, argument of Python.",
+def add_settings(table: argparse.ArgumentParser) -> None:
+    """Add the command's arguments."""
+    table.description = (
+        "List all settings of a simulation: option of the command line, key of a plan, argument of Python."
     )
     table.set_defaults(run=_settings)
 

@@ -9,25 +9,26 @@ from typing import Any
 
 from ..scene.scene import Scene
 from ..scenes import load_scene
+from ..sequences import SEQUENCES, sequence_named
 from ..settings import FolderSettings
-from .common import SCENE_HELP, add_path, on_path, sequence_named
+from .common import SCENE_HELP, add_path, on_path
 from .settings_options import add_settings, given_settings
 
 
-def add_simulate(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Add the two commands to the command line's."""
-    simulate = commands.add_parser("simulate", help="simulate a scene into a dataset folder")
+def add_simulate(simulate: argparse.ArgumentParser) -> None:
+    """Add the command's arguments."""
     simulate.set_defaults(run=_simulate)
     simulate.add_argument("scene", metavar="SCENE", help=SCENE_HELP)
     add_path(simulate.add_argument_group("camera path"))
     _add_output(simulate)
     add_settings(simulate, FolderSettings)
 
-    sequence = commands.add_parser(
-        "sequence",
-        help="simulate a sequence of the public dataset",
-        description="Simulate a synthetic counterpart of one of the public dataset's sequences into a dataset folder, "
-        "with IMU and 24 frames a second: the same as davis-rs simulate NAME. davis-rs sequences lists them.",
+
+def add_sequence(sequence: argparse.ArgumentParser) -> None:
+    """Add the command's arguments."""
+    sequence.description = (
+        "Simulate a synthetic counterpart of one of the public dataset's sequences into a dataset folder, with IMU and "
+        "24 frames a second: the same as davis-rs simulate NAME. davis-rs sequences lists them."
     )
     sequence.set_defaults(run=_sequence)
     sequence.add_argument("name", metavar="NAME", help="such as poster_6dof or slider_depth")
@@ -45,8 +46,6 @@ def _add_output(parser: argparse.ArgumentParser) -> None:
 
 
 def _simulate(options: argparse.Namespace) -> int:
-    from ..sequences import SEQUENCES
-
     if options.scene in SEQUENCES:
         return _simulate_sequence(options, options.scene, on_path(options, load_scene(options.scene), options.quiet))
     return simulate_into(options, on_path(options, load_scene(options.scene), options.quiet), {})

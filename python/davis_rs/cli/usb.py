@@ -24,16 +24,15 @@ from ..usb.virtual_davis import VirtualDavis
 from .common import SCENE_HELP
 
 
-def add_usb(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Add the commands to the command line's."""
-    devices = commands.add_parser("devices", help="list the cameras that are plugged in")
+def add_devices(devices: argparse.ArgumentParser) -> None:
+    """Add the command's arguments."""
+
     devices.set_defaults(run=_devices)
 
-    record = commands.add_parser(
-        "record",
-        help="record a camera",
-        description="Record a camera until Ctrl-C, for a given time, or until it is unplugged.",
-    )
+
+def add_record(record: argparse.ArgumentParser) -> None:
+    """Add the command's arguments."""
+    record.description = "Record a camera until Ctrl-C, for a given time, or until it is unplugged."
     record.set_defaults(run=_record)
     record.add_argument(
         "-o", "--output", required=True, type=Path, metavar="FILE",
@@ -53,7 +52,10 @@ def add_usb(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> No
     record.add_argument("--gyroscope-range", type=int, default=500, choices=GYROSCOPE_RANGES_DEG_S, help="+- deg/s")
     _add_backward(record)
 
-    decode = commands.add_parser("decode", help="decode a recording: of record, or AEDAT 2.0, 3.1, 4")
+
+def add_decode(decode: argparse.ArgumentParser) -> None:
+    """Add the command's arguments."""
+
     decode.set_defaults(run=_decode)
     decode.add_argument("recording", type=Path, metavar="FILE")
     decode.add_argument(
@@ -121,7 +123,7 @@ def _record(options: argparse.Namespace) -> int:
     from ..usb.virtual_backend import VirtualBackend
     from ..virtual_scene import virtual_davis_of_scene
 
-    virtual = virtual_davis_of_scene(load_scene(options.virtual), duration_s=options.duration, progress=True)
+    virtual = virtual_davis_of_scene(load_scene(options.virtual), duration_s=options.duration, show_progress=True)
     with Davis.open(options.serial, settings=settings, backend=VirtualBackend(virtual)) as camera:
         return _record_camera(camera, options, virtual)
 

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import MISSING, Field, dataclass, field, fields
 from typing import Any
 
+from ..close_names import did_you_mean
 from .aps import Aps
 from .effect import Effect
 from .engine_effect import EngineEffect
@@ -138,7 +139,7 @@ def parse_effect(text: str, among: Mapping[str, type[Effect]] = EFFECTS) -> Effe
     """
     name, _, rest = text.partition("=")
     if name not in among:
-        raise ValueError(f"there is no effect {name!r}; there are {', '.join(among)}")
+        raise ValueError(f"there is no effect {name!r}; there are {', '.join(among)}{did_you_mean(name, among)}")
     effect_class = among[name]
     parameters: list[Field[Any]] = [one for one in fields(effect_class) if one.init]  # type: ignore[arg-type]
     names = [parameter.name for parameter in parameters]

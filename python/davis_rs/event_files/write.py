@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from typing import Any
 
+from ..close_names import did_you_mean
 from ..formats.interface import EventWriter, Target
 from ..formats.registry import format_named, format_of_suffix
 
@@ -37,4 +38,10 @@ def open_writer(
         chosen = format_of_suffix(path)
     else:
         raise ValueError("a stream has no suffix that would tell the format: give format=")
+    for name in options:
+        if name not in chosen.options:
+            has = f"it has {', '.join(chosen.options)}" if chosen.options else "it has none"
+            raise TypeError(
+                f"the format {chosen.name} has no option {name!r}{did_you_mean(name, chosen.options)}; {has}"
+            )
     return chosen.open_writer(path, size, overwrite=overwrite, **options)

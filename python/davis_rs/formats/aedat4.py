@@ -34,6 +34,7 @@ class Aedat4Format(Format):
 
     name = "aedat4"
     suffixes = (".aedat4",)
+    options = ("compression", "level", "start_us")
     limits = Limits(width=32_768, height=32_768)
 
     def sniff(self, head: bytes, path: Path) -> bool:

@@ -242,6 +242,7 @@ class BagFormat(Format):
 
     name = "bag"
     suffixes = (".bag",)
+    options = ("message_us", "message_events", "compression", "frame_id")
     limits = Limits(latest_us=_LATEST_US)
 
     def sniff(self, head: bytes, path: Path) -> bool:

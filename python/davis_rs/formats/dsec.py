@@ -80,6 +80,7 @@ class DsecFormat(Hdf5Format):
 
     name = "dsec"
     suffixes = (".h5", ".hdf5")
+    options = ("compression", "level")
     limits = Limits()
     marks = ("events/t",)
 

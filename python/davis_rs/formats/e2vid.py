@@ -106,6 +106,7 @@ class E2vidFormat(Hdf5Format):
 
     name = "e2vid"
     suffixes = (".h5", ".hdf5")
+    options = ("compression", "level")
     limits = Limits(latest_us=2**31 * 1_000_000 - 1, width=32_768, height=32_768)
     marks = ("events/ts",)
 

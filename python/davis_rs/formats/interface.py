@@ -296,6 +296,8 @@ class Format(ABC):
     """The file suffixes that stand for it, lower case with the dot."""
     limits: Limits = Limits()
     """What it can hold."""
+    options: tuple[str, ...] = ()
+    """The names of its writer's own options."""
 
     @abstractmethod
     def sniff(self, head: bytes, path: Path) -> bool:

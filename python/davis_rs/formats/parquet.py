@@ -223,6 +223,7 @@ class ParquetFormat(Format):
 
     name = "parquet"
     suffixes = (".parquet", ".pq")
+    options = ("level", "row_group")
     limits = Limits()
 
     def sniff(self, head: bytes, path: Path) -> bool:

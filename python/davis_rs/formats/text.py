@@ -52,6 +52,7 @@ class TextFormat(Format):
 
     name = "text"
     suffixes = (".txt",)
+    options = ("size_line",)
     limits = Limits()
 
     def sniff(self, head: bytes, path: Path) -> bool:

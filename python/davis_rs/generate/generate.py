@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import os
-import sys
 from collections.abc import Callable, Generator
 from dataclasses import dataclass, field
 from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ..progress import each, progress
+from ..progress import say as say_above
 from ..scene.scene import Scene
 from ..scenes import load_scene
 from .folder import discard_hidden
@@ -83,11 +84,9 @@ def generate_sequences(
     A program that calls it without a cluster must be importable (``if __name__ == "__main__":``), as with every spawned
     process.
     """
-    from tqdm import tqdm
-
     if workers is not None and workers < 1:
         raise ValueError(f"workers must be at least 1, got {workers}")
-    say = report or (lambda text: tqdm.write(f"davis-rs: warning: {text}", file=sys.stderr))
+    say = report or (lambda text: say_above(f"davis-rs: warning: {text}"))
     folder = Path(root).absolute()
     sequences = draw_sequences(plan)
     with claim_root(folder, plan):
@@ -101,13 +100,13 @@ def generate_sequences(
         missing = [sequence for sequence in sequences if sequence.name not in lines]
         outcomes = _outcomes(missing, folder, workers, cluster, say)
         try:
-            with tqdm(total=len(sequences), initial=kept, unit=" sequences", disable=quiet) as bar:
+            with progress("simulating", len(sequences), unit="sequences", start=kept, show=not quiet) as bar:
                 for outcome in outcomes:
                     if outcome.result is not None:
                         manifest.add(outcome.result)
                     else:
                         failed[outcome.task.name] = str(outcome.error)
-                    bar.update()
+                    bar.advance()
         finally:
             outcomes.close()
             discard_hidden(folder)
@@ -135,14 +134,12 @@ def check_sequences(plan: SequencePlan, sequences: list[DrawnSequence], *, quiet
         ValueError: naming plan, sequence, keys, values and rule.
     """
 
-    from tqdm import tqdm
-
     @cache
     def scene_at(name: str) -> Scene:
         return load_scene(name)
 
     try:
-        for sequence in tqdm(sequences, desc="checking", unit=" sequences", leave=False, disable=quiet):
+        for sequence in each(sequences, "checking", len(sequences), unit="sequences", show=not quiet):
             sequence.check(lambda one: scene_at(one.scene_name))
     except ValueError as error:
         raise ValueError(f"{plan.file}: {error}") from None

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -42,10 +41,6 @@ def make_sequence(sequence: DrawnSequence, root: Path, threads: int) -> dict[str
 
 def begin_worker(threads: int) -> None:
     """What a process does before its first sequence: Dr.Jit gets so many threads; results do not depend on it."""
-    from tqdm import tqdm
-
-    # Its own lock is a semaphore of the system, which a worker that is killed would leave behind.
-    tqdm.set_lock(threading.RLock())
     with variant(default_variant()[0]) as (_, dr):
         dr.set_thread_count(threads)
 

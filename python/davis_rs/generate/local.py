@@ -66,7 +66,12 @@ def run_locally(
         ours, theirs = context.Pipe()
         # Daemons, so that an end of this process by an exception takes them along.
         process = context.Process(target=_work, args=(theirs, function, begin), daemon=True)
-        process.start()
+        # A Ctrl-C waits until the worker is there, and the worker, which inherits that, lets it wait while it imports.
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
+            process.start()
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
         theirs.close()  # the worker's alone: when it dies, ours is at its end
         return _Worker(process, ours)
 
@@ -135,6 +140,7 @@ def _cause_of_death(worker: _Worker[Task]) -> str:
 def _work(connection: Connection, function: Callable[[Task], Result], begin: Callable[[], None]) -> None:
     """What a worker does with its life."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal sends Ctrl-C to all; what to do is the parent's to say
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
     threading.Thread(target=_end_with_parent, daemon=True).start()
     begin()
     while True:

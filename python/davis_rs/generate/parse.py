@@ -141,6 +141,7 @@ def _numbers(value: Any, where: Where) -> tuple[Any, ...]:
 
 _ARGUMENTS: dict[str, Parser] = {
     "float": value_of("a number", none=False),
+    "float | None": value_of("a number"),
     "int": value_of("an integer", none=False),
     "bool": value_of("true or false", none=False),
     "npt.ArrayLike": _numbers,

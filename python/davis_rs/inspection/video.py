@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..dataset.reader import Dataset
+from ..progress import each
 from .view import display_grey, event_picture, sequence_end_us
 
 _PANEL_HEIGHT = 360
@@ -18,7 +19,7 @@ _GAP = 8
 
 
 def video_dataset(
-    path: str | Path, output: str | Path, *, fps: float = 25.0, speed: float = 0.1, progress: bool = False
+    path: str | Path, output: str | Path, *, fps: float = 25.0, speed: float = 0.1, show_progress: bool = False
 ) -> Path:
     """Make a video of a dataset: the intensity frame on the left, on the right the events over it, ON red, OFF blue.
 
@@ -30,7 +31,7 @@ def video_dataset(
         output: the file to write: ``.mp4`` (H.264) or ``.gif``.
         fps: pictures a second. A GIF counts in hundredths of a second, so there 50 at most.
         speed: seconds of the sequence in a second of the video; 1 is real time, 0.1 ten times slower.
-        progress: show a progress bar.
+        show_progress: how far it is, on standard error.
 
     Returns:
         The path of the video.
@@ -53,7 +54,6 @@ def video_dataset(
         import imageio.v2 as imageio
     except ImportError as error:
         raise ImportError("making a video needs imageio and ffmpeg: pip install 'davis_rs[view]'") from error
-    from tqdm import tqdm
 
     dataset = Dataset(path)
     step_us = 1e6 * speed / fps
@@ -63,7 +63,7 @@ def video_dataset(
     else:
         writer = imageio.get_writer(output, duration=1000 / fps, loop=0)
     with writer:
-        for picture in tqdm(_pictures(dataset, step_us, count), total=count, unit="picture", disable=not progress):
+        for picture in each(_pictures(dataset, step_us, count), "drawing", count, unit="pictures", show=show_progress):
             writer.append_data(picture)
     return output
 

@@ -7,6 +7,6 @@ Source: Mueggler et al., "The Event-Camera Dataset and Simulator", IJRR 2017.
 """
 
 from .sequence import PaperRow, Sequence
-from .table import SEQUENCES
+from .table import SEQUENCES, sequence_named
 
-__all__ = ["SEQUENCES", "PaperRow", "Sequence"]
+__all__ = ["SEQUENCES", "PaperRow", "Sequence", "sequence_named"]

@@ -111,8 +111,8 @@ class Trajectory(ABC):
 
         A top speed of a measured trajectory is only as good as its window: a 200 Hz motion capture whose positions are
         noisy by 0.65 mm and rotations by 4.3 mrad resolves 9 mm/s and 3.5 deg/s in 100 ms, but 180 mm/s and 70 deg/s
-        from one sample to the next. With 100 ms the public dataset's poster_6dof has 2.50 m/s and 922 deg/s, smoothed
-        or not, and the paper's table 2.51 m/s and 937 deg/s; momentarily the smoothed path reaches 2.75 m/s and 1,158
+        from one sample to the next. With 100 ms the public dataset's poster_6dof has 2.50 m/s and 931 deg/s, smoothed
+        or not, and the paper's table 2.51 m/s and 937 deg/s; momentarily the smoothed path reaches 2.78 m/s and 1,158
         deg/s, and the one through all samples 3.5 m/s and 1,690 deg/s.
 
         Args:

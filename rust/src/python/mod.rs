@@ -53,6 +53,7 @@ impl From<Error> for PyErr {
 #[pymodule]
 fn _core(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add("__version__", env!("CARGO_PKG_VERSION"))?;
+    m.add("RUST_SYSROOT", env!("DAVIS_RS_RUST_SYSROOT"))?;
     m.add("DecodeError", m.py().get_type::<DecodeError>())?;
     m.add_class::<aer::PyDecoder>()?;
     m.add_class::<aer::PyDevice>()?;
