@@ -114,8 +114,10 @@ def _in_a_line(error: Exception, options: argparse.Namespace, debug: bool) -> st
     if isinstance(error, OSError) and error.strerror:
         said = error.strerror if error.filename is None else f"{error.filename}: {error.strerror}"
         return _as_options(said, options)
-    if isinstance(error, ValueError | OSError | ImportError):
+    if isinstance(error, ValueError | OSError):
         return _as_options(str(error), options)
+    if isinstance(error, ImportError):
+        return str(error)
     said = " ".join(str(error).split())
     hint = "" if debug else "; --debug shows where"
     return f"unexpected {type(error).__name__}: {said}{hint}"
