@@ -25,6 +25,7 @@ from .effects import Effects
 from .event_files.convert import convert
 from .event_files.read import iter_events, open_reader, read_events
 from .event_files.write import open_writer
+from .event_matching import EventComparison, compare_events
 from .events import EVENT_DTYPE, as_events
 from .formats import EventReader, EventWriter, TruncatedFileWarning, WriteReport
 from .imu import Imu, simulate_imu
@@ -49,7 +50,6 @@ from .trajectory.waypoints import waypoint_trajectory
 if TYPE_CHECKING:
     from .clocks import ClockAlignment, align_clocks
     from .inspection.check import check_dataset
-    from .inspection.compare import EventComparison, compare_events
     from .inspection.video import video_dataset
     from .inspection.view import view_dataset
     from .recordings import Recording, RecordingWarning, read_recording
@@ -63,14 +63,12 @@ _LATE = {
     "Davis": "usb.davis",
     "DavisDescription": "usb.description",
     "DavisSettings": "usb.settings",
-    "EventComparison": "inspection.compare",
     "RawRecording": "usb.raw_file",
     "RawWriter": "usb.raw_file",
     "Recording": "recordings",
     "RecordingWarning": "recordings",
     "align_clocks": "clocks",
     "check_dataset": "inspection.check",
-    "compare_events": "inspection.compare",
     "read_recording": "recordings",
     "video_dataset": "inspection.video",
     "view_dataset": "inspection.view",
