@@ -50,8 +50,8 @@ from .trajectory.waypoints import waypoint_trajectory
 if TYPE_CHECKING:
     from .clocks import ClockAlignment, align_clocks
     from .inspection.check import check_dataset
-    from .inspection.video import video_dataset
-    from .inspection.view import view_dataset
+    from .inspection.figure import view
+    from .inspection.video import make_video
     from .recordings import Recording, RecordingWarning, read_recording
     from .usb.davis import Davis
     from .usb.description import DavisDescription
@@ -70,8 +70,8 @@ _LATE = {
     "align_clocks": "clocks",
     "check_dataset": "inspection.check",
     "read_recording": "recordings",
-    "video_dataset": "inspection.video",
-    "view_dataset": "inspection.view",
+    "make_video": "inspection.video",
+    "view": "inspection.figure",
 }
 """What a simulation does not need is imported when it is asked for (PEP 562), so that `import davis_rs` is quick."""
 
@@ -144,6 +144,7 @@ __all__ = [
     "load_camera",
     "load_scene",
     "log_intensity",
+    "make_video",
     "open_reader",
     "open_writer",
     "plan_effects",
@@ -158,8 +159,7 @@ __all__ = [
     "start_pose",
     "to_structured",
     "to_tonic",
-    "video_dataset",
-    "view_dataset",
+    "view",
     "waypoint_trajectory",
     "write_trajectory",
 ]

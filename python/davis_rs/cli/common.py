@@ -62,3 +62,11 @@ def on_path(options: argparse.Namespace, scene: Scene, *, quiet: bool = False) -
             print("trajectory moved so that it starts where the scene's camera does (--no-align)", file=sys.stderr)
         part = align(part, start_pose(scene))
     return replace(scene, trajectory=part)
+
+
+def sensor_size(text: str) -> tuple[int, int]:
+    """WIDTHxHEIGHT in pixels."""
+    width, _, height = text.partition("x")
+    if not (width.isdecimal() and height.isdecimal()):
+        raise argparse.ArgumentTypeError(f"expected WIDTHxHEIGHT such as 240x180, got {text!r}")
+    return int(width), int(height)

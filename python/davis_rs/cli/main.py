@@ -11,7 +11,7 @@ from pathlib import Path
 from .._core import __version__
 from .accuracy import add_accuracy
 from .calibrate import add_calibrate
-from .common import Help
+from .common import Help, sensor_size
 from .files import add_files
 from .generate import add_generate
 from .plan import add_plan
@@ -43,14 +43,19 @@ def _check(options: argparse.Namespace) -> int:
 
 
 def _view(options: argparse.Namespace) -> int:
-    from ..inspection.video import video_dataset
-    from ..inspection.view import view_dataset
+    from ..inspection.figure import check_figure_path, view
+    from ..inspection.video import make_video
 
     if options.video is not None:
-        print(video_dataset(options.dataset, options.video, fps=options.fps, speed=options.speed, progress=True))
+        if options.output is not None:
+            raise ValueError("-o names a picture and --video a video: give one of them")
+        settings = {"fps": options.fps, "speed": options.speed, "size": options.size}
+        print(make_video(options.source, options.video, **settings, progress=True))
         return 0
-    output = options.output or Path(options.dataset) / "view.png"
-    print(view_dataset(options.dataset, output, t_s=options.time, window_s=options.window))
+    beside = options.source / "view.png" if options.source.is_dir() else options.source.with_suffix(".png")
+    output = check_figure_path(options.output or beside)
+    view(options.source, t_s=options.time, window_s=options.window, size=options.size).savefig(output)
+    print(output)
     return 0
 
 
@@ -75,9 +80,16 @@ def _parser() -> argparse.ArgumentParser:
     check.add_argument("dataset", type=Path, metavar="DIR")
     check.set_defaults(run=_check)
 
-    view = commands.add_parser("view", help="draw a dataset as a picture or a video", formatter_class=Help)
-    view.add_argument("dataset", type=Path, metavar="DIR")
-    view.add_argument("-o", "--output", type=Path, metavar="PNG", help="the picture; DIR/view.png if not given")
+    view = commands.add_parser("view", help="draw a dataset, an event file or a recording", formatter_class=Help)
+    view.add_argument("source", type=Path, metavar="PATH", help="a dataset folder, event file or recording")
+    view.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        metavar="FILE",
+        help="the picture: .png, .pdf, .svg ...; in or next to PATH if not given",
+    )
+    view.add_argument("--size", type=sensor_size, metavar="WxH", help="sensor size in pixels, where PATH does not say")
     view.add_argument("--time", type=float, metavar="S", help="the moment shown; the middle if not given")
     view.add_argument("--window", type=float, metavar="S", help="length of the window of events; chosen if not given")
     view.add_argument("--video", type=Path, metavar="FILE", help="make an .mp4 or .gif instead of a picture")

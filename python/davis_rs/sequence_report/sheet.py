@@ -11,7 +11,8 @@ import numpy.typing as npt
 from ..dataset.files import as_grey
 from ..dataset.writer import exposure_for
 from ..formats.files import PartFile
-from ..inspection.view import display_grey, event_picture
+from ..inspection.figure import event_picture
+from ..inspection.visual_sequence import display_grey
 from ..sequences import Sequence
 from ..simulate import Simulator
 
