@@ -166,7 +166,7 @@ def test_a_folder_is_known_by_what_it_says_of_itself(tmp_path: Path, capsys: pyt
     (folder / "meta.json").write_text(json.dumps(meta))
     assert main(["info", str(folder), "--quiet"]) == 0
     said = capsys.readouterr().out
-    for line in ("d: dataset folder", "sensor      30 x 20\n", "scene       fence", "C = 0.2", "pixels      ideal"):
+    for line in ("d: dataset folder", "sensor      30 x 20\n", "scene       fence", "C = 0.2", "effects     none"):
         assert line in said
     assert f"{len(Dataset(folder).frames)} frames" in said
 

@@ -143,6 +143,10 @@ class Simulator:
         if not isinstance(effects, str):
             self._take_effects((effects or Effects()).over(candidates))
 
+    def __repr__(self) -> str:
+        size = f"{self.camera.width} x {self.camera.height} px"
+        return f"<Simulator of {self.scene.name!r}, {size}, C = {self._thresholds[0]:g}, at {self._t_us / 1e6:.6g} s>"
+
     def _take_effects(self, effects: Effects) -> None:
         """Put the lens before the renderer, and make the pixels behind it."""
         aps, in_engine = effects.aps, effects.engine_settings()

@@ -86,7 +86,7 @@ def _convert(options: argparse.Namespace) -> int:
         file=sys.stderr if to_stream else sys.stdout,
     )
     if Path(options.source).is_dir() and (lost := left_out(options.source)):
-        print(f"davis-rs: {options.target} holds events alone; left out: {lost}", file=sys.stderr)
+        print(f"davis-rs: {options.target}: only the events were converted; left out: {lost}", file=sys.stderr)
     return 0
 
 

@@ -65,6 +65,13 @@ class Dataset:
         if names.isdisjoint({EVENTS, META, CALIBRATION, GROUND_TRUTH, FRAMES.list_name}):
             raise FileNotFoundError(f"{self.path} is not a dataset: none of {EVENTS}, {META}, {CALIBRATION}, ... in it")
 
+    def __repr__(self) -> str:
+        duration_us = self.meta.get("duration_us")
+        parts = [str(self.path), "sensor unknown" if self.size is None else "{} x {} px".format(*self.size)]
+        if isinstance(duration_us, int):
+            parts.append(f"{duration_us / 1e6:.6g} s")
+        return f"<Dataset {', '.join(parts)}>"
+
     @cached_property
     def meta(self) -> dict[str, Any]:
         """The contents of ``meta.json``."""

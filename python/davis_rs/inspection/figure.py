@@ -189,16 +189,17 @@ def _draw_depth(ax: Axes, sequence: VisualSequence, index: int | None) -> None:
         return
     depth = np.ma.masked_invalid(sequence.read_depth(index))
     title = f"(c) depth, {_time(sequence.depth_times[index])}"
-    limits: dict[str, float] = {}
+    least: float | None = None
+    most: float | None = None
     if depth.count() == 0:
         title += ", nothing is hit"
-        limits = {"vmin": 0.0, "vmax": 1.0}
+        least, most = 0.0, 1.0
     elif float(np.ptp(depth.compressed())) <= _FLAT * float(depth.max()):
         z = float(depth.mean())
         title += f", {z:.3f} m everywhere"
-        limits = {"vmin": 0.95 * z, "vmax": 1.05 * z}
+        least, most = 0.95 * z, 1.05 * z
     ax.set_facecolor(_MISSING_DEPTH)
-    image = ax.imshow(depth, cmap="viridis_r", interpolation="nearest", **limits)
+    image = ax.imshow(depth, cmap="viridis_r", interpolation="nearest", vmin=least, vmax=most)
     ax.set_title(title)
     if depth.count():
         bar = ax.figure.colorbar(image, cax=ax.inset_axes((1.02, 0.0, 0.03, 1.0)))
@@ -217,7 +218,7 @@ def _draw_band(ax: Axes, events: EventArray, rows: tuple[int, int], t_us: int, s
     ax.set_ylim(-0.5, width - 0.5)
     ax.set_yticks(_ticks(width))
     ax.set_xlabel(f"time from {t_us / 1e6:.3f} s (ms)", labelpad=1, fontsize=7)
-    ax.set_ylabel("x (px)", labelpad=0, fontsize=7)
+    ax.text(-0.01, 1.015, "x (px)", transform=ax.transAxes, ha="right", va="bottom", fontsize=6)
     ax.tick_params(labelsize=6, width=0.5, length=2, pad=1.5)
 
 

@@ -144,7 +144,7 @@ def summarize_events(
         OSError, DecodeError: if it cannot be read.
         ValueError: for events outside of the sensor.
     """
-    folder = Dataset(path) if os.path.isdir(path) else None
+    folder = Dataset(Path(path)) if os.path.isdir(path) else None
     with open_reader(path) as reader:
         stated = reader.size if folder is None else folder.size
         known = stated if stated is not None else size
@@ -212,7 +212,7 @@ def dataset_contents(dataset: Dataset) -> str:
         on, off = parameters["contrast_threshold"], parameters.get("contrast_threshold_off")
         lines.append(f"threshold   C = {on:g}" if off in (None, on) else f"threshold   C = {on:g} ON, {off:g} OFF")
     if isinstance(effects, dict):
-        lines.append(f"pixels      {'with ' + ', '.join(effects) if effects else 'ideal'}")
+        lines.append(f"effects     {', '.join(effects) or 'none: ideal pixels'}")
     lines.append(f"also        {left_out(dataset.path) or 'nothing'}")
     if meta.get("complete") is False:
         lines.append("warning: the folder was never finished: its writer was stopped")

@@ -65,7 +65,7 @@ def _tile(sequence: Sequence, share: float) -> npt.NDArray[np.uint8]:
     packets = list(simulator.run(scene.path))
     luma = next(packet.luma for packet in reversed(packets) if packet.luma is not None)
     events = np.concatenate([packet.events for packet in packets])
-    grey = display_grey(as_grey(luma, exposure_for(luma)))
+    grey = display_grey(as_grey(luma, exposure_for(luma)) / 255.0)
     shown = events[len(events) - min(len(events), round(_EVENTS_A_PIXEL * luma.size)) :]
     frame = np.repeat(np.rint(255 * grey)[..., None], 3, axis=2).astype(np.uint8)
     return np.concatenate([frame, event_picture(grey, shown)], axis=1)
