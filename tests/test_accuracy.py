@@ -30,8 +30,8 @@ from davis_rs.accuracy.report import draw, facts_of, markdown, pareto
 from davis_rs.accuracy.settings import Setting, default_settings
 from davis_rs.cli.accuracy import run_sweep
 from davis_rs.cli.main import main
+from davis_rs.event_matching import compare_events
 from davis_rs.events import EventArray, concatenate_events
-from davis_rs.inspection.compare import compare_events
 from davis_rs.rendering.render import Renderer
 from davis_rs.rendering.renderers import make_renderer
 from davis_rs.sampling.interpolate import interpolated

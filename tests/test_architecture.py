@@ -28,7 +28,7 @@ LAYERS = [
     ["trajectory", "packet", "pose"],
     ["recordings", "camera", "lattice", "luma"],
     ["usb", "biases"],
-    ["represent", "dtypes", "decoded", "events"],
+    ["event_matching", "represent", "dtypes", "decoded", "events"],
     ["_mitsuba", "_llvm", "_core", "close_names", "progress"],
 ]
 RANK = {name: (layer, place) for layer, names in enumerate(LAYERS) for place, name in enumerate(names)}

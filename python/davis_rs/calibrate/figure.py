@@ -57,7 +57,13 @@ def draw_intrinsics(
     reach = 1.1 * float(np.abs(off).max())
     rest.set(xlim=(-reach, reach), ylim=(reach, -reach), aspect="equal")
     rest.set_title(f"found - fitted (px), {result.rms_px:.3f} px rms", fontsize=8)
-    for axes in (frame, sensor, rest):
+    for axes, x, y in (
+        (frame, "x (px)", "y (px)"),
+        (sensor, "x (px)", "y (px)"),
+        (rest, "x error (px)", "y error (px)"),
+    ):
         axes.tick_params(labelsize=6)
+        axes.set_xlabel(x, fontsize=7)
+        axes.set_ylabel(y, fontsize=7)
     figure.savefig(path)
     return Path(path)

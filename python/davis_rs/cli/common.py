@@ -7,6 +7,7 @@ import sys
 
 from ..scene.scene import Scene
 from ..scenes import BUILTIN_SCENES, start_pose
+from ..settings import parse_size
 from ..trajectory.trajectory import Trajectory, align
 from ..trajectory.trajectory_file import read_trajectory
 
@@ -81,3 +82,13 @@ def on_trajectory(options: argparse.Namespace, scene: Scene, *, at_s: float = 0.
             print("trajectory moved so that it starts where the scene's camera does (--no-align)", file=sys.stderr)
         trajectory = align(trajectory, start_pose(scene), at_s)
     return scene.with_trajectory(trajectory)
+
+
+def sensor_size(text: str) -> tuple[int, int]:
+    """WIDTHxHEIGHT in pixels."""
+    try:
+        size = parse_size(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+    assert size is not None
+    return size

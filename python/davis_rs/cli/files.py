@@ -10,10 +10,12 @@ from decimal import Decimal, InvalidOperation
 from pathlib import Path
 from typing import Any
 
-from ..event_files.conversion import convert
+from ..dataset.reader import Dataset
+from ..event_files.conversion import convert, left_out
 from ..formats import FORMATS
-from ..inspection.summary import dataset_row, draw_rates, summarize_events
+from ..inspection.summary import dataset_contents, dataset_row, draw_rates, summarize_events
 from ..progress import progress
+from .common import sensor_size
 
 
 def add_convert(conversion: argparse.ArgumentParser) -> None:
@@ -32,7 +34,7 @@ def add_convert(conversion: argparse.ArgumentParser) -> None:
     conversion.add_argument(
         "--roi", type=int, nargs=4, metavar=("X0", "Y0", "X1", "Y1"), help="only events with X0 <= x < X1, Y0 <= y < Y1"
     )
-    conversion.add_argument("--size", type=_size, metavar="WxH", help="sensor size in pixels, where IN does not say")
+    conversion.add_argument("--size", type=sensor_size, metavar="WxH", help="sensor size, where IN does not say")
     conversion.add_argument(
         "--option", type=_option, action="append", default=[], metavar="NAME=VALUE", help="an option of OUT's format"
     )
@@ -49,7 +51,7 @@ def add_info(info: argparse.ArgumentParser) -> None:
     info.set_defaults(run=_info)
     info.add_argument("path", metavar="PATH", help="a file of any format, or a dataset folder")
     info.add_argument("--picture", type=Path, metavar="PNG", help="draw the rate of each pixel")
-    info.add_argument("--size", type=_size, metavar="WxH", help="sensor size in pixels, where PATH does not say")
+    info.add_argument("--size", type=sensor_size, metavar="WxH", help="sensor size in pixels, where PATH does not say")
     info.add_argument("--quiet", action="store_true", help="no progress bar")
 
 
@@ -78,6 +80,8 @@ def _convert(options: argparse.Namespace) -> int:
         f"{report.path}: {report.format}, {report.events:,} events, {report.bytes:,} bytes",
         file=sys.stderr if to_stream else sys.stdout,
     )
+    if Path(options.source).is_dir() and (lost := left_out(options.source)):
+        print(f"davis-rs: {options.target}: only the events were converted; left out: {lost}", file=sys.stderr)
     return 0
 
 
@@ -86,6 +90,7 @@ def _info(options: argparse.Namespace) -> int:
         summary = summarize_events(options.path, size=options.size, progress=told)
     print(summary)
     if Path(options.path).is_dir():
+        print(dataset_contents(Dataset(options.path)))
         print(dataset_row(options.path, summary))
     if options.picture is not None:
         print(draw_rates(summary, options.picture))
@@ -108,13 +113,6 @@ def _microseconds(text: str) -> int:
     except InvalidOperation:
         raise argparse.ArgumentTypeError(f"expected seconds, got {text!r}") from None
     return int(t_us)
-
-
-def _size(text: str) -> tuple[int, int]:
-    width, _, height = text.partition("x")
-    if not (width.isdecimal() and height.isdecimal()):
-        raise argparse.ArgumentTypeError(f"expected WIDTHxHEIGHT such as 240x180, got {text!r}")
-    return int(width), int(height)
 
 
 def _option(text: str) -> tuple[str, Any]:

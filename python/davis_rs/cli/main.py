@@ -34,7 +34,7 @@ COMMANDS = {
     "info": ("files", "sum up an event file or a dataset folder"),
     "calibrate": ("calibrate", "calibrate a camera, a hand-eye transform, or a camera and an IMU"),
     "check": ("look", "check a dataset: do its events explain its images?"),
-    "view": ("look", "draw a dataset as a picture or a video"),
+    "view": ("look", "draw a dataset, an event file or a recording, as a picture or a video"),
 }
 """By command the module here that has it, as ``add_COMMAND(parser)``, and what it does in a line."""
 

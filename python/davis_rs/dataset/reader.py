@@ -72,6 +72,13 @@ class Dataset:
         gain = self.meta.get("image_gain", self.meta.get("exposure"))
         return None if gain is None else float(gain)
 
+    def __repr__(self) -> str:
+        duration_us = self.meta.get("duration_us")
+        parts = [str(self.path), "sensor unknown" if self.size is None else "{} x {} px".format(*self.size)]
+        if isinstance(duration_us, int):
+            parts.append(f"{duration_us / 1e6:.6g} s")
+        return f"<Dataset {', '.join(parts)}>"
+
     @cached_property
     def meta(self) -> dict[str, Any]:
         """The contents of ``meta.json``."""
@@ -89,16 +96,22 @@ class Dataset:
         return meta
 
     @cached_property
-    def camera(self) -> Camera:
-        """The calibration; the sensor size comes from ``meta.json``, else the first frame, else is 240 x 180."""
-        width, height = 240, 180
+    def size(self) -> tuple[int, int] | None:
+        """(width, height) of the sensor in pixels: of ``meta.json``, else of the first frame; None if neither says."""
         if "sensor" in self.meta:
             try:
-                width, height = (int(self.meta["sensor"][name]) for name in ("width", "height"))
+                return int(self.meta["sensor"]["width"]), int(self.meta["sensor"]["height"])
             except (KeyError, TypeError, ValueError):
                 raise DecodeError(f'{self.path / META}: "sensor" must hold the numbers width and height') from None
-        elif self.frames and self.frames[0].path.exists():
+        if self.frames and self.frames[0].path.exists():
             height, width = self.read_image(0).shape
+            return width, height
+        return None
+
+    @cached_property
+    def camera(self) -> Camera:
+        """The calibration; its size is :attr:`size`, or 240 x 180 (the public dataset's) where nothing says it."""
+        width, height = self.size or (240, 180)
         return Camera.from_calib(self.path / CALIBRATION, width=width, height=height)
 
     @cached_property

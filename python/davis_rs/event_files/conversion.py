@@ -7,7 +7,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from ..camera import Camera
 from ..dataset.reader import Dataset
 from ..formats.interface import Roi, Target, WriteReport
 from .read import open_reader
@@ -60,8 +59,23 @@ def convert(
 
 
 def _size_of_folder(source: str | os.PathLike[str]) -> tuple[int, int] | None:
-    """The size that a dataset folder states."""
+    """The size that a dataset folder states, if it does."""
     if not os.path.isdir(source):
         return None
-    camera: Camera = Dataset(Path(source)).camera
-    return camera.width, camera.height
+    return Dataset(Path(source)).size
+
+
+def left_out(source: str | os.PathLike[str]) -> str:
+    """What a dataset folder holds that a file of events cannot: its parts and their counts, empty if there are none.
+
+    Raises:
+        OSError, DecodeError: if a part cannot be read.
+    """
+    dataset = Dataset(Path(source))
+    counts = {
+        "frames": len(dataset.frames),
+        "depth maps": len(dataset.depth_maps),
+        "poses": len(dataset.groundtruth.t_us),
+        "IMU samples": len(dataset.imu),
+    }
+    return ", ".join(f"{count:,} {what}" for what, count in counts.items() if count)

@@ -97,6 +97,9 @@ class EventWriter(ABC):
         self._report: WriteReport | None = None
         self._failed = False
 
+    def __repr__(self) -> str:
+        return f"<{self.format} writer of {self.path}, {self.size[0]} x {self.size[1]} px, {self._events:,} events>"
+
     @final
     def write(self, events: EventArray) -> None:
         """Append a packet of any size: :data:`davis_rs.EVENT_DTYPE`, or any structured array with t, x, y and p.
@@ -217,6 +220,10 @@ class EventReader(ABC):
         self.format = format
         self.size = size
         """(width, height) of the sensor in pixels, None where the file does not say."""
+
+    def __repr__(self) -> str:
+        size = "size unknown" if self.size is None else f"{self.size[0]} x {self.size[1]} px"
+        return f"<{self.format} reader of {self.path}, {size}>"
 
     @property
     def events(self) -> int | None:

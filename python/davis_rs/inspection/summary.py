@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from .._core import count_events
 from ..dataset.reader import Dataset
+from ..event_files.conversion import left_out
 from ..event_files.read import open_reader
 from ..formats.interface import EventReader
 from ..pose import GroundTruth
@@ -21,6 +22,9 @@ from ..trajectory.trajectory import SPEED_WINDOW_S
 
 PEAK_WINDOW_US = 10_000
 """The peak rate is that of the fullest of the intervals of this length that follow each other from t = 0."""
+
+DATASET_FOLDER = "dataset folder"
+"""The format's name of a folder in the layout of the public dataset."""
 
 _GAPS = 3
 
@@ -140,9 +144,12 @@ def summarize_events(
         OSError, DecodeError: if it cannot be read.
         ValueError: for events outside of the sensor.
     """
+    folder = Dataset(Path(path)) if os.path.isdir(path) else None
     with open_reader(path) as reader:
-        known = reader.size if reader.size is not None else size
-        summary = EventSummary(Path(path), reader.format, known or (0, 0), known is not None)
+        stated = reader.size if folder is None else folder.size
+        known = stated if stated is not None else size
+        format = reader.format if folder is None else DATASET_FOLDER
+        summary = EventSummary(Path(path), format, known or (0, 0), known is not None)
         _sum_up(reader, summary, progress)
     return summary
 
@@ -188,6 +195,28 @@ def _add_gaps(summary: EventSummary, t_us: npt.NDArray[np.int64]) -> None:
     longest = np.argpartition(steps, -_GAPS)[-_GAPS:] if len(steps) > _GAPS else np.arange(len(steps))
     found = [Gap(int(steps[at]), int(t_us[at])) for at in longest if steps[at] > 0]
     summary.gaps = heapq.nlargest(_GAPS, [*summary.gaps, *found])
+
+
+def dataset_contents(dataset: Dataset) -> str:
+    """A few lines on what a dataset folder holds besides its events: scene, settings, images, poses and IMU.
+
+    Raises:
+        OSError, DecodeError: if a list of images, the ground truth or the IMU's samples cannot be read.
+    """
+    meta = dataset.meta
+    scene, parameters, effects = meta.get("scene"), meta.get("parameters"), meta.get("effects")
+    lines = []
+    if isinstance(scene, dict) and "name" in scene:
+        lines.append(f"scene       {scene['name']}")
+    if isinstance(parameters, dict) and "contrast_threshold" in parameters:
+        on, off = parameters["contrast_threshold"], parameters.get("contrast_threshold_off")
+        lines.append(f"threshold   C = {on:g}" if off in (None, on) else f"threshold   C = {on:g} ON, {off:g} OFF")
+    if isinstance(effects, dict):
+        lines.append(f"effects     {', '.join(effects) or 'none: ideal pixels'}")
+    lines.append(f"also        {left_out(dataset.path) or 'nothing'}")
+    if meta.get("complete") is False:
+        lines.append("warning: the folder was never finished: its writer was stopped")
+    return "\n".join(lines)
 
 
 def dataset_row(path: str | Path, summary: EventSummary) -> DatasetRow:

@@ -57,6 +57,11 @@ class Scene:
     lux_per_luma: float = 1000.0
     ambient: bool = False
 
+    def __repr__(self) -> str:
+        moves = "no trajectory" if self.trajectory is None else f"{self.trajectory.duration_s:.6g} s"
+        size = "no camera" if self.camera is None else f"{self.camera.width} x {self.camera.height} px"
+        return f"<Scene {self.name!r}, {size}, {moves}, C = {self.contrast_threshold:g}>"
+
     @property
     def path(self) -> Trajectory:
         """The scene's own trajectory.
