@@ -6,16 +6,18 @@ import json
 import os
 import pickle
 import signal
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from davis_rs import CrossingEngine, Effects, SensorParameters, Simulator, check_dataset, load_scene, record
+from davis_rs import CrossingEngine, Effects, SensorParameters, Simulator, check_dataset, load_scene, simulate_to_folder
 from davis_rs.effects import Aps, Readout
 from davis_rs.events import concatenate_events
-from davis_rs.trajectory.trajectory import Trajectory
+from davis_rs.packet import Packet
+from davis_rs.scene.scene import Scene
 from effects_reference import scene
 
 pytestmark = pytest.mark.usefixtures("llvm")
@@ -24,9 +26,8 @@ PLANES = load_scene("three_planes")
 SLOW_BUS = Readout(1e5)
 
 
-def path(seconds: float) -> Trajectory:
-    assert PLANES.trajectory is not None
-    return PLANES.trajectory.crop(0.0, seconds)
+def planes(seconds: float) -> Scene:
+    return PLANES.crop(0.0, seconds)
 
 
 def test_what_is_given_stands_over_the_sensor_and_neutral_switches_off() -> None:
@@ -50,13 +51,13 @@ def test_thresholds_are_given_then_the_sensors_then_the_scenes() -> None:
         ({"contrast_threshold": 0.4}, (0.4, 0.4)),
     ]
     for settings, expected in cases:
-        parameters = Simulator(PLANES, **settings).parameters
-        assert (parameters["contrast_threshold"], parameters["contrast_threshold_off"]) == expected
+        simulator = Simulator(PLANES, **settings)
+        assert (simulator.contrast_threshold, simulator.contrast_threshold_off) == expected
 
 
 def test_no_event_of_a_slow_bus_is_lost_in_a_closed_loop() -> None:
     """Steps and a flush bring as many events as pixels without a bus make; run() flushes by itself."""
-    steps = [(t_us, path(0.02).pose(t_us * 1e-6)) for t_us in range(0, 20_001, 5_000)]
+    steps = [(t_us, PLANES.path.pose(t_us * 1e-6)) for t_us in range(0, 20_001, 5_000)]
     ideal, slow = Simulator(PLANES), Simulator(PLANES, effects=Effects(readout=SLOW_BUS))
     made = sum(len(packet.events) for t_us, pose in steps for packet in ideal.step(t_us, pose))
     packets = [packet for t_us, pose in steps for packet in slow.step(t_us, pose)]
@@ -65,28 +66,30 @@ def test_no_event_of_a_slow_bus_is_lost_in_a_closed_loop() -> None:
     assert made == sum(len(packet.events) for packet in packets + late)
     assert [packet.start_us for packet in late] == [20_000]
     assert slow.flush() == []
-    ran = list(Simulator(PLANES, effects=Effects(readout=SLOW_BUS)).run(path(0.02)))
+    ran = list(Simulator(planes(0.02), effects=Effects(readout=SLOW_BUS)).run())
     events = concatenate_events([packet.events for packet in ran])
     assert ran[-1].start_us == 20_000 < ran[-1].end_us == events["t"][-1]
     assert np.all(np.diff(events["t"]) >= 0)
 
 
 @pytest.mark.parametrize("interrupted", [False, True])
-def test_a_folder_holds_what_the_bus_still_held(tmp_path: Path, interrupted: bool) -> None:
+def test_a_folder_holds_what_the_bus_still_held(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, interrupted: bool
+) -> None:
     """Late events are written, also after Ctrl-C; the duration is that of the scene, and drops are counted."""
     effects = Effects(readout=Readout(1e5, drop_after_us=30_000))
-    simulator = Simulator(PLANES, effects=effects, depth_rate_hz=0)
-    if interrupted:
-        run = simulator.run
+    run, simulators = Simulator.run, []
 
-        def interrupting(trajectory: Trajectory) -> Any:
-            for packet in run(trajectory):
-                yield packet
-                if packet.end_us:
-                    os.kill(os.getpid(), signal.SIGINT)
+    def watched(simulator: Simulator) -> Iterator[Packet]:
+        simulators.append(simulator)
+        for packet in run(simulator):
+            yield packet
+            if interrupted and packet.end_us:
+                os.kill(os.getpid(), signal.SIGINT)
 
-        simulator.run = interrupting  # type: ignore[method-assign]
-    recording = record(simulator, path(0.1), tmp_path / "out", quiet=True)
+    monkeypatch.setattr(Simulator, "run", watched)
+    recording = simulate_to_folder(planes(0.1), tmp_path / "out", effects=effects, depth_rate_hz=0, quiet=True)
+    [simulator] = simulators
     meta = json.loads((tmp_path / "out" / "meta.json").read_text())
     assert recording.interrupted == interrupted
     assert recording.duration_s < 0.1 if interrupted else recording.duration_s == pytest.approx(0.1)
@@ -101,9 +104,9 @@ def test_a_folder_holds_what_the_bus_still_held(tmp_path: Path, interrupted: boo
 
 def test_frames_of_active_pixels_stand_beside_exact_luma(tmp_path: Path) -> None:
     """Packets and folders hold both: images are exposed, the check compares events with exact luma."""
-    blurred = Simulator(PLANES, effects=Effects(aps=Aps(20_000, 0)), depth_rate_hz=0)
-    exact = Simulator(PLANES, depth_rate_hz=0)
-    for a, b in zip(blurred.run(path(0.05)), exact.run(path(0.05)), strict=True):
+    blurred = Simulator(planes(0.05), effects=Effects(aps=Aps(20_000, 0)), depth_rate_hz=0)
+    exact = Simulator(planes(0.05), depth_rate_hz=0)
+    for a, b in zip(blurred.run(), exact.run(), strict=True):
         np.testing.assert_array_equal(a.events, b.events)
         if b.luma is not None:
             assert a.luma is not None
@@ -112,7 +115,7 @@ def test_frames_of_active_pixels_stand_beside_exact_luma(tmp_path: Path) -> None
             assert a.frame.shape == a.luma.shape
             assert (np.abs(a.frame - a.luma).max() > 0.01) == (a.end_us > 0)
         assert b.frame is None
-    record(Simulator(PLANES, effects=Effects(aps=Aps(20_000, 0))), path(0.05), tmp_path / "out", quiet=True)
+    simulate_to_folder(planes(0.05), tmp_path / "out", effects=Effects(aps=Aps(20_000, 0)), quiet=True)
     assert check_dataset(tmp_path / "out").ok
     with pytest.raises(ValueError, match="exposure of 20000 us must not exceed the frames' period of 10000 us"):
         Simulator(PLANES, effects=Effects(aps=Aps(20_000)), frame_rate_hz=100)
@@ -120,21 +123,22 @@ def test_frames_of_active_pixels_stand_beside_exact_luma(tmp_path: Path) -> None
 
 def test_auto_takes_what_the_plan_calls_for(tmp_path: Path) -> None:
     """The plan of the very run is kept and recorded; a closed loop has no trajectory to plan for."""
-    simulator = Simulator(PLANES, effects="auto", depth_rate_hz=0)
+    not_planned: Any = "auto"
     with pytest.raises(ValueError, match="auto"):
-        simulator.step(0, path(0.1).pose(0.0))
-    record(simulator, path(0.1), tmp_path / "out", quiet=True)
-    assert simulator.plan is not None
-    assert simulator.effects == simulator.plan.effects
+        Simulator(PLANES, effects=not_planned)
+    report = simulate_to_folder(planes(0.1), tmp_path / "out", effects="auto", depth_rate_hz=0, quiet=True)
+    assert report.plan is not None
     meta = json.loads((tmp_path / "out" / "meta.json").read_text())
-    assert list(meta["effects"]) == [effect.name for effect in simulator.effects]
+    assert meta["effects"] == report.plan.effects.describe()
+    assert list(meta["effects"]) == [effect.name for effect in report.plan.effects]
+    assert meta["effect_plan"] == report.plan.describe()
     assert "photoreceptor_bandwidth_hz" in meta["effects"]
 
 
 @pytest.mark.parametrize("effects", ["all", {"leak_rate_hz": 1}, ["leak_rate_hz"]])
 def test_what_is_no_composition_of_effects_is_refused(effects: Any) -> None:
     """With what it must be."""
-    with pytest.raises(ValueError, match=r"effects must be davis_rs\.Effects, 'auto' or None"):
+    with pytest.raises(ValueError, match=r"effects must be davis_rs\.Effects or None"):
         Simulator(PLANES, effects=effects)
 
 

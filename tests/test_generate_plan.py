@@ -20,6 +20,7 @@ from davis_rs.generate.generate import check_sequences, draw_sequences
 from davis_rs.generate.motion import MOTIONS, make_motion
 from davis_rs.generate.parse import effect_texts
 from davis_rs.generate.plan import sequence_name
+from davis_rs.settings import FolderSettings, complete, view_scene
 from generated import PLAN, write_plan
 
 
@@ -71,7 +72,8 @@ def test_a_known_name_is_no_file(tmp_path: Path) -> None:
     assert (plan.digests, plan.sha256) == ({}, before)
     [sequence] = draw_sequences(plan)
     assert sequence.scene().name == sequence.parameters["scene"]
-    assert sequence.settings.make_camera() == davis_rs.load_camera("ideal")
+    viewed = view_scene(sequence.scene(), complete(FolderSettings, sequence.settings, of="a plan"))
+    assert viewed.camera == davis_rs.load_camera("ideal")
 
 
 def test_files_lie_beside_the_plan(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -80,8 +82,9 @@ def test_files_lie_beside_the_plan(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     (tmp_path / "elsewhere" / "calib.txt").write_text("200 200 119.5 89.5 0 0 0 0 0")
     monkeypatch.chdir(tmp_path / "elsewhere")
     [sequence] = draw_sequences(load_sequence_plan(write_plan(tmp_path, camera="calib.txt", sequences=1)))
+    settings = complete(FolderSettings, sequence.settings, of="a plan")
     with pytest.raises(ValueError, match=re.escape(f"{tmp_path / 'calib.txt'}")):
-        sequence.settings.make_camera()
+        view_scene(sequence.scene(), settings)
 
 
 def test_numbers_are_read_as_in_json(tmp_path: Path) -> None:

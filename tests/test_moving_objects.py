@@ -12,7 +12,7 @@ import numpy.typing as npt
 import pytest
 from scipy.spatial.transform import Rotation
 
-from davis_rs import Camera, Flicker, MaxDisplacement, Pose, Scene, SegmentTrajectory, Trajectory
+from davis_rs import Camera, Flicker, MaxDisplacement, Pose, Scene, SegmentTrajectory, Trajectory, simulate
 from davis_rs._mitsuba import FAST, SCALAR, load_scene_source, variant
 from davis_rs.events import concatenate_events
 from davis_rs.rendering.render import Renderer
@@ -23,7 +23,6 @@ from davis_rs.rendering.scene_motion import held, seen_from
 from davis_rs.rendering.scene_updates import scene_motion
 from davis_rs.rendering.swept_objects import MovingSilhouettes
 from davis_rs.sampling.displacement import DisplacementClock
-from davis_rs.simulate import simulate
 from davis_rs.trajectory.views import Views
 
 FloatArray = npt.NDArray[np.float64]
@@ -361,7 +360,7 @@ def test_events_come_only_where_the_object_passes() -> None:
     source = {"type": "scene", "by": DIRECT, "lamp": LAMP, "floor": FLOOR, "box": BOX}
     scene = Scene("test", partial(dict, source), objects={"box": path})
     rest = SegmentTrajectory(POSE, POSE, 0.2)
-    packets = list(simulate(scene, rest, camera=CAMERA, samples=2, frame_rate_hz=200.0))
+    packets = list(simulate(scene.with_trajectory(rest), camera=CAMERA, samples=2, frame_rate_hz=200.0))
     events = concatenate_events([packet.events for packet in packets])
     frames = np.array([packet.luma for packet in packets if packet.luma is not None])
     fired = np.zeros((24, 32), np.bool_)
@@ -370,7 +369,8 @@ def test_events_come_only_where_the_object_passes() -> None:
     assert len(events) > 500
     assert fired[changed > 0.2].all()
     assert fired.mean() < 0.8
-    fine = np.array([packet.luma for packet in simulate(scene, rest, camera=CAMERA, samples=2, frame_rate_hz=5000.0)])
+    packets = list(simulate(scene.with_trajectory(rest), camera=CAMERA, samples=2, frame_rate_hz=5000.0))
+    fine = np.array([packet.luma for packet in packets])
     still = (fine == fine[0]).all(0)
     assert still.mean() > 0.2
     assert not fired[still].any()

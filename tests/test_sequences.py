@@ -83,7 +83,7 @@ def test_duration_and_top_speeds_are_the_tables(name: str) -> None:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_the_counts_on_record_are_within_a_factor_of_three(name: str) -> None:
-    """Of the whole sequence, as davis-rs sequences --count found them."""
+    """Of the whole sequence, as davis-rs sequences-count found them."""
     count = read_counts()[name]
     paper = SEQUENCES[name].paper
     assert count.duration_s == pytest.approx(paper.duration_s, rel=0.01)
@@ -153,13 +153,13 @@ def test_the_list_has_the_paper_beside_ours(tmp_path: Path, capsys: pytest.Captu
     assert urban[-2:] == ["5,359,539", "-"]
     assert urban[-6] == "n/a"
     assert [line[0] for line in differs] == ["slider_depth,", "urban,"]
-    assert main(["sequences", "slider_depth", "--measured", str(counts), "--markdown"]) == 0
+    assert main(["sequences-table", "slider_depth", "--measured", str(counts)]) == 0
     assert capsys.readouterr().out.splitlines()[2].startswith("| slider_depth | motorized slider | davis240c |")
 
 
 def test_the_table_in_the_docs_is_what_the_command_prints(capsys: pytest.CaptureFixture[str]) -> None:
     """All 27 rows, as they are now."""
-    assert main(["sequences", "--markdown"]) == 0
+    assert main(["sequences-table"]) == 0
     printed = capsys.readouterr().out
     assert len(printed.splitlines()) == 29
     assert printed in (Path(__file__).resolve().parents[1] / "docs" / "sequences.md").read_text()
@@ -170,12 +170,12 @@ def test_counting_goes_on_where_it_was_stopped(tmp_path: Path, capsys: pytest.Ca
     """What the file has is not counted again."""
     path = tmp_path / "counts.csv"
     write_counts(path, [EventCount(name, 10.7, 7, 3, 1.0, 5, 0.5, 0.1) for name in ("a_users_own", "urban")])
-    assert main(["sequences", "simulation_3planes", "urban", "--count", str(path)]) == 0
+    assert main(["sequences-count", "simulation_3planes", "urban", "-o", str(path)]) == 0
     assert capsys.readouterr().out.startswith("simulation_3planes: ")
     counts = read_counts(path)
     assert list(counts) == ["urban", "simulation_3planes", "a_users_own"]
     assert counts["urban"].events == 7
-    assert main(["sequences", "slider_depth", "--count", str(tmp_path / "no" / "counts.csv")]) == 1
+    assert main(["sequences-count", "slider_depth", "-o", str(tmp_path / "no" / "counts.csv")]) == 1
 
 
 @pytest.mark.usefixtures("llvm")
@@ -183,7 +183,7 @@ def test_the_sheet_shows_frames_and_events(tmp_path: Path) -> None:
     """One tile a sequence, three a row: a grey frame, and the same faded with red and blue events."""
     from PIL import Image
 
-    assert main(["sequences", "simulation_3planes", "slider_depth", "--sheet", str(tmp_path / "sheet.png")]) == 0
+    assert main(["sequences-sheet", "simulation_3planes", "slider_depth", "-o", str(tmp_path / "sheet.png")]) == 0
     picture = np.asarray(Image.open(tmp_path / "sheet.png")).astype(int)
     assert picture.shape == (200, 3 * 488 - 8, 3)
     for left in (0, 488):
