@@ -7,6 +7,7 @@ import sys
 import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import NoReturn
 
 from .._core import __version__
 from .accuracy import add_accuracy
@@ -19,8 +20,19 @@ from .simulate import add_simulate
 from .usb import add_usb
 
 
+class _Parser(argparse.ArgumentParser):
+    """A parser whose errors are one line: the usage of a command with many options would bury them."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(2, f"{self.prog}: error: {message} ({self.prog} --help lists the options)\n")
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run a command; returns the exit status: 0, 1 for a failure or a check that does not hold, 130 after Ctrl-C."""
+    """Run a command; returns the exit status: 0, 1 for a failure or a check that does not hold, 130 after Ctrl-C.
+
+    Raises:
+        SystemExit: with status 2 for options that are not there or values that they do not take.
+    """
     options = _parser().parse_args(arguments)
     warnings.showwarning = lambda message, *_: print(f"davis-rs: warning: {message}", file=sys.stderr)
     try:
@@ -54,7 +66,7 @@ def _view(options: argparse.Namespace) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+    parser: argparse.ArgumentParser = _Parser(
         prog="davis-rs",
         description="Simulate a DAVIS event camera, and read a real one.",
     )

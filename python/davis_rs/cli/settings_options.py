@@ -71,7 +71,7 @@ def _metavar(setting: Setting) -> str | None:
 
 
 def _reader(setting: Setting) -> Callable[[str], Any]:
-    """What reads an option's text, and refuses it under the option's name."""
+    """What reads an option's text, and refuses it; argparse's message begins with the option."""
     kind = setting.kind or str
 
     def read(text: str) -> Any:
@@ -79,11 +79,11 @@ def _reader(setting: Setting) -> Callable[[str], Any]:
             value = kind(text)
         except ValueError:
             wanted = "an integer" if kind is int else "a number"
-            raise argparse.ArgumentTypeError(f"{setting.option} must be {wanted}, got {text!r}") from None
+            raise argparse.ArgumentTypeError(f"must be {wanted}, got {text!r}") from None
         try:
             setting.check(value, setting.option)
         except ValueError as error:
-            raise argparse.ArgumentTypeError(str(error)) from None
+            raise argparse.ArgumentTypeError(str(error).removeprefix(f"{setting.option} ")) from None
         return value
 
     return read
