@@ -13,17 +13,30 @@ from typing import Any
 import numpy as np
 import pytest
 
-from davis_rs import CrossingEngine, Effects, SensorParameters, Simulator, check_dataset, load_scene, simulate_to_folder
+from davis_rs import (
+    Camera,
+    CrossingEngine,
+    Effects,
+    SensorParameters,
+    Simulator,
+    check_dataset,
+    load_scene,
+    plan_effects,
+    simulate_to_folder,
+)
+from davis_rs.cli.main import main
 from davis_rs.effects import Aps, Readout
 from davis_rs.events import concatenate_events
 from davis_rs.packet import Packet
 from davis_rs.scene.scene import Scene
+from davis_rs.sensor_parameters import SENSORS
 from effects_reference import scene
 
 pytestmark = pytest.mark.usefixtures("llvm")
 
 PLANES = load_scene("three_planes")
 SLOW_BUS = Readout(1e5)
+SMALL = Camera(40, 30, 33.0, 33.0, 19.5, 14.5)
 
 
 def planes(seconds: float) -> Scene:
@@ -133,6 +146,66 @@ def test_auto_takes_what_the_plan_calls_for(tmp_path: Path) -> None:
     assert list(meta["effects"]) == [effect.name for effect in report.plan.effects]
     assert meta["effect_plan"] == report.plan.describe()
     assert "photoreceptor_bandwidth_hz" in meta["effects"]
+
+
+def test_what_is_named_beside_auto_is_kept_and_the_rest_is_planned(tmp_path: Path) -> None:
+    """A value that is given stands, a neutral one keeps its effect off; neither is a candidate."""
+    called_for = plan_effects(planes(0.1), camera=SMALL).effects
+    assert called_for.photoreceptor_bandwidth_hz is not None
+    assert called_for.threshold_mismatch is not None
+    assert called_for.leak_rate_hz is None
+    out = str(tmp_path / "out")
+    options = ["--effects", "auto", "--effect", "leak_rate_hz=7", "--effect", "photoreceptor_bandwidth_hz=0"]
+    command = ["simulate", "three_planes", "-o", out, "--duration", "0.1", "--camera", calibration(tmp_path)]
+    assert main([*command, "--size", "40x30", "--depth-rate", "0", "--quiet", *options]) == 0
+    meta = json.loads((tmp_path / "out" / "meta.json").read_text())
+    assert meta["effects"]["leak_rate_hz"] == {"rate_hz": 7.0}
+    assert "photoreceptor_bandwidth_hz" not in meta["effects"]
+    assert "threshold_mismatch" in meta["effects"]
+    candidates = {item["effect"] for item in meta["effect_plan"]["effects"]}
+    assert candidates == {effect.name for effect in davis240c()} - {"leak_rate_hz", "photoreceptor_bandwidth_hz"}
+
+
+def test_a_sensor_brings_back_nothing_that_the_plan_left_out() -> None:
+    """The plan's effects over that sensor are the plan's, not all of the sensor's."""
+    plan = plan_effects(planes(0.1), sensor="davis240c")
+    left_out = {item.effect.name for item in plan.items if not item.called_for}
+    assert left_out
+    effects = Simulator(planes(0.1), sensor="davis240c", effects=plan.effects).effects
+    assert effects == plan.effects
+    assert not left_out & {effect.name for effect in effects}
+
+
+def test_auto_is_refused_with_the_name_of_what_resolves_it() -> None:
+    """A simulator may step along a path that nobody knows yet: it cannot plan."""
+    not_planned: Any = "auto"
+    with pytest.raises(ValueError, match=r"effects=plan_effects\(scene, sensor=\.\.\.\)\.effects"):
+        Simulator(PLANES, effects=not_planned)
+
+
+def test_a_simulator_is_whole_before_it_runs() -> None:
+    """Whatever can be asked of one can be asked at once, and asking changes nothing."""
+    effects = Effects(readout=Readout(1e5, drop_after_us=30_000))
+    asked, plain = (Simulator(planes(0.05), effects=effects, camera=SMALL) for _ in range(2))
+    assert asked.flush() == []
+    assert asked.dropped_events == 0
+    described = asked.describe()
+    assert list(described["effects"]) == ["readout"]
+    streams = [concatenate_events([packet.events for packet in one.run()]) for one in (asked, plain)]
+    assert streams[0].tobytes() == streams[1].tobytes()
+    assert len(streams[0]) > 0
+    assert asked.describe() == described
+
+
+def davis240c() -> Effects:
+    return SENSORS["davis240c"].effects(PLANES.lux_per_luma)
+
+
+def calibration(folder: Path) -> str:
+    """A file of the small camera."""
+    path = folder / "small.txt"
+    path.write_text(SMALL.to_calib())
+    return str(path)
 
 
 @pytest.mark.parametrize("effects", ["all", {"leak_rate_hz": 1}, ["leak_rate_hz"]])

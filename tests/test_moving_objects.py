@@ -432,3 +432,37 @@ def test_a_part_of_a_scene_goes_on_from_there(llvm: str) -> None:
     assert described == {**scene.lights["lamp"].describe(), "start_s": pytest.approx(0.3)}
     with pytest.raises(ValueError, match="scene 'parts' has no trajectory of its own"):
         replace(scene, trajectory=None).crop()
+
+
+def test_a_part_has_the_objects_of_that_time_whoever_gave_the_path(llvm: str) -> None:
+    """The clocks of objects and lights move with the part, also where the path was handed over with_trajectory()."""
+    camera_path = SegmentTrajectory(POSE, Pose(POSE.position + 0.1, POSE.quaternion), 10.0)
+    object_path = SegmentTrajectory(PATH.start, PATH.end, 10.0)
+    scene = Scene(
+        "parts",
+        partial(dict, type="scene", integrator=DIRECT, lamp=LAMP, floor=FLOOR, box=BOX),
+        camera=SMALL,
+        trajectory=camera_path,
+        objects={"box": object_path},
+        lights={"lamp": Flicker(3.0, modulation=0.4)},
+    )
+    settings: dict[str, Any] = {"frame_rate_hz": 20, "depth_rate_hz": 20, "duration_s": 0.1, "samples": 2}
+    own = list(simulate(scene, start_s=8, **settings))
+    handed = list(simulate(scene.with_trajectory(scene.path), start_s=8, **settings))
+    late = list(simulate(scene.with_trajectory(camera_path.crop(8)), **settings))
+    assert sum(len(packet.events) for packet in own) > 50
+    for a, b in zip(own, handed, strict=True):
+        assert a.events.tobytes() == b.events.tobytes()
+        for one, other in ((a.luma, b.luma), (a.depth, b.depth)):
+            assert (one is None) == (other is None)
+            assert one is None or other is None or one.tobytes() == other.tobytes()
+    # A path that begins later on by itself leaves the objects where they are at the start.
+    assert own[0].depth is not None
+    assert late[0].depth is not None
+    assert own[0].depth.tobytes() != late[0].depth.tobytes()
+    part = scene.crop(8, 0.1)
+    np.testing.assert_allclose(
+        part.objects["box"].pose(0.05).position, object_path.pose(8.05).position, rtol=0, atol=1e-12
+    )
+    assert part.lights["lamp"].describe()["start_s"] == 8
+    assert scene.with_trajectory(camera_path.crop(8)).objects == scene.objects

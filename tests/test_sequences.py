@@ -142,6 +142,26 @@ def test_a_sequence_is_a_whole_dataset(tmp_path: Path, capsys: pytest.CaptureFix
     assert not (tmp_path / "no").exists()
 
 
+@pytest.mark.usefixtures("llvm")
+def test_simulate_and_sequence_make_the_same_of_a_sequence(tmp_path: Path) -> None:
+    """Its IMU and its 24 frames a second come with its name; options still go before them."""
+    options = ["--start", "1", "--duration", "0.05", "--samples", "1", "--quiet"]
+    written = ["events.txt", "imu.txt", "images.txt", "depthmaps.txt", "groundtruth.txt", "calib.txt"]
+    for command in ("sequence", "simulate"):
+        assert main([command, "slider_depth", "-o", str(tmp_path / command), *options]) == 0
+    for name in written:
+        assert (tmp_path / "sequence" / name).read_bytes() == (tmp_path / "simulate" / name).read_bytes(), name
+    dataset = davis_rs.Dataset(tmp_path / "simulate")
+    assert len(dataset.imu) == 51
+    assert [frame.t_us for frame in dataset.frames] == [0, 41_667]
+    metas = [json.loads((tmp_path / command / "meta.json").read_text()) for command in ("sequence", "simulate")]
+    assert metas[0]["sequence"] == metas[1]["sequence"]
+    own = ["--imu", "none", "--frame-rate", "100"]
+    assert main(["simulate", "slider_depth", "-o", str(tmp_path / "own"), *options, *own]) == 0
+    assert not (tmp_path / "own" / "imu.txt").exists()
+    assert len(davis_rs.Dataset(tmp_path / "own").frames) == 6
+
+
 def test_the_list_has_the_paper_beside_ours(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A row has T, TS, RS and NE twice; what was not counted is a dash."""
     counts = tmp_path / "counts.csv"
