@@ -40,10 +40,10 @@ CASES: dict[str, dict[str, Any]] = {
 
 def run(settings: dict[str, Any]) -> tuple[float, EventArray, Any]:
     """Seconds of processor time, events, and the frame at the shown time's start."""
-    simulator = Simulator(SCENE, depth_rate_hz=0, **settings)
+    simulator = Simulator(SCENE.crop(0.0, SECONDS), depth_rate_hz=0, **settings)
     events, frame = [], None
     start = time.process_time()
-    for packet in simulator.run(SCENE.trajectory.crop(0.0, SECONDS)):
+    for packet in simulator.run():
         events.append(packet.events)
         if packet.end_us == round(SHOWN_S[0] * 1e6):
             frame = packet.luma if packet.frame is None else packet.frame

@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from davis_rs.simulate import Simulator
 
 from davis_rs import Dataset, Scene, SegmentTrajectory, interval, load_scene, open_reader, open_writer
+from davis_rs.simulator import Simulator
 from test_dataset import HEIGHT, WIDTH, write_sequence
 
 
