@@ -153,9 +153,8 @@ def test_what_is_named_beside_auto_is_kept_and_the_rest_is_planned(tmp_path: Pat
     called_for = plan_effects(planes(0.1), camera=SMALL).effects
     assert called_for.photoreceptor_bandwidth_hz is not None
     assert called_for.threshold_mismatch is not None
-    assert called_for.leak_rate_hz is None
     out = str(tmp_path / "out")
-    options = ["--effects", "auto", "--effect", "leak_rate_hz=7", "--effect", "photoreceptor_bandwidth_hz=0"]
+    options = ["--effects", "auto", "--effect", "leak_rate_hz=7", "--effect", "photoreceptor_bandwidth_hz=inf"]
     command = ["simulate", "three_planes", "-o", out, "--duration", "0.1", "--camera", calibration(tmp_path)]
     assert main([*command, "--size", "40x30", "--depth-rate", "0", "--quiet", *options]) == 0
     meta = json.loads((tmp_path / "out" / "meta.json").read_text())

@@ -40,7 +40,8 @@ def test_a_sensor_brings_its_size_and_the_lens_keeps_its_view(tmp_path: Path) ->
     options = ["--duration", "0.01", "--samples", "1", "--depth-rate", "0", "--quiet"]
     assert main(["simulate", "three_planes", "-o", str(out), "--sensor", "davis346", *options]) == 0
     dataset = Dataset(out)
-    assert Image.open(dataset.frames[0].path).size == (346, 260)
+    with Image.open(dataset.frames[0].path) as frame:
+        assert frame.size == (346, 260)
     assert (dataset.camera.width, dataset.camera.height) == (346, 260)
     own, camera = PLANES.own_camera, camera_of(sensor="davis346")
     assert (camera.width, camera.height) == (346, 260)
