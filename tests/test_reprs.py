@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from davis_rs import Dataset, Scene, SegmentTrajectory, interval, load_scene, open_reader, open_writer
+from davis_rs import Dataset, Scene, SegmentTrajectory, load_scene, open_reader, open_writer
 from davis_rs.simulator import Simulator
 from test_dataset import HEIGHT, WIDTH, write_sequence
 
@@ -14,7 +14,7 @@ from test_dataset import HEIGHT, WIDTH, write_sequence
 def test_scene_and_trajectories_tell_their_length() -> None:
     scene = load_scene("three_planes")
     assert repr(scene) == "<Scene 'three_planes', 240 x 180 px, 2 s, C = 0.15>"
-    assert repr(interval(scene.path, 0.5, 0.25)) == "<Interval of 0.25 s>"
+    assert repr(scene.path.crop(0.5, 0.25)) == "<Cropped of 0.25 s>"
     assert repr(SegmentTrajectory(scene.path.pose(0), scene.path.pose(1), 0.5)) == "<SegmentTrajectory of 0.5 s>"
     assert "no trajectory" in repr(Scene("empty", dict))
 
