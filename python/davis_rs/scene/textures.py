@@ -6,10 +6,25 @@ eight bits, so that they are the same on every machine.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
 
 FloatArray = npt.NDArray[np.float64]
+
+Texture = npt.NDArray[np.float32]
+"""Reflectance, (height, width, 3), linear RGB; row 0 is the upper edge."""
+
+
+def bitmap(data: Any, *, repeats: tuple[float, float] | None = None) -> dict[str, Any]:
+    """A texture for a surface: by the surface's own coordinates, or so many times over its width and height.
+
+    Args:
+        data: a :data:`Texture`, or a tensor of it for Mitsuba.
+    """
+    texture = {"type": "bitmap", "raw": True, "wrap_mode": "repeat", "data": data}
+    return texture if repeats is None else {**texture, "to_uv": np.diag([*repeats, 1.0])}
 
 
 def patchwork(

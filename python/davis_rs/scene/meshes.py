@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..pose import FloatArray
-from .reflectance import Texture, bitmap
+from .textures import Texture, bitmap
 
 Window = tuple[float, float, float, float]
 """Left, top, right and bottom of the piece of a texture that a face shows; 0 to 1 is all of it, more repeats it."""
