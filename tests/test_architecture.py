@@ -30,7 +30,7 @@ LAYERS = [
     ["recordings", "camera", "lattice", "luma"],
     ["usb", "biases"],
     ["represent", "dtypes", "decoded", "events"],
-    ["_mitsuba", "_llvm", "_core"],
+    ["_mitsuba", "_llvm", "_core", "close_names"],
 ]
 RANK = {name: (layer, place) for layer, names in enumerate(LAYERS) for place, name in enumerate(names)}
 LATE = {"mitsuba", "drjit", "scipy", "matplotlib", "imageio", "OpenEXR", "PIL", "tqdm", "usb", "lz4", "zstandard"}

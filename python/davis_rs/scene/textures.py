@@ -17,6 +17,12 @@ Texture = npt.NDArray[np.float32]
 """Reflectance, (height, width, 3), linear RGB; row 0 is the upper edge."""
 
 
+def from_srgb(encoded: npt.ArrayLike) -> FloatArray:
+    """Linear values of values encoded by sRGB's curve (IEC 61966-2-1), both in 0 to 1."""
+    value = np.asarray(encoded, np.float64)
+    return np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4)
+
+
 def bitmap(data: Any, *, repeats: tuple[float, float] | None = None) -> dict[str, Any]:
     """A texture for a surface: by the surface's own coordinates, or so many times over its width and height.
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..pose import FloatArray
+from ..scene.textures import Texture
 
 Tint = tuple[float, float, float]
 

@@ -2,7 +2,7 @@
 
 from .inertial import make_imu, make_motion_capture
 from .resolve import ViewedScene, chosen_sampling, view_scene
-from .setting import Setting, complete, did_you_mean, only, settings_of, takes_settings
+from .setting import Setting, complete, only, settings_of, takes_settings
 from .simulation_settings import FolderSettings, SimulationSettings, SimulatorSettings, ViewSettings
 
 __all__ = [
@@ -14,7 +14,6 @@ __all__ = [
     "ViewedScene",
     "chosen_sampling",
     "complete",
-    "did_you_mean",
     "make_imu",
     "make_motion_capture",
     "only",

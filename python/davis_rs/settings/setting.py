@@ -9,9 +9,10 @@ import textwrap
 import types
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from difflib import get_close_matches
 from functools import cache
 from typing import Annotated, Any, TypeVar, Union, get_args, get_origin, get_type_hints
+
+from ..close_names import did_you_mean
 
 _UNIT_SUFFIXES = ("_hz", "_px", "_m_s", "_ms_per_min", "_m", "_rad", "_s")
 _NUMBER = (int, float)
@@ -115,12 +116,6 @@ class Setting:
             raise ValueError(f"{name} must be finite, got {value!r}")
         if not one.low <= value <= one.high or (one.above_low and value == one.low):
             raise ValueError(f"{name} must be {self.range_text}{unit}, got {value!r}")
-
-
-def did_you_mean(given: str, names: Any) -> str:
-    """``; did you mean NAME?``, or nothing where no name is close."""
-    close = get_close_matches(given, list(names), n=1)
-    return f"; did you mean {close[0]}?" if close else ""
 
 
 @cache
