@@ -52,16 +52,6 @@ def load_scene(name_or_path: str | Path, *, up: Axis | None = None, scale: float
     suffix = path.suffix.lower()
     if suffix in MESH_READERS and path.is_file():
         return mesh_scene(path, up=up, scale=1.0 if scale is None else scale)
-    if up is not None or scale is not None:
-        raise ValueError(
-            f"up and scale are for meshes ({', '.join(MESH_READERS)}), got the scene {str(name_or_path)!r}"
-        )
-    if str(name_or_path) in BUILTIN_SCENES:
-        return BUILTIN_SCENES[str(name_or_path)]()
-    from .sequences import SEQUENCES  # many small scenes, which `import davis_rs` need not wait for
-
-    if str(name_or_path) in SEQUENCES:
-        return SEQUENCES[str(name_or_path)].scene()
     if suffix == ".blend":
         raise ValueError(f"{path}: Blender's files are not read; in Blender choose File, Export, Wavefront (.obj)")
     if suffix in _CONVERTIBLE:
@@ -69,6 +59,14 @@ def load_scene(name_or_path: str | Path, *, up: Axis | None = None, scale: float
             f"{path}: {suffix} files are not read; import the file in Blender and choose File, Export, Wavefront "
             "(.obj) or Stanford PLY (.ply)"
         )
+    if up is not None or scale is not None:
+        raise ValueError(f"up and scale are for a mesh that is there (OBJ or PLY), got {str(name_or_path)!r}")
+    if str(name_or_path) in BUILTIN_SCENES:
+        return BUILTIN_SCENES[str(name_or_path)]()
+    from .sequences import SEQUENCES  # many small scenes, which `import davis_rs` need not wait for
+
+    if str(name_or_path) in SEQUENCES:
+        return SEQUENCES[str(name_or_path)].scene()
     if not path.is_file():
         raise ValueError(
             f"scene {str(name_or_path)!r} is neither one of {', '.join(BUILTIN_SCENES)}, a sequence of the dataset, "
