@@ -266,6 +266,7 @@ def test_any_bytes_give_parts_or_a_value_error(tmp_path_factory: pytest.TempPath
         ("robot.blend", r"Blender's files are not read; in Blender choose File, Export"),
         ("three_plains", "did you mean three_planes"),
         ("poster_6dog", "did you mean poster_6dof"),
+        ("plans/slider_depht", "did you mean slider_depth"),
         ("there_is_none.obj", "nor a file"),
         ("readme.txt", r"a scene file must be a Mitsuba scene \(.xml\) or a mesh"),
     ],

@@ -70,7 +70,7 @@ def load_scene(name_or_path: str | Path, *, up: Axis | None = None, scale: float
     if not path.is_file():
         raise ValueError(
             f"scene {str(name_or_path)!r} is neither one of {', '.join(BUILTIN_SCENES)}, a sequence of the dataset, "
-            "nor a file (Mitsuba XML, OBJ or PLY)" + did_you_mean(str(name_or_path), [*BUILTIN_SCENES, *SEQUENCES])
+            "nor a file (Mitsuba XML, OBJ or PLY)" + did_you_mean(path.name, [*BUILTIN_SCENES, *SEQUENCES])
         )
     if suffix != ".xml":
         raise ValueError(
