@@ -54,8 +54,9 @@ class _Parts:
         self.invalid = self.others = 0
 
 
-def read(path: Path, data: bytes, *, chip: str | None, **_: int | None) -> Recording:
-    """Read a file's contents; see :func:`davis_rs.read_recording`."""
+def read(path: Path, *, chip: str | None, **_: Any) -> Recording:
+    """Read a file; see :func:`davis_rs.read_recording`."""
+    data = path.read_bytes()
     end = data.find(_END)
     if end < 0:
         raise DecodeError(f"{path}, byte {len(data)}: expected a line '#!END-HEADER', the file ends")
