@@ -391,6 +391,7 @@ class EventFileReader:
         start_us, stop_us: aedat4: only the packets that hold events of that slice are read, if the table of contents
             tells.
         max_packet_bytes: aedat4: what a packet may unpack to; 64 MiB if not given.
+        in_order: text: whether times that go back are refused, with their line.
     """
 
     def __new__(
@@ -402,6 +403,7 @@ class EventFileReader:
         start_us: int | None = None,
         stop_us: int | None = None,
         max_packet_bytes: int = ...,
+        in_order: bool = True,
     ) -> EventFileReader: ...
     def look(self) -> None:
         """Read until there is an event or the size is known; for a reader that will read nothing else."""

@@ -5,11 +5,17 @@ from __future__ import annotations
 import errno
 import os
 import stat
+import struct
+import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from tokenize import TokenError
+from typing import TypeVar
 
 from ._core import DecodeError
+
+_Item = TypeVar("_Item")
 
 MAX_PACKET_BYTES = 64 << 20
 """What a packet, chunk or message of a compressed file may unpack to, unless told otherwise."""
@@ -27,6 +33,12 @@ def check_max_packet_bytes(max_packet_bytes: int) -> int:
     if not 1 <= max_packet_bytes < 2**62:
         raise ValueError(f"max_packet_bytes must be a positive number of bytes: got {max_packet_bytes}")
     return max_packet_bytes
+
+
+def above_limit(path: str | os.PathLike[str], what: str, limit: int) -> DecodeError:
+    """The error for a part of a compressed file that has more bytes than it may."""
+    message = f"{what} may have {limit} bytes unpacked, this has more; max_packet_bytes allows it"
+    return DecodeError(f"{os.fspath(path)}: {message}")
 
 
 def regular_file(path: str | os.PathLike[str]) -> Path:
@@ -61,40 +73,49 @@ def read_text(path: str | os.PathLike[str], limit: int = MAX_TEXT_BYTES) -> str:
 
 
 @contextmanager
-def decoding(
-    path: str | os.PathLike[str], place: str = "", *, errors: tuple[type[Exception], ...] = ()
-) -> Iterator[None]:
+def decoding(path: str | os.PathLike[str], place: str = "") -> Iterator[None]:
     """Around a library that reads untrusted bytes: what it raises about them becomes a :class:`DecodeError` with the
     file, the place and what the library said.
 
-    The system's refusals (an OSError with a number that is not about values) stay as they are.
+    The system's refusals (an OSError with a number that is not about values), a missing library and warnings that are
+    errors stay as they are.
 
     Args:
         place: where in the file, such as ``"events 0..100"``.
-        errors: the library's own classes of errors beside Python's.
     """
-    about_bytes = (*_ABOUT_BYTES, *errors)
     try:
         yield
-    except DecodeError:
+    except (DecodeError, ImportError, Warning):
         raise
-    except OSError as error:
-        if error.errno not in (None, errno.EINVAL):
+    except Exception as error:
+        by_library = type(error).__module__.partition(".")[0] in _LIBRARIES
+        if isinstance(error, OSError):
+            about_bytes = error.errno in (None, errno.EINVAL)
+        else:
+            about_bytes = by_library or isinstance(error, _ABOUT_BYTES)
+        if not about_bytes:
             raise
-        raise DecodeError(_told(path, place, error)) from error
-    except about_bytes as error:
-        raise DecodeError(_told(path, place, error)) from error
+        where = f"{os.fspath(path)}, {place}" if place else os.fspath(path)
+        raise DecodeError(f"{where}: {error}" if str(error) else f"{where}: {type(error).__name__}") from error
 
 
-_ABOUT_BYTES: tuple[type[Exception], ...] = (
-    ArithmeticError, AssertionError, AttributeError, EOFError, LookupError, MemoryError, RuntimeError, SyntaxError,
-    TypeError, ValueError,
+_ABOUT_BYTES = (
+    ArithmeticError, AssertionError, AttributeError, EOFError, LookupError, RuntimeError, SyntaxError, TypeError,
+    ValueError, TokenError, struct.error, zlib.error,
 )  # fmt: skip
-"""What Python's libraries raise about bytes that they did not expect; RecursionError and NotImplementedError are
+"""What Python and its libraries raise about bytes that they did not expect; RecursionError and NotImplementedError are
 RuntimeErrors, UnicodeDecodeError is a ValueError."""
 
+_LIBRARIES = {"h5py", "pyarrow", "rosbags", "yaml", "zipfile"}
+"""Those with classes of errors of their own."""
 
-def _told(path: str | os.PathLike[str], place: str, error: Exception) -> str:
-    where = f"{os.fspath(path)}, {place}" if place else os.fspath(path)
-    said = str(error)
-    return f"{where}: {said if said else type(error).__name__}"
+
+def guarded(path: str | os.PathLike[str], items: Iterator[_Item]) -> Iterator[_Item]:
+    """The same items, each made within :func:`decoding`."""
+    while True:
+        with decoding(path):
+            try:
+                item = next(items)
+            except StopIteration:
+                return
+        yield item

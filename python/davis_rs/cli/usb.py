@@ -22,6 +22,7 @@ from ..usb.raw_file import RawRecording, RawWriter, is_raw
 from ..usb.settings import ACCELEROMETER_RANGES_G, GYROSCOPE_RANGES_DEG_S, DavisSettings
 from ..usb.virtual_davis import VirtualDavis
 from .common import SCENE_HELP
+from .files import add_max_packet_bytes
 
 
 def add_usb(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -64,6 +65,7 @@ def add_usb(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> No
         help=".npz (all) or an event file; if not given, count",
     )
     _add_backward(decode)
+    add_max_packet_bytes(decode)
 
 
 def _add_backward(parser: argparse.ArgumentParser) -> None:
@@ -192,7 +194,11 @@ class LiveOutput:
 
 
 def _decode(options: argparse.Namespace) -> int:
-    source = BytesOfCamera(options.recording) if is_raw(options.recording) else FileOfSoftware(options.recording)
+    source = (
+        BytesOfCamera(options.recording)
+        if is_raw(options.recording)
+        else FileOfSoftware(options.recording, options.max_packet_bytes)
+    )
     output = None if options.output is None else decoded_output(options.output, source.size, backward=options.backward)
     counts = {"events": 0, "IMU samples": 0, "frames": 0, "triggers": 0}
     said: list[str] = []
@@ -243,8 +249,8 @@ class BytesOfCamera:
 class FileOfSoftware:
     """An AEDAT file; its times count from its first."""
 
-    def __init__(self, path: Path) -> None:
-        recording = read_recording(path)
+    def __init__(self, path: Path, max_packet_bytes: int) -> None:
+        recording = read_recording(path, max_packet_bytes=max_packet_bytes)
         self._recording = recording.from_start()
         self.size = (recording.width, recording.height)
         started = "" if recording.started is None else f", {recording.started:%Y-%m-%d %H:%M:%S}"

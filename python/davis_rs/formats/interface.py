@@ -15,6 +15,8 @@ import numpy as np
 
 from .._core import check_events
 from ..events import EVENT_DTYPE, EventArray, as_events, concatenate_events
+from ..untrusted import decoding, guarded
+from .reading import ANY_SIZE, EventCheck, ReadRules
 
 CHUNK = 1 << 20
 """Events that an iteration hands out at a time, unless told otherwise: 16 MiB."""
@@ -209,14 +211,33 @@ class EventReader(ABC):
     Events come as :data:`davis_rs.EVENT_DTYPE`, in the file's order. A file that ends in the middle of a record gives
     what is whole and a :class:`TruncatedFileWarning`.
 
-    A format implements :meth:`_packets`, and :meth:`_read` where it can do better than join them.
+    A format implements :meth:`_packets`, and :meth:`_read` where it can do better than join them. What a library of its
+    raises about the file's bytes becomes a DecodeError here.
+
+    Args:
+        rules: what is done with times that go back and with pixels outside, and how much a packet may unpack to.
+        extent: width and height that the format can hold, where the file does not state a size.
+
+    Attributes:
+        check: what the iteration that goes on, or the last one, has left out.
     """
 
-    def __init__(self, path: str | os.PathLike[str], *, format: str, size: tuple[int, int] | None = None) -> None:
+    def __init__(
+        self,
+        path: str | os.PathLike[str],
+        *,
+        format: str,
+        size: tuple[int, int] | None = None,
+        rules: ReadRules = ReadRules(),  # noqa: B008 - it is frozen
+        extent: tuple[int, int] = ANY_SIZE,
+    ) -> None:
         self.path = Path(path)
         self.format = format
         self.size = size
         """(width, height) of the sensor in pixels, None where the file does not say."""
+        self.rules = rules
+        self._extent = extent
+        self.check = self._new_check()
 
     @property
     def events(self) -> int | None:
@@ -248,7 +269,7 @@ class EventReader(ABC):
             raise ValueError(f"chunk must be a positive number of events: got {chunk}")
         waiting: list[EventArray] = []
         count = 0
-        for packet in self._packets(chunk, start_us, stop_us):
+        for packet in self._checked(chunk, start_us, stop_us):
             part = select(packet, start_us, stop_us, roi)
             while count + len(part) >= chunk:
                 cut = chunk - count
@@ -263,9 +284,22 @@ class EventReader(ABC):
     @final
     def read(self, *, start_us: int | None = None, stop_us: int | None = None, roi: Roi | None = None) -> EventArray:
         """All events of the slice as one array; see :meth:`iter`."""
-        if roi is None:
-            return select(self._read(start_us, stop_us), start_us, stop_us, None)
-        return concatenate_events(list(self.iter(start_us=start_us, stop_us=stop_us, roi=roi)))
+        if roi is not None or not self.rules.in_order:
+            return concatenate_events(list(self.iter(start_us=start_us, stop_us=stop_us, roi=roi)))
+        self.check = self._new_check()
+        with decoding(self.path):
+            events = self._read(start_us, stop_us)
+        return self.check.take(select(events, start_us, stop_us, None))
+
+    def _checked(self, chunk: int, start_us: int | None, stop_us: int | None) -> Iterator[EventArray]:
+        """The packets, once they have passed the check; all of them, where times may go back."""
+        check = self.check = self._new_check()
+        packets = self._packets(chunk, start_us, stop_us) if self.rules.in_order else self._packets(chunk, None, None)
+        for packet in guarded(self.path, packets):
+            yield check.take(packet)
+
+    def _new_check(self) -> EventCheck:
+        return EventCheck(self.path, self.rules, self.size or self._extent)
 
     @abstractmethod
     def _packets(self, chunk: int, start_us: int | None, stop_us: int | None) -> Iterator[EventArray]:
@@ -306,7 +340,7 @@ class Format(ABC):
     see :func:`davis_rs.open_writer`."""
 
     @abstractmethod
-    def open_reader(self, path: str | os.PathLike[str]) -> EventReader:
+    def open_reader(self, path: str | os.PathLike[str], rules: ReadRules = ReadRules()) -> EventReader:  # noqa: B008
         """A reader; see :func:`davis_rs.read_events`."""
 
 

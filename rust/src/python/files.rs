@@ -141,7 +141,8 @@ pub(super) struct PyEventFileReader {
 #[pymethods]
 impl PyEventFileReader {
     #[new]
-    #[pyo3(signature = (path, format, *, from_byte = 0, start_us = None, stop_us = None, max_packet_bytes = MAX_PACKET_BYTES))]
+    #[allow(clippy::too_many_arguments, reason = "keywords in Python")]
+    #[pyo3(signature = (path, format, *, from_byte = 0, start_us = None, stop_us = None, max_packet_bytes = MAX_PACKET_BYTES, in_order = true))]
     fn new(
         path: PathBuf,
         format: &str,
@@ -149,14 +150,17 @@ impl PyEventFileReader {
         start_us: Option<i64>,
         stop_us: Option<i64>,
         max_packet_bytes: usize,
+        in_order: bool,
     ) -> PyResult<Self> {
         let name = path.display().to_string();
         let mut file = OpenOptions::new().read(true).open(&path).map_err(Error::io(&name))?;
         let file_size = file.metadata().map_err(Error::io(&name))?.len();
         file.seek(SeekFrom::Start(from_byte as u64)).map_err(Error::io(&name))?;
         let reader = match format {
-            "text" if from_byte == 0 => EventReader::new(file, TextDecoder::new()),
-            "text" => EventReader::new(file, TextDecoder::from_byte(from_byte)),
+            "text" => {
+                let decoder = if from_byte == 0 { TextDecoder::new() } else { TextDecoder::from_byte(from_byte) };
+                EventReader::new(file, if in_order { decoder } else { decoder.in_any_order() })
+            }
             "aedat4" if start_us.is_some() || stop_us.is_some() => {
                 let times = start_us.unwrap_or(i64::MIN)..stop_us.unwrap_or(i64::MAX);
                 let decoder = Aedat4Decoder::of_slice(&mut file, times, max_packet_bytes);
