@@ -20,7 +20,7 @@ _Item = TypeVar("_Item")
 MAX_PACKET_BYTES = 64 << 20
 """What a packet, chunk or message of a compressed file may unpack to, unless told otherwise."""
 
-MAX_TEXT_BYTES = 256 << 20
+MAX_TEXT_BYTES = 1 << 30
 """What a text that is held in memory may have: a trajectory, a calibration, a plan, a dataset's metadata."""
 
 
@@ -55,6 +55,20 @@ def regular_file(path: str | os.PathLike[str]) -> Path:
     return Path(path)
 
 
+def read_limited(path: str | os.PathLike[str], limit: int = MAX_TEXT_BYTES) -> bytes:
+    """The contents of a file that is held in memory.
+
+    Raises:
+        OSError: if it cannot be read, or is no regular file.
+        DecodeError: if it is longer than ``limit`` bytes.
+    """
+    with regular_file(path).open("rb") as file:
+        data = file.read(limit + 1)
+    if len(data) > limit:
+        raise DecodeError(f"{os.fspath(path)}: it may have {limit} bytes, this has more")
+    return data
+
+
 def read_text(path: str | os.PathLike[str], limit: int = MAX_TEXT_BYTES) -> str:
     """The contents of a file in UTF-8, with or without a byte-order mark.
 
@@ -62,14 +76,12 @@ def read_text(path: str | os.PathLike[str], limit: int = MAX_TEXT_BYTES) -> str:
         OSError: if it cannot be read, or is no regular file.
         DecodeError: if it is longer than ``limit`` bytes, or not UTF-8.
     """
-    with regular_file(path).open("rb") as file:
-        data = file.read(limit + 1)
-    if len(data) > limit:
-        raise DecodeError(f"{os.fspath(path)}: a text may have {limit} bytes, this has more")
+    data = read_limited(path, limit)
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise DecodeError(f"{os.fspath(path)}, byte {error.start}: not UTF-8") from None
+        found = f"{data[error.start]:#04x}"
+        raise DecodeError(f"{os.fspath(path)}: not a text file, byte {error.start} is {found}") from None
 
 
 @contextmanager
@@ -106,7 +118,7 @@ _ABOUT_BYTES = (
 """What Python and its libraries raise about bytes that they did not expect; RecursionError and NotImplementedError are
 RuntimeErrors, UnicodeDecodeError is a ValueError."""
 
-_LIBRARIES = {"h5py", "pyarrow", "rosbags", "yaml", "zipfile"}
+_LIBRARIES = {"PIL", "h5py", "pyarrow", "rosbags", "yaml", "zipfile"}
 """Those with classes of errors of their own."""
 
 

@@ -21,6 +21,9 @@ _TYPES = {"float": "a number", "int": "an integer", "str": "a text", "bool": "tr
 _NAMES: Mapping[str, Collection[str]] = {"scene": {*BUILTIN_SCENES, *SEQUENCES}, "camera": PRESETS}
 _OWN_PARSERS = {"effects", "effect", "imu_effect"}
 
+MOST_SEQUENCES = 1_000_000
+"""Of a plan: a manifest of more is no longer handled by any program."""
+
 KEYS: dict[str, Parser] = {
     "scene": value_of("a text", none=False),
     "motion": motion,
@@ -113,6 +116,8 @@ def load_sequence_plan(path: str | Path) -> SequencePlan:
     for key, value, least in (("seed", seed, 0), ("sequences", sequences, 1)):
         if not isinstance(value, int) or isinstance(value, bool) or value < least:
             where.at(key).refuse(f"an integer >= {least}", value)
+    if sequences > MOST_SEQUENCES:
+        where.at("sequences").refuse(f"at most {MOST_SEQUENCES}", sequences)
     identity = {key: value for key, value in given.items() if key != "sequences"} | {"seed": seed}
     return SequencePlan(file, seed, sequences, tree, identity, _digests(tree, file.parent))
 

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .._core import DecodeError, log_intensity, reconstruct
-from ..dataset.files import META
+from ..dataset.files import GROUND_TRUTH, META
 from ..dataset.reader import Dataset, StampedImage
 from ..effects import EFFECTS
 from ..events import EventArray
@@ -228,6 +228,8 @@ def _image_problems(
 
 def _pose_problems(ground_truth: GroundTruth) -> Iterator[str]:
     t_us = ground_truth.t_us
+    if not len(t_us):
+        yield f"There is no ground truth: {GROUND_TRUTH} is missing or empty."
     back = t_us[1:] <= t_us[:-1]
     if back.any():
         at = int(back.argmax())
