@@ -29,7 +29,7 @@ LAYERS = [
     ["trajectory", "packet", "pose"],
     ["recordings", "camera", "lattice", "luma"],
     ["usb", "biases"],
-    ["represent", "dtypes", "decoded", "events", "untrusted"],
+    ["represent", "dtypes", "decoded", "events", "untrusted", "holding"],
     ["_mitsuba", "_llvm", "_core"],
 ]
 RANK = {name: (layer, place) for layer, names in enumerate(LAYERS) for place, name in enumerate(names)}

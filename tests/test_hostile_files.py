@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import bz2
+import errno
 import os
 import struct
 import subprocess
@@ -12,6 +13,7 @@ import zipfile
 import zlib
 from collections.abc import Callable
 from contextlib import nullcontext
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +23,10 @@ import pytest
 import davis_rs
 from davis_rs import DecodeError
 from davis_rs.cli import main
+from davis_rs.dataset.writer import DatasetWriter
+from davis_rs.generate import load_sequence_plan
+from davis_rs.generate.generate import draw_sequences
+from davis_rs.usb.raw_file import RawRecording
 from recording_files import aedat4, aedat4_events
 
 DTYPE = davis_rs.EVENT_DTYPE
@@ -397,6 +403,123 @@ def test_files_that_never_end(tmp_path: Path) -> None:
         for read in (davis_rs.read_events, davis_rs.read_recording):
             with pytest.raises(OSError, match="not a regular file"):
                 read(path)
+
+
+# --- texts ---
+
+
+def test_texts_that_never_end(tmp_path: Path) -> None:
+    """Neither a device nor a pipe is read."""
+    fifo = tmp_path / "fifo"
+    os.mkfifo(fifo)
+    for path in (Path("/dev/zero"), fifo):
+        for read in (davis_rs.read_trajectory, davis_rs.Camera.from_calib, load_sequence_plan, RawRecording):
+            with pytest.raises(OSError, match="not a regular file"):
+                read(path)
+
+
+def test_a_byte_order_mark_is_no_number(tmp_path: Path) -> None:
+    """Of calibrations as of trajectories."""
+    path = tmp_path / "calib.txt"
+    path.write_text(davis_rs.load_camera("davis240c").to_calib(), encoding="utf-8-sig")
+    assert davis_rs.Camera.from_calib(path) == davis_rs.load_camera("davis240c")
+
+
+@pytest.mark.parametrize(
+    ("word", "rule"),
+    [("1e999999999", "a stamp must be in seconds"), ("9" * 1000, "may have 400 characters"), ("-1e999999999", "stamp")],
+)
+def test_stamps_without_end(tmp_path: Path, word: str, rule: str) -> None:
+    """Are refused with their line."""
+    path = tmp_path / "groundtruth.txt"
+    path.write_text(f"0 0 0 0 0 0 0 1\n{word} 0 0 0 0 0 0 1\n")
+    with pytest.raises(DecodeError, match=f"line 2: .*{rule}"):
+        davis_rs.read_trajectory(path)
+
+
+def test_positions_beyond_any_scene(tmp_path: Path) -> None:
+    """Are refused before a spline goes through them."""
+    path = tmp_path / "groundtruth.txt"
+    path.write_text("0 0 0 0 0 0 0 1\n0.01 1e150 0 0 0 0 0 1\n")
+    with pytest.raises(DecodeError, match=r"line 2: positions must lie within \+-1e9 m, found '1e150'"):
+        davis_rs.read_trajectory(path)
+
+
+@pytest.mark.parametrize(
+    ("lines", "rule"),
+    [
+        (["a: &a [x, x]", *(f"{b}: &{b} [{', '.join([f'*{a}'] * 9)}]" for a, b in pairwise("abcdefghi"))],
+         "it may hold 20000 values"),
+        (["scene: &a [*a]"], "recursive|nested"),
+        (["scene: " + "[" * 60 + "]" * 60], "nested 50 levels"),
+        (["scene: " + "[" * 5000], "nested too deeply|YAML|line 1"),
+        (["scene: fence", "sequences: 1000000000"], "sequences: must be at most 1000000"),
+        (["scene: fence" + " " * 200_000], "it may have 131072 bytes"),
+    ],
+)  # fmt: skip
+def test_plans_that_would_fill_the_memory(tmp_path: Path, lines: list[str], rule: str) -> None:
+    """Or take all time."""
+    path = tmp_path / "plan.yaml"
+    path.write_text("\n".join(lines))
+    with pytest.raises(ValueError, match=rule):
+        load_sequence_plan(path)
+
+
+def test_a_large_plan_is_drawn_as_it_is_asked_for(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A million sequences are not held; --dry-run shows the first ones, and says so."""
+    path = tmp_path / "plan.yaml"
+    path.write_text("scene: three_planes\nsequences: 1000000\ncontrast_threshold: {uniform: [0.1, 0.2]}\n")
+    sequences = draw_sequences(load_sequence_plan(path))
+    assert (len(sequences), sequences[999_999].name) == (1_000_000, "sequence_999999")
+    assert sequences[5:7][1].parameters == sequences[6].parameters
+    assert main(["generate", str(path), "--dry-run", "--quiet"]) == 0
+    assert "these are the first 1000 of 1000000 sequences" in capsys.readouterr().out
+
+
+# --- two writers ---
+
+WRITE = """
+import sys, davis_rs, numpy as np
+with davis_rs.open_writer(sys.argv[1], (240, 180), overwrite=True) as writer:
+    writer.write(np.zeros(1, davis_rs.EVENT_DTYPE))
+    print("writing", flush=True)
+    sys.stdin.readline()
+"""
+
+
+@pytest.mark.parametrize("name", ["e.txt", "e.npz", "e.aedat4", "e.parquet", "e.h5", "e.bag"])
+@pytest.mark.parametrize("there", [False, True])
+def test_a_file_has_one_writer(tmp_path: Path, name: str, there: bool) -> None:
+    """The second one is refused by name, and changes nothing; so it is in another process and in this one."""
+    path = tmp_path / name
+    if there:
+        with davis_rs.open_writer(path, (240, 180)) as writer:
+            writer.write(events_of((1, 1, 2, 1)))
+    process = subprocess.Popen([sys.executable, "-c", WRITE, str(path)], stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+    assert process.stdout is not None
+    try:
+        assert process.stdout.readline() == b"writing\n"
+        with pytest.raises(OSError, match=rf"another program is writing into it.*{name}") as caught:
+            davis_rs.open_writer(path, (240, 180), overwrite=True)
+        assert caught.value.errno == errno.EBUSY
+    finally:
+        process.communicate(b"\n", timeout=60)
+    assert davis_rs.read_events(path).tolist() == [(0, 0, 0, 0)]
+    with davis_rs.open_writer(path, (240, 180), overwrite=True):
+        pass
+
+
+def test_a_folder_has_one_writer(tmp_path: Path) -> None:
+    """As a dataset: the second is refused, and what the first writes stays."""
+    camera = davis_rs.load_camera("davis240c")
+    (tmp_path / "d").mkdir()
+    with DatasetWriter(tmp_path / "d", camera, overwrite=True) as writer:
+        for overwrite in (False, True):
+            with pytest.raises(OSError, match="another program is writing into it") as caught:
+                DatasetWriter(tmp_path / "d", camera, overwrite=overwrite)
+            assert caught.value.errno == errno.EBUSY
+        writer.finish()
+    DatasetWriter(tmp_path / "d", camera, overwrite=True).finish()
 
 
 # --- what a file does not fill ---

@@ -9,7 +9,7 @@ import re
 import warnings
 from collections.abc import Iterator
 from functools import cached_property
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -159,7 +159,13 @@ class Dataset:
 
     def read_luma(self, index: int) -> npt.NDArray[np.float32]:
         """Luma map ``index``: linear luma, float32 (H, W)."""
-        return _read_exr(self.luma[index].path, "Y")
+        path = self.luma[index].path
+        luma = _read_exr(path, "Y")
+        wrong = ~((luma >= 0) & (luma < np.inf))
+        if wrong.any():
+            y, x = divmod(int(wrong.argmax()), luma.shape[1])
+            raise DecodeError(f"{path}: luma must be finite and >= 0, found {luma[y, x]} at pixel ({x}, {y})")
+        return luma
 
     @property
     def _unfinished(self) -> bool:
@@ -167,10 +173,13 @@ class Dataset:
 
     def _series(self, series: ImageSeries) -> list[StampedImage]:
         path = self.path / series.list_name
-        return [
-            StampedImage(_parse_stamp(words[0], path, number), self.path / words[1])
-            for number, words in self._lines(series.list_name, f"timestamp {series.folder}/name{series.suffix}")
-        ]
+        images = []
+        for number, words in self._lines(series.list_name, f"timestamp {series.folder}/name{series.suffix}"):
+            name = PurePosixPath(words[1])
+            if "\0" in words[1] or name.is_absolute() or ".." in name.parts:
+                raise DecodeError(f"{path}, line {number}: expected a file of this folder, found {words[1][:60]!r}")
+            images.append(StampedImage(_parse_stamp(words[0], path, number), self.path / name))
+        return images
 
     def _stamped_rows(self, name: str, layout: str, what: str) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float64]]:
         """A text file of stamps and numbers: times (n,) and numbers (n, k)."""

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import BinaryIO, TypeVar, final
+from typing import BinaryIO, Protocol, TypeVar, final
 
 import numpy as np
 
@@ -69,6 +69,13 @@ class WriteReport:
     last_us: int | None
 
 
+class Releasable(Protocol):
+    """A lock."""
+
+    def release(self) -> None:
+        """Let others have what is locked."""
+
+
 class EventWriter(ABC):
     """Writes events packet by packet, in constant memory; a context manager.
 
@@ -98,6 +105,8 @@ class EventWriter(ABC):
         self._last_us: int | None = None
         self._report: WriteReport | None = None
         self._failed = False
+        self.hold: Releasable | None = None
+        """What keeps other writers from the file until this one is finished."""
 
     @final
     def write(self, events: EventArray) -> None:
@@ -141,6 +150,7 @@ class EventWriter(ABC):
             with Failing(self):
                 size = self._close()
             self._report = WriteReport(self.path, self.format, self._events, size, self._first_us, self._last_us)
+            self._let_go()
         return self._report
 
     def __enter__(self: _Writer) -> _Writer:
@@ -182,6 +192,10 @@ class EventWriter(ABC):
     def _abandon(self) -> None:  # noqa: B027 - not every format holds something
         """Let go of the file after a failure, leaving what is there."""
 
+    def _let_go(self) -> None:
+        if self.hold is not None:
+            self.hold.release()
+
     def _refuse_if_over(self) -> None:
         if self._failed:
             raise OSError(f"an earlier write to {self.path} failed: nothing more is taken")
@@ -203,6 +217,7 @@ class Failing:
         if exc_type is not None and not issubclass(exc_type, self._but):
             self._writer._failed = True
             self._writer._abandon()
+            self._writer._let_go()
 
 
 class EventReader(ABC):

@@ -213,6 +213,9 @@ def read_header(file: IO[bytes], path: Path, max_event_bytes: int) -> tuple[np.d
             f"{path}, byte {place}: events must be a one-dimensional array with fields t, x, y, p; "
             f"found shape {shape} and dtype {dtype}"
         )
+    for name in ("t", "x", "y", "p"):
+        if dtype[name].kind not in "biuf" or dtype[name].shape:
+            raise DecodeError(f"{path}, byte {place}: the field {name} must hold one number, found {dtype[name]}")
     if dtype.itemsize > max_event_bytes:
         raise above_limit(path, "an event", max_event_bytes)
     return dtype, shape[0]

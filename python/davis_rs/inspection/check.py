@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .._core import DecodeError, log_intensity, reconstruct
-from ..dataset.files import GROUND_TRUTH, META
+from ..dataset.files import META
 from ..dataset.reader import Dataset, StampedImage
 from ..effects import EFFECTS
 from ..events import EventArray
@@ -133,7 +133,8 @@ def check_dataset(path: str | Path) -> CheckReport:
         report.counts = {"events": len(events), "on_events": int(np.count_nonzero(events["p"]))}
     report.counts |= {"frames": len(frames), "depth_maps": len(depth_maps), "luma_maps": len(luma)}
     if meta:
-        problems += _meta_problems(meta, report.counts)
+        poses = {} if ground_truth is None else {"poses": len(ground_truth.t_us)}
+        problems += _meta_problems(meta, report.counts | (poses if "poses" in (meta.get("counts") or {}) else {}))
     if camera is None:
         return report
     size = (camera.height, camera.width)
@@ -228,8 +229,6 @@ def _image_problems(
 
 def _pose_problems(ground_truth: GroundTruth) -> Iterator[str]:
     t_us = ground_truth.t_us
-    if not len(t_us):
-        yield f"There is no ground truth: {GROUND_TRUTH} is missing or empty."
     back = t_us[1:] <= t_us[:-1]
     if back.any():
         at = int(back.argmax())

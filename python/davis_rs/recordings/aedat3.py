@@ -17,7 +17,7 @@ import numpy.typing as npt
 from .._core import DecodeError
 from ..decoded import Frame, TriggerKind
 from ..events import concatenate_events
-from .recording import Recording, event_array, grey, imu_array, known_chip, size_of, trigger_array
+from .recording import Recording, event_array, grey, imu_array, inside, known_chip, size_of, trigger_array
 
 MAGIC = b"#!AER-DAT3.1"
 
@@ -93,6 +93,7 @@ def read(path: Path, *, chip: str | None, **_: Any) -> Recording:
     notes = [f"{parts.invalid} events marked as not valid left out"] if parts.invalid else []
     if parts.others:
         notes.append(f"{parts.others} packets of other types, or special events of other kinds, left out")
+    events = inside(events, width, height, notes)
     return Recording(
         path=path, format="AEDAT 3.1", chip=chip, width=width, height=height,
         events=events, imu=np.concatenate(parts.imu), frames=parts.frames, triggers=np.concatenate(parts.triggers),

@@ -10,10 +10,8 @@ from datetime import datetime, timedelta, timezone
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from .._core import read_aedat4
-from .recording import Recording, known_chip, size_of
+from .recording import Recording, inside, known_chip, size_of
 
 MAGIC = b"#!AER-DAT4.0\r\n"
 
@@ -26,11 +24,8 @@ def read(path: Path, *, chip: str | None, max_packet_bytes: int, **_: Any) -> Re
     events = parts["events"]
     chip = known_chip(chip, parts["source"])
     width, height = size_of(chip, events, parts["size"] or (0, 0))
-    inside = (events["x"] < width) & (events["y"] < height)
-    notes = []
-    if outside := len(events) - int(np.count_nonzero(inside)):
-        notes.append(f"{outside} events outside of {width} x {height} pixels left out")
-        events = events[inside]
+    notes: list[str] = []
+    events = inside(events, width, height, notes)
     if others := parts["other_packets"]:
         notes.append(f"{others} packets of other streams left out; read is the first of each kind")
     recording = Recording(
