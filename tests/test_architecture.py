@@ -29,8 +29,8 @@ LAYERS = [
     ["trajectory", "packet", "pose"],
     ["recordings", "camera", "lattice", "luma"],
     ["usb", "biases"],
-    ["represent", "dtypes", "decoded", "events", "untrusted", "holding"],
-    ["_mitsuba", "_llvm", "_core"],
+    ["represent", "dtypes", "decoded", "events", "holding"],
+    ["_mitsuba", "_llvm", "_mitsuba_files", "untrusted", "_core"],
 ]
 RANK = {name: (layer, place) for layer, names in enumerate(LAYERS) for place, name in enumerate(names)}
 LATE = {"mitsuba", "drjit", "scipy", "matplotlib", "imageio", "OpenEXR", "PIL", "tqdm", "usb", "lz4", "zstandard"}
