@@ -13,18 +13,18 @@ Mutants are read in child processes, each of which goes from one to the next unt
 from __future__ import annotations
 
 import argparse
-import json
+import multiprocessing
 import os
 import random
 import resource
-import select
 import shutil
-import subprocess
 import sys
 import tempfile
 import time
 import warnings
 from dataclasses import dataclass, field
+from multiprocessing.connection import Connection
+from multiprocessing.process import BaseProcess
 from pathlib import Path
 
 if __name__ == "__main__":
@@ -32,7 +32,7 @@ if __name__ == "__main__":
 
 MOST_SECONDS = 2.0
 MOST_BYTES = 200 << 20
-SILENCE_SECONDS = 30.0
+SILENCE_SECONDS = 60.0
 """Of a child, by the wall clock; the machine may be busy with other things."""
 ADDRESS_SPACE = 12 << 30
 """Of a child: above what libraries reserve, below what would harm others."""
@@ -50,8 +50,8 @@ class Result:
     largest_bytes: int = 0
 
 
-def child(target_name: str, seed: int, first: int, count: int, folder: Path, keep: Path | None) -> None:
-    """Read mutants, and tell of each by a line of JSON."""
+def child(say: Connection, target_name: str, seed: int, numbers: range, folder: Path, keep: Path | None) -> None:
+    """Read mutants, and tell of each before it is read and after."""
     from mutate import mutant
     from targets import TARGETS
 
@@ -60,6 +60,7 @@ def child(target_name: str, seed: int, first: int, count: int, folder: Path, kee
     resource.setrlimit(resource.RLIMIT_AS, (ADDRESS_SPACE, ADDRESS_SPACE))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     os.nice(5)
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # libraries talk
     own = {davis_rs.TruncatedFileWarning, davis_rs.RecordingWarning}
     target = TARGETS[target_name]
     seeds = target.make(folder)
@@ -68,14 +69,12 @@ def child(target_name: str, seed: int, first: int, count: int, folder: Path, kee
         whole = folder / ("whole" + path.suffix)
         shutil.copy(path, whole)
         target.read(whole, random.Random(0))
-    out = os.fdopen(os.dup(1), "w", buffering=1)
-    os.dup2(2, 1)
-    for number in range(first, first + count):
+    for number in numbers:
         rng = random.Random(f"{seed}/{target_name}/{number}")
         data = mutant(contents, rng)
         path = folder / f"mutant{seeds[0].suffix}"
         path.write_bytes(data)
-        out.write(json.dumps({"begin": number}) + "\n")
+        say.send({"begin": number})
         before, found, accepted = _reset_peak(), None, False
         started = time.process_time()
         with warnings.catch_warnings(record=True) as caught:
@@ -100,9 +99,7 @@ def child(target_name: str, seed: int, first: int, count: int, folder: Path, kee
             found = f"took {grown >> 20} MB"
         if found is not None:
             _keep(folder, keep, f"{target_name}-{seed}-{number}")
-        out.write(
-            json.dumps({"end": number, "accepted": accepted, "found": found, "seconds": seconds, "grown": grown}) + "\n"
-        )
+        say.send({"accepted": accepted, "found": found, "seconds": seconds, "grown": grown})
 
 
 def _reset_peak() -> int:
@@ -124,17 +121,18 @@ def _status(name: str) -> int:
 
 def fuzz(target: str, seed: int, mutants: int, *, first: int = 0, keep: Path | None = None) -> Result:
     """Read so many mutants of a target's files."""
+    import targets  # noqa: F401 - what is imported here, children need not import
+
     result = Result(target)
     number, end = first, first + mutants
+    context = multiprocessing.get_context("fork")
     while number < end:
         with tempfile.TemporaryDirectory() as folder:
-            arguments = ["--child", folder, "--target", target, "--seed", str(seed), "--first", str(number)]
-            arguments += [] if keep is None else ["--keep", str(keep)]
-            process = subprocess.Popen(
-                [sys.executable, __file__, *arguments, "--mutants", str(end - number)],
-                stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-            )  # fmt: skip
-            death, number, begun = _follow(process, result, number)
+            hear, say = context.Pipe(duplex=False)
+            process = context.Process(target=child, args=(say, target, seed, range(number, end), Path(folder), keep))
+            process.start()
+            say.close()
+            death, number, begun = _follow(process, hear, result, number)
             if not begun and death is not None:
                 raise RuntimeError(f"{target}: the reader cannot begin: {death}")
             if death is not None:
@@ -153,21 +151,19 @@ def _keep(folder: Path, keep: Path | None, name: str) -> None:
             shutil.copy(path, keep / f"{name}{path.suffix}")
 
 
-def _follow(process: subprocess.Popen[str], result: Result, number: int) -> tuple[str | None, int, bool]:
-    """Take a child's lines until it ends: how it died, if it did, at which mutant, and whether it read one at all."""
-    assert process.stdout is not None
-    assert process.stderr is not None
+def _follow(process: BaseProcess, hear: Connection, result: Result, number: int) -> tuple[str | None, int, bool]:
+    """Listen to a child until it ends: how it died, if it did, at which mutant, and whether it read one at all."""
     begun = False
-    try:
+    with hear:
         while True:
-            if not select.select([process.stdout], [], [], SILENCE_SECONDS)[0]:
+            if not hear.poll(SILENCE_SECONDS):
                 process.kill()
-                process.wait()
+                process.join()
                 return f"hangs for {SILENCE_SECONDS:.0f} s", number, begun
-            line = process.stdout.readline()
-            if not line:
+            try:
+                said = hear.recv()
+            except EOFError:
                 break
-            said = json.loads(line)
             if "begin" in said:
                 begun, number = True, said["begin"]
                 continue
@@ -177,13 +173,8 @@ def _follow(process: subprocess.Popen[str], result: Result, number: int) -> tupl
             result.largest_bytes = max(result.largest_bytes, said["grown"])
             if said["found"] is not None:
                 result.findings.append(f"{result.target} {number}: {said['found']}")
-        status = process.wait()
-        if status == 0:
-            return None, number, begun
-        return f"died with status {status}: {process.stderr.read()[-400:]}", number, begun
-    finally:
-        process.stdout.close()
-        process.stderr.close()
+    process.join()
+    return None if process.exitcode == 0 else f"died with status {process.exitcode}", number, begun
 
 
 def main() -> int:
@@ -193,11 +184,7 @@ def main() -> int:
     parser.add_argument("--target", action="append", help="only this one; may be given again")
     parser.add_argument("--first", type=int, default=0, help="number of the first mutant")
     parser.add_argument("--keep", type=Path, help="a folder for the mutants that are findings")
-    parser.add_argument("--child", type=Path, help=argparse.SUPPRESS)
     options = parser.parse_args()
-    if options.child is not None:
-        child(options.target[0], options.seed, options.first, options.mutants, options.child, options.keep)
-        return 0
     from targets import TARGETS
 
     names = options.target or list(TARGETS)
