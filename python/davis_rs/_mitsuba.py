@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from ._llvm import HOW_TO_GET_IT, OLDEST_USABLE, find_libllvm, why_none
+from ._mitsuba_files import check_scene_dictionary, check_scene_file
 
 FAST, SCALAR = "llvm_ad_rgb", "scalar_rgb"
 
@@ -70,11 +71,14 @@ def load_scene_source(source: Path | Mapping[str, Any], mi: Any) -> Any:
 
     Raises:
         OSError: if the XML file cannot be read.
+        DecodeError: if it, or a PLY mesh of the scene, is malformed in a way that would end the process.
         ValueError: if Mitsuba refuses the scene, or it has no shapes.
     """
     name = str(source) if isinstance(source, Path) else "the scene dictionary"
     if isinstance(source, Path):
-        source.open("rb").close()
+        check_scene_file(source)
+    else:
+        check_scene_dictionary(source)
     try:
         if isinstance(source, Path):
             scene = mi.load_file(str(source), optimize=False)

@@ -36,7 +36,10 @@ pub use crossing::{
 pub use error::{Error, Result};
 pub use event::{Event, SensorSize};
 pub use log_intensity::{log_intensity, log_intensity_frame};
-pub use read::{Aedat4Decoder, Decode, EventReader, Evt2Decoder, Evt3Decoder, TextDecoder};
+pub use read::{
+    Aedat4Decoder, Aedat4Frame, Aedat4Imu, Aedat4Recording, Aedat4Trigger, Decode, EventReader, Evt2Decoder,
+    Evt3Decoder, MAX_PACKET_BYTES, TextDecoder,
+};
 pub use readout::{ReadoutParameters, ReadoutState};
 pub use represent::{TimeBins, count_events, latest_times, voxel_grid};
 pub use ros::{EventMessage, LATEST_US as ROS_LATEST_US, pack_events, packed_size, unpack_events};

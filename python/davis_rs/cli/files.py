@@ -15,6 +15,7 @@ from ..event_files.conversion import convert, left_out
 from ..formats import FORMATS
 from ..inspection.summary import dataset_contents, dataset_row, draw_rates, summarize_events
 from ..progress import progress
+from ..untrusted import MAX_PACKET_BYTES
 from .common import sensor_size
 
 
@@ -38,6 +39,11 @@ def add_convert(conversion: argparse.ArgumentParser) -> None:
     conversion.add_argument(
         "--option", type=_option, action="append", default=[], metavar="NAME=VALUE", help="an option of OUT's format"
     )
+    for rule, what in (("backward", "are earlier than one before them"), ("outside", "lie outside of IN's own size")):
+        conversion.add_argument(
+            f"--{rule}", choices=("refuse", "drop"), default="refuse", help=f"what is done with events that {what}"
+        )
+    add_max_packet_bytes(conversion)
     conversion.add_argument("--overwrite", action="store_true", help="replace OUT if it exists")
     conversion.add_argument("--quiet", action="store_true", help="no progress bar, only the last line")
 
@@ -52,7 +58,19 @@ def add_info(info: argparse.ArgumentParser) -> None:
     info.add_argument("path", metavar="PATH", help="a file of any format, or a dataset folder")
     info.add_argument("--picture", type=Path, metavar="PNG", help="draw the rate of each pixel")
     info.add_argument("--size", type=sensor_size, metavar="WxH", help="sensor size in pixels, where PATH does not say")
+    add_max_packet_bytes(info)
     info.add_argument("--quiet", action="store_true", help="no progress bar")
+
+
+def add_max_packet_bytes(parser: argparse.ArgumentParser) -> None:
+    """Add the limit of what is unpacked."""
+    parser.add_argument(
+        "--max-packet-bytes",
+        type=int,
+        default=MAX_PACKET_BYTES,
+        metavar="BYTES",
+        help="what a packet or chunk of a compressed file may unpack to; 64 MiB if not given",
+    )
 
 
 def _convert(options: argparse.Namespace) -> int:
@@ -65,6 +83,9 @@ def _convert(options: argparse.Namespace) -> int:
         "start_us": options.start,
         "stop_us": options.stop,
         "roi": None if options.roi is None else tuple(options.roi),
+        "backward": options.backward,
+        "outside": options.outside,
+        "max_packet_bytes": options.max_packet_bytes,
         "overwrite": options.overwrite,
         **dict(options.option),
     }
@@ -87,7 +108,9 @@ def _convert(options: argparse.Namespace) -> int:
 
 def _info(options: argparse.Namespace) -> int:
     with _bar("reading", quiet=options.quiet) as told:
-        summary = summarize_events(options.path, size=options.size, progress=told)
+        summary = summarize_events(
+            options.path, size=options.size, max_packet_bytes=options.max_packet_bytes, progress=told
+        )
     print(summary)
     if Path(options.path).is_dir():
         print(dataset_contents(Dataset(options.path)))

@@ -18,6 +18,7 @@ from .bag_reader import BagReader
 from .extras import from_extra
 from .files import claim
 from .interface import EventWriter, Failing, Format, Limits, Target
+from .reading import ReadRules
 from .system import naming
 
 if TYPE_CHECKING:
@@ -251,5 +252,5 @@ class BagFormat(Format):
     def open_writer(self, target: Target, size: tuple[int, int], *, overwrite: bool, **options: Any) -> BagWriter:
         return BagWriter(target, format=self.name, size=size, limits=self.limits, overwrite=overwrite, **options)
 
-    def open_reader(self, path: str | os.PathLike[str]) -> BagReader:
-        return BagReader(Path(path), format=self.name, caller=CALLER)
+    def open_reader(self, path: str | os.PathLike[str], rules: ReadRules = ReadRules()) -> BagReader:  # noqa: B008
+        return BagReader(Path(path), format=self.name, caller=CALLER, rules=rules)

@@ -10,9 +10,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from .._core import DecodeError
 from ..events import EventArray
+from ..untrusted import decoding
 from .hdf5 import Hdf5Format, Hdf5Reader, Hdf5Writer
 from .interface import Failing, Limits, Target
+from .reading import ReadRules
 
 
 class E2vidWriter(Hdf5Writer):
@@ -95,10 +98,15 @@ class E2vidReader(Hdf5Reader):
         """Intensity frames as (t_us, uint8 (height, width)), in the order of their names."""
         group = self._file.get("images", {})
         for name in sorted(group):
-            yield round(float(group[name].attrs["timestamp"]) * 1e6), group[name][:]
+            with decoding(self.path, f"image {name}"):
+                t_us, image = round(float(group[name].attrs["timestamp"]) * 1e6), group[name][:]
+            yield t_us, image
 
     def _times(self, values: npt.NDArray[Any]) -> npt.NDArray[np.int64]:
-        return np.rint(np.asarray(values, np.float64) * 1e6).astype(np.int64)
+        microseconds = np.rint(np.asarray(values, np.float64) * 1e6)
+        if not (np.abs(microseconds) < 2.0**63).all():  # NaN is not, either
+            raise DecodeError(f"{self.path}: times must be finite, and below 2^63 us")
+        return microseconds.astype(np.int64)
 
 
 class E2vidFormat(Hdf5Format):
@@ -131,5 +139,5 @@ class E2vidFormat(Hdf5Format):
             **options,
         )
 
-    def open_reader(self, path: str | os.PathLike[str]) -> E2vidReader:
-        return E2vidReader(Path(path), format=self.name)
+    def open_reader(self, path: str | os.PathLike[str], rules: ReadRules = ReadRules()) -> E2vidReader:  # noqa: B008
+        return E2vidReader(Path(path), format=self.name, rules=rules)

@@ -16,6 +16,7 @@ from types import TracebackType
 from typing import Any
 
 from .._core import DecodeError, Decoder
+from ..untrusted import regular_file
 from .description import DavisDescription
 
 MAGIC = b"#!DAVIS-RAW 1\n"
@@ -83,7 +84,7 @@ def is_raw(path: str | Path) -> bool:
     Raises:
         OSError: if it cannot be read.
     """
-    with Path(path).open("rb") as file:
+    with regular_file(path).open("rb") as file:
         return file.read(len(MAGIC)) == MAGIC
 
 
@@ -103,7 +104,7 @@ class RawRecording:
     """
 
     def __init__(self, path: str | Path) -> None:
-        self.path = Path(path)
+        self.path = regular_file(path)
         with self.path.open("rb") as file:
             header = file.read(HEADER_BYTES)
         if not header.startswith(MAGIC):
@@ -120,7 +121,7 @@ class RawRecording:
             _ = self.camera.device  # whatever makes it impossible to decode should show here
             self.started = datetime.fromisoformat(meta["started"])
             self.complete, self.lost_bytes = bool(meta["complete"]), int(meta["lost_bytes"])
-        except (ValueError, TypeError, KeyError) as error:
+        except (ValueError, TypeError, KeyError, OverflowError, RecursionError) as error:
             raise DecodeError(f"{self.path}, byte {len(MAGIC)}: malformed header: {error}") from None
 
     def decoder(self) -> Decoder:

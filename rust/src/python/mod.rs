@@ -15,6 +15,7 @@ mod engine;
 mod files;
 mod functions;
 mod interpolation;
+mod recordings;
 mod represent;
 mod ros;
 mod sink;
@@ -70,6 +71,7 @@ fn _core(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_function(wrap_pyfunction!(represent::voxel_grid, m)?)?;
     m.add_function(wrap_pyfunction!(ros::pack_event_message, m)?)?;
     m.add_function(wrap_pyfunction!(ros::unpack_event_message, m)?)?;
+    m.add_function(wrap_pyfunction!(recordings::read_aedat4, m)?)?;
     m.add_function(wrap_pyfunction!(files::check_events, m)?)?;
     m.add_function(wrap_pyfunction!(files::crc32, m)?)?;
     m.add_function(wrap_pyfunction!(files::crc32_combine, m)?)?;
