@@ -103,12 +103,12 @@ mod tests {
     /// A cubic by its values and slopes (over the interval) at both ends.
     type Knots = [f64; 4];
 
-    fn verdict_of([from, to, p, q]: Knots, reference: Level, ticks: i64) -> (Verdict, i64) {
+    fn verdict_of([from, to, p, q]: Knots, reference: Level, c: Thresholds, ticks: i64) -> (Verdict, i64) {
         #[allow(clippy::cast_precision_loss, reason = "ticks < 2^53")]
         let lines = Lines { from: &[from], to: &[to], ticks: ticks as f64 };
         let references =
             References { base: &[reference.base], on: &[f64::from(reference.on)], off: &[f64::from(reference.off)] };
-        let steps = Steps { on: &[C.on][..], off: &[C.off], rise: &[1.0], fall: &[1.0] };
+        let steps = Steps { on: &[c.on][..], off: &[c.off], rise: &[1.0], fall: &[1.0] };
         let (mut tick, mut verdict, mut after) = ([0], [Verdict::Unclear], [0.0]);
         let decisions = Decisions { tick: &mut tick, verdict: &mut verdict, after: &mut after };
         decide_cubics(&lines, &Slopes { from: &[p], to: &[q] }, &references, steps, decisions);
@@ -116,17 +116,21 @@ mod tests {
     }
 
     /// The events (tick, ON) by the exact rule.
-    fn events_of([from, to, p, q]: Knots, mut reference: Level, ticks: i64) -> Vec<(i64, bool)> {
+    fn events_of([from, to, p, q]: Knots, mut reference: Level, c: Thresholds, ticks: i64) -> Vec<(i64, bool)> {
         let mut events = vec![];
         let curve = Cubic::new(Line { from, to, ticks }, p, q);
-        follow(&mut reference, &curve, 0, C, |tick, on| events.push((tick, on)));
+        follow(&mut reference, &curve, 0, c, |tick, on| events.push((tick, on)));
         events
     }
 
     /// The verdict, which the exact rule must not contradict.
     fn checked(knots: Knots, reference: Level, ticks: i64) -> Result<Verdict, TestCaseError> {
-        let (verdict, tick) = verdict_of(knots, reference, ticks);
-        let events = events_of(knots, reference, ticks);
+        checked_with(knots, reference, C, ticks)
+    }
+
+    fn checked_with(knots: Knots, reference: Level, c: Thresholds, ticks: i64) -> Result<Verdict, TestCaseError> {
+        let (verdict, tick) = verdict_of(knots, reference, c, ticks);
+        let events = events_of(knots, reference, c, ticks);
         match verdict {
             Verdict::Unclear => {}
             Verdict::Nothing => prop_assert_eq!(events, vec![], "{:?} {:?} {}", knots, reference, ticks),
@@ -171,11 +175,24 @@ mod tests {
     #[test]
     fn a_tick_is_taken_only_where_the_curve_has_reached_the_level() {
         let curve = [0.0, 0.3, 0.9, 0.1];
-        assert_eq!(events_of(curve, starting_at(0.0), MILLION), [(500_001, true)]);
+        assert_eq!(events_of(curve, starting_at(0.0), C, MILLION), [(500_001, true)]);
         checked(curve, starting_at(0.0), MILLION).unwrap();
     }
 
-    /// log intensity ends within 1.5 thresholds of where it began: at most one level is reached where it does not turn.
+    /// Slopes beyond belief are cut before they are limited to three times the chord's, which matters where that is steeper.
+    #[test]
+    fn slopes_are_cut_to_the_steepest() {
+        let c = Thresholds { on: 400.0, off: 400.0 };
+        for (p, q) in [(2000.0, 10.0), (10.0, 2000.0)] {
+            for sign in [1.0, -1.0] {
+                let knots = [-250.0 * sign, 250.0 * sign, p * sign, q * sign];
+                let verdict = checked_with(knots, starting_at(knots[0]), c, MILLION).unwrap();
+                assert!(matches!(verdict, Verdict::On | Verdict::Off));
+            }
+        }
+    }
+
+    /// Log intensity ends within 1.5 thresholds of where it began: at most one level is reached where it does not turn.
     fn single_crossings() -> impl Strategy<Value = Knots> {
         let slope = || {
             prop_oneof![
@@ -239,6 +256,20 @@ mod tests {
         #[test]
         fn curves_that_turn_near_a_level_are_decided_alike(knots in turns_near_a_level(), ticks in lengths()) {
             checked(knots, starting_at(0.0), ticks)?;
+        }
+
+        /// Levels of many steps round by more than an ulp of their own: what ends as near to them as that is in doubt.
+        #[test]
+        fn ends_within_the_rounding_of_a_level_are_decided_alike(
+            base in -7.0f64..2.0, counts in (0u32..30_000, 0u32..30_000), c in (0.05f64..0.4, 0.05f64..0.4),
+            on in any::<bool>(), ulps in -30i32..=30, p in 0.0f64..2.0, q in 0.0f64..2.0
+        ) {
+            let c = Thresholds { on: c.0, off: c.1 };
+            let reference = Level { base, on: counts.0, off: counts.1 };
+            let level = if on { reference.up() } else { reference.down() };
+            let ulp = f64::EPSILON * (f64::from(counts.0) * c.on + f64::from(counts.1) * c.off);
+            let (from, to) = (reference.exact(c).value(), level.exact(c).value() + 0.1 * ulp * f64::from(ulps));
+            checked_with([from, to, p * (to - from), q * (to - from)], reference, c, 1000)?;
         }
 
         /// What is far from any doubt is decided here: the exact way is for the few.

@@ -9,7 +9,7 @@
 //!
 //! [`level`] knows where the levels lie, [`curve`] ([`line`], [`cubic`]) when log intensity reaches one, [`pixel`] which
 //! events one new sample makes. [`sample`], [`steps`], [`scan`] and [`candidates`] spare nearly all pixels that; [`band`] does it all for
-//! a band of rows, [`core`] runs the bands on threads, [`engine`] is what the user sees, [`restore`] stores it. Pixels under [`effects`] go their
+//! a band of rows ([`room`] keeps its events), [`core`] runs the bands on threads, [`engine`] is what the user sees, [`restore`] stores it. Pixels under [`effects`] go their
 //! own way from frame to events.
 
 mod band;
@@ -28,13 +28,14 @@ mod parameters;
 mod pixel;
 mod reconstruct;
 mod restore;
+mod room;
 mod sample;
 mod scan;
 mod state;
 mod steps;
 
 pub use effects::{Effects, HotPixels, PhotoreceptorBandwidth, ShotNoise};
-pub use engine::CrossingEngine;
+pub use engine::{CrossingEngine, MOST_THREADS};
 pub use frame::{Frame, SparseSamples};
 pub use parameters::{CrossingParameters, Interpolation, Threshold};
 pub use reconstruct::reconstruct;

@@ -39,7 +39,7 @@ impl PyCrossingEngine {
         interpolation: &str,
         effects: Option<&Bound<'_, PyAny>>,
         seed: Option<&Bound<'_, PyAny>>,
-        threads: Option<usize>,
+        threads: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Self> {
         let pixels = |name, n: i64| {
             let rule = || Error::Argument(format!("{name} must lie in 1..65535, got {n}"));
@@ -58,7 +58,7 @@ impl PyCrossingEngine {
         };
         let effects = effects::from_python(effects)?;
         let seed = seed.map_or(Ok(0), arrays::seed)?;
-        Ok(Self(CrossingEngine::with_effects(size, parameters, &effects, seed, threads)?))
+        Ok(Self(CrossingEngine::with_effects(size, parameters, &effects, seed, arrays::threads(threads)?)?))
     }
 
     #[pyo3(signature = (t_us, luma, dluma_dt=None, *, sparse=None))]
@@ -120,8 +120,8 @@ impl PyCrossingEngine {
 
     #[staticmethod]
     #[pyo3(signature = (state, *, threads=None))]
-    fn from_state(state: &Bound<'_, PyDict>, threads: Option<usize>) -> PyResult<Self> {
-        Ok(Self(CrossingEngine::from_state(&state::from_dict(state)?, threads)?))
+    fn from_state(state: &Bound<'_, PyDict>, threads: Option<&Bound<'_, PyAny>>) -> PyResult<Self> {
+        Ok(Self(CrossingEngine::from_state(&state::from_dict(state)?, arrays::threads(threads)?)?))
     }
 
     fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, (Bound<'py, PyDict>,))> {

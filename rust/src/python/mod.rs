@@ -16,7 +16,7 @@ mod sink;
 mod state;
 
 use pyo3::create_exception;
-use pyo3::exceptions::{PyOSError, PyValueError};
+use pyo3::exceptions::{PyMemoryError, PyOSError, PyValueError};
 use pyo3::prelude::*;
 
 use crate::error::Error;
@@ -40,6 +40,7 @@ impl From<Error> for PyErr {
             },
             Error::Format { .. } => DecodeError::new_err(message),
             Error::Argument(_) | Error::Order(_) => PyValueError::new_err(message),
+            Error::Memory(_) => PyMemoryError::new_err(message),
         }
     }
 }

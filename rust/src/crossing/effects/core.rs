@@ -2,15 +2,16 @@
 
 use rayon::prelude::*;
 
-use super::band::{Band, Share};
+use super::band::Band;
 use super::chain::Chain;
 use super::noise::Arrivals;
 use super::parameters::Effects;
 use super::timeline::FREE;
-use crate::crossing::band::Interval;
+use crate::crossing::core::{Pixels, Push};
 use crate::crossing::frame::Frame;
 use crate::crossing::level::Level;
 use crate::crossing::parameters::CrossingParameters;
+use crate::crossing::room::{Allowance, Full};
 use crate::crossing::sample::Sample;
 use crate::crossing::scan::TILE;
 use crate::crossing::state::{EffectState, EngineState};
@@ -51,33 +52,6 @@ impl EffectCore {
             Band::new(first, &logs[part], slopes, p, &chain)
         });
         Self { bands: bands.collect(), chain }
-    }
-
-    /// Runs every pixel over one checked frame.
-    pub(crate) fn advance<S: Sample>(
-        &mut self,
-        frame: &Frame<'_, S>,
-        at: Interval,
-        p: &CrossingParameters,
-        pool: Option<&rayon::ThreadPool>,
-    ) {
-        let chain = &self.chain;
-        let advance = |band: &mut Band| {
-            let part = band.first_pixel..band.first_pixel + band.logs.len();
-            let sparse = frame.sparse.of(part.start, part.end);
-            let share =
-                Share { new: &frame.samples[part.clone()], rates: frame.rate.map(|rates| &rates[part]), sparse, at };
-            band.advance(&share, p, chain);
-        };
-        match pool {
-            None => self.bands.iter_mut().for_each(advance),
-            Some(pool) => pool.install(|| self.bands.par_iter_mut().for_each(advance)),
-        }
-    }
-
-    /// The events of the last frame: parts that together are in raster order.
-    pub(crate) fn events(&self) -> impl Iterator<Item = &[Event]> + Clone {
-        self.bands.iter().map(|band| &band.events[..])
     }
 
     pub(crate) fn references(&self) -> impl Iterator<Item = &Level> {
@@ -179,5 +153,42 @@ impl EffectCore {
 
     fn joined<T: Clone>(&self, part: impl Fn(&Band) -> &Vec<T>) -> Vec<T> {
         self.bands.iter().flat_map(|band| part(band).iter().cloned()).collect()
+    }
+}
+
+impl<S: Sample> Pixels<S> for EffectCore {
+    fn advance(&mut self, push: &Push<'_, S>, allowance: Allowance) -> std::result::Result<(), Full> {
+        let chain = &self.chain;
+        let advance = |band: &mut Band| band.advance(&band.share(push), push.p, chain, allowance);
+        // Every band begins, also where another one is full: what it holds is then of this frame.
+        match push.pool {
+            None => self.bands.iter_mut().map(advance).fold(Ok(()), std::result::Result::and),
+            Some(pool) => {
+                pool.install(|| self.bands.par_iter_mut().map(advance).reduce(|| Ok(()), std::result::Result::and))
+            }
+        }
+    }
+
+    fn events(&self) -> Vec<&[Event]> {
+        self.bands.iter().map(|band| band.events.events()).collect()
+    }
+
+    fn settle(&mut self, push: &Push<'_, S>) {
+        let settle = |band: &mut Band| band.settle(push.at.ticks);
+        match push.pool {
+            None => self.bands.iter_mut().for_each(settle),
+            Some(pool) => pool.install(|| self.bands.par_iter_mut().for_each(settle)),
+        }
+    }
+
+    #[cold]
+    fn undo(&mut self, push: &Push<'_, S>) {
+        self.bands.iter_mut().for_each(|band| band.undo(push.p));
+    }
+
+    #[cold]
+    fn count(&self, push: &Push<'_, S>) -> u64 {
+        let counts = self.bands.iter().map(|band| band.count(&band.share(push), push.p, &self.chain));
+        counts.fold(0, u64::saturating_add)
     }
 }
