@@ -119,13 +119,15 @@ impl EffectCore {
                 state.started_us
             )));
         }
-        let waits = |waits: &[f64]| waits.iter().all(|wait| (0.0..1e18).contains(wait));
-        let held = |held: &f64| *held == FREE || (-1e18..1e18).contains(held);
+        // What was due at the last frame has been dealt with there.
+        let ahead = |wait: &f64| 0.0 < *wait && *wait < 1e18;
+        let waits = |waits: &[f64]| waits.iter().all(ahead);
+        let held = |held: &f64| *held == FREE || ahead(held);
         let ranges = [
             ("filtered", "within +-746", f64::all_valid(&state.filtered)),
-            ("held_us", "numbers, or -inf where a pixel is free", state.held_us.iter().all(held)),
-            ("shot_wait_us", "finite and >= 0", waits(&state.shot_wait_us)),
-            ("hot_wait_us", "finite and >= 0", waits(&state.hot_wait_us)),
+            ("held_us", "> 0, or -inf where a pixel is free", state.held_us.iter().all(held)),
+            ("shot_wait_us", "finite and > 0", waits(&state.shot_wait_us)),
+            ("hot_wait_us", "finite and > 0", waits(&state.hot_wait_us)),
         ];
         if let Some((name, rule, _)) = ranges.into_iter().find(|(_, _, valid)| !valid) {
             return Err(Error::Argument(format!("{name} of a state must be {rule}")));
