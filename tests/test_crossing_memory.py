@@ -19,7 +19,9 @@ def states_equal(a: dict[str, Any], b: dict[str, Any]) -> bool:
     if a.keys() != b.keys():
         return False
     return all(
-        states_equal(a[key], b[key]) if isinstance(a[key], dict) else np.array_equal(a[key], b[key], equal_nan=True)
+        states_equal(a[key], b[key])
+        if isinstance(a[key], dict)
+        else np.array_equal(a[key], b[key], equal_nan=True)
         if isinstance(a[key], np.ndarray) and a[key].dtype.kind == "f"
         else np.array_equal(a[key], b[key])
         for key in a
@@ -55,7 +57,9 @@ def test_a_tiny_threshold_is_refused_and_the_engine_goes_on(kind: str, threads: 
     before = engine.state()
     with pytest.raises(ValueError, match=r"one push may make 134217728") as refused:
         push(1_000_000, bright)
-    told = re.search(r"about (\d+) events in 43200 pixels at a least contrast threshold of 0\.00001", str(refused.value))
+    told = re.search(
+        r"about (\d+) events in 43200 pixels at a least contrast threshold of 0\.00001", str(refused.value)
+    )
     assert told and 2.9e10 < int(told[1]) < 3.1e10, refused.value
     assert states_equal(engine.state(), before)
     # A small step is taken as if nothing had been.

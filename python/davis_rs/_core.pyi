@@ -233,7 +233,7 @@ class CrossingEngine:
         effects: :class:`davis_rs.Effects`, of which those on the log signal, in the pixel and on the stream act here;
             None for ideal pixels.
         seed: of thresholds and noise, 0..2^64 - 1; None means 0.
-        threads: None means as many as pay on this sensor, at most one a core. The events do not depend on it.
+        threads: 1 to 1024; None means as many as pay on this sensor, at most one a core. The events do not depend on it.
 
     Raises:
         ValueError: for a parameter out of range.
@@ -284,8 +284,8 @@ class CrossingEngine:
         Raises:
             ValueError: for a wrong shape or dtype, luma that is NaN, infinite or negative (with time and pixel), a time
                 that does not increase, a rate that is missing or should not be there, sparse samples that are out of
-                order or of the interval, or an engine that has been fed with log intensity. The engine is then as
-                it was.
+                order or of the interval, an engine that has been fed with log intensity, or more than 2^27 events.
+            MemoryError: if there is no memory for the events. The engine is as it was after either.
         """
     def push_log(
         self,
