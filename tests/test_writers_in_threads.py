@@ -96,5 +96,6 @@ def test_threads_may_finish_a_writer_together(tmp_path: Path) -> None:
     writer.write(packet(0))
     reports = []
     in_threads(lambda _: reports.append(writer.finish()))
-    assert len(reports) == THREADS and len(set(reports)) == 1
+    assert len(reports) == THREADS
+    assert len(set(reports)) == 1
     np.testing.assert_array_equal(read_events(tmp_path / "e.npz"), packet(0))

@@ -233,7 +233,7 @@ class CrossingEngine:
         effects: :class:`davis_rs.Effects`, of which those on the log signal, in the pixel and on the stream act here;
             None for ideal pixels.
         seed: of thresholds and noise, 0..2^64 - 1; None means 0.
-        threads: 1 to 1024; None means as many as pay on this sensor, at most one a core. The events do not depend on it.
+        threads: 1..1024; None means as many as pay on this sensor, at most one a core. The events do not depend on it.
 
     Raises:
         ValueError: for a parameter out of range.
