@@ -19,7 +19,7 @@ const MOST_KIB: u64 = 200 << 10;
 
 const LONGEST: Duration = Duration::from_secs(2);
 
-/// Random numbers: Steele, Lea and Flood's SplitMix64, OOPSLA 2014.
+/// Random numbers: Steele, Lea and Flood's `SplitMix64`, OOPSLA 2014.
 struct Random(u64);
 
 impl Random {
@@ -85,7 +85,9 @@ fn peak_kib() -> Option<u64> {
 fn no_mutant_panics_hangs_or_fills_memory() {
     for (name, body, seeds) in seeds::targets() {
         let mut random = Random(name.bytes().map(u64::from).sum());
-        seeds.iter().for_each(|seed| body(seed));
+        for seed in &seeds {
+            body(seed);
+        }
         println!("{name}: {MUTANTS} mutants of {} inputs", seeds.len());
         for number in 0..MUTANTS {
             let (seed, other) = (random.below(seeds.len()), random.below(seeds.len()));

@@ -187,21 +187,22 @@ fn push(engine: &mut CrossingEngine, luma: bool, t_us: i64, k: i64) -> davis_rs:
     Ok(events)
 }
 
+/// Sets a value; now and then there is one more, or one less.
+fn set<T>(values: &mut Vec<T>, place: u8, value: T) {
+    match usize::from(place) {
+        255 => values.push(value),
+        254 => drop(values.pop()),
+        _ if values.is_empty() => {}
+        place => {
+            let n = values.len();
+            values[place % n] = value;
+        }
+    }
+}
+
 /// One change of a state.
 fn damage(state: &mut EngineState, [field, place, value @ ..]: &[u8; 10]) {
     let (bits, float) = (i64::from_le_bytes(*value), f64::from_le_bytes(*value));
-    fn set<T>(values: &mut Vec<T>, place: u8, value: T) {
-        match usize::from(place) {
-            // Now and then another length.
-            255 => values.push(value),
-            254 => drop(values.pop()),
-            _ if values.is_empty() => {}
-            place => {
-                let n = values.len();
-                values[place % n] = value;
-            }
-        }
-    }
     let effects = state.effect_state.as_mut();
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "any bits will do")]
     match (field % 24, effects) {

@@ -55,7 +55,7 @@ fn camera(number: u8, chip: Chip) -> Vec<u8> {
         region,
         global_shutter: true,
         exposure_cycles: 15_000,
-        pixels: (0..30u16).map(|i| i * 16 << 6).collect(),
+        pixels: (0..30u16).map(|i| (i * 16) << 6).collect(),
     };
     let scene = Decoded { events: events(), frames: vec![frame], ..Decoded::default() };
     let bytes = Encoder::new(device).expect("a known chip").encode(&scene).expect("a good scene");

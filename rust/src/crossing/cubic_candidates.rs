@@ -274,9 +274,9 @@ mod tests {
 
         /// What is far from any doubt is decided here: the exact way is for the few.
         #[test]
-        fn what_is_clear_is_not_left(share in 0.3f64..0.9, on in any::<bool>(), p in 0.5f64..1.5, q in 0.5f64..1.5, offset in 0.2f64..0.8) {
+        fn what_is_clear_is_not_left(share in 0.3f64..0.9, on in any::<bool>(), p in 0.5f64..1.5, q in 0.5f64..1.5, offset in 200i64..800) {
             let to = if on { C.on } else { -C.off } * (1.0 + share);
-            let verdict = checked([0.0, to, p * to, q * to], starting_at(0.0), MILLION + (offset * 1e3).round() as i64)?;
+            let verdict = checked([0.0, to, p * to, q * to], starting_at(0.0), MILLION + offset)?;
             let event = if on { Verdict::On } else { Verdict::Off };
             prop_assert!(verdict == event || verdict == Verdict::Unclear);
             let verdict = checked([0.0, to * 0.3, p * to * 0.3, q * to * 0.3], starting_at(0.0), MILLION)?;

@@ -447,10 +447,12 @@ mod tests {
         CrossingEngine::with_effects(SIZE, parameters, effects, 3, Some(threads)).unwrap()
     }
 
+    #[allow(clippy::cast_precision_loss, reason = "small")]
     fn frame(k: u32) -> Vec<f32> {
         (0..SIZE.pixels()).map(|i| 0.5 + 0.4 * (0.013 * i as f32 + 0.9 * k as f32).sin()).collect()
     }
 
+    #[allow(clippy::cast_precision_loss, reason = "small")]
     fn rates(k: u32) -> Vec<f32> {
         (0..SIZE.pixels()).map(|i| 36.0 * (0.013 * i as f32 + 0.9 * k as f32).cos()).collect()
     }
@@ -458,7 +460,7 @@ mod tests {
     /// A push that makes too many events is refused with their number, and changes nothing: neither the state nor what
     /// comes after, with or without effects, on one thread or several.
     #[test]
-    #[allow(clippy::cast_precision_loss, reason = "small")]
+    #[allow(clippy::cast_possible_truncation, reason = "small")]
     fn too_many_events_are_refused_and_change_nothing() {
         for effects in [Effects::default(), effects()] {
             for (interpolation, threads) in [(Interpolation::Linear, 1), (Interpolation::Hermite, 3)] {
