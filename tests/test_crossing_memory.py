@@ -111,9 +111,7 @@ def test_memory_that_does_not_suffice_is_an_error() -> None:
 @pytest.mark.parametrize("threads", [0, -1, 1025, 1_000_000, 2**64, -(2**70)])
 def test_threads_are_refused_beyond_their_limits(threads: int) -> None:
     engine = CrossingEngine(4, 3)
-    for make in (
-        lambda: CrossingEngine(4, 3, threads=threads),
-        lambda: CrossingEngine.from_state(engine.state(), threads=threads),
-    ):
-        with pytest.raises(ValueError, match=rf"threads must lie in 1\.\.1024, got {threads}$"):
-            make()
+    with pytest.raises(ValueError, match=rf"threads must lie in 1\.\.1024, got {threads}$"):
+        CrossingEngine(4, 3, threads=threads)
+    with pytest.raises(ValueError, match=rf"threads must lie in 1\.\.1024, got {threads}$"):
+        CrossingEngine.from_state(engine.state(), threads=threads)
