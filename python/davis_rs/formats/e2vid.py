@@ -45,13 +45,17 @@ class E2vidWriter(Hdf5Writer):
             ValueError: for another shape or type, or a negative time.
             OSError: if the system refuses.
         """
-        self._refuse_if_over()
         width, height = self.size
         if image.shape != (height, width) or image.dtype != np.uint8 or t_us < 0:
             raise ValueError(
                 f"an image must be uint8 of shape {(height, width)} at 0 us or later: "
                 f"got {image.dtype}, {image.shape}, {t_us} us"
             )
+        with self._turn:
+            self._refuse_if_over()
+            self._append_image(t_us, image)
+
+    def _append_image(self, t_us: int, image: npt.NDArray[np.uint8]) -> None:
         with Failing(self), self._telling():
             root, images = self._hdf5.file.attrs, self._hdf5.file["images"]
             dataset = images.create_dataset(f"image{len(images):09d}", data=image)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import threading
 import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
@@ -86,7 +87,11 @@ class EventWriter(ABC):
     An OSError of the system (disk full, folder gone, pipe closed) comes from the call that meets it. What was written
     before stays; the writer takes nothing more.
 
-    A format implements :meth:`_encode`, :meth:`_flush` and :meth:`_close`.
+    Threads may share a writer: each call waits until the one before it is done, so that packets stay whole. Their order
+    is that of the calls, and a packet that comes too late is refused because its times go back.
+
+    A format implements :meth:`_encode`, :meth:`_flush` and :meth:`_close`, which are called one at a time; what else it
+    offers for writing holds ``_turn`` meanwhile.
 
     Args:
         target: the path, or the stream, that is written to; for messages and the report.
@@ -105,6 +110,7 @@ class EventWriter(ABC):
         self._last_us: int | None = None
         self._report: WriteReport | None = None
         self._failed = False
+        self._turn = threading.RLock()
         self.hold: Releasable | None = None
         """What keeps other writers from the file until this one is finished."""
 
@@ -119,15 +125,16 @@ class EventWriter(ABC):
             ValueError: for the first event that breaks a rule; nothing of the packet is written.
             OSError: if the system refuses.
         """
-        self._refuse_if_over()
-        packet = as_events(events)
-        if not len(packet):
-            return
-        self._take(packet)
-        if self._first_us is None:
-            self._first_us = int(packet["t"][0])
-        self._last_us = int(packet["t"][-1])
-        self._events += len(packet)
+        with self._turn:
+            self._refuse_if_over()
+            packet = as_events(events)
+            if not len(packet):
+                return
+            self._take(packet)
+            if self._first_us is None:
+                self._first_us = int(packet["t"][0])
+            self._last_us = int(packet["t"][-1])
+            self._events += len(packet)
 
     @final
     def flush(self) -> None:
@@ -136,9 +143,10 @@ class EventWriter(ABC):
         Raises:
             OSError: if the system refuses.
         """
-        self._refuse_if_over()
-        with Failing(self):
-            self._flush()
+        with self._turn:
+            self._refuse_if_over()
+            with Failing(self):
+                self._flush()
 
     @final
     def finish(self) -> WriteReport:
@@ -147,14 +155,15 @@ class EventWriter(ABC):
         Raises:
             OSError: if the system refuses now, or did before.
         """
-        if self._report is None:
-            if self._failed:
-                self._refuse_if_over()
-            with Failing(self):
-                size = self._close()
-            self._report = WriteReport(self.path, self.format, self._events, size, self._first_us, self._last_us)
-            self._let_go()
-        return self._report
+        with self._turn:
+            if self._report is None:
+                if self._failed:
+                    self._refuse_if_over()
+                with Failing(self):
+                    size = self._close()
+                self._report = WriteReport(self.path, self.format, self._events, size, self._first_us, self._last_us)
+                self._let_go()
+            return self._report
 
     def __enter__(self: _Writer) -> _Writer:
         return self

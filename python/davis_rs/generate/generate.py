@@ -26,6 +26,9 @@ if TYPE_CHECKING:
 
     from .local import Outcome
 
+MOST_WORKERS = 1024
+"""More processes than a machine has cores."""
+
 CHECKED_FIRST = 200
 """So many sequences are checked before the first one is made: one process does it, and a hand's path takes 0.1 s."""
 
@@ -77,16 +80,16 @@ def generate_sequences(
 
     Raises:
         ValueError: if one of the first 200 sequences that are to be made breaks a rule that can be seen beforehand (a
-            later one is among those that failed), ``root`` holds sequences of another plan, or ``workers`` is not at
-            least 1.
+            later one is among those that failed), ``root`` holds sequences of another plan, or ``workers`` is not in
+            1..:data:`MOST_WORKERS`.
         OSError: if ``root`` cannot be written, or is at work already.
         KeyboardInterrupt: after Ctrl-C, once workers have stopped; whole sequences stay.
 
     A program that calls it without a cluster must be importable (``if __name__ == "__main__":``), as with every spawned
     process.
     """
-    if workers is not None and workers < 1:
-        raise ValueError(f"workers must be at least 1, got {workers}")
+    if workers is not None and not 1 <= workers <= MOST_WORKERS:
+        raise ValueError(f"workers must lie in 1..{MOST_WORKERS}, got {workers}")
     say = report or (lambda text: say_above(f"davis-rs: warning: {text}"))
     folder = Path(root).absolute()
     sequences = draw_sequences(plan)

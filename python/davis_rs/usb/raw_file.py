@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import threading
 from collections.abc import Iterator
 from datetime import datetime, timezone
 from pathlib import Path
@@ -25,7 +26,7 @@ CHUNK_BYTES = 1 << 20
 
 
 class RawWriter:
-    """Writes a recording into a file that does not exist yet.
+    """Writes a recording into a file that does not exist yet. Threads may share it: calls wait for each other.
 
     The header is filled in again at the end: ``complete``, ``bytes`` and ``lost_bytes`` are right only then.
 
@@ -47,24 +48,27 @@ class RawWriter:
             "started": (started or datetime.now(timezone.utc)).isoformat(),
             "camera": dataclasses.asdict(camera),
         }
+        self._turn = threading.RLock()
         header = _header(self._meta)
         self._file = self.path.open("xb")
         self._file.write(header)
 
     def write(self, words: bytes) -> None:
         """Append a part of the stream."""
-        self._file.write(words)
-        self._meta["bytes"] += len(words)
+        with self._turn:
+            self._file.write(words)
+            self._meta["bytes"] += len(words)
 
     def finish(self, *, lost_bytes: int = 0) -> int:
         """Complete the header and close; returns how many bytes of the stream are in the file."""
-        if not self._file.closed:
-            self._meta |= {"complete": True, "lost_bytes": lost_bytes}
-            with self._file:
-                self._file.flush()
-                self._file.seek(0)
-                self._file.write(_header(self._meta))
-        return int(self._meta["bytes"])
+        with self._turn:
+            if not self._file.closed:
+                self._meta |= {"complete": True, "lost_bytes": lost_bytes}
+                with self._file:
+                    self._file.flush()
+                    self._file.seek(0)
+                    self._file.write(_header(self._meta))
+            return int(self._meta["bytes"])
 
     def __enter__(self) -> RawWriter:
         return self

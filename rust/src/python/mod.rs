@@ -22,7 +22,7 @@ mod sink;
 mod state;
 
 use pyo3::create_exception;
-use pyo3::exceptions::{PyOSError, PyValueError};
+use pyo3::exceptions::{PyMemoryError, PyOSError, PyValueError};
 use pyo3::prelude::*;
 
 use crate::error::Error;
@@ -46,6 +46,7 @@ impl From<Error> for PyErr {
             },
             Error::Format { .. } => DecodeError::new_err(message),
             Error::Argument(_) | Error::Order(_) => PyValueError::new_err(message),
+            Error::Memory(_) => PyMemoryError::new_err(message),
         }
     }
 }
