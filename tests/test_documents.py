@@ -295,7 +295,9 @@ def test_plans_are_plans(snippet: Snippet, folder: Path) -> None:
     texts = [snippet.text] if "scene:" in snippet.text else snippet.text.splitlines()
     (folder / "groundtruth.txt").write_bytes((folder / "DIR" / "groundtruth.txt").read_bytes())
     for text in texts:
-        (folder / "plan.yaml").write_text(text if "scene:" in text else f"scene: three_planes\nduration: 0.02\n{text}\n")
+        (folder / "plan.yaml").write_text(
+            text if "scene:" in text else f"scene: three_planes\nduration: 0.02\n{text}\n"
+        )
         load_sequence_plan("plan.yaml")
         assert main(["generate", "plan.yaml", "--dry-run"]) == 0
 
