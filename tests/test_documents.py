@@ -68,7 +68,7 @@ NOT_RUN_PYTHON = {
     "dask_jobqueue": "needs a SLURM cluster",
     "davis_rs.Davis.open": "needs a camera",
 }
-"""Python blocks that have this in them are compiled, and their names of davis_rs looked up, and why they are not run."""
+"""Python blocks with this in them are compiled and their names of davis_rs looked up; why they are not run."""
 
 PLACEHOLDERS = {"SCENE": "three_planes", "NAME": "shapes_rotation", "KIND": "intrinsics", "OUT": "OUT.npz"}
 """Words in capitals that a user replaces; DIR, PATH, IN, FILE and PLAN.yaml are files of the test (``folder``)."""
