@@ -30,13 +30,12 @@ from davis_rs.generate import load_sequence_plan
 ROOT = Path(__file__).resolve().parents[1]
 DOCUMENTS = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 
-SHORT_RUN = "--duration 0.02 --samples 1"
+SHORT_RUN = "--duration 0.05 --samples 1"  # long enough for two frames, which davis-rs check needs
 SHORTENED = {
     "simulate": SHORT_RUN,
     "sequence": SHORT_RUN,
     "record": "--duration 0.02",
     "plan": "--duration 0.05",
-    "accuracy": "--duration 0.005 --rounds 1 --only fast --quiet",
     "sequences-sheet": "shapes_rotation",
 }
 """What is added to a command to make it short, by its name."""
@@ -56,9 +55,11 @@ NOT_RUN = {
     "davis-rs devices": "needs libusb, and tells what is plugged in",
     "davis-rs record -o FILE": "needs a camera",
     "davis-rs sequences-count -o FILE": "takes hours",
-    "davis-rs accuracy fence -o fence --rounds 2": "takes an hour; README's line runs the same in short",
-    "davis-rs accuracy three_planes -o three_planes --rounds 2": "takes an hour; README's line runs the same in short",
-    "davis-rs accuracy three_walls -o three_walls --rounds 2": "takes an hour; README's line runs the same in short",
+    "davis-rs accuracy fence -o fence --rounds 2": "takes an hour; tests/test_accuracy.py runs small ones",
+    "davis-rs accuracy three_planes -o three_planes --rounds 2": "takes an hour; tests/test_accuracy.py runs small ones",
+    "davis-rs accuracy three_walls -o three_walls --rounds 2": "takes an hour; tests/test_accuracy.py runs small ones",
+    "davis-rs accuracy SCENE -o COSTS": "its reference takes a minute; tests/test_accuracy.py runs small ones",
+    "davis-rs accuracy SCENE -o DIR": "the same",
     "davis-rs calibrate KIND DIR": "needs a checkerboard's dataset; docs/calibration.md's lines are run",
     "davis-rs calibrate intrinsics | hand-eye | camera-imu DIR": "the same",
 }
@@ -70,7 +71,13 @@ NOT_RUN_PYTHON = {
 }
 """Python blocks with this in them are compiled and their names of davis_rs looked up; why they are not run."""
 
-PLACEHOLDERS = {"SCENE": "three_planes", "NAME": "shapes_rotation", "KIND": "intrinsics", "OUT": "OUT.npz"}
+PLACEHOLDERS = {
+    "SCENE": "three_planes",
+    "NAME": "shapes_rotation",
+    "KIND": "intrinsics",
+    "IN": "IN.npz",
+    "OUT": "OUT.txt",
+}
 """Words in capitals that a user replaces; DIR, PATH, IN, FILE and PLAN.yaml are files of the test (``folder``)."""
 
 PROGRAMS = ("davis-rs", "python", "python3", "pip", "pytest", "cargo", "git")
@@ -153,7 +160,7 @@ def example_files(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("example")
     assert main(["simulate", "three_planes", "-o", str(folder / "DIR"), *SHORT_RUN.split(), "--quiet"]) == 0
     shutil.copytree(folder / "DIR", folder / "PATH")
-    shutil.copy(folder / "DIR" / "events.txt", folder / "IN")
+    assert main(["convert", str(folder / "DIR"), str(folder / "IN.npz"), "--quiet"]) == 0
     assert main(["record", "--virtual", "three_planes", "-o", str(folder / "FILE"), "--duration", "0.02"]) == 0
     (folder / "PLAN.yaml").write_text("scene: three_planes\nduration: 0.02\naccuracy: fast\n")
     (folder / "example.yaml").write_text(YAML[0].text)
