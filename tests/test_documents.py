@@ -75,7 +75,7 @@ PLACEHOLDERS = {
     "SCENE": "three_planes",
     "NAME": "shapes_rotation",
     "KIND": "intrinsics",
-    "IN": "IN.npz",
+    "IN": "IN.aedat4",
     "OUT": "OUT.txt",
 }
 """Words in capitals that a user replaces; DIR, PATH, IN, FILE and PLAN.yaml are files of the test (``folder``)."""
@@ -160,7 +160,7 @@ def example_files(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("example")
     assert main(["simulate", "three_planes", "-o", str(folder / "DIR"), *SHORT_RUN.split(), "--quiet"]) == 0
     shutil.copytree(folder / "DIR", folder / "PATH")
-    assert main(["convert", str(folder / "DIR"), str(folder / "IN.npz"), "--quiet"]) == 0
+    assert main(["convert", str(folder / "DIR"), str(folder / "IN.aedat4"), "--quiet"]) == 0
     assert main(["record", "--virtual", "three_planes", "-o", str(folder / "FILE"), "--duration", "0.02"]) == 0
     (folder / "PLAN.yaml").write_text("scene: three_planes\nduration: 0.02\naccuracy: fast\n")
     (folder / "example.yaml").write_text(YAML[0].text)
