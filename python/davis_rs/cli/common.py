@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from pathlib import Path
 
 from ..progress import say
 from ..scene.scene import Scene
@@ -101,6 +102,16 @@ def on_trajectory(options: argparse.Namespace, scene: Scene, *, at_s: float = 0.
             print("trajectory moved so that it starts where the scene's camera does (--no-align)", file=sys.stderr)
         trajectory = align(trajectory, start_pose(scene), at_s)
     return scene.with_trajectory(trajectory)
+
+
+def figure_file(text: str) -> Path:
+    """A file that a picture can be written to, told by its suffix."""
+    from ..inspection.figure import check_figure_path
+
+    try:
+        return check_figure_path(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
 
 
 def sensor_size(text: str) -> tuple[int, int]:

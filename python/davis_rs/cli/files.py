@@ -16,7 +16,7 @@ from ..formats import FORMATS
 from ..inspection.summary import dataset_contents, dataset_row, draw_rates, summarize_events
 from ..progress import progress
 from ..untrusted import MAX_PACKET_BYTES
-from .common import sensor_size
+from .common import figure_file, sensor_size
 
 
 def add_convert(conversion: argparse.ArgumentParser) -> None:
@@ -56,7 +56,9 @@ def add_info(info: argparse.ArgumentParser) -> None:
     )
     info.set_defaults(run=_info)
     info.add_argument("path", metavar="PATH", help="a file of any format, or a dataset folder")
-    info.add_argument("--picture", type=Path, metavar="PNG", help="draw the rate of each pixel")
+    info.add_argument(
+        "--picture", type=figure_file, metavar="FILE", help="draw the rate of each pixel: .png, .pdf, .svg ..."
+    )
     info.add_argument("--size", type=sensor_size, metavar="WxH", help="sensor size in pixels, where PATH does not say")
     add_max_packet_bytes(info)
     info.add_argument("--quiet", action="store_true", help="no progress bar")

@@ -19,6 +19,7 @@ from ..formats.interface import EventReader
 from ..pose import GroundTruth
 from ..trajectory.trajectory import SPEED_WINDOW_S
 from ..untrusted import MAX_PACKET_BYTES
+from .dataset_description import describe_dataset
 from .pixel_counts import PixelCounts
 
 PEAK_WINDOW_US = 10_000
@@ -206,23 +207,21 @@ def _add_gaps(summary: EventSummary, t_us: npt.NDArray[np.int64]) -> None:
 
 
 def dataset_contents(dataset: Dataset) -> str:
-    """A few lines on what a dataset folder holds besides its events: scene, settings, images, poses and IMU.
+    """A few lines on what a dataset folder holds in addition to its events: scene, settings, images, poses and IMU.
 
     Raises:
         OSError, DecodeError: if a list of images, the ground truth or the IMU's samples cannot be read.
     """
-    meta = dataset.meta
-    scene, parameters, effects = meta.get("scene"), meta.get("parameters"), meta.get("effects")
+    said = describe_dataset(dataset)
     lines = []
-    if isinstance(scene, dict) and "name" in scene:
-        lines.append(f"scene       {scene['name']}")
-    if isinstance(parameters, dict) and "contrast_threshold" in parameters:
-        on, off = parameters["contrast_threshold"], parameters.get("contrast_threshold_off")
-        lines.append(f"threshold   C = {on:g}" if off in (None, on) else f"threshold   C = {on:g} ON, {off:g} OFF")
-    if isinstance(effects, dict):
-        lines.append(f"effects     {', '.join(effects) or 'none: ideal pixels'}")
+    if said.scene is not None:
+        lines.append(f"scene       {said.scene}")
+    if said.threshold is not None:
+        lines.append(f"threshold   {said.threshold}")
+    if said.effects is not None:
+        lines.append(f"effects     {', '.join(said.effects) or 'none: ideal pixels'}")
     lines.append(f"also        {left_out(dataset.path) or 'nothing'}")
-    if meta.get("complete") is False:
+    if dataset.meta.get("complete") is False:
         lines.append("warning: the folder was never finished: its writer was stopped")
     return "\n".join(lines)
 

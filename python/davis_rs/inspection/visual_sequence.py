@@ -16,6 +16,7 @@ from ..event_files.read import open_reader
 from ..events import EventArray, concatenate_events
 from ..recordings import read_recording
 from ..usb.raw_file import RawRecording, is_raw
+from .dataset_description import describe_dataset
 
 _AEDAT = b"#!AER-DAT"
 _FRAME_WHITE = 65_535  # frames of a camera have 16 bits
@@ -85,22 +86,14 @@ def display_grey(linear: npt.NDArray[np.floating[Any]]) -> GreyImage:
     return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
 
 
-def describe_dataset(dataset: Dataset, size: tuple[int, int]) -> str:
+def _label(dataset: Dataset, size: tuple[int, int]) -> str:
     """One line: the scene or else the folder's name, C, and the sensor."""
-    meta, parts = dataset.meta, []
-    scene = meta.get("scene")
-    parts.append(str(scene["name"]) if isinstance(scene, dict) and "name" in scene else dataset.path.resolve().name)
-    parameters = meta.get("parameters")
-    if isinstance(parameters, dict) and "contrast_threshold" in parameters:
-        on, off = parameters["contrast_threshold"], parameters.get("contrast_threshold_off")
-        parts.append(f"C = {on:.3g}" if off in (None, on) else f"C = {on:.3g} ON, {off:.3g} OFF")
-    effects = meta.get("effects")
-    if isinstance(effects, dict):
-        pixels = f"with {', '.join(effects)}" if effects else "ideal"
-        parts.append(f"sensor {size[0]} x {size[1]}, {pixels}")
-    else:
-        parts.append(f"sensor {size[0]} x {size[1]}")
-    return ", ".join(parts)
+    said = describe_dataset(dataset)
+    sensor = f"sensor {size[0]} x {size[1]}"
+    if said.effects is not None:
+        sensor += f", with {', '.join(said.effects)}" if said.effects else ", ideal"
+    parts = [said.scene or dataset.path.resolve().name, said.threshold, sensor]
+    return ", ".join(part for part in parts if part)
 
 
 def _of_dataset(dataset: Dataset, size: tuple[int, int] | None) -> VisualSequence:
@@ -113,7 +106,7 @@ def _of_dataset(dataset: Dataset, size: tuple[int, int] | None) -> VisualSequenc
     _check_inside(events, size, dataset.path)
     ends = [*frame_times[-1:], *depth_times[-1:], int(dataset.meta.get("duration_us", 0))]
     return VisualSequence(
-        describe_dataset(dataset, size),
+        _label(dataset, size),
         size,
         events,
         0,
