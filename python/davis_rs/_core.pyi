@@ -511,6 +511,7 @@ def read_aedat4(path: str | os.PathLike[str], max_packet_bytes: int) -> _Aedat4:
     """All that a file of AEDAT 4.0 holds: of each kind the first stream, in the order of the file.
 
     Args:
+        path: the file.
         max_packet_bytes: what a packet may unpack to.
 
     Returns:

@@ -36,8 +36,8 @@ use crate::event::{Event, SensorSize};
 ///     effects: :class:`davis_rs.Effects`, of which those on the log signal, in the pixel and on the stream act here;
 ///         None for ideal pixels.
 ///     seed: of thresholds and noise, 0..2^64 - 1; None means 0.
-///     threads: None means as many as make a sensor of this size faster, at most one a core. The events do not depend
-///         on it.
+///     threads: 1..1024; None means as many as make a sensor of this size faster, at most one a core. The events do not
+///         depend on it.
 ///
 /// Raises:
 ///     ValueError: for a parameter out of range.
@@ -115,8 +115,9 @@ impl PyCrossingEngine {
     /// Raises:
     ///     ValueError: for a wrong shape or dtype, luma that is NaN, infinite or negative (with time and pixel), a time
     ///         that does not increase, a rate that is missing or should not be there, sparse samples that are out of
-    ///         order or outside of the interval, or an engine that has been fed with log intensity. The engine is
-    ///         then as it was.
+    ///         order or outside of the interval, an engine that has been fed with log intensity, or more than 2^27
+    ///         events. The engine is then as it was.
+    ///     MemoryError: if there is no memory for the events. The engine is then as it was.
     #[pyo3(signature = (t_us, luma, dluma_dt=None, *, sparse=None))]
     fn push<'py>(
         &mut self,

@@ -182,6 +182,8 @@ pub(super) fn naming(error: Error, name: &str) -> Error {
 ///     from_byte: text: where the first line to be read begins.
 ///     start_us, stop_us: aedat4: only the packets that hold events of that slice are read, where the file has a table
 ///         of contents. Events of these packets outside of the slice come too.
+///     max_packet_bytes: aedat4: what a packet may unpack to; 64 MiB if not given.
+///     in_order: text: whether times that go back are refused, with their line.
 ///
 /// Raises:
 ///     ValueError: for a format that there is not.

@@ -14,7 +14,23 @@ use crate::error::Error;
 use crate::event::SensorSize;
 use crate::read::{Aedat4Frame, Aedat4Imu, Aedat4Recording, Aedat4Trigger};
 
-/// See `_core.pyi`.
+/// All that a file of AEDAT 4.0 holds: of each kind the first stream, in the order of the file.
+///
+/// Args:
+///     path: the file.
+///     max_packet_bytes: what a packet may unpack to.
+///
+/// Returns:
+///     events: :data:`davis_rs.EVENT_DTYPE`; negative coordinates are 32,768 and more.
+///     imu, triggers: :data:`davis_rs.IMU_DTYPE`, :data:`davis_rs.TRIGGER_DTYPE`.
+///     size: (width, height), where the header says.
+///     source: the camera that the header names, or "".
+///     other_packets: of other streams, passed over.
+///     cut: what the end of the file cuts off, and where.
+///
+/// Raises:
+///     OSError: if it cannot be read.
+///     DecodeError: for the first packet that does not follow the format, with its byte.
 #[pyfunction]
 pub(super) fn read_aedat4(py: Python<'_>, path: PathBuf, max_packet_bytes: usize) -> PyResult<Bound<'_, PyDict>> {
     let name = path.display().to_string();
