@@ -5,7 +5,7 @@ from __future__ import annotations
 import heapq
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import groupby
+from itertools import groupby, pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -217,8 +217,9 @@ class _Control:
 
     def _part(self) -> IntArray:
         """(n,): a number for each keyframe, the same for those between which no cut lies."""
-        cut = [t_us in self._cuts for t_us in self._t_us[:-1].tolist()]
-        return np.cumsum([0, *(np.diff(self._t_us) == 1) & cut][: len(self._t_us)])
+        pairs = pairwise(self._t_us.tolist())
+        cut = [before_us in self._cuts and after_us == before_us + 1 for before_us, after_us in pairs]
+        return np.cumsum([False, *cut])
 
     def _untrusted(self) -> BoolFrames:
         """(n - 1, H, W): where the cubic of an interval cannot be trusted."""
