@@ -124,9 +124,10 @@ def hard_cases_page(results: Sequence[HardCaseResult], facts: Mapping[str, str])
 _LIMITS = [
     "## What is left",
     "",
-    "- **Wires.** A thin thing, or its shadow, may cross a pixel between two samples and leave no trace in them.",
-    "  Where edges of the geometry pass, the preset `exact` looks closer; a shadow's edge is no edge of the geometry.",
-    "  `tests/test_breaks.py` has a test that is expected to fail because of it.",
+    "- **Wires.** A thin thing, or its shadow, may cross a pixel between two samples and leave no trace in them, and",
+    "  luma that jumps while it drifts may reach a level for less time than lies between them. Where edges of the",
+    "  geometry pass, the preset `exact` looks closer; a shadow's edge is no edge of the geometry. A test in",
+    "  `tests/test_breaks.py` is expected to fail because of it.",
     "- **Scaled.** The table kernel's shadow rays start a least distance from the surface, which is large in so",
     "  small a scene. Both columns of events have the same wrong shadows: their numbers agree with each other, not",
     "  with those of the same scene at its own size.",
