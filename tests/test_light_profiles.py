@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pytest
-from davis_rs.simulate import simulate
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -22,6 +21,7 @@ from davis_rs.rendering.renderers import make_renderer
 from davis_rs.rendering.scene_updates import scene_motion
 from davis_rs.sampling.displacement import DARKEST, LIGHT_PER_PIXEL, DisplacementClock
 from davis_rs.scene.light_profile import Flicker, LightProfile, SampledProfile
+from davis_rs.simulate import simulate
 from davis_rs.trajectory.views import Views
 
 FloatArray = npt.NDArray[np.float64]
