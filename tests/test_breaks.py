@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -10,13 +11,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from davis_rs import CallableTrajectory, Camera, Pose, Scene, Simulator, compare_events
+from davis_rs import CallableTrajectory, Camera, MaxDisplacement, Pose, Scene, Simulator, compare_events
 from davis_rs.accuracy.brute_force import dense_probe, early
 from davis_rs.accuracy.hard_case_scenes import CAUSE_S, START_S, room, sideways, starting, still, wires
 from davis_rs.events import EventArray, concatenate_events
 from davis_rs.pose import FloatArray
 from davis_rs.rendering.scene_motion import STILL, SceneMotion
 from davis_rs.sampling.breaks import break_instants, find_breaks
+from davis_rs.sampling.displacement import LARGEST_BEND, DisplacementClock
 from davis_rs.sampling.presets import ACCURACY
 from davis_rs.scene.light_profile import Flicker, LightProfile, SampledProfile, ShiftedProfile
 from davis_rs.trajectory.trajectory import Trajectory, align
@@ -201,6 +203,32 @@ def test_a_probe_finds_what_nobody_declared(preset: str) -> None:
     events = events_of(simulator(room(leaping(0.01, declared=False)), preset))
     assert len(events) > 100
     assert events["t"].min() > START_US - 100
+
+
+@pytest.mark.parametrize("pixels", [1 / 3, 1.0])
+@pytest.mark.usefixtures("llvm")
+def test_displacement_grows_evenly_between_keyframes(pixels: float) -> None:
+    """A smooth start from rest: within every span the path is a straight line within an eighth of the spacing."""
+    start, way = still(1.0).pose(0.0), np.array([0.8, 0.6, 0.0])
+    path = CallableTrajectory(
+        0.05,
+        position=lambda t: start.position + (300.0 * t**3)[:, None] * way,
+        velocity=lambda t: (900.0 * t**2)[:, None] * way,
+        quaternion=lambda t: np.tile(start.quaternion, (len(t), 1)),
+        angular_rate=lambda t: np.zeros((len(t), 3)),
+        description={},
+    )
+    renderer = simulator(room(path), "paper").renderer
+    instants = list(MaxDisplacement(pixels).instants(renderer, path, 50_000))
+    for before, after in pairwise([0, *instants]):
+        t_us = np.arange(before, after + 1)
+        clock = DisplacementClock(renderer, path, 50_000)
+        moved = np.array([clock.path_at(int(t)) for t in t_us])
+        line = np.interp(t_us, [before, after], moved[[0, -1]])
+        assert np.abs(moved - line).max() <= LARGEST_BEND * pixels * 1.3
+    # A few more than by displacement alone, at the start.
+    alone = clock.path_at(50_000) / pixels
+    assert alone < len(instants) < alone + 6
 
 
 @st.composite
