@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from davis_rs.simulate import Simulator
 from scipy.spatial.transform import Rotation
 
 from davis_rs import (
@@ -19,6 +18,7 @@ from davis_rs import (
     MaxDisplacement,
     Scene,
     SegmentTrajectory,
+    Simulator,
     Trajectory,
     load_scene,
     log_intensity,
@@ -30,8 +30,8 @@ from davis_rs.accuracy.report import draw, facts_of, markdown, pareto
 from davis_rs.accuracy.settings import Setting, default_settings
 from davis_rs.cli.accuracy import run_sweep
 from davis_rs.cli.main import main
+from davis_rs.event_matching import compare_events
 from davis_rs.events import EventArray, concatenate_events
-from davis_rs.inspection.compare import compare_events
 from davis_rs.rendering.render import Renderer
 from davis_rs.rendering.renderers import make_renderer
 from davis_rs.sampling.interpolate import interpolated
@@ -64,14 +64,14 @@ def renderer(scene: Scene) -> Renderer:
 
 def simulated(scene: Scene, recipe: Recipe, pixels: float, *, samples: int = 4) -> EventArray:
     simulator = Simulator(
-        scene,
+        scene.with_trajectory(recipe.trajectory),
         camera=CAMERA,
         sampling=MaxDisplacement(pixels),
         samples=samples,
         frame_rate_hz=0,
         depth_rate_hz=0,
     )
-    return concatenate_events([packet.events for packet in simulator.run(recipe.trajectory)])
+    return concatenate_events([packet.events for packet in simulator.run()])
 
 
 # ---- references ----
@@ -303,8 +303,9 @@ def test_a_part_is_chosen_where_things_move(scene: Scene, tmp_path: Path) -> Non
     assert chosen.path_px == pytest.approx(6, rel=0.02)
     assert chosen.timed_s == pytest.approx(min(4 * chosen.duration_s, 2 - chosen.start_s))
     start = start_pose(scene)
+    resting = scene.with_trajectory(SegmentTrajectory(start, start, 1.0))
     with pytest.raises(ValueError, match="nothing moves in the"):
-        Sweep(scene, SegmentTrajectory(start, start, 1.0), camera=CAMERA, folder=tmp_path)
+        Sweep(resting, camera=CAMERA, folder=tmp_path)
 
 
 def test_the_command_line_refuses(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -325,7 +326,7 @@ def test_the_fence_is_thin_and_before_a_wall() -> None:
     """At 16 rays a pixel some bars are a fraction of a pixel wide, all are below two; everywhere there is a wall."""
     fence = load_scene("fence")
     assert fence.trajectory is not None
-    renderer = make_renderer(fence, fence.camera, samples=1)
+    renderer = make_renderer(fence, fence.own_camera, samples=1)
     assert renderer.name == "table kernel"
     depth = renderer.depth(Views.along(fence.trajectory, np.linspace(0, 2, 21)))
     assert np.isfinite(depth).all()
@@ -347,8 +348,8 @@ def test_no_shadow_can_be_seen_in_the_fence() -> None:
     assert fence.trajectory is not None
     assert not fence.shadows
     views = Views.along(fence.trajectory, np.linspace(0, 2, 21))
-    without = make_renderer(fence, fence.camera, samples=1).luma(views)
-    traced = make_renderer(replace(fence, shadows=True), fence.camera, samples=1).luma(views)
+    without = make_renderer(fence, fence.own_camera, samples=1).luma(views)
+    traced = make_renderer(replace(fence, shadows=True), fence.own_camera, samples=1).luma(views)
     assert np.array_equal(without, traced)
     assert 0.005 < without.min() < without.max() < 3
 

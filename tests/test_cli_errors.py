@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pytest
 
+import davis_rs
 from davis_rs.cli.main import COMMANDS, main
 from davis_rs.cli.parser import Parser
 from davis_rs.formats import FORMATS
@@ -41,11 +42,11 @@ def test_importing_the_package_imports_next_to_nothing() -> None:
     assert not modules_after(everything) & set(HEAVY)
 
 
-@pytest.mark.parametrize("module", ["simulate", "record"])
-def test_a_function_is_not_hidden_by_its_module(module: str) -> None:
-    """`import davis_rs.record`, anywhere, leaves `davis_rs.record` the function."""
-    program = f"import davis_rs.{module}, davis_rs; assert callable(davis_rs.{module}); import davis_rs.{module}"
-    modules_after(f"{program}; assert callable(davis_rs.{module})")
+def test_no_module_has_the_name_of_a_function() -> None:
+    """An import of such a module would put it in the function's place."""
+    modules = {path.stem for path in Path(davis_rs.__file__).parent.glob("*.py")}
+    functions = {name for name in davis_rs.__all__ if callable(getattr(davis_rs, name))}
+    assert not modules & functions
 
 
 def test_building_the_parser_imports_no_command() -> None:
@@ -57,6 +58,7 @@ def test_building_the_parser_imports_no_command() -> None:
         "davis_rs.cli.main",
         "davis_rs.cli.parser",
         "davis_rs.close_names",
+        "davis_rs.progress",
     }
 
 
@@ -101,8 +103,6 @@ def test_a_wrong_command_line_is_told_in_one_line(
         (["simulate", "poster_6dofs", "-o", "OUT"], "did you mean poster_6dof?"),
         (["sequence", "slider_dept", "-o", "OUT"], "did you mean slider_depth?"),
         (["simulate", "three_planes", "-o", "OUT", "--effect", "leak_rat_hz=1"], "did you mean leak_rate_hz?"),
-        (["simulate", "three_planes", "-o", "OUT", "--tolerance", "0"], "tolerance's contrast must be > 0"),
-        (["simulate", "three_planes", "-o", "OUT", "--contrast-threshold", "-1"], "--contrast-threshold must lie in"),
         (["info", "OUT/none.txt"], "none.txt: No such file or directory"),
         (["convert", "EVENTS", "OUT.foo", "--size", "9x9"], "(.raw, .aedat4, .npy, .npz, .h5, .hdf5, .parquet, .pq, "),
         (["convert", "EVENTS", "OUT.foo", "--size", "9x9"], ": give --format\n"),

@@ -149,11 +149,11 @@ def shaken() -> tuple[SampledTrajectory, EventArray]:
     turned = (Rotation.from_quat(start.quaternion) * turn).as_quat()
     trajectory = SampledTrajectory(t, start.position + np.stack(shift, 1), turned)
     simulator = Simulator(
-        scene,
+        scene.with_trajectory(trajectory),
         camera=Camera(60, 45, fx / 4, fy / 4, 29.5, 22.0),
         frame_rate_hz=0,
         depth_rate_hz=0,
         samples=4,
         accuracy="fast",
     )
-    return trajectory, concatenate_events([packet.events for packet in simulator.run(trajectory)])
+    return trajectory, concatenate_events([packet.events for packet in simulator.run()])

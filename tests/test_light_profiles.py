@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from davis_rs import Camera, FixedRate, MaxDisplacement, Pose, Scene, SegmentTrajectory
+from davis_rs import Camera, FixedRate, MaxDisplacement, Pose, Scene, SegmentTrajectory, simulate
 from davis_rs._mitsuba import FAST, SCALAR, load_scene_source, variant
 from davis_rs.events import concatenate_events
 from davis_rs.rendering.render import Renderer
@@ -21,7 +21,6 @@ from davis_rs.rendering.renderers import make_renderer
 from davis_rs.rendering.scene_updates import scene_motion
 from davis_rs.sampling.displacement import DARKEST, LIGHT_PER_PIXEL, DisplacementClock
 from davis_rs.scene.light_profile import Flicker, LightProfile, SampledProfile
-from davis_rs.simulate import simulate
 from davis_rs.trajectory.views import Views
 
 FloatArray = npt.NDArray[np.float64]
@@ -281,7 +280,7 @@ def test_a_flicker_makes_events_in_all_pixels_alike(hermite: bool) -> None:
     rest = SegmentTrajectory(POSE, POSE, 0.05)
     settings: dict[str, Any] = {"camera": CAMERA, "samples": 1, "log_eps": 1e-9, "contrast_threshold": 0.15}
     for sampling in (MaxDisplacement(1 / 3, hermite), FixedRate(2000.0, hermite)):
-        packets = list(simulate(scene, rest, sampling=sampling, **settings))
+        packets = list(simulate(scene.with_trajectory(rest), sampling=sampling, **settings))
         events = concatenate_events([packet.events for packet in packets])
         counts = np.zeros((9, 12, 2), int)
         np.add.at(counts, (events["y"], events["x"], events["p"].astype(int)), 1)

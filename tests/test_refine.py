@@ -266,9 +266,9 @@ def test_any_renderer_will_do() -> None:
 
 def test_the_simulator_refines_with_its_own_thresholds() -> None:
     """Refined by the simulator: the same events as without, other times, those that refine() gives."""
-    scene = load_scene("three_planes")
     _, trajectory = built_in()
     part = trajectory.crop(0, 0.05)
+    scene = load_scene("three_planes").with_trajectory(part)
     streams = []
     for polish in (False, True):
         simulator = Simulator(
@@ -281,7 +281,7 @@ def test_the_simulator_refines_with_its_own_thresholds() -> None:
             refine=polish,
         )
         assert simulator.describe()["parameters"]["refine"] is polish
-        streams.append(concatenate_events([packet.events for packet in simulator.run(part)]))
+        streams.append(concatenate_events([packet.events for packet in simulator.run()]))
     renderer, _ = built_in()
     by_hand = list(steps(stretch(renderer, part, range(0, 50_001, 25_000), contrast_threshold=C_OFF), FixedRate(500.0)))
     assert streams[0].tobytes() == concatenate_events([step.crude for step in by_hand]).tobytes()

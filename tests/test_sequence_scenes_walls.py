@@ -93,7 +93,7 @@ def test_a_scene_is_the_same_each_time(name: str) -> None:
     """Two scenes have the same parts, to the last texel; settings are those that a DAVIS240C's sequence has."""
     first, second = SCENES[name](), SCENES[name]()
     assert repr_of(first.source()) == repr_of(second.source())
-    assert (first.camera.width, first.camera.fx) == (240, 199.371)
+    assert (first.own_camera.width, first.own_camera.fx) == (240, 199.371)
     assert 0.15 <= first.contrast_threshold <= 0.5
     assert first.trajectory is None
     np.testing.assert_allclose(start_pose(first).rotation[:, 0], [1, 0, 0], atol=1e-12)

@@ -175,8 +175,9 @@ def test_sparse_samples_make_event_times_better() -> None:
 def test_the_simulator_feeds_the_engine_all_of_it() -> None:
     """Rates and sparse samples reach the engine, for the lesser threshold: its events are those of the keyframes."""
     renderer, trajectory = built_in()
+    part = trajectory.crop(0, 0.1)
     simulator = Simulator(
-        load_scene("three_planes"),
+        load_scene("three_planes").with_trajectory(part),
         camera=CAMERA,
         samples=8,
         sampling=Tolerance(0.05, edges=False),
@@ -184,8 +185,7 @@ def test_the_simulator_feeds_the_engine_all_of_it() -> None:
         frame_rate_hz=0,
         depth_rate_hz=0,
     )
-    part = trajectory.crop(0, 0.1)
-    found = concatenate_events([packet.events for packet in simulator.run(part)])
+    found = concatenate_events([packet.events for packet in simulator.run()])
     keyframes = list(
         Tolerance(0.05, edges=False).keyframes(
             stretch(renderer, part, range(0, 100_001, 25_000), contrast_threshold=0.09)

@@ -19,13 +19,13 @@ if TYPE_CHECKING:
     from .event_files.conversion import convert
     from .event_files.read import iter_events, open_reader, read_events
     from .event_files.write import open_writer
+    from .event_matching import EventComparison, compare_events
     from .events import EVENT_DTYPE, as_events
     from .formats import EventReader, EventWriter, TruncatedFileWarning, WriteReport
     from .imu import Imu, simulate_imu
     from .inspection.check import check_dataset
-    from .inspection.compare import EventComparison, compare_events
-    from .inspection.video import video_dataset
-    from .inspection.view import view_dataset
+    from .inspection.figure import view
+    from .inspection.video import make_video
     from .motion_capture import MocapClock, MocapNoise, MotionCapture
     from .packet import Packet
     from .pose import GroundTruth, Pose
@@ -71,7 +71,7 @@ _MODULES = {
     "EffectPlan": "effect_planning",
     "Effects": "effects",
     "Encoder": "_core",
-    "EventComparison": "inspection.compare",
+    "EventComparison": "event_matching",
     "EventReader": "formats",
     "EventWriter": "formats",
     "FixedRate": "sampling.rules",
@@ -111,13 +111,14 @@ _MODULES = {
     "align_clocks": "clocks",
     "as_events": "events",
     "check_dataset": "inspection.check",
-    "compare_events": "inspection.compare",
+    "compare_events": "event_matching",
     "convert": "event_files.conversion",
     "from_structured": "dtypes",
     "iter_events": "event_files.read",
     "load_camera": "camera",
     "load_scene": "scenes",
     "log_intensity": "_core",
+    "make_video": "inspection.video",
     "open_reader": "event_files.read",
     "open_writer": "event_files.write",
     "plan_effects": "effect_planning",
@@ -131,8 +132,7 @@ _MODULES = {
     "start_pose": "scenes",
     "to_structured": "dtypes",
     "to_tonic": "dtypes",
-    "video_dataset": "inspection.video",
-    "view_dataset": "inspection.view",
+    "view": "inspection.figure",
     "waypoint_trajectory": "trajectory.waypoints",
     "write_trajectory": "dataset.write_trajectory",
 }
@@ -207,6 +207,7 @@ __all__ = [
     "load_camera",
     "load_scene",
     "log_intensity",
+    "make_video",
     "open_reader",
     "open_writer",
     "plan_effects",
@@ -221,8 +222,7 @@ __all__ = [
     "start_pose",
     "to_structured",
     "to_tonic",
-    "video_dataset",
-    "view_dataset",
+    "view",
     "waypoint_trajectory",
     "write_trajectory",
 ]

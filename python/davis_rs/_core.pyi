@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Iterable, Mapping
-from typing import Any, BinaryIO, Protocol, final
+from typing import Any, BinaryIO, Protocol, TypedDict, final
 
 import numpy as np
 import numpy.typing as npt
@@ -28,6 +28,7 @@ __all__ = [
     "latest_times",
     "log_intensity",
     "pack_event_message",
+    "read_aedat4",
     "reconstruct",
     "unpack_event_message",
     "voxel_grid",
@@ -41,6 +42,16 @@ _SparseSamples = tuple[npt.NDArray[np.integer[Any]], npt.NDArray[np.integer[Any]
 
 class _Effects(Protocol):
     def engine_settings(self) -> dict[str, dict[str, Any]]: ...
+
+class _Aedat4(TypedDict):
+    events: npt.NDArray[np.void]
+    imu: npt.NDArray[np.void]
+    frames: list[Frame]
+    triggers: npt.NDArray[np.void]
+    size: tuple[int, int] | None
+    source: str
+    other_packets: int
+    cut: str | None
 
 class DecodeError(ValueError):
     """Contents of a file or stream that do not follow the format they claim; the message says where."""
@@ -242,8 +253,8 @@ class CrossingEngine:
         effects: :class:`davis_rs.Effects`, of which those on the log signal, in the pixel and on the stream act here;
             None for ideal pixels.
         seed: of thresholds and noise, 0..2^64 - 1; None means 0.
-        threads: None means as many as make a sensor of this size faster, at most one a core. The events do not depend
-            on it.
+        threads: 1..1024; None means as many as make a sensor of this size faster, at most one a core. The events do not
+            depend on it.
 
     Raises:
         ValueError: for a parameter out of range.
@@ -294,8 +305,9 @@ class CrossingEngine:
         Raises:
             ValueError: for a wrong shape or dtype, luma that is NaN, infinite or negative (with time and pixel), a time
                 that does not increase, a rate that is missing or should not be there, sparse samples that are out of
-                order or outside of the interval, or an engine that has been fed with log intensity. The engine is
-                then as it was.
+                order or outside of the interval, an engine that has been fed with log intensity, or more than 2^27
+                events. The engine is then as it was.
+            MemoryError: if there is no memory for the events. The engine is then as it was.
         """
     def push_log(
         self,
@@ -443,6 +455,8 @@ class EventFileReader:
         from_byte: text: where the first line to be read begins.
         start_us, stop_us: aedat4: only the packets that hold events of that slice are read, where the file has a table
             of contents. Events of these packets outside of the slice come too.
+        max_packet_bytes: aedat4: what a packet may unpack to; 64 MiB if not given.
+        in_order: text: whether times that go back are refused, with their line.
 
     Raises:
         ValueError: for a format that there is not.
@@ -457,6 +471,8 @@ class EventFileReader:
         from_byte: int = 0,
         start_us: int | None = None,
         stop_us: int | None = None,
+        max_packet_bytes: int = ...,
+        in_order: bool = True,
     ) -> EventFileReader: ...
     def look(self) -> None:
         """Read until there is an event or the size is known; for a reader that will read nothing else.
@@ -490,6 +506,25 @@ class EventFileReader:
     @property
     def left_over(self) -> int:
         """At the end: how many bytes are left that are no whole record."""
+
+def read_aedat4(path: str | os.PathLike[str], max_packet_bytes: int) -> _Aedat4:
+    """All that a file of AEDAT 4.0 holds: of each kind the first stream, in the order of the file.
+
+    Args:
+        max_packet_bytes: what a packet may unpack to.
+
+    Returns:
+        events: :data:`davis_rs.EVENT_DTYPE`; negative coordinates are 32,768 and more.
+        imu, triggers: :data:`davis_rs.IMU_DTYPE`, :data:`davis_rs.TRIGGER_DTYPE`.
+        size: (width, height), where the header says.
+        source: the camera that the header names, or "".
+        other_packets: of other streams, passed over.
+        cut: what the end of the file cuts off, and where.
+
+    Raises:
+        OSError: if it cannot be read.
+        DecodeError: for the first packet that does not follow the format, with its byte.
+    """
 
 def check_events(events: npt.NDArray[np.void], *, last_us: int, latest_us: int, size: tuple[int, int]) -> None:
     """Check a packet of events before it is written.

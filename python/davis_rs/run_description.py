@@ -47,6 +47,8 @@ def _describe_scene(scene: Scene) -> dict[str, Any]:
     if scene.file is not None:
         digest = hashlib.sha256(scene.file.read_bytes()).hexdigest()
         described |= {"file": scene.file_name or str(scene.file), "sha256": digest}
+    if scene.note:
+        described["note"] = scene.note
     described["objects"] = {name: trajectory.describe() for name, trajectory in scene.objects.items()}
     described["lights"] = {name: profile.describe() for name, profile in scene.lights.items()}
     return described

@@ -14,6 +14,8 @@ from .close_names import did_you_mean
 from .pose import Pose
 from .scene.checkerboard_scene import checkerboard
 from .scene.fence_scene import fence
+from .scene.mesh_scene import READERS as MESH_READERS
+from .scene.mesh_scene import Axis, mesh_scene
 from .scene.planes_and_walls import three_planes, three_walls
 from .scene.scene import Scene
 
@@ -25,30 +27,54 @@ BUILTIN_SCENES = {
 }
 
 
-def load_scene(name_or_path: str | Path) -> Scene:
-    """A built-in scene or a sequence of the public dataset by name, or a Mitsuba XML file.
+_CONVERTIBLE = (".glb", ".gltf", ".fbx", ".stl", ".dae", ".usd", ".usda", ".usdc", ".usdz", ".3ds", ".abc", ".off")
+
+
+def load_scene(name_or_path: str | Path, *, up: Axis | None = None, scale: float | None = None) -> Scene:
+    """A built-in scene or a sequence of the public dataset by name, a Mitsuba XML file, or an OBJ or PLY mesh.
 
     Names are keys of :data:`BUILTIN_SCENES` and of :data:`~davis_rs.sequences.SEQUENCES`.
 
     The first perspective sensor of an XML file gives the scene's camera (field of view, size of the film, principal
-    point) and its start (``to_world``).
+    point) and its start (``to_world``). A mesh gets light, background and a camera path around it:
+    :func:`~davis_rs.scene.mesh_scene.mesh_scene`.
+
+    Args:
+        up: of a mesh, the file's axis that points up, ``"y"`` or ``"z"``; None: y for OBJ, z for PLY.
+        scale: of a mesh, metres in the file's unit; None: 1.
 
     Raises:
-        ValueError: if it is neither a name nor a file, or Mitsuba cannot load the file.
+        ValueError: if it is neither a name nor a file that can be read, or Mitsuba cannot load the file; for ``up`` or
+            ``scale`` of what is no mesh.
         OSError: if the file cannot be read.
     """
+    path = Path(name_or_path)
+    suffix = path.suffix.lower()
+    if suffix in MESH_READERS and path.is_file():
+        return mesh_scene(path, up=up, scale=1.0 if scale is None else scale)
+    if suffix == ".blend":
+        raise ValueError(f"{path}: Blender's files are not read; in Blender choose File, Export, Wavefront (.obj)")
+    if suffix in _CONVERTIBLE:
+        raise ValueError(
+            f"{path}: {suffix} files are not read; import the file in Blender and choose File, Export, Wavefront "
+            "(.obj) or Stanford PLY (.ply)"
+        )
+    if up is not None or scale is not None:
+        raise ValueError(f"up and scale are for a mesh that is there (OBJ or PLY), got {str(name_or_path)!r}")
     if str(name_or_path) in BUILTIN_SCENES:
         return BUILTIN_SCENES[str(name_or_path)]()
     from .sequences import SEQUENCES  # many small scenes, which `import davis_rs` need not wait for
 
     if str(name_or_path) in SEQUENCES:
         return SEQUENCES[str(name_or_path)].scene()
-    path = Path(name_or_path)
     if not path.is_file():
-        names = ", ".join(BUILTIN_SCENES)
         raise ValueError(
-            f"scene {str(name_or_path)!r} is neither one of {names}, a sequence of the dataset, nor a Mitsuba XML file"
-            f"{did_you_mean(str(name_or_path), [*BUILTIN_SCENES, *SEQUENCES])}"
+            f"scene {str(name_or_path)!r} is neither one of {', '.join(BUILTIN_SCENES)}, a sequence of the dataset, "
+            "nor a file (Mitsuba XML, OBJ or PLY)" + did_you_mean(path.name, [*BUILTIN_SCENES, *SEQUENCES])
+        )
+    if suffix != ".xml":
+        raise ValueError(
+            f"{path}: a scene file must be a Mitsuba scene (.xml) or a mesh ({', '.join(MESH_READERS)}), got {suffix!r}"
         )
     return _scene_of_file(path)
 

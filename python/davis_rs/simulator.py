@@ -100,6 +100,12 @@ class Simulator:
         self._exposed: list[Stretch] = []
         self._frames = 0
 
+    def __repr__(self) -> str:
+        size = f"{self.camera.width} x {self.camera.height} px"
+        return (
+            f"<Simulator of {self.scene.name!r}, {size}, C = {self.contrast_threshold:g}, at {self._t_us / 1e6:.6g} s>"
+        )
+
     def run(self) -> Iterator[Packet]:
         """Simulate the scene's camera path from its start to its end; memory stays bounded, however long it is.
 

@@ -12,8 +12,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ..camera import Camera
+from ..event_matching import compare_events
 from ..events import EventArray, concatenate_events
-from ..inspection.compare import compare_events
 from ..pose import FloatArray
 from ..rendering.render import Renderer
 from ..rendering.renderers import make_renderer

@@ -9,8 +9,8 @@ from functools import cache
 
 import numpy as np
 
+from ..event_matching import EventComparison, compare_events
 from ..events import concatenate_events
-from ..inspection.compare import EventComparison, compare_events
 from ..rendering.render import Renderer
 from ..sampling.observe import LumaRecorder
 from ..sampling.presets import ACCURACY

@@ -16,8 +16,8 @@ import numpy as np
 import numpy.typing as npt
 
 from .._core import CrossingEngine, __version__, log_intensity
+from ..event_matching import compare_events
 from ..events import EVENT_DTYPE, EventArray, concatenate_events
-from ..inspection.compare import compare_events
 from ..pose import FloatArray
 from ..rendering.render import Renderer
 from ..sampling.keyframes import exact_log_luma, slopes
@@ -45,7 +45,7 @@ class Recipe:
         contrast_threshold: C in natural-log units.
         log_eps: dark level in units of luma.
         window_us: events further apart than this are not the same, see
-            :func:`~davis_rs.inspection.compare.compare_events`.
+            :func:`~davis_rs.compare_events`.
     """
 
     trajectory: Trajectory

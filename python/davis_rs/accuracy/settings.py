@@ -17,7 +17,7 @@ class Setting:
         name: unique, for people.
         family: settings of one family differ in one thing.
         samples: rays a pixel.
-        renderer: as of :class:`~davis_rs.simulate.Simulator`; so ``refine``.
+        renderer: as of :class:`~davis_rs.Simulator`; so ``refine``.
         preset: what users know it by, if they do.
     """
 

@@ -12,9 +12,8 @@ from ..accuracy.accuracy_sweep import Measurement, Sweep, sweep
 from ..accuracy.report import draw, facts_of, markdown, write_csv
 from ..accuracy.settings import Setting, default_settings
 from ..progress import each, progress
-from ..scenes import load_scene
 from ..settings import ViewSettings, complete, view_scene
-from .common import SCENE_HELP, add_trajectory, on_trajectory
+from .common import add_scene, add_trajectory, on_trajectory, scene_of
 from .settings_options import add_settings, given_settings
 
 _SETTINGS = ("camera", "size")
@@ -28,7 +27,7 @@ def add_accuracy(accuracy: argparse.ArgumentParser) -> None:
         "Writes accuracy.csv, accuracy.md and accuracy.png. Ctrl-C keeps what was measured."
     )
     accuracy.set_defaults(run=_accuracy)
-    accuracy.add_argument("scene", metavar="SCENE", help=SCENE_HELP)
+    add_scene(accuracy)
     accuracy.add_argument("-o", "--output", required=True, type=Path, metavar="DIR", help="the folder to write")
     path = accuracy.add_argument_group("camera path")
     add_trajectory(path)
@@ -52,7 +51,7 @@ def _accuracy(options: argparse.Namespace) -> int:
         settings = [setting for setting in settings if options.only in f"{setting.name} {setting.family}"]
         if not settings:
             raise ValueError(f"no setting has {options.only!r} in its name or family")
-    scene = on_trajectory(options, load_scene(options.scene), quiet=options.quiet)
+    scene = on_trajectory(options, scene_of(options, options.quiet), quiet=options.quiet)
     viewed = view_scene(scene, complete(ViewSettings, given_settings(options, ViewSettings), of="davis-rs accuracy"))
     prepared = Sweep(
         scene,

@@ -26,6 +26,7 @@ from ..camera import Camera, load_camera
 from ..dataset.reader import Dataset
 from ..imu import ImuNoise
 from ..scene.checkerboard import DATASET_BOARD, Checkerboard
+from .common import figure_file
 
 
 def add_calibrate(calibrate: argparse.ArgumentParser) -> None:
@@ -40,7 +41,9 @@ def add_calibrate(calibrate: argparse.ArgumentParser) -> None:
     intrinsics.set_defaults(run=_intrinsics)
     _add_common(intrinsics)
     intrinsics.add_argument("--calib", type=Path, metavar="FILE", help="write the camera as a calib.txt")
-    intrinsics.add_argument("--figure", type=Path, metavar="PNG", help="draw the corners and what is left of them")
+    intrinsics.add_argument(
+        "--figure", type=figure_file, metavar="FILE", help="draw the corners and their errors: .png, .pdf, .svg ..."
+    )
 
     hand_eye = kinds.add_parser(
         "hand-eye",

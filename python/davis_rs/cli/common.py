@@ -4,14 +4,35 @@ from __future__ import annotations
 
 import argparse
 import sys
+from pathlib import Path
 
+from ..progress import say
 from ..scene.scene import Scene
-from ..scenes import BUILTIN_SCENES, start_pose
+from ..scenes import BUILTIN_SCENES, load_scene, start_pose
+from ..settings import parse_size
 from ..trajectory.trajectory import Trajectory, align
 from ..trajectory.trajectory_file import read_trajectory
 
-SCENE_HELP = f"{', '.join(BUILTIN_SCENES)}, a sequence of davis-rs sequences, or a Mitsuba XML file"
+SCENE_HELP = f"{', '.join(BUILTIN_SCENES)}, a sequence of davis-rs sequences, a Mitsuba XML file, or an OBJ or PLY mesh"
 """What a scene may be."""
+
+
+def add_scene(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments that :func:`scene_of` reads."""
+    parser.add_argument("scene", metavar="SCENE", help=SCENE_HELP)
+    group = parser.add_argument_group("mesh")
+    group.add_argument(
+        "--up", choices=("y", "z"), help="the axis of the file that points up (if not given: y for OBJ, z for PLY)"
+    )
+    group.add_argument("--scale", type=float, metavar="M", help="metres in the file's unit: 0.001 for millimetres")
+
+
+def scene_of(options: argparse.Namespace, quiet: bool = False) -> Scene:
+    """The scene that the options name; says what is to be known of its file."""
+    scene = load_scene(options.scene, up=options.up, scale=options.scale)
+    if scene.note and not quiet:
+        say(f"{scene.note} (--scale, --up)")
+    return scene
 
 
 def add_path(group: argparse._ArgumentGroup) -> None:
@@ -81,3 +102,23 @@ def on_trajectory(options: argparse.Namespace, scene: Scene, *, at_s: float = 0.
             print("trajectory moved so that it starts where the scene's camera does (--no-align)", file=sys.stderr)
         trajectory = align(trajectory, start_pose(scene), at_s)
     return scene.with_trajectory(trajectory)
+
+
+def figure_file(text: str) -> Path:
+    """A file that a picture can be written to, told by its suffix."""
+    from ..inspection.figure import check_figure_path
+
+    try:
+        return check_figure_path(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+
+
+def sensor_size(text: str) -> tuple[int, int]:
+    """WIDTHxHEIGHT in pixels."""
+    try:
+        size = parse_size(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+    assert size is not None
+    return size

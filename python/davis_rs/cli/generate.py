@@ -10,6 +10,9 @@ from typing import Any
 
 from ..generate import generate_sequences, load_sequence_plan, verify_sequences
 
+SHOWN = 1000
+"""Sequences that --dry-run checks and shows."""
+
 
 def add_generate(generate: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
@@ -41,9 +44,11 @@ def _generate(options: argparse.Namespace) -> int:
     if options.dry_run:
         from ..generate.generate import check_sequences, draw_sequences
 
-        drawn = draw_sequences(plan)
+        drawn = draw_sequences(plan)[:SHOWN]
         check_sequences(plan, drawn, quiet=options.quiet)
         print("\n".join(_table({one.name: dict(_flat(one.parameters)) for one in drawn})))
+        if plan.sequences > SHOWN:
+            print(f"... these are the first {SHOWN} of {plan.sequences} sequences; the others were not looked at")
         return 0
     if options.output is None:
         raise ValueError("-o ROOT must be given: the folder of the sequences")

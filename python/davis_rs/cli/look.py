@@ -5,6 +5,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from .common import sensor_size
+
 
 def add_check(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
@@ -15,8 +17,17 @@ def add_check(parser: argparse.ArgumentParser) -> None:
 def add_view(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
     parser.set_defaults(run=_view)
-    parser.add_argument("dataset", type=Path, metavar="DIR")
-    parser.add_argument("-o", "--output", type=Path, metavar="PNG", help="the picture; DIR/view.png if not given")
+    parser.add_argument("source", type=Path, metavar="PATH", help="a dataset folder, event file or recording")
+    parser.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        metavar="FILE",
+        help="the picture: .png, .pdf, .svg ...; in or next to PATH if not given",
+    )
+    parser.add_argument(
+        "--size", type=sensor_size, metavar="WxH", help="sensor size in pixels, where PATH does not say"
+    )
     parser.add_argument("--time", type=float, metavar="S", help="the moment shown; the middle if not given")
     parser.add_argument("--window", type=float, metavar="S", help="length of the window of events; chosen if not given")
     parser.add_argument("--video", type=Path, metavar="FILE", help="make an .mp4 or .gif instead of a picture")
@@ -35,12 +46,17 @@ def _check(options: argparse.Namespace) -> int:
 
 
 def _view(options: argparse.Namespace) -> int:
-    from ..inspection.video import video_dataset
-    from ..inspection.view import view_dataset
+    from ..inspection.figure import check_figure_path, view
+    from ..inspection.video import make_video
 
     if options.video is not None:
-        print(video_dataset(options.dataset, options.video, fps=options.fps, speed=options.speed, show_progress=True))
+        if options.output is not None:
+            raise ValueError("-o names a picture and --video a video: give one of them")
+        settings = {"fps": options.fps, "speed": options.speed, "size": options.size}
+        print(make_video(options.source, options.video, **settings, show_progress=True))
         return 0
-    output = options.output or Path(options.dataset) / "view.png"
-    print(view_dataset(options.dataset, output, t_s=options.time, window_s=options.window))
+    in_or_next_to = options.source / "view.png" if options.source.is_dir() else options.source.with_suffix(".png")
+    output = check_figure_path(options.output or in_or_next_to)
+    view(options.source, t_s=options.time, window_s=options.window, size=options.size).savefig(output)
+    print(output)
     return 0

@@ -35,7 +35,7 @@ COMMANDS = {
     "info": ("files", "sum up an event file or a dataset folder"),
     "calibrate": ("calibrate", "calibrate a camera, a hand-eye transform, or a camera and an IMU"),
     "check": ("look", "check a dataset: do its events explain its images?"),
-    "view": ("look", "draw a dataset as a picture or a video"),
+    "view": ("look", "draw a dataset, an event file or a recording, as a picture or a video"),
 }
 """By command the module here that has it, as ``add_COMMAND(parser)``, and what it does in a line."""
 
@@ -115,8 +115,10 @@ def _in_a_line(error: Exception, options: argparse.Namespace, debug: bool) -> st
     if isinstance(error, OSError) and error.strerror:
         said = error.strerror if error.filename is None else f"{error.filename}: {error.strerror}"
         return _as_options(said, options)
-    if isinstance(error, ValueError | OSError | ImportError):
+    if isinstance(error, ValueError | OSError):
         return _as_options(str(error), options)
+    if isinstance(error, ImportError):
+        return str(error)
     said = " ".join(str(error).split())
     hint = "" if debug else "; --debug shows where"
     return f"unexpected {type(error).__name__}: {said}{hint}"

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import argparse
 
-from ..scenes import load_scene
 from ..settings import ViewSettings
-from .common import SCENE_HELP, add_path, on_path
+from .common import add_path, add_scene, on_path, scene_of
 from .settings_options import add_settings, given_settings
 
 
@@ -17,7 +16,7 @@ def add_plan(plan: argparse.ArgumentParser) -> None:
         "events (or frames), and what having it costs."
     )
     plan.set_defaults(run=_plan)
-    plan.add_argument("scene", metavar="SCENE", help=SCENE_HELP)
+    add_scene(plan)
     plan.add_argument(
         "--effect",
         action="append",
@@ -43,7 +42,7 @@ def _plan(options: argparse.Namespace) -> int:
     from ..effect_planning import plan_effects
     from ..effects import Effects, parse_effect
 
-    scene = on_path(options, load_scene(options.scene))
+    scene = on_path(options, scene_of(options))
     plan = plan_effects(
         scene,
         Effects.of(map(parse_effect, options.effect)) if options.effect else None,

@@ -64,7 +64,7 @@ def _metavar(setting: Setting) -> str | None:
 
 
 def _reader(setting: Setting) -> Callable[[str], Any]:
-    """What reads an option's text, and refuses it under the option's name."""
+    """What reads an option's text, and refuses it; argparse's message begins with the option."""
     kind = setting.kind or str
 
     def read(text: str) -> Any:

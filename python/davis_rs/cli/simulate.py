@@ -8,17 +8,16 @@ from pathlib import Path
 from typing import Any
 
 from ..scene.scene import Scene
-from ..scenes import load_scene
 from ..sequences import SEQUENCES, sequence_named
 from ..settings import FolderSettings
-from .common import SCENE_HELP, add_path, on_path
+from .common import add_path, add_scene, on_path, scene_of
 from .settings_options import add_settings, given_settings
 
 
 def add_simulate(simulate: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
     simulate.set_defaults(run=_simulate)
-    simulate.add_argument("scene", metavar="SCENE", help=SCENE_HELP)
+    add_scene(simulate)
     add_path(simulate.add_argument_group("camera path"))
     _add_output(simulate)
     add_settings(simulate, FolderSettings)
@@ -46,9 +45,10 @@ def _add_output(parser: argparse.ArgumentParser) -> None:
 
 
 def _simulate(options: argparse.Namespace) -> int:
+    scene = on_path(options, scene_of(options, options.quiet), options.quiet)
     if options.scene in SEQUENCES:
-        return _simulate_sequence(options, options.scene, on_path(options, load_scene(options.scene), options.quiet))
-    return simulate_into(options, on_path(options, load_scene(options.scene), options.quiet), {})
+        return _simulate_sequence(options, options.scene, scene)
+    return simulate_into(options, scene, {})
 
 
 def _sequence(options: argparse.Namespace) -> int:

@@ -22,6 +22,7 @@ from ..usb.raw_file import RawRecording, RawWriter, is_raw
 from ..usb.settings import ACCELEROMETER_RANGES_G, GYROSCOPE_RANGES_DEG_S, DavisSettings
 from ..usb.virtual_davis import VirtualDavis
 from .common import SCENE_HELP
+from .files import add_max_packet_bytes
 
 
 def add_devices(devices: argparse.ArgumentParser) -> None:
@@ -66,6 +67,7 @@ def add_decode(decode: argparse.ArgumentParser) -> None:
         help=".npz (all) or an event file; if not given, count",
     )
     _add_backward(decode)
+    add_max_packet_bytes(decode)
 
 
 def _add_backward(parser: argparse.ArgumentParser) -> None:
@@ -194,7 +196,11 @@ class LiveOutput:
 
 
 def _decode(options: argparse.Namespace) -> int:
-    source = BytesOfCamera(options.recording) if is_raw(options.recording) else FileOfSoftware(options.recording)
+    source = (
+        BytesOfCamera(options.recording)
+        if is_raw(options.recording)
+        else FileOfSoftware(options.recording, options.max_packet_bytes)
+    )
     output = None if options.output is None else decoded_output(options.output, source.size, backward=options.backward)
     counts = {"events": 0, "IMU samples": 0, "frames": 0, "triggers": 0}
     said: list[str] = []
@@ -245,8 +251,8 @@ class BytesOfCamera:
 class FileOfSoftware:
     """An AEDAT file; its times count from its first."""
 
-    def __init__(self, path: Path) -> None:
-        recording = read_recording(path)
+    def __init__(self, path: Path, max_packet_bytes: int) -> None:
+        recording = read_recording(path, max_packet_bytes=max_packet_bytes)
         self._recording = recording.from_start()
         self.size = (recording.width, recording.height)
         started = "" if recording.started is None else f", {recording.started:%Y-%m-%d %H:%M:%S}"

@@ -89,7 +89,7 @@ class DatasetWriter:
     Raises:
         FileExistsError: if ``path`` is a file, or a folder that is not empty (with ``overwrite``: one that does not
             hold both ``events.txt`` and ``meta.json``, so that no other folder can be overwritten by mistake).
-        OSError: if the folder cannot be written, here or later, naming the file.
+        OSError: if the folder cannot be written, here or later, naming the file; EBUSY if another writer has it.
         ValueError: for an image gain that is not positive and finite, a negative ``check_frames``, or an IMU beside a
             camera with k3, for which Kalibr has no model.
 
@@ -122,7 +122,7 @@ class DatasetWriter:
             {} if imu is None else {KALIBR_IMU: kalibr_imu(imu), KALIBR_CAMERA_CHAIN: kalibr_camera_chain(camera, imu)}
         )
         self._pending_luma: tuple[int, npt.NDArray[np.float32]] | None = None
-        claim_folder(self.path, overwrite=overwrite)
+        self._hold = claim_folder(self.path, overwrite=overwrite)
         self._open = True
         self._events = EventFile(self.path / EVENTS)
         self._frames = ImageFiles(self.path, FRAMES)
@@ -195,7 +195,9 @@ class DatasetWriter:
             self._write_luma()
         finally:
             self._events.close()
-        return self._write_meta(complete=not interrupted, interrupted=interrupted)
+        written = self._write_meta(complete=not interrupted, interrupted=interrupted)
+        self._hold.release()
+        return written
 
     def __enter__(self) -> DatasetWriter:
         return self
@@ -300,6 +302,7 @@ class DatasetWriter:
             if interrupted:  # nothing is wrong with what was written: let it be checked to its last frame
                 self._write_luma()
             self._write_meta(complete=False, interrupted=interrupted)
+        self._hold.release()
 
     def _write_meta(self, *, complete: bool, interrupted: bool = False) -> dict[str, Any]:
         meta = self._meta | {

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..event_matching import compare_events
 from ..events import EventArray
-from ..inspection.compare import compare_events
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ from typing import Any
 from ..close_names import did_you_mean
 from ..formats.interface import EventWriter, Target
 from ..formats.registry import format_named, format_of_suffix
+from ..holding import FileHold
 
 
 def open_writer(
@@ -30,7 +31,7 @@ def open_writer(
         ValueError: for a suffix or a name that stands for no format, or a sensor that the format cannot hold.
         TypeError: for an option that the format does not have.
         FileExistsError: if the file exists and ``overwrite`` is not set.
-        OSError: if it cannot be made.
+        OSError: if it cannot be made; EBUSY if another writer has it.
     """
     if format is not None:
         chosen = format_named(format)
@@ -44,4 +45,10 @@ def open_writer(
             raise TypeError(
                 f"the format {chosen.name} has no option {name!r}{did_you_mean(name, chosen.options)}; {has}"
             )
-    return chosen.open_writer(path, size, overwrite=overwrite, **options)
+    if not isinstance(path, str | os.PathLike):
+        return chosen.open_writer(path, size, overwrite=overwrite, **options)
+    hold = FileHold(path)  # before a file that is there is emptied
+    writer = chosen.open_writer(path, size, overwrite=overwrite, **options)
+    hold.extend()
+    writer.hold = hold
+    return writer

@@ -29,6 +29,9 @@ SETTINGS: dict[str, Setting] = {
 }
 """The settings of a simulation that a plan may give or draw, by key."""
 
+MOST_SEQUENCES = 1_000_000
+"""Of a plan: a manifest of more is no longer handled by any program."""
+
 KEYS: dict[str, Parser] = {
     "scene": value_of("a text", none=False),
     "motion": motion,
@@ -121,6 +124,8 @@ def load_sequence_plan(path: str | Path) -> SequencePlan:
     for key, value, least in (("seed", seed, 0), ("sequences", sequences, 1)):
         if not isinstance(value, int) or isinstance(value, bool) or value < least:
             where.at(key).refuse(f"an integer >= {least}", value)
+    if sequences > MOST_SEQUENCES:
+        where.at("sequences").refuse(f"at most {MOST_SEQUENCES}", sequences)
     identity = {key: value for key, value in given.items() if key != "sequences"} | {"seed": seed}
     return SequencePlan(file, seed, sequences, tree, identity, _digests(tree, file.parent))
 

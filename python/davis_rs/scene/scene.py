@@ -40,6 +40,7 @@ class Scene:
         lux_per_luma: illuminance on the sensor's scale: lux that one unit of luma stands for.
         ambient: its constant light stands for light from all sides, also within closed rooms: only the table kernel
             shows it so.
+        note: one line about the file that whoever simulates it should see, such as the size of a mesh in metres.
     """
 
     name: str
@@ -56,6 +57,12 @@ class Scene:
     lights: Mapping[str, LightProfile] = field(default_factory=dict)
     lux_per_luma: float = 1000.0
     ambient: bool = False
+    note: str = ""
+
+    def __repr__(self) -> str:
+        moves = "no trajectory" if self.trajectory is None else f"{self.trajectory.duration_s:.6g} s"
+        size = "no camera" if self.camera is None else f"{self.camera.width} x {self.camera.height} px"
+        return f"<Scene {self.name!r}, {size}, {moves}, C = {self.contrast_threshold:g}>"
 
     @property
     def path(self) -> Trajectory:

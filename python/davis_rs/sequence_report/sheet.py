@@ -11,7 +11,8 @@ import numpy.typing as npt
 from ..dataset.files import as_grey
 from ..dataset.writer import image_gain_for
 from ..formats.files import PartFile
-from ..inspection.view import display_grey, event_picture
+from ..inspection.figure import event_picture
+from ..inspection.visual_sequence import display_grey
 from ..sequences import Sequence
 from ..simulator import Simulator
 
@@ -64,7 +65,7 @@ def _tile(sequence: Sequence, share: float) -> npt.NDArray[np.uint8]:
     packets = list(simulator.run())
     luma = next(packet.luma for packet in reversed(packets) if packet.luma is not None)
     events = np.concatenate([packet.events for packet in packets])
-    grey = display_grey(as_grey(luma, image_gain_for(luma)))
+    grey = display_grey(as_grey(luma, image_gain_for(luma)) / 255.0)
     shown = events[len(events) - min(len(events), round(_EVENTS_A_PIXEL * luma.size)) :]
     frame = np.repeat(np.rint(255 * grey)[..., None], 3, axis=2).astype(np.uint8)
     return np.concatenate([frame, event_picture(grey, shown)], axis=1)

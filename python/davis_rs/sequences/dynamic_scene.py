@@ -8,9 +8,9 @@ import numpy as np
 
 from ..camera import PRESETS
 from ..pose import FloatArray
+from ..scene.meshes import shape
 from ..scene.scene import Scene
 from ..trajectory.sampled_trajectory import SampledTrajectory
-from .meshes import shape
 from .office_scene import chair, office_room
 from .person import Joints, clothes, parts
 from .room import LUX_PER_LUMA

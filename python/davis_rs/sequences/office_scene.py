@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 
 from ..camera import PRESETS
+from ..scene.meshes import Mesh, box, merged, quad, shape, tube
 from ..scene.parts import DIRECT
 from ..scene.scene import Scene
 from ..scene.textures import patchwork
-from .meshes import Mesh, box, merged, quad, shape, tube
 from .place_textures import books, facade, grid, noise, wood, writing
 from .room import LUX_PER_LUMA, general_light
 from .starts import start_looking_at

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..pose import FloatArray
 from ..scene.parts import rectangle
-from .reflectance import Texture, bitmap
+from ..scene.textures import Texture, bitmap
 
 LUX_PER_LUMA = 1000.0
 """Of the scenes in rooms: white paper under 500 lux has luma 0.5."""

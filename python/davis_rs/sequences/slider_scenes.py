@@ -11,9 +11,8 @@ import numpy as np
 from ..camera import PRESETS
 from ..scene.parts import DIRECT, rectangle
 from ..scene.scene import Scene
-from ..scene.textures import patchwork
+from ..scene.textures import Texture, bitmap, patchwork
 from .prints import blocks, plain_shapes, stones, text
-from .reflectance import Texture, bitmap
 from .room import FACING, LUX_PER_LUMA, covered_box, empty_room, general_light, lamp
 from .starts import start_looking_at
 

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from ..camera import PRESETS
+from ..scene.meshes import Mesh, box, merged, quad, shape
 from ..scene.parts import DIRECT
 from ..scene.scene import Scene
-from .meshes import Mesh, box, merged, quad, shape
 from .place_textures import grid, leaves, noise, writing
 from .starts import start_looking_at
 from .street_parts import car, front_window, fronts, house, lamp_post, row_of_houses, trees

@@ -9,8 +9,8 @@ from typing import Any
 from ..camera import PRESETS
 from ..scene.parts import DIRECT, rectangle
 from ..scene.scene import Scene
+from ..scene.textures import Texture, bitmap
 from .prints import plain_shapes, stones
-from .reflectance import Texture, bitmap
 from .room import FACING, LUX_PER_LUMA, empty_room, general_light, lamp
 from .starts import start_looking_at
 

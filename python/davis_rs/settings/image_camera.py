@@ -65,6 +65,8 @@ def parse_size(size: tuple[int, int] | str | None) -> tuple[int, int] | None:
         if match is None:
             raise ValueError(f"size must be WIDTHxHEIGHT in pixels, such as 346x260, got {size!r}")
         size = (int(match[1]), int(match[2]))
+    if len(size) != 2 or not all(hasattr(side, "__index__") for side in size):
+        raise ValueError(f"size must be two integers, width and height in pixels, got {size!r}")
     width, height = size
     if not (1 <= width <= 65535 and 1 <= height <= 65535):
         raise ValueError(f"size must lie in 1..65535 pixels each way, got {_text((width, height))}")

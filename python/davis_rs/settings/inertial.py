@@ -27,8 +27,9 @@ def make_imu(settings: Mapping[str, Any]) -> Imu | None:
         if rate_hz is not None or effects:
             raise ValueError("imu_rate_hz and imu_effects are those of an IMU, but imu is none: choose an IMU")
         return None
+    texts = [effects] if isinstance(effects, str) else effects or ()
     made: Imu = imu if isinstance(imu, Imu) else _MAKERS[imu]()
-    given: dict[str, Any] = {text.partition("=")[0]: parse_effect(text, IMU_EFFECTS) for text in effects or ()}
+    given: dict[str, Any] = {text.partition("=")[0]: parse_effect(text, IMU_EFFECTS) for text in texts}
     # Together, so that lag and low-pass are looked at as a pair.
     return replace(made, rate_hz=made.rate_hz if rate_hz is None else rate_hz, **given)
 

@@ -15,7 +15,6 @@ from typing import Annotated, Any, TypeVar, Union, get_args, get_origin, get_typ
 from ..close_names import did_you_mean
 
 _UNIT_SUFFIXES = ("_hz", "_px", "_m_s", "_ms_per_min", "_m", "_rad", "_s")
-_NUMBER = (int, float)
 
 
 @dataclass(frozen=True)
@@ -56,12 +55,14 @@ class Setting:
     Attributes:
         name: of the Python argument, and in meta.json; it ends with the unit where there is one.
         annotation: the Python type as text.
+        types: the classes of Python's values.
         kind: of a value from a command line or a plan: float, int, bool, str, or list (of texts); None if only Python
             has this setting.
     """
 
     name: str
     annotation: str
+    types: tuple[type, ...]
     kind: type | None
     declared: Declared
 
@@ -106,11 +107,14 @@ class Setting:
         if one.choices and isinstance(value, str) and value not in one.choices:
             near = did_you_mean(value, one.choices)
             raise ValueError(f"{name} must be one of {', '.join(one.choices)}, got {value!r}{near}")
-        if self.kind not in _NUMBER:
+        if self.types not in ((int,), (float,)):
+            if not isinstance(value, self.types):
+                raise ValueError(f"{name} must be {self.annotation.removesuffix(' | None')}, got {value!r}")
             return
-        wanted = "an integer" if self.kind is int else "a number"
+        whole = self.types == (int,)
+        wanted = "an integer" if whole else "a number"
         unit = f" {one.unit}" if one.unit else ""
-        if isinstance(value, bool) or not hasattr(value, "__index__" if self.kind is int else "__float__"):
+        if isinstance(value, bool) or not hasattr(value, "__index__" if whole else "__float__"):
             raise ValueError(f"{name} must be {wanted}, got {value!r}")
         if not math.isfinite(value):
             raise ValueError(f"{name} must be finite, got {value!r}")
@@ -127,7 +131,8 @@ def settings_of(declaration: type) -> Mapping[str, Setting]:
             raise TypeError(f"{declaration.__name__}.{name} is not declared: Annotated[..., Declared(...)] is needed")
         annotation, declared = get_args(hint)
         kind = _kind(annotation) if declared.text is object else declared.text
-        found[name] = Setting(name, _shown(annotation), kind, declared)
+        types = tuple(get_origin(one) or one for one in _members(annotation) if one is not type(None))
+        found[name] = Setting(name, _shown(annotation), types, kind, declared)
     return found
 
 
@@ -219,8 +224,6 @@ def _members(annotation: Any) -> tuple[Any, ...]:
 
 
 def _shown(annotation: Any) -> str:
-    names = (
-        "None" if one is type(None) else str(one) if get_args(one) else getattr(one, "__name__", str(one))
-        for one in _members(annotation)
-    )
+    names = (str(one) if get_origin(one) else one.__name__ for one in _members(annotation))
+    names = ("None" if name == "NoneType" else name for name in names)
     return re.sub(r"\b(?:\w+\.)+", "", " | ".join(names))

@@ -74,6 +74,9 @@ class Trajectory(ABC):
     def describe(self) -> dict[str, object]:
         """What this trajectory is and where it comes from, of types that JSON knows."""
 
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__.lstrip('_')} of {self.duration_s:.6g} s>"
+
     def rotations(self, t_s: npt.ArrayLike) -> FloatArray:
         """R_world_camera, shape (n, 3, 3)."""
         return rotation_matrices(self.quaternions(t_s))

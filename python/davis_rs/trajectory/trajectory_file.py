@@ -11,10 +11,16 @@ from pathlib import Path
 import numpy as np
 
 from .._core import DecodeError
+from ..untrusted import read_text
 from .sampled_trajectory import SampledTrajectory, SampleError
 
 MAX_STAMP_NS = 2**62
 """Until the year 2116 in Unix time; so the difference of any two stamps fits an int64."""
+
+FARTHEST_M = 1e9
+"""Of a position: splines through larger numbers have no digits left for a camera's motion."""
+
+_LONGEST_NUMBER = 400
 
 
 def read_trajectory(
@@ -59,11 +65,7 @@ def read_trajectory(
             increasing times, gaps (see :class:`SampledTrajectory`).
         ValueError: for a sigma or ``max_gap_s`` out of range.
     """
-    content = Path(path).read_bytes()
-    try:
-        text = content.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise DecodeError(f"{path}: not a text file, byte {error.start} is {content[error.start]:#04x}") from None
+    text = read_text(path)
 
     names: list[str] = []
     stamps_ns: list[int] = []
@@ -92,7 +94,7 @@ def read_trajectory(
             sample_name=names.__getitem__,
             description={
                 "file": Path(path).name,
-                "sha256": hashlib.sha256(content).hexdigest(),
+                "sha256": hashlib.sha256(Path(path).read_bytes()).hexdigest(),
                 "start_time_ns": stamps_ns[0],
             },
         )
@@ -135,23 +137,30 @@ def _last_digit(words: Iterable[str]) -> float:
 
 
 def _number(where: str, word: str) -> float:
+    if len(word) > _LONGEST_NUMBER:
+        raise DecodeError(f"{where}: a number may have {_LONGEST_NUMBER} characters, found {len(word)}")
     try:
         value = float(word)
     except ValueError:
         raise DecodeError(f"{where}: {word!r} is not a number") from None
     if not np.isfinite(value):
         raise DecodeError(f"{where}: every number must be finite, found {word!r}")
+    if abs(value) > FARTHEST_M:
+        raise DecodeError(f"{where}: positions must lie within +-1e9 m, found {word!r}")
     return value
 
 
 def _seconds_to_ns(where: str, word: str) -> int:
+    if len(word) > _LONGEST_NUMBER:
+        raise DecodeError(f"{where}: a number may have {_LONGEST_NUMBER} characters, found {len(word)}")
     try:
         seconds = Decimal(word)
     except InvalidOperation:
         raise DecodeError(f"{where}: {word!r} is not a number") from None
     if not seconds.is_finite():
         raise DecodeError(f"{where}: every number must be finite, found {word!r}")
-    if abs(seconds) > MAX_STAMP_NS // 10**9:
+    # Not abs(), which rounds, and overflows where the exponent is large.
+    if seconds.copy_abs() > MAX_STAMP_NS // 10**9:
         raise DecodeError(f"{where}: a stamp must be in seconds, below 4.6e9, found {word!r}")
     return round(seconds * 10**9)
 

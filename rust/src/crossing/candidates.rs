@@ -162,7 +162,10 @@ fn decide(lines: &Lines<'_>, references: &References<'_>, steps: Steps<&[f64]>, 
 mod tests {
     use super::*;
     use crate::crossing::level::Thresholds;
-    use crate::crossing::parameters::Threshold;
+    use crate::crossing::line::Line;
+    use crate::crossing::parameters::{Interpolation, Threshold};
+    use crate::crossing::pixel::follow;
+    use proptest::prelude::*;
 
     const C: Thresholds = Thresholds { on: 0.25, off: 0.5 };
 
@@ -217,5 +220,109 @@ mod tests {
         assert_eq!(decide_one(far, c, 0.0, 1010.3, 1000).0, Verdict::Unclear);
         let near = Level { base: 0.0, on: 4, off: 4 };
         assert_eq!(decide_one(near, c, 0.0, 1010.3, 1000).0, Verdict::On);
+    }
+
+    /// The events (tick, ON) of a line by the exact rule.
+    fn events_of(mut reference: Level, c: Thresholds, from: f64, to: f64, ticks: i64) -> Vec<(i64, bool)> {
+        let mut events = vec![];
+        follow(&mut reference, &Line { from, to, ticks }, 0, c, |tick, on| events.push((tick, on)));
+        events
+    }
+
+    /// The verdict, which the exact rule must not contradict.
+    fn checked(reference: Level, c: Thresholds, from: f64, to: f64, ticks: i64) -> Result<Verdict, TestCaseError> {
+        let (verdict, tick) = decide_one(reference, c, from, to, ticks);
+        let events = events_of(reference, c, from, to, ticks);
+        match verdict {
+            Verdict::Unclear => {}
+            Verdict::Nothing => prop_assert_eq!(events, vec![], "{:?} {:?} {} {} {}", reference, c, from, to, ticks),
+            Verdict::On | Verdict::Off => {
+                let on = verdict == Verdict::On;
+                prop_assert_eq!(events, vec![(tick, on)], "{:?} {:?} {} {} {}", reference, c, from, to, ticks);
+            }
+        }
+        Ok(verdict)
+    }
+
+    fn starting_at(base: f64) -> Level {
+        Level { base, on: 0, off: 0 }
+    }
+
+    /// Rounding of the level, stretched by a slow line over many ticks, is more than that of the quotient.
+    #[test]
+    fn the_rounding_of_a_level_counts_in_ticks() {
+        let c = Thresholds { on: 0.15, off: 0.15 };
+        let (from, to) = (-4.571_614_330_777_804, -4.297_635_973_670_371);
+        checked(starting_at(from), c, from, to, 1 << 49).unwrap();
+    }
+
+    /// The line reaches the level on a tick; its estimate lies just after it.
+    #[test]
+    fn a_crossing_that_seems_to_lie_just_after_a_tick_is_left() {
+        let c = Thresholds { on: 0.25, off: 0.375 };
+        let (from, to) = (-3.692_068_864_326_186, -4.192_068_864_326_186_5);
+        assert_eq!(checked(starting_at(from), c, from, to, 1000).unwrap(), Verdict::Unclear);
+        assert_eq!(events_of(starting_at(from), c, from, to, 1000), [(750, false)]);
+    }
+
+    /// The rate at the interval's end is the new frame's, not the last one's.
+    #[test]
+    fn cubics_take_each_end_s_own_rate() {
+        let parameters = CrossingParameters {
+            contrast_threshold: Threshold::Uniform(0.25),
+            interpolation: Interpolation::Hermite,
+            ..CrossingParameters::default()
+        };
+        let mut candidates = Candidates::<f64>::new(&parameters);
+        let mut found = Found::new();
+        (found.count, found.from[0], found.to[0]) = (1, 0.0, 0.3);
+        candidates.take_logs(&found, 1e-3);
+        // Over 7 ticks, slopes of 0 and 3 over the interval.
+        candidates.decide(&found, &[ZERO], Some((&[0.0], &[3.0 / 7e-6])), 0, 7, &parameters);
+        assert_eq!((candidates.verdict[0], candidates.tick[0]), (Verdict::On, 7));
+        candidates.decide(&found, &[ZERO], Some((&[3.0 / 7e-6], &[0.0])), 0, 7, &parameters);
+        assert_ne!((candidates.verdict[0], candidates.tick[0]), (Verdict::On, 7));
+    }
+
+    fn steps() -> impl Strategy<Value = f64> {
+        // In thresholds: anywhere, and as near to a level as floats lie.
+        prop_oneof![
+            3 => -2.5f64..2.5,
+            1 => (prop::sample::select(vec![-2.0, -1.0, 1.0, 2.0]), -4i32..=4)
+                .prop_map(|(steps, ulps)| steps * (1.0 + 0.5 * f64::EPSILON * f64::from(ulps))),
+        ]
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(4_000))]
+
+        #[test]
+        fn what_is_decided_is_what_the_exact_rule_says(
+            base in prop_oneof![Just(0.0), -7.0f64..2.0],
+            counts in (0u32..4, 0u32..4),
+            c in prop_oneof![Just((0.25, 0.375)), (0.01f64..0.6, 0.01f64..0.6)],
+            start in -0.999f64..0.999,
+            steps in steps(),
+            ticks in prop_oneof![4 => 1i64..3000, 2 => 1i64..2_000_000, 1 => (1i64 << 40)..(1 << 53)],
+        ) {
+            let c = Thresholds { on: c.0, off: c.1 };
+            let reference = Level { base, on: counts.0, off: counts.1 };
+            let centre = reference.value(c);
+            let step = |steps: f64| if steps > 0.0 { steps * c.on } else { steps * c.off };
+            checked(reference, c, centre + step(start), centre + step(steps), ticks)?;
+        }
+
+        /// Crossings on ticks, and as near to one as floats lie: `ticks` and C are such that the line hits them.
+        #[test]
+        fn crossings_near_ticks_are_decided_alike(
+            base in -7.0f64..2.0, at in 1i64..1000, ulps in -3i32..=3, on in any::<bool>(), off in 0.05f64..0.5
+        ) {
+            let c = Thresholds { on: 0.25, off };
+            let step = if on { c.on } else { -c.off };
+            #[allow(clippy::cast_precision_loss, reason = "small")]
+            let to = base + step * 1000.0 / at as f64;
+            let to = to + f64::from(ulps) * to.abs() * f64::EPSILON;
+            checked(starting_at(base), c, base, to, 1000)?;
+        }
     }
 }

@@ -46,7 +46,7 @@ impl<S: Sample> Found<S> {
         self.count >= BATCH
     }
 
-    /// Compares a tile's new samples with their bounds, stores them as the last ones, and notes those that left.
+    /// Compares a tile's new samples with their bounds, stores them as the `next` last ones, and notes those that left.
     ///
     /// The tile begins at `start` of the share. `rates` are the rates of change at the interval's start and end, where
     /// they are known: an extremum between makes a pixel worth a look wherever its samples lie. `also` are places that
@@ -56,7 +56,7 @@ impl<S: Sample> Found<S> {
         &mut self,
         start: usize,
         new: &[S],
-        last: &mut [S],
+        (last, next): (&[S], &mut [S]),
         bounds: (&[S], &[S]),
         rates: Option<(&[S], &[S])>,
         also: impl ExactSizeIterator<Item = usize>,
@@ -77,7 +77,7 @@ impl<S: Sample> Found<S> {
             *to = new[usize::from(i)];
         }
         self.count = found.end;
-        last.copy_from_slice(new);
+        next.copy_from_slice(new);
     }
 }
 

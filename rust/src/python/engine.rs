@@ -72,7 +72,7 @@ impl PyCrossingEngine {
         interpolation: &str,
         effects: Option<&Bound<'_, PyAny>>,
         seed: Option<&Bound<'_, PyAny>>,
-        threads: Option<usize>,
+        threads: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Self> {
         let pixels = |name, n: i64| {
             let rule = || Error::Argument(format!("{name} must lie in 1..65535, got {n}"));
@@ -91,7 +91,7 @@ impl PyCrossingEngine {
         };
         let effects = effects::from_python(effects)?;
         let seed = seed.map_or(Ok(0), arrays::seed)?;
-        Ok(Self(CrossingEngine::with_effects(size, parameters, &effects, seed, threads)?))
+        Ok(Self(CrossingEngine::with_effects(size, parameters, &effects, seed, arrays::threads(threads)?)?))
     }
 
     /// Take the frame at ``t_us``; return the events since the frame before it.
@@ -215,8 +215,8 @@ impl PyCrossingEngine {
     ///     ValueError: for a state that no engine can be in, naming the entry.
     #[staticmethod]
     #[pyo3(signature = (state, *, threads=None))]
-    fn from_state(state: &Bound<'_, PyDict>, threads: Option<usize>) -> PyResult<Self> {
-        Ok(Self(CrossingEngine::from_state(&state::from_dict(state)?, threads)?))
+    fn from_state(state: &Bound<'_, PyDict>, threads: Option<&Bound<'_, PyAny>>) -> PyResult<Self> {
+        Ok(Self(CrossingEngine::from_state(&state::from_dict(state)?, arrays::threads(threads)?)?))
     }
 
     fn __repr__(&self) -> String {

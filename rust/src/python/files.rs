@@ -12,7 +12,7 @@ use super::arrays::events;
 use super::sink::Sink;
 use crate::error::{Error, Result};
 use crate::event::Event;
-use crate::read::{Aedat4Decoder, EventReader, Evt2Decoder, Evt3Decoder, TextDecoder};
+use crate::read::{Aedat4Decoder, EventReader, Evt2Decoder, Evt3Decoder, MAX_PACKET_BYTES, TextDecoder};
 use crate::write::{Aedat4Encoder, Compression, Encode, EventWriter, Evt2Encoder, Evt3Encoder, Limits, TextEncoder};
 
 /// Encodes events in a format of the core and writes them; :func:`davis_rs.open_writer` is made of it.
@@ -166,7 +166,7 @@ impl PyEventFileWriter {
 }
 
 /// `error` with the file's name, where it has none.
-fn naming(error: Error, name: &str) -> Error {
+pub(super) fn naming(error: Error, name: &str) -> Error {
     match error {
         Error::Io { context, source } => Error::Io { context: format!("{context}: {name}"), source },
         Error::Format { message, line, byte } => Error::Format { message: format!("{name}: {message}"), line, byte },
@@ -199,27 +199,33 @@ pub(super) struct PyEventFileReader {
 #[pymethods]
 impl PyEventFileReader {
     #[new]
-    #[pyo3(signature = (path, format, *, from_byte = 0, start_us = None, stop_us = None))]
+    #[allow(clippy::too_many_arguments, reason = "keywords in Python")]
+    #[pyo3(signature = (path, format, *, from_byte = 0, start_us = None, stop_us = None, max_packet_bytes = MAX_PACKET_BYTES, in_order = true))]
     fn new(
         path: PathBuf,
         format: &str,
         from_byte: usize,
         start_us: Option<i64>,
         stop_us: Option<i64>,
+        max_packet_bytes: usize,
+        in_order: bool,
     ) -> PyResult<Self> {
         let name = path.display().to_string();
         let mut file = OpenOptions::new().read(true).open(&path).map_err(Error::io(&name))?;
         let file_size = file.metadata().map_err(Error::io(&name))?.len();
         file.seek(SeekFrom::Start(from_byte as u64)).map_err(Error::io(&name))?;
         let reader = match format {
-            "text" if from_byte == 0 => EventReader::new(file, TextDecoder::new()),
-            "text" => EventReader::new(file, TextDecoder::from_byte(from_byte)),
+            "text" => {
+                let decoder = if from_byte == 0 { TextDecoder::new() } else { TextDecoder::from_byte(from_byte) };
+                EventReader::new(file, if in_order { decoder } else { decoder.in_any_order() })
+            }
             "aedat4" if start_us.is_some() || stop_us.is_some() => {
                 let times = start_us.unwrap_or(i64::MIN)..stop_us.unwrap_or(i64::MAX);
-                let decoder = Aedat4Decoder::of_slice(&mut file, times).map_err(|error| naming(error, &name))?;
+                let decoder = Aedat4Decoder::of_slice(&mut file, times, max_packet_bytes);
+                let decoder = decoder.map_err(|error| naming(error, &name))?;
                 EventReader::new(file, decoder)
             }
-            "aedat4" => EventReader::new(file, Aedat4Decoder::new()),
+            "aedat4" => EventReader::new(file, Aedat4Decoder::new(max_packet_bytes)),
             "evt2" => EventReader::new(file, Evt2Decoder::new()),
             "evt3" => EventReader::new(file, Evt3Decoder::new()),
             _ => return Err(PyValueError::new_err(format!("the core has no format {format:?}"))),

@@ -15,13 +15,14 @@ mod engine;
 mod files;
 mod functions;
 mod interpolation;
+mod recordings;
 mod represent;
 mod ros;
 mod sink;
 mod state;
 
 use pyo3::create_exception;
-use pyo3::exceptions::{PyOSError, PyValueError};
+use pyo3::exceptions::{PyMemoryError, PyOSError, PyValueError};
 use pyo3::prelude::*;
 
 use crate::error::Error;
@@ -45,6 +46,7 @@ impl From<Error> for PyErr {
             },
             Error::Format { .. } => DecodeError::new_err(message),
             Error::Argument(_) | Error::Order(_) => PyValueError::new_err(message),
+            Error::Memory(_) => PyMemoryError::new_err(message),
         }
     }
 }
@@ -70,6 +72,7 @@ fn _core(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_function(wrap_pyfunction!(represent::voxel_grid, m)?)?;
     m.add_function(wrap_pyfunction!(ros::pack_event_message, m)?)?;
     m.add_function(wrap_pyfunction!(ros::unpack_event_message, m)?)?;
+    m.add_function(wrap_pyfunction!(recordings::read_aedat4, m)?)?;
     m.add_function(wrap_pyfunction!(files::check_events, m)?)?;
     m.add_function(wrap_pyfunction!(files::crc32, m)?)?;
     m.add_function(wrap_pyfunction!(files::crc32_combine, m)?)?;

@@ -4,15 +4,16 @@
 
 use rayon::prelude::*;
 
-use super::band::{Band, Share};
+use super::band::Band;
 use super::noise::Arrivals;
 use super::parameters::Effects;
 use super::sensor::Sensor;
 use super::timeline::FREE;
-use crate::crossing::band::Interval;
+use crate::crossing::core::{Pixels, Push};
 use crate::crossing::frame::Frame;
 use crate::crossing::level::Level;
 use crate::crossing::parameters::CrossingParameters;
+use crate::crossing::room::{Allowance, Full};
 use crate::crossing::sample::Sample;
 use crate::crossing::scan::TILE;
 use crate::crossing::state::{EffectState, EngineState};
@@ -53,33 +54,6 @@ impl EffectCore {
             Band::new(first, &logs[part], slopes, p, &sensor)
         });
         Self { bands: bands.collect(), sensor }
-    }
-
-    /// Runs every pixel over one checked frame.
-    pub(crate) fn advance<S: Sample>(
-        &mut self,
-        frame: &Frame<'_, S>,
-        at: Interval,
-        p: &CrossingParameters,
-        pool: Option<&rayon::ThreadPool>,
-    ) {
-        let sensor = &self.sensor;
-        let advance = |band: &mut Band| {
-            let part = band.first_pixel..band.first_pixel + band.logs.len();
-            let sparse = frame.sparse.of(part.start, part.end);
-            let share =
-                Share { new: &frame.samples[part.clone()], rates: frame.rate.map(|rates| &rates[part]), sparse, at };
-            band.advance(&share, p, sensor);
-        };
-        match pool {
-            None => self.bands.iter_mut().for_each(advance),
-            Some(pool) => pool.install(|| self.bands.par_iter_mut().for_each(advance)),
-        }
-    }
-
-    /// The events of the last frame: parts that together are in raster order.
-    pub(crate) fn events(&self) -> impl Iterator<Item = &[Event]> + Clone {
-        self.bands.iter().map(|band| &band.events[..])
     }
 
     pub(crate) fn references(&self) -> impl Iterator<Item = &Level> {
@@ -147,13 +121,15 @@ impl EffectCore {
                 state.started_us
             )));
         }
-        let waits = |waits: &[f64]| waits.iter().all(|wait| (0.0..1e18).contains(wait));
-        let held = |held: &f64| *held == FREE || (-1e18..1e18).contains(held);
+        // What was due at the last frame has been dealt with there.
+        let ahead = |wait: &f64| 0.0 < *wait && *wait < 1e18;
+        let waits = |waits: &[f64]| waits.iter().all(ahead);
+        let held = |held: &f64| *held == FREE || ahead(held);
         let ranges = [
             ("filtered", "within +-746", f64::all_valid(&state.filtered)),
-            ("held_us", "numbers, or -inf where a pixel is free", state.held_us.iter().all(held)),
-            ("shot_wait_us", "finite and >= 0", waits(&state.shot_wait_us)),
-            ("hot_wait_us", "finite and >= 0", waits(&state.hot_wait_us)),
+            ("held_us", "> 0, or -inf where a pixel is free", state.held_us.iter().all(held)),
+            ("shot_wait_us", "finite and > 0", waits(&state.shot_wait_us)),
+            ("hot_wait_us", "finite and > 0", waits(&state.hot_wait_us)),
         ];
         if let Some((name, rule, _)) = ranges.into_iter().find(|(_, _, valid)| !valid) {
             return Err(Error::Argument(format!("{name} of a state must be {rule}")));
@@ -181,5 +157,42 @@ impl EffectCore {
 
     fn joined<T: Clone>(&self, part: impl Fn(&Band) -> &Vec<T>) -> Vec<T> {
         self.bands.iter().flat_map(|band| part(band).iter().cloned()).collect()
+    }
+}
+
+impl<S: Sample> Pixels<S> for EffectCore {
+    fn advance(&mut self, push: &Push<'_, S>, allowance: Allowance) -> std::result::Result<(), Full> {
+        let sensor = &self.sensor;
+        let advance = |band: &mut Band| band.advance(&band.share(push), push.p, sensor, allowance);
+        // Every band begins, also where another one is full: what it holds is then of this frame.
+        match push.pool {
+            None => self.bands.iter_mut().map(advance).fold(Ok(()), std::result::Result::and),
+            Some(pool) => {
+                pool.install(|| self.bands.par_iter_mut().map(advance).reduce(|| Ok(()), std::result::Result::and))
+            }
+        }
+    }
+
+    fn events(&self) -> Vec<&[Event]> {
+        self.bands.iter().map(|band| band.events.events()).collect()
+    }
+
+    fn settle(&mut self, push: &Push<'_, S>) {
+        let settle = |band: &mut Band| band.settle(push.at.ticks);
+        match push.pool {
+            None => self.bands.iter_mut().for_each(settle),
+            Some(pool) => pool.install(|| self.bands.par_iter_mut().for_each(settle)),
+        }
+    }
+
+    #[cold]
+    fn undo(&mut self, push: &Push<'_, S>) {
+        self.bands.iter_mut().for_each(|band| band.undo(push.p));
+    }
+
+    #[cold]
+    fn count(&self, push: &Push<'_, S>) -> u64 {
+        let counts = self.bands.iter().map(|band| band.count(&band.share(push), push.p, &self.sensor));
+        counts.fold(0, u64::saturating_add)
     }
 }

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..pose import FloatArray
-from .reflectance import Texture, bitmap
+from .textures import Texture, bitmap
 
 Window = tuple[float, float, float, float]
 """Left, top, right and bottom of the piece of a texture that a face shows; 0 to 1 is all of it, more repeats it."""
@@ -109,22 +109,34 @@ def _grid(points: FloatArray, window: Window) -> Mesh:
     return Mesh(vertices, faces[double_area > 1e-12], np.stack([u.ravel(), v.ravel()], 1))
 
 
-def shape(mesh: Mesh, reflectance: Texture | float) -> Any:
+def shape(mesh: Mesh, reflectance: Texture | FloatArray | float, *, normals: FloatArray | None = None) -> Any:
     """A mesh as a diffuse Mitsuba shape, seen from both sides; made under the variant that loads the scene.
 
     Args:
-        reflectance: a texture (H, W, 3) that repeats, or grey.
+        reflectance: a texture (H, W, 3) that repeats, a colour (3,) in linear RGB, or grey.
+        normals: (n, 3) at the vertices of a smooth surface; None: every triangle is flat.
     """
     import mitsuba as mi
 
-    textured = isinstance(reflectance, np.ndarray)
-    colour = bitmap(mi.TensorXf(reflectance)) if textured else {"type": "rgb", "value": reflectance}
+    textured = isinstance(reflectance, np.ndarray) and reflectance.ndim == 3
+    plain = {"type": "rgb", "value": reflectance.tolist() if isinstance(reflectance, np.ndarray) else reflectance}
+    colour = bitmap(mi.TensorXf(reflectance)) if textured else plain
     properties = mi.Properties()
     properties["bsdf"] = mi.load_dict({"type": "twosided", "nested": {"type": "diffuse", "reflectance": colour}})
-    made = mi.Mesh("mesh", len(mesh.vertices), len(mesh.faces), properties, has_vertex_texcoords=True)
+    made = mi.Mesh(
+        "mesh",
+        len(mesh.vertices),
+        len(mesh.faces),
+        properties,
+        has_vertex_normals=normals is not None,
+        has_vertex_texcoords=True,
+    )
+    values = {"vertex_positions": mesh.vertices, "vertex_texcoords": mesh.uv, "faces": mesh.faces}
+    if normals is not None:
+        values["vertex_normals"] = normals
     buffers = mi.traverse(made)
-    for name, values in (("vertex_positions", mesh.vertices), ("vertex_texcoords", mesh.uv), ("faces", mesh.faces)):
+    for name, numbers in values.items():
         kind = type(buffers[name])
-        buffers[name] = kind(values.astype(np.uint32 if name == "faces" else np.float32).ravel())
+        buffers[name] = kind(numbers.astype(np.uint32 if name == "faces" else np.float32).ravel())
     buffers.update()
     return made

@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
-from ..events import EventArray, as_events
+from .events import EventArray, as_events
 
 DEFAULT_WINDOW_US = 10_000
 """The sampling period of a 100 Hz simulation: it stamps a crossing within the interval in which it falls, so less than
