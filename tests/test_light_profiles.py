@@ -250,10 +250,14 @@ def test_the_clock_counts_light(waveform: str) -> None:
     swing = np.log((2 + DARKEST) / DARKEST) / LIGHT_PER_PIXEL
     assert DisplacementClock(renderer, rest, 50_000).path_at(20_000) == pytest.approx(4 * swing, rel=0.02)
     instants = list(MaxDisplacement(1 / 3).instants(renderer, rest, 50_000))
-    assert len(instants) > 0.5 * 3 * 10 * swing
     steps = np.abs(np.diff(np.log(profile.factor(np.array([0, *instants]) * 1e-6) + DARKEST)))
-    # A jump remains one; all else changes by a third of LIGHT_PER_PIXEL from instant to instant.
-    assert np.quantile(steps, 0.9) < LIGHT_PER_PIXEL / 3 * 1.2
+    if waveform == "square":  # both sides of each of ten jumps
+        assert len(instants) == 20
+        assert np.diff(instants)[::2].tolist() == [1] * 10
+        np.testing.assert_allclose(steps[1::2], swing * LIGHT_PER_PIXEL)
+    else:  # from instant to instant it changes by a third of LIGHT_PER_PIXEL
+        assert len(instants) > 0.5 * 3 * 10 * swing
+        assert np.quantile(steps, 0.9) < LIGHT_PER_PIXEL / 3 * 1.2
 
 
 @pytest.mark.usefixtures("llvm")

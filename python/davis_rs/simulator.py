@@ -133,6 +133,9 @@ class Simulator:
         asks. The first step must be at 0: it sets the references. The last packet ends at ``t_us``; the others
         end where frames and depth maps fall due between.
 
+        There is a keyframe at the end of each step. So steps shorter than the spacing of keyframes in :meth:`run`
+        sample more finely, and differ from a run along the same path by the errors of that run.
+
         Raises:
             ValueError: for a first step that is not at 0, or a time that does not increase.
         """

@@ -27,6 +27,7 @@ COMMANDS = {
     "generate": ("generate", "simulate many sequences with randomised parameters"),
     "verify": ("generate", "compare generated sequences with their manifest"),
     "accuracy": ("accuracy", "measure what accuracy costs in time on a scene"),
+    "hard-cases": ("hard_cases", "measure the presets on scenes in which sampling is easily wrong"),
     "devices": ("usb", "list the cameras that are plugged in"),
     "record": ("usb", "record a camera"),
     "decode": ("usb", "decode a recording: of record, or AEDAT 2.0, 3.1, 4"),

@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from itertools import chain
+from typing import NamedTuple
+
 import numpy as np
+import numpy.typing as npt
 
 from ..camera import Camera
 from ..pose import FloatArray
@@ -11,6 +16,9 @@ from ..rendering.render import Renderer
 from ..rendering.scene_motion import held, seen_from
 from ..trajectory.trajectory import Trajectory
 from ..trajectory.views import Views
+from .breaks import break_instants, find_breaks
+
+BoolArray = npt.NDArray[np.bool_]
 
 _BLOCK_US = 10_000
 _STEP_US = 1_000
@@ -28,6 +36,34 @@ DARKEST = 1e-3
 """Added to a light's factor before the logarithm, so that its profile may reach 0."""
 
 
+LARGEST_BEND = 1 / 8
+"""Between two keyframes displacement grows evenly in time within this share of the displacement between keyframes."""
+
+_SPEED_BEND_PX = 2e-3
+"""Displacement by which a step may be wrong that takes speed to change evenly through it; else the step is halved."""
+
+_LIGHT_BEND_PX = 1e-2
+"""The same for the change of lights."""
+
+
+_REST_PX_S = 1e-6
+"""What is slower is at rest, but for rounding."""
+
+Rates = tuple[FloatArray, FloatArray, FloatArray]
+
+
+class SpanEnd(NamedTuple):
+    """Where a span between keyframes should end.
+
+    Attributes:
+        t_us: of the trajectory.
+        reached: whether the path has its length there; else it has a corner there.
+    """
+
+    t_us: int
+    reached: bool
+
+
 class DisplacementClock:
     """The path of the fastest pixel, in pixels, over a trajectory's time.
 
@@ -40,6 +76,9 @@ class DisplacementClock:
 
     A light that runs a profile adds the change of its log strength, :data:`LIGHT_PER_PIXEL` of which is a pixel,
     sampled every 50 us: of several lights that which changes most.
+
+    Speed is sampled every millisecond; where the motion or a light changes unevenly within a sample's time that is
+    divided further, down to a microsecond, and each break (:mod:`~davis_rs.sampling.breaks`) is sampled on both sides.
 
     Computed block by block as it is asked for; what lies more than a block behind is forgotten.
 
@@ -58,6 +97,11 @@ class DisplacementClock:
         self._t_us, self._path = np.zeros(1), np.zeros(1)
         self._ahead: dict[int, FloatArray] = {}
         self._nearest = self._nearest_at(0) if end_us > 0 else None
+        breaks = find_breaks(trajectory, renderer.motion, start_us, start_us + end_us)
+        self._breaks = chain((t_us - start_us for t_us in break_instants(breaks, start_us, both=True)), [end_us])
+        self._next_break = next(self._breaks)
+        focal = max(camera.fx, camera.fy)
+        self._pixels_per_rad = focal * (1 + float((camera.rays(_centres(camera, _TILE)) ** 2).sum(-1).max()))
 
     def path_at(self, t_us: int) -> float:
         """The path until an instant, which may lie no more than a block before the last one asked for."""
@@ -77,24 +121,107 @@ class DisplacementClock:
             self._extend()
         return int(np.interp(path, self._path, self._t_us))
 
+    def span_end(self, start_us: int, path: float, bend_px: float, until_us: int | None = None) -> SpanEnd | None:
+        """Where a span that begins at ``start_us`` should end: where the path has the length ``path``, or before.
+
+        It ends before that where something begins to change or ceases to, and where the path would no longer be a
+        straight line over time within ``bend_px`` (a "swinging door": a line from the start must pass all points of
+        the path so closely). Then what is interpolated over the time of the span is as good as if it were interpolated
+        over the displacement. None where no end comes by ``until_us`` or the end; as in :meth:`time_at`, ``until_us``
+        keeps to the block around it.
+        """
+        until_us = self._end_us if until_us is None else min(until_us, self._end_us)
+        origin = self.path_at(start_us)
+        last_us, last, moving = float(start_us), origin, None
+        flattest, steepest = -np.inf, np.inf
+        while last_us < until_us:
+            ahead = int(np.searchsorted(self._t_us, last_us, side="right"))
+            if ahead == len(self._t_us):
+                self._extend()
+                continue
+            for t_us, p in zip(self._t_us[ahead:].tolist(), self._path[ahead:].tolist(), strict=True):
+                moves, reached_us = p > last, float(t_us)
+                if p >= path:
+                    reached_us = max(float(np.interp(path, self._path, self._t_us)), last_us)
+                corner = moving is not None and moves != moving
+                if reached_us > start_us:
+                    corner |= not flattest <= (min(p, path) - origin) / (reached_us - start_us) <= steepest
+                if corner and int(last_us) > start_us:
+                    return SpanEnd(int(last_us), False)
+                if p >= path:
+                    return SpanEnd(int(reached_us), True)
+                flattest = max(flattest, (p - bend_px - origin) / (t_us - start_us))
+                steepest = min(steepest, (p + bend_px - origin) / (t_us - start_us))
+                last_us, last, moving = t_us, p, moves
+                if last_us >= until_us:
+                    break
+        return None
+
     def _extend(self) -> None:
         start_us = int(self._t_us[-1])
         stop_us = min(start_us + _BLOCK_US, self._end_us)
         nearest = self._nearest_at(stop_us)
         assert self._nearest is not None
-        steps = -(-(stop_us - start_us) // _STEP_US)
-        t_us = np.linspace(start_us, stop_us, steps + 1)
-        speed = self._fastest(np.minimum(self._nearest, nearest), t_us * 1e-6)
+        breaks = self._breaks_until(stop_us)
+        depth = np.minimum(self._nearest, nearest)
+        t_us = _evenly(start_us, stop_us, _STEP_US, breaks)
+        t_us = self._where_motion_bends(t_us, float(depth.min()))
+        speed = self._fastest(depth, t_us * 1e-6)
         moved = np.cumsum((speed[1:] + speed[:-1]) / 2 * np.diff(t_us) * 1e-6)
         if self._renderer.motion.lights:
-            steps = -(-(stop_us - start_us) // _LIGHT_STEP_US)
-            fine_us = np.linspace(start_us, stop_us, steps + 1)
+            fine_us = self._where_light_bends(_evenly(start_us, stop_us, _LIGHT_STEP_US, breaks))
             moved = np.interp(fine_us[1:], t_us, np.concatenate([[0.0], moved])) + self._light_path(fine_us * 1e-6)
             t_us = fine_us
         keep = self._t_us >= start_us - _BLOCK_US
         self._path = np.concatenate([self._path[keep], self._path[-1] + moved])
         self._t_us = np.concatenate([self._t_us[keep], t_us[1:]])
         self._nearest = nearest
+
+    def _breaks_until(self, stop_us: int) -> list[int]:
+        """Instants beside breaks that were not given before."""
+        found = []
+        while self._next_break < min(stop_us, self._end_us):
+            found.append(self._next_break)
+            self._next_break = next(self._breaks)
+        return found
+
+    def _where_motion_bends(self, t_us: FloatArray, nearest: float) -> FloatArray:
+        """The instants, and more where speed does not change evenly between them, or a rest begins or ends."""
+
+        def rates(at_us: FloatArray) -> FloatArray:
+            """About as many pixels per second as each part of the motion makes at the most."""
+            t_s = at_us * 1e-6
+            per_metre = self._pixels_per_rad / max(nearest, 1e-9)
+            trajectory = self._trajectory
+            found = [per_metre * trajectory.velocities(t_s), self._pixels_per_rad * trajectory.angular_rates(t_s)]
+            motion = self._renderer.motion
+            for path, box in zip(motion.objects.values(), motion.boxes, strict=True):
+                own = held(path, self._start_s + t_s)
+                reach = float(np.linalg.norm(np.abs(box).max(0)))
+                found += [per_metre * own.velocities, per_metre * reach * own.angular_rates]
+            together = np.concatenate(found, 1)
+            return np.where(np.abs(together) > _REST_PX_S, together, 0.0)
+
+        def bent(left: FloatArray, right: FloatArray, values: Rates) -> BoolArray:
+            before, middle, after = values
+            missed = np.linalg.norm(middle - (before + after) / 2, axis=1) * (right - left) * 1e-6
+            found = missed > _SPEED_BEND_PX
+            # A rest of some length that gives way to motion in between, or the other way round.
+            for still, moving, beside_us in ((before, after, left + 1), (after, before, right - 1)):
+                ends = np.flatnonzero(~still.any(1) & moving.any(1))
+                found[ends] |= ~rates(beside_us[ends]).any(1)
+            return found
+
+        return _divided(t_us, rates, bent)
+
+    def _where_light_bends(self, t_us: FloatArray) -> FloatArray:
+        """The instants, and more where a light does not change evenly between them."""
+
+        def bent(left: FloatArray, right: FloatArray, values: Rates) -> BoolArray:
+            before, middle, after = values
+            return np.asarray(np.abs(middle - (before + after) / 2).max(1) > _LIGHT_BEND_PX * LIGHT_PER_PIXEL)
+
+        return _divided(t_us, lambda at_us: self._log_strengths(at_us * 1e-6), bent)
 
     def _nearest_at(self, t_us: int) -> FloatArray:
         """The least depth in each tile at an instant."""
@@ -112,13 +239,15 @@ class DisplacementClock:
         speed = _largest(self._flow(views, depth))
         if self._renderer.motion.objects:
             speed = np.maximum(speed, self._objects(views, _NEARER * float(depth.min())))
-        return speed
+        return np.where(speed > _REST_PX_S, speed, 0.0)
 
     def _light_path(self, t_s: FloatArray) -> FloatArray:
         """What lights add to the path from the first of n times until each of the others."""
-        factors = self._renderer.motion.factors(self._start_s + t_s)
-        changes = np.abs(np.diff(np.log(factors + DARKEST), axis=0)).max(1)
+        changes = np.abs(np.diff(self._log_strengths(t_s), axis=0)).max(1)
         return np.asarray(np.cumsum(changes) / LIGHT_PER_PIXEL)
+
+    def _log_strengths(self, t_s: FloatArray) -> FloatArray:
+        return np.asarray(np.log(self._renderer.motion.factors(self._start_s + t_s) + DARKEST))
 
     def _views(self, t_s: FloatArray) -> Views:
         return Views.along(self._trajectory, t_s, start_s=self._start_s)
@@ -159,6 +288,40 @@ class _ObjectSpeeds:
         enter, leave = depths.min(0).max(-1), depths.max(0).min(-1)
         missed = (enter > leave) | (leave <= 0)
         return np.where(missed, np.nan, enter), np.where(missed, np.nan, leave)
+
+
+def _evenly(start_us: int, stop_us: int, step_us: int, more_us: list[int]) -> FloatArray:
+    """Instants from start to stop, no more than a step apart, and some more."""
+    steps = -(-(stop_us - start_us) // step_us)
+    even = np.linspace(start_us, stop_us, steps + 1)
+    return np.union1d(even, more_us) if more_us else even
+
+
+def _divided(
+    t_us: FloatArray,
+    function: Callable[[FloatArray], FloatArray],
+    bent: Callable[[FloatArray, FloatArray, Rates], BoolArray],
+) -> FloatArray:
+    """Instants with the middle of two neighbours added, down to a microsecond, where the function is bent in between.
+
+    Args:
+        function: instants (n,) -> values (n, k).
+        bent: of n pairs of neighbours: the first instants, the second ones, and values there, between, and there.
+    """
+    values = function(t_us)
+    pairs = np.arange(len(t_us) - 1)
+    while True:
+        middle = np.floor((t_us[pairs] + t_us[pairs + 1]) / 2)
+        longer = middle > t_us[pairs]
+        pairs, middle = pairs[longer], middle[longer]
+        if len(pairs) == 0:
+            return t_us
+        between = function(middle)
+        chosen = bent(t_us[pairs], t_us[pairs + 1], (values[pairs], between, values[pairs + 1]))
+        t_us = np.insert(t_us, pairs[chosen] + 1, middle[chosen])
+        values = np.insert(values, pairs[chosen] + 1, between[chosen], axis=0)
+        place = pairs[chosen] + 1 + np.arange(np.count_nonzero(chosen))
+        pairs = np.sort(np.concatenate([place - 1, place]))
 
 
 def _centres(camera: Camera, size: int) -> FloatArray:

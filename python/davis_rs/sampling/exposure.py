@@ -106,6 +106,12 @@ class _MeanProfile(LightProfile):
         t, half = np.asarray(t_s, np.float64), self._length_s / 2
         return (self._profile.factor(t + half) - self._profile.factor(t - half)) / self._length_s
 
+    def breaks_s(self, start_s: float, end_s: float) -> FloatArray:
+        half = self._length_s / 2
+        of = self._profile.breaks_s(start_s - half, end_s + half)
+        both = np.unique(np.concatenate([of - half, of + half]))
+        return both[(both >= start_s) & (both <= end_s)]
+
     def describe(self) -> dict[str, object]:
         return {"kind": "mean", "length_s": self._length_s, "of": self._profile.describe()}
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import heapq
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from itertools import groupby
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -15,6 +17,7 @@ from ..pose import FloatArray
 from ..rendering.render import Renderer
 from ..trajectory.trajectory import Trajectory
 from ..trajectory.views import Views
+from .breaks import Break, break_instants, find_breaks
 
 BoolArray = npt.NDArray[np.bool_]
 IntArray = npt.NDArray[np.int64]
@@ -95,6 +98,19 @@ class Stretch:
     contrast_threshold: float
     log_eps: float
     batch: int
+
+    def breaks(self) -> Iterator[Break]:
+        """The breaks of motion and light within it, see :func:`~davis_rs.sampling.breaks.find_breaks`."""
+        return find_breaks(self.trajectory, self.renderer.motion, self.start_us, self.end_us)
+
+    def required(self, *, both: bool) -> Iterator[int]:
+        """The strictly increasing instants at which any rule has keyframes: those due, and those at breaks.
+
+        Args:
+            both: keyframes on both sides of each break, for cubics; else only of jumps.
+        """
+        at_breaks = break_instants(self.breaks(), self.start_us, both=both)
+        return (t_us for t_us, _ in groupby(heapq.merge(self.due, at_breaks)))
 
     def views(self, t_us: npt.ArrayLike) -> Views:
         """The camera at instants of the sequence."""

@@ -13,8 +13,9 @@ import numpy as np
 
 from ..rendering.render import Launched, Renderer
 from ..trajectory.trajectory import Trajectory
-from .displacement import DisplacementClock
+from .displacement import LARGEST_BEND, DisplacementClock
 from .keyframes import Keyframe, Stretch
+from .plausibility import probed
 
 
 def periodic_instants(rate_hz: float, start_us: int, end_us: int) -> Iterator[int]:
@@ -42,7 +43,10 @@ def _periodic_instants(rate_hz: Fraction, start_us: int, end_us: int) -> Iterato
 
 
 class TimeSampling(ABC):
-    """A rule for when luma is rendered, and how log luma runs in between."""
+    """A rule for when luma is rendered, and how log luma runs in between.
+
+    Whatever the rule, there are keyframes where motion or light breaks (:mod:`~davis_rs.sampling.breaks`).
+    """
 
     edges: bool = False
     """Does it want to know where the geometry's edges are?"""
@@ -80,8 +84,8 @@ class ScheduledSampling(TimeSampling):
     def keyframes(self, stretch: Stretch) -> Iterator[Keyframe]:
         renderer, start_us = stretch.renderer, stretch.start_us
         planned = self.instants(renderer, stretch.trajectory, stretch.end_us - start_us, start_us=start_us)
-        merged = heapq.merge((start_us + t_us for t_us in planned), stretch.due)
-        times = (t_us for t_us, _ in groupby(merged))
+        merged = heapq.merge((start_us + t_us for t_us in planned), stretch.required(both=self.hermite))
+        times = _with_probed(stretch, (t_us for t_us, _ in groupby(merged)))
         begin = renderer.begin_luma_and_rate if self.hermite else renderer.begin_luma
         launched: tuple[list[int], Launched] | None = None
         while batch := list(islice(times, stretch.batch)):
@@ -92,6 +96,15 @@ class ScheduledSampling(TimeSampling):
             launched = ahead
         if launched is not None:
             yield from _keyframes(*launched)
+
+
+def _with_probed(stretch: Stretch, times: Iterator[int]) -> Iterator[int]:
+    """The times of keyframes, and those that probes of long spans ask for."""
+    last_us = stretch.start_us
+    for t_us in times:
+        yield from probed(stretch, last_us, t_us)
+        yield t_us
+        last_us = t_us
 
 
 def _keyframes(times: list[int], launched: Launched) -> Iterator[Keyframe]:
@@ -123,7 +136,8 @@ class MaxDisplacement(ScheduledSampling):
     """Render whenever the fastest pixel has moved by ``pixels``.
 
     See :class:`~davis_rs.sampling.displacement.DisplacementClock`: the camera's motion counts, moving objects, and
-    light that changes. Where nothing does, it asks for no instants.
+    light that changes. Where nothing does, it asks for no instants. It renders more often where something begins to
+    change or ceases to, and where the displacement between two renders would not grow evenly in time.
 
     Raises:
         ValueError: for a displacement that is not positive and finite.
@@ -141,8 +155,8 @@ class MaxDisplacement(ScheduledSampling):
     def instants(self, renderer: Renderer, trajectory: Trajectory, end_us: int, *, start_us: int = 0) -> Iterator[int]:
         clock = DisplacementClock(renderer, trajectory, end_us, start_us=start_us)
         last_us, count = 0, 1
-        while (due_us := clock.time_at(count * self.pixels)) is not None:
-            if due_us > last_us:
-                last_us = due_us
-                yield due_us
-            count += 1
+        while (end := clock.span_end(last_us, count * self.pixels, LARGEST_BEND * self.pixels)) is not None:
+            if end.t_us > last_us:
+                last_us = end.t_us
+                yield last_us
+            count += end.reached

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import heapq
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import groupby, pairwise
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from .displacement import DisplacementClock
+from .breaks import Break, break_instants
+from .displacement import LARGEST_BEND, DisplacementClock
 from .keyframes import Keyframe, SparseSamples, Stretch, lagrange_weights, slopes
+from .plausibility import probed
 from .rules import TimeSampling
 
 BoolFrames = npt.NDArray[np.bool_]
@@ -33,6 +37,8 @@ class Tolerance(TimeSampling):
     What happens and vanishes between two samples leaves no trace in either: no estimate can see it. Where an edge of
     the geometry passes over a pixel that may be so, and its interval is halved to the end whatever the samples say. A
     thin line of a texture has no such protection.
+
+    Where motion or light breaks there are keyframes on both sides; neither slopes nor estimates look across.
 
     Args:
         contrast: tolerated error, as a share of the contrast threshold.
@@ -97,6 +103,8 @@ class _Control:
         shape = (0, camera.height, camera.width)
         self._t_us = np.zeros(0, np.int64)
         self._luma, self._log = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
+        self._cuts = set[int]()  # instants from which to the next microsecond nothing is interpolated
+        self._last = False  # whether the window ends where the stretch does
 
     def keyframes(self) -> Iterator[Keyframe]:
         given = 0  # of the window
@@ -104,6 +112,7 @@ class _Control:
             self._render([self._stretch.start_us])
             given = 1
         for times, last in self._steps():
+            self._last = last
             self._render(times)
             untrusted, split = self._split(max(given - 1, 0))
             # The estimate of an interval looks two keyframes ahead.
@@ -114,40 +123,67 @@ class _Control:
             for k, sparse in zip(range(given, ready), self._sparse(untrusted, given - 1, ready - 1), strict=True):
                 yield self._keyframe(k, sparse)
             if ready > given and not split:
-                share = float(untrusted[given - 1 : ready - 1].mean())
+                smooth = np.diff(self._part()[given - 1 : ready]) == 0
+                share = float(untrusted[given - 1 : ready - 1][smooth].mean()) if smooth.any() else _NARROW
                 stretched = self._pixels * np.clip((_NARROW / max(share, 1e-3)) ** (1 / 3), 0.6, 1.4)
                 self._pixels = float(min(stretched, self._settings.longest))
             self._pixels = max(self._pixels, _SHORTEST * min(self._settings.pixels, self._settings.longest))
             dropped = max(ready - 3, 0)
             given = ready - dropped
             self._t_us, self._luma, self._log = self._t_us[dropped:], self._luma[dropped:], self._log[dropped:]
+            self._cuts = {t_us for t_us in self._cuts if t_us >= self._t_us[0]}
 
     def _steps(self) -> Iterator[tuple[list[int], bool]]:
         """Times to render next, and whether they are the last."""
-        stretch = self._stretch
-        length_us = stretch.end_us - stretch.start_us
-        clock = DisplacementClock(stretch.renderer, stretch.trajectory, length_us, start_us=stretch.start_us)
         times: list[int] = []
-        last_us = stretch.start_us
-        for due_us in stretch.due:
-            while True:
-                path = clock.path_at(last_us - stretch.start_us)
-                next_us = clock.time_at(path + self._pixels, due_us - stretch.start_us)
-                if next_us is None or stretch.start_us + next_us >= due_us:
-                    break
-                last_us = max(stretch.start_us + next_us, last_us + 1)
-                if last_us >= due_us:
-                    break
-                times.append(last_us)
-                if len(times) == _STEP:
-                    yield times, False
-                    times = []
-            times.append(due_us)
-            last_us = due_us
+        for t_us in self._instants():
+            times.append(t_us)
             if len(times) >= _STEP:
                 yield times, False
                 times = []
         yield times, True
+
+    def _instants(self) -> Iterator[int]:
+        """When to render; each is found when it is asked for, by the spacing of that time."""
+        stretch = self._stretch
+        length_us = stretch.end_us - stretch.start_us
+        clock = DisplacementClock(stretch.renderer, stretch.trajectory, length_us, start_us=stretch.start_us)
+        last_us = stretch.start_us
+        for required_us in self._required():
+            while True:
+                moved, start_us = self._pixels, last_us - stretch.start_us
+                path = clock.path_at(start_us) + moved
+                end = clock.span_end(start_us, path, LARGEST_BEND * moved, required_us - stretch.start_us)
+                if end is None or (next_us := max(stretch.start_us + end.t_us, last_us + 1)) >= required_us:
+                    break
+                yield from self._probed(last_us, next_us)
+                if next_us == last_us + 1:
+                    self._cuts.add(last_us)  # no motion is so fast: it jumps
+                yield next_us
+                last_us = next_us
+            yield from self._probed(last_us, required_us)
+            yield required_us
+            last_us = required_us
+
+    def _required(self) -> Iterator[int]:
+        """What is due, and both sides of breaks, which cut what comes before from what comes after."""
+        stretch = self._stretch
+        at_breaks = break_instants(map(self._cut, stretch.breaks()), stretch.start_us, both=True)
+        return (t_us for t_us, _ in groupby(heapq.merge(stretch.due, at_breaks)))
+
+    def _cut(self, found: Break) -> Break:
+        self._cuts.add(found.before_us)
+        return found
+
+    def _probed(self, start_us: int, end_us: int) -> Iterator[int]:
+        """As :func:`probed`; a jump that it finds is cut."""
+        last_us = start_us
+        for t_us in [*probed(self._stretch, start_us, end_us), end_us]:
+            if t_us == last_us + 1 and end_us > start_us + 1:
+                self._cuts.add(last_us)
+            if t_us < end_us:
+                yield t_us
+            last_us = t_us
 
     def _render(self, times: list[int]) -> None:
         """Take up keyframes at ``times``, wherever they fall in the window."""
@@ -179,26 +215,36 @@ class _Control:
             self._pixels, split = self._pixels * (0.7 if not split else 1.0), True
         return untrusted, split
 
+    def _part(self) -> IntArray:
+        """(n,): a number for each keyframe, the same for those between which no cut lies."""
+        pairs = pairwise(self._t_us.tolist())
+        cut = [before_us in self._cuts and after_us == before_us + 1 for before_us, after_us in pairs]
+        return np.cumsum([False, *cut])
+
     def _untrusted(self) -> BoolFrames:
         """(n - 1, H, W): where the cubic of an interval cannot be trusted."""
         missed = np.zeros((len(self._t_us) - 1, *self._log.shape[1:]), np.float32)
         known: dict[tuple[int, ...], LogLuma] = {}
+        part = self._part()
         for k, length_us in enumerate(np.diff(self._t_us).tolist()):
+            if part[k] != part[k + 1]:
+                continue
             for end in (k, k + 1):
-                others = self._others(end, length_us)
+                others = self._others(end, length_us, np.flatnonzero(part == part[end]))
                 key = (end, *others)
                 if key not in known:
-                    known[key] = self._missed(end, others)
+                    known[key] = self._missed(end, others, part)
                 np.maximum(missed[k], known[key], out=missed[k])
         return np.asarray(np.float32(_TRUST) * missed > self._tolerated)
 
-    def _others(self, k: int, length_us: int) -> list[int]:
+    def _others(self, k: int, length_us: int, within: IntArray) -> list[int]:
         """The keyframes on either side that predict keyframe k, at one end of an interval of this length.
 
-        Those less than half an interval apart are passed over: one close by would hide the error.
+        They are of those ``within``, its own part between cuts. Those less than half an interval apart are passed over:
+        one close by would hide the error.
         """
         others: list[int] = []
-        for side in (range(k - 1, -1, -1), range(k + 1, len(self._t_us))):
+        for side in (range(k - 1, int(within[0]) - 1, -1), range(k + 1, int(within[-1]) + 1)):
             chosen = [k]
             for i in side:
                 if len(chosen) < 3 and 2 * abs(int(self._t_us[i] - self._t_us[chosen[-1]])) >= length_us:
@@ -206,14 +252,16 @@ class _Control:
             others += chosen[1:]
         return others
 
-    def _missed(self, k: int, others: list[int]) -> LogLuma:
+    def _missed(self, k: int, others: list[int], part: IntArray) -> LogLuma:
         """By how much a prediction from others misses keyframe k."""
         if min(others) < k < max(others):
             at_s = (self._t_us[others] - self._t_us[k]) * 1e-6
             weights = lagrange_weights(at_s, 0.0).astype(np.float32)
             return np.asarray(np.abs(self._log[k] - np.tensordot(weights, self._log[others], 1)))
-        # No prediction at the window's ends, where it would be an extrapolation.
-        if len(self._t_us) >= 4:
+        # No prediction at the ends of the window or of a part, where it would be an extrapolation; a short part has
+        # nothing better than its change, unless more of it is still to come.
+        unfinished = part[k] == part[-1] and not self._last
+        if unfinished or np.count_nonzero(part == part[k]) >= 4:
             return np.zeros_like(self._log[k])
         nearest = min(others, key=lambda i: abs(i - k))
         return np.asarray(np.abs(self._log[k] - self._log[nearest]))
@@ -269,10 +317,11 @@ class _Control:
         )
 
     def _keyframe(self, k: int, sparse: SparseSamples | None) -> Keyframe:
-        beside = slice(max(k - 1, 0), k + 2)
+        own = np.flatnonzero(self._part() == self._part()[k])  # slopes do not look across a cut
+        beside = slice(max(k - 1, int(own[0])), min(k + 1, int(own[-1])) + 1)
         slope = np.zeros_like(self._log[k])
-        if len(self._t_us) > 1:
-            slope = slopes(self._t_us[beside], self._log[beside])[min(k, 1)]
+        if len(own) > 1:
+            slope = slopes(self._t_us[beside], self._log[beside])[k - beside.start]
         rate = slope * (self._luma[k] + np.float32(self._stretch.log_eps))
         return Keyframe(int(self._t_us[k]), self._luma[k], rate, sparse)
 

@@ -11,6 +11,7 @@ from ..pose import FloatArray
 
 _WAVEFORMS = ("sine", "triangle", "square")
 _INTERPOLATIONS = ("linear", "cubic")
+_MOST_EDGES_HZ = 5e5
 
 
 class LightProfile(ABC):
@@ -26,6 +27,14 @@ class LightProfile(ABC):
 
         Where the factor has a bend, that of what follows; a jump has none, and is left out.
         """
+
+    def breaks_s(self, start_s: float, end_s: float) -> FloatArray:
+        """Instants (n,), increasing, within [``start_s``, ``end_s``] at which the factor jumps or has a bend.
+
+        At a jump :meth:`factor` gives what holds from there on. Luma must not be interpolated across these instants. A
+        profile that is smooth, as that of this class is taken to be, has none.
+        """
+        return np.empty(0)
 
     @abstractmethod
     def describe(self) -> dict[str, object]:
@@ -80,6 +89,16 @@ class Flicker(LightProfile):
         else:
             slope = np.zeros_like(turns)
         return self.modulation * self.frequency_hz * slope
+
+    def breaks_s(self, start_s: float, end_s: float) -> FloatArray:
+        """Edges of the square, peaks of the triangle; none where they follow each other within 2 us, the least time
+        that two keyframes can resolve."""
+        if self.waveform == "sine" or self.modulation == 0 or self.frequency_hz > _MOST_EDGES_HZ / 2:
+            return np.empty(0)
+        first = 0.25 if self.waveform == "triangle" else 0.0
+        low, high = (2 * (self._turns([start_s, end_s]) - first)).tolist()
+        halves = np.arange(np.ceil(low), np.floor(high) + 1)
+        return (halves / 2 + first - self.phase_rad / (2 * np.pi)) / self.frequency_hz
 
     def describe(self) -> dict[str, object]:
         return {
@@ -137,6 +156,10 @@ class SampledProfile(LightProfile):
             rates = self._cubic(np.clip(t, self._t_s[0], self._t_s[-1]), 1)
         return np.where(inside, rates, 0.0)
 
+    def breaks_s(self, start_s: float, end_s: float) -> FloatArray:
+        """The samples."""
+        return self._t_s[(self._t_s >= start_s) & (self._t_s <= end_s)]
+
     def describe(self) -> dict[str, object]:
         return {
             "kind": "sampled",
@@ -165,6 +188,9 @@ class ShiftedProfile(LightProfile):
 
     def rate(self, t_s: npt.ArrayLike) -> FloatArray:
         return self._profile.rate(np.asarray(t_s, np.float64) + self._start_s)
+
+    def breaks_s(self, start_s: float, end_s: float) -> FloatArray:
+        return self._profile.breaks_s(start_s + self._start_s, end_s + self._start_s) - self._start_s
 
     def describe(self) -> dict[str, object]:
         return {**self._profile.describe(), "start_s": self._start_s}

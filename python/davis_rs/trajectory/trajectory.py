@@ -62,6 +62,14 @@ class Trajectory(ABC):
         """Derivatives of the body's angular rate (n, 3) in body (camera) axes, rad/s^2."""
         return self._difference(self.angular_rates, t_s)
 
+    def breaks_s(self) -> FloatArray:
+        """Instants (n,), increasing, within (0, ``duration_s``) at which velocity or body rate jumps, or the pose does.
+
+        A start from rest, the end of a motion, a corner of the path: whatever is interpolated in time must not be
+        interpolated across these. A path that is smooth all the way, as that of this class is taken to be, has none.
+        """
+        return np.empty(0)
+
     @abstractmethod
     def describe(self) -> dict[str, object]:
         """What this trajectory is and where it comes from, of types that JSON knows."""
@@ -180,6 +188,18 @@ def _checked_duration(duration_s: float) -> float:
     return float(duration_s)
 
 
+def _checked_breaks(breaks_s: npt.ArrayLike, duration_s: float) -> FloatArray:
+    breaks = np.array(breaks_s, np.float64)
+    if breaks.ndim != 1:
+        raise ValueError(f"breaks_s must have shape (n,), got {breaks.shape}")
+    wrong = ~((breaks > 0) & (breaks < duration_s))
+    if wrong.any():
+        raise ValueError(f"breaks_s must lie within (0, {duration_s}) s, got {breaks[wrong][0]} s")
+    if not (np.diff(breaks) > 0).all():
+        raise ValueError(f"breaks_s must strictly increase, got {breaks.tolist()}")
+    return breaks
+
+
 class CallableTrajectory(Trajectory):
     """A path given by functions, each exact in its own right: nothing that is given is differentiated numerically.
 
@@ -189,10 +209,13 @@ class CallableTrajectory(Trajectory):
         quaternion: times -> (n, 4), unit, (x, y, z, w), continuous in sign.
         angular_rate: times -> (n, 3), body axes, rad/s.
         acceleration, angular_acceleration: times -> (n, 3), as for :class:`Trajectory`; by differences if not given.
+        breaks_s: instants (n,), strictly increasing, within (0, ``duration_s``) at which the motion is not smooth, see
+            :meth:`Trajectory.breaks_s`. At each of them the functions must give what holds from there on.
         description: what :meth:`describe` adds to the duration.
 
     Raises:
-        ValueError: for a bad duration; on evaluation, where a function returns another shape or a value not finite.
+        ValueError: for a bad duration, or breaks that are not such instants; on evaluation, where a function returns
+            another shape or a value not finite.
     """
 
     def __init__(
@@ -206,8 +229,10 @@ class CallableTrajectory(Trajectory):
         description: Mapping[str, object],
         acceleration: Callable[[FloatArray], npt.ArrayLike] | None = None,
         angular_acceleration: Callable[[FloatArray], npt.ArrayLike] | None = None,
+        breaks_s: npt.ArrayLike = (),
     ) -> None:
         self.duration_s = _checked_duration(duration_s)
+        self._breaks_s = _checked_breaks(breaks_s, self.duration_s)
         self._position, self._quaternion = position, quaternion
         self._velocity, self._angular_rate = velocity, angular_rate
         self._acceleration, self._angular_acceleration = acceleration, angular_acceleration
@@ -235,8 +260,12 @@ class CallableTrajectory(Trajectory):
             return super().angular_accelerations(t_s)
         return self._evaluate(self._angular_acceleration, "angular_acceleration", t_s, 3)
 
+    def breaks_s(self) -> FloatArray:
+        return self._breaks_s.copy()
+
     def describe(self) -> dict[str, object]:
-        return {"kind": "analytic", "duration_s": self.duration_s, **self._description}
+        breaks: dict[str, object] = {"breaks_s": self._breaks_s.tolist()} if len(self._breaks_s) else {}
+        return {"kind": "analytic", "duration_s": self.duration_s, **breaks, **self._description}
 
     def _evaluate(
         self, function: Callable[[FloatArray], npt.ArrayLike], name: str, t_s: npt.ArrayLike, width: int
@@ -269,7 +298,8 @@ class SegmentTrajectory(Trajectory):
         cosine = float(start.quaternion @ end.quaternion)
         towards = end.quaternion if cosine >= 0 else -end.quaternion
         across = towards - abs(cosine) * start.quaternion
-        sine = float(np.linalg.norm(across))
+        turned = (towards != start.quaternion).any()  # rounding must not make a turn of none
+        sine = float(np.linalg.norm(across)) if turned else 0.0
         self._tangent = across / sine if sine > 0 else across
         self._phi_rate = np.arctan2(sine, abs(cosine)) / self.duration_s
 
@@ -330,6 +360,9 @@ class _Aligned(Trajectory):
     def angular_accelerations(self, t_s: npt.ArrayLike) -> FloatArray:
         return self._base.angular_accelerations(t_s)
 
+    def breaks_s(self) -> FloatArray:
+        return self._base.breaks_s()
+
     def describe(self) -> dict[str, object]:
         at = {"at_s": self._at_s, "pose": describe_pose(self._pose)}
         return {"kind": "aligned", "duration_s": self.duration_s, **at, "trajectory": self._base.describe()}
@@ -368,6 +401,10 @@ class _Cropped(Trajectory):
 
     def angular_accelerations(self, t_s: npt.ArrayLike) -> FloatArray:
         return self._base.angular_accelerations(self.times(t_s) + self._start_s)
+
+    def breaks_s(self) -> FloatArray:
+        breaks = self._base.breaks_s() - self._start_s
+        return breaks[(breaks > 0) & (breaks < self.duration_s)]
 
     def describe(self) -> dict[str, object]:
         at = {"start_s": self._start_s, "duration_s": self.duration_s}

@@ -1,0 +1,132 @@
+"""Breaks: instants at which motion or light bends or jumps, so that luma must not be interpolated across them."""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Iterable, Iterator
+from itertools import groupby
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from ..pose import FloatArray
+from ..rendering.scene_motion import SceneMotion
+from ..scene.light_profile import LightProfile
+from ..trajectory.trajectory import Trajectory
+
+BoolArray = npt.NDArray[np.bool_]
+
+_WINDOW_US = 1_000_000
+"""Breaks of lights are asked for this much time at once: a light that flickers has no last one."""
+
+_ROUNDING_US = 1e-3
+"""An instant so little after a whole microsecond is that microsecond."""
+
+_LEAST_BEND = 0.01
+"""A bend of light counts from this share of its strength on, between the breaks before and after it. A profile of many
+samples has smaller ones, which sampling by displacement follows as it follows a sine."""
+
+_STEP_S = 1e-6
+_UNEXPLAINED = 2.0
+_SMALLEST_JUMP = 1e-9
+"""In metres, or of a quaternion: what is less is rounding; so for speeds, per second."""
+
+
+class Break(NamedTuple):
+    """One instant at which something is not smooth.
+
+    Attributes:
+        before_us: the last microsecond at which all is as it was before.
+        jump: luma itself jumps until the next microsecond; else only its rate does.
+    """
+
+    before_us: int
+    jump: bool
+
+    def instants(self, *, both: bool) -> tuple[int, ...]:
+        """Where keyframes belong: before it, and a microsecond later too at a jump, or if ``both`` are wanted."""
+        return (self.before_us, self.before_us + 1) if self.jump or both else (self.before_us,)
+
+
+def find_breaks(trajectory: Trajectory, motion: SceneMotion, start_us: int, end_us: int) -> Iterator[Break]:
+    """The breaks of a camera's path, of moving objects and of lights after ``start_us``, in order, found as asked for.
+
+    Args:
+        trajectory: the camera's; its time 0 is at ``start_us`` of the sequence.
+        end_us: of the sequence; what breaks later is left out.
+    """
+    paths = [_path_breaks(trajectory, trajectory.breaks_s(), start_us)]
+    for path in motion.objects.values():
+        paths.append(_path_breaks(path, _object_breaks(path), 0))
+    found = heapq.merge(*paths, *(_light_breaks(light, start_us, end_us) for light in motion.lights.values()))
+    for before_us, same in groupby(found, key=lambda item: item.before_us):
+        if start_us <= before_us < end_us:
+            yield Break(before_us, any(item.jump for item in same))
+
+
+def break_instants(breaks: Iterable[Break], start_us: int, *, both: bool) -> Iterator[int]:
+    """Strictly increasing instants after ``start_us`` at which breaks want keyframes, see :meth:`Break.instants`."""
+    times = (t_us for item in breaks for t_us in item.instants(both=both))
+    return (t_us for t_us, _ in groupby(times) if t_us > start_us)
+
+
+def _object_breaks(path: Trajectory) -> FloatArray:
+    """Those of an object's path, and its end, from which on the object stands still."""
+    end = [path.duration_s]
+    moves = max(np.abs(path.velocities(end)).max(), np.abs(path.angular_rates(end)).max()) > _SMALLEST_JUMP
+    return np.concatenate([path.breaks_s(), end if moves else []])
+
+
+def _path_breaks(path: Trajectory, breaks_s: FloatArray, zero_us: int) -> list[Break]:
+    """Breaks of a path whose time 0 is at ``zero_us``."""
+    if len(breaks_s) == 0:
+        return []
+    before = np.ceil(zero_us + breaks_s * 1e6 - _ROUNDING_US).astype(np.int64) - 1
+    return [Break(*item) for item in zip(before.tolist(), _teleports(path, breaks_s).tolist(), strict=True)]
+
+
+def _teleports(path: Trajectory, t_s: FloatArray) -> BoolArray:
+    """Whether the pose at each instant goes further than its rates explain."""
+    sides = [np.clip(t_s + step, 0.0, path.duration_s) for step in (-_STEP_S, _STEP_S)]
+    jumps = np.zeros(len(t_s), np.bool_)
+    for poses, rates in ((path.positions, path.velocities), (path.quaternions, path.angular_rates)):
+        moved = np.linalg.norm(poses(sides[1]) - poses(sides[0]), axis=1)
+        explained = _STEP_S * sum(np.linalg.norm(rates(side), axis=1) for side in sides)
+        jumps |= moved > _UNEXPLAINED * explained + _SMALLEST_JUMP
+    return jumps
+
+
+def _light_breaks(light: LightProfile, start_us: int, end_us: int) -> Iterator[Break]:
+    last_us = -1
+    for first_us in range(start_us, end_us, _WINDOW_US):
+        stop_us = min(first_us + _WINDOW_US, end_us)
+        # What breaks at the very start of a window may be seen from the microsecond before.
+        for item in _breaks_within(light, start_us, first_us, stop_us):
+            if item.before_us > last_us:
+                yield item
+                last_us = item.before_us
+
+
+def _breaks_within(light: LightProfile, zero_us: int, first_us: int, stop_us: int) -> Iterator[Break]:
+    breaks_s = light.breaks_s((first_us - 1) * 1e-6, (stop_us + 1) * 1e-6)
+    if len(breaks_s) == 0:
+        return
+    at_us = breaks_s * 1e6
+    nearest = np.rint(at_us).astype(np.int64)
+    beside = nearest[:, None] + np.array([-1, 0, 1])
+    # To the bit the times at which the renderer will ask.
+    times = zero_us * 1e-6 + (beside - zero_us) * 1e-6
+    factors = light.factor(times.ravel()).reshape(beside.shape)
+    steps = np.abs(np.diff(factors, axis=1))
+    jumps = steps.max(1) > _LEAST_BEND * factors.max(1)
+    before = np.where(jumps, beside[np.arange(len(beside)), steps.argmax(1)], np.ceil(at_us - _ROUNDING_US) - 1)
+    bends = np.ones(len(breaks_s), np.bool_)
+    if len(breaks_s) > 2:
+        value = light.factor(breaks_s)
+        share = (breaks_s[1:-1] - breaks_s[:-2]) / (breaks_s[2:] - breaks_s[:-2])
+        line = value[:-2] + share * (value[2:] - value[:-2])
+        largest = np.maximum(np.maximum(value[:-2], value[2:]), value[1:-1])
+        bends[1:-1] = np.abs(value[1:-1] - line) > _LEAST_BEND * largest
+    for k in np.flatnonzero(jumps | bends).tolist():
+        yield Break(int(before[k]), bool(jumps[k]))
