@@ -218,3 +218,17 @@ def test_an_xml_scene_is_simulated_through_its_own_camera(tmp_path: Path) -> Non
     larger = camera_of(scene, sensor="davis346")
     assert (larger.width, larger.height) == (346, 260)
     assert field_of_view(larger) == pytest.approx(50, abs=1e-4)
+
+
+def test_a_thin_lens_is_told_to_be_a_pinhole(tmp_path: Path) -> None:
+    """Its aperture is not simulated, and that is said."""
+    path = tmp_path / "thin.xml"
+    path.write_text(
+        '<scene version="3.0.0"><sensor type="thinlens"><float name="fov" value="40"/>'
+        '<float name="aperture_radius" value="0.1"/><film type="hdrfilm"><integer name="width" value="64"/>'
+        '<integer name="height" value="48"/></film></sensor><shape type="sphere"/></scene>'
+    )
+    with pytest.warns(UserWarning, match="taken as a pinhole"):
+        scene = load_scene(path)
+    assert scene.camera is not None
+    assert (scene.camera.width, scene.camera.height) == (64, 48)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -111,6 +112,8 @@ def _camera_and_pose(sensor: Any, mi: Any) -> tuple[Camera | None, Pose]:
     pose = Pose.from_matrix(matrix @ np.diag([-1.0, -1.0, 1.0, 1.0]))
     if "x_fov" not in parameters:
         return None, pose
+    if "aperture_radius" in parameters:
+        warnings.warn("the scene's thin lens is taken as a pinhole: depth of field is not simulated", stacklevel=2)
     film = sensor.film()
     (full_width, full_height), (left, top) = film.size(), film.crop_offset()
     width, height = film.crop_size()

@@ -243,7 +243,9 @@ _META_TYPES: dict[str, tuple[type, ...]] = {
     "effects": (dict,),
 }
 """Of what is read from ``meta.json``; null stands for what is not known."""
-_PARAMETERS = ("contrast_threshold", "contrast_threshold_off", "log_eps", "frame_rate_hz", "depth_rate_hz")
+_POSITIVE_PARAMETERS = ("contrast_threshold", "contrast_threshold_off", "log_eps")
+_RATES = ("frame_rate_hz", "depth_rate_hz")
+"""0 stands for none."""
 
 
 def _check_meta(path: Path, meta: dict[str, Any]) -> None:
@@ -255,11 +257,13 @@ def _check_meta(path: Path, meta: dict[str, Any]) -> None:
     if not -(2**63) <= (meta.get("duration_us") or 0) < 2**63:
         raise DecodeError(f"{path}: 'duration_us' must fit 64 bits, found {meta['duration_us']!r:.60}")
     parameters = meta.get("parameters") or {}
-    for key in _PARAMETERS:
+    for key in (*_POSITIVE_PARAMETERS, *_RATES):
         value = parameters.get(key)
         number = isinstance(value, int | float) and not isinstance(value, bool)
-        if value is not None and not (number and 0 < value < _LARGEST_PARAMETER):
-            raise DecodeError(f"{path}: the parameter {key!r} must be a positive number, found {value!r:.60}")
+        if value is None or (number and 0 < value < _LARGEST_PARAMETER) or (number and value == 0 and key in _RATES):
+            continue
+        rule = "a number >= 0" if key in _RATES else "a positive number"
+        raise DecodeError(f"{path}: the parameter {key!r} must be {rule}, found {value!r:.60}")
 
 
 _LARGEST_PARAMETER = 1e12
