@@ -609,7 +609,7 @@ def test_heavy_libraries_are_imported_only_when_needed() -> None:
     """Importing the package and these modules loads no image, plotting or rendering library."""
     program = (
         "import sys, davis_rs.dataset.writer, davis_rs.dataset.reader\n"
-        "from davis_rs.inspection import check, video, view\n"
+        "from davis_rs.inspection import check, figure, video\n"
         "print(sorted({'OpenEXR', 'PIL', 'matplotlib', 'imageio', 'mitsuba', 'tqdm'} & set(sys.modules)))"
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)

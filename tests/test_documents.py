@@ -29,6 +29,7 @@ from davis_rs.generate import load_sequence_plan
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCUMENTS = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+DOCUMENTS.remove(ROOT / "docs" / "own_scene.md")  # one story, which tests/test_own_scene_page.py runs from top to end
 
 SHORT_RUN = "--duration 0.05 --samples 1"  # long enough for two frames, which davis-rs check needs
 SHORTENED = {
@@ -53,6 +54,7 @@ RUN_INSTEAD = {
 NOT_RUN = {
     "davis-rs generate PLAN.yaml -o ROOT --cluster tcp://HOST:8786": "needs a Dask scheduler",
     "davis-rs devices": "needs libusb, and tells what is plugged in",
+    "davis-rs simulate mesh.obj -o DIR": "needs a mesh; tests/test_own_scene_page.py makes one",
     "davis-rs record -o FILE": "needs a camera",
     "davis-rs sequences-count -o FILE": "takes hours",
     "davis-rs accuracy fence -o fence --rounds 2": "takes an hour",

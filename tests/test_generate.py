@@ -307,7 +307,7 @@ def test_files_of_others_are_kept(root: Path, capsys: pytest.CaptureFixture[str]
     added.write_text("car")
     assert main(["verify", str(root)]) == 0
     out = capsys.readouterr().out
-    assert "sequence_00001: there are files beside those that it was made with: labels.txt" in out
+    assert "sequence_00001: there are other files than those that it was made with: labels.txt" in out
     assert "all is as it was" in out
     for unknown in (False, True):
         if unknown:

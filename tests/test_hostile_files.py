@@ -155,7 +155,7 @@ def test_more_is_unpacked_if_asked_for(tmp_path: Path, capsys: pytest.CaptureFix
     assert len(davis_rs.read_events(path, max_packet_bytes=2 * BOMB)) == BOMB // 16
     for command in (["info", "--quiet"], ["decode"]):
         assert main([*command, str(path)]) == 1
-        assert "max_packet_bytes" in capsys.readouterr().err
+        assert "--max-packet-bytes" in capsys.readouterr().err
         assert main([*command, str(path), "--max-packet-bytes", str(2 * BOMB)]) == 0
     assert main(["convert", "--quiet", str(path), str(tmp_path / "e.npy"), "--max-packet-bytes", str(2 * BOMB)]) == 0
     for wrong in (0, -1, 2**64):

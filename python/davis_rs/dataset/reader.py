@@ -109,6 +109,11 @@ class Dataset:
                 width, height = (int(self.meta["sensor"][name]) for name in ("width", "height"))
             except (KeyError, TypeError, ValueError, OverflowError):
                 raise DecodeError(f'{self.path / META}: "sensor" must hold the numbers width and height') from None
+            if not (1 <= width <= 65535 and 1 <= height <= 65535):
+                raise DecodeError(
+                    f"{self.path / META}: 'sensor' must be 1..65535 pixels each way, found {width} x {height}"
+                )
+            return width, height
         if self.frames and self.frames[0].path.exists():
             height, width = self.read_image(0).shape
             return width, height

@@ -110,7 +110,9 @@ class Scene:
             self,
             trajectory=self.path.crop(start_s, duration_s),
             objects={name: _from(path, start_s) for name, path in self.objects.items()},
-            lights={name: ShiftedProfile(profile, start_s) for name, profile in self.lights.items()},
+            lights={
+                name: ShiftedProfile(profile, start_s) if start_s else profile for name, profile in self.lights.items()
+            },
         )
 
 

@@ -107,6 +107,8 @@ class Trajectory(ABC):
         Raises:
             ValueError: for a duration that is not > 0, or a part that is not inside the trajectory (within 1 us).
         """
+        if start_s == 0 and duration_s in (None, self.duration_s):
+            return self
         if duration_s is None:
             duration_s = self.duration_s - start_s
         end_s = start_s + duration_s
