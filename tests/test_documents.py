@@ -84,7 +84,7 @@ PLACEHOLDERS = {
 
 PROGRAMS = ("davis-rs", "python", "python3", "pip", "pytest", "cargo", "git")
 
-OPTIONS_OF_OTHERS: set[str] = set()
+OPTIONS_OF_OTHERS = {"--picture-only", "--target", "--first", "--mutants", "--seed"}
 """Options in running text that are of other programs."""
 
 
