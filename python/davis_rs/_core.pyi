@@ -457,6 +457,87 @@ def reconstruct(
     Source: Mueggler et al., IJRR 2017, section 6.
     """
 
+class PixelRays:
+    """The lattice rays of a sensor's pixels, as undistorted image coordinates.
+
+    Args:
+        table: float32 (rays * height * width * 2), x and y of (x, y, 1) in camera axes by lattice ray and pixel.
+
+    Raises:
+        ValueError: for a size outside of 1..65535, rays outside of 1..1024, or another table.
+    """
+
+    def __new__(cls, width: int, height: int, rays: int, table: npt.NDArray[np.float32]) -> Self: ...
+
+_Views = tuple[
+    npt.NDArray[np.float64],
+    npt.NDArray[np.float64],
+    npt.NDArray[np.float64],
+    npt.NDArray[np.float64],
+    npt.NDArray[np.float64],
+    npt.NDArray[np.float64],
+]
+"""The camera at n instants in each of f frames, flat: positions (n, f, 3), rotations (n, f, 3, 3) that take camera axes
+to the frame's, velocities (n, f, 3) in the frame's axes, angular rates (n, f, 3) in camera axes; then for each of l
+lights factors (n, l) on its strength and their rates (n, l)."""
+
+class SceneRenderer:
+    """Renders diffuse triangles under direct light; see :class:`davis_rs.rendering.render_native.NativeRenderer`.
+
+    Args, arrays flat, of t triangles, each in its own frame:
+        corners: (t, 3, 3), metres. planes: (t, 4), unit normal on the front and offset.
+        u_maps, v_maps: (t, 4), affine maps of a place to texture coordinates.
+        normal_maps: (t, 3, 4), those to the shading normal; None where all is flat.
+        textures, two_sided, frames: (t), the texture's number; whether the back reflects; 0 for the world, then bodies.
+        layouts: (textures, 4): first texel, width, height, wrap mode (0 repeat, 1 clamp, 2 mirror).
+        texels: for each light colour all texels as luma, around each texture a frame of one texel.
+        lights: (kind, colour, strength, background luma per strength, vector): ``point`` with its place,
+            ``directional`` with the unit vector along which it travels, ``constant``.
+        centre, step, end: see :mod:`davis_rs.rendering.shadow_rays`.
+        threads: None for all that there are.
+
+    Raises:
+        ValueError: for arrays that do not belong together.
+    """
+
+    def __new__(
+        cls,
+        *,
+        corners: npt.NDArray[np.float64],
+        planes: npt.NDArray[np.float64],
+        u_maps: npt.NDArray[np.float64],
+        v_maps: npt.NDArray[np.float64],
+        normal_maps: npt.NDArray[np.float64] | None,
+        textures: npt.NDArray[np.uint32],
+        two_sided: npt.NDArray[np.uint32],
+        frames: npt.NDArray[np.uint32],
+        frame_count: int,
+        layouts: npt.NDArray[np.int64],
+        texels: list[npt.NDArray[np.float32]],
+        lights: list[tuple[str, int, float, float, list[float]]],
+        shadows: bool,
+        centre: list[float],
+        step: float,
+        end: float,
+        threads: int | None = None,
+    ) -> Self: ...
+    def luma(
+        self, rays: PixelRays, views: _Views, *, rate: bool = False
+    ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32] | None]:
+        """Linear luma, flat (n, height, width), and its rate per second where that is asked for."""
+
+    def samples(
+        self, rays: PixelRays, views: _Views, view: npt.NDArray[np.integer], pixel: npt.NDArray[np.integer]
+    ) -> npt.NDArray[np.float32]:
+        """Luma of single pixels, the bits of :meth:`luma`.
+
+        Raises:
+            ValueError: for a view or pixel that is not there.
+        """
+
+    def depth(self, rays: PixelRays, views: _Views) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.uint32]]:
+        """Of single rays, flat (n, height, width): z of what they hit, inf for nothing; and the frame that it is in."""
+
 def count_events(events: npt.NDArray[np.void], size: tuple[int, int]) -> npt.NDArray[np.uint32]:
     """Events by polarity and pixel, shape (2, height, width), OFF before ON; ``size`` is (width, height).
 
