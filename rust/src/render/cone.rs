@@ -111,38 +111,39 @@ fn lowest(c: &[f32; 4], part: &[[f32; 3]; 2]) -> f32 {
 pub(super) struct Shaft {
     low: Vector,
     high: Vector,
-    /// From the box's lowest corner to the light, and from its highest.
-    towards: [Vector; 2],
+    /// One over the way from the box's lowest corner to the light, and from its highest; 0 where that is 0.
+    per_way: [Vector; 2],
     end: f64,
 }
 
 impl Shaft {
     pub(super) fn new(part: &Bounds, source: &Source) -> Self {
-        let (towards, end) = match *source {
+        let (ways, end) = match *source {
             Source::Point(light) => ([sub(light, part.low), sub(light, part.high)], 1.0),
             Source::Directional(towards) => ([towards; 2], f64::INFINITY),
         };
-        Self { low: part.low, high: part.high, towards, end }
+        let per_way = ways.map(|way| way.map(|x| if x.abs() > f64::MIN_POSITIVE { 1.0 / x } else { 0.0 }));
+        Self { low: part.low, high: part.high, per_way, end }
     }
 
     /// Whether a box may lie in it.
+    #[inline]
     pub(super) fn meets(&self, bounds: &Bounds) -> bool {
-        // At a share s of its way the box reaches from low + s towards[0] to high + s towards[1].
+        // At a share s of its way the box reaches from low + s ways[0] to high + s ways[1].
         let (mut first, mut last) = (0.0f64, self.end);
         for i in 0..3 {
-            for (speed, distance) in [
-                (self.towards[0][i], bounds.high[i] - self.low[i]),
-                (-self.towards[1][i], self.high[i] - bounds.low[i]),
-            ] {
-                // speed * s <= distance
-                if speed > 0.0 {
-                    last = last.min(distance / speed);
-                } else if speed < 0.0 {
-                    first = first.max(distance / speed);
+            let mut side = |distance: f64, per_way: f64| {
+                let share = distance * per_way;
+                if per_way > 0.0 {
+                    last = if share < last { share } else { last };
+                } else if per_way < 0.0 {
+                    first = if share > first { share } else { first };
                 } else if distance < 0.0 {
-                    return false;
+                    last = -1.0;
                 }
-            }
+            };
+            side(bounds.high[i] - self.low[i], self.per_way[0][i]);
+            side(self.high[i] - bounds.low[i], -self.per_way[1][i]);
         }
         first <= last
     }

@@ -99,14 +99,20 @@ impl<const L: usize> Taps<L> {
         stride: usize,
         rates: &[[f32; L]; 2],
     ) -> ([f32; L], [f32; L]) {
+        // A texel that is not there cannot be asked for; said so, this becomes one gather each.
+        let texel = |at: usize| if at < texels.len() { texels[at] } else { 0.0 };
         let mut corners = [[0f32; L]; 4];
         for i in 0..L {
-            let at = self.texel[i] as usize;
-            let (above, below) = (&texels[at..at + 2], &texels[at + stride..at + stride + 2]);
-            corners[0][i] = above[0];
-            corners[1][i] = above[1];
-            corners[2][i] = below[0];
-            corners[3][i] = below[1];
+            corners[0][i] = texel(self.texel[i] as usize);
+        }
+        for i in 0..L {
+            corners[1][i] = texel(self.texel[i] as usize + 1);
+        }
+        for i in 0..L {
+            corners[2][i] = texel(self.texel[i] as usize + stride);
+        }
+        for i in 0..L {
+            corners[3][i] = texel(self.texel[i] as usize + stride + 1);
         }
         let [p, q, r, s] = corners;
         let (mut value, mut rate) = ([0f32; L], [0f32; L]);

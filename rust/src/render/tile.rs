@@ -140,15 +140,18 @@ fn by_triangle(
     order: &mut Vec<u32>,
     starts: &mut Vec<u32>,
 ) {
+    let all = *wanted == [true; PIXELS];
     let length = places.len() / BLOCKS;
-    let is_wanted = |ray: usize| wanted[ray / length * LANES + ray % LANES];
+    let is_wanted = |block: usize, ray: usize| all || wanted[block * LANES + ray % LANES];
     starts.clear();
     starts.resize(triangles + 2, 0);
     let mut count = 0;
-    for (ray, &place) in places.iter().enumerate() {
-        if place != NOTHING && is_wanted(ray) {
-            starts[place as usize + 2] += 1;
-            count += 1;
+    for (block, places) in places.chunks_exact(length).enumerate() {
+        for (ray, &place) in places.iter().enumerate() {
+            if place != NOTHING && is_wanted(block, ray) {
+                starts[place as usize + 2] += 1;
+                count += 1;
+            }
         }
     }
     for i in 0..triangles {
@@ -156,11 +159,13 @@ fn by_triangle(
     }
     order.clear();
     order.resize(count, 0);
-    for (ray, &place) in places.iter().enumerate() {
-        if place != NOTHING && is_wanted(ray) {
-            let next = &mut starts[place as usize + 1];
-            order[*next as usize] = ray as u32;
-            *next += 1;
+    for (block, places) in places.chunks_exact(length).enumerate() {
+        for (ray, &place) in places.iter().enumerate() {
+            if place != NOTHING && is_wanted(block, ray) {
+                let next = &mut starts[place as usize + 1];
+                order[*next as usize] = (block * length + ray) as u32;
+                *next += 1;
+            }
         }
     }
 }
