@@ -62,9 +62,7 @@ class SceneTable:
         Unsuitable: naming the first thing in the scene that is not diffuse triangles under direct light.
     """
 
-    def __init__(
-        self, scene: Any, mi: Any, *, shadows: bool, any_integrator: bool, moving: Sequence[str] = ()
-    ) -> None:
+    def __init__(self, scene: Any, mi: Any, *, shadows: bool, any_integrator: bool, moving: Sequence[str] = ()) -> None:
         self.scene, self.shadows, self.moving = scene, shadows, list(moving)
         self._hides_lights = bool(getattr(scene.integrator(), "hide_emitters", False))
         if not any_integrator:

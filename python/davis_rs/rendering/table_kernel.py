@@ -213,9 +213,7 @@ class TableKernel:
             to_light = -vector
             value = light.strength / dr.pi * dr.maximum(dr.dot(normal, to_light), 0)
         if self._table.shadows:
-            occluded = self._occluded(
-                light, surface, dr.detach(to_light), active & (dr.detach(value) > 0), bodies
-            )
+            occluded = self._occluded(light, surface, dr.detach(to_light), active & (dr.detach(value) > 0), bodies)
             value = dr.select(occluded, 0, value)
         return value
 
