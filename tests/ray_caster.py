@@ -124,8 +124,8 @@ class TableScene:
         self.corners = table.corners @ rotations.swapaxes(1, 2) + positions[:, None]
 
     def luma(self, position: FloatArray, rotation: FloatArray, rays: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Luma of rays (m, 3) with z = 1 in camera axes, and by how much of the focal length each of them may be moved
-        before it sees another triangle, or one of its lights is hidden or not; 0 where two surfaces lie at one depth."""
+        """Luma of rays (m, 3) with z = 1 in camera axes, and by how much of the focal length each may be moved before
+        it sees another triangle, or a shadow begins or ends there; 0 where two surfaces lie at one depth."""
         seen = (self.corners - position) @ rotation
         hits = cast(seen, rays)
         doubt = np.where(hits.margin > 1e-5, distance_to_edges(seen, rays), 0.0)

@@ -124,6 +124,8 @@ def test_rust_modules_keep_apart() -> None:
             assert not used & {"write", "read", "aer", "python"}, place
         if place.parts[0] == "aer":
             assert not used & {"crossing", "write", "read", "python", "order"}, place
+        if place.parts[0] == "render":
+            assert used <= {"render", "error"}, place
         if place.parts[0] in {"write", "read"}:
             assert not used & {"crossing", "aer", "python", "order"}, place
         if place.parts[0] != "python":

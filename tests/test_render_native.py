@@ -308,8 +308,8 @@ SCENES = ("three_planes", "three_walls", "fence", "checkerboard", *SEQUENCES)
 @pytest.mark.parametrize("name", SCENES)
 def test_scenes_are_those_of_the_table_kernel(name: str) -> None:
     """20 views of each scene: equal to float32's share of a texel's contrast. Where a pixel differs by more than 1e-3,
-    a float64 ray caster says so too, or its ray passes within 1e-3 px of an edge or of a shadow's edge, or two surfaces
-    lie in one plane there: then either may be seen."""
+    a float64 ray caster says so too for a ray within 1e-4 px, or the ray passes within 1e-3 px of an edge or of a
+    shadow's edge, or two surfaces lie in one plane there: then either may be seen."""
     scene = SEQUENCES[name].scene() if name in SEQUENCES else load_scene(name)
     native, kernel = (
         make_renderer(scene, scene.camera, samples=1, blur=False, kind=kind) for kind in ("native", "table")
@@ -330,8 +330,13 @@ def test_scenes_are_those_of_the_table_kernel(name: str) -> None:
             [state.factors[i, columns[light.name]] if light.name in columns else 1.0 for light in table.lights]
         )
         off = np.flatnonzero(~close[i])[:20]
-        luma, doubt = TableScene(table, poses, factors).luma(views.positions[i], views.rotations[i], rays[off])
-        wrong = np.abs(ours[i, off] - luma) > 1e-3 * largest[i, off]
+        truth = TableScene(table, poses, factors)
+        luma, doubt = truth.luma(views.positions[i], views.rotations[i], rays[off])
+        # A ray is float32, and where a texture is seen at a grazing angle 1e-4 px are a good part of a texel.
+        moved = 1e-4 / scene.camera.fx * np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]])
+        around = [truth.luma(views.positions[i], views.rotations[i], rays[off] + step)[0] for step in moved]
+        slack = np.abs(np.array(around) - luma).max(0)
+        wrong = np.abs(ours[i, off] - luma) > 1e-3 * largest[i, off] + slack
         explained = doubt * scene.camera.fx < 1e-3
         assert not (wrong & ~explained).any(), f"view {i}, pixels {off[wrong & ~explained]}"
 

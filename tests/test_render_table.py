@@ -1,5 +1,4 @@
-"""The native renderer and the table kernel against Mitsuba itself: the same light on the same triangles, through its own
-camera."""
+"""The native renderer and the table kernel against Mitsuba: the same light on the same triangles, its own camera."""
 
 from __future__ import annotations
 

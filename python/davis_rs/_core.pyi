@@ -17,6 +17,8 @@ __all__ = [
     "Encoder",
     "EventFileReader",
     "EventFileWriter",
+    "PixelRays",
+    "SceneRenderer",
     "__version__",
     "check_effects",
     "check_events",
@@ -467,7 +469,7 @@ class PixelRays:
         ValueError: for a size outside of 1..65535, rays outside of 1..1024, or another table.
     """
 
-    def __new__(cls, width: int, height: int, rays: int, table: npt.NDArray[np.float32]) -> Self: ...
+    def __new__(cls, width: int, height: int, rays: int, table: npt.NDArray[np.float32]) -> PixelRays: ...
 
 _Views = tuple[
     npt.NDArray[np.float64],
@@ -520,7 +522,7 @@ class SceneRenderer:
         step: float,
         end: float,
         threads: int | None = None,
-    ) -> Self: ...
+    ) -> SceneRenderer: ...
     def luma(
         self, rays: PixelRays, views: _Views, *, rate: bool = False
     ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32] | None]:

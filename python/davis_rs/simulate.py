@@ -59,7 +59,7 @@ class Simulator:
         accuracy: ``fast``, ``balanced`` or ``exact``, see :data:`~davis_rs.sampling.presets.ACCURACY`: what the next
             two and ``refine`` are where they are not given; None is the paper's rule.
         sampling: when to render; by the paper's rule whenever a pixel may have moved by a third of a pixel.
-        samples: rays a pixel, 1..1024; by the paper's rule 8, or 2 in Mitsuba's scalar variant.
+        samples: rays a pixel, 1..1024; by the paper's rule 8, or 2 for Mitsuba's integrators without LLVM.
         sensor: a preset of :data:`~davis_rs.SENSORS` by its name, or parameters of a sensor: thresholds and effects
             where the other arguments do not give them.
         effects: what makes pixels, readout and frames differ from ideal ones: :class:`~davis_rs.Effects`, over those of
@@ -67,7 +67,8 @@ class Simulator:
             scene: see :func:`~davis_rs.plan_effects`. None is the ideal sensor.
         seed: of thresholds and noise, and of Mitsuba's integrators where one of them renders; 0..2^64 - 1.
         threads: of the crossing engine; None means as many as pay. Results do not depend on it.
-        renderer: ``auto``, ``table`` or ``integrator``, see :func:`~davis_rs.rendering.renderers.make_renderer`.
+        renderer: ``auto``, ``native``, ``table`` or ``integrator``, see
+            :func:`~davis_rs.rendering.renderers.make_renderer`.
         blur: the 3 x 3 blur of luma; None leaves it to the scene.
         refine: polish each event's time by asking the renderer itself, to the microsecond; slow, and for ideal pixels
             alone. See :func:`~davis_rs.sampling.refine.refine`.

@@ -46,8 +46,10 @@ def add_plan(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> N
     plan.add_argument("--contrast-threshold-off", type=float, metavar="C", help="as ON if not given")
     plan.add_argument("--log-eps", type=float, default=1e-3, metavar="Y", help="dark level in luma (default: 0.001)")
     plan.add_argument("--lux-per-luma", type=float, metavar="LUX", help="brightness; the scene's if not given")
-    plan.add_argument("--samples", type=int, metavar="N", help="rays a pixel; 8 if not given, 2 without LLVM")
-    plan.add_argument("--renderer", choices=("auto", "table", "integrator"), default="auto")
+    plan.add_argument(
+        "--samples", type=int, metavar="N", help="rays a pixel; 8 if not given (integrators without LLVM: 2)"
+    )
+    plan.add_argument("--renderer", choices=("auto", "native", "table", "integrator"), default="auto")
     plan.add_argument("--blur", action=argparse.BooleanOptionalAction, help="3 x 3 blur; as the scene if not given")
     plan.add_argument("--seed", type=int, default=0, metavar="N")
 

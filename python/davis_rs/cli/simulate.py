@@ -91,8 +91,10 @@ def add_settings(parser: argparse.ArgumentParser) -> None:
     accuracy.add_argument(
         "--refine", action=argparse.BooleanOptionalAction, help="polish event times to the microsecond; slow"
     )
-    accuracy.add_argument("--samples", type=int, metavar="N", help="rays a pixel; 8 if not given, 2 without LLVM")
-    accuracy.add_argument("--renderer", choices=("auto", "table", "integrator"), default=RunSettings.renderer)
+    accuracy.add_argument(
+        "--samples", type=int, metavar="N", help="rays a pixel; 8 if not given (integrators without LLVM: 2)"
+    )
+    accuracy.add_argument("--renderer", choices=("auto", "native", "table", "integrator"), default=RunSettings.renderer)
     accuracy.add_argument(
         "--blur", action=argparse.BooleanOptionalAction, help="3 x 3 blur of luma; as the scene if not given"
     )

@@ -50,7 +50,7 @@ class DifferentiableRenderer:
             raise ValueError(f"derivatives need Mitsuba's {FAST} variant: {why}")
         self._rays = CameraRays(self.camera)
         self._rays.prepare(samples)
-        with variant(FAST) as (mi, dr):
+        with variant(FAST) as (mi, _):
             loaded = load_scene_source(scene.source(), mi)
             try:
                 table = SceneTable(loaded, mi, shadows=scene.shadows, any_integrator=True)

@@ -16,7 +16,6 @@ from .scene_table import SceneTable, Unsuitable
 from .scene_updates import scene_motion
 from .swept_objects import MovingSilhouettes
 
-
 RENDERERS = ("auto", "native", "table", "integrator")
 """What may be asked for, see :func:`make_renderer`."""
 
@@ -71,8 +70,8 @@ def make_renderer(
     if scene.ambient:
         warnings.warn(
             f"scene {scene.name!r} is made for the native renderer or the table kernel, not for the {renderer.name} "
-            f"({renderer.reason}): the scene's constant light, which shall come from all sides, does not reach into its "
-            "closed room, so that shadows are black and the range of illuminance is far wider than the scene's",
+            f"({renderer.reason}): the scene's constant light, which shall come from all sides, does not reach into "
+            "its closed room, so that shadows are black and the range of illuminance is far wider than the scene's",
             stacklevel=2,
         )
     return renderer

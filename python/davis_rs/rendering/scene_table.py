@@ -49,7 +49,7 @@ class SceneTable:
         counts: how many records each of the scene's shapes has, in their order.
         corners: float64 (n, 3, 3), the triangles' corners, metres.
         planes: float64 (n, 4): unit normal and offset, n . p + offset = 0.
-        u_maps, v_maps: float64 (n, 4): coordinates in the texture, its own transform included: u = map[:3] . p + map[3].
+        u_maps, v_maps: float64 (n, 4): texture coordinates, the texture's own transform included: u = map . (p, 1).
         normal_maps: float64 (n, 3, 4), the interpolated vertex normal before normalisation; None where all is flat.
         textures: the textures, and which one each record has.
         two_sided: uint32 (n): 1 where the back of the surface reflects too.
@@ -70,7 +70,8 @@ class SceneTable:
         colours: list[FloatArray] = []
         self.lights = [_light(emitter, mi, colours) for emitter in scene.emitters()]
         self.textures = TextureTable(mi, [np.asarray(LUMA_WEIGHTS) * colour for colour in colours])
-        corners, planes, maps_u, maps_v, normals, two_sided, frames = [], [], [], [], [], [], []
+        corners, planes, normals, two_sided, frames = [], [], [], [], []
+        maps_u, maps_v = list[FloatArray](), list[FloatArray]()
         smooth = False
         for shape in scene.shapes():
             if not shape.is_mesh():

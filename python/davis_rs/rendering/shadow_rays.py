@@ -5,10 +5,10 @@ step off it, along the plane's normal, to the light's side:
 
     step = STEP * (largest |component| of (place - centre) + depth)
 
-with ``centre`` the middle of the box around all that stands still, and ``depth`` the place's z along the camera's optical
-axis. Both grow as the scene and the rounding errors do, so a scene in other units has the same shadows: nothing in it is
-a length. What lies in the last ``END`` of the way to a point light throws no shadow, so that a lamp may touch its socket.
-The sun's rays never end, and rays of the camera begin at the camera itself: there is no near plane.
+with ``centre`` the middle of the box around all that stands still, and ``depth`` the place's z along the camera's
+optical axis. Both grow as the scene and the rounding errors do, so a scene in other units has the same shadows: nothing
+in the rule is a length. What lies in the last ``END`` of the way to a point light throws no shadow, so that a lamp may
+touch its socket. The sun's rays never end, and rays of the camera begin at the camera itself: there is no near plane.
 """
 
 from __future__ import annotations

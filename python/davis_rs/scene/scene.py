@@ -37,8 +37,8 @@ class Scene:
             it within the object. Before and after its trajectory an object stands still where that begins and ends.
         lights: for lights by their ids (of a shape's own emitter ``shape.emitter``) the course of their strength.
         lux_per_luma: illuminance on the sensor's scale: lux that one unit of luma stands for.
-        ambient: its constant light stands for light from all sides, also within closed rooms: only the table kernel
-            shows it so.
+        ambient: its constant light stands for light from all sides, also within closed rooms: only the native
+            renderer and the table kernel show it so.
     """
 
     name: str

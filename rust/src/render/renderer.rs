@@ -145,11 +145,9 @@ impl Renderer {
             let bands = depth.par_chunks_mut(band).zip(owners.par_chunks_mut(band));
             self.frame(rays, view, bands, threads, |of, tile, scratch, _, (depth, owners)| {
                 let (mut depths, mut frames) = ([f32::INFINITY; PIXELS], [0; PIXELS]);
-                tile::nearest(of.bins, rays, tile, scratch, |ray, inverse, seen| {
-                    if let Some(triangle) = seen {
-                        depths[ray] = 1.0 / inverse;
-                        frames[ray] = self.scene.surfaces[triangle as usize].frame;
-                    }
+                tile::nearest(of.bins, rays, tile, scratch, |ray, inverse, triangle| {
+                    depths[ray] = 1.0 / inverse;
+                    frames[ray] = self.scene.surfaces[triangle as usize].frame;
                 });
                 put(rays, tile, &depths, depth);
                 put(rays, tile, &frames, owners);

@@ -11,10 +11,6 @@ use super::shadows::{Shadow, StillCones};
 use super::view::View;
 use super::visibility::{NOTHING, Nearest};
 
-/// Rays of one triangle that are shaded together: where it fills a tile, and elsewhere.
-const MANY: usize = PIXELS;
-const FEW: usize = LANES;
-
 /// What all tiles of a view share.
 pub(super) struct TileView<'a> {
     pub(super) scene: &'a Scene,
@@ -61,51 +57,46 @@ pub(super) fn luma<const RATE: bool>(
     image: &mut TileImage,
 ) {
     let (x, y) = of.rays.of_tile(tile);
-    let all = *wanted == [true; PIXELS];
     of.bins.of_tile(of.rays, tile, &mut scratch.list);
     let TileScratch { list, nearest, shadow, order, starts, luma, rate } = scratch;
     luma.clear();
     luma.resize(x.len(), of.background.0);
     rate.clear();
     rate.resize(if RATE { x.len() } else { 0 }, of.background.1);
+    let all = *wanted == [true; PIXELS];
     if let ([only], true) = (list.as_slice(), all)
         && only.covers
     {
         let shader = prepared(of, tile, only, shadow);
-        for (at, (x, y)) in x.as_chunks::<MANY>().0.iter().zip(y.as_chunks::<MANY>().0).enumerate() {
+        for (at, (x, y)) in x.as_chunks::<TOGETHER>().0.iter().zip(y.as_chunks::<TOGETHER>().0).enumerate() {
             let (one, one_rate) = if shader.dark {
-                ([0.0; MANY], [0.0; MANY])
+                ([0.0; TOGETHER], [0.0; TOGETHER])
             } else {
-                shader.luma::<MANY, RATE>(x, y, shadow)
+                shader.luma::<TOGETHER, RATE>(x, y, shadow)
             };
-            luma[at * MANY..][..MANY].copy_from_slice(&one);
+            luma[at * TOGETHER..][..TOGETHER].copy_from_slice(&one);
             if RATE {
-                rate[at * MANY..][..MANY].copy_from_slice(&one_rate);
+                rate[at * TOGETHER..][..TOGETHER].copy_from_slice(&one_rate);
             }
         }
     } else if !list.is_empty() {
         nearest.find(of.bins, list, (x, y), of.rays.blocks(tile), wanted_blocks(wanted));
-        by_triangle(&nearest.place, list.len(), wanted, order, starts);
+        by_triangle(nearest, list.len(), wanted, order, starts);
         for (number, entry) in list.iter().enumerate() {
-            let own = &order[starts[number] as usize..starts[number + 1] as usize];
-            if own.is_empty() {
+            let scattered = &order[starts[number] as usize..starts[number + 1] as usize];
+            if scattered.is_empty() && !nearest.only.iter().any(|only| *only == place(number)) {
                 continue;
             }
             let shader = prepared(of, tile, entry, shadow);
-            for rays in own.chunks(FEW) {
-                // What is missing to a whole vector is filled up with the last ray.
-                let ray = |i: usize| rays[i.min(rays.len() - 1)] as usize;
-                let (x, y) = (std::array::from_fn(|i| x[ray(i)]), std::array::from_fn(|i| y[ray(i)]));
+            for rays in Rays::that_see(place(number), &nearest.only, x.len() / BLOCKS, scattered) {
                 let (one, one_rate) = if shader.dark {
-                    ([0.0; FEW], [0.0; FEW])
+                    ([0.0; TOGETHER], [0.0; TOGETHER])
                 } else {
-                    shader.luma::<FEW, RATE>(&x, &y, shadow)
+                    shader.luma::<TOGETHER, RATE>(&rays.of(x), &rays.of(y), shadow)
                 };
-                for (i, &ray) in rays.iter().enumerate() {
-                    luma[ray as usize] = one[i];
-                    if RATE {
-                        rate[ray as usize] = one_rate[i];
-                    }
+                rays.put(&one, luma);
+                if RATE {
+                    rays.put(&one_rate, rate);
                 }
             }
         }
@@ -131,22 +122,84 @@ pub(super) fn wanted_blocks(wanted: &[bool; PIXELS]) -> [bool; BLOCKS] {
     std::array::from_fn(|block| wanted[block * LANES..][..LANES].contains(&true))
 }
 
-/// Sorts the wanted rays by the triangle that they see; those of triangle i then begin at `starts[i]`.
+#[allow(clippy::cast_possible_truncation, reason = "a tile has fewer than 2^32 triangles")]
+fn place(number: usize) -> u32 {
+    number as u32
+}
+
+/// Rays that are shaded together: those of a tile are a multiple. With half as many the compiler writes the loops out, and
+/// then finds no vectors in them.
+const TOGETHER: usize = PIXELS;
+
+/// Up to so many rays that see one triangle; what is missing is filled up with the last of them.
+enum Rays<'a> {
+    /// Some that lie side by side.
+    Row { first: usize, count: usize },
+    /// Some here and there.
+    Scattered(&'a [u32]),
+}
+
+impl<'a> Rays<'a> {
+    /// Those that see a triangle: all rays of the blocks that see nothing else, and some of the others.
+    fn that_see(
+        place: u32,
+        only: &'a [u32; BLOCKS],
+        per_block: usize,
+        scattered: &'a [u32],
+    ) -> impl Iterator<Item = Self> {
+        let blocks = only.iter().enumerate().filter(move |(_, only)| **only == place);
+        let rows = blocks.flat_map(move |(block, _)| {
+            let end = (block + 1) * per_block;
+            let firsts = (block * per_block..end).step_by(TOGETHER);
+            firsts.map(move |first| Rays::Row { first, count: TOGETHER.min(end - first) })
+        });
+        rows.chain(scattered.chunks(TOGETHER).map(Rays::Scattered))
+    }
+
+    #[inline(always)]
+    #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
+    fn of(&self, values: &[f32]) -> [f32; TOGETHER] {
+        match self {
+            Self::Row { first, count } => {
+                let values = &values[*first..first + count];
+                values.first_chunk().copied().unwrap_or_else(|| std::array::from_fn(|i| values[i.min(count - 1)]))
+            }
+            Self::Scattered(rays) => std::array::from_fn(|i| values[rays[i.min(rays.len() - 1)] as usize]),
+        }
+    }
+
+    #[inline(always)]
+    #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
+    fn put(&self, values: &[f32; TOGETHER], out: &mut [f32]) {
+        match self {
+            Self::Row { first, count } => out[*first..first + count].copy_from_slice(&values[..*count]),
+            Self::Scattered(rays) => {
+                for (&ray, &value) in rays.iter().zip(values) {
+                    out[ray as usize] = value;
+                }
+            }
+        }
+    }
+}
+
+/// Sorts the wanted rays by the triangle that they see; those of triangle i then begin at `starts[i]`. Blocks in which
+/// all see one are left out.
 #[allow(clippy::cast_possible_truncation, reason = "a tile has fewer than 2^32 rays")]
 fn by_triangle(
-    places: &[u32],
+    nearest: &Nearest,
     triangles: usize,
     wanted: &[bool; PIXELS],
     order: &mut Vec<u32>,
     starts: &mut Vec<u32>,
 ) {
     let all = *wanted == [true; PIXELS];
-    let length = places.len() / BLOCKS;
+    let length = nearest.place.len() / BLOCKS;
     let is_wanted = |block: usize, ray: usize| all || wanted[block * LANES + ray % LANES];
+    let blocks = || nearest.place.chunks_exact(length).enumerate().filter(|(block, _)| nearest.only[*block] == NOTHING);
     starts.clear();
     starts.resize(triangles + 2, 0);
     let mut count = 0;
-    for (block, places) in places.chunks_exact(length).enumerate() {
+    for (block, places) in blocks() {
         for (ray, &place) in places.iter().enumerate() {
             if place != NOTHING && is_wanted(block, ray) {
                 starts[place as usize + 2] += 1;
@@ -159,7 +212,7 @@ fn by_triangle(
     }
     order.clear();
     order.resize(count, 0);
-    for (block, places) in places.chunks_exact(length).enumerate() {
+    for (block, places) in blocks() {
         for (ray, &place) in places.iter().enumerate() {
             if place != NOTHING && is_wanted(block, ray) {
                 let next = &mut starts[place as usize + 1];
@@ -191,19 +244,26 @@ fn mean(values: &[f32]) -> [f32; PIXELS] {
     means
 }
 
-/// Of a tile's rays the inverse depth of what they see, in `scratch.nearest`, and what it is: a function of the triangle's
-/// number in the scene.
+/// For each of a tile's rays the inverse depth of what it sees, and the number of this triangle in the scene.
 pub(super) fn nearest(
     bins: &Bins,
     rays: &PixelRays,
     tile: usize,
     scratch: &mut TileScratch,
-    mut each: impl FnMut(usize, f32, Option<u32>),
+    mut each: impl FnMut(usize, f32, u32),
 ) {
     bins.of_tile(rays, tile, &mut scratch.list);
-    scratch.nearest.find(bins, &scratch.list, rays.of_tile(tile), rays.blocks(tile), [true; BLOCKS]);
-    for (ray, (&place, &inverse)) in scratch.nearest.place.iter().zip(&scratch.nearest.inverse_depth).enumerate() {
-        let seen = (place != NOTHING).then(|| bins.seen[scratch.list[place as usize].seen as usize].triangle);
-        each(ray, inverse, seen);
+    let (x, y) = rays.of_tile(tile);
+    let nearest = &mut scratch.nearest;
+    nearest.find(bins, &scratch.list, (x, y), rays.blocks(tile), [true; BLOCKS]);
+    let seen = |place: u32| &bins.seen[scratch.list[place as usize].seen as usize];
+    let per_block = x.len() / BLOCKS;
+    for ray in 0..x.len() {
+        let only = nearest.only[ray / per_block];
+        if only != NOTHING {
+            each(ray, seen(only).inverse_depth.at(x[ray], y[ray]), seen(only).triangle);
+        } else if nearest.place[ray] != NOTHING {
+            each(ray, nearest.inverse_depth[ray], seen(nearest.place[ray]).triangle);
+        }
     }
 }

@@ -15,6 +15,9 @@ const LONG: usize = 8;
 pub(super) struct Nearest {
     pub(super) place: Vec<u32>,
     pub(super) inverse_depth: Vec<f32>,
+    /// Of blocks whose rays all see the same triangle, as their corners tell, its place; else [`NOTHING`]. Its rays are
+    /// left to who wants to know more of them.
+    pub(super) only: [u32; BLOCKS],
     list: Vec<Candidate>,
 }
 
@@ -37,6 +40,7 @@ impl Nearest {
         blocks: &[Rect],
         wanted: [bool; BLOCKS],
     ) {
+        self.only = [NOTHING; BLOCKS];
         self.place.clear();
         self.place.resize(x.len(), NOTHING);
         self.inverse_depth.clear();
@@ -47,6 +51,12 @@ impl Nearest {
                 continue;
             }
             self.candidates(bins, list, part);
+            if let [one] = self.list.as_slice()
+                && one.covers
+            {
+                self.only[block] = one.place;
+                continue;
+            }
             let rays = block * length..(block + 1) * length;
             let mut out = (&mut self.place[rays.clone()], &mut self.inverse_depth[rays.clone()]);
             if self.list.len() > LONG {
