@@ -1,8 +1,8 @@
 """The native renderer against the table kernel, in one interleaved run: python benches/render.py [SCENE ...]
 
 For each scene, 240 x 180, views a millisecond apart, on one thread: the least processor and wall time of a frame out
-of several rounds in which the renderers take turns; their ratios hold on a busy machine too. With it one view alone, the
-rate and two threads; at last a step of the simulator with a new pose. Needs LLVM for the table kernel.
+of several rounds in which the renderers take turns; their ratios hold on a busy machine too. With it one view alone,
+the rate and two threads; at last a step of the simulator with a new pose. Needs LLVM for the table kernel.
 """
 
 from __future__ import annotations
@@ -115,7 +115,7 @@ def compare(name: str, rays: int) -> None:
 def step_latency() -> None:
     """A controller's loop: a new pose each millisecond."""
     scene = davis_rs.load_scene("three_planes")
-    simulator = Simulator(scene, scene.camera, samples=8)
+    simulator = Simulator(scene, samples=8)
     poses = [scene.path.pose(0.3 + 1e-3 * i) for i in range(60)]
     times = []
     for i, pose in enumerate(poses):

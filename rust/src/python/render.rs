@@ -25,14 +25,8 @@ pub(super) struct PySceneRenderer(Renderer);
 
 /// Where cameras are, and what surrounds them: positions, rotations, velocities and rates of each view in each frame;
 /// factors and their rates of each view and light.
-type Views<'py> = (
-    Bound<'py, PyAny>,
-    Bound<'py, PyAny>,
-    Bound<'py, PyAny>,
-    Bound<'py, PyAny>,
-    Bound<'py, PyAny>,
-    Bound<'py, PyAny>,
-);
+type Views<'py> =
+    (Bound<'py, PyAny>, Bound<'py, PyAny>, Bound<'py, PyAny>, Bound<'py, PyAny>, Bound<'py, PyAny>, Bound<'py, PyAny>);
 
 /// Kind, group, strength, background and vector of a light.
 type LightTuple = (String, u32, f64, f64, [f64; 3]);
@@ -82,7 +76,11 @@ impl PySceneRenderer {
     ) -> PyResult<Self> {
         let (u_maps, v_maps) = (groups::<f64, 4>(u_maps, "u_maps")?, groups::<f64, 4>(v_maps, "v_maps")?);
         if u_maps.len() != v_maps.len() {
-            return Err(PyValueError::new_err(format!("{} u_maps need as many v_maps, got {}", u_maps.len(), v_maps.len())));
+            return Err(PyValueError::new_err(format!(
+                "{} u_maps need as many v_maps, got {}",
+                u_maps.len(),
+                v_maps.len()
+            )));
         }
         let tables = SceneTables {
             corners: groups::<f64, 9>(corners, "corners")?.into_iter().map(rows).collect(),
@@ -204,7 +202,10 @@ fn groups<T: Element + Copy, const N: usize>(array: &Bound<'_, PyAny>, name: &st
     let array: PyReadonlyArray1<T> = column(array, name)?;
     let (groups, rest) = array.as_slice()?.as_chunks::<N>();
     if !rest.is_empty() {
-        return Err(PyValueError::new_err(format!("{name} must be groups of {N}, got {} numbers", array.as_slice()?.len())));
+        return Err(PyValueError::new_err(format!(
+            "{name} must be groups of {N}, got {} numbers",
+            array.as_slice()?.len()
+        )));
     }
     Ok(groups.to_vec())
 }

@@ -137,7 +137,8 @@ impl Bins {
             for column in columns.clone() {
                 let tile = row * rays.columns + column;
                 let part = rays.tile(tile);
-                let apart = low[0] > part.high[0] || high[0] < part.low[0] || low[1] > part.high[1] || high[1] < part.low[1];
+                let apart =
+                    low[0] > part.high[0] || high[0] < part.low[0] || low[1] > part.high[1] || high[1] < part.low[1];
                 if apart || wanted.is_some_and(|wanted| !wanted[tile]) || seen.nearest_in(part) < self.hidden[tile] {
                     continue;
                 }
@@ -222,8 +223,7 @@ struct Pyramid {
 impl Pyramid {
     fn new(rays: &PixelRays, pose: &Pose) -> Self {
         let ([left, top], [right, bottom]) = (rays.all.low.map(f64::from), rays.all.high.map(f64::from));
-        let normals =
-            [[1.0, 0.0, -left], [-1.0, 0.0, right], [0.0, 1.0, -top], [0.0, -1.0, bottom], [0.0, 0.0, 1.0]];
+        let normals = [[1.0, 0.0, -left], [-1.0, 0.0, right], [0.0, 1.0, -top], [0.0, -1.0, bottom], [0.0, 0.0, 1.0]];
         let planes = normals.map(|normal| {
             let turned = pose.vector(normal);
             (turned, -dot(turned, pose.position))

@@ -1,5 +1,7 @@
 //! A hierarchy of boxes over triangles, so that most of them need not be looked at.
 
+#![allow(clippy::cast_precision_loss, reason = "scenes have fewer than 2^31 triangles")]
+
 use std::ops::Range;
 
 use super::vector::Bounds;
@@ -95,8 +97,7 @@ fn split(around: &Bounds, bounds: &[Bounds], order: &mut [u32]) -> Option<usize>
     if order.len() <= 1 {
         return None;
     }
-    let centres =
-        Bounds::of(&order.iter().map(|&i| bounds[i as usize].centre()).collect::<Vec<_>>());
+    let centres = Bounds::of(&order.iter().map(|&i| bounds[i as usize].centre()).collect::<Vec<_>>());
     let whole = order.len() as f64;
     let mut best: Option<(f64, usize, usize)> = None;
     for axis in 0..3 {

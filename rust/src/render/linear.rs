@@ -40,19 +40,13 @@ impl Linear {
     #[inline(always)]
     pub(super) fn highest(self, part: &Rect) -> f32 {
         let [a, b, _] = self.0;
-        self.at(
-            if a > 0.0 { part.high[0] } else { part.low[0] },
-            if b > 0.0 { part.high[1] } else { part.low[1] },
-        )
+        self.at(if a > 0.0 { part.high[0] } else { part.low[0] }, if b > 0.0 { part.high[1] } else { part.low[1] })
     }
 
     #[inline(always)]
     pub(super) fn lowest(self, part: &Rect) -> f32 {
         let [a, b, _] = self.0;
-        self.at(
-            if a > 0.0 { part.low[0] } else { part.high[0] },
-            if b > 0.0 { part.low[1] } else { part.high[1] },
-        )
+        self.at(if a > 0.0 { part.low[0] } else { part.high[0] }, if b > 0.0 { part.low[1] } else { part.high[1] })
     }
 }
 

@@ -12,6 +12,10 @@
 //! [`texture`], [`lights`] and [`shadows`] (behind [`cone`]s) give what [`shade`] needs; [`tile`] is compiled for several
 //! processors, [`renderer`] is what the user sees.
 
+#![allow(clippy::many_single_char_names, reason = "coordinates and corners have such names")]
+#![allow(clippy::needless_range_loop, reason = "loops over the lanes of several arrays become vector code")]
+#![allow(clippy::float_cmp, reason = "ties are exact")]
+
 mod bins;
 mod cone;
 mod hierarchy;

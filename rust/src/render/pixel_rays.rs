@@ -94,6 +94,7 @@ impl PixelRays {
     }
 
     /// Pixels of the sensor.
+    #[must_use]
     pub fn pixels(&self) -> usize {
         self.width * self.height
     }

@@ -54,6 +54,7 @@ impl Renderer {
     }
 
     /// The scene.
+    #[must_use]
     pub fn scene(&self) -> &Scene {
         &self.scene
     }
@@ -71,7 +72,7 @@ impl Renderer {
             None => {
                 self.each_view(views, luma.par_chunks_mut(size), |view, frame, threads| {
                     let bands = frame.par_chunks_mut(rays.width * TILE);
-                    self.frame(rays, view, bands, threads, |of, tile, scratch, image, band: &mut &mut [f32]| {
+                    self.frame(rays, view, bands, threads, |of, tile, scratch, image, band| {
                         tile::luma::<false>(of, tile, &[true; PIXELS], scratch, image);
                         put(rays, tile, &image.luma, band);
                     });
@@ -117,7 +118,10 @@ impl Renderer {
         order.sort_unstable();
         let of_views: Vec<&[Sample]> = order.chunk_by(|a, b| a.view == b.view).collect();
         let found: Vec<Vec<f32>> = self.install(|| {
-            of_views.par_iter().map(|samples| self.samples_of(rays, &views[samples[0].view as usize], samples)).collect()
+            of_views
+                .par_iter()
+                .map(|samples| self.samples_of(rays, &views[samples[0].view as usize], samples))
+                .collect()
         });
         for (sample, value) in order.iter().zip(found.iter().flatten()) {
             luma[sample.index] = *value;

@@ -187,16 +187,19 @@ impl Scene {
     }
 
     /// Triangles that can be seen.
+    #[must_use]
     pub fn triangles(&self) -> usize {
         self.corners.len()
     }
 
     /// Frames: the world's, and one for each body.
+    #[must_use]
     pub fn frames(&self) -> usize {
         self.frames.len()
     }
 
     /// Lights.
+    #[must_use]
     pub fn lights(&self) -> usize {
         self.lights.len()
     }

@@ -135,15 +135,14 @@ impl Plane {
             SeenKind::Directional(towards, towards_rate) => {
                 let cosine = facing * dot(self.normal, towards);
                 let rate = facing * (dot(self.normal_rate, towards) + dot(self.normal, towards_rate));
-                (cosine > 0.0).then(|| Falls::Evenly {
+                (cosine > 0.0).then_some(Falls::Evenly {
                     amount: (cosine * light.strength * FRAC_1_PI) as f32,
                     rate: ((rate * light.strength + cosine * light.strength_rate) * FRAC_1_PI) as f32,
                 })
             }
             SeenKind::Point(place, place_rate) => {
                 let above = facing * (dot(self.normal, place) + self.height);
-                let rate =
-                    facing * (dot(self.normal_rate, place) + dot(self.normal, place_rate) + self.height_rate);
+                let rate = facing * (dot(self.normal_rate, place) + dot(self.normal, place_rate) + self.height_rate);
                 (above > 0.0).then(|| Falls::From {
                     place: single(place),
                     place_rate: single(place_rate),
@@ -433,7 +432,8 @@ fn falling<const L: usize, const RATE: bool>(
                     let above_rate = n[0] * change[0]
                         + (n[1] * change[1] + n[2] * change[2])
                         + (dn[0] * to[0] + (dn[1] * to[1] + dn[2] * to[2]));
-                    let slope = (strength_rate * above + strength * above_rate) / cube - 3.0 * value[i] * along / squared;
+                    let slope =
+                        (strength_rate * above + strength * above_rate) / cube - 3.0 * value[i] * along / squared;
                     rate[i] = if lit { slope } else { 0.0 };
                 }
             }

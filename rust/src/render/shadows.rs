@@ -229,8 +229,7 @@ impl Shadow {
             }
             for cone in &occluders.cones {
                 for i in 0..L {
-                    hidden[i] |=
-                        u32::from(cone.hides_place(places[0][i], places[1][i], places[2][i], shadow.farthest));
+                    hidden[i] |= u32::from(cone.hides_place(places[0][i], places[1][i], places[2][i], shadow.farthest));
                 }
             }
         }

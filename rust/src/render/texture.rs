@@ -46,8 +46,7 @@ pub(super) fn checked(layouts: &[[i64; 4]], texels: &[Vec<f32>]) -> Result<Vec<T
         let side = 1..=LARGEST_SIDE;
         let end = side.contains(&width).then(|| (width + 2).checked_mul(height + 2)?.checked_add(first)).flatten();
         let fits = texels.is_empty() || end.is_some_and(|end| usize::try_from(end).is_ok_and(|end| end <= length));
-        let (Ok(first), Ok(columns), Ok(rows)) =
-            (usize::try_from(first), u32::try_from(width), u32::try_from(height))
+        let (Ok(first), Ok(columns), Ok(rows)) = (usize::try_from(first), u32::try_from(width), u32::try_from(height))
         else {
             return Err(misplaced(number, &layouts[number], length));
         };
