@@ -28,6 +28,9 @@ pub(super) struct PySceneRenderer(Renderer);
 type Views<'py> =
     (Bound<'py, PyAny>, Bound<'py, PyAny>, Bound<'py, PyAny>, Bound<'py, PyAny>, Bound<'py, PyAny>, Bound<'py, PyAny>);
 
+/// An array without its shape.
+type Flat<'py, T> = Bound<'py, PyArray1<T>>;
+
 /// Kind, group, strength, background and vector of a light.
 type LightTuple = (String, u32, f64, f64, [f64; 3]);
 
@@ -114,7 +117,7 @@ impl PySceneRenderer {
         rays: &PyPixelRays,
         views: Views<'py>,
         rate: bool,
-    ) -> PyResult<(Bound<'py, PyArray1<f32>>, Option<Bound<'py, PyArray1<f32>>>)> {
+    ) -> PyResult<(Flat<'py, f32>, Option<Flat<'py, f32>>)> {
         let views = self.views(&views)?;
         let room = vec![0f32; views.len() * rays.0.pixels()];
         let (mut luma, mut rates) = (room.clone(), rate.then_some(room));
@@ -129,7 +132,7 @@ impl PySceneRenderer {
         views: Views<'py>,
         view: &Bound<'py, PyAny>,
         pixel: &Bound<'py, PyAny>,
-    ) -> PyResult<Bound<'py, PyArray1<f32>>> {
+    ) -> PyResult<Flat<'py, f32>> {
         let (view, pixel) = (column::<u32>(view, "view")?, column::<u32>(pixel, "pixel")?);
         let pixels: Vec<(u32, u32)> = view.as_slice()?.iter().copied().zip(pixel.as_slice()?.iter().copied()).collect();
         let views = self.views(&views)?;
@@ -143,7 +146,7 @@ impl PySceneRenderer {
         py: Python<'py>,
         rays: &PyPixelRays,
         views: Views<'py>,
-    ) -> PyResult<(Bound<'py, PyArray1<f32>>, Bound<'py, PyArray1<u32>>)> {
+    ) -> PyResult<(Flat<'py, f32>, Flat<'py, u32>)> {
         let views = self.views(&views)?;
         let size = views.len() * rays.0.pixels();
         let (mut depth, mut owners) = (vec![0f32; size], vec![0u32; size]);

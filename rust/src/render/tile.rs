@@ -67,7 +67,7 @@ pub(super) fn luma<const RATE: bool>(
     if let ([only], true) = (list.as_slice(), all)
         && only.covers
     {
-        let shader = prepared(of, tile, only, shadow);
+        let shader = prepared(of, tile, *only, shadow);
         for (at, (x, y)) in x.as_chunks::<TOGETHER>().0.iter().zip(y.as_chunks::<TOGETHER>().0).enumerate() {
             let (one, one_rate) = if shader.dark {
                 ([0.0; TOGETHER], [0.0; TOGETHER])
@@ -87,7 +87,7 @@ pub(super) fn luma<const RATE: bool>(
             if scattered.is_empty() && !nearest.only.iter().any(|only| *only == place(number)) {
                 continue;
             }
-            let shader = prepared(of, tile, entry, shadow);
+            let shader = prepared(of, tile, *entry, shadow);
             for rays in Rays::that_see(place(number), &nearest.only, x.len() / BLOCKS, scattered) {
                 let (one, one_rate) = if shader.dark {
                     ([0.0; TOGETHER], [0.0; TOGETHER])
@@ -108,7 +108,7 @@ pub(super) fn luma<const RATE: bool>(
 }
 
 /// A tile's triangle, with its shadows made ready.
-fn prepared<'a>(of: &TileView<'a>, tile: usize, entry: &Entry, shadow: &mut Shadow) -> Shader<'a> {
+fn prepared<'a>(of: &TileView<'a>, tile: usize, entry: Entry, shadow: &mut Shadow) -> Shader<'a> {
     let seen = &of.bins.seen[entry.seen as usize];
     let shader = Shader::new(of.scene, of.view, &of.lights, seen);
     if !shader.dark {

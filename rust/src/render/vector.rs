@@ -66,7 +66,7 @@ impl Bounds {
     }
 
     pub(super) fn centre(&self) -> Vector {
-        std::array::from_fn(|i| (self.low[i] + self.high[i]) / 2.0)
+        std::array::from_fn(|i| f64::midpoint(self.low[i], self.high[i]))
     }
 
     pub(super) fn corners(&self) -> [Vector; 8] {
