@@ -123,12 +123,21 @@ class TableScene:
         rotations, positions = (np.array(part)[table.frames] for part in zip(*self.poses, strict=True))
         self.corners = table.corners @ rotations.swapaxes(1, 2) + positions[:, None]
 
-    def luma(self, position: FloatArray, rotation: FloatArray, rays: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Luma of rays (m, 3) with z = 1 in camera axes, and by how much of the focal length each may be moved before
-        it sees another triangle, or a shadow begins or ends there; 0 where two surfaces lie at one depth."""
+    def luma(self, position: FloatArray, rotation: FloatArray, rays: FloatArray) -> FloatArray:
+        """Luma of rays (m, 3) with z = 1 in camera axes."""
+        return self._look(position, rotation, rays, edges=False)[0]
+
+    def doubt(self, position: FloatArray, rotation: FloatArray, rays: FloatArray) -> FloatArray:
+        """By how much of the focal length each ray may be moved before it sees another triangle, or a shadow begins or
+        ends there; 0 where two surfaces lie at one depth."""
+        return self._look(position, rotation, rays, edges=True)[1]
+
+    def _look(
+        self, position: FloatArray, rotation: FloatArray, rays: FloatArray, *, edges: bool
+    ) -> tuple[FloatArray, FloatArray]:
         seen = (self.corners - position) @ rotation
         hits = cast(seen, rays)
-        doubt = np.where(hits.margin > 1e-5, distance_to_edges(seen, rays), 0.0)
+        doubt = np.where(hits.margin > 1e-5, distance_to_edges(seen, rays), 0.0) if edges else np.zeros(len(rays))
         background = sum(
             light.strength * factor * self.table.background_per_strength(light)
             for light, factor in zip(self.table.lights, self.factors, strict=True)
@@ -137,12 +146,14 @@ class TableScene:
         for i in np.flatnonzero(hits.triangle >= 0):
             direction = rotation @ rays[i]
             place = position + hits.depth[i] * direction
-            luma[i], shadow = self._reflected(int(hits.triangle[i]), place, direction, hits.depth[i])
+            luma[i], shadow = self._reflected(int(hits.triangle[i]), place, direction, hits.depth[i], edges)
             doubt[i] = min(doubt[i], shadow / hits.depth[i])
         return luma, doubt
 
-    def _reflected(self, triangle: int, place: FloatArray, direction: FloatArray, depth: float) -> tuple[float, float]:
-        """Luma of a place, and how far it lies from the nearest edge of a shadow, metres."""
+    def _reflected(
+        self, triangle: int, place: FloatArray, direction: FloatArray, depth: float, edges: bool
+    ) -> tuple[float, float]:
+        """Luma of a place, and how far it lies from the nearest edge of a shadow, metres, where that is asked for."""
         table = self.table
         rotation, position = self.poses[table.frames[triangle]]
         own = np.append((place - position) @ rotation, 1.0)
@@ -172,10 +183,9 @@ class TableScene:
                 step = STEP * (np.abs(place - table.centre).max() + depth)
                 origin = (place + flat * step * np.sign(flat @ towards))[None]
                 sun = np.append(towards, 0.0)
-                nearest = min(
-                    nearest,
-                    distance_to_shadow_edges(self.corners, origin, light.vector if light.kind == "point" else sun)[0],
-                )
+                source = light.vector if light.kind == "point" else sun
+                if edges:
+                    nearest = min(nearest, distance_to_shadow_edges(self.corners, origin, source)[0])
                 if (
                     shadowed(self.corners, origin, light.vector, end=END)
                     if light.kind == "point"

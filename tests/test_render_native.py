@@ -329,16 +329,16 @@ def test_scenes_are_those_of_the_table_kernel(name: str) -> None:
         factors = np.array(
             [state.factors[i, columns[light.name]] if light.name in columns else 1.0 for light in table.lights]
         )
-        off = np.flatnonzero(~close[i])[:20]
+        off = np.flatnonzero(~close[i])[:8]
         truth = TableScene(table, poses, factors)
-        luma, doubt = truth.luma(views.positions[i], views.rotations[i], rays[off])
+        luma = truth.luma(views.positions[i], views.rotations[i], rays[off])
         # A ray is float32, and where a texture is seen at a grazing angle 1e-4 px are a good part of a texel.
         moved = 1e-4 / scene.camera.fx * np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]])
-        around = [truth.luma(views.positions[i], views.rotations[i], rays[off] + step)[0] for step in moved]
+        around = [truth.luma(views.positions[i], views.rotations[i], rays[off] + step) for step in moved]
         slack = np.abs(np.array(around) - luma).max(0)
-        wrong = np.abs(ours[i, off] - luma) > 1e-3 * largest[i, off] + slack
-        explained = doubt * scene.camera.fx < 1e-3
-        assert not (wrong & ~explained).any(), f"view {i}, pixels {off[wrong & ~explained]}"
+        wrong = off[np.abs(ours[i, off] - luma) > 1e-3 * largest[i, off] + slack]
+        doubt = truth.doubt(views.positions[i], views.rotations[i], rays[wrong]) * scene.camera.fx
+        assert (doubt < 1e-3).all(), f"view {i}, pixels {wrong[doubt >= 1e-3]}, {doubt[doubt >= 1e-3]} px from an edge"
 
 
 @pytest.mark.parametrize("name", ["three_planes", "boxes_6dof", "dynamic_6dof"])
