@@ -37,13 +37,14 @@ def laps(scene: davis_rs.Scene, duration_s: float) -> davis_rs.Trajectory:
 def main() -> None:
     duration_s = float(sys.argv[1]) if len(sys.argv) > 1 else 60.0
     scene = davis_rs.load_scene("three_planes")
-    simulator = davis_rs.Simulator(scene, samples=4, accuracy=sys.argv[2] if len(sys.argv) > 2 else None)
+    accuracy = sys.argv[2] if len(sys.argv) > 2 else "paper"
+    simulator = davis_rs.Simulator(scene.with_trajectory(laps(scene, duration_s)), samples=4, accuracy=accuracy)
     events, next_s = 0, 0.3
     with (
         tempfile.TemporaryDirectory() as folder,
         davis_rs.DatasetWriter(Path(folder) / "out", simulator.camera) as writer,
     ):
-        for packet in simulator.run(laps(scene, duration_s)):
+        for packet in simulator.run():
             writer.write(packet)
             events += len(packet.events)
             if packet.end_us * 1e-6 >= next_s:

@@ -1,144 +1,88 @@
-"""The native renderer against the table kernel, in one interleaved run: python benches/render.py [SCENE ...]
+"""The table kernel against Mitsuba's own renderer: python benches/render.py
 
-For each scene, 240 x 180, views a millisecond apart, on one thread: the least processor and wall time of a frame out
-of several rounds in which the renderers take turns; their ratios hold on a busy machine too. With it one view alone,
-the rate and two threads; at last a step of the simulator with a new pose. Needs LLVM for the table kernel.
+three_planes, 240 x 180, in one process; medians, in milliseconds a frame.
 """
 
-from __future__ import annotations
-
-import resource
-import sys
+import gc
+import statistics
 import time
 from collections.abc import Callable
 from functools import partial
 
 import drjit as dr
+import mitsuba as mi
 import numpy as np
 
 import davis_rs
-from davis_rs import Scene, Simulator
-from davis_rs._mitsuba import FAST, SCALAR, load_scene_source, variant
-from davis_rs.rendering.render_native import NativeRenderer
+from davis_rs.rendering.render import Renderer
 from davis_rs.rendering.renderers import make_renderer
-from davis_rs.rendering.scene_table import SceneTable
-from davis_rs.rendering.scene_updates import scene_motion
-from davis_rs.sequences import SEQUENCES, meshes
-from davis_rs.sequences.meshes import shape
 from davis_rs.trajectory.views import Views
 
-VIEWS, ROUNDS = 16, 5
-CASES = [
-    *((scene, rays) for scene in ("three_planes", "three_walls") for rays in (8, 32)),
-    *((scene, 8) for scene in ("boxes_6dof", "office_zigzag", "poster_6dof", "slider_depth")),
-    *((scene, 8) for scene in ("outdoors_walking", "urban", "dynamic_6dof", "mesh of 100,000")),
-]
-
-Job = Callable[[], object]
+POSES, REPETITIONS = 64, 7
 
 
-def mesh() -> Scene:
-    """A ball of 100,000 triangles under a lamp, with shadows."""
+def mitsuba_render(scene: davis_rs.Scene, samples: int) -> Callable[[Views], None]:
+    """``mi.render`` with the scene's integrator and a perspective sensor that is moved for every frame."""
+    from davis_rs._mitsuba import load_scene_source
 
-    def source() -> dict[str, object]:
-        ball = shape(meshes.ball([0.0, 0.0, 0.0], [0.8, 0.9, 0.6], rings=225, sides=225), 0.6)
-        lamp = {"type": "point", "position": [0.5, -0.4, 2.0], "intensity": 9.0}
-        return {"type": "scene", "integrator": {"type": "direct"}, "ball": ball, "lamp": lamp}
+    mi.set_variant("llvm_ad_rgb")
+    loaded = load_scene_source(scene.source(), mi)
+    camera = scene.own_camera
+    film = {"type": "hdrfilm", "width": camera.width, "height": camera.height, "rfilter": {"type": "box"}}
+    fov = float(np.degrees(2 * np.arctan(camera.width / (2 * camera.fx))))
+    sensor = mi.load_dict({"type": "perspective", "fov": fov, "film": film})
+    parameters = mi.traverse(sensor)
 
-    down = davis_rs.Pose([0.0, 0.0, 1.9], [1.0, 0.0, 0.0, 0.0])
-    aside = davis_rs.Pose([0.2, 0.1, 1.8], [1.0, 0.0, 0.0, 0.0])
-    return Scene("mesh", source, trajectory=davis_rs.SegmentTrajectory(down, aside, 1.0))
+    def render(views: Views) -> None:
+        for position, rotation in zip(views.positions, views.rotations, strict=True):
+            matrix = np.eye(4)
+            matrix[:3, :3], matrix[:3, 3] = rotation @ np.diag([-1.0, -1.0, 1.0]), position
+            to_world = mi.Matrix4f(matrix.tolist())
+            dr.make_opaque(to_world)  # a literal would be compiled into the kernel, and compiled anew for every pose
+            parameters["to_world"] = mi.Transform4f(to_world)
+            parameters.update()
+            mi.render(loaded, sensor=sensor, spp=samples, seed=0).numpy()
 
-
-def scene_of(name: str) -> Scene:
-    if name.startswith("mesh"):
-        return mesh()
-    return SEQUENCES[name].scene() if name in SEQUENCES else davis_rs.load_scene(name)
-
-
-def native(scene: Scene, rays: int, threads: int) -> NativeRenderer:
-    with variant(SCALAR) as (mi, _):
-        loaded = load_scene_source(scene.source(), mi)
-        motion = scene_motion(scene, loaded, mi)
-        moving = list(motion.objects)
-        table = SceneTable(loaded, mi, shadows=scene.shadows, any_integrator=False, moving=moving)
-    return NativeRenderer(table, scene.camera, samples=rays, blur=False, motion=motion, threads=threads)
+    return render
 
 
-def measure(jobs: dict[str, Job], rounds: int = ROUNDS) -> dict[str, tuple[float, float]]:
-    """The least (wall, processor) milliseconds of each job; they take turns, so that a busy machine is busy for all."""
-    for job in jobs.values():
-        job()  # the first compiles
-    least = dict.fromkeys(jobs, (np.inf, np.inf))
-    for _ in range(rounds):
-        for name, job in jobs.items():
-            wall, processor = time.perf_counter(), time.process_time()
-            job()
-            took = (1e3 * (time.perf_counter() - wall), 1e3 * (time.process_time() - processor))
-            least[name] = (min(least[name][0], took[0]), min(least[name][1], took[1]))
-    return least
+def milliseconds(make: Callable[[], Callable[[Views], object]], views: Views) -> float:
+    """Median time a frame of what ``make`` makes, which is dropped afterwards.
 
-
-def compare(name: str, rays: int) -> None:
-    scene = scene_of(name)
-    views = Views.along(scene.path, 0.3 + 1e-3 * np.arange(VIEWS))
-    kernel, ours, two = (
-        make_renderer(scene, scene.camera, samples=rays, blur=False, kind="table"),
-        native(scene, rays, 1),
-        native(scene, rays, 2),
-    )
-    least = measure(
-        {
-            "table": partial(kernel.luma, views),
-            "native": partial(ours.luma, views),
-            "rate": partial(ours.luma_and_rate, views),
-            "two": partial(two.luma, views),
-            "table, one": partial(kernel.luma, views[:1]),
-            "native, one": partial(ours.luma, views[:1]),
-        }
-    )
-    table, frame, rate, both = (least[key] for key in ("table", "native", "rate", "two"))
-    alone = [least[f"{kind}, one"] for kind in ("table", "native")]
-    row = [
-        f"{name}, {rays}",
-        f"{table[1] / VIEWS:.2f}",
-        f"{frame[1] / VIEWS:.2f}",
-        f"{table[1] / frame[1]:.1f}",
-        f"{alone[1][0]:.1f}",
-        f"{alone[0][1] / alone[1][1]:.1f}",
-        f"{rate[1] / frame[1]:.2f}",
-        f"{frame[0] / both[0]:.2f}",
-    ]
-    print("| " + " | ".join(row) + " |", flush=True)
-
-
-def step_latency() -> None:
-    """A controller's loop: a new pose each millisecond."""
-    scene = davis_rs.load_scene("three_planes")
-    simulator = Simulator(scene, samples=8)
-    poses = [scene.path.pose(0.3 + 1e-3 * i) for i in range(60)]
+    One after the other, since Mitsuba compiles every surface of all scenes that are loaded into each of its kernels.
+    """
+    render = make()
+    render(views)  # the first compiles
     times = []
-    for i, pose in enumerate(poses):
+    for _ in range(REPETITIONS):
         start = time.perf_counter()
-        simulator.step(1000 * i, pose)
-        times.append(1e3 * (time.perf_counter() - start))
-    middle, worst = np.median(times[5:]), np.max(times[5:])
-    print(f"\nSimulator.step, three_planes, 8 rays, a pose each millisecond: {middle:.1f} ms, at most {worst:.1f} ms")
+        render(views)
+        times.append((time.perf_counter() - start) / len(views) * 1e3)
+    return statistics.median(times)
 
 
 def main() -> None:
-    with variant(FAST):
-        dr.set_thread_count(1)
-    wanted = sys.argv[1:]
-    heads = ["scene, rays", "table kernel, processor ms a frame", "native", "ratio", "one view alone: native, wall ms"]
-    heads += ["ratio of processor time", "with dY/dt / without", "one thread / two, wall"]
-    print("| " + " | ".join(heads) + " |")
-    print("|---|---|---|---|---|---|---|---|")
-    for name, rays in CASES:
-        if not wanted or name in wanted:
-            compare(name, rays)
-    step_latency()
-    print(f"most memory: {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024:.0f} MiB")
+    scene = davis_rs.load_scene("three_planes")
+    assert scene.trajectory is not None
+    views = Views.along(scene.trajectory, np.linspace(0.3, 0.5, POSES))
+
+    def renderer(rays: int, kind: str, blur: bool) -> Renderer:
+        return make_renderer(scene, scene.own_camera, samples=rays, kind=kind, blur=blur)
+
+    cases: dict[str, Callable[[], Callable[[Views], object]]] = {}
+    for rays in (1, 16):
+        cases[f"mi.render, {rays} samples"] = partial(mitsuba_render, scene, rays)
+        cases[f"Mitsuba's integrator on our rays, {rays} rays"] = lambda n=rays: renderer(n, "integrator", False).luma
+    for rays in (1, 4, 8, 13):
+        cases[f"table kernel, {rays} rays"] = lambda n=rays: renderer(n, "table", False).luma
+        cases[f"table kernel, {rays} rays, blurred"] = lambda n=rays: renderer(n, "table", True).luma
+        cases[f"table kernel, {rays} rays, with dY/dt"] = lambda n=rays: renderer(n, "table", False).luma_and_rate
+    print("| what | ms a frame | frames a second |")
+    print("|---|---|---|")
+    for name, make in cases.items():
+        middle = milliseconds(make, views)
+        print(f"| {name} | {middle:.2f} | {1e3 / middle:,.0f} |", flush=True)
+        gc.collect()
 
 
 if __name__ == "__main__":

@@ -26,7 +26,7 @@ from davis_rs.trajectory.views import Views
 FloatArray = npt.NDArray[np.float64]
 
 SCENE = load_scene("checkerboard")
-CAMERA = SCENE.camera
+CAMERA = SCENE.own_camera
 BOARD = DATASET_BOARD
 FRAME_RATE_HZ = 10
 

@@ -169,8 +169,11 @@ def aedat4(
 
 
 def aedat4_events(events: Any) -> bytes:
-    packed = b"".join(struct.pack("<qhhB3x", *event) for event in events[["t", "x", "y", "p"]].tolist())
-    return FlatBuffer(b"EVTS").finish([struct.pack("<I", len(events)) + packed])
+    packed = np.zeros(len(events), {"names": ["t", "x", "y", "p"], "formats": ["<i8", "<i2", "<i2", "u1"],
+                                    "offsets": [0, 8, 10, 12], "itemsize": 16})  # fmt: skip
+    for name in "txyp":
+        packed[name] = events[name].astype(packed.dtype[name])
+    return FlatBuffer(b"EVTS").finish([struct.pack("<I", len(events)) + packed.tobytes()])
 
 
 def aedat4_imu(samples: Sequence[tuple[int, Sequence[float]]]) -> bytes:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from davis_rs import Camera, FixedRate, Pose, Scene, SegmentTrajectory, Trajectory, interval, load_scene
+from davis_rs import Camera, FixedRate, Pose, Scene, SegmentTrajectory, Trajectory, load_scene
 from davis_rs.rendering.render import Renderer
 from davis_rs.rendering.renderers import make_renderer
 from davis_rs.sampling.keyframes import Keyframe, Stretch
@@ -33,7 +33,7 @@ def built_in(name: str = "three_planes", camera: Camera = CAMERA) -> tuple[Rende
     """A renderer of a built-in scene, and 0.3 s of its trajectory from 0.5 s on."""
     scene = load_scene(name)
     assert scene.trajectory is not None
-    return make_renderer(scene, camera, samples=8), interval(scene.trajectory, 0.5, 0.3)
+    return make_renderer(scene, camera, samples=8), scene.trajectory.crop(0.5, 0.3)
 
 
 def wall(left: float = -30.0) -> Scene:

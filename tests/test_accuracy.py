@@ -18,25 +18,24 @@ from davis_rs import (
     MaxDisplacement,
     Scene,
     SegmentTrajectory,
+    Simulator,
     Trajectory,
-    interval,
     load_scene,
     log_intensity,
     start_pose,
 )
+from davis_rs.accuracy.accuracy_sweep import Measurement, Sweep, sweep
 from davis_rs.accuracy.reference_events import FineReference, Recipe, exact_crossings, fine_reference, in_ticks
 from davis_rs.accuracy.report import draw, facts_of, markdown, pareto
 from davis_rs.accuracy.settings import Setting, default_settings
-from davis_rs.accuracy.sweep import Measurement, Sweep, sweep
 from davis_rs.cli.accuracy import run_sweep
 from davis_rs.cli.main import main
+from davis_rs.event_matching import compare_events
 from davis_rs.events import EventArray, concatenate_events
-from davis_rs.inspection.compare import compare_events
 from davis_rs.rendering.render import Renderer
 from davis_rs.rendering.renderers import make_renderer
 from davis_rs.sampling.interpolate import interpolated
 from davis_rs.sampling.keyframes import Keyframe, SparseSamples
-from davis_rs.simulate import Simulator
 from davis_rs.trajectory.views import Views
 
 CAMERA = Camera(40, 30, 200.0, 200.0, 19.5, 14.5)
@@ -55,7 +54,7 @@ def scene() -> Scene:
 def recipe(scene: Scene) -> Recipe:
     """30 ms, in which the fastest pixel moves some 3 px."""
     assert scene.trajectory is not None
-    return Recipe(interval(scene.trajectory, 1.0, 0.03), scene.contrast_threshold, 1e-3, 10_000)
+    return Recipe(scene.trajectory.crop(1.0, 0.03), scene.contrast_threshold, 1e-3, 10_000)
 
 
 @pytest.fixture(scope="module")
@@ -65,14 +64,14 @@ def renderer(scene: Scene) -> Renderer:
 
 def simulated(scene: Scene, recipe: Recipe, pixels: float, *, samples: int = 4) -> EventArray:
     simulator = Simulator(
-        scene,
+        scene.with_trajectory(recipe.trajectory),
         camera=CAMERA,
         sampling=MaxDisplacement(pixels),
         samples=samples,
         frame_rate_hz=0,
         depth_rate_hz=0,
     )
-    return concatenate_events([packet.events for packet in simulator.run(recipe.trajectory)])
+    return concatenate_events([packet.events for packet in simulator.run()])
 
 
 # ---- references ----
@@ -122,7 +121,7 @@ def test_the_fine_reference_converges_and_is_kept(renderer: Renderer, recipe: Re
     """Halving its displacement moves events little; from its file it is the same, without a render."""
     cache = tmp_path / "deeper" / "frames.npz"
 
-    def run(frames: Generator[int, None, FineReference]) -> tuple[int, FineReference]:
+    def run(frames: Generator[tuple[int, int], None, FineReference]) -> tuple[int, FineReference]:
         rendered = 0
         while True:
             try:
@@ -190,7 +189,10 @@ SETTINGS = [
 def prepared(scene: Scene, tmp_path_factory: pytest.TempPathFactory) -> Sweep:
     folder = tmp_path_factory.mktemp("sweep")
     made = Sweep(scene, start_s=1.0, duration_s=0.03, camera=CAMERA, folder=folder, fine_rays=64)
-    assert list(made.prepare()) == sorted(range(1, len(made.fine.t_us) + 1))
+    counted = list(made.prepare())
+    assert [done for done, _ in counted] == list(range(1, len(made.fine.t_us) + 1))
+    assert len({most for _, most in counted}) == 1
+    assert counted[-1][0] <= counted[-1][1]
     return made
 
 
@@ -301,8 +303,9 @@ def test_a_part_is_chosen_where_things_move(scene: Scene, tmp_path: Path) -> Non
     assert chosen.path_px == pytest.approx(6, rel=0.02)
     assert chosen.timed_s == pytest.approx(min(4 * chosen.duration_s, 2 - chosen.start_s))
     start = start_pose(scene)
+    resting = scene.with_trajectory(SegmentTrajectory(start, start, 1.0))
     with pytest.raises(ValueError, match="nothing moves in the"):
-        Sweep(scene, SegmentTrajectory(start, start, 1.0), camera=CAMERA, folder=tmp_path)
+        Sweep(resting, camera=CAMERA, folder=tmp_path)
 
 
 def test_the_command_line_refuses(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -323,8 +326,8 @@ def test_the_fence_is_thin_and_before_a_wall() -> None:
     """At 16 rays a pixel some bars are a fraction of a pixel wide, all are below two; everywhere there is a wall."""
     fence = load_scene("fence")
     assert fence.trajectory is not None
-    renderer = make_renderer(fence, fence.camera, samples=1)
-    assert renderer.name == "native renderer"
+    renderer = make_renderer(fence, fence.own_camera, samples=1)
+    assert renderer.name == "table kernel"
     depth = renderer.depth(Views.along(fence.trajectory, np.linspace(0, 2, 21)))
     assert np.isfinite(depth).all()
     bars = depth < 1.7
@@ -345,8 +348,8 @@ def test_no_shadow_can_be_seen_in_the_fence() -> None:
     assert fence.trajectory is not None
     assert not fence.shadows
     views = Views.along(fence.trajectory, np.linspace(0, 2, 21))
-    without = make_renderer(fence, fence.camera, samples=1).luma(views)
-    traced = make_renderer(replace(fence, shadows=True), fence.camera, samples=1).luma(views)
+    without = make_renderer(fence, fence.own_camera, samples=1).luma(views)
+    traced = make_renderer(replace(fence, shadows=True), fence.own_camera, samples=1).luma(views)
     assert np.array_equal(without, traced)
     assert 0.005 < without.min() < without.max() < 3
 

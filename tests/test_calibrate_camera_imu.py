@@ -13,7 +13,6 @@ import pytest
 from scipy.interpolate import BSpline
 
 from calibration_views import BOARD, CAMERA, board_camera, degrees_between, exact_view, found_views, path, write_folder
-from davis_rs import interval
 from davis_rs.calibrate import BoardPose, board_pose, board_poses, calibrate_camera_imu, report
 from davis_rs.calibrate.body_spline import BodySpline
 from davis_rs.calibrate.inertial_problem import InertialProblem, Readings
@@ -29,7 +28,7 @@ TRUTH = Mounting().matrix
 
 
 def samples(imu: Imu, duration_s: float, seed: int = 0) -> ImuArray:
-    return simulate_imu(interval(path(), 0.0, duration_s), imu, seed=seed)
+    return simulate_imu(path().crop(0.0, duration_s), imu, seed=seed)
 
 
 @lru_cache
@@ -120,10 +119,10 @@ def test_spline_matrices_agree_with_scipy() -> None:
 
 
 def test_rates_of_a_turning_body_are_the_derivative_of_its_rotation() -> None:
-    """With turns of any size on top of the interpolated course: R' = R [w]x."""
+    """With turns of any size on top of the interpolated profile: R' = R [w]x."""
     t = np.linspace(0.0, 2.0, 21)
-    course = np.stack([board_camera(s)[:3, :3] for s in t])
-    spline = BodySpline(t, course, 10.0)
+    profile = np.stack([board_camera(s)[:3, :3] for s in t])
+    spline = BodySpline(t, profile, 10.0)
     coefficients = 0.3 * np.random.default_rng(6).standard_normal((spline.basis.size, 3))
     at, h = np.linspace(0.1, 1.9, 40), 1e-5
     before, after = spline.rotations(coefficients, at - h), spline.rotations(coefficients, at + h)

@@ -29,10 +29,10 @@ from davis_rs.calibrate import BoardPose, board_pose, board_poses, calibrate_han
 from davis_rs.calibrate.hand_eye import HandEyePoses, Reprojection, check_motion, linear_hand_eye
 from davis_rs.calibrate.levenberg_marquardt import levenberg_marquardt
 from davis_rs.calibrate.reprojection import inverse, rotation_of, transform
-from davis_rs.calibrate.tracked import pose_noise
 from davis_rs.cli.main import main
 from davis_rs.motion_capture import MocapNoise, MotionCapture
 from davis_rs.scene.checkerboard_scene import board_in_world
+from davis_rs.trajectory.sample_noise import pose_noise
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -167,7 +167,7 @@ def test_noise_of_poses_is_estimated_and_smoothed_away() -> None:
     poses = MotionCapture().poses(path())
     noise = MocapNoise()
     noisy = noise.apply(poses, seed=5)
-    position, rotation = pose_noise(noisy)
+    position, rotation = pose_noise(noisy.t_us * 1e-6, noisy.positions, noisy.quaternions)
     assert position == pytest.approx(noise.position_m, rel=0.05)
     assert rotation == pytest.approx(noise.rotation_rad, rel=0.05)
     t = np.arange(1.0, 19.0, 0.01)

@@ -197,7 +197,7 @@ def test_binary_and_missing_calib(tmp_path: Path) -> None:
     """Bytes that are no text are a DecodeError; a file that is not there stays an OSError, a bad name a ValueError."""
     path = tmp_path / "calib.txt"
     path.write_bytes(b"\xff\xfe1 2 3")
-    with pytest.raises(DecodeError, match="line 1"):
+    with pytest.raises(DecodeError, match="not a text file, byte 0"):
         Camera.from_calib(path)
     with pytest.raises(FileNotFoundError):
         Camera.from_calib(tmp_path / "none.txt")

@@ -280,7 +280,38 @@ def test_bad_poses_are_found(folder: Path, line: str, sentence: str) -> None:
     """Ground truth has increasing times and unit quaternions."""
     with (folder / "groundtruth.txt").open("a") as file:
         file.write(line + "\n")
+    change_meta(folder, counts=counts_of(folder) | {"poses": len(Dataset(folder).groundtruth.t_us)})
     assert sentence in problem_of(folder)
+
+
+@pytest.mark.parametrize("empty", [False, True])
+def test_lost_poses_are_found(folder: Path, empty: bool) -> None:
+    """Also where the whole file is gone, or nothing is in it."""
+    poses = len(Dataset(folder).groundtruth.t_us)
+    (folder / "groundtruth.txt").unlink()
+    if empty:
+        (folder / "groundtruth.txt").touch()
+    assert problem_of(folder) == f"meta.json counts {poses} poses, the folder holds 0."
+
+
+@pytest.mark.parametrize("changes", [
+    {"duration_us": "long"}, {"duration_us": 1 << 70}, {"counts": [1]}, {"parameters": {"frame_rate_hz": "fast"}},
+    {"parameters": {"contrast_threshold": 1e400}}, {"parameters": {"log_eps": -1}}, {"sensor": {"width": 1e400}},
+    {"effects": 3}, {"complete": 1},
+])  # fmt: skip
+def test_metadata_of_wrong_types_are_a_problem_not_a_crash(folder: Path, changes: dict[str, Any]) -> None:
+    """Numbers beyond all bounds included."""
+    change_meta(folder, **changes)
+    assert any("meta.json" in problem for problem in check_dataset(folder).problems)
+    (folder / "meta.json").write_text("[" * 100_000)
+    assert any("meta.json" in problem for problem in check_dataset(folder).problems)
+
+
+def test_images_of_other_folders_are_not_looked_at(folder: Path) -> None:
+    """A list names files of its own folder."""
+    for name in ("/etc/passwd", "../frame.png", "images/a\0.png"):
+        (folder / "images.txt").write_text(f"0.000000000 {name}\n")
+        assert any("expected a file of this folder" in problem for problem in check_dataset(folder).problems)
 
 
 def test_a_malformed_file_is_a_problem_not_a_crash(folder: Path) -> None:

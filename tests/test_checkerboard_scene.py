@@ -79,4 +79,4 @@ def test_the_path_is_smooth() -> None:
     views = Views.along(path(), np.linspace(0, path().duration_s, 2001))
     assert 0.8 < np.linalg.norm(views.velocities, axis=1).max() < 1.3
     assert 90 < np.degrees(np.linalg.norm(views.angular_rates, axis=1)).max() < 140
-    assert SCENE.camera.k1 != 0
+    assert SCENE.own_camera.k1 != 0

@@ -99,15 +99,9 @@ def still_path(folder: Path) -> Path:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (
-            ["no_such_scene"],
-            "fence, checkerboard, a sequence of the dataset, nor a Mitsuba XML file",
-        ),
+        (["no_such_scene"], "fence, checkerboard, a sequence of the dataset, nor a file (Mitsuba XML, OBJ or PLY)"),
         (["three_planes", "--camera", "no_such_camera"], "neither a preset"),
         (["three_planes", "--trajectory", "no_such_file"], "no_such_file"),
-        (["three_planes", "--contrast-threshold", "-1"], "contrast_threshold must lie in"),
-        (["three_planes", "--render-rate", "0"], "render rate"),
-        (["three_planes", "--max-displacement", "nan"], "displacement"),
         (["three_planes", "--duration", "5"], "runs from 0 to 2.0 s"),
         (["three_planes", "--start", "-1"], "inside the trajectory"),
     ],
@@ -118,6 +112,29 @@ def test_errors_are_one_sentence(tmp_path: Path, arguments: list[str], message: 
     assert failed.returncode == 1
     assert message in failed.stderr
     assert "Traceback" not in failed.stderr
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--contrast-threshold", "-1"], "argument --contrast-threshold: must be > 0, got -1.0"),
+        (["--contrast-threshold", "low"], "argument --contrast-threshold: must be a number, got 'low'"),
+        (["--render-rate", "0"], "argument --render-rate: must be > 0 and <= 1000000 Hz, got 0.0"),
+        (["--max-displacement", "nan"], "argument --max-displacement: must be finite, got nan"),
+        (["--sensor", "davis24"], "must be one of ideal, davis240c, davis346, got 'davis24'; did you mean davis240c?"),
+        (["--samples", "1.5"], "argument --samples: must be an integer, got '1.5'"),
+        (["--no-such-option"], "unrecognized arguments: --no-such-option"),
+    ],
+)
+def test_errors_of_options_are_one_line_that_names_the_option(
+    tmp_path: Path, arguments: list[str], message: str
+) -> None:
+    """Without the usage of forty options; the exit status is the one that is usual for them."""
+    failed = simulate("three_planes", *arguments, "-o", tmp_path / "out")
+    assert failed.returncode == 2
+    assert message in failed.stderr
+    assert len(failed.stderr.splitlines()) == 1
     assert not (tmp_path / "out").exists()
 
 
@@ -158,11 +175,12 @@ def test_a_camera_file_and_a_trajectory_file(tmp_path: Path) -> None:
     np.savetxt(tmp_path / "path.txt", rows, fmt="%.9f")
     out = tmp_path / "out"
     done = simulate(
-        "three_planes", "-o", out, "--trajectory", tmp_path / "path.txt", "--position-sigma", 0, "--rotation-sigma", 0,
+        "three_planes", "-o", out, "--trajectory", tmp_path / "path.txt",
         "--camera", tmp_path / "calib.txt", "--start", 0.05, "--duration", 0.1,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     assert "trajectory moved" in done.stderr
+    assert "path.txt: positions and rotations taken as they are" in done.stderr
     dataset = davis_rs.Dataset(out)
     assert dataset.camera.fy == 155.0
     start = davis_rs.start_pose(davis_rs.load_scene("three_planes"))

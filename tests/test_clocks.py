@@ -19,7 +19,6 @@ from davis_rs import (
     SampledTrajectory,
     Simulator,
     align_clocks,
-    interval,
     load_scene,
     simulate_imu,
     start_pose,
@@ -74,7 +73,7 @@ class TestMotionCapture:
         assert ((noisy.quaternions * exact.quaternions).sum(1) > 0.99).all()
         assert noisy.positions.tobytes() == again.positions.tobytes()
         assert not np.isin(other.positions, noisy.positions).any()
-        short = MotionCapture(noise=noise).poses(interval(moving(), 0.0, 3.0), seed=1)
+        short = MotionCapture(noise=noise).poses(moving().crop(0.0, 3.0), seed=1)
         assert np.array_equal(short.positions, noisy.positions[: len(short.t_us)])
 
     def test_rules(self) -> None:
@@ -143,18 +142,18 @@ class TestAlignment:
 def shaken() -> tuple[SampledTrajectory, EventArray]:
     """Four seconds of a small camera that is shaken in front of three planes, and its events."""
     scene = load_scene("three_planes")
-    start, fx, fy = start_pose(scene), scene.camera.fx, scene.camera.fy
+    start, fx, fy = start_pose(scene), scene.own_camera.fx, scene.own_camera.fy
     t = np.arange(0, 4.0005, 0.005)
     shift = [0.1 * np.sin(5 * t + np.sin(3 * t)), 0.08 * np.sin(7 * t) * np.cos(t), 0.1 * np.sin(4 * t) ** 3]
     turn = Rotation.from_rotvec(0.1 * np.stack([np.sin(9 * t), np.sin(6 * t + 1), np.sin(8 * t)], 1))
     turned = (Rotation.from_quat(start.quaternion) * turn).as_quat()
     trajectory = SampledTrajectory(t, start.position + np.stack(shift, 1), turned)
     simulator = Simulator(
-        scene,
+        scene.with_trajectory(trajectory),
         camera=Camera(60, 45, fx / 4, fy / 4, 29.5, 22.0),
         frame_rate_hz=0,
         depth_rate_hz=0,
         samples=4,
         accuracy="fast",
     )
-    return trajectory, concatenate_events([packet.events for packet in simulator.run(trajectory)])
+    return trajectory, concatenate_events([packet.events for packet in simulator.run()])

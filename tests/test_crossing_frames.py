@@ -172,7 +172,7 @@ def test_times_must_increase_and_the_error_tells_both() -> None:
         ({"log_eps": math.nan}, "log_eps"),
         ({"log_eps": math.inf}, "log_eps"),
         ({"log_eps": 1e-301}, "log_eps"),
-        ({"threads": 0}, "threads must be at least 1"),
+        ({"threads": 0}, r"threads must lie in 1\.\.1024, got 0"),
         ({"width": 0}, "at least one pixel, got 0 x 2"),
         ({"height": 0}, "at least one pixel, got 3 x 0"),
     ],

@@ -113,7 +113,7 @@ def test_everything_written_is_read_back(tmp_path: Path) -> None:
     frame_steps = list(range(0, STEPS + 1, FRAME_STEPS))
     assert [image.t_us for image in dataset.frames] == [step * STEP_US for step in frame_steps]
     for index, step in enumerate(frame_steps):
-        grey = np.clip(np.rint(255 * dataset.meta["exposure"] * luma_at(step).astype(np.float64)), 0, 255)
+        grey = np.clip(np.rint(255 * dataset.meta["image_gain"] * luma_at(step).astype(np.float64)), 0, 255)
         assert np.array_equal(dataset.read_image(index), grey.astype(np.uint8))
     depth_steps = list(range(0, STEPS + 1, DEPTH_STEPS))
     assert [image.t_us for image in dataset.depth_maps] == [step * STEP_US for step in depth_steps]
@@ -154,7 +154,7 @@ def test_exact_luma_is_stored_for_the_check(tmp_path: Path, check_frames: int, s
 
 def test_files_have_the_layout_of_the_public_dataset(tmp_path: Path) -> None:
     """The text and image formats, literally, as strict readers of the public dataset expect them."""
-    with DatasetWriter(tmp_path / "d", CAMERA, exposure=1.0) as writer:
+    with DatasetWriter(tmp_path / "d", CAMERA, image_gain=1.0) as writer:
         luma, depth = luma_at(0), depth_at(0)
         writer.write(
             packet_of(0, 0, luma=luma, depth=depth), [(0, Pose(np.array([0.1, 0, -2]), np.array([0, 0, 0, 1])))]
@@ -186,7 +186,7 @@ def test_lists_that_would_be_empty_are_not_written(tmp_path: Path) -> None:
     dataset = Dataset(tmp_path / "d")
     assert (dataset.frames, dataset.depth_maps, dataset.luma) == ([], [], [])
     assert [part.shape for part in dataset.groundtruth] == [(0,), (0, 3), (0, 4)]
-    assert dataset.meta["exposure"] is None
+    assert dataset.meta["image_gain"] is None
 
 
 @given(st.integers(0, 10**14))
@@ -202,9 +202,9 @@ def test_exposure_follows_the_first_frame(tmp_path: Path) -> None:
     with DatasetWriter(tmp_path / "d", CAMERA) as writer:
         writer.write(packet_of(0, 0, luma=first))
         writer.write(packet_of(0, 10, luma=10 * first))
-        assert writer.exposure == pytest.approx(0.8 / np.percentile(first, 98), rel=1e-6)
+        assert writer.image_gain == pytest.approx(0.8 / np.percentile(first, 98), rel=1e-6)
     dataset = Dataset(tmp_path / "d")
-    assert dataset.meta["exposure"] == writer.exposure
+    assert dataset.meta["image_gain"] == writer.image_gain
     assert np.percentile(dataset.read_image(0), 98) == pytest.approx(0.8 * 255, abs=1)
     assert (dataset.read_image(1) == 255).mean() > 0.8
 
@@ -213,15 +213,15 @@ def test_exposure_of_a_black_first_frame_is_one(tmp_path: Path) -> None:
     """A black frame gives no scale, and no division by zero."""
     with DatasetWriter(tmp_path / "d", CAMERA) as writer:
         writer.write(packet_of(0, 0, luma=np.zeros((HEIGHT, WIDTH), np.float32)))
-    assert Dataset(tmp_path / "d").meta["exposure"] == 1.0
+    assert Dataset(tmp_path / "d").meta["image_gain"] == 1.0
     assert not Dataset(tmp_path / "d").read_image(0).any()
 
 
-@pytest.mark.parametrize("exposure", [0.0, -1.0, float("nan"), float("inf")])
-def test_a_senseless_exposure_is_refused(tmp_path: Path, exposure: float) -> None:
+@pytest.mark.parametrize("image_gain", [0.0, -1.0, float("nan"), float("inf")])
+def test_a_senseless_exposure_is_refused(tmp_path: Path, image_gain: float) -> None:
     """Refused before the folder is made."""
-    with pytest.raises(ValueError, match="exposure must be positive and finite"):
-        DatasetWriter(tmp_path / "d", CAMERA, exposure=exposure)
+    with pytest.raises(ValueError, match="image_gain must be positive and finite"):
+        DatasetWriter(tmp_path / "d", CAMERA, image_gain=image_gain)
     assert not (tmp_path / "d").exists()
 
 

@@ -20,7 +20,7 @@ from davis_rs import Camera, Pose, Scene
 from davis_rs._mitsuba import SCALAR, variant
 from davis_rs.differentiable import CameraPoses, DifferentiableRenderer, spline
 from davis_rs.rendering.renderers import make_renderer
-from davis_rs.scene.light_course import Flicker
+from davis_rs.scene.light_profile import Flicker
 from davis_rs.trajectory.views import Views
 
 FloatArray = npt.NDArray[np.float64]

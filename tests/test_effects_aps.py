@@ -10,7 +10,7 @@ import numpy.typing as npt
 import pytest
 from scipy import stats
 
-from davis_rs import Flicker, LightCourse, SampledCourse, Scene, SegmentTrajectory, Trajectory
+from davis_rs import Flicker, LightProfile, SampledProfile, Scene, SegmentTrajectory, Trajectory
 from davis_rs.effects.aps import Aps
 from davis_rs.pose import Pose
 from davis_rs.rendering.renderers import make_renderer
@@ -28,7 +28,7 @@ SUN = {"type": "directional", "direction": [0.0, 0.0, -1.0], "irradiance": 3.0}
 IDEAL = Aps(0, read_noise_dn=0, bits=None, full_scale_luma=None)
 
 
-def line(lights: dict[str, LightCourse] | None = None, objects: dict[str, Trajectory] | None = None) -> Scene:
+def line(lights: dict[str, LightProfile] | None = None, objects: dict[str, Trajectory] | None = None) -> Scene:
     """A bright upright line, as wide as a pixel, before nothing."""
     parts: dict[str, Any] = {
         "type": "scene",
@@ -184,22 +184,22 @@ def test_launches_do_not_matter() -> None:
 @pytest.mark.usefixtures("llvm")
 @pytest.mark.parametrize(("kind", "exposure_us"), [("table", 5_000), ("table", 10_000), ("integrator", 7_300)])
 @pytest.mark.parametrize(
-    "course",
+    "profile",
     [
         Flicker(100.0, modulation=1.0),
         Flicker(1000.0, modulation=0.5, phase_rad=0.4, waveform="square"),
-        SampledCourse([0.002, 0.004, 0.006], [0.0, 3.0, 1.0]),
+        SampledProfile([0.002, 0.004, 0.006], [0.0, 3.0, 1.0]),
     ],
     ids=["sine", "square", "sampled"],
 )
-def test_flicker_is_averaged(course: LightCourse, kind: str, exposure_us: int) -> None:
+def test_flicker_is_averaged(profile: LightProfile, kind: str, exposure_us: int) -> None:
     """Of the light the mean over the exposure, whatever its waveform, at rest by a single render and in motion."""
     fine = 10_000 - exposure_us + (np.arange(100_000) + 0.5) * exposure_us / 100_000
-    factor = course.factor(fine * 1e-6).mean()
+    factor = profile.factor(fine * 1e-6).mean()
     for pixels in (0.0, 5.0):
         steady, flickering = (
             stretch(make_renderer(scene, NARROW, samples=8, kind=kind), across(pixels))
-            for scene in (line(), line({"sun": course}))
+            for scene in (line(), line({"sun": profile}))
         )
         assert np.array_equal(subframe_instants(steady, 0, 10_000), subframe_instants(flickering, 0, 10_000))
         frame = exposed([flickering], 10_000, exposure_us)
@@ -208,7 +208,7 @@ def test_flicker_is_averaged(course: LightCourse, kind: str, exposure_us: int) -
         assert frame.sum() == pytest.approx(factor * exposed([steady], 10_000, exposure_us).sum(), rel=3e-3)
         # The renderer itself has its lights as they were.
         luma = seen(flickering, 3_100)
-        np.testing.assert_allclose(luma, course.factor(np.array([0.0031]))[0] * seen(steady, 3_100), rtol=1e-5)
+        np.testing.assert_allclose(luma, profile.factor(np.array([0.0031]))[0] * seen(steady, 3_100), rtol=1e-5)
 
 
 def test_an_adc_has_so_many_levels() -> None:

@@ -131,7 +131,7 @@ def bandwidths(draw: st.DrawFn) -> PhotoreceptorBandwidth:
 
 
 @st.composite
-def courses(draw: st.DrawFn) -> Course:
+def profiles(draw: st.DrawFn) -> Course:
     """Steps, ramps, holds and turns of log intensity."""
     times_us, samples = [draw(st.sampled_from([0, 1_000, EPOCH_US]))], [draw(st.floats(-7, 4))]
     for _ in range(draw(st.integers(1, 7))):
@@ -142,37 +142,37 @@ def courses(draw: st.DrawFn) -> Course:
 
 
 @EXAMPLES
-@given(courses())
-def test_crossings_are_those_of_the_filtered_curve(course: Course) -> None:
+@given(profiles())
+def test_crossings_are_those_of_the_filtered_curve(profile: Course) -> None:
     """Counts, polarities, stamps and the final reference, against the equation solved in 40 digits.
 
     The filtered curve stays between the levels around the reference: no event is lost.
     """
-    engine, oracle = course.engine(), course.oracle()
-    for t_us, sample in zip(course.times_us, course.samples, strict=True):
+    engine, oracle = profile.engine(), profile.oracle()
+    for t_us, sample in zip(profile.times_us, profile.samples, strict=True):
         events = engine.push_log(t_us, scene(sample))
         crossings = oracle.advance(t_us, sample) if t_us > oracle.t_us else []
         assume(oracle.nearest > 1e-11)
         assert_are(events, crossings)
         assert engine.reference[0, 0] == pytest.approx(float(oracle.reference), abs=1e-12)
-        assert -course.c_off < float(oracle.output) - engine.reference[0, 0] < course.c_on
+        assert -profile.c_off < float(oracle.output) - engine.reference[0, 0] < profile.c_on
 
 
 @EXAMPLES
-@given(courses())
-def test_sparse_samples_are_intervals_of_their_own(course: Course) -> None:
+@given(profiles())
+def test_sparse_samples_are_intervals_of_their_own(profile: Course) -> None:
     """Between two frames the curve goes through a pixel's own samples, each interval with the corner of its ends."""
-    assume(len(course.times_us) > 2)
-    engine, oracle = course.engine(), course.oracle()
-    engine.push_log(course.times_us[0], scene(course.samples[0]))
-    between = range(1, len(course.times_us) - 1)
+    assume(len(profile.times_us) > 2)
+    engine, oracle = profile.engine(), profile.oracle()
+    engine.push_log(profile.times_us[0], scene(profile.samples[0]))
+    between = range(1, len(profile.times_us) - 1)
     sparse = (
         np.zeros(len(between), np.uint32),
-        np.array([course.times_us[k] for k in between]),
-        np.array([course.samples[k] for k in between]),
+        np.array([profile.times_us[k] for k in between]),
+        np.array([profile.samples[k] for k in between]),
     )
-    events = engine.push_log(course.times_us[-1], scene(course.samples[-1]), sparse=sparse)
-    later = zip(course.times_us[1:], course.samples[1:], strict=True)
+    events = engine.push_log(profile.times_us[-1], scene(profile.samples[-1]), sparse=sparse)
+    later = zip(profile.times_us[1:], profile.samples[1:], strict=True)
     crossings = [crossing for t_us, sample in later for crossing in oracle.advance(t_us, sample)]
     assume(oracle.nearest > 1e-11)
     assert_are(events, sorted(crossings, key=lambda crossing: crossing.t_us))

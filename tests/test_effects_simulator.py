@@ -6,27 +6,41 @@ import json
 import os
 import pickle
 import signal
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from davis_rs import CrossingEngine, Effects, SensorParameters, Simulator, check_dataset, interval, load_scene, record
+from davis_rs import (
+    Camera,
+    CrossingEngine,
+    Effects,
+    SensorParameters,
+    Simulator,
+    check_dataset,
+    load_scene,
+    plan_effects,
+    simulate_to_folder,
+)
+from davis_rs.cli.main import main
 from davis_rs.effects import Aps, Readout
 from davis_rs.events import concatenate_events
-from davis_rs.trajectory.trajectory import Trajectory
+from davis_rs.packet import Packet
+from davis_rs.scene.scene import Scene
+from davis_rs.sensor_parameters import SENSORS
 from effects_reference import scene
 
 pytestmark = pytest.mark.usefixtures("llvm")
 
 PLANES = load_scene("three_planes")
 SLOW_BUS = Readout(1e5)
+SMALL = Camera(40, 30, 33.0, 33.0, 19.5, 14.5)
 
 
-def path(seconds: float) -> Trajectory:
-    assert PLANES.trajectory is not None
-    return interval(PLANES.trajectory, 0.0, seconds)
+def planes(seconds: float) -> Scene:
+    return PLANES.crop(0.0, seconds)
 
 
 def test_what_is_given_stands_over_the_sensor_and_neutral_switches_off() -> None:
@@ -50,13 +64,13 @@ def test_thresholds_are_given_then_the_sensors_then_the_scenes() -> None:
         ({"contrast_threshold": 0.4}, (0.4, 0.4)),
     ]
     for settings, expected in cases:
-        parameters = Simulator(PLANES, **settings).parameters
-        assert (parameters["contrast_threshold"], parameters["contrast_threshold_off"]) == expected
+        simulator = Simulator(PLANES, **settings)
+        assert (simulator.contrast_threshold, simulator.contrast_threshold_off) == expected
 
 
 def test_no_event_of_a_slow_bus_is_lost_in_a_closed_loop() -> None:
     """Steps and a flush bring as many events as pixels without a bus make; run() flushes by itself."""
-    steps = [(t_us, path(0.02).pose(t_us * 1e-6)) for t_us in range(0, 20_001, 5_000)]
+    steps = [(t_us, PLANES.path.pose(t_us * 1e-6)) for t_us in range(0, 20_001, 5_000)]
     ideal, slow = Simulator(PLANES), Simulator(PLANES, effects=Effects(readout=SLOW_BUS))
     made = sum(len(packet.events) for t_us, pose in steps for packet in ideal.step(t_us, pose))
     packets = [packet for t_us, pose in steps for packet in slow.step(t_us, pose)]
@@ -65,28 +79,30 @@ def test_no_event_of_a_slow_bus_is_lost_in_a_closed_loop() -> None:
     assert made == sum(len(packet.events) for packet in packets + late)
     assert [packet.start_us for packet in late] == [20_000]
     assert slow.flush() == []
-    ran = list(Simulator(PLANES, effects=Effects(readout=SLOW_BUS)).run(path(0.02)))
+    ran = list(Simulator(planes(0.02), effects=Effects(readout=SLOW_BUS)).run())
     events = concatenate_events([packet.events for packet in ran])
     assert ran[-1].start_us == 20_000 < ran[-1].end_us == events["t"][-1]
     assert np.all(np.diff(events["t"]) >= 0)
 
 
 @pytest.mark.parametrize("interrupted", [False, True])
-def test_a_folder_holds_what_the_bus_still_held(tmp_path: Path, interrupted: bool) -> None:
+def test_a_folder_holds_what_the_bus_still_held(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, interrupted: bool
+) -> None:
     """Late events are written, also after Ctrl-C; the duration is that of the scene, and drops are counted."""
     effects = Effects(readout=Readout(1e5, drop_after_us=30_000))
-    simulator = Simulator(PLANES, effects=effects, depth_rate_hz=0)
-    if interrupted:
-        run = simulator.run
+    run, simulators = Simulator.run, []
 
-        def interrupting(trajectory: Trajectory) -> Any:
-            for packet in run(trajectory):
-                yield packet
-                if packet.end_us:
-                    os.kill(os.getpid(), signal.SIGINT)
+    def watched(simulator: Simulator) -> Iterator[Packet]:
+        simulators.append(simulator)
+        for packet in run(simulator):
+            yield packet
+            if interrupted and packet.end_us:
+                os.kill(os.getpid(), signal.SIGINT)
 
-        simulator.run = interrupting  # type: ignore[method-assign]
-    recording = record(simulator, path(0.1), tmp_path / "out", quiet=True)
+    monkeypatch.setattr(Simulator, "run", watched)
+    recording = simulate_to_folder(planes(0.1), tmp_path / "out", effects=effects, depth_rate_hz=0, quiet=True)
+    [simulator] = simulators
     meta = json.loads((tmp_path / "out" / "meta.json").read_text())
     assert recording.interrupted == interrupted
     assert recording.duration_s < 0.1 if interrupted else recording.duration_s == pytest.approx(0.1)
@@ -101,9 +117,9 @@ def test_a_folder_holds_what_the_bus_still_held(tmp_path: Path, interrupted: boo
 
 def test_frames_of_active_pixels_stand_beside_exact_luma(tmp_path: Path) -> None:
     """Packets and folders hold both: images are exposed, the check compares events with exact luma."""
-    blurred = Simulator(PLANES, effects=Effects(aps=Aps(20_000, 0)), depth_rate_hz=0)
-    exact = Simulator(PLANES, depth_rate_hz=0)
-    for a, b in zip(blurred.run(path(0.05)), exact.run(path(0.05)), strict=True):
+    blurred = Simulator(planes(0.05), effects=Effects(aps=Aps(20_000, 0)), depth_rate_hz=0)
+    exact = Simulator(planes(0.05), depth_rate_hz=0)
+    for a, b in zip(blurred.run(), exact.run(), strict=True):
         np.testing.assert_array_equal(a.events, b.events)
         if b.luma is not None:
             assert a.luma is not None
@@ -112,7 +128,7 @@ def test_frames_of_active_pixels_stand_beside_exact_luma(tmp_path: Path) -> None
             assert a.frame.shape == a.luma.shape
             assert (np.abs(a.frame - a.luma).max() > 0.01) == (a.end_us > 0)
         assert b.frame is None
-    record(Simulator(PLANES, effects=Effects(aps=Aps(20_000, 0))), path(0.05), tmp_path / "out", quiet=True)
+    simulate_to_folder(planes(0.05), tmp_path / "out", effects=Effects(aps=Aps(20_000, 0)), quiet=True)
     assert check_dataset(tmp_path / "out").ok
     with pytest.raises(ValueError, match="exposure of 20000 us must not exceed the frames' period of 10000 us"):
         Simulator(PLANES, effects=Effects(aps=Aps(20_000)), frame_rate_hz=100)
@@ -120,21 +136,81 @@ def test_frames_of_active_pixels_stand_beside_exact_luma(tmp_path: Path) -> None
 
 def test_auto_takes_what_the_plan_calls_for(tmp_path: Path) -> None:
     """The plan of the very run is kept and recorded; a closed loop has no trajectory to plan for."""
-    simulator = Simulator(PLANES, effects="auto", depth_rate_hz=0)
+    not_planned: Any = "auto"
     with pytest.raises(ValueError, match="auto"):
-        simulator.step(0, path(0.1).pose(0.0))
-    record(simulator, path(0.1), tmp_path / "out", quiet=True)
-    assert simulator.plan is not None
-    assert simulator.effects == simulator.plan.effects
+        Simulator(PLANES, effects=not_planned)
+    report = simulate_to_folder(planes(0.1), tmp_path / "out", effects="auto", depth_rate_hz=0, quiet=True)
+    assert report.plan is not None
     meta = json.loads((tmp_path / "out" / "meta.json").read_text())
-    assert list(meta["effects"]) == [effect.name for effect in simulator.effects]
+    assert meta["effects"] == report.plan.effects.describe()
+    assert list(meta["effects"]) == [effect.name for effect in report.plan.effects]
+    assert meta["effect_plan"] == report.plan.describe()
     assert "photoreceptor_bandwidth_hz" in meta["effects"]
+
+
+def test_what_is_named_beside_auto_is_kept_and_the_rest_is_planned(tmp_path: Path) -> None:
+    """A value that is given stands, a neutral one keeps its effect off; neither is a candidate."""
+    called_for = plan_effects(planes(0.1), camera=SMALL).effects
+    assert called_for.photoreceptor_bandwidth_hz is not None
+    assert called_for.threshold_mismatch is not None
+    out = str(tmp_path / "out")
+    options = ["--effects", "auto", "--effect", "leak_rate_hz=7", "--effect", "photoreceptor_bandwidth_hz=inf"]
+    command = ["simulate", "three_planes", "-o", out, "--duration", "0.1", "--camera", calibration(tmp_path)]
+    assert main([*command, "--size", "40x30", "--depth-rate", "0", "--quiet", *options]) == 0
+    meta = json.loads((tmp_path / "out" / "meta.json").read_text())
+    assert meta["effects"]["leak_rate_hz"] == {"rate_hz": 7.0}
+    assert "photoreceptor_bandwidth_hz" not in meta["effects"]
+    assert "threshold_mismatch" in meta["effects"]
+    candidates = {item["effect"] for item in meta["effect_plan"]["effects"]}
+    assert candidates == {effect.name for effect in davis240c()} - {"leak_rate_hz", "photoreceptor_bandwidth_hz"}
+
+
+def test_a_sensor_brings_back_nothing_that_the_plan_left_out() -> None:
+    """The plan's effects over that sensor are the plan's, not all of the sensor's."""
+    plan = plan_effects(planes(0.1), sensor="davis240c")
+    left_out = {item.effect.name for item in plan.items if not item.called_for}
+    assert left_out
+    effects = Simulator(planes(0.1), sensor="davis240c", effects=plan.effects).effects
+    assert effects == plan.effects
+    assert not left_out & {effect.name for effect in effects}
+
+
+def test_auto_is_refused_with_the_name_of_what_resolves_it() -> None:
+    """A simulator may step along a path that nobody knows yet: it cannot plan."""
+    not_planned: Any = "auto"
+    with pytest.raises(ValueError, match=r"effects=plan_effects\(scene, sensor=\.\.\.\)\.effects"):
+        Simulator(PLANES, effects=not_planned)
+
+
+def test_a_simulator_is_whole_before_it_runs() -> None:
+    """Whatever can be asked of one can be asked at once, and asking changes nothing."""
+    effects = Effects(readout=Readout(1e5, drop_after_us=30_000))
+    asked, plain = (Simulator(planes(0.05), effects=effects, camera=SMALL) for _ in range(2))
+    assert asked.flush() == []
+    assert asked.dropped_events == 0
+    described = asked.describe()
+    assert list(described["effects"]) == ["readout"]
+    streams = [concatenate_events([packet.events for packet in one.run()]) for one in (asked, plain)]
+    assert streams[0].tobytes() == streams[1].tobytes()
+    assert len(streams[0]) > 0
+    assert asked.describe() == described
+
+
+def davis240c() -> Effects:
+    return SENSORS["davis240c"].effects(PLANES.lux_per_luma)
+
+
+def calibration(folder: Path) -> str:
+    """A file of the small camera."""
+    path = folder / "small.txt"
+    path.write_text(SMALL.to_calib())
+    return str(path)
 
 
 @pytest.mark.parametrize("effects", ["all", {"leak_rate_hz": 1}, ["leak_rate_hz"]])
 def test_what_is_no_composition_of_effects_is_refused(effects: Any) -> None:
     """With what it must be."""
-    with pytest.raises(ValueError, match=r"effects must be davis_rs\.Effects, 'auto' or None"):
+    with pytest.raises(ValueError, match=r"effects must be davis_rs\.Effects or None"):
         Simulator(PLANES, effects=effects)
 
 
@@ -173,10 +249,12 @@ def test_references_that_have_leaked_far_are_stored_and_restored() -> None:
     [
         ({"filtered": np.full(6, np.nan)}, "filtered of a state must be within"),
         ({"filtered": np.full(6, 1e9)}, "filtered of a state must be within"),
-        ({"held_us": np.full(6, np.nan)}, "held_us of a state must be numbers"),
-        ({"shot_wait_us": np.full(6, -1.0)}, "shot_wait_us of a state must be finite and >= 0"),
-        ({"shot_wait_us": np.full(6, np.inf)}, "shot_wait_us of a state must be finite and >= 0"),
-        ({"hot_wait_us": np.full(6, np.nan)}, "hot_wait_us of a state must be finite and >= 0"),
+        ({"held_us": np.full(6, np.nan)}, "held_us of a state must be > 0"),
+        ({"held_us": np.zeros(6)}, "held_us of a state must be > 0"),
+        ({"shot_wait_us": np.full(6, -1.0)}, "shot_wait_us of a state must be finite and > 0"),
+        ({"shot_wait_us": np.zeros(6)}, "shot_wait_us of a state must be finite and > 0"),
+        ({"shot_wait_us": np.full(6, np.inf)}, "shot_wait_us of a state must be finite and > 0"),
+        ({"hot_wait_us": np.full(6, np.nan)}, "hot_wait_us of a state must be finite and > 0"),
         ({"started_us": -(2**63)}, "started_us of a state must lie in 0..2000"),
         ({"started_us": 2001}, "started_us of a state must lie in 0..2000"),
     ],

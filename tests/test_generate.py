@@ -238,12 +238,12 @@ def test_what_is_there_is_kept(root: Path) -> None:
 def test_a_flipped_bit_is_found_and_made_again(
     root: Path, name: str, fault: str | None, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """By --verify whatever the manifest says, and by the next run, which reads what the manifest does not vouch for."""
+    """By verify whatever the manifest says, and by the next run, which reads what the manifest does not vouch for."""
     before = files_of(root)
-    assert main(["generate", "--verify", str(root)]) == 0
+    assert main(["verify", str(root)]) == 0
     assert "all is as it was" in capsys.readouterr().out
     flip(root / "sequence_00001" / name)
-    assert main(["generate", "--verify", str(root)]) == 1
+    assert main(["verify", str(root)]) == 1
     out = capsys.readouterr().out
     assert f"sequence_00001: {fault}" in out if fault else "sequence_00001: " in out
     assert "1 sequences are not what they were" in out
@@ -284,7 +284,7 @@ def test_what_was_never_made_is_told(root: Path, capsys: pytest.CaptureFixture[s
     shutil.rmtree(root / "sequence_00001")
     lines = (root / "manifest.jsonl").read_text().splitlines(keepends=True)
     (root / "manifest.jsonl").write_text(lines[0])
-    assert main(["generate", "--verify", str(root)]) == 1
+    assert main(["verify", str(root)]) == 1
     out = capsys.readouterr().out
     assert "sequence_00001: it was never made" in out
     assert "sequence_00002: the manifest does not have it" in out
@@ -294,8 +294,10 @@ def test_what_was_never_made_is_told(root: Path, capsys: pytest.CaptureFixture[s
 @pytest.mark.parametrize("option", [["-o", "x"], ["--workers", "2"], ["--cluster", "x"], ["--dry-run"]], ids=str)
 def test_verify_takes_no_options_of_making(root: Path, option: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     """Who gives them expects something that would not happen."""
-    assert main(["generate", "--verify", str(root), *option]) == 1
-    assert f"makes none: it cannot be combined with {option[0]}" in capsys.readouterr().err
+    with pytest.raises(SystemExit) as refused:
+        main(["verify", str(root), *option])
+    assert refused.value.code == 2
+    assert f"unrecognized arguments: {' '.join(option)}" in capsys.readouterr().err
 
 
 def test_files_of_others_are_kept(root: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -303,7 +305,7 @@ def test_files_of_others_are_kept(root: Path, capsys: pytest.CaptureFixture[str]
     before = files_of(root)
     added = root / "sequence_00001" / "labels.txt"
     added.write_text("car")
-    assert main(["generate", "--verify", str(root)]) == 0
+    assert main(["verify", str(root)]) == 0
     out = capsys.readouterr().out
     assert "sequence_00001: there are files beside those that it was made with: labels.txt" in out
     assert "all is as it was" in out

@@ -19,7 +19,8 @@ from davis_rs.generate import SequencePlan, load_sequence_plan
 from davis_rs.generate.generate import check_sequences, draw_sequences
 from davis_rs.generate.motion import MOTIONS, make_motion
 from davis_rs.generate.parse import effect_texts
-from davis_rs.generate.plan import sequence_name
+from davis_rs.generate.sequence_plan import sequence_name
+from davis_rs.settings import FolderSettings, complete, view_scene
 from generated import PLAN, write_plan
 
 
@@ -71,7 +72,8 @@ def test_a_known_name_is_no_file(tmp_path: Path) -> None:
     assert (plan.digests, plan.sha256) == ({}, before)
     [sequence] = draw_sequences(plan)
     assert sequence.scene().name == sequence.parameters["scene"]
-    assert sequence.settings.make_camera() == davis_rs.load_camera("ideal")
+    viewed = view_scene(sequence.scene(), complete(FolderSettings, sequence.settings, of="a plan"))
+    assert viewed.camera == davis_rs.load_camera("ideal")
 
 
 def test_files_lie_beside_the_plan(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -80,8 +82,9 @@ def test_files_lie_beside_the_plan(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     (tmp_path / "elsewhere" / "calib.txt").write_text("200 200 119.5 89.5 0 0 0 0 0")
     monkeypatch.chdir(tmp_path / "elsewhere")
     [sequence] = draw_sequences(load_sequence_plan(write_plan(tmp_path, camera="calib.txt", sequences=1)))
+    settings = complete(FolderSettings, sequence.settings, of="a plan")
     with pytest.raises(ValueError, match=re.escape(f"{tmp_path / 'calib.txt'}")):
-        sequence.settings.make_camera()
+        view_scene(sequence.scene(), settings)
 
 
 def test_numbers_are_read_as_in_json(tmp_path: Path) -> None:
@@ -167,25 +170,28 @@ def test_a_fault_is_named_with_its_place(tmp_path: Path, text: str, message: str
         ({"motion": {"kind": "slider", "distance_m": 1, "speed_m_s": 0}}, "speed_m_s must be finite and > 0, got 0"),
         ({"motion": {"kind": "walking"}, "duration": None}, "a motion of kind walking has no end of its own"),
         ({"motion": {"kind": "file", "file": "no.txt"}}, "no.txt"),
-        ({"frame_rate": -1}, "frame_rate = -1: a rate must lie in 0..1e6 Hz"),
-        ({"depth_rate": {"choice": [0, -2]}}, "depth_rate = -2: a rate must lie in"),
-        ({"samples": 0}, "samples = 0: samples (rays a pixel) must lie in 1..1024"),
+        ({"frame_rate": -1}, "frame_rate = -1: frame_rate must be 0..1e+06 Hz, got -1"),
+        ({"depth_rate": {"choice": [0, -2]}}, "depth_rate = -2: depth_rate must be 0..1e+06 Hz, got -2"),
+        ({"samples": 0}, "samples = 0: samples must be 1..1024, got 0"),
         ({"accuracy": "best"}, "accuracy = 'best': accuracy must be one of"),
         ({"sensor": "eye"}, "sensor = 'eye': sensor must be one of"),
         ({"imu": "best"}, "imu = 'best': imu must be one of"),
-        ({"imu": None, "imu_rate": 5}, "imu_rate = 5: rate and effects of an IMU need an IMU"),
+        (
+            {"imu": None, "imu_rate": 5},
+            "imu_rate = 5: imu_rate_hz and imu_effects are those of an IMU, but imu is none",
+        ),
         ({"imu_effects": {"lag": 0.001}, "imu": "mpu6150"}, "must be at least 0.002 s"),
         ({"pose_noise": -1}, "pose_noise = -1: "),
         ({"contrast_threshold": {"uniform": [-1, 1]}}, "contrast_threshold = -"),
-        ({"log_eps": 0}, "log_eps = 0, "),
+        ({"log_eps": 0}, "log_eps = 0: log_eps must be > 0 luma, got 0"),
         ({"effects": {"leak": 3}}, "there is no effect 'leak'"),
         ({"effects": {"leak_rate_hz": {"normal": [0, 1]}}}, "effects = {'leak_rate_hz': -"),
-        ({"exposure": 0}, "exposure = 0: exposure must be positive and finite, got 0"),
-        ({"exposure": {"uniform": [-2, -1]}}, "exposure must be positive and finite, got -1."),
-        ({"renderer": "best"}, "renderer = 'best': renderer must be auto, table or integrator, got 'best'"),
-        ({"lux_per_luma": 0}, "lux_per_luma = 0: lux_per_luma must be finite and > 0 lux, got 0"),
-        ({"lux_per_luma": -5}, "lux_per_luma = -5: lux_per_luma must be finite and >= 0 lux"),
-        ({"tolerance": 0.1}, "only one of render_rate, max_displacement, tolerance may be given"),
+        ({"image_gain": 0}, "image_gain = 0: image_gain must be > 0, got 0"),
+        ({"image_gain": {"uniform": [-2, -1]}}, "image_gain must be > 0, got -1."),
+        ({"renderer": "best"}, "renderer = 'best': renderer must be one of auto, table, integrator, got 'best'"),
+        ({"lux_per_luma": 0}, "lux_per_luma = 0: lux_per_luma must be > 0 lux, got 0"),
+        ({"lux_per_luma": -5}, "lux_per_luma = -5: lux_per_luma must be > 0 lux, got -5"),
+        ({"tolerance": 0.1}, "only one of render_rate_hz, max_displacement_px, tolerance, sampling may be given"),
     ],
     ids=str,
 )
@@ -243,8 +249,10 @@ def test_a_file_is_relative_to_the_plan(tmp_path: Path) -> None:
 
 numbers = st.integers() | st.just(10**400) | st.floats()
 pairs = st.lists(numbers, min_size=2, max_size=2)
-laws = st.sampled_from(["uniform", "log_uniform", "normal", "integers", "choice"]).flatmap(
-    lambda law: st.fixed_dictionaries({law: pairs}, optional={"weights": pairs, "min": numbers, "max": numbers})
+distributions = st.sampled_from(["uniform", "log_uniform", "normal", "integers", "choice"]).flatmap(
+    lambda distribution: st.fixed_dictionaries(
+        {distribution: pairs}, optional={"weights": pairs, "min": numbers, "max": numbers}
+    )
 )
 parameters = st.dictionaries(st.sampled_from(["aps", "x"]), st.dictionaries(st.sampled_from(["x", 3, None]), numbers))
 junk = st.recursive(
@@ -261,7 +269,7 @@ junk = st.recursive(
 @settings(max_examples=400, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     key=st.sampled_from(["scene", "seed", "motion", "effects", "duration", "samples", "refine"]),
-    value=junk | laws | parameters,
+    value=junk | distributions | parameters,
 )
 def test_whatever_stands_in_a_plan_is_drawn_or_refused_by_name(tmp_path: Path, key: str, value: Any) -> None:
     """Never another exception, and never a message without the file."""

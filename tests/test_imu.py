@@ -10,7 +10,7 @@ import numpy.typing as npt
 import pytest
 from scipy.spatial.transform import Rotation
 
-from davis_rs import IMU_DTYPE, CallableTrajectory, Imu, SegmentTrajectory, Trajectory, interval, simulate_imu
+from davis_rs import IMU_DTYPE, CallableTrajectory, Imu, SegmentTrajectory, Trajectory, simulate_imu
 from davis_rs.camera import load_camera
 from davis_rs.imu import (
     DAVIS_T_IMU_CAMERA,
@@ -291,7 +291,7 @@ def test_preintegration_returns_the_pose(start_s: float, rate_hz: float) -> None
     gtsam = pytest.importorskip("gtsam")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # gaps that the recording has
-        trajectory: Trajectory = interval(read_trajectory(POSTER), start_s, 10.0)
+        trajectory: Trajectory = read_trajectory(POSTER).crop(start_s, 10.0)
     mounting = Mounting()
     samples = simulate_imu(trajectory, Imu(rate_hz=rate_hz, mounting=mounting))
     dt = 1 / rate_hz

@@ -17,12 +17,10 @@ from davis_rs import (
     MocapClock,
     MocapNoise,
     MotionCapture,
-    Simulator,
-    interval,
     load_camera,
     load_scene,
-    record,
     simulate_imu,
+    simulate_to_folder,
 )
 from davis_rs.cli.main import main
 from davis_rs.events import EVENT_DTYPE
@@ -82,11 +80,20 @@ def test_what_does_not_fit_is_refused(tmp_path: Path) -> None:
 def test_a_recording_has_the_imu_and_the_ground_truth_that_were_asked_for(tmp_path: Path) -> None:
     """imu.txt is simulate_imu, groundtruth.txt the motion capture's, and meta.json tells both."""
     scene = load_scene("three_walls")
-    trajectory = interval(scene.trajectory, 0.2, 0.12) if scene.trajectory is not None else None
-    assert trajectory is not None
+    trajectory = scene.path.crop(0.2, 0.12)
     capture = MotionCapture(100.0, MocapNoise(), MocapClock(0.031, 1e-3))
-    simulator = Simulator(scene, camera=Camera(24, 18, 20.0, 20.0, 11.5, 8.5), sampling=FixedRate(200), seed=9)
-    record(simulator, trajectory, tmp_path / "out", motion_capture=capture, imu=Imu.mpu6150(), quiet=True)
+    simulate_to_folder(
+        scene,
+        tmp_path / "out",
+        start_s=0.2,
+        duration_s=0.12,
+        camera=Camera(24, 18, 20.0, 20.0, 11.5, 8.5),
+        sampling=FixedRate(200),
+        seed=9,
+        motion_capture=capture,
+        imu=Imu.mpu6150(),
+        quiet=True,
+    )
     dataset = Dataset(tmp_path / "out")
     assert dataset.imu.tobytes() == simulate_imu(trajectory, Imu.mpu6150(), seed=9).tobytes()
     expected = capture.poses(trajectory, seed=9)
@@ -114,6 +121,6 @@ def test_the_command_line_asks_for_them_too(tmp_path: Path, capsys: pytest.Captu
     assert Dataset(out).imu["t"].tolist() == list(range(0, 20_001, 2000))
     capsys.readouterr()
     assert main([*scene, "--overwrite", "--imu-effect", "lag"]) == 1
-    assert "rate and effects of an IMU need an IMU" in capsys.readouterr().err
+    assert "imu_rate_hz and imu_effects are those of an IMU, but imu is none: choose an IMU" in capsys.readouterr().err
     assert main([*scene, "--overwrite", "--imu", "mpu6150", "--imu-effect", "lag=0.001"]) == 1
     assert "must be at least 0.002 s, got 0.001 s" in capsys.readouterr().err

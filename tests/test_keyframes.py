@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from davis_rs import FixedRate, MaxDisplacement, Tolerance, interval
+from davis_rs import FixedRate, MaxDisplacement, Tolerance
 from davis_rs.sampling.keyframes import lagrange_weights, slopes
 from davis_rs.sampling.rules import TimeSampling
 from davis_rs.trajectory.views import Views
@@ -67,7 +67,7 @@ def test_all_due_instants_are_keyframes_in_order(sampling: TimeSampling) -> None
     """Strictly increasing, the start where nothing lies before it, the end, and neighbours one microsecond apart."""
     renderer, trajectory = built_in()
     due = [0, 1, 7_001, 25_000, 25_001, 59_999, 60_000]
-    keyframes = list(sampling.keyframes(stretch(renderer, interval(trajectory, 0, 0.06), due)))
+    keyframes = list(sampling.keyframes(stretch(renderer, trajectory.crop(0, 0.06), due)))
     times = times_of(keyframes)
     assert np.all(np.diff(times) > 0)
     assert set(due) <= set(times.tolist())
@@ -86,7 +86,7 @@ def test_all_due_instants_are_keyframes_in_order(sampling: TimeSampling) -> None
 def test_keyframes_show_the_scene_at_their_time(sampling: TimeSampling) -> None:
     """Also where a stretch starts late in the sequence: luma is that of the trajectory, counted from its start."""
     renderer, trajectory = built_in()
-    part = stretch(renderer, interval(trajectory, 0, 0.02), start_us=7_000_000, due=[7_011_000, 7_020_000], first=False)
+    part = stretch(renderer, trajectory.crop(0, 0.02), start_us=7_000_000, due=[7_011_000, 7_020_000], first=False)
     keyframes = list(sampling.keyframes(part))
     times = times_of(keyframes)
     assert times[0] > 7_000_000
@@ -102,7 +102,7 @@ def test_batches_do_not_change_a_bit(sampling: TimeSampling) -> None:
     renderer, trajectory = built_in()
     streams = []
     for batch in (1, 3, 64):
-        part = stretch(renderer, interval(trajectory, 0, 0.1), range(0, 100_001, 12_500), batch=batch)
+        part = stretch(renderer, trajectory.crop(0, 0.1), range(0, 100_001, 12_500), batch=batch)
         streams.append(list(sampling.keyframes(part)))
     assert len({len(stream) for stream in streams}) == 1
     for one, *others in zip(*streams, strict=True):
@@ -145,7 +145,7 @@ def test_a_stretch_of_its_start_alone(sampling: TimeSampling) -> None:
 def test_rates_of_keyframes_are_those_of_luma() -> None:
     """A tolerance's rates come from its neighbours: near the renderer's own, and in luma, not log luma, per second."""
     renderer, trajectory = built_in("three_walls")
-    part = stretch(renderer, interval(trajectory, 0, 0.02), range(0, 20_001, 250))
+    part = stretch(renderer, trajectory.crop(0, 0.02), range(0, 20_001, 250))
     own = list(Tolerance(10.0, pixels=100, longest=100).keyframes(part))
     assert len(own) == 81
     for before, keyframe, after in zip(own, own[1:], own[2:], strict=False):

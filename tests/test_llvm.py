@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from davis_rs import _llvm
+from davis_rs._core import RUST_SYSROOT
 from davis_rs._llvm import find_libllvm, libllvm_major
 from davis_rs._mitsuba import FAST
 
@@ -21,6 +22,11 @@ needs_usable_llvm = pytest.mark.skipif(
 needs_llvm_15 = pytest.mark.skipif(not LLVM_15.exists(), reason=f"needs {LLVM_15}")
 
 
+def chosen() -> Path | None:
+    found = find_libllvm()
+    return None if found is None else found.path
+
+
 def touch(path: Path) -> Path:
     path.parent.mkdir(parents=True, exist_ok=True)
     path.touch()
@@ -29,8 +35,12 @@ def touch(path: Path) -> Path:
 
 @pytest.fixture
 def system(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """An empty folder in place of those of the system where libraries are looked for."""
+    """An empty folder in place of those of the system where libraries are looked for, and no Rust."""
     monkeypatch.delenv("DRJIT_LIBLLVM_PATH", raising=False)
+    monkeypatch.setattr(_llvm, "RUST_SYSROOT", str(tmp_path / "no-rust"))
+    monkeypatch.setenv("RUSTUP_HOME", str(tmp_path / "rustup"))
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    monkeypatch.setattr(_llvm, "_SHARED_RUSTUP_HOME", str(tmp_path / "shared-rustup"))
     monkeypatch.setattr(sys, "prefix", str(tmp_path / "no-conda"))
     patterns = [f"{tmp_path}{pattern}" for pattern in _llvm._PATTERNS]
     monkeypatch.setattr(_llvm, "_PATTERNS", patterns)
@@ -46,6 +56,7 @@ def system(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         ("libLLVM.so.19.1", 19),
         ("libLLVM.so.22.0git", 22),
         ("libLLVM-17.so.1", 17),
+        ("libLLVM.so.22.1-rust-1.95.0-stable", 22),
     ],
 )
 def test_version_from_the_file_name(tmp_path: Path, name: str, major: int) -> None:
@@ -75,9 +86,9 @@ def test_a_library_without_version_in_its_name_is_asked(system: Path) -> None:
     assert INSTALLED is not None
     bare = system / "usr/lib/libLLVM.so"
     bare.parent.mkdir(parents=True)
-    shutil.copy(INSTALLED, bare)
-    assert libllvm_major(bare) == libllvm_major(INSTALLED)
-    assert find_libllvm() == bare
+    shutil.copy(INSTALLED.path, bare)
+    assert libllvm_major(bare) == libllvm_major(INSTALLED.path)
+    assert chosen() == bare
     bare.rename(bare.with_name("libLLVMSPIRVLib.so"))
     assert find_libllvm() is None
 
@@ -91,13 +102,13 @@ def test_the_newest_usable_is_chosen(system: Path) -> None:
     touch(system / "usr/lib/x86_64-linux-gnu/libLLVM-14.0.6.so.1")
     assert find_libllvm() is None, "15 and 16 abort the process; older ones are refused"
     touch(system / "usr/lib64/libLLVM-17.so")
-    assert find_libllvm() == system / "usr/lib64/libLLVM-17.so"
+    assert chosen() == system / "usr/lib64/libLLVM-17.so"
     touch(system / "usr/lib/llvm-19/lib/libLLVM.so.19.1")
-    assert find_libllvm() == system / "usr/lib/llvm-19/lib/libLLVM.so.19.1"
+    assert chosen() == system / "usr/lib/llvm-19/lib/libLLVM.so.19.1"
     touch(system / "usr/local/lib/libLLVM-18.so")
-    assert find_libllvm() == system / "usr/lib/llvm-19/lib/libLLVM.so.19.1"
+    assert chosen() == system / "usr/lib/llvm-19/lib/libLLVM.so.19.1"
     touch(system / "no-conda/lib/libLLVM-20.so")
-    assert find_libllvm() == system / "no-conda/lib/libLLVM-20.so"
+    assert chosen() == system / "no-conda/lib/libLLVM-20.so"
 
 
 def test_the_library_of_the_environment_is_the_only_candidate(system: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -106,9 +117,62 @@ def test_the_library_of_the_environment_is_the_only_candidate(system: Path, monk
     for name, usable in (("libLLVM-18.so.1", True), ("libLLVM-15.so.1", False), ("libLLVM-16.so.1", False)):
         path = touch(system / "own" / name)
         monkeypatch.setenv("DRJIT_LIBLLVM_PATH", str(path))
-        assert find_libllvm() == (path if usable else None)
+        assert chosen() == (path if usable else None)
     monkeypatch.setenv("DRJIT_LIBLLVM_PATH", str(system / "own/missing.so"))
     assert find_libllvm() is None
+
+
+OF_RUST = "lib/libLLVM.so.22.1-rust-1.95.0-stable"
+
+
+def test_rust_brings_one_where_the_system_has_none(system: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The toolchain of the build is taken before others of rustup, each only where the system has no usable LLVM."""
+    touch(system / "usr/lib/x86_64-linux-gnu/libLLVM-15.so.1")
+    touch(system / "home/.rustup/toolchains/old/lib/libLLVM.so.20.1-rust-1.88.0-stable")
+    assert chosen() == system / "home/.rustup/toolchains/old/lib/libLLVM.so.20.1-rust-1.88.0-stable"
+    newer = touch(system / "rustup/toolchains/new/lib/libLLVM.so.21.1-rust-1.90.0-stable")
+    assert find_libllvm() == (newer, "of a Rust toolchain; the system has none")
+    monkeypatch.setattr(_llvm, "RUST_SYSROOT", str(system / "sysroot"))
+    built_with = touch(system / "sysroot/lib/libLLVM.so.19.1-rust-1.88.0-stable")
+    assert find_libllvm() == (built_with, "of the Rust toolchain that built davis_rs; the system has none")
+    of_the_system = touch(system / "usr/lib/x86_64-linux-gnu/libLLVM-17.so.1")
+    assert find_libllvm() == (of_the_system, "the newest of the system")
+    named = touch(system / "own/libLLVM-18.so.1")
+    monkeypatch.setenv("DRJIT_LIBLLVM_PATH", str(named))
+    assert find_libllvm() == (named, "named in DRJIT_LIBLLVM_PATH")
+
+
+def test_a_toolchains_linker_script_is_no_library(system: Path) -> None:
+    """Rust's libLLVM-22-rust-1.95.0-stable.so is a text for the linker: Dr.Jit could not load it."""
+    touch(system / "rustup/toolchains/stable/lib/libLLVM-22-rust-1.95.0-stable.so")
+    assert chosen() is None
+    real = touch(system / "rustup/toolchains/stable" / OF_RUST)
+    assert chosen() == real
+
+
+def test_an_unusable_choice_is_named(system: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whoever names a library that cannot serve is told which, and what it is."""
+    assert _llvm.why_none() == "no usable LLVM (>= 17) was found"
+    monkeypatch.setenv("DRJIT_LIBLLVM_PATH", str(touch(system / "own/libLLVM-15.so.1")))
+    assert _llvm.why_none().endswith("own/libLLVM-15.so.1, which is LLVM 15")
+    monkeypatch.setenv("DRJIT_LIBLLVM_PATH", "/nonexistent/libLLVM.so")
+    assert _llvm.why_none().endswith("names /nonexistent/libLLVM.so, which is no library that can be loaded")
+
+
+@pytest.mark.skipif(
+    next(iter(Path(RUST_SYSROOT or "/nonexistent").glob("lib/libLLVM.so.*")), None) is None,
+    reason="needs the Rust toolchain that built davis_rs, with a libLLVM of its own",
+)
+def test_the_toolchain_of_the_build_renders(run_python: Callable[..., str]) -> None:
+    """With no other LLVM on the machine, and no rustc on the path, the library of the build's toolchain is taken."""
+    no_other = "import davis_rs._llvm as l; l._PATTERNS = (); l._of_rustup = lambda: ()\n"
+    told = "from davis_rs._mitsuba import default_variant; print(default_variant()[1])\n"
+    program = no_other + RENDER + told
+    variant, reason, why = run_python(program, DRJIT_LIBLLVM_PATH="", PATH="/nonexistent").splitlines()
+    assert variant == FAST
+    assert reason == "diffuse triangles under point light, with shadows"
+    assert RUST_SYSROOT in why
+    assert "of the Rust toolchain that built davis_rs" in why
 
 
 RENDER = """
@@ -155,6 +219,7 @@ def test_an_llvm_that_is_loaded_already_is_not_run(run_python: Callable[..., str
 @needs_usable_llvm
 def test_a_usable_llvm_gives_the_fast_variant(run_python: Callable[..., str]) -> None:
     """Where a usable library is found, a fresh process takes the fast variant and the table kernel."""
-    variant, reason = run_python(RENDER, DRJIT_LIBLLVM_PATH=str(INSTALLED)).splitlines()
+    assert INSTALLED is not None
+    variant, reason = run_python(RENDER, DRJIT_LIBLLVM_PATH=str(INSTALLED.path)).splitlines()
     assert variant == FAST
     assert reason == "diffuse triangles under point light, with shadows"

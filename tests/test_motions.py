@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from davis_rs import Trajectory, waypoint_trajectory, write_trajectory
 from davis_rs.pose import Pose
-from davis_rs.trajectory.motions import hand_held, running, slider, spiral, walking, zigzag
+from davis_rs.trajectory.motions import Kind, hand_held, running, slider, spiral, walking, zigzag
 
 # Looking along the world's y axis, x right, y down.
 START = Pose([1.0, 2.0, 1.5], [-np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)])
@@ -47,6 +47,25 @@ def test_starts_at_the_pose_that_is_given(name: str) -> None:
     pose = MOTIONS[name].pose(0.0)
     assert np.allclose(pose.position, SKEW.position, atol=1e-9)
     assert abs(pose.quaternion @ SKEW.quaternion) == pytest.approx(1.0, abs=1e-9)
+
+
+@pytest.mark.parametrize("kind", ["rotation", "translation", "6dof"])
+@pytest.mark.parametrize("duration_s", [1e-3, 0.05, 0.3, 1.0, 1.01])
+@pytest.mark.parametrize("seed", range(4))
+def test_hand_held_motion_may_be_short(duration_s: float, kind: Kind, seed: int) -> None:
+    """A clip of 50 ms starts at the pose, moves at once, at the top speeds asked for and within a hand's reach."""
+    path = hand_held(SKEW, duration_s, kind, top_speed_m_s=1.0, top_rate_rad_s=2.0, seed=seed)
+    assert path.duration_s == pytest.approx(duration_s)
+    top = path.top_speeds()
+    assert top.speed_m_s == pytest.approx(1.0, rel=1e-4)
+    assert top.rate_rad_s == pytest.approx(2.0, rel=1e-4)
+    start = path.pose(0.0)
+    assert np.allclose(start.position, SKEW.position, atol=1e-9)
+    assert abs(start.quaternion @ SKEW.quaternion) == pytest.approx(1.0, abs=1e-9)
+    t = np.linspace(0, duration_s, 200)
+    assert np.linalg.norm(path.positions(t) - SKEW.position, axis=1).max() < min(1.001 * duration_s, 0.8)
+    if duration_s <= 0.05:  # no start from rest, which would be a jerk
+        assert np.linalg.norm(path.accelerations(t), axis=1).max() < 100
 
 
 def test_slider_has_one_speed_and_no_turn() -> None:

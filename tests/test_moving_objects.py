@@ -12,7 +12,7 @@ import numpy.typing as npt
 import pytest
 from scipy.spatial.transform import Rotation
 
-from davis_rs import Camera, Flicker, MaxDisplacement, Pose, Scene, SegmentTrajectory, Trajectory
+from davis_rs import Camera, Flicker, MaxDisplacement, Pose, Scene, SegmentTrajectory, Trajectory, simulate
 from davis_rs._mitsuba import FAST, SCALAR, load_scene_source, variant
 from davis_rs.events import concatenate_events
 from davis_rs.rendering.render import Renderer
@@ -23,7 +23,6 @@ from davis_rs.rendering.scene_motion import held, seen_from
 from davis_rs.rendering.scene_updates import scene_motion
 from davis_rs.rendering.swept_objects import MovingSilhouettes
 from davis_rs.sampling.displacement import DisplacementClock
-from davis_rs.simulate import simulate
 from davis_rs.trajectory.views import Views
 
 FloatArray = npt.NDArray[np.float64]
@@ -365,7 +364,7 @@ def test_events_come_only_where_the_object_passes() -> None:
     source = {"type": "scene", "by": DIRECT, "lamp": LAMP, "floor": FLOOR, "box": BOX}
     scene = Scene("test", partial(dict, source), objects={"box": path})
     rest = SegmentTrajectory(POSE, POSE, 0.2)
-    packets = list(simulate(scene, rest, camera=CAMERA, samples=2, frame_rate_hz=200.0))
+    packets = list(simulate(scene.with_trajectory(rest), camera=CAMERA, samples=2, frame_rate_hz=200.0))
     events = concatenate_events([packet.events for packet in packets])
     frames = np.array([packet.luma for packet in packets if packet.luma is not None])
     fired = np.zeros((24, 32), np.bool_)
@@ -374,7 +373,8 @@ def test_events_come_only_where_the_object_passes() -> None:
     assert len(events) > 500
     assert fired[changed > 0.2].all()
     assert fired.mean() < 0.8
-    fine = np.array([packet.luma for packet in simulate(scene, rest, camera=CAMERA, samples=2, frame_rate_hz=5000.0)])
+    packets = list(simulate(scene.with_trajectory(rest), camera=CAMERA, samples=2, frame_rate_hz=5000.0))
+    fine = np.array([packet.luma for packet in packets])
     still = (fine == fine[0]).all(0)
     assert still.mean() > 0.2
     assert not fired[still].any()
@@ -432,7 +432,41 @@ def test_a_part_of_a_scene_goes_on_from_there(llvm: str) -> None:
         assert packet.depth is not None
         assert same.depth is not None
         np.testing.assert_allclose(packet.depth, same.depth, rtol=1e-5)
-    described = scene.part(0.1).part(0.2, 0.1).lights["lamp"].describe()
+    described = scene.crop(0.1).crop(0.2, 0.1).lights["lamp"].describe()
     assert described == {**scene.lights["lamp"].describe(), "start_s": pytest.approx(0.3)}
     with pytest.raises(ValueError, match="scene 'parts' has no trajectory of its own"):
-        replace(scene, trajectory=None).part()
+        replace(scene, trajectory=None).crop()
+
+
+def test_a_part_has_the_objects_of_that_time_whoever_gave_the_path(llvm: str) -> None:
+    """The clocks of objects and lights move with the part, also where the path was handed over with_trajectory()."""
+    camera_path = SegmentTrajectory(POSE, Pose(POSE.position + 0.1, POSE.quaternion), 10.0)
+    object_path = SegmentTrajectory(PATH.start, PATH.end, 10.0)
+    scene = Scene(
+        "parts",
+        partial(dict, type="scene", integrator=DIRECT, lamp=LAMP, floor=FLOOR, box=BOX),
+        camera=SMALL,
+        trajectory=camera_path,
+        objects={"box": object_path},
+        lights={"lamp": Flicker(3.0, modulation=0.4)},
+    )
+    settings: dict[str, Any] = {"frame_rate_hz": 20, "depth_rate_hz": 20, "duration_s": 0.1, "samples": 2}
+    own = list(simulate(scene, start_s=8, **settings))
+    handed = list(simulate(scene.with_trajectory(scene.path), start_s=8, **settings))
+    late = list(simulate(scene.with_trajectory(camera_path.crop(8)), **settings))
+    assert sum(len(packet.events) for packet in own) > 50
+    for a, b in zip(own, handed, strict=True):
+        assert a.events.tobytes() == b.events.tobytes()
+        for one, other in ((a.luma, b.luma), (a.depth, b.depth)):
+            assert (one is None) == (other is None)
+            assert one is None or other is None or one.tobytes() == other.tobytes()
+    # A path that begins later on by itself leaves the objects where they are at the start.
+    assert own[0].depth is not None
+    assert late[0].depth is not None
+    assert own[0].depth.tobytes() != late[0].depth.tobytes()
+    part = scene.crop(8, 0.1)
+    np.testing.assert_allclose(
+        part.objects["box"].pose(0.05).position, object_path.pose(8.05).position, rtol=0, atol=1e-12
+    )
+    assert part.lights["lamp"].describe()["start_s"] == 8
+    assert scene.with_trajectory(camera_path.crop(8)).objects == scene.objects

@@ -17,14 +17,13 @@ from davis_rs import (
     MaxDisplacement,
     Simulator,
     Tolerance,
-    interval,
     load_scene,
     log_intensity,
 )
 from davis_rs.events import EventArray, concatenate_events
 from davis_rs.rendering.renderers import make_renderer
+from davis_rs.sampling.event_refinement import refine
 from davis_rs.sampling.keyframes import Keyframe, Stretch
-from davis_rs.sampling.refine import refine
 from davis_rs.sampling.rules import TimeSampling
 from stretches import CAMERA, LOG_EPS, TINY, built_in, mirror, shift, stretch
 
@@ -131,7 +130,7 @@ def test_each_event_is_where_the_renderer_reaches_its_level(name: str, sampling:
     later, it comes with that one.
     """
     renderer, trajectory = built_in(name)
-    part = stretch(renderer, interval(trajectory, 0, 0.06), start_us=3_000_000, contrast_threshold=C_OFF)
+    part = stretch(renderer, trajectory.crop(0, 0.06), start_us=3_000_000, contrast_threshold=C_OFF)
     width, solved, kept, delayed, moved, by_sparse = CAMERA.width, 0, 0, 0, 0, 0
     for step in steps(part, sampling):
         found = list(signs(step, width))
@@ -171,7 +170,7 @@ def test_each_event_is_where_the_renderer_reaches_its_level(name: str, sampling:
 def test_only_times_change(sampling: TimeSampling) -> None:
     """The same events of the same pixels in the same order of crossing; the stream's order is (t, y, x, crossing)."""
     renderer, trajectory = built_in("three_walls")
-    part = stretch(renderer, interval(trajectory, 0, 0.05), contrast_threshold=C_OFF)
+    part = stretch(renderer, trajectory.crop(0, 0.05), contrast_threshold=C_OFF)
     count, many = 0, 0
     for step in steps(part, sampling):
         assert step.refined.dtype == EVENT_DTYPE
@@ -190,7 +189,7 @@ def test_only_times_change(sampling: TimeSampling) -> None:
 def test_coarse_and_dense_sampling_agree() -> None:
     """Refined times no longer depend on when the scene was sampled: nearly all to the microsecond."""
     renderer, trajectory = built_in()
-    part = stretch(renderer, interval(trajectory, 0, 0.04), contrast_threshold=C_OFF)
+    part = stretch(renderer, trajectory.crop(0, 0.04), contrast_threshold=C_OFF)
     streams = {}
     for name, sampling in {"coarse": FixedRate(500.0), "dense": FixedRate(4000.0)}.items():
         all_steps = list(steps(part, sampling))
@@ -212,7 +211,7 @@ def test_coarse_and_dense_sampling_agree() -> None:
 def test_levels_that_samples_do_not_enclose_keep_their_times() -> None:
     """References far off: no event can be found, all stay as they are, in order."""
     renderer, trajectory = built_in()
-    part = stretch(renderer, interval(trajectory, 0, 0.02), contrast_threshold=C_OFF)
+    part = stretch(renderer, trajectory.crop(0, 0.02), contrast_threshold=C_OFF)
     for step in list(steps(part, FixedRate(200.0)))[1:]:
         assert len(step.crude) > 20
         for off in (-5.0, 5.0):
@@ -223,7 +222,7 @@ def test_levels_that_samples_do_not_enclose_keep_their_times() -> None:
 def test_an_event_comes_no_earlier_than_the_one_before_it_in_its_pixel() -> None:
     """An ON event that keeps its time holds back the OFF event after it, though its level was reached long before."""
     renderer, trajectory = built_in()
-    part = stretch(renderer, interval(trajectory, 0, 0.01), contrast_threshold=C_OFF)
+    part = stretch(renderer, trajectory.crop(0, 0.01), contrast_threshold=C_OFF)
     (step,) = steps(part, FixedRate(50.0))
     start, stop = (log_intensity(keyframe.luma, LOG_EPS) for keyframe in (step.last, step.new))
     falls = start - stop
@@ -242,7 +241,7 @@ def test_an_event_comes_no_earlier_than_the_one_before_it_in_its_pixel() -> None
 def test_no_events_are_no_work() -> None:
     """A packet without events has none refined; the events that are handed in stay as they were."""
     renderer, trajectory = built_in()
-    part = stretch(renderer, interval(trajectory, 0, 0.01), contrast_threshold=C_OFF)
+    part = stretch(renderer, trajectory.crop(0, 0.01), contrast_threshold=C_OFF)
     (step,) = steps(part, FixedRate(50.0))
     assert len(refine(step.crude[:0], step.reference, step.last, step.new, part, (C_ON, C_OFF))) == 0
     handed = step.crude.copy()
@@ -267,9 +266,9 @@ def test_any_renderer_will_do() -> None:
 
 def test_the_simulator_refines_with_its_own_thresholds() -> None:
     """Refined by the simulator: the same events as without, other times, those that refine() gives."""
-    scene = load_scene("three_planes")
     _, trajectory = built_in()
-    part = interval(trajectory, 0, 0.05)
+    part = trajectory.crop(0, 0.05)
+    scene = load_scene("three_planes").with_trajectory(part)
     streams = []
     for polish in (False, True):
         simulator = Simulator(
@@ -282,7 +281,7 @@ def test_the_simulator_refines_with_its_own_thresholds() -> None:
             refine=polish,
         )
         assert simulator.describe()["parameters"]["refine"] is polish
-        streams.append(concatenate_events([packet.events for packet in simulator.run(part)]))
+        streams.append(concatenate_events([packet.events for packet in simulator.run()]))
     renderer, _ = built_in()
     by_hand = list(steps(stretch(renderer, part, range(0, 50_001, 25_000), contrast_threshold=C_OFF), FixedRate(500.0)))
     assert streams[0].tobytes() == concatenate_events([step.crude for step in by_hand]).tobytes()

@@ -441,7 +441,7 @@ def test_depth_of_three_planes(kind: str) -> None:
     """From straight above, the depth of three_planes is the camera's height above the highest plane at each pixel."""
     scene = load_scene("three_planes")
     assert scene.trajectory is not None
-    renderer = build(kind, scene, camera=scene.camera)
+    renderer = build(kind, scene, camera=scene.own_camera)
     t_s = [0.0, 0.4, 1.3]
     poses = [scene.trajectory.pose(t) for t in t_s]
     column = np.arange(240)
@@ -608,11 +608,14 @@ def test_path_tracing_is_left_to_mitsuba_unless_direct_light_is_asked_for(kind: 
     assert np.array_equal(asked.luma(Views.at_rest([POSE]))[0], luma_of(kind, SCENES["point light"]))
 
 
-def test_suitable_scenes_take_the_native_renderer_and_say_why() -> None:
-    """Diffuse triangles go to the native renderer, whose reason names lights and shadows; integrator overrides it."""
+def test_suitable_scenes_take_the_table_and_say_why() -> None:
+    """Diffuse triangles go to the table kernel, whose reason names lights and shadows; other names override it."""
     scene = make_scene(SCENES["point light"])
     chosen = make_renderer(scene, CAMERA)
-    assert isinstance(chosen, NativeRenderer)
+    assert isinstance(chosen, TableRenderer)
+    native = make_renderer(scene, CAMERA, kind="native")
+    assert isinstance(native, NativeRenderer)
+    assert native.reason == chosen.reason
     assert chosen.reason == "diffuse triangles under point light, with shadows"
     unshadowed = make_scene({"sun": sun(), "sky": sky(), "floor": FLOOR}, shadows=False)
     assert make_renderer(unshadowed, CAMERA).reason == (
@@ -626,7 +629,7 @@ def test_suitable_scenes_take_the_native_renderer_and_say_why() -> None:
     assert "PathIntegrator" in unnamed.name
     assert make_renderer(scene, CAMERA, kind="integrator").reason == "asked for"
     assert make_renderer(scene, CAMERA).rays == 8
-    with pytest.raises(ValueError, match="auto, native, table or integrator, got 'fast'"):
+    with pytest.raises(ValueError, match="renderer must be one of auto, table, native, integrator, got 'fast'"):
         make_renderer(scene, CAMERA, kind="fast")
     with pytest.raises(ValueError, match=r"1\.\.1024, got 0"):
         make_renderer(scene, CAMERA, samples=0)

@@ -44,7 +44,7 @@ def test_scenes_carry_the_datasets_settings() -> None:
     assert (planes.contrast_threshold, walls.contrast_threshold) == (0.15, 0.2)
     for scene in (planes, walls):
         assert scene.blur
-        assert scene.camera == Camera(240, 180, 200.0, 200.0, 119.5, 89.5)
+        assert scene.own_camera == Camera(240, 180, 200.0, 200.0, 119.5, 89.5)
 
 
 @pytest.mark.parametrize("name", ["three_planes", "three_walls"])
@@ -75,7 +75,7 @@ def test_three_walls_is_as_fast_as_the_datasets() -> None:
 def test_every_pixel_sees_a_surface_all_along(name: str) -> None:
     """Every 50 ms of the path every pixel hits something in front of it, and none is dark or saturated altogether."""
     scene = load_scene(name)
-    renderer = make_renderer(scene, scene.camera, samples=1)
+    renderer = make_renderer(scene, scene.own_camera, samples=1)
     assert renderer.name == "table kernel"
     poses = [path_of(scene).pose(0.05 * k) for k in range(41)]
     depth = renderer.depth(Views.at_rest(poses))
@@ -93,9 +93,9 @@ def test_no_shadow_can_be_seen_where_none_is_traced(name: str) -> None:
     scene = load_scene(name)
     assert not scene.shadows
     poses = [path_of(scene).pose(0.1 * k) for k in range(21)]
-    without = make_renderer(scene, scene.camera, samples=1).luma(Views.at_rest(poses))
+    without = make_renderer(scene, scene.own_camera, samples=1).luma(Views.at_rest(poses))
     traced = make_renderer(
-        Scene("traced", scene.source, camera=scene.camera, blur=scene.blur), scene.camera, samples=1
+        Scene("traced", scene.source, camera=scene.camera, blur=scene.blur), scene.own_camera, samples=1
     ).luma(Views.at_rest(poses))
     assert np.array_equal(without, traced)
 

@@ -173,7 +173,7 @@ def test_an_integrator_warns_of_black_shadows(make: Callable[[], Scene]) -> None
     scene = make()
     with pytest.warns(
         UserWarning,
-        match=rf"scene '{scene.name}' is made for the native renderer or the table kernel.*shadows are black",
+        match=rf"scene '{scene.name}' is made for the table kernel or the native renderer.*shadows are black",
     ):
         renderer = make_renderer(scene, WIDE, samples=1, kind="integrator")
     views = Views.at_rest([start(scene)], 12.0)

@@ -50,8 +50,8 @@ def mapping(source: Any) -> Mapping[str, Any]:
 
 
 def renderer_of(scene: Scene) -> Renderer:
-    renderer = make_renderer(scene, scene.camera, samples=1)
-    assert renderer.name == "native renderer"
+    renderer = make_renderer(scene, scene.own_camera, samples=1)
+    assert renderer.name == "table kernel"
     return renderer
 
 
@@ -93,7 +93,7 @@ def test_a_scene_is_the_same_each_time(name: str) -> None:
     """Two scenes have the same parts, to the last texel; settings are those that a DAVIS240C's sequence has."""
     first, second = SCENES[name](), SCENES[name]()
     assert repr_of(first.source()) == repr_of(second.source())
-    assert (first.camera.width, first.camera.fx) == (240, 199.371)
+    assert (first.own_camera.width, first.own_camera.fx) == (240, 199.371)
     assert 0.15 <= first.contrast_threshold <= 0.5
     assert first.trajectory is None
     np.testing.assert_allclose(start_pose(first).rotation[:, 0], [1, 0, 0], atol=1e-12)
@@ -233,8 +233,8 @@ def test_rooms_are_lit_from_all_sides(name: str) -> None:
     """Each says so of itself: a renderer that shuts their constant light out warns."""
     scene = SCENES[name]()
     assert scene.ambient
-    with pytest.warns(UserWarning, match=f"scene '{scene.name}' is made for the native renderer or the table kernel"):
-        make_renderer(scene, scene.camera, samples=1, kind="integrator")
+    with pytest.warns(UserWarning, match=f"scene '{scene.name}' is made for the table kernel or the native renderer"):
+        make_renderer(scene, scene.own_camera, samples=1, kind="integrator")
 
 
 def painted_white(node: Mapping[str, Any]) -> dict[str, Any]:

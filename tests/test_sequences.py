@@ -83,7 +83,7 @@ def test_duration_and_top_speeds_are_the_tables(name: str) -> None:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_the_counts_on_record_are_within_a_factor_of_three(name: str) -> None:
-    """Of the whole sequence, as davis-rs sequences --count found them."""
+    """Of the whole sequence, as davis-rs sequences-count found them."""
     count = read_counts()[name]
     paper = SEQUENCES[name].paper
     assert count.duration_s == pytest.approx(paper.duration_s, rel=0.01)
@@ -142,6 +142,26 @@ def test_a_sequence_is_a_whole_dataset(tmp_path: Path, capsys: pytest.CaptureFix
     assert not (tmp_path / "no").exists()
 
 
+@pytest.mark.usefixtures("llvm")
+def test_simulate_and_sequence_make_the_same_of_a_sequence(tmp_path: Path) -> None:
+    """Its IMU and its 24 frames a second come with its name; options still go before them."""
+    options = ["--start", "1", "--duration", "0.05", "--samples", "1", "--quiet"]
+    written = ["events.txt", "imu.txt", "images.txt", "depthmaps.txt", "groundtruth.txt", "calib.txt"]
+    for command in ("sequence", "simulate"):
+        assert main([command, "slider_depth", "-o", str(tmp_path / command), *options]) == 0
+    for name in written:
+        assert (tmp_path / "sequence" / name).read_bytes() == (tmp_path / "simulate" / name).read_bytes(), name
+    dataset = davis_rs.Dataset(tmp_path / "simulate")
+    assert len(dataset.imu) == 51
+    assert [frame.t_us for frame in dataset.frames] == [0, 41_667]
+    metas = [json.loads((tmp_path / command / "meta.json").read_text()) for command in ("sequence", "simulate")]
+    assert metas[0]["sequence"] == metas[1]["sequence"]
+    own = ["--imu", "none", "--frame-rate", "100"]
+    assert main(["simulate", "slider_depth", "-o", str(tmp_path / "own"), *options, *own]) == 0
+    assert not (tmp_path / "own" / "imu.txt").exists()
+    assert len(davis_rs.Dataset(tmp_path / "own").frames) == 6
+
+
 def test_the_list_has_the_paper_beside_ours(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A row has T, TS, RS and NE twice; what was not counted is a dash."""
     counts = tmp_path / "counts.csv"
@@ -153,13 +173,13 @@ def test_the_list_has_the_paper_beside_ours(tmp_path: Path, capsys: pytest.Captu
     assert urban[-2:] == ["5,359,539", "-"]
     assert urban[-6] == "n/a"
     assert [line[0] for line in differs] == ["slider_depth,", "urban,"]
-    assert main(["sequences", "slider_depth", "--measured", str(counts), "--markdown"]) == 0
+    assert main(["sequences-table", "slider_depth", "--measured", str(counts)]) == 0
     assert capsys.readouterr().out.splitlines()[2].startswith("| slider_depth | motorized slider | davis240c |")
 
 
 def test_the_table_in_the_docs_is_what_the_command_prints(capsys: pytest.CaptureFixture[str]) -> None:
     """All 27 rows, as they are now."""
-    assert main(["sequences", "--markdown"]) == 0
+    assert main(["sequences-table"]) == 0
     printed = capsys.readouterr().out
     assert len(printed.splitlines()) == 29
     assert printed in (Path(__file__).resolve().parents[1] / "docs" / "sequences.md").read_text()
@@ -170,12 +190,12 @@ def test_counting_goes_on_where_it_was_stopped(tmp_path: Path, capsys: pytest.Ca
     """What the file has is not counted again."""
     path = tmp_path / "counts.csv"
     write_counts(path, [EventCount(name, 10.7, 7, 3, 1.0, 5, 0.5, 0.1) for name in ("a_users_own", "urban")])
-    assert main(["sequences", "simulation_3planes", "urban", "--count", str(path)]) == 0
+    assert main(["sequences-count", "simulation_3planes", "urban", "-o", str(path)]) == 0
     assert capsys.readouterr().out.startswith("simulation_3planes: ")
     counts = read_counts(path)
     assert list(counts) == ["urban", "simulation_3planes", "a_users_own"]
     assert counts["urban"].events == 7
-    assert main(["sequences", "slider_depth", "--count", str(tmp_path / "no" / "counts.csv")]) == 1
+    assert main(["sequences-count", "slider_depth", "-o", str(tmp_path / "no" / "counts.csv")]) == 1
 
 
 @pytest.mark.usefixtures("llvm")
@@ -183,7 +203,7 @@ def test_the_sheet_shows_frames_and_events(tmp_path: Path) -> None:
     """One tile a sequence, three a row: a grey frame, and the same faded with red and blue events."""
     from PIL import Image
 
-    assert main(["sequences", "simulation_3planes", "slider_depth", "--sheet", str(tmp_path / "sheet.png")]) == 0
+    assert main(["sequences-sheet", "simulation_3planes", "slider_depth", "-o", str(tmp_path / "sheet.png")]) == 0
     picture = np.asarray(Image.open(tmp_path / "sheet.png")).astype(int)
     assert picture.shape == (200, 3 * 488 - 8, 3)
     for left in (0, 488):

@@ -11,10 +11,9 @@ import numpy as np
 import pytest
 
 import davis_rs
-from davis_rs import Camera, FixedRate, MaxDisplacement, Packet, Pose, Scene, Simulator, Tolerance
+from davis_rs import Camera, FixedRate, MaxDisplacement, Packet, Pose, Scene, Simulator, Tolerance, simulate
 from davis_rs.events import EventArray, concatenate_events
 from davis_rs.sampling.rules import TimeSampling
-from davis_rs.simulate import simulate
 
 SMALL = Camera(40, 30, 33.0, 33.0, 19.5, 14.5)
 PARAMETERS: dict[str, Any] = {"camera": SMALL, "samples": 2}
@@ -106,7 +105,7 @@ def test_steps_of_a_controller_give_what_a_run_gives(scene: Scene) -> None:
     target = Pose(start.position + np.array([0.03, -0.01, 0.02]), start.quaternion)
     path = davis_rs.SegmentTrajectory(start, target, 0.05)
     settings = {**PARAMETERS, "sampling": FixedRate(1000.0)}
-    run = events_of(list(Simulator(scene, **settings).run(path)))
+    run = events_of(list(Simulator(scene.with_trajectory(path), **settings).run()))
     stepper = Simulator(scene, **settings)
     packets = stepper.step(0, path.pose(0.0))
     for t_us in (7_000, 20_000, 26_000, 50_000):
@@ -140,7 +139,7 @@ def test_steps_agree_with_a_run_where_slopes_and_samples_look_around(
     target = Pose(start.position + np.array([0.03, -0.01, 0.02]), start.quaternion)
     path = davis_rs.SegmentTrajectory(start, target, 0.05)
     settings = {**PARAMETERS, "sampling": sampling, "samples": 8}
-    run = events_of(list(Simulator(scene, **settings).run(path)))
+    run = events_of(list(Simulator(scene.with_trajectory(path), **settings).run()))
     stepper = Simulator(scene, **settings)
     packets = stepper.step(0, path.pose(0.0))
     for t_us in (1, 7_000, 7_001, 20_000, 26_000, 50_000):
@@ -160,7 +159,7 @@ def test_steps_are_refined_to_where_the_renderer_has_their_levels(scene: Scene) 
     target = Pose(start.position + np.array([0.02, -0.01, 0.02]), start.quaternion)
     path = davis_rs.SegmentTrajectory(start, target, 0.03)
     settings = {**PARAMETERS, "samples": 8, "sampling": Tolerance(0.05), "refine": True}
-    run = events_of(list(Simulator(scene, **settings).run(path)))
+    run = events_of(list(Simulator(scene.with_trajectory(path), **settings).run()))
     stepper = Simulator(scene, **settings)
     packets = stepper.step(0, path.pose(0.0))
     for t_us in (8_000, 20_000, 30_000):
@@ -184,7 +183,7 @@ def test_a_camera_at_rest_makes_no_events(scene: Scene) -> None:
     """Any noise of the renderer would show here as events."""
     start = davis_rs.start_pose(scene)
     still = davis_rs.SegmentTrajectory(start, start, 0.2)
-    packets = list(simulate(scene, still, **PARAMETERS))
+    packets = list(simulate(scene.with_trajectory(still), **PARAMETERS))
     assert len(packets) == 9
     assert sum(len(packet.events) for packet in packets) == 0
 
@@ -192,8 +191,9 @@ def test_a_camera_at_rest_makes_no_events(scene: Scene) -> None:
 def test_looking_away_is_an_error_that_says_where(scene: Scene) -> None:
     """An empty dataset would be found out much later."""
     away = Pose([0, 0, 100], [0, 0, 0, 1])
+    resting = scene.with_trajectory(davis_rs.SegmentTrajectory(away, away, 1.0))
     with pytest.raises(ValueError, match=r"no ray hits anything.*three_planes.*--align"):
-        next(iter(simulate(scene, davis_rs.SegmentTrajectory(away, away, 1.0), **PARAMETERS)))
+        next(iter(simulate(resting, **PARAMETERS)))
 
 
 @pytest.mark.parametrize(
@@ -218,11 +218,10 @@ def test_bad_settings_are_refused(scene: Scene, settings: dict[str, Any], messag
 
 def test_a_simulator_runs_once(scene: Scene) -> None:
     """A second run would begin with the first one's references."""
-    simulator = Simulator(scene, **PARAMETERS)
-    assert scene.trajectory is not None
-    list(simulator.run(davis_rs.interval(scene.trajectory, 0, 0.01)))
+    simulator = Simulator(scene.crop(0, 0.01), **PARAMETERS)
+    list(simulator.run())
     with pytest.raises(ValueError, match="has run already"):
-        next(simulator.run(scene.trajectory))
+        next(simulator.run())
 
 
 def test_a_scene_without_a_path_asks_for_one(scene: Scene) -> None:

@@ -34,8 +34,9 @@ def bar() -> Scene:
 
 def events(sampling: TimeSampling) -> EventArray:
     """Of a camera that moves by some eight pixels of the bar's depth in 10 ms, with nothing due between."""
-    simulator = Simulator(bar(), camera=CAMERA, samples=8, sampling=sampling, frame_rate_hz=0, depth_rate_hz=0)
-    return np.concatenate([packet.events for packet in simulator.run(shift([0.6, 0.0, 0.0], 0.01, DOWN))])
+    scene = bar().with_trajectory(shift([0.6, 0.0, 0.0], 0.01, DOWN))
+    simulator = Simulator(scene, camera=CAMERA, samples=8, sampling=sampling, frame_rate_hz=0, depth_rate_hz=0)
+    return np.concatenate([packet.events for packet in simulator.run()])
 
 
 def test_a_thin_line_that_crosses_pixels_within_one_interval_makes_its_events() -> None:

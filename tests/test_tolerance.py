@@ -20,7 +20,6 @@ from davis_rs import (
     Simulator,
     Tolerance,
     compare_events,
-    interval,
     load_scene,
     log_intensity,
 )
@@ -84,7 +83,7 @@ def test_the_error_stays_below_the_tolerance(name: str, paired: bool, contrast: 
     renderer, trajectory = built_in(name, NARROW)
     even = range(0, 100_001, 12_500)
     due = sorted({*even, *(t_us + 1 for t_us in even[:-1])} if paired else even)
-    part = stretch(renderer, interval(trajectory, 0, 0.1), due)
+    part = stretch(renderer, trajectory.crop(0, 0.1), due)
     keyframes = list(Tolerance(contrast).keyframes(part))
     for share in (0.5, 0.3):
         assert (errors(keyframes, part, share) <= contrast).mean() >= 0.95
@@ -96,7 +95,7 @@ def test_due_instants_side_by_side_do_not_hide_the_error() -> None:
     even = range(0, 100_001, 25_000)
     rms = []
     for due in (even, sorted({*even, *(t_us + 1 for t_us in even[:-1])})):
-        part = stretch(renderer, interval(trajectory, 0, 0.1), due)
+        part = stretch(renderer, trajectory.crop(0, 0.1), due)
         rms.append(np.sqrt((errors(list(Tolerance(0.1).keyframes(part)), part, 0.3) ** 2).mean()))
     assert max(rms) < 0.1
 
@@ -118,7 +117,7 @@ def test_a_smaller_contrast_has_a_smaller_error() -> None:
 def test_the_contrast_is_a_share_of_the_threshold() -> None:
     """Twice the threshold at half the contrast is the same tolerance, to the bit."""
     renderer, trajectory = built_in()
-    part = stretch(renderer, interval(trajectory, 0, 0.1), contrast_threshold=0.125)
+    part = stretch(renderer, trajectory.crop(0, 0.1), contrast_threshold=0.125)
     one = list(Tolerance(0.25).keyframes(part))
     other = list(Tolerance(0.125).keyframes(replace(part, contrast_threshold=0.25)))
     assert times_of(one).tolist() == times_of(other).tolist()
@@ -128,7 +127,7 @@ def test_the_contrast_is_a_share_of_the_threshold() -> None:
 def test_sparse_samples_are_pixels_rendered_between_keyframes() -> None:
     """Sorted by pixel and time, within their interval, each pixel's middle first among them, luma of the renderer."""
     renderer, trajectory = built_in()
-    part = stretch(renderer, interval(trajectory, 0, 0.1))
+    part = stretch(renderer, trajectory.crop(0, 0.1))
     keyframes = list(Tolerance(0.1).keyframes(part))
     assert sparse_count(keyframes) > 1000
     most = 0
@@ -152,7 +151,7 @@ def test_sparse_samples_are_pixels_rendered_between_keyframes() -> None:
 def test_halvings_bound_the_samples_of_a_pixel(halvings: int) -> None:
     """2^halvings - 1 in an interval at the most; none at all for 0."""
     renderer, trajectory = built_in()
-    keyframes = list(Tolerance(0.02, halvings=halvings).keyframes(stretch(renderer, interval(trajectory, 0, 0.05))))
+    keyframes = list(Tolerance(0.02, halvings=halvings).keyframes(stretch(renderer, trajectory.crop(0, 0.05))))
     counts = [np.bincount(k.sparse.pixel).max() for k in keyframes if k.sparse is not None and len(k.sparse.pixel)]
     assert max(counts, default=0) == 2**halvings - 1
 
@@ -160,7 +159,7 @@ def test_halvings_bound_the_samples_of_a_pixel(halvings: int) -> None:
 def test_sparse_samples_make_event_times_better() -> None:
     """Against a dense reference, with the same keyframes: more events found, and their times nearer."""
     renderer, trajectory = built_in()
-    part = stretch(renderer, interval(trajectory, 0, 0.15))
+    part = stretch(renderer, trajectory.crop(0, 0.15))
     keyframes = list(Tolerance(0.05).keyframes(part))
     reference = crossings(dense(part), interpolation="linear")
     assert len(reference) > 2000
@@ -176,8 +175,9 @@ def test_sparse_samples_make_event_times_better() -> None:
 def test_the_simulator_feeds_the_engine_all_of_it() -> None:
     """Rates and sparse samples reach the engine, for the lesser threshold: its events are those of the keyframes."""
     renderer, trajectory = built_in()
+    part = trajectory.crop(0, 0.1)
     simulator = Simulator(
-        load_scene("three_planes"),
+        load_scene("three_planes").with_trajectory(part),
         camera=CAMERA,
         samples=8,
         sampling=Tolerance(0.05, edges=False),
@@ -185,8 +185,7 @@ def test_the_simulator_feeds_the_engine_all_of_it() -> None:
         frame_rate_hz=0,
         depth_rate_hz=0,
     )
-    part = interval(trajectory, 0, 0.1)
-    found = concatenate_events([packet.events for packet in simulator.run(part)])
+    found = concatenate_events([packet.events for packet in simulator.run()])
     keyframes = list(
         Tolerance(0.05, edges=False).keyframes(
             stretch(renderer, part, range(0, 100_001, 25_000), contrast_threshold=0.09)

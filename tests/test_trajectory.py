@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from davis_rs.pose import Pose
 from davis_rs.trajectory.sampled_trajectory import SampledTrajectory
-from davis_rs.trajectory.trajectory import CallableTrajectory, SegmentTrajectory, Trajectory, align, interval
+from davis_rs.trajectory.trajectory import CallableTrajectory, SegmentTrajectory, Trajectory, align
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -66,7 +66,7 @@ ALL = {
     "callable": circle(),
     "segment": segment(),
     "aligned": align(sampled(), Pose([3.0, -1.0, 0.5], Rotation.from_euler("xyz", [0.4, 1.2, -2.0]).as_quat()), 1.3),
-    "interval": interval(sampled(), 0.7, 1.5),
+    "interval": sampled().crop(0.7, 1.5),
 }
 EVERY = pytest.mark.parametrize("trajectory", ALL.values(), ids=ALL.keys())
 
@@ -443,14 +443,14 @@ class TestAlign:
 class TestInterval:
     def test_an_end_rounded_up_is_the_end(self) -> None:
         """A duration that overshoots by less than a microsecond is cut, and can be evaluated to its end."""
-        part = interval(sampled(), 0.7, 2.3 + 0.9e-6)
+        part = sampled().crop(0.7, 2.3 + 0.9e-6)
         assert part.duration_s == pytest.approx(2.3, abs=1e-12)
         assert np.allclose(part.positions([2.3 + 0.9e-6]), sampled().positions([3.0]), atol=1e-12)
 
     def test_is_the_same_path_from_zero(self) -> None:
         """Pose, velocity and body rate at t are those of the whole at start + t; the default runs to the end."""
         whole = sampled()
-        part = interval(whole, 0.7)
+        part = whole.crop(0.7)
         assert part.duration_s == pytest.approx(2.3)
         t = np.linspace(0, part.duration_s, 9)
         for method in ("positions", "quaternions", "velocities", "angular_rates"):
@@ -462,14 +462,14 @@ class TestInterval:
     def test_refuses_what_is_not_inside(self, start_s: float, duration_s: float | None) -> None:
         """The message holds what is available."""
         with pytest.raises(ValueError, match=r"must be longer than 0 s and lie inside .* from 0 to 3\.0 s"):
-            interval(sampled(), start_s, duration_s)
+            sampled().crop(start_s, duration_s)
 
     def test_description_tells_the_whole_chain(self) -> None:
         """meta.json can say which part of which file was moved where."""
         pose = Pose(np.zeros(3), [0.0, 0.0, 0.0, 1.0])
-        described = interval(align(circle(), pose, 0.25), 0.5, 1.0).describe()
+        described = align(circle(), pose, 0.25).crop(0.5, 1.0).describe()
         assert described == {
-            "kind": "interval",
+            "kind": "crop",
             "start_s": 0.5,
             "duration_s": 1.0,
             "trajectory": {

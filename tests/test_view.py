@@ -13,11 +13,13 @@ import pytest
 from imageio.plugins.ffmpeg import get_exe
 from PIL import Image
 
-from davis_rs import EVENT_DTYPE
+from davis_rs import EVENT_DTYPE, convert
 from davis_rs.camera import Camera
+from davis_rs.cli.main import main
 from davis_rs.dataset.writer import DatasetWriter
-from davis_rs.inspection.video import video_dataset
-from davis_rs.inspection.view import OFF_RGB, ON_RGB, display_grey, event_picture, view_dataset
+from davis_rs.inspection.figure import OFF_RGB, ON_RGB, event_picture, view
+from davis_rs.inspection.video import make_video
+from davis_rs.inspection.visual_sequence import display_grey
 from davis_rs.packet import Packet
 from test_dataset import HEIGHT, STEPS, WIDTH, packet_of, pose_at, write_sequence
 
@@ -27,6 +29,12 @@ def folder(tmp_path: Path) -> Path:
     """A dataset to look at."""
     write_sequence(tmp_path / "d")
     return tmp_path / "d"
+
+
+def view_dataset(path: Path, output: Path, **arguments: Any) -> Path:
+    """The figure, in a file."""
+    view(path, **arguments).savefig(output)
+    return output
 
 
 def pixels_of(path: Path) -> npt.NDArray[np.uint8]:
@@ -43,12 +51,12 @@ def test_the_figure_has_its_size_and_colours(folder: Path, tmp_path: Path) -> No
     """7.2 inches at 200 dpi on white, with ON pixels in red and OFF pixels in blue over a grey frame."""
     assert view_dataset(folder, tmp_path / "figure.png") == tmp_path / "figure.png"
     pixels = pixels_of(tmp_path / "figure.png")
-    assert pixels.shape == (1120, 1440, 3)
+    assert pixels.shape == (1198, 1440, 3)
     assert tuple(pixels[0, 0]) == (255, 255, 255)
-    events = pixels[:560, 760:]
+    events = pixels[:600, 760:]
     assert count_of(events, ON_RGB) > 2000
     assert count_of(events, OFF_RGB) > 2000
-    frame = pixels[60:500, 40:640].astype(int)
+    frame = pixels[110:550, 60:660].astype(int)
     assert np.ptp(frame, axis=2).max() == 0
     assert np.ptp(frame) > 100
 
@@ -82,7 +90,7 @@ def test_a_dataset_without_events_makes_a_figure(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "rule"),
     [
-        ({"t_s": 0.061}, r"t_s must lie in the dataset, 0\.\.0\.06 s, got 0\.061"),
+        ({"t_s": 0.061}, r"t_s must lie in the sequence, 0\.\.0\.06 s, got 0\.061"),
         ({"t_s": float("nan")}, "t_s must lie"),
         ({"window_s": 0.0}, "window_s must be positive"),
         ({"window_s": float("inf")}, "window_s must be positive"),
@@ -104,7 +112,7 @@ def test_a_pixel_has_the_colour_of_its_last_event() -> None:
 
 def test_frames_are_drawn_with_the_srgb_curve() -> None:
     """Black, white, the linear toe and middle grey of IEC 61966-2-1 (linear 0.2140 is 0.5)."""
-    grey = display_grey(np.array([0, 255, 55], np.uint8))
+    grey = display_grey(np.array([0, 255, 55]) / 255)
     assert grey[:2].tolist() == pytest.approx([0, 1])
     assert grey[2] == pytest.approx(0.5, abs=0.005)
 
@@ -112,7 +120,7 @@ def test_frames_are_drawn_with_the_srgb_curve() -> None:
 @pytest.mark.parametrize("suffix", [".mp4", ".gif"])
 def test_the_video_shows_frames_and_events(folder: Path, tmp_path: Path, suffix: str) -> None:
     """60 ms, ten times slower, at 25 pictures a second are 15 pictures: panels of 480 x 360, events on the right."""
-    video = video_dataset(folder, tmp_path / f"video{suffix}", fps=25, speed=0.1)
+    video = make_video(folder, tmp_path / f"video{suffix}", fps=25, speed=0.1)
     # imageio's own reader leaves pipes open, which is a warning and so an error here.
     command = [get_exe(), "-v", "error", "-i", video, "-f", "rawvideo", "-pix_fmt", "rgb24", "-"]
     decoded = subprocess.run(command, capture_output=True, check=True).stdout
@@ -138,19 +146,84 @@ def test_senseless_videos_are_refused(
 ) -> None:
     """Refused before a file is made."""
     with pytest.raises(ValueError, match=rule):
-        video_dataset(folder, tmp_path / name, **arguments)
+        make_video(folder, tmp_path / name, **arguments)
     assert not (tmp_path / name).exists()
 
 
-@pytest.mark.parametrize(("module", "call"), [("matplotlib", "view_dataset"), ("imageio", "video_dataset")])
+@pytest.mark.parametrize(("module", "call"), [("matplotlib", "view"), ("imageio", "make_video")])
 def test_a_missing_library_says_how_to_get_it(folder: Path, tmp_path: Path, module: str, call: str) -> None:
     """Without the view extra the error names the command that installs it."""
+    arguments = repr(str(folder)) if call == "view" else f"{str(folder)!r}, {str(tmp_path / 'v.mp4')!r}"
     program = (
         f"import sys; sys.modules[{module!r}] = None\n"
-        "from davis_rs.inspection.view import view_dataset\n"
-        "from davis_rs.inspection.video import video_dataset\n"
-        f"try: {call}({str(folder)!r}, {str(tmp_path / 'v.mp4')!r})\n"
+        "from davis_rs.inspection.figure import view\n"
+        "from davis_rs.inspection.video import make_video\n"
+        f"try: {call}({arguments})\n"
         "except ImportError as error: print(error)"
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert "pip install 'davis_rs[view]'" in done.stdout
+
+
+# ---- formats, sources and edge cases ----
+
+
+@pytest.mark.parametrize(("suffix", "magic"), [(".png", b"\x89PNG"), (".pdf", b"%PDF"), (".svg", b"<?xml")])
+def test_the_suffix_chooses_the_format(folder: Path, tmp_path: Path, suffix: str, magic: bytes) -> None:
+    output = tmp_path / f"figure{suffix}"
+    assert main(["view", str(folder), "-o", str(output)]) == 0
+    assert output.read_bytes().startswith(magic)
+
+
+@pytest.mark.parametrize("name", ["figure.foo", "figure", "figure.raw"])
+def test_an_unknown_suffix_is_refused(
+    folder: Path, tmp_path: Path, name: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """With a list of those there are, and without a file."""
+    assert main(["view", str(folder), "-o", str(tmp_path / name)]) == 1
+    assert ".png, .pdf, .svg" in capsys.readouterr().err
+    assert not list(tmp_path.glob("figure*"))
+
+
+def test_an_event_file_and_a_recording_can_be_viewed(folder: Path, tmp_path: Path) -> None:
+    """One that does not know its size needs it; AEDAT 4 and .npy go without a folder."""
+    with pytest.raises(ValueError, match="does not say the sensor's size"):
+        view(folder / "events.txt")
+    convert(folder, tmp_path / "e.aedat4")
+    convert(folder, tmp_path / "e.npy")
+    for source, size in ((folder / "events.txt", (WIDTH, HEIGHT)), (tmp_path / "e.aedat4", None)):
+        pixels = pixels_of(view_dataset(source, tmp_path / "figure.png", size=size))
+        assert count_of(pixels, ON_RGB) > 100
+        assert count_of(pixels, OFF_RGB) > 100
+    make_video(tmp_path / "e.aedat4", tmp_path / "v.gif")
+    with pytest.raises(ValueError, match=r"lies outside of the 3 x 3 sensor"):
+        view(tmp_path / "e.npy", size=(3, 3))
+
+
+def test_a_figure_shows_itself_in_a_notebook(folder: Path) -> None:
+    """By the method that IPython asks for."""
+    figure: Any = view(folder)
+    assert figure._repr_png_().startswith(b"\x89PNG")
+
+
+def test_nothing_at_all_makes_no_video(tmp_path: Path) -> None:
+    """Neither events nor frames: refused, with the reason, before a file is made."""
+    with DatasetWriter(tmp_path / "d", Camera(WIDTH, HEIGHT, 20, 20, 11.5, 8.5)):
+        pass
+    assert "no events" in str([axes.get_title() for axes in view(tmp_path / "d").axes])
+    with pytest.raises(ValueError, match="neither events nor frames"):
+        make_video(tmp_path / "d", tmp_path / "v.gif")
+    assert not (tmp_path / "v.gif").exists()
+
+
+@pytest.mark.parametrize(("depth", "said"), [(1.8, "1.800 m everywhere"), (np.inf, "nothing is hit")])
+def test_flat_depth_is_told_as_a_number(tmp_path: Path, depth: float, said: str) -> None:
+    """A plane's rounding errors are no relief; one frame and one packet make a figure and a video."""
+    noise = np.random.default_rng(0).normal(0, 1e-7, (HEIGHT, WIDTH))
+    luma = np.ones((HEIGHT, WIDTH), np.float32)
+    with DatasetWriter(tmp_path / "d", Camera(WIDTH, HEIGHT, 20, 20, 11.5, 8.5)) as writer:
+        map_ = (depth + noise).astype(np.float32)
+        writer.write(Packet(0, 0, np.zeros(0, EVENT_DTYPE), pose_at(0), luma, map_))
+    figure = view(tmp_path / "d")
+    assert said in figure.axes[2].get_title()
+    make_video(tmp_path / "d", tmp_path / "v.gif")

@@ -1,4 +1,4 @@
-"""Instructions that a frame takes in an ideal engine, in this checkout and at another revision.
+"""Instructions that a frame takes in an ideal engine, and a stream in the decoder, here and at another revision.
 
     python benches/instructions/instructions.py REVISION
 
@@ -16,7 +16,8 @@ from pathlib import Path
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
 FRAMES = 40
-KINDS = ("dense", "quiet", "still", "hermite")
+KINDS = ("dense", "quiet", "still", "hermite", "decode-dense", "decode-sparse", "decode-frames")
+"""Frames of 240 x 180 pixels by how many of them change, and streams of a camera by what is in them."""
 
 _MANIFEST = """[package]
 name = "instructions"
@@ -60,7 +61,7 @@ def main(revision: str) -> None:
             programs = [build(before, Path(folder) / "a"), build(ROOT, Path(folder) / "b")]
         finally:
             subprocess.run(["git", "worktree", "remove", "--force", str(before)], cwd=ROOT, check=True)
-        print(f"| instructions a frame, 240 x 180 | {revision} | now | ratio |\n|---|---|---|---|")
+        print(f"| instructions a frame, 240 x 180, or a stream | {revision} | now | ratio |\n|---|---|---|---|")
         for kind in KINDS:
             old, new = ((counted(p, kind, FRAMES) - counted(p, kind, 0)) / FRAMES for p in programs)
             print(f"| {kind} | {old:,.0f} | {new:,.0f} | {new / old:.4f} |", flush=True)

@@ -3,79 +3,140 @@
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from . import represent
-from ._core import (
-    CrossingEngine,
-    DecodeError,
-    Decoder,
-    Device,
-    Encoder,
-    __version__,
-    log_intensity,
-    reconstruct,
-)
-from .biases import BIAS_SETS, CoarseFineBias
-from .camera import Camera, load_camera
-from .dataset.reader import Dataset
-from .dataset.write_trajectory import write_trajectory
-from .dataset.writer import DatasetWriter
-from .decoded import IMU_COUNTS_DTYPE, IMU_DTYPE, TRIGGER_DTYPE, Decoded, Frame, TriggerKind
-from .dtypes import from_structured, to_structured, to_tonic
-from .effects import Effects
-from .event_files.convert import convert
-from .event_files.read import iter_events, open_reader, read_events
-from .event_files.write import open_writer
-from .events import EVENT_DTYPE, as_events
-from .formats import EventReader, EventWriter, TruncatedFileWarning, WriteReport
-from .imu import Imu, simulate_imu
-from .motion_capture import MocapClock, MocapNoise, MotionCapture
-from .packet import Packet
-from .plan import EffectPlan, plan_effects
-from .pose import GroundTruth, Pose
-from .record import record
-from .sampling.presets import ACCURACY, Accuracy
-from .sampling.rules import FixedRate, MaxDisplacement
-from .sampling.tolerance import Tolerance
-from .scene.light_course import Flicker, LightCourse, SampledCourse
-from .scene.scene import Scene
-from .scenes import load_scene, start_pose
-from .sensor_parameters import SENSORS, SensorParameters
-from .simulate import Simulator, simulate
-from .trajectory.sampled_trajectory import SampledTrajectory
-from .trajectory.trajectory import CallableTrajectory, SegmentTrajectory, Trajectory, align, interval
-from .trajectory.trajectory_file import read_trajectory
-from .trajectory.waypoints import waypoint_trajectory
-
 if TYPE_CHECKING:
+    from . import represent
+    from ._core import CrossingEngine, DecodeError, Decoder, Device, Encoder, __version__, log_intensity, reconstruct
+    from .biases import BIAS_SETS, CoarseFineBias
+    from .camera import Camera, load_camera
     from .clocks import ClockAlignment, align_clocks
+    from .dataset.reader import Dataset
+    from .dataset.write_trajectory import write_trajectory
+    from .dataset.writer import DatasetWriter
+    from .decoded import IMU_COUNTS_DTYPE, IMU_DTYPE, TRIGGER_DTYPE, Decoded, Frame, TriggerKind
+    from .dtypes import from_structured, to_structured, to_tonic
+    from .effect_planning import EffectPlan, plan_effects
+    from .effects import Effects
+    from .event_files.conversion import convert
+    from .event_files.read import iter_events, open_reader, read_events
+    from .event_files.write import open_writer
+    from .event_matching import EventComparison, compare_events
+    from .events import EVENT_DTYPE, as_events
+    from .formats import EventReader, EventWriter, TruncatedFileWarning, WriteReport
+    from .imu import Imu, simulate_imu
     from .inspection.check import check_dataset
-    from .inspection.compare import EventComparison, compare_events
-    from .inspection.video import video_dataset
-    from .inspection.view import view_dataset
+    from .inspection.figure import view
+    from .inspection.video import make_video
+    from .motion_capture import MocapClock, MocapNoise, MotionCapture
+    from .packet import Packet
+    from .pose import GroundTruth, Pose
     from .recordings import Recording, RecordingWarning, read_recording
+    from .sampling.presets import ACCURACY, Accuracy
+    from .sampling.rules import FixedRate, MaxDisplacement
+    from .sampling.tolerance import Tolerance
+    from .scene.light_profile import Flicker, LightProfile, SampledProfile
+    from .scene.scene import Scene
+    from .scenes import load_scene, start_pose
+    from .sensor_parameters import SENSORS, SensorParameters
+    from .simulation import simulate
+    from .simulation_folder import SimulationReport, simulate_to_folder
+    from .simulator import Simulator
+    from .trajectory.sampled_trajectory import SampledTrajectory
+    from .trajectory.trajectory import CallableTrajectory, SegmentTrajectory, Trajectory, align
+    from .trajectory.trajectory_file import read_trajectory
+    from .trajectory.waypoints import waypoint_trajectory
     from .usb.davis import Davis
     from .usb.description import DavisDescription
     from .usb.raw_file import RawRecording, RawWriter
     from .usb.settings import DavisSettings
 
-_LATE = {
+_MODULES = {
+    "ACCURACY": "sampling.presets",
+    "Accuracy": "sampling.presets",
+    "BIAS_SETS": "biases",
+    "CallableTrajectory": "trajectory.trajectory",
+    "Camera": "camera",
     "ClockAlignment": "clocks",
+    "CoarseFineBias": "biases",
+    "CrossingEngine": "_core",
+    "Dataset": "dataset.reader",
+    "DatasetWriter": "dataset.writer",
     "Davis": "usb.davis",
     "DavisDescription": "usb.description",
     "DavisSettings": "usb.settings",
-    "EventComparison": "inspection.compare",
+    "DecodeError": "_core",
+    "Decoded": "decoded",
+    "Decoder": "_core",
+    "Device": "_core",
+    "EVENT_DTYPE": "events",
+    "EffectPlan": "effect_planning",
+    "Effects": "effects",
+    "Encoder": "_core",
+    "EventComparison": "event_matching",
+    "EventReader": "formats",
+    "EventWriter": "formats",
+    "FixedRate": "sampling.rules",
+    "Flicker": "scene.light_profile",
+    "Frame": "decoded",
+    "GroundTruth": "pose",
+    "IMU_COUNTS_DTYPE": "decoded",
+    "IMU_DTYPE": "decoded",
+    "Imu": "imu",
+    "LightProfile": "scene.light_profile",
+    "MaxDisplacement": "sampling.rules",
+    "MocapClock": "motion_capture",
+    "MocapNoise": "motion_capture",
+    "MotionCapture": "motion_capture",
+    "Packet": "packet",
+    "Pose": "pose",
     "RawRecording": "usb.raw_file",
     "RawWriter": "usb.raw_file",
     "Recording": "recordings",
     "RecordingWarning": "recordings",
+    "SENSORS": "sensor_parameters",
+    "SampledProfile": "scene.light_profile",
+    "SampledTrajectory": "trajectory.sampled_trajectory",
+    "Scene": "scene.scene",
+    "SegmentTrajectory": "trajectory.trajectory",
+    "SensorParameters": "sensor_parameters",
+    "SimulationReport": "simulation_folder",
+    "Simulator": "simulator",
+    "TRIGGER_DTYPE": "decoded",
+    "Tolerance": "sampling.tolerance",
+    "Trajectory": "trajectory.trajectory",
+    "TriggerKind": "decoded",
+    "TruncatedFileWarning": "formats",
+    "WriteReport": "formats",
+    "__version__": "_core",
+    "align": "trajectory.trajectory",
     "align_clocks": "clocks",
+    "as_events": "events",
     "check_dataset": "inspection.check",
-    "compare_events": "inspection.compare",
+    "compare_events": "event_matching",
+    "convert": "event_files.conversion",
+    "from_structured": "dtypes",
+    "iter_events": "event_files.read",
+    "load_camera": "camera",
+    "load_scene": "scenes",
+    "log_intensity": "_core",
+    "make_video": "inspection.video",
+    "open_reader": "event_files.read",
+    "open_writer": "event_files.write",
+    "plan_effects": "effect_planning",
+    "read_events": "event_files.read",
     "read_recording": "recordings",
-    "video_dataset": "inspection.video",
-    "view_dataset": "inspection.view",
+    "read_trajectory": "trajectory.trajectory_file",
+    "reconstruct": "_core",
+    "simulate": "simulation",
+    "simulate_imu": "imu",
+    "simulate_to_folder": "simulation_folder",
+    "start_pose": "scenes",
+    "to_structured": "dtypes",
+    "to_tonic": "dtypes",
+    "view": "inspection.figure",
+    "waypoint_trajectory": "trajectory.waypoints",
+    "write_trajectory": "dataset.write_trajectory",
 }
-"""What a simulation does not need is imported when it is asked for (PEP 562), so that `import davis_rs` is quick."""
+"""Where each name is found when it is asked for (PEP 562), so that `import davis_rs` is quick."""
 
 __all__ = [
     "ACCURACY",
@@ -111,7 +172,7 @@ __all__ = [
     "Frame",
     "GroundTruth",
     "Imu",
-    "LightCourse",
+    "LightProfile",
     "MaxDisplacement",
     "MocapClock",
     "MocapNoise",
@@ -122,11 +183,12 @@ __all__ = [
     "RawWriter",
     "Recording",
     "RecordingWarning",
-    "SampledCourse",
+    "SampledProfile",
     "SampledTrajectory",
     "Scene",
     "SegmentTrajectory",
     "SensorParameters",
+    "SimulationReport",
     "Simulator",
     "Tolerance",
     "Trajectory",
@@ -141,11 +203,11 @@ __all__ = [
     "compare_events",
     "convert",
     "from_structured",
-    "interval",
     "iter_events",
     "load_camera",
     "load_scene",
     "log_intensity",
+    "make_video",
     "open_reader",
     "open_writer",
     "plan_effects",
@@ -153,24 +215,25 @@ __all__ = [
     "read_recording",
     "read_trajectory",
     "reconstruct",
-    "record",
     "represent",
     "simulate",
     "simulate_imu",
+    "simulate_to_folder",
     "start_pose",
     "to_structured",
     "to_tonic",
-    "video_dataset",
-    "view_dataset",
+    "view",
     "waypoint_trajectory",
     "write_trajectory",
 ]
 
 
 def __getattr__(name: str) -> Any:
-    if name not in _LATE:
+    if name == "represent":
+        return import_module(".represent", __name__)
+    if name not in _MODULES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f".{_LATE[name]}", __name__), name)
+    return getattr(import_module(f".{_MODULES[name]}", __name__), name)
 
 
 def __dir__() -> list[str]:

@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Iterable, Mapping
-from typing import Any, BinaryIO, Protocol, final
+from typing import Any, BinaryIO, Protocol, TypedDict, final
 
 import numpy as np
 import numpy.typing as npt
@@ -10,6 +10,7 @@ import numpy.typing as npt
 from .decoded import Decoded, Frame
 
 __all__ = [
+    "RUST_SYSROOT",
     "CrossingEngine",
     "DecodeError",
     "Decoder",
@@ -29,26 +30,40 @@ __all__ = [
     "latest_times",
     "log_intensity",
     "pack_event_message",
+    "read_aedat4",
     "reconstruct",
     "unpack_event_message",
     "voxel_grid",
 ]
 
 __version__: str
+RUST_SYSROOT: str
+"""The Rust toolchain that built this module, as ``rustc --print sysroot`` named it; empty if it could not be asked."""
 
 _SparseSamples = tuple[npt.NDArray[np.integer[Any]], npt.NDArray[np.integer[Any]], npt.NDArray[np.floating[Any]]]
 
 class _Effects(Protocol):
     def engine_settings(self) -> dict[str, dict[str, Any]]: ...
 
+class _Aedat4(TypedDict):
+    events: npt.NDArray[np.void]
+    imu: npt.NDArray[np.void]
+    frames: list[Frame]
+    triggers: npt.NDArray[np.void]
+    size: tuple[int, int] | None
+    source: str
+    other_packets: int
+    cut: str | None
+
 class DecodeError(ValueError):
     """Contents of a file or stream that do not follow the format they claim; the message says where."""
 
 @final
 class Device:
-    """What a decoder has to know of a camera: its chip, sizes, orientation, and inertial sensor.
+    """What a decoder has to know of a camera: its chip, sizes, orientation, inertial sensor and converter clock.
 
-    Without anything else, the chip as it is by default; a live camera passes what its registers say, unchanged.
+    Only the chip is needed; what is not given is as the chip has it by default. For a live camera, pass what its
+    registers say, unchanged. Numbers in parentheses are (module, parameter) of the camera's configuration.
 
     On some chips (the DAVIS346) x and y are swapped on the wire: a row there is a column of the image. ``width`` and
     ``height`` are always those of the image.
@@ -87,10 +102,10 @@ class Device:
         """The chip's name."""
     @property
     def width(self) -> int:
-        """Columns of the image that events fall on."""
+        """Columns of the image that events fall on: x lies below it."""
     @property
     def height(self) -> int:
-        """Rows of the image that events fall on."""
+        """Rows of the image that events fall on: y lies below it."""
     @property
     def frame_width(self) -> int:
         """Columns of a full frame."""
@@ -99,7 +114,7 @@ class Device:
         """Rows of a full frame."""
     @property
     def adc_mhz(self) -> float:
-        """Clock of the frame converter in MHz."""
+        """Clock of the frame converter in MHz, in which exposures are counted."""
 
 @final
 class Decoder:
@@ -127,12 +142,14 @@ class Decoder:
         """Decode the next bytes of the stream; the GIL is released.
 
         Args:
-            data: contiguous bytes, or 16-bit words; taken without a copy, and not to be changed meanwhile.
+            data: contiguous bytes, or 16-bit words in the machine's order. They are taken without a copy, so do not
+                change them while this runs.
 
         Returns:
-            What is complete by them: ``(events, imu, frames, triggers)``. Events keep the order of the wire. A frame
-            that lacks its samples takes some 200 times the memory of the words that make it: push a stream that you do
-            not trust in pieces.
+            What these bytes complete, ``(events, imu, frames, triggers)``: arrays of :data:`davis_rs.EVENT_DTYPE`,
+            :data:`davis_rs.IMU_DTYPE` (or :data:`davis_rs.IMU_COUNTS_DTYPE`) and :data:`davis_rs.TRIGGER_DTYPE`, and
+            a list of :class:`davis_rs.Frame`. Events keep the order of the wire. A frame that lacks its samples takes
+            some 200 times the memory of the words that make it: push a stream that you do not trust in pieces.
 
         Raises:
             ValueError: for data of another kind.
@@ -157,8 +174,8 @@ class Decoder:
         - ``samples_extra``: samples beyond the end of their column or of the region; ignored
         - ``exposure_words_extra``: exposure words beyond the third of a frame; ignored
         - ``exposure_marks_missing``: frames without start or end of exposure; that time is then the one before it
-        - ``frames_wrong_columns``: frames that a column's start or end was lost of; dropped
-        - ``frames_bad_region``: frames whose region is not one, or came not whole and once before the samples; dropped
+        - ``frames_wrong_columns``: frames of which a read did not see every column once; dropped
+        - ``frames_bad_region``: frames without one whole region on the sensor before the samples; dropped
         - ``frames_unended``: frames whose end never came; dropped
         """
 
@@ -188,7 +205,7 @@ class Encoder:
         frames: Iterable[Frame] | None = None,
         triggers: npt.NDArray[Any] | None = None,
     ) -> bytes:
-        """The bytes of what happens next; the GIL is released.
+        """The bytes of the next packet; the GIL is released.
 
         Times must lie in 0..2^48 us, may not decrease within a kind, nor lie before the last time encoded; frames may
         not overlap. A trigger that resets the clock comes first, at time 0; what follows counts from there.
@@ -196,8 +213,11 @@ class Encoder:
         Args:
             events: anything with the fields t, x, y, p.
             imu: :data:`davis_rs.IMU_DTYPE` (rounded to counts, which saturate) or :data:`davis_rs.IMU_COUNTS_DTYPE`.
-            frames: frames or parts of them.
+            frames: :class:`davis_rs.Frame`, full ones or parts of the image.
             triggers: :data:`davis_rs.TRIGGER_DTYPE`.
+
+        Returns:
+            Little-endian 16-bit words.
 
         Raises:
             ValueError: for times that go back, or what does not fit the camera, with the index; nothing is encoded
@@ -235,7 +255,8 @@ class CrossingEngine:
         effects: :class:`davis_rs.Effects`, of which those on the log signal, in the pixel and on the stream act here;
             None for ideal pixels.
         seed: of thresholds and noise, 0..2^64 - 1; None means 0.
-        threads: None means as many as pay on this sensor, at most one a core. The events do not depend on it.
+        threads: 1..1024; None means as many as make a sensor of this size faster, at most one a core. The events do not
+            depend on it.
 
     Raises:
         ValueError: for a parameter out of range.
@@ -286,8 +307,9 @@ class CrossingEngine:
         Raises:
             ValueError: for a wrong shape or dtype, luma that is NaN, infinite or negative (with time and pixel), a time
                 that does not increase, a rate that is missing or should not be there, sparse samples that are out of
-                order or of the interval, or an engine that has been fed with log intensity. The engine is then as
-                it was.
+                order or outside of the interval, an engine that has been fed with log intensity, or more than 2^27
+                events. The engine is then as it was.
+            MemoryError: if there is no memory for the events. The engine is then as it was.
         """
     def push_log(
         self,
@@ -297,30 +319,61 @@ class CrossingEngine:
         *,
         sparse: _SparseSamples | None = None,
     ) -> npt.NDArray[np.void]:
-        """:meth:`push` of log intensity itself: float64, shape (height, width), within +-746, and its dL/dt."""
+        """:meth:`push` of log intensity itself, which is taken as it is: ``log_eps`` has no part in it.
+
+        Args:
+            t_us: time in microseconds, >= 0 and after the last frame's.
+            log_intensity: natural logarithm, shape (height, width), within +-746; float64 in C order is taken without
+                a copy, float32 is widened.
+            slope: for Hermite interpolation, dL/dt per second, likewise; see ``dluma_dt`` of :meth:`push`.
+            sparse: as of :meth:`push`, with log intensity in place of luma.
+
+        Returns:
+            Events (:data:`davis_rs.EVENT_DTYPE`), as of :meth:`push`.
+
+        Raises:
+            ValueError: as :meth:`push`, for log intensity that is NaN or beyond +-746, or an engine that has been fed
+                with luma. The engine is then as it was.
+        """
     def flush(self) -> npt.NDArray[np.void]:
-        """The events that a readout still holds: they came until the last frame, and are stamped after it."""
+        """The events that the readout effect still holds: requested up to the last frame, stamped after it.
+
+        Returns:
+            Events (:data:`davis_rs.EVENT_DTYPE`), sorted; none without that effect.
+        """
     @property
     def dropped_events(self) -> int:
-        """How many events the readout has dropped."""
+        """How many events the readout effect has dropped so far; 0 without it."""
     @property
     def contrast_threshold(self) -> float | npt.NDArray[np.float64]:
-        """C_on: of all pixels, or, shape (height, width), of each."""
+        """C_on in natural-log units: one number for all pixels, or float64, shape (height, width), one for each."""
     @property
     def contrast_threshold_off(self) -> float | npt.NDArray[np.float64]:
-        """C_off, likewise."""
+        """C_off in natural-log units: one number for all pixels, or float64, shape (height, width), one for each."""
     @property
     def reference(self) -> npt.NDArray[np.float64]:
-        """The reference R in log intensity, shape (height, width); NaN before the first frame, and where a pixel is
-        held in reset."""
+        """The reference R in log intensity, float64, shape (height, width).
+
+        NaN before the first frame, and where a refractory period holds a pixel in reset.
+        """
     @property
     def last_event_us(self) -> npt.NDArray[np.int64]:
-        """The surface of active events: time of each pixel's last event, shape (height, width); -1 = none yet."""
+        """The surface of active events: the time of each pixel's last event in microseconds, -1 where there was none.
+
+        int64, shape (height, width).
+        """
     def state(self) -> dict[str, Any]:
-        """All that decides what comes next, as numbers and arrays: parameters, time, last frame, counters."""
+        """All that decides which events come next, as numbers and arrays: parameters, time, last frame, counters.
+
+        For :meth:`from_state`, and for NumPy's or any other storage; pickling stores the same.
+        """
     @staticmethod
     def from_state(state: dict[str, Any], *, threads: int | None = None) -> CrossingEngine:
         """An engine that goes on from :meth:`state` as the one it was taken from would have.
+
+        Args:
+            state: what :meth:`state` gave, also in another process or at another time.
+            threads: as of the class; the events do not depend on it.
 
         Raises:
             ValueError: for a state that no engine can be in, naming the entry.
@@ -328,7 +381,7 @@ class CrossingEngine:
 
 @final
 class EventFileWriter:
-    """Encodes events in a format of the core and writes them; what :mod:`davis_rs.formats` stands on.
+    """Encodes events in a format of the core and writes them; :func:`davis_rs.open_writer` is made of it.
 
     Args:
         target: a path, or an object with ``write(bytes)``.
@@ -339,6 +392,10 @@ class EventFileWriter:
         compression: aedat4: ``none``, ``lz4`` or ``zstd``.
         level: aedat4: of zstd.
         start_us: aedat4: added to all times.
+
+    Raises:
+        ValueError: for a format, compression or size that there is not.
+        OSError: for a file that cannot be made, or one that exists without ``overwrite``.
     """
 
     def __new__(
@@ -355,14 +412,33 @@ class EventFileWriter:
         start_us: int = 0,
     ) -> EventFileWriter: ...
     def write(self, events: npt.NDArray[np.void]) -> None:
-        """Check events, and write them; they are in the system's hands when it returns, but for those that a format
-        of packets keeps back."""
+        """Check events and write them.
+
+        The operating system (or ``target``) has their bytes when this returns; the GIL is released.
+
+        Args:
+            events: anything with the fields t, x, y, p; times must not decrease, also from one call to the next.
+
+        Raises:
+            ValueError: for the first event that breaks the format's limits, with its index, before any is written; for
+                a writer that is finished.
+            OSError: if the file refuses.
+        """
     def flush(self) -> None:
-        """Hand everything to the operating system."""
+        """Hand everything to the operating system.
+
+        Raises:
+            ValueError: for a writer that is finished.
+            OSError: if the file refuses.
+        """
     def finish(self) -> int:
-        """Write what is left, close the file and return its size in bytes."""
+        """Write what is left, close the file and return its size in bytes; again, only the size.
+
+        Raises:
+            OSError: if the file refuses; it is closed then.
+        """
     def abandon(self) -> None:
-        """Close the file as it is."""
+        """Close the file as it is, without what is left to write."""
 
 def check_effects(effects: Mapping[str, Mapping[str, float | None]]) -> None:
     """Refuse settings of effects that are out of range.
@@ -379,8 +455,14 @@ class EventFileReader:
         path: the file.
         format: as :class:`EventFileWriter`'s.
         from_byte: text: where the first line to be read begins.
-        start_us, stop_us: aedat4: only the packets that hold events of that slice are read, if the table of contents
-            tells.
+        start_us, stop_us: aedat4: only the packets that hold events of that slice are read, where the file has a table
+            of contents. Events of these packets outside of the slice come too.
+        max_packet_bytes: aedat4: what a packet may unpack to; 64 MiB if not given.
+        in_order: text: whether times that go back are refused, with their line.
+
+    Raises:
+        ValueError: for a format that there is not.
+        OSError: for a file that cannot be read.
     """
 
     def __new__(
@@ -391,29 +473,70 @@ class EventFileReader:
         from_byte: int = 0,
         start_us: int | None = None,
         stop_us: int | None = None,
+        max_packet_bytes: int = ...,
+        in_order: bool = True,
     ) -> EventFileReader: ...
     def look(self) -> None:
-        """Read until there is an event or the size is known; for a reader that will read nothing else."""
+        """Read until there is an event or the size is known; for a reader that will read nothing else.
+
+        Raises:
+            DecodeError: where the file breaks its format, with the place.
+            OSError: if the file refuses.
+        """
     def read(self, enough: int) -> npt.NDArray[np.void]:
-        """The next events: at least ``enough`` and not many more, fewer at the end."""
+        """The next events: at least ``enough`` and not many more, fewer at the end; the GIL is released.
+
+        Returns:
+            Events (:data:`davis_rs.EVENT_DTYPE`), in the file's order.
+
+        Raises:
+            DecodeError: where the file breaks its format, with the place.
+            OSError: if the file refuses.
+        """
     @property
     def over(self) -> bool:
-        """Whether the end was reached."""
+        """Whether the end of the file was reached."""
     @property
     def size(self) -> tuple[int, int] | None:
-        """(width, height), once read, where the file says."""
+        """(width, height), where the file says it and once that part was read; None otherwise."""
     @property
     def bytes(self) -> int:
-        """Bytes that have become events."""
+        """How many bytes of the file were decoded so far."""
     @property
     def file_size(self) -> int:
-        """Bytes of the file."""
+        """How many bytes the file has."""
     @property
     def left_over(self) -> int:
-        """At the end: bytes that are no whole record."""
+        """At the end: how many bytes are left that are no whole record."""
+
+def read_aedat4(path: str | os.PathLike[str], max_packet_bytes: int) -> _Aedat4:
+    """All that a file of AEDAT 4.0 holds: of each kind the first stream, in the order of the file.
+
+    Args:
+        path: the file.
+        max_packet_bytes: what a packet may unpack to.
+
+    Returns:
+        events: :data:`davis_rs.EVENT_DTYPE`; negative coordinates are 32,768 and more.
+        imu, triggers: :data:`davis_rs.IMU_DTYPE`, :data:`davis_rs.TRIGGER_DTYPE`.
+        size: (width, height), where the header says.
+        source: the camera that the header names, or "".
+        other_packets: of other streams, passed over.
+        cut: what the end of the file cuts off, and where.
+
+    Raises:
+        OSError: if it cannot be read.
+        DecodeError: for the first packet that does not follow the format, with its byte.
+    """
 
 def check_events(events: npt.NDArray[np.void], *, last_us: int, latest_us: int, size: tuple[int, int]) -> None:
-    """Check a packet that follows an event at ``last_us`` (-1 for none).
+    """Check a packet of events before it is written.
+
+    Args:
+        events: anything with the fields t, x, y, p.
+        last_us: time of the event before the packet in microseconds, -1 for none.
+        latest_us: the latest time that the format can hold.
+        size: (width, height): x and y must lie below.
 
     Raises:
         ValueError: for the first event, with its index, that goes back in time, is before 0 or after ``latest_us``,
@@ -421,15 +544,35 @@ def check_events(events: npt.NDArray[np.void], *, last_us: int, latest_us: int, 
     """
 
 def crc32(bytes: npt.NDArray[np.uint8], start: int) -> int:
-    """CRC-32 (ISO-HDLC, zip's) of bytes that follow those of CRC-32 ``start`` (0 for none); the GIL is released."""
+    """CRC-32 of bytes that come in parts; the GIL is released.
+
+    Args:
+        bytes: uint8, shape (n,), contiguous: the next part.
+        start: CRC-32 of all parts before it, 0 for none.
+
+    Returns:
+        CRC-32 of all parts so far.
+
+    Source: CRC-32/ISO-HDLC, the one of zip (PKWARE's APPNOTE, 4.4.7).
+    """
 
 def crc32_combine(first: int, second: int, second_length: int) -> int:
-    """CRC-32 of two stretches of bytes, of which the second has ``second_length``, from those of each."""
+    """CRC-32 of two byte strings in a row, from the CRC-32 of each, as :func:`crc32` gives it.
+
+    Args:
+        first: CRC-32 of the first string.
+        second: CRC-32 of the second string.
+        second_length: bytes of the second string.
+    """
 
 def log_intensity(luma: npt.NDArray[np.floating[Any]], log_eps: float) -> npt.NDArray[np.float64]:
     """L = ln(luma + log_eps) in float64, shape (height, width), as :class:`CrossingEngine` computes it.
 
     The same bits on every processor, within 1 ulp of the exact logarithm.
+
+    Args:
+        luma: linear luma, shape (height, width), finite and >= 0; float32, or float64, which is rounded to it.
+        log_eps: dark level in units of luma, > 0.
 
     Raises:
         ValueError: for luma that is NaN, infinite or negative (with the pixel), or log_eps <= 0.
@@ -449,6 +592,9 @@ def reconstruct(
     Args:
         events: events of the sensor, in any order.
         first_log_intensity: float64, shape (height, width).
+        t_us: time in microseconds; later events are left out.
+        contrast_threshold, contrast_threshold_off: C_on and C_off as :class:`CrossingEngine` takes them; without C_off
+            it is C_on.
 
     Returns:
         float64, shape (height, width).
@@ -459,14 +605,19 @@ def reconstruct(
     Source: Mueggler et al., IJRR 2017, section 6.
     """
 
+@final
 class PixelRays:
     """The lattice rays of a sensor's pixels, as undistorted image coordinates.
 
     Args:
-        table: float32 (rays * height * width * 2), x and y of (x, y, 1) in camera axes by lattice ray and pixel.
+        width, height: of the sensor, in pixels, 1..65535.
+        rays: rays of each pixel, 1..1024.
+        table: float32 (rays * height * width * 2), flat: x and y of the direction (x, y, 1) in camera axes, by ray of
+            the lattice and pixel, row by row.
 
     Raises:
-        ValueError: for a size outside of 1..65535, rays outside of 1..1024, or another table.
+        ValueError: for a size or number of rays out of range, or a table of another length or with numbers that are not
+            finite.
     """
 
     def __new__(cls, width: int, height: int, rays: int, table: npt.NDArray[np.float32]) -> PixelRays: ...
@@ -479,27 +630,36 @@ _Views = tuple[
     npt.NDArray[np.float64],
     npt.NDArray[np.float64],
 ]
-"""The camera at n instants in each of f frames, flat: positions (n, f, 3), rotations (n, f, 3, 3) that take camera axes
-to the frame's, velocities (n, f, 3) in the frame's axes, angular rates (n, f, 3) in camera axes; then for each of l
-lights factors (n, l) on its strength and their rates (n, l)."""
 
+@final
 class SceneRenderer:
-    """Renders diffuse triangles under direct light; see :class:`davis_rs.rendering.render_native.NativeRenderer`.
+    """Renders diffuse triangles under direct light: luma, its rate, and depth.
 
-    Args, arrays flat, of t triangles, each in its own frame:
-        corners: (t, 3, 3), metres. planes: (t, 4), unit normal on the front and offset.
-        u_maps, v_maps: (t, 4), affine maps of a place to texture coordinates.
-        normal_maps: (t, 3, 4), those to the shading normal; None where all is flat.
-        textures, two_sided, frames: (t), the texture's number; whether the back reflects; 0 for the world, then bodies.
-        layouts: (textures, 4): first texel, width, height, wrap mode (0 repeat, 1 clamp, 2 mirror).
-        texels: for each light colour all texels as luma, around each texture a frame of one texel.
-        lights: (kind, colour, strength, background luma per strength, vector): ``point`` with its place,
-            ``directional`` with the unit vector along which it travels, ``constant``.
-        centre, step, end: see :mod:`davis_rs.rendering.shadow_rays`.
-        threads: None for all that there are.
+    Each pixel has the same bits in any batch of views and on any number of threads. The steps are those of
+    docs/rendering.md. Arrays are flat; t is the number of triangles. Each triangle is in the coordinates of its own
+    frame: the world, or a body that moves.
+
+    Args:
+        corners: float64 (t, 3, 3), metres.
+        planes: float64 (t, 4), unit normal n on the front side and offset d, n . p + d = 0.
+        u_maps, v_maps: float64 (t, 4), affine maps of a place (x, y, z, 1) to texture coordinates.
+        normal_maps: float64 (t, 3, 4), those to the shading normal; None where all triangles are flat.
+        textures: uint32 (t), the number of the triangle's texture.
+        two_sided: uint32 (t), 1 where the back of the triangle reflects too.
+        frames: uint32 (t), 0 for the world, 1, 2, ... for bodies.
+        frame_count: frames in all, with the world's.
+        layouts: int64 (textures, 4): first texel, width, height, wrap mode (0 repeat, 1 clamp, 2 mirror).
+        texels: for each light colour float32, all texels as luma, with a frame of one texel around each texture.
+        lights: of each light (kind, colour, strength, background luma per strength, vector). The kind is ``point``,
+            whose vector is its place, ``directional``, whose vector is the unit vector along which it travels, or
+            ``constant``.
+        shadows: whether point and directional lights throw shadows.
+        centre: (3), metres, the middle of the scene.
+        step, end: where shadow rays begin and end, see :mod:`davis_rs.rendering.shadow_rays`.
+        threads: None for as many as there are processors.
 
     Raises:
-        ValueError: for arrays that do not belong together.
+        ValueError: for arrays that do not belong together, or no threads.
     """
 
     def __new__(
@@ -526,22 +686,65 @@ class SceneRenderer:
     def luma(
         self, rays: PixelRays, views: _Views, *, rate: bool = False
     ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32] | None]:
-        """Linear luma, flat (n, height, width), and its rate per second where that is asked for."""
+        """Linear luma of each view, and its rate.
+
+        Args:
+            rays: of the sensor.
+            views: the camera at n instants in each of f frames, under l lights, as six flat float64 arrays: places
+                (n, f, 3) in metres; rotations (n, f, 3, 3) that take camera axes to the frame's; velocities (n, f, 3)
+                in the frame's axes, m/s; angular rates (n, f, 3) in camera axes, rad/s; factors (n, l) on the strengths
+                of the lights; the rates of these factors (n, l), 1/s.
+            rate: whether the rate is computed too.
+
+        Returns:
+            Luma, float32, flat (n, height, width), and its rate per second in the same shape, None where it was not
+            asked for.
+
+        Raises:
+            ValueError: for views of another number of frames or lights than the scene has.
+        """
 
     def samples(
         self, rays: PixelRays, views: _Views, view: npt.NDArray[np.integer], pixel: npt.NDArray[np.integer]
     ) -> npt.NDArray[np.float32]:
         """Luma of single pixels, the bits of :meth:`luma`.
 
+        Args:
+            rays: of the sensor.
+            views: as in :meth:`luma`.
+            view, pixel: uint32 (k), the number of the view, and of the pixel, row by row.
+
+        Returns:
+            Luma, float32 (k).
+
         Raises:
-            ValueError: for a view or pixel that is not there.
+            ValueError: for views that do not fit the scene, or a view or pixel that is not there.
         """
 
     def depth(self, rays: PixelRays, views: _Views) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.uint32]]:
-        """Of single rays, flat (n, height, width): z of what they hit, inf for nothing; and the frame that it is in."""
+        """What single rays hit.
+
+        Args:
+            rays: of the sensor, one ray a pixel.
+            views: as in :meth:`luma`.
+
+        Returns:
+            Depth, float32, flat (n, height, width): z in camera axes, metres, inf where nothing is hit; and the frame
+            of what is hit, uint32 in the same shape, 0 where nothing is.
+
+        Raises:
+            ValueError: for views that do not fit the scene, or more than one ray a pixel.
+        """
 
 def count_events(events: npt.NDArray[np.void], size: tuple[int, int]) -> npt.NDArray[np.uint32]:
-    """Events by polarity and pixel, shape (2, height, width), OFF before ON; ``size`` is (width, height).
+    """Count events by polarity and pixel.
+
+    Args:
+        events: anything with the fields t, x, y, p.
+        size: (width, height) of the sensor.
+
+    Returns:
+        uint32, shape (2, height, width), OFF before ON.
 
     Raises:
         ValueError: for an event outside of the sensor or of a polarity other than 0 or 1, with its index.
@@ -550,8 +753,13 @@ def count_events(events: npt.NDArray[np.void], size: tuple[int, int]) -> npt.NDA
 def latest_times(events: npt.NDArray[np.void], size: tuple[int, int], until_us: int) -> npt.NDArray[np.int64]:
     """The time in microseconds of the last event up to ``until_us`` by polarity and pixel, -1 where there was none.
 
+    Args:
+        events: anything with the fields t, x, y, p, in any order.
+        size: (width, height) of the sensor.
+        until_us: later events are left out.
+
     Returns:
-        int64, shape (2, height, width), OFF before ON; ``size`` is (width, height).
+        int64, shape (2, height, width), OFF before ON.
 
     Raises:
         ValueError: as :func:`count_events`.
@@ -560,12 +768,32 @@ def latest_times(events: npt.NDArray[np.void], size: tuple[int, int], until_us: 
 def voxel_grid(
     events: npt.NDArray[np.void], size: tuple[int, int], bins: int, start_us: int, stop_us: int, endpoint: bool
 ) -> npt.NDArray[np.float64]:
-    """See :func:`davis_rs.represent.voxel_grid`; float64, shape (bins, height, width)."""
+    """Sum polarities (+1 ON, -1 OFF) in planes of time; :func:`davis_rs.represent.voxel_grid` is made of it.
+
+    Each event is shared by the two planes around it, in proportion to how near it is to each.
+
+    Args:
+        events: anything with the fields t, x, y, p; those outside of the window are left out.
+        size: (width, height) of the sensor.
+        bins: number of planes, >= 1.
+        start_us, stop_us: the window in microseconds, both ends included; the first plane is at ``start_us``.
+        endpoint: whether the last plane is at ``stop_us``, or one step before it.
+
+    Returns:
+        float64, shape (bins, height, width).
+
+    Raises:
+        ValueError: as :func:`count_events`, for ``bins`` < 1, or for a window that ends before it starts.
+    """
 
 def pack_event_message(events: npt.NDArray[np.void], size: tuple[int, int], seq: int, frame_id: str) -> bytes:
     """A ``dvs_msgs/EventArray`` as ROS 1 serializes it, stamped with the last event's time.
 
-    ``size`` is (width, height).
+    Args:
+        events: anything with the fields t, x, y, p.
+        size: (width, height) of the sensor.
+        seq: number of the message.
+        frame_id: name of the coordinate frame.
 
     Raises:
         ValueError: for a time outside of 0..2^32 s, with the event's index.
@@ -585,7 +813,14 @@ def fill_events(
     y: npt.NDArray[np.uint16],
     p: npt.NDArray[np.uint8],
 ) -> None:
-    """Fill an array of :data:`davis_rs.EVENT_DTYPE` from contiguous columns of the same length.
+    """Fill an array of events from columns, in one pass.
+
+    Args:
+        events: :data:`davis_rs.EVENT_DTYPE`, shape (n,), contiguous; it is overwritten.
+        t: int64, shape (n,), contiguous: microseconds.
+        x: uint16, shape (n,), contiguous.
+        y: uint16, shape (n,), contiguous.
+        p: uint8, shape (n,), contiguous: 0 or 1.
 
     Raises:
         ValueError: if the lengths differ, or for the first polarity other than 0 or 1, with its index.

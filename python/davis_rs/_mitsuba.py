@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import os
+import threading
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -11,50 +12,61 @@ from typing import Any
 
 import numpy as np
 
-from ._llvm import HOW_TO_GET_IT, OLDEST_USABLE, find_libllvm
+from ._llvm import HOW_TO_GET_IT, OLDEST_USABLE, find_libllvm, why_none
+from ._mitsuba_files import check_scene_dictionary, check_scene_file
 
 FAST, SCALAR = "llvm_ad_rgb", "scalar_rgb"
 
+_FIRST_USE = threading.RLock()
+"""Held while Mitsuba is imported and tried out: a second thread would find the module half made."""
+
+
+def _modules() -> tuple[Any, Any]:
+    """(mitsuba, drjit), imported by one thread while the others wait."""
+    with _FIRST_USE:
+        import drjit as dr
+        import mitsuba as mi
+
+        return mi, dr
+
+
+def default_variant() -> tuple[str, str]:
+    """(variant, why): ``llvm_ad_rgb`` where LLVM can be used, with which; else ``scalar_rgb`` with how to get that."""
+    with _FIRST_USE:
+        return _usable_variant()
+
 
 @functools.cache
-def default_variant() -> tuple[str, str]:
-    """(variant, why): ``llvm_ad_rgb`` where LLVM can be used, else ``scalar_rgb`` with how to get the fast one."""
+def _usable_variant() -> tuple[str, str]:
     library = find_libllvm()
     if library is None:
-        return (
-            SCALAR,
-            f"no usable LLVM (>= {OLDEST_USABLE}) was found, so Mitsuba runs its slow scalar variant; {HOW_TO_GET_IT}",
-        )
-    os.environ["DRJIT_LIBLLVM_PATH"] = str(library)
-    import drjit as dr
-    import mitsuba as mi
-
+        return SCALAR, f"{why_none()}, so Mitsuba has only its slow scalar variant; {HOW_TO_GET_IT}"
+    os.environ["DRJIT_LIBLLVM_PATH"] = str(library.path)
+    mi, dr = _modules()
     if FAST not in mi.variants():
-        return SCALAR, f"this Mitsuba was built without {FAST}, so its slow scalar variant runs; {HOW_TO_GET_IT}"
+        return SCALAR, f"this Mitsuba was built without {FAST}, so it has only its slow scalar variant; {HOW_TO_GET_IT}"
     try:
         with variant(FAST):
             version = dr.detail.llvm_version()
     except ImportError as error:  # the library could not be loaded after all
         return (
             SCALAR,
-            f"{library} could not be used ({error}), so Mitsuba runs its slow scalar variant; {HOW_TO_GET_IT}",
+            f"{library.path} could not be used ({error}), so Mitsuba has only its slow scalar variant; {HOW_TO_GET_IT}",
         )
     # A program that imported Dr.Jit before us may have loaded another library.
     if version < (OLDEST_USABLE,):
         loaded = ".".join(map(str, version))
         return (
             SCALAR,
-            f"LLVM {loaded} is loaded already and would abort, so Mitsuba runs its scalar variant; {HOW_TO_GET_IT}",
+            f"LLVM {loaded} is loaded already and would abort, so Mitsuba has only its scalar variant; {HOW_TO_GET_IT}",
         )
-    return FAST, f"LLVM {'.'.join(map(str, version))}"
+    return FAST, f"LLVM {'.'.join(map(str, version))}, {library.path} ({library.origin})"
 
 
 @contextmanager
 def variant(name: str) -> Iterator[tuple[Any, Any]]:
     """``with variant(name) as (mi, dr):`` the caller's own variant is restored afterwards."""
-    import drjit as dr
-    import mitsuba as mi
-
+    mi, dr = _modules()
     before = mi.variant()
     if before != name:
         mi.set_variant(name)
@@ -73,11 +85,14 @@ def load_scene_source(source: Path | Mapping[str, Any], mi: Any) -> Any:
 
     Raises:
         OSError: if the XML file cannot be read.
+        DecodeError: if it, or a PLY mesh of the scene, is malformed in a way that would end the process.
         ValueError: if Mitsuba refuses the scene, or it has no shapes.
     """
     name = str(source) if isinstance(source, Path) else "the scene dictionary"
     if isinstance(source, Path):
-        source.open("rb").close()
+        check_scene_file(source)
+    else:
+        check_scene_dictionary(source)
     try:
         if isinstance(source, Path):
             scene = mi.load_file(str(source), optimize=False)
@@ -105,9 +120,7 @@ def _with_mitsuba_types(node: Mapping[str, Any], mi: Any) -> dict[str, Any]:
 
 def versions(variant_name: str) -> dict[str, str]:
     """Versions of what renders, for a record of the run."""
-    import drjit as dr
-    import mitsuba as mi
-
+    mi, dr = _modules()
     found = {"mitsuba": mi.__version__, "drjit": dr.__version__, "variant": variant_name}
     if variant_name == FAST:
         found["llvm"] = ".".join(map(str, dr.detail.llvm_version()))

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ._core import DecodeError
+from .untrusted import read_text
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -152,7 +153,7 @@ class Camera:
             DecodeError: if it does not hold eight or nine numbers on one line, or they are no camera's, naming file
                 and line.
         """
-        text = Path(path).read_text("utf-8", errors="replace")
+        text = read_text(path)
         lines = [(n, line) for n, line in enumerate(text.splitlines(), 1) if line.strip()]
         if len(lines) != 1:
             raise DecodeError(f"{path}: expected one line 'fx fy cx cy k1 k2 p1 p2 k3', found {len(lines)} lines")

@@ -12,7 +12,6 @@ from .events import EventArray, as_events
 from .imu import ImuArray, as_imu
 from .pose import FloatArray, GroundTruth
 from .trajectory.sampled_trajectory import SampledTrajectory
-from .trajectory.trajectory_file import MOCAP_POSITION_SIGMA_M, MOCAP_ROTATION_SIGMA_RAD
 
 _COARSE_STEP_S = 0.005
 _COARSE_SAMPLES = 2000
@@ -60,8 +59,8 @@ def align_clocks(
     events: EventArray | None = None,
     imu_lag_s: float = 0.0,
     max_offset_s: float = 0.5,
-    position_sigma_m: float = MOCAP_POSITION_SIGMA_M,
-    rotation_sigma_rad: float = MOCAP_ROTATION_SIGMA_RAD,
+    position_sigma_m: float | None = None,
+    rotation_sigma_rad: float | None = None,
 ) -> ClockAlignment:
     """Offset and drift of the motion capture's clock against the camera's, from the IMU or from events.
 
@@ -85,7 +84,7 @@ def align_clocks(
         events: ``EVENT_DTYPE``, likewise; just one of the two.
         imu_lag_s: how old the motion is that an IMU sample shows; 2.4 ms for the paper's.
         max_offset_s: the largest offset looked for, > 0.
-        position_sigma_m, rotation_sigma_rad: noise of the poses; both 0 where they are exact.
+        position_sigma_m, rotation_sigma_rad: noise of the poses; None estimates it from them.
 
     Raises:
         ValueError: unless just one of ``imu`` and ``events`` is given, for values out of range, poses that break a rule

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from ._mitsuba import default_variant, load_scene_source, variant
+from .camera import Camera
+from .close_names import did_you_mean
 from .pose import Pose
 from .scene.checkerboard_scene import checkerboard
 from .scene.fence_scene import fence
+from .scene.mesh_scene import READERS as MESH_READERS
+from .scene.mesh_scene import Axis, mesh_scene
 from .scene.planes_and_walls import three_planes, three_walls
 from .scene.scene import Scene
 
@@ -21,45 +27,100 @@ BUILTIN_SCENES = {
 }
 
 
-def load_scene(name_or_path: str | Path) -> Scene:
-    """A built-in scene or a sequence of the public dataset by name, or a Mitsuba XML file.
+_CONVERTIBLE = (".glb", ".gltf", ".fbx", ".stl", ".dae", ".usd", ".usda", ".usdc", ".usdz", ".3ds", ".abc", ".off")
+
+
+def load_scene(name_or_path: str | Path, *, up: Axis | None = None, scale: float | None = None) -> Scene:
+    """A built-in scene or a sequence of the public dataset by name, a Mitsuba XML file, or an OBJ or PLY mesh.
 
     Names are keys of :data:`BUILTIN_SCENES` and of :data:`~davis_rs.sequences.SEQUENCES`.
 
+    The first perspective sensor of an XML file gives the scene's camera (field of view, size of the film, principal
+    point) and its start (``to_world``). A mesh gets light, background and a camera path around it:
+    :func:`~davis_rs.scene.mesh_scene.mesh_scene`.
+
+    Args:
+        up: of a mesh, the file's axis that points up, ``"y"`` or ``"z"``; None: y for OBJ, z for PLY.
+        scale: of a mesh, metres in the file's unit; None: 1.
+
     Raises:
-        ValueError: if it is neither a name nor a file.
+        ValueError: if it is neither a name nor a file that can be read, or Mitsuba cannot load the file; for ``up`` or
+            ``scale`` of what is no mesh.
+        OSError: if the file cannot be read.
     """
+    path = Path(name_or_path)
+    suffix = path.suffix.lower()
+    if suffix in MESH_READERS and path.is_file():
+        return mesh_scene(path, up=up, scale=1.0 if scale is None else scale)
+    if suffix == ".blend":
+        raise ValueError(f"{path}: Blender's files are not read; in Blender choose File, Export, Wavefront (.obj)")
+    if suffix in _CONVERTIBLE:
+        raise ValueError(
+            f"{path}: {suffix} files are not read; import the file in Blender and choose File, Export, Wavefront "
+            "(.obj) or Stanford PLY (.ply)"
+        )
+    if up is not None or scale is not None:
+        raise ValueError(f"up and scale are for a mesh that is there (OBJ or PLY), got {str(name_or_path)!r}")
     if str(name_or_path) in BUILTIN_SCENES:
         return BUILTIN_SCENES[str(name_or_path)]()
     from .sequences import SEQUENCES  # many small scenes, which `import davis_rs` need not wait for
 
     if str(name_or_path) in SEQUENCES:
         return SEQUENCES[str(name_or_path)].scene()
-    path = Path(name_or_path)
     if not path.is_file():
-        names = ", ".join(BUILTIN_SCENES)
         raise ValueError(
-            f"scene {str(name_or_path)!r} is neither one of {names}, a sequence of the dataset, nor a Mitsuba XML file"
+            f"scene {str(name_or_path)!r} is neither one of {', '.join(BUILTIN_SCENES)}, a sequence of the dataset, "
+            "nor a file (Mitsuba XML, OBJ or PLY)" + did_you_mean(path.name, [*BUILTIN_SCENES, *SEQUENCES])
         )
-    return Scene(name=path.stem, source=lambda: path, file=path)
+    if suffix != ".xml":
+        raise ValueError(
+            f"{path}: a scene file must be a Mitsuba scene (.xml) or a mesh ({', '.join(MESH_READERS)}), got {suffix!r}"
+        )
+    return _scene_of_file(path)
 
 
 def start_pose(scene: Scene) -> Pose:
-    """Where a camera starts in a scene: its trajectory's first pose, its own start, or the scene file's first sensor.
+    """Where a camera starts in a scene: its trajectory's first pose, or its own start.
 
     Raises:
-        ValueError: if it has none of these.
+        ValueError: if it has neither.
     """
     if scene.trajectory is not None:
         return scene.trajectory.pose(0.0)
-    if scene.start is not None:
-        return scene.start
+    if scene.start is None:
+        raise ValueError(f"scene {scene.name!r} has neither a trajectory nor a sensor that a trajectory could start at")
+    return scene.start
+
+
+def _scene_of_file(path: Path) -> Scene:
+    """A Mitsuba XML file, with the camera and the start that its first sensor gives."""
+    camera: Camera | None = None
+    start: Pose | None = None
     with variant(default_variant()[0]) as (mi, _):
-        sensors = load_scene_source(scene.source(), mi).sensors()
-        if not sensors:
-            raise ValueError(
-                f"scene {scene.name!r} has neither a trajectory nor a sensor that a trajectory could start at"
-            )
-        matrix = np.array(mi.traverse(sensors[0])["to_world"].matrix, np.float64).reshape(4, 4)
+        sensors = load_scene_source(path, mi).sensors()
+        if sensors:
+            camera, start = _camera_and_pose(sensors[0], mi)
+    return Scene(name=path.stem, source=lambda: path, file=path, camera=camera, start=start)
+
+
+def _camera_and_pose(sensor: Any, mi: Any) -> tuple[Camera | None, Pose]:
+    """A sensor's pinhole camera, None if it is not a perspective one, and where it stands."""
+    parameters = mi.traverse(sensor)
+    matrix = np.array(parameters["to_world"].matrix, np.float64).reshape(4, 4)
     # Mitsuba's cameras look along z too, but their x points left and their y up.
-    return Pose.from_matrix(matrix @ np.diag([-1.0, -1.0, 1.0, 1.0]))
+    pose = Pose.from_matrix(matrix @ np.diag([-1.0, -1.0, 1.0, 1.0]))
+    if "x_fov" not in parameters:
+        return None, pose
+    film = sensor.film()
+    (full_width, full_height), (left, top) = film.size(), film.crop_offset()
+    width, height = film.crop_size()
+    focal = full_width / (2 * math.tan(math.radians(float(np.ravel(parameters["x_fov"])[0])) / 2))
+    share_x, share_y = (
+        float(np.ravel(parameters[f"principal_point_offset_{axis}"])[0])
+        if f"principal_point_offset_{axis}" in parameters
+        else 0.0
+        for axis in "xy"
+    )
+    cx = (0.5 - share_x) * full_width - 0.5 - left
+    cy = (0.5 - share_y) * full_height - 0.5 - top
+    return Camera(int(width), int(height), focal, focal, cx, cy), pose

@@ -9,6 +9,7 @@ from types import MappingProxyType
 from typing import Any, TypeVar
 
 from .biases import DAVIS240C_BIASES, DAVIS346_BIASES, BiasValues, ChipBias, CoarseFineBias, as_biases
+from .close_names import did_you_mean
 from .effects import Aps, Effects, HotPixels, PhotoreceptorBandwidth, Readout, ShotNoise
 from .effects.effect import check_range
 
@@ -43,6 +44,7 @@ class SensorParameters:
     Illuminances (lux) are those of the scene as its ``lux_per_luma`` counts them; :meth:`effects` turns them into luma.
 
     Attributes:
+        width, height: of the pixel array; None leaves the size to the camera.
         contrast_threshold: C_on in natural-log units; None leaves it to the scene.
         contrast_threshold_off: C_off, positive; None takes C_on.
         threshold_mismatch: standard deviation of the thresholds from pixel to pixel, as a share of the threshold.
@@ -71,6 +73,8 @@ class SensorParameters:
         ValueError: for a value out of range, naming it.
     """
 
+    width: int | None = None
+    height: int | None = None
     contrast_threshold: float | None = None
     contrast_threshold_off: float | None = None
     threshold_mismatch: float | None = None
@@ -98,6 +102,10 @@ class SensorParameters:
         for name in (field.name for field in fields(self)):
             value = getattr(self, name)
             if value is None:
+                continue
+            if name in ("width", "height"):
+                if not 1 <= value <= 65535:
+                    raise ValueError(f"{name} must lie in 1..65535 pixels, got {value!r}")
                 continue
             if name in _POSITIVE and value == 0:
                 raise ValueError(f"{name} must be finite and > 0, got {value!r}")
@@ -304,11 +312,13 @@ SENSORS: Mapping[str, SensorParameters] = MappingProxyType(
         "davis240c": _davis(
             DAVIS240C_BIASES,
             0.035,
+            width=240,
+            height=180,
             contrast_threshold_off=None,
             readout_latency_us=3.0,
             aps_read_noise_dn=1023 / 10 ** (51 / 20),
         ),
-        "davis346": _davis(DAVIS346_BIASES, 0.03),
+        "davis346": _davis(DAVIS346_BIASES, 0.03, width=346, height=260),
     }
 )
 """Sensors by name.
@@ -345,5 +355,5 @@ def sensor_parameters(sensor: str | SensorParameters | None) -> SensorParameters
         return sensor
     name = "ideal" if sensor is None else sensor
     if name not in SENSORS:
-        raise ValueError(f"sensor must be one of {', '.join(SENSORS)}, got {name!r}")
+        raise ValueError(f"sensor must be one of {', '.join(SENSORS)}, got {name!r}{did_you_mean(name, SENSORS)}")
     return SENSORS[name]

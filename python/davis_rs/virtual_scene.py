@@ -9,18 +9,19 @@ import numpy.typing as npt
 
 from ._core import Device, Encoder
 from .decoded import Frame
+from .progress import progress
 from .scene.scene import Scene
-from .simulate import Simulator
-from .trajectory.trajectory import interval
+from .simulator import Simulator
 from .usb.virtual_davis import VIRTUAL_CHIPS, VirtualDavis
 
 _EXPOSURE_US = 4000
 _WHITE_PERCENTILE, _WHITE_SHARE = 98.0, 0.8
 _FULL_SCALE = 1023
-_BAR = "{desc}: {percentage:3.0f}%|{bar}| [{elapsed}<{remaining}]"
 
 
-def virtual_davis_of_scene(scene: Scene, *, duration_s: float | None = None, progress: bool = False) -> VirtualDavis:
+def virtual_davis_of_scene(
+    scene: Scene, *, duration_s: float | None = None, show_progress: bool = False
+) -> VirtualDavis:
     """A virtual camera that sees a scene from the scene's own camera path: events and frames, then nothing.
 
     The scene is simulated here, before anything is sent, so that the camera can keep time.
@@ -28,23 +29,19 @@ def virtual_davis_of_scene(scene: Scene, *, duration_s: float | None = None, pro
     Args:
         scene: its camera must have the size of one of the virtual cameras.
         duration_s: how much of its path; all if not given.
-        progress: show a bar.
+        show_progress: how far it is, on standard error.
 
     Raises:
         ValueError: for a camera of another size, or a scene that cannot be simulated so long.
     """
-    from tqdm import tqdm
-
+    scene = scene.crop(0.0, duration_s)
     simulator = Simulator(scene)
     chip = _chip_of_size(simulator.camera.width, simulator.camera.height)
     encoder = Encoder(chip)
-    trajectory = interval(scene.path, 0.0, duration_s)
     stream: list[tuple[int, bytes]] = []
     scale: float | None = None
-    with tqdm(
-        total=trajectory.duration_s, disable=not progress, desc=f"simulating {scene.name}", bar_format=_BAR
-    ) as bar:
-        for packet in simulator.run(trajectory):
+    with progress(f"simulating {scene.name}", scene.path.duration_s, unit="s", show=show_progress) as bar:
+        for packet in simulator.run():
             frames = []
             if packet.luma is not None:
                 scale = scale or _full_scale_of(packet.luma)
@@ -52,7 +49,7 @@ def virtual_davis_of_scene(scene: Scene, *, duration_s: float | None = None, pro
                 if exposed_us < packet.end_us:
                     frames.append(_frame(packet.luma * scale, exposed_us, packet.end_us))
             stream.append((packet.end_us, encoder.encode(packet.events, frames=frames)))
-            bar.update(packet.end_us * 1e-6 - bar.n)
+            bar.to(min(packet.end_us * 1e-6, scene.path.duration_s))
 
     def source() -> Iterator[tuple[int, bytes]]:
         return iter(stream)

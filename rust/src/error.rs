@@ -26,6 +26,9 @@ pub enum Error {
     /// A value outside of its range; nothing was changed.
     #[error("{0}")]
     Argument(String),
+    /// More memory than there is; nothing was changed.
+    #[error("{0}")]
+    Memory(String),
     /// Times that go back; nothing was changed.
     #[error("{0}")]
     Order(String),

@@ -32,12 +32,15 @@ mod python;
 pub use columns::fill_events;
 pub use crossing::{
     CrossingEngine, CrossingParameters, EffectState, Effects, EngineState, Frame, HotPixels, Interpolation,
-    PhotoreceptorBandwidth, ShotNoise, SparseSamples, Threshold, reconstruct,
+    MOST_THREADS, PhotoreceptorBandwidth, ShotNoise, SparseSamples, Threshold, reconstruct,
 };
 pub use error::{Error, Result};
 pub use event::{Event, SensorSize};
 pub use log_intensity::{log_intensity, log_intensity_frame};
-pub use read::{Aedat4Decoder, Decode, EventReader, Evt2Decoder, Evt3Decoder, TextDecoder};
+pub use read::{
+    Aedat4Decoder, Aedat4Frame, Aedat4Imu, Aedat4Recording, Aedat4Trigger, Decode, EventReader, Evt2Decoder,
+    Evt3Decoder, MAX_PACKET_BYTES, TextDecoder,
+};
 pub use readout::{ReadoutParameters, ReadoutState};
 pub use render::{Light, LightKind, PixelRays, Pose, Renderer, Scene, SceneTables, View};
 pub use represent::{TimeBins, count_events, latest_times, voxel_grid};

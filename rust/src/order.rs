@@ -1,5 +1,7 @@
 //! The one order of a simulated stream: (t, y, x, order of crossing).
 
+use std::collections::TryReserveError;
+
 use crate::event::Event;
 
 /// Time is sorted into buckets by so many leading bits; where it has no more, each tick has its own.
@@ -15,19 +17,20 @@ pub(crate) struct TimeSort {
 
 impl TimeSort {
     /// Puts the events of `parts`, which together are in raster order and lie in `(start_us, start_us + ticks]`, into
-    /// `sorted`.
+    /// `sorted`; where memory does not suffice, nothing is changed.
     pub(crate) fn sort<'a>(
         &mut self,
         parts: impl Iterator<Item = &'a [Event]> + Clone,
         start_us: i64,
         ticks: i64,
         sorted: &mut Vec<Event>,
-    ) {
-        let total = parts.clone().map(<[Event]>::len).sum();
+    ) -> Result<(), TryReserveError> {
+        let total: usize = parts.clone().map(<[Event]>::len).sum();
+        sorted.try_reserve_exact(total.saturating_sub(sorted.len()))?;
         // What is in there will be overwritten: no need to clear it.
         sorted.resize(total, Event::default());
         if total == 0 {
-            return;
+            return Ok(());
         }
         let shift = (i64::BITS - ticks.leading_zeros()).saturating_sub(BUCKET_BITS);
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "BUCKET_BITS are left")]
@@ -57,6 +60,7 @@ impl TimeSort {
                 (rest, taken) = (after, end);
             }
         }
+        Ok(())
     }
 }
 
@@ -71,7 +75,7 @@ mod tests {
             let events: Vec<Event> = times.iter().zip(0u16..).map(|(&t, i)| Event::new(7 + t, i, i, true)).collect();
             let (a, b) = events.split_at(cut.min(events.len()));
             let mut sorted = Vec::new();
-            TimeSort::default().sort([a, b].into_iter(), 7, ticks, &mut sorted);
+            TimeSort::default().sort([a, b].into_iter(), 7, ticks, &mut sorted).unwrap();
             let mut expected = events.clone();
             expected.sort_by_key(|event| event.t);
             prop_assert_eq!(sorted, expected);

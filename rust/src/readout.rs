@@ -1,4 +1,11 @@
-//! The readout: events wait for a shared bus, which reads them out row by row.
+//! The readout bus (the effect `readout`): events wait for a shared bus, which reads them out row by row.
+//!
+//! A pixel that fires only requests its row. The bus grants one row after the other and can carry so many events a second,
+//! so a burst of events leaves late and with few distinct stamps. (The frames of the active pixels have a readout of
+//! their own, which is in `aer::frame_assembler`.)
+//!
+//! What must not break: every event leaves once or is counted as dropped, stamps never decrease, and the result does not
+//! depend on how the stream is split into calls.
 
 use std::cmp::Reverse;
 use std::collections::{BinaryHeap, VecDeque};
@@ -53,10 +60,10 @@ impl ReadoutParameters {
     }
 }
 
-/// No bus is behind by more: latency, jitter and a burst of a whole row at an event a second come to less.
+/// The furthest that stamps can lie ahead of the last frame: latency, jitter and a whole row at one event a second are less.
 const LONGEST_AHEAD_US: i64 = 1 << 50;
 
-/// What a readout still holds, laid open.
+/// What a readout still holds, as plain data to be stored.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ReadoutState {
     /// Requests that were not granted yet, in the order of their coming.
@@ -75,7 +82,7 @@ pub struct ReadoutState {
     pub dropped: u64,
 }
 
-/// A readout at work.
+/// The bus, with the events that wait for it.
 pub(crate) struct Readout {
     parameters: ReadoutParameters,
     seed: u64,
@@ -235,7 +242,7 @@ fn delay(p: &ReadoutParameters, seed: u64, row: u16, burst: u64) -> f64 {
     (p.latency_us + jitter_us).max(0.0)
 }
 
-/// Bursts of one stamp side by side, in raster order.
+/// Sorts by time; bursts of the same stamp in raster order.
 fn in_order(events: &mut [Event]) {
     events.sort_by_key(|event| (event.t, event.y, event.x));
 }

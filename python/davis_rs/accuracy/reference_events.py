@@ -16,8 +16,8 @@ import numpy as np
 import numpy.typing as npt
 
 from .._core import CrossingEngine, __version__, log_intensity
+from ..event_matching import compare_events
 from ..events import EVENT_DTYPE, EventArray, concatenate_events
-from ..inspection.compare import compare_events
 from ..pose import FloatArray
 from ..rendering.render import Renderer
 from ..sampling.keyframes import exact_log_luma, slopes
@@ -45,7 +45,7 @@ class Recipe:
         contrast_threshold: C in natural-log units.
         log_eps: dark level in units of luma.
         window_us: events further apart than this are not the same, see
-            :func:`~davis_rs.inspection.compare.compare_events`.
+            :func:`~davis_rs.compare_events`.
     """
 
     trajectory: Trajectory
@@ -170,7 +170,7 @@ def fine_reference(
     *,
     coarsest: float = 1 / 4,
     finest: float = 1 / 16,
-) -> Generator[int, None, FineReference]:
+) -> Generator[tuple[int, int], None, FineReference]:
     """The events by a renderer of very many rays, along cubics between its frames.
 
     For 1,024 rays a pixel, whose lattice shares no point with the small ones. The displacement between frames is halved
@@ -180,7 +180,7 @@ def fine_reference(
         cache: an .npz file for the frames; used if it holds those of the same sequence and renderer.
 
     Yields:
-        After each frame, how many there are.
+        After each frame, how many there are, and how many there will be at most.
     """
     key = json.dumps(
         {
@@ -194,13 +194,14 @@ def fine_reference(
     size, window_us = (renderer.camera.width, renderer.camera.height), recipe.window_us * TICKS_PER_US
     frames = _cached_frames(cache, key)
     found: FineReference | None = None
-    pixels = coarsest
-    while True:
-        times = _instants(renderer, recipe, pixels)
+    halvings = range(round(np.log2(coarsest / finest)) + 1)
+    rounds = {coarsest / 2**halving: _instants(renderer, recipe, coarsest / 2**halving) for halving in halvings}
+    most = len(frames.keys() | np.unique(np.concatenate([*rounds.values()])).tolist())
+    for pixels, times in rounds.items():
         for t_us in times.tolist():
             if t_us not in frames:
                 frames[t_us] = renderer.luma(recipe.views(np.array([t_us * TICKS_PER_US])))[0]
-                yield len(frames)
+                yield len(frames), most
         luma = np.stack([frames[t_us] for t_us in times.tolist()])
         events = _cubic_events(renderer, recipe, times, luma)
         shift, changed = (np.nan, np.nan), np.nan
@@ -209,9 +210,9 @@ def fine_reference(
             shift = (compared.median_us / TICKS_PER_US, compared.p99_us / TICKS_PER_US)
             changed = compared.missing_percent + compared.spurious_percent
         found = FineReference(events, times, luma, pixels, shift, changed)
-        if pixels / 2 < finest or shift[0] <= recipe.window_us / 1000:
+        if shift[0] <= recipe.window_us / 1000:
             break
-        pixels /= 2
+    assert found is not None
     cache.parent.mkdir(parents=True, exist_ok=True)
     with cache.open("wb") as file:
         np.savez(file, key=np.array(key), t_us=found.t_us, luma=found.luma)

@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .._core import __version__
+from .accuracy_sweep import SLOW_S, Errors, Measurement, Sweep
 from .reference_events import EXACT_PX
 from .settings import PRESETS
-from .sweep import SLOW_S, Errors, Measurement, Sweep
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

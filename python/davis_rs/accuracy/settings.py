@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ..sampling.presets import ACCURACY, PAPER
+from ..sampling.presets import ACCURACY
 from ..sampling.rules import MaxDisplacement, TimeSampling
 from ..sampling.tolerance import Tolerance
 
@@ -17,7 +17,7 @@ class Setting:
         name: unique, for people.
         family: settings of one family differ in one thing.
         samples: rays a pixel.
-        renderer: as of :class:`~davis_rs.simulate.Simulator`; so ``refine``.
+        renderer: as of :class:`~davis_rs.Simulator`; so ``refine``.
         preset: what users know it by, if they do.
     """
 
@@ -50,7 +50,7 @@ def default_settings() -> list[Setting]:
             f"lines, {text} px, 8 rays",
             "lines, 8 rays: spacing",
             sampling := MaxDisplacement(pixels),
-            preset="paper" if sampling == PAPER.sampling else "",
+            preset="paper" if sampling == ACCURACY["paper"].sampling else "",
         )
         for text, pixels in _SPACINGS.items()
     ]
@@ -81,6 +81,7 @@ def default_settings() -> list[Setting]:
     presets = [
         Setting(f"preset {name}", PRESETS, accuracy.sampling, accuracy.samples, refine=accuracy.refine, preset=name)
         for name, accuracy in ACCURACY.items()
+        if accuracy.samples is not None  # that of the paper is among the lines
     ]
     usual = Setting("Mitsuba, lines, 1/3 px, 16 rays", "Mitsuba's integrator", MaxDisplacement(1 / 3), 16, "integrator")
     return [*lines, *cubics, *rays, *adaptive, *more_rays, *refined, *presets, usual]

@@ -40,24 +40,30 @@ def draw_intrinsics(
         left.append(view.corners - camera.project(board.corners @ pose[:3, :3].T + pose[:3, 3]))
     worst = max(used, key=lambda view: result.frame_rms_px[view.frame])
 
-    figure = Figure(figsize=(9.6, 3.0), dpi=150, layout="constrained")
+    figure = Figure(figsize=(7.2, 2.3), dpi=200, layout="constrained")
     FigureCanvasAgg(figure)
     frame, sensor, rest = figure.subplots(1, 3)
     frame.imshow(encode(dataset.read_image(worst.frame)), cmap="gray", vmin=0, vmax=255)
     frame.plot(*worst.corners.T, "-", color="#0571b0", linewidth=0.6)
-    frame.scatter(*worst.corners.T, s=12, facecolors="none", edgecolors="#ca0020", linewidths=0.8)
-    frame.scatter(*worst.corners[0], s=14, color="#ca0020")
-    frame.set_title(f"frame {worst.frame}, {result.frame_rms_px[worst.frame]:.3f} px rms (the worst)", fontsize=8)
+    frame.scatter(*worst.corners.T, s=8, facecolors="none", edgecolors="#ca0020", linewidths=0.6)
+    frame.scatter(*worst.corners[0], s=9, color="#ca0020")
+    frame.set_title(f"(a) worst frame, {result.frame_rms_px[worst.frame]:.3f} px rms", fontsize=8)
     corners = np.concatenate([view.corners for view in used])
-    sensor.scatter(*corners.T, s=1, color="#0571b0")
+    sensor.scatter(*corners.T, s=0.8, linewidths=0, color="#0571b0")
     sensor.set(xlim=(-0.5, camera.width - 0.5), ylim=(camera.height - 0.5, -0.5), aspect="equal")
-    sensor.set_title(f"{len(corners):,} corners on the sensor", fontsize=8)
+    sensor.set_title(f"(b) {len(corners):,} corners", fontsize=8)
     off = np.concatenate(left)
-    rest.scatter(*off.T, s=1, color="#0571b0")
+    rest.scatter(*off.T, s=0.5, linewidths=0, color="#0571b0")
     reach = 1.1 * float(np.abs(off).max())
     rest.set(xlim=(-reach, reach), ylim=(reach, -reach), aspect="equal")
-    rest.set_title(f"found - fitted (px), {result.rms_px:.3f} px rms", fontsize=8)
-    for axes in (frame, sensor, rest):
+    rest.set_title(f"(c) found - fitted, {result.rms_px:.3f} px rms", fontsize=8)
+    for axes, x, y in (
+        (frame, "x (px)", "y (px)"),
+        (sensor, "x (px)", "y (px)"),
+        (rest, "x error (px)", "y error (px)"),
+    ):
         axes.tick_params(labelsize=6)
+        axes.set_xlabel(x, fontsize=7)
+        axes.set_ylabel(y, fontsize=7)
     figure.savefig(path)
     return Path(path)

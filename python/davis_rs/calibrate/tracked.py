@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..pose import GroundTruth
+from ..trajectory.sample_noise import pose_noise
 from ..trajectory.sampled_trajectory import SampledTrajectory
 from .reprojection import transform
 
@@ -24,8 +25,8 @@ One that leaves all of it is too smooth: it flattens turns, and so moves the cam
 def tracked_poses(poses: GroundTruth, t_s: npt.ArrayLike) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
     """T_world_body (n, 4, 4) at times (n,) in seconds, and which of these the tracker covers; the rest is NaN.
 
-    The poses' own noise is estimated from their fourth differences, in which smooth motion leaves nothing, and smoothed
-    away by splines (:class:`~davis_rs.SampledTrajectory`).
+    The poses' own noise is estimated (:func:`~davis_rs.trajectory.sample_noise.pose_noise`) and smoothed away by
+    splines (:class:`~davis_rs.SampledTrajectory`).
 
     Raises:
         ValueError: for fewer than ten poses, or those that make no trajectory.
@@ -33,7 +34,7 @@ def tracked_poses(poses: GroundTruth, t_s: npt.ArrayLike) -> tuple[FloatArray, n
     if len(poses.t_us) < 10:
         raise ValueError(f"a tracked body needs at least 10 poses, got {len(poses.t_us)}")
     stamps = poses.t_us * 1e-6
-    position_sigma, rotation_sigma = pose_noise(poses)
+    position_sigma, rotation_sigma = pose_noise(stamps, poses.positions, poses.quaternions)
     path = SampledTrajectory(
         stamps,
         poses.positions,
@@ -47,16 +48,3 @@ def tracked_poses(poses: GroundTruth, t_s: npt.ArrayLike) -> tuple[FloatArray, n
     inside = t[covered] - stamps[0]
     matrices[covered] = transform(path.rotations(inside), path.positions(inside))
     return matrices, covered
-
-
-def pose_noise(poses: GroundTruth) -> tuple[float, float]:
-    """White noise of positions along an axis (m) and of rotations about one (rad), from fourth differences.
-
-    Source: the difference estimator of von Neumann, Annals of Mathematical Statistics 1941.
-    """
-    q = poses.quaternions / np.linalg.norm(poses.quaternions, axis=1, keepdims=True)
-    q[1:] *= np.cumprod(np.where((q[1:] * q[:-1]).sum(1) < 0, -1.0, 1.0))[:, None]
-    # The squares of 1, -4, 6, -4, 1 add up to 70. A quaternion's noise has three degrees of freedom, of half the angle.
-    position = np.sqrt(np.mean(np.diff(poses.positions, 4, axis=0) ** 2) / 70)
-    rotation = 2 * np.sqrt(np.sum(np.diff(q, 4, axis=0) ** 2, axis=1).mean() / 3 / 70)
-    return float(position), float(rotation)

@@ -8,37 +8,39 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from ..accuracy.accuracy_sweep import Measurement, Sweep, sweep
 from ..accuracy.report import draw, facts_of, markdown, write_csv
 from ..accuracy.settings import Setting, default_settings
-from ..accuracy.sweep import Measurement, Sweep, sweep
-from ..camera import load_camera
-from ..scenes import load_scene, start_pose
-from ..trajectory.trajectory import Trajectory, align
-from ..trajectory.trajectory_file import read_trajectory
+from ..progress import each, progress
+from ..settings import ViewSettings, complete, view_scene
+from .common import add_scene, add_trajectory, on_trajectory, scene_of
+from .settings_options import add_settings, given_settings
+
+_SETTINGS = ("camera", "size")
+"""The settings that a sweep does not vary by itself."""
 
 
-def add_accuracy(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Add the command to the command line's."""
-    accuracy = commands.add_parser(
-        "accuracy",
-        help="measure what accuracy costs in time on a scene",
-        description="Measure settings of the simulator on a scene: errors against references, and time. "
-        "Writes accuracy.csv, accuracy.md and accuracy.png. Ctrl-C keeps what was measured.",
+def add_accuracy(accuracy: argparse.ArgumentParser) -> None:
+    """Add the command's arguments."""
+    accuracy.description = (
+        "Measure settings of the simulator on a scene: errors against references, and time. "
+        "Writes accuracy.csv, accuracy.md and accuracy.png. Ctrl-C keeps what was measured."
     )
     accuracy.set_defaults(run=_accuracy)
-    accuracy.add_argument("scene", metavar="SCENE", help="a built-in scene or a Mitsuba XML file")
+    add_scene(accuracy)
     accuracy.add_argument("-o", "--output", required=True, type=Path, metavar="DIR", help="the folder to write")
-    accuracy.add_argument("--trajectory", metavar="FILE", help="the scene's own path if not given")
-    accuracy.add_argument(
+    path = accuracy.add_argument_group("camera path")
+    add_trajectory(path)
+    path.add_argument(
         "--start", type=float, metavar="S", help="where on the trajectory to judge; if not given, half way of it"
     )
-    accuracy.add_argument(
+    path.add_argument(
         "--duration", type=float, metavar="S", help="how much to judge; if not given, 6 pixels of the fastest motion"
     )
     accuracy.add_argument("--rounds", type=int, default=3, metavar="N", help="timed runs of each setting (default: 3)")
-    accuracy.add_argument("--camera", metavar="CAMERA", help="a preset or a calib.txt; the scene's if not given")
     accuracy.add_argument("--only", metavar="TEXT", help="only settings whose name or family has this in it")
     accuracy.add_argument("--quiet", action="store_true", help="no progress bar")
+    add_settings(accuracy, ViewSettings, only=_SETTINGS)
 
 
 def _accuracy(options: argparse.Namespace) -> int:
@@ -49,18 +51,13 @@ def _accuracy(options: argparse.Namespace) -> int:
         settings = [setting for setting in settings if options.only in f"{setting.name} {setting.family}"]
         if not settings:
             raise ValueError(f"no setting has {options.only!r} in its name or family")
-    scene = load_scene(options.scene)
-    trajectory: Trajectory | None = None
-    if options.trajectory is not None:
-        trajectory = read_trajectory(options.trajectory)
-        if scene.trajectory is not None:  # a built-in scene, which shares no world with the file
-            trajectory = align(trajectory, start_pose(scene))
+    scene = on_trajectory(options, scene_of(options, options.quiet), quiet=options.quiet)
+    viewed = view_scene(scene, complete(ViewSettings, given_settings(options, ViewSettings), of="davis-rs accuracy"))
     prepared = Sweep(
         scene,
-        trajectory,
         start_s=options.start,
         duration_s=options.duration,
-        camera=None if options.camera is None else load_camera(options.camera),
+        camera=viewed.camera,
         folder=options.output,
     )
     command = f"davis-rs {shlex.join(sys.argv[1:])}"
@@ -76,20 +73,19 @@ def run_sweep(prepared: Sweep, settings: Sequence[Setting], *, rounds: int, comm
         OSError: if a file cannot be written.
         ImportError: without matplotlib, after the tables are written.
     """
-    from tqdm import tqdm
-
     folder = prepared.folder
     folder.mkdir(parents=True, exist_ok=True)
     measured: list[Measurement] = []
     interrupted = False
     try:
-        with tqdm(desc=f"reference, {prepared.fine_rays:,} rays", unit=" frames", disable=quiet) as bar:
-            for count in prepared.prepare():
-                bar.update(count - bar.n)
-        with tqdm(desc="settings", total=len(settings) * rounds, unit=" runs", disable=quiet) as bar:
-            for measured in sweep(prepared, settings, rounds):
-                write_csv(measured, folder / "accuracy.csv")
-                bar.update()
+        with progress(f"reference, {prepared.fine_rays:,} rays", 1, unit="frames", show=not quiet) as bar:
+            for done, bar.total in prepared.prepare():
+                bar.to(done)
+            bar.total = max(bar.done, 1)  # it may be good before the densest frames
+        for measured in each(
+            sweep(prepared, settings, rounds), "settings", len(settings) * rounds, unit="runs", show=not quiet
+        ):
+            write_csv(measured, folder / "accuracy.csv")
     except KeyboardInterrupt:
         interrupted = True
     if measured:

@@ -26,15 +26,14 @@ from ..camera import Camera, load_camera
 from ..dataset.reader import Dataset
 from ..imu import ImuNoise
 from ..scene.checkerboard import DATASET_BOARD, Checkerboard
+from .common import figure_file
 
 
-def add_calibrate(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Add the command to the command line's."""
-    calibrate = commands.add_parser(
-        "calibrate",
-        help="calibrate a camera, a hand-eye transform, or a camera and an IMU",
-        description="Calibrate from a sequence before a checkerboard, such as the scene 'checkerboard'. "
-        "Needs OpenCV 4: pip install 'davis_rs[calibrate]'.",
+def add_calibrate(calibrate: argparse.ArgumentParser) -> None:
+    """Add the command's arguments."""
+    calibrate.description = (
+        "Calibrate from a sequence before a checkerboard, such as the scene 'checkerboard'. "
+        "Needs OpenCV 4: pip install 'davis_rs[calibrate]'."
     )
     kinds = calibrate.add_subparsers(required=True, metavar="WHAT")
 
@@ -42,7 +41,9 @@ def add_calibrate(commands: argparse._SubParsersAction[argparse.ArgumentParser])
     intrinsics.set_defaults(run=_intrinsics)
     _add_common(intrinsics)
     intrinsics.add_argument("--calib", type=Path, metavar="FILE", help="write the camera as a calib.txt")
-    intrinsics.add_argument("--figure", type=Path, metavar="PNG", help="draw the corners and what is left of them")
+    intrinsics.add_argument(
+        "--figure", type=figure_file, metavar="FILE", help="draw the corners and their errors: .png, .pdf, .svg ..."
+    )
 
     hand_eye = kinds.add_parser(
         "hand-eye",

@@ -1,36 +1,54 @@
-"""What several commands have alike: how they show their defaults, and the camera's path."""
+"""What several commands have in common: scenes and the camera's path."""
 
 from __future__ import annotations
 
 import argparse
 import sys
-from dataclasses import replace
+from pathlib import Path
 
+from ..progress import say
 from ..scene.scene import Scene
-from ..scenes import BUILTIN_SCENES, start_pose
-from ..trajectory.trajectory import align, interval
+from ..scenes import BUILTIN_SCENES, load_scene, start_pose
+from ..settings import parse_size
+from ..trajectory.trajectory import Trajectory, align
 from ..trajectory.trajectory_file import read_trajectory
 
-SCENE_HELP = f"{', '.join(BUILTIN_SCENES)}, a sequence of davis-rs sequences, or a Mitsuba XML file"
+SCENE_HELP = f"{', '.join(BUILTIN_SCENES)}, a sequence of davis-rs sequences, a Mitsuba XML file, or an OBJ or PLY mesh"
 """What a scene may be."""
 
 
-class Help(argparse.ArgumentDefaultsHelpFormatter):
-    """Shows the defaults that are values; None says nothing."""
+def add_scene(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments that :func:`scene_of` reads."""
+    parser.add_argument("scene", metavar="SCENE", help=SCENE_HELP)
+    group = parser.add_argument_group("mesh")
+    group.add_argument(
+        "--up", choices=("y", "z"), help="the axis of the file that points up (if not given: y for OBJ, z for PLY)"
+    )
+    group.add_argument("--scale", type=float, metavar="M", help="metres in the file's unit: 0.001 for millimetres")
 
-    def _get_help_string(self, action: argparse.Action) -> str | None:
-        return action.help if action.default in (None, False) else super()._get_help_string(action)
+
+def scene_of(options: argparse.Namespace, quiet: bool = False) -> Scene:
+    """The scene that the options name; says what is to be known of its file."""
+    scene = load_scene(options.scene, up=options.up, scale=options.scale)
+    if scene.note and not quiet:
+        say(f"{scene.note} (--scale, --up)")
+    return scene
 
 
 def add_path(group: argparse._ArgumentGroup) -> None:
     """Add the options that :func:`on_path` reads."""
+    add_trajectory(group)
+    group.add_argument("--start", type=float, default=0.0, metavar="S", help="where on the trajectory t = 0 lies")
+    group.add_argument("--duration", type=float, metavar="S", help="seconds of it; to the end if not given")
+
+
+def add_trajectory(group: argparse._ArgumentGroup) -> None:
+    """Add the options that :func:`on_trajectory` reads."""
     group.add_argument(
         "--trajectory",
         metavar="FILE",
         help="groundtruth.txt, TUM, or ESIM's CSV in nanoseconds; the scene's own path if not given",
     )
-    group.add_argument("--start", type=float, default=0.0, metavar="S", help="where on the trajectory t = 0 lies")
-    group.add_argument("--duration", type=float, metavar="S", help="seconds of it; to the end if not given")
     group.add_argument(
         "--align",
         action=argparse.BooleanOptionalAction,
@@ -38,27 +56,69 @@ def add_path(group: argparse._ArgumentGroup) -> None:
         "if not given: where a file's trajectory meets a built-in scene",
     )
     group.add_argument(
-        "--position-sigma", type=float, metavar="M", help="noise of the file's positions, smoothed away; 0 = none"
+        "--position-sigma",
+        type=float,
+        metavar="M",
+        help="noise of the file's positions, smoothed away; estimated from the data if not given; 0 = none",
     )
-    group.add_argument("--rotation-sigma", type=float, metavar="RAD", help="noise of the file's rotations, likewise")
     group.add_argument(
-        "--max-gap", type=float, default=0.1, metavar="S", help="longest gap between samples that is bridged"
+        "--rotation-sigma",
+        type=float,
+        metavar="RAD",
+        help="noise of the file's rotations, likewise; estimated from the data if not given",
+    )
+    group.add_argument(
+        "--max-gap",
+        type=float,
+        default=0.1,
+        metavar="S",
+        help="longest gap between samples that is bridged (default: 0.1)",
     )
 
 
-def on_path(options: argparse.Namespace, scene: Scene, *, quiet: bool = False) -> Scene:
-    """The scene with the part of a trajectory that the options ask for, from t = 0; says so where it was moved."""
+def on_path(options: argparse.Namespace, scene: Scene, quiet: bool = False) -> Scene:
+    """The scene over the part of a camera path that the options ask for, from t = 0."""
+    moved = on_trajectory(options, scene, at_s=options.start, quiet=quiet)
+    return moved.crop(options.start, options.duration)
+
+
+def on_trajectory(options: argparse.Namespace, scene: Scene, *, at_s: float = 0.0, quiet: bool = False) -> Scene:
+    """The scene with the trajectory that the options ask for; says so where it was moved.
+
+    Args:
+        at_s: the instant of the trajectory that is moved to the scene's start.
+    """
     if options.trajectory is None:
         if options.align:
             raise ValueError("--align moves the trajectory of a file: give --trajectory")
-        return scene.part(options.start, options.duration)
+        return scene
     sigmas = {"position_sigma_m": options.position_sigma, "rotation_sigma_rad": options.rotation_sigma}
-    given = {name: value for name, value in sigmas.items() if value is not None}
-    trajectory = read_trajectory(options.trajectory, max_gap_s=options.max_gap, **given)
-    part = interval(trajectory, options.start, options.duration)
+    trajectory: Trajectory = (sampled := read_trajectory(options.trajectory, max_gap_s=options.max_gap, **sigmas))
+    if not quiet:
+        print(f"{options.trajectory}: {sampled.smoothing()} (--position-sigma, --rotation-sigma)", file=sys.stderr)
     # A built-in scene shares no world with anybody's trajectory, a user's own file may.
     if scene.trajectory is not None if options.align is None else options.align:
         if not quiet:
             print("trajectory moved so that it starts where the scene's camera does (--no-align)", file=sys.stderr)
-        part = align(part, start_pose(scene))
-    return replace(scene, trajectory=part)
+        trajectory = align(trajectory, start_pose(scene), at_s)
+    return scene.with_trajectory(trajectory)
+
+
+def figure_file(text: str) -> Path:
+    """A file that a picture can be written to, told by its suffix."""
+    from ..inspection.figure import check_figure_path
+
+    try:
+        return check_figure_path(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+
+
+def sensor_size(text: str) -> tuple[int, int]:
+    """WIDTHxHEIGHT in pixels."""
+    try:
+        size = parse_size(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+    assert size is not None
+    return size

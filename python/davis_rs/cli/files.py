@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import os
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -11,17 +10,19 @@ from decimal import Decimal, InvalidOperation
 from pathlib import Path
 from typing import Any
 
-from ..event_files.convert import convert
+from ..dataset.reader import Dataset
+from ..event_files.conversion import convert, left_out
 from ..formats import FORMATS
-from ..inspection.summary import dataset_row, draw_rates, summarize_events
+from ..inspection.summary import dataset_contents, dataset_row, draw_rates, summarize_events
+from ..progress import progress
+from ..untrusted import MAX_PACKET_BYTES
+from .common import figure_file, sensor_size
 
 
-def add_files(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Add the commands to the command line's."""
-    conversion = commands.add_parser(
-        "convert",
-        help="convert events from one file format to another",
-        description="Convert events, in constant memory; times and coordinates stay as they are. Of a bag, the events.",
+def add_convert(conversion: argparse.ArgumentParser) -> None:
+    """Add the command's arguments."""
+    conversion.description = (
+        "Convert events, in constant memory; times and coordinates stay as they are. Of a bag, the events."
     )
     conversion.set_defaults(run=_convert)
     conversion.add_argument("source", metavar="IN", help="a file of any format, or a dataset folder")
@@ -34,24 +35,44 @@ def add_files(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> 
     conversion.add_argument(
         "--roi", type=int, nargs=4, metavar=("X0", "Y0", "X1", "Y1"), help="only events with X0 <= x < X1, Y0 <= y < Y1"
     )
-    conversion.add_argument("--size", type=_size, metavar="WxH", help="sensor size in pixels, where IN does not say")
+    conversion.add_argument("--size", type=sensor_size, metavar="WxH", help="sensor size, where IN does not say")
     conversion.add_argument(
         "--option", type=_option, action="append", default=[], metavar="NAME=VALUE", help="an option of OUT's format"
     )
+    for rule, what in (("backward", "are earlier than one before them"), ("outside", "lie outside of IN's own size")):
+        conversion.add_argument(
+            f"--{rule}", choices=("refuse", "drop"), default="refuse", help=f"what is done with events that {what}"
+        )
+    add_max_packet_bytes(conversion)
     conversion.add_argument("--overwrite", action="store_true", help="replace OUT if it exists")
     conversion.add_argument("--quiet", action="store_true", help="no progress bar, only the last line")
 
-    info = commands.add_parser(
-        "info",
-        help="sum up an event file or a dataset folder",
-        description="Sensor size, duration, events, ON share, rates and gaps; of a dataset folder also the columns of "
-        "the paper's tables: T (duration), TS and RS (top speeds), NE (number of events).",
+
+def add_info(info: argparse.ArgumentParser) -> None:
+    """Add the command's arguments."""
+    info.description = (
+        "Sensor size, duration, events, ON share, rates and gaps; of a dataset folder also the columns of "
+        "the paper's tables: T (duration), TS and RS (top speeds), NE (number of events)."
     )
     info.set_defaults(run=_info)
     info.add_argument("path", metavar="PATH", help="a file of any format, or a dataset folder")
-    info.add_argument("--picture", type=Path, metavar="PNG", help="draw the rate of each pixel")
-    info.add_argument("--size", type=_size, metavar="WxH", help="sensor size in pixels, where PATH does not say")
+    info.add_argument(
+        "--picture", type=figure_file, metavar="FILE", help="draw the rate of each pixel: .png, .pdf, .svg ..."
+    )
+    info.add_argument("--size", type=sensor_size, metavar="WxH", help="sensor size in pixels, where PATH does not say")
+    add_max_packet_bytes(info)
     info.add_argument("--quiet", action="store_true", help="no progress bar")
+
+
+def add_max_packet_bytes(parser: argparse.ArgumentParser) -> None:
+    """Add the limit of what is unpacked."""
+    parser.add_argument(
+        "--max-packet-bytes",
+        type=int,
+        default=MAX_PACKET_BYTES,
+        metavar="BYTES",
+        help="what a packet or chunk of a compressed file may unpack to; 64 MiB if not given",
+    )
 
 
 def _convert(options: argparse.Namespace) -> int:
@@ -64,33 +85,37 @@ def _convert(options: argparse.Namespace) -> int:
         "start_us": options.start,
         "stop_us": options.stop,
         "roi": None if options.roi is None else tuple(options.roi),
+        "backward": options.backward,
+        "outside": options.outside,
+        "max_packet_bytes": options.max_packet_bytes,
         "overwrite": options.overwrite,
         **dict(options.option),
     }
     try:
-        with _bar(f"to {options.target}", quiet=options.quiet) as progress:
+        with _bar(f"to {options.target}", quiet=options.quiet) as told:
             target = sys.stdout.buffer if to_stream else options.target
-            report = convert(options.source, target, progress=progress, **arguments)
+            report = convert(options.source, target, progress=told, **arguments)
             if to_stream:
                 sys.stdout.buffer.flush()
     except TypeError as error:  # an option that the format does not have
         raise ValueError(str(error)) from error
-    except BrokenPipeError:
-        # Nobody reads any more: what is left in the buffer has nowhere to go when Python ends.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        raise
     print(
         f"{report.path}: {report.format}, {report.events:,} events, {report.bytes:,} bytes",
         file=sys.stderr if to_stream else sys.stdout,
     )
+    if Path(options.source).is_dir() and (lost := left_out(options.source)):
+        print(f"davis-rs: {options.target}: only the events were converted; left out: {lost}", file=sys.stderr)
     return 0
 
 
 def _info(options: argparse.Namespace) -> int:
-    with _bar("reading", quiet=options.quiet) as progress:
-        summary = summarize_events(options.path, size=options.size, progress=progress)
+    with _bar("reading", quiet=options.quiet) as told:
+        summary = summarize_events(
+            options.path, size=options.size, max_packet_bytes=options.max_packet_bytes, progress=told
+        )
     print(summary)
     if Path(options.path).is_dir():
+        print(dataset_contents(Dataset(options.path)))
         print(dataset_row(options.path, summary))
     if options.picture is not None:
         print(draw_rates(summary, options.picture))
@@ -100,11 +125,8 @@ def _info(options: argparse.Namespace) -> int:
 @contextmanager
 def _bar(what: str, *, quiet: bool) -> Iterator[Callable[[float], object]]:
     """A progress bar that is told the share that is done."""
-    from tqdm import tqdm
-
-    layout = "{desc}: {percentage:3.0f}% |{bar}| {elapsed} < {remaining}"
-    with tqdm(desc=what, total=1.0, disable=quiet, bar_format=layout, leave=False) as bar:
-        yield lambda share: bar.update(share - bar.n)
+    with progress(what, 100.0, unit="%", show=not quiet) as bar:
+        yield lambda share: bar.to(100.0 * share)
 
 
 def _microseconds(text: str) -> int:
@@ -116,13 +138,6 @@ def _microseconds(text: str) -> int:
     except InvalidOperation:
         raise argparse.ArgumentTypeError(f"expected seconds, got {text!r}") from None
     return int(t_us)
-
-
-def _size(text: str) -> tuple[int, int]:
-    width, _, height = text.partition("x")
-    if not (width.isdecimal() and height.isdecimal()):
-        raise argparse.ArgumentTypeError(f"expected WIDTHxHEIGHT such as 240x180, got {text!r}")
-    return int(width), int(height)
 
 
 def _option(text: str) -> tuple[str, Any]:

@@ -10,19 +10,18 @@ from typing import Any
 
 from ..generate import generate_sequences, load_sequence_plan, verify_sequences
 
+SHOWN = 1000
+"""Sequences that --dry-run checks and shows."""
 
-def add_generate(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Add the command to the command line's."""
-    generate = commands.add_parser(
-        "generate",
-        help="simulate many sequences with randomised parameters",
-        description="Simulate the sequences of a plan (docs/generate.md), each into a folder of its own. A run that "
-        "was ended or killed is gone on with by the same command.",
+
+def add_generate(generate: argparse.ArgumentParser) -> None:
+    """Add the command's arguments."""
+    generate.description = (
+        "Simulate the sequences of a plan (docs/generate.md), each into a folder of its own. Run the same command "
+        "again to resume a run that was ended or killed."
     )
     generate.set_defaults(run=_generate)
-    what = generate.add_mutually_exclusive_group(required=True)
-    what.add_argument("plan", nargs="?", metavar="PLAN.yaml", help="what is drawn, and from which laws")
-    what.add_argument("--verify", metavar="ROOT", help="read all sequences in ROOT and compare them with its manifest")
+    generate.add_argument("plan", metavar="PLAN.yaml", help="what is drawn, and from which distributions")
     generate.add_argument("-o", "--output", metavar="ROOT", help="the folder of the sequences")
     generate.add_argument("--dry-run", action="store_true", help="check the plan and print what would be drawn")
     where = generate.add_mutually_exclusive_group()
@@ -33,24 +32,23 @@ def add_generate(commands: argparse._SubParsersAction[argparse.ArgumentParser]) 
     generate.add_argument("--quiet", action="store_true", help="no progress bar, only the last lines")
 
 
+def add_verify(verify: argparse.ArgumentParser) -> None:
+    """Add the command's arguments."""
+    verify.description = "Read all sequences in ROOT and compare them with its manifest."
+    verify.set_defaults(run=_verify)
+    verify.add_argument("root", type=Path, metavar="ROOT", help="the folder of the sequences")
+
+
 def _generate(options: argparse.Namespace) -> int:
-    if options.verify is not None:
-        making = {
-            "-o": options.output,
-            "--dry-run": options.dry_run,
-            "--workers": options.workers,
-            "--cluster": options.cluster,
-        }
-        if given := [name for name, value in making.items() if value not in (None, False)]:
-            raise ValueError(f"--verify reads sequences and makes none: it cannot be combined with {', '.join(given)}")
-        return _verify(Path(options.verify))
     plan = load_sequence_plan(options.plan)
     if options.dry_run:
         from ..generate.generate import check_sequences, draw_sequences
 
-        drawn = draw_sequences(plan)
+        drawn = draw_sequences(plan)[:SHOWN]
         check_sequences(plan, drawn, quiet=options.quiet)
         print("\n".join(_table({one.name: dict(_flat(one.parameters)) for one in drawn})))
+        if plan.sequences > SHOWN:
+            print(f"... these are the first {SHOWN} of {plan.sequences} sequences; the others were not looked at")
         return 0
     if options.output is None:
         raise ValueError("-o ROOT must be given: the folder of the sequences")
@@ -63,12 +61,13 @@ def _generate(options: argparse.Namespace) -> int:
     return 1 if generated.failed else 0
 
 
-def _verify(root: Path) -> int:
+def _verify(options: argparse.Namespace) -> int:
     from ..generate.verify import added_files
 
+    root: Path = options.root
     wrong = verify_sequences(root)
     for name, added in added_files(root).items():
-        print(f"{root / name}: there are files beside those that it was made with: {', '.join(added)}")
+        print(f"{root / name}: there are other files than those that it was made with: {', '.join(added)}")
     for name, fault in wrong.items():
         print(f"{root / name}: {fault}")
     print(f"{root}: {len(wrong)} sequences are not what they were" if wrong else f"{root}: all is as it was")

@@ -1,87 +1,144 @@
-"""The command line: davis-rs check and view, and the commands of other modules."""
+"""The command line: its commands, and what becomes of errors."""
 
 from __future__ import annotations
 
 import argparse
+import os
+import re
 import sys
+import traceback
 import warnings
 from collections.abc import Callable, Sequence
-from pathlib import Path
+from functools import partial
+from importlib import import_module
 
-from .._core import __version__
-from .accuracy import add_accuracy
-from .calibrate import add_calibrate
-from .common import Help
-from .files import add_files
-from .generate import add_generate
-from .plan import add_plan
-from .sequences import add_sequences
-from .simulate import add_simulate
-from .usb import add_usb
+from ..progress import say
+from .parser import Parser
+
+COMMANDS = {
+    "simulate": ("simulate", "simulate a scene into a dataset folder"),
+    "sequence": ("simulate", "simulate a sequence of the public dataset"),
+    "sequences": ("sequences", "list the public dataset's sequences: the paper's table next to our own"),
+    "sequences-table": ("sequences", "the same list as a table of Markdown"),
+    "sequences-sheet": ("sequences", "draw a frame and events of each sequence"),
+    "sequences-count": ("sequences", "simulate sequences whole and count their events"),
+    "settings": ("settings_table", "list all settings of a simulation as a table of Markdown"),
+    "plan": ("plan", "say which effects of a sensor a sequence calls for"),
+    "generate": ("generate", "simulate many sequences with randomised parameters"),
+    "verify": ("generate", "compare generated sequences with their manifest"),
+    "accuracy": ("accuracy", "measure what accuracy costs in time on a scene"),
+    "devices": ("usb", "list the cameras that are plugged in"),
+    "record": ("usb", "record a camera"),
+    "decode": ("usb", "decode a recording: of record, or AEDAT 2.0, 3.1, 4"),
+    "convert": ("files", "convert events from one file format to another"),
+    "info": ("files", "sum up an event file or a dataset folder"),
+    "calibrate": ("calibrate", "calibrate a camera, a hand-eye transform, or a camera and an IMU"),
+    "check": ("look", "check a dataset: do its events explain its images?"),
+    "view": ("look", "draw a dataset, an event file or a recording, as a picture or a video"),
+}
+"""By command the module here that has it, as ``add_COMMAND(parser)``, and what it does in a line."""
+
+_DEBUG = "show the traceback of an error"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command; returns the exit status: 0, 1 for a failure or a check that does not hold, 130 after Ctrl-C."""
-    options = _parser().parse_args(arguments)
-    warnings.showwarning = lambda message, *_: print(f"davis-rs: warning: {message}", file=sys.stderr)
+    debug = "--debug" in (sys.argv[1:] if arguments is None else arguments)
+    options = argparse.Namespace()
     try:
-        run: Callable[[argparse.Namespace], int] = options.run
-        return run(options)
-    except (ValueError, OSError, ImportError) as error:
-        print(f"davis-rs: error: {error}", file=sys.stderr)
-        return 1
+        status = _run(arguments, options)
+        sys.stdout.flush()  # here, where a reader that is gone can still be told from an error
+        return status
     except KeyboardInterrupt:
         return 130
+    except BrokenPipeError:
+        # Nobody reads any more. What is left in the buffer has nowhere to go when Python ends.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1
+    except Exception as error:
+        if _interrupted(error):
+            return 130
+        if debug:
+            traceback.print_exc()
+        print(f"davis-rs: error: {_in_a_line(error, options, debug)}", file=sys.stderr)
+        return 1
 
 
-def _check(options: argparse.Namespace) -> int:
-    from ..inspection.check import check_dataset
+def _run(arguments: Sequence[str] | None, options: argparse.Namespace) -> int:
+    parser = make_parser()
+    if "_ARGCOMPLETE" in os.environ:  # the shell asks what could come next
+        import argcomplete
 
-    report = check_dataset(options.dataset)
-    print(report)
-    return 0 if report.ok else 1
-
-
-def _view(options: argparse.Namespace) -> int:
-    from ..inspection.video import video_dataset
-    from ..inspection.view import view_dataset
-
-    if options.video is not None:
-        print(video_dataset(options.dataset, options.video, fps=options.fps, speed=options.speed, progress=True))
-        return 0
-    output = options.output or Path(options.dataset) / "view.png"
-    print(view_dataset(options.dataset, output, t_s=options.time, window_s=options.window))
-    return 0
+        for name in os.environ["COMP_LINE"].split():
+            if name in parser.commands:
+                parser.commands[name].fill()  # argcomplete has to find the arguments there
+        argcomplete.autocomplete(parser)
+    parser.parse_args(arguments, options)
+    warnings.showwarning = lambda message, *_: say(f"davis-rs: warning: {message}")
+    run: Callable[[argparse.Namespace], int] = options.run
+    return run(options)
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+def make_parser() -> Parser:
+    """The parser of all commands, each of which is set up when it is used."""
+    parser = Parser(
         prog="davis-rs",
         description="Simulate a DAVIS event camera, and read a real one.",
-        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
+        formatter_class=partial(argparse.HelpFormatter, max_help_position=16),
     )
-    parser.add_argument("--version", action="version", version=f"davis-rs {__version__}")
-    commands = parser.add_subparsers(required=True, metavar="COMMAND")
-    add_simulate(commands)
-    add_sequences(commands)
-    add_plan(commands)
-    add_generate(commands)
-    add_accuracy(commands)
-    add_usb(commands)
-    add_files(commands)
-    add_calibrate(commands)
-
-    check = commands.add_parser("check", help="check a dataset: do its events explain its images?")
-    check.add_argument("dataset", type=Path, metavar="DIR")
-    check.set_defaults(run=_check)
-
-    view = commands.add_parser("view", help="draw a dataset as a picture or a video", formatter_class=Help)
-    view.add_argument("dataset", type=Path, metavar="DIR")
-    view.add_argument("-o", "--output", type=Path, metavar="PNG", help="the picture; DIR/view.png if not given")
-    view.add_argument("--time", type=float, metavar="S", help="the moment shown; the middle if not given")
-    view.add_argument("--window", type=float, metavar="S", help="length of the window of events; chosen if not given")
-    view.add_argument("--video", type=Path, metavar="FILE", help="make an .mp4 or .gif instead of a picture")
-    view.add_argument("--fps", type=float, default=25.0, help="pictures a second of the video")
-    view.add_argument("--speed", type=float, default=0.1, help="seconds of the sequence in a second of the video")
-    view.set_defaults(run=_view)
+    parser.add_argument("--version", action=_Version, nargs=0, help="show the version and leave")
+    parser.add_argument("--debug", action="store_true", help=_DEBUG)
+    commands = parser.add_subparsers(required=True, metavar="COMMAND", parser_class=Parser)
+    for name, (module, does) in COMMANDS.items():
+        parser.commands[name] = commands.add_parser(name, help=does, fill=_fill(name, module))
     return parser
+
+
+def _fill(name: str, module: str) -> Callable[[argparse.ArgumentParser], None]:
+    def fill(parser: argparse.ArgumentParser) -> None:
+        getattr(import_module(f".{module}", __package__), f"add_{name.replace('-', '_')}")(parser)
+        parser.add_argument("--debug", action="store_true", default=argparse.SUPPRESS, help=_DEBUG)
+
+    return fill
+
+
+class _Version(argparse.Action):
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
+        from .._core import __version__
+
+        print(f"davis-rs {__version__}")
+        parser.exit()
+
+
+def _in_a_line(error: Exception, options: argparse.Namespace, debug: bool) -> str:
+    if isinstance(error, OSError) and error.strerror:
+        said = error.strerror if error.filename is None else f"{error.filename}: {error.strerror}"
+        return _as_options(said, options)
+    if isinstance(error, ValueError | OSError):
+        return _as_options(str(error), options)
+    if isinstance(error, ImportError):
+        return str(error)
+    said = " ".join(str(error).split())
+    hint = "" if debug else "; --debug shows where"
+    return f"unexpected {type(error).__name__}: {said}{hint}"
+
+
+def _as_options(said: str, options: argparse.Namespace) -> str:
+    """A message of the library, with what it calls arguments called as on the command line: --format, not format=."""
+    from ..settings import FolderSettings, settings_of
+
+    declared = {name: setting.option for name, setting in settings_of(FolderSettings).items()}
+    for name, option in ({name: f"--{name.replace('_', '-')}" for name in vars(options)} | declared).items():
+        said = re.sub(rf"(?<![\w./'\"-]){name}=(True\b)?", f"{option} ", said)
+        if "_" in name:
+            said = re.sub(rf"(?<![\w./'\"=-]){name}(?![\w./'\"=-])", option, said)
+    return re.sub(r" +(?=$|[,;:)])| +(?= )", "", said)
+
+
+def _interrupted(error: BaseException | None) -> bool:
+    """Whether a Ctrl-C is behind an error: libraries that are being imported turn it into an ImportError."""
+    while error is not None:
+        if isinstance(error, KeyboardInterrupt):
+            return True
+        error = error.__cause__ or error.__context__
+    return False

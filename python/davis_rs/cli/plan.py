@@ -3,33 +3,27 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import replace
 
-from ..camera import load_camera
-from ..effects import Effects, parse_effect
-from ..plan import plan_effects
-from ..scenes import load_scene
-from ..sensor_parameters import SENSORS, sensor_parameters
-from .common import SCENE_HELP, add_path, on_path
+from ..settings import ViewSettings
+from .common import add_path, add_scene, on_path, scene_of
+from .settings_options import add_settings, given_settings
 
 
-def add_plan(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Add the command to the command line's."""
-    plan = commands.add_parser(
-        "plan",
-        help="say which effects of a sensor a sequence calls for",
-        description="Look at a sequence, and say of each effect of a sensor what leaving it out would do to the "
-        "events (or frames), and what having it costs.",
+def add_plan(plan: argparse.ArgumentParser) -> None:
+    """Add the command's arguments."""
+    plan.description = (
+        "Look at a sequence, and say of each effect of a sensor what leaving it out would do to the "
+        "events (or frames), and what having it costs."
     )
     plan.set_defaults(run=_plan)
-    plan.add_argument("scene", metavar="SCENE", help=SCENE_HELP)
-    plan.add_argument("--sensor", choices=tuple(SENSORS), help="davis240c if neither this nor --effect is given")
+    add_scene(plan)
     plan.add_argument(
         "--effect",
         action="append",
         default=[],
         metavar="NAME[=VALUE[,PARAMETER=VALUE...]]",
-        help="a candidate, over those of --sensor; may be given several times",
+        help="a candidate, over those of --sensor; may be given several times; where neither is given, the effects of "
+        "the davis240c are the candidates",
     )
     plan.add_argument(
         "--share",
@@ -41,40 +35,20 @@ def add_plan(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> N
         "--shift-us", type=float, default=100.0, metavar="US", help="what counts as shifted (default: 100)"
     )
     add_path(plan.add_argument_group("camera path"))
-    plan.add_argument("--camera", metavar="CAMERA", help="a preset or a calib.txt; the scene's if not given")
-    plan.add_argument("--contrast-threshold", type=float, metavar="C", help="the sensor's or the scene's if not given")
-    plan.add_argument("--contrast-threshold-off", type=float, metavar="C", help="as ON if not given")
-    plan.add_argument("--log-eps", type=float, default=1e-3, metavar="Y", help="dark level in luma (default: 0.001)")
-    plan.add_argument("--lux-per-luma", type=float, metavar="LUX", help="brightness; the scene's if not given")
-    plan.add_argument(
-        "--samples", type=int, metavar="N", help="rays a pixel; 8 if not given (integrators without LLVM: 2)"
-    )
-    plan.add_argument("--renderer", choices=("auto", "native", "table", "integrator"), default="auto")
-    plan.add_argument("--blur", action=argparse.BooleanOptionalAction, help="3 x 3 blur; as the scene if not given")
-    plan.add_argument("--seed", type=int, default=0, metavar="N")
+    add_settings(plan, ViewSettings)
 
 
 def _plan(options: argparse.Namespace) -> int:
-    scene = on_path(options, load_scene(options.scene))
-    if options.lux_per_luma is not None:
-        scene = replace(scene, lux_per_luma=options.lux_per_luma)
-    given = [parse_effect(text) for text in options.effect]
-    sensor = sensor_parameters(options.sensor or ("ideal" if given else "davis240c"))
-    threshold, threshold_off = options.contrast_threshold, options.contrast_threshold_off
+    from ..effect_planning import plan_effects
+    from ..effects import Effects, parse_effect
+
+    scene = on_path(options, scene_of(options))
     plan = plan_effects(
         scene,
-        scene.path,
-        Effects.of([*sensor.effects(scene.lux_per_luma), *given]),
-        camera=None if options.camera is None else load_camera(options.camera),
-        contrast_threshold=sensor.contrast_threshold if threshold is None else threshold,
-        contrast_threshold_off=sensor.contrast_threshold_off if threshold_off is None else threshold_off,
-        log_eps=options.log_eps,
-        samples=options.samples,
-        seed=options.seed,
-        renderer=options.renderer,
-        blur=options.blur,
+        Effects.of(map(parse_effect, options.effect)) if options.effect else None,
         share=options.share,
         shift_us=options.shift_us,
+        **given_settings(options, ViewSettings),
     )
     print(plan)
     return 0

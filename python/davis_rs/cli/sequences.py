@@ -1,100 +1,89 @@
-"""The command line: davis-rs sequence, davis-rs sequences."""
+"""The command line: davis-rs sequences, sequences-table, sequences-sheet, sequences-count."""
 
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 
+from ..progress import each, progress
 from ..sequence_report import MEASURED, as_markdown, as_text, count_events, draw_sheet, read_counts, table, write_counts
-from ..sequences import SEQUENCES, Sequence
-from .common import Help
-from .simulate import add_settings, simulate_into
-
-_FRAME_RATE_HZ = 24.0
-"""Of the dataset's recordings."""
+from ..sequences import SEQUENCES, Sequence, sequence_named
 
 
-def add_sequences(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Add the two commands to the command line's."""
-    sequence = commands.add_parser(
-        "sequence",
-        help="simulate a sequence of the public dataset",
-        description="Simulate a twin of one of the public dataset's sequences into a dataset folder, with IMU. "
-        "davis-rs sequences lists them.",
-        formatter_class=Help,
+def add_sequences(listing: argparse.ArgumentParser) -> None:
+    """Add the command's arguments."""
+    listing.description = (
+        "List duration T, top speeds TS and RS and number of events NE of each sequence, the paper's and ours. Speeds "
+        "are means over 100 ms; events are those of ideal pixels, counted before by sequences-count."
     )
-    sequence.add_argument("name", metavar="NAME", help="such as poster_6dof or slider_depth")
-    path = sequence.add_argument_group("camera path")
-    path.add_argument("--start", type=float, default=0.0, metavar="S", help="where in the sequence t = 0 lies")
-    path.add_argument("--duration", type=float, metavar="S", help="seconds of it; to the end if not given")
-    add_settings(sequence)
-    sequence.set_defaults(run=_sequence, imu="mpu6150", frame_rate=_FRAME_RATE_HZ, depth_rate=_FRAME_RATE_HZ)
+    listing.set_defaults(run=_list)
+    _add_names(listing)
+    listing.add_argument("--measured", type=Path, metavar="CSV", default=MEASURED, help="counts to list")
 
-    sequences = commands.add_parser(
-        "sequences",
-        help="list the public dataset's sequences: the paper's table beside our own",
-        description="List duration T, top speeds TS and RS and number of events NE of each sequence, the paper's and "
-        "ours. Speeds are means over 100 ms; events are those of ideal pixels, counted before (--count).",
+
+def add_sequences_table(markdown: argparse.ArgumentParser) -> None:
+    """Add the command's arguments."""
+    markdown.set_defaults(run=_table)
+    _add_names(markdown)
+    markdown.add_argument("--measured", type=Path, metavar="CSV", default=MEASURED, help="counts to list")
+
+
+def add_sequences_sheet(sheet: argparse.ArgumentParser) -> None:
+    """Add the command's arguments."""
+    sheet.set_defaults(run=_sheet)
+    _add_names(sheet)
+    sheet.add_argument("-o", "--output", type=Path, required=True, metavar="PNG", help="the picture")
+
+
+def add_sequences_count(count: argparse.ArgumentParser) -> None:
+    """Add the command's arguments."""
+    count.description = (
+        "Simulate sequences whole, count their events and add them to a CSV file. All of them take hours. Run the same "
+        "command again to resume."
     )
-    sequences.add_argument("names", nargs="*", metavar="NAME", help="all if not given")
-    instead = sequences.add_mutually_exclusive_group()
-    instead.add_argument("--markdown", action="store_true", help="as a table of Markdown")
-    instead.add_argument("--sheet", type=Path, metavar="PNG", help="draw frame and events of each, instead")
-    instead.add_argument(
-        "--count",
-        type=Path,
-        metavar="CSV",
-        help="simulate them whole, count their events and add them to this file, instead; takes hours, and goes on "
-        "where it was stopped",
-    )
-    sequences.add_argument("--measured", type=Path, metavar="CSV", default=MEASURED, help="counts to list")
-    sequences.set_defaults(run=_sequences)
+    count.set_defaults(run=_count)
+    _add_names(count)
+    count.add_argument("-o", "--output", type=Path, required=True, metavar="CSV", help="the counts")
 
 
-def _sequence(options: argparse.Namespace) -> int:
-    sequence = _named(options.name)
-    part = sequence.scene().part(options.start, options.duration)
-    return simulate_into(options, part, sequence={"biases": sequence.biases, "differs": sequence.differs})
+def _add_names(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("names", nargs="*", metavar="NAME", help="all if not given")
 
 
-def _sequences(options: argparse.Namespace) -> int:
-    from tqdm import tqdm
+def _chosen(options: argparse.Namespace) -> list[Sequence]:
+    return [sequence_named(name) for name in options.names or SEQUENCES]
 
-    sequences = [_named(name) for name in options.names or SEQUENCES]
-    if options.count is not None:
-        _count(sequences, options.count)
-        return 0
-    shown = tqdm(sequences, leave=False, disable=not sys.stderr.isatty())
-    if options.sheet is not None:
-        print(draw_sheet(shown, options.sheet))
-        return 0
-    rows = table(shown, read_counts(options.measured))
-    if options.markdown:
-        print(as_markdown(rows))
-        return 0
-    print(as_text(rows))
-    for sequence in sequences if options.names else ():
-        print(f"{sequence.name}, beside the recording: {sequence.differs}")
+
+def _list(options: argparse.Namespace) -> int:
+    chosen = _chosen(options)
+    print(as_text(table(each(chosen, "listing", len(chosen), unit="sequences"), read_counts(options.measured))))
+    for sequence in chosen if options.names else ():
+        print(f"{sequence.name}, next to the recording: {sequence.differs}")
     return 0
 
 
-def _count(sequences: list[Sequence], path: Path) -> None:
-    from tqdm import tqdm
+def _table(options: argparse.Namespace) -> int:
+    chosen = each(_chosen(options), "listing", len(_chosen(options)), unit="sequences")
+    print(as_markdown(table(chosen, read_counts(options.measured))))
+    return 0
 
+
+def _sheet(options: argparse.Namespace) -> int:
+    chosen = each(_chosen(options), "simulating", len(_chosen(options)), unit="sequences")
+    print(draw_sheet(chosen, options.output))
+    return 0
+
+
+def _count(options: argparse.Namespace) -> int:
+    path = options.output
     counts = read_counts(path) if path.exists() else {}
     places = {name: place for place, name in enumerate(SEQUENCES)}
     write_counts(path, counts.values())  # fails before the counting, if it must
-    for sequence in sequences:
+    for sequence in _chosen(options):
         if sequence.name in counts:
             continue
-        with tqdm(total=sequence.paper.duration_s, unit="s", desc=sequence.name) as bar:
-            counts[sequence.name] = count_events(sequence, progress=bar.update)
+        with progress(sequence.name, sequence.paper.duration_s, unit="s") as bar:
+            counts[sequence.name] = count_events(sequence, progress=bar.advance)
         write_counts(path, sorted(counts.values(), key=lambda count: places.get(count.name, len(places))))
         print(f"{sequence.name}: {counts[sequence.name].events:,} events")
-
-
-def _named(name: str) -> Sequence:
-    if name not in SEQUENCES:
-        raise ValueError(f"there is no sequence {name!r}; there are {', '.join(SEQUENCES)}")
-    return SEQUENCES[name]
+    return 0

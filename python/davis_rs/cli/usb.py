@@ -22,18 +22,18 @@ from ..usb.raw_file import RawRecording, RawWriter, is_raw
 from ..usb.settings import ACCELEROMETER_RANGES_G, GYROSCOPE_RANGES_DEG_S, DavisSettings
 from ..usb.virtual_davis import VirtualDavis
 from .common import SCENE_HELP
+from .files import add_max_packet_bytes
 
 
-def add_usb(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Add the commands to the command line's."""
-    devices = commands.add_parser("devices", help="list the cameras that are plugged in")
+def add_devices(devices: argparse.ArgumentParser) -> None:
+    """Add the command's arguments."""
+
     devices.set_defaults(run=_devices)
 
-    record = commands.add_parser(
-        "record",
-        help="record a camera",
-        description="Record a camera until Ctrl-C, for a given time, or until it is unplugged.",
-    )
+
+def add_record(record: argparse.ArgumentParser) -> None:
+    """Add the command's arguments."""
+    record.description = "Record a camera until Ctrl-C, for a given time, or until it is unplugged."
     record.set_defaults(run=_record)
     record.add_argument(
         "-o", "--output", required=True, type=Path, metavar="FILE",
@@ -53,7 +53,10 @@ def add_usb(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> No
     record.add_argument("--gyroscope-range", type=int, default=500, choices=GYROSCOPE_RANGES_DEG_S, help="+- deg/s")
     _add_backward(record)
 
-    decode = commands.add_parser("decode", help="decode a recording: of record, or AEDAT 2.0, 3.1, 4")
+
+def add_decode(decode: argparse.ArgumentParser) -> None:
+    """Add the command's arguments."""
+
     decode.set_defaults(run=_decode)
     decode.add_argument("recording", type=Path, metavar="FILE")
     decode.add_argument(
@@ -64,6 +67,7 @@ def add_usb(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> No
         help=".npz (all) or an event file; if not given, count",
     )
     _add_backward(decode)
+    add_max_packet_bytes(decode)
 
 
 def _add_backward(parser: argparse.ArgumentParser) -> None:
@@ -121,7 +125,7 @@ def _record(options: argparse.Namespace) -> int:
     from ..usb.virtual_backend import VirtualBackend
     from ..virtual_scene import virtual_davis_of_scene
 
-    virtual = virtual_davis_of_scene(load_scene(options.virtual), duration_s=options.duration, progress=True)
+    virtual = virtual_davis_of_scene(load_scene(options.virtual), duration_s=options.duration, show_progress=True)
     with Davis.open(options.serial, settings=settings, backend=VirtualBackend(virtual)) as camera:
         return _record_camera(camera, options, virtual)
 
@@ -192,7 +196,11 @@ class LiveOutput:
 
 
 def _decode(options: argparse.Namespace) -> int:
-    source = BytesOfCamera(options.recording) if is_raw(options.recording) else FileOfSoftware(options.recording)
+    source = (
+        BytesOfCamera(options.recording)
+        if is_raw(options.recording)
+        else FileOfSoftware(options.recording, options.max_packet_bytes)
+    )
     output = None if options.output is None else decoded_output(options.output, source.size, backward=options.backward)
     counts = {"events": 0, "IMU samples": 0, "frames": 0, "triggers": 0}
     said: list[str] = []
@@ -243,8 +251,8 @@ class BytesOfCamera:
 class FileOfSoftware:
     """An AEDAT file; its times count from its first."""
 
-    def __init__(self, path: Path) -> None:
-        recording = read_recording(path)
+    def __init__(self, path: Path, max_packet_bytes: int) -> None:
+        recording = read_recording(path, max_packet_bytes=max_packet_bytes)
         self._recording = recording.from_start()
         self.size = (recording.width, recording.height)
         started = "" if recording.started is None else f", {recording.started:%Y-%m-%d %H:%M:%S}"

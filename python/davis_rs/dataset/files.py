@@ -19,6 +19,7 @@ import numpy.typing as npt
 from ..events import EventArray
 from ..formats.system import naming
 from ..formats.text import TextFormat
+from ..holding import Hold
 from ..pose import Pose
 
 
@@ -100,9 +101,9 @@ def imu_line(t_us: int, values: npt.NDArray[np.float64]) -> str:
     return " ".join([stamp(t_us), *map(repr, values.tolist())]) + "\n"
 
 
-def as_grey(frame: npt.NDArray[np.float32], exposure: float) -> npt.NDArray[np.uint8]:
-    """Linear luma as an 8-bit frame: round(255 x exposure x luma), clipped."""
-    return np.rint(np.minimum(255 * exposure * frame.astype(np.float64), 255)).astype(np.uint8)
+def as_grey(frame: npt.NDArray[np.float32], image_gain: float) -> npt.NDArray[np.uint8]:
+    """Linear luma as an 8-bit frame: round(255 x image_gain x luma), clipped."""
+    return np.rint(np.minimum(255 * image_gain * frame.astype(np.float64), 255)).astype(np.uint8)
 
 
 def encode_png(grey: npt.NDArray[np.uint8]) -> bytes:
@@ -159,11 +160,13 @@ def _plain(value: object) -> object:
     raise TypeError(f"meta.json cannot hold {value!r} ({type(value).__name__})")
 
 
-def claim_folder(path: Path, *, overwrite: bool) -> None:
-    """Make ``path`` an empty dataset folder, or refuse."""
+def claim_folder(path: Path, *, overwrite: bool) -> Hold:
+    """Make ``path`` an empty dataset folder, for one writer alone, or refuse."""
     if path.exists() and not path.is_dir():
         raise FileExistsError(errno.EEXIST, "a file is in the way of the dataset folder", str(path))
-    if path.is_dir() and any(path.iterdir()):
+    path.mkdir(parents=True, exist_ok=True)
+    hold = Hold(path)
+    if any(path.iterdir()):
         if not overwrite:
             raise FileExistsError(
                 errno.EEXIST, "the folder is not empty; overwrite=True replaces a dataset in it", str(path)
@@ -173,7 +176,7 @@ def claim_folder(path: Path, *, overwrite: bool) -> None:
                 errno.EEXIST, f"will not overwrite: no dataset in it (no {EVENTS} and {META})", str(path)
             )
         _remove_dataset(path)
-    path.mkdir(parents=True, exist_ok=True)
+    return hold
 
 
 def _remove_dataset(path: Path) -> None:

@@ -9,7 +9,7 @@ import re
 import warnings
 from collections.abc import Iterator
 from functools import cached_property
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,6 +22,7 @@ from ..formats.interface import TruncatedFileWarning
 from ..formats.text import TextFormat
 from ..imu import IMU_DTYPE, ImuArray
 from ..pose import GroundTruth
+from ..untrusted import decoding, read_limited, read_text
 from .files import (
     CALIBRATION,
     DEPTH_MAPS,
@@ -33,6 +34,9 @@ from .files import (
     META,
     ImageSeries,
 )
+
+_MOST_PIXELS = 1 << 26
+"""Of an image, 268 MB of float32."""
 
 
 class StampedImage(NamedTuple):
@@ -65,33 +69,55 @@ class Dataset:
         if names.isdisjoint({EVENTS, META, CALIBRATION, GROUND_TRUTH, FRAMES.list_name}):
             raise FileNotFoundError(f"{self.path} is not a dataset: none of {EVENTS}, {META}, {CALIBRATION}, ... in it")
 
+    @property
+    def image_gain(self) -> float | None:
+        """Grey value of a frame over 255 x luma, from ``meta.json``; older folders call it ``exposure``. None: not
+        known."""
+        gain = self.meta.get("image_gain", self.meta.get("exposure"))
+        return None if gain is None else float(gain)
+
+    def __repr__(self) -> str:
+        duration_us = self.meta.get("duration_us")
+        parts = [str(self.path), "sensor unknown" if self.size is None else "{} x {} px".format(*self.size)]
+        if isinstance(duration_us, int):
+            parts.append(f"{duration_us / 1e6:.6g} s")
+        return f"<Dataset {', '.join(parts)}>"
+
     @cached_property
     def meta(self) -> dict[str, Any]:
         """The contents of ``meta.json``."""
         path = self.path / META
         if not path.exists():
             return {}
+        text = read_text(path)
         try:
-            meta = json.loads(path.read_bytes())
+            meta = json.loads(text)
         except json.JSONDecodeError as error:
             raise DecodeError(f"{path}, line {error.lineno}: {error.msg}") from None
-        except UnicodeDecodeError as error:
-            raise DecodeError(f"{path}, byte {error.start}: {error.reason}") from None
+        except (RecursionError, ValueError) as error:  # nested too deeply, or a number of too many digits
+            raise DecodeError(f"{path}: {error}") from None
         if not isinstance(meta, dict):
             raise DecodeError(f"{path}: expected a JSON object, found {type(meta).__name__}")
+        _check_meta(path, meta)
         return meta
 
     @cached_property
-    def camera(self) -> Camera:
-        """The calibration; the sensor size comes from ``meta.json``, else the first frame, else is 240 x 180."""
-        width, height = 240, 180
+    def size(self) -> tuple[int, int] | None:
+        """(width, height) of the sensor in pixels: of ``meta.json``, else of the first frame; None if neither says."""
         if "sensor" in self.meta:
             try:
                 width, height = (int(self.meta["sensor"][name]) for name in ("width", "height"))
-            except (KeyError, TypeError, ValueError):
+            except (KeyError, TypeError, ValueError, OverflowError):
                 raise DecodeError(f'{self.path / META}: "sensor" must hold the numbers width and height') from None
-        elif self.frames and self.frames[0].path.exists():
+        if self.frames and self.frames[0].path.exists():
             height, width = self.read_image(0).shape
+            return width, height
+        return None
+
+    @cached_property
+    def camera(self) -> Camera:
+        """The calibration; its size is :attr:`size`, or 240 x 180 (the public dataset's) where nothing says it."""
+        width, height = self.size or (240, 180)
         return Camera.from_calib(self.path / CALIBRATION, width=width, height=height)
 
     @cached_property
@@ -138,12 +164,11 @@ class Dataset:
         from PIL import Image
 
         path = self.frames[index].path
-        data = path.read_bytes()
-        try:
-            with Image.open(io.BytesIO(data)) as image:
-                mode, pixels = image.mode, np.array(image)
-        except (OSError, SyntaxError, ValueError) as error:  # what Pillow raises for malformed contents
-            raise DecodeError(f"{path}: {error}") from None
+        data = read_limited(path)
+        with decoding(path), Image.open(io.BytesIO(data)) as image:
+            if image.width * image.height > _MOST_PIXELS:
+                raise DecodeError(f"{path}: an image may have {_MOST_PIXELS} pixels, found {image.size}")
+            mode, pixels = image.mode, np.array(image)
         if mode != "L":
             raise DecodeError(f"{path}: expected an 8-bit grey image, found mode {mode}")
         return pixels
@@ -154,7 +179,13 @@ class Dataset:
 
     def read_luma(self, index: int) -> npt.NDArray[np.float32]:
         """Luma map ``index``: linear luma, float32 (H, W)."""
-        return _read_exr(self.luma[index].path, "Y")
+        path = self.luma[index].path
+        luma = _read_exr(path, "Y")
+        wrong = ~((luma >= 0) & (luma < np.inf))
+        if wrong.any():
+            y, x = divmod(int(wrong.argmax()), luma.shape[1])
+            raise DecodeError(f"{path}: luma must be finite and >= 0, found {luma[y, x]} at pixel ({x}, {y})")
+        return luma
 
     @property
     def _unfinished(self) -> bool:
@@ -162,10 +193,13 @@ class Dataset:
 
     def _series(self, series: ImageSeries) -> list[StampedImage]:
         path = self.path / series.list_name
-        return [
-            StampedImage(_parse_stamp(words[0], path, number), self.path / words[1])
-            for number, words in self._lines(series.list_name, f"timestamp {series.folder}/name{series.suffix}")
-        ]
+        images = []
+        for number, words in self._lines(series.list_name, f"timestamp {series.folder}/name{series.suffix}"):
+            name = PurePosixPath(words[1])
+            if "\0" in words[1] or name.is_absolute() or ".." in name.parts:
+                raise DecodeError(f"{path}, line {number}: expected a file of this folder, found {words[1][:60]!r}")
+            images.append(StampedImage(_parse_stamp(words[0], path, number), self.path / name))
+        return images
 
     def _stamped_rows(self, name: str, layout: str, what: str) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float64]]:
         """A text file of stamps and numbers: times (n,) and numbers (n, k)."""
@@ -187,7 +221,7 @@ class Dataset:
         path = self.path / name
         if not path.exists():
             return
-        text = path.read_text(errors="replace")
+        text = read_text(path)
         if self._unfinished:
             text = text[: text.rfind("\n") + 1]
         for number, line in enumerate(text.splitlines(), 1):
@@ -197,6 +231,38 @@ class Dataset:
             if len(words) != len(layout.split()):
                 raise DecodeError(f"{path}, line {number}: expected '{layout}', found {line[:60]!r}")
             yield number, words
+
+
+_META_TYPES: dict[str, tuple[type, ...]] = {
+    "sensor": (dict,),
+    "complete": (bool,),
+    "interrupted": (bool,),
+    "duration_us": (int,),
+    "counts": (dict,),
+    "parameters": (dict,),
+    "effects": (dict,),
+}
+"""Of what is read from ``meta.json``; null stands for what is not known."""
+_PARAMETERS = ("contrast_threshold", "contrast_threshold_off", "log_eps", "frame_rate_hz", "depth_rate_hz")
+
+
+def _check_meta(path: Path, meta: dict[str, Any]) -> None:
+    """Refuse values of types that nobody expects."""
+    for key, types in _META_TYPES.items():
+        value = meta.get(key)
+        if value is not None and (not isinstance(value, types) or (bool not in types and isinstance(value, bool))):
+            raise DecodeError(f"{path}: {key!r} must be of type {types[0].__name__}, found {value!r:.60}")
+    if not -(2**63) <= (meta.get("duration_us") or 0) < 2**63:
+        raise DecodeError(f"{path}: 'duration_us' must fit 64 bits, found {meta['duration_us']!r:.60}")
+    parameters = meta.get("parameters") or {}
+    for key in _PARAMETERS:
+        value = parameters.get(key)
+        number = isinstance(value, int | float) and not isinstance(value, bool)
+        if value is not None and not (number and 0 < value < _LARGEST_PARAMETER):
+            raise DecodeError(f"{path}: the parameter {key!r} must be a positive number, found {value!r:.60}")
+
+
+_LARGEST_PARAMETER = 1e12
 
 
 def _parse_stamp(word: str, path: Path, number: int) -> int:
@@ -211,13 +277,16 @@ def _parse_stamp(word: str, path: Path, number: int) -> int:
 def _read_exr(path: Path, channel: str) -> npt.NDArray[np.float32]:
     import OpenEXR
 
-    data = path.read_bytes()
-    try:
+    data = read_limited(path)
+    with decoding(path):
+        # Its size before its pixels, for which it would take the memory.
+        with OpenEXR.File(io.BytesIO(data), header_only=True) as file:
+            low, high = (np.asarray(corner, np.int64) for corner in file.header()["dataWindow"])
+        if (high < low).any() or (high - low + 1).prod() > _MOST_PIXELS:
+            raise DecodeError(f"{path}: an image may have {_MOST_PIXELS} pixels, found a window of {low} to {high}")
         with OpenEXR.File(io.BytesIO(data)) as file:
             channels = dict(file.channels())
             pixels = channels[channel].pixels if channel in channels else None
-    except (RuntimeError, ValueError, TypeError) as error:
-        raise DecodeError(f"{path}: {error}") from None
     if pixels is None or pixels.dtype != np.float32:
         raise DecodeError(f"{path}: expected a float32 channel {channel!r}, found {sorted(channels)}")
     return np.asarray(pixels, np.float32)

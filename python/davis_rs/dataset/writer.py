@@ -47,16 +47,17 @@ _FRAME_FULL_SCALE = 0.8
 _FRAME_PERCENTILE = 98.0
 
 
-def exposure_for(frame: npt.NDArray[np.float32]) -> float:
-    """The exposure at which the frame's 98th percentile comes to 0.8 of full scale; 1.0 where that is black."""
+def image_gain_for(frame: npt.NDArray[np.float32]) -> float:
+    """The image gain at which the frame's 98th percentile comes to 0.8 of full scale; 1.0 where that is black."""
     white = float(np.percentile(frame, _FRAME_PERCENTILE))
     return _FRAME_FULL_SCALE / white if white > 0 else 1.0
 
 
-def check_exposure(exposure: float | None) -> None:
-    """Refuse, by a ValueError, an exposure that is not positive and finite; None is one that is still to be chosen."""
-    if exposure is not None and not 0 < exposure < math.inf:
-        raise ValueError(f"exposure must be positive and finite, got {exposure}")
+def check_image_gain(image_gain: float | None) -> None:
+    """Refuse, by a ValueError, an image gain that is not positive and finite; None is one that is still to be
+    chosen."""
+    if image_gain is not None and not 0 < image_gain < math.inf:
+        raise ValueError(f"image_gain must be positive and finite, got {image_gain}")
 
 
 class DatasetWriter:
@@ -76,8 +77,9 @@ class DatasetWriter:
     Args:
         path: the folder; made if it does not exist.
         camera: its size is the sensor's and its calibration goes to ``calib.txt``.
-        exposure: a frame's grey value is round(255 * exposure * luma), clipped to 0..255. By default it is chosen once,
-            from the first frame, so that its 98th percentile comes to 0.8 of full scale (1.0 where that is black).
+        image_gain: a frame's grey value is round(255 * image_gain * luma), clipped to 0..255. By default it is chosen
+            once, from the first frame, so that its 98th percentile comes to 0.8 of full scale (1.0 where that is
+            black).
         overwrite: replace a dataset that is already there. Only the files of a dataset are removed; any others in the
             folder stay.
         check_frames: every how many frames the linear luma is stored too; 0 stores only the first and the last.
@@ -87,8 +89,8 @@ class DatasetWriter:
     Raises:
         FileExistsError: if ``path`` is a file, or a folder that is not empty (with ``overwrite``: one that does not
             hold both ``events.txt`` and ``meta.json``, so that no other folder can be overwritten by mistake).
-        OSError: if the folder cannot be written, here or later, naming the file.
-        ValueError: for an exposure that is not positive and finite, a negative ``check_frames``, or an IMU beside a
+        OSError: if the folder cannot be written, here or later, naming the file; EBUSY if another writer has it.
+        ValueError: for an image gain that is not positive and finite, a negative ``check_frames``, or an IMU beside a
             camera with k3, for which Kalibr has no model.
 
     Source: Mueggler et al., "The Event-Camera Dataset and Simulator", IJRR 2017, section 5 (file formats).
@@ -99,18 +101,18 @@ class DatasetWriter:
         path: str | Path,
         camera: Camera,
         *,
-        exposure: float | None = None,
+        image_gain: float | None = None,
         overwrite: bool = False,
         check_frames: int = 8,
         imu: Imu | None = None,
         meta: Mapping[str, Any] | None = None,
     ) -> None:
-        check_exposure(exposure)
+        check_image_gain(image_gain)
         if check_frames < 0:
             raise ValueError(f"check_frames must be >= 0, got {check_frames}")
         self.path = Path(path)
         self.camera = camera
-        self.exposure = exposure
+        self.image_gain = image_gain
         self._check_frames = check_frames
         self._meta = as_json(meta or {})
         self._end_us = 0
@@ -120,7 +122,7 @@ class DatasetWriter:
             {} if imu is None else {KALIBR_IMU: kalibr_imu(imu), KALIBR_CAMERA_CHAIN: kalibr_camera_chain(camera, imu)}
         )
         self._pending_luma: tuple[int, npt.NDArray[np.float32]] | None = None
-        claim_folder(self.path, overwrite=overwrite)
+        self._hold = claim_folder(self.path, overwrite=overwrite)
         self._open = True
         self._events = EventFile(self.path / EVENTS)
         self._frames = ImageFiles(self.path, FRAMES)
@@ -174,7 +176,7 @@ class DatasetWriter:
         """Close every file, write ``meta.json`` and return what it holds.
 
         ``meta.json`` holds ``meta`` (added to what the constructor was given) and, under keys that are the writer's
-        own, ``sensor``, ``exposure`` (null where no frame was written), ``counts`` (``events``, ``on_events``,
+        own, ``sensor``, ``image_gain`` (null where no frame was written), ``counts`` (``events``, ``on_events``,
         ``frames``, ``depth_maps``, ``luma_maps``, ``poses``, ``imu_samples``), ``duration_us`` (the end of the last
         packet), ``complete`` and ``interrupted``.
 
@@ -193,7 +195,9 @@ class DatasetWriter:
             self._write_luma()
         finally:
             self._events.close()
-        return self._write_meta(complete=not interrupted, interrupted=interrupted)
+        written = self._write_meta(complete=not interrupted, interrupted=interrupted)
+        self._hold.release()
+        return written
 
     def __enter__(self) -> DatasetWriter:
         return self
@@ -270,14 +274,14 @@ class DatasetWriter:
         return array
 
     def _write_frame(self, t_us: int, luma: npt.NDArray[np.float32], frame: npt.NDArray[np.float32]) -> None:
-        if self.exposure is None:
-            self.exposure = exposure_for(frame)
+        if self.image_gain is None:
+            self.image_gain = image_gain_for(frame)
             self._write_meta(complete=False)
         number = self._frames.count
         self._pending_luma = (t_us, luma.copy())
         if number == 0 or (self._check_frames and number % self._check_frames == 0):
             self._write_luma()
-        self._frames.write(t_us, encode_png(as_grey(frame, self.exposure)))
+        self._frames.write(t_us, encode_png(as_grey(frame, self.image_gain)))
 
     def _write_luma(self) -> None:
         if self._pending_luma is not None:
@@ -298,11 +302,12 @@ class DatasetWriter:
             if interrupted:  # nothing is wrong with what was written: let it be checked to its last frame
                 self._write_luma()
             self._write_meta(complete=False, interrupted=interrupted)
+        self._hold.release()
 
     def _write_meta(self, *, complete: bool, interrupted: bool = False) -> dict[str, Any]:
         meta = self._meta | {
             "sensor": {"width": self.camera.width, "height": self.camera.height},
-            "exposure": self.exposure,
+            "image_gain": self.image_gain,
             "counts": {
                 "events": self._events.count,
                 "on_events": self._events.on_count,

@@ -40,7 +40,7 @@ class DifferentiableRenderer:
     def __init__(
         self, scene: Scene, camera: Camera | None = None, *, samples: int = 4, blur: bool | None = None
     ) -> None:
-        self.camera = scene.camera if camera is None else camera
+        self.camera = scene.own_camera if camera is None else camera
         self.samples, self.blur = samples, scene.blur if blur is None else blur
         if scene.objects or scene.lights:
             changing = ", ".join([*scene.objects, *scene.lights])

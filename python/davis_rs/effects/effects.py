@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import MISSING, Field, dataclass, field, fields
 from typing import Any
 
+from ..close_names import did_you_mean
 from .aps import Aps
 from .effect import Effect
 from .engine_effect import EngineEffect
@@ -45,8 +46,8 @@ class Effects:
     >>> Effects(refractory_period_us=100, leak_rate_hz=0.1)
 
     Each argument is an object of the effect's class, or a number: its first parameter. An effect with neutral values is
-    off, and becomes None; over a sensor's (:meth:`over`) it switches that one off. What an effect does is said by its
-    class.
+    off, and becomes None; over a sensor's (:meth:`with_defaults`) it switches that one off. What an effect does is said
+    by its class.
 
     Raises:
         ValueError: for values out of range, naming the effect, the value and the range.
@@ -96,10 +97,17 @@ class Effects:
         given: dict[str, Any] = {effect.name: effect for effect in effects}
         return cls(**given)
 
-    def over(self, others: Effects) -> Effects:
+    def with_defaults(self, others: Effects) -> Effects:
         """These, and of the others those that are not given here, not even with neutral values."""
         kept = [effect for effect in others if effect.name not in self.switched_off]
-        return Effects.of([*kept, *self])
+        return Effects.of([*kept, *self]).without(self.switched_off)
+
+    def without(self, names: Iterable[str]) -> Effects:
+        """These, with the named ones switched off: no defaults bring them back."""
+        off = frozenset(names)
+        kept = Effects.of(effect for effect in self if effect.name not in off)
+        object.__setattr__(kept, "switched_off", self.switched_off | off)
+        return kept
 
     def __iter__(self) -> Iterator[Effect]:
         """Those that are on, in the order in which light and events meet them."""
@@ -131,7 +139,7 @@ def parse_effect(text: str, among: Mapping[str, type[Effect]] = EFFECTS) -> Effe
     """
     name, _, rest = text.partition("=")
     if name not in among:
-        raise ValueError(f"there is no effect {name!r}; there are {', '.join(among)}")
+        raise ValueError(f"there is no effect {name!r}; there are {', '.join(among)}{did_you_mean(name, among)}")
     effect_class = among[name]
     parameters: list[Field[Any]] = [one for one in fields(effect_class) if one.init]  # type: ignore[arg-type]
     names = [parameter.name for parameter in parameters]

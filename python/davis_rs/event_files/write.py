@@ -5,8 +5,10 @@ from __future__ import annotations
 import os
 from typing import Any
 
+from ..close_names import did_you_mean
 from ..formats.interface import EventWriter, Target
 from ..formats.registry import format_named, format_of_suffix
+from ..holding import FileHold
 
 
 def open_writer(
@@ -29,7 +31,7 @@ def open_writer(
         ValueError: for a suffix or a name that stands for no format, or a sensor that the format cannot hold.
         TypeError: for an option that the format does not have.
         FileExistsError: if the file exists and ``overwrite`` is not set.
-        OSError: if it cannot be made.
+        OSError: if it cannot be made; EBUSY if another writer has it.
     """
     if format is not None:
         chosen = format_named(format)
@@ -37,4 +39,16 @@ def open_writer(
         chosen = format_of_suffix(path)
     else:
         raise ValueError("a stream has no suffix that would tell the format: give format=")
-    return chosen.open_writer(path, size, overwrite=overwrite, **options)
+    for name in options:
+        if name not in chosen.options:
+            has = f"it has {', '.join(chosen.options)}" if chosen.options else "it has none"
+            raise TypeError(
+                f"the format {chosen.name} has no option {name!r}{did_you_mean(name, chosen.options)}; {has}"
+            )
+    if not isinstance(path, str | os.PathLike):
+        return chosen.open_writer(path, size, overwrite=overwrite, **options)
+    hold = FileHold(path)  # before a file that is there is emptied
+    writer = chosen.open_writer(path, size, overwrite=overwrite, **options)
+    hold.extend()
+    writer.hold = hold
+    return writer

@@ -9,13 +9,15 @@ from typing import Literal
 from .._core import EventFileReader
 from .core_files import CoreReader, CoreWriter
 from .interface import EventWriter, Format, Limits, Target
+from .reading import ReadRules
 
 
 class Aedat4Reader(CoreReader):
     """Reads AEDAT 4.0; of a slice of time, its packets alone, if the file has a table of contents."""
 
     def _open(self, start_us: int | None = None, stop_us: int | None = None) -> EventFileReader:
-        return EventFileReader(self.path, self.format, start_us=start_us, stop_us=stop_us)
+        limit = self.rules.max_packet_bytes
+        return EventFileReader(self.path, self.format, start_us=start_us, stop_us=stop_us, max_packet_bytes=limit)
 
 
 class Aedat4Format(Format):
@@ -34,6 +36,7 @@ class Aedat4Format(Format):
 
     name = "aedat4"
     suffixes = (".aedat4",)
+    options = ("compression", "level", "start_us")
     limits = Limits(width=32_768, height=32_768)
 
     def sniff(self, head: bytes, path: Path) -> bool:
@@ -64,5 +67,5 @@ class Aedat4Format(Format):
             start_us=start_us,
         )
 
-    def open_reader(self, path: str | os.PathLike[str]) -> Aedat4Reader:
-        return Aedat4Reader(path, format=self.name)
+    def open_reader(self, path: str | os.PathLike[str], rules: ReadRules = ReadRules()) -> Aedat4Reader:  # noqa: B008
+        return Aedat4Reader(path, format=self.name, limits=self.limits, rules=rules)

@@ -18,6 +18,7 @@ from .bag_reader import BagReader
 from .extras import from_extra
 from .files import claim
 from .interface import EventWriter, Failing, Format, Limits, Target
+from .reading import ReadRules
 from .system import naming
 
 if TYPE_CHECKING:
@@ -152,15 +153,16 @@ class BagWriter(EventWriter):
         """Write one message of a topic other than the events'."""
         if not 0 <= t_us <= self._limits.latest_us:
             raise ValueError(f"a time of ROS must lie in 0..{self._limits.latest_us} us: got {t_us}")
-        self._refuse_if_over()
-        topic, type_ = kind
-        store = messages.typestore()
-        sequence = self._sequences.get(topic, 0)
-        head = messages.header(sequence, t_us, self._frame_id if frame_id is None else frame_id)
-        data = store.serialize_ros1(store.types[type_](header=head, **fields), type_)
-        self._sequences[topic] = sequence + 1
-        with Failing(self):
-            self._put(self._connection(kind), t_us, bytes(data))
+        with self._turn:
+            self._refuse_if_over()
+            topic, type_ = kind
+            store = messages.typestore()
+            sequence = self._sequences.get(topic, 0)
+            head = messages.header(sequence, t_us, self._frame_id if frame_id is None else frame_id)
+            data = store.serialize_ros1(store.types[type_](header=head, **fields), type_)
+            self._sequences[topic] = sequence + 1
+            with Failing(self):
+                self._put(self._connection(kind), t_us, bytes(data))
 
     def _encode(self, packet: EventArray) -> None:
         # Where the interval changes: cut there, and where a message is full.
@@ -242,6 +244,7 @@ class BagFormat(Format):
 
     name = "bag"
     suffixes = (".bag",)
+    options = ("message_us", "message_events", "compression", "frame_id")
     limits = Limits(latest_us=_LATEST_US)
 
     def sniff(self, head: bytes, path: Path) -> bool:
@@ -250,5 +253,5 @@ class BagFormat(Format):
     def open_writer(self, target: Target, size: tuple[int, int], *, overwrite: bool, **options: Any) -> BagWriter:
         return BagWriter(target, format=self.name, size=size, limits=self.limits, overwrite=overwrite, **options)
 
-    def open_reader(self, path: str | os.PathLike[str]) -> BagReader:
-        return BagReader(Path(path), format=self.name, caller=CALLER)
+    def open_reader(self, path: str | os.PathLike[str], rules: ReadRules = ReadRules()) -> BagReader:  # noqa: B008
+        return BagReader(Path(path), format=self.name, caller=CALLER, rules=rules)

@@ -11,10 +11,12 @@ import numpy.typing as npt
 
 from .._core import DecodeError, unpack_event_message
 from ..events import EventArray
+from ..untrusted import decoding, guarded
 from . import bag_messages as topics
-from .bag_records import scan_messages
+from .bag_records import scan_messages, unpackers
 from .extras import from_extra
 from .interface import EventReader, warn_truncated
+from .reading import ReadRules
 
 if TYPE_CHECKING:
     from rosbags.rosbag1 import Reader
@@ -35,30 +37,46 @@ class BagReader(EventReader):
         DecodeError: if it is no bag, or has no events.
     """
 
-    def __init__(self, path: Path, *, format: str, caller: str) -> None:
+    def __init__(self, path: Path, *, format: str, caller: str, rules: ReadRules) -> None:
         with from_extra("ros"):
             from rosbags.rosbag1 import Reader
-            from rosbags.rosbag1.reader import ReaderError
         path.open("rb").close()  # the system's own error, where there is one
         self._reader: Reader | None = Reader(path)
         self._done = 0.0
-        try:
-            self._reader.open()
-        except ReaderError as error:
-            if "not indexed" not in str(error):
-                raise DecodeError(f"{path}: {error}") from error
-            self._reader = None
+        self._limit = rules.max_packet_bytes
+        with decoding(path, "the index"):
+            try:
+                self._reader.open()
+            except Exception as error:
+                if "not indexed" not in str(error):
+                    raise
+                self._reader = None
+        if self._reader is None:
             warn_truncated(path, "the bag was never finished and has no index; what is whole in it is read")
-        except AssertionError as error:  # how rosbags meets a broken index
-            raise DecodeError(f"{path}: the index is broken") from error
+        else:
+            self._limit_chunks(self._reader)
         self._caller = caller
         self.path = path
         try:
-            size = self._first_size()
+            with decoding(path):
+                size = self._first_size()
         except BaseException:
             self.close()
             raise
-        super().__init__(path, format=format, size=size)
+        super().__init__(path, format=format, size=size, rules=rules)
+
+    def _limit_chunks(self, reader: Reader) -> None:
+        """Have a bag's chunks unpacked to no more than the limit."""
+        from rosbags.rosbag1.reader import decompressors
+
+        path = Path(reader.path)
+        limited = unpackers(path, self._limit)
+        names = {id(decompressor): name for name, decompressor in decompressors.items()}
+        size = path.stat().st_size
+        for place, chunk in reader.chunks.items():
+            if chunk.datasize > size:
+                raise DecodeError(f"{path}: a chunk of {chunk.datasize} bytes goes beyond the file's end")
+            reader.chunks[place] = chunk._replace(decompressor=limited[names[id(chunk.decompressor)]])
 
     @property
     def progress(self) -> float:
@@ -114,9 +132,11 @@ class BagReader(EventReader):
     def messages(self, topic: str) -> Iterator[tuple[int, Any]]:
         """All messages of a topic as (t_us of its header's stamp, message as rosbags has it)."""
         store = topics.typestore()
-        for _, type_, _, data in self._raw(lambda name, _: name == topic):
-            message = store.deserialize_ros1(data, type_)
-            yield topics.stamp_us(message.header.stamp), message
+        for _, type_, _, data in guarded(self.path, self._raw(lambda name, _: name == topic)):
+            with decoding(self.path, f"a message of {topic}"):
+                message = store.deserialize_ros1(data, type_)
+                t_us = topics.stamp_us(message.header.stamp)
+            yield t_us, message
 
     def _packets(self, chunk: int, start_us: int | None, stop_us: int | None) -> Iterator[EventArray]:
         for *_, data in self._raw(_is_events, start_us, stop_us):
@@ -133,7 +153,8 @@ class BagReader(EventReader):
 
     def _first_size(self) -> tuple[int, int] | None:
         for *_, data in self._raw(_is_events):
-            return self._unpack(data)[1]
+            width, height = self._unpack(data)[1]
+            return (width, height) if width and height else None
         return None
 
     def _raw(
@@ -141,28 +162,23 @@ class BagReader(EventReader):
     ) -> Iterator[tuple[str, str, int, bytes]]:
         """(topic, type, time in ns, bytes) of the messages whose (topic, type) is wanted."""
         if self._reader is None:
-            for message in scan_messages(self.path):
+            for message in scan_messages(self.path, self._limit):
                 if wanted(message.topic, message.type):
                     self._done = message.share
                     yield message.topic, message.type, message.t_ns, message.data
             return
-        from rosbags.rosbag1.reader import ReaderError
-
         connections = [c for c in self._reader.connections if wanted(c.topic, c.msgtype)]
         if not connections:
             return
         ours = all(getattr(c.ext, "callerid", None) == self._caller for c in connections)
         start_ns = None if start_us is None or not ours else start_us * 1000
         first, last = self._reader.start_time, max(self._reader.end_time, self._reader.start_time + 1)
-        try:
-            for connection, t_ns, data in self._reader.messages(connections, start=start_ns):
-                self._done = (t_ns - first) / (last - first)
-                yield connection.topic, connection.msgtype, t_ns, data
-                # A message of ours holds nothing before the one ahead of it.
-                if ours and stop_us is not None and t_ns > stop_us * 1000:
-                    return
-        except (ReaderError, AssertionError) as error:
-            raise DecodeError(f"{self.path}: {error}") from error
+        for connection, t_ns, data in self._reader.messages(connections, start=start_ns):
+            self._done = (t_ns - first) / (last - first)
+            yield connection.topic, connection.msgtype, t_ns, data
+            # A message of ours holds nothing before the one ahead of it.
+            if ours and stop_us is not None and t_ns > stop_us * 1000:
+                return
 
     def _pixels(self, message: Any, dtype: np.dtype[Any], encodings: tuple[str, ...]) -> npt.NDArray[Any]:
         if message.encoding not in encodings:

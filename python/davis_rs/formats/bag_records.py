@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO, NamedTuple
+
+from .unpack import unpack_bz2, unpack_lz4
 
 if TYPE_CHECKING:
     from rosbags.rosbag1.reader import Header
@@ -23,23 +25,33 @@ class ScannedMessage(NamedTuple):
     share: float
 
 
-def scan_messages(path: Path) -> Iterator[ScannedMessage]:
-    """All whole messages, in the file's order.
+def unpackers(path: Path, limit: int) -> dict[str, Callable[[bytes], bytes]]:
+    """How the data of a chunk are unpacked, by the name of the compression; to at most ``limit`` bytes."""
+    return {
+        "none": lambda data: data,
+        "bz2": lambda data: unpack_bz2(path, data, limit),
+        "lz4": lambda data: unpack_lz4(path, data, limit),
+    }
+
+
+def scan_messages(path: Path, limit: int) -> Iterator[ScannedMessage]:
+    """All whole messages, in the file's order; a chunk may unpack to ``limit`` bytes.
 
     Source: http://wiki.ros.org/Bags/Format/2.0.
     """
-    from rosbags.rosbag1.reader import RecordType, decompressors
+    from rosbags.rosbag1.reader import RecordType
 
     size = path.stat().st_size
+    unpack = unpackers(path, limit)
     connections: dict[int, tuple[str, str]] = {}
     with path.open("rb") as file:
         file.seek(_HEAD)
-        for header, data in _records(file):
+        for header, data in _records(file, size):
             if header.get_uint8("op") != RecordType.CHUNK:
                 continue
-            chunk = decompressors[header.get_string("compression")](data)
+            chunk = unpack[header.get_string("compression")](data)
             share = file.tell() / size
-            for header, data in _records(io.BytesIO(chunk)):
+            for header, data in _records(io.BytesIO(chunk), len(chunk)):
                 operation, connection = header.get_uint8("op"), header.get_uint32("conn")
                 if operation == RecordType.CONNECTION:
                     connections[connection] = _named(header, data)
@@ -47,14 +59,22 @@ def scan_messages(path: Path) -> Iterator[ScannedMessage]:
                     yield ScannedMessage(*connections[connection], header.get_time("time"), data, share)
 
 
-def _records(stream: BinaryIO) -> Iterator[tuple[Header, bytes]]:
-    """(header, data) of each record, as long as they are whole."""
+def _records(stream: BinaryIO, size: int) -> Iterator[tuple[Header, bytes]]:
+    """(header, data) of each record of a stream of ``size`` bytes, as long as they are whole."""
     from rosbags.rosbag1.reader import Header, ReaderError, read_bytes, read_uint32
 
     while True:
+        # Lengths that go beyond the end are not asked of the system, which would find memory for them.
+        begin = stream.read(4)
+        if len(begin) < 4 or int.from_bytes(begin, "little") > size - stream.tell():
+            return
+        stream.seek(-4, io.SEEK_CUR)
         try:
             header = Header.read(stream)
-            yield header, read_bytes(stream, read_uint32(stream))
+            length = read_uint32(stream)
+            if length > size - stream.tell():
+                return
+            yield header, read_bytes(stream, length)
         except ReaderError:
             return
 

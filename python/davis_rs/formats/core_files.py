@@ -10,6 +10,7 @@ from typing import Any
 from .._core import EventFileReader, EventFileWriter
 from ..events import EventArray
 from .interface import EventReader, EventWriter, Failing, Limits, Target, warn_truncated
+from .reading import ReadRules
 
 _STEP = 1 << 13
 
@@ -45,8 +46,8 @@ class CoreWriter(EventWriter):
 class CoreReader(EventReader):
     """A reader of a format of the core."""
 
-    def __init__(self, path: str | os.PathLike[str], *, format: str) -> None:
-        super().__init__(path, format=format)
+    def __init__(self, path: str | os.PathLike[str], *, format: str, limits: Limits, rules: ReadRules) -> None:
+        super().__init__(path, format=format, rules=rules, extent=(limits.width, limits.height))
         # The beginning may hold the size; what does not begin as its format says is told at once.
         self._core = self._open()
         self._core.look()
@@ -58,7 +59,7 @@ class CoreReader(EventReader):
 
     def _open(self, start_us: int | None = None, stop_us: int | None = None) -> EventFileReader:
         """The core's reader of the whole file, or of a part of it with all events of a slice of time."""
-        return EventFileReader(self.path, self.format)
+        return EventFileReader(self.path, self.format, in_order=self.rules.in_order)
 
     def _packets(self, chunk: int, start_us: int | None, stop_us: int | None) -> Iterator[EventArray]:
         core = self._core = self._open(start_us, stop_us)

@@ -9,13 +9,16 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from .._core import check_events
+from .._core import DecodeError, check_events
 from ..events import EventArray
+from ..untrusted import decoding
 from .hdf5 import Hdf5Format, Hdf5Reader, Hdf5Writer
 from .interface import EventReader, EventWriter, Limits, Target
+from .reading import ReadRules
 
 _SPAN_US = 2**32
 """Times are stored as uint32 after ``t_offset``."""
+_LATEST_US = 2**62
 
 
 class DsecWriter(Hdf5Writer):
@@ -67,11 +70,22 @@ class DsecReader(Hdf5Reader):
 
     names = ("events/t", "events/x", "events/y", "events/p")
 
-    def __init__(self, path: str | os.PathLike[str], *, format: str) -> None:
-        super().__init__(path, format=format)
-        self._offset_us = int(self._file["t_offset"][()]) if "t_offset" in self._file else 0
+    def __init__(self, path: str | os.PathLike[str], *, format: str, rules: ReadRules) -> None:
+        super().__init__(path, format=format, rules=rules)
+        try:
+            with decoding(path, "t_offset"):
+                self._offset_us = int(self._file["t_offset"][()]) if "t_offset" in self._file else 0
+                if not -_LATEST_US < self._offset_us < _LATEST_US:
+                    raise ValueError(f"it must lie within +-2^62 us: found {self._offset_us}")
+        except BaseException:
+            self.close()
+            raise
 
     def _times(self, values: npt.NDArray[Any]) -> npt.NDArray[np.int64]:
+        if values.dtype.kind not in "iu":
+            raise DecodeError(f"{self.path}: t must hold integers, found {values.dtype}")
+        if len(values) and (int(values.max()) >= _LATEST_US or int(values.min()) <= -_LATEST_US):
+            raise DecodeError(f"{self.path}: times must lie within +-2^62 us of t_offset")
         return values.astype(np.int64) + self._offset_us
 
 
@@ -80,6 +94,7 @@ class DsecFormat(Hdf5Format):
 
     name = "dsec"
     suffixes = (".h5", ".hdf5")
+    options = ("compression", "level")
     limits = Limits()
     marks = ("events/t",)
 
@@ -104,5 +119,5 @@ class DsecFormat(Hdf5Format):
             **options,
         )
 
-    def open_reader(self, path: str | os.PathLike[str]) -> EventReader:
-        return DsecReader(Path(path), format=self.name)
+    def open_reader(self, path: str | os.PathLike[str], rules: ReadRules = ReadRules()) -> EventReader:  # noqa: B008
+        return DsecReader(Path(path), format=self.name, rules=rules)

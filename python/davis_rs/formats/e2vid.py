@@ -10,9 +10,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from .._core import DecodeError
 from ..events import EventArray
+from ..untrusted import decoding
 from .hdf5 import Hdf5Format, Hdf5Reader, Hdf5Writer
 from .interface import Failing, Limits, Target
+from .reading import ReadRules
 
 
 class E2vidWriter(Hdf5Writer):
@@ -42,13 +45,17 @@ class E2vidWriter(Hdf5Writer):
             ValueError: for another shape or type, or a negative time.
             OSError: if the system refuses.
         """
-        self._refuse_if_over()
         width, height = self.size
         if image.shape != (height, width) or image.dtype != np.uint8 or t_us < 0:
             raise ValueError(
                 f"an image must be uint8 of shape {(height, width)} at 0 us or later: "
                 f"got {image.dtype}, {image.shape}, {t_us} us"
             )
+        with self._turn:
+            self._refuse_if_over()
+            self._append_image(t_us, image)
+
+    def _append_image(self, t_us: int, image: npt.NDArray[np.uint8]) -> None:
         with Failing(self), self._telling():
             root, images = self._hdf5.file.attrs, self._hdf5.file["images"]
             dataset = images.create_dataset(f"image{len(images):09d}", data=image)
@@ -95,10 +102,15 @@ class E2vidReader(Hdf5Reader):
         """Intensity frames as (t_us, uint8 (height, width)), in the order of their names."""
         group = self._file.get("images", {})
         for name in sorted(group):
-            yield round(float(group[name].attrs["timestamp"]) * 1e6), group[name][:]
+            with decoding(self.path, f"image {name}"):
+                t_us, image = round(float(group[name].attrs["timestamp"]) * 1e6), group[name][:]
+            yield t_us, image
 
     def _times(self, values: npt.NDArray[Any]) -> npt.NDArray[np.int64]:
-        return np.rint(np.asarray(values, np.float64) * 1e6).astype(np.int64)
+        microseconds = np.rint(np.asarray(values, np.float64) * 1e6)
+        if not (np.abs(microseconds) < 2.0**63).all():  # NaN is not, either
+            raise DecodeError(f"{self.path}: times must be finite, and below 2^63 us")
+        return microseconds.astype(np.int64)
 
 
 class E2vidFormat(Hdf5Format):
@@ -106,6 +118,7 @@ class E2vidFormat(Hdf5Format):
 
     name = "e2vid"
     suffixes = (".h5", ".hdf5")
+    options = ("compression", "level")
     limits = Limits(latest_us=2**31 * 1_000_000 - 1, width=32_768, height=32_768)
     marks = ("events/ts",)
 
@@ -130,5 +143,5 @@ class E2vidFormat(Hdf5Format):
             **options,
         )
 
-    def open_reader(self, path: str | os.PathLike[str]) -> E2vidReader:
-        return E2vidReader(Path(path), format=self.name)
+    def open_reader(self, path: str | os.PathLike[str], rules: ReadRules = ReadRules()) -> E2vidReader:  # noqa: B008
+        return E2vidReader(Path(path), format=self.name, rules=rules)

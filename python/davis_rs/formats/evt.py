@@ -8,6 +8,7 @@ from pathlib import Path
 
 from .core_files import CoreReader, CoreWriter
 from .interface import EventWriter, Format, Limits, Target
+from .reading import ReadRules
 
 
 class EvtFormat(Format):
@@ -33,8 +34,8 @@ class EvtFormat(Format):
     def open_writer(self, target: Target, size: tuple[int, int], *, overwrite: bool) -> EventWriter:
         return CoreWriter(target, format=self.name, size=size, limits=self.limits, overwrite=overwrite)
 
-    def open_reader(self, path: str | os.PathLike[str]) -> CoreReader:
-        return CoreReader(path, format=self.name)
+    def open_reader(self, path: str | os.PathLike[str], rules: ReadRules = ReadRules()) -> CoreReader:  # noqa: B008
+        return CoreReader(path, format=self.name, limits=self.limits, rules=rules)
 
 
 EVT3 = EvtFormat(3, 2**40 - 1)

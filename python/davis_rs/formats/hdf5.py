@@ -15,11 +15,14 @@ import numpy.typing as npt
 
 from .._core import DecodeError, fill_events
 from ..events import EVENT_DTYPE, EventArray
+from ..untrusted import decoding
 from .extras import from_extra
 from .files import claim
+from .hdf5_chunks import check_chunks, check_dataset
 from .hdf5_dataset import CHUNK, GrowingDataset
 from .hdf5_disk import Hdf5File
 from .interface import EventReader, EventWriter, Format, Limits, Target, warn_truncated
+from .reading import ANY_SIZE, ReadRules
 
 if TYPE_CHECKING:
     import h5py
@@ -142,21 +145,25 @@ class Hdf5Reader(EventReader):
     names: ClassVar[tuple[str, str, str, str]]
     """The datasets of t, x, y and p."""
 
-    def __init__(self, path: str | os.PathLike[str], *, format: str) -> None:
+    def __init__(self, path: str | os.PathLike[str], *, format: str, rules: ReadRules) -> None:
         self._file = open_hdf5(path)
         try:
-            missing = [name for name in self.names if name not in self._file]
-            if missing:
-                raise DecodeError(f"{os.fspath(path)}: no dataset {', '.join(missing)}")
-            super().__init__(path, format=format, size=self._size())
-            self._done = 0
-            self._datasets = [self._file[name] for name in self.names]
-            lengths = {dataset.name: len(dataset) for dataset in self._datasets}
-            self._count = min(lengths.values())
-            if self._file.attrs.get(COMPLETE, 1) == 0:
+            with decoding(path):
+                missing = [name for name in self.names if name not in self._file]
+                if missing:
+                    raise DecodeError(f"{os.fspath(path)}: no dataset {', '.join(missing)}")
+                super().__init__(path, format=format, size=self._size(), rules=rules)
+                self._done = 0
+                self._datasets = [self._file[name] for name in self.names]
+                lengths = {dataset.name: len(dataset) for dataset in self._datasets}
+                self._count = min(lengths.values())
+                for dataset in self._datasets:
+                    check_dataset(path, dataset, self._count, rules.max_packet_bytes)
+                finished = self._file.attrs.get(COMPLETE, 1) != 0
+                if finished and len(set(lengths.values())) > 1:
+                    raise DecodeError(f"{path}: datasets of events differ in length: {lengths}")
+            if not finished:
                 warn_truncated(path, f"the file was never finished; {self._count} events are in it")
-            elif len(set(lengths.values())) > 1:
-                raise DecodeError(f"{path}: datasets of events differ in length: {lengths}")
         except BaseException:
             self._file.close()
             raise
@@ -180,7 +187,8 @@ class Hdf5Reader(EventReader):
         resolution = self._file.attrs.get("sensor_resolution")
         if resolution is None or len(resolution) < 2:
             return None
-        return int(resolution[1]), int(resolution[0])
+        width, height = int(resolution[1]), int(resolution[0])
+        return (width, height) if 0 < width <= ANY_SIZE[0] and 0 < height <= ANY_SIZE[1] else None
 
     def _packets(self, chunk: int, start_us: int | None, stop_us: int | None) -> Iterator[EventArray]:
         first, end = self._place(start_us, 0), self._place(stop_us, self._count)
@@ -200,7 +208,12 @@ class Hdf5Reader(EventReader):
         if t_us is None:
             return default
         times = self._datasets[0]
-        return bisect_left(range(self._count), t_us, key=lambda row: int(self._times(times[row : row + 1])[0]))
+
+        def time(row: int) -> int:
+            check_chunks(self.path, times, row, row + 1, self.rules.max_packet_bytes)
+            return int(self._times(times[row : row + 1])[0])
+
+        return bisect_left(range(self._count), t_us, key=time)
 
     def _slice(self, start: int, stop: int) -> EventArray:
         events = np.zeros(max(0, stop - start), EVENT_DTYPE)
@@ -212,11 +225,16 @@ class Hdf5Reader(EventReader):
         return events
 
     def _fill(self, events: EventArray, start: int, end: int) -> None:
-        try:
+        for dataset in self._datasets:
+            check_chunks(self.path, dataset, start, end, self.rules.max_packet_bytes)
+        with decoding(self.path, f"events {start}..{end}"):  # a filter that fails on what it is given, or is missing
             t, x, y, p = (dataset[start:end] for dataset in self._datasets)
-        except OSError as error:  # a filter that fails on what it is given, or is missing
-            raise DecodeError(f"{self.path}: events {start}..{end}: {error}") from error
         x, y = self._coordinate("x", x, start), self._coordinate("y", y, start)
+        # Some have -1 for 0.
+        wrong = ~((p == 0) | (p == 1) | (p == -1))
+        if wrong.any():
+            at = int(wrong.argmax())
+            raise DecodeError(f"{self.path}: p of event {start + at} is {p[at]}, not 0 or 1")
         fill_events(events, self._times(t), x, y, (p > 0).view(np.uint8))
 
     def _coordinate(self, name: str, column: npt.NDArray[Any], start: int) -> npt.NDArray[np.uint16]:
@@ -243,10 +261,11 @@ def open_hdf5(path: str | os.PathLike[str]) -> h5py.File:
         import h5py
         import hdf5plugin  # noqa: F401
     Path(path).open("rb").close()  # the system's own error, where there is one
-    try:
-        return h5py.File(path, "r")
-    except OSError as error:
-        raise DecodeError(f"{os.fspath(path)}: {error}") from error
+    with decoding(path):
+        try:
+            return h5py.File(path, "r")
+        except OSError as error:  # HDF5 gives its own findings the system's numbers
+            raise DecodeError(f"{os.fspath(path)}: {error}") from error
 
 
 class Hdf5Format(Format):
@@ -260,7 +279,7 @@ class Hdf5Format(Format):
         if not head.startswith(SIGNATURE):
             return False
         try:
-            with open_hdf5(path) as file:
+            with open_hdf5(path) as file, decoding(path):
                 return all(name in file for name in self.marks)
         except (ImportError, DecodeError):
             return True  # whose reader says what is wrong

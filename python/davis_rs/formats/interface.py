@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import os
+import threading
 import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import BinaryIO, TypeVar, final
+from typing import BinaryIO, Protocol, TypeVar, final
 
 import numpy as np
 
 from .._core import check_events
 from ..events import EVENT_DTYPE, EventArray, as_events, concatenate_events
+from ..untrusted import decoding, guarded
+from .reading import ANY_SIZE, EventCheck, ReadRules
 
 CHUNK = 1 << 20
 """Events that an iteration hands out at a time, unless told otherwise: 16 MiB."""
@@ -67,6 +70,13 @@ class WriteReport:
     last_us: int | None
 
 
+class Releasable(Protocol):
+    """A lock."""
+
+    def release(self) -> None:
+        """Let others have what is locked."""
+
+
 class EventWriter(ABC):
     """Writes events packet by packet, in constant memory; a context manager.
 
@@ -77,7 +87,11 @@ class EventWriter(ABC):
     An OSError of the system (disk full, folder gone, pipe closed) comes from the call that meets it. What was written
     before stays; the writer takes nothing more.
 
-    A format implements :meth:`_encode`, :meth:`_flush` and :meth:`_close`.
+    Threads may share a writer: each call waits until the one before it is done, so that packets stay whole. Their order
+    is that of the calls, and a packet that comes too late is refused because its times go back.
+
+    A format implements :meth:`_encode`, :meth:`_flush` and :meth:`_close`, which are called one at a time; what else it
+    offers for writing holds ``_turn`` meanwhile.
 
     Args:
         target: the path, or the stream, that is written to; for messages and the report.
@@ -96,6 +110,12 @@ class EventWriter(ABC):
         self._last_us: int | None = None
         self._report: WriteReport | None = None
         self._failed = False
+        self._turn = threading.RLock()
+        self.hold: Releasable | None = None
+        """What keeps other writers from the file until this one is finished."""
+
+    def __repr__(self) -> str:
+        return f"<{self.format} writer of {self.path}, {self.size[0]} x {self.size[1]} px, {self._events:,} events>"
 
     @final
     def write(self, events: EventArray) -> None:
@@ -105,15 +125,16 @@ class EventWriter(ABC):
             ValueError: for the first event that breaks a rule; nothing of the packet is written.
             OSError: if the system refuses.
         """
-        self._refuse_if_over()
-        packet = as_events(events)
-        if not len(packet):
-            return
-        self._take(packet)
-        if self._first_us is None:
-            self._first_us = int(packet["t"][0])
-        self._last_us = int(packet["t"][-1])
-        self._events += len(packet)
+        with self._turn:
+            self._refuse_if_over()
+            packet = as_events(events)
+            if not len(packet):
+                return
+            self._take(packet)
+            if self._first_us is None:
+                self._first_us = int(packet["t"][0])
+            self._last_us = int(packet["t"][-1])
+            self._events += len(packet)
 
     @final
     def flush(self) -> None:
@@ -122,9 +143,10 @@ class EventWriter(ABC):
         Raises:
             OSError: if the system refuses.
         """
-        self._refuse_if_over()
-        with Failing(self):
-            self._flush()
+        with self._turn:
+            self._refuse_if_over()
+            with Failing(self):
+                self._flush()
 
     @final
     def finish(self) -> WriteReport:
@@ -133,13 +155,15 @@ class EventWriter(ABC):
         Raises:
             OSError: if the system refuses now, or did before.
         """
-        if self._report is None:
-            if self._failed:
-                self._refuse_if_over()
-            with Failing(self):
-                size = self._close()
-            self._report = WriteReport(self.path, self.format, self._events, size, self._first_us, self._last_us)
-        return self._report
+        with self._turn:
+            if self._report is None:
+                if self._failed:
+                    self._refuse_if_over()
+                with Failing(self):
+                    size = self._close()
+                self._report = WriteReport(self.path, self.format, self._events, size, self._first_us, self._last_us)
+                self._let_go()
+            return self._report
 
     def __enter__(self: _Writer) -> _Writer:
         return self
@@ -180,6 +204,10 @@ class EventWriter(ABC):
     def _abandon(self) -> None:  # noqa: B027 - not every format holds something
         """Let go of the file after a failure, leaving what is there."""
 
+    def _let_go(self) -> None:
+        if self.hold is not None:
+            self.hold.release()
+
     def _refuse_if_over(self) -> None:
         if self._failed:
             raise OSError(f"an earlier write to {self.path} failed: nothing more is taken")
@@ -201,6 +229,7 @@ class Failing:
         if exc_type is not None and not issubclass(exc_type, self._but):
             self._writer._failed = True
             self._writer._abandon()
+            self._writer._let_go()
 
 
 class EventReader(ABC):
@@ -209,14 +238,37 @@ class EventReader(ABC):
     Events come as :data:`davis_rs.EVENT_DTYPE`, in the file's order. A file that ends in the middle of a record gives
     what is whole and a :class:`TruncatedFileWarning`.
 
-    A format implements :meth:`_packets`, and :meth:`_read` where it can do better than join them.
+    A format implements :meth:`_packets`, and :meth:`_read` where it can do better than join them. What a library of its
+    raises about the file's bytes becomes a DecodeError here.
+
+    Args:
+        rules: what is done with times that go back and with pixels outside, and how much a packet may unpack to.
+        extent: width and height that the format can hold, where the file does not state a size.
+
+    Attributes:
+        check: what the iteration that goes on, or the last one, has left out.
     """
 
-    def __init__(self, path: str | os.PathLike[str], *, format: str, size: tuple[int, int] | None = None) -> None:
+    def __init__(
+        self,
+        path: str | os.PathLike[str],
+        *,
+        format: str,
+        size: tuple[int, int] | None = None,
+        rules: ReadRules = ReadRules(),  # noqa: B008 - it is frozen
+        extent: tuple[int, int] = ANY_SIZE,
+    ) -> None:
         self.path = Path(path)
         self.format = format
         self.size = size
         """(width, height) of the sensor in pixels, None where the file does not say."""
+        self.rules = rules
+        self._extent = extent
+        self.check = self._new_check()
+
+    def __repr__(self) -> str:
+        size = "size unknown" if self.size is None else f"{self.size[0]} x {self.size[1]} px"
+        return f"<{self.format} reader of {self.path}, {size}>"
 
     @property
     def events(self) -> int | None:
@@ -248,7 +300,7 @@ class EventReader(ABC):
             raise ValueError(f"chunk must be a positive number of events: got {chunk}")
         waiting: list[EventArray] = []
         count = 0
-        for packet in self._packets(chunk, start_us, stop_us):
+        for packet in self._checked(chunk, start_us, stop_us):
             part = select(packet, start_us, stop_us, roi)
             while count + len(part) >= chunk:
                 cut = chunk - count
@@ -263,9 +315,22 @@ class EventReader(ABC):
     @final
     def read(self, *, start_us: int | None = None, stop_us: int | None = None, roi: Roi | None = None) -> EventArray:
         """All events of the slice as one array; see :meth:`iter`."""
-        if roi is None:
-            return select(self._read(start_us, stop_us), start_us, stop_us, None)
-        return concatenate_events(list(self.iter(start_us=start_us, stop_us=stop_us, roi=roi)))
+        if roi is not None or not self.rules.in_order:
+            return concatenate_events(list(self.iter(start_us=start_us, stop_us=stop_us, roi=roi)))
+        self.check = self._new_check()
+        with decoding(self.path):
+            events = self._read(start_us, stop_us)
+        return self.check.take(select(events, start_us, stop_us, None))
+
+    def _checked(self, chunk: int, start_us: int | None, stop_us: int | None) -> Iterator[EventArray]:
+        """The packets, once they have passed the check; all of them, where times may go back."""
+        check = self.check = self._new_check()
+        packets = self._packets(chunk, start_us, stop_us) if self.rules.in_order else self._packets(chunk, None, None)
+        for packet in guarded(self.path, packets):
+            yield check.take(packet)
+
+    def _new_check(self) -> EventCheck:
+        return EventCheck(self.path, self.rules, self.size or self._extent)
 
     @abstractmethod
     def _packets(self, chunk: int, start_us: int | None, stop_us: int | None) -> Iterator[EventArray]:
@@ -296,6 +361,8 @@ class Format(ABC):
     """The file suffixes that stand for it, lower case with the dot."""
     limits: Limits = Limits()
     """What it can hold."""
+    options: tuple[str, ...] = ()
+    """The names of its writer's own options."""
 
     @abstractmethod
     def sniff(self, head: bytes, path: Path) -> bool:
@@ -306,7 +373,7 @@ class Format(ABC):
     see :func:`davis_rs.open_writer`."""
 
     @abstractmethod
-    def open_reader(self, path: str | os.PathLike[str]) -> EventReader:
+    def open_reader(self, path: str | os.PathLike[str], rules: ReadRules = ReadRules()) -> EventReader:  # noqa: B008
         """A reader; see :func:`davis_rs.read_events`."""
 
 

@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
+import io
 import os
 from bisect import bisect_left
 from collections.abc import Iterator
 from pathlib import Path
-from typing import BinaryIO
+from typing import IO, BinaryIO
 
 import numpy as np
 
 from .._core import DecodeError
 from ..events import EVENT_DTYPE, EventArray, as_events
+from ..untrusted import above_limit, decoding
 from .files import claim
 from .interface import EventReader, EventWriter, Format, Limits, Target, warn_truncated
+from .reading import ReadRules
 from .system import naming
+
+_LONGEST_HEADER = 10_000
+"""As NumPy's own limit."""
 
 MAGIC = b"\x93NUMPY"
 HEADER = 192
@@ -102,11 +108,19 @@ class NpyReader(EventReader):
         end: where it ends at the latest, None for the file's end.
     """
 
-    def __init__(self, path: str | os.PathLike[str], *, format: str, start: int = 0, end: int | None = None) -> None:
-        super().__init__(path, format=format)
+    def __init__(
+        self,
+        path: str | os.PathLike[str],
+        *,
+        format: str,
+        rules: ReadRules,
+        start: int = 0,
+        end: int | None = None,
+    ) -> None:
+        super().__init__(path, format=format, rules=rules)
         with self.path.open("rb") as file:
             file.seek(start)
-            self._dtype, self._count = read_header(file, self.path)
+            self._dtype, self._count = read_header(file, self.path, rules.max_packet_bytes)
             self._offset = file.tell()
             size = file.seek(0, os.SEEK_END)
         there = (size if end is None else min(size, end)) - self._offset
@@ -167,30 +181,43 @@ class NpyFormat(Format):
     def open_writer(self, target: Target, size: tuple[int, int], *, overwrite: bool) -> EventWriter:
         return NpyWriter(target, format=self.name, size=size, limits=self.limits, overwrite=overwrite)
 
-    def open_reader(self, path: str | os.PathLike[str]) -> EventReader:
-        return NpyReader(path, format=self.name)
+    def open_reader(self, path: str | os.PathLike[str], rules: ReadRules = ReadRules()) -> EventReader:  # noqa: B008
+        return NpyReader(path, format=self.name, rules=rules)
 
 
-def read_header(file: BinaryIO, path: Path) -> tuple[np.dtype[np.void], int]:
+def read_header(file: IO[bytes], path: Path, max_event_bytes: int) -> tuple[np.dtype[np.void], int]:
     """dtype and number of events of the array that begins here.
 
     Raises:
-        DecodeError: if none begins here, or it is not one of events.
+        DecodeError: if none begins here, or it is not one of events, or one of its events has more bytes than
+            ``max_event_bytes``.
     """
-    read = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
+    read = {1: (np.lib.format.read_array_header_1_0, 2), 2: (np.lib.format.read_array_header_2_0, 4)}
     place = file.tell()
-    try:
-        version = np.lib.format.read_magic(file)
-        if version not in read:
-            raise ValueError(f"version {version} of the format is not known")
-        shape, _, dtype = read[version](file)
-    except ValueError as error:
-        raise DecodeError(f"{path}, byte {place}: {error}") from None
-    if len(shape) != 1 or dtype.hasobject or not {"t", "x", "y", "p"} <= set(dtype.names or ()):
+    begin = file.read(len(MAGIC) + 2)
+    with decoding(path, f"byte {place}"):
+        if not begin.startswith(MAGIC):
+            raise ValueError(f"an array must begin with {MAGIC!r}, found {begin!r}")
+        version = begin[len(MAGIC) :]
+        if version not in (b"\x01\x00", b"\x02\x00"):
+            raise ValueError(f"version {tuple(version)} of the format is not known")
+        read_rest, digits = read[version[0]]
+        size = file.read(digits)
+        length = int.from_bytes(size, "little")
+        # NumPy evaluates the text, and would take any length from an archive that is compressed.
+        if length > _LONGEST_HEADER:
+            raise ValueError(f"the array's header may have {_LONGEST_HEADER} bytes, not {length}")
+        shape, _, dtype = read_rest(io.BytesIO(size + file.read(length)))
+    if len(shape) != 1 or shape[0] < 0 or dtype.hasobject or not {"t", "x", "y", "p"} <= set(dtype.names or ()):
         raise DecodeError(
             f"{path}, byte {place}: events must be a one-dimensional array with fields t, x, y, p; "
             f"found shape {shape} and dtype {dtype}"
         )
+    for name in ("t", "x", "y", "p"):
+        if dtype[name].kind not in "biuf" or dtype[name].shape:
+            raise DecodeError(f"{path}, byte {place}: the field {name} must hold one number, found {dtype[name]}")
+    if dtype.itemsize > max_event_bytes:
+        raise above_limit(path, "an event", max_event_bytes)
     return dtype, shape[0]
 
 

@@ -14,9 +14,11 @@ import numpy as np
 
 from .._core import DecodeError, crc32, crc32_combine
 from ..events import EventArray
+from ..untrusted import decoding
 from .files import PartFile
 from .interface import EventReader, EventWriter, Format, Target, warn_truncated
 from .npy import HEADER, NpyReader, NpyWriter, npy_header, read_header, to_events
+from .reading import ReadRules
 
 _NAME = b"events.npy"
 _LOCAL = struct.Struct("<4s5H3L2H")
@@ -66,11 +68,11 @@ class NpzWriter(NpyWriter):
 class DeflatedReader(EventReader):
     """Reads an array from an archive that compresses it, from its beginning."""
 
-    def __init__(self, path: str | os.PathLike[str], *, format: str, member: str) -> None:
-        super().__init__(path, format=format)
+    def __init__(self, path: str | os.PathLike[str], *, format: str, rules: ReadRules, member: str) -> None:
+        super().__init__(path, format=format, rules=rules)
         self._member = member
         with zipfile.ZipFile(self.path) as archive, archive.open(member) as file:
-            self._dtype, self._count = read_header(file, self.path)  # type: ignore[arg-type]
+            self._dtype, self._count = read_header(file, self.path, rules.max_packet_bytes)
         self._done = 0
 
     @property
@@ -84,12 +86,11 @@ class DeflatedReader(EventReader):
     def _packets(self, chunk: int, start_us: int | None, stop_us: int | None) -> Iterator[EventArray]:
         self._done = 0
         with zipfile.ZipFile(self.path) as archive, archive.open(self._member) as file:
-            read_header(file, self.path)  # type: ignore[arg-type]
+            read_header(file, self.path, self.rules.max_packet_bytes)
+            at_once = min(chunk, self.rules.max_packet_bytes // self._dtype.itemsize)
             while self._done < self._count:
-                try:
-                    data = file.read(min(chunk, self._count - self._done) * self._dtype.itemsize)
-                except (zipfile.BadZipFile, zlib.error, EOFError) as error:
-                    raise DecodeError(f"{self.path}: {error}") from None
+                with decoding(self.path, f"after event {self._done}"):
+                    data = file.read(min(at_once, self._count - self._done) * self._dtype.itemsize)
                 packet = np.frombuffer(bytearray(data), self._dtype, len(data) // self._dtype.itemsize)
                 if not len(packet):
                     raise DecodeError(f"{self.path}: {self._member} holds {self._done} of {self._count} events")
@@ -100,8 +101,8 @@ class DeflatedReader(EventReader):
 class CutReader(NpyReader):
     """Reads what is left of an archive of :class:`NpzWriter` without its directory at the end."""
 
-    def __init__(self, path: str | os.PathLike[str], *, format: str) -> None:
-        super().__init__(path, format=format, start=len(_local_header(0, 0)))
+    def __init__(self, path: str | os.PathLike[str], *, format: str, rules: ReadRules) -> None:
+        super().__init__(path, format=format, rules=rules, start=len(_local_header(0, 0)))
 
     def _packets(self, chunk: int, start_us: int | None, stop_us: int | None) -> Iterator[EventArray]:
         yield from super()._packets(chunk, start_us, stop_us)
@@ -124,22 +125,29 @@ class NpzFormat(Format):
     def open_writer(self, target: Target, size: tuple[int, int], *, overwrite: bool) -> EventWriter:
         return NpzWriter(target, format=self.name, size=size, limits=self.limits, overwrite=overwrite)
 
-    def open_reader(self, path: str | os.PathLike[str]) -> EventReader:
+    def open_reader(self, path: str | os.PathLike[str], rules: ReadRules = ReadRules()) -> EventReader:  # noqa: B008
         file = Path(path)
         try:
             with zipfile.ZipFile(file) as archive:
                 member = _events_of(archive, file)
         except zipfile.BadZipFile as error:
             if _is_ours(file):
-                return CutReader(file, format=self.name)
+                return CutReader(file, format=self.name, rules=rules)
             raise DecodeError(f"{file}: {error}") from None
+        if member.flag_bits & 1:
+            raise DecodeError(f"{file}: {member.filename} is encrypted")
+        if member.compress_type == zipfile.ZIP_DEFLATED:
+            return DeflatedReader(file, format=self.name, rules=rules, member=member.filename)
+        # Others unpack without a limit, and NumPy does not write them.
         if member.compress_type != zipfile.ZIP_STORED:
-            return DeflatedReader(file, format=self.name, member=member.filename)
+            raise DecodeError(
+                f"{file}: {member.filename} must be stored or deflated, not method {member.compress_type}"
+            )
         with file.open("rb") as stream:
             stream.seek(member.header_offset)
             *_, name, extra = _LOCAL.unpack(stream.read(_LOCAL.size))
         start = member.header_offset + _LOCAL.size + name + extra
-        return NpyReader(file, format=self.name, start=start, end=start + member.file_size)
+        return NpyReader(file, format=self.name, rules=rules, start=start, end=start + member.file_size)
 
 
 def _events_of(archive: zipfile.ZipFile, path: Path) -> zipfile.ZipInfo:

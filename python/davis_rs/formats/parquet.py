@@ -13,15 +13,17 @@ import numpy.typing as npt
 
 from .._core import DecodeError, fill_events
 from ..events import EVENT_DTYPE, EventArray
+from ..untrusted import decoding
 from .extras import from_extra
 from .files import PartFile
 from .interface import CHUNK, EventReader, EventWriter, Format, Limits, Target
+from .parquet_footer import MAGIC, RowGroup, check_pages, read_row_groups
+from .reading import ReadRules
 from .system import naming
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-MAGIC = b"PAR1"
 SIZE_KEY = b"davis_rs.size"
 """The schema's metadata that holds the sensor's size, as b"240x180"."""
 
@@ -133,25 +135,23 @@ class ParquetReader(EventReader):
 
     _COLUMNS = ("t", "x", "y", "p")
 
-    def __init__(self, path: Path, *, format: str) -> None:
+    def __init__(self, path: Path, *, format: str, rules: ReadRules) -> None:
         with from_extra("parquet"):
-            import pyarrow as pa
             import pyarrow.parquet as pq
-        path.open("rb").close()  # the system's own error, where there is one
-        try:
+        self._row_groups = read_row_groups(path, self._COLUMNS)
+        with decoding(path):
             self._file = pq.ParquetFile(path)
-        except (pa.ArrowException, OSError) as error:
-            raise DecodeError(f"{path}: {error}") from error
-        schema = self._file.schema_arrow
+            schema = self._file.schema_arrow
         missing = [name for name in self._COLUMNS if name not in schema.names]
         if missing:
             raise DecodeError(f"{path}: no column {', '.join(missing)}; there are {', '.join(schema.names)}")
-        super().__init__(path, format=format, size=_size((schema.metadata or {}).get(SIZE_KEY, b"")))
+        size = _size((schema.metadata or {}).get(SIZE_KEY, b""))
+        super().__init__(path, format=format, size=size, rules=rules)
         self._done = 0
 
     @property
     def events(self) -> int:
-        return int(self._file.metadata.num_rows)
+        return sum(group.rows for group in self._row_groups)
 
     @property
     def progress(self) -> float:
@@ -168,30 +168,31 @@ class ParquetReader(EventReader):
 
     def _read(self, start_us: int | None, stop_us: int | None) -> EventArray:
         groups = self._groups(start_us, stop_us)
-        events = np.empty(sum(self._file.metadata.row_group(group).num_rows for group in groups), EVENT_DTYPE)
+        rows = sum(self._row_groups[group].rows for group in groups)
+        try:
+            events = np.empty(rows, EVENT_DTYPE)
+        except (MemoryError, ValueError):
+            raise DecodeError(f"{self.path}: it says {rows} events, more than memory holds") from None
         filled = 0
         for batch in self._batches(groups, 1 << 18):
             self._fill(events[filled : filled + batch.num_rows], batch)
             filled += batch.num_rows
+        if filled != rows:
+            raise DecodeError(f"{self.path}: it says {rows} events, and holds {filled}")
         return events
 
     def _groups(self, start_us: int | None, stop_us: int | None) -> list[int]:
-        return [group for group in range(self._file.num_row_groups) if self._touches(group, start_us, stop_us)]
+        groups = enumerate(self._row_groups)
+        return [number for number, group in groups if _touches(group, start_us, stop_us)]
 
     def _batches(self, groups: list[int], chunk: int) -> Iterator[pa.RecordBatch]:
         self._done = 0
-        for batch in self._file.iter_batches(chunk, row_groups=groups, columns=list(self._COLUMNS)):
-            yield batch
-            self._done += batch.num_rows
+        for group in groups:
+            check_pages(self.path, self._row_groups[group], self.rules.max_packet_bytes)
+            for batch in self._file.iter_batches(chunk, row_groups=[group], columns=list(self._COLUMNS)):
+                yield batch
+                self._done += batch.num_rows
         self._done = self.events
-
-    def _touches(self, group: int, start_us: int | None, stop_us: int | None) -> bool:
-        metadata = self._file.metadata.row_group(group)
-        column = next(c for c in map(metadata.column, range(metadata.num_columns)) if c.path_in_schema == "t")
-        statistics = column.statistics
-        if statistics is None or not statistics.has_min_max:
-            return True
-        return (start_us is None or statistics.max >= start_us) and (stop_us is None or statistics.min < stop_us)
 
     def _fill(self, events: EventArray, batch: pa.RecordBatch) -> None:
         t, x, y, p = (self._column(batch, name) for name in self._COLUMNS)
@@ -223,6 +224,7 @@ class ParquetFormat(Format):
 
     name = "parquet"
     suffixes = (".parquet", ".pq")
+    options = ("level", "row_group")
     limits = Limits()
 
     def sniff(self, head: bytes, path: Path) -> bool:
@@ -231,10 +233,20 @@ class ParquetFormat(Format):
     def open_writer(self, target: Target, size: tuple[int, int], *, overwrite: bool, **options: Any) -> EventWriter:
         return ParquetWriter(target, format=self.name, size=size, limits=self.limits, overwrite=overwrite, **options)
 
-    def open_reader(self, path: str | os.PathLike[str]) -> EventReader:
-        return ParquetReader(Path(path), format=self.name)
+    def open_reader(self, path: str | os.PathLike[str], rules: ReadRules = ReadRules()) -> EventReader:  # noqa: B008
+        return ParquetReader(Path(path), format=self.name, rules=rules)
+
+
+def _touches(group: RowGroup, start_us: int | None, stop_us: int | None) -> bool:
+    """Whether a row group may hold events of a slice of time, by its statistics."""
+    t = next(column for column in group.columns if column.name == "t")
+    if t.least is None or t.largest is None:
+        return True
+    return (start_us is None or t.largest >= start_us) and (stop_us is None or t.least < stop_us)
 
 
 def _size(text: bytes) -> tuple[int, int] | None:
     width, _, height = text.partition(b"x")
-    return (int(width), int(height)) if width.isdigit() and height.isdigit() else None
+    if not (width.isdigit() and height.isdigit() and len(text) < 20):
+        return None
+    return (int(width), int(height)) if int(width) and int(height) else None

@@ -10,6 +10,7 @@ from .._core import EventFileReader
 from ..events import EventArray
 from .core_files import CoreReader, CoreWriter
 from .interface import EventWriter, Format, Limits, Target
+from .reading import ANY_SIZE, ReadRules
 
 _SEARCHED = 1 << 16
 """Where a slice begins is searched to so many bytes."""
@@ -20,7 +21,7 @@ class TextReader(CoreReader):
 
     def _open(self, start_us: int | None = None, stop_us: int | None = None) -> EventFileReader:
         from_byte = 0 if start_us is None else self._find(start_us)
-        return EventFileReader(self.path, self.format, from_byte=from_byte)
+        return EventFileReader(self.path, self.format, from_byte=from_byte, in_order=self.rules.in_order)
 
     def _past(self, packet: EventArray, stop_us: int | None) -> bool:
         return stop_us is not None and len(packet) > 0 and bool(packet["t"][-1] >= stop_us)
@@ -52,6 +53,7 @@ class TextFormat(Format):
 
     name = "text"
     suffixes = (".txt",)
+    options = ("size_line",)
     limits = Limits()
 
     def sniff(self, head: bytes, path: Path) -> bool:
@@ -70,8 +72,8 @@ class TextFormat(Format):
             size_line=size_line,
         )
 
-    def open_reader(self, path: str | os.PathLike[str]) -> TextReader:
-        return TextReader(path, format=self.name)
+    def open_reader(self, path: str | os.PathLike[str], rules: ReadRules = ReadRules()) -> TextReader:  # noqa: B008
+        return TextReader(path, format=self.name, limits=Limits(width=ANY_SIZE[0], height=ANY_SIZE[1]), rules=rules)
 
 
 def _stamp(line: bytes) -> int | None:

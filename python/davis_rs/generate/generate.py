@@ -3,26 +3,31 @@
 from __future__ import annotations
 
 import os
-import sys
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass, field
 from functools import cache, partial
+from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, overload
 
+from ..progress import each, progress
+from ..progress import say as say_above
 from ..scene.scene import Scene
 from ..scenes import load_scene
 from .folder import discard_hidden
 from .job import begin_worker, make_sequence
 from .manifest import Manifest, claim_root, describe_folder, write_plan
-from .plan import SequencePlan, sequence_name
 from .sequence import DrawnSequence
+from .sequence_plan import SequencePlan, sequence_name
 from .verify import taken_up
 
 if TYPE_CHECKING:
     from distributed import Client
 
     from .local import Outcome
+
+MOST_WORKERS = 1024
+"""More processes than a machine has cores."""
 
 CHECKED_FIRST = 200
 """So many sequences are checked before the first one is made: one process does it, and a hand's path takes 0.1 s."""
@@ -75,81 +80,102 @@ def generate_sequences(
 
     Raises:
         ValueError: if one of the first 200 sequences that are to be made breaks a rule that can be seen beforehand (a
-            later one is among those that failed), ``root`` holds sequences of another plan, or ``workers`` is not at
-            least 1.
+            later one is among those that failed), ``root`` holds sequences of another plan, or ``workers`` is not in
+            1..:data:`MOST_WORKERS`.
         OSError: if ``root`` cannot be written, or is at work already.
         KeyboardInterrupt: after Ctrl-C, once workers have stopped; whole sequences stay.
 
     A program that calls it without a cluster must be importable (``if __name__ == "__main__":``), as with every spawned
     process.
     """
-    from tqdm import tqdm
-
-    if workers is not None and workers < 1:
-        raise ValueError(f"workers must be at least 1, got {workers}")
-    say = report or (lambda text: tqdm.write(f"davis-rs: warning: {text}", file=sys.stderr))
+    if workers is not None and not 1 <= workers <= MOST_WORKERS:
+        raise ValueError(f"workers must lie in 1..{MOST_WORKERS}, got {workers}")
+    say = report or (lambda text: say_above(f"davis-rs: warning: {text}"))
     folder = Path(root).absolute()
     sequences = draw_sequences(plan)
     with claim_root(folder, plan):
-        absent = [one for one in sequences if not (folder / one.name).is_dir()]
-        check_sequences(plan, absent[:CHECKED_FIRST], quiet=quiet)
+        absent = (k for k in range(plan.sequences) if not (folder / sequence_name(k)).is_dir())
+        check_sequences(plan, DrawnSequences(plan, [*islice(absent, CHECKED_FIRST)]), quiet=quiet)
         write_plan(folder, plan)
         discard_hidden(folder)
         manifest = Manifest(folder, taken_up(sequences, folder, say))
         lines = manifest.lines
         kept, failed = len(lines), dict[str, str]()
-        missing = [sequence for sequence in sequences if sequence.name not in lines]
+        missing = DrawnSequences(plan, [k for k in range(plan.sequences) if sequence_name(k) not in lines])
         outcomes = _outcomes(missing, folder, workers, cluster, say)
         try:
-            with tqdm(total=len(sequences), initial=kept, unit=" sequences", disable=quiet) as bar:
+            with progress("simulating", len(sequences), unit="sequences", start=kept, show=not quiet) as bar:
                 for outcome in outcomes:
                     if outcome.result is not None:
                         manifest.add(outcome.result)
                     else:
                         failed[outcome.task.name] = str(outcome.error)
-                    bar.update()
+                    bar.advance()
         finally:
             outcomes.close()
             discard_hidden(folder)
             # Some may have got their names without a word: Ctrl-C, or a worker's death, came in between.
-            unsaid = [one.name for one in missing if one.name not in lines and (folder / one.name).is_dir()]
+            names = map(sequence_name, range(plan.sequences))
+            unsaid = [name for name in names if name not in lines and (folder / name).is_dir()]
             lines |= {name: describe_folder(folder / name) for name in unsaid}
             manifest.write()
     failed = {name: error for name, error in failed.items() if name not in lines}
     return Generated(Path(root), len(lines), len(lines) - kept, failed)
 
 
-def draw_sequences(plan: SequencePlan) -> list[DrawnSequence]:
-    """All sequences of a plan, drawn."""
-    base, digest = plan.file.absolute().parent, plan.sha256
-    return [
-        DrawnSequence(sequence_name(index), index, plan.parameters(index), base, digest)
-        for index in range(plan.sequences)
-    ]
+class DrawnSequences(Sequence[DrawnSequence]):
+    """Sequences of a plan, each drawn when it is asked for: a plan of a million takes no more memory than one of ten.
+
+    Args:
+        plan: what they are drawn from.
+        indices: which of them; all if not given.
+    """
+
+    def __init__(self, plan: SequencePlan, indices: Sequence[int] | None = None) -> None:
+        self._plan = plan
+        self._indices = range(plan.sequences) if indices is None else indices
+        self._base, self._digest = plan.file.absolute().parent, plan.sha256
+
+    def __len__(self) -> int:
+        return len(self._indices)
+
+    @overload
+    def __getitem__(self, place: int) -> DrawnSequence: ...
+    @overload
+    def __getitem__(self, place: slice) -> DrawnSequences: ...
+    def __getitem__(self, place: int | slice) -> DrawnSequence | DrawnSequences:
+        if isinstance(place, slice):
+            return DrawnSequences(self._plan, self._indices[place])
+        index = self._indices[place]
+        parameters = self._plan.parameters(index)
+        return DrawnSequence(sequence_name(index), index, parameters, self._base, self._digest)
 
 
-def check_sequences(plan: SequencePlan, sequences: list[DrawnSequence], *, quiet: bool = True) -> None:
+def draw_sequences(plan: SequencePlan) -> DrawnSequences:
+    """All sequences of a plan."""
+    return DrawnSequences(plan)
+
+
+def check_sequences(plan: SequencePlan, sequences: Sequence[DrawnSequence], *, quiet: bool = True) -> None:
     """Refuse a plan of which a sequence cannot be made, as far as that can be told without rendering.
 
     Raises:
         ValueError: naming plan, sequence, keys, values and rule.
     """
 
-    from tqdm import tqdm
-
     @cache
     def scene_at(name: str) -> Scene:
         return load_scene(name)
 
     try:
-        for sequence in tqdm(sequences, desc="checking", unit=" sequences", leave=False, disable=quiet):
+        for sequence in each(sequences, "checking", len(sequences), unit="sequences", show=not quiet):
             sequence.check(lambda one: scene_at(one.scene_name))
     except ValueError as error:
         raise ValueError(f"{plan.file}: {error}") from None
 
 
 def _outcomes(
-    missing: list[DrawnSequence],
+    missing: Sequence[DrawnSequence],
     root: Path,
     workers: int | None,
     cluster: str | Path | Client | None,

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import threading
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from .._mitsuba import default_variant, variant
-from ..record import record
+from ..simulation_folder import simulate_to_folder
 from .folder import discard, publish, working_folder
 from .manifest import describe_folder
 from .sequence import DrawnSequence
@@ -23,7 +23,7 @@ def make_sequence(sequence: DrawnSequence, root: Path, threads: int) -> dict[str
         Its line of the manifest: who made the folder sees it, which on a shared file system others may not at once.
 
     Raises:
-        ValueError, OSError: as :func:`~davis_rs.record`.
+        ValueError, OSError: as :func:`~davis_rs.simulate_to_folder`.
         SystemExit: if a signal (SIGINT, SIGTERM) ended the simulation: it was meant for the process.
     """
     final = root / sequence.name
@@ -41,10 +41,6 @@ def make_sequence(sequence: DrawnSequence, root: Path, threads: int) -> dict[str
 
 def begin_worker(threads: int) -> None:
     """What a process does before its first sequence: Dr.Jit gets so many threads; results do not depend on it."""
-    from tqdm import tqdm
-
-    # Its own lock is a semaphore of the system, which a worker that is killed would leave behind.
-    tqdm.set_lock(threading.RLock())
     with variant(default_variant()[0]) as (_, dr):
         dr.set_thread_count(threads)
 
@@ -59,21 +55,12 @@ def origin(sequence: DrawnSequence) -> dict[str, Any]:
 
 
 def _simulate(sequence: DrawnSequence, folder: Path, threads: int) -> None:
-    settings, scene = sequence.settings, sequence.on_path(sequence.scene())
-    assert scene.trajectory is not None
-    simulator = settings.make_simulator(scene, seed=sequence.parameters["seed"], threads=threads)
-    described = simulator.describe()["scene"]
-    if "file" in described:  # by its name in the plan: where it lies differs from machine to machine
-        described["file"] = sequence.parameters["scene"]
-    recording = record(
-        simulator,
-        scene.trajectory,
-        folder,
-        motion_capture=settings.make_motion_capture(),
-        imu=settings.make_imu(),
-        exposure=settings.exposure,
-        meta={"generated": origin(sequence), "scene": described},
-        quiet=True,
+    scene = sequence.on_path(sequence.scene())
+    meta: dict[str, Any] = {"generated": origin(sequence)}
+    if scene.file is not None:  # by its name in the plan: where it lies differs from machine to machine
+        scene = replace(scene, file_name=sequence.parameters["scene"])
+    report = simulate_to_folder(
+        scene, folder, meta=meta, quiet=True, seed=sequence.parameters["seed"], threads=threads, **sequence.settings
     )
-    if recording.interrupted:
+    if report.interrupted:
         raise SystemExit(130)

@@ -36,6 +36,28 @@ class _Worker(Generic[Task]):
     process: BaseProcess
     connection: Connection
     task: Task | None = None
+    number: int = -1
+    """The task's place among all."""
+
+
+class _Waiting(Generic[Task]):
+    """Tasks that no worker has, with their places; each is taken from the sequence when its turn comes."""
+
+    def __init__(self, tasks: Sequence[Task]) -> None:
+        self._rest = enumerate(tasks)
+        self._again: deque[tuple[int, Task]] = deque()
+        self._left = len(tasks)
+
+    def __len__(self) -> int:
+        return self._left
+
+    def take(self) -> tuple[int, Task]:
+        self._left -= 1
+        return self._again.popleft() if self._again else next(self._rest)
+
+    def put_back(self, number: int, task: Task) -> None:
+        self._left += 1
+        self._again.appendleft((number, task))
 
 
 def run_locally(
@@ -58,15 +80,19 @@ def run_locally(
         report: is told of workers that died.
     """
     context = multiprocessing.get_context("spawn")
-    waiting, deaths = deque(tasks), Counter[int]()
-    place = {id(task): number for number, task in enumerate(tasks)}
+    waiting, deaths = _Waiting(tasks), Counter[int]()
     team: list[_Worker[Task]] = []
 
     def start() -> _Worker[Task]:
         ours, theirs = context.Pipe()
         # Daemons, so that an end of this process by an exception takes them along.
         process = context.Process(target=_work, args=(theirs, function, begin), daemon=True)
-        process.start()
+        # A Ctrl-C waits until the worker is there, and the worker, which inherits that, lets it wait while it imports.
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
+            process.start()
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
         theirs.close()  # the worker's alone: when it dies, ours is at its end
         return _Worker(process, ours)
 
@@ -86,10 +112,10 @@ def run_locally(
                 except (EOFError, OSError):
                     team.remove(worker)
                     why = _cause_of_death(worker)
-                    deaths[place[id(task)]] += 1
-                    if deaths[place[id(task)]] < ATTEMPTS:
+                    deaths[worker.number] += 1
+                    if deaths[worker.number] < ATTEMPTS:
                         report(f"{task}: its worker {why}; it is tried again")
-                        waiting.appendleft(task)
+                        waiting.put_back(worker.number, task)
                     else:
                         yield Outcome(task, error=f"it was given up after {ATTEMPTS} workers; the last one {why}")
                     continue
@@ -114,8 +140,8 @@ def _busy(team: Sequence[_Worker[Task]]) -> int:
     return sum(worker.task is not None for worker in team)
 
 
-def _give(worker: _Worker[Task], waiting: deque[Task]) -> None:
-    task = waiting.popleft()
+def _give(worker: _Worker[Task], waiting: _Waiting[Task]) -> None:
+    worker.number, task = waiting.take()
     worker.task = task
     with suppress(OSError):  # dead already: waiting for its answer will tell
         worker.connection.send(task)
@@ -135,6 +161,7 @@ def _cause_of_death(worker: _Worker[Task]) -> str:
 def _work(connection: Connection, function: Callable[[Task], Result], begin: Callable[[], None]) -> None:
     """What a worker does with its life."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal sends Ctrl-C to all; what to do is the parent's to say
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
     threading.Thread(target=_end_with_parent, daemon=True).start()
     begin()
     while True:

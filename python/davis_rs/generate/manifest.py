@@ -13,7 +13,7 @@ from typing import Any
 from .._core import __version__
 from ..dataset.files import META
 from .folder import folder_sha256, listed_files, sync
-from .plan import SequencePlan
+from .sequence_plan import SequencePlan
 
 MANIFEST, PLAN, _LOCK = "manifest.jsonl", "plan.json", ".lock"
 

@@ -1,4 +1,4 @@
-"""From what YAML holds to the nodes of a plan: values of the right type, or laws that give such."""
+"""From what YAML holds to the nodes of a plan: values of the right type, or distributions that give such."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NoReturn
 
-from .laws import Choice, Integers, Law, LogUniform, Normal, Uniform
+from .distributions import Choice, Distribution, Integers, LogUniform, Normal, Uniform
 from .motion import MOTIONS, arguments, in_radians
 
-LAWS = {
+DISTRIBUTIONS = {
     "uniform": "a number",
     "log_uniform": "a number",
     "normal": "a number",
     "integers": "an integer",
     "choice": "anything",
 }
-"""The laws by the key that tells them, and what they give."""
+"""The distributions by the key that tells them, and what they give."""
 
 Parser = Callable[[Any, "Where"], Any]
 
@@ -58,9 +58,9 @@ def value_of(rule: str, *, none: bool = True) -> Parser:
 
     def parse(value: Any, where: Where) -> Any:
         if isinstance(value, dict):
-            return _law(value, where, parse, rule)
+            return _distribution(value, where, parse, rule)
         if not ((none and value is None) or _fits(rule, value)):
-            where.refuse(f"{rule} or a distribution ({', '.join(LAWS)})", value)
+            where.refuse(f"{rule} or a distribution ({', '.join(DISTRIBUTIONS)})", value)
         return value
 
     return parse
@@ -72,7 +72,7 @@ def motion(value: Any, where: Where) -> Any:
         return None
     given = where.mapping(value, "a mapping with the motion's kind")
     if "choice" in given:
-        return _law(given, where, motion, "a motion")
+        return _distribution(given, where, motion, "a motion")
     kind = given.get("kind")
     if not isinstance(kind, str) or kind not in MOTIONS:
         where.at("kind").refuse(f"one of {', '.join(MOTIONS)}", kind)
@@ -118,12 +118,12 @@ def _effects(value: Any, where: Where, *, automatic: bool) -> Any:
     rule = "a mapping from effects to their values" + (", or auto" if automatic else "")
     given = where.mapping(value, rule)
     if "choice" in given:
-        return _law(given, where, lambda option, at: _effects(option, at, automatic=automatic), "effects")
+        return _distribution(given, where, lambda option, at: _effects(option, at, automatic=automatic), "effects")
     number = value_of("a number")
     parsed: dict[str, Any] = {}
     for name, node in given.items():
         at = where.at(name)
-        if isinstance(node, dict) and not node.keys() & LAWS.keys():
+        if isinstance(node, dict) and not node.keys() & DISTRIBUTIONS.keys():
             parameters = at.mapping(node, "a mapping from parameters to numbers")
             parsed[name] = {key: number(one, at.at(key)) for key, one in parameters.items()}
         else:
@@ -141,6 +141,7 @@ def _numbers(value: Any, where: Where) -> tuple[Any, ...]:
 
 _ARGUMENTS: dict[str, Parser] = {
     "float": value_of("a number", none=False),
+    "float | None": value_of("a number"),
     "int": value_of("an integer", none=False),
     "bool": value_of("true or false", none=False),
     "npt.ArrayLike": _numbers,
@@ -148,13 +149,13 @@ _ARGUMENTS: dict[str, Parser] = {
 """The parsers of a motion's arguments, by their annotations; texts for all others."""
 
 
-def _law(value: dict[Any, Any], where: Where, parse: Parser, rule: str) -> Law:
-    """The law that a mapping describes, where ``rule`` says what is wanted."""
-    which = [key for key in value if key in LAWS]
+def _distribution(value: dict[Any, Any], where: Where, parse: Parser, rule: str) -> Distribution:
+    """The distribution that a mapping describes, where ``rule`` says what is wanted."""
+    which = [key for key in value if key in DISTRIBUTIONS]
     if len(which) != 1:
-        where.refuse(f"{rule} or one distribution ({', '.join(LAWS)})", value)
+        where.refuse(f"{rule} or one distribution ({', '.join(DISTRIBUTIONS)})", value)
     name = which[0]
-    gives = LAWS[name]
+    gives = DISTRIBUTIONS[name]
     if gives not in (rule, "anything") and (rule, gives) != ("a number", "an integer"):
         where.refuse(f"{rule}, or a distribution of such", value)
     more = {"choice": ("weights",), "normal": ("min", "max")}.get(name, ())

@@ -3,26 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 from .._core import CrossingEngine
-from ..dataset.writer import check_exposure
-from ..effects import Effects
-from ..lattice import rank1_lattice
-from ..rendering.renderers import check_renderer
-from ..run_settings import RunSettings
-from ..sampling.presets import accuracy_preset
-from ..sampling.rules import periodic_instants
 from ..scene.scene import Scene
 from ..scenes import load_scene
-from ..sensor_parameters import sensor_parameters
-from ..trajectory.trajectory import interval
+from ..settings import (
+    FolderSettings,
+    chosen_sampling,
+    complete,
+    make_imu,
+    make_motion_capture,
+    settings_of,
+    view_scene,
+)
+from ..simulation import read_effects
 from .motion import make_motion
 from .parse import effect_texts
-from .plan import resolve
+from .sequence_plan import SETTINGS, resolve
 
 
 @dataclass(frozen=True)
@@ -47,17 +48,15 @@ class DrawnSequence:
         return self.name
 
     @cached_property
-    def settings(self) -> RunSettings:
-        """What belongs neither to the scene nor to the path."""
-        own = {one.name for one in fields(RunSettings)}
-        given = {key: value for key, value in self.parameters.items() if key in own and key != "effects"}
+    def settings(self) -> dict[str, Any]:
+        """What belongs neither to the scene nor to the path: settings of :func:`~davis_rs.simulate_to_folder`."""
+        given = {SETTINGS[key].name: value for key, value in self.parameters.items() if key in SETTINGS}
         if given.get("camera") is not None:
             given["camera"] = resolve("camera", given["camera"], self.base)
-        effects = self.parameters.get("effects")
-        given["effects" if isinstance(effects, str) else "effect"] = (
-            effects if isinstance(effects, str) else effect_texts(effects or {})
-        )
-        return RunSettings(**given, imu_effect=effect_texts(self.parameters.get("imu_effects") or {}))
+        for name in ("effects", "imu_effects"):
+            if isinstance(given.get(name), Mapping):
+                given[name] = effect_texts(given[name])
+        return given
 
     @property
     def scene_name(self) -> str:
@@ -78,10 +77,9 @@ class DrawnSequence:
         start_s = self.parameters.get("start") or 0.0
         duration_s, motion = self.parameters.get("duration"), self.parameters.get("motion")
         if motion is None:
-            return scene.part(start_s, duration_s)
+            return scene.crop(start_s, duration_s)
         end_s = None if duration_s is None else start_s + duration_s
-        trajectory = make_motion(motion, scene, end_s, self.base)
-        return replace(scene, trajectory=interval(trajectory, start_s, duration_s))
+        return scene.with_trajectory(make_motion(motion, scene, end_s, self.base)).crop(start_s, duration_s)
 
     def check(self, scene_of: Callable[[DrawnSequence], Scene] = scene) -> None:
         """Refuse what can be refused without rendering; the rest shows when the simulator is made.
@@ -94,25 +92,20 @@ class DrawnSequence:
         """
         scene = self._named(lambda: scene_of(self), "scene")
         self._named(lambda: self.on_path(scene), "motion", "start", "duration")
-        settings = self.settings
-        self._named(settings.make_camera, "camera")
-        self._named(settings.make_sampling, "render_rate", "max_displacement", "tolerance")
-        self._named(lambda: accuracy_preset(settings.accuracy), "accuracy")
-        self._named(settings.make_motion_capture, *(name for name in _CAPTURE if name in self.parameters))
-        self._named(settings.make_imu, "imu", "imu_rate", "imu_effects")
-        sensor = self._named(lambda: sensor_parameters(settings.sensor), "sensor")
-        self._named(lambda: sensor.effects(settings.make_scene(scene).lux_per_luma), "lux_per_luma")
-        self._named(lambda: check_renderer(settings.renderer), "renderer")
-        self._named(lambda: check_exposure(settings.exposure), "exposure")
-        for key in ("frame_rate", "depth_rate"):
-            self._named(lambda key=key: periodic_instants(getattr(settings, key), 0, 0), key)  # type: ignore[misc]
-        if settings.samples is not None:
-            self._named(lambda: rank1_lattice(settings.samples or 0), "samples")
-        effects = self._named(settings.make_effects, "effects")
+        declared = settings_of(FolderSettings)
+        for name, value in self.settings.items():
+            key = declared[name].key
+            self._named(lambda name=name, value=value, key=key: declared[name].check(value, key), key)  # type: ignore[misc]
+        settings = complete(FolderSettings, self.settings, of=str(self))
+        viewed = self._named(lambda: view_scene(scene, settings), "camera", "size", "sensor")
+        self._named(lambda: viewed.sensor_effects, "lux_per_luma")
+        self._named(lambda: chosen_sampling(settings), "render_rate", "max_displacement", "tolerance")
+        self._named(lambda: make_motion_capture(settings), *(name for name in _CAPTURE if name in self.parameters))
+        self._named(lambda: make_imu(settings), "imu", "imu_rate", "imu_effects")
+        effects, _ = self._named(lambda: read_effects(settings["effects"]), "effects")
         thresholds = ("contrast_threshold", "contrast_threshold_off", "log_eps")
-        given = {key: value for key in thresholds if (value := getattr(settings, key)) is not None}
-        engine = effects.engine_settings() if isinstance(effects, Effects) else {}
-        self._named(lambda: CrossingEngine(1, 1, **given, effects=engine), *thresholds, "effects")
+        given = {name: settings[name] for name in thresholds if settings[name] is not None}
+        self._named(lambda: CrossingEngine(1, 1, **given, effects=effects.engine_settings()), *thresholds, "effects")
 
     def _named(self, make: Callable[[], Any], *keys: str) -> Any:
         try:

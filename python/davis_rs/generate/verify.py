@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,8 +11,8 @@ from ..dataset.files import META
 from .folder import CHECKSUMS, damage, folder_sha256, set_aside, unlisted_files, withdraw
 from .job import origin
 from .manifest import MANIFEST, describe_folder, read_manifest, read_plan
-from .plan import sequence_name
 from .sequence import DrawnSequence
+from .sequence_plan import sequence_name
 
 
 def verify_sequences(root: str | Path) -> dict[str, str]:
@@ -45,7 +45,7 @@ def added_files(root: Path) -> dict[str, list[str]]:
     return {name: added for name in read_manifest(root) if (added := unlisted_files(root / name))}
 
 
-def taken_up(sequences: list[DrawnSequence], root: Path, say: Callable[[str], None]) -> dict[str, dict[str, Any]]:
+def taken_up(sequences: Sequence[DrawnSequence], root: Path, say: Callable[[str], None]) -> dict[str, dict[str, Any]]:
     """The lines of those that are there already.
 
     One that the manifest knows is looked at, one that it does not know (a run was killed in between) is read. Where a

@@ -133,7 +133,8 @@ def check_dataset(path: str | Path) -> CheckReport:
         report.counts = {"events": len(events), "on_events": int(np.count_nonzero(events["p"]))}
     report.counts |= {"frames": len(frames), "depth_maps": len(depth_maps), "luma_maps": len(luma)}
     if meta:
-        problems += _meta_problems(meta, report.counts)
+        poses = {} if ground_truth is None else {"poses": len(ground_truth.t_us)}
+        problems += _meta_problems(meta, report.counts | (poses if "poses" in (meta.get("counts") or {}) else {}))
     if camera is None:
         return report
     size = (camera.height, camera.width)

@@ -12,15 +12,21 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from .._core import count_events
 from ..dataset.reader import Dataset
+from ..event_files.conversion import left_out
 from ..event_files.read import open_reader
 from ..formats.interface import EventReader
 from ..pose import GroundTruth
 from ..trajectory.trajectory import SPEED_WINDOW_S
+from ..untrusted import MAX_PACKET_BYTES
+from .dataset_description import describe_dataset
+from .pixel_counts import PixelCounts
 
 PEAK_WINDOW_US = 10_000
 """The peak rate is that of the fullest of the intervals of this length that follow each other from t = 0."""
+
+DATASET_FOLDER = "dataset folder"
+"""The format's name of a folder in the layout of the public dataset."""
 
 _GAPS = 3
 
@@ -48,7 +54,8 @@ class EventSummary:
         peak_events: most events in one of the intervals of :data:`PEAK_WINDOW_US`; ``peak_us`` is its start.
         backward: how many events are earlier than the one before them.
         gaps: the longest, longest first.
-        counts: events in each pixel, uint64 (height, width).
+        outside: how many events lie outside of the size that the file states; they count for nothing else.
+        pixels: events in each pixel.
     """
 
     path: Path
@@ -63,7 +70,17 @@ class EventSummary:
     peak_us: int = 0
     backward: int = 0
     gaps: list[Gap] = field(default_factory=list)
-    counts: npt.NDArray[np.uint64] = field(default_factory=lambda: np.zeros((0, 0), np.uint64))
+    outside: int = 0
+    pixels: PixelCounts = field(default_factory=lambda: PixelCounts(None))
+
+    @property
+    def counts(self) -> npt.NDArray[np.uint64]:
+        """Events in each pixel, uint64 (height, width).
+
+        Raises:
+            ValueError: for a sensor of more than 4,194,304 pixels.
+        """
+        return self.pixels.image()
 
     @property
     def duration_s(self) -> float:
@@ -86,17 +103,19 @@ class EventSummary:
         lines = [f"{self.path}: {self.format}", f"sensor      {width} x {height}{known}"]
         if not self.events:
             return "\n".join([*lines, "events      0"])
-        y, x = np.unravel_index(int(self.counts.argmax()), self.counts.shape)
-        silent = int(np.count_nonzero(self.counts == 0))
+        x, y, most = self.pixels.busiest
+        silent = width * height - self.pixels.with_events
         lines += [
             f"time        {_seconds(self.first_us)} to {_seconds(self.last_us)}, {self.duration_s:.6f} s",
             f"events      {self.events:,}, {self.on / self.events:.1%} ON",
             f"mean rate   {_rate(self.mean_rate_hz)}",
             f"peak rate   {_rate(self.peak_rate_hz)} in the {PEAK_WINDOW_US // 1000} ms from {_seconds(self.peak_us)}",
-            f"pixels      {_rate(self.mean_rate_hz / self.counts.size)} on average; busiest ({x}, {y}) with "
-            f"{self.counts[y, x]:,} events; {silent:,} without any",
+            f"pixels      {_rate(self.mean_rate_hz / (width * height))} on average; busiest ({x}, {y}) with "
+            f"{most:,} events; {silent:,} without any",
             "gaps        " + (", ".join(map(str, self.gaps)) or "none"),
         ]
+        if self.outside:
+            lines.append(f"warning: {self.outside:,} events lie outside of the sensor, and are left out")
         if self.backward:
             lines.append(f"warning: {self.backward:,} events are earlier than the one before them")
         return "\n".join(lines)
@@ -127,6 +146,7 @@ def summarize_events(
     path: str | os.PathLike[str],
     *,
     size: tuple[int, int] | None = None,
+    max_packet_bytes: int = MAX_PACKET_BYTES,
     progress: Callable[[float], object] | None = None,
 ) -> EventSummary:
     """Read an event file once, in constant memory, and sum it up.
@@ -134,32 +154,28 @@ def summarize_events(
     Args:
         path: a file of any format, or a dataset folder.
         size: (width, height) of the sensor, where the file does not say.
+        max_packet_bytes: what a packet, chunk, page or message of a compressed file may unpack to.
         progress: is told the share that is done, 0..1.
 
     Raises:
         OSError, DecodeError: if it cannot be read.
-        ValueError: for events outside of the sensor.
+        ValueError: for events outside of a sensor of ``size``.
     """
-    with open_reader(path) as reader:
-        known = reader.size if reader.size is not None else size
-        summary = EventSummary(Path(path), reader.format, known or (0, 0), known is not None)
+    folder = Dataset(Path(path)) if os.path.isdir(path) else None
+    with open_reader(path, backward="keep", outside="drop", max_packet_bytes=max_packet_bytes) as reader:
+        stated = reader.size if folder is None else folder.size
+        known = stated if stated is not None else size
+        format = reader.format if folder is None else DATASET_FOLDER
+        summary = EventSummary(Path(path), format, known or (0, 0), known is not None)
         _sum_up(reader, summary, progress)
     return summary
 
 
 def _sum_up(reader: EventReader, summary: EventSummary, progress: Callable[[float], object] | None) -> None:
-    width, height = summary.size
-    counts: npt.NDArray[np.uint64] = np.zeros((height, width), np.uint64)
+    summary.pixels = PixelCounts(summary.size if summary.size_known else None)
     window, in_window = 0, 0
     for events in reader.iter():
-        if not summary.size_known:
-            width, height = max(width, int(events["x"].max()) + 1), max(height, int(events["y"].max()) + 1)
-            grown = np.zeros((height, width), np.uint64)
-            grown[: counts.shape[0], : counts.shape[1]] = counts
-            counts = grown
-        off, on = count_events(events, (width, height))
-        counts += off
-        counts += on
+        summary.pixels.add(events)
         t_us = np.ascontiguousarray(events["t"])
         _add_gaps(summary, t_us)
         windows, sizes = np.unique(t_us // PEAK_WINDOW_US, return_counts=True)
@@ -169,14 +185,14 @@ def _sum_up(reader: EventReader, summary: EventSummary, progress: Callable[[floa
         if sizes[fullest] > summary.peak_events:
             summary.peak_events, summary.peak_us = int(sizes[fullest]), int(windows[fullest]) * PEAK_WINDOW_US
         window, in_window = int(windows[-1]), int(sizes[-1])
-        summary.on += int(on.sum())
+        summary.on += int(np.count_nonzero(events["p"]))
         summary.events += len(events)
         if summary.first_us is None:
             summary.first_us = int(t_us[0])
         summary.last_us = int(t_us[-1])
         if progress is not None:
             progress(reader.progress)
-    summary.size, summary.counts = (width, height), counts
+    summary.size, summary.outside = summary.pixels.size, reader.check.dropped_outside
 
 
 def _add_gaps(summary: EventSummary, t_us: npt.NDArray[np.int64]) -> None:
@@ -188,6 +204,26 @@ def _add_gaps(summary: EventSummary, t_us: npt.NDArray[np.int64]) -> None:
     longest = np.argpartition(steps, -_GAPS)[-_GAPS:] if len(steps) > _GAPS else np.arange(len(steps))
     found = [Gap(int(steps[at]), int(t_us[at])) for at in longest if steps[at] > 0]
     summary.gaps = heapq.nlargest(_GAPS, [*summary.gaps, *found])
+
+
+def dataset_contents(dataset: Dataset) -> str:
+    """A few lines on what a dataset folder holds in addition to its events: scene, settings, images, poses and IMU.
+
+    Raises:
+        OSError, DecodeError: if a list of images, the ground truth or the IMU's samples cannot be read.
+    """
+    said = describe_dataset(dataset)
+    lines = []
+    if said.scene is not None:
+        lines.append(f"scene       {said.scene}")
+    if said.threshold is not None:
+        lines.append(f"threshold   {said.threshold}")
+    if said.effects is not None:
+        lines.append(f"effects     {', '.join(said.effects) or 'none: ideal pixels'}")
+    lines.append(f"also        {left_out(dataset.path) or 'nothing'}")
+    if dataset.meta.get("complete") is False:
+        lines.append("warning: the folder was never finished: its writer was stopped")
+    return "\n".join(lines)
 
 
 def dataset_row(path: str | Path, summary: EventSummary) -> DatasetRow:

@@ -1,4 +1,4 @@
-"""A video of a dataset: its intensity frames beside its events."""
+"""A video of a sequence: its intensity frames beside its events."""
 
 from __future__ import annotations
 
@@ -9,36 +9,45 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from ..dataset.reader import Dataset
-from .view import display_grey, event_picture, sequence_end_us
+from ..progress import each
+from .figure import event_picture
+from .visual_sequence import VisualSequence, display_grey, open_visual_sequence
 
 _PANEL_HEIGHT = 360
 _CAPTION_HEIGHT = 28
 _GAP = 8
 
 
-def video_dataset(
-    path: str | Path, output: str | Path, *, fps: float = 25.0, speed: float = 0.1, progress: bool = False
+def make_video(
+    source: str | Path,
+    output: str | Path,
+    *,
+    fps: float = 25.0,
+    speed: float = 0.1,
+    size: tuple[int, int] | None = None,
+    show_progress: bool = False,
 ) -> Path:
-    """Make a video of a dataset: the intensity frame on the left, on the right the events over it, ON red, OFF blue.
+    """Make a video of a sequence: the intensity frame on the left, on the right the events over it, ON red, OFF blue.
 
     A picture of the video shows the events of the time that passes until the next one, (t - speed / fps, t], and the
     last intensity frame until t.
 
     Args:
-        path: the dataset folder.
+        source: a dataset folder, an event file of any format, or a recording (AEDAT, or a camera's bytes).
         output: the file to write: ``.mp4`` (H.264) or ``.gif``.
         fps: pictures a second. A GIF counts in hundredths of a second, so there 50 at most.
         speed: seconds of the sequence in a second of the video; 1 is real time, 0.1 ten times slower.
-        progress: show a progress bar.
+        size: (width, height) of the sensor in pixels, where the source does not say.
+        show_progress: how far it is, on standard error.
 
     Returns:
         The path of the video.
 
     Raises:
         ImportError: without imageio, saying how to get it.
-        ValueError: for another suffix, or an fps or speed that is not positive and finite.
-        DecodeError, OSError: if the dataset cannot be read or the video cannot be written.
+        ValueError: for another suffix, or an fps or speed that is not positive and finite; for a size that
+            nobody knows, or a sequence in which nothing has a time.
+        DecodeError, OSError: if the source cannot be read or the video cannot be written.
     """
     output = Path(output)
     suffix = output.suffix.lower()
@@ -53,38 +62,38 @@ def video_dataset(
         import imageio.v2 as imageio
     except ImportError as error:
         raise ImportError("making a video needs imageio and ffmpeg: pip install 'davis_rs[view]'") from error
-    from tqdm import tqdm
 
-    dataset = Dataset(path)
+    sequence = open_visual_sequence(source, size=size)
+    if not len(sequence.events) and not sequence.frame_times:
+        raise ValueError(f"{source} has neither events nor frames: there is nothing to show in a video")
     step_us = 1e6 * speed / fps
-    count = max(1, math.ceil(sequence_end_us(dataset) / step_us))
+    count = max(1, math.ceil((sequence.end_us - sequence.start_us) / step_us))
     if suffix == ".mp4":
         writer = imageio.get_writer(output, fps=fps, quality=8, macro_block_size=2)
     else:
         writer = imageio.get_writer(output, duration=1000 / fps, loop=0)
     with writer:
-        for picture in tqdm(_pictures(dataset, step_us, count), total=count, unit="picture", disable=not progress):
+        for picture in each(_pictures(sequence, step_us, count), "drawing", count, unit="pictures", show=show_progress):
             writer.append_data(picture)
     return output
 
 
-def _pictures(dataset: Dataset, step_us: float, count: int) -> Iterator[npt.NDArray[np.uint8]]:
+def _pictures(sequence: VisualSequence, step_us: float, count: int) -> Iterator[npt.NDArray[np.uint8]]:
     """The pictures of the video, uint8 (even height, even width, 3)."""
     from PIL import Image, ImageDraw, ImageFont
 
-    camera, events, t = dataset.camera, dataset.events, dataset.events["t"]
-    scale = max(1, round(_PANEL_HEIGHT / camera.height))
-    panel_height, panel_width = camera.height * scale, camera.width * scale
+    (width, height), events, t = sequence.size, sequence.events, sequence.events["t"]
+    scale = max(1, round(_PANEL_HEIGHT / height))
+    panel_height, panel_width = height * scale, width * scale
     # Video codecs halve the resolution of colour, so they want even sizes.
     size = (2 * panel_width + _GAP, panel_height + _CAPTION_HEIGHT + panel_height % 2)
     font = ImageFont.load_default(16)
-    stamps = [image.t_us for image in dataset.frames]
-    shown, grey = -1, np.ones((camera.height, camera.width))
+    shown, grey = -1, np.ones((height, width))
     for number in range(1, count + 1):
-        start_us, end_us = round((number - 1) * step_us), round(number * step_us)
-        latest = int(np.searchsorted(stamps, end_us, side="right")) - 1
+        start_us, end_us = (sequence.start_us + round(step * step_us) for step in (number - 1, number))
+        latest = int(np.searchsorted(sequence.frame_times, end_us, side="right")) - 1
         if latest != shown:
-            shown, grey = latest, display_grey(dataset.read_image(latest))
+            shown, grey = latest, display_grey(sequence.read_frame(latest))
         window = slice(np.searchsorted(t, start_us, side="right"), np.searchsorted(t, end_us, side="right"))
         picture = Image.new("RGB", size, "white")
         for left, panel in (

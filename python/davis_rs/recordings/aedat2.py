@@ -46,13 +46,14 @@ _PREFERENCES = {
 
 def read(
     path: Path,
-    data: bytes,
     *,
     chip: str | None,
     accelerometer_range_g: int | None,
     gyroscope_range_deg_s: int | None,
+    **_: Any,
 ) -> Recording:
-    """Read a file's contents; see :func:`davis_rs.read_recording`."""
+    """Read a file; see :func:`davis_rs.read_recording`."""
+    data = path.read_bytes()
     start = _start(data)
     header = data[:start]
     chip = known_chip(chip, _line(header, rb"AEChip:\s*(\S+)"))

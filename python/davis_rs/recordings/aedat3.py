@@ -17,7 +17,7 @@ import numpy.typing as npt
 from .._core import DecodeError
 from ..decoded import Frame, TriggerKind
 from ..events import concatenate_events
-from .recording import Recording, event_array, grey, imu_array, known_chip, size_of, trigger_array
+from .recording import Recording, event_array, grey, imu_array, inside, known_chip, size_of, trigger_array
 
 MAGIC = b"#!AER-DAT3.1"
 
@@ -54,8 +54,9 @@ class _Parts:
         self.invalid = self.others = 0
 
 
-def read(path: Path, data: bytes, *, chip: str | None, **_: int | None) -> Recording:
-    """Read a file's contents; see :func:`davis_rs.read_recording`."""
+def read(path: Path, *, chip: str | None, **_: Any) -> Recording:
+    """Read a file; see :func:`davis_rs.read_recording`."""
+    data = path.read_bytes()
     end = data.find(_END)
     if end < 0:
         raise DecodeError(f"{path}, byte {len(data)}: expected a line '#!END-HEADER', the file ends")
@@ -92,6 +93,7 @@ def read(path: Path, data: bytes, *, chip: str | None, **_: int | None) -> Recor
     notes = [f"{parts.invalid} events marked as not valid left out"] if parts.invalid else []
     if parts.others:
         notes.append(f"{parts.others} packets of other types, or special events of other kinds, left out")
+    events = inside(events, width, height, notes)
     return Recording(
         path=path, format="AEDAT 3.1", chip=chip, width=width, height=height,
         events=events, imu=np.concatenate(parts.imu), frames=parts.frames, triggers=np.concatenate(parts.triggers),

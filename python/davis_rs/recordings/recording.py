@@ -124,6 +124,15 @@ def size_of(chip: str, events: EventArray, stated: tuple[int, int] = (0, 0)) -> 
     return (int(events["x"].max()) + 1, int(events["y"].max()) + 1) if len(events) else (0, 0)
 
 
+def inside(events: EventArray, width: int, height: int, notes: list[str]) -> EventArray:
+    """The events of the image; a note tells of others."""
+    within = (events["x"] < width) & (events["y"] < height)
+    if within.all():
+        return events
+    notes.append(f"{np.count_nonzero(~within)} events outside of {width} x {height} pixels left out")
+    return events[within]
+
+
 def event_array(t: npt.ArrayLike, x: npt.ArrayLike, y: npt.ArrayLike, p: npt.ArrayLike) -> EventArray:
     """Events from columns of one length."""
     events = np.zeros(len(np.asarray(t)), EVENT_DTYPE)

@@ -49,7 +49,7 @@ class MovingLanes:
     """The objects' frames and the lights' factors at the views of many lanes.
 
     Args:
-        courses: for each light the column of its course in ``state``, or None.
+        profiles: for each light the column of its profile in ``state``, or None.
     """
 
     def __init__(
@@ -60,7 +60,7 @@ class MovingLanes:
         view: Any,
         pixel: Any,
         *,
-        courses: Sequence[int | None],
+        profiles: Sequence[int | None],
         motion: bool,
     ) -> None:
         self._camera_rays = camera_rays
@@ -71,7 +71,7 @@ class MovingLanes:
             )
             for poses in state.objects
         ]
-        self._factors = [None if column is None else _lanes_of(state, column, view, motion) for column in courses]
+        self._factors = [None if column is None else _lanes_of(state, column, view, motion) for column in profiles]
 
     def of_rays(self, sample: Any, rays: int) -> Surroundings:
         """What surrounds lattice ray ``sample`` of so many, with tangents where the lanes have motion."""
@@ -91,7 +91,7 @@ class MovingLanes:
 
 
 def _lanes_of(state: SceneState, column: int, view: Any, motion: bool) -> tuple[Any, Any | None]:
-    """The factor and rate of a course at the lanes' views."""
+    """The factor and rate of a profile at the lanes' views."""
     import drjit as dr
     import mitsuba as mi
 

@@ -53,7 +53,7 @@ class NativeRenderer(Renderer):
         rank1_lattice(samples)  # refuses bad numbers
         self.reason = table.description
         columns = {name: column for column, name in enumerate(motion.lights)}
-        self._courses = [columns.get(light.name) for light in table.lights]
+        self._profiles = [columns.get(light.name) for light in table.lights]
         self.poses_per_launch = int(np.clip(_PIXELS_PER_LAUNCH // (camera.width * camera.height), 1, 64))
         self._pixel_rays = functools.lru_cache(maxsize=4)(self._make_pixel_rays)
         textures = table.textures
@@ -107,13 +107,13 @@ class NativeRenderer(Renderer):
 
     def _arrays(self, views: Views) -> ViewArrays:
         """The cameras in the world and in the objects' frames, and the lights' factors with their rates."""
-        shape = (len(views), len(self._courses))
+        shape = (len(views), len(self._profiles))
         factors, rates = np.ones(shape), np.zeros(shape)
         cameras = [views]
         if self.motion:
             state = self.motion.at(views.t_s)
             cameras += [seen_from(views, poses) for poses in state.objects]
-            for light, column in enumerate(self._courses):
+            for light, column in enumerate(self._profiles):
                 if column is not None:
                     factors[:, light], rates[:, light] = state.factors[:, column], state.rates[:, column]
         poses = (

@@ -43,7 +43,7 @@ class TableRenderer(Renderer):
         self.reason = table.description
         self._camera_rays = CameraRays(camera)
         columns = {name: column for column, name in enumerate(motion.lights)}
-        self._courses = [columns.get(light.name) for light in table.lights]
+        self._profiles = [columns.get(light.name) for light in table.lights]
         self._padded = -(-self._camera_rays.pixels // _PACKET) * _PACKET
         self.poses_per_launch = int(np.clip(_RAYS_PER_LAUNCH // self._padded, 1, 64))
         with variant(FAST) as (mi, _):
@@ -104,7 +104,7 @@ class TableRenderer(Renderer):
         if not self.motion:
             return lanes, None
         state = self.motion.at(views.t_s)
-        return lanes, MovingLanes(self._camera_rays, state, views, view, pixel, courses=self._courses, motion=motion)
+        return lanes, MovingLanes(self._camera_rays, state, views, view, pixel, profiles=self._profiles, motion=motion)
 
     def _mean(self, lanes: Lanes, around: MovingLanes | None, rays: int, mi: Any, dr: Any) -> tuple[Any, Any]:
         """Luma, averaged over the lattice rays of each lane's pixel, and its rate (0 for lanes without motion)."""

@@ -16,14 +16,8 @@ from .scene_table import SceneTable, Unsuitable
 from .scene_updates import scene_motion
 from .swept_objects import MovingSilhouettes
 
-RENDERERS = ("auto", "native", "table", "integrator")
-"""What may be asked for, see :func:`make_renderer`."""
-
-
-def check_renderer(kind: str) -> None:
-    """Refuse, by a ValueError, what is no kind of renderer."""
-    if kind not in RENDERERS:
-        raise ValueError(f"renderer must be auto, native, table or integrator, got {kind!r}")
+RENDERERS = ("auto", "table", "native", "integrator")
+"""What ``renderer`` may be."""
 
 
 def make_renderer(
@@ -39,23 +33,26 @@ def make_renderer(
     """Choose and build the renderer for a scene.
 
     Args:
-        samples: rays a pixel; None means 8, or 2 for an integrator in the scalar variant.
+        samples: rays a pixel; None means 8, or 2 for Mitsuba's integrators in the scalar variant.
         seed: of Mitsuba's integrators; the others draw nothing at random.
-        kind: ``native`` (diffuse meshes under point, directional and constant light: fastest, and without LLVM),
-            ``table`` (the same scenes on Dr.Jit), ``integrator`` (Mitsuba's own, for everything else) or ``auto``: the
-            native renderer where it computes what the scene asks for.
+        kind: ``table`` (the table kernel: diffuse meshes under point, directional and constant light, on Dr.Jit),
+            ``native`` (the same scenes in the Rust core, without LLVM), ``integrator`` (Mitsuba's own, for everything
+            else) or ``auto``: the table kernel where it computes what the scene asks for, the native renderer in its
+            place where there is no LLVM, and else Mitsuba's integrators.
         edges: prepare :attr:`Renderer.silhouettes`.
         blur: the 3 x 3 blur of luma; None leaves it to the scene.
 
     Raises:
-        ValueError: if the scene cannot be loaded, it has none of the objects or lights that shall change, or ``native``
-            or ``table`` was asked for and cannot render it.
+        ValueError: if the scene cannot be loaded, it has none of the objects or lights that shall change, or ``table``
+            or ``native`` was asked for and cannot render it.
         OSError: if a scene file cannot be read.
 
     Warns:
-        UserWarning: if the scene's light is ambient (:attr:`Scene.ambient`), and it is an integrator that shows it.
+        UserWarning: if the scene's light is ambient (:attr:`Scene.ambient`), and it is one of Mitsuba's integrators
+            that renders it.
     """
-    check_renderer(kind)
+    if kind not in RENDERERS:
+        raise ValueError(f"renderer must be one of {', '.join(RENDERERS)}, got {kind!r}")
     blur = scene.blur if blur is None else blur
     reason = "asked for"
     if kind != "integrator":
@@ -69,7 +66,7 @@ def make_renderer(
     renderer = _make_integrator(scene, camera, samples=samples, seed=seed, blur=blur, edges=edges, reason=reason)
     if scene.ambient:
         warnings.warn(
-            f"scene {scene.name!r} is made for the native renderer or the table kernel, not for the {renderer.name} "
+            f"scene {scene.name!r} is made for the table kernel or the native renderer, not for the {renderer.name} "
             f"({renderer.reason}): the scene's constant light, which shall come from all sides, does not reach into "
             "its closed room, so that shadows are black and the range of illuminance is far wider than the scene's",
             stacklevel=2,
@@ -80,25 +77,25 @@ def make_renderer(
 def _make_from_table(
     scene: Scene, camera: Camera, *, samples: int | None, kind: str, blur: bool, edges: bool
 ) -> Renderer:
-    """The native renderer or the table kernel.
+    """The table kernel or the native renderer.
 
     Raises:
         Unsuitable: for a scene that is not diffuse triangles under direct light.
     """
-    variant_name = SCALAR
-    if kind == "table":
-        variant_name, why_variant = default_variant()
-        if variant_name == SCALAR:
-            raise ValueError(f"the table kernel needs Mitsuba's {FAST} variant: {why_variant}")
+    variant_name, why_variant = (SCALAR, "") if kind == "native" else default_variant()
+    if variant_name == SCALAR and kind == "table":
+        raise ValueError(f"the table kernel needs Mitsuba's {FAST} variant: {why_variant}")
     samples = 8 if samples is None else samples
     with variant(variant_name) as (mi, _):
         loaded = load_scene_source(scene.source(), mi)
         motion = scene_motion(scene, loaded, mi)
         moving = list(motion.objects)
         table = SceneTable(loaded, mi, shadows=scene.shadows, any_integrator=kind != "auto", moving=moving)
-        make = TableRenderer if kind == "table" else NativeRenderer
+        make = NativeRenderer if variant_name == SCALAR else TableRenderer
         renderer = make(table, camera, samples=samples, blur=blur, motion=motion)
         renderer.silhouettes = MovingSilhouettes(loaded, motion) if edges else None
+    if why_variant and variant_name == SCALAR:
+        renderer.reason += f"; not the table kernel: {why_variant}"
     return renderer
 
 

@@ -1,4 +1,4 @@
-"""What changes in a scene besides the camera: objects that move, and lights whose strength runs a course."""
+"""What changes in a scene besides the camera: objects that move, and lights whose strength runs a profile."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..pose import FloatArray
-from ..scene.light_course import LightCourse
+from ..scene.light_profile import LightProfile
 from ..trajectory.trajectory import TIME_TOLERANCE_S, Trajectory
 from ..trajectory.views import Views
 
@@ -20,7 +20,7 @@ class SceneState:
 
     Attributes:
         objects: pose and motion of each moving object at the instants: T_world_object, rates in the object's axes.
-        factors: (n, lights) on the strengths of the lights that run a course.
+        factors: (n, lights) on the strengths of the lights that run a profile.
         rates: (n, lights) their derivatives, per second.
     """
 
@@ -35,7 +35,7 @@ class SceneState:
 
 
 class SceneMotion:
-    """The trajectories of a scene's objects and the courses of its lights, by their ids.
+    """The trajectories of a scene's objects and the profiles of its lights, by their ids.
 
     Args:
         boxes: for each object the lowest and highest corner (2, 3) around it in its own frame, metres.
@@ -44,7 +44,7 @@ class SceneMotion:
     def __init__(
         self,
         objects: Mapping[str, Trajectory],
-        lights: Mapping[str, LightCourse],
+        lights: Mapping[str, LightProfile],
         boxes: Mapping[str, npt.ArrayLike],
     ) -> None:
         self.objects, self.lights = dict(objects), dict(lights)
@@ -58,7 +58,7 @@ class SceneMotion:
         """The scene at times (n,) of the sequence.
 
         Raises:
-            ValueError: where a course gives another shape, or a factor that is negative or not finite.
+            ValueError: where a profile gives another shape, or a factor that is negative or not finite.
         """
         poses = tuple(held(trajectory, t_s) for trajectory in self.objects.values())
         rates = [_checked(name, "rate", light.rate(t_s), t_s, -np.inf) for name, light in self.lights.items()]

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .._mitsuba import FAST
+from ..scene.textures import from_srgb
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -159,7 +160,7 @@ def _decoded(data: npt.NDArray[Any]) -> Iterator[FloatArray]:
         yield data.astype(np.float64)
         return
     encoded = data / 255
-    yield np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
+    yield from_srgb(encoded)
     yield encoded
 
 

@@ -139,7 +139,7 @@ class TableKernel:
         return mi.Ray3f(origin, direction), record, hit, owner, distance
 
     def _lights_at(self, around: Surroundings) -> list[Light]:
-        """The lights, those that run a course with their strength on it."""
+        """The lights, those that run a profile with their strength on it."""
         return [
             light if factor is None else replace(light, strength=light.strength * factor)
             for light, factor in zip(self._table.lights, around.factors, strict=True)

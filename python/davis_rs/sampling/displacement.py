@@ -25,7 +25,7 @@ LIGHT_PER_PIXEL = 0.45
 third of a pixel, the displacement at which renders are usually spaced."""
 
 DARKEST = 1e-3
-"""Added to a light's factor before the logarithm, so that its course may reach 0."""
+"""Added to a light's factor before the logarithm, so that its profile may reach 0."""
 
 
 class DisplacementClock:
@@ -38,7 +38,7 @@ class DisplacementClock:
     surface in the depth maps, so that the camera may be in the box. Both rather count too much than too little; the
     shadows of moving objects, which may be faster than these, do not count.
 
-    A light that runs a course adds the change of its log strength, :data:`LIGHT_PER_PIXEL` of which is a pixel,
+    A light that runs a profile adds the change of its log strength, :data:`LIGHT_PER_PIXEL` of which is a pixel,
     sampled every 50 us: of several lights that which changes most.
 
     Computed block by block as it is asked for; what lies more than a block behind is forgotten.

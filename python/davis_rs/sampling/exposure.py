@@ -11,8 +11,7 @@ import numpy.typing as npt
 from ..pose import FloatArray
 from ..rendering.render import Renderer
 from ..rendering.scene_motion import SceneMotion
-from ..scene.light_course import LightCourse, SampledCourse
-from ..trajectory.trajectory import interval
+from ..scene.light_profile import LightProfile, SampledProfile
 from .displacement import DisplacementClock
 from .keyframes import Stretch
 
@@ -28,7 +27,7 @@ _SPEED_STEP_US = 1_000
 _LIGHT_STEP_US = 10
 """Lights are averaged over samples so far apart."""
 
-_STEADY = SampledCourse([0.0, 1.0], [1.0, 1.0])
+_STEADY = SampledProfile([0.0, 1.0], [1.0, 1.0])
 
 
 def expose(
@@ -85,41 +84,41 @@ def _fastest(stretch: Stretch, start_us: int, end_us: int) -> float:
     offset_us, length_us = start_us - stretch.start_us, end_us - start_us
     # The clock would count the change of lights too, in which sub-frames need not be told apart.
     renderer = _with_lights(stretch.renderer, dict.fromkeys(stretch.renderer.motion.lights, _STEADY))
-    path = interval(stretch.trajectory, offset_us * 1e-6, length_us * 1e-6)
+    path = stretch.trajectory.crop(offset_us * 1e-6, length_us * 1e-6)
     clock = DisplacementClock(renderer, path, length_us, start_us=start_us)
     times = np.append(np.arange(0, length_us, _SPEED_STEP_US), length_us)
     moved = np.array([clock.path_at(t_us) for t_us in times.tolist()])
     return float((np.diff(moved) / np.diff(times)).max())
 
 
-class _MeanCourse(LightCourse):
-    """Another course averaged over ``length_us`` around each instant."""
+class _MeanProfile(LightProfile):
+    """Another profile averaged over ``length_us`` around each instant."""
 
-    def __init__(self, course: LightCourse, length_us: float) -> None:
-        self._course, self._length_s = course, length_us * 1e-6
+    def __init__(self, profile: LightProfile, length_us: float) -> None:
+        self._profile, self._length_s = profile, length_us * 1e-6
         count = int(np.ceil(length_us / _LIGHT_STEP_US))
         self._offsets_s = self._length_s * ((np.arange(count) + 0.5) / count - 0.5)
 
     def factor(self, t_s: npt.ArrayLike) -> FloatArray:
-        return np.array([self._course.factor(t + self._offsets_s).mean() for t in np.asarray(t_s, np.float64)])
+        return np.array([self._profile.factor(t + self._offsets_s).mean() for t in np.asarray(t_s, np.float64)])
 
     def rate(self, t_s: npt.ArrayLike) -> FloatArray:
         t, half = np.asarray(t_s, np.float64), self._length_s / 2
-        return (self._course.factor(t + half) - self._course.factor(t - half)) / self._length_s
+        return (self._profile.factor(t + half) - self._profile.factor(t - half)) / self._length_s
 
     def describe(self) -> dict[str, object]:
-        return {"kind": "mean", "length_s": self._length_s, "of": self._course.describe()}
+        return {"kind": "mean", "length_s": self._length_s, "of": self._profile.describe()}
 
 
 def _in_mean_light(renderer: Renderer, length_us: float) -> Renderer:
     """The renderer, with lights as they are on the average over ``length_us`` around each instant."""
     return _with_lights(
-        renderer, {name: _MeanCourse(course, length_us) for name, course in renderer.motion.lights.items()}
+        renderer, {name: _MeanProfile(profile, length_us) for name, profile in renderer.motion.lights.items()}
     )
 
 
-def _with_lights(renderer: Renderer, lights: Mapping[str, LightCourse]) -> Renderer:
-    """The renderer, with other courses for the same lights; it shares all else with the one given."""
+def _with_lights(renderer: Renderer, lights: Mapping[str, LightProfile]) -> Renderer:
+    """The renderer, with other profiles for the same lights; it shares all else with the one given."""
     if not lights:
         return renderer
     motion, other = renderer.motion, copy(renderer)

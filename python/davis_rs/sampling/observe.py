@@ -15,7 +15,7 @@ from .keyframes import Keyframe, Stretch
 from .rules import TimeSampling
 
 
-class Probes(TimeSampling):
+class LumaRecorder(TimeSampling):
     """A rule whose keyframes are looked at on their way: how many there are, and log luma at some instants.
 
     Attributes:

@@ -14,37 +14,25 @@ class Accuracy:
 
     Attributes:
         sampling: in time.
-        samples: in space: rays a pixel.
+        samples: in space: rays a pixel; None leaves it to the renderer.
         refine: polish each event's time by asking the renderer itself.
     """
 
     sampling: TimeSampling
-    samples: int
+    samples: int | None
     refine: bool = False
 
 
-PAPER = Accuracy(MaxDisplacement(), 8)
-"""The rule of the dataset's own simulator, and the default: straight lines between renders a third of a pixel apart."""
-
 ACCURACY = {
+    "paper": Accuracy(MaxDisplacement(), None),
     "fast": Accuracy(MaxDisplacement(2 / 3), 5),
     "balanced": Accuracy(Tolerance(0.5, pixels=2 / 3, longest=2 / 3, halvings=1, edges=False), 13),
     "exact": Accuracy(Tolerance(0.05, pixels=1 / 16, longest=1 / 16, halvings=3), 32, refine=True),
 }
 """``docs/accuracy.md`` shows where they lie.
 
+``paper``, the default, is the rule of the dataset's own simulator: straight lines between renders a third of a pixel
+apart.
+
 Lattices of 5, 8, 13, 21 points (Fibonacci numbers) integrate edges best for their cost.
 """
-
-
-def accuracy_preset(name: str | None) -> Accuracy:
-    """A preset by its name; None is the default.
-
-    Raises:
-        ValueError: for another name.
-    """
-    if name is None:
-        return PAPER
-    if name not in ACCURACY:
-        raise ValueError(f"accuracy must be one of {', '.join(ACCURACY)}, got {name!r}")
-    return ACCURACY[name]

@@ -57,7 +57,7 @@ class TimeSampling(ABC):
         """The keyframes of a stretch, in order, all of its due instants among them."""
 
 
-class PlannedSampling(TimeSampling):
+class ScheduledSampling(TimeSampling):
     """A rule that knows its instants beforehand.
 
     Attributes:
@@ -100,7 +100,7 @@ def _keyframes(times: list[int], launched: Launched) -> Iterator[Keyframe]:
 
 
 @dataclass(frozen=True)
-class FixedRate(PlannedSampling):
+class FixedRate(ScheduledSampling):
     """Render at a fixed rate in Hz, whatever moves; 1000 is the dataset's own.
 
     Raises:
@@ -119,7 +119,7 @@ class FixedRate(PlannedSampling):
 
 
 @dataclass(frozen=True)
-class MaxDisplacement(PlannedSampling):
+class MaxDisplacement(ScheduledSampling):
     """Render whenever the fastest pixel has moved by ``pixels``.
 
     See :class:`~davis_rs.sampling.displacement.DisplacementClock`: the camera's motion counts, moving objects, and

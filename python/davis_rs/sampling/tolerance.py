@@ -56,9 +56,9 @@ class Tolerance(TimeSampling):
     def __post_init__(self) -> None:
         for name in ("contrast", "pixels", "longest"):
             if not 0 < getattr(self, name) < np.inf:
-                raise ValueError(f"{name} must be > 0 and finite, got {getattr(self, name)}")
+                raise ValueError(f"a tolerance's {name} must be > 0 and finite, got {getattr(self, name)}")
         if self.halvings < 0:
-            raise ValueError(f"halvings must be >= 0, got {self.halvings}")
+            raise ValueError(f"a tolerance's halvings must be >= 0, got {self.halvings}")
 
     @property
     def interpolation(self) -> str:

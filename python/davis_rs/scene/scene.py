@@ -9,8 +9,8 @@ from typing import Any
 
 from ..camera import PRESETS, Camera
 from ..pose import Pose
-from ..trajectory.trajectory import Trajectory, interval, rest_of
-from .light_course import LaterCourse, LightCourse
+from ..trajectory.trajectory import SegmentTrajectory, Trajectory
+from .light_profile import LightProfile, ShiftedProfile
 
 SceneSource = Path | Mapping[str, Any]
 
@@ -26,34 +26,43 @@ class Scene:
         source: called when the scene is loaded; a path of a Mitsuba XML file, or a Mitsuba scene dictionary in which
             NumPy arrays stand for bitmap data (float32, linear RGB) and transforms.
         file: the file that it comes from, for records; None for a scene made in code.
-        camera: the camera it is made for.
+        file_name: how records call that file; None: by its path.
+        camera: the camera it is made for; None for a file without a perspective sensor.
         trajectory: the camera path that belongs to it; None if it has none.
-        start: where a camera starts in it, if it has no trajectory; None leaves that to the file's first sensor.
+        start: where a camera starts in it, if it has no trajectory; a file's first sensor stands there.
         contrast_threshold: C in natural-log units.
         blur: soften luma by the 3 x 3 kernel of the dataset's simulator.
         shadows: trace shadows of point and directional lights. A scene in which no shadow can be seen saves them.
         objects: what moves: T_world_object over the sequence's time for shapes by their ids (keys of the dictionary,
             ids of the XML file). The source gives such a shape in the object's own frame: its ``to_world`` there places
             it within the object. Before and after its trajectory an object stands still where that begins and ends.
-        lights: for lights by their ids (of a shape's own emitter ``shape.emitter``) the course of their strength.
+        lights: for lights by their ids (of a shape's own emitter ``shape.emitter``) the profile of their strength.
         lux_per_luma: illuminance on the sensor's scale: lux that one unit of luma stands for.
-        ambient: its constant light stands for light from all sides, also within closed rooms: only the native
-            renderer and the table kernel show it so.
+        ambient: its constant light stands for light from all sides, also within closed rooms: only the table kernel
+            and the native renderer show it so.
+        note: one line about the file that whoever simulates it should see, such as the size of a mesh in metres.
     """
 
     name: str
     source: Callable[[], SceneSource]
     file: Path | None = None
-    camera: Camera = PRESETS["ideal"]
+    file_name: str | None = None
+    camera: Camera | None = PRESETS["ideal"]
     trajectory: Trajectory | None = None
     start: Pose | None = None
     contrast_threshold: float = 0.15
     blur: bool = False
     shadows: bool = True
     objects: Mapping[str, Trajectory] = field(default_factory=dict)
-    lights: Mapping[str, LightCourse] = field(default_factory=dict)
+    lights: Mapping[str, LightProfile] = field(default_factory=dict)
     lux_per_luma: float = 1000.0
     ambient: bool = False
+    note: str = ""
+
+    def __repr__(self) -> str:
+        moves = "no trajectory" if self.trajectory is None else f"{self.trajectory.duration_s:.6g} s"
+        size = "no camera" if self.camera is None else f"{self.camera.width} x {self.camera.height} px"
+        return f"<Scene {self.name!r}, {size}, {moves}, C = {self.contrast_threshold:g}>"
 
     @property
     def path(self) -> Trajectory:
@@ -66,18 +75,48 @@ class Scene:
             raise ValueError(f"scene {self.name!r} has no trajectory of its own: one must be given")
         return self.trajectory
 
-    def part(self, start_s: float = 0.0, duration_s: float | None = None) -> Scene:
-        """The scene over a part of its own trajectory: what moves and flickers in it goes on from there.
-
-        Args:
-            start_s: where on the trajectory the part's t = 0 lies. duration_s: to the end by default.
+    @property
+    def own_camera(self) -> Camera:
+        """The scene's own camera.
 
         Raises:
-            ValueError: if the scene has no trajectory of its own, or not that part of it.
+            ValueError: if it has none.
+        """
+        if self.camera is None:
+            raise ValueError(f"scene {self.name!r} has no perspective sensor that tells lens and size: give a camera")
+        return self.camera
+
+    def with_trajectory(self, trajectory: Trajectory) -> Scene:
+        """The scene with this camera path; its objects and lights keep their own times.
+
+        Args:
+            trajectory: of the camera. Its t = 0 is the scene's t = 0.
+        """
+        return replace(self, trajectory=trajectory)
+
+    def crop(self, start_s: float = 0.0, duration_s: float | None = None) -> Scene:
+        """The scene over a part of its camera path, with t = 0 at the start of that part.
+
+        The clocks of objects and lights move with the camera's, so the part looks as it does within the whole.
+
+        Args:
+            start_s: start of the part on the trajectory, seconds.
+            duration_s: its length, seconds; None: to the end of the trajectory.
+
+        Raises:
+            ValueError: if the scene has no trajectory, or the part does not lie inside it.
         """
         return replace(
             self,
-            trajectory=interval(self.path, start_s, duration_s),
-            objects={name: rest_of(path, start_s) for name, path in self.objects.items()},
-            lights={name: LaterCourse(course, start_s) for name, course in self.lights.items()},
+            trajectory=self.path.crop(start_s, duration_s),
+            objects={name: _from(path, start_s) for name, path in self.objects.items()},
+            lights={name: ShiftedProfile(profile, start_s) for name, profile in self.lights.items()},
         )
+
+
+def _from(path: Trajectory, start_s: float) -> Trajectory:
+    """An object's path from ``start_s`` on; after its end the object stands still."""
+    if start_s < path.duration_s:
+        return path.crop(start_s)
+    last = path.pose(path.duration_s)
+    return SegmentTrajectory(last, last, 1.0)

@@ -6,10 +6,31 @@ eight bits, so that they are the same on every machine.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
 
 FloatArray = npt.NDArray[np.float64]
+
+Texture = npt.NDArray[np.float32]
+"""Reflectance, (height, width, 3), linear RGB; row 0 is the upper edge."""
+
+
+def from_srgb(encoded: npt.ArrayLike) -> FloatArray:
+    """Linear values of values encoded by sRGB's curve (IEC 61966-2-1), both in 0 to 1."""
+    value = np.asarray(encoded, np.float64)
+    return np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4)
+
+
+def bitmap(data: Any, *, repeats: tuple[float, float] | None = None) -> dict[str, Any]:
+    """A texture for a surface: by the surface's own coordinates, or so many times over its width and height.
+
+    Args:
+        data: a :data:`Texture`, or a tensor of it for Mitsuba.
+    """
+    texture = {"type": "bitmap", "raw": True, "wrap_mode": "repeat", "data": data}
+    return texture if repeats is None else {**texture, "to_uv": np.diag([*repeats, 1.0])}
 
 
 def patchwork(

@@ -13,7 +13,7 @@ from ..formats.files import PartFile
 from ..rendering.renderers import make_renderer
 from ..sampling.rules import MaxDisplacement
 from ..sequences import Sequence
-from ..simulate import Simulator
+from ..simulator import Simulator
 from ..trajectory.views import Views
 
 MEASURED = Path(__file__).with_name("measured.csv")
@@ -47,7 +47,7 @@ class EventCount:
 def mean_luma(sequence: Sequence) -> float:
     """The mean luma of a view of the sequence, at 70 % of its time: another scene or path has another."""
     scene = sequence.scene()
-    renderer = make_renderer(scene, scene.camera, samples=1)
+    renderer = make_renderer(scene, scene.own_camera, samples=1)
     view = Views.along(scene.path, np.array([_LOOK * scene.path.duration_s]))
     return float(renderer.luma(view).mean(dtype=np.float64))
 
@@ -68,12 +68,12 @@ def count_events(
             a pixel and 8 rays find 3 to 10 % more, for eight times the work (docs/sequences.md).
         progress: called with the simulated seconds since the call before.
     """
-    scene = sequence.scene().part(0.0, duration_s)
+    scene = sequence.scene().crop(0.0, duration_s)
     simulator = Simulator(
         scene, frame_rate_hz=0, depth_rate_hz=0, sampling=MaxDisplacement(max_displacement_px), samples=samples
     )
     events = on_events = 0
-    for packet in simulator.run(scene.path):
+    for packet in simulator.run():
         events += len(packet.events)
         on_events += int(packet.events["p"].sum())
         if progress is not None:

@@ -9,11 +9,12 @@ import numpy as np
 import numpy.typing as npt
 
 from ..dataset.files import as_grey
-from ..dataset.writer import exposure_for
+from ..dataset.writer import image_gain_for
 from ..formats.files import PartFile
-from ..inspection.view import display_grey, event_picture
+from ..inspection.figure import event_picture
+from ..inspection.visual_sequence import display_grey
 from ..sequences import Sequence
-from ..simulate import Simulator
+from ..simulator import Simulator
 
 _SLICE_S = 0.1
 _EVENTS_A_PIXEL = 0.15
@@ -59,12 +60,12 @@ def _tile(sequence: Sequence, share: float) -> npt.NDArray[np.uint8]:
     """Frame and events side by side, (height, 2 width, 3)."""
     whole_s = sequence.paper.duration_s
     slice_s = min(_SLICE_S, whole_s)
-    scene = sequence.scene().part(share * (whole_s - slice_s), slice_s)
+    scene = sequence.scene().crop(share * (whole_s - slice_s), slice_s)
     simulator = Simulator(scene, frame_rate_hz=1 / slice_s, depth_rate_hz=0, accuracy="fast")
-    packets = list(simulator.run(scene.path))
+    packets = list(simulator.run())
     luma = next(packet.luma for packet in reversed(packets) if packet.luma is not None)
     events = np.concatenate([packet.events for packet in packets])
-    grey = display_grey(as_grey(luma, exposure_for(luma)))
+    grey = display_grey(as_grey(luma, image_gain_for(luma)) / 255.0)
     shown = events[len(events) - min(len(events), round(_EVENTS_A_PIXEL * luma.size)) :]
     frame = np.repeat(np.rint(255 * grey)[..., None], 3, axis=2).astype(np.uint8)
     return np.concatenate([frame, event_picture(grey, shown)], axis=1)

@@ -1,4 +1,4 @@
-"""The 27 sequences of the public Event-Camera Dataset, as simulated twins.
+"""The 27 sequences of the public Event-Camera Dataset, as synthetic counterparts.
 
 >>> from davis_rs.sequences import SEQUENCES
 >>> scene = SEQUENCES["poster_6dof"].scene()  # with lens, contrast threshold and trajectory
@@ -7,6 +7,6 @@ Source: Mueggler et al., "The Event-Camera Dataset and Simulator", IJRR 2017.
 """
 
 from .sequence import PaperRow, Sequence
-from .table import SEQUENCES
+from .table import SEQUENCES, sequence_named
 
-__all__ = ["SEQUENCES", "PaperRow", "Sequence"]
+__all__ = ["SEQUENCES", "PaperRow", "Sequence", "sequence_named"]

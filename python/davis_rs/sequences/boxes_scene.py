@@ -11,9 +11,8 @@ import numpy as np
 from ..camera import PRESETS
 from ..scene.parts import DIRECT, rectangle
 from ..scene.scene import Scene
-from ..scene.textures import patchwork
+from ..scene.textures import Texture, bitmap, patchwork
 from .prints import blocks, plain_shapes, stones, text
-from .reflectance import Texture, bitmap
 from .room import FACING, LUX_PER_LUMA, SIDEWAYS, covered_box, empty_room, general_light, lamp
 from .starts import start_looking_at
 
@@ -28,8 +27,8 @@ _CELL_M = 0.62
 def boxes(hdr: bool = False) -> Scene:
     """Some fifty boxes of 15 to 50 cm on a carpet, evenly lit or (``hdr``) by a lamp among them: 80 to 2400 lux.
 
-    A twin of the dataset's boxes and hdr_boxes by kind: many textured boxes at 1 to 4 m, each before others; none of
-    them is one of the dataset's.
+    A synthetic counterpart of the dataset's boxes and hdr_boxes by kind: many textured boxes at 1 to 4 m, each before
+    others; none of them is one of the dataset's.
     """
     return Scene(
         name="hdr_boxes" if hdr else "boxes",

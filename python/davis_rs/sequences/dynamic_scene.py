@@ -8,9 +8,9 @@ import numpy as np
 
 from ..camera import PRESETS
 from ..pose import FloatArray
+from ..scene.meshes import shape
 from ..scene.scene import Scene
 from ..trajectory.sampled_trajectory import SampledTrajectory
-from .meshes import shape
 from .office_scene import chair, office_room
 from .person import Joints, clothes, parts
 from .room import LUX_PER_LUMA
@@ -43,8 +43,8 @@ def dynamic() -> Scene:
     The person sits at the desk and types in the air, 8 to 20 cm above the height of the keyboard, stands up (the chair
     rolls back), walks to and fro before the desk at up to about 1.5 m/s, turning to the camera at the ends, stops and
     waves, walks again, and sits down. The camera stands 2.2 m from where the person walks, with 1.1 m of air around it.
-    A twin of the dataset's by kind of motion, not a copy: the body is rigid parts that turn in their joints, and walks
-    by rule; its toes dip into the floor by up to 4 cm as it does.
+    A synthetic counterpart of the dataset's by kind of motion, not a copy: the body is rigid parts that turn in their
+    joints, and walks by rule; its toes dip into the floor by up to 4 cm as it does.
     """
     return Scene(
         name="dynamic",

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 
 from ..camera import PRESETS
+from ..scene.meshes import Mesh, box, merged, quad, shape, tube
 from ..scene.parts import DIRECT
 from ..scene.scene import Scene
 from ..scene.textures import patchwork
-from .meshes import Mesh, box, merged, quad, shape, tube
 from .place_textures import books, facade, grid, noise, wood, writing
 from .room import LUX_PER_LUMA, general_light
 from .starts import start_looking_at
@@ -27,8 +27,9 @@ def office() -> Scene:
     """A desk 1.5 m ahead, with two monitors, keyboard, mugs, books and papers, under some 500 lux; C = 0.17.
 
     Around it a shelf of books, a whiteboard and pictures, a chair, a cabinet, a door, and a window onto a street whose
-    light parts are about twice as bright as the walls. The camera has 0.7 m of air all around. A twin of the dataset's
-    office by kind of things, texture and light, not a copy; the daylight is seen, but lights nothing in the room.
+    light parts are about twice as bright as the walls. The camera has 0.7 m of air all around. A synthetic counterpart
+    of the dataset's office by kind of things, texture and light, not a copy; the daylight is seen, but lights nothing
+    in the room.
     """
     return Scene(
         name="office",

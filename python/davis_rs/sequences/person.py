@@ -12,9 +12,10 @@ from typing import Any
 import numpy as np
 
 from ..pose import FloatArray
-from .meshes import Mesh, Window, ball, box, merged, tube
+from ..scene.meshes import Mesh, Window, ball, box, merged, tube
+from ..scene.textures import Texture
 from .place_textures import grid, noise
-from .reflectance import Texture, finished
+from .reflectance import finished
 
 THIGH_M, SHIN_M, ANKLE_M = 0.44, 0.43, 0.09
 _UPPER_ARM_M = 0.3

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..scene.textures import value_noise
-from .reflectance import GREY, Texture, Tint, between, finished
+from ..scene.textures import Texture, value_noise
+from .reflectance import GREY, Tint, between, finished
 
 
 def noise(seed: int, low: float, high: float, *, size: int = 256, tint: Tint = GREY) -> Texture:

@@ -12,8 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ..pose import FloatArray
-from ..scene.textures import value_noise
-from .reflectance import Texture, between, finished
+from ..scene.textures import Texture, value_noise
+from .reflectance import between, finished
 
 
 def stones(height: int, width: int, seed: int, *, low: float, high: float, stone: float) -> Texture:

@@ -5,15 +5,10 @@ Rounded to eight bits, as the textures of :mod:`davis_rs.scene.textures`, so tha
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-import numpy.typing as npt
 
 from ..pose import FloatArray
-
-Texture = npt.NDArray[np.float32]
-"""Reflectance, (height, width, 3), linear RGB; row 0 is the upper edge."""
+from ..scene.textures import Texture
 
 Tint = tuple[float, float, float]
 
@@ -29,13 +24,3 @@ def finished(reflectance: FloatArray, tint: Tint = GREY) -> Texture:
 def between(low: float, high: float, level: FloatArray) -> FloatArray:
     """Reflectance of levels, clipped to [0, 1]: even in log reflectance, equal contrast in the dark and the bright."""
     return np.asarray(low * (high / low) ** np.clip(level, 0, 1))
-
-
-def bitmap(data: Any, *, repeats: tuple[float, float] | None = None) -> dict[str, Any]:
-    """A texture for a surface: by the surface's own coordinates, or so many times over its width and height.
-
-    Args:
-        data: a :data:`Texture`, or a tensor of it for Mitsuba.
-    """
-    texture = {"type": "bitmap", "raw": True, "wrap_mode": "repeat", "data": data}
-    return texture if repeats is None else {**texture, "to_uv": np.diag([*repeats, 1.0])}

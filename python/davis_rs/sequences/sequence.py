@@ -1,10 +1,10 @@
-"""A sequence of the public dataset, as its simulated twin."""
+"""A sequence of the public dataset, as its synthetic counterpart."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from ..camera import PRESETS
 from ..scene.scene import Scene
@@ -23,9 +23,13 @@ class PaperRow(NamedTuple):
     events: int
 
 
+FRAME_RATE_HZ = 24.0
+"""Of the dataset's recordings."""
+
+
 @dataclass(frozen=True)
 class Sequence:
-    """One of the dataset's sequences: a twin by kind of motion and texture, not a copy.
+    """One of the dataset's sequences: a synthetic counterpart by kind of motion and texture, not a copy.
 
     Attributes:
         name: the dataset's.
@@ -47,6 +51,11 @@ class Sequence:
     camera: str
     biases: str | None
     differs: str
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """What its recording has: settings of :func:`~davis_rs.simulate_to_folder`, IMU and 24 frames a second."""
+        return {"imu": "mpu6150", "frame_rate_hz": FRAME_RATE_HZ, "depth_rate_hz": FRAME_RATE_HZ}
 
     def scene(self) -> Scene:
         """The scene under the sequence's name, with its lens and its trajectory."""

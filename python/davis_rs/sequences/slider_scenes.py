@@ -11,9 +11,8 @@ import numpy as np
 from ..camera import PRESETS
 from ..scene.parts import DIRECT, rectangle
 from ..scene.scene import Scene
-from ..scene.textures import patchwork
+from ..scene.textures import Texture, bitmap, patchwork
 from .prints import blocks, plain_shapes, stones, text
-from .reflectance import Texture, bitmap
 from .room import FACING, LUX_PER_LUMA, covered_box, empty_room, general_light, lamp
 from .starts import start_looking_at
 
@@ -31,7 +30,8 @@ def slider_wall(distance_m: float, hdr: bool = False) -> Scene:
     ends of the slide, 83 where the wall is as close as 0.23 m. The dataset's distances are 0.231 m (slider_close,
     slider_hdr_close) and 0.584 m (slider_far, slider_hdr_far).
 
-    A twin by kind: flat prints of hard edges and grain, parallel to the image; the dataset's were other pictures.
+    A synthetic counterpart by kind: flat prints of hard edges and grain, parallel to the image; the dataset's were
+    other pictures.
 
     Raises:
         ValueError: for a distance that is not in 0.1..2 m.
@@ -111,8 +111,8 @@ _OBJECTS = [
 def slider_depth() -> Scene:
     """Printed boxes on a table at 0.58 to 1.8 m, before a wall at 2.6 m; the camera slides 1.09 m to its right.
 
-    The front of the nearest two is exactly 0.584 m from the camera's way and parallel to the image. A twin by kind of
-    layout: objects at several depths, each before others; not the dataset's objects.
+    The front of the nearest two is exactly 0.584 m from the camera's way and parallel to the image. A synthetic
+    counterpart by kind of layout: objects at several depths, each before others; not the dataset's objects.
     """
     return Scene(
         name="slider_depth",

@@ -7,9 +7,9 @@ from functools import cache
 
 import numpy as np
 
-from .meshes import Mesh, Window, ball, box, merged, quad, tube
+from ..scene.meshes import Mesh, Window, ball, box, merged, quad, tube
+from ..scene.textures import Texture
 from .place_textures import facade
-from .reflectance import Texture
 
 FRONTS = 8
 """Different house fronts, side by side in one texture."""

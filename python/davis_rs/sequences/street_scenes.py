@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from ..camera import PRESETS
+from ..scene.meshes import Mesh, box, merged, quad, shape
 from ..scene.parts import DIRECT
 from ..scene.scene import Scene
-from .meshes import Mesh, box, merged, quad, shape
 from .place_textures import grid, leaves, noise, writing
 from .starts import start_looking_at
 from .street_parts import car, front_window, fronts, house, lamp_post, row_of_houses, trees
@@ -29,9 +29,9 @@ def outdoors() -> Scene:
     """A sunny path between trees, a street to its right and gardens to its left, 400 m ahead; C = 0.4.
 
     For a camera carried straight ahead, 300 m at most, by a person who walks or runs: slabs and grass, trees whose
-    shadows lie on the path, hedges, houses on both sides, lamps, parked cars, and a skyline at the end. A twin of the
-    dataset's outdoor sequences by kind of things and light, not a copy: nobody else is about, the sky has no clouds,
-    and the person who carries the camera casts no shadow.
+    shadows lie on the path, hedges, houses on both sides, lamps, parked cars, and a skyline at the end. A synthetic
+    counterpart of the dataset's outdoor sequences by kind of things and light, not a copy: nobody else is about, the
+    sky has no clouds, and the person who carries the camera casts no shadow.
     """
     return Scene(
         name="outdoors",
@@ -46,8 +46,8 @@ def outdoors() -> Scene:
 def urban() -> Scene:
     """Five-storey fronts, shops and parked cars on both sides of a city street, from its pavement; C = 0.4.
 
-    For a camera held by hand that looks across and along the street. A twin of the dataset's by kind of things and
-    light, not a copy: nobody walks or drives, and fronts are flat but for their balconies and signs.
+    For a camera held by hand that looks across and along the street. A synthetic counterpart of the dataset's by kind
+    of things and light, not a copy: nobody walks or drives, and fronts are flat but for their balconies and signs.
     """
     return Scene(
         name="urban",

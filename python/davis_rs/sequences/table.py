@@ -13,6 +13,7 @@ from zlib import crc32
 
 import numpy as np
 
+from ..close_names import did_you_mean
 from ..pose import Pose
 from ..scene.checkerboard_scene import around_board, checkerboard
 from ..scene.planes_and_walls import three_planes, three_walls
@@ -191,3 +192,16 @@ _ROWS = (
 
 SEQUENCES = MappingProxyType({row.name: row for row in _ROWS})
 """The dataset's sequences by their names, in the paper's order."""
+
+
+def sequence_named(name: str) -> Sequence:
+    """The sequence of that name.
+
+    Raises:
+        ValueError: if there is none; the message lists those there are.
+    """
+    if name not in SEQUENCES:
+        raise ValueError(
+            f"there is no sequence {name!r}{did_you_mean(name, SEQUENCES)}; there are {', '.join(SEQUENCES)}"
+        )
+    return SEQUENCES[name]

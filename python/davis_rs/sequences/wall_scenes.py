@@ -9,8 +9,8 @@ from typing import Any
 from ..camera import PRESETS
 from ..scene.parts import DIRECT, rectangle
 from ..scene.scene import Scene
+from ..scene.textures import Texture, bitmap
 from .prints import plain_shapes, stones
-from .reflectance import Texture, bitmap
 from .room import FACING, LUX_PER_LUMA, empty_room, general_light, lamp
 from .starts import start_looking_at
 
@@ -26,7 +26,8 @@ _EVEN = {"lamp": lamp((0.5, -2.5, 1.9), 350.0, 3.8), "general": general_light(15
 def shapes() -> Scene:
     """A white wall with a few dozen plain black shapes of 5 to 25 cm, in an evenly lit room.
 
-    A twin of the dataset's shapes by kind: plain, black on white, flat; sizes and places are other ones.
+    A synthetic counterpart of the dataset's shapes by kind: plain, black on white, flat; sizes and places are other
+    ones.
     """
     return _before_a_wall("shapes", _shapes)
 
@@ -34,8 +35,8 @@ def shapes() -> Scene:
 def poster(hdr: bool = False) -> Scene:
     """A wall covered by a poster of rocks, in an evenly lit room or (``hdr``) by a lamp close to it: 80 to 2400 lux.
 
-    A twin of the dataset's poster and hdr_poster by kind of texture and light: dense, irregular, flat; the rocks are
-    other ones, and the lamp has no shade, so its spot has a soft edge.
+    A synthetic counterpart of the dataset's poster and hdr_poster by kind of texture and light: dense, irregular, flat;
+    the rocks are other ones, and the lamp has no shade, so its spot has a soft edge.
     """
     return _before_a_wall("hdr_poster" if hdr else "poster", partial(_poster, hdr))
 

@@ -13,6 +13,9 @@ from .trajectory import SegmentTrajectory
 from .waypoints import waypoint_trajectory
 
 _SAMPLE_RATE_HZ = 400.0
+_WHOLE_S = 2.0
+"""A motion by hand that is shorter than a second is the end of one of this length."""
+
 _UP = np.array([0.0, 0.0, 1.0])
 
 Kind = Literal["rotation", "translation", "6dof"]
@@ -57,7 +60,8 @@ def hand_held(
 
     Args:
         start: the pose at t = 0, about which it moves.
-        duration_s: > 1 s.
+        duration_s: > 0. In a second or less there is no time for the pattern: it is then the end of a motion of two
+            seconds, where all swing, and it is in motion already at t = 0.
         kind: ``rotation``, ``translation`` or ``6dof``.
         top_speed_m_s, top_rate_rad_s: >= 0; for a rotation the speed is that of the wandering, and so on.
         reach_m, reach_rad: about how far it swings, > 0; the frequency follows from them and the top speeds. No faster
@@ -71,14 +75,14 @@ def hand_held(
     """
     if kind not in ("rotation", "translation", "6dof"):
         raise ValueError(f"kind must be 'rotation', 'translation' or '6dof', got {kind!r}")
-    if not 1 < duration_s < np.inf:
-        raise ValueError(f"duration_s must be finite and > 1 s, got {duration_s}")
-    _check_positive(reach_m=reach_m, reach_rad=reach_rad)
+    _check_positive(duration_s=duration_s, reach_m=reach_m, reach_rad=reach_rad)
     for name, value in (("top_speed_m_s", top_speed_m_s), ("top_rate_rad_s", top_rate_rad_s)):
         if not 0 <= value < np.inf:
             raise ValueError(f"{name} must be finite and >= 0, got {value}")
     random = np.random.Generator(np.random.PCG64(seed))
     t = _times(duration_s)
+    whole_s = duration_s if duration_s > 1 else _WHOLE_S
+    share = (whole_s - duration_s + t) / whole_s
     shapes: list[FloatArray] = []
     for excited, top, reach in (
         (kind != "rotation", top_speed_m_s, reach_m),
@@ -90,15 +94,15 @@ def hand_held(
         shapes.append(
             np.stack(
                 [
-                    _swing(
-                        t / duration_s, duration_s, fastest_hz, random, slot=(first + axis, slots) if excited else None
-                    )
+                    _swing(share, whole_s, fastest_hz, random, slot=(first + axis, slots) if excited else None)
                     for axis in range(3)
                 ],
                 axis=1,
             )
         )
-    return _scaled(start, t, shapes[0], shapes[1], top_speed_m_s, top_rate_rad_s, f"hand-held {kind}")
+    # From where it starts, should it be in motion already; a whole motion starts at 0.
+    shift, turn = (shape - shape[0] for shape in shapes)
+    return _scaled(start, t, shift, turn, top_speed_m_s, top_rate_rad_s, f"hand-held {kind}")
 
 
 def zigzag(

@@ -4,17 +4,27 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from ..pose import UNIT_NORM_TOLERANCE, FloatArray, body_rates
+from .sample_noise import pose_noise
 from .trajectory import Trajectory
 
 
 class SampleError(ValueError):
     """A sample of a trajectory breaks a rule; the message names the sample."""
+
+
+class PathChange(NamedTuple):
+    """How far a smoothed path is from its samples: rms and largest, in metres and radians."""
+
+    position_rms_m: float
+    position_max_m: float
+    rotation_rms_rad: float
+    rotation_max_rad: float
 
 
 class SampledTrajectory(Trajectory):
@@ -32,8 +42,11 @@ class SampledTrajectory(Trajectory):
         t_s: times (n,) in seconds, n >= 2, strictly increasing; the first becomes t = 0.
         positions: (n, 3), metres, world.
         quaternions: (n, 4) of R_world_camera, (x, y, z, w), of norm 1 within 1e-3, any sign.
-        position_sigma_m: rms noise of each coordinate, >= 0.
-        rotation_sigma_rad: rms noise of the rotation about each axis, >= 0.
+        position_sigma_m: rms noise of each coordinate, >= 0; None estimates it
+            (:func:`~davis_rs.trajectory.sample_noise.pose_noise`).
+        rotation_sigma_rad: rms noise of the rotation about each axis, >= 0; None estimates it.
+        position_step_m, quaternion_step: the steps to which the samples are rounded; an estimate within half a step of
+            them counts as no noise. They change nothing where the noise is given.
         max_gap_s: the normal spacing is the median; a gap above three times that is bridged with a warning if it is
             at most this long.
         sample_name: names sample i in messages ("sample i at t s" by default).
@@ -51,8 +64,10 @@ class SampledTrajectory(Trajectory):
         positions: npt.ArrayLike,
         quaternions: npt.ArrayLike,
         *,
-        position_sigma_m: float = 0.0,
-        rotation_sigma_rad: float = 0.0,
+        position_sigma_m: float | None = 0.0,
+        rotation_sigma_rad: float | None = 0.0,
+        position_step_m: float = 0.0,
+        quaternion_step: float = 0.0,
         max_gap_s: float = 0.1,
         sample_name: Callable[[int], str] | None = None,
         description: Mapping[str, object] | None = None,
@@ -64,7 +79,7 @@ class SampledTrajectory(Trajectory):
                 f"got {t.shape}, {p.shape} and {q.shape}"
             )
         for name, value in (("position_sigma_m", position_sigma_m), ("rotation_sigma_rad", rotation_sigma_rad)):
-            if not 0 <= value < np.inf:
+            if value is not None and not 0 <= value < np.inf:
                 raise ValueError(f"{name} must be finite and >= 0, got {value}")
         if not 0 < max_gap_s < np.inf:
             raise ValueError(f"max_gap_s must be finite and > 0, got {max_gap_s}")
@@ -76,8 +91,16 @@ class SampledTrajectory(Trajectory):
         q = q / np.linalg.norm(q, axis=1, keepdims=True)
         turns = np.where((q[1:] * q[:-1]).sum(1) < 0, -1.0, 1.0)
         q[1:] *= np.cumprod(turns)[:, None]
+        if position_sigma_m is None or rotation_sigma_rad is None:
+            position_noise, rotation_noise = pose_noise(t, p, q)
+            if position_sigma_m is None:
+                position_sigma_m = position_noise if position_noise > position_step_m / 2 else 0.0
+            if rotation_sigma_rad is None:
+                rotation_sigma_rad = rotation_noise if rotation_noise / 2 > quaternion_step / 2 else 0.0
         self._position = _fit(t, p, position_sigma_m)
         self._rotation = _fit(t, q, rotation_sigma_rad / 2)  # a small turn by a moves the quaternion by a / 2
+        self._samples = t, p, q
+        self._sigmas = position_sigma_m, rotation_sigma_rad
         self._description: dict[str, object] = {
             "kind": "sampled",
             "duration_s": self.duration_s,
@@ -118,6 +141,40 @@ class SampledTrajectory(Trajectory):
 
     def describe(self) -> dict[str, object]:
         return dict(self._description)
+
+    def change(self) -> PathChange:
+        """How far smoothing moved the path from the samples."""
+        t, p, q = self._samples
+        moved = np.linalg.norm(self.positions(t) - p, axis=1)
+        # Of the chord between unit quaternions, since the arc cosine is blind to small turns.
+        half = np.arcsin(np.minimum(np.linalg.norm(self.quaternions(t) - q, axis=1) / 2, 1.0))
+        turned = 4 * half
+        return PathChange(
+            float(np.sqrt(np.mean(moved**2))),
+            float(moved.max()),
+            float(np.sqrt(np.mean(turned**2))),
+            float(turned.max()),
+        )
+
+    def smoothing(self) -> str:
+        """What was done to the samples, in one line."""
+        position_sigma, rotation_sigma = self._sigmas
+        change, did = self.change(), []
+        if position_sigma > 0:
+            did.append(
+                f"positions smoothed by sigma {1e3 * position_sigma:.3g} mm (moved by "
+                f"{1e3 * change.position_rms_m:.3g} mm rms, {1e3 * change.position_max_m:.3g} mm at most)"
+            )
+        if rotation_sigma > 0:
+            rms, most = np.degrees([change.rotation_rms_rad, change.rotation_max_rad])
+            did.append(
+                f"rotations smoothed by sigma {rotation_sigma:.3g} rad (turned by "
+                f"{rms:.3g} deg rms, {most:.3g} deg at most)"
+            )
+        kept = [name for name, sigma in zip(("positions", "rotations"), self._sigmas, strict=True) if sigma == 0]
+        if kept:
+            did.append(f"{' and '.join(kept)} taken as they are")
+        return ", ".join(did)
 
     def _derivative(self, spline: Any, t_s: npt.ArrayLike, order: int) -> FloatArray:
         values: FloatArray = spline(self.times(t_s), order)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import threading
 from collections.abc import Iterator
 from datetime import datetime, timezone
 from pathlib import Path
@@ -16,6 +17,7 @@ from types import TracebackType
 from typing import Any
 
 from .._core import DecodeError, Decoder
+from ..untrusted import regular_file
 from .description import DavisDescription
 
 MAGIC = b"#!DAVIS-RAW 1\n"
@@ -24,7 +26,7 @@ CHUNK_BYTES = 1 << 20
 
 
 class RawWriter:
-    """Writes a recording into a file that does not exist yet.
+    """Writes a recording into a file that does not exist yet. Threads may share it: calls wait for each other.
 
     The header is filled in again at the end: ``complete``, ``bytes`` and ``lost_bytes`` are right only then.
 
@@ -46,24 +48,27 @@ class RawWriter:
             "started": (started or datetime.now(timezone.utc)).isoformat(),
             "camera": dataclasses.asdict(camera),
         }
+        self._turn = threading.RLock()
         header = _header(self._meta)
         self._file = self.path.open("xb")
         self._file.write(header)
 
     def write(self, words: bytes) -> None:
         """Append a part of the stream."""
-        self._file.write(words)
-        self._meta["bytes"] += len(words)
+        with self._turn:
+            self._file.write(words)
+            self._meta["bytes"] += len(words)
 
     def finish(self, *, lost_bytes: int = 0) -> int:
         """Complete the header and close; returns how many bytes of the stream are in the file."""
-        if not self._file.closed:
-            self._meta |= {"complete": True, "lost_bytes": lost_bytes}
-            with self._file:
-                self._file.flush()
-                self._file.seek(0)
-                self._file.write(_header(self._meta))
-        return int(self._meta["bytes"])
+        with self._turn:
+            if not self._file.closed:
+                self._meta |= {"complete": True, "lost_bytes": lost_bytes}
+                with self._file:
+                    self._file.flush()
+                    self._file.seek(0)
+                    self._file.write(_header(self._meta))
+            return int(self._meta["bytes"])
 
     def __enter__(self) -> RawWriter:
         return self
@@ -83,7 +88,7 @@ def is_raw(path: str | Path) -> bool:
     Raises:
         OSError: if it cannot be read.
     """
-    with Path(path).open("rb") as file:
+    with regular_file(path).open("rb") as file:
         return file.read(len(MAGIC)) == MAGIC
 
 
@@ -103,7 +108,7 @@ class RawRecording:
     """
 
     def __init__(self, path: str | Path) -> None:
-        self.path = Path(path)
+        self.path = regular_file(path)
         with self.path.open("rb") as file:
             header = file.read(HEADER_BYTES)
         if not header.startswith(MAGIC):
@@ -120,7 +125,7 @@ class RawRecording:
             _ = self.camera.device  # whatever makes it impossible to decode should show here
             self.started = datetime.fromisoformat(meta["started"])
             self.complete, self.lost_bytes = bool(meta["complete"]), int(meta["lost_bytes"])
-        except (ValueError, TypeError, KeyError) as error:
+        except (ValueError, TypeError, KeyError, OverflowError, RecursionError) as error:
             raise DecodeError(f"{self.path}, byte {len(MAGIC)}: malformed header: {error}") from None
 
     def decoder(self) -> Decoder:

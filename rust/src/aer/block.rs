@@ -1,14 +1,20 @@
-//! Times and addresses of a block of words, carried out without a branch between them.
+//! Decodes the timestamps, wraps and addresses of a block of 64 words without a branch at each word.
+//!
+//! Whether a word is a time, a row or a column is as good as random, and a mispredicted branch costs more than all the
+//! work on a word. So what each word would do is computed for all of them at once, in plain loops that the compiler
+//! turns into vector code. [`without_wraps`] is the common case and needs no order between words. [`with_wraps`] goes
+//! word by word, because a wrap moves the base of all times after it.
+//!
+//! What must not break: both do exactly what [`Clock::advance`] and [`Addresses::address`] do word by word. The
+//! decoder's tests compare the two on random streams. The caller has made sure that all words are plain ones (see
+//! [`super::fast_path`]), that a row is known, and that the clock does not overflow.
 
+use super::addresses::Addresses;
 use super::clock::{Clock, WRAP_BITS};
-use super::fours::{FOURS, TOP, TOPS, any_of_upper_four, apart, hold, in_each, whole};
-use super::pixels::Pixels;
-use super::run::State;
+use super::lanes::{BLOCK, LANES, TOP, TOPS, any_of_upper_four, forward_fill, mask, splat, unpack};
+use super::state::State;
 use super::word::{COLUMN_OFF, LOW_12, LOW_15, ON, ROW, WRAP};
 use crate::event::Event;
-
-/// Words that are looked at together: a bit each.
-pub(super) const BLOCK: usize = u64::BITS as usize;
 
 /// Whether a word is the address of a column, in the array or beyond it.
 #[inline(always)]
@@ -17,7 +23,7 @@ pub(super) fn is_column(word: u16) -> bool {
     (word & !ON).wrapping_sub(COLUMN_OFF) <= LOW_12
 }
 
-/// Flags, 0 or 1, as bits; the first is the lowest.
+/// Flags of 0 or 1 as the bits of one number, the first one lowest.
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "becomes its caller's vector code")]
 pub(super) fn bits(flags: &[u8; BLOCK]) -> u64 {
@@ -28,81 +34,81 @@ pub(super) fn bits(flags: &[u8; BLOCK]) -> u64 {
     })
 }
 
-/// Carries out a block of neither wraps nor samples, many words at a time; reserved words in it do nothing.
+/// Decodes a block that has neither wraps nor samples. Reserved words in it (padding) do nothing.
 ///
-/// For each word the time and the row that hold there, hence the event that it would be; then those of columns are kept.
+/// Finds the time and the row that hold at each word, makes the event that each word would be, and keeps those of columns.
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "becomes its caller's vector code")]
 #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "15 bits since the last wrap")]
 pub(super) fn without_wraps(block: &[[u8; 2]; BLOCK], state: &mut State, events: &mut Vec<Event>) {
-    let State { clock: Clock { base, now }, pixels, stats, .. } = state;
-    let Some(row) = pixels.row else { return };
-    let (mut fours, mut times, mut rows) = ([0; FOURS], [0; FOURS], [0; FOURS]);
-    for (four, bytes) in fours.iter_mut().zip(block.as_flattened().as_chunks().0) {
-        *four = u64::from_le_bytes(*bytes);
+    let State { clock: Clock { base, now }, addresses, stats, .. } = state;
+    let Some(row) = addresses.row else { return };
+    let (mut packed, mut times, mut rows) = ([0; LANES], [0; LANES], [0; LANES]);
+    for (lanes, bytes) in packed.iter_mut().zip(block.as_flattened().as_chunks().0) {
+        *lanes = u64::from_le_bytes(*bytes);
     }
-    for ((four, time), row) in fours.iter().zip(&mut times).zip(&mut rows) {
-        *time = four & whole(*four);
-        *row = (four & in_each(LOW_12) | TOPS) & whole(!any_of_upper_four(four ^ in_each(ROW)));
+    for ((lanes, time), row) in packed.iter().zip(&mut times).zip(&mut rows) {
+        *time = lanes & mask(*lanes);
+        *row = (lanes & splat(LOW_12) | TOPS) & mask(!any_of_upper_four(lanes ^ splat(ROW)));
     }
     let before = TOP | (*now - *base) as u16;
-    let (held, last_time) = hold(&mut times, before);
-    let (_, last_row) = hold(&mut rows, TOP | row);
+    let (held, last_time) = forward_fill(&mut times, before);
+    let (_, last_row) = forward_fill(&mut rows, TOP | row);
     let mut any_late = 0;
-    let mut late = [0; FOURS];
+    let mut late = [0; LANES];
     for (i, late) in late.iter_mut().enumerate() {
         let earlier = times[i] << 16 | held[i] & u64::from(u16::MAX);
-        // The difference keeps its top bit where it does not go forward.
-        *late = ((earlier | TOPS) - (fours[i] & !TOPS)) & fours[i] & TOPS;
+        // The difference keeps its top bit where time does not go forward.
+        *late = ((earlier | TOPS) - (packed[i] & !TOPS)) & packed[i] & TOPS;
         any_late |= *late;
     }
     if any_late != 0 {
         stats.times_not_increasing += late.iter().map(|late| u64::from(late.count_ones())).sum::<u64>();
     }
 
-    let (times, rows) = (apart(&times), apart(&rows));
+    let (times, rows) = (unpack(&times), unpack(&rows));
     let mut all = [Event::default(); BLOCK];
     for (((event, bytes), time), row) in all.iter_mut().zip(block).zip(&times).zip(&rows) {
-        let column = pixels.column_bits(u16::from_le_bytes(*bytes));
-        *event = Event::from_words(*base + i64::from(time & LOW_15), pixels.row_bits(row & LOW_12) | column);
+        let column = addresses.column_bits(u16::from_le_bytes(*bytes));
+        *event = Event::from_words(*base + i64::from(time & LOW_15), addresses.row_bits(row & LOW_12) | column);
     }
-    let mut columns = bits(&each(block, |word| u8::from(is_column(word))));
+    let mut columns = bits(&map_words(block, |word| u8::from(is_column(word))));
     events.extend((0..columns.count_ones()).map(|_| {
         let place = columns.trailing_zeros() as usize;
         columns &= columns - 1;
         all[place % BLOCK]
     }));
     *now = *base + i64::from(last_time & LOW_15);
-    pixels.row = Some(last_row & LOW_12);
+    addresses.row = Some(last_row & LOW_12);
 }
 
-/// What the words of a block say, each kind apart.
+/// What each word of a block does to the time and to the fields of the next event.
 struct Fields {
-    /// The low part of a time; [`NO_TIME`] for what is none.
+    /// The low 15 bits of a time; [`NO_TIME`] for words that are no time.
     low: [u32; BLOCK],
     /// What a wrap adds to the base.
     jump: [u32; BLOCK],
-    /// What a word leaves of the fields of the event before, and what it sets.
+    /// The bits of the event before that stay, and those that the word sets.
     kept: [u64; BLOCK],
     set: [u64; BLOCK],
     is_column: [u8; BLOCK],
 }
 
-/// No time has it as its low part.
+/// More than 15 bits, so no time has it.
 const NO_TIME: u32 = u32::MAX;
 
 impl Fields {
     #[inline(always)]
     #[allow(clippy::inline_always, reason = "becomes its caller's vector code")]
-    fn of(block: &[[u8; 2]; BLOCK], pixels: &Pixels) -> Self {
+    fn of(block: &[[u8; 2]; BLOCK], addresses: &Addresses) -> Self {
         let is_wrap = |word: u16| word.wrapping_sub(WRAP) <= LOW_12;
         let is_row = |word: u16| word.wrapping_sub(ROW) <= LOW_12;
         let low = |word: u16| if is_wrap(word) { 0 } else { u32::from(word & LOW_15) };
-        let (row, column) = (pixels.row_bits(LOW_12), pixels.column_bits(ON | LOW_12));
+        let (row, column) = (addresses.row_bits(LOW_12), addresses.column_bits(ON | LOW_12));
         Self {
-            low: each(block, |word| if word >= WRAP { low(word) } else { NO_TIME }),
-            jump: each(block, |word| if is_wrap(word) { u32::from(word & LOW_12) << WRAP_BITS } else { 0 }),
-            kept: each(block, |word| {
+            low: map_words(block, |word| if word >= WRAP { low(word) } else { NO_TIME }),
+            jump: map_words(block, |word| if is_wrap(word) { u32::from(word & LOW_12) << WRAP_BITS } else { 0 }),
+            kept: map_words(block, |word| {
                 if is_row(word) {
                     !row
                 } else if is_column(word) {
@@ -111,8 +117,8 @@ impl Fields {
                     u64::MAX
                 }
             }),
-            set: each(block, |word| {
-                let (row, column) = (pixels.row_bits(word & LOW_12), pixels.column_bits(word));
+            set: map_words(block, |word| {
+                let (row, column) = (addresses.row_bits(word & LOW_12), addresses.column_bits(word));
                 if is_row(word) {
                     row
                 } else if is_column(word) {
@@ -121,35 +127,35 @@ impl Fields {
                     0
                 }
             }),
-            is_column: each(block, |word| u8::from(is_column(word))),
+            is_column: map_words(block, |word| u8::from(is_column(word))),
         }
     }
 }
 
-/// A value of each word.
+/// A value computed from each word.
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "becomes its caller's vector code")]
-fn each<T>(block: &[[u8; 2]; BLOCK], of: impl Fn(u16) -> T) -> [T; BLOCK] {
+fn map_words<T>(block: &[[u8; 2]; BLOCK], of: impl Fn(u16) -> T) -> [T; BLOCK] {
     block.map(|bytes| of(u16::from_le_bytes(bytes)))
 }
 
-/// Carries out the first `plain` words of a block, none of them a sample: one after the other, what they say being ready.
+/// Decodes the first `plain` words of a block, none of them a sample, one after the other from their [`Fields`].
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "becomes its caller's vector code")]
 pub(super) fn with_wraps(block: &[[u8; 2]; BLOCK], plain: usize, state: &mut State, events: &mut Vec<Event>) {
-    let State { clock: Clock { base, now }, pixels, stats, .. } = state;
-    let Some(row) = pixels.row else { return };
-    let fields = Fields::of(block, pixels);
+    let State { clock: Clock { base, now }, addresses, stats, .. } = state;
+    let Some(row) = addresses.row else { return };
+    let fields = Fields::of(block, addresses);
     let before = events.len();
     events.resize(before + BLOCK, Event::default());
     // Its length is known to the compiler, so that no place needs a check.
     let Some(out) = events[before..].first_chunk_mut::<BLOCK>() else { return };
-    let (mut place, mut event_count, mut forward) = (pixels.row_bits(row), 0, 0u64);
+    let (mut place, mut event_count, mut forward) = (addresses.row_bits(row), 0, 0u64);
     for i in 0..plain.min(BLOCK) {
         *base += i64::from(fields.jump[i]);
         let low = fields.low[i];
         let time = *base + i64::from(low);
-        // What is no time lies beyond all of them, and so counts as forward.
+        // A word that is no time counts as forward, because NO_TIME is later than any time.
         forward += u64::from(now.cast_unsigned() < time.cast_unsigned());
         *now = if low == NO_TIME { *now } else { time };
         place = place & fields.kept[i] | fields.set[i];
@@ -159,5 +165,5 @@ pub(super) fn with_wraps(block: &[[u8; 2]; BLOCK], plain: usize, state: &mut Sta
     }
     events.truncate(before + event_count);
     stats.times_not_increasing += plain as u64 - forward;
-    pixels.row = Some(pixels.row_of(place));
+    addresses.row = Some(addresses.row_of(place));
 }

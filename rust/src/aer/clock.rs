@@ -1,4 +1,8 @@
-//! The camera's time, unwrapped.
+//! Unwraps the camera's time: 15 bits in timestamps and a base that wraps move on, to microseconds in 64 bits.
+//!
+//! What must not break: time never overflows, whatever a stream says. A time that goes back is obeyed and counted, because
+//! the vendor's drivers do so. The drivers count in 31 bits and drop what is open when these overflow, so the clock tells
+//! when that happens.
 
 use super::stats::Stats;
 use super::word::{LOW_12, LOW_15, TIMESTAMP, WRAP};
@@ -9,15 +13,13 @@ pub(super) const WRAP_BITS: u32 = 15;
 /// The drivers' time overflows after 2^31 us.
 const EPOCH_BITS: u32 = 31;
 
-/// Here the clock stands still, after 146,000 years: no stream makes it overflow.
+/// The base stops here, after 146,000 years, so that no stream makes it overflow.
 const LAST_BASE: i64 = (1 << 62) - (1 << WRAP_BITS);
 
 /// The largest wrap there is.
 const LARGEST_WRAP: i64 = (LOW_12 as i64) << WRAP_BITS;
 
-/// The time that words bring: of a base that wraps move on, and 15 bits that timestamps bring.
-///
-/// The camera's drivers count in 31 bits and an overflow; here both are one number of 64 bits.
+/// The base that wraps have brought, and the time now, both in microseconds.
 #[derive(Clone, Copy, Default)]
 pub(super) struct Clock {
     pub(super) base: i64,
@@ -25,7 +27,7 @@ pub(super) struct Clock {
 }
 
 impl Clock {
-    /// Carries a timestamp or a wrap out, and tells whether the drivers' 31 bits overflowed by it.
+    /// Takes a timestamp or a wrap. Returns whether the drivers' 31 bits overflowed by it.
     #[inline]
     pub(super) fn advance(&mut self, word: u16, stats: &mut Stats) -> bool {
         let epoch = self.epoch();
@@ -41,17 +43,17 @@ impl Clock {
         self.epoch() != epoch
     }
 
-    /// How often the drivers' 31 bits overflowed.
+    /// How often the drivers' 31 bits have overflowed.
     fn epoch(&self) -> i64 {
         self.base >> EPOCH_BITS
     }
 
-    /// Whether so many words, wraps all of them, go by without reaching the last base.
+    /// Whether the base stays below its last value even if all of so many words are the largest wraps.
     pub(super) fn has_room_for(&self, words: usize) -> bool {
         i64::try_from(words).is_ok_and(|words| self.base < LAST_BASE.saturating_sub(words.saturating_mul(LARGEST_WRAP)))
     }
 
-    /// Whether the drivers' 31 bits overflow by the wraps among these words.
+    /// Whether the wraps among these words make the drivers' 31 bits overflow.
     pub(super) fn overflows_within(&self, words: &[[u8; 2]]) -> bool {
         let words = words.iter().map(|bytes| u16::from_le_bytes(*bytes));
         let wraps: i64 = words.filter(|word| word & !LOW_12 == WRAP).map(|word| i64::from(word & LOW_12)).sum();

@@ -1,4 +1,7 @@
-//! What comes out of a decoder, and goes into an encoder.
+//! The packet that a decoder fills and an encoder takes: plain vectors, one for each kind.
+//!
+//! Vectors rather than a callback for each kind, because a reader clears and refills them, and Python takes them as
+//! arrays without a copy.
 
 use super::frame::Frame;
 use super::imu::ImuReading;

@@ -1,13 +1,21 @@
-//! Bytes to what they mean.
+//! Decodes the camera's bytes word by word: the whole format is here.
+//!
+//! Each word goes to the module that it acts upon: clock, addresses, inertial sample or frame. Runs of plain words take the
+//! [`fast_path`](super::fast_path), which gives the same result sooner.
+//!
+//! What must not break: no input makes it fail or panic, any split of the bytes decodes alike, and the fast path and
+//! [`Decoder::word`] agree on every stream, counters included (the property test below). A chunk boundary may lie within
+//! a word, so half a word is kept.
 
-use super::block::BLOCK;
+use super::addresses::Addresses;
 use super::clock::Clock;
 use super::decoded::Decoded;
 use super::device::Device;
+use super::fast_path::{count_columns, decode_plain_words};
+use super::frame_assembler::{FrameAssembler, Read};
 use super::imu::ImuAssembler;
-use super::pixels::Pixels;
-use super::readout::{FrameAssembler, Read};
-use super::run::{State, count_columns, run};
+use super::lanes::BLOCK;
+use super::state::State;
 use super::stats::Stats;
 use super::trigger::{Trigger, TriggerKind};
 use super::word;
@@ -39,7 +47,7 @@ impl Decoder {
             half: None,
             state: State {
                 clock: Clock::default(),
-                pixels: Pixels::new(&device),
+                addresses: Addresses::new(&device),
                 frames: FrameAssembler::new(&device),
                 stats: Stats::default(),
             },
@@ -75,11 +83,11 @@ impl Decoder {
             self.half = Some(*byte);
         }
         if decoded.events.capacity() - decoded.events.len() < words.len() {
-            // Once, for fresh memory is dear, and growing goes through twice as much of it.
+            // Once for the piece: growing step by step would touch twice as much fresh memory, which is slow.
             decoded.events.reserve(count_columns(words) + BLOCK);
         }
         while !words.is_empty() {
-            let plain = run(words, &mut self.state, &mut decoded.events);
+            let plain = decode_plain_words(words, &mut self.state, &mut decoded.events);
             words = &words[plain..];
             if let Some((first, rest)) = words.split_first() {
                 self.word(u16::from_le_bytes(*first), decoded);
@@ -88,13 +96,13 @@ impl Decoder {
         }
     }
 
-    /// Decodes one word: the whole of the format. [`run`] only spares it work.
+    /// Decodes one word of any kind.
     fn word(&mut self, word: u16, decoded: &mut Decoded) {
-        let State { clock, pixels, frames, stats } = &mut self.state;
+        let State { clock, addresses, frames, stats } = &mut self.state;
         match word & !word::LOW_12 {
             0 => self.mark(word, decoded),
             word::ROW | word::COLUMN_OFF | word::COLUMN_ON => {
-                pixels.address(word, clock.now, &mut decoded.events, stats);
+                addresses.address(word, clock.now, &mut decoded.events, stats);
             }
             word::SAMPLE => frames.samples(&[word.to_le_bytes()], stats),
             word::IMU_BYTE => self.byte(word),
@@ -102,7 +110,7 @@ impl Decoder {
             word::EXPOSURE => stats.unknown_words += 1,
             _ => {
                 if clock.advance(word, stats) {
-                    // Where the drivers' 31 bits overflow they lose what is open. So do we, to agree with them.
+                    // Where the drivers' 31 bits overflow they drop what is open. So does this decoder, to agree with them.
                     self.abandon();
                 }
             }
@@ -149,7 +157,7 @@ impl Decoder {
         }
     }
 
-    /// Ignores samples and frames until their next start.
+    /// Drops the open inertial sample and the open frame.
     fn abandon(&mut self) {
         self.imu.abandon(&mut self.state.stats);
         self.state.frames.abandon(&mut self.state.stats);
@@ -190,7 +198,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn runs_only_spare_the_decoder_work(words in streams(), swapped in any::<bool>()) {
+        fn the_fast_path_decodes_as_word_by_word(words in streams(), swapped in any::<bool>()) {
             let mut device = Device::new(Chip::Davis128);
             device.dvs_swapped = swapped;
             let bytes: Vec<u8> = words.iter().flat_map(|word| word.to_le_bytes()).collect();

@@ -1,11 +1,15 @@
-//! What a decoder has to know of the camera.
+//! What decoder and encoder have to know of a camera: chip, sizes, orientation, inertial sensor, converter clock.
+//!
+//! Fields are in the terms of the camera's registers, so that a live camera's registers can be copied unchanged. Numbers
+//! in parentheses are (module, parameter) of the camera's configuration. On chips with x and y swapped on the wire,
+//! columns and rows are those of the wire; only [`Device::size`] and [`Device::frame_size`] speak of the image.
 
 use super::imu::ImuType;
 use crate::error::{Error, Result};
 use crate::event::SensorSize;
 
 /// Addresses have 12 bits.
-const MOST_ADDRESSES: u16 = 1 << 12;
+const MAX_ADDRESSES: u16 = 1 << 12;
 
 /// The chips whose stream is understood.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -131,12 +135,12 @@ impl Device {
         oriented(self.aps_columns, self.aps_rows, self.aps_swapped)
     }
 
-    /// The converter's values count double: its reference voltages leave it half of its range on these chips.
+    /// Whether samples of the converter count double: on these chips its reference voltages leave it half of its range.
     pub(super) fn samples_count_double(&self) -> bool {
         matches!(self.chip, Chip::Davis240A | Chip::Davis240B | Chip::Davis240C)
     }
 
-    /// Whether addresses of such sizes exist.
+    /// Refuses sizes that 12-bit addresses cannot reach, and a clock that is not positive.
     ///
     /// # Errors
     /// [`Error::Argument`] naming the register.
@@ -147,8 +151,8 @@ impl Device {
             ("aps_columns", self.aps_columns),
             ("aps_rows", self.aps_rows),
         ] {
-            if n == 0 || n > MOST_ADDRESSES {
-                return Err(Error::Argument(format!("{name} must lie in 1..{MOST_ADDRESSES}, got {n}")));
+            if n == 0 || n > MAX_ADDRESSES {
+                return Err(Error::Argument(format!("{name} must lie in 1..{MAX_ADDRESSES}, got {n}")));
             }
         }
         if !(self.adc_mhz.is_finite() && self.adc_mhz > 0.0) {

@@ -1,12 +1,18 @@
-//! Events, inertial samples, frames and triggers to the words of the wire.
+//! Encodes events, inertial samples, frames and triggers as the camera's words: the inverse of the decoder.
+//!
+//! It exists so that tests, recordings and a camera in software have streams whose contents are known. It sends what the
+//! camera's logic sends and in that order, because other people's drivers read it too.
+//!
+//! What must not break: decoding gives back what was encoded, but for what [`Encoder`] lists. A packet is checked as a
+//! whole ([`packet_check`]) before its first word, so that an error leaves the clock where it was.
 
 use super::clock::WRAP_BITS;
 use super::decoded::Decoded;
 use super::device::Device;
-use super::encodable;
 use super::frame::{Frame, PIXEL_SHIFT, WHITE};
+use super::frame_assembler::{EXPOSURE_WORDS, Read, to_wire_order};
 use super::imu::ImuReading;
-use super::readout::{EXPOSURE_WORDS, Read, unturned};
+use super::packet_check;
 use super::trigger::TriggerKind;
 use super::word;
 use crate::error::Result;
@@ -22,7 +28,7 @@ use crate::event::Event;
 /// DAVIS240 nine, and white), and a frame or sample that lies across a multiple of 2^31 us, which decoders lose.
 pub struct Encoder {
     device: Device,
-    /// The time that wraps brought, and the time now.
+    /// The time that wraps brought, and the last time sent.
     base: i64,
     now: i64,
     /// The row that the next column belongs to.
@@ -56,7 +62,13 @@ impl Encoder {
         &self.device
     }
 
-    /// The bytes of what happens next.
+    /// The last time encoded in microseconds: no later packet may go behind it.
+    #[must_use]
+    pub fn t_us(&self) -> i64 {
+        self.now
+    }
+
+    /// The bytes of the next packet.
     ///
     /// Times must lie in 0..2^48 us, may not decrease within a kind, nor lie before the last time encoded; frames may
     /// not overlap. Resets of the clock come before everything else in `packet`, at time 0.
@@ -66,7 +78,7 @@ impl Encoder {
     /// what does not fit the camera, with the index; nothing is encoded then.
     pub fn encode(&mut self, packet: &Decoded) -> Result<Vec<u8>> {
         let resets = packet.triggers.iter().take_while(|trigger| trigger.kind == TriggerKind::TimestampReset).count();
-        encodable::check(packet, resets, &self.device, if resets > 0 { 0 } else { self.now })?;
+        packet_check::check(packet, resets, &self.device, if resets > 0 { 0 } else { self.now })?;
         for _ in 0..resets {
             self.word(word::TIMESTAMP_RESET);
             (self.base, self.now) = (0, 0);
@@ -120,7 +132,7 @@ impl Encoder {
         }
     }
 
-    /// Brings the clock to `t`; after that a row must be sent anew.
+    /// Sends what brings the clock to `t`. If time changed, the next event needs its row sent again.
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "each is masked to its bits")]
     fn time(&mut self, t: i64) {
         if t == self.now {
@@ -154,18 +166,18 @@ impl Encoder {
         }
     }
 
-    /// One of a frame's two reads, column by column.
+    /// Sends one of a frame's two reads, column by column.
     fn read(&mut self, frame: &Frame, read: Read) {
         let device = &self.device;
         // The reset level, from which every intensity that there is can be subtracted.
         let (shift, reset) = if device.samples_count_double() { (1, 512) } else { (0, WHITE) };
-        let turns = (device.aps_swapped, device.aps_flip_x, device.aps_flip_y);
+        let orientation = (device.aps_swapped, device.aps_flip_x, device.aps_flip_y);
         let rows = usize::from(if device.aps_swapped { frame.region.width } else { frame.region.height });
         let start = match read {
             Read::Reset => word::RESET_COLUMN_START,
             Read::Signal => word::SIGNAL_COLUMN_START,
         };
-        for column in unturned(&frame.pixels, rows, turns).chunks_exact(rows) {
+        for column in to_wire_order(&frame.pixels, rows, orientation).chunks_exact(rows) {
             self.word(start);
             for pixel in column {
                 let intensity = pixel >> PIXEL_SHIFT;
@@ -199,7 +211,7 @@ impl Encoder {
     }
 }
 
-/// All but the events of a packet, and but its first `resets` triggers, in the order of time.
+/// What is to be sent besides events, in the order of time; without the first `resets` triggers, which were sent.
 fn steps(packet: &Decoded, resets: usize) -> Vec<(i64, Step<'_>)> {
     let mut steps = Vec::new();
     for frame in &packet.frames {

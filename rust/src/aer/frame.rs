@@ -1,4 +1,4 @@
-//! Frames of the active pixels.
+//! A frame of the active pixels (APS), as the decoder gives it and the encoder takes it, and how its values are scaled.
 
 /// A part of the image: of columns `x..x + width` and rows `y..y + height`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -42,11 +42,11 @@ pub struct Frame {
     pub pixels: Vec<u16>,
 }
 
-/// A pixel's value is so many bits below the top.
+/// The ten bits of a pixel's value are shifted up by this, into the upper ones of 16.
 pub(super) const PIXEL_SHIFT: u32 = 6;
 
 /// The brightest value.
 pub(super) const WHITE: u16 = 1023;
 
-/// A reset sample below this did not come back from a strong light: the pixel is white.
-pub(super) const LEAST_RESET: u16 = 384;
+/// A reset sample below this means that the pixel did not reset, because the light is too strong: it is white.
+pub(super) const MIN_RESET: u16 = 384;

@@ -1,12 +1,18 @@
-//! Inertial samples: seven words of 16 bits, high byte first, in groups that may be absent.
+//! Inertial samples (IMU): their raw and SI forms, and their assembly from bytes of the wire.
+//!
+//! A sample is up to seven 16-bit numbers, high byte first: acceleration, temperature and rotation, each group of which
+//! may be absent. Both raw counts and SI units are there, because counts are exact and can be sent again.
+//!
+//! What must not break: a sample of the wrong length or without a scale is dropped and counted, never guessed. A reading
+//! converted to SI units and back is the same reading.
 
 use super::stats::Stats;
 
 /// Standard gravity in m/s^2 (CGPM 1901).
 pub const STANDARD_GRAVITY: f64 = 9.806_65;
 
-/// All bytes that a sample may have.
-const MOST_BYTES: u8 = 14;
+/// The most bytes that a sample may have.
+const MAX_BYTES: u8 = 14;
 
 /// The inertial sensor of a camera; they differ in how temperature is counted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -149,7 +155,7 @@ impl ImuReading {
         }
     }
 
-    /// Negates axes in 16 bits, where -32768 stays: twice is nothing.
+    /// Negates axes in 16 bits. -32768 stays what it is, so that negating twice gives back every value.
     pub(super) fn flip(&mut self, axes: [bool; 3]) {
         for (axis, _) in axes.iter().enumerate().filter(|(_, flip)| **flip) {
             self.accel[axis] = self.accel[axis].wrapping_neg();
@@ -158,14 +164,14 @@ impl ImuReading {
     }
 }
 
-/// Gathers the words of one sample after the other.
+/// Assembles one sample after the other.
 #[derive(Default)]
 pub(super) struct ImuAssembler {
     open: bool,
     /// What the scale word said, if it came.
     scale: Option<u8>,
-    bytes: [u8; MOST_BYTES as usize],
-    /// How many came, counted up to one more than there may be.
+    bytes: [u8; MAX_BYTES as usize],
+    /// How many came; stops at one more than there may be.
     count: u8,
 }
 
@@ -175,7 +181,7 @@ impl ImuAssembler {
         *self = Self { open: true, ..Self::default() };
     }
 
-    /// Ignores everything until the next start.
+    /// Drops the open sample. Words are strays until the next start.
     pub(super) fn abandon(&mut self, stats: &mut Stats) {
         stats.imu_unended += u64::from(self.open);
         self.open = false;
@@ -200,7 +206,7 @@ impl ImuAssembler {
                 *place = byte;
                 self.count += 1;
             }
-            None => self.count = MOST_BYTES + 1,
+            None => self.count = MAX_BYTES + 1,
         }
     }
 

@@ -6,20 +6,27 @@
 //!
 //! The rules are those of logic version 18, as the public drivers (libcaer 3.3, jAER) and the logic's VHDL have them. A
 //! malformed stream never stops the decoder: what it cannot use is dropped, and counted in [`Stats`].
+//!
+//! ```text
+//! bytes -> decoder, word by word -> clock, addresses, imu, frame_assembler -> Decoded
+//!            `-> fast_path -> block -> lanes: the same for runs of plain words, many at a time
+//! Decoded -> packet_check -> encoder -> bytes
+//! ```
 
+mod addresses;
 mod block;
 mod clock;
 mod decoded;
 mod decoder;
 mod device;
-mod encodable;
 mod encoder;
-mod fours;
+mod fast_path;
 mod frame;
+mod frame_assembler;
 mod imu;
-mod pixels;
-mod readout;
-mod run;
+mod lanes;
+mod packet_check;
+mod state;
 mod stats;
 mod trigger;
 mod word;

@@ -1,4 +1,7 @@
-//! Oddities of a stream, counted by kind.
+//! Counters of what a malformed stream had, by kind.
+//!
+//! Names and descriptions are written once, in the macro call below; Python's dictionary of them is made from it. The
+//! docstring of `Decoder.stats` lists them too, and a test compares the names.
 
 /// Defines the counters once, for the fields and for their names.
 macro_rules! counters {

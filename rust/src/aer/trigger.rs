@@ -1,4 +1,6 @@
-//! Edges at the camera's connectors, and resets of its clock.
+//! Triggers: edges at the camera's external input and generator, and resets of its clock.
+//!
+//! A trigger's layout is that of Python's `TRIGGER_DTYPE`, which reads these arrays in place.
 
 use super::word;
 

@@ -1,4 +1,6 @@
-//! The words of the wire.
+//! The 16-bit words of the wire: what their upper bits say and where their payload is.
+//!
+//! Numbers are those of logic version 18 (libcaer 3.3, jAER, the logic's VHDL). All other modules take them from here.
 
 /// From here on a word carries a time: the low 15 bits of it, above the wrap offset.
 pub(super) const TIMESTAMP: u16 = 0x8000;

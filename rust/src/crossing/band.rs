@@ -1,12 +1,20 @@
-//! A band of rows: the pixels that one thread takes at a time.
+//! A band of rows: the pixels that one thread takes at a time, through scan, candidates and the exact rule.
+//!
+//! A band keeps its buffers from frame to frame, because allocating them anew for each frame costs more than a quiet
+//! frame does. Candidates are decided in batches that fit into the first-level cache.
+//!
+//! What must not break: events leave in raster order and, within a pixel, in the order of crossing, because the sort by
+//! time is stable and relies on it. A pixel's bounds are set again whenever its reference moved.
 
-use super::candidates::{Candidates, Verdict};
+use super::candidates::Candidates;
 use super::cubic::Cubic;
+use super::decision::Verdict;
 use super::frame::SparseSamples;
 use super::level::Level;
 use super::line::Line;
 use super::parameters::CrossingParameters;
 use super::pixel::follow;
+use super::room::{Allowance, Full, Room, most_events};
 use super::sample::Sample;
 use super::scan::{Found, MOST_FOUND, TILE};
 use super::steps::Steps;
@@ -24,7 +32,9 @@ pub(crate) struct Share<'a, S> {
     pub(crate) first_pixel: usize,
     pub(crate) references: &'a mut [Level],
     pub(crate) last_event_us: &'a mut [i64],
-    pub(crate) last: &'a mut [S],
+    pub(crate) last: &'a [S],
+    /// Takes the new frame, and becomes `last` once the push is done.
+    pub(crate) next: &'a mut [S],
     pub(crate) low: &'a mut [S],
     pub(crate) high: &'a mut [S],
     pub(crate) new: &'a [S],
@@ -45,7 +55,7 @@ impl<'a, S: Sample> Share<'a, S> {
 /// Memory that a band keeps from frame to frame.
 pub(crate) struct Band<S> {
     /// The events of the last frame, in raster order.
-    pub(crate) events: Vec<Event>,
+    pub(crate) events: Room,
     found: Found<S>,
     candidates: Candidates<S>,
     /// Room for the events of candidates that are clear.
@@ -57,7 +67,7 @@ pub(crate) struct Band<S> {
 impl<S: Sample> Band<S> {
     pub(crate) fn new(p: &CrossingParameters) -> Self {
         Self {
-            events: Vec::new(),
+            events: Room::default(),
             found: Found::new(),
             candidates: Candidates::new(p),
             clear: vec![Event::default(); MOST_FOUND],
@@ -66,26 +76,42 @@ impl<S: Sample> Band<S> {
     }
 
     /// Takes the frame's share: finds the events and moves the state on.
-    pub(crate) fn advance(&mut self, mut share: Share<'_, S>, at: Interval, size: SensorSize, p: &CrossingParameters) {
-        for event in self.events.drain(..) {
+    pub(crate) fn advance(
+        &mut self,
+        mut share: Share<'_, S>,
+        at: Interval,
+        size: SensorSize,
+        p: &CrossingParameters,
+        allowance: Allowance,
+    ) -> Result<(), Full> {
+        for event in self.events.events() {
             share.last_event_us[event.pixel(size) - share.first_pixel] = event.t;
         }
+        self.events.begin(allowance, share.new.len());
+        self.found.count = 0;
         for start in (0..share.new.len()).step_by(TILE) {
             let end = (start + TILE).min(share.new.len());
             let rates = share.rates.map(|(from, to)| (&from[start..end], &to[start..end]));
             let bounds = (&share.low[start..end], &share.high[start..end]);
+            let samples = (&share.last[start..end], &mut share.next[start..end]);
             let sparse = share.sparse.of(share.first_pixel + start, share.first_pixel + end).pixel;
             let also = sparse.iter().map(|&pixel| pixel as usize - share.first_pixel - start);
-            self.found.scan(start, &share.new[start..end], &mut share.last[start..end], bounds, rates, also);
+            self.found.scan(start, &share.new[start..end], samples, bounds, rates, also);
             if self.found.is_full() {
-                self.decide(&mut share, at, size, p);
+                self.decide(&mut share, at, size, p)?;
             }
         }
-        self.decide(&mut share, at, size, p);
+        self.decide(&mut share, at, size, p)
     }
 
     /// Decides what was found, makes its events, and moves its pixels and bounds on.
-    fn decide(&mut self, share: &mut Share<'_, S>, at: Interval, size: SensorSize, p: &CrossingParameters) {
+    fn decide(
+        &mut self,
+        share: &mut Share<'_, S>,
+        at: Interval,
+        size: SensorSize,
+        p: &CrossingParameters,
+    ) -> Result<(), Full> {
         self.candidates.take_logs(&self.found, p.log_eps);
         self.candidates.decide(&self.found, share.references, share.rates, share.first_pixel, at.ticks, p);
         if !share.sparse.is_empty() {
@@ -95,11 +121,18 @@ impl<S: Sample> Band<S> {
                 }
             }
         }
-        self.carry_out(share, at, size, p);
+        self.carry_out(share, at, size, p)?;
         self.found.count = 0;
+        Ok(())
     }
 
-    fn carry_out(&mut self, share: &mut Share<'_, S>, at: Interval, size: SensorSize, p: &CrossingParameters) {
+    fn carry_out(
+        &mut self,
+        share: &mut Share<'_, S>,
+        at: Interval,
+        size: SensorSize,
+        p: &CrossingParameters,
+    ) -> Result<(), Full> {
         let width = usize::from(size.width);
         let (mut row_start, mut y, mut made) = (0, 0, 0);
         for j in 0..self.found.count {
@@ -114,9 +147,9 @@ impl<S: Sample> Band<S> {
             let on = match self.candidates.verdict[j] {
                 Verdict::Nothing => continue,
                 Verdict::Unclear => {
-                    self.events.extend_from_slice(&self.clear[..made]);
+                    self.events.extend(&self.clear[..made])?;
                     made = 0;
-                    self.follow(share, j, (x, y), at, p);
+                    self.follow(share, j, (x, y), at, p)?;
                     continue;
                 }
                 verdict => verdict == Verdict::On,
@@ -129,7 +162,7 @@ impl<S: Sample> Band<S> {
             self.clear[made] = Event::new(at.start_us + self.candidates.tick[j], x, y, on);
             made += 1;
         }
-        self.events.extend_from_slice(&self.clear[..made]);
+        self.events.extend(&self.clear[..made])
     }
 
     /// Runs one candidate through the interval exactly.
@@ -141,14 +174,17 @@ impl<S: Sample> Band<S> {
         (x, y): (u16, u16),
         at: Interval,
         p: &CrossingParameters,
-    ) {
+    ) -> Result<(), Full> {
         let in_share = self.found.place[candidate] as usize;
         let sparse = share.sparse_of(self.found.place[candidate]);
         let c = p.thresholds(share.first_pixel + in_share);
         let reference = &mut share.references[in_share];
         let events = &mut self.events;
-        let mut emit = |t_us, on| events.push(Event::new(t_us, x, y, on));
         let line = Line { from: self.candidates.from[candidate], to: self.candidates.to[candidate], ticks: at.ticks };
+        let mut run = |reference: &mut Level, line: &Line, start_us| {
+            events.reserve(most_events(*reference, line, c))?;
+            Ok(follow(reference, line, start_us, c, |t_us, on| events.push(Event::new(t_us, x, y, on))))
+        };
         let moved = match share.rates {
             _ if !sparse.is_empty() => {
                 self.logs.resize(sparse.samples.len(), 0.0);
@@ -156,15 +192,17 @@ impl<S: Sample> Band<S> {
                 let (mut from, mut start_us, mut moved) = (line.from, at.start_us, false);
                 let end = (at.start_us + at.ticks, line.to);
                 for (t_us, to) in sparse.t_us.iter().copied().zip(self.logs.iter().copied()).chain([end]) {
-                    moved |= follow(reference, &Line { from, to, ticks: t_us - start_us }, start_us, c, &mut emit);
+                    moved |= run(reference, &Line { from, to, ticks: t_us - start_us }, start_us)?;
                     (from, start_us) = (to, t_us);
                 }
                 moved
             }
-            None => follow(reference, &line, at.start_us, c, emit),
+            None => run(reference, &line, at.start_us)?,
             Some(_) => {
                 let (from, to) = (self.candidates.slope_from[candidate], self.candidates.slope_to[candidate]);
-                follow(reference, &Cubic::new(line, from, to), at.start_us, c, emit)
+                let curve = Cubic::new(line, from, to);
+                events.reserve(most_events(*reference, &curve, c))?;
+                follow(reference, &curve, at.start_us, c, |t_us, on| events.push(Event::new(t_us, x, y, on)))
             }
         };
         if moved {
@@ -173,5 +211,6 @@ impl<S: Sample> Band<S> {
             let bounds = (&mut share.low[in_share..=in_share], &mut share.high[in_share..=in_share]);
             S::bounds(&[reference.value(c)], steps, p.log_eps, bounds);
         }
+        Ok(())
     }
 }

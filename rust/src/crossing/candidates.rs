@@ -1,66 +1,21 @@
-//! Pixels that left their bounds, decided many at a time in vector registers where there is no doubt.
+//! Pixels that left their bounds, decided many at a time in vector registers where there is no doubt: straight lines.
 //!
 //! Nearly all of them reach exactly one level, clearly, at a moment clearly between two ticks. What is not clear within
 //! the bounds of float64 rounding is left to [`super::pixel`], which decides exactly.
+//!
+//! What must not break: a verdict other than `Unclear` is what the exact rule says, so the error bounds must cover
+//! every rounding. The loop in `decide` must stay free of branches and of calls that are not inlined, or it is no
+//! vector code.
 
 use multiversion::multiversion;
 
 use super::cubic_candidates::{Slopes, decide_cubics};
-use super::exponential::ROUND;
+use super::decision::{Decisions, LARGEST_TICK, Lines, References, Verdict, ceiling, integer};
 use super::level::Level;
 use super::parameters::CrossingParameters;
 use super::sample::Sample;
 use super::scan::{Found, MOST_FOUND};
 use super::steps::{StepArrays, Steps};
-
-/// What a candidate turned out to be.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[repr(u8)]
-pub(crate) enum Verdict {
-    /// Left its bounds, which are drawn inward, without reaching a level.
-    Nothing,
-    /// One OFF event.
-    Off,
-    /// One ON event.
-    On,
-    /// Several events, or too close to call.
-    Unclear,
-}
-
-#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
-impl Verdict {
-    /// One event, none, or neither beyond doubt.
-    #[inline(always)]
-    pub(crate) fn of(one: bool, brighter: bool, nothing: bool) -> Self {
-        let event = if brighter { Self::On } else { Self::Off };
-        if one {
-            event
-        } else if nothing {
-            Self::Nothing
-        } else {
-            Self::Unclear
-        }
-    }
-}
-
-/// 2^50: up to here [`ceiling`] works.
-pub(crate) const LARGEST_TICK: f64 = 1_125_899_906_842_624.0;
-
-/// The least whole number that is not smaller, in operations that every vector unit has.
-#[inline(always)]
-#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
-pub(crate) fn ceiling(x: f64) -> f64 {
-    let nearest = (x + ROUND) - ROUND;
-    nearest + if nearest < x { 1.0 } else { 0.0 }
-}
-
-/// A whole number to an integer, by way of the bits of 2^52 + it: vector units lack the conversion.
-#[inline(always)]
-#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
-pub(crate) fn integer(whole: f64) -> i64 {
-    const TWO_52: f64 = 4_503_599_627_370_496.0;
-    (whole + TWO_52).to_bits().wrapping_sub(TWO_52.to_bits()).cast_signed()
-}
 
 /// Candidates as arrays.
 pub(crate) struct Candidates<S> {
@@ -163,24 +118,6 @@ impl<S: Sample> Candidates<S> {
     }
 }
 
-pub(crate) struct Lines<'a> {
-    pub(crate) from: &'a [f64],
-    pub(crate) to: &'a [f64],
-    pub(crate) ticks: f64,
-}
-
-pub(crate) struct References<'a> {
-    pub(crate) base: &'a [f64],
-    pub(crate) on: &'a [f64],
-    pub(crate) off: &'a [f64],
-}
-
-pub(crate) struct Decisions<'a> {
-    pub(crate) tick: &'a mut [i64],
-    pub(crate) verdict: &'a mut [Verdict],
-    pub(crate) after: &'a mut [f64],
-}
-
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
 #[allow(clippy::needless_bitwise_bool, reason = "a lazy operator is a branch, which vectors cannot take")]
 fn decide(lines: &Lines<'_>, references: &References<'_>, steps: Steps<&[f64]>, decisions: Decisions<'_>) {
@@ -225,7 +162,10 @@ fn decide(lines: &Lines<'_>, references: &References<'_>, steps: Steps<&[f64]>, 
 mod tests {
     use super::*;
     use crate::crossing::level::Thresholds;
-    use crate::crossing::parameters::Threshold;
+    use crate::crossing::line::Line;
+    use crate::crossing::parameters::{Interpolation, Threshold};
+    use crate::crossing::pixel::follow;
+    use proptest::prelude::*;
 
     const C: Thresholds = Thresholds { on: 0.25, off: 0.5 };
 
@@ -280,5 +220,109 @@ mod tests {
         assert_eq!(decide_one(far, c, 0.0, 1010.3, 1000).0, Verdict::Unclear);
         let near = Level { base: 0.0, on: 4, off: 4 };
         assert_eq!(decide_one(near, c, 0.0, 1010.3, 1000).0, Verdict::On);
+    }
+
+    /// The events (tick, ON) of a line by the exact rule.
+    fn events_of(mut reference: Level, c: Thresholds, from: f64, to: f64, ticks: i64) -> Vec<(i64, bool)> {
+        let mut events = vec![];
+        follow(&mut reference, &Line { from, to, ticks }, 0, c, |tick, on| events.push((tick, on)));
+        events
+    }
+
+    /// The verdict, which the exact rule must not contradict.
+    fn checked(reference: Level, c: Thresholds, from: f64, to: f64, ticks: i64) -> Result<Verdict, TestCaseError> {
+        let (verdict, tick) = decide_one(reference, c, from, to, ticks);
+        let events = events_of(reference, c, from, to, ticks);
+        match verdict {
+            Verdict::Unclear => {}
+            Verdict::Nothing => prop_assert_eq!(events, vec![], "{:?} {:?} {} {} {}", reference, c, from, to, ticks),
+            Verdict::On | Verdict::Off => {
+                let on = verdict == Verdict::On;
+                prop_assert_eq!(events, vec![(tick, on)], "{:?} {:?} {} {} {}", reference, c, from, to, ticks);
+            }
+        }
+        Ok(verdict)
+    }
+
+    fn starting_at(base: f64) -> Level {
+        Level { base, on: 0, off: 0 }
+    }
+
+    /// Rounding of the level, stretched by a slow line over many ticks, is more than that of the quotient.
+    #[test]
+    fn the_rounding_of_a_level_counts_in_ticks() {
+        let c = Thresholds { on: 0.15, off: 0.15 };
+        let (from, to) = (-4.571_614_330_777_804, -4.297_635_973_670_371);
+        checked(starting_at(from), c, from, to, 1 << 49).unwrap();
+    }
+
+    /// The line reaches the level on a tick; its estimate lies just after it.
+    #[test]
+    fn a_crossing_that_seems_to_lie_just_after_a_tick_is_left() {
+        let c = Thresholds { on: 0.25, off: 0.375 };
+        let (from, to) = (-3.692_068_864_326_186, -4.192_068_864_326_186_5);
+        assert_eq!(checked(starting_at(from), c, from, to, 1000).unwrap(), Verdict::Unclear);
+        assert_eq!(events_of(starting_at(from), c, from, to, 1000), [(750, false)]);
+    }
+
+    /// The rate at the interval's end is the new frame's, not the last one's.
+    #[test]
+    fn cubics_take_each_end_s_own_rate() {
+        let parameters = CrossingParameters {
+            contrast_threshold: Threshold::Uniform(0.25),
+            interpolation: Interpolation::Hermite,
+            ..CrossingParameters::default()
+        };
+        let mut candidates = Candidates::<f64>::new(&parameters);
+        let mut found = Found::new();
+        (found.count, found.from[0], found.to[0]) = (1, 0.0, 0.3);
+        candidates.take_logs(&found, 1e-3);
+        // Over 7 ticks, slopes of 0 and 3 over the interval.
+        candidates.decide(&found, &[ZERO], Some((&[0.0], &[3.0 / 7e-6])), 0, 7, &parameters);
+        assert_eq!((candidates.verdict[0], candidates.tick[0]), (Verdict::On, 7));
+        candidates.decide(&found, &[ZERO], Some((&[3.0 / 7e-6], &[0.0])), 0, 7, &parameters);
+        assert_ne!((candidates.verdict[0], candidates.tick[0]), (Verdict::On, 7));
+    }
+
+    fn steps() -> impl Strategy<Value = f64> {
+        // In thresholds: anywhere, and as near to a level as floats lie.
+        prop_oneof![
+            3 => -2.5f64..2.5,
+            1 => (prop::sample::select(vec![-2.0, -1.0, 1.0, 2.0]), -4i32..=4)
+                .prop_map(|(steps, ulps)| steps * (1.0 + 0.5 * f64::EPSILON * f64::from(ulps))),
+        ]
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(4_000))]
+
+        #[test]
+        fn what_is_decided_is_what_the_exact_rule_says(
+            base in prop_oneof![Just(0.0), -7.0f64..2.0],
+            counts in (0u32..4, 0u32..4),
+            c in prop_oneof![Just((0.25, 0.375)), (0.01f64..0.6, 0.01f64..0.6)],
+            start in -0.999f64..0.999,
+            steps in steps(),
+            ticks in prop_oneof![4 => 1i64..3000, 2 => 1i64..2_000_000, 1 => (1i64 << 40)..(1 << 53)],
+        ) {
+            let c = Thresholds { on: c.0, off: c.1 };
+            let reference = Level { base, on: counts.0, off: counts.1 };
+            let centre = reference.value(c);
+            let step = |steps: f64| if steps > 0.0 { steps * c.on } else { steps * c.off };
+            checked(reference, c, centre + step(start), centre + step(steps), ticks)?;
+        }
+
+        /// Crossings on ticks, and as near to one as floats lie: `ticks` and C are such that the line hits them.
+        #[test]
+        fn crossings_near_ticks_are_decided_alike(
+            base in -7.0f64..2.0, at in 1i64..1000, ulps in -3i32..=3, on in any::<bool>(), off in 0.05f64..0.5
+        ) {
+            let c = Thresholds { on: 0.25, off };
+            let step = if on { c.on } else { -c.off };
+            #[allow(clippy::cast_precision_loss, reason = "small")]
+            let to = base + step * 1000.0 / at as f64;
+            let to = to + f64::from(ulps) * to.abs() * f64::EPSILON;
+            checked(starting_at(base), c, base, to, 1000)?;
+        }
     }
 }

@@ -1,11 +1,19 @@
-//! The pixels of a sensor, and one frame's way through them.
+//! The pixels of a sensor as arrays, cut into bands for threads, and a frame's way through them.
+//!
+//! Arrays for each quantity instead of a struct for each pixel, because a quiet frame then reads only samples and
+//! bounds.
+//!
+//! What must not break: the cut into bands changes no event, and bands begin at whole tiles.
 
 use rayon::prelude::*;
 
 use super::band::{Band, Interval, Share};
+use super::cubic::Cubic;
 use super::frame::Frame;
 use super::level::Level;
+use super::line::Line;
 use super::parameters::CrossingParameters;
+use super::room::{Allowance, Full, Tally};
 use super::sample::Sample;
 use super::scan::TILE;
 use super::state::EngineState;
@@ -15,10 +23,39 @@ use crate::event::{Event, SensorSize};
 /// No event yet.
 pub(crate) const NEVER: i64 = -1;
 
-/// State of 36 bytes a pixel for luma (the rate of change takes four more), in arrays: what every frame touches lies
+/// The pixels of a sensor: a push runs them over a frame, and then keeps what it found, or undoes it.
+pub(crate) trait Pixels<S> {
+    /// Runs every pixel over one checked frame, within an allowance of events: then [`Self::settle`], or [`Self::undo`].
+    fn advance(&mut self, push: &Push<'_, S>, allowance: Allowance) -> std::result::Result<(), Full>;
+
+    /// The events of the last frame: parts that together are in raster order.
+    fn events(&self) -> Vec<&[Event]>;
+
+    /// Keeps what [`Self::advance`] has found.
+    fn settle(&mut self, push: &Push<'_, S>);
+
+    /// Goes back to before [`Self::advance`].
+    fn undo(&mut self, push: &Push<'_, S>);
+
+    /// About how many events the frame makes.
+    fn count(&self, push: &Push<'_, S>) -> u64;
+}
+
+/// A checked frame, and what pixels need beside it.
+pub(crate) struct Push<'a, S> {
+    pub(crate) frame: Frame<'a, S>,
+    pub(crate) at: Interval,
+    pub(crate) size: SensorSize,
+    pub(crate) p: &'a CrossingParameters,
+    pub(crate) pool: Option<&'a rayon::ThreadPool>,
+}
+
+/// State of 40 bytes a pixel for luma (the rate of change takes four more), in arrays: what every frame touches lies
 /// together, apart from what only an event touches.
 pub(crate) struct Core<S> {
     last: Vec<S>,
+    /// The frame that a push brings, until it is done and this becomes `last`.
+    next: Vec<S>,
     low: Vec<S>,
     high: Vec<S>,
     /// Empty where interpolation is linear.
@@ -46,6 +83,7 @@ impl<S: Sample> Core<S> {
         let samples = || vec![S::default(); first.len()];
         let mut core = Self {
             last: first.to_vec(),
+            next: samples(),
             low: samples(),
             high: samples(),
             rates: rates.map_or(vec![], <[S]>::to_vec),
@@ -81,57 +119,10 @@ impl<S: Sample> Core<S> {
     /// The time of each pixel's last event in microseconds, or [`NEVER`].
     pub(crate) fn last_event_us(&self, size: SensorSize) -> Vec<i64> {
         let mut times = self.last_event_us.clone();
-        for event in self.events().flatten() {
+        for event in self.bands.iter().flat_map(|band| band.events.events()) {
             times[event.pixel(size)] = event.t;
         }
         times
-    }
-
-    /// The events of the last frame: parts that together are in raster order.
-    pub(crate) fn events(&self) -> impl Iterator<Item = &[Event]> + Clone {
-        self.bands.iter().map(|band| &band.events[..])
-    }
-
-    /// Runs every pixel over one checked frame.
-    pub(crate) fn advance(
-        &mut self,
-        frame: &Frame<'_, S>,
-        at: Interval,
-        size: SensorSize,
-        parameters: &CrossingParameters,
-        pool: Option<&rayon::ThreadPool>,
-    ) {
-        let Self { last, low, high, rates: before, references, last_event_us, bands } = self;
-        let rates_at =
-            |start: usize, n: usize| frame.rate.map(|now| (&before[start..start + n], &now[start..start + n]));
-        let (new, sparse) = (frame.samples, frame.sparse);
-        match pool {
-            None => {
-                let rates = rates_at(0, new.len());
-                let share = Share { first_pixel: 0, references, last_event_us, last, low, high, new, rates, sparse };
-                bands[0].advance(share, at, size, parameters);
-            }
-            Some(pool) => {
-                let length = new.len().div_ceil(bands.len()).next_multiple_of(TILE);
-                pool.install(|| {
-                    let state = (references.par_chunks_mut(length), last_event_us.par_chunks_mut(length));
-                    let bounds = (low.par_chunks_mut(length), high.par_chunks_mut(length));
-                    let samples = (last.par_chunks_mut(length), new.par_chunks(length));
-                    (state, bounds, samples, bands.par_iter_mut()).into_par_iter().enumerate().for_each(
-                        |(i, ((references, last_event_us), (low, high), (last, new), band))| {
-                            let (first_pixel, rates) = (i * length, rates_at(i * length, new.len()));
-                            let sparse = sparse.of(first_pixel, first_pixel + new.len());
-                            let share =
-                                Share { first_pixel, references, last_event_us, last, low, high, new, rates, sparse };
-                            band.advance(share, at, size, parameters);
-                        },
-                    );
-                });
-            }
-        }
-        if let Some(now) = frame.rate {
-            before.copy_from_slice(now);
-        }
     }
 
     /// Computes the bounds of all pixels afresh.
@@ -147,5 +138,106 @@ impl<S: Sample> Core<S> {
             let bounds = (&mut self.low[first..first + n], &mut self.high[first..first + n]);
             S::bounds(&values[..n], steps.first(n), parameters.log_eps, bounds);
         }
+    }
+}
+
+impl<S: Sample> Pixels<S> for Core<S> {
+    fn events(&self) -> Vec<&[Event]> {
+        self.bands.iter().map(|band| band.events.events()).collect()
+    }
+
+    fn advance(&mut self, push: &Push<'_, S>, allowance: Allowance) -> std::result::Result<(), Full> {
+        let Push { frame, at, size, p: parameters, pool } = *push;
+        let Self { last, next, low, high, rates: before, references, last_event_us, bands } = self;
+        let rates_at =
+            |start: usize, n: usize| frame.rate.map(|now| (&before[start..start + n], &now[start..start + n]));
+        let (new, sparse) = (frame.samples, frame.sparse);
+        match pool {
+            None => {
+                let rates = rates_at(0, new.len());
+                let share =
+                    Share { first_pixel: 0, references, last_event_us, last, next, low, high, new, rates, sparse };
+                bands[0].advance(share, at, size, parameters, allowance)
+            }
+            Some(pool) => {
+                let length = new.len().div_ceil(bands.len()).next_multiple_of(TILE);
+                pool.install(|| {
+                    let state = (references.par_chunks_mut(length), last_event_us.par_chunks_mut(length));
+                    let bounds = (low.par_chunks_mut(length), high.par_chunks_mut(length));
+                    let samples = (last.par_chunks(length), next.par_chunks_mut(length), new.par_chunks(length));
+                    let shares = (state, bounds, samples, bands.par_iter_mut()).into_par_iter().enumerate();
+                    // Every band begins, also where another one is full: what it holds is then of this frame.
+                    let outcomes =
+                        shares.map(|(i, ((references, last_event_us), (low, high), (last, next, new), band))| {
+                            let (first_pixel, rates) = (i * length, rates_at(i * length, new.len()));
+                            let sparse = sparse.of(first_pixel, first_pixel + new.len());
+                            let share = Share {
+                                first_pixel,
+                                references,
+                                last_event_us,
+                                last,
+                                next,
+                                low,
+                                high,
+                                new,
+                                rates,
+                                sparse,
+                            };
+                            band.advance(share, at, size, parameters, allowance)
+                        });
+                    outcomes.reduce(|| Ok(()), Result::and)
+                })
+            }
+        }
+    }
+
+    fn settle(&mut self, push: &Push<'_, S>) {
+        std::mem::swap(&mut self.last, &mut self.next);
+        if let Some(now) = push.frame.rate {
+            self.rates.copy_from_slice(now);
+        }
+    }
+
+    #[cold]
+    fn undo(&mut self, push: &Push<'_, S>) {
+        for band in &mut self.bands {
+            for event in band.events.events() {
+                let reference = &mut self.references[event.pixel(push.size)];
+                *if event.p == 0 { &mut reference.off } else { &mut reference.on } -= 1;
+            }
+            band.events.clear();
+        }
+        self.reset_bounds(push.p);
+    }
+
+    #[cold]
+    fn count(&self, push: &Push<'_, S>) -> u64 {
+        let Push { frame, at, p, .. } = *push;
+        #[allow(clippy::cast_precision_loss, reason = "ticks < 2^53")]
+        let seconds = at.ticks as f64 * 1e-6;
+        let log = |sample: S| {
+            let mut log = [0.0];
+            S::logs(&[sample], p.log_eps, &mut log);
+            log[0]
+        };
+        let count = |(i, &reference): (usize, &Level)| {
+            let (from, to, c) = (self.last[i], frame.samples[i], p.thresholds(i));
+            let (line, mut tally) = (Line { from: log(from), to: log(to), ticks: at.ticks }, Tally::new(reference, c));
+            let sparse = frame.sparse.of(i, i + 1);
+            match frame.rate {
+                Some(rates) if sparse.is_empty() => {
+                    let slope = |sample: S, rate| sample.log_rate(rate, p.log_eps) * seconds;
+                    tally.follow(&Cubic::new(line, slope(from, self.rates[i]), slope(to, rates[i])), c);
+                }
+                _ => {
+                    for &sample in sparse.samples {
+                        tally.follow(&Line { to: log(sample), ..line }, c);
+                    }
+                    tally.follow(&line, c);
+                }
+            }
+            tally.events()
+        };
+        self.references.iter().enumerate().map(count).fold(0, u64::saturating_add)
     }
 }

@@ -1,10 +1,14 @@
 //! Cubic Hermite interpolation: log intensity from samples and slopes at both ends, in at most two monotone pieces.
+//!
+//! What must not break: [`Cubic::new`] limits slopes so that a cubic has no extremum that the samples do not support,
+//! and `cubic_candidates` repeats these limits in vector code: change both. Stamps come from the cubic's value in
+//! float64, so they do not depend on how the root was found.
 
-use super::curve::{Curve, FINE, Piece, ROUGH, Search, Timed, first_tick_on, near};
+use super::curve::{Curve, FINE, Piece, ROUGH, Search, Timed, bracketed_newton, first_tick_on};
 use super::level::{Level, Thresholds};
 use super::line::Line;
 
-/// Steeper than this, in log intensity over an interval, no slope is believed: 1000 spans twice all that float32 luma can.
+/// Slopes are cut to this, in log intensity over an interval. It is more than any change between two frames of luma.
 pub(crate) const STEEPEST: f64 = 1000.0;
 
 /// L(s) = from + s (a + s (b + s c)), s from 0 to 1 over the interval; ends at `to`.
@@ -105,7 +109,7 @@ impl CubicPiece {
         let [a, b, c] = self.cubic.coefficients;
         let (first, last) = (self.cubic.at(self.from), self.end());
         let share = (value - first) / (last - first);
-        near((self.from, self.to), share, last >= first, search, |s| {
+        bracketed_newton((self.from, self.to), share, last >= first, search, |s| {
             (value - self.cubic.at(s), a + s * (2.0 * b + 3.0 * c * s))
         })
     }

@@ -1,9 +1,16 @@
-//! [`super::candidates`] for cubics: the monotone ones that reach one level, and those that stay between theirs.
+//! [`super::candidates`] for cubics: decides monotone ones that reach one level, and those that stay between their
+//! levels.
+//!
+//! A root found by Newton's steps is only a guess here. It counts where the cubic has clearly reached the level at its
+//! tick and clearly not at the tick before, so the search may be as rough as it likes.
+//!
+//! What must not break: the limits of slopes are those of `Cubic::new`, the error bound covers every rounding, and the
+//! loop has neither branches nor calls that are not inlined.
 
 use multiversion::multiversion;
 
-use super::candidates::{Decisions, LARGEST_TICK, Lines, References, Verdict, ceiling, integer};
 use super::cubic::STEEPEST;
+use super::decision::{Decisions, LARGEST_TICK, Lines, References, Verdict, ceiling, integer};
 use super::steps::Steps;
 
 /// Slopes, in log intensity over the whole interval, at its start and end.
@@ -85,5 +92,202 @@ pub(crate) fn decide_cubics(
         tick[j] = integer(ceiling);
         after[j] = level;
         verdict[j] = Verdict::of(one, brighter, nothing);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::crossing::cubic::Cubic;
+    use crate::crossing::level::{Level, Thresholds};
+    use crate::crossing::line::Line;
+    use crate::crossing::pixel::follow;
+    use proptest::prelude::*;
+
+    const C: Thresholds = Thresholds { on: 0.25, off: 0.375 };
+    const MILLION: i64 = 1_000_000;
+
+    /// A cubic by its values and slopes (over the interval) at both ends.
+    type Knots = [f64; 4];
+
+    fn verdict_of([from, to, p, q]: Knots, reference: Level, c: Thresholds, ticks: i64) -> (Verdict, i64) {
+        #[allow(clippy::cast_precision_loss, reason = "ticks < 2^53")]
+        let lines = Lines { from: &[from], to: &[to], ticks: ticks as f64 };
+        let references =
+            References { base: &[reference.base], on: &[f64::from(reference.on)], off: &[f64::from(reference.off)] };
+        let steps = Steps { on: &[c.on][..], off: &[c.off], rise: &[1.0], fall: &[1.0] };
+        let (mut tick, mut verdict, mut after) = ([0], [Verdict::Unclear], [0.0]);
+        let decisions = Decisions { tick: &mut tick, verdict: &mut verdict, after: &mut after };
+        decide_cubics(&lines, &Slopes { from: &[p], to: &[q] }, &references, steps, decisions);
+        (verdict[0], tick[0])
+    }
+
+    /// The events (tick, ON) by the exact rule.
+    fn events_of([from, to, p, q]: Knots, mut reference: Level, c: Thresholds, ticks: i64) -> Vec<(i64, bool)> {
+        let mut events = vec![];
+        let curve = Cubic::new(Line { from, to, ticks }, p, q);
+        follow(&mut reference, &curve, 0, c, |tick, on| events.push((tick, on)));
+        events
+    }
+
+    /// The verdict, which the exact rule must not contradict.
+    fn checked(knots: Knots, reference: Level, ticks: i64) -> Result<Verdict, TestCaseError> {
+        checked_with(knots, reference, C, ticks)
+    }
+
+    fn checked_with(knots: Knots, reference: Level, c: Thresholds, ticks: i64) -> Result<Verdict, TestCaseError> {
+        let (verdict, tick) = verdict_of(knots, reference, c, ticks);
+        let events = events_of(knots, reference, c, ticks);
+        match verdict {
+            Verdict::Unclear => {}
+            Verdict::Nothing => prop_assert_eq!(events, vec![], "{:?} {:?} {}", knots, reference, ticks),
+            Verdict::On | Verdict::Off => {
+                prop_assert_eq!(events, vec![(tick, verdict == Verdict::On)], "{:?} {:?} {}", knots, reference, ticks);
+            }
+        }
+        Ok(verdict)
+    }
+
+    fn starting_at(base: f64) -> Level {
+        Level { base, on: 0, off: 0 }
+    }
+
+    /// Curves for each of which one part of the decision is what keeps it right.
+    #[test]
+    fn hard_curves_are_decided_as_the_exact_rule_does() {
+        let infinite = f64::INFINITY;
+        let curves: [(&str, Knots, Verdict); 14] = [
+            ("one slope is not finite", [0.0, 0.3, infinite, 0.2], Verdict::On),
+            ("nor the other", [0.0, 0.3, 0.2, -infinite], Verdict::On),
+            ("a number is missing", [0.0, -0.41, f64::NAN, -0.2], Verdict::Off),
+            ("slopes differ", [0.1, 0.5, 6.0, 1.0], Verdict::On),
+            ("it rises past a level and comes back, at its end", [0.0, 0.1, 0.1, -3.0], Verdict::Unclear),
+            ("it falls past a level and comes back, at its start", [0.0, 0.0, -6.0, 0.3], Verdict::Unclear),
+            ("it rises past a level and comes back, at its start", [0.0, 0.0, 6.0, -0.3], Verdict::Unclear),
+            ("it falls past a level and comes back, at its end", [0.0, -0.1, -0.1, 3.0], Verdict::Unclear),
+            ("it ends on the level above", [0.0, 0.25, 0.0, 2.0], Verdict::Unclear),
+            ("it ends on the level below", [0.0, -0.375, 0.0, 0.0], Verdict::Unclear),
+            ("it turns just above a level", [0.0, 0.239, 0.96, -0.02], Verdict::Unclear),
+            ("its mirror image in time", [0.239, 0.0, 0.02, -0.96], Verdict::Unclear),
+            ("it stays between the levels", [0.0, 0.1, 0.2, -0.2], Verdict::Nothing),
+            ("it stays between them, downwards", [0.0, -0.2, -0.1, 0.1], Verdict::Nothing),
+        ];
+        for (name, knots, expected) in curves {
+            let reference = starting_at(if name.contains("mirror") { 0.0 } else { knots[0] });
+            assert_eq!(checked(knots, reference, MILLION).unwrap(), expected, "{name}");
+        }
+    }
+
+    /// Ticks next to the one that a root lies on, found to be wrong by a search that trusts its own steps.
+    #[test]
+    fn a_tick_is_taken_only_where_the_curve_has_reached_the_level() {
+        let curve = [0.0, 0.3, 0.9, 0.1];
+        assert_eq!(events_of(curve, starting_at(0.0), C, MILLION), [(500_001, true)]);
+        checked(curve, starting_at(0.0), MILLION).unwrap();
+    }
+
+    /// Slopes beyond belief are cut before they are limited to three times the chord's, which matters where that is steeper.
+    #[test]
+    fn slopes_are_cut_to_the_steepest() {
+        let c = Thresholds { on: 400.0, off: 400.0 };
+        for (p, q) in [(2000.0, 10.0), (10.0, 2000.0)] {
+            for sign in [1.0, -1.0] {
+                let knots = [-250.0 * sign, 250.0 * sign, p * sign, q * sign];
+                let verdict = checked_with(knots, starting_at(knots[0]), c, MILLION).unwrap();
+                assert!(matches!(verdict, Verdict::On | Verdict::Off));
+            }
+        }
+    }
+
+    /// Log intensity ends within 1.5 thresholds of where it began: at most one level is reached where it does not turn.
+    fn single_crossings() -> impl Strategy<Value = Knots> {
+        let slope = || {
+            prop_oneof![
+                6 => -4.0f64..4.0,
+                2 => -0.1f64..0.1,
+                1 => -2000.0f64..2000.0,
+                1 => prop::sample::select(vec![0.0, -0.0, f64::INFINITY, f64::NEG_INFINITY, f64::NAN]),
+            ]
+        };
+        let to = prop_oneof![
+            6 => (-1.5f64..1.5).prop_map(|steps| if steps > 0.0 { steps * C.on } else { steps * C.off }),
+            // On a level, and as near to one as floats lie.
+            2 => (prop::sample::select(vec![C.on, -C.off]), -4i32..=4)
+                .prop_map(|(level, ulps)| level * (1.0 + f64::from(ulps) * 0.5 * f64::EPSILON)),
+            1 => Just(0.0),
+        ];
+        (to, slope(), slope()).prop_map(|(to, p, q)| [0.0, to, p, q])
+    }
+
+    /// Curves that turn as near to a level as `off` says.
+    fn turns_near_a_level() -> impl Strategy<Value = Knots> {
+        let off = prop_oneof![-1e-3f64..1e-3, -1e-12f64..1e-12, -1e-15f64..1e-15];
+        (-0.3f64..0.2, 0.05f64..0.95, any::<bool>(), off).prop_map(|(to, at, up, off)| {
+            // Of all cubics from 0 to `to` that turn at the share `at`, the one whose value there is the level's.
+            let level = (if up { C.on } else { -C.off }) + off;
+            // level = p h10 + q h11 + to h01 there, and the derivative is 0: two equations for p and q.
+            let (s, s2, s3) = (at, at * at, at * at * at);
+            let (h01, h10, h11) = (3.0 * s2 - 2.0 * s3, s3 - 2.0 * s2 + s, s3 - s2);
+            let (d01, d10, d11) = (6.0 * s - 6.0 * s2, 3.0 * s2 - 4.0 * s + 1.0, 3.0 * s2 - 2.0 * s);
+            let (value, slope) = (level - to * h01, -to * d01);
+            let determinant = h10 * d11 - h11 * d10;
+            [0.0, to, (value * d11 - h11 * slope) / determinant, (h10 * slope - value * d10) / determinant]
+        })
+    }
+
+    fn lengths() -> impl Strategy<Value = i64> {
+        prop_oneof![4 => 1i64..2_000_000, 2 => 1i64..20, 1 => (1i64 << 40)..(1 << 53)]
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(4_000))]
+
+        #[test]
+        fn single_crossings_are_decided_as_the_exact_rule_does(
+            knots in single_crossings(), shift in prop_oneof![Just(0.0), -30.0f64..30.0], counts in (0u32..4, 0u32..4), ticks in lengths()
+        ) {
+            let reference = Level { base: shift, on: counts.0, off: counts.1 };
+            let [from, to, p, q] = knots;
+            let start = shift + f64::from(counts.0) * C.on - f64::from(counts.1) * C.off;
+            checked([start + from, start + to, p, q], reference, ticks)?;
+        }
+
+        /// Within a step of the reference, as pixels really are, rather than on it.
+        #[test]
+        fn starts_between_levels_are_decided_alike(knots in single_crossings(), place in -0.999f64..0.999, ticks in lengths()) {
+            let off_centre = if place > 0.0 { place * C.on } else { place * C.off };
+            let [from, to, p, q] = knots;
+            checked([from + off_centre, to, p, q], starting_at(0.0), ticks)?;
+        }
+
+        #[test]
+        fn curves_that_turn_near_a_level_are_decided_alike(knots in turns_near_a_level(), ticks in lengths()) {
+            checked(knots, starting_at(0.0), ticks)?;
+        }
+
+        /// Levels of many steps round by more than an ulp of their own: what ends as near to them as that is in doubt.
+        #[test]
+        fn ends_within_the_rounding_of_a_level_are_decided_alike(
+            base in -7.0f64..2.0, counts in (0u32..30_000, 0u32..30_000), c in (0.05f64..0.4, 0.05f64..0.4),
+            on in any::<bool>(), ulps in -30i32..=30, p in 0.0f64..2.0, q in 0.0f64..2.0
+        ) {
+            let c = Thresholds { on: c.0, off: c.1 };
+            let reference = Level { base, on: counts.0, off: counts.1 };
+            let level = if on { reference.up() } else { reference.down() };
+            let ulp = f64::EPSILON * (f64::from(counts.0) * c.on + f64::from(counts.1) * c.off);
+            let (from, to) = (reference.exact(c).value(), level.exact(c).value() + 0.1 * ulp * f64::from(ulps));
+            checked_with([from, to, p * (to - from), q * (to - from)], reference, c, 1000)?;
+        }
+
+        /// What is far from any doubt is decided here: the exact way is for the few.
+        #[test]
+        fn what_is_clear_is_not_left(share in 0.3f64..0.9, on in any::<bool>(), p in 0.5f64..1.5, q in 0.5f64..1.5, offset in 200i64..800) {
+            let to = if on { C.on } else { -C.off } * (1.0 + share);
+            let verdict = checked([0.0, to, p * to, q * to], starting_at(0.0), MILLION + offset)?;
+            let event = if on { Verdict::On } else { Verdict::Off };
+            prop_assert!(verdict == event || verdict == Verdict::Unclear);
+            let verdict = checked([0.0, to * 0.3, p * to * 0.3, q * to * 0.3], starting_at(0.0), MILLION)?;
+            prop_assert_eq!(verdict, Verdict::Nothing);
+        }
     }
 }

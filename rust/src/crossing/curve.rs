@@ -1,4 +1,11 @@
-//! How log intensity runs between two samples, in monotone pieces.
+//! How log intensity runs between two samples: in monotone pieces, each of which tells when it reaches a level.
+//!
+//! The rule of [`super::pixel`] is written for any such curve; [`super::line`], [`super::cubic`] and the low-pass of
+//! [`super::effects`] are the three that there are. The search for roots and ticks that the last two share is here,
+//! too.
+//!
+//! What must not break: pieces are monotone and come in order, and the last one ends exactly at the interval's end
+//! sample, because whether a level was reached depends on where a piece ends and on nothing else.
 
 use super::level::{Level, Thresholds};
 
@@ -36,25 +43,25 @@ pub(crate) trait Timed: Piece {
     fn moment(&self, level: Level, up: bool, c: Thresholds) -> f64;
 }
 
-/// How closely [`near`] looks.
+/// How closely [`bracketed_newton`] looks.
 #[derive(Clone, Copy)]
 pub(crate) struct Search {
     steps: u32,
     within: f64,
 }
 
-/// Enough for a tick that is checked anyway.
+/// Enough to guess a tick, which is checked afterwards.
 pub(crate) const ROUGH: Search = Search { steps: 6, within: 1e-9 };
 
 /// To the last bits.
 pub(crate) const FINE: Search = Search { steps: 119, within: 1e-16 };
 
-/// About where a monotone piece has a value that it does reach: Newton's steps, within a bracket that every one narrows.
+/// The place, about, at which a monotone piece has a value: by Newton's steps within a bracket that each step narrows.
 ///
-/// `missing(s)` is that value less the piece's at `s`, and the piece's slope there; `share` is how much of the way from
-/// its first value to its last the wanted one lies, where to begin.
+/// `missing(s)` gives the value less the piece's value at `s`, and the piece's slope there. `share` is where the value lies
+/// between the piece's first (0) and last (1) value; the search begins there. `rises` tells whether the piece rises.
 #[inline]
-pub(crate) fn near(
+pub(crate) fn bracketed_newton(
     (mut low, mut high): (f64, f64),
     share: f64,
     rises: bool,

@@ -1,13 +1,19 @@
-//! The engine: frames in, sorted events out.
+//! The engine that users see: it checks a frame, runs the pixels over it and sorts the events.
+//!
+//! Everything that can be wrong with a frame is checked before any state changes, so that a refused frame leaves the
+//! engine as it was and the code behind the check cannot fail.
+//!
+//! What must not break: that order, and that the same input gives the same bytes on any number of threads.
 
 use rayon::prelude::*;
 
 use super::band::Interval;
-use super::core::{Core, NEVER};
+use super::core::{Core, NEVER, Pixels, Push};
 use super::effects::{EffectCore, Effects, mismatched};
 use super::frame::Frame;
 use super::level::Level;
 use super::parameters::{CrossingParameters, Interpolation};
+use super::room::{Allowance, Full, MOST_EVENTS, out_of_memory, refuse};
 use super::sample::Sample;
 use crate::error::{Error, Result};
 use crate::event::{Event, SensorSize};
@@ -19,6 +25,9 @@ const CHECKED_AT_A_TIME: usize = 1 << 16;
 
 /// Fewer, and waking a thread costs more than it saves.
 const PIXELS_PER_THREAD: usize = 1 << 17;
+
+/// More threads than any sensor has work for.
+pub const MOST_THREADS: usize = 1024;
 
 /// Turns luma frames into events, by the crossing rule of an ideal event-camera pixel, or under [`Effects`].
 ///
@@ -42,6 +51,8 @@ pub struct CrossingEngine {
     /// No counter of any pixel is larger.
     pub(super) largest_counter: u64,
     sort: TimeSort,
+    /// A push that would make more is refused.
+    most_events: u64,
     pub(super) readout: Option<Readout>,
 }
 
@@ -61,6 +72,14 @@ pub(super) trait Feed: Sample {
     fn core(samples: &mut Samples) -> Option<&mut Core<Self>>;
 
     fn wrap(core: Core<Self>) -> Samples;
+
+    /// The pixels, if they are fed with this.
+    fn pixels(samples: &mut Samples) -> Option<&mut dyn Pixels<Self>> {
+        match samples {
+            Samples::Effects(core, name) => (*name == Self::NAME).then_some(core),
+            samples => Self::core(samples).map(|core| core as _),
+        }
+    }
 }
 
 impl Feed for f32 {
@@ -118,8 +137,8 @@ impl CrossingEngine {
         let parameters = mismatched(parameters, effects.threshold_mismatch, seed, size);
         parameters.check(size)?;
         let effects = Effects { threshold_mismatch: 0.0, ..effects.clone() };
-        if threads == Some(0) {
-            return Err(Error::Argument("threads must be at least 1, got 0".into()));
+        if let Some(threads) = threads.filter(|threads| !(1..=MOST_THREADS).contains(threads)) {
+            return Err(Error::Argument(format!("threads must lie in 1..{MOST_THREADS}, got {threads}")));
         }
         let cores = || std::thread::available_parallelism().map_or(1, usize::from);
         let threads = threads.unwrap_or_else(|| (size.pixels() / PIXELS_PER_THREAD).clamp(1, cores()));
@@ -136,6 +155,7 @@ impl CrossingEngine {
             samples: Samples::None,
             largest_counter: 0,
             sort: TimeSort::default(),
+            most_events: MOST_EVENTS,
         })
     }
 
@@ -151,6 +171,12 @@ impl CrossingEngine {
         &self.parameters
     }
 
+    /// The effects that act beyond the thresholds, into which a mismatch was drawn.
+    #[must_use]
+    pub fn effects(&self) -> &Effects {
+        &self.effects
+    }
+
     /// The time of the last frame in microseconds, if there was one.
     #[must_use]
     pub fn t_us(&self) -> Option<i64> {
@@ -162,7 +188,8 @@ impl CrossingEngine {
     /// # Errors
     /// A frame of the wrong size, luma that is NaN, infinite or negative ([`Error::Argument`] with time and pixel), a
     /// time that is not after the last one ([`Error::Order`]), rates where there should be none or the reverse, sparse
-    /// samples without a place in the interval or before the first frame. The state is then as it was.
+    /// samples without a place in the interval or before the first frame; more than 2^27 events in one push, or more than
+    /// there is memory for ([`Error::Memory`]). The state is then as it was.
     pub fn push(&mut self, frame: Frame<'_, f32>, events: &mut Vec<Event>) -> Result<()> {
         self.take(frame, events)
     }
@@ -214,20 +241,15 @@ impl CrossingEngine {
     pub(super) fn take<S: Feed>(&mut self, frame: Frame<'_, S>, events: &mut Vec<Event>) -> Result<()> {
         self.follow_a_fork()?;
         let at = self.check_frame(&frame)?;
-        let (p, pool) = (&self.parameters, self.pool.as_ref());
-        if let Some(core) = S::core(&mut self.samples) {
-            core.advance(&frame, at, self.size, p, pool);
-            self.sort.sort(core.events(), at.start_us, at.ticks, events);
-        } else if let Samples::Effects(core, name) = &mut self.samples
-            && *name == S::NAME
-        {
-            core.advance(&frame, at, p, pool);
-            self.sort.sort(core.events(), at.start_us, at.ticks, events);
+        let push = Push { frame, at, size: self.size, p: &self.parameters, pool: self.pool.as_ref() };
+        if let Some(pixels) = S::pixels(&mut self.samples) {
+            run(pixels, &push, self.most_events, &mut self.sort, events)?;
         } else if self.t_us.is_none() {
             self.samples = if self.effects.change_the_pixel() {
-                Samples::Effects(EffectCore::new(&frame, self.size, p, &self.effects, self.seed, pool), S::NAME)
+                let core = EffectCore::new(&frame, self.size, push.p, &self.effects, self.seed, push.pool);
+                Samples::Effects(core, S::NAME)
             } else {
-                S::wrap(Core::new(frame.samples, frame.rate, p, pool))
+                S::wrap(Core::new(frame.samples, frame.rate, push.p, push.pool))
             };
             events.clear();
         } else {
@@ -352,7 +374,166 @@ impl CrossingEngine {
     }
 }
 
+/// Runs pixels over a frame and sorts their events: within the usual allowance, or else after these have been counted.
+fn run<S: Sample>(
+    pixels: &mut dyn Pixels<S>,
+    push: &Push<'_, S>,
+    most: u64,
+    sort: &mut TimeSort,
+    events: &mut Vec<Event>,
+) -> Result<()> {
+    let Err(Full) = attempt(pixels, push, most, Allowance::Usual, sort, events) else { return Ok(()) };
+    let count = pixels.count(push);
+    let (places, least, t_us) = (push.size.pixels(), push.p.least_threshold(), push.frame.t_us);
+    if count > most {
+        return Err(refuse(count, most, places, least, t_us));
+    }
+    attempt(pixels, push, most, Allowance::Counted, sort, events)
+        .map_err(|Full| out_of_memory(count, places, least, t_us))
+}
+
+/// Runs pixels over a frame and sorts their events; where there is no room for them, nothing is changed.
+fn attempt<S: Sample>(
+    pixels: &mut dyn Pixels<S>,
+    push: &Push<'_, S>,
+    most: u64,
+    allowance: Allowance,
+    sort: &mut TimeSort,
+    events: &mut Vec<Event>,
+) -> std::result::Result<(), Full> {
+    let made = pixels.advance(push, allowance).and_then(|()| {
+        let parts = pixels.events();
+        let total: u64 = parts.iter().map(|part| part.len() as u64).sum();
+        if total > most && matches!(allowance, Allowance::Usual) {
+            return Err(Full);
+        }
+        sort.sort(parts.into_iter(), push.at.start_us, push.at.ticks, events).map_err(|_| Full)
+    });
+    match made {
+        Ok(()) => pixels.settle(push),
+        Err(Full) => pixels.undo(push),
+    }
+    made
+}
+
 fn new_pool(threads: usize) -> Result<rayon::ThreadPool> {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
     pool.map_err(|e| Error::Argument(format!("{threads} threads cannot be started: {e}")))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::crossing::effects::{HotPixels, PhotoreceptorBandwidth, ShotNoise};
+    use crate::crossing::frame::SparseSamples;
+    use crate::crossing::parameters::Threshold;
+    use crate::readout::ReadoutParameters;
+
+    const SIZE: SensorSize = SensorSize { width: 70, height: 40 };
+
+    fn effects() -> Effects {
+        Effects {
+            photoreceptor_bandwidth: PhotoreceptorBandwidth { hz: 300.0, floor_hz: 1.0, ceiling_hz: 1e4 },
+            refractory_period_us: 20.0,
+            leak_rate_hz: 0.3,
+            shot_noise: ShotNoise { rate_hz: 30.0, half_luma: 0.5 },
+            hot_pixels: HotPixels { fraction: 0.1, rate_hz: 200.0 },
+            readout: Some(ReadoutParameters {
+                events_per_s: 1e6,
+                latency_us: 1.0,
+                jitter_us: 1.0,
+                drop_after_us: None,
+            }),
+            ..Effects::default()
+        }
+    }
+
+    fn engine(effects: &Effects, interpolation: Interpolation, threads: usize) -> CrossingEngine {
+        let parameters = CrossingParameters {
+            contrast_threshold: Threshold::Uniform(0.05),
+            contrast_threshold_off: Threshold::Uniform(0.07),
+            interpolation,
+            ..CrossingParameters::default()
+        };
+        CrossingEngine::with_effects(SIZE, parameters, effects, 3, Some(threads)).unwrap()
+    }
+
+    #[allow(clippy::cast_precision_loss, reason = "small")]
+    fn frame(k: u32) -> Vec<f32> {
+        (0..SIZE.pixels()).map(|i| 0.5 + 0.4 * (0.013 * i as f32 + 0.9 * k as f32).sin()).collect()
+    }
+
+    #[allow(clippy::cast_precision_loss, reason = "small")]
+    fn rates(k: u32) -> Vec<f32> {
+        (0..SIZE.pixels()).map(|i| 36.0 * (0.013 * i as f32 + 0.9 * k as f32).cos()).collect()
+    }
+
+    /// A push that makes too many events is refused with their number, and changes nothing: neither the state nor what
+    /// comes after, with or without effects, on one thread or several.
+    #[test]
+    #[allow(clippy::cast_possible_truncation, reason = "small")]
+    fn too_many_events_are_refused_and_change_nothing() {
+        for effects in [Effects::default(), effects()] {
+            for (interpolation, threads) in [(Interpolation::Linear, 1), (Interpolation::Hermite, 3)] {
+                let (mut tried, mut spared) =
+                    (engine(&effects, interpolation, threads), engine(&effects, interpolation, threads));
+                let pixel: Vec<u32> = (0..SIZE.pixels() as u32).step_by(3).collect();
+                let (mut got, mut expected) = (vec![], vec![]);
+                for k in 0..6u32 {
+                    let (samples, rates, t_us) = (frame(k), rates(k), i64::from(k) * 10_000);
+                    let (times, between) = (vec![t_us - 4000; pixel.len()], vec![0.3f32; pixel.len()]);
+                    let mut frame = Frame::new(t_us, &samples[..]);
+                    frame.rate = (interpolation == Interpolation::Hermite).then_some(&rates[..]);
+                    if k > 1 {
+                        frame.sparse = SparseSamples { pixel: &pixel, t_us: &times, samples: &between };
+                    }
+                    spared.push(frame, &mut expected).unwrap();
+                    if k > 0 {
+                        let before = tried.state();
+                        tried.most_events = 100;
+                        let error = tried.push(frame, &mut got).unwrap_err().to_string();
+                        assert!(error.contains("2800 pixels") && error.contains("0.05"), "{error}");
+                        assert_eq!(tried.state(), before, "{effects:?} {interpolation:?} frame {k}");
+                        tried.most_events = MOST_EVENTS;
+                    }
+                    tried.push(frame, &mut got).unwrap();
+                    assert_eq!(got, expected, "{effects:?} {interpolation:?} frame {k}");
+                    assert_eq!(tried.state(), spared.state());
+                    assert_eq!(tried.last_event_us(), spared.last_event_us());
+                    assert!(k == 0 || got.len() > 1000, "the test wants events");
+                }
+            }
+        }
+    }
+
+    /// The count that a refusal tells is that of the events, but for one or two a pixel.
+    #[test]
+    fn the_count_is_near_the_events_made() {
+        for interpolation in [Interpolation::Linear, Interpolation::Hermite] {
+            let mut engine = engine(&Effects::default(), interpolation, 1);
+            let mut events = vec![];
+            for k in 0..5u32 {
+                let (samples, rates) = (frame(k), rates(k));
+                let mut frame = Frame::new(i64::from(k) * 10_000, &samples[..]);
+                frame.rate = (interpolation == Interpolation::Hermite).then_some(&rates[..]);
+                let counted = (k > 0).then(|| {
+                    let at = Interval { start_us: i64::from(k - 1) * 10_000, ticks: 10_000 };
+                    let push = Push { frame, at, size: SIZE, p: &engine.parameters, pool: None };
+                    f32::pixels(&mut engine.samples).unwrap().count(&push)
+                });
+                engine.push(frame, &mut events).unwrap();
+                if let Some(counted) = counted {
+                    assert!(counted.abs_diff(events.len() as u64) <= 2, "{counted} {}", events.len());
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn threads_have_a_limit() {
+        for threads in [0, MOST_THREADS + 1, usize::MAX] {
+            let error = CrossingEngine::new(SIZE, CrossingParameters::default(), Some(threads)).err().unwrap();
+            assert!(error.to_string().contains("threads must lie in 1..1024"), "{error}");
+        }
+    }
 }

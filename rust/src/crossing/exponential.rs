@@ -1,4 +1,7 @@
-//! Exponentials as plain arithmetic, the same bits everywhere: one of nine digits for bounds, one of all for signals.
+//! Exponentials in plain arithmetic, the same bits on every processor: one within 1e-9 for bounds, one within 2 ulp.
+//!
+//! The C library's differ between processors and cannot become vector code. What must not break: no branches, and the
+//! stated accuracy, on which the margin of bounds rests (`sample`).
 
 /// 1.5 * 2^52: adding it rounds to an integer, in the low bits; subtracting it again gives that as a float.
 pub(crate) const ROUND: f64 = 6_755_399_441_055_744.0;

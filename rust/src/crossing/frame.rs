@@ -1,4 +1,7 @@
-//! What an engine is fed with: a frame, and what some pixels saw since the last one.
+//! The input of an engine: a frame, its rates of change, and samples that some pixels have between two frames.
+//!
+//! What must not break: sparse samples are sorted by pixel and time, which [`SparseSamples::check`] makes sure of,
+//! because bands find theirs by bisection.
 
 use crate::error::{Error, Result};
 use crate::event::SensorSize;

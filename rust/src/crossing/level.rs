@@ -1,4 +1,10 @@
 //! Levels of a pixel: points of the grid `B + n_on C_on - n_off C_off`, compared without rounding error.
+//!
+//! A level is kept as what defines it, never as a float, so that nothing drifts however long a pixel runs. A comparison
+//! is made in floats with a bound of their error, and again by exact expansions where the bound cannot tell.
+//!
+//! What must not break: [`Level::approximate`]'s bound covers all of its roundings, and a return to the first value is
+//! recognised as a tie.
 
 use crate::exact::Expansion;
 

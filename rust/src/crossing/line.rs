@@ -1,4 +1,8 @@
 //! Linear interpolation: the exact first microsecond tick at or after a crossing.
+//!
+//! An estimate in floats decides where it is clear of a tick by more than its error; exact arithmetic decides the rest.
+//!
+//! What must not break: the tick is that of real arithmetic on the given samples, on both ways.
 
 use std::iter;
 

@@ -1,16 +1,21 @@
-//! The crossing engine: where the log intensity of a pixel reaches a level, an event falls.
+//! The crossing engine: an event falls wherever the log intensity of a pixel reaches one of its levels.
 //!
 //! ```text
-//! frame -> scan: which samples left their pixel's bounds?
-//!       -> candidates: those in vector registers, where one event is beyond doubt
-//!       -> pixel: the rest, exactly
-//!       -> order: all by time
+//! frame -> scan        which samples left their pixel's bounds?
+//!       -> candidates  those, many at a time in vector registers, where the event is beyond doubt
+//!       -> pixel       the rest, exactly
+//!       -> order       all events by time
 //! ```
 //!
-//! [`level`] knows where the levels lie, [`curve`] ([`line`], [`cubic`]) when log intensity reaches one, [`pixel`] which
-//! events one new sample makes. [`sample`], [`steps`], [`scan`] and [`candidates`] spare nearly all pixels that; [`band`] does it all for
-//! a band of rows, [`core`] runs the bands on threads, [`engine`] is what the user sees, [`restore`] stores it. Pixels under [`effects`] go their
-//! own way from frame to events.
+//! [`level`] says where the levels lie. [`curve`], [`mod@line`] and [`cubic`] say when log intensity reaches one. [`pixel`]
+//! says which events one new sample makes: it is the whole rule. [`sample`], [`steps`], [`scan`], [`decision`],
+//! [`candidates`] and [`cubic_candidates`] only spare nearly all pixels that work, and leave to it what they cannot
+//! decide beyond doubt. [`band`] does all of it for a band of rows ([`room`] keeps its events), [`core`] runs the bands
+//! on threads, [`engine`] is what the user sees, [`restore`] stores and restores it. Pixels under [`effects`] take
+//! another way from frame to events.
+//!
+//! What must not break: the events are those of [`pixel`] alone, the same on any number of threads and for any split of
+//! the pixels into bands, and an error changes no state.
 
 mod band;
 mod candidates;
@@ -18,6 +23,7 @@ mod core;
 mod cubic;
 mod cubic_candidates;
 mod curve;
+mod decision;
 mod effects;
 mod engine;
 mod exponential;
@@ -28,13 +34,14 @@ mod parameters;
 mod pixel;
 mod reconstruct;
 mod restore;
+mod room;
 mod sample;
 mod scan;
 mod state;
 mod steps;
 
 pub use effects::{Effects, HotPixels, PhotoreceptorBandwidth, ShotNoise};
-pub use engine::CrossingEngine;
+pub use engine::{CrossingEngine, MOST_THREADS};
 pub use frame::{Frame, SparseSamples};
 pub use parameters::{CrossingParameters, Interpolation, Threshold};
 pub use reconstruct::reconstruct;

@@ -1,4 +1,6 @@
-//! What the user may set.
+//! The parameters of the ideal pixel, and the ranges that they may have.
+//!
+//! What must not break: the ranges. The error bounds of the engine are derived for thresholds in 1e-6..1e3.
 
 use crate::error::{Error, Result};
 use crate::event::SensorSize;

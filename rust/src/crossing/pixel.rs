@@ -1,4 +1,8 @@
-//! One ideal pixel: from its state and a new sample to the events between.
+//! The crossing rule of one ideal pixel: from its state and a curve to the events between.
+//!
+//! It is the reference for everything else in this module: slow, exact, and short enough to be read as the definition.
+//! What must not break: whether a level was reached depends on counters and on where pieces end, never on where they
+//! began.
 
 use super::curve::{Curve, Piece};
 use super::level::{Level, Thresholds};

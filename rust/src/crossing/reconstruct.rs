@@ -1,4 +1,4 @@
-//! Log intensity back from events: the paper's formula.
+//! Log intensity from events, by the paper's formula: the engine's reference, bit for bit.
 
 use super::level::{Level, Thresholds};
 use super::parameters::Threshold;

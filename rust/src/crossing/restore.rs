@@ -1,4 +1,7 @@
-//! An engine's state, made and taken up again.
+//! Storing an engine's state, and an engine from a stored state.
+//!
+//! What must not break: a restored engine gives the same events as the one that was stored. A stored state may come
+//! from anywhere, so each entry is checked before it is used.
 
 use super::engine::{CrossingEngine, Feed, Samples};
 use super::frame::Frame;

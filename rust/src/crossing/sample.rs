@@ -1,7 +1,11 @@
-//! What a frame is made of: linear luma (float32) or log intensity itself (float64), and bounds in the same terms.
+//! What a frame is made of: linear luma (float32) or log intensity (float64), and bounds in the same terms.
 //!
-//! A sample strictly between its pixel's bounds has reached no level. Bounds are rounded inward, so that nothing that
-//! has reached one is missed; the few samples that are on a bound's wrong side without need are decided exactly.
+//! A sample strictly between its pixel's bounds has reached no level, so a quiet pixel costs two comparisons and no
+//! logarithm. Bounds are rounded inward; a sample between a bound and its level is decided exactly, which costs time
+//! only.
+//!
+//! What must not break: no sample that has reached a level lies within its bounds. [`MARGIN`] covers the errors of the
+//! reference, of the exponential and of rounding to float32.
 
 use std::fmt::Debug;
 
@@ -37,7 +41,7 @@ pub(crate) trait Sample: Copy + Debug + Default + PartialOrd + Send + Sync + 'st
     /// Do the rates at both ends of an interval have opposite signs, so that there is an extremum between?
     #[inline]
     #[allow(clippy::needless_bitwise_bool, reason = "a lazy operator is a branch, which vectors cannot take")]
-    fn turns(from: Self, to: Self) -> bool {
+    fn signs_differ(from: Self, to: Self) -> bool {
         let zero = Self::default();
         ((from > zero) & (to < zero)) | ((from < zero) & (to > zero))
     }

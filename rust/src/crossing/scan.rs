@@ -1,4 +1,10 @@
-//! The common path: samples that stay between their pixel's bounds are compared, stored, and no more.
+//! The common path: compares new samples with their pixel's bounds, stores them, and notes those that are out of
+//! bounds.
+//!
+//! Most samples of a frame end here, so it is written for memory speed: whole blocks without a single sample out of
+//! bounds are passed over together, and places are written without a branch.
+//!
+//! What must not break: places come in raster order, and no sample at or beyond a bound is passed over.
 
 use multiversion::multiversion;
 
@@ -7,14 +13,14 @@ use super::sample::Sample;
 /// Pixels scanned at a time.
 pub(crate) const TILE: usize = 1024;
 
-/// Pixels that are passed over together when none of them left its bounds.
+/// Pixels that are skipped together when none of them is out of bounds.
 const BLOCK: usize = 64;
 
 /// Places are written so many at a time.
 const GROUP: usize = 8;
 
-/// Samples that left their pixel's bounds, of one or more tiles: their place in the band's share, and what log intensity
-/// wants, both samples.
+/// Samples out of bounds, of one or more tiles: their place in the band's share, and the samples before and now, of which
+/// log intensity is computed next.
 pub(crate) struct Found<S> {
     pub(crate) count: usize,
     pub(crate) place: Vec<u32>,
@@ -24,10 +30,10 @@ pub(crate) struct Found<S> {
     in_tile: Vec<u16>,
 }
 
-/// What was found is decided when it is so much: enough to make the most of vectors, little enough for the first cache.
+/// Candidates are decided when there are so many: enough to fill vectors, few enough for the first-level cache.
 const BATCH: usize = 256;
 
-/// At most so much is found before it is decided.
+/// The most candidates that there can be before they are decided: a batch less one, and all of another tile.
 pub(crate) const MOST_FOUND: usize = BATCH - 1 + TILE;
 
 impl<S: Sample> Found<S> {
@@ -40,7 +46,7 @@ impl<S: Sample> Found<S> {
         self.count >= BATCH
     }
 
-    /// Compares a tile's new samples with their bounds, stores them as the last ones, and notes those that left.
+    /// Compares a tile's new samples with their bounds, stores them as the `next` last ones, and notes those that left.
     ///
     /// The tile begins at `start` of the share. `rates` are the rates of change at the interval's start and end, where
     /// they are known: an extremum between makes a pixel worth a look wherever its samples lie. `also` are places that
@@ -50,14 +56,14 @@ impl<S: Sample> Found<S> {
         &mut self,
         start: usize,
         new: &[S],
-        last: &mut [S],
+        (last, next): (&[S], &mut [S]),
         bounds: (&[S], &[S]),
         rates: Option<(&[S], &[S])>,
         also: impl ExactSizeIterator<Item = usize>,
     ) {
         let mut count = match rates {
-            None => leavers(new, bounds.0, bounds.1, &mut self.in_tile),
-            Some(rates) => leavers_or_turners(new, bounds, rates, &mut self.in_tile),
+            None => out_of_bounds(new, bounds.0, bounds.1, &mut self.in_tile),
+            Some(rates) => out_of_bounds_or_sign_change(new, bounds, rates, &mut self.in_tile),
         };
         if also.len() > 0 {
             count = add(&mut self.in_tile, count, also);
@@ -71,28 +77,33 @@ impl<S: Sample> Found<S> {
             *to = new[usize::from(i)];
         }
         self.count = found.end;
-        last.copy_from_slice(new);
+        next.copy_from_slice(new);
     }
 }
 
 /// The places of samples at or beyond their bounds, in order; returns how many.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
 #[allow(clippy::needless_bitwise_bool, reason = "a lazy operator is a branch, which vectors cannot take")]
-fn leavers<S: Sample>(new: &[S], low: &[S], high: &[S], places: &mut [u16]) -> usize {
+fn out_of_bounds<S: Sample>(new: &[S], low: &[S], high: &[S], places: &mut [u16]) -> usize {
     places_where(new.len(), places, |start, n| {
         let (new, low, high) = (&new[start..start + n], &low[start..start + n], &high[start..start + n]);
         move |i| (new[i] >= high[i]) | (new[i] <= low[i])
     })
 }
 
-/// [`leavers`], and the places where the rates of change turn.
+/// [`out_of_bounds`], and the places where the rates of change at the ends differ in sign.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
 #[allow(clippy::needless_bitwise_bool, reason = "a lazy operator is a branch, which vectors cannot take")]
-fn leavers_or_turners<S: Sample>(new: &[S], bounds: (&[S], &[S]), rates: (&[S], &[S]), places: &mut [u16]) -> usize {
+fn out_of_bounds_or_sign_change<S: Sample>(
+    new: &[S],
+    bounds: (&[S], &[S]),
+    rates: (&[S], &[S]),
+    places: &mut [u16],
+) -> usize {
     places_where(new.len(), places, |start, n| {
         let (new, low, high) = (&new[start..start + n], &bounds.0[start..start + n], &bounds.1[start..start + n]);
         let (from, to) = (&rates.0[start..start + n], &rates.1[start..start + n]);
-        move |i| (new[i] >= high[i]) | (new[i] <= low[i]) | S::turns(from[i], to[i])
+        move |i| (new[i] >= high[i]) | (new[i] <= low[i]) | S::signs_differ(from[i], to[i])
     })
 }
 

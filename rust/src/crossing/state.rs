@@ -1,4 +1,7 @@
-//! The engine's state laid open, to be stored and taken up again.
+//! The engine's state as plain data, to be stored and restored.
+//!
+//! What must not break: it holds everything that decides which events come next. Python stores it with a version
+//! number.
 
 use super::effects::Effects;
 use super::parameters::CrossingParameters;

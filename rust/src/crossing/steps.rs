@@ -1,4 +1,6 @@
-//! Steps from a reference to the levels around it.
+//! Thresholds in the two forms that the engine needs: as steps of log intensity and as factors of luma.
+//!
+//! With one threshold for all pixels they are computed once; with a threshold for each pixel, for each batch.
 
 use super::exponential::exp;
 use super::level::Thresholds;

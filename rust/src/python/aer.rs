@@ -20,7 +20,27 @@ const SWAPPED: u32 = 4;
 const FLIP_X: u32 = 2;
 const FLIP_Y: u32 = 1;
 
-/// See `_core.pyi`.
+/// What a decoder has to know of a camera: its chip, sizes, orientation, inertial sensor and converter clock.
+///
+/// Only the chip is needed; what is not given is as the chip has it by default. For a live camera, pass what its
+/// registers say, unchanged. Numbers in parentheses are (module, parameter) of the camera's configuration.
+///
+/// On some chips (the DAVIS346) x and y are swapped on the wire: a row there is a column of the image. ``width`` and
+/// ``height`` are always those of the image.
+///
+/// Args:
+///     chip: ``DAVIS240A``, ``DAVIS240B``, ``DAVIS240C``, ``DAVIS128``, ``DAVIS346A``, ``DAVIS346B``, ``DAVIS346C`` or
+///         ``DAVIS640``; or the number by which the camera names it (module 6, parameter 1).
+///     dvs_columns, dvs_rows: sizes of the event array on the wire (1, 0) and (1, 1), 1..4096.
+///     dvs_orientation: (1, 2): bit 2 = x and y swapped.
+///     aps_columns, aps_rows: sizes of the frame array on the wire (2, 0) and (2, 1), 1..4096.
+///     aps_orientation: (2, 2): bits 2 = x and y swapped, 1 = columns from the last on, 0 = rows from the last on.
+///     imu_type: (3, 0): 2 = MPU-9250, otherwise the MPU-6050's family; they count temperature differently.
+///     imu_flips: (3, 1): axes to be negated, bits 2 = x, 1 = y, 0 = z.
+///     adc_mhz: clock of the frame converter in MHz, in which exposures are counted; 30 if not given.
+///
+/// Raises:
+///     ValueError: for a chip whose stream is not understood, or a size out of range.
 #[pyclass(name = "Device", module = "davis_rs._core", frozen)]
 pub(super) struct PyDevice(Device);
 
@@ -86,40 +106,50 @@ impl PyDevice {
         Ok(Self(device))
     }
 
+    /// The chip's name.
     #[getter]
     fn chip(&self) -> &str {
         self.0.chip.name()
     }
 
+    /// Columns of the image that events fall on: x lies below it.
     #[getter]
     fn width(&self) -> u16 {
         self.0.size().width
     }
 
+    /// Rows of the image that events fall on: y lies below it.
     #[getter]
     fn height(&self) -> u16 {
         self.0.size().height
     }
 
+    /// Columns of a full frame.
     #[getter]
     fn frame_width(&self) -> u16 {
         self.0.frame_size().width
     }
 
+    /// Rows of a full frame.
     #[getter]
     fn frame_height(&self) -> u16 {
         self.0.frame_size().height
     }
 
+    /// Clock of the frame converter in MHz, in which exposures are counted.
     #[getter]
     fn adc_mhz(&self) -> f64 {
         self.0.adc_mhz
     }
 
     fn __repr__(&self) -> String {
-        let SensorSize { width, height } = self.0.size();
-        format!("Device({:?}, {width} x {height})", self.0.chip.name())
+        device_repr(&self.0)
     }
+}
+
+fn device_repr(device: &Device) -> String {
+    let SensorSize { width, height } = device.size();
+    format!("Device({:?}, {width} x {height})", device.chip.name())
 }
 
 /// A device, or the name of a chip.
@@ -130,7 +160,23 @@ fn device(device: &Bound<'_, PyAny>) -> PyResult<Device> {
     Ok(Device::new(Chip::from_name(device.extract()?)?))
 }
 
-/// See `_core.pyi`.
+/// Decodes the USB stream of a DAVIS (logic version 18), piece by piece.
+///
+/// Any split of the stream into pieces decodes alike; an odd byte at the end of a piece waits for the next one. No
+/// input makes it fail: what a malformed stream makes unusable is dropped and counted in :attr:`stats`. Between two
+/// pieces it keeps at most one frame and one inertial sample.
+///
+/// Times are microseconds since the stream began or the camera's clock was last reset, int64, without overflow. Where a
+/// malformed stream goes back in time, so do they.
+///
+/// Args:
+///     device: the name of a chip, or a :class:`Device` where sizes or orientation differ from the chip's own.
+///     imu_counts: inertial samples in counts of the sensor (:data:`davis_rs.IMU_COUNTS_DTYPE`) instead of SI units.
+///
+/// Raises:
+///     ValueError: for a chip whose stream is not understood.
+///
+/// Source: the public drivers libcaer 3.3 and jAER, and the logic's VHDL.
 #[pyclass(name = "Decoder", module = "davis_rs._core")]
 pub(super) struct PyDecoder {
     decoder: Decoder,
@@ -145,6 +191,20 @@ impl PyDecoder {
         Ok(Self { decoder: Decoder::new(device)?, imu_counts })
     }
 
+    /// Decode the next bytes of the stream; the GIL is released.
+    ///
+    /// Args:
+    ///     data: contiguous bytes, or 16-bit words in the machine's order. They are taken without a copy, so do not
+    ///         change them while this runs.
+    ///
+    /// Returns:
+    ///     What these bytes complete, ``(events, imu, frames, triggers)``: arrays of :data:`davis_rs.EVENT_DTYPE`,
+    ///     :data:`davis_rs.IMU_DTYPE` (or :data:`davis_rs.IMU_COUNTS_DTYPE`) and :data:`davis_rs.TRIGGER_DTYPE`, and
+    ///     a list of :class:`davis_rs.Frame`. Events keep the order of the wire. A frame that lacks its samples takes
+    ///     some 200 times the memory of the words that make it: push a stream that you do not trust in pieces.
+    ///
+    /// Raises:
+    ///     ValueError: for data of another kind.
     fn push<'py>(&mut self, data: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
         let py = data.py();
         let bytes = bytes(data)?;
@@ -164,16 +224,43 @@ impl PyDecoder {
         py.import("davis_rs.decoded")?.call_method1("Decoded", (events, imu, PyList::new(py, frames)?, triggers))
     }
 
+    /// The camera whose stream is decoded.
     #[getter]
     fn device(&self) -> PyDevice {
         PyDevice(self.decoder.device().clone())
     }
 
+    /// How often the stream was not what a camera sends, by kind; all zero for one that arrived whole.
+    ///
+    /// - ``unknown_words``: words that mean nothing, the reserved 0x0000 among them; ignored
+    /// - ``times_not_increasing``: timestamps and wraps that do not go forward; obeyed
+    /// - ``addresses_out_of_range``: rows and columns outside of the array; dropped
+    /// - ``columns_without_row``: columns before any row; dropped
+    /// - ``imu_malformed``: inertial samples too short, too long or without a scale; dropped
+    /// - ``imu_unended``: inertial samples whose end never came; dropped
+    /// - ``imu_stray_words``: words of inertial samples where none had begun, a second end among them; ignored
+    /// - ``imu_repeated_scales``: scales that came again within a sample, which then begins anew
+    /// - ``frame_stray_words``: words of frames where none had begun; ignored
+    /// - ``samples_missing``: samples that their column lacked; 0 in their place
+    /// - ``samples_extra``: samples beyond the end of their column or of the region; ignored
+    /// - ``exposure_words_extra``: exposure words beyond the third of a frame; ignored
+    /// - ``exposure_marks_missing``: frames without start or end of exposure; that time is then the one before it
+    /// - ``frames_wrong_columns``: frames of which a read did not see every column once; dropped
+    /// - ``frames_bad_region``: frames without one whole region on the sensor before the samples; dropped
+    /// - ``frames_unended``: frames whose end never came; dropped
     #[getter]
     fn stats<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let stats = PyDict::new(py);
         self.decoder.stats().iter().try_for_each(|(name, count)| stats.set_item(name, count))?;
         Ok(stats)
+    }
+
+    fn __repr__(&self) -> String {
+        let imu_counts = if self.imu_counts { "True" } else { "False" };
+        let seen = self.decoder.stats().iter().filter(|(_, count)| *count > 0);
+        let stats = seen.map(|(name, count)| format!("{name}={count}")).collect::<Vec<_>>().join(", ");
+        let stats = if stats.is_empty() { "all zero".to_owned() } else { stats };
+        format!("Decoder({}, imu_counts={imu_counts}, stats: {stats})", device_repr(self.decoder.device()))
     }
 }
 
@@ -209,7 +296,20 @@ fn bytes<'py>(data: &Bound<'py, PyAny>) -> PyResult<PyReadonlyArray1<'py, u8>> {
     Ok(array.cast_into::<PyArray1<u8>>()?.readonly())
 }
 
-/// See `_core.pyi`.
+/// Encodes what a DAVIS would send: the inverse of :class:`Decoder`.
+///
+/// As the camera's logic does, it sends a timestamp only when time changed, wraps in one word where nothing happened
+/// between them, and a row once for the columns that share its time. Decoding gives back what was encoded, but for what
+/// the wire does not carry: of a pixel the upper ten bits (on a DAVIS240 nine, and white); and a frame or an inertial
+/// sample that lies across a multiple of 2^31 us, which decoders lose.
+///
+/// Args:
+///     device: the name of a chip, or a :class:`Device`.
+///     accel_range, gyro_range: full scales for inertial samples in SI units, 0..3: 2, 4, 8, 16 g and 250, 500, 1000,
+///         2000 deg/s. Samples in counts bring their own.
+///
+/// Raises:
+///     ValueError: for a chip whose stream is not understood, or a range out of range.
 #[pyclass(name = "Encoder", module = "davis_rs._core")]
 pub(super) struct PyEncoder {
     encoder: Encoder,
@@ -230,6 +330,23 @@ impl PyEncoder {
         Ok(Self { encoder: Encoder::new(device)?, accel_range, gyro_range })
     }
 
+    /// The bytes of the next packet; the GIL is released.
+    ///
+    /// Times must lie in 0..2^48 us, may not decrease within a kind, nor lie before the last time encoded; frames may
+    /// not overlap. A trigger that resets the clock comes first, at time 0; what follows counts from there.
+    ///
+    /// Args:
+    ///     events: anything with the fields t, x, y, p.
+    ///     imu: :data:`davis_rs.IMU_DTYPE` (rounded to counts, which saturate) or :data:`davis_rs.IMU_COUNTS_DTYPE`.
+    ///     frames: :class:`davis_rs.Frame`, full ones or parts of the image.
+    ///     triggers: :data:`davis_rs.TRIGGER_DTYPE`.
+    ///
+    /// Returns:
+    ///     Little-endian 16-bit words.
+    ///
+    /// Raises:
+    ///     ValueError: for times that go back, or what does not fit the camera, with the index; nothing is encoded
+    ///         then.
     #[pyo3(signature = (events=None, imu=None, frames=None, triggers=None))]
     fn encode<'py>(
         &mut self,
@@ -253,9 +370,15 @@ impl PyEncoder {
         Ok(PyBytes::new(py, &words))
     }
 
+    /// The camera whose stream is made.
     #[getter]
     fn device(&self) -> PyDevice {
         PyDevice(self.encoder.device().clone())
+    }
+
+    fn __repr__(&self) -> String {
+        let (device, t_us) = (device_repr(self.encoder.device()), self.encoder.t_us());
+        format!("Encoder({device}, accel_range={}, gyro_range={}, t_us={t_us})", self.accel_range, self.gyro_range)
     }
 }
 

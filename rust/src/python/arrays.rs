@@ -7,6 +7,7 @@ use numpy::{
 use pyo3::exceptions::{PyOverflowError, PyValueError};
 use pyo3::prelude::*;
 
+use crate::crossing::MOST_THREADS;
 use crate::crossing::Threshold;
 use crate::error::Error;
 use crate::event::{Event, SensorSize};
@@ -99,6 +100,11 @@ pub(super) fn microseconds(t_us: &Bound<'_, PyAny>) -> PyResult<i64> {
 /// A seed of random draws.
 pub(super) fn seed(seed: &Bound<'_, PyAny>) -> PyResult<u64> {
     whole(seed, || format!("a seed must lie in 0..2^64 - 1, got {seed}"))
+}
+
+/// A number of threads, if one is given.
+pub(super) fn threads(threads: Option<&Bound<'_, PyAny>>) -> PyResult<Option<usize>> {
+    threads.map(|n| whole(n, || format!("threads must lie in 1..{MOST_THREADS}, got {n}"))).transpose()
 }
 
 /// A whole number; `rule` says what was broken by one that does not fit.

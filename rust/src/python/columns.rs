@@ -5,7 +5,17 @@ use pyo3::prelude::*;
 
 use crate::event::Event;
 
-/// See `_core.pyi`.
+/// Fill an array of events from columns, in one pass.
+///
+/// Args:
+///     events: :data:`davis_rs.EVENT_DTYPE`, shape (n,), contiguous; it is overwritten.
+///     t: int64, shape (n,), contiguous: microseconds.
+///     x: uint16, shape (n,), contiguous.
+///     y: uint16, shape (n,), contiguous.
+///     p: uint8, shape (n,), contiguous: 0 or 1.
+///
+/// Raises:
+///     ValueError: if the lengths differ, or for the first polarity other than 0 or 1, with its index.
 #[pyfunction]
 pub(super) fn fill_events(
     mut events: PyReadwriteArray1<'_, Event>,

@@ -7,7 +7,10 @@ use pyo3::types::PyDict;
 use crate::crossing::{Effects, HotPixels, PhotoreceptorBandwidth, ShotNoise};
 use crate::readout::ReadoutParameters;
 
-/// See `_core.pyi`.
+/// Refuse settings of effects that are out of range.
+///
+/// Raises:
+///     ValueError: naming the effect, the value and the range.
 #[pyfunction]
 pub(super) fn check_effects(effects: &Bound<'_, PyAny>) -> PyResult<()> {
     Ok(from_python(Some(effects))?.check()?)
@@ -107,6 +110,20 @@ pub(super) fn to_dict<'py>(py: Python<'py>, effects: &Effects) -> PyResult<Bound
         put("readout", &numbers)?.set_item("drop_after_us", bus.drop_after_us)?;
     }
     Ok(all)
+}
+
+/// The names of the effects that are on, of those that act beyond the thresholds.
+pub(super) fn active(effects: &Effects) -> Vec<&'static str> {
+    let hot = effects.hot_pixels;
+    let all = [
+        ("photoreceptor_bandwidth_hz", effects.filters()),
+        ("refractory_period_us", effects.refractory_period_us > 0.0),
+        ("leak_rate_hz", effects.leak_rate_hz > 0.0),
+        ("shot_noise_rate_hz", effects.shot_noise.rate_hz > 0.0),
+        ("hot_pixels", hot.fraction > 0.0 && hot.rate_hz > 0.0),
+        ("readout", effects.readout.is_some_and(|bus| !bus.is_neutral())),
+    ];
+    all.into_iter().filter(|(_, on)| *on).map(|(name, _)| name).collect()
 }
 
 fn parameter_of<'py>(name: &str, values: &Bound<'py, PyDict>, parameter: &str) -> PyResult<Bound<'py, PyAny>> {

@@ -5,12 +5,45 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use super::arrays::{Float, column, frame, image, microseconds, threshold, threshold_to_python};
-use super::{arrays, effects, state};
-use crate::crossing::{CrossingEngine, CrossingParameters, Frame, Interpolation, SparseSamples};
+use super::{arrays, effects, interpolation, state};
+use crate::crossing::{CrossingEngine, CrossingParameters, Frame, SparseSamples, Threshold};
 use crate::error::Error;
 use crate::event::{Event, SensorSize};
 
-/// See `_core.pyi`.
+/// Turns frames of linear luma into events, by the crossing rule of an ideal event-camera pixel.
+///
+/// Each pixel holds a reference R = B + n_on C_on - n_off C_off with integer counters, B being its log intensity at the
+/// first frame. Between two frames log intensity L = ln(luma + log_eps) is interpolated; an ON event falls each time it
+/// reaches R + C_on, an OFF event each time it reaches R - C_off. An event's stamp is the first microsecond at or after
+/// the crossing, so it lies in (t_a, t_b]. After every frame -C_off < L - R < C_on holds in every pixel.
+///
+/// With linear interpolation levels and stamps are decided exactly for the float64 L. With Hermite interpolation the
+/// stamp may be one microsecond off where the crossing lies within 1e-6 us of one, and where an extremum comes
+/// within 4 ulp of a level either count may come. See docs/crossing.md for the guarantee and where it ends.
+///
+/// Under ``effects`` the pixel is not ideal, and what is said above holds as far as they let it: see
+/// :class:`davis_rs.Effects` and docs/effects.md. Noise is a function of (seed, effect, pixel, number of the draw).
+///
+/// Engines can be pickled. A pixel may have 2^32 - 1 events of each polarity.
+///
+/// Args:
+///     width, height: sensor size in pixels, 1..65535.
+///     contrast_threshold: C_on in natural-log units, 1e-6..1e3: a number (None means 0.15), or float, shape
+///         (height, width).
+///     contrast_threshold_off: C_off, likewise; None means C_on.
+///     log_eps: dark level in units of luma, > 0.
+///     interpolation: ``linear``, or ``hermite``: cubics through samples and rates of change.
+///     effects: :class:`davis_rs.Effects`, of which those on the log signal, in the pixel and on the stream act here;
+///         None for ideal pixels.
+///     seed: of thresholds and noise, 0..2^64 - 1; None means 0.
+///     threads: 1..1024; None means as many as make a sensor of this size faster, at most one a core. The events do not
+///         depend on it.
+///
+/// Raises:
+///     ValueError: for a parameter out of range.
+///
+/// Source: Mueggler, Rebecq, Gallego, Delbruck, Scaramuzza, The Event-Camera Dataset and Simulator, IJRR 2017,
+/// section 6.
 #[pyclass(name = "CrossingEngine", module = "davis_rs._core")]
 pub(super) struct PyCrossingEngine(CrossingEngine);
 
@@ -39,7 +72,7 @@ impl PyCrossingEngine {
         interpolation: &str,
         effects: Option<&Bound<'_, PyAny>>,
         seed: Option<&Bound<'_, PyAny>>,
-        threads: Option<usize>,
+        threads: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Self> {
         let pixels = |name, n: i64| {
             let rule = || Error::Argument(format!("{name} must lie in 1..65535, got {n}"));
@@ -54,13 +87,37 @@ impl PyCrossingEngine {
             contrast_threshold_off: off.unwrap_or_else(|| on.clone()),
             contrast_threshold: on,
             log_eps,
-            interpolation: interpolation_of(interpolation)?,
+            interpolation: interpolation::of_name(interpolation)?,
         };
         let effects = effects::from_python(effects)?;
         let seed = seed.map_or(Ok(0), arrays::seed)?;
-        Ok(Self(CrossingEngine::with_effects(size, parameters, &effects, seed, threads)?))
+        Ok(Self(CrossingEngine::with_effects(size, parameters, &effects, seed, arrays::threads(threads)?)?))
     }
 
+    /// Take the frame at ``t_us``; return the events since the frame before it.
+    ///
+    /// The first frame sets the references and returns no events. The GIL is released.
+    ///
+    /// Args:
+    ///     t_us: time in microseconds, >= 0 and after the last frame's.
+    ///     luma: linear luma, shape (height, width), finite and >= 0; float32 in C order is taken without a copy,
+    ///         other layouts are copied, float64 is rounded to float32.
+    ///     dluma_dt: for Hermite interpolation, the total dY/dt in luma per second, likewise; a value that is not
+    ///         finite means a straight line for that pixel. A slope makes no extremum that the samples do not support:
+    ///         slopes of one sign against the samples' way are ignored, along it cut to three times the chord's.
+    ///     sparse: samples that some pixels bring since the last frame: (pixel, t_us, luma), arrays of one length:
+    ///         row-major pixel index, time strictly between the two frames, luma as above; sorted by pixel and then
+    ///         by time. Straight lines run between them, also where the frames have rates.
+    ///
+    /// Returns:
+    ///     Events (:data:`davis_rs.EVENT_DTYPE`), sorted by (t, y, x, order of crossing).
+    ///
+    /// Raises:
+    ///     ValueError: for a wrong shape or dtype, luma that is NaN, infinite or negative (with time and pixel), a time
+    ///         that does not increase, a rate that is missing or should not be there, sparse samples that are out of
+    ///         order or outside of the interval, an engine that has been fed with log intensity, or more than 2^27
+    ///         events. The engine is then as it was.
+    ///     MemoryError: if there is no memory for the events. The engine is then as it was.
     #[pyo3(signature = (t_us, luma, dluma_dt=None, *, sparse=None))]
     fn push<'py>(
         &mut self,
@@ -73,6 +130,21 @@ impl PyCrossingEngine {
         take(&mut self.0, CrossingEngine::push, t_us, (luma, dluma_dt, sparse), names)
     }
 
+    /// :meth:`push` of log intensity itself, which is taken as it is: ``log_eps`` has no part in it.
+    ///
+    /// Args:
+    ///     t_us: time in microseconds, >= 0 and after the last frame's.
+    ///     log_intensity: natural logarithm, shape (height, width), within +-746; float64 in C order is taken without
+    ///         a copy, float32 is widened.
+    ///     slope: for Hermite interpolation, dL/dt per second, likewise; see ``dluma_dt`` of :meth:`push`.
+    ///     sparse: as of :meth:`push`, with log intensity in place of luma.
+    ///
+    /// Returns:
+    ///     Events (:data:`davis_rs.EVENT_DTYPE`), as of :meth:`push`.
+    ///
+    /// Raises:
+    ///     ValueError: as :meth:`push`, for log intensity that is NaN or beyond +-746, or an engine that has been fed
+    ///         with luma. The engine is then as it was.
     #[pyo3(signature = (t_us, log_intensity, slope=None, *, sparse=None))]
     fn push_log<'py>(
         &mut self,
@@ -85,47 +157,94 @@ impl PyCrossingEngine {
         take(&mut self.0, CrossingEngine::push_log, t_us, (log_intensity, slope, sparse), names)
     }
 
+    /// The events that the readout effect still holds: requested up to the last frame, stamped after it.
+    ///
+    /// Returns:
+    ///     Events (:data:`davis_rs.EVENT_DTYPE`), sorted; none without that effect.
     fn flush<'py>(&mut self, py: Python<'py>) -> Bound<'py, PyArray1<Event>> {
         self.0.flush().into_pyarray(py)
     }
 
+    /// How many events the readout effect has dropped so far; 0 without it.
     #[getter]
     fn dropped_events(&self) -> u64 {
         self.0.dropped_events()
     }
 
+    /// C_on in natural-log units: one number for all pixels, or float64, shape (height, width), one for each.
     #[getter]
     fn contrast_threshold<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         threshold_to_python(py, self.0.parameters().contrast_threshold.clone(), self.0.size())
     }
 
+    /// C_off in natural-log units: one number for all pixels, or float64, shape (height, width), one for each.
     #[getter]
     fn contrast_threshold_off<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         threshold_to_python(py, self.0.parameters().contrast_threshold_off.clone(), self.0.size())
     }
 
+    /// The reference R in log intensity, float64, shape (height, width).
+    ///
+    /// NaN before the first frame, and where a refractory period holds a pixel in reset.
     #[getter]
     fn reference<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
         image(py, self.0.reference(), self.0.size())
     }
 
+    /// The surface of active events: the time of each pixel's last event in microseconds, -1 where there was none.
+    ///
+    /// int64, shape (height, width).
     #[getter]
     fn last_event_us<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<i64>>> {
         image(py, self.0.last_event_us(), self.0.size())
     }
 
+    /// All that decides which events come next, as numbers and arrays: parameters, time, last frame, counters.
+    ///
+    /// For :meth:`from_state`, and for NumPy's or any other storage; pickling stores the same.
     fn state<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         state::to_dict(py, self.0.state())
     }
 
+    /// An engine that goes on from :meth:`state` as the one it was taken from would have.
+    ///
+    /// Args:
+    ///     state: what :meth:`state` gave, also in another process or at another time.
+    ///     threads: as of the class; the events do not depend on it.
+    ///
+    /// Raises:
+    ///     ValueError: for a state that no engine can be in, naming the entry.
     #[staticmethod]
     #[pyo3(signature = (state, *, threads=None))]
-    fn from_state(state: &Bound<'_, PyDict>, threads: Option<usize>) -> PyResult<Self> {
-        Ok(Self(CrossingEngine::from_state(&state::from_dict(state)?, threads)?))
+    fn from_state(state: &Bound<'_, PyDict>, threads: Option<&Bound<'_, PyAny>>) -> PyResult<Self> {
+        Ok(Self(CrossingEngine::from_state(&state::from_dict(state)?, arrays::threads(threads)?)?))
+    }
+
+    fn __repr__(&self) -> String {
+        let (SensorSize { width, height }, p) = (self.0.size(), self.0.parameters());
+        let [on, off] = [&p.contrast_threshold, &p.contrast_threshold_off].map(threshold_range);
+        let (log_eps, interpolation) = (p.log_eps, interpolation::name(p.interpolation));
+        let effects = effects::active(self.0.effects()).join(", ");
+        let t_us = self.0.t_us().map_or("None".to_owned(), |t_us| t_us.to_string());
+        format!(
+            "CrossingEngine({width} x {height}, contrast_threshold={on}, contrast_threshold_off={off}, \
+             log_eps={log_eps:?}, interpolation={interpolation:?}, effects=[{effects}], t_us={t_us})"
+        )
     }
 
     fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, (Bound<'py, PyDict>,))> {
         Ok((py.get_type::<Self>().getattr("from_state")?, (self.state(py)?,)))
+    }
+}
+
+/// A threshold for people: the value, or the least and the largest one.
+fn threshold_range(threshold: &Threshold) -> String {
+    match threshold {
+        Threshold::Uniform(value) => format!("{value:?}"),
+        Threshold::PerPixel(values) => {
+            let (least, largest) = values.iter().fold((f64::INFINITY, 0.0f64), |(a, b), &c| (a.min(c), b.max(c)));
+            format!("{least:.4}..{largest:.4} by pixel")
+        }
     }
 }
 
@@ -159,13 +278,4 @@ fn take<'py, S: Float + Sync>(
     let mut events = Vec::new();
     py.detach(|| push(engine, input, &mut events))?;
     Ok(events.into_pyarray(py))
-}
-
-/// The interpolation by its name.
-pub(super) fn interpolation_of(name: &str) -> Result<Interpolation, Error> {
-    match name {
-        "linear" => Ok(Interpolation::Linear),
-        "hermite" => Ok(Interpolation::Hermite),
-        _ => Err(Error::Argument(format!("interpolation must be 'linear' or 'hermite', got {name:?}"))),
-    }
 }

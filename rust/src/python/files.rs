@@ -12,15 +12,32 @@ use super::arrays::events;
 use super::sink::Sink;
 use crate::error::{Error, Result};
 use crate::event::Event;
-use crate::read::{Aedat4Decoder, EventReader, Evt2Decoder, Evt3Decoder, TextDecoder};
+use crate::read::{Aedat4Decoder, EventReader, Evt2Decoder, Evt3Decoder, MAX_PACKET_BYTES, TextDecoder};
 use crate::write::{Aedat4Encoder, Compression, Encode, EventWriter, Evt2Encoder, Evt3Encoder, Limits, TextEncoder};
 
-/// See `_core.pyi`.
+/// Encodes events in a format of the core and writes them; :func:`davis_rs.open_writer` is made of it.
+///
+/// Args:
+///     target: a path, or an object with ``write(bytes)``.
+///     format: ``text``, ``evt2``, ``evt3`` or ``aedat4``.
+///     width, height: x and y must lie below.
+///     overwrite: whether an existing file may be replaced.
+///     size_line: text: whether a first line ``width height`` is written.
+///     compression: aedat4: ``none``, ``lz4`` or ``zstd``.
+///     level: aedat4: of zstd.
+///     start_us: aedat4: added to all times.
+///
+/// Raises:
+///     ValueError: for a format, compression or size that there is not.
+///     OSError: for a file that cannot be made, or one that exists without ``overwrite``.
 #[pyclass(name = "EventFileWriter", module = "davis_rs._core")]
 pub(super) struct PyEventFileWriter {
     name: String,
+    format: String,
+    size: (u32, u32),
     /// None once finished.
     writer: Option<EventWriter<Sink>>,
+    events: u64,
     bytes: u64,
 }
 
@@ -62,23 +79,45 @@ impl PyEventFileWriter {
         };
         let (name, sink) = Sink::open(target, overwrite)?;
         let writer = target.py().detach(|| EventWriter::boxed(sink, encoder)).map_err(|error| naming(error, &name))?;
-        Ok(Self { name, bytes: writer.bytes(), writer: Some(writer) })
+        let (format, size, bytes) = (format.to_owned(), (width, height), writer.bytes());
+        Ok(Self { name, format, size, events: 0, bytes, writer: Some(writer) })
     }
 
+    /// Check events and write them.
+    ///
+    /// The operating system (or ``target``) has their bytes when this returns; the GIL is released.
+    ///
+    /// Args:
+    ///     events: anything with the fields t, x, y, p; times must not decrease, also from one call to the next.
+    ///
+    /// Raises:
+    ///     ValueError: for the first event that breaks the format's limits, with its index, before any is written; for
+    ///         a writer that is finished.
+    ///     OSError: if the file refuses.
     fn write(
         &mut self,
         py: Python<'_>,
         #[pyo3(from_py_with = events)] events: PyReadonlyArray1<'_, Event>,
     ) -> PyResult<()> {
         let events = events.as_slice()?;
-        self.with_writer(py, |writer| writer.write(events))
+        self.with_writer(py, |writer| writer.write(events))?;
+        self.events += events.len() as u64;
+        Ok(())
     }
 
+    /// Hand everything to the operating system.
+    ///
+    /// Raises:
+    ///     ValueError: for a writer that is finished.
+    ///     OSError: if the file refuses.
     fn flush(&mut self, py: Python<'_>) -> PyResult<()> {
         self.with_writer(py, EventWriter::flush)
     }
 
-    /// Finishing twice is harmless: the second call only tells the size again.
+    /// Write what is left, close the file and return its size in bytes; again, only the size.
+    ///
+    /// Raises:
+    ///     OSError: if the file refuses; it is closed then.
     fn finish(&mut self, py: Python<'_>) -> PyResult<u64> {
         if self.writer.is_some() {
             let ended = self.with_writer(py, Sink::end);
@@ -88,9 +127,15 @@ impl PyEventFileWriter {
         Ok(self.bytes)
     }
 
-    /// Lets go of the file, and leaves it as it is.
+    /// Close the file as it is, without what is left to write.
     fn abandon(&mut self) {
         self.writer = None;
+    }
+
+    fn __repr__(&self) -> String {
+        let Self { name, format, size: (width, height), events, bytes, .. } = self;
+        let open = if self.writer.is_some() { "open" } else { "closed" };
+        format!("EventFileWriter({name:?}, {format:?}, {width} x {height}, {events} events in {bytes} bytes, {open})")
     }
 }
 
@@ -121,7 +166,7 @@ impl PyEventFileWriter {
 }
 
 /// `error` with the file's name, where it has none.
-fn naming(error: Error, name: &str) -> Error {
+pub(super) fn naming(error: Error, name: &str) -> Error {
     match error {
         Error::Io { context, source } => Error::Io { context: format!("{context}: {name}"), source },
         Error::Format { message, line, byte } => Error::Format { message: format!("{name}: {message}"), line, byte },
@@ -129,11 +174,26 @@ fn naming(error: Error, name: &str) -> Error {
     }
 }
 
-/// See `_core.pyi`.
+/// Reads a file and decodes its events, from its beginning to its end.
+///
+/// Args:
+///     path: the file.
+///     format: as :class:`EventFileWriter`'s.
+///     from_byte: text: where the first line to be read begins.
+///     start_us, stop_us: aedat4: only the packets that hold events of that slice are read, where the file has a table
+///         of contents. Events of these packets outside of the slice come too.
+///     max_packet_bytes: aedat4: what a packet may unpack to; 64 MiB if not given.
+///     in_order: text: whether times that go back are refused, with their line.
+///
+/// Raises:
+///     ValueError: for a format that there is not.
+///     OSError: for a file that cannot be read.
 #[pyclass(name = "EventFileReader", module = "davis_rs._core")]
 pub(super) struct PyEventFileReader {
     name: String,
+    format: String,
     reader: EventReader<File>,
+    events: u64,
     file_size: u64,
     over: bool,
 }
@@ -141,75 +201,117 @@ pub(super) struct PyEventFileReader {
 #[pymethods]
 impl PyEventFileReader {
     #[new]
-    #[pyo3(signature = (path, format, *, from_byte = 0, start_us = None, stop_us = None))]
+    #[allow(clippy::too_many_arguments, reason = "keywords in Python")]
+    #[pyo3(signature = (path, format, *, from_byte = 0, start_us = None, stop_us = None, max_packet_bytes = MAX_PACKET_BYTES, in_order = true))]
     fn new(
         path: PathBuf,
         format: &str,
         from_byte: usize,
         start_us: Option<i64>,
         stop_us: Option<i64>,
+        max_packet_bytes: usize,
+        in_order: bool,
     ) -> PyResult<Self> {
         let name = path.display().to_string();
         let mut file = OpenOptions::new().read(true).open(&path).map_err(Error::io(&name))?;
         let file_size = file.metadata().map_err(Error::io(&name))?.len();
         file.seek(SeekFrom::Start(from_byte as u64)).map_err(Error::io(&name))?;
         let reader = match format {
-            "text" if from_byte == 0 => EventReader::new(file, TextDecoder::new()),
-            "text" => EventReader::new(file, TextDecoder::from_byte(from_byte)),
+            "text" => {
+                let decoder = if from_byte == 0 { TextDecoder::new() } else { TextDecoder::from_byte(from_byte) };
+                EventReader::new(file, if in_order { decoder } else { decoder.in_any_order() })
+            }
             "aedat4" if start_us.is_some() || stop_us.is_some() => {
                 let times = start_us.unwrap_or(i64::MIN)..stop_us.unwrap_or(i64::MAX);
-                let decoder = Aedat4Decoder::of_slice(&mut file, times).map_err(|error| naming(error, &name))?;
+                let decoder = Aedat4Decoder::of_slice(&mut file, times, max_packet_bytes);
+                let decoder = decoder.map_err(|error| naming(error, &name))?;
                 EventReader::new(file, decoder)
             }
-            "aedat4" => EventReader::new(file, Aedat4Decoder::new()),
+            "aedat4" => EventReader::new(file, Aedat4Decoder::new(max_packet_bytes)),
             "evt2" => EventReader::new(file, Evt2Decoder::new()),
             "evt3" => EventReader::new(file, Evt3Decoder::new()),
             _ => return Err(PyValueError::new_err(format!("the core has no format {format:?}"))),
         };
-        Ok(Self { name, reader, file_size, over: false })
+        Ok(Self { name, format: format.to_owned(), reader, events: 0, file_size, over: false })
     }
 
+    /// Read until there is an event or the size is known; for a reader that will read nothing else.
+    ///
+    /// Raises:
+    ///     DecodeError: where the file breaks its format, with the place.
+    ///     OSError: if the file refuses.
     fn look(&mut self, py: Python<'_>) -> PyResult<()> {
         Ok(py.detach(|| self.reader.look()).map_err(|error| naming(error, &self.name))?)
     }
 
-    /// At least `enough` events and not many more, fewer at the end.
+    /// The next events: at least ``enough`` and not many more, fewer at the end; the GIL is released.
+    ///
+    /// Returns:
+    ///     Events (:data:`davis_rs.EVENT_DTYPE`), in the file's order.
+    ///
+    /// Raises:
+    ///     DecodeError: where the file breaks its format, with the place.
+    ///     OSError: if the file refuses.
     fn read<'py>(&mut self, py: Python<'py>, enough: usize) -> PyResult<Bound<'py, PyArray1<Event>>> {
         let events = py.detach(|| {
             let mut events = Vec::new();
             self.over = !self.reader.read(enough, &mut events).map_err(|error| naming(error, &self.name))?;
             Result::Ok(events)
         })?;
+        self.events += events.len() as u64;
         Ok(events.into_pyarray(py))
     }
 
+    /// Whether the end of the file was reached.
     #[getter]
     fn over(&self) -> bool {
         self.over
     }
 
+    /// (width, height), where the file says it and once that part was read; None otherwise.
     #[getter]
     fn size(&self) -> Option<(u32, u32)> {
         self.reader.size()
     }
 
+    /// How many bytes of the file were decoded so far.
     #[getter]
     fn bytes(&self) -> u64 {
         self.reader.bytes()
     }
 
+    /// How many bytes the file has.
     #[getter]
     fn file_size(&self) -> u64 {
         self.file_size
     }
 
+    /// At the end: how many bytes are left that are no whole record.
     #[getter]
     fn left_over(&self) -> u64 {
         self.reader.left_over()
     }
+
+    fn __repr__(&self) -> String {
+        let Self { name, format, events, file_size, .. } = self;
+        let size =
+            self.reader.size().map_or("size unknown".to_owned(), |(width, height)| format!("{width} x {height}"));
+        let bytes = self.reader.bytes();
+        format!("EventFileReader({name:?}, {format:?}, {size}, {events} events in {bytes} of {file_size} bytes)")
+    }
 }
 
-/// See `_core.pyi`.
+/// Check a packet of events before it is written.
+///
+/// Args:
+///     events: anything with the fields t, x, y, p.
+///     last_us: time of the event before the packet in microseconds, -1 for none.
+///     latest_us: the latest time that the format can hold.
+///     size: (width, height): x and y must lie below.
+///
+/// Raises:
+///     ValueError: for the first event, with its index, that goes back in time, is before 0 or after ``latest_us``,
+///         lies outside of ``size`` (width, height), or has a polarity above 1.
 #[pyfunction]
 #[pyo3(signature = (events, *, last_us, latest_us, size))]
 pub(super) fn check_events(
@@ -222,7 +324,16 @@ pub(super) fn check_events(
     Ok(limits.check(events.as_slice()?, last_us.max(0))?)
 }
 
-/// See `_core.pyi`.
+/// CRC-32 of bytes that come in parts; the GIL is released.
+///
+/// Args:
+///     bytes: uint8, shape (n,), contiguous: the next part.
+///     start: CRC-32 of all parts before it, 0 for none.
+///
+/// Returns:
+///     CRC-32 of all parts so far.
+///
+/// Source: CRC-32/ISO-HDLC, the one of zip (PKWARE's APPNOTE, 4.4.7).
 #[pyfunction]
 pub(super) fn crc32(py: Python<'_>, bytes: PyReadonlyArray1<'_, u8>, start: u32) -> PyResult<u32> {
     let bytes = bytes.as_slice()?;
@@ -233,7 +344,12 @@ pub(super) fn crc32(py: Python<'_>, bytes: PyReadonlyArray1<'_, u8>, start: u32)
     }))
 }
 
-/// See `_core.pyi`.
+/// CRC-32 of two byte strings in a row, from the CRC-32 of each, as :func:`crc32` gives it.
+///
+/// Args:
+///     first: CRC-32 of the first string.
+///     second: CRC-32 of the second string.
+///     second_length: bytes of the second string.
 #[pyfunction]
 pub(super) fn crc32_combine(first: u32, second: u32, second_length: u64) -> u32 {
     let mut hasher = crc32fast::Hasher::new_with_initial(first);

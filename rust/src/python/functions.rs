@@ -6,7 +6,16 @@ use pyo3::prelude::*;
 use super::arrays::{events, frame, image, size_of, threshold};
 use crate::event::Event;
 
-/// See `_core.pyi`.
+/// L = ln(luma + log_eps) in float64, shape (height, width), as :class:`CrossingEngine` computes it.
+///
+/// The same bits on every processor, within 1 ulp of the exact logarithm.
+///
+/// Args:
+///     luma: linear luma, shape (height, width), finite and >= 0; float32, or float64, which is rounded to it.
+///     log_eps: dark level in units of luma, > 0.
+///
+/// Raises:
+///     ValueError: for luma that is NaN, infinite or negative (with the pixel), or log_eps <= 0.
 #[pyfunction]
 pub(super) fn log_intensity<'py>(luma: &Bound<'py, PyAny>, log_eps: f64) -> PyResult<Bound<'py, PyArray2<f64>>> {
     let luma = frame::<f32>(luma, "luma", None)?;
@@ -15,7 +24,24 @@ pub(super) fn log_intensity<'py>(luma: &Bound<'py, PyAny>, log_eps: f64) -> PyRe
     image(luma.py(), logs, size)
 }
 
-/// See `_core.pyi`.
+/// Log intensity at ``t_us`` from the first frame's and the events until then (t <= t_us).
+///
+/// log I(x; t) = log I(x; 0) + n_on C_on - n_off C_off with each pixel's counts: the engine's reference to the bit.
+///
+/// Args:
+///     events: events of the sensor, in any order.
+///     first_log_intensity: float64, shape (height, width).
+///     t_us: time in microseconds; later events are left out.
+///     contrast_threshold, contrast_threshold_off: C_on and C_off as :class:`CrossingEngine` takes them; without C_off
+///         it is C_on.
+///
+/// Returns:
+///     float64, shape (height, width).
+///
+/// Raises:
+///     ValueError: for thresholds out of range or an event outside of the frame.
+///
+/// Source: Mueggler et al., IJRR 2017, section 6.
 #[pyfunction]
 #[pyo3(signature = (events, first_log_intensity, t_us, contrast_threshold, contrast_threshold_off=None))]
 pub(super) fn reconstruct<'py>(

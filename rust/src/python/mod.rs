@@ -1,6 +1,10 @@
 //! The Python module `davis_rs._core`: thin classes over the crate, arrays, and the mapping of errors.
+//!
+//! The doc comments of what Python sees are its docstrings: plain text, written for users of Python. `_core.pyi` has the
+//! same text and the types; `tests/test_core_docs.py` keeps the two alike.
 
 #![allow(clippy::needless_pass_by_value, reason = "PyO3 hands arguments over by value")]
+#![allow(clippy::doc_markdown, reason = "doc comments are docstrings of Python")]
 
 mod aer;
 mod arrays;
@@ -10,6 +14,8 @@ mod effects;
 mod engine;
 mod files;
 mod functions;
+mod interpolation;
+mod recordings;
 mod render;
 mod represent;
 mod ros;
@@ -17,7 +23,7 @@ mod sink;
 mod state;
 
 use pyo3::create_exception;
-use pyo3::exceptions::{PyOSError, PyValueError};
+use pyo3::exceptions::{PyMemoryError, PyOSError, PyValueError};
 use pyo3::prelude::*;
 
 use crate::error::Error;
@@ -41,6 +47,7 @@ impl From<Error> for PyErr {
             },
             Error::Format { .. } => DecodeError::new_err(message),
             Error::Argument(_) | Error::Order(_) => PyValueError::new_err(message),
+            Error::Memory(_) => PyMemoryError::new_err(message),
         }
     }
 }
@@ -49,6 +56,7 @@ impl From<Error> for PyErr {
 #[pymodule]
 fn _core(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add("__version__", env!("CARGO_PKG_VERSION"))?;
+    m.add("RUST_SYSROOT", env!("DAVIS_RS_RUST_SYSROOT"))?;
     m.add("DecodeError", m.py().get_type::<DecodeError>())?;
     m.add_class::<aer::PyDecoder>()?;
     m.add_class::<aer::PyDevice>()?;
@@ -67,6 +75,7 @@ fn _core(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_function(wrap_pyfunction!(represent::voxel_grid, m)?)?;
     m.add_function(wrap_pyfunction!(ros::pack_event_message, m)?)?;
     m.add_function(wrap_pyfunction!(ros::unpack_event_message, m)?)?;
+    m.add_function(wrap_pyfunction!(recordings::read_aedat4, m)?)?;
     m.add_function(wrap_pyfunction!(files::check_events, m)?)?;
     m.add_function(wrap_pyfunction!(files::crc32, m)?)?;
     m.add_function(wrap_pyfunction!(files::crc32_combine, m)?)?;

@@ -7,7 +7,17 @@ use pyo3::prelude::*;
 use super::arrays::column;
 use crate::render::{Light, LightKind, PixelRays, Pose, Renderer, Scene, SceneTables, View};
 
-/// See `_core.pyi`.
+/// The lattice rays of a sensor's pixels, as undistorted image coordinates.
+///
+/// Args:
+///     width, height: of the sensor, in pixels, 1..65535.
+///     rays: rays of each pixel, 1..1024.
+///     table: float32 (rays * height * width * 2), flat: x and y of the direction (x, y, 1) in camera axes, by ray of
+///         the lattice and pixel, row by row.
+///
+/// Raises:
+///     ValueError: for a size or number of rays out of range, or a table of another length or with numbers that are not
+///         finite.
 #[pyclass(name = "PixelRays", module = "davis_rs._core", frozen)]
 pub(super) struct PyPixelRays(PixelRays);
 
@@ -17,9 +27,39 @@ impl PyPixelRays {
     fn new(width: usize, height: usize, rays: usize, table: &Bound<'_, PyAny>) -> PyResult<Self> {
         Ok(Self(PixelRays::new(width, height, rays, column::<f32>(table, "table")?.as_slice()?)?))
     }
+
+    fn __repr__(&self) -> String {
+        format!("PixelRays({} x {}, rays={})", self.0.width(), self.0.height(), self.0.rays())
+    }
 }
 
-/// See `_core.pyi`.
+/// Renders diffuse triangles under direct light: luma, its rate, and depth.
+///
+/// Each pixel has the same bits in any batch of views and on any number of threads. The steps are those of
+/// docs/rendering.md. Arrays are flat; t is the number of triangles. Each triangle is in the coordinates of its own
+/// frame: the world, or a body that moves.
+///
+/// Args:
+///     corners: float64 (t, 3, 3), metres.
+///     planes: float64 (t, 4), unit normal n on the front side and offset d, n . p + d = 0.
+///     u_maps, v_maps: float64 (t, 4), affine maps of a place (x, y, z, 1) to texture coordinates.
+///     normal_maps: float64 (t, 3, 4), those to the shading normal; None where all triangles are flat.
+///     textures: uint32 (t), the number of the triangle's texture.
+///     two_sided: uint32 (t), 1 where the back of the triangle reflects too.
+///     frames: uint32 (t), 0 for the world, 1, 2, ... for bodies.
+///     frame_count: frames in all, with the world's.
+///     layouts: int64 (textures, 4): first texel, width, height, wrap mode (0 repeat, 1 clamp, 2 mirror).
+///     texels: for each light colour float32, all texels as luma, with a frame of one texel around each texture.
+///     lights: of each light (kind, colour, strength, background luma per strength, vector). The kind is ``point``,
+///         whose vector is its place, ``directional``, whose vector is the unit vector along which it travels, or
+///         ``constant``.
+///     shadows: whether point and directional lights throw shadows.
+///     centre: (3), metres, the middle of the scene.
+///     step, end: where shadow rays begin and end, see :mod:`davis_rs.rendering.shadow_rays`.
+///     threads: None for as many as there are processors.
+///
+/// Raises:
+///     ValueError: for arrays that do not belong together, or no threads.
 #[pyclass(name = "SceneRenderer", module = "davis_rs._core", frozen)]
 pub(super) struct PySceneRenderer(Renderer);
 
@@ -110,6 +150,22 @@ impl PySceneRenderer {
         Ok(Self(Renderer::new(Scene::new(&tables)?, threads)?))
     }
 
+    /// Linear luma of each view, and its rate.
+    ///
+    /// Args:
+    ///     rays: of the sensor.
+    ///     views: the camera at n instants in each of f frames, under l lights, as six flat float64 arrays: places
+    ///         (n, f, 3) in metres; rotations (n, f, 3, 3) that take camera axes to the frame's; velocities (n, f, 3)
+    ///         in the frame's axes, m/s; angular rates (n, f, 3) in camera axes, rad/s; factors (n, l) on the strengths
+    ///         of the lights; the rates of these factors (n, l), 1/s.
+    ///     rate: whether the rate is computed too.
+    ///
+    /// Returns:
+    ///     Luma, float32, flat (n, height, width), and its rate per second in the same shape, None where it was not
+    ///     asked for.
+    ///
+    /// Raises:
+    ///     ValueError: for views of another number of frames or lights than the scene has.
     #[pyo3(signature = (rays, views, *, rate=false))]
     fn luma<'py>(
         &self,
@@ -125,6 +181,18 @@ impl PySceneRenderer {
         Ok((luma.into_pyarray(py), rates.map(|rates| rates.into_pyarray(py))))
     }
 
+    /// Luma of single pixels, the bits of :meth:`luma`.
+    ///
+    /// Args:
+    ///     rays: of the sensor.
+    ///     views: as in :meth:`luma`.
+    ///     view, pixel: uint32 (k), the number of the view, and of the pixel, row by row.
+    ///
+    /// Returns:
+    ///     Luma, float32 (k).
+    ///
+    /// Raises:
+    ///     ValueError: for views that do not fit the scene, or a view or pixel that is not there.
     fn samples<'py>(
         &self,
         py: Python<'py>,
@@ -141,6 +209,18 @@ impl PySceneRenderer {
         Ok(luma.into_pyarray(py))
     }
 
+    /// What single rays hit.
+    ///
+    /// Args:
+    ///     rays: of the sensor, one ray a pixel.
+    ///     views: as in :meth:`luma`.
+    ///
+    /// Returns:
+    ///     Depth, float32, flat (n, height, width): z in camera axes, metres, inf where nothing is hit; and the frame
+    ///     of what is hit, uint32 in the same shape, 0 where nothing is.
+    ///
+    /// Raises:
+    ///     ValueError: for views that do not fit the scene, or more than one ray a pixel.
     fn depth<'py>(
         &self,
         py: Python<'py>,
@@ -152,6 +232,18 @@ impl PySceneRenderer {
         let (mut depth, mut owners) = (vec![0f32; size], vec![0u32; size]);
         py.detach(|| self.0.depth(&rays.0, &views, &mut depth, &mut owners))?;
         Ok((depth.into_pyarray(py), owners.into_pyarray(py)))
+    }
+
+    fn __repr__(&self) -> String {
+        let scene = self.0.scene();
+        let shadows = if scene.shadows() { "True" } else { "False" };
+        let threads = self.0.threads().map_or("None".to_owned(), |threads| threads.to_string());
+        format!(
+            "SceneRenderer(triangles={}, frames={}, lights={}, shadows={shadows}, threads={threads})",
+            scene.triangles(),
+            scene.frames(),
+            scene.lights()
+        )
     }
 }
 

@@ -8,7 +8,17 @@ use crate::error::Error;
 use crate::event::{Event, SensorSize};
 use crate::represent::{self, TimeBins};
 
-/// See `_core.pyi`.
+/// Count events by polarity and pixel.
+///
+/// Args:
+///     events: anything with the fields t, x, y, p.
+///     size: (width, height) of the sensor.
+///
+/// Returns:
+///     uint32, shape (2, height, width), OFF before ON.
+///
+/// Raises:
+///     ValueError: for an event outside of the sensor or of a polarity other than 0 or 1, with its index.
 #[pyfunction]
 pub(super) fn count_events<'py>(
     py: Python<'py>,
@@ -19,7 +29,18 @@ pub(super) fn count_events<'py>(
     planes(py, py.detach(|| represent::count_events(events, size))?, size)
 }
 
-/// See `_core.pyi`.
+/// The time in microseconds of the last event up to ``until_us`` by polarity and pixel, -1 where there was none.
+///
+/// Args:
+///     events: anything with the fields t, x, y, p, in any order.
+///     size: (width, height) of the sensor.
+///     until_us: later events are left out.
+///
+/// Returns:
+///     int64, shape (2, height, width), OFF before ON.
+///
+/// Raises:
+///     ValueError: as :func:`count_events`.
 #[pyfunction]
 pub(super) fn latest_times<'py>(
     py: Python<'py>,
@@ -31,7 +52,22 @@ pub(super) fn latest_times<'py>(
     planes(py, py.detach(|| represent::latest_times(events, size, until_us))?, size)
 }
 
-/// See `_core.pyi`.
+/// Sum polarities (+1 ON, -1 OFF) in planes of time; :func:`davis_rs.represent.voxel_grid` is made of it.
+///
+/// Each event is shared by the two planes around it, in proportion to how near it is to each.
+///
+/// Args:
+///     events: anything with the fields t, x, y, p; those outside of the window are left out.
+///     size: (width, height) of the sensor.
+///     bins: number of planes, >= 1.
+///     start_us, stop_us: the window in microseconds, both ends included; the first plane is at ``start_us``.
+///     endpoint: whether the last plane is at ``stop_us``, or one step before it.
+///
+/// Returns:
+///     float64, shape (bins, height, width).
+///
+/// Raises:
+///     ValueError: as :func:`count_events`, for ``bins`` < 1, or for a window that ends before it starts.
 #[pyfunction]
 #[pyo3(signature = (events, size, bins, start_us, stop_us, endpoint))]
 pub(super) fn voxel_grid<'py>(

@@ -8,7 +8,16 @@ use super::arrays::events;
 use crate::event::{Event, SensorSize};
 use crate::ros;
 
-/// See `_core.pyi`.
+/// A ``dvs_msgs/EventArray`` as ROS 1 serializes it, stamped with the last event's time.
+///
+/// Args:
+///     events: anything with the fields t, x, y, p.
+///     size: (width, height) of the sensor.
+///     seq: number of the message.
+///     frame_id: name of the coordinate frame.
+///
+/// Raises:
+///     ValueError: for a time outside of 0..2^32 s, with the event's index.
 #[pyfunction]
 pub(super) fn pack_event_message<'py>(
     py: Python<'py>,
@@ -26,7 +35,10 @@ pub(super) fn pack_event_message<'py>(
 /// The events of a message, and the sensor's (width, height).
 type Unpacked<'py> = (Bound<'py, PyArray1<Event>>, (u16, u16));
 
-/// See `_core.pyi`.
+/// The events of a ``dvs_msgs/EventArray``, times rounded to the nearest microsecond, and its (width, height).
+///
+/// Raises:
+///     DecodeError: where the message breaks the definition, with the byte.
 #[pyfunction]
 pub(super) fn unpack_event_message<'py>(py: Python<'py>, message: &[u8]) -> PyResult<Unpacked<'py>> {
     let message = ros::unpack_events(message)?;

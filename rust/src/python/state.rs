@@ -6,9 +6,8 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use super::arrays::{threshold, threshold_to_python};
-use super::effects;
-use super::engine::interpolation_of;
-use crate::crossing::{CrossingParameters, EffectState, EngineState, Interpolation};
+use super::{effects, interpolation};
+use crate::crossing::{CrossingParameters, EffectState, EngineState};
 use crate::event::{Event, SensorSize};
 use crate::readout::ReadoutState;
 
@@ -19,17 +18,13 @@ pub(super) fn to_dict(py: Python<'_>, state: EngineState) -> PyResult<Bound<'_, 
     let dict = PyDict::new(py);
     let size = state.size;
     let threshold = |threshold| threshold_to_python(py, threshold, size);
-    let interpolation = match state.parameters.interpolation {
-        Interpolation::Linear => "linear",
-        Interpolation::Hermite => "hermite",
-    };
     dict.set_item("version", VERSION)?;
     dict.set_item("width", size.width)?;
     dict.set_item("height", size.height)?;
     dict.set_item("contrast_threshold", threshold(state.parameters.contrast_threshold)?)?;
     dict.set_item("contrast_threshold_off", threshold(state.parameters.contrast_threshold_off)?)?;
     dict.set_item("log_eps", state.parameters.log_eps)?;
-    dict.set_item("interpolation", interpolation)?;
+    dict.set_item("interpolation", interpolation::name(state.parameters.interpolation))?;
     dict.set_item("effects", effects::to_dict(py, &state.effects)?)?;
     dict.set_item("seed", state.seed)?;
     dict.set_item("t_us", state.t_us)?;
@@ -116,7 +111,7 @@ pub(super) fn from_dict(dict: &Bound<'_, PyDict>) -> PyResult<EngineState> {
             contrast_threshold: threshold(&item(dict, "contrast_threshold")?, "contrast_threshold", size)?,
             contrast_threshold_off: threshold(&item(dict, "contrast_threshold_off")?, "contrast_threshold_off", size)?,
             log_eps: item(dict, "log_eps")?.extract()?,
-            interpolation: interpolation_of(item(dict, "interpolation")?.extract()?)?,
+            interpolation: interpolation::of_name(item(dict, "interpolation")?.extract()?)?,
         },
         effects: effects::from_python(Some(&item(dict, "effects")?))?,
         seed: item(dict, "seed")?.extract()?,

@@ -48,7 +48,7 @@ fn header(bytes: &[u8], at_end: bool) -> Result<Option<Header>> {
             }
         }
     }
-    header.size = width.zip(height);
+    header.size = width.zip(height).filter(|&(width, height)| width > 0 && height > 0);
     Ok(Some(header))
 }
 

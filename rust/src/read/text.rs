@@ -9,13 +9,14 @@ const LONGEST_LINE: usize = 256;
 
 /// Decodes lines `sec.nnnnnnnnn x y p`.
 ///
-/// Times need one to nine decimals and must be whole microseconds; they may not decrease. Lines end with a newline
+/// Times need one to nine decimals and must be whole microseconds; they may not decrease, unless told otherwise. Lines end with a newline
 /// (the last one may lack it). A first line `width height` is taken for the sensor's size.
 pub struct TextDecoder {
     /// Lines behind us; None where that is not known.
     lines: Option<usize>,
     bytes: usize,
     last_us: i64,
+    in_order: bool,
     size: Option<(u32, u32)>,
 }
 
@@ -29,14 +30,22 @@ impl TextDecoder {
     /// A decoder of the line that begins at `byte` of a text, and those after it.
     #[must_use]
     pub fn from_byte(byte: usize) -> Self {
-        Self { lines: None, bytes: byte, last_us: 0, size: None }
+        Self { lines: None, bytes: byte, last_us: 0, in_order: true, size: None }
+    }
+
+    /// The same, which also takes times that go back.
+    #[must_use]
+    pub fn in_any_order(self) -> Self {
+        Self { in_order: false, ..self }
     }
 
     /// One line, with or without its newline.
     fn line(&mut self, line: &[u8], events: &mut Vec<Event>) -> Result<()> {
         let text = line.trim_ascii();
         match parse_line(text) {
-            Ok(event) if event.t < self.last_us => return Err(self.fault("event times must not decrease", text)),
+            Ok(event) if self.in_order && event.t < self.last_us => {
+                return Err(self.fault("event times must not decrease", text));
+            }
             Ok(event) => {
                 self.last_us = event.t;
                 events.push(event);
@@ -77,7 +86,7 @@ impl Decode for TextDecoder {
         loop {
             // Lines as our own writer makes them; whatever else there may be is left to the strict rule below.
             while let Some((event, length)) = bytes.get(at..).and_then(common_line) {
-                if event.t < self.last_us {
+                if self.in_order && event.t < self.last_us {
                     break;
                 }
                 self.last_us = event.t;

@@ -93,6 +93,24 @@ impl PixelRays {
         Ok(new)
     }
 
+    /// Columns of the sensor.
+    #[must_use]
+    pub fn width(&self) -> usize {
+        self.width
+    }
+
+    /// Rows of the sensor.
+    #[must_use]
+    pub fn height(&self) -> usize {
+        self.height
+    }
+
+    /// Rays of each pixel.
+    #[must_use]
+    pub fn rays(&self) -> usize {
+        self.rays
+    }
+
     /// Pixels of the sensor.
     #[must_use]
     pub fn pixels(&self) -> usize {

@@ -59,6 +59,12 @@ impl Renderer {
         &self.scene
     }
 
+    /// How many threads of its own it has; none where it takes all that there are.
+    #[must_use]
+    pub fn threads(&self) -> Option<usize> {
+        self.pool.as_ref().map(rayon::ThreadPool::current_num_threads)
+    }
+
     /// Luma of frames, row by row, one view after the other; and its rate per second where room for it is given.
     ///
     /// # Errors

@@ -203,6 +203,12 @@ impl Scene {
     pub fn lights(&self) -> usize {
         self.lights.len()
     }
+
+    /// Whether point and directional lights throw shadows.
+    #[must_use]
+    pub fn shadows(&self) -> bool {
+        self.shadows
+    }
 }
 
 fn has_area(corners: &[Vector; 3]) -> bool {

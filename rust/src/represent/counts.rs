@@ -1,6 +1,6 @@
 //! How many events each pixel had.
 
-use super::cell;
+use super::cell::cell;
 use crate::error::Result;
 use crate::event::{Event, SensorSize};
 

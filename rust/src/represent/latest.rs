@@ -1,6 +1,6 @@
 //! When each pixel fired last: the surface of active events.
 
-use super::cell;
+use super::cell::cell;
 use crate::error::Result;
 use crate::event::{Event, SensorSize};
 

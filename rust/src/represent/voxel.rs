@@ -1,6 +1,6 @@
 //! Voxel grids: polarities spread over planes in time.
 
-use super::misplaced;
+use super::cell::misplaced;
 use crate::error::{Error, Result};
 use crate::event::{Event, SensorSize};
 

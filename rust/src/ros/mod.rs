@@ -10,15 +10,9 @@
 //! All little-endian and without padding; a time is two uint32, seconds and nanoseconds. The container (the bag) is not
 //! of this module. Source: `rpg_dvs_ros`, `dvs_msgs/msg`; <http://wiki.ros.org/roscpp/Overview/MessagesSerializationAndAdaptingTypes>.
 
+mod layout;
 mod pack;
 mod unpack;
 
 pub use pack::{LATEST_US, pack_events, packed_size};
 pub use unpack::{EventMessage, unpack_events};
-
-/// Bytes of one event.
-const EVENT: usize = 13;
-
-/// Bytes before `frame_id`, and between it and the first event.
-const BEFORE_NAME: usize = 16;
-const AFTER_NAME: usize = 12;

@@ -1,6 +1,6 @@
 //! A message to events.
 
-use super::{AFTER_NAME, BEFORE_NAME, EVENT};
+use super::layout::{AFTER_NAME, BEFORE_NAME, EVENT};
 use crate::error::{Error, Result};
 use crate::event::{Event, SensorSize};
 

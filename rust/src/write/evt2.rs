@@ -4,7 +4,7 @@
 //! 33..6 in bits 27..0, before the first event and whenever it changes. (Prophesee, EVT 2.0 format, in Metavision's
 //! documentation.)
 
-use super::evt::{SIDE, header};
+use super::evt::{SIDE, header, push_words};
 use super::limits::Limits;
 use super::writer::Encode;
 use crate::event::Event;
@@ -56,7 +56,7 @@ impl Encode for Evt2Encoder {
                 u32::from(event.p) << 28 | (event.t as u32 & 63) << 22 | u32::from(event.x) << 11 | u32::from(event.y);
             at += 1;
         }
-        super::push_words(&words[..at], u32::to_le_bytes, out);
+        push_words(&words[..at], u32::to_le_bytes, out);
     }
 }
 

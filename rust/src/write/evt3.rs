@@ -4,7 +4,7 @@
 //! which is an event. (Prophesee, EVT 3.0 format, in Metavision's documentation.) Words that hold several events of a
 //! row are not written: events keep their order, whatever it is.
 
-use super::evt::{SIDE, header};
+use super::evt::{SIDE, header, push_words};
 use super::limits::Limits;
 use super::writer::Encode;
 use crate::event::Event;
@@ -76,7 +76,7 @@ impl Encode for Evt3Encoder {
         for event in events {
             let high = event.t >> 12;
             if high - self.high > 1 {
-                super::push_words(&words[..at], u16::to_le_bytes, out);
+                push_words(&words[..at], u16::to_le_bytes, out);
                 at = 0;
                 self.advance(high, out);
             }
@@ -96,7 +96,7 @@ impl Encode for Evt3Encoder {
             at += next + 1;
             (self.high, self.low, self.y) = (high, low, event.y);
         }
-        super::push_words(&words[..at], u16::to_le_bytes, out);
+        push_words(&words[..at], u16::to_le_bytes, out);
         self.words = words;
     }
 }

@@ -14,8 +14,3 @@ pub use evt3::Evt3Encoder;
 pub use limits::Limits;
 pub use text::TextEncoder;
 pub use writer::{Encode, EventWriter};
-
-/// Appends words as their bytes.
-fn push_words<T: Copy, const N: usize>(words: &[T], bytes: impl Fn(T) -> [u8; N], out: &mut Vec<u8>) {
-    out.extend(words.iter().flat_map(|&word| bytes(word)));
-}

@@ -1,15 +1,24 @@
-//! A band of rows under effects: its pixels' state, and a frame's way through them.
+//! A band of rows under effects: the state of its pixels, and a frame's way through them.
+//!
+//! Each tile is first marked in vector code for pixels to which something may happen; only these are followed in time.
+//!
+//! What must not break: a pixel that is not marked has no event and changes no state but its samples. Waits are counted
+//! from the last frame, so that they keep their digits however long a run is.
 
-use super::chain::Chain;
 use super::input::{Input, LowPass, bend};
 use super::noise::Arrivals;
-use super::scan::{Passed, low_pass, mark_leavers, mark_turners};
+use super::scan::{FilterStep, low_pass, mark_out_of_bounds, mark_sign_changes};
+use super::sensor::Sensor;
 use super::timeline::{FREE, Pixel};
 use crate::crossing::band::Interval;
-use crate::crossing::core::NEVER;
+use crate::crossing::core::{NEVER, Push};
+use crate::crossing::cubic::Cubic;
+use crate::crossing::curve::{Curve, Piece};
 use crate::crossing::frame::SparseSamples;
 use crate::crossing::level::{Level, Thresholds};
+use crate::crossing::line::Line;
 use crate::crossing::parameters::CrossingParameters;
+use crate::crossing::room::{Allowance, Full, Room};
 use crate::crossing::sample::Sample;
 use crate::crossing::scan::TILE;
 use crate::event::Event;
@@ -27,7 +36,7 @@ pub(super) struct Share<'a, S> {
 pub(super) struct Band {
     pub(super) first_pixel: usize,
     /// The last frame's, in raster order.
-    pub(super) events: Vec<Event>,
+    pub(super) events: Room,
     /// Log intensity, and its change per second, at the last frame.
     pub(super) logs: Vec<f64>,
     pub(super) slopes: Vec<f64>,
@@ -45,6 +54,27 @@ pub(super) struct Band {
     low: Vec<f64>,
     high: Vec<f64>,
     tile: Tile,
+    /// What the frame brings, until the push is done.
+    next: Signals,
+    /// Pixels that were run over the frame, as they were before.
+    before: Vec<Before>,
+}
+
+/// All pixels' signals at a frame.
+struct Signals {
+    logs: Vec<f64>,
+    slopes: Vec<f64>,
+    filtered: Vec<f64>,
+}
+
+/// A pixel's state, but for its signals.
+struct Before {
+    pixel: u32,
+    reference: Level,
+    last_event_us: i64,
+    held_us: f64,
+    shot: Option<Arrivals>,
+    hot: Option<Arrivals>,
 }
 
 /// What a tile's pixels come to at a frame.
@@ -69,36 +99,53 @@ impl Tile {
 impl Band {
     /// Pixels that have just memorised their first log intensity.
     #[allow(clippy::cast_possible_truncation, reason = "no sensor has 2^32 pixels")]
-    pub(super) fn new(first_pixel: usize, logs: &[f64], slopes: &[f64], p: &CrossingParameters, chain: &Chain) -> Self {
-        let (n, effects) = (logs.len(), &chain.effects);
+    pub(super) fn new(
+        first_pixel: usize,
+        logs: &[f64],
+        slopes: &[f64],
+        p: &CrossingParameters,
+        sensor: &Sensor,
+    ) -> Self {
+        let (n, effects) = (logs.len(), &sensor.effects);
         let number = |i: usize| (first_pixel + i) as u32;
         let thresholds = |i: usize| p.thresholds(first_pixel + i);
         let leaks = effects.leak_rate_hz > 0.0;
         // A leaking pixel has leaked before: by a part of C_on that differs from pixel to pixel.
-        let phase = |i| if leaks { Draw::at(chain.seed, Purpose::LeakPhase, number(i), 0).uniform() } else { 0.0 };
+        let phase = |i| if leaks { Draw::at(sensor.seed, Purpose::LeakPhase, number(i), 0).uniform() } else { 0.0 };
         let base = |(i, log): (usize, &f64)| log - phase(i) * thresholds(i).on;
-        let hot = chain.hot.iter().flat_map(|noise| {
+        let hot = sensor.hot.iter().flat_map(|noise| {
             let chosen = (0..n).filter(|&i| noise.chosen(number(i), effects.hot_pixels.fraction));
             chosen.map(|i| (i as u32, noise.first(number(i))))
         });
+        let filtered = if effects.filters() { logs.to_vec() } else { vec![] };
         let mut band = Self {
             first_pixel,
-            events: vec![],
+            events: Room::default(),
             logs: logs.to_vec(),
             slopes: slopes.to_vec(),
+            next: Signals { logs: logs.to_vec(), slopes: slopes.to_vec(), filtered: filtered.clone() },
+            before: vec![],
             references: logs.iter().enumerate().map(|item| Level { base: base(item), on: 0, off: 0 }).collect(),
             last_event_us: vec![NEVER; n],
-            filtered: if effects.filters() { logs.to_vec() } else { vec![] },
+            filtered,
             held_us: if effects.refractory_period_us > 0.0 { vec![FREE; n] } else { vec![] },
-            shot: chain.shot.iter().flat_map(|noise| (0..n).map(|i| noise.first(number(i)))).collect(),
+            shot: sensor.shot.iter().flat_map(|noise| (0..n).map(|i| noise.first(number(i)))).collect(),
             hot: hot.collect(),
-            leak: (0..if leaks || effects.filters() { n } else { 0 }).map(|i| chain.leak(thresholds(i))).collect(),
+            leak: (0..if leaks || effects.filters() { n } else { 0 }).map(|i| sensor.leak(thresholds(i))).collect(),
             low: vec![0.0; n],
             high: vec![0.0; n],
             tile: Tile::new(),
         };
         band.reset_bounds(p);
         band
+    }
+
+    /// The band's share of a frame.
+    pub(super) fn share<'a, S: Sample>(&self, push: &Push<'a, S>) -> Share<'a, S> {
+        let (frame, at) = (&push.frame, push.at);
+        let part = self.first_pixel..self.first_pixel + self.logs.len();
+        let sparse = frame.sparse.of(part.start, part.end);
+        Share { new: &frame.samples[part.clone()], rates: frame.rate.map(|rates| &rates[part]), sparse, at }
     }
 
     pub(super) fn reset_bounds(&mut self, p: &CrossingParameters) {
@@ -116,27 +163,121 @@ impl Band {
         self.high[i] = if held { f64::INFINITY } else { reference + c.on - margin };
     }
 
-    /// Runs the band's pixels over a frame.
-    #[allow(clippy::cast_precision_loss, reason = "intervals are shorter than 2^53 us")]
-    pub(super) fn advance<S: Sample>(&mut self, share: &Share<'_, S>, p: &CrossingParameters, chain: &Chain) {
-        self.events.clear();
+    /// Runs the band's pixels over a frame, within an allowance of events: then [`Self::settle`], or [`Self::undo`].
+    pub(super) fn advance<S: Sample>(
+        &mut self,
+        share: &Share<'_, S>,
+        p: &CrossingParameters,
+        sensor: &Sensor,
+        allowance: Allowance,
+    ) -> Result<(), Full> {
+        self.events.begin(allowance, share.new.len());
+        self.before.clear();
         for start in (0..share.new.len()).step_by(TILE) {
             let end = (start + TILE).min(share.new.len());
-            self.see(start, end, share, p, chain);
-            self.mark(start, end, share, chain);
+            self.see(start, end, share, p, sensor);
+            self.mark(start, end, share, sensor);
             for i in start..end {
                 if self.tile.marked[i - start] {
-                    self.run(i, i - start, share, p, chain);
+                    self.run(i, i - start, share, p, sensor)?;
                 }
             }
-            self.logs[start..end].copy_from_slice(&self.tile.logs[..end - start]);
-            keep(&mut self.filtered, start, end, &self.tile.filtered);
-            keep(&mut self.slopes, start, end, &self.tile.slopes);
+            self.next.logs[start..end].copy_from_slice(&self.tile.logs[..end - start]);
+            keep(&mut self.next.filtered, start, end, &self.tile.filtered);
+            keep(&mut self.next.slopes, start, end, &self.tile.slopes);
         }
+        Ok(())
+    }
+
+    /// Keeps what [`Self::advance`] has found, over an interval of so many ticks.
+    #[allow(clippy::cast_precision_loss, reason = "intervals are shorter than 2^53 us")]
+    pub(super) fn settle(&mut self, ticks: i64) {
+        std::mem::swap(&mut self.logs, &mut self.next.logs);
+        std::mem::swap(&mut self.slopes, &mut self.next.slopes);
+        std::mem::swap(&mut self.filtered, &mut self.next.filtered);
         // All waits are from the last frame on; a float minus an integer below it is exact.
-        let ticks = share.at.ticks as f64;
+        let ticks = ticks as f64;
         self.held_us.iter_mut().for_each(|held| *held -= ticks);
         self.shot.iter_mut().chain(self.hot.iter_mut().map(|hot| &mut hot.1)).for_each(|next| next.wait_us -= ticks);
+    }
+
+    /// Goes back to before [`Self::advance`].
+    #[cold]
+    pub(super) fn undo(&mut self, p: &CrossingParameters) {
+        self.events.clear();
+        for before in std::mem::take(&mut self.before) {
+            let i = before.pixel as usize;
+            self.references[i] = before.reference;
+            self.last_event_us[i] = before.last_event_us;
+            if let Some(held_us) = self.held_us.get_mut(i) {
+                *held_us = before.held_us;
+            }
+            if let (Some(shot), Some(stored)) = (self.shot.get_mut(i), before.shot) {
+                *shot = stored;
+            }
+            if let (Some(place), Some(stored)) = (self.hot_place(i), before.hot) {
+                self.hot[place].1 = stored;
+            }
+            self.set_bounds(i, p.thresholds(self.first_pixel + i));
+        }
+    }
+
+    /// About how many events a frame will make.
+    #[cold]
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "an estimate, >= 0, saturating")]
+    pub(super) fn count<S: Sample>(&self, share: &Share<'_, S>, p: &CrossingParameters, sensor: &Sensor) -> u64 {
+        let count = |(i, &sample): (usize, &S)| {
+            let slope = share.rates.map_or(0.0, |rates| sample.log_rate(rates[i], p.log_eps));
+            let (crossings, noise) = self.expected(i, (log(sample, p), slope), share, p, sensor);
+            (crossings + noise) as u64
+        };
+        share.new.iter().enumerate().map(count).fold(0, u64::saturating_add)
+    }
+
+    /// How many events at most one pixel's signal makes over a frame that comes to this log intensity and its slope, and
+    /// how many noise makes on average.
+    #[allow(clippy::cast_precision_loss, reason = "intervals are shorter than 2^53 us")]
+    fn expected<S: Sample>(
+        &self,
+        i: usize,
+        (to, slope_to): (f64, f64),
+        share: &Share<'_, S>,
+        p: &CrossingParameters,
+        sensor: &Sensor,
+    ) -> (f64, f64) {
+        let (index, ticks, from) = (self.first_pixel + i, share.at.ticks as f64, self.logs[i]);
+        let (c, sparse) = (p.thresholds(index), share.sparse.of(index, index + 1));
+        let (mut last, mut way) = (from, 0.0);
+        let mut go = |to: f64| {
+            way += (to - last).abs();
+            last = to;
+        };
+        if share.rates.is_some() && sparse.is_empty() {
+            let (line, seconds) = (Line { from, to, ticks: share.at.ticks }, ticks * 1e-6);
+            let cubic = Cubic::new(line, self.slopes[i] * seconds, slope_to * seconds);
+            cubic.pieces().for_each(|piece| go(piece.end()));
+        } else {
+            sparse.samples.iter().for_each(|&sample| go(log(sample, p)));
+            go(to);
+        }
+        // What leaves a low-pass moves no further than to its input and with it.
+        let start = self.filtered.get(i).copied().unwrap_or(from);
+        let leak = sensor.leak(c);
+        let seen = start + leak * sensor.elapsed(share.at.start_us);
+        let held = self.held_us.get(i).is_some_and(|&held| held > FREE);
+        let behind = if held { 0.0 } else { (seen - self.references[i].value(c)).abs() };
+        let way = way + behind + (start - from).abs() + leak * ticks;
+        let (shot, hot) = (sensor.effects.shot_noise.rate_hz, sensor.effects.hot_pixels.rate_hz);
+        let rate_hz = if self.shot.is_empty() { 0.0 } else { shot } + self.hot_place(i).map_or(0.0, |_| hot);
+        // Each event holds the pixel.
+        let most = ticks / sensor.effects.refractory_period_us + 1.0;
+        ((way / c.on.min(c.off)).floor().min(most), (rate_hz * ticks * 1e-6).min(most))
+    }
+
+    /// Where a pixel's hot noise is kept, if it is hot.
+    #[allow(clippy::cast_possible_truncation, reason = "no sensor has 2^32 pixels")]
+    fn hot_place(&self, i: usize) -> Option<usize> {
+        self.hot.binary_search_by_key(&(i as u32), |hot| hot.0).ok()
     }
 
     /// Computes what the pixels of a tile come to at the frame.
@@ -147,7 +288,7 @@ impl Band {
         end: usize,
         share: &Share<'_, S>,
         p: &CrossingParameters,
-        chain: &Chain,
+        sensor: &Sensor,
     ) {
         let (n, tile, at) = (end - start, &mut self.tile, share.at);
         S::logs(&share.new[start..end], p.log_eps, &mut tile.logs[..n]);
@@ -159,12 +300,12 @@ impl Band {
         if let Some(before) = self.filtered.get(start..end) {
             let input = (&self.logs[start..end], &tile.logs[..n]);
             let output = (&mut tile.decay[..n], &mut tile.filtered[..n]);
-            low_pass(chain.effects.photoreceptor_bandwidth, at.ticks as f64, before, input, output);
+            low_pass(sensor.effects.photoreceptor_bandwidth, at.ticks as f64, before, input, output);
             tile.seen[..n].copy_from_slice(&tile.filtered[..n]);
         } else {
             tile.seen[..n].copy_from_slice(&tile.logs[..n]);
         }
-        let elapsed_us = chain.elapsed(at.start_us + at.ticks);
+        let elapsed_us = sensor.elapsed(at.start_us + at.ticks);
         for (seen, leak) in tile.seen.iter_mut().zip(self.leak.get(start..end).unwrap_or_default()) {
             *seen += leak * elapsed_us;
         }
@@ -172,15 +313,15 @@ impl Band {
 
     /// Marks the pixels of a tile to which something may have happened.
     #[allow(clippy::cast_precision_loss, reason = "intervals are shorter than 2^53 us")]
-    fn mark<S: Sample>(&mut self, start: usize, end: usize, share: &Share<'_, S>, chain: &Chain) {
+    fn mark<S: Sample>(&mut self, start: usize, end: usize, share: &Share<'_, S>, sensor: &Sensor) {
         let (n, tile, ticks) = (end - start, &mut self.tile, share.at.ticks as f64);
         let (bounds, marked) = ((&self.low[start..end], &self.high[start..end]), &mut tile.marked[..n]);
-        mark_leavers(&tile.seen, bounds, marked);
+        mark_out_of_bounds(&tile.seen, bounds, marked);
         let from = &self.logs[start..end];
         if let Some(before) = self.filtered.get(start..end) {
-            let passed = Passed { from, to: &tile.logs, before, output: &tile.filtered, decay: &tile.decay };
-            let since = chain.elapsed(share.at.start_us);
-            mark_turners(&passed, &self.leak[start..end], (since, since + ticks), bounds, marked);
+            let filter_step = FilterStep { from, to: &tile.logs, before, output: &tile.filtered, decay: &tile.decay };
+            let since = sensor.elapsed(share.at.start_us);
+            mark_sign_changes(&filter_step, &self.leak[start..end], (since, since + ticks), bounds, marked);
         }
         if share.rates.is_some() {
             let seconds = ticks * 1e-6;
@@ -190,7 +331,7 @@ impl Band {
                 marked[i] |= if self.filtered.is_empty() {
                     (slopes.0 + leaked) * (slopes.1 + leaked) < 0.0
                 } else {
-                    bend(slopes, tile.logs[i] - from[i]) > chain.flat
+                    bend(slopes, tile.logs[i] - from[i]) > sensor.tolerance
                 };
             }
         }
@@ -218,46 +359,60 @@ impl Band {
         in_tile: usize,
         share: &Share<'_, S>,
         p: &CrossingParameters,
-        chain: &Chain,
-    ) {
+        sensor: &Sensor,
+    ) -> Result<(), Full> {
         let (index, at) = (self.first_pixel + i, share.at);
         let thresholds = p.thresholds(index);
-        let (x, y) = chain.size.xy(index);
+        let (crossings, noise) =
+            self.expected(i, (self.tile.logs[in_tile], self.tile.slopes[in_tile]), share, p, sensor);
+        // Ten standard deviations of a Poisson process, and a few where it hardly happens.
+        let noise = if noise > 0.0 { noise + 10.0 * noise.sqrt() + 20.0 } else { 0.0 };
+        #[allow(clippy::cast_sign_loss, reason = "both >= 0")]
+        self.events.reserve((crossings + noise) as usize + 4)?;
+        let hot = self.hot_place(i);
+        self.before.push(Before {
+            pixel: i as u32,
+            reference: self.references[i],
+            last_event_us: self.last_event_us[i],
+            held_us: self.held_us.get(i).copied().unwrap_or(FREE),
+            shot: self.shot.get(i).copied(),
+            hot: hot.map(|place| self.hot[place].1),
+        });
+        let (x, y) = sensor.size.xy(index);
         let (events, last_event_us) = (&mut self.events, &mut self.last_event_us[i]);
         let emit = |tick, on| {
             events.push(Event::new(at.start_us + tick, x, y, on));
             *last_event_us = at.start_us + tick;
         };
-        let hot = self.hot.binary_search_by_key(&(i as u32), |hot| hot.0).ok();
         let mut free = FREE;
         let mut pixel = Pixel {
             number: index as u32,
             c: thresholds,
             reference: &mut self.references[i],
             held_until_us: self.held_us.get_mut(i).unwrap_or(&mut free),
-            refractory_us: chain.effects.refractory_period_us,
+            refractory_us: sensor.effects.refractory_period_us,
             noise: [
-                chain.shot.zip(self.shot.get_mut(i)),
-                hot.and_then(|hot| chain.hot.zip(self.hot.get_mut(hot).map(|hot| &mut hot.1))),
+                sensor.shot.zip(self.shot.get_mut(i)),
+                hot.and_then(|hot| sensor.hot.zip(self.hot.get_mut(hot).map(|hot| &mut hot.1))),
             ],
         };
         let input = Input {
             log_eps: p.log_eps,
-            leak: chain.leak(thresholds),
-            elapsed_us: chain.elapsed(at.start_us),
+            leak: sensor.leak(thresholds),
+            elapsed_us: sensor.elapsed(at.start_us),
             from: self.logs[i],
             to: self.tile.logs[in_tile],
             ticks: at.ticks,
         };
         let low_pass = self.filtered.get(i).map(|&before| {
             self.tile.filtered[in_tile] = before;
-            LowPass { bandwidth: chain.effects.photoreceptor_bandwidth, output: &mut self.tile.filtered[in_tile] }
+            LowPass { bandwidth: sensor.effects.photoreceptor_bandwidth, output: &mut self.tile.filtered[in_tile] }
         });
         let sparse = share.sparse.of(index, index + 1);
         if share.rates.is_some() && sparse.is_empty() {
             let seconds = at.ticks as f64 * 1e-6;
             let slopes = (self.slopes[i] * seconds, self.tile.slopes[in_tile] * seconds);
-            input.follow_cubic(&mut pixel, slopes, chain.flat, low_pass, emit);
+            input.follow_cubic(&mut pixel, slopes, sensor.tolerance, low_pass, emit);
         } else {
             self.tile.sparse.resize(sparse.samples.len(), 0.0);
             S::logs(sparse.samples, p.log_eps, &mut self.tile.sparse);
@@ -265,7 +420,15 @@ impl Band {
             input.follow_lines(&mut pixel, ticks.zip(self.tile.sparse.iter().copied()), low_pass, emit);
         }
         self.set_bounds(i, thresholds);
+        Ok(())
     }
+}
+
+/// Log intensity of one sample.
+fn log<S: Sample>(sample: S, p: &CrossingParameters) -> f64 {
+    let mut log = [0.0];
+    S::logs(&[sample], p.log_eps, &mut log);
+    log[0]
 }
 
 /// Keeps a tile's values, of an effect that is on.

@@ -1,16 +1,19 @@
-//! The pixels of a sensor under effects, in bands for threads.
+//! The pixels of a sensor under effects, cut into bands for threads; their state, stored and restored.
+//!
+//! What must not break: the cut into bands changes no event, and a stored state is checked before any of it is used.
 
 use rayon::prelude::*;
 
-use super::band::{Band, Share};
-use super::chain::Chain;
+use super::band::Band;
 use super::noise::Arrivals;
 use super::parameters::Effects;
+use super::sensor::Sensor;
 use super::timeline::FREE;
-use crate::crossing::band::Interval;
+use crate::crossing::core::{Pixels, Push};
 use crate::crossing::frame::Frame;
 use crate::crossing::level::Level;
 use crate::crossing::parameters::CrossingParameters;
+use crate::crossing::room::{Allowance, Full};
 use crate::crossing::sample::Sample;
 use crate::crossing::scan::TILE;
 use crate::crossing::state::{EffectState, EngineState};
@@ -19,7 +22,7 @@ use crate::event::{Event, SensorSize};
 
 /// As [`crate::crossing::core::Core`], for pixels that are not ideal. Whatever it is fed with, it keeps log intensity.
 pub(crate) struct EffectCore {
-    chain: Chain,
+    sensor: Sensor,
     bands: Vec<Band>,
 }
 
@@ -42,42 +45,15 @@ impl EffectCore {
         let slopes: Vec<f64> = frame.rate.map_or(vec![], |rates| {
             frame.samples.iter().zip(rates).map(|(sample, &rate)| sample.log_rate(rate, p.log_eps)).collect()
         });
-        let chain = Chain::new(size, p, effects, seed, frame.t_us);
+        let sensor = Sensor::new(size, p, effects, seed, frame.t_us);
         let bands = pool.map_or(1, |pool| BANDS_PER_THREAD * pool.current_num_threads());
         let length = n.div_ceil(bands).next_multiple_of(TILE);
         let bands = (0..n).step_by(length).map(|first| {
             let part = first..(first + length).min(n);
             let slopes = slopes.get(part.clone()).unwrap_or_default();
-            Band::new(first, &logs[part], slopes, p, &chain)
+            Band::new(first, &logs[part], slopes, p, &sensor)
         });
-        Self { bands: bands.collect(), chain }
-    }
-
-    /// Runs every pixel over one checked frame.
-    pub(crate) fn advance<S: Sample>(
-        &mut self,
-        frame: &Frame<'_, S>,
-        at: Interval,
-        p: &CrossingParameters,
-        pool: Option<&rayon::ThreadPool>,
-    ) {
-        let chain = &self.chain;
-        let advance = |band: &mut Band| {
-            let part = band.first_pixel..band.first_pixel + band.logs.len();
-            let sparse = frame.sparse.of(part.start, part.end);
-            let share =
-                Share { new: &frame.samples[part.clone()], rates: frame.rate.map(|rates| &rates[part]), sparse, at };
-            band.advance(&share, p, chain);
-        };
-        match pool {
-            None => self.bands.iter_mut().for_each(advance),
-            Some(pool) => pool.install(|| self.bands.par_iter_mut().for_each(advance)),
-        }
-    }
-
-    /// The events of the last frame: parts that together are in raster order.
-    pub(crate) fn events(&self) -> impl Iterator<Item = &[Event]> + Clone {
-        self.bands.iter().map(|band| &band.events[..])
+        Self { bands: bands.collect(), sensor }
     }
 
     pub(crate) fn references(&self) -> impl Iterator<Item = &Level> {
@@ -86,11 +62,11 @@ impl EffectCore {
 
     /// The reference of each pixel in log intensity at `t_us`; NaN in those that are held.
     pub(crate) fn reference(&self, t_us: i64, p: &CrossingParameters) -> Vec<f64> {
-        let elapsed_us = self.chain.elapsed(t_us);
+        let elapsed_us = self.sensor.elapsed(t_us);
         let held = self.joined(|band| &band.held_us);
         let value = |(i, level): (usize, &Level)| {
             let c = p.thresholds(i);
-            let reference = level.exact(c).value() - self.chain.leak(c) * elapsed_us;
+            let reference = level.exact(c).value() - self.sensor.leak(c) * elapsed_us;
             if held.get(i).is_some_and(|&held| held > FREE) { f64::NAN } else { reference }
         };
         self.references().enumerate().map(value).collect()
@@ -109,7 +85,7 @@ impl EffectCore {
         let hot: Vec<Arrivals> = self.bands.iter().flat_map(|band| band.hot.iter().map(|hot| hot.1)).collect();
         let shot = self.joined(|band| &band.shot);
         EffectState {
-            started_us: self.chain.started_us,
+            started_us: self.sensor.started_us,
             filtered: self.joined(|band| &band.filtered),
             held_us: self.joined(|band| &band.held_us),
             shot_wait_us: shot.iter().map(|arrivals| arrivals.wait_us).collect(),
@@ -121,14 +97,14 @@ impl EffectCore {
 
     /// Takes up a stored state, the last frame being that of the state.
     pub(crate) fn restore(&mut self, engine: &EngineState, state: &EffectState) -> Result<()> {
-        self.chain.started_us = state.started_us;
+        self.sensor.started_us = state.started_us;
         let hot = self.bands.iter().map(|band| band.hot.len()).sum::<usize>();
-        let (n, filtered) = (self.chain.size.pixels(), self.chain.effects.filters());
+        let (n, filtered) = (self.sensor.size.pixels(), self.sensor.effects.filters());
         let expected = |on: bool| if on { n } else { 0 };
         let lengths = [
             ("filtered", state.filtered.len(), expected(filtered)),
-            ("held_us", state.held_us.len(), expected(self.chain.effects.refractory_period_us > 0.0)),
-            ("shot_wait_us", state.shot_wait_us.len(), expected(self.chain.effects.shot_noise.rate_hz > 0.0)),
+            ("held_us", state.held_us.len(), expected(self.sensor.effects.refractory_period_us > 0.0)),
+            ("shot_wait_us", state.shot_wait_us.len(), expected(self.sensor.effects.shot_noise.rate_hz > 0.0)),
             ("shot_index", state.shot_index.len(), state.shot_wait_us.len()),
             ("hot_wait_us", state.hot_wait_us.len(), hot),
             ("hot_index", state.hot_index.len(), hot),
@@ -145,13 +121,15 @@ impl EffectCore {
                 state.started_us
             )));
         }
-        let waits = |waits: &[f64]| waits.iter().all(|wait| (0.0..1e18).contains(wait));
-        let held = |held: &f64| *held == FREE || (-1e18..1e18).contains(held);
+        // What was due at the last frame has been dealt with there.
+        let ahead = |wait: &f64| 0.0 < *wait && *wait < 1e18;
+        let waits = |waits: &[f64]| waits.iter().all(ahead);
+        let held = |held: &f64| *held == FREE || ahead(held);
         let ranges = [
             ("filtered", "within +-746", f64::all_valid(&state.filtered)),
-            ("held_us", "numbers, or -inf where a pixel is free", state.held_us.iter().all(held)),
-            ("shot_wait_us", "finite and >= 0", waits(&state.shot_wait_us)),
-            ("hot_wait_us", "finite and >= 0", waits(&state.hot_wait_us)),
+            ("held_us", "> 0, or -inf where a pixel is free", state.held_us.iter().all(held)),
+            ("shot_wait_us", "finite and > 0", waits(&state.shot_wait_us)),
+            ("hot_wait_us", "finite and > 0", waits(&state.hot_wait_us)),
         ];
         if let Some((name, rule, _)) = ranges.into_iter().find(|(_, _, valid)| !valid) {
             return Err(Error::Argument(format!("{name} of a state must be {rule}")));
@@ -179,5 +157,42 @@ impl EffectCore {
 
     fn joined<T: Clone>(&self, part: impl Fn(&Band) -> &Vec<T>) -> Vec<T> {
         self.bands.iter().flat_map(|band| part(band).iter().cloned()).collect()
+    }
+}
+
+impl<S: Sample> Pixels<S> for EffectCore {
+    fn advance(&mut self, push: &Push<'_, S>, allowance: Allowance) -> std::result::Result<(), Full> {
+        let sensor = &self.sensor;
+        let advance = |band: &mut Band| band.advance(&band.share(push), push.p, sensor, allowance);
+        // Every band begins, also where another one is full: what it holds is then of this frame.
+        match push.pool {
+            None => self.bands.iter_mut().map(advance).fold(Ok(()), std::result::Result::and),
+            Some(pool) => {
+                pool.install(|| self.bands.par_iter_mut().map(advance).reduce(|| Ok(()), std::result::Result::and))
+            }
+        }
+    }
+
+    fn events(&self) -> Vec<&[Event]> {
+        self.bands.iter().map(|band| band.events.events()).collect()
+    }
+
+    fn settle(&mut self, push: &Push<'_, S>) {
+        let settle = |band: &mut Band| band.settle(push.at.ticks);
+        match push.pool {
+            None => self.bands.iter_mut().for_each(settle),
+            Some(pool) => pool.install(|| self.bands.par_iter_mut().for_each(settle)),
+        }
+    }
+
+    #[cold]
+    fn undo(&mut self, push: &Push<'_, S>) {
+        self.bands.iter_mut().for_each(|band| band.undo(push.p));
+    }
+
+    #[cold]
+    fn count(&self, push: &Push<'_, S>) -> u64 {
+        let counts = self.bands.iter().map(|band| band.count(&band.share(push), push.p, &self.sensor));
+        counts.fold(0, u64::saturating_add)
     }
 }

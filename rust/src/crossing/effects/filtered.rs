@@ -1,7 +1,11 @@
-//! What leaves a first-order low-pass: the curve, in closed form, for an input that runs straight.
+//! The output of a first-order low-pass whose input runs straight: a curve in closed form, with its pieces and
+//! crossings.
+//!
+//! In closed form, so that the result does not depend on a step size. What must not break: it turns at most once,
+//! pieces are monotone, and the output at an interval's end is that at the start of the next one, to the bit.
 
 use super::parameters::PhotoreceptorBandwidth;
-use crate::crossing::curve::{Curve, FINE, Piece, ROUGH, Search, Timed, first_tick_on, near};
+use crate::crossing::curve::{Curve, FINE, Piece, ROUGH, Search, Timed, bracketed_newton, first_tick_on};
 use crate::crossing::exponential::{exp_m1, exp_precise};
 use crate::crossing::level::{Level, Thresholds};
 use crate::log_intensity::ln;
@@ -17,29 +21,29 @@ impl PhotoreceptorBandwidth {
     }
 }
 
-/// The share of the way that a step at the start has come after `z` time constants: 1 - exp(-z).
+/// The response to a unit step `z` time constants after it: 1 - exp(-z).
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "vectorised into its caller's loop")]
-fn settled(z: f64) -> f64 {
+fn step_response(z: f64) -> f64 {
     -exp_m1(-z)
 }
 
-/// What of a ramp over the share `s` of an interval of `z` time constants has come through, `come` being what has of a
-/// step: s - (1 - exp(-z s)) / z.
+/// The response at the share `s` of an interval of `z` time constants to a ramp over that interval: s - (1 - exp(-z s)) / z,
+/// `step` being the response to a step.
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "vectorised into its caller's loop")]
-fn ramped(z: f64, s: f64, come: f64) -> f64 {
+fn ramp_response(z: f64, s: f64, step: f64) -> f64 {
     // Below, the difference cancels, and the series' next term is z^3 s^4 / 24.
     let series = z * s * s * (0.5 - z * s / 6.0);
-    if z < 1e-5 { series } else { s - come / z }
+    if z < 1e-5 { series } else { s - step / z }
 }
 
 /// The low-pass's output at the interval's end: it starts at `output`, its input runs from `from` to `to`.
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "vectorised into its caller's loop")]
 pub(crate) fn filter(output: f64, from: f64, to: f64, z: f64) -> f64 {
-    let come = settled(z);
-    output + (from - output) * come + (to - from) * ramped(z, 1.0, come)
+    let step = step_response(z);
+    output + (from - output) * step + (to - from) * ramp_response(z, 1.0, step)
 }
 
 /// The low-pass's output plus a straight drift, over an interval.
@@ -69,9 +73,9 @@ impl Filtered {
     /// Its value and its derivative at the share `s` of the interval.
     #[inline]
     fn at_and_slope(&self, s: f64) -> (f64, f64) {
-        let come = settled(self.decay * s);
-        let value = self.start + self.gap * come + self.change * ramped(self.decay, s, come) + self.drift * s;
-        (value, self.decay * self.gap * (1.0 - come) + self.change * come + self.drift)
+        let step = step_response(self.decay * s);
+        let value = self.start + self.gap * step + self.change * ramp_response(self.decay, s, step) + self.drift * s;
+        (value, self.decay * self.gap * (1.0 - step) + self.change * step + self.drift)
     }
 
     /// Where it turns, strictly inside of (0, 1).
@@ -141,7 +145,7 @@ impl FilteredPiece {
         };
         let first = self.curve.at(self.from);
         let share = (value - first) / (self.end() - first);
-        near((self.from, self.to), share, up, search, missing)
+        bracketed_newton((self.from, self.to), share, up, search, missing)
     }
 }
 

@@ -1,4 +1,7 @@
-//! What a pixel's light does to its comparator over an interval: straight lines or a cubic, low-passed, leaking.
+//! What a pixel's comparator sees over an interval: straight lines or a cubic, low-passed, with the leak's drift.
+//!
+//! A low-pass has a closed form for straight input only, so it takes a cubic as chords. What must not break: the leak
+//! counts from the first frame on, so that it does not depend on the split into frames.
 
 use super::filtered::{Filtered, filter};
 use super::parameters::PhotoreceptorBandwidth;
@@ -64,12 +67,12 @@ impl Input {
 
     /// Along the cubic with these slopes (log intensity over the whole interval).
     ///
-    /// A low-pass takes it as chords, so many that they stray from it by no more than `flat`, 16 at most.
+    /// A low-pass takes it as chords, so many that they stray from it by no more than `tolerance`, 16 at most.
     pub(super) fn follow_cubic(
         &self,
         pixel: &mut Pixel<'_>,
         slopes: (f64, f64),
-        flat: f64,
+        tolerance: f64,
         low_pass: Option<LowPass<'_>>,
         emit: impl FnMut(i64, bool),
     ) {
@@ -79,7 +82,7 @@ impl Input {
         if low_pass.is_some() {
             // The error of chords falls with the square of their number.
             #[allow(clippy::cast_possible_truncation, reason = "at most 16")]
-            let chords = (bend(slopes, self.to - self.from) / flat).sqrt().ceil().clamp(1.0, 16.0) as i64;
+            let chords = (bend(slopes, self.to - self.from) / tolerance).sqrt().ceil().clamp(1.0, 16.0) as i64;
             let chords = chords.min(self.ticks);
             let ticks = (1..chords).map(|k| self.ticks * k / chords);
             self.follow_lines(pixel, ticks.map(|tick| (tick, log_at(tick as f64))), low_pass, emit);

@@ -1,4 +1,4 @@
-//! Thresholds that differ from pixel to pixel: a fixed pattern, drawn once.
+//! Threshold mismatch: a fixed pattern of thresholds over the pixels, drawn once when the engine is made.
 
 use crate::crossing::parameters::{CrossingParameters, Threshold};
 use crate::event::SensorSize;

@@ -1,4 +1,4 @@
-//! What makes a pixel real: effects on its signal, its reference and its thresholds, each off unless asked for.
+//! Effects of a real sensor on the signal, the reference and the thresholds of its pixels, each off unless asked for.
 //!
 //! ```text
 //! log intensity -> filtered (photoreceptor) -> plus the leak's drift -> levels -> events
@@ -6,13 +6,15 @@
 //!                                                       noise events -> ^
 //! ```
 //!
-//! [`parameters`] says what there is, [`mismatch`] draws thresholds, [`noise`] arrivals; [`filtered`] is the curve that
-//! leaves the photoreceptor, [`input`] what a pixel sees over an interval, [`timeline`] what happens to it on the way.
-//! [`scan`] finds the pixels to which something may happen, [`band`] takes a band of rows, [`core`] the bands on threads.
-//! An engine without effects uses none of this.
+//! [`parameters`] says which effects there are, [`mismatch`] draws thresholds and [`noise`] arrivals. [`filtered`] is
+//! the curve that leaves the photoreceptor, [`input`] what a pixel sees over an interval, [`timeline`] what happens to
+//! it on the way. [`scan`] finds the pixels to which something may happen, [`band`] takes a band of rows, [`core`] runs
+//! the bands on threads, and [`sensor`] holds what is the same for all pixels.
+//!
+//! An engine without effects uses none of this, so that an effect that is off costs nothing. What must not break: every
+//! draw is a function of (seed, purpose, pixel, index), so draws depend neither on threads nor on when frames come.
 
 mod band;
-mod chain;
 mod core;
 mod filtered;
 mod input;
@@ -20,6 +22,7 @@ mod mismatch;
 mod noise;
 mod parameters;
 mod scan;
+mod sensor;
 mod timeline;
 
 pub(crate) use self::core::EffectCore;

@@ -1,4 +1,7 @@
-//! Noise: arrivals of Poisson processes, each a function of (seed, pixel, number of the arrival).
+//! Noise events: arrivals of Poisson processes, each a function of (seed, purpose, pixel, number of the arrival).
+//!
+//! Arrivals are drawn at the rate in the dark and kept with a probability that falls with the light at their instant.
+//! So they do not depend on how the signal is sampled in time, which must not break.
 
 use super::parameters::{Effects, ShotNoise};
 use crate::random::{Draw, Purpose};

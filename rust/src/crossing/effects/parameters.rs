@@ -1,4 +1,6 @@
-//! Which effects there are, and what they may be set to.
+//! Which effects there are, their parameters, and the ranges that these may have.
+//!
+//! The default of each means that it is off. Names in errors are those that Python uses.
 
 use crate::error::{Error, Result};
 use crate::readout::ReadoutParameters;

@@ -1,5 +1,7 @@
-//! The common path under effects: what pixels see at a frame, many at a time, and to which of them something may have
-//! happened since the last one.
+//! The common path under effects: what comparators see at a frame, and which pixels need a look, many at a time.
+//!
+//! What must not break: a pixel is marked wherever it may have had an event since the last frame. One that is marked
+//! without need costs time only.
 
 use multiversion::multiversion;
 
@@ -27,7 +29,7 @@ pub(super) fn low_pass(
 /// Marks pixels whose comparators see log intensity at or beyond its bounds.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
 #[allow(clippy::needless_bitwise_bool, reason = "a lazy operator is a branch, which vectors cannot take")]
-pub(super) fn mark_leavers(seen: &[f64], (low, high): (&[f64], &[f64]), marked: &mut [bool]) {
+pub(super) fn mark_out_of_bounds(seen: &[f64], (low, high): (&[f64], &[f64]), marked: &mut [bool]) {
     let n = marked.len();
     let (seen, low, high) = (&seen[..n], &low[..n], &high[..n]);
     for i in 0..n {
@@ -36,7 +38,7 @@ pub(super) fn mark_leavers(seen: &[f64], (low, high): (&[f64], &[f64]), marked: 
 }
 
 /// A low-pass over an interval, pixel by pixel: its input and output at both ends, and its time constants.
-pub(super) struct Passed<'a> {
+pub(super) struct FilterStep<'a> {
     pub(super) from: &'a [f64],
     pub(super) to: &'a [f64],
     pub(super) before: &'a [f64],
@@ -44,21 +46,22 @@ pub(super) struct Passed<'a> {
     pub(super) decay: &'a [f64],
 }
 
-/// Marks pixels in which the low-pass's output turns on the way and may have been beyond its bounds there: it stays
-/// within what it starts from and its input.
+/// Marks pixels in which the slope of the low-pass's output changes its sign within the interval, and whose output may
+/// have been beyond its bounds at the extremum between.
 ///
-/// Each leaks by `leak` a microsecond: what a comparator sees has drifted by that times `since` at both ends.
+/// The output stays between its value at the start and its input's two ends, which bounds the extremum. Each pixel leaks
+/// by `leak` a microsecond: what a comparator sees has drifted by that times `since` at both ends.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
 #[allow(clippy::needless_bitwise_bool, reason = "a lazy operator is a branch, which vectors cannot take")]
-pub(super) fn mark_turners(
-    passed: &Passed<'_>,
+pub(super) fn mark_sign_changes(
+    step: &FilterStep<'_>,
     leak: &[f64],
     since: (f64, f64),
     (low, high): (&[f64], &[f64]),
     marked: &mut [bool],
 ) {
     let n = marked.len();
-    let Passed { from, to, before, output, decay } = passed;
+    let FilterStep { from, to, before, output, decay } = step;
     let (from, to, before, output, decay) = (&from[..n], &to[..n], &before[..n], &output[..n], &decay[..n]);
     let (leak, low, high) = (&leak[..n], &low[..n], &high[..n]);
     for i in 0..n {

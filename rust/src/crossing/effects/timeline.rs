@@ -1,4 +1,7 @@
-//! One pixel's time: crossings, holds and noise along a curve, in the order in which they happen.
+//! One pixel's time under effects: crossings, holds and noise along a curve, in the order in which they happen.
+//!
+//! What must not break: that order, also where a hold ends within a piece, and that arrivals of noise during a hold are
+//! drawn and dropped, so that later ones keep their numbers.
 
 use super::noise::{Arrivals, Noise};
 use crate::crossing::curve::{Curve, Piece, Timed};

@@ -3,53 +3,55 @@
 use std::io::{Read, Seek, SeekFrom};
 use std::ops::Range;
 
+use super::Aedat4Decoder;
 use super::flatbuffer::Flatbuffer;
-use super::header::{Header, MAGIC};
-use super::{Aedat4Decoder, decompress};
+use super::header::{Header, Kind, MAGIC};
+use super::packets::Packets;
+use super::unpack::unpack;
 use crate::error::{Error, Result};
 
 impl Aedat4Decoder {
     /// A decoder of the packets that hold the events with `start_us` <= t < `stop_us`, to the first of which `source` is
-    /// moved; of all packets in a file without a table of contents.
+    /// moved; of all packets in a file without a table of contents. A packet may unpack to `max_packet_bytes`.
     ///
     /// # Errors
     /// [`Error::Io`] if the source refuses; [`Error::Format`] for a malformed header.
-    pub fn of_slice(source: &mut (impl Read + Seek), times: Range<i64>) -> Result<Self> {
+    pub fn of_slice(source: &mut (impl Read + Seek), times: Range<i64>, max_packet_bytes: usize) -> Result<Self> {
         let io = || Error::io("reading events");
         let mut begin = Vec::new();
         source.by_ref().take(MAGIC.len() as u64 + 4).read_to_end(&mut begin).map_err(io())?;
         if let Some(size) = begin.get(MAGIC.len()..).and_then(|size| size.first_chunk()) {
             source.by_ref().take(u32::from_le_bytes(*size).into()).read_to_end(&mut begin).map_err(io())?;
         }
-        let mut decoder = Self::default();
+        let mut decoder = Packets::new(max_packet_bytes);
         let place = if let Some(mut header) = Header::parse(&begin)? {
-            let packets = match header.table_place {
-                Some(table) => {
-                    let mut bytes = Vec::new();
-                    source.seek(SeekFrom::Start(table as u64)).map_err(io())?;
-                    source.read_to_end(&mut bytes).map_err(io())?;
-                    packets(&bytes, &header, &times).unwrap_or(header.length..table)
-                }
-                None => header.length..usize::MAX,
-            };
-            header.table_place = Some(packets.end);
-            decoder = Self { header: Some(header), place: packets.start, ..decoder };
-            packets.start
+            let mut place = header.length;
+            if let Some(table) = header.table_place {
+                let mut bytes = Vec::new();
+                source.seek(SeekFrom::Start(table as u64)).map_err(io())?;
+                source.by_ref().take(max_packet_bytes as u64).read_to_end(&mut bytes).map_err(io())?;
+                // All packets, if the table cannot be read.
+                let packets = packets(&bytes, &header, &times, max_packet_bytes).unwrap_or(header.length..table);
+                place = packets.start;
+                header.table_place = Some(packets.end);
+            }
+            (decoder.header, decoder.place) = (Some(header), place);
+            place
         } else {
             0
         };
         source.seek(SeekFrom::Start(place as u64)).map_err(io())?;
-        Ok(decoder)
+        Ok(Self(decoder))
     }
 }
 
 /// From the first packet that a slice needs to the end of the last one; None if the table cannot be read.
-fn packets(frame: &[u8], header: &Header, times: &Range<i64>) -> Option<Range<usize>> {
+fn packets(frame: &[u8], header: &Header, times: &Range<i64>, limit: usize) -> Option<Range<usize>> {
     let mut bytes = Vec::new();
     if header.compression == 0 {
         bytes.extend_from_slice(frame);
     } else {
-        decompress(frame, header.compression, &mut bytes).ok()?;
+        unpack(frame, header.compression, limit, &mut bytes).ok()?;
     }
     let buffer = Flatbuffer::with_size(&bytes)?;
     if buffer.identifier()? != b"FTAB" {
@@ -57,14 +59,15 @@ fn packets(frame: &[u8], header: &Header, times: &Range<i64>) -> Option<Range<us
     }
     let mut needed = header.length..header.length;
     for entry in buffer.tables(buffer.field(buffer.root()?, 0)?)? {
+        let entry = entry?;
         let number = |index| buffer.field(entry, index).map_or(Some(0), |place| buffer.i64(place));
         let place = usize::try_from(number(0)?).ok()?;
         let info = buffer.field(entry, 1)?;
         let (stream, size) = (buffer.i32(info)?, usize::try_from(buffer.i32(info + 4)?).ok()?);
         // A packet's head of eight bytes stands before its place.
         let place = place.checked_sub(8).filter(|&place| place >= header.length)?;
-        if stream == header.event_stream && number(4)? >= times.start && number(3)? < times.end {
-            let end = place + 8 + size;
+        if header.kind_of(stream) == Some(Kind::Events) && number(4)? >= times.start && number(3)? < times.end {
+            let end = place.checked_add(8 + size)?;
             needed = if needed.is_empty() { place..end } else { needed.start.min(place)..needed.end.max(end) };
         }
     }
@@ -76,6 +79,7 @@ mod tests {
     use super::*;
     use crate::event::Event;
     use crate::read::EventReader;
+    use crate::read::aedat4::MAX_PACKET_BYTES;
     use crate::write::{Aedat4Encoder, Compression, EventWriter};
     use std::io::Cursor;
 
@@ -91,7 +95,7 @@ mod tests {
             let mut bytes = writer.finish_with_contents().unwrap().into_inner();
             let slice = |bytes: &[u8], times: Range<i64>| {
                 let mut source = Cursor::new(bytes);
-                let decoder = Aedat4Decoder::of_slice(&mut source, times).unwrap();
+                let decoder = Aedat4Decoder::of_slice(&mut source, times, MAX_PACKET_BYTES).unwrap();
                 let mut events = Vec::new();
                 EventReader::new(source, decoder).read(usize::MAX, &mut events).unwrap();
                 events

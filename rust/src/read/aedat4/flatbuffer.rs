@@ -47,10 +47,24 @@ impl<'a> Flatbuffer<'a> {
         self.0.get(vector + 4..)?.get(..length)
     }
 
-    /// The tables of the vector that `place` refers to; one that lies outside ends them.
-    pub(super) fn tables(self, place: usize) -> Option<impl Iterator<Item = Table>> {
+    /// The tables of the vector that `place` refers to; each is None where it lies outside.
+    pub(super) fn tables(self, place: usize) -> Option<impl ExactSizeIterator<Item = Option<Table>>> {
         let (first, count) = (self.behind(place)? + 4, self.vector(place, 4)?.len() / 4);
-        Some((0..count).map_while(move |i| self.behind(first + 4 * i).map(Table)))
+        Some((0..count).map(move |i| self.behind(first + 4 * i).map(Table)))
+    }
+
+    /// A number of a table, from its bytes; its default where the table lacks it; None where it lies outside.
+    pub(super) fn number<const N: usize, T>(
+        self,
+        table: Table,
+        index: usize,
+        from: impl FnOnce([u8; N]) -> T,
+        default: T,
+    ) -> Option<T> {
+        match self.field(table, index) {
+            Some(place) => Some(from(*self.0.get(place..)?.first_chunk()?)),
+            None => Some(default),
+        }
     }
 
     fn behind(self, place: usize) -> Option<usize> {

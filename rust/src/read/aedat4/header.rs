@@ -6,16 +6,50 @@ use crate::error::{Error, Result};
 /// What the file begins with.
 pub(super) const MAGIC: &[u8] = b"#!AER-DAT4.0\r\n";
 
+/// What a stream holds, of those that are read.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Kind {
+    /// `EVTS`.
+    Events,
+    /// `FRME`.
+    Frames,
+    /// `IMUS`.
+    Imu,
+    /// `TRIG`.
+    Triggers,
+}
+
+impl Kind {
+    fn of(identifier: &str) -> Option<Self> {
+        Some(match identifier {
+            "EVTS" => Self::Events,
+            "FRME" => Self::Frames,
+            "IMUS" => Self::Imu,
+            "TRIG" => Self::Triggers,
+            _ => return None,
+        })
+    }
+}
+
+/// A stream as the header describes it.
+pub(super) struct Stream {
+    number: i32,
+    /// None where it holds something else.
+    kind: Option<Kind>,
+    /// Width and height of its sensor, both above 0.
+    pub(super) size: Option<(u32, u32)>,
+    /// The camera.
+    pub(super) source: String,
+}
+
 pub(super) struct Header {
     pub(super) length: usize,
     /// 0 none, 1 and 2 LZ4, 3 and 4 Zstandard.
     pub(super) compression: i32,
     /// Where the packets end, if a table of contents was written.
     pub(super) table_place: Option<usize>,
-    pub(super) streams: Vec<i32>,
-    /// The one that is read.
-    pub(super) event_stream: i32,
-    pub(super) size: Option<(u32, u32)>,
+    /// By their numbers.
+    pub(super) streams: Vec<Stream>,
 }
 
 impl Header {
@@ -53,21 +87,29 @@ impl Header {
             let rule = format!("compression must be 0 (none), 1, 2 (LZ4), 3 or 4 (Zstandard), not {compression}");
             return Some(Err(fault(&rule, MAGIC.len())));
         }
-        let table_place = usize::try_from(table_place).ok();
-        Some(streams(xml).map(|(streams, event_stream, size)| Self {
-            length,
-            compression,
-            table_place,
-            streams,
-            event_stream,
-            size,
-        }))
+        // A place that is no place behind the header means, like -1, that there is none.
+        let table_place = usize::try_from(table_place).ok().filter(|&place| place >= length);
+        Some(streams(xml).map(|streams| Self { length, compression, table_place, streams }))
+    }
+
+    /// The first stream of a kind.
+    pub(super) fn stream(&self, kind: Kind) -> Option<&Stream> {
+        self.streams.iter().find(|stream| stream.kind == Some(kind))
+    }
+
+    pub(super) fn announces(&self, number: i32) -> bool {
+        self.streams.iter().any(|stream| stream.number == number)
+    }
+
+    /// The kind of a stream that is read: one that is the first of its kind.
+    pub(super) fn kind_of(&self, number: i32) -> Option<Kind> {
+        let kind = self.streams.iter().find(|stream| stream.number == number)?.kind?;
+        self.stream(kind).is_some_and(|first| first.number == number).then_some(kind)
     }
 }
 
-/// The streams' numbers, that of the first one of events, and its sensor's size.
-#[allow(clippy::type_complexity, reason = "named by its one user")]
-fn streams(xml: &str) -> Result<(Vec<i32>, i32, Option<(u32, u32)>)> {
+/// The streams, by their numbers.
+fn streams(xml: &str) -> Result<Vec<Stream>> {
     let wrong = |rule: &str| fault(rule, MAGIC.len());
     let document = roxmltree::Document::parse(xml).map_err(|error| wrong(&format!("the header's XML: {error}")))?;
     let node = |parent: roxmltree::Node<'_, '_>, name: &str| {
@@ -79,20 +121,31 @@ fn streams(xml: &str) -> Result<(Vec<i32>, i32, Option<(u32, u32)>)> {
     };
     let out_info = node(document.root_element(), "outInfo").and_then(|id| document.get_node(id));
     let out_info = out_info.ok_or_else(|| wrong("the header's XML must have a node outInfo"))?;
-    let (mut all, mut events) = (Vec::new(), None);
+    let mut streams = Vec::new();
     for stream in out_info.children().filter(roxmltree::Node::is_element) {
         let Some(number) = stream.attribute("name").and_then(|name| name.parse().ok()) else { continue };
-        all.push(number);
-        if events.is_none() && text(stream, "typeIdentifier").as_deref() == Some("EVTS") {
-            let info = node(stream, "info").and_then(|id| document.get_node(id));
-            let side = |key| info.and_then(|info| text(info, key)).and_then(|side| side.parse().ok());
-            events = Some((number, side("sizeX").zip(side("sizeY"))));
-        }
+        let kind = text(stream, "typeIdentifier").as_deref().and_then(Kind::of);
+        let info = node(stream, "info").and_then(|id| document.get_node(id));
+        let pixels = |key| info.and_then(|info| text(info, key)).and_then(|pixels| pixels.parse().ok());
+        let size = pixels("sizeX").zip(pixels("sizeY")).filter(|&(width, height)| width > 0 && height > 0);
+        let source = info.and_then(|info| text(info, "source")).unwrap_or_default();
+        streams.push(Stream { number, kind, size, source });
     }
-    let (number, size) = events.ok_or_else(|| wrong("the file has no stream of events (EVTS)"))?;
-    Ok((all, number, size))
+    streams.sort_by_key(|stream| stream.number);
+    Ok(streams)
 }
 
 fn fault(rule: &str, byte: usize) -> Error {
     Error::Format { message: rule.to_owned(), line: None, byte }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn deep_xml_takes_no_stack() {
+        let deep = format!("{}{}", "<n>".repeat(1 << 20), "</n>".repeat(1 << 20));
+        assert!(streams(&deep).is_err_and(|error| error.to_string().contains("outInfo")));
+    }
 }

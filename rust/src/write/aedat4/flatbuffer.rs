@@ -3,7 +3,6 @@
 //! A table begins with the distance back to its vtable; that holds its own size, the table's, and the offset of each
 //! field in it. Places are counted from the size, so that what is aligned there is aligned in memory.
 
-use super::Entry;
 use crate::event::Event;
 
 /// Bytes of an entry in the table of contents, padding included.
@@ -11,6 +10,16 @@ const ENTRY: usize = 48;
 
 /// Where [`header`] keeps the place of the table of contents.
 pub(super) const TABLE_PLACE: usize = 32;
+
+/// A packet in the table of contents.
+pub(super) struct Entry {
+    /// Where its body begins, and how long it is.
+    pub(super) place: u64,
+    pub(super) size: i32,
+    pub(super) events: usize,
+    pub(super) first_us: i64,
+    pub(super) last_us: i64,
+}
 
 /// `IOHE`: compression (i32), place of the table of contents (i64, -1 for none), description (string).
 pub(super) fn header(compression: i32, info: &str) -> Vec<u8> {

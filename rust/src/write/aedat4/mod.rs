@@ -10,6 +10,7 @@ mod flatbuffer;
 pub use compression::Compression;
 
 use self::compression::Compressor;
+use self::flatbuffer::Entry;
 use super::limits::Limits;
 use super::writer::Encode;
 use crate::event::Event;
@@ -27,16 +28,6 @@ pub struct Aedat4Encoder {
     bytes: u64,
     table: Vec<Entry>,
     packet: Vec<u8>,
-}
-
-/// A packet in the table of contents.
-struct Entry {
-    /// Where its body begins, and how long it is.
-    place: u64,
-    size: i32,
-    events: usize,
-    first_us: i64,
-    last_us: i64,
 }
 
 impl Aedat4Encoder {

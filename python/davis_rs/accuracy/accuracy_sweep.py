@@ -1,0 +1,236 @@
+"""What accuracy costs in time: settings of the simulator, each measured against references and by the clock."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from ..camera import Camera
+from ..event_matching import compare_events
+from ..events import EventArray, concatenate_events
+from ..pose import FloatArray
+from ..rendering.render import Renderer
+from ..rendering.renderers import make_renderer
+from ..sampling.displacement import DisplacementClock
+from ..sampling.observe import CountedRenderer, LumaRecorder
+from ..sampling.rules import TimeSampling
+from ..scene.scene import Scene
+from ..simulator import Simulator
+from ..trajectory.trajectory import Trajectory
+from .reference_events import TICKS_PER_US, FineReference, Recipe, exact_crossings, fine_reference, in_ticks
+from .settings import Setting
+
+FINE_RAYS = 1024
+
+_PATH_PX, _TIMED_PARTS = 6.0, 4
+_MOST_RECORDED = 16
+SLOW_S = 3.0
+"""A setting that takes longer than this for the judged part alone is timed on that part, and once."""
+
+_WARM_UP = 0.1
+"""Share of the judged part that is run beforehand: all kernels are compiled by then."""
+
+_LONGEST_WINDOW_US = 10_000
+
+
+class Errors(NamedTuple):
+    """How far a setting's events and log luma are from a reference's.
+
+    Attributes:
+        median_us, p99_us: of the absolute time error of events that have a partner.
+        missing_percent, spurious_percent: of the reference's events.
+        log_rms: root mean square error of log luma between renders, in units of C.
+    """
+
+    median_us: float
+    p99_us: float
+    missing_percent: float
+    spurious_percent: float
+    log_rms: float
+
+
+@dataclass
+class Measurement:
+    """What was measured of a setting.
+
+    Attributes:
+        events: how many it made in the judged part.
+        keyframes_per_s, rays_per_s: rendered per simulated second, rays for depth and for single pixels included.
+        in_time: errors against the crossings of the same rays; None for random ones.
+        in_all: errors against the fine reference.
+        slow: it takes so long that its run on the judged part is the only one timed.
+        wall_s: of each timed round, wall time per simulated second.
+    """
+
+    setting: Setting
+    events: int
+    keyframes_per_s: float
+    rays_per_s: float
+    in_time: Errors | None
+    in_all: Errors
+    slow: bool
+    wall_s: list[float]
+
+    @property
+    def median_wall_s(self) -> float:
+        return float(np.median(self.wall_s))
+
+
+class Sweep:
+    """Settings on one scene, judged on a short part of a trajectory and timed on a longer one.
+
+    Args:
+        scene: with its camera path, see :meth:`Scene.with_trajectory`.
+        start_s: where the part begins; None: where the fastest pixel has gone half of its path.
+        duration_s: of the judged part; None: until the fastest pixel has moved 6 pixels. The timed part is four times
+            as long, where the trajectory is.
+        camera: None takes the scene's.
+        folder: keeps the frames of the fine reference for another time.
+
+    Raises:
+        ValueError: if there is no such part of a trajectory, or nothing moves in it.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        *,
+        start_s: float | None = None,
+        duration_s: float | None = None,
+        camera: Camera | None = None,
+        folder: str | Path,
+        fine_rays: int = FINE_RAYS,
+    ) -> None:
+        # Textures are made once, not for each setting.
+        self.scene = replace(scene, source=cache(scene.source))
+        self.camera, self.folder, self.fine_rays = camera or scene.own_camera, Path(folder), fine_rays
+        whole = self.scene.path
+        renderer = make_renderer(self.scene, self.camera, samples=1)
+        if start_s is None:
+            start_s = min(_half_way_s(renderer, whole), max(whole.duration_s - (duration_s or 0.0), 0.0))
+        rest = self.scene.crop(start_s)
+        renderer = make_renderer(rest, self.camera, samples=1)
+        rest_s = rest.path.duration_s
+        clock = DisplacementClock(renderer, rest.path, round(rest_s * 1e6))
+        if duration_s is None:
+            reached_us = clock.time_at(_PATH_PX)
+            duration_s = rest_s if reached_us is None else max(reached_us, 1) * 1e-6
+        self._judged = rest.crop(0.0, duration_s)
+        judged = self._judged.path
+        self.start_s, self.duration_s = start_s, judged.duration_s
+        self.path_px = DisplacementClock(renderer, judged, round(duration_s * 1e6)).path_at(round(duration_s * 1e6))
+        if self.path_px <= 0:
+            raise ValueError(
+                f"nothing moves in the {duration_s} s from {start_s} s of the trajectory: nothing to judge"
+            )
+        self._timed = rest.crop(0.0, min(_TIMED_PARTS * duration_s, rest_s))
+        # One pixel's way: what lies further apart is not the same crossing.
+        window_us = int(np.clip(duration_s * 1e6 / self.path_px, 1, _LONGEST_WINDOW_US))
+        self.recipe = Recipe(judged, scene.contrast_threshold, 1e-3, window_us)
+        self._same: dict[int, tuple[EventArray, FloatArray]] = {}
+
+    @property
+    def timed_s(self) -> float:
+        """How long the timed part is, in seconds of the trajectory."""
+        return self._timed.path.duration_s
+
+    def measure(self, setting: Setting) -> Measurement:
+        """Judge a setting, and time it unless it is slow: then the judged part is its one timed run."""
+        seconds = self.duration_s
+        for _ in self._simulator(setting, setting.sampling, self._judged.crop(0, _WARM_UP * seconds)).run():
+            pass
+        recorder = LumaRecorder(setting.sampling, self._recorded_us, self.recipe.log_eps)
+        simulator = self._simulator(setting, recorder, self._judged)
+        simulator.renderer = counted = CountedRenderer(simulator.renderer)
+        started = time.perf_counter()
+        events = concatenate_events([packet.events for packet in simulator.run()])
+        wall_s = time.perf_counter() - started
+        log = np.stack(recorder.log)
+        in_time = None if setting.random else self._errors(events, log, *self._same_rays(setting.samples))
+        in_all = self._errors(events, log, self.fine.events, self._fine_log)
+        rates = recorder.keyframe_count / seconds, counted.count / seconds
+        wall_s_per_s = wall_s / seconds if wall_s > SLOW_S else self.time(setting)
+        return Measurement(setting, len(events), *rates, in_time, in_all, wall_s > SLOW_S, [wall_s_per_s])
+
+    def time(self, setting: Setting) -> float:
+        """Wall time per simulated second, of one run that keeps nothing."""
+        simulator = self._simulator(setting, setting.sampling, self._timed)
+        started = time.perf_counter()
+        for _ in simulator.run():
+            pass
+        return (time.perf_counter() - started) / self.timed_s
+
+    def prepare(self) -> Iterator[tuple[int, int]]:
+        """Render the fine reference, unless the folder holds it.
+
+        Yields after each frame how many there are, and how many there will be at most.
+        """
+        renderer = self._renderer(self.fine_rays)
+        cached = self.folder / f"reference_{self.fine_rays}_rays.npz"
+        self.fine: FineReference = yield from fine_reference(renderer, self.recipe, cached)
+        # At the rendered instants of the reference nothing of it is interpolated.
+        inner = np.arange(1, len(self.fine.t_us) - 1)
+        chosen = inner[:: -(-len(inner) // _MOST_RECORDED)] if len(inner) else np.array([len(self.fine.t_us) - 1])
+        self._recorded_us = self.fine.t_us[chosen]
+        self._fine_log = self.recipe.log_luma(self.fine.luma[chosen])
+
+    def _same_rays(self, samples: int) -> tuple[EventArray, FloatArray]:
+        if samples not in self._same:
+            renderer = self._renderer(samples)
+            events = exact_crossings(renderer, self.recipe).events
+            luma = renderer.luma(self.recipe.views(self._recorded_us * TICKS_PER_US))
+            self._same[samples] = events, self.recipe.log_luma(luma)
+        return self._same[samples]
+
+    def _errors(self, events: EventArray, log: FloatArray, reference: EventArray, reference_log: FloatArray) -> Errors:
+        size, window = (self.camera.width, self.camera.height), self.recipe.window_us * TICKS_PER_US
+        found = compare_events(in_ticks(events), reference, size=size, window_us=window)
+        log_rms = float(np.sqrt(np.mean((log - reference_log) ** 2))) / self.recipe.contrast_threshold
+        median_us, p99_us = found.median_us / TICKS_PER_US, found.p99_us / TICKS_PER_US
+        return Errors(median_us, p99_us, found.missing_percent, found.spurious_percent, log_rms)
+
+    def _renderer(self, samples: int) -> Renderer:
+        return make_renderer(self._judged, self.camera, samples=samples)
+
+    def _simulator(self, setting: Setting, sampling: TimeSampling, scene: Scene) -> Simulator:
+        return Simulator(
+            scene,
+            camera=self.camera,
+            frame_rate_hz=0,
+            depth_rate_hz=0,
+            sampling=sampling,
+            samples=setting.samples,
+            renderer=setting.renderer,
+            refine=setting.refine,
+        )
+
+
+def sweep(prepared: Sweep, settings: Sequence[Setting], rounds: int) -> Iterator[list[Measurement]]:
+    """Measure settings, and time them in rounds, each round all of them; yields what there is after each run.
+
+    So whatever slows the machine for a while slows a round of all, not all rounds of one; the median of a setting's
+    rounds leaves it out.
+    """
+    measured: list[Measurement] = []
+    for setting in settings:
+        measured.append(prepared.measure(setting))
+        yield measured
+    for _ in range(rounds - 1):
+        for measurement in measured:
+            if not measurement.slow:
+                measurement.wall_s.append(prepared.time(measurement.setting))
+            yield measured
+
+
+def _half_way_s(renderer: Renderer, trajectory: Trajectory) -> float:
+    """When the fastest pixel has gone half of its path."""
+    end_us = round(trajectory.duration_s * 1e6)
+    path = DisplacementClock(renderer, trajectory, end_us).path_at(end_us)
+    half_us = DisplacementClock(renderer, trajectory, end_us).time_at(path / 2)
+    return 0.0 if half_us is None or path == 0 else half_us * 1e-6

@@ -1,0 +1,82 @@
+"""The options of the command line that follow from the declarations of settings."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Collection
+from typing import Any
+
+from ..settings import Setting, settings_of
+
+
+def add_settings(parser: argparse.ArgumentParser, declaration: type, *, only: Collection[str] | None = None) -> None:
+    """Add an option for each setting that can be given as text, under the headings that it declares.
+
+    Options that are not given leave nothing in the namespace: their defaults are the declaration's.
+
+    Args:
+        only: names of the settings to add; all by default.
+    """
+    groups: dict[str, argparse._ArgumentGroup] = {}
+    for setting in settings_of(declaration).values():
+        if setting.kind is None or (only is not None and setting.name not in only):
+            continue
+        heading = setting.declared.group
+        if heading not in groups:
+            groups[heading] = parser.add_argument_group(heading)
+        _add_option(groups[heading], setting)
+
+
+def given_settings(options: argparse.Namespace, declaration: type) -> dict[str, Any]:
+    """The settings that the options give, by name."""
+    given = vars(options)
+    return {name: given[name] for name in settings_of(declaration) if name in given}
+
+
+def _add_option(group: argparse._ArgumentGroup, setting: Setting) -> None:
+    declared = setting.declared
+    default = declared.default_help if declared.default is None else str(declared.default)
+    text = f"{declared.help}{f' (default: {default})' if default else ''}".replace("%", "%%")
+    common: dict[str, Any] = {"dest": setting.name, "default": argparse.SUPPRESS}
+    if setting.kind is bool:
+        group.add_argument(setting.option, action=argparse.BooleanOptionalAction, help=text, **common)
+    elif setting.kind is list:
+        form = f"{declared.help}; may be given several times{f' (default: {default})' if default else ''}"
+        group.add_argument(
+            setting.option, action="append", metavar=declared.metavar, help=form.replace("%", "%%"), **common
+        )
+        if setting.name == "effects":
+            group.add_argument(
+                "--effects",
+                action="append",
+                choices=("auto",),
+                help="those of --sensor (davis240c if not given) whose omission would show in this scene; effects "
+                "given by --effect stay as they are",
+                **common,
+            )
+    else:
+        group.add_argument(setting.option, type=_reader(setting), metavar=_metavar(setting), help=text, **common)
+
+
+def _metavar(setting: Setting) -> str | None:
+    choices = setting.declared.choices
+    return setting.declared.metavar or ("{" + ",".join(choices) + "}" if choices else None)
+
+
+def _reader(setting: Setting) -> Callable[[str], Any]:
+    """What reads an option's text, and refuses it; argparse's message begins with the option."""
+    kind = setting.kind or str
+
+    def read(text: str) -> Any:
+        try:
+            value = kind(text)
+        except ValueError:
+            wanted = "an integer" if kind is int else "a number"
+            raise argparse.ArgumentTypeError(f"must be {wanted}, got {text!r}") from None
+        try:
+            setting.check(value, setting.option)
+        except ValueError as error:
+            raise argparse.ArgumentTypeError(str(error).removeprefix(f"{setting.option} ")) from None
+        return value
+
+    return read

@@ -1,0 +1,69 @@
+"""What a readout bus does to a sequence of which a few pixels are known."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from ..effects import Readout
+from .luma_sample import LumaSample
+from .omission_error import NO_ERROR, OmissionError
+
+_PEAK_EVENTS = 50
+"""A peak rate is that of so many consecutive events of the pixels looked at: good to a seventh."""
+
+
+def through_bus(sample: LumaSample, effect: Readout, shift_us: float) -> tuple[OmissionError, str]:
+    waits = [_waits_us(events["t"], effect, sample.sensor_share) for events in sample.ideal_parts]
+    wait_us = np.concatenate(waits)
+    carried = wait_us[~np.isnan(wait_us)]
+    peak = _peak_rate(sample)
+    rate = "too few events for a peak rate" if math.isnan(peak) else f"events come at up to {peak / 1e6:.3g} Mev/s"
+    seen = (
+        f"{rate}, the bus takes {effect.events_per_s / 1e6:.3g} Mev/s; longest wait "
+        f"{carried.max(initial=0.0):.3g} us, latency {effect.latency_us:.3g} us, jitter {effect.jitter_us:.3g} us"
+    )
+    if not len(wait_us):
+        return NO_ERROR, seen
+    random = np.random.Generator(np.random.Philox(sample.seed))
+    error_us = carried + effect.latency_us + np.abs(effect.jitter_us * random.standard_normal(len(carried)))
+    dropped = 100 * float(np.isnan(wait_us).mean())
+    found = OmissionError(
+        0.0,
+        dropped,
+        100 * float((error_us > shift_us).sum()) / len(wait_us),
+        dropped,
+        float(np.median(error_us)) if len(carried) else math.nan,
+        float(np.percentile(error_us, 99)) if len(carried) else math.nan,
+    )
+    return found, seen
+
+
+def _waits_us(t_us: npt.NDArray[np.int64], effect: Readout, sensor_share: float) -> npt.NDArray[np.float64]:
+    """How long events wait for the bus, NaN for those dropped, if each one seen stands for others.
+
+    Those are taken to come evenly since the event before, so that a few pixels tell of a queue of all: it grows where
+    the rate exceeds the bus's, and shrinks where it does not.
+    """
+    service_us = 1e6 / effect.events_per_s
+    work_us, longest = service_us / sensor_share, math.inf if effect.drop_after_us is None else effect.drop_after_us
+    waits = np.empty(len(t_us))
+    wait = 0.0
+    for i, gap in enumerate(np.diff(t_us, prepend=t_us[:1]).tolist()):
+        ahead = max(wait + work_us - gap, 0.0) if i else 0.0
+        if ahead > longest:
+            waits[i], wait = math.nan, max(wait - gap, 0.0)
+        else:
+            waits[i] = wait = ahead
+    return waits + service_us
+
+
+def _peak_rate(sample: LumaSample) -> float:
+    """Events a second of the whole sensor where they are densest; NaN where there are few."""
+    t = sample.ideal["t"]
+    if len(t) <= _PEAK_EVENTS:
+        return math.nan
+    shortest_us = max(int((t[_PEAK_EVENTS:] - t[:-_PEAK_EVENTS]).min()), 1)
+    return _PEAK_EVENTS / sample.sensor_share / (shortest_us * 1e-6)

@@ -1,0 +1,202 @@
+"""What leaving an effect out does to a sequence, and what was seen of the sequence that says so: effect by effect."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..effects import (
+    Effect,
+    Effects,
+    HotPixels,
+    LeakRate,
+    LensBlur,
+    PhotoreceptorBandwidth,
+    Readout,
+    RefractoryPeriod,
+    ShotNoise,
+    ThresholdMismatch,
+    Vignetting,
+)
+from ..effects.optics import Optics
+from ..events import EventArray
+from .bus import through_bus
+from .luma_sample import LumaSample
+from .omission_error import OmissionError, omission_error, omission_error_of_added
+from .sequence_sample import SequenceSample
+
+_FLOOD = 3_000_000
+"""Above this count the known rate is used instead of simulating."""
+
+_FEW = 30
+"""Below this count of leak events the known rate says more than the sample."""
+
+_NO_LEAK = 1e-9
+"""Leak events of a pixel in the whole sequence that stand for no leak."""
+
+
+@dataclass(frozen=True)
+class OmissionEstimator:
+    """Estimates what leaving effects out does to the events of a sampled sequence."""
+
+    sequence: SequenceSample
+    window_us: int
+    shift_us: float
+
+    def __call__(self, effect: Effect) -> tuple[OmissionError, str]:
+        """What leaving out an effect on events does, and what was seen of the sequence, in words."""
+        estimator = _ESTIMATORS[type(effect)]
+        return estimator(self, effect)
+
+    def compare(self, sample: LumaSample, without: EventArray, with_effect: EventArray) -> OmissionError:
+        return omission_error(without, with_effect, size=sample.size, window_us=self.window_us, shift_us=self.shift_us)
+
+    def in_engine(self, effect: Effect) -> OmissionError:
+        """By the engine's own run on the scattered pixels."""
+        sample = self.sequence.pixels
+        return self.compare(sample, sample.ideal, sample.events(Effects.of([effect])))
+
+    @property
+    def scene_events(self) -> float:
+        """Of ideal pixels, for the whole sensor and sequence: events go by motion, as keyframes do."""
+        sample = self.sequence.pixels
+        seen = sum(len(part.t_us) - 1 for part in sample.parts)
+        return len(sample.ideal) / sample.sensor_share * ((len(self.sequence.t_us) - 1) / seen)
+
+    def of_rate(self, hz: float) -> float:
+        """How many events so many a pixel and second come to."""
+        return hz * self.sequence.camera.width * self.sequence.camera.height * self.sequence.duration_us * 1e-6
+
+    def added(self, hz: float) -> OmissionError:
+        """By events at a rate a pixel that come on top of the scene's."""
+        return omission_error_of_added(self.of_rate(hz), self.scene_events)
+
+
+def _vignetting(estimator: OmissionEstimator, effect: Vignetting) -> tuple[OmissionError, str]:
+    sample, sequence = estimator.sequence.pixels, estimator.sequence
+    gain = effect.gain(sequence.camera).ravel()
+    shaded = sample.through(lambda luma: luma * gain[sequence.pixel])
+    darkest = float(np.percentile(np.concatenate([part.luma.ravel() for part in shaded.parts]), 1))
+    seen = (
+        f"corners get {100 * gain.min():.3g} % of the light; then 1 % of all pixels see less than luma {darkest:.3g}, "
+        f"against a dark level of {sample.log_eps:g}"
+    )
+    return estimator.compare(sample, sample.ideal, shaded.ideal), seen
+
+
+def _lens_blur(estimator: OmissionEstimator, effect: LensBlur) -> tuple[OmissionError, str]:
+    sample = estimator.sequence.frames
+    blurred = sample.through(Optics(estimator.sequence.camera, None, effect).frames)
+    eps = np.float32(sample.log_eps)
+    pairs = zip(sample.parts, blurred.parts, strict=True)
+    squares = [np.mean(np.log((a.luma + eps) / (b.luma + eps)) ** 2, dtype=np.float64) for a, b in pairs]
+    rms = math.sqrt(np.mean(squares)) / sample.contrast_threshold
+    seen = f"a spot of {effect.sigma_px:g} px takes {rms:.2g} C (rms) from log luma: detail as fine as that"
+    return estimator.compare(sample, sample.ideal, blurred.ideal), seen
+
+
+def _bandwidth(estimator: OmissionEstimator, effect: PhotoreceptorBandwidth) -> tuple[OmissionError, str]:
+    sample = estimator.sequence.pixels
+    steps = sample.steps()
+    corner_hz = np.clip(effect.hz * np.exp(steps.log), effect.floor_hz, effect.ceiling_hz)
+    slope = np.abs(steps.change) / steps.length_s[:, None].astype(np.float32)
+    quick = slope > 2 * np.pi * corner_hz * sample.contrast_threshold
+    moved = float(np.abs(steps.change).sum(dtype=np.float64))
+    share = float(np.abs(steps.change)[quick].sum(dtype=np.float64)) / moved if moved else 0.0
+    seen = (
+        f"corner {corner_hz.min():.3g}..{corner_hz.max():.3g} Hz (median {np.median(corner_hz):.3g}); dL/dt up to "
+        f"{slope.max():.3g} /s: {100 * share:.3g} % of the change is faster than C in a time constant"
+    )
+    return estimator.in_engine(effect), seen
+
+
+def _mismatch(estimator: OmissionEstimator, effect: ThresholdMismatch) -> tuple[OmissionError, str]:
+    gaps_us = _gaps_us(estimator.sequence.pixels.ideal)
+    gap = f"events of a pixel follow each other after {np.median(gaps_us):.3g} us (median)" if len(gaps_us) else ""
+    seen = f"thresholds scatter by {100 * effect.sigma:.3g} %; " + (gap or "no pixel has two events")
+    return estimator.in_engine(effect), seen
+
+
+def _refractory(estimator: OmissionEstimator, effect: RefractoryPeriod) -> tuple[OmissionError, str]:
+    gaps_us = _gaps_us(estimator.sequence.pixels.ideal)
+    seen = f"held for {effect.period_us:.3g} us; no pixel has two events"
+    if len(gaps_us):
+        held = 100 * float((gaps_us < effect.period_us).mean())
+        seen = (
+            f"held for {effect.period_us:.3g} us; events of a pixel are at least {gaps_us.min():.3g} us apart, half of "
+            f"them less than {np.median(gaps_us):.3g} us, {held:.3g} % less than the period"
+        )
+    return estimator.in_engine(effect), seen
+
+
+def _leak(estimator: OmissionEstimator, effect: LeakRate) -> tuple[OmissionError, str]:
+    """Against a leak that comes to nothing: what a reference was at the start is as arbitrary without a leak.
+
+    Else every event would count as shifted, by the part of C that each pixel has leaked before the first frame.
+    """
+    sample, duration_s = estimator.sequence.pixels, estimator.sequence.duration_us * 1e-6
+    seen = (
+        f"{estimator.of_rate(effect.rate_hz):.3g} events expected of {effect.rate_hz:.3g} Hz a pixel, beside "
+        f"{estimator.scene_events:.3g} of the scene; levels drift by {effect.rate_hz * duration_s:.2g} C"
+    )
+    counted = estimator.added(effect.rate_hz)
+    made = effect.rate_hz * sample.pixels * duration_s
+    if made > _FLOOD:
+        return counted, seen
+    still = sample.events(Effects(leak_rate_hz=_NO_LEAK / duration_s))
+    found = estimator.compare(sample, still, sample.events(Effects.of([effect])))
+    # What little the sample shows of few events is left to the rate, and so is what falls between the sample's parts.
+    missing = max(found.missing_percent, counted.missing_percent)
+    change = counted.event_change_percent if made < _FEW else found.event_change_percent
+    return replace(found, missing_percent=missing, event_change_percent=change), seen
+
+
+def _shot_noise(estimator: OmissionEstimator, effect: ShotNoise) -> tuple[OmissionError, str]:
+    steps = estimator.sequence.pixels.steps()
+    rate = effect.rate_hz / (1 + steps.luma.astype(np.float64) / effect.half_luma)
+    hz = float(np.average(rate.mean(1), weights=steps.length_s))
+    dark, bright = np.percentile(steps.luma, (1, 99))
+    seen = (
+        f"luma {dark:.3g}..{bright:.3g} (1 % to 99 %) against the {effect.half_luma:.3g} that halves the rate: "
+        f"{hz:.3g} Hz a pixel, so {estimator.of_rate(hz):.3g} events beside {estimator.scene_events:.3g} of the scene"
+    )
+    return estimator.added(hz), seen
+
+
+def _hot_pixels(estimator: OmissionEstimator, effect: HotPixels) -> tuple[OmissionError, str]:
+    camera, hz = estimator.sequence.camera, effect.fraction * effect.rate_hz
+    seen = (
+        f"{effect.fraction * camera.width * camera.height:.3g} pixels of {effect.rate_hz:.3g} Hz: "
+        f"{estimator.of_rate(hz):.3g} events beside {estimator.scene_events:.3g} of the scene"
+    )
+    return estimator.added(hz), seen
+
+
+def _gaps_us(events: EventArray) -> npt.NDArray[np.int64]:
+    """Times between consecutive events of a pixel."""
+    order = np.lexsort((events["t"], events["x"], events["y"]))
+    ordered = events[order]
+    same = (np.diff(ordered["x"].astype(int)) == 0) & (np.diff(ordered["y"].astype(int)) == 0)
+    return np.asarray(np.diff(ordered["t"])[same])
+
+
+def _readout(estimator: OmissionEstimator, effect: Readout) -> tuple[OmissionError, str]:
+    return through_bus(estimator.sequence.pixels, effect, estimator.shift_us)
+
+
+_ESTIMATORS: dict[type[Effect], Callable[[OmissionEstimator, Any], tuple[OmissionError, str]]] = {
+    Vignetting: _vignetting,
+    LensBlur: _lens_blur,
+    PhotoreceptorBandwidth: _bandwidth,
+    ThresholdMismatch: _mismatch,
+    RefractoryPeriod: _refractory,
+    LeakRate: _leak,
+    ShotNoise: _shot_noise,
+    HotPixels: _hot_pixels,
+    Readout: _readout,
+}

@@ -1,0 +1,134 @@
+"""What is looked at of a sequence to foresee effects: a few pixels all the time, all pixels now and then."""
+
+from __future__ import annotations
+
+import math
+from functools import cached_property
+
+import numpy as np
+
+from ..luma import LumaFrames
+from ..sampling.keyframes import Stretch
+from ..sampling.rules import MaxDisplacement
+from ..trajectory.views import Views
+from .luma_sample import IntArray, LumaSample, LumaSegment
+
+PATCH_PX = 2
+"""Pixels are taken in squares of this side: those of a blur have most of their neighbours in common, and those of many
+small squares see more of the scene than as many pixels of a few large ones."""
+
+MOST_PATCHES, FEWEST_PATCHES = 256, 64
+SENSOR_SHARE = 1 / 8
+"""A small sensor's share that is looked at; of a large one :data:`MOST_PATCHES` do."""
+
+MOST_KEYFRAMES, PARTS = 4096, 8
+"""A longer sequence is looked at in so many parts, spread evenly over its motion."""
+
+WHOLE_FRAMES, WINDOWS = 16, 4
+"""So many consecutive keyframes of all pixels in each of so many windows."""
+
+_SAMPLES_A_CALL = 1 << 16
+_LONGEST_WINDOW_US = 10_000
+
+
+class SequenceSample:
+    """A cheap look at a sequence.
+
+    Keyframes lie a third of a pixel apart by the displacement clock. Most effects act in single pixels but over all
+    time (levels that drift, drift further), so small squares, spread evenly, are seen at all keyframes: ``pixels``. A
+    lens acts on neighbours but on each instant alone, so all pixels are seen in a few windows: ``frames``.
+
+    Args:
+        stretch: the whole sequence.
+        contrast_threshold_off: C_off; C_on is the stretch's.
+        seed: of the places of the squares, and of the engine.
+    """
+
+    def __init__(
+        self, stretch: Stretch, *, contrast_threshold: float, contrast_threshold_off: float, seed: int
+    ) -> None:
+        self.stretch = stretch
+        self.renderer = stretch.renderer
+        self.camera = stretch.renderer.camera
+        self.duration_us = stretch.end_us - stretch.start_us
+        planned = MaxDisplacement().instants(
+            stretch.renderer, stretch.trajectory, self.duration_us, start_us=stretch.start_us
+        )
+        self.t_us = np.unique(np.array([0, *planned, self.duration_us], np.int64))
+        self.path_px = (len(self.t_us) - 2) * MaxDisplacement().pixels
+        self.seed = seed
+        self._engine = (contrast_threshold, contrast_threshold_off, stretch.log_eps, seed)
+        self.pixel = _scattered(self.camera.width, self.camera.height, seed)
+
+    @cached_property
+    def pixels(self) -> LumaSample:
+        """A few pixels all the time; of a long sequence in some parts."""
+        chosen = [self.t_us]
+        if len(self.t_us) > MOST_KEYFRAMES:
+            chosen = _spread(self.t_us, PARTS, MOST_KEYFRAMES // PARTS)
+        parts = [LumaSegment(t_us, self._samples(t_us)) for t_us in chosen]
+        return LumaSample(self._samples(self.t_us[:1]), parts, *self._engine, len(self.pixel) / self._size)
+
+    @cached_property
+    def frames(self) -> LumaSample:
+        """All pixels in a few windows."""
+        chosen = _spread(self.t_us, WINDOWS, WHOLE_FRAMES)
+        parts = [LumaSegment(t_us, self.luma(t_us)) for t_us in chosen]
+        return LumaSample(self.luma(self.t_us[:1]), parts, *self._engine, 1.0)
+
+    def luma(self, t_us: IntArray) -> LumaFrames:
+        """Whole frames (k, H, W)."""
+        batch = self.stretch.batch
+        parts = [self.renderer.luma(self._views(t_us[i : i + batch])) for i in range(0, len(t_us), batch)]
+        return np.concatenate(parts)
+
+    def window_us(self, shift_us: float) -> int:
+        """How far apart events of the same crossing may be: the time of one pixel of motion, as it is on the average.
+
+        At least twice ``shift_us``, so that a shift can be seen, and 10 ms where nothing moves.
+        """
+        pixel_us = self.duration_us / self.path_px if self.path_px > 0 else math.inf
+        return math.ceil(max(min(pixel_us, _LONGEST_WINDOW_US), 2 * shift_us, 1))
+
+    @property
+    def _size(self) -> int:
+        return self.camera.width * self.camera.height
+
+    def _views(self, t_us: IntArray) -> Views:
+        return self.stretch.views(self.stretch.start_us + t_us)
+
+    def _samples(self, t_us: IntArray) -> LumaFrames:
+        """The scattered pixels as frames (k, 1, n)."""
+        count, batch = len(self.pixel), max(1, _SAMPLES_A_CALL // len(self.pixel))
+        parts = []
+        for i in range(0, len(t_us), batch):
+            views = self._views(t_us[i : i + batch])
+            view = np.repeat(np.arange(len(views)), count)
+            parts.append(self.renderer.samples(views, view, np.tile(self.pixel, len(views))).reshape(-1, 1, count))
+        return np.concatenate(parts)
+
+
+def _spread(t_us: IntArray, parts: int, length: int) -> list[IntArray]:
+    """So many parts of so many consecutive instants, spread evenly; all in one where there are no more."""
+    if len(t_us) <= parts * length:
+        return [t_us]
+    starts = np.linspace(0, len(t_us) - length, parts).astype(int)
+    return [t_us[start : start + length] for start in starts.tolist()]
+
+
+def _scattered(width: int, height: int, seed: int) -> IntArray:
+    """Pixels y W + x of squares, one at random in each cell of a grid."""
+    across, down = min(PATCH_PX, width), min(PATCH_PX, height)
+    wanted = float(np.clip(SENSOR_SHARE * width * height / (across * down), FEWEST_PATCHES, MOST_PATCHES))
+    columns = int(np.clip(round(math.sqrt(wanted * width / height)), 1, width // across))
+    rows = int(np.clip(round(wanted / columns), 1, height // down))
+    random = np.random.Generator(np.random.Philox(seed))
+    found = []
+    for row in range(rows):
+        for column in range(columns):
+            left, right = column * width // columns, (column + 1) * width // columns
+            top, bottom = row * height // rows, (row + 1) * height // rows
+            x = random.integers(left, right - across, endpoint=True) + np.arange(across)
+            y = random.integers(top, bottom - down, endpoint=True) + np.arange(down)
+            found.append((y[:, None] * width + x).ravel())
+    return np.concatenate(found)

@@ -1,0 +1,180 @@
+"""Laws that values are drawn from, and the words that they are drawn with."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import accumulate
+from statistics import NormalDist
+from typing import Any
+
+
+class Words:
+    """Random words that are a function of (seed, index, path) alone, the same on every machine.
+
+    Word k is the first eight bytes of SHA-256 of the text ``seed/index/path/k``: no library's generator, whose stream
+    may change, and no state that one value would leave to the next.
+    """
+
+    def __init__(self, seed: int, index: int, path: str) -> None:
+        self._of = f"{seed}/{index}/{path}"
+        self._taken = 0
+
+    def word(self) -> int:
+        """Uniform in 0..2^64 - 1."""
+        digest = hashlib.sha256(f"{self._of}/{self._taken}".encode()).digest()
+        self._taken += 1
+        return int.from_bytes(digest[:8], "big")
+
+    def unit(self) -> float:
+        """Uniform in the open interval (0, 1), in steps of 2^-52."""
+        return ((self.word() >> 12) + 0.5) * 2.0**-52
+
+
+class Distribution(ABC):
+    """A distribution that stands in a plan in place of a value."""
+
+    @abstractmethod
+    def draw(self, words: Words) -> Any:
+        """One value; of :class:`Choice` an option, in which there may be other distributions."""
+
+
+@dataclass(frozen=True)
+class Uniform(Distribution):
+    """``{uniform: [a, b]}``: a number between a and b, a < b."""
+
+    low: float
+    high: float
+
+    def __post_init__(self) -> None:
+        _check_bounds(self.low, self.high)
+
+    def draw(self, words: Words) -> float:
+        return _within(self.low + words.unit() * (self.high - self.low), self.low, self.high)
+
+
+@dataclass(frozen=True)
+class LogUniform(Distribution):
+    """``{log_uniform: [a, b]}``: a number whose logarithm is uniform, 0 < a < b."""
+
+    low: float
+    high: float
+
+    def __post_init__(self) -> None:
+        _check_bounds(self.low, self.high)
+        if self.low <= 0:
+            raise ValueError(f"bounds must be > 0, got {self.low}")
+
+    def draw(self, words: Words) -> float:
+        low, high = math.log(self.low), math.log(self.high)
+        return _within(math.exp(low + words.unit() * (high - low)), self.low, self.high)
+
+
+@dataclass(frozen=True)
+class Integers(Distribution):
+    """``{integers: [a, b]}``: an integer from a to b, both of them possible, a < b."""
+
+    low: int
+    high: int
+
+    def __post_init__(self) -> None:
+        _check_bounds(self.low, self.high)
+
+    def draw(self, words: Words) -> int:
+        return self.low + (words.word() * (self.high - self.low + 1) >> 64)
+
+
+@dataclass(frozen=True)
+class Normal(Distribution):
+    """``{normal: [mean, sigma], min: a, max: b}``: the normal distribution, sigma > 0.
+
+    Where min or max are given, it is cut off there: what lies outside is never drawn, not moved to the bound.
+    """
+
+    mean: float
+    sigma: float
+    low: float = -math.inf
+    high: float = math.inf
+
+    def __post_init__(self) -> None:
+        if not self.sigma > 0:
+            raise ValueError(f"sigma must be > 0, got {self.sigma}")
+        _check_bounds(self.low, self.high)
+        least, most, _ = self._shares()
+        if not least < most:
+            raise ValueError(f"nothing of the distribution lies in {self.low}..{self.high}")
+
+    def draw(self, words: Words) -> float:
+        least, most, sign = self._shares()
+        share = least + words.unit() * (most - least)
+        # Rounding may lead to a share of 0 or 1, whose quantile is infinite.
+        share = min(max(share, 5e-324), 1 - 2.0**-53)
+        return _within(self.mean + sign * self.sigma * NormalDist().inv_cdf(share), self.low, self.high)
+
+    def _shares(self) -> tuple[float, float, int]:
+        """Shares below the two bounds; above the mean those of the mirror image, so that small shares keep digits."""
+        low, high, sign = (self.low - self.mean) / self.sigma, (self.high - self.mean) / self.sigma, 1
+        if low > 0:
+            low, high, sign = -high, -low, -1
+        return _share_below(low), _share_below(high), sign
+
+
+@dataclass(frozen=True)
+class Choice(Distribution):
+    """``{choice: [x, y, ...], weights: [1, 2, ...]}``: one of the options; without weights all are as likely.
+
+    An option may hold distributions of its own.
+    """
+
+    options: tuple[Any, ...]
+    weights: tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        if not self.options:
+            raise ValueError("there must be an option")
+        if self.weights and len(self.weights) != len(self.options):
+            raise ValueError(f"there must be a weight for each of the {len(self.options)} options, got {self.weights}")
+        if self.weights and (min(self.weights) < 0 or not 0 < sum(self.weights) < math.inf):
+            raise ValueError(f"weights must be >= 0 and not all 0, got {self.weights}")
+
+    def draw(self, words: Words) -> Any:
+        if not self.weights:
+            return self.options[words.word() * len(self.options) >> 64]
+        sums: Sequence[float] = list(accumulate(self.weights))
+        aim = words.unit() * sums[-1]
+        # The last one with a weight, where rounding leads to the very end.
+        last = max(place for place, weight in enumerate(self.weights) if weight > 0)
+        return self.options[next((place for place, reached in enumerate(sums) if aim < reached), last)]
+
+
+def draw(node: Any, seed: int, index: int, path: str = "", words: Words | None = None) -> Any:
+    """The value of a node of the plan in sequence ``index``: distributions drawn, everything else as it is.
+
+    A distribution at ``path`` (``motion.speed_m_s``; the place in a list counts as a key) draws words of this path
+    alone. One that stands as an option of a choice at the same path goes on with the choice's words.
+    """
+    if isinstance(node, Distribution):
+        words = words or Words(seed, index, path)
+        return draw(node.draw(words), seed, index, path, words)
+    if isinstance(node, dict):
+        return {key: draw(value, seed, index, f"{path}.{key}" if path else key) for key, value in node.items()}
+    if isinstance(node, tuple):
+        return [draw(value, seed, index, f"{path}.{place}") for place, value in enumerate(node)]
+    return node
+
+
+def _check_bounds(low: float, high: float) -> None:
+    if not low < high:
+        raise ValueError(f"the first bound must lie below the second one, got {low} and {high}")
+
+
+def _share_below(x: float) -> float:
+    """Of the standard normal distribution; far below 0 too, where 1 + erf has no digits left."""
+    return 0.5 * math.erfc(-x / math.sqrt(2))
+
+
+def _within(value: float, low: float, high: float) -> float:
+    return min(max(value, low), high)

@@ -1,0 +1,158 @@
+"""A plan: how many sequences, and for each setting a value or the distribution that it is drawn from."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ..camera import PRESETS
+from ..scenes import BUILTIN_SCENES
+from ..sequences import SEQUENCES
+from ..settings import FolderSettings, Setting, settings_of
+from .distributions import Choice, Distribution, Words, draw
+from .parse import Parser, Where, effects, imu_effects, motion, value_of
+from .yaml_file import read_yaml
+
+_RULES: Mapping[type | None, str] = {float: "a number", int: "an integer", str: "a text", bool: "true or false"}
+_NAMES: Mapping[str, Collection[str]] = {"scene": {*BUILTIN_SCENES, *SEQUENCES}, "camera": PRESETS}
+_NOT_KEYS = {"seed", "threads"}
+"""The seed is the plan's, and drawn for each sequence; threads are those of the workers."""
+
+SETTINGS: dict[str, Setting] = {
+    setting.key: setting
+    for setting in settings_of(FolderSettings).values()
+    if setting.kind is not None and setting.name not in _NOT_KEYS
+}
+"""The settings of a simulation that a plan may give or draw, by key."""
+
+MOST_SEQUENCES = 1_000_000
+"""Of a plan: a manifest of more is no longer handled by any program."""
+
+KEYS: dict[str, Parser] = {
+    "scene": value_of("a text", none=False),
+    "motion": motion,
+    "start": value_of("a number"),
+    "duration": value_of("a number"),
+    "effects": effects,
+    "imu_effects": imu_effects,
+    **{
+        key: value_of(_RULES[setting.kind], none=setting.declared.default is None)
+        for key, setting in SETTINGS.items()
+        if setting.kind is not list
+    },
+}
+"""The keys of a sequence, and what reads them: those of the settings, and the camera path's."""
+
+
+@dataclass(frozen=True)
+class SequencePlan:
+    """A plan that was read.
+
+    Attributes:
+        file: where it came from; scenes, calibrations and trajectories that are files are relative to its folder.
+        seed: of all draws, >= 0.
+        sequences: how many.
+        tree: for each key a value or a distribution.
+        identity: the plan in JSON's types, without the number of sequences: this one can grow.
+        digests: SHA-256 of each file that the plan names, by the name that it has there.
+    """
+
+    file: Path
+    seed: int
+    sequences: int
+    tree: Mapping[str, Any]
+    identity: Mapping[str, Any]
+    digests: Mapping[str, str]
+
+    @property
+    def sha256(self) -> str:
+        """Of the identity and the files: two plans with the same one draw and make the same sequences."""
+        text = json.dumps([self.identity, self.digests], sort_keys=True)
+        return hashlib.sha256(text.encode()).hexdigest()
+
+    def parameters(self, index: int) -> dict[str, Any]:
+        """What is drawn for a sequence, in JSON's types and the order of the keys' names.
+
+        A value is a function of (the plan's seed, ``index``, its key path), so that another key, another order of keys
+        or more sequences change none. The seeds that are not given are drawn as well: ``seed`` of the simulation, and
+        a motion's own.
+        """
+        drawn: dict[str, Any] = draw(self.tree, self.seed, index)
+        drawn["seed"] = self._drawn_seed(index, "seed")
+        path = drawn.get("motion")
+        if path is not None and path["kind"] in _SEEDED_MOTIONS and "seed" not in path:
+            path["seed"] = self._drawn_seed(index, "motion.seed")
+        in_order: dict[str, Any] = json.loads(json.dumps(drawn, sort_keys=True))
+        return in_order
+
+    def _drawn_seed(self, index: int, path: str) -> int:
+        return Words(self.seed, index, path).word() >> 33  # 31 bits: Mitsuba's samplers count on from it in 32
+
+
+_SEEDED_MOTIONS = ("hand_held", "walking", "running")
+
+
+def sequence_name(index: int) -> str:
+    """The folder of a sequence; it does not depend on how many there are."""
+    return f"sequence_{index:05d}"
+
+
+def load_sequence_plan(path: str | Path) -> SequencePlan:
+    """Read a plan. Its keys and distributions are those of ``docs/generate.md``.
+
+    Raises:
+        OSError: if it, or a file that it names, cannot be read.
+        ValueError: where it breaks a rule, naming file, key path, rule and value.
+    """
+    file = Path(path)
+    where = Where(file)
+    given = where.mapping(read_yaml(file), "a mapping of keys to values")
+    tree: dict[str, Any] = {}
+    for key, value in given.items():
+        if key in ("seed", "sequences"):
+            continue
+        if key not in KEYS:
+            where.unknown(key, ("seed", "sequences", *KEYS))
+        tree[key] = KEYS[key](value, where.at(key))
+    if "scene" not in tree:
+        raise ValueError(f"{file}: a plan needs a scene")
+    seed, sequences = given.get("seed", 0), given.get("sequences", 1)
+    for key, value, least in (("seed", seed, 0), ("sequences", sequences, 1)):
+        if not isinstance(value, int) or isinstance(value, bool) or value < least:
+            where.at(key).refuse(f"an integer >= {least}", value)
+    if sequences > MOST_SEQUENCES:
+        where.at("sequences").refuse(f"at most {MOST_SEQUENCES}", sequences)
+    identity = {key: value for key, value in given.items() if key != "sequences"} | {"seed": seed}
+    return SequencePlan(file, seed, sequences, tree, identity, _digests(tree, file.parent))
+
+
+def resolve(key: str, text: str, base: Path) -> str:
+    """What ``scene`` or ``camera`` stands for: a name that is known, or where the file lies, relative to ``base``.
+
+    A known name is never a file's, as in :func:`~davis_rs.load_scene` and :func:`~davis_rs.load_camera`.
+    """
+    return text if text in _NAMES[key] else str(base / text)
+
+
+def _digests(tree: Mapping[str, Any], base: Path) -> dict[str, str]:
+    named = {text for key, names in _NAMES.items() for text in _texts(tree.get(key)) if text not in names}
+    named |= {text for one in _options(tree.get("motion")) if one for text in _texts(one.get("file"))}
+    files = {text: base / text for text in sorted(named) if (base / text).is_file()}
+    return {text: hashlib.sha256(path.read_bytes()).hexdigest() for text, path in files.items()}
+
+
+def _texts(node: Any) -> list[str]:
+    return [option for option in _options(node) if isinstance(option, str)]
+
+
+def _options(node: Any) -> Iterator[Any]:
+    """All that a node may come to."""
+    if isinstance(node, Choice):
+        for option in node.options:
+            yield from _options(option)
+    elif not isinstance(node, Distribution):
+        yield node

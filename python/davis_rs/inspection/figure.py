@@ -1,0 +1,232 @@
+"""A figure of a sequence: intensity frame, events, depth map, and events over time."""
+
+from __future__ import annotations
+
+import io
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..events import EventArray
+from .visual_sequence import VisualSequence, display_grey, open_visual_sequence
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+ON_RGB = (202, 0, 32)
+OFF_RGB = (5, 113, 176)
+"""Red and blue that the usual kinds of colour blindness tell apart (the ends of ColorBrewer's RdBu)."""
+
+_EVENTS_A_PIXEL = 0.2
+_BAND_ROWS, _BAND_EVENTS_A_COLUMN, _BAND_WINDOWS = 5, 30, 20
+_FLAT = 1e-4  # a depth map whose relief is a smaller share of its depth shows rounding alone
+_FORMATS = ("png", "pdf", "svg", "eps", "jpg", "jpeg", "tif", "tiff", "webp")
+_MISSING_DEPTH = "0.82"
+_WIDTH_IN, _TITLE_IN, _TICKS_IN, _LABEL_IN = 7.2, 0.25, 0.3, 0.25
+_LEFT, _RIGHT, _PANEL_WIDTH = 0.035, 0.56, 0.43  # of the figure's width
+_STYLE: dict[Any, Any] = {
+    "font.family": "sans-serif",
+    "font.size": 8,
+    "axes.titlesize": 9,
+    "axes.linewidth": 0.6,
+    "figure.facecolor": "white",
+    "savefig.facecolor": "white",
+}
+
+
+def view(
+    source: str | Path,
+    *,
+    t_s: float | None = None,
+    window_s: float | None = None,
+    size: tuple[int, int] | None = None,
+) -> Figure:
+    """Draw one moment of a sequence as a figure of four panels, 7.2 inches wide; in a notebook it shows itself.
+
+    The intensity frame; the events of a short window around it, ON red and OFF blue, over the faded frame; the depth
+    map (grey where nothing is hit); and column over time of the events of a few middle rows, in a longer window. Frames
+    hold linear light, so they are drawn with sRGB's transfer curve. What the source does not have is left empty, and
+    the title says so. ``savefig`` of the figure writes PNG, PDF, SVG and others, by the suffix.
+
+    Args:
+        source: a dataset folder, an event file of any format, or a recording (AEDAT, or a camera's bytes).
+        t_s: the moment in seconds, by default the middle. The nearest frame and depth map are shown. Times are those of
+            the file; those of a recording count from its start.
+        window_s: length of the window of events, centred on the frame's time; by default such that it holds about 0.2
+            events a pixel.
+        size: (width, height) of the sensor in pixels, where the source does not say.
+
+    Returns:
+        A matplotlib Figure.
+
+    Raises:
+        ImportError: without matplotlib, saying how to get it.
+        ValueError: for a time outside of the sequence, a window that is not positive, or a size that nobody knows.
+        DecodeError, OSError: if the source cannot be read.
+    """
+    mpl = _matplotlib()
+    if window_s is not None and not 0 < window_s < math.inf:
+        raise ValueError(f"window_s must be positive and finite, got {window_s}")
+    sequence = open_visual_sequence(source, size=size)
+    start_us, end_us = sequence.start_us, sequence.end_us
+    if t_s is not None and not start_us <= t_s * 1e6 <= end_us:
+        raise ValueError(f"t_s must lie in the sequence, {start_us / 1e6:g}..{end_us / 1e6:g} s, got {t_s}")
+    t_us = (start_us + end_us) // 2 if t_s is None else round(t_s * 1e6)
+    frame, depth = nearest(sequence.frame_times, t_us), nearest(sequence.depth_times, t_us)
+    if frame is not None:
+        t_us = sequence.frame_times[frame]
+    width, height = sequence.size
+    pixels = width * height
+    shown, shown_ms = _around(sequence.events, t_us, _EVENTS_A_PIXEL * pixels, window_s)
+    rows = max(0, height // 2 - _BAND_ROWS // 2), min(height, height // 2 + (_BAND_ROWS + 1) // 2)
+    in_band = (sequence.events["y"] >= rows[0]) & (sequence.events["y"] < rows[1])
+    band, band_ms = _around(
+        sequence.events[in_band],
+        t_us,
+        _BAND_EVENTS_A_COLUMN * width,
+        None if window_s is None else _BAND_WINDOWS * window_s,
+    )
+    grey = np.ones((height, width)) if frame is None else display_grey(sequence.read_frame(frame))
+
+    with mpl.rc_context(_STYLE):
+        # The three pictures have one size, whatever stands next to them.
+        panel_in = _PANEL_WIDTH * _WIDTH_IN * height / width
+        height_in = 2 * (_TITLE_IN + panel_in + _TICKS_IN) + _LABEL_IN
+        figure = _make_figure((_WIDTH_IN, height_in))
+        row = (_TITLE_IN + panel_in + _TICKS_IN) / height_in
+        axes = [
+            figure.add_axes((left, bottom + _TICKS_IN / height_in, _PANEL_WIDTH, panel_in / height_in))
+            for left, bottom in ((_LEFT, row), (_RIGHT, row), (_LEFT, 0.0))
+        ]
+        figure.text(0.5, 1 - 0.6 * _LABEL_IN / height_in, sequence.label, ha="center", va="center", fontsize=9)
+        for ax in axes:
+            ax.set_xticks(_ticks(width))
+            ax.set_yticks(_ticks(height))
+            ax.tick_params(labelsize=6, width=0.5, length=2, pad=1.5)
+        axes[0].imshow(grey, cmap="gray", vmin=0, vmax=1, interpolation="nearest")
+        axes[0].set_title("(a) intensity frame, " + _time(t_us) if frame is not None else "(a) no intensity frames")
+        axes[1].imshow(event_picture(grey, shown), interpolation="nearest")
+        counted = f"{len(shown):,} events in {shown_ms:.3g} ms: ON red, OFF blue"
+        axes[1].set_title("(b) " + (counted if len(shown) else "no events in this window"))
+        _draw_depth(axes[2], sequence, depth)
+        over_time = figure.add_axes((_RIGHT, _TICKS_IN / height_in, _PANEL_WIDTH, panel_in / height_in))
+        _draw_band(over_time, band, rows, t_us, band_ms, width)
+    return figure
+
+
+def check_figure_path(path: str | Path) -> Path:
+    """``path`` as a Path, if its suffix is a picture format that can be written.
+
+    Raises:
+        ValueError: for another suffix, or none; the message lists those there are.
+    """
+    if Path(path).suffix.lower().removeprefix(".") not in _FORMATS:
+        known = ", ".join(f".{name}" for name in _FORMATS)
+        raise ValueError(f"the suffix of {str(path)!r} stands for no picture format: it must be one of {known}")
+    return Path(path)
+
+
+def _matplotlib() -> Any:
+    try:
+        import matplotlib as mpl
+    except ImportError as error:
+        raise ImportError("drawing needs matplotlib: pip install 'davis_rs[view]'") from error
+    return mpl
+
+
+def _make_figure(inches: tuple[float, float]) -> Figure:
+    """A figure outside of pyplot (nothing keeps it alive), which a notebook shows nevertheless."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    class NotebookFigure(Figure):
+        def _repr_png_(self) -> bytes:
+            stream = io.BytesIO()
+            self.savefig(stream, format="png", dpi=100)
+            return stream.getvalue()
+
+    figure = NotebookFigure(figsize=inches, dpi=200)
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def nearest(times_us: Sequence[int], t_us: int) -> int | None:
+    """The index of the time that is nearest, None where there is none."""
+    return min(range(len(times_us)), key=lambda i: abs(times_us[i] - t_us), default=None)
+
+
+def event_picture(grey: npt.NDArray[np.float64], events: EventArray) -> npt.NDArray[np.uint8]:
+    """Events over a faded image: uint8 (H, W, 3); a pixel with events has the colour of its last one."""
+    picture = np.repeat(np.rint(255 * (0.45 + 0.55 * grey))[..., None], 3, axis=2).astype(np.uint8)
+    # Assignment with repeated indices keeps the last value: events are in the order of time.
+    picture[events["y"], events["x"]] = np.where(events["p"][:, None] == 1, ON_RGB, OFF_RGB)
+    return picture
+
+
+def _around(events: EventArray, t_us: int, count: float, window_s: float | None) -> tuple[EventArray, float]:
+    """The events of a window centred on ``t_us``, and its length in ms: as given, or what holds ``count`` events."""
+    t = events["t"]
+    if window_s is not None:
+        half_us = round(window_s * 0.5e6)
+    elif len(events):
+        last = min(int(count), len(events) - 1)
+        half_us = int(np.partition(np.abs(t - t_us), last)[last])
+    else:
+        half_us = 0
+    window = slice(np.searchsorted(t, t_us - half_us), np.searchsorted(t, t_us + half_us, side="right"))
+    return events[window], 2 * half_us / 1e3
+
+
+def _draw_depth(ax: Axes, sequence: VisualSequence, index: int | None) -> None:
+    if index is None:
+        ax.set_title("(c) no depth maps")
+        ax.set_axis_off()
+        return
+    depth = np.ma.masked_invalid(sequence.read_depth(index))
+    title = f"(c) depth, {_time(sequence.depth_times[index])}"
+    least: float | None = None
+    most: float | None = None
+    if depth.count() == 0:
+        title += ", nothing is hit"
+        least, most = 0.0, 1.0
+    elif float(np.ptp(depth.compressed())) <= _FLAT * float(depth.max()):
+        z = float(depth.mean())
+        title += f", {z:.3f} m everywhere"
+        least, most = 0.95 * z, 1.05 * z
+    ax.set_facecolor(_MISSING_DEPTH)
+    image = ax.imshow(depth, cmap="viridis_r", interpolation="nearest", vmin=least, vmax=most)
+    ax.set_title(title)
+    if depth.count():
+        bar = ax.figure.colorbar(image, cax=ax.inset_axes((1.02, 0.0, 0.03, 1.0)))
+        bar.ax.set_title("z (m)", fontsize=6, pad=3)
+        bar.ax.tick_params(width=0.6, length=2, labelsize=6)
+
+
+def _draw_band(ax: Axes, events: EventArray, rows: tuple[int, int], t_us: int, span_ms: float, width: int) -> None:
+    """Column over time of all events of a few rows: what moves evenly draws straight lines."""
+    colours = np.where(events["p"][:, None] == 1, ON_RGB, OFF_RGB) / 255.0
+    ax.scatter((events["t"] - t_us) / 1e3, events["x"], c=colours, s=1.5, linewidths=0, rasterized=True)
+    counted = f"{len(events):,} events of rows {rows[0]} to {rows[1] - 1}" if len(events) else "no events"
+    ax.set_title(f"(d) {counted}, {span_ms:.3g} ms" if len(events) else f"(d) {counted}")
+    reach = span_ms / 2 if span_ms > 0 else 1.0
+    ax.set_xlim(-reach, reach)
+    ax.set_ylim(-0.5, width - 0.5)
+    ax.set_yticks(_ticks(width))
+    ax.set_xlabel(f"time from {t_us / 1e6:.3f} s (ms)", labelpad=1, fontsize=7)
+    ax.text(-0.01, 1.015, "x (px)", transform=ax.transAxes, ha="right", va="bottom", fontsize=6)
+    ax.tick_params(labelsize=6, width=0.5, length=2, pad=1.5)
+
+
+def _ticks(side: int) -> list[int]:
+    """Pixels to name along a side: at most five, at round distances."""
+    step = next(step for step in (1, 2, 5, 10, 20, 30, 40, 60, 80, 100, 200, 400, 1000, 20_000) if side / step <= 4.5)
+    return list(range(0, side, step))
+
+
+def _time(t_us: int) -> str:
+    return f"t = {t_us / 1e6:.3f} s"

@@ -1,0 +1,160 @@
+"""What a figure or a video is drawn from: events, frames and depth of a folder, an event file or a recording."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..dataset.reader import Dataset
+from ..decoded import Decoded, Frame
+from ..event_files.read import open_reader
+from ..events import EventArray, concatenate_events
+from ..recordings import read_recording
+from ..usb.raw_file import RawRecording, is_raw
+from .dataset_description import describe_dataset
+
+_AEDAT = b"#!AER-DAT"
+_FRAME_WHITE = 65_535  # frames of a camera have 16 bits
+
+GreyImage = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class VisualSequence:
+    """What can be drawn of a sequence; frames and depth maps are read when they are asked for.
+
+    Attributes:
+        label: one line for the figure: name, contrast threshold and sensor, as far as the source says them.
+        size: (width, height) of the sensor in pixels.
+        events: all events, in the order of time.
+        start_us, end_us: the first and the last instant; times are the file's own, those of a recording count from
+            its first one.
+        frame_times, depth_times: in microseconds.
+        read_frame: the frame of a number as linear light, float64 (height, width) in 0..1.
+        read_depth: the depth map of a number in metres, float32 (height, width), inf where nothing is hit.
+    """
+
+    label: str
+    size: tuple[int, int]
+    events: EventArray
+    start_us: int
+    end_us: int
+    frame_times: Sequence[int] = ()
+    depth_times: Sequence[int] = ()
+    read_frame: Callable[[int], GreyImage] = field(default=lambda _: np.ones((1, 1)))
+    read_depth: Callable[[int], npt.NDArray[np.float32]] = field(default=lambda _: np.ones((1, 1), np.float32))
+
+
+def open_visual_sequence(path: str | Path, *, size: tuple[int, int] | None = None) -> VisualSequence:
+    """Open a dataset folder, an event file of any format, or a recording (AEDAT, or the bytes of a camera).
+
+    Args:
+        size: (width, height) of the sensor in pixels, where the file does not say.
+
+    Raises:
+        OSError, DecodeError: if it cannot be read.
+        ValueError: if neither the file nor ``size`` says how large the sensor is, or an event lies outside of it.
+    """
+    path = Path(path)
+    if path.is_dir():
+        return _of_dataset(Dataset(path), size)
+    with path.open("rb") as file:
+        is_aedat = file.read(len(_AEDAT)) == _AEDAT
+    if is_aedat:
+        recording = read_recording(path).from_start()
+        name = recording.chip or recording.format
+        return _of_decoded(path, name, size or (recording.width, recording.height), [recording.decoded])
+    if is_raw(path):
+        raw = RawRecording(path)
+        decoder, device = raw.decoder(), raw.camera.device
+        parts = [decoder.push(chunk) for chunk in raw.chunks()]
+        return _of_decoded(path, raw.camera.chip, size or (device.width, device.height), parts)
+    with open_reader(path) as reader:
+        known, events = size or reader.size, reader.read()
+    if known is None:
+        raise ValueError(f"{path} does not say the sensor's size: give it (size=, --size)")
+    return _of_events(path, f"{path.name}, sensor {known[0]} x {known[1]}", known, events)
+
+
+def display_grey(linear: npt.NDArray[np.floating[Any]]) -> GreyImage:
+    """Linear values in 0..1 as a display wants them, in 0..1 (IEC 61966-2-1, the sRGB transfer curve)."""
+    return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
+
+
+def _label(dataset: Dataset, size: tuple[int, int]) -> str:
+    """One line: the scene or else the folder's name, C, and the sensor."""
+    said = describe_dataset(dataset)
+    sensor = f"sensor {size[0]} x {size[1]}"
+    if said.effects is not None:
+        sensor += f", with {', '.join(said.effects)}" if said.effects else ", ideal"
+    parts = [said.scene or dataset.path.resolve().name, said.threshold, sensor]
+    return ", ".join(part for part in parts if part)
+
+
+def _of_dataset(dataset: Dataset, size: tuple[int, int] | None) -> VisualSequence:
+    size = size or dataset.size
+    if size is None:
+        raise ValueError(f"{dataset.path} has neither meta.json nor frames that say the sensor's size: give it")
+    frame_times = [image.t_us for image in dataset.frames]
+    depth_times = [image.t_us for image in dataset.depth_maps]
+    events = dataset.events
+    _check_inside(events, size, dataset.path)
+    ends = [*frame_times[-1:], *depth_times[-1:], int(dataset.meta.get("duration_us", 0))]
+    return VisualSequence(
+        _label(dataset, size),
+        size,
+        events,
+        0,
+        max([*ends, *events["t"][-1:].tolist()]),
+        frame_times,
+        depth_times,
+        lambda number: dataset.read_image(number) / 255.0,
+        dataset.read_depth,
+    )
+
+
+def _of_decoded(path: Path, camera: str, size: tuple[int, int], parts: list[Decoded]) -> VisualSequence:
+    frames = [frame for part in parts for frame in part.frames]
+    events = concatenate_events([part.events for part in parts])
+    label = f"{path.name}, {camera}, sensor {size[0]} x {size[1]}"
+    times = [frame.t for frame in frames]
+    return _of_events(path, label, size, events, times, lambda number: _whole(frames[number], size))
+
+
+def _of_events(
+    path: Path,
+    label: str,
+    size: tuple[int, int],
+    events: EventArray,
+    frame_times: Sequence[int] = (),
+    read_frame: Callable[[int], GreyImage] = lambda _: np.ones((1, 1)),
+) -> VisualSequence:
+    _check_inside(events, size, path)
+    back = events["t"][1:] < events["t"][:-1]
+    if back.any():
+        at = int(back.argmax()) + 1
+        raise ValueError(f"{path}: event {at} is earlier than the one before it: such times cannot be drawn")
+    times = [*frame_times, *events["t"][:1].tolist(), *events["t"][-1:].tolist()]
+    start_us, end_us = min(times, default=0), max(times, default=0)
+    return VisualSequence(label, size, events, start_us, end_us, frame_times, (), read_frame)
+
+
+def _whole(frame: Frame, size: tuple[int, int]) -> GreyImage:
+    """A camera's frame where it lies on the sensor, white around it."""
+    width, height = size
+    image = np.ones((height, width))
+    part = frame.pixels[: height - frame.y, : width - frame.x] / _FRAME_WHITE
+    image[frame.y : frame.y + part.shape[0], frame.x : frame.x + part.shape[1]] = part
+    return image
+
+
+def _check_inside(events: EventArray, size: tuple[int, int], path: Path) -> None:
+    outside = (events["x"] >= size[0]) | (events["y"] >= size[1])
+    if outside.any():
+        _, x, y, _ = events[int(outside.argmax())].tolist()
+        raise ValueError(f"{path}: an event at (x, y) = ({x}, {y}) lies outside of the {size[0]} x {size[1]} sensor")

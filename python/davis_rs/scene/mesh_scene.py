@@ -1,0 +1,184 @@
+"""A mesh file as a scene: default light, a plain background, and a camera path around the mesh."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from ..camera import PRESETS
+from ..pose import FloatArray, Pose, hamilton
+from ..trajectory.trajectory import CallableTrajectory
+from .mesh_part import MeshPart
+from .meshes import Mesh, shape
+from .obj_file import read_obj
+from .parts import DIRECT, look_at
+from .ply_file import read_ply
+from .scene import Scene
+from .textures import Texture
+
+Axis = Literal["y", "z"]
+
+READERS = {".obj": read_obj, ".ply": read_ply}
+"""How the files are read, by their suffix."""
+
+USUAL_UP: dict[str, Axis] = {".obj": "y", ".ply": "z"}
+"""The axis that points up if nobody says so: the defaults of Blender's exports."""
+
+_CAMERA = PRESETS["ideal"]
+_FILLED = 0.6
+"""Share of the image's height that a ball around the mesh fills."""
+
+_ELEVATION_RAD, _TURN_S = np.radians(30.0), 10.0
+
+_SUN, _SKY = 2.0, 0.3
+"""Irradiance of the sun; radiance of the light from all sides, which is the background's luma too."""
+
+
+def mesh_scene(path: str | Path, *, up: Axis | None = None, scale: float = 1.0) -> Scene:
+    """An OBJ or PLY mesh in the light of a sun and an even sky, before a plain background, seen from all around.
+
+    Surfaces are diffuse, opaque, and seen from both sides. A shape's id is ``mesh``, or ``mesh_MATERIAL`` where faces
+    use several materials. The camera (``ideal``) goes once around the mesh in 10 s, 30 degrees above its middle, so far
+    away that a ball around the mesh fills 60 % of the image's height. The sun stands behind the camera's start, to its
+    left and above.
+
+    Args:
+        up: the file's axis that points up, ``"y"`` or ``"z"``; None: y for OBJ, z for PLY, as Blender exports them.
+        scale: metres in the file's unit, > 0: 0.001 for millimetres.
+
+    Raises:
+        OSError: if the mesh, its materials or a texture cannot be read.
+        ValueError: for a file that breaks its format's rules, a mesh without a surface, or another axis or scale.
+    """
+    path = Path(path)
+    suffix = path.suffix.lower()
+    if suffix not in READERS:
+        raise ValueError(f"a mesh must be one of {', '.join(READERS)}, got {path}")
+    if up not in (None, "y", "z"):
+        raise ValueError(f"up must be y or z, got {up!r}")
+    if not 0 < scale < np.inf:
+        raise ValueError(f"scale must be finite and larger than 0, got {scale}")
+    up = USUAL_UP[suffix] if up is None else up
+    parts = [_in_world(part, up, scale) for part in READERS[suffix](path)]
+    corners = np.concatenate([np.empty((0, 3)), *(part.corners.reshape(-1, 3) for part in parts)])
+    if not len(corners):
+        raise ValueError(f"{path}: the mesh has no faces: there is nothing that a camera could see")
+    low, high = corners.min(0), corners.max(0)
+    if not (high > low).sum() >= 2:
+        raise ValueError(f"{path}: the mesh has no area: all its vertices lie on a point or a line along an axis")
+    centre = (low + high) / 2
+    radius = float(np.linalg.norm(corners - centre, axis=1).max())
+    shapes = {_shape_id(part, parts): part for part in parts}
+    x, y, z = (f"{side:.3g}" for side in high - low)
+    return Scene(
+        name=path.stem,
+        source=lambda: _source(shapes),
+        file=path,
+        camera=_CAMERA,
+        trajectory=_around(centre, radius),
+        note=f"{path.name} is {x} m x {y} m wide and {z} m high, at {scale:g} m to a unit and with axis {up} up",
+    )
+
+
+def _in_world(part: MeshPart, up: Axis, scale: float) -> MeshPart:
+    """A part in metres, with z up."""
+    turn = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]) if up == "y" else np.eye(3)
+    normals = None if part.normals is None else part.normals @ turn.T
+    return part._replace(corners=part.corners @ turn.T * scale, normals=normals)
+
+
+def _shape_id(part: MeshPart, parts: list[MeshPart]) -> str:
+    if len(parts) == 1:
+        return "mesh"
+    name = re.sub(r"\W", "_", part.material)
+    # Names that differ only in characters that an id cannot have are told apart by their place.
+    alike = [other for other in parts if re.sub(r"\W", "_", other.material) == name]
+    return f"mesh_{name}" if len(alike) == 1 else f"mesh_{name}_{parts.index(part)}"
+
+
+def _source(parts: dict[str, MeshPart]) -> dict[str, Any]:
+    right, down, forward = look_at(_direction(0.0), np.zeros(3)).T
+    return {
+        "type": "scene",
+        "integrator": DIRECT,
+        "sun": {"type": "directional", "direction": (forward + 0.6 * down + 0.6 * right).tolist(), "irradiance": _SUN},
+        "sky": {"type": "constant", "radiance": _SKY},
+        **{name: _mitsuba_shape(part) for name, part in parts.items()},
+    }
+
+
+def _mitsuba_shape(part: MeshPart) -> Any:
+    reflectance, uv = part.reflectance, part.uv
+    if part.colours is not None:
+        reflectance, uv = colours_as_texture(part.colours)
+    flipped = np.zeros((*part.corners.shape[:2], 2)) if uv is None else uv * [1, -1] + [0, 1]  # row 0 lies at v = 0
+    count = 3 * len(part.corners)
+    mesh = Mesh(part.corners.reshape(-1, 3), np.arange(count).reshape(-1, 3), flipped.reshape(-1, 2))
+    return shape(mesh, reflectance, normals=None if part.normals is None else part.normals.reshape(-1, 3))
+
+
+def colours_as_texture(colours: FloatArray) -> tuple[Texture, FloatArray]:
+    """A texture that shows colours at corners, linear between: of 2 x 2 texels for each triangle.
+
+    Corners lie at the centres of three of the four texels. The fourth continues the plane through their colours, so
+    that the bilinear lookup between them is linear. It may lie outside of 0 to 1, but no point of the triangle does.
+
+    Args:
+        colours: (m, 3, 3), linear RGB at the three corners of m triangles.
+
+    Returns:
+        The texture, and the corners' texture coordinates (m, 3, 2), v upwards.
+    """
+    columns = int(np.ceil(np.sqrt(len(colours))))
+    rows = -(-len(colours) // columns)
+    row, column = np.divmod(np.arange(len(colours)), columns)
+    texels = np.zeros((rows, 2, columns, 2, 3), np.float32)
+    first, second, third = colours.swapaxes(0, 1)
+    for below, right, colour in ((0, 0, first), (0, 1, second), (1, 0, third), (1, 1, second + third - first)):
+        texels[row, below, column, right] = colour
+    x = (column[:, None] * 2 + [0.5, 1.5, 0.5]) / (2 * columns)
+    y = (row[:, None] * 2 + [0.5, 0.5, 1.5]) / (2 * rows)
+    return texels.reshape(2 * rows, 2 * columns, 3), np.stack([x, 1 - y], 2)
+
+
+def _direction(angle_rad: float) -> FloatArray:
+    """Unit vector from the mesh to the camera, turned so far from its start in front of the mesh (-y)."""
+    out, rise = np.cos(_ELEVATION_RAD), np.sin(_ELEVATION_RAD)
+    return np.array([out * np.sin(angle_rad), -out * np.cos(angle_rad), rise])
+
+
+def _around(centre: FloatArray, radius: float) -> CallableTrajectory:
+    """Once around a ball, which fills :data:`_FILLED` of the image's height, looking at its centre."""
+    # The rim of a ball is seen at the angle whose sine is radius / distance.
+    distance = radius * np.hypot(1.0, 2 * _CAMERA.fy / (_FILLED * _CAMERA.height))
+    rate = 2 * np.pi / _TURN_S
+    axes = look_at(_direction(0.0), np.zeros(3))
+    start = Pose.from_matrix(np.block([[axes, np.zeros((3, 1))], [np.zeros((1, 3)), np.ones((1, 1))]]))
+
+    def positions(t: FloatArray) -> FloatArray:
+        return centre + distance * np.stack([_direction(float(angle)) for angle in rate * t])
+
+    def velocities(t: FloatArray) -> FloatArray:
+        speed = rate * distance * np.cos(_ELEVATION_RAD)
+        return speed * np.stack([np.cos(rate * t), np.sin(rate * t), 0 * t], 1)
+
+    def quaternions(t: FloatArray) -> FloatArray:
+        turn = np.stack([0 * t, 0 * t, np.sin(rate * t / 2), np.cos(rate * t / 2)], 1)
+        return hamilton(turn, np.broadcast_to(start.quaternion, turn.shape))
+
+    return CallableTrajectory(
+        duration_s=_TURN_S,
+        position=positions,
+        velocity=velocities,
+        quaternion=quaternions,
+        angular_rate=lambda t: np.tile(rate * axes[2], (len(t), 1)),
+        description={
+            "path": "a circle around a mesh, looking at its centre",
+            "centre_m": centre.tolist(),
+            "distance_m": float(distance),
+            "elevation_deg": float(np.degrees(_ELEVATION_RAD)),
+        },
+    )

@@ -1,0 +1,142 @@
+"""Triangle meshes made in code: quads, boxes, tubes and balls, many of one texture in one shape."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from ..pose import FloatArray
+from .textures import Texture, bitmap
+
+Window = tuple[float, float, float, float]
+"""Left, top, right and bottom of the piece of a texture that a face shows; 0 to 1 is all of it, more repeats it."""
+
+WHOLE: Window = (0.0, 0.0, 1.0, 1.0)
+
+
+class Mesh(NamedTuple):
+    """Triangles: ``vertices`` (n, 3) in metres, ``faces`` (m, 3) of their indices, ``uv`` (n, 2)."""
+
+    vertices: FloatArray
+    faces: npt.NDArray[np.int64]
+    uv: FloatArray
+
+    def moved(self, offset: npt.ArrayLike, turn_rad: float = 0.0) -> Mesh:
+        """Turned about the vertical axis through the origin, then shifted."""
+        cos, sin = np.cos(turn_rad), np.sin(turn_rad)
+        turn = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+        return self._replace(vertices=self.vertices @ turn.T + offset)
+
+
+def merged(meshes: Iterable[Mesh]) -> Mesh:
+    """All in one: a scene of few shapes loads and renders faster than one of many."""
+    meshes = list(meshes)
+    first = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
+    return Mesh(
+        np.concatenate([mesh.vertices for mesh in meshes]),
+        np.concatenate([mesh.faces + start for mesh, start in zip(meshes, first, strict=False)]),
+        np.concatenate([mesh.uv for mesh in meshes]),
+    )
+
+
+def quad(corner: npt.ArrayLike, across: npt.ArrayLike, up: npt.ArrayLike, window: Window = WHOLE) -> Mesh:
+    """A parallelogram from its lower left corner, seen from the front; row 0 of the texture is its upper edge."""
+    start, right, rise = (np.asarray(vector, np.float64) for vector in (corner, across, up))
+    left, top, end, bottom = window
+    return Mesh(
+        np.stack([start, start + right, start + right + rise, start + rise]),
+        np.array([[0, 1, 2], [0, 2, 3]]),
+        np.array([[left, bottom], [end, bottom], [end, top], [left, top]]),
+    )
+
+
+def box(low: npt.ArrayLike, high: npt.ArrayLike, *, window: Window = WHOLE, period_m: float | None = None) -> Mesh:
+    """An upright box between two corners; each face shows the window, or the texture once every ``period_m``."""
+    start, end = np.asarray(low, np.float64), np.asarray(high, np.float64)
+    x, y, z = np.diag(end - start)
+    sides = [(start, x, z), (start + x, y, z), (start + x + y, -x, z), (start + y, -y, z)]
+    lids = [(start + z, x, y), (start + y, x, -y)]
+
+    def shown(across: FloatArray, up: FloatArray) -> Window:
+        if period_m is None:
+            return window
+        return (0.0, 0.0, float(np.linalg.norm(across)) / period_m, float(np.linalg.norm(up)) / period_m)
+
+    return merged(quad(corner, across, up, shown(across, up)) for corner, across, up in [*sides, *lids])
+
+
+def tube(
+    start: npt.ArrayLike, end: npt.ArrayLike, radii: tuple[float, float], *, sides: int = 8, window: Window = WHOLE
+) -> Mesh:
+    """An open tube or cone from a point to another, of these radii there."""
+    points = np.asarray([start, end], np.float64)
+    axis = points[1] - points[0]
+    aside = np.cross(axis, np.eye(3)[np.abs(axis).argmin()])
+    aside /= np.linalg.norm(aside)
+    other = np.cross(axis, aside) / np.linalg.norm(axis)
+    angle = np.linspace(0.0, 2 * np.pi, sides + 1)
+    ring = np.cos(angle)[:, None] * aside + np.sin(angle)[:, None] * other
+    return _grid(points[:, None] + np.array(radii)[:, None, None] * ring, window)
+
+
+def ball(
+    centre: npt.ArrayLike, radii: npt.ArrayLike, *, rings: int = 5, sides: int = 8, window: Window = WHOLE
+) -> Mesh:
+    """An ellipsoid of these half-axes along x, y and z."""
+    above = np.linspace(-np.pi / 2, np.pi / 2, rings + 1)[:, None]
+    around = np.linspace(0.0, 2 * np.pi, sides + 1)
+    unit = np.stack([np.cos(above) * np.cos(around), np.cos(above) * np.sin(around), np.sin(above) + 0 * around], -1)
+    return _grid(np.asarray(centre, np.float64) + unit * np.asarray(radii, np.float64), window)
+
+
+def _grid(points: FloatArray, window: Window) -> Mesh:
+    """Two triangles between each four neighbours of a grid of points (rows, columns, 3), its first row lowest.
+
+    Where a row shrinks to a point one of the two has no area, and is left out.
+    """
+    rows, columns = points.shape[:2]
+    left, top, right, bottom = window
+    u, v = np.meshgrid(np.linspace(left, right, columns), np.linspace(bottom, top, rows))
+    index = np.arange(rows * columns).reshape(rows, columns)
+    a, b, c, d = (part.ravel() for part in (index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]))
+    faces = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
+    vertices = points.reshape(-1, 3)
+    first, second, third = vertices[faces].swapaxes(0, 1)
+    double_area = np.linalg.norm(np.cross(second - first, third - first), axis=1)
+    return Mesh(vertices, faces[double_area > 1e-12], np.stack([u.ravel(), v.ravel()], 1))
+
+
+def shape(mesh: Mesh, reflectance: Texture | FloatArray | float, *, normals: FloatArray | None = None) -> Any:
+    """A mesh as a diffuse Mitsuba shape, seen from both sides; made under the variant that loads the scene.
+
+    Args:
+        reflectance: a texture (H, W, 3) that repeats, a colour (3,) in linear RGB, or grey.
+        normals: (n, 3) at the vertices of a smooth surface; None: every triangle is flat.
+    """
+    import mitsuba as mi
+
+    textured = isinstance(reflectance, np.ndarray) and reflectance.ndim == 3
+    plain = {"type": "rgb", "value": reflectance.tolist() if isinstance(reflectance, np.ndarray) else reflectance}
+    colour = bitmap(mi.TensorXf(reflectance)) if textured else plain
+    properties = mi.Properties()
+    properties["bsdf"] = mi.load_dict({"type": "twosided", "nested": {"type": "diffuse", "reflectance": colour}})
+    made = mi.Mesh(
+        "mesh",
+        len(mesh.vertices),
+        len(mesh.faces),
+        properties,
+        has_vertex_normals=normals is not None,
+        has_vertex_texcoords=True,
+    )
+    values = {"vertex_positions": mesh.vertices, "vertex_texcoords": mesh.uv, "faces": mesh.faces}
+    if normals is not None:
+        values["vertex_normals"] = normals
+    buffers = mi.traverse(made)
+    for name, numbers in values.items():
+        kind = type(buffers[name])
+        buffers[name] = kind(numbers.astype(np.uint32 if name == "faces" else np.float32).ravel())
+    buffers.update()
+    return made

@@ -1,0 +1,117 @@
+"""Which camera a simulation has: from the scene, a calibration, a size and a sensor, which must agree."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+from ..camera import PRESETS, Camera
+from ..scene.scene import Scene
+from ..sensor_parameters import SensorParameters
+
+_SIZE_OF_PUBLIC_CALIBRATIONS = (240, 180)
+_CENTRED = 0.15
+"""A principal point lies within this share of the size from the centre, or the size is another one."""
+
+
+def image_camera(
+    scene: Scene, camera: Camera | str | None, size: tuple[int, int] | str | None, sensor: SensorParameters
+) -> Camera:
+    """The camera that the arguments ask for together.
+
+    Args:
+        camera: a camera, a preset's name or a ``calib.txt``; None takes the scene's lens.
+        size: (width, height) in pixels or ``WxH``.
+        sensor: its size, where it has one, is the image's.
+
+    The scene's lens on another size keeps its horizontal field of view: fx and fy grow with the width, the principal
+    point stays at the same share of width and height, the distortion is unchanged.
+
+    Raises:
+        ValueError: where camera, size and sensor contradict each other, naming both sides; for a calibration file
+            whose size is not known; for a malformed size.
+        OSError, DecodeError: if a calibration cannot be read.
+    """
+    asked = parse_size(size)
+    own = None if sensor.width is None or sensor.height is None else (sensor.width, sensor.height)
+    if asked is not None and own is not None and asked != own:
+        raise ValueError(f"size {_text(asked)} contradicts the sensor's {_text(own)} pixels")
+    wanted = asked or own
+    if camera is None:
+        found = scene.own_camera
+        return found if wanted in (None, (found.width, found.height)) else _with_same_view(found, *wanted)
+    if isinstance(camera, Camera) or camera in PRESETS:
+        known = camera if isinstance(camera, Camera) else PRESETS[camera]
+        if wanted not in (None, (known.width, known.height)):
+            source = "size" if asked is not None else "the sensor"
+            raise ValueError(
+                f"the camera has {_text((known.width, known.height))} pixels, but {source} asks for {_text(wanted)}"
+            )
+        return known
+    return _from_calibration(camera, wanted)
+
+
+def parse_size(size: tuple[int, int] | str | None) -> tuple[int, int] | None:
+    """(width, height) from ``WxH`` or from a pair.
+
+    Raises:
+        ValueError: for something else, or sides outside of 1..65535.
+    """
+    if size is None:
+        return None
+    if isinstance(size, str):
+        match = re.fullmatch(r"(\d{1,5})\s*[xX]\s*(\d{1,5})", size.strip())
+        if match is None:
+            raise ValueError(f"size must be WIDTHxHEIGHT in pixels, such as 346x260, got {size!r}")
+        size = (int(match[1]), int(match[2]))
+    if len(size) != 2 or not all(hasattr(side, "__index__") for side in size):
+        raise ValueError(f"size must be two integers, width and height in pixels, got {size!r}")
+    width, height = size
+    if not (1 <= width <= 65535 and 1 <= height <= 65535):
+        raise ValueError(f"size must lie in 1..65535 pixels each way, got {_text((width, height))}")
+    return int(width), int(height)
+
+
+def _from_calibration(name: str, wanted: tuple[int, int] | None) -> Camera:
+    path = Path(name)
+    if not path.is_file():
+        raise ValueError(f"camera {name!r} is neither a preset ({', '.join(PRESETS)}) nor a calib.txt file")
+    width, height = wanted or _SIZE_OF_PUBLIC_CALIBRATIONS
+    camera = Camera.from_calib(path, width=width, height=height)
+    if wanted is None and not _centred(camera):
+        raise ValueError(
+            f"{path} has its principal point at ({camera.cx:g}, {camera.cy:g}), which is not that of a "
+            f"{_text(_SIZE_OF_PUBLIC_CALIBRATIONS)} sensor, and a calib.txt does not hold its size: give size WxH "
+            "or a sensor"
+        )
+    if not (-0.5 <= camera.cx <= width - 0.5 and -0.5 <= camera.cy <= height - 0.5):
+        raise ValueError(
+            f"{path} has its principal point at ({camera.cx:g}, {camera.cy:g}), outside of an image of "
+            f"{_text((width, height))} pixels"
+        )
+    return camera
+
+
+def _centred(camera: Camera) -> bool:
+    across = abs(camera.cx - (camera.width - 1) / 2) / camera.width
+    down = abs(camera.cy - (camera.height - 1) / 2) / camera.height
+    return max(across, down) <= _CENTRED
+
+
+def _with_same_view(camera: Camera, width: int, height: int) -> Camera:
+    """The same lens on another size, with the same horizontal field of view."""
+    scale = width / camera.width
+    return replace(
+        camera,
+        width=width,
+        height=height,
+        fx=camera.fx * scale,
+        fy=camera.fy * scale,
+        cx=(camera.cx + 0.5) * scale - 0.5,
+        cy=(camera.cy + 0.5) * height / camera.height - 0.5,
+    )
+
+
+def _text(size: tuple[int, int]) -> str:
+    return f"{size[0]} x {size[1]}"

@@ -1,0 +1,98 @@
+"""What settings stand for with a given scene: camera, thresholds, sampling and effects, each of them decided."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+from ..camera import Camera
+from ..effects import Effects
+from ..sampling.presets import ACCURACY
+from ..sampling.rules import FixedRate, MaxDisplacement, TimeSampling
+from ..sampling.tolerance import Tolerance
+from ..scene.scene import Scene
+from ..sensor_parameters import SensorParameters, sensor_parameters
+from .image_camera import image_camera
+
+_RULES = {"render_rate_hz": FixedRate, "max_displacement_px": MaxDisplacement, "tolerance": Tolerance}
+
+
+@dataclass(frozen=True)
+class ViewedScene:
+    """A scene as a sensor sees it: what a planner of effects needs.
+
+    Attributes:
+        scene: in the settings' light.
+        camera: lens and size of the image.
+        sensor: its parameters, those of ideal pixels where none is given.
+        contrast_threshold, contrast_threshold_off: C_on and C_off in natural-log units.
+        log_eps: dark level in units of luma.
+    """
+
+    scene: Scene
+    camera: Camera
+    sensor: SensorParameters
+    contrast_threshold: float
+    contrast_threshold_off: float
+    log_eps: float
+
+    @property
+    def sensor_effects(self) -> Effects:
+        """Those of the sensor, in this scene's light."""
+        return self.sensor.effects(self.scene.lux_per_luma)
+
+
+def view_scene(scene: Scene, settings: Mapping[str, Any]) -> ViewedScene:
+    """Decide what :class:`~davis_rs.settings.ViewSettings` leave open.
+
+    Raises:
+        ValueError, OSError: as :func:`~davis_rs.settings.image_camera.image_camera`, or for an unknown sensor.
+    """
+    if settings["lux_per_luma"] is not None:
+        scene = replace(scene, lux_per_luma=settings["lux_per_luma"])
+    sensor = sensor_parameters(settings["sensor"])
+    camera = image_camera(scene, settings["camera"], settings["size"], sensor)
+    on = _first(settings["contrast_threshold"], sensor.contrast_threshold, scene.contrast_threshold)
+    off = _first(settings["contrast_threshold_off"], sensor.contrast_threshold_off, on)
+    return ViewedScene(scene, camera, sensor, on, off, settings["log_eps"])
+
+
+@dataclass(frozen=True)
+class TimeSamplingChoice:
+    """How finely a sequence is sampled.
+
+    Attributes:
+        sampling: in time.
+        samples: rays a pixel; None leaves it to the renderer.
+        refine: polish event times, if the pixels are ideal.
+    """
+
+    sampling: TimeSampling
+    samples: int | None
+    refine: bool
+
+
+def chosen_sampling(settings: Mapping[str, Any]) -> TimeSamplingChoice:
+    """The rule of sampling that the settings ask for, and what belongs to it.
+
+    Raises:
+        ValueError: for more than one rule, or a value out of range.
+    """
+    preset = ACCURACY[settings["accuracy"]]
+    given = {name: settings[name] for name in (*_RULES, "sampling") if settings[name] is not None}
+    if len(given) > 1:
+        raise ValueError(f"only one of {', '.join((*_RULES, 'sampling'))} may be given, got {' and '.join(given)}")
+    sampling = preset.sampling
+    for name, value in given.items():
+        sampling = value if name == "sampling" else _RULES[name](value)
+    return TimeSamplingChoice(
+        sampling,
+        preset.samples if settings["samples"] is None else settings["samples"],
+        preset.refine if settings["refine"] is None else settings["refine"],
+    )
+
+
+def _first(*values: float | None) -> float:
+    """The first that is given."""
+    return next(value for value in values if value is not None)

@@ -1,0 +1,311 @@
+"""The settings of a simulation, each declared once.
+
+Command-line options, keys of plans, the arguments of Python, what meta.json keeps and docs/settings.md all follow from
+these declarations.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Annotated, TypedDict
+
+from ..camera import PRESETS, Camera
+from ..effects import Effects
+from ..imu import IMU_EFFECTS, Imu
+from ..motion_capture import MotionCapture
+from ..rendering.renderers import RENDERERS
+from ..sampling.presets import ACCURACY
+from ..sampling.rules import TimeSampling
+from ..sensor_parameters import SENSORS, SensorParameters
+from .setting import Declared
+
+_ACCURACY = "accuracy and cost"
+_INERTIAL = "IMU and ground truth (docs/trajectories_and_imu.md)"
+_EFFECTS = "effects (docs/effects.md)"
+_EFFECT_FORM = "NAME[=VALUE[,PARAMETER=VALUE...]]"
+
+
+class ViewSettings(TypedDict, total=False):
+    """How the sensor sees the scene: what the planner of effects needs as well."""
+
+    camera: Annotated[
+        Camera | str | None,
+        Declared(
+            f"lens and size of the image: {', '.join(PRESETS)}, or a calib.txt",
+            default_help="the scene's",
+            metavar="CAMERA",
+            text=str,
+        ),
+    ]
+    size: Annotated[
+        tuple[int, int] | str | None,
+        Declared(
+            "size of the image in pixels, which a calib.txt does not hold",
+            default_help="the camera's or the sensor's",
+            metavar="WxH",
+            text=str,
+        ),
+    ]
+    sensor: Annotated[
+        SensorParameters | str | None,
+        Declared(
+            "size, thresholds and effects of a sensor; the scene's lens keeps its horizontal field of view",
+            default_help="ideal pixels",
+            choices=tuple(SENSORS),
+            group=_EFFECTS,
+            text=str,
+        ),
+    ]
+    contrast_threshold: Annotated[
+        float | None,
+        Declared(
+            "C of ON events, in natural-log units",
+            default_help="the sensor's, or else the scene's",
+            low=0,
+            above_low=True,
+            metavar="C",
+        ),
+    ]
+    contrast_threshold_off: Annotated[
+        float | None,
+        Declared("C of OFF events", default_help="the sensor's, or else as ON", low=0, above_low=True, metavar="C"),
+    ]
+    log_eps: Annotated[
+        float,
+        Declared("dark level: L = ln(luma + log_eps)", 1e-3, unit="luma", low=0, above_low=True, metavar="Y"),
+    ]
+    lux_per_luma: Annotated[
+        float | None,
+        Declared(
+            "brightness: illuminance that one unit of luma stands for",
+            default_help="the scene's",
+            unit="lux",
+            low=0,
+            above_low=True,
+            metavar="LUX",
+        ),
+    ]
+    samples: Annotated[
+        int | None,
+        Declared(
+            "rays a pixel",
+            default_help="those of the accuracy; by the paper's rule 8, or 2 for Mitsuba's integrators without LLVM",
+            low=1,
+            high=1024,
+            metavar="N",
+            group=_ACCURACY,
+        ),
+    ]
+    renderer: Annotated[
+        str,
+        Declared(
+            "who renders: the table kernel (diffuse meshes, direct light), the native renderer (the same, no LLVM), "
+            "Mitsuba's integrator (everything), or auto: table where that is possible, else native where there is no "
+            "LLVM, else integrator",
+            "auto",
+            choices=RENDERERS,
+            group=_ACCURACY,
+        ),
+    ]
+    blur: Annotated[bool | None, Declared("3 x 3 blur of luma", default_help="as the scene has it", group=_ACCURACY)]
+    seed: Annotated[
+        int,
+        Declared(
+            "of threshold mismatch, noise, IMU and motion capture, and of Mitsuba's integrators",
+            0,
+            low=0,
+            high=2**64 - 1,
+            metavar="N",
+            group=_ACCURACY,
+        ),
+    ]
+
+
+class SamplingSettings(ViewSettings, total=False):
+    """What the sensor records, and how finely time is sampled."""
+
+    frame_rate_hz: Annotated[
+        float,
+        Declared(
+            "intensity frames: one at round(k 1e6 / rate) us; 0 for none",
+            40.0,
+            unit="Hz",
+            low=0,
+            high=1e6,
+            metavar="HZ",
+        ),
+    ]
+    depth_rate_hz: Annotated[float, Declared("depth maps, likewise", 40.0, unit="Hz", low=0, high=1e6, metavar="HZ")]
+    accuracy: Annotated[
+        str,
+        Declared(
+            "a point on the curve of docs/accuracy.md; sampling in time, samples and refine override their part of it",
+            "paper",
+            choices=tuple(ACCURACY),
+            group=_ACCURACY,
+        ),
+    ]
+    render_rate_hz: Annotated[
+        float | None,
+        Declared("render at a fixed rate", unit="Hz", low=0, high=1e6, above_low=True, metavar="HZ", group=_ACCURACY),
+    ]
+    max_displacement_px: Annotated[
+        float | None,
+        Declared(
+            "render whenever a pixel has moved so far; 1/3 in the paper",
+            unit="px",
+            low=0,
+            above_low=True,
+            metavar="PX",
+            group=_ACCURACY,
+        ),
+    ]
+    tolerance: Annotated[
+        float | None,
+        Declared(
+            "render so often that the error of log luma stays below this share of C",
+            low=0,
+            above_low=True,
+            metavar="SHARE",
+            group=_ACCURACY,
+        ),
+    ]
+    sampling: Annotated[
+        TimeSampling | None, Declared("a rule of sampling in time of your own", text=None, group=_ACCURACY)
+    ]
+    refine: Annotated[
+        bool | None,
+        Declared(
+            "polish each event's time to the microsecond by asking the renderer; slow, ideal pixels only",
+            default_help="as the accuracy says",
+            group=_ACCURACY,
+        ),
+    ]
+    threads: Annotated[
+        int | None,
+        Declared(
+            "of the crossing engine; results do not depend on it",
+            default_help="as many as pay",
+            low=1,
+            high=1024,
+            metavar="N",
+            group=_ACCURACY,
+        ),
+    ]
+    poses_per_launch: Annotated[
+        int | None,
+        Declared(
+            "poses that are rendered in one call; results do not depend on it",
+            default_help="the renderer's choice",
+            low=1,
+            text=None,
+            group=_ACCURACY,
+        ),
+    ]
+
+
+class SimulatorSettings(SamplingSettings, total=False):
+    """The settings of :class:`~davis_rs.Simulator`."""
+
+    effects: Annotated[
+        Effects | None,
+        Declared(
+            "what makes pixels, readout and frames differ from ideal ones; over those of the sensor",
+            default_help="the sensor's",
+            text=None,
+            group=_EFFECTS,
+        ),
+    ]
+
+
+class SimulationSettings(SamplingSettings, total=False):
+    """The settings of :func:`~davis_rs.simulate`: a simulator's, with effects that may be planned first."""
+
+    effects: Annotated[
+        Effects | str | Sequence[str] | None,
+        Declared(
+            f"over those of the sensor: Effects, texts {_EFFECT_FORM}, or auto: those of the sensor (davis240c if not "
+            "given) whose omission would show in this scene",
+            default_help="the sensor's",
+            metavar=_EFFECT_FORM,
+            text=list,
+            group=_EFFECTS,
+        ),
+    ]
+
+
+class FolderSettings(SimulationSettings, total=False):
+    """The settings of :func:`~davis_rs.simulate_to_folder`: a simulation's, and what is written next to the events."""
+
+    image_gain: Annotated[
+        float | None,
+        Declared(
+            "of the 8-bit frames: grey = 255 x image gain x luma",
+            default_help="chosen from the first frame",
+            low=0,
+            above_low=True,
+            metavar="GAIN",
+        ),
+    ]
+    imu: Annotated[
+        Imu | str | None,
+        Declared(
+            "write imu.txt: ideal (at the camera's centre), davis (ideal, where the DAVIS240C has it), mpu6150 (there, "
+            "with all of its effects), none",
+            default_help="none",
+            choices=("none", "ideal", "davis", "mpu6150"),
+            group=_INERTIAL,
+            text=str,
+        ),
+    ]
+    imu_rate_hz: Annotated[
+        float | None,
+        Declared(
+            "samples of the IMU", default_help="1000", unit="Hz", low=0, above_low=True, metavar="HZ", group=_INERTIAL
+        ),
+    ]
+    imu_effects: Annotated[
+        Sequence[str] | None,
+        Declared(
+            f"imperfections of the IMU, over those of --imu: {', '.join(IMU_EFFECTS)}",
+            metavar=_EFFECT_FORM,
+            text=list,
+            group=_INERTIAL,
+        ),
+    ]
+    pose_rate_hz: Annotated[
+        float,
+        Declared(
+            "poses of the ground truth; 0 for none", 200.0, unit="Hz", low=0, high=1e6, metavar="HZ", group=_INERTIAL
+        ),
+    ]
+    pose_noise_m: Annotated[
+        float | None,
+        Declared(
+            "standard deviation of their positions", default_help="0", unit="m", low=0, metavar="M", group=_INERTIAL
+        ),
+    ]
+    rotation_noise_rad: Annotated[
+        float | None,
+        Declared("and of their rotations", default_help="0", unit="rad", low=0, metavar="RAD", group=_INERTIAL),
+    ]
+    clock_offset_s: Annotated[
+        float | None,
+        Declared(
+            "clock of the ground truth at the camera's start", default_help="0", unit="s", metavar="S", group=_INERTIAL
+        ),
+    ]
+    clock_drift_ms_per_min: Annotated[
+        float | None,
+        Declared(
+            "drift of that clock; 2 in the paper",
+            default_help="0",
+            unit="ms/min",
+            metavar="MS_PER_MIN",
+            group=_INERTIAL,
+        ),
+    ]
+    motion_capture: Annotated[
+        MotionCapture | None,
+        Declared("what gives the ground truth, in place of the five settings above", text=None, group=_INERTIAL),
+    ]

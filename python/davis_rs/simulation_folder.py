@@ -1,0 +1,206 @@
+"""A simulation into a dataset folder, with a progress bar, and whole even when it is interrupted."""
+
+from __future__ import annotations
+
+import signal
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from itertools import chain
+from pathlib import Path
+from types import FrameType
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from ._mitsuba import FAST, default_variant
+from .dataset.writer import DatasetWriter
+from .effect_planning import EffectPlan
+from .imu import IMU_DTYPE, ImuArray, simulate_imu
+from .packet import Packet
+from .pose import GroundTruth, Pose
+from .progress import Progress, progress, say
+from .rendering.render import Renderer
+from .scene.scene import Scene
+from .settings import FolderSettings, SimulationSettings, complete, make_imu, make_motion_capture, only, takes_settings
+from .simulation import make_simulator
+from .simulator import Simulator
+
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
+
+
+@dataclass(frozen=True)
+class SimulationReport:
+    """What a simulation wrote into a folder.
+
+    Attributes:
+        path: the folder.
+        events: written.
+        duration_s, wall_s: simulated and wall time in seconds.
+        interrupted: whether Ctrl-C cut it short.
+        dropped_events: how many events the readout dropped.
+        plan: which effects the scene called for, where they were planned.
+    """
+
+    path: Path
+    events: int
+    duration_s: float
+    wall_s: float
+    interrupted: bool
+    dropped_events: int = 0
+    plan: EffectPlan | None = None
+
+    def __str__(self) -> str:
+        rate = self.events / self.duration_s if self.duration_s else 0.0
+        cut = ", cut short by Ctrl-C" if self.interrupted else ""
+        dropped = f", {self.dropped_events:,} dropped by the readout" if self.dropped_events else ""
+        return (
+            f"{self.path}: {self.events:,} events in {self.duration_s:.6g} s ({rate / 1e6:.3f} Mev/s), "
+            f"wall time {self.wall_s:.1f} s{dropped}{cut}"
+        )
+
+
+@takes_settings(FolderSettings)
+def simulate_to_folder(
+    scene: Scene,
+    path: str | Path,
+    *,
+    start_s: float = 0.0,
+    duration_s: float | None = None,
+    overwrite: bool = False,
+    meta: Mapping[str, Any] | None = None,
+    quiet: bool = False,
+    **settings: Unpack[FolderSettings],
+) -> SimulationReport:
+    """Simulate a scene along its camera path into a dataset folder.
+
+    >>> simulate_to_folder(load_scene("three_planes"), "planes", duration_s=0.1, imu="mpu6150")
+
+    Ctrl-C (SIGINT) or SIGTERM ends it after the packet at hand (the second at the earliest), with a valid, shorter
+    dataset; a second one ends it at once.
+
+    Args:
+        scene: with its camera path, see :meth:`Scene.with_trajectory`.
+        path, overwrite: see :class:`~davis_rs.DatasetWriter`.
+        start_s, duration_s: the part of the camera path to simulate, by default all from ``start_s`` on.
+        meta: more for meta.json.
+        quiet: no progress bar, and no line that says who renders.
+        {settings}
+
+    Noise of IMU and motion capture has the same seed as the simulation.
+
+    Raises:
+        TypeError: for a setting that does not exist.
+        OSError: if the folder exists or cannot be written; what was written stays readable.
+        ValueError: as :func:`simulate` and :class:`~davis_rs.DatasetWriter`.
+    """
+    started = time.perf_counter()
+    given = complete(FolderSettings, settings, of="simulate_to_folder")
+    imu, motion_capture = make_imu(given), make_motion_capture(given)
+    scene = scene.crop(start_s, duration_s)
+    simulator, plan = make_simulator(scene, only(SimulationSettings, given))
+    if not quiet:
+        say(_rendering_with(simulator.renderer))
+    truth = motion_capture.poses(scene.path, seed=given["seed"])
+    inertial = np.zeros(0, IMU_DTYPE) if imu is None else simulate_imu(scene.path, imu, seed=given["seed"])
+    packets = simulator.run()
+    # Whatever is wrong with the scene shows before the folder is touched.
+    first = next(packets)
+    described = {
+        **simulator.describe(),
+        "effect_plan": None if plan is None else plan.describe(),
+        "trajectory": scene.path.describe(),
+        "pose_rate_hz": motion_capture.rate_hz,
+        "motion_capture": motion_capture.describe(),
+        "imu": None if imu is None else imu.describe(),
+        **(meta or {}),
+    }
+    with (
+        _stop_requests() as stop_requested,  # before the folder is made: a signal must not leave an empty one
+        DatasetWriter(
+            path, simulator.camera, image_gain=given["image_gain"], overwrite=overwrite, imu=imu, meta=described
+        ) as writer,
+        progress("simulating", scene.path.duration_s, unit="s", show=not quiet) as bar,
+    ):
+        written = _write_all(writer, chain([first], packets), simulator, truth, inertial, bar, stop_requested)
+    wall_s = time.perf_counter() - started
+    return SimulationReport(
+        Path(path), written.events, written.end_us * 1e-6, wall_s, written.interrupted, simulator.dropped_events, plan
+    )
+
+
+class _Written(NamedTuple):
+    """How much of a run was written."""
+
+    events: int
+    end_us: int
+    interrupted: bool
+
+
+def _write_all(
+    writer: DatasetWriter,
+    packets: Iterator[Packet],
+    simulator: Simulator,
+    truth: GroundTruth,
+    inertial: ImuArray,
+    bar: Progress,
+    stop_requested: Callable[[], bool],
+) -> _Written:
+    """Write packets, with the poses and samples that fall due until their ends, until they or the user end it."""
+    total_us = round(simulator.scene.path.duration_s * 1e6)
+    events = end_us = posed = sampled = 0
+    for packet in packets:
+        last_us = min(packet.end_us, total_us)
+        # Stamps of another clock may lie beyond the end: the last packet takes them all.
+        pose_end = _up_to(truth.t_us, last_us, total_us)
+        sample_end = _up_to(inertial["t"], last_us, total_us)
+        poses = [(int(truth.t_us[i]), Pose(truth.positions[i], truth.quaternions[i])) for i in range(posed, pose_end)]
+        writer.write(packet, poses, inertial[sampled:sample_end])
+        posed, sampled = pose_end, sample_end
+        events, end_us = events + len(packet.events), packet.end_us
+        bar.to(last_us * 1e-6, f"{events:,} events")
+        if stop_requested() and end_us > 0:  # with the first frame alone the dataset could not be checked
+            for late in simulator.flush():
+                writer.write(late)
+                events += len(late.events)
+            break
+    interrupted = end_us < total_us
+    writer.finish({"dropped_events": simulator.dropped_events}, interrupted=interrupted)
+    return _Written(events, min(end_us, total_us), interrupted)
+
+
+def _rendering_with(renderer: Renderer) -> str:
+    """What renders, why, and with which LLVM."""
+    with_what = f"; {default_variant()[1]}" if renderer.variant == FAST else ""  # without LLVM that is the reason
+    return f"rendering with {renderer.name}: {renderer.reason}{with_what}"
+
+
+def _up_to(t_us: npt.NDArray[np.int64], last_us: int, total_us: int) -> int:
+    """How many of the stamps are due once the sequence has got to ``last_us`` of ``total_us``."""
+    return len(t_us) if last_us >= total_us else int(np.searchsorted(t_us, last_us, "right"))
+
+
+@contextmanager
+def _stop_requests() -> Iterator[Callable[[], bool]]:
+    """Catch the first SIGINT or SIGTERM as a wish; the next one acts as it would have."""
+    wishes: list[int] = []
+
+    def wish(number: int, _: FrameType | None) -> None:
+        wishes.append(number)
+        signal.signal(number, before[number])
+
+    try:
+        before: dict[int, Any] = {int(number): signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+        for number in before:
+            signal.signal(number, wish)
+    except ValueError:  # not in the main thread: signals are the caller's
+        yield lambda: False
+        return
+    try:
+        yield lambda: bool(wishes)
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

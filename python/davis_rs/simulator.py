@@ -1,0 +1,267 @@
+"""The simulator: a scene with its camera path in, packets of events, frames, depth and poses out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import tee
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ._core import CrossingEngine
+from .due_instants import due_instants
+from .effects import Effects, with_optics
+from .events import EventArray, concatenate_events
+from .packet import Packet
+from .pose import Pose
+from .rendering.renderers import make_renderer
+from .run_description import describe_run
+from .sampling.event_refinement import refine as refine_events
+from .sampling.exposure import expose
+from .sampling.keyframes import Keyframe, Stretch
+from .scene.scene import Scene
+from .settings import SimulatorSettings, chosen_sampling, complete, takes_settings, view_scene
+from .trajectory.trajectory import SegmentTrajectory, Trajectory
+from .trajectory.views import Views
+
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
+
+
+@takes_settings(SimulatorSettings)
+class Simulator:
+    """A DAVIS in a scene.
+
+    :meth:`run` follows the scene's camera path; :meth:`step` serves a controller that decides the next pose as it goes.
+    Every intensity frame and depth map is one of the rendered instants, so events, frames and depth agree exactly.
+
+    Args:
+        scene: what is seen, with the camera path that :meth:`run` follows.
+        {settings}
+
+    Attributes:
+        scene: in the settings' light.
+        camera: lens and size of the image.
+        settings: all settings by name, with the defaults of those that were not given.
+        contrast_threshold, contrast_threshold_off: C_on and C_off, from settings, sensor or scene.
+        sampling: when luma is rendered.
+        effects: those of the pixels, readout and frames.
+        refine: whether event times are polished.
+        renderer: what renders, behind the lens.
+
+    Raises:
+        TypeError: for a setting that does not exist.
+        ValueError: for a value out of range, effects that are not :class:`~davis_rs.Effects`, a scene that cannot be
+            rendered, or settings that contradict each other.
+        OSError: if a scene file or a calibration cannot be read.
+    """
+
+    def __init__(self, scene: Scene, **settings: Unpack[SimulatorSettings]) -> None:
+        _require_effects(settings.get("effects"))
+        self.settings: dict[str, Any] = complete(SimulatorSettings, settings, of="Simulator")
+        viewed, chosen = view_scene(scene, self.settings), chosen_sampling(self.settings)
+        self.scene, self.camera = viewed.scene, viewed.camera
+        self.contrast_threshold = viewed.contrast_threshold
+        self.contrast_threshold_off = viewed.contrast_threshold_off
+        self.sampling = chosen.sampling
+        self.effects = (self.settings["effects"] or Effects()).with_defaults(viewed.sensor_effects)
+        in_engine = self.effects.engine_settings()
+        _check_exposure(self.effects, self.settings["frame_rate_hz"])
+        if self.settings["refine"] and in_engine:
+            raise ValueError(
+                f"refine finds the times of ideal pixels: it cannot be combined with {', '.join(in_engine)}"
+            )
+        self.refine = chosen.refine and not in_engine
+        plain = make_renderer(
+            self.scene,
+            self.camera,
+            samples=chosen.samples,
+            seed=self.settings["seed"],
+            kind=self.settings["renderer"],
+            blur=self.settings["blur"],
+            edges=self.sampling.edges,
+        )
+        self.renderer = with_optics(plain, self.effects.vignetting, self.effects.lens_blur_px)
+        self._engine = CrossingEngine(
+            self.camera.width,
+            self.camera.height,
+            contrast_threshold=self.contrast_threshold,
+            contrast_threshold_off=self.contrast_threshold_off,
+            log_eps=self.settings["log_eps"],
+            interpolation=self.sampling.interpolation,
+            effects=in_engine,
+            seed=self.settings["seed"],
+            threads=self.settings["threads"],
+        )
+        self._pose: Pose | None = None
+        self._last: Keyframe | None = None
+        self._t_us = 0
+        self._exposed: list[Stretch] = []
+        self._frames = 0
+
+    def __repr__(self) -> str:
+        size = f"{self.camera.width} x {self.camera.height} px"
+        return (
+            f"<Simulator of {self.scene.name!r}, {size}, C = {self.contrast_threshold:g}, at {self._t_us / 1e6:.6g} s>"
+        )
+
+    def run(self) -> Iterator[Packet]:
+        """Simulate the scene's camera path from its start to its end; memory stays bounded, however long it is.
+
+        If the readout is slower than the event rate and drops nothing, its buffer grows without bound.
+
+        Yields:
+            Packets that tile the time; the first ends at 0 and has no events. One ends at every instant where a frame
+            or a depth map falls due, and at the end. Where a readout still holds events then, one more brings them.
+
+        Raises:
+            ValueError: if the scene has no camera path, the simulator has run before, or no ray hits anything anywhere
+                along the path.
+        """
+        trajectory = self.scene.path
+        if self._pose is not None:
+            raise ValueError("this simulator has run already; its pixels remember: make a new one for a new sequence")
+        self._refuse_empty_view(trajectory)
+        yield from self._packets(trajectory, 0, round(trajectory.duration_s * 1e6))
+        yield from self.flush()
+
+    def step(self, t_us: int, pose: Pose) -> list[Packet]:
+        """Move the camera to ``pose`` at ``t_us``; return the packets since the last step.
+
+        Between two poses the camera moves at constant velocity and body rate, and is rendered as often as ``sampling``
+        asks. The first step must be at 0: it sets the references. The last packet ends at ``t_us``; the others
+        end where frames and depth maps fall due between.
+
+        Raises:
+            ValueError: for a first step that is not at 0, or a time that does not increase.
+        """
+        if self._pose is None:
+            if t_us != 0:
+                raise ValueError(f"the first step must be at t = 0 us, got {t_us} us")
+            # A duration is needed for a trajectory, but nothing after its start is rendered.
+            return list(self._packets(SegmentTrajectory(pose, pose, 1.0), 0, 0))
+        if t_us <= self._t_us:
+            raise ValueError(f"the time of a step must be after the last one ({self._t_us} us), got {t_us} us")
+        segment = SegmentTrajectory(self._pose, pose, (t_us - self._t_us) * 1e-6)
+        return list(self._packets(segment, self._t_us, t_us))
+
+    def flush(self) -> list[Packet]:
+        """What a readout still holds: a packet of events that came until now and are stamped later, if there are any.
+
+        :meth:`run` ends with it by itself; after :meth:`step` it is the caller's to ask for.
+        """
+        late = self._engine.flush()
+        if not len(late) or self._pose is None:
+            return []
+        return [Packet(self._t_us, int(late["t"][-1]), late, self._pose)]
+
+    @property
+    def dropped_events(self) -> int:
+        """How many events the readout has dropped; 0 unless it is told to."""
+        return self._engine.dropped_events
+
+    def describe(self) -> dict[str, Any]:
+        """Everything that is needed to repeat the run, for meta.json."""
+        resolved = {
+            "lux_per_luma": self.scene.lux_per_luma,
+            "contrast_threshold": self.contrast_threshold,
+            "contrast_threshold_off": self.contrast_threshold_off,
+            "samples": self.renderer.rays,
+            "blur": self.renderer.blur,
+            "sampling": repr(self.sampling),
+            "refine": self.refine,
+        }
+        return describe_run(self.scene, self.camera, self.renderer, self.effects, {**self.settings, **resolved})
+
+    def _packets(self, trajectory: Trajectory, start_us: int, end_us: int) -> Iterator[Packet]:
+        """Packets of (start_us, end_us], or of the very first instant too; the trajectory starts at ``start_us``."""
+        instants, ahead = tee(
+            due_instants(
+                start_us,
+                end_us,
+                frame_rate_hz=self.settings["frame_rate_hz"],
+                depth_rate_hz=self.settings["depth_rate_hz"],
+                first=self._pose is None,
+            )
+        )
+        stretch = Stretch(
+            renderer=self.renderer,
+            trajectory=trajectory,
+            start_us=start_us,
+            end_us=end_us,
+            first=self._pose is None,
+            due=(instant.t_us for instant in ahead),
+            contrast_threshold=min(self.contrast_threshold, self.contrast_threshold_off),
+            log_eps=self.settings["log_eps"],
+            batch=self.settings["poses_per_launch"] or self.renderer.poses_per_launch,
+        )
+        # A shutter that is open now may have opened some stretches ago.
+        open_us = start_us - (0 if self.effects.aps is None else round(self.effects.aps.exposure_us))
+        self._exposed = [*(before for before in self._exposed if before.end_us > open_us), stretch]
+        pending: list[EventArray] = []
+        due = next(instants)
+        for keyframe in self.sampling.keyframes(stretch):
+            pending.append(self._take(keyframe, stretch))
+            if keyframe.t_us < due.t_us:
+                continue
+            depth = self.renderer.depth(stretch.views([due.t_us]))[0] if due.depth else None
+            pose = trajectory.pose((due.t_us - start_us) * 1e-6)
+            packet_start, self._t_us, self._pose = self._t_us, due.t_us, pose
+            events = concatenate_events(pending)
+            pending.clear()
+            luma = keyframe.luma.copy() if due.frame else None
+            frame = None if luma is None else self._frame(luma, due.t_us)
+            yield Packet(packet_start, due.t_us, events, pose, luma, depth, frame)
+            due = next(instants, due)
+
+    def _frame(self, luma: npt.NDArray[np.float32], t_us: int) -> npt.NDArray[np.float32] | None:
+        """The frame that active pixels make, where they are not ideal."""
+        aps = self.effects.aps
+        if aps is None:
+            return None
+        exposed = expose(luma, self._exposed, t_us, round(aps.exposure_us))
+        number, self._frames = self._frames, self._frames + 1
+        return aps.read_out(exposed, frame=number, seed=self.settings["seed"])
+
+    def _take(self, keyframe: Keyframe, stretch: Stretch) -> EventArray:
+        """Feed the crossing engine; return the events since the last keyframe."""
+        last, self._last = self._last, keyframe
+        reference = self._engine.reference if self.refine and last is not None else None
+        events = self._engine.push(keyframe.t_us, keyframe.luma, keyframe.rate, sparse=keyframe.sparse)
+        if last is None or reference is None:
+            return events
+        return refine_events(
+            events, reference, last, keyframe, stretch, (self.contrast_threshold, self.contrast_threshold_off)
+        )
+
+    def _refuse_empty_view(self, trajectory: Trajectory) -> None:
+        views = Views.along(trajectory, np.linspace(0, trajectory.duration_s, 9))
+        if any(np.isfinite(self.renderer.depth(views[i : i + 1])).any() for i in range(len(views))):
+            return
+        pose = trajectory.pose(0.0)
+        raise ValueError(
+            f"no ray hits anything in scene {self.scene.name!r}, from nowhere along the trajectory; the camera starts "
+            f"at {np.round(pose.position, 3).tolist()} m and looks along {np.round(pose.rotation[:, 2], 3).tolist()}; "
+            "align the trajectory with the scene (--align), or check axes and units"
+        )
+
+
+def _require_effects(effects: Any) -> None:
+    """Refuse what is no Effects, ``auto`` by naming what resolves it."""
+    if effects == "auto":
+        raise ValueError(
+            "effects='auto' must be resolved before a simulator is made: "
+            "Simulator(scene, effects=plan_effects(scene, sensor=...).effects), or simulate(scene, effects='auto')"
+        )
+    if not (effects is None or isinstance(effects, Effects)):
+        raise ValueError(f"effects must be davis_rs.Effects or None, got {effects!r}")
+
+
+def _check_exposure(effects: Effects, frame_rate_hz: float) -> None:
+    """Refuse frames whose exposure takes longer than the time between them."""
+    if effects.aps is not None and effects.aps.exposure_us * frame_rate_hz > 1e6:
+        raise ValueError(
+            f"the exposure of {effects.aps.exposure_us:g} us must not exceed the frames' period of "
+            f"{1e6 / frame_rate_hz:g} us"
+        )

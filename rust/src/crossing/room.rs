@@ -1,0 +1,141 @@
+//! Room for the events of a push: memory is asked for before it is used, so that a threshold far below what the frames
+//! call for is an error rather than the end of the process.
+//!
+//! Every band first works within an allowance. A band that needs more stops; all pixels go back to where they were, the
+//! events of the whole frame are counted, and the push is refused or made again without an allowance.
+
+use super::curve::{Curve, Piece};
+use super::level::{Level, Thresholds};
+use crate::error::Error;
+use crate::event::Event;
+
+/// A push makes at most so many events: 2 GiB of them, and as much again while they are sorted.
+pub(crate) const MOST_EVENTS: u64 = 1 << 27;
+
+/// A band needs more room than it is allowed, or than there is.
+#[derive(Debug)]
+pub(crate) struct Full;
+
+/// How many events a band may make.
+#[derive(Clone, Copy)]
+pub(crate) enum Allowance {
+    /// As many as frames usually make, and more.
+    Usual,
+    /// As many as memory holds: they have been counted.
+    Counted,
+}
+
+impl Allowance {
+    /// What a band of so many pixels may make.
+    fn of(self, pixels: usize) -> usize {
+        match self {
+            Self::Usual => (1 << 20) + 16 * pixels,
+            Self::Counted => usize::MAX,
+        }
+    }
+}
+
+/// The events of a band, whose memory is kept from frame to frame.
+#[derive(Default)]
+pub(crate) struct Room {
+    events: Vec<Event>,
+    most: usize,
+}
+
+impl Room {
+    /// Lets go of the last frame's events; of so many pixels it takes the next one's.
+    pub(crate) fn begin(&mut self, allowance: Allowance, pixels: usize) {
+        self.events.clear();
+        self.most = allowance.of(pixels);
+    }
+
+    pub(crate) fn clear(&mut self) {
+        self.events.clear();
+    }
+
+    pub(crate) fn events(&self) -> &[Event] {
+        &self.events
+    }
+
+    /// Room for so many more.
+    #[inline]
+    pub(crate) fn reserve(&mut self, more: usize) -> Result<(), Full> {
+        if more <= self.events.capacity() - self.events.len() { Ok(()) } else { self.grow(more) }
+    }
+
+    #[cold]
+    fn grow(&mut self, more: usize) -> Result<(), Full> {
+        if self.events.len().saturating_add(more) > self.most {
+            return Err(Full);
+        }
+        self.events.try_reserve(more).map_err(|_| Full)
+    }
+
+    /// Takes an event, for which room was made.
+    #[inline]
+    pub(crate) fn push(&mut self, event: Event) {
+        self.events.push(event);
+    }
+
+    /// Takes events.
+    #[inline]
+    pub(crate) fn extend(&mut self, events: &[Event]) -> Result<(), Full> {
+        self.reserve(events.len())?;
+        self.events.extend_from_slice(events);
+        Ok(())
+    }
+}
+
+/// The events of one pixel, counted in floats: off by one a piece of curve at most.
+#[derive(Clone, Copy)]
+pub(crate) struct Tally {
+    reference: f64,
+    events: f64,
+}
+
+impl Tally {
+    pub(crate) fn new(reference: Level, c: Thresholds) -> Self {
+        Self { reference: reference.value(c), events: 0.0 }
+    }
+
+    /// Counts along a curve.
+    pub(crate) fn follow(&mut self, curve: &impl Curve, c: Thresholds) {
+        for piece in curve.pieces() {
+            let way = piece.end() - self.reference;
+            let step = if way > 0.0 { c.on } else { c.off };
+            let steps = (way.abs() / step).floor();
+            self.reference += (steps * step).copysign(way);
+            self.events += steps;
+        }
+    }
+
+    /// About how many there are.
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "whole, >= 0, saturating")]
+    pub(crate) fn events(&self) -> u64 {
+        self.events as u64
+    }
+}
+
+/// No curve of at most two pieces makes more events of a pixel.
+#[allow(clippy::cast_possible_truncation, reason = "more than memory holds, or fewer")]
+pub(crate) fn most_events(reference: Level, curve: &impl Curve, c: Thresholds) -> usize {
+    let mut tally = Tally::new(reference, c);
+    tally.follow(curve, c);
+    tally.events() as usize + 4
+}
+
+/// What is told of a push of too many events.
+pub(crate) fn refuse(events: u64, most: u64, pixels: usize, least_threshold: f64, t_us: i64) -> Error {
+    Error::Argument(format!(
+        "the frame at {t_us} us would make about {events} events in {pixels} pixels at a least contrast threshold of \
+         {least_threshold}: one push may make {most}; raise the threshold, or push frames that are closer in time"
+    ))
+}
+
+/// What is told where memory does not suffice.
+pub(crate) fn out_of_memory(events: u64, pixels: usize, least_threshold: f64, t_us: i64) -> Error {
+    Error::Memory(format!(
+        "there is no memory for the about {events} events that the frame at {t_us} us makes in {pixels} pixels at a \
+         least contrast threshold of {least_threshold}"
+    ))
+}

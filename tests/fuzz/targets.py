@@ -1,0 +1,305 @@
+"""What is fuzzed: for each reader, files to begin with, and a call that reads one and checks what it gives."""
+
+from __future__ import annotations
+
+import random
+import struct
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import davis_rs
+from davis_rs.generate import load_sequence_plan
+from davis_rs.inspection.check import check_dataset
+from davis_rs.inspection.summary import summarize_events
+from davis_rs.usb.description import DavisDescription
+from davis_rs.usb.raw_file import RawRecording, RawWriter
+from recording_files import (
+    aedat2,
+    aedat2_event,
+    aedat2_imu,
+    aedat3,
+    aedat3_event,
+    aedat3_frame,
+    aedat3_imu,
+    aedat3_packet,
+    aedat3_special,
+    aedat4,
+    aedat4_events,
+    aedat4_frame,
+    aedat4_imu,
+    aedat4_triggers,
+    frame_of,
+)
+from test_dataset import write_sequence
+
+SIZE = (240, 180)
+
+
+@dataclass(frozen=True)
+class Target:
+    """A reader.
+
+    ``make`` writes a file to begin with, or several, into a folder; ``read`` reads a mutant and raises AssertionError
+    where what comes out breaks a promise. ``allowed`` are the errors that a reader may raise.
+    """
+
+    make: Callable[[Path], list[Path]]
+    read: Callable[[Path, random.Random], None]
+    allowed: tuple[type[Exception], ...] = (davis_rs.DecodeError,)
+
+
+def some_events(count: int = 300) -> Any:
+    """Events of a small sequence."""
+    rng = np.random.default_rng(0)
+    events = np.zeros(count, davis_rs.EVENT_DTYPE)
+    events["t"] = np.sort(rng.integers(0, 20_000, count))
+    events["x"], events["y"] = rng.integers(0, SIZE[0], count), rng.integers(0, SIZE[1], count)
+    events["p"] = rng.integers(0, 2, count)
+    return events
+
+
+def _written(suffix: str, format: str | None = None, **options: Any) -> Callable[[Path], list[Path]]:
+    def make(folder: Path) -> list[Path]:
+        path = folder / f"seed{suffix}"
+        with davis_rs.open_writer(path, SIZE, format, **options) as writer:
+            for part in np.array_split(some_events(), 5):
+                writer.write(part)
+        return [path]
+
+    return make
+
+
+def _saved(save: Callable[..., None]) -> Callable[[Path], list[Path]]:
+    def make(folder: Path) -> list[Path]:
+        path = folder / "seed.npz"
+        save(path, events=some_events())
+        return [path]
+
+    return make
+
+
+def _unfinished_bag(folder: Path) -> list[Path]:
+    [path] = _written(".bag", compression="lz4")(folder)
+    content = bytearray(path.read_bytes())
+    place = content.index(b"index_pos=") + len(b"index_pos=")
+    struct.pack_into("<Q", content, place, 0)
+    path.write_bytes(content)
+    return [path]
+
+
+def _gzip_hdf5(folder: Path) -> list[Path]:
+    import h5py
+
+    path, events = folder / "seed.h5", some_events()
+    with h5py.File(path, "w") as file:
+        for name in "txyp":
+            file.create_dataset(f"events/{name}", data=events[name], chunks=(100,), compression="gzip", shuffle=True)
+        file.attrs["sensor_resolution"] = [180, 240]
+    return [path]
+
+
+def read_event_file(path: Path, rng: random.Random) -> None:
+    """All of it, a slice of it, or its summary."""
+    kind = rng.randrange(6)
+    if kind == 0:
+        summarize_events(path)
+        return
+    start = rng.choice([None, 5_000]) if kind < 3 else None
+    stop = rng.choice([None, 15_000]) if kind < 3 else None
+    policies: dict[str, Any] = rng.choice([{}, {}, {"backward": "drop"}, {"outside": "drop", "backward": "drop"}])
+    with davis_rs.open_reader(path, **policies) as reader:
+        events = reader.read(start_us=start, stop_us=stop)
+        width, height = reader.size or (65_536, 65_536)
+        t = events["t"]
+        assert not (t < 0).any(), "times before 0"
+        assert not (t[1:] < t[:-1]).any(), "times that go back"
+        assert not (events["p"] > 1).any(), "a polarity above 1"
+        assert not ((events["x"] >= width) | (events["y"] >= height)).any(), "pixels outside"
+        if kind == 5:
+            np.testing.assert_array_equal(np.concatenate([events[:0], *reader.iter(64)]), events)
+
+
+def _aedat2(folder: Path) -> list[Path]:
+    words = [aedat2_event(t % 240, t % 180, t % 2) for t in range(50)] + aedat2_imu(range(7)) + [0x402]
+    path = folder / "seed.aedat"
+    path.write_bytes(aedat2([(word, t) for t, word in enumerate(words)]))
+    return [path]
+
+
+def _aedat3(folder: Path) -> list[Path]:
+    path = folder / "seed.aedat"
+    path.write_bytes(
+        aedat3(
+            aedat3_packet(1, [aedat3_event(t, t, t, 1) for t in range(20)]),
+            aedat3_packet(0, [aedat3_special(1, 2)]),
+            aedat3_packet(2, [aedat3_frame(frame_of(5, 3))] * 2),
+            aedat3_packet(3, [aedat3_imu(1, [1.0] * 7)] * 2),
+        )
+    )
+    return [path]
+
+
+def _aedat4(folder: Path) -> list[Path]:
+    paths = []
+    for compression in (0, 1, 3):
+        paths.append(folder / f"seed{compression}.aedat4")
+        paths[-1].write_bytes(
+            aedat4(
+                (0, aedat4_events(some_events(30))),
+                (1, aedat4_frame(frame_of(5, 3))),
+                (2, aedat4_imu([(1, [1.0] * 7)] * 3)),
+                (3, aedat4_triggers([(1, 0), (2, 1)])),
+                compression=compression,
+            )
+        )
+    return paths
+
+
+def read_recording(path: Path, _: random.Random) -> None:
+    """With all that can be asked of it."""
+    recording = davis_rs.read_recording(path)
+    width, height = recording.width, recording.height
+    events = recording.events
+    assert not ((events["x"] >= width) | (events["y"] >= height)).any(), "pixels outside"
+    assert not (events["p"] > 1).any(), "a polarity above 1"
+
+
+def _trajectory(folder: Path) -> list[Path]:
+    rows = [(0.01 * k, 0.1 * k, 0.0, 1.0, 0.0, 0.0, np.sin(0.01 * k), np.cos(0.01 * k)) for k in range(30)]
+    lines = [" ".join(f"{value:.9f}" for value in row) for row in rows]
+    (folder / "groundtruth.txt").write_text("\n".join(lines) + "\n")
+    (folder / "tum.txt").write_text("# timestamp tx ty tz qx qy qz qw\n" + "\n".join("14" + line for line in lines))
+    commas = ["timestamp, x, y, z, qx, qy, qz, qw", *(f"{round(row[0] * 1e9)}, " + ", ".join(
+        f"{value:.9f}" for value in row[1:]) for row in rows)]  # fmt: skip
+    (folder / "esim.csv").write_text("\n".join(commas))
+    return [folder / "groundtruth.txt", folder / "tum.txt", folder / "esim.csv"]
+
+
+def read_trajectory(path: Path, _: random.Random) -> None:
+    """And ask it for a pose and its speed."""
+    trajectory = davis_rs.read_trajectory(path)
+    assert np.isfinite(trajectory.pose(trajectory.duration_s / 2).matrix).all(), "a pose that is not finite"
+
+
+def _calibration(folder: Path) -> list[Path]:
+    path = folder / "calib.txt"
+    path.write_text(davis_rs.load_camera("davis240c").to_calib())
+    return [path]
+
+
+def read_calibration(path: Path, _: random.Random) -> None:
+    """A camera."""
+    davis_rs.Camera.from_calib(path)
+
+
+def _plan(folder: Path) -> list[Path]:
+    path = folder / "plan.yaml"
+    path.write_text(
+        "seed: 7\nsequences: 20\nscene: {choice: [three_planes, fence]}\nduration: {uniform: [0.1, 0.2]}\n"
+        "contrast_threshold: &c {normal: [0.2, 0.03], min: 0.1, max: 0.3}\ncontrast_threshold_off: *c\n"
+        "motion:\n  kind: hand_held\n  degrees_of_freedom: 6dof\n  top_speed_m_s: 1\n  top_rate_deg_s: 60\n"
+        "  duration_s: 0.5\n  reach_m: {log_uniform: [0.5, 2]}\n"
+        "effects: {leak_rate: 0.1, shot_noise: {uniform: [0.1, 1]}}\n"
+    )
+    return [path]
+
+
+def read_plan(path: Path, _: random.Random) -> None:
+    """And draw its first sequences."""
+    plan = load_sequence_plan(path)
+    for index in range(min(3, plan.sequences)):
+        plan.parameters(index)
+
+
+def _davis(folder: Path) -> list[Path]:
+    path = folder / "seed.davis"
+    with RawWriter(path, _description(), started=datetime(2026, 1, 1, tzinfo=timezone.utc)) as writer:
+        writer.write(davis_rs.Encoder("DAVIS240C").encode(some_events()))
+    return [path]
+
+
+def _description() -> DavisDescription:
+    return DavisDescription(
+        chip="DAVIS240C", serial="1", product=0x841B, firmware=4, logic_version=18, logic_patch=1, columns=240,
+        rows=180, dvs_orientation=0, aps_columns=240, aps_rows=180, aps_orientation=0, has_global_shutter=True,
+        imu_type=1, imu_flips=0, is_master=True, logic_mhz=90.0, adc_mhz=30.0, usb_mhz=30.0,
+    )  # fmt: skip
+
+
+def read_davis(path: Path, _: random.Random) -> None:
+    """And decode it."""
+    recording = RawRecording(path)
+    decoder = recording.decoder()
+    for chunk in recording.chunks():
+        decoder.push(chunk)
+
+
+DATASET = {
+    "meta": "meta.json",
+    "groundtruth": "groundtruth.txt",
+    "images": "images.txt",
+    "calib": "calib.txt",
+    "events": "events.txt",
+    "frame": "images/frame_00000000.png",
+    "luma": "luma/frame_00000000.exr",
+}
+"""Files of a dataset, one of which is a mutant while the folder is checked."""
+
+
+def _dataset_file(name: str) -> Callable[[Path], list[Path]]:
+    def make(folder: Path) -> list[Path]:
+        write_sequence(folder / "dataset")
+        return [folder / "dataset" / name]
+
+    return make
+
+
+def _check_with(name: str) -> Callable[[Path, random.Random], None]:
+    def read(path: Path, _: random.Random) -> None:
+        replaced = path.parent / "dataset" / name
+        whole = replaced.read_bytes()
+        replaced.write_bytes(path.read_bytes())
+        try:
+            str(check_dataset(path.parent / "dataset"))
+        finally:
+            replaced.write_bytes(whole)
+
+    return read
+
+
+EVENT_FILES: dict[str, Callable[[Path], list[Path]]] = {
+    "text": _written(".txt"),
+    "npy": _written(".npy"),
+    "npz": _written(".npz"),
+    "npz-deflated": _saved(np.savez_compressed),
+    "evt2": _written(".raw", "evt2"),
+    "evt3": _written(".raw", "evt3"),
+    "aedat4": _written(".aedat4", compression="none"),
+    "aedat4-lz4": _written(".aedat4"),
+    "aedat4-zstd": _written(".aedat4", compression="zstd"),
+    "dsec": _written(".h5"),
+    "dsec-gzip": _gzip_hdf5,
+    "e2vid": _written(".h5", "e2vid"),
+    "parquet": _written(".parquet"),
+    "bag": _written(".bag"),
+    "bag-bz2": _written(".bag", compression="bz2"),
+    "bag-lz4": _written(".bag", compression="lz4"),
+    "bag-unfinished": _unfinished_bag,
+}
+
+TARGETS: dict[str, Target] = {
+    **{name: Target(make, read_event_file) for name, make in EVENT_FILES.items()},
+    "recording-aedat2": Target(_aedat2, read_recording),
+    "recording-aedat3": Target(_aedat3, read_recording),
+    "recording-aedat4": Target(_aedat4, read_recording),
+    "trajectory": Target(_trajectory, read_trajectory),
+    "calibration": Target(_calibration, read_calibration),
+    "plan": Target(_plan, read_plan, allowed=(ValueError, FileNotFoundError)),
+    "davis": Target(_davis, read_davis),
+    **{f"check-{key}": Target(_dataset_file(name), _check_with(name), allowed=()) for key, name in DATASET.items()},
+}

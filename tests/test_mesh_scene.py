@@ -1,0 +1,304 @@
+"""Meshes from OBJ and PLY files as scenes: what is shown, and what is said of files that break the rules."""
+
+from __future__ import annotations
+
+import contextlib
+import struct
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from PIL import Image
+
+from davis_rs import Scene, load_scene
+from davis_rs.luma import LUMA_WEIGHTS
+from davis_rs.rendering.renderers import make_renderer
+from davis_rs.rendering.scene_texture import bilinear
+from davis_rs.scene.mesh_scene import colours_as_texture
+from davis_rs.scene.obj_file import read_obj
+from davis_rs.scene.ply_file import read_ply
+from davis_rs.trajectory.views import Views
+
+SKY = 0.3
+QUADS = (
+    "f 5/1 6/2 7/3 8/4\nf 2/1 1/2 4/3 3/4\nf 6/1 2/2 3/3 7/4\nf 1/1 5/2 8/3 4/4\nf 8/1 7/2 3/3 4/4\nf 1/1 2/2 6/3 5/4\n"
+)
+CORNERS = [(x, y, z) for z, y, x in [(-1, -1, -1), (-1, -1, 1), (-1, 1, 1), (-1, 1, -1)]]
+CORNERS += [(x, y, 1) for x, y, _ in CORNERS]
+
+
+def cube(faces: str = QUADS, before: str = "", vertices: list[tuple[int, int, int]] = CORNERS) -> str:
+    lines = [f"v {x} {y} {z}" for x, y, z in vertices]
+    return before + "\n".join([*lines, "vt 0 0", "vt 1 0", "vt 1 1", "vt 0 1", faces])
+
+
+def painted(
+    folder: Path, image: npt.NDArray[np.uint8], mtl: str = "newmtl paint\nKd 0.8 0.8 0.8\nmap_Kd paint.png\n"
+) -> Path:
+    """A cube with an image on every side."""
+    Image.fromarray(image).save(folder / "paint.png")
+    (folder / "cube.mtl").write_text(mtl)
+    path = folder / "cube.obj"
+    path.write_text(cube(before="mtllib cube.mtl\nusemtl paint\n"))
+    return path
+
+
+def first_frame(scene: Scene) -> npt.NDArray[np.float32]:
+    renderer = make_renderer(scene, scene.own_camera, samples=1)
+    assert renderer.name == "table kernel"
+    return renderer.luma(Views.at_rest([scene.path.pose(0.0)]))[0].astype(np.float32)
+
+
+def ply(kind: str, *, faces: list[list[int]], colours: bool = False) -> bytes:
+    """The cube's vertices with these faces, in ASCII or binary."""
+    paint = "property uchar red\nproperty uchar green\nproperty uchar blue\n" if colours else ""
+    header = (
+        f"ply\nformat {kind} 1.0\ncomment made for a test\nelement vertex 8\nproperty float x\nproperty float y\n"
+        f"property float z\n{paint}element face {len(faces)}\nproperty list uchar int vertex_indices\nend_header\n"
+    ).encode()
+    order = ">" if kind == "binary_big_endian" else "<"
+    body = b""
+    for corner in CORNERS:
+        red = [255, 0, 0] if colours else []
+        if kind == "ascii":
+            body += " ".join(map(str, [*corner, *red])).encode() + b"\n"
+        else:
+            body += struct.pack(f"{order}3f{len(red)}B", *corner, *red)
+    for face in faces:
+        if kind == "ascii":
+            body += " ".join(map(str, [len(face), *face])).encode() + b"\n"
+        else:
+            body += struct.pack(f"{order}B{len(face)}i", len(face), *face)
+    return header + body
+
+
+MIXED = [[0, 1, 2], [0, 2, 3], [4, 5, 6, 7], [0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6], [3, 0, 4, 7]]
+
+
+@pytest.mark.usefixtures("llvm")
+def test_a_texture_shows_its_reflectance(tmp_path: Path) -> None:
+    """Red below, green above: the front shows both, the right way up, at the luma of lit paint; before the sky."""
+    image = np.zeros((32, 32, 3), np.uint8)
+    image[:16], image[16:] = (0, 255, 0), (255, 0, 0)
+    frame = first_frame(load_scene(painted(tmp_path, image)))
+    assert frame[5, 5] == pytest.approx(SKY, rel=1e-5)
+    ratio = frame[90 + 4, 120] / frame[90 + 34, 120]
+    assert ratio == pytest.approx(LUMA_WEIGHTS[1] / LUMA_WEIGHTS[0], rel=1e-3)
+    # Paint that is lit by the sky alone, and by the sun straight on: between SKY and SKY + 2 / pi of its reflectance.
+    assert SKY * LUMA_WEIGHTS[0] < frame[90 + 34, 120] < (SKY + 2 / np.pi) * LUMA_WEIGHTS[0]
+
+
+@pytest.mark.usefixtures("llvm")
+def test_srgb_is_decoded(tmp_path: Path) -> None:
+    """A grey of 188 of 255 reflects half as much as white."""
+    values = []
+    for grey in (255, 188):
+        values.append(first_frame(load_scene(painted(tmp_path, np.full((4, 4, 3), grey, np.uint8))))[100, 120])
+    assert values[1] / values[0] == pytest.approx(0.5, abs=0.005)
+
+
+@pytest.mark.usefixtures("llvm")
+@pytest.mark.parametrize("kind", ["ascii", "binary_little_endian", "binary_big_endian"])
+def test_ply_shows_colours_of_vertices(tmp_path: Path, kind: str) -> None:
+    """Red vertices give the luma of red, whatever the file's byte order, triangles and quads mixed."""
+    (tmp_path / "red.ply").write_bytes(ply(kind, faces=MIXED, colours=True))
+    (tmp_path / "grey.ply").write_bytes(ply(kind, faces=MIXED))
+    red, grey = (first_frame(load_scene(tmp_path / name)) for name in ("red.ply", "grey.ply"))
+    seen = grey != grey[0, 0]
+    assert 0.05 < seen.mean() < 0.6
+    np.testing.assert_allclose(red[seen], grey[seen] / 0.5 * LUMA_WEIGHTS[0], rtol=1e-3)
+
+
+def test_every_part_has_its_material(tmp_path: Path) -> None:
+    """Faces are split by material; negative indices count back from the last vertex before them."""
+    (tmp_path / "a b.mtl").write_text("newmtl one\nKd 1 0 0\nnewmtl two\nKd 0 0 0.5\n")
+    faces = "usemtl two\nf 1 2 3\nusemtl one\nf -8 -7 -6 -5\nusemtl two\nf 1//1 2//1 3//1\n"
+    (tmp_path / "m.obj").write_text(cube(faces, before="mtllib a b.mtl\nvn 0 0 1\n"))
+    two, one = read_obj(tmp_path / "m.obj")
+    assert (two.material, len(two.corners), one.material, len(one.corners)) == ("two", 2, "one", 2)
+    np.testing.assert_array_equal(one.corners[1], np.array(CORNERS)[[0, 2, 3]])
+    np.testing.assert_array_equal(one.reflectance, [1, 0, 0])
+    np.testing.assert_array_equal(two.reflectance, [0, 0, 0.5])
+    assert two.normals is None  # only some corners have one
+    scene = load_scene(tmp_path / "m.obj")
+    make_renderer(replace(scene, objects=dict.fromkeys(["mesh_one", "mesh_two"], scene.path)), scene.own_camera)
+
+
+@given(st.data())
+def test_colours_as_texture_are_linear_between_corners(data: st.DataObject) -> None:
+    """The bilinear lookup at any point of a triangle gives the mixture of its corners' colours."""
+    colours = np.random.RandomState(data.draw(st.integers(0, 99))).uniform(size=(data.draw(st.integers(1, 9)), 3, 3))
+    texture, uv = colours_as_texture(colours)
+    weights = np.random.RandomState(1).dirichlet([1, 1, 1], len(colours))
+    at = np.einsum("mi,mij->mj", weights, uv)
+    shown = bilinear(texture.astype(np.float64), np.stack([at[:, 0], 1 - at[:, 1]]), 0)
+    np.testing.assert_allclose(shown, np.einsum("mi,mij->mj", weights, colours), atol=1e-6)
+
+
+def test_axes_units_and_path(tmp_path: Path) -> None:
+    """OBJ's y points up, PLY's z; the path goes once around, looking at the middle; the note tells the size."""
+    path = tmp_path / "long.obj"
+    path.write_text(cube("f 1 2 3\nf 1 2 6\n"))
+    stretched = path.read_text().replace("v 1 ", "v 5 ").replace("v -1 1", "v -1 3").replace("v 5 1", "v 5 3")
+    path.write_text(stretched)
+    assert "6 m x 2 m wide and 4 m high" in load_scene(path).note
+    assert "6 m x 4 m wide and 2 m high" in load_scene(path, up="z").note
+    assert "0.006 m x 0.002 m wide and 0.004 m high" in load_scene(path, scale=1e-3).note
+    scene = load_scene(path)
+    t = np.linspace(0, scene.path.duration_s, 41)
+    places, turns = scene.path.positions(t), scene.path.rotations(t)
+    np.testing.assert_allclose(places[0], places[-1], atol=1e-9)
+    centre = np.array([2.0, 0.0, 1.0])
+    towards = (centre - places) / np.linalg.norm(centre - places, axis=1, keepdims=True)
+    np.testing.assert_allclose(turns[:, :, 2], towards, atol=1e-12)
+    slope = (scene.path.positions(t[1:-1] + 1e-6) - scene.path.positions(t[1:-1] - 1e-6)) / 2e-6
+    np.testing.assert_allclose(scene.path.velocities(t[1:-1]), slope, atol=1e-6)
+    step = np.einsum("nji,njk->nik", turns[1:-1], scene.path.rotations(t[1:-1] + 1e-6))
+    rates = np.stack([step[:, 2, 1], step[:, 0, 2], step[:, 1, 0]], 1) / 1e-6
+    np.testing.assert_allclose(scene.path.angular_rates(t[1:-1]), rates, atol=1e-5)
+
+
+BROKEN_OBJ = {
+    "no faces": ("v 0 0 0\n", "has no faces"),
+    "empty": ("", "has no faces"),
+    "index too large": (cube("f 1 2 9\n"), r":13: a face names v 9, but the file has 8"),
+    "index 0": (cube("f 1 2 0\n"), r":13: a corner's index counts from 1"),
+    "index before the first": (cube("f 1 2 -9\n"), r":13: a corner's index counts from 1"),
+    "no texture coordinate 7": (cube("f 1/7 2/1 3/1\n"), r":13: a face names vt 7, but the file has 4"),
+    "two corners": (cube("f 1 2\n"), r":13: a face needs at least 3 corners"),
+    "word": ("v 0 zero 0\n", r":1: could not convert"),
+    "nan": (cube().replace("v -1 -1 -1", "v nan -1 -1"), r"vertex 1 must be finite, got \(nan"),
+    "no area": (cube("f 1 1 1\n"), "has no area"),
+    "concave": ("v 0 0 0\nv 2 0 0\nv .2 .2 0\nv 0 2 0\nf 2 3 4 1\n", "line 5 has 4 corners and is not convex"),
+    "no mtl": (cube(before="mtllib none.mtl\n"), r":1: the material file 'none.mtl' is not next to the mesh"),
+    "curve": ("curv 0 1 1 2\n", "curves and surfaces"),
+}
+
+
+@pytest.mark.parametrize(("text", "said"), BROKEN_OBJ.values(), ids=BROKEN_OBJ)
+def test_broken_obj(tmp_path: Path, text: str, said: str) -> None:
+    path = tmp_path / "m.obj"
+    path.write_text(text)
+    with pytest.raises(ValueError, match=said) as caught:
+        load_scene(path)
+    assert str(path) in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+BROKEN_MTL = {
+    "texture": ("newmtl paint\nmap_Kd other.png\n", "cube.mtl:2: the texture .*other.png is not there"),
+    "material": ("newmtl gold\n", "has the material 'paint' that faces use"),
+    "colour": ("newmtl paint\nKd 1 2 3\n", "cube.mtl:2: Kd must be three numbers from 0 to 1"),
+    "option": ("newmtl paint\nmap_Kd -s 2 2 2 paint.png\n", "cube.mtl:2: options of map_Kd are not read"),
+    "no image": ("newmtl paint\nmap_Kd cube.mtl\n", "not an image that can be read"),
+}
+
+
+@pytest.mark.parametrize(("mtl", "said"), BROKEN_MTL.values(), ids=BROKEN_MTL)
+def test_broken_materials(tmp_path: Path, mtl: str, said: str) -> None:
+    path = painted(tmp_path, np.zeros((4, 4, 3), np.uint8), mtl)
+    with pytest.raises((ValueError, FileNotFoundError), match=said):
+        load_scene(path)
+
+
+def test_what_is_not_shown_is_said(tmp_path: Path) -> None:
+    """Glass is opaque here, and so is a cut-out texture: one line each."""
+    path = painted(tmp_path, np.zeros((4, 4, 3), np.uint8), "newmtl paint\nKd 1 1 1\nd 0.4\n")
+    with pytest.warns(UserWarning, match="opaque and dark: paint"):
+        load_scene(path)
+    path = painted(tmp_path, np.zeros((4, 4, 4), np.uint8))
+    with pytest.warns(UserWarning, match=r"paint.png: the texture is transparent in places"):
+        load_scene(path)
+
+
+BROKEN_PLY = {
+    "not ply": (b"plyx\n", "not a PLY file"),
+    "no end": (b"ply\nformat ascii 1.0\n", "not a PLY file"),
+    "type": (b"ply\nformat ascii 1.0\nelement vertex 1\nproperty half x\nend_header\n", "ply:4: not a line"),
+    "no faces": (ply("ascii", faces=[]), "has no faces"),
+    "index too large": (ply("ascii", faces=[[0, 1, 8]]), r"face 1 names the vertices \[0, 1, 8\], but the file has 8"),
+    "binary index": (ply("binary_little_endian", faces=[[0, 1, 2], [0, 1, -3]]), "face 2 names the vertices"),
+    "cut": (ply("binary_little_endian", faces=MIXED)[:-3], "the file ends within the element 'face'"),
+    "ascii cut": (ply("ascii", faces=MIXED)[:-8], "the file ends within the element 'face'"),
+    "billions": (
+        ply("binary_little_endian", faces=MIXED).replace(b"vertex 8", b"vertex 4000000000"),
+        "the file ends within the element 'vertex'",
+    ),
+    "nan": (ply("ascii", faces=MIXED).replace(b"\n-1 -1 -1", b"\n-1 nan -1"), "vertex 1 must be finite"),
+    "two corners": (ply("ascii", faces=[[0, 1]]), "face 1 needs a list of at least 3"),
+}
+
+
+@pytest.mark.parametrize(("data", "said"), BROKEN_PLY.values(), ids=BROKEN_PLY)
+def test_broken_ply(tmp_path: Path, data: bytes, said: str) -> None:
+    path = tmp_path / "m.ply"
+    path.write_bytes(data)
+    with pytest.raises(ValueError, match=said) as caught:
+        load_scene(path)
+    assert str(path) in str(caught.value)
+
+
+@given(st.data())
+def test_any_bytes_give_parts_or_a_value_error(tmp_path_factory: pytest.TempPathFactory, data: st.DataObject) -> None:
+    """A file with some bytes changed or cut never ends in another exception."""
+    kind = data.draw(st.sampled_from(["obj", "ascii", "binary_little_endian", "binary_big_endian"]))
+    whole = cube().encode() if kind == "obj" else ply(kind, faces=MIXED, colours=True)
+    changed = bytearray(whole[: data.draw(st.integers(0, len(whole)))])
+    for _ in range(data.draw(st.integers(0, 4)) if changed else 0):
+        changed[data.draw(st.integers(0, len(changed) - 1))] = data.draw(st.integers(0, 255))
+    path = tmp_path_factory.mktemp("any") / "m"
+    path.write_bytes(changed)
+    with contextlib.suppress(ValueError):
+        parts = read_obj(path) if kind == "obj" else read_ply(path)
+        assert all(np.isfinite(part.corners).all() for part in parts)
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("robot.glb", r"\.glb files are not read; import the file in Blender and choose File, Export"),
+        ("robot.blend", r"Blender's files are not read; in Blender choose File, Export"),
+        ("three_plains", "did you mean three_planes"),
+        ("poster_6dog", "did you mean poster_6dof"),
+        ("plans/slider_depht", "did you mean slider_depth"),
+        ("there_is_none.obj", "nor a file"),
+        ("readme.txt", r"a scene file must be a Mitsuba scene \(.xml\) or a mesh"),
+    ],
+)
+def test_other_names_and_files(tmp_path: Path, name: str, said: str) -> None:
+    given_name = tmp_path / name if "." in name and "none" not in name else name
+    if isinstance(given_name, Path):
+        given_name.write_bytes(b"glTF")
+    with pytest.raises(ValueError, match=said) as caught:
+        load_scene(given_name)
+    assert "\n" not in str(caught.value)
+    assert "Parsing" not in str(caught.value)
+
+
+def test_axis_and_scale_are_for_meshes_alone() -> None:
+    with pytest.raises(ValueError, match="up and scale are for a mesh"):
+        load_scene("fence", up="y")
+    with pytest.raises(ValueError, match="up and scale are for a mesh"):
+        load_scene("fence", scale=1.0)
+
+
+@pytest.mark.usefixtures("llvm")
+def test_simulate_a_mesh_from_the_command_line(tmp_path: Path) -> None:
+    """One command from a mesh and a texture to a dataset with events, which says how large it took the mesh to be."""
+    image = np.zeros((32, 32, 3), np.uint8)
+    image[::2] = 255
+    path = painted(tmp_path, image)
+    command = [sys.executable, "-m", "davis_rs.cli", "simulate", path, "-o", tmp_path / "out", "--duration", "0.05"]
+    command += ["--samples", "1", "--scale", "0.1", "--up", "z"]
+    done = subprocess.run([str(word) for word in command], capture_output=True, text=True, timeout=300, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "cube.obj is 0.2 m x 0.2 m wide and 0.2 m high" in done.stderr
+    events = np.loadtxt(tmp_path / "out" / "events.txt")
+    assert len(events) > 500
+    assert "axis z up" in (tmp_path / "out" / "meta.json").read_text()

@@ -1,0 +1,73 @@
+"""Scene files that would end the process are refused before Mitsuba sees them."""
+
+from __future__ import annotations
+
+import struct
+from pathlib import Path
+
+import pytest
+
+from davis_rs import DecodeError
+from davis_rs._mitsuba_files import check_ply, check_scene_dictionary, check_scene_file
+
+VERTICES = [(0, 0, 0), (1, 0, 0), (0, 1, 0), (1, 1, 0)]
+
+
+def ply(faces: list[list[int]], form: str = "ascii", *, vertices: int = 4) -> bytes:
+    """A mesh of four vertices."""
+    header = (
+        f"ply\nformat {form} 1.0\ncomment made\nelement vertex {vertices}\nproperty float x\nproperty float y\n"
+        f"property float z\nelement face {len(faces)}\nproperty list uchar int vertex_indices\nend_header\n"
+    ).encode()
+    if form == "ascii":
+        rows = [*VERTICES, *((len(face), *face) for face in faces)]
+        return header + "\n".join(" ".join(map(str, row)) for row in rows).encode() + b"\n"
+    order = "<" if "little" in form else ">"
+    body = b"".join(struct.pack(f"{order}3f", *row) for row in VERTICES)
+    return header + body + b"".join(struct.pack(f"{order}B{len(face)}i", len(face), *face) for face in faces)
+
+
+FORMS = ["ascii", "binary_little_endian", "binary_big_endian"]
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_meshes(tmp_path: Path, form: str) -> None:
+    """Faces of any number of corners are looked at, in every form of the file."""
+    path = tmp_path / "mesh.ply"
+    for faces in ([[0, 1, 2], [3, 2, 1]], [[0, 1, 2], [0, 1, 3, 2]], []):
+        path.write_bytes(ply(faces, form))
+        check_ply(path)
+    for faces in ([[0, 1, 2], [3, 2, 4]], [[0, 1, 2], [0, 1, 3, -1]], [[0, 1, 99_999_999]]):
+        path.write_bytes(ply(faces, form))
+        with pytest.raises(DecodeError, match=r"mesh.ply, PLY: a face names vertex (4|-1|99999999) of 4"):
+            check_ply(path)
+    whole = ply([[0, 1, 2], [3, 2, 1]], form)
+    path.write_bytes(whole[:-4])
+    with pytest.raises(DecodeError):
+        check_ply(path)
+    path.write_bytes(whole.replace(b"element vertex 4", b"element vertex 4000000000"))
+    with pytest.raises(DecodeError, match="there are not 4000000000 of vertex"):
+        check_ply(path)
+
+
+def test_scene_files(tmp_path: Path) -> None:
+    """Meshes are found by the name that a scene file, or one that it includes, gives them; deep XML is refused."""
+    (tmp_path / "bad.ply").write_bytes(ply([[0, 1, 9]]))
+    shape = '<shape type="ply"><string name="filename" value="$mesh"/></shape>'
+    inner, outer = tmp_path / "inner.xml", tmp_path / "outer.xml"
+    inner.write_text(f'<scene version="3.0.0"><default name="mesh" value="bad.ply"/>{shape}</scene>')
+    outer.write_text('<scene version="3.0.0"><include filename="inner.xml"/></scene>')
+    for path in (inner, outer):
+        with pytest.raises(DecodeError, match="a face names vertex 9 of 4"):
+            check_scene_file(path)
+    with pytest.raises(DecodeError, match="a face names vertex 9 of 4"):
+        check_scene_dictionary({"type": "scene", "a": {"type": "ply", "filename": str(tmp_path / "bad.ply")}})
+    outer.write_text('<scene version="3.0.0"><include filename="outer.xml"/></scene>')
+    with pytest.raises(DecodeError, match="15 deep"):
+        check_scene_file(outer)
+    outer.write_text("<scene>" + "<bsdf>" * 20_000 + "</bsdf>" * 20_000 + "</scene>")
+    with pytest.raises(DecodeError, match="nested 100 deep"):
+        check_scene_file(outer)
+    outer.write_text("<scene")
+    with pytest.raises(DecodeError, match="no XML"):
+        check_scene_file(outer)
