@@ -251,7 +251,8 @@ def test_ctrl_c_while_workers_import_prints_no_traceback(tmp_path: Path) -> None
     assert process.stdout is not None
     said = ""
     while said.count("imported") < 3:  # the script itself, then each worker, which imports it again
-        assert (line := process.stdout.readline())
+        line = process.stdout.readline()
+        assert line
         said += line  # two workers may write into one line
     os.killpg(process.pid, signal.SIGINT)
     _, told = process.communicate(timeout=60)

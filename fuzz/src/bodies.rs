@@ -52,7 +52,7 @@ pub fn evt3(data: &[u8]) {
 
 /// AEDAT 4.0.
 pub fn aedat4(data: &[u8]) {
-    file(data, Aedat4Decoder::new);
+    file(data, Aedat4Decoder::default);
 }
 
 /// Reads a file whole, and cut in two: both must give the same events, or the same error.
