@@ -29,7 +29,9 @@ THRESHOLD_GAIN = KAPPA_N / KAPPA_P**2 / CAPACITANCE_RATIO
 LARGEST_FOLLOWER_SHARE = 0.5
 """Share of the photoreceptor's current from which on the follower's alone does not set the bandwidth."""
 
+_SIZES, _LARGEST_SIZE = {"width", "height"}, 65535
 _POSITIVE = {
+    *_SIZES,
     *["contrast_threshold", "contrast_threshold_off", "photoreceptor_bandwidth_hz", "photoreceptor_bandwidth_lux"],
     "photoreceptor_bandwidth_ceiling_hz",
     *["shot_noise_half_lux", "readout_events_per_s", "aps_exposure_us", "aps_bits", "aps_full_scale_lux"],
@@ -103,13 +105,11 @@ class SensorParameters:
             value = getattr(self, name)
             if value is None:
                 continue
-            if name in ("width", "height"):
-                if not 1 <= value <= 65535:
-                    raise ValueError(f"{name} must lie in 1..65535 pixels, got {value!r}")
-                continue
             if name in _POSITIVE and value == 0:
                 raise ValueError(f"{name} must be finite and > 0, got {value!r}")
-            check_range(name, value, 0.0, 1.0 if name in _SHARES else math.inf)
+            check_range(name, value, 0.0, 1.0 if name in _SHARES else _LARGEST_SIZE if name in _SIZES else math.inf)
+            if name in _SIZES and value != int(value):
+                raise ValueError(f"{name} must be an integer number of pixels, got {value!r}")
 
     @classmethod
     def from_biases(cls, biases: str | BiasValues, **known: Any) -> SensorParameters:
