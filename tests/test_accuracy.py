@@ -220,7 +220,7 @@ def test_what_a_sweep_measures(prepared: Sweep, measured: list[Measurement]) -> 
         assert measurement.in_all.median_us > 0.4  # a stamp's microsecond
         pixels = CAMERA.width * CAMERA.height
         assert measurement.rays_per_s > measurement.keyframes_per_s * pixels * 4
-        assert measurement.rays_per_s < 1.2 * measurement.keyframes_per_s * pixels * 4 + 500 * pixels
+        assert measurement.rays_per_s < 1.2 * measurement.keyframes_per_s * pixels * 4 + 600 * pixels  # and probes
     assert prepared.path_px == pytest.approx(3, abs=0.3)
     assert close.keyframes_per_s == pytest.approx(prepared.path_px * 6 / 0.03, rel=0.15)
 

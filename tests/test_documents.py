@@ -34,7 +34,7 @@ DOCUMENTS.remove(ROOT / "docs" / "own_scene.md")  # one story, which tests/test_
 SHORT_RUN = "--duration 0.05 --samples 1"  # long enough for two frames, which davis-rs check needs
 SHORTENED = {
     "simulate": SHORT_RUN,
-    "sequence": SHORT_RUN,
+    "sequence": "--start 1 --duration 0.1 --samples 1",  # at its start the camera rests
     "record": "--duration 0.02",
     "plan": "--duration 0.05",
     "sequences-sheet": "shapes_rotation",
@@ -62,6 +62,8 @@ NOT_RUN = {
     "davis-rs accuracy three_walls -o three_walls --rounds 2": "takes an hour",
     "davis-rs accuracy SCENE -o COSTS": "its reference takes a minute; tests/test_accuracy.py runs small ones",
     "davis-rs accuracy SCENE -o DIR": "the same",
+    "davis-rs hard-cases -o DIR": "takes minutes; tests/test_hard_cases.py runs some of them",
+    "davis-rs hard-cases -o docs": "the same",
     "davis-rs calibrate KIND DIR": "needs a checkerboard's dataset; docs/calibration.md's lines are run",
     "davis-rs calibrate intrinsics | hand-eye | camera-imu DIR": "the same",
 }
