@@ -618,7 +618,7 @@ def test_suitable_scenes_take_the_table_and_say_why() -> None:
     assert "PathIntegrator" in unnamed.name
     assert make_renderer(scene, CAMERA, kind="integrator").reason == "asked for"
     assert make_renderer(scene, CAMERA).rays == 8
-    with pytest.raises(ValueError, match="auto, table or integrator, got 'fast'"):
+    with pytest.raises(ValueError, match="auto, table, integrator, got 'fast'"):
         make_renderer(scene, CAMERA, kind="fast")
     with pytest.raises(ValueError, match=r"1\.\.1024, got 0"):
         make_renderer(scene, CAMERA, samples=0)
