@@ -148,9 +148,7 @@ SEQUENCES: dict[str, Sequence] = {
     "slow light": flickering({"leak_rate_hz", "threshold_mismatch"}, GREY, 15.0, 40_000, 3, 1_000),
     "flash": flickering({"readout"}, GREY, 3.0, 500, 2, 2_000, camera=LARGE),
     "steep flash": flickering({"refractory_period_us", "aps"}, GREY, 9.0, 60, 1, 500, camera=SMALL),
-    "dim": flickering(
-        {"photoreceptor_bandwidth_hz", "threshold_mismatch"}, GREY, 3.0, 500, 2, 5_000, luma=2e-3, log_eps=1e-7
-    ),
+    "dim": flickering({"photoreceptor_bandwidth_hz"}, GREY, 3.0, 500, 2, 5_000, luma=2e-3, log_eps=1e-7),
     "dark half": flickering({"shot_noise_rate_hz", "lens_blur_px"}, HALF_BLACK, 3.0, 500, 2, 2_000),
     "near the dark level": flickering(
         {"vignetting", "refractory_period_us", "aps"}, waves(40.0, 6.0), 9.0, 500, 1, 2_000, luma=0.3, log_eps=0.1

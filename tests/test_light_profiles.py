@@ -71,7 +71,7 @@ def build(kind: str, scene: Scene, request: pytest.FixtureRequest, *, samples: i
 KINDS = pytest.mark.parametrize("kind", ["table", FAST, SCALAR])
 
 
-@pytest.mark.parametrize("profile", PROFILES, ids=repr)
+@pytest.mark.parametrize("profile", PROFILES, ids=lambda one: type(one).__name__)
 def test_rates_are_the_slopes_of_factors(profile: LightProfile) -> None:
     """The rate is what the factor's difference quotient tends to, wherever no bend lies between."""
     t = np.linspace(-0.003, 0.014, 400) + 1.3e-6

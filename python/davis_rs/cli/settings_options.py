@@ -55,7 +55,13 @@ def _add_option(group: argparse._ArgumentGroup, setting: Setting) -> None:
                 **common,
             )
     else:
-        group.add_argument(setting.option, type=_reader(setting), metavar=_metavar(setting), help=text, **common)
+        option = group.add_argument(
+            setting.option, type=_reader(setting), metavar=_metavar(setting), help=text, **common
+        )
+        if declared.choices:
+            # What the shell's completion offers, by argcomplete's convention. argparse's own choices would refuse a
+            # value in other words than Python and plans do.
+            option.completer = lambda **_: declared.choices  # type: ignore[attr-defined]
 
 
 def _metavar(setting: Setting) -> str | None:
