@@ -231,14 +231,18 @@ def test_displacement_grows_evenly_between_keyframes(pixels: float) -> None:
     assert alone < len(instants) < alone + 6
 
 
+STEADY = SampledProfile([0.0, 1.0], [1.0, 1.0])
+
+
 @st.composite
 def motions(draw: st.DrawFn) -> Trajectory:
-    """Straight pieces at speeds of their own, some at rest, declared or not."""
-    gaps = draw(st.lists(st.integers(300, 7_000), min_size=2, max_size=4))
-    knots = np.cumsum([0, *gaps]) * 1e-6
-    speeds = np.array(
-        draw(st.lists(st.sampled_from([0.0, 0.0, 0.3, -1.0, 3.0]), min_size=len(gaps), max_size=len(gaps)))
+    """A rest, then straight pieces at speeds of their own, some at rest, declared or not."""
+    pieces = draw(
+        st.lists(st.tuples(st.integers(300, 7_000), st.sampled_from([3.0, -8.0, 0.3, 0.0])), min_size=1, max_size=3)
     )
+    gaps, each = zip((draw(st.integers(300, 7_000)), 0.0), *pieces, strict=True)
+    knots = np.cumsum([0, *gaps]) * 1e-6
+    speeds = np.array(each)
     distances = np.concatenate([[0.0], np.cumsum(speeds * np.diff(knots))])
     start, way = still(1.0).pose(0.0), np.array([0.8, 0.6, 0.0])
 
@@ -261,21 +265,24 @@ def motions(draw: st.DrawFn) -> Trajectory:
 
 @st.composite
 def lights(draw: st.DrawFn) -> LightProfile:
-    """Steady, stepping within a microsecond, ramps, and square flicker that begins by and by; declared or not."""
+    """Steady, then steps within a microsecond, pulses and ramps, which it declares."""
     gaps = draw(st.lists(st.sampled_from([1, 40, 900, 5_000]), min_size=1, max_size=5))
     factors = draw(
         st.lists(st.sampled_from([0.0, 0.01, 1.0, 1.0, 5.0]), min_size=len(gaps) + 1, max_size=len(gaps) + 1)
     )
     first = draw(st.integers(200, 5_000))
-    profile: LightProfile = SampledProfile(np.cumsum([first, *gaps]) * 1e-6, factors)
-    return Undeclared(profile) if draw(st.booleans()) else profile
+    return SampledProfile(np.cumsum([first, *gaps]) * 1e-6, factors)
 
 
-@given(motion=motions(), light=lights(), preset=st.sampled_from(["paper", "fast", "balanced"]))
-@settings(max_examples=30)
+@pytest.mark.parametrize("changing", ["motion", "light", "both"])
+@given(data=st.data(), preset=st.sampled_from(["paper", "fast", "balanced"]))
+@settings(max_examples=12)
 @pytest.mark.usefixtures("llvm")
-def test_no_event_before_the_first_change_of_its_pixel(motion: Trajectory, light: LightProfile, preset: str) -> None:
-    """Any piecewise motion in any light: events of a pixel begin after a dense probe sees its luma change."""
+def test_no_event_before_the_first_change_of_its_pixel(changing: str, data: st.DataObject, preset: str) -> None:
+    """Any piecewise motion, any course of light: events of a pixel begin after a dense probe sees its luma change."""
+    rest = st.integers(1_000, 12_000).map(lambda us: still(us * 1e-6))
+    motion = data.draw(rest if changing == "light" else motions())
+    light = STEADY if changing == "motion" else data.draw(lights())
     step_us = 50
     made = simulator(floor(motion, light), preset)
     events = events_of(made)

@@ -62,6 +62,23 @@ def test_a_plan_is_another_one_where_a_file_of_it_is(tmp_path: Path) -> None:
     assert load_sequence_plan(path).sha256 != before.sha256
 
 
+def test_a_mesh_has_its_axis_its_unit_and_its_files(tmp_path: Path) -> None:
+    """``up`` and ``scale`` as on the command line; the plan is another one where a mesh's material is."""
+    (tmp_path / "flag.mtl").write_text("newmtl red\nKd 1 0 0\n")
+    (tmp_path / "flag.obj").write_text("mtllib flag.mtl\nusemtl red\nv 0 0 0\nv 2 0 0\nv 0 0 4\nf 1 2 3\n")
+    text = "scene: flag.obj\nduration: 0.1\nup: {choice: [z]}\nscale: {uniform: [0.1, 0.2]}\nsequences: 2\n"
+    plan = read(tmp_path, text)
+    assert set(plan.digests) == {"flag.obj", "flag.mtl"}
+    sequences = draw_sequences(plan)
+    check_sequences(plan, sequences)
+    for sequence in sequences:
+        scale = sequence.parameters["scale"]
+        assert 0.1 <= scale <= 0.2
+        assert f"is {2 * scale:.3g} m x 0 m wide and {4 * scale:.3g} m high" in sequence.scene().note
+    (tmp_path / "flag.mtl").write_text("newmtl red\nKd 0 1 0\n")
+    assert load_sequence_plan(plan.file).sha256 != plan.sha256
+
+
 def test_a_known_name_is_no_file(tmp_path: Path) -> None:
     """As for davis-rs simulate: what lies beside the plan under a scene's or a camera's name is something else."""
     path = write_plan(tmp_path, scene={"choice": ["fence", "slider_far"]}, camera="ideal", sequences=1)
@@ -165,6 +182,8 @@ def test_a_fault_is_named_with_its_place(tmp_path: Path, text: str, message: str
     [
         ({"scene": "nowhere"}, "nowhere' is neither one of"),
         ({"camera": "nowhere"}, "nowhere' is neither a preset"),
+        ({"up": "z"}, "up = 'z': up and scale are for a mesh that is there (OBJ or PLY)"),
+        ({"scale": 0.1}, "scale = 0.1: up and scale are for a mesh that is there (OBJ or PLY)"),
         ({"duration": 100}, "duration = 100: the interval from"),
         ({"motion": None}, "scene 'board' has no trajectory of its own"),
         ({"motion": {"kind": "slider", "distance_m": 1, "speed_m_s": 0}}, "speed_m_s must be finite and > 0, got 0"),

@@ -22,6 +22,8 @@ def test_names_are_unique_and_parts_begin_where_they_say() -> None:
     for case in cases.values():
         assert 0.004 <= case.part.path.duration_s <= 0.03
         assert case.scene.camera is not None
+    scaled = cases["scaled"]
+    np.testing.assert_allclose(scaled.true_part.path.positions([0.01]), 1e4 * scaled.part.path.positions([0.01]))
     late = cases["late start"]
     assert late.start_s == 86_400.0
     np.testing.assert_allclose(late.part.path.positions([0.01]), late.scene.path.positions([late.start_s + 0.01]))
@@ -64,18 +66,21 @@ def test_an_unknown_case_is_refused(tmp_path: Path, capsys: pytest.CaptureFixtur
 @pytest.mark.parametrize("preset", ["paper", "balanced"])
 @pytest.mark.usefixtures("llvm")
 def test_a_controllers_steps_are_nearer_brute_force_than_a_run(preset: str) -> None:
-    """Each step ends with a keyframe, so steps sample more finely: they differ from a run by the error of the run."""
+    """Each step ends with a keyframe, so steps sample more finely: where they differ from a run, the run is wrong.
+
+    Brute force on the same rays judges both: a run of these presets misses and adds about 2 %, steps of 1 ms 0.3 %.
+    """
     from davis_rs import Camera, compare_events, load_scene
 
     camera = Camera(40, 30, 120.0, 120.0, 19.5, 14.5)
-    scene = load_scene("three_planes").crop(0.5, 0.05)
+    scene = load_scene("three_planes").crop(0.5, 0.03)
 
     def made() -> Simulator:
         return Simulator(scene, camera=camera, accuracy=preset, frame_rate_hz=0, depth_rate_hz=0)
 
     running, stepping = made(), made()
     run = concatenate_events([packet.events for packet in running.run()])
-    times = range(0, 50_001, 1000)
+    times = range(0, 30_001, 1000)
     steps = concatenate_events([p.events for t in times for p in stepping.step(t, scene.path.pose(t * 1e-6))])
     probe = dense_probe(running.renderer, scene.path, step_us=50, contrast_threshold=running.contrast_threshold)
 
@@ -84,4 +89,5 @@ def test_a_controllers_steps_are_nearer_brute_force_than_a_run(preset: str) -> N
         return found.missing_percent + found.spurious_percent
 
     assert wrong(steps, probe.events) < 0.6
+    assert wrong(steps, probe.events) <= wrong(run, probe.events)
     assert wrong(steps, run) < wrong(run, probe.events) + wrong(steps, probe.events) + 0.1

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import contextlib
+import hashlib
+import json
 import struct
 import subprocess
 import sys
@@ -301,4 +303,23 @@ def test_simulate_a_mesh_from_the_command_line(tmp_path: Path) -> None:
     assert "cube.obj is 0.2 m x 0.2 m wide and 0.2 m high" in done.stderr
     events = np.loadtxt(tmp_path / "out" / "events.txt")
     assert len(events) > 500
-    assert "axis z up" in (tmp_path / "out" / "meta.json").read_text()
+    described = json.loads((tmp_path / "out" / "meta.json").read_text())["scene"]
+    assert "axis z up" in described["note"]
+    files = {name: hashlib.sha256((tmp_path / name).read_bytes()).hexdigest() for name in ("cube.mtl", "paint.png")}
+    assert described["files"] == files
+
+
+def test_a_scene_knows_all_files_that_it_reads(tmp_path: Path) -> None:
+    """Materials that faces use and their textures, each once; a PLY mesh's texture; none where there is none."""
+    path = painted(tmp_path, np.zeros((4, 4, 3), np.uint8), "newmtl paint\nmap_Kd paint.png\nnewmtl plain\nKd 1 1 1\n")
+    first, *others = QUADS.splitlines()
+    path.write_text(cube("\n".join([first, "usemtl plain", *others]), before="mtllib cube.mtl\nusemtl paint\n"))
+    assert load_scene(path).files == (tmp_path / "cube.mtl", tmp_path / "paint.png")
+    header = "ply\nformat ascii 1.0\ncomment TextureFile paint.png\nelement vertex 3\n"
+    header += "".join(f"property float {name}\n" for name in "xyzst") + "element face 1\n"
+    header += "property list uchar int vertex_indices\nend_header\n"
+    mesh = tmp_path / "triangle.ply"
+    mesh.write_text(header + "0 0 0 0 0\n1 0 0 1 0\n0 1 0 0 1\n3 0 1 2\n")
+    assert load_scene(mesh).files == (tmp_path / "paint.png",)
+    mesh.write_bytes(ply("ascii", faces=[[0, 1, 2]]))
+    assert load_scene(mesh).files == ()

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import hashlib
+import os
 from collections.abc import Mapping
 from dataclasses import asdict
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -45,10 +47,15 @@ def describe_run(
 def _describe_scene(scene: Scene) -> dict[str, Any]:
     described: dict[str, Any] = {"name": scene.name, "lux_per_luma": scene.lux_per_luma}
     if scene.file is not None:
-        digest = hashlib.sha256(scene.file.read_bytes()).hexdigest()
-        described |= {"file": scene.file_name or str(scene.file), "sha256": digest}
+        described |= {"file": scene.file_name or str(scene.file), "sha256": _sha256(scene.file)}
+    if scene.file is not None and scene.files:
+        described["files"] = {os.path.relpath(file, scene.file.parent): _sha256(file) for file in scene.files}
     if scene.note:
         described["note"] = scene.note
     described["objects"] = {name: trajectory.describe() for name, trajectory in scene.objects.items()}
     described["lights"] = {name: profile.describe() for name, profile in scene.lights.items()}
     return described
+
+
+def _sha256(file: Path) -> str:
+    return hashlib.sha256(file.read_bytes()).hexdigest()

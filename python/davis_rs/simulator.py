@@ -134,7 +134,8 @@ class Simulator:
         end where frames and depth maps fall due between.
 
         There is a keyframe at the end of each step. So steps shorter than the spacing of keyframes in :meth:`run`
-        sample more finely, and differ from a run along the same path by the errors of that run.
+        sample more finely: where their events differ from those of a run along the same path, those of the steps are
+        nearer the truth. docs/accuracy.md says by how much.
 
         Raises:
             ValueError: for a first step that is not at 0, or a time that does not increase.

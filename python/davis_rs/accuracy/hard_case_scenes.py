@@ -42,6 +42,7 @@ class HardCase:
         scene: with a camera path.
         start_s: where on the path the simulation starts.
         contrast_threshold: C in natural-log units.
+        true_scene: whose events by brute force are the truth, where that is another scene that must give the same.
     """
 
     name: str
@@ -49,11 +50,17 @@ class HardCase:
     scene: Scene
     start_s: float = 0.0
     contrast_threshold: float = 0.15
+    true_scene: Scene | None = None
 
     @property
     def part(self) -> Scene:
         """What is simulated."""
         return self.scene.crop(self.start_s)
+
+    @property
+    def true_part(self) -> Scene:
+        """What brute force renders."""
+        return (self.true_scene or self.scene).crop(self.start_s)
 
 
 def hard_cases() -> list[HardCase]:
@@ -73,7 +80,10 @@ def hard_cases() -> list[HardCase]:
         HardCase("square flicker", "130 Hz, half as bright again and half as bright, 0.3 m/s", room(slow, square)),
         HardCase("wires", "boxes 0.3, 0.45 and 1 px thick and their shadows, 1 m/s", wires(sideways(0.024, 1.0))),
         HardCase(
-            "scaled", "a scene 10,000 times smaller, 0.1 mm/s", room(sideways(0.024, 1.0, scale=1e-4), scale=1e-4)
+            "scaled",
+            "a scene 10,000 times smaller, 0.1 mm/s, against the scene at its own size",
+            room(sideways(0.024, 1.0, scale=1e-4), scale=1e-4),
+            true_scene=room(sideways(0.024, 1.0)),
         ),
         HardCase("telephoto", "fx 5000, 0.15 rad/s", room(turning(0.012, 0.15), camera=telephoto, texel=0.001)),
         HardCase("fast turn", "30 rad/s", room(turning(0.004, 30.0))),

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, overload
 
 from ..progress import each, progress
 from ..progress import say as say_above
+from ..scene.mesh_scene import Axis
 from ..scene.scene import Scene
 from ..scenes import load_scene
 from .folder import discard_hidden
@@ -164,12 +165,15 @@ def check_sequences(plan: SequencePlan, sequences: Sequence[DrawnSequence], *, q
     """
 
     @cache
-    def scene_at(name: str) -> Scene:
-        return load_scene(name)
+    def scene_at(name: str, up: Axis | None, scale: float | None) -> Scene:
+        return load_scene(name, up=up, scale=scale)
+
+    def scene_of(one: DrawnSequence) -> Scene:
+        return scene_at(one.scene_name, one.parameters.get("up"), one.parameters.get("scale"))
 
     try:
         for sequence in each(sequences, "checking", len(sequences), unit="sequences", show=not quiet):
-            sequence.check(lambda one: scene_at(one.scene_name))
+            sequence.check(scene_of)
     except ValueError as error:
         raise ValueError(f"{plan.file}: {error}") from None
 

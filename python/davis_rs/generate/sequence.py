@@ -65,7 +65,7 @@ class DrawnSequence:
 
     def scene(self) -> Scene:
         """The scene, without the settings' light."""
-        return load_scene(self.scene_name)
+        return load_scene(self.scene_name, up=self.parameters.get("up"), scale=self.parameters.get("scale"))
 
     def on_path(self, scene: Scene) -> Scene:
         """The scene with the part of the camera's path that is simulated, from t = 0.
@@ -90,7 +90,7 @@ class DrawnSequence:
         Raises:
             ValueError: naming sequence, keys, values and rule.
         """
-        scene = self._named(lambda: scene_of(self), "scene")
+        scene = self._named(lambda: scene_of(self), "scene", "up", "scale")
         self._named(lambda: self.on_path(scene), "motion", "start", "duration")
         declared = settings_of(FolderSettings)
         for name, value in self.settings.items():

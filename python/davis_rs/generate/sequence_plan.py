@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
+import warnings
 from collections.abc import Collection, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from ..camera import PRESETS
-from ..scenes import BUILTIN_SCENES
+from ..scene.mesh_scene import READERS as MESH_READERS
+from ..scenes import BUILTIN_SCENES, load_scene
 from ..sequences import SEQUENCES
 from ..settings import FolderSettings, Setting, settings_of
 from .distributions import Choice, Distribution, Words, draw
@@ -34,6 +38,8 @@ MOST_SEQUENCES = 1_000_000
 
 KEYS: dict[str, Parser] = {
     "scene": value_of("a text", none=False),
+    "up": value_of("a text"),
+    "scale": value_of("a number"),
     "motion": motion,
     "start": value_of("a number"),
     "duration": value_of("a number"),
@@ -58,7 +64,8 @@ class SequencePlan:
         sequences: how many.
         tree: for each key a value or a distribution.
         identity: the plan in JSON's types, without the number of sequences: this one can grow.
-        digests: SHA-256 of each file that the plan names, by the name that it has there.
+        digests: SHA-256 of each file that the plan names, by the name that it has there, and of materials and textures
+            of meshes.
     """
 
     file: Path
@@ -142,7 +149,18 @@ def _digests(tree: Mapping[str, Any], base: Path) -> dict[str, str]:
     named = {text for key, names in _NAMES.items() for text in _texts(tree.get(key)) if text not in names}
     named |= {text for one in _options(tree.get("motion")) if one for text in _texts(one.get("file"))}
     files = {text: base / text for text in sorted(named) if (base / text).is_file()}
+    for text in _texts(tree.get("scene")):
+        if text in files and files[text].suffix.lower() in MESH_READERS:
+            files |= {os.path.relpath(file, base): file for file in _mesh_files(files[text])}
     return {text: hashlib.sha256(path.read_bytes()).hexdigest() for text, path in files.items()}
+
+
+def _mesh_files(mesh: Path) -> tuple[Path, ...]:
+    """What a mesh is read with; nothing of one that cannot be read, which is refused where it is needed."""
+    with warnings.catch_warnings(), suppress(ValueError, OSError):
+        warnings.simplefilter("ignore")  # what is to be said of it is said when it is simulated
+        return load_scene(mesh).files
+    return ()
 
 
 def _texts(node: Any) -> list[str]:

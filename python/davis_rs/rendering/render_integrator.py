@@ -34,7 +34,7 @@ class IntegratorRenderer(SceneRenderer):
         self._camera_rays = CameraRays(camera)
         self._camera_rays.prepare(samples)
 
-    def _depth(self, views: Views) -> npt.NDArray[np.float32]:
+    def _scaled_depth(self, views: Views) -> npt.NDArray[np.float32]:
         depths = self._blank(views)
         for i, depth in enumerate(depths):
             with variant(FAST) as (_, dr):
@@ -44,8 +44,8 @@ class IntegratorRenderer(SceneRenderer):
                 depth[:] = z.numpy().reshape(depth.shape)
         return depths
 
-    def _owners(self, views: Views) -> npt.NDArray[np.uint32]:
-        owners = super()._owners(views)
+    def _scaled_owners(self, views: Views) -> npt.NDArray[np.uint32]:
+        owners = np.zeros((len(views), self.camera.height, self.camera.width), np.uint32)
         with variant(FAST) as (mi, dr):
             table = mi.UInt32(owner_numbers(self._scene, self.motion, mi, dr))
             for i, owner in enumerate(owners):
@@ -60,7 +60,7 @@ class IntegratorRenderer(SceneRenderer):
         import mitsuba as mi
 
         if self.motion:
-            self._updates.set(self.motion.at(views.t_s[index : index + 1]), 0)
+            self._updates.set(self._state(views[index : index + 1]), 0)
         lanes, _, _ = self._lanes(views, *self._frame(index), 1, mi, dr)
         ray = self._camera_rays.ray(lanes, 0, 1)
         # Mitsuba expects unit directions.

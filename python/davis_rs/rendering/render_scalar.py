@@ -35,7 +35,7 @@ class ScalarRenderer(SceneRenderer):
         self._unit_rays(samples)
         self.name += ", scalar"
 
-    def _depth(self, views: Views) -> npt.NDArray[np.float32]:
+    def _scaled_depth(self, views: Views) -> npt.NDArray[np.float32]:
         depths = self._blank(views)
         z = self._unit_rays(1)[:, 0, 2]
         for depth, found in zip(depths, self._centre_hits(views), strict=True):
@@ -43,8 +43,8 @@ class ScalarRenderer(SceneRenderer):
             depth[:] = (np.array([hit.t for hit in found]) * z).reshape(depth.shape)
         return depths
 
-    def _owners(self, views: Views) -> npt.NDArray[np.uint32]:
-        owners = super()._owners(views)
+    def _scaled_owners(self, views: Views) -> npt.NDArray[np.uint32]:
+        owners = np.zeros((len(views), self.camera.height, self.camera.width), np.uint32)
         numbers = {name: number for number, name in enumerate(self.motion.objects, 1)}
         for owner, found in zip(owners, self._centre_hits(views), strict=True):
             names = (hit.shape.id() if hit.is_valid() else "" for hit in found)
@@ -53,7 +53,7 @@ class ScalarRenderer(SceneRenderer):
 
     def _centre_hits(self, views: Views) -> Iterator[list[Any]]:
         """What each view's pixel centres see."""
-        rays, state = self._unit_rays(1)[:, 0], self.motion.at(views.t_s)
+        rays, state = self._unit_rays(1)[:, 0], self._state(views)
         for i, (position, rotation) in enumerate(zip(views.positions, views.rotations, strict=True)):
             with variant(SCALAR) as (mi, _):
                 self._update(state, i)

@@ -5,6 +5,9 @@ from __future__ import annotations
 from abc import abstractmethod
 from typing import Any
 
+import numpy as np
+import numpy.typing as npt
+
 from .._mitsuba import variant
 from ..camera import Camera
 from ..luma import LumaFrames
@@ -12,6 +15,7 @@ from ..pose import FloatArray
 from ..trajectory.views import Views
 from .render import Indices, Renderer
 from .scene_motion import STILL, SceneMotion, SceneState
+from .scene_scale import scale_scene
 from .scene_updates import SceneUpdates
 
 
@@ -34,9 +38,19 @@ class SceneRenderer(Renderer):
     """Any scene, through the integrator that it names.
 
     Where objects move or lights flicker the scene itself is changed from view to view, see :class:`SceneUpdates`.
+    A scene that is very small or very large is scaled first, see :func:`scale_scene`, and the views with it.
+
+    Args:
+        scene: loaded under :attr:`variant`; it is the renderer's own from here on.
+
+    Warns:
+        UserWarning: if a scene that is too small or too large cannot be scaled.
     """
 
     poses_per_launch = 1
+
+    scale: float
+    """How many times as large as it is the scene is rendered."""
 
     def __init__(
         self,
@@ -53,17 +67,36 @@ class SceneRenderer(Renderer):
         self._scene, self._seed, self.reason = scene, seed, reason
         with variant(self.variant) as (mi, _):
             self._integrator = _integrator(scene, mi)
+            self.scale = scale_scene(scene, self._integrator, mi)
             self._updates = SceneUpdates(scene, motion, mi)
         self.name = f"Mitsuba's {self._integrator.class_name()}"
 
     def _luma(self, views: Views) -> LumaFrames:
-        return self._render(views, self.motion.at(views.t_s))
+        return self._render(views.scaled(self.scale), self._state(views))
 
     def _luma_after(self, views: Views, step_s: FloatArray) -> LumaFrames:
-        return self._render(views.moved(step_s), self.motion.at(views.t_s).moved(step_s))
+        return self._render(views.moved(step_s).scaled(self.scale), self._state(views).moved(step_s))
 
     def _samples(self, views: Views, view: Indices, pixel: Indices, rays: int) -> LumaFrames:
-        return self._samples_at(self.motion.at(views.t_s), views, view, pixel, rays)
+        return self._samples_at(self._state(views), views.scaled(self.scale), view, pixel, rays)
+
+    def _depth(self, views: Views) -> npt.NDArray[np.float32]:
+        return self._scaled_depth(views.scaled(self.scale)) / np.float32(self.scale)
+
+    def _owners(self, views: Views) -> npt.NDArray[np.uint32]:
+        return self._scaled_owners(views.scaled(self.scale))
+
+    def _state(self, views: Views) -> SceneState:
+        """The scene when the views see it, as large as it is rendered."""
+        return self.motion.at(views.t_s).scaled(self.scale)
+
+    # What an implementation gives, of the scene and the views as large as they are rendered.
+
+    @abstractmethod
+    def _scaled_depth(self, views: Views) -> npt.NDArray[np.float32]: ...
+
+    @abstractmethod
+    def _scaled_owners(self, views: Views) -> npt.NDArray[np.uint32]: ...
 
     @abstractmethod
     def _render(self, views: Views, state: SceneState) -> LumaFrames:

@@ -33,6 +33,10 @@ class SceneState:
         factors = self.factors + self.rates * step_s[:, None]
         return SceneState(tuple(pose.moved(step_s) for pose in self.objects), factors, self.rates)
 
+    def scaled(self, factor: float) -> SceneState:
+        """The same scene in a world that is so many times as large."""
+        return SceneState(tuple(pose.scaled(factor) for pose in self.objects), self.factors, self.rates)
+
 
 class SceneMotion:
     """The trajectories of a scene's objects and the profiles of its lights, by their ids.

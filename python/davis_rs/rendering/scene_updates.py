@@ -37,7 +37,7 @@ def scene_motion(scene: Scene, loaded: Any, mi: Any) -> SceneMotion:
     for name in scene.objects:
         _place_key(name, shapes[name], parameters)
     for name in scene.lights:
-        _strength_key(name, parameters)
+        strength_key(name, parameters)
     boxes = {name: [np.array(end).reshape(3) for end in _corners(shapes[name])] for name in scene.objects}
     return SceneMotion(scene.objects, scene.lights, boxes)
 
@@ -55,11 +55,16 @@ def _place_key(name: str, shape: Any, parameters: Any) -> str:
     raise ValueError(f"object {name!r} is a {shape.class_name()}, which cannot move; meshes and simple shapes can")
 
 
-def _strength_key(name: str, parameters: Any) -> str:
-    """The parameter in which a light is linear."""
+def strength_key(name: str, parameters: Any) -> str:
+    """The parameter in which a light is linear.
+
+    Args:
+        name: of the light; empty for parameters of the light alone.
+    """
     for strength in _STRENGTHS:
-        if f"{name}.{strength}" in parameters:
-            return f"{name}.{strength}"
+        key = f"{name}.{strength}" if name else strength
+        if key in parameters:
+            return key
     raise ValueError(f"light {name!r} has none of {', '.join(_STRENGTHS)}: its strength cannot change")
 
 
@@ -82,8 +87,8 @@ class SceneUpdates:
         self._parameters = mi.traverse(scene)
         shapes = {shape.id(): shape for shape in scene.shapes()}
         keys = [_place_key(name, shapes[name], self._parameters) for name in motion.objects]
-        self._objects = [_MovingShape(self._parameters, key) for key in keys]
-        self._lights = [_strength_key(name, self._parameters) for name in motion.lights]
+        self._objects = [PlacedShape(self._parameters, key) for key in keys]
+        self._lights = [strength_key(name, self._parameters) for name in motion.lights]
         self._strengths = [np.array(self._parameters[key], np.float64) for key in self._lights]
         self._poses = [np.full((4, 4), np.nan)] * len(self._objects)  # nowhere yet
         self._factors: list[float] = [1.0] * len(self._lights)
@@ -98,23 +103,25 @@ class SceneUpdates:
                 self._poses[number] = pose
         for number, (key, factor) in enumerate(zip(self._lights, state.factors[instant].tolist(), strict=True)):
             if factor != self._factors[number]:
-                self._parameters[key] = self._like(key, self._strengths[number] * factor)
+                self._parameters[key] = like(self._parameters[key], self._strengths[number] * factor)
                 self._factors[number] = factor
         self._parameters.update()
 
-    def _like(self, key: str, values: FloatArray) -> Any:
-        kind = type(self._parameters[key])
-        if kind is float:
-            return float(values)
-        return kind(values.reshape(-1).tolist()) if values.size <= 3 else kind(values.astype(np.float32))
+
+def like(value: Any, values: FloatArray) -> Any:
+    """Numbers as a parameter of the kind that ``value`` is."""
+    kind = type(value)
+    if kind is float:
+        return float(values)
+    return kind(values.reshape(-1).tolist()) if values.size <= 3 else kind(values.astype(np.float32))
 
 
-class _MovingShape:
+class PlacedShape:
     """A shape's place in its own frame, and how to move it."""
 
     def __init__(self, parameters: Any, key: str) -> None:
         self._parameters, self._key = parameters, key
-        self._is_mesh = key.endswith(".vertex_positions")
+        self._is_mesh = key.endswith("vertex_positions")
         if not self._is_mesh:
             self._matrix = np.array(parameters[key].matrix, np.float64).reshape(4, 4)
             return
@@ -124,7 +131,7 @@ class _MovingShape:
         self._normals = normals.reshape(-1, 3)
 
     def place(self, pose: FloatArray) -> None:
-        """Move it by a pose (4, 4) from where its own frame has it."""
+        """Move it by a pose (4, 4), which may also scale it evenly, from where its own frame has it."""
         parameters = self._parameters
         if not self._is_mesh:
             parameters[self._key] = type(parameters[self._key])(pose @ self._matrix)
@@ -133,7 +140,8 @@ class _MovingShape:
         if len(self._normals):
             # Mitsuba makes normals anew with the vertices; the mesh's own come after.
             parameters.update()
-            self._put(self._normals_key, self._normals @ pose[:3, :3].T)
+            scale = np.linalg.norm(pose[:3, 0])
+            self._put(self._normals_key, self._normals @ pose[:3, :3].T / scale)
 
     def _put(self, key: str, values: FloatArray) -> None:
         self._parameters[key] = type(self._parameters[key])(values.astype(np.float32).ravel())

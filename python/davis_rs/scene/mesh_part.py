@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -24,6 +25,7 @@ class MeshPart(NamedTuple):
         reflectance: a texture, or a colour (3,), linear RGB.
         colours: (m, 3, 3), a colour at each corner in linear RGB, in the place of ``reflectance``; None: without.
         material: how the file calls it, for messages and names of shapes.
+        files: those that were read in addition to the mesh: of materials, of the texture.
     """
 
     corners: FloatArray
@@ -32,6 +34,7 @@ class MeshPart(NamedTuple):
     reflectance: Texture | FloatArray
     colours: FloatArray | None
     material: str
+    files: tuple[Path, ...] = ()
 
 
 def fan(

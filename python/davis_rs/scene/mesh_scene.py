@@ -77,6 +77,7 @@ def mesh_scene(path: str | Path, *, up: Axis | None = None, scale: float = 1.0) 
         name=path.stem,
         source=lambda: _source(shapes),
         file=path,
+        files=tuple(dict.fromkeys(file for part in parts for file in part.files)),
         camera=_CAMERA,
         trajectory=_around(centre, radius),
         note=f"{path.name} is {x} m x {y} m wide and {z} m high, at {scale:g} m to a unit and with axis {up} up",

@@ -55,16 +55,18 @@ class Materials:
                 stacklevel=2,
             )
 
+    def texture(self, name: str) -> Path | None:
+        """The file of a material's texture; None without one."""
+        return self.path.parent / self._textures[name][0].replace("\\", "/") if name in self._textures else None
+
     def reflectance(self, name: str) -> Texture | FloatArray:
         """Of a material: its texture, or its colour (3,).
 
         Raises:
             OSError, ValueError: if its texture cannot be read.
         """
-        if name not in self._textures:
-            return self.colours[name]
-        file, where = self._textures[name]
-        return read_texture(self.path.parent / file.replace("\\", "/"), where)
+        texture = self.texture(name)
+        return self.colours[name] if texture is None else read_texture(texture, self._textures[name][1])
 
 
 def _colour(text: str, where: str) -> FloatArray:

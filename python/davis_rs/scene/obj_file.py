@@ -146,10 +146,12 @@ class _ObjFile:
                 )
             own = None if colours is None else colours[position]
             return MeshPart(values["v"][position], uv, normals, np.full(3, GREY), own, material)
-        reflectance = self.materials[material].reflectance(material)
+        materials = self.materials[material]
+        reflectance, image = materials.reflectance(material), materials.texture(material)
+        files = (materials.path,) if image is None else (materials.path, image)
         if reflectance.ndim == 3 and uv is None:
             raise ValueError(
                 f"{self.path}: faces of the material {material!r} lack the texture coordinates (vt) that its texture "
                 "needs; unwrap the mesh before you export it"
             )
-        return MeshPart(values["v"][position], uv, normals, reflectance, None, material)
+        return MeshPart(values["v"][position], uv, normals, reflectance, None, material, files)

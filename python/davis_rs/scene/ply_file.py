@@ -243,6 +243,7 @@ def _part(path: Path, vertices: Columns, faces: list[Columns], texture: str) -> 
         read_texture(path.parent / texture, str(path)) if texture else np.full(3, GREY),
         None if texture else _colours(path, vertices, corners),
         "",
+        (path.parent / texture,) if texture else (),
     )
 
 

@@ -26,6 +26,7 @@ class Scene:
         source: called when the scene is loaded; a path of a Mitsuba XML file, or a Mitsuba scene dictionary in which
             NumPy arrays stand for bitmap data (float32, linear RGB) and transforms.
         file: the file that it comes from, for records; None for a scene made in code.
+        files: what is read in addition to ``file``: a mesh's materials and textures.
         file_name: how records call that file; None: by its path.
         camera: the camera it is made for; None for a file without a perspective sensor.
         trajectory: the camera path that belongs to it; None if it has none.
@@ -46,6 +47,7 @@ class Scene:
     name: str
     source: Callable[[], SceneSource]
     file: Path | None = None
+    files: tuple[Path, ...] = ()
     file_name: str | None = None
     camera: Camera | None = PRESETS["ideal"]
     trajectory: Trajectory | None = None

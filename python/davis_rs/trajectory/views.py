@@ -78,6 +78,10 @@ class Views:
         positions = self.positions + self.velocities * t[:, None]
         return Views(self.t_s + t, positions, self.rotations @ turns, self.velocities, self.angular_rates)
 
+    def scaled(self, factor: float) -> Views:
+        """The same views of a world that is so many times as large, about its origin."""
+        return Views(self.t_s, factor * self.positions, self.rotations, factor * self.velocities, self.angular_rates)
+
     def __len__(self) -> int:
         return len(self.t_s)
 
