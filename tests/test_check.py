@@ -294,6 +294,15 @@ def test_lost_poses_are_found(folder: Path, empty: bool) -> None:
     assert problem_of(folder) == f"meta.json counts {poses} poses, the folder holds 0."
 
 
+@pytest.mark.parametrize("name", ["poses", "frames"])
+def test_a_count_that_is_not_stated_is_told(folder: Path, name: str) -> None:
+    """Without it nobody would miss what was lost."""
+    counts = counts_of(folder)
+    found = counts.pop(name)
+    change_meta(folder, counts=counts)
+    assert problem_of(folder) == f"meta.json does not say how many {name} there are, the folder holds {found}."
+
+
 @pytest.mark.parametrize("changes", [
     {"duration_us": "long"}, {"duration_us": 1 << 70}, {"counts": [1]}, {"parameters": {"frame_rate_hz": "fast"}},
     {"parameters": {"contrast_threshold": 1e400}}, {"parameters": {"log_eps": -1}}, {"sensor": {"width": 1e400}},

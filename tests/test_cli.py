@@ -72,6 +72,27 @@ def test_a_folder_that_exists_is_kept(tmp_path: Path) -> None:
     assert len((out / "events.txt").read_bytes()) > len(before)
 
 
+def test_two_runs_into_one_folder_do_not_mix(tmp_path: Path) -> None:
+    """The second is refused while the first one writes, --overwrite or not; the first one's dataset is whole."""
+    out = tmp_path / "out"
+    arguments = ["simulate", "three_planes", "-o", out, "--overwrite", "--samples", 1, "--duration"]
+    command = [sys.executable, "-m", "davis_rs.cli", *map(str, arguments)]
+    with subprocess.Popen([*command, "0.6"], stderr=subprocess.DEVNULL) as first:
+        while not (out / "events.txt").exists():
+            assert first.poll() is None
+            time.sleep(0.01)
+        first.send_signal(signal.SIGSTOP)  # so that it still writes, however fast it is
+        try:
+            second = subprocess.run([*command, "0.1"], capture_output=True, text=True, timeout=300, check=False)
+        finally:
+            first.send_signal(signal.SIGCONT)
+        assert first.wait(300) == 0
+    assert second.returncode == 1
+    assert f"{out}: another program is writing into it" in second.stderr
+    assert json.loads((out / "meta.json").read_text())["duration_us"] == 600_000
+    assert run("check", out).returncode == 0
+
+
 def test_bad_input_leaves_the_old_dataset_alone(tmp_path: Path) -> None:
     """With --overwrite too, what is there goes only once the new run is known to work."""
     out = tmp_path / "out"

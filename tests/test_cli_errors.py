@@ -81,6 +81,8 @@ def test_each_command_has_its_help(command: str, capsys: pytest.CaptureFixture[s
         (["simulate", "three_planes", "-o", "x", "--sensor", "DAVIS240"], "did you mean davis240c?"),
         (["simulate", "three_planes", "-o", "x", "--duration", "long"], "invalid float value: 'long'"),
         (["calibrate", "intrinsic", "x"], "did you mean intrinsics?"),
+        (["simulate", "three_planes", "-o", "x", "--size", "0x5"], "--size: size must lie in 1..65535 pixels"),
+        (["plan", "three_planes", "--size", "240"], "--size: size must be WIDTHxHEIGHT in pixels"),
     ],
 )
 def test_a_wrong_command_line_is_told_in_one_line(

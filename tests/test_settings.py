@@ -171,6 +171,9 @@ def test_a_name_that_is_no_setting_is_told_with_the_nearest(taker: Any) -> None:
         ({"size": (240.7, 180)}, r"size must be two integers, width and height in pixels, got \(240\.7, 180\)"),
         ({"size": "240"}, "size must be WIDTHxHEIGHT in pixels, such as 346x260, got '240'"),
         ({"size": "0x5"}, r"size must lie in 1\.\.65535 pixels each way, got 0 x 5"),
+        ({"log_eps": 1e9}, r"log_eps must be > 0 and <= 1000 luma, got 1000000000\.0"),
+        ({"tolerance": 1e9}, r"tolerance must be > 0 and <= 10, got 1000000000\.0"),
+        ({"max_displacement_px": 1e9}, r"max_displacement_px must be > 0 and <= 1000 px, got 1000000000\.0"),
         ({"tolerance": 0.1, "render_rate_hz": 9.0}, "only one of .* may be given, got render_rate_hz and tolerance"),
     ],
 )

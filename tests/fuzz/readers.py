@@ -32,8 +32,10 @@ if __name__ == "__main__":
 
 MOST_SECONDS = 2.0
 MOST_BYTES = 200 << 20
-SILENCE_SECONDS = 60.0
-"""Of a child, by the wall clock; the machine may be busy with other things."""
+MOST_SILENT_SECONDS = 20.0
+"""Of a child's processor time, without a word of it."""
+MOST_BLOCKED_SECONDS = 600.0
+"""By the wall clock, for a child that waits rather than works; the machine may be busy with other things."""
 ADDRESS_SPACE = 12 << 30
 """Of a child: above what libraries reserve, below what would harm others."""
 
@@ -90,7 +92,11 @@ def child(say: Connection, target_name: str, seed: int, numbers: range, folder: 
                 found = f"{type(error).__module__}.{type(error).__name__}: {str(error)[:200]}"
         seconds = time.process_time() - started
         grown = max(0, _peak() - before) - len(data)
-        others = {str(one.category.__name__): str(one.message)[:100] for one in caught if one.category not in own}
+        others = {
+            str(one.category.__name__): str(one.message)[:100]
+            for one in caught
+            if one.category not in own and not str(one.message).startswith(target.warns)
+        }
         if found is None and others:
             found = f"warnings: {others}"
         if found is None and seconds > MOST_SECONDS:
@@ -100,6 +106,15 @@ def child(say: Connection, target_name: str, seed: int, numbers: range, folder: 
         if found is not None:
             _keep(folder, keep, f"{target_name}-{seed}-{number}")
         say.send({"accepted": accepted, "found": found, "seconds": seconds, "grown": grown})
+
+
+def _processor_seconds(pid: int | None) -> float:
+    """What a process has used; 0 once it is gone."""
+    try:
+        fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    except OSError:
+        return 0.0
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 def _reset_peak() -> int:
@@ -156,10 +171,16 @@ def _follow(process: BaseProcess, hear: Connection, result: Result, number: int)
     begun = False
     with hear:
         while True:
-            if not hear.poll(SILENCE_SECONDS):
-                process.kill()
-                process.join()
-                return f"hangs for {SILENCE_SECONDS:.0f} s", number, begun
+            used = _processor_seconds(process.pid)
+            waited = time.monotonic()
+            while not hear.poll(1.0):
+                if not process.is_alive():
+                    break
+                silent = time.monotonic() - waited
+                if _processor_seconds(process.pid) - used > MOST_SILENT_SECONDS or silent > MOST_BLOCKED_SECONDS:
+                    process.kill()
+                    process.join()
+                    return f"hangs for {silent:.0f} s", number, begun
             try:
                 said = hear.recv()
             except EOFError:

@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Callable, Collection
 from typing import Any
 
-from ..settings import Setting, settings_of
+from ..settings import Setting, parse_size, settings_of
 
 
 def add_settings(parser: argparse.ArgumentParser, declaration: type, *, only: Collection[str] | None = None) -> None:
@@ -81,6 +81,8 @@ def _reader(setting: Setting) -> Callable[[str], Any]:
             raise argparse.ArgumentTypeError(f"must be {wanted}, got {text!r}") from None
         try:
             setting.check(value, setting.option)
+            if setting.name == "size":
+                parse_size(value)
         except ValueError as error:
             raise argparse.ArgumentTypeError(str(error).removeprefix(f"{setting.option} ")) from None
         return value

@@ -141,7 +141,7 @@ def _leak(estimator: OmissionEstimator, effect: LeakRate) -> tuple[OmissionError
     """
     sample, duration_s = estimator.sequence.pixels, estimator.sequence.duration_us * 1e-6
     seen = (
-        f"{estimator.of_rate(effect.rate_hz):.3g} events expected of {effect.rate_hz:.3g} Hz a pixel, beside "
+        f"{estimator.of_rate(effect.rate_hz):.3g} events expected of {effect.rate_hz:.3g} Hz a pixel, next to "
         f"{estimator.scene_events:.3g} of the scene; levels drift by {effect.rate_hz * duration_s:.2g} C"
     )
     counted = estimator.added(effect.rate_hz)
@@ -163,7 +163,7 @@ def _shot_noise(estimator: OmissionEstimator, effect: ShotNoise) -> tuple[Omissi
     dark, bright = np.percentile(steps.luma, (1, 99))
     seen = (
         f"luma {dark:.3g}..{bright:.3g} (1 % to 99 %) against the {effect.half_luma:.3g} that halves the rate: "
-        f"{hz:.3g} Hz a pixel, so {estimator.of_rate(hz):.3g} events beside {estimator.scene_events:.3g} of the scene"
+        f"{hz:.3g} Hz a pixel, so {estimator.of_rate(hz):.3g} events next to {estimator.scene_events:.3g} of the scene"
     )
     return estimator.added(hz), seen
 
@@ -172,7 +172,7 @@ def _hot_pixels(estimator: OmissionEstimator, effect: HotPixels) -> tuple[Omissi
     camera, hz = estimator.sequence.camera, effect.fraction * effect.rate_hz
     seen = (
         f"{effect.fraction * camera.width * camera.height:.3g} pixels of {effect.rate_hz:.3g} Hz: "
-        f"{estimator.of_rate(hz):.3g} events beside {estimator.scene_events:.3g} of the scene"
+        f"{estimator.of_rate(hz):.3g} events next to {estimator.scene_events:.3g} of the scene"
     )
     return estimator.added(hz), seen
 

@@ -134,7 +134,7 @@ def check_dataset(path: str | Path) -> CheckReport:
     report.counts |= {"frames": len(frames), "depth_maps": len(depth_maps), "luma_maps": len(luma)}
     if meta:
         poses = {} if ground_truth is None else {"poses": len(ground_truth.t_us)}
-        problems += _meta_problems(meta, report.counts | (poses if "poses" in (meta.get("counts") or {}) else {}))
+        problems += _meta_problems(meta, report.counts | poses)
     if camera is None:
         return report
     size = (camera.height, camera.width)
@@ -169,8 +169,11 @@ def _meta_problems(meta: dict[str, Any], found: dict[str, int]) -> Iterator[str]
         return
     stated = meta.get("counts") or {}
     for name, count in found.items():
-        if stated.get(name) != count:
-            yield f"{META} counts {stated.get(name)} {name.replace('_', ' ')}, the folder holds {count}."
+        what = name.replace("_", " ")
+        if name not in stated:
+            yield f"{META} does not say how many {what} there are, the folder holds {count}."
+        elif stated[name] != count:
+            yield f"{META} counts {stated[name]} {what}, the folder holds {count}."
 
 
 def _event_problems(events: EventArray, size: tuple[int, int], duration_us: int | None) -> Iterator[str]:

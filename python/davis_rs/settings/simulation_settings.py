@@ -72,7 +72,7 @@ class ViewSettings(TypedDict, total=False):
     ]
     log_eps: Annotated[
         float,
-        Declared("dark level: L = ln(luma + log_eps)", 1e-3, unit="luma", low=0, above_low=True, metavar="Y"),
+        Declared("dark level: L = ln(luma + log_eps)", 1e-3, unit="luma", low=0, high=1e3, above_low=True, metavar="Y"),
     ]
     lux_per_luma: Annotated[
         float | None,
@@ -154,6 +154,7 @@ class SamplingSettings(ViewSettings, total=False):
             "render whenever a pixel has moved so far; 1/3 in the paper",
             unit="px",
             low=0,
+            high=1e3,
             above_low=True,
             metavar="PX",
             group=_ACCURACY,
@@ -164,6 +165,7 @@ class SamplingSettings(ViewSettings, total=False):
         Declared(
             "render so often that the error of log luma stays below this share of C",
             low=0,
+            high=10,
             above_low=True,
             metavar="SHARE",
             group=_ACCURACY,

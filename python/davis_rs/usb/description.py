@@ -10,6 +10,8 @@ from . import protocol
 from .protocol import Register
 
 _SWAPPED = 4
+_MOST_MHZ = 500
+"""Of a clock: the longest exposures and intervals still fit into their registers."""
 
 
 @dataclass(frozen=True)
@@ -85,7 +87,8 @@ def describe(read: Callable[[Register], int], *, serial: str, product: int, firm
     """Ask a camera for its description; ``read`` gives a register's value.
 
     Raises:
-        OSError: if it has other logic or firmware than this protocol is of, or a chip whose stream is not understood.
+        OSError: if it has other logic or firmware than this protocol is of, a chip whose stream is not understood, or
+            sizes or clocks that no camera has.
     """
     oldest = protocol.FIRMWARE_MIN[product]
     if firmware < oldest:
@@ -101,7 +104,7 @@ def describe(read: Callable[[Register], int], *, serial: str, product: int, firm
         raise OSError(f"camera {serial} has chip {chip}, whose stream is not understood")
     # The FX3's crystal is not quite at the nominal frequency; the register gives the ratio in thousandths.
     deviation = read(protocol.SYSTEM_DEVIATION) / 1000
-    return DavisDescription(
+    description = DavisDescription(
         chip=protocol.CHIPS[chip],
         serial=serial,
         product=product,
@@ -122,3 +125,12 @@ def describe(read: Callable[[Register], int], *, serial: str, product: int, firm
         adc_mhz=read(protocol.SYSTEM_ADC_MHZ) * deviation,
         usb_mhz=read(protocol.SYSTEM_USB_MHZ) * deviation,
     )
+    for name in ("logic_mhz", "adc_mhz", "usb_mhz"):
+        clock = getattr(description, name)
+        if not 1 <= clock <= _MOST_MHZ:
+            raise OSError(f"camera {serial}: {name} must lie in 1..{_MOST_MHZ}, its registers say {clock:g}")
+    try:
+        description.device  # noqa: B018 - raises
+    except ValueError as error:
+        raise OSError(f"camera {serial}, by what its registers say: {error}") from error
+    return description

@@ -17,6 +17,9 @@ from .protocol import Register, Write
 UDEV_RULE = 'SUBSYSTEM=="usb", ATTR{idVendor}=="152a", ATTR{idProduct}=="841[ab]", MODE="0666", TAG+="uaccess"'
 """What lets users open the camera, in a file such as /etc/udev/rules.d/65-davis.rules."""
 
+_NONSENSE = (ValueError, LookupError, TypeError, AttributeError)
+"""What pyusb raises, besides the system's errors, where descriptors or replies are not what USB says."""
+
 _NO_PERMISSION = (
     "no permission to open the camera at {place}. A udev rule is missing; put this line into "
     "/etc/udev/rules.d/65-davis.rules:\n    {rule}\n"
@@ -53,6 +56,8 @@ def find_devices(backend: Any = None) -> list[FoundDevice]:
         devices = list(usb.core.find(find_all=True, backend=backend, idVendor=protocol.VENDOR))
     except usb.core.NoBackendError:
         raise OSError("libusb 1.0 was not found; on Debian: apt-get install libusb-1.0-0") from None
+    except OSError as error:
+        raise OSError(error.errno or errno.EIO, f"the devices on the USB cannot be listed: {error}") from error
     found = []
     for device in sorted(devices, key=lambda device: (device.bus, device.address)):
         if device.idProduct not in protocol.FIRMWARE_MIN:
@@ -61,14 +66,19 @@ def find_devices(backend: Any = None) -> list[FoundDevice]:
         try:
             # Without permission pyusb says of a serial number that there is none; of a status it says the truth.
             usb.control.get_status(device)
-            serial = str(device.serial_number or "")
-        except (OSError, ValueError) as error:
+            serial = _printable(device.serial_number or "")
+        except (OSError, *_NONSENSE) as error:
             problem = explained(error, f"bus {device.bus} address {device.address}")
         finally:
             usb.util.dispose_resources(device)
         place = (device.bus, device.address, device.idProduct, device.bcdDevice & 0xFF)
         found.append(FoundDevice(*place, serial, problem, device))
     return found
+
+
+def _printable(text: str) -> str:
+    """Text of a device without what a terminal would obey."""
+    return "".join(letter if letter.isprintable() else ascii(letter)[1:-1] for letter in text)
 
 
 def explained(error: Exception, place: str) -> OSError:
@@ -99,7 +109,8 @@ class UsbLink:
             if self._configuration() != protocol.CONFIGURATION:
                 self._device.set_configuration(protocol.CONFIGURATION)
             self._claim()
-        except OSError as error:
+            self._check_endpoint()
+        except (OSError, *_NONSENSE) as error:
             self.close()
             raise explained(error, self.place) from error
 
@@ -117,6 +128,14 @@ class UsbLink:
         import usb.util
 
         usb.util.claim_interface(self._device, protocol.INTERFACE)
+
+    def _check_endpoint(self) -> None:
+        from usb.util import ENDPOINT_TYPE_BULK, endpoint_type, find_descriptor
+
+        interface = self._device.get_active_configuration()[protocol.INTERFACE, 0]
+        endpoint = find_descriptor(interface, bEndpointAddress=protocol.DATA_ENDPOINT)
+        if endpoint is None or endpoint_type(endpoint.bmAttributes) != ENDPOINT_TYPE_BULK:
+            raise ValueError(f"its interface has no bulk endpoint {protocol.DATA_ENDPOINT:#04x}")
 
     def read(self, register: Register) -> int:
         """A register's value."""
@@ -143,9 +162,13 @@ class UsbLink:
 
     def _send(self, request: int, value: int, index: int, payload: bytes) -> None:
         try:
-            self._device.ctrl_transfer(protocol.REQUEST_OUT, request, value, index, payload)
+            taken = self._device.ctrl_transfer(protocol.REQUEST_OUT, request, value, index, payload)
         except OSError as error:
             raise self._explained(error) from error
+        if taken != len(payload):
+            raise OSError(
+                errno.EIO, f"the camera at {self.place} took {taken} bytes of a request, not all {len(payload)}"
+            )
 
     def clear_halt(self) -> None:
         """Make the data endpoint usable, whatever happened to it before."""
@@ -187,6 +210,8 @@ class UsbLink:
                 usb.control.get_status(self._device)
             except OSError as later:
                 error = later
+            except _NONSENSE:
+                pass  # it is still there, and answers nonsense: the first error says more
         return explained(error, self.place)
 
     def close(self) -> None:

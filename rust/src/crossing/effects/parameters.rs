@@ -114,9 +114,13 @@ impl Effects {
         for (name, value, low, high, unit) in ranges {
             if !(low..=high).contains(&value) {
                 let (from, to) = (plain(low), plain(high));
-                let range =
-                    if low == LEAST { format!("be > 0 and at most {to}") } else { format!("lie in {from}..{to}") };
-                return Err(Error::Argument(format!("{name} must {range} {unit}, got {value}")));
+                let range = match (low == LEAST, high == f64::INFINITY) {
+                    (true, true) => format!("be > 0 {unit}"),
+                    (true, false) => format!("be > 0 and at most {to} {unit}"),
+                    (false, true) => format!("be {from} {unit} or more"),
+                    (false, false) => format!("lie in {from}..{to} {unit}"),
+                };
+                return Err(Error::Argument(format!("{name} must {range}, got {value}")));
             }
         }
         self.readout.as_ref().map_or(Ok(()), ReadoutParameters::check)
