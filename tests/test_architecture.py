@@ -17,7 +17,7 @@ PACKAGE = ROOT / "python" / "davis_rs"
 LAYERS = [
     ["cli"],
     ["generate", "accuracy", "sequence_report"],
-    ["simulation_folder", "virtual_scene"],
+    ["simulation_folder", "virtual_scene", "frames_to_events"],
     ["simulation"],
     ["simulator", "effect_planning"],
     ["due_instants", "run_description"],
@@ -32,11 +32,11 @@ LAYERS = [
     ["recordings", "camera", "lattice", "luma"],
     ["usb", "biases"],
     ["event_matching", "represent", "dtypes", "decoded", "events", "holding"],
-    ["_mitsuba", "_llvm", "_mitsuba_files", "untrusted", "_core", "close_names", "progress"],
+    ["_mitsuba", "_llvm", "_mitsuba_files", "untrusted", "_core", "close_names", "progress", "stop_requests"],
 ]
 RANK = {name: (layer, place) for layer, names in enumerate(LAYERS) for place, name in enumerate(names)}
 LATE = {"mitsuba", "drjit", "scipy", "matplotlib", "imageio", "OpenEXR", "PIL", "tqdm", "usb", "lz4", "zstandard"}
-LATE |= {"h5py", "hdf5plugin", "pyarrow", "rosbags", "cv2", "yaml", "distributed", "argcomplete"}
+LATE |= {"h5py", "hdf5plugin", "pyarrow", "rosbags", "cv2", "yaml", "distributed", "argcomplete", "av"}
 PLUG_INS = {"virtual_backend": {"usb"}}
 """Modules that derive from a class of a heavy library: imported late themselves."""
 

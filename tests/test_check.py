@@ -357,6 +357,7 @@ def test_an_interrupted_dataset_holds(tmp_path: Path, by_finish: bool) -> None:
         for packet in packets():
             if packet.end_us > 3.5 * FRAME_STEPS * STEP_US:
                 break
+            assert packet.pose is not None
             writer.write(packet, [(packet.end_us, packet.pose)])
         if not by_finish:
             raise KeyboardInterrupt

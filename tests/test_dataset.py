@@ -85,6 +85,7 @@ def write_sequence(path: Path, *, c_on: float = 0.15, c_off: float = 0.15, check
     written = list(packets(c_on, c_off))
     with DatasetWriter(path, CAMERA, check_frames=check_frames) as writer:
         for packet in written:
+            assert packet.pose is not None
             writer.write(packet, [(packet.end_us, packet.pose)])
         writer.finish({"parameters": parameters(c_on, c_off)})
     return np.concatenate([packet.events for packet in written])

@@ -20,6 +20,8 @@ from davis_rs.generate.generate import draw_sequences
 from davis_rs.generate.sequence_plan import KEYS, SETTINGS
 from davis_rs.settings import (
     FolderSettings,
+    FrameFolderSettings,
+    FrameSettings,
     SimulationSettings,
     SimulatorSettings,
     ViewSettings,
@@ -32,6 +34,8 @@ TAKERS: list[tuple[Any, type]] = [
     (davis_rs.simulate, SimulationSettings),
     (simulate_to_folder, FolderSettings),
     (plan_effects, ViewSettings),
+    (davis_rs.events_from_frames, FrameSettings),
+    (davis_rs.frames_to_folder, FrameFolderSettings),
 ]
 NAMES = list(settings_of(FolderSettings))
 SMALL = Camera(12, 9, 10.0, 10.0, 5.5, 4.0)
@@ -42,7 +46,9 @@ def shown(taker: Any) -> dict[str, inspect.Parameter]:
     return dict(inspect.signature(taker).parameters)
 
 
-@pytest.mark.parametrize(("taker", "declaration"), TAKERS, ids=["Simulator", "simulate", "folder", "plan"])
+@pytest.mark.parametrize(
+    ("taker", "declaration"), TAKERS, ids=["Simulator", "simulate", "folder", "plan", "frames", "frames to folder"]
+)
 def test_signature_and_help_list_every_setting(taker: Any, declaration: type) -> None:
     """With the declared default, type and a line of its own; no ``**settings`` is left for a reader to look up."""
     parameters, text = shown(taker), pydoc.plain(pydoc.render_doc(taker))

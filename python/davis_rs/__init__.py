@@ -22,6 +22,9 @@ if TYPE_CHECKING:
     from .event_matching import EventComparison, compare_events
     from .events import EVENT_DTYPE, as_events
     from .formats import EventReader, EventWriter, TruncatedFileWarning, WriteReport
+    from .frames_to_events.events_from_frames import events_from_frames
+    from .frames_to_events.frames_folder import FramesReport, frames_to_folder
+    from .frames_to_events.open_frames import open_frames
     from .imu import Imu, simulate_imu
     from .inspection.check import check_dataset
     from .inspection.figure import view
@@ -77,6 +80,7 @@ _MODULES = {
     "FixedRate": "sampling.rules",
     "Flicker": "scene.light_profile",
     "Frame": "decoded",
+    "FramesReport": "frames_to_events.frames_folder",
     "GroundTruth": "pose",
     "IMU_COUNTS_DTYPE": "decoded",
     "IMU_DTYPE": "decoded",
@@ -113,12 +117,15 @@ _MODULES = {
     "check_dataset": "inspection.check",
     "compare_events": "event_matching",
     "convert": "event_files.conversion",
+    "events_from_frames": "frames_to_events.events_from_frames",
+    "frames_to_folder": "frames_to_events.frames_folder",
     "from_structured": "dtypes",
     "iter_events": "event_files.read",
     "load_camera": "camera",
     "load_scene": "scenes",
     "log_intensity": "_core",
     "make_video": "inspection.video",
+    "open_frames": "frames_to_events.open_frames",
     "open_reader": "event_files.read",
     "open_writer": "event_files.write",
     "plan_effects": "effect_planning",
@@ -170,6 +177,7 @@ __all__ = [
     "FixedRate",
     "Flicker",
     "Frame",
+    "FramesReport",
     "GroundTruth",
     "Imu",
     "LightProfile",
@@ -202,12 +210,15 @@ __all__ = [
     "check_dataset",
     "compare_events",
     "convert",
+    "events_from_frames",
+    "frames_to_folder",
     "from_structured",
     "iter_events",
     "load_camera",
     "load_scene",
     "log_intensity",
     "make_video",
+    "open_frames",
     "open_reader",
     "open_writer",
     "plan_effects",

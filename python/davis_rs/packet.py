@@ -21,7 +21,7 @@ class Packet:
         start_us, end_us: the interval in microseconds from the start of the sequence; events lie in
             (start_us, end_us]. The first packet has start_us == end_us and no events: it only sets the references.
         events: the events, ``EVENT_DTYPE``, sorted by (t, y, x).
-        pose: T_world_camera at ``end_us``.
+        pose: T_world_camera at ``end_us``; None where no camera moved: events from frames.
         luma: linear luma, float32 (H, W), where an intensity frame fell due at ``end_us``, else None.
         depth: z along the optical axis in metres, float32 (H, W), inf where nothing is hit, where a depth map fell
             due at ``end_us``, else None.
@@ -32,7 +32,7 @@ class Packet:
     start_us: int
     end_us: int
     events: EventArray
-    pose: Pose
+    pose: Pose | None
     luma: npt.NDArray[np.float32] | None = None
     depth: npt.NDArray[np.float32] | None = None
     frame: npt.NDArray[np.float32] | None = None

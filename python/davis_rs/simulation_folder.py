@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import signal
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
-from types import FrameType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -27,6 +24,7 @@ from .scene.scene import Scene
 from .settings import FolderSettings, SimulationSettings, complete, make_imu, make_motion_capture, only, takes_settings
 from .simulation import make_simulator
 from .simulator import Simulator
+from .stop_requests import stop_requests
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
@@ -119,7 +117,7 @@ def simulate_to_folder(
         **(meta or {}),
     }
     with (
-        _stop_requests() as stop_requested,  # before the folder is made: a signal must not leave an empty one
+        stop_requests() as stop_requested,  # before the folder is made: a signal must not leave an empty one
         DatasetWriter(
             path, simulator.camera, image_gain=given["image_gain"], overwrite=overwrite, imu=imu, meta=described
         ) as writer,
@@ -181,26 +179,3 @@ def _rendering_with(renderer: Renderer) -> str:
 def _up_to(t_us: npt.NDArray[np.int64], last_us: int, total_us: int) -> int:
     """How many of the stamps are due once the sequence has got to ``last_us`` of ``total_us``."""
     return len(t_us) if last_us >= total_us else int(np.searchsorted(t_us, last_us, "right"))
-
-
-@contextmanager
-def _stop_requests() -> Iterator[Callable[[], bool]]:
-    """Catch the first SIGINT or SIGTERM as a wish; the next one acts as it would have."""
-    wishes: list[int] = []
-
-    def wish(number: int, _: FrameType | None) -> None:
-        wishes.append(number)
-        signal.signal(number, before[number])
-
-    try:
-        before: dict[int, Any] = {int(number): signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
-        for number in before:
-            signal.signal(number, wish)
-    except ValueError:  # not in the main thread: signals are the caller's
-        yield lambda: False
-        return
-    try:
-        yield lambda: bool(wishes)
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)

@@ -122,3 +122,15 @@ def sensor_size(text: str) -> tuple[int, int]:
         raise argparse.ArgumentTypeError(str(error)) from None
     assert size is not None
     return size
+
+
+def require_free(options: argparse.Namespace) -> None:
+    """Refuse a folder ``options.output`` that holds something, unless it may be replaced.
+
+    That is checked again when the folder is made; here it saves the time until then.
+
+    Raises:
+        FileExistsError: naming the folder.
+    """
+    if not options.overwrite and Path(options.output).exists() and any(Path(options.output).iterdir()):
+        raise FileExistsError(f"{options.output} exists and is not empty: choose another folder or give --overwrite")

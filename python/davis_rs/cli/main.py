@@ -17,6 +17,7 @@ from .parser import Parser
 
 COMMANDS = {
     "simulate": ("simulate", "simulate a scene into a dataset folder"),
+    "frames": ("frames", "turn a video, images or arrays into events"),
     "sequence": ("simulate", "simulate a sequence of the public dataset"),
     "sequences": ("sequences", "list the public dataset's sequences: the paper's table next to our own"),
     "sequences-table": ("sequences", "the same list as a table of Markdown"),
@@ -126,9 +127,10 @@ def _in_a_line(error: Exception, options: argparse.Namespace, debug: bool) -> st
 
 def _as_options(said: str, options: argparse.Namespace) -> str:
     """A message of the library, with what it calls arguments called as on the command line: --format, not format=."""
-    from ..settings import FolderSettings, settings_of
+    from ..settings import FolderSettings, FrameFolderSettings, settings_of
 
-    declared = {name: setting.option for name, setting in settings_of(FolderSettings).items()}
+    settings = {**settings_of(FrameFolderSettings), **settings_of(FolderSettings)}
+    declared = {name: setting.option for name, setting in settings.items()}
     for name, option in ({name: f"--{name.replace('_', '-')}" for name in vars(options)} | declared).items():
         said = re.sub(rf"(?<![\w./'\"-]){name}=(True\b)?", f"{option} ", said)
         if "_" in name:

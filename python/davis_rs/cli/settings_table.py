@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Mapping
 
-from ..settings import FolderSettings, Setting, settings_of
+from ..settings import Declared, FolderSettings, FrameFolderSettings, Setting, settings_of
 
 
 def add_settings(table: argparse.ArgumentParser) -> None:
@@ -21,9 +22,26 @@ def _settings(_: argparse.Namespace) -> int:
 
 
 def settings_markdown() -> str:
-    """One table for each group of settings."""
+    """One table for each group of settings; those of ``davis-rs frames`` that no simulation has come last."""
+    simulation, frames = settings_of(FolderSettings), settings_of(FrameFolderSettings)
+    own = {name: setting for name, setting in frames.items() if setting.declared != _declared(simulation.get(name))}
+    return f"{_tables(simulation)}\n\n## Settings of events from frames\n\n{_SHARED}\n\n{_tables(own)}"
+
+
+_SHARED = (
+    "`davis-rs frames`, `davis_rs.events_from_frames` and `davis_rs.frames_to_folder` take these, and of the settings "
+    "above\n`--sensor`, the contrast thresholds, `--lux-per-luma`, `--seed`, `--threads` and `--image-gain`. They are no "
+    "keys of plans."
+)
+
+
+def _declared(setting: Setting | None) -> Declared | None:
+    return None if setting is None else setting.declared
+
+
+def _tables(chosen: Mapping[str, Setting]) -> str:
     groups: dict[str, list[Setting]] = {}
-    for setting in settings_of(FolderSettings).values():
+    for setting in chosen.values():
         groups.setdefault(setting.declared.group, []).append(setting)
     return "\n\n".join(_table(heading, settings) for heading, settings in groups.items())
 

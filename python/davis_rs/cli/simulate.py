@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import argparse
 import sys
-from pathlib import Path
 from typing import Any
 
 from ..scene.scene import Scene
 from ..sequences import SEQUENCES, sequence_named
 from ..settings import FolderSettings
-from .common import add_path, add_scene, on_path, scene_of
+from .common import add_path, add_scene, on_path, require_free, scene_of
 from .settings_options import add_settings, given_settings
 
 
@@ -71,9 +70,7 @@ def simulate_into(options: argparse.Namespace, scene: Scene, defaults: dict[str,
     """
     from ..simulation_folder import simulate_to_folder
 
-    if not options.overwrite and Path(options.output).exists() and any(Path(options.output).iterdir()):
-        # Checked again when the folder is made; here it saves the time until then.
-        raise FileExistsError(f"{options.output} exists and is not empty: choose another folder or give --overwrite")
+    require_free(options)
     report = simulate_to_folder(
         scene,
         options.output,

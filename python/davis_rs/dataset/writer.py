@@ -76,7 +76,8 @@ class DatasetWriter:
 
     Args:
         path: the folder; made if it does not exist.
-        camera: its size is the sensor's and its calibration goes to ``calib.txt``.
+        camera: its size is the sensor's and its calibration goes to ``calib.txt``; or (width, height) in pixels where
+            the lens is not known: then there is no ``calib.txt``, and ``meta.json`` says so.
         image_gain: a frame's grey value is round(255 * image_gain * luma), clipped to 0..255. By default it is chosen
             once, from the first frame, so that its 98th percentile comes to 0.8 of full scale (1.0 where that is
             black).
@@ -91,7 +92,7 @@ class DatasetWriter:
             hold both ``events.txt`` and ``meta.json``, so that no other folder can be overwritten by mistake).
         OSError: if the folder cannot be written, here or later, naming the file; EBUSY if another writer has it.
         ValueError: for an image gain that is not positive and finite, a negative ``check_frames``, or an IMU beside a
-            camera with k3, for which Kalibr has no model.
+            camera with k3, for which Kalibr has no model, or without a camera.
 
     Source: Mueggler et al., "The Event-Camera Dataset and Simulator", IJRR 2017, section 5 (file formats).
     """
@@ -99,7 +100,7 @@ class DatasetWriter:
     def __init__(
         self,
         path: str | Path,
-        camera: Camera,
+        camera: Camera | tuple[int, int],
         *,
         image_gain: float | None = None,
         overwrite: bool = False,
@@ -111,16 +112,19 @@ class DatasetWriter:
         if check_frames < 0:
             raise ValueError(f"check_frames must be >= 0, got {check_frames}")
         self.path = Path(path)
-        self.camera = camera
+        self.camera = camera if isinstance(camera, Camera) else None
+        self.size = (camera.width, camera.height) if isinstance(camera, Camera) else camera
         self.image_gain = image_gain
         self._check_frames = check_frames
         self._meta = as_json(meta or {})
         self._end_us = 0
         self._pose_count, self._last_pose_us = 0, -1
         self._imu_count, self._last_imu_us = 0, -1
-        kalibr = (
-            {} if imu is None else {KALIBR_IMU: kalibr_imu(imu), KALIBR_CAMERA_CHAIN: kalibr_camera_chain(camera, imu)}
-        )
+        texts = {} if self.camera is None else {CALIBRATION: self.camera.to_calib()}
+        if imu is not None:
+            if self.camera is None:
+                raise ValueError("the IMU's place is told from the camera: give one")
+            texts |= {KALIBR_IMU: kalibr_imu(imu), KALIBR_CAMERA_CHAIN: kalibr_camera_chain(self.camera, imu)}
         self._pending_luma: tuple[int, npt.NDArray[np.float32]] | None = None
         self._hold = claim_folder(self.path, overwrite=overwrite)
         self._open = True
@@ -128,8 +132,7 @@ class DatasetWriter:
         self._frames = ImageFiles(self.path, FRAMES)
         self._depth_maps = ImageFiles(self.path, DEPTH_MAPS)
         self._luma_maps = ImageFiles(self.path, LUMA_MAPS)
-        write_file(self.path / CALIBRATION, camera.to_calib().encode())
-        for name, text in kalibr.items():
+        for name, text in texts.items():
             write_file(self.path / name, text.encode())
         self._write_meta(complete=False)
 
@@ -176,9 +179,9 @@ class DatasetWriter:
         """Close every file, write ``meta.json`` and return what it holds.
 
         ``meta.json`` holds ``meta`` (added to what the constructor was given) and, under keys that are the writer's
-        own, ``sensor``, ``image_gain`` (null where no frame was written), ``counts`` (``events``, ``on_events``,
-        ``frames``, ``depth_maps``, ``luma_maps``, ``poses``, ``imu_samples``), ``duration_us`` (the end of the last
-        packet), ``complete`` and ``interrupted``.
+        own, ``sensor``, ``calibrated`` (whether there is a ``calib.txt``), ``image_gain`` (null where no frame was
+        written), ``counts`` (``events``, ``on_events``, ``frames``, ``depth_maps``, ``luma_maps``, ``poses``,
+        ``imu_samples``), ``duration_us`` (the end of the last packet), ``complete`` and ``interrupted``.
 
         Args:
             meta: anything that JSON can hold; NumPy scalars and arrays and paths are converted.
@@ -223,7 +226,7 @@ class DatasetWriter:
         events = as_events(packet.events)
         if not len(events):
             return events
-        t_us, width, height = events["t"], self.camera.width, self.camera.height
+        t_us, (width, height) = events["t"], self.size
         back = t_us[1:] < t_us[:-1]
         if back.any():
             at = int(back.argmax())
@@ -262,7 +265,7 @@ class DatasetWriter:
         if image is None:
             return None
         array = np.ascontiguousarray(image, np.float32)
-        size = (self.camera.height, self.camera.width)
+        size = (self.size[1], self.size[0])
         if array.shape != size:
             raise ValueError(f"the {what} at {t_us} us must have the sensor's shape {size}, got {array.shape}")
         bad = ~((array >= 0) & (array <= largest))
@@ -306,7 +309,8 @@ class DatasetWriter:
 
     def _write_meta(self, *, complete: bool, interrupted: bool = False) -> dict[str, Any]:
         meta = self._meta | {
-            "sensor": {"width": self.camera.width, "height": self.camera.height},
+            "sensor": {"width": self.size[0], "height": self.size[1]},
+            "calibrated": self.camera is not None,
             "image_gain": self.image_gain,
             "counts": {
                 "events": self._events.count,

@@ -6,7 +6,7 @@ from .effects import EFFECTS, Effects, parse_effect
 from .hot_pixels import HotPixels
 from .leak_rate import LeakRate
 from .lens_blur import LensBlur
-from .optics import with_optics
+from .optics import Optics, with_optics
 from .photoreceptor_bandwidth import PhotoreceptorBandwidth
 from .readout import Readout
 from .refractory_period import RefractoryPeriod
@@ -22,6 +22,7 @@ __all__ = [
     "HotPixels",
     "LeakRate",
     "LensBlur",
+    "Optics",
     "PhotoreceptorBandwidth",
     "Readout",
     "RefractoryPeriod",

@@ -20,10 +20,18 @@ class Optics(ImageMap):
     In this order because the lens's own fall-off is a share of the light that goes to an image point, wherever it then
     lands: a spot in the corner is as wide as one in the middle, and is dimmed as a whole. With spots of a few pixels,
     over which the fall-off hardly changes, the other order would give nearly the same.
+
+    Args:
+        camera: the lens, which vignetting needs; None where it is not known.
+
+    Raises:
+        ValueError: for vignetting without a lens.
     """
 
-    def __init__(self, camera: Camera, vignetting: Vignetting | None, lens_blur: LensBlur | None) -> None:
-        self._gain = None if vignetting is None else vignetting.gain(camera)
+    def __init__(self, camera: Camera | None, vignetting: Vignetting | None, lens_blur: LensBlur | None) -> None:
+        if vignetting is not None and camera is None:
+            raise ValueError("vignetting depends on the lens: give camera")
+        self._gain = None if vignetting is None or camera is None else vignetting.gain(camera)
         self._weights = None if lens_blur is None else lens_blur.weights()
         self.reach = 0 if self._weights is None else len(self._weights) - 1
 

@@ -121,11 +121,8 @@ def check_dataset(path: str | Path) -> CheckReport:
     meta = read(lambda: dataset.meta) or {}
     if not meta:
         problems.append(f"There is no {META} to be read, so the events cannot be compared with log intensity.")
-    camera, events, ground_truth = (
-        read(lambda: dataset.camera),
-        read(lambda: dataset.events),
-        read(lambda: dataset.groundtruth),
-    )
+    sensor = read(lambda: _sensor_size(dataset, meta))
+    events, ground_truth = read(lambda: dataset.events), read(lambda: dataset.groundtruth)
     frames, depth_maps = read(lambda: dataset.frames) or [], read(lambda: dataset.depth_maps) or []
     luma = read(lambda: dataset.luma) or []
 
@@ -135,9 +132,9 @@ def check_dataset(path: str | Path) -> CheckReport:
     if meta:
         poses = {} if ground_truth is None else {"poses": len(ground_truth.t_us)}
         problems += _meta_problems(meta, report.counts | poses)
-    if camera is None:
+    if sensor is None:
         return report
-    size = (camera.height, camera.width)
+    size = (sensor[1], sensor[0])
     parameters = meta.get("parameters") or {}
     event_problems = [] if events is None else list(_event_problems(events, size, _duration(meta)))
     luma_problems = list(_image_problems("luma map", luma, dataset.read_luma, size, None))
@@ -152,6 +149,14 @@ def check_dataset(path: str | Path) -> CheckReport:
         report.instants, comparison_problems = _compare(dataset, events, parameters)
         problems += comparison_problems
     return report
+
+
+def _sensor_size(dataset: Dataset, meta: dict[str, Any]) -> tuple[int, int] | None:
+    """(width, height); reads the calibration, unless ``meta.json`` says that there is none."""
+    if meta.get("calibrated") is False:
+        return dataset.size
+    camera = dataset.camera
+    return camera.width, camera.height
 
 
 def _and(names: list[str]) -> str:

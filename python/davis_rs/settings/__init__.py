@@ -1,18 +1,23 @@
 """The settings of a simulation: their declarations, and what they stand for with a given scene."""
 
-from .image_camera import parse_size
+from .frame_settings import FrameFolderSettings, FrameSettings
+from .image_camera import camera_of_size, parse_size
 from .inertial import make_imu, make_motion_capture
 from .resolve import ViewedScene, chosen_sampling, view_scene
-from .setting import Setting, complete, only, settings_of, takes_settings
+from .setting import Declared, Setting, complete, only, settings_of, takes_settings
 from .simulation_settings import FolderSettings, SimulationSettings, SimulatorSettings, ViewSettings
 
 __all__ = [
+    "Declared",
     "FolderSettings",
+    "FrameFolderSettings",
+    "FrameSettings",
     "Setting",
     "SimulationSettings",
     "SimulatorSettings",
     "ViewSettings",
     "ViewedScene",
+    "camera_of_size",
     "chosen_sampling",
     "complete",
     "make_imu",

@@ -41,10 +41,23 @@ def image_camera(
     if camera is None:
         found = scene.own_camera
         return found if wanted in (None, (found.width, found.height)) else _with_same_view(found, *wanted)
+    return camera_of_size(camera, wanted, "size" if asked is not None else "the sensor")
+
+
+def camera_of_size(camera: Camera | str, wanted: tuple[int, int] | None, source: str) -> Camera:
+    """A camera, a preset's name or a ``calib.txt``, for an image of a size.
+
+    Args:
+        wanted: (width, height) in pixels; None takes the camera's own.
+        source: who asks for that size, for messages.
+
+    Raises:
+        ValueError: if the camera has another size, or a calibration file whose size is not known.
+        OSError, DecodeError: if a calibration cannot be read.
+    """
     if isinstance(camera, Camera) or camera in PRESETS:
         known = camera if isinstance(camera, Camera) else PRESETS[camera]
         if wanted not in (None, (known.width, known.height)):
-            source = "size" if asked is not None else "the sensor"
             raise ValueError(
                 f"the camera has {_text((known.width, known.height))} pixels, but {source} asks for {_text(wanted)}"
             )

@@ -21,11 +21,62 @@ from .setting import Declared
 
 _ACCURACY = "accuracy and cost"
 _INERTIAL = "IMU and ground truth (docs/trajectories_and_imu.md)"
-_EFFECTS = "effects (docs/effects.md)"
-_EFFECT_FORM = "NAME[=VALUE[,PARAMETER=VALUE...]]"
+EFFECTS = "effects (docs/effects.md)"
+EFFECT_FORM = "NAME[=VALUE[,PARAMETER=VALUE...]]"
 
 
-class ViewSettings(TypedDict, total=False):
+class PixelSettings(TypedDict, total=False):
+    """What the pixels are like, wherever their light comes from."""
+
+    contrast_threshold: Annotated[
+        float | None,
+        Declared(
+            "C of ON events, in natural-log units",
+            default_help="the sensor's, or else the scene's; 0.15 for frames",
+            low=0,
+            above_low=True,
+            metavar="C",
+        ),
+    ]
+    contrast_threshold_off: Annotated[
+        float | None,
+        Declared("C of OFF events", default_help="the sensor's, or else as ON", low=0, above_low=True, metavar="C"),
+    ]
+    lux_per_luma: Annotated[
+        float | None,
+        Declared(
+            "brightness: illuminance that one unit of luma stands for",
+            default_help="the scene's; 1000 for frames",
+            unit="lux",
+            low=0,
+            above_low=True,
+            metavar="LUX",
+        ),
+    ]
+    sensor: Annotated[
+        SensorParameters | str | None,
+        Declared(
+            "size, thresholds and effects of a sensor",
+            default_help="ideal pixels",
+            choices=tuple(SENSORS),
+            group=EFFECTS,
+            text=str,
+        ),
+    ]
+    seed: Annotated[
+        int,
+        Declared(
+            "of threshold mismatch, noise, IMU and motion capture, and of Mitsuba's integrators",
+            0,
+            low=0,
+            high=2**64 - 1,
+            metavar="N",
+            group=_ACCURACY,
+        ),
+    ]
+
+
+class ViewSettings(PixelSettings, total=False):
     """How the sensor sees the scene: what the planner of effects needs as well."""
 
     camera: Annotated[
@@ -46,44 +97,9 @@ class ViewSettings(TypedDict, total=False):
             text=str,
         ),
     ]
-    sensor: Annotated[
-        SensorParameters | str | None,
-        Declared(
-            "size, thresholds and effects of a sensor; the scene's lens keeps its horizontal field of view",
-            default_help="ideal pixels",
-            choices=tuple(SENSORS),
-            group=_EFFECTS,
-            text=str,
-        ),
-    ]
-    contrast_threshold: Annotated[
-        float | None,
-        Declared(
-            "C of ON events, in natural-log units",
-            default_help="the sensor's, or else the scene's",
-            low=0,
-            above_low=True,
-            metavar="C",
-        ),
-    ]
-    contrast_threshold_off: Annotated[
-        float | None,
-        Declared("C of OFF events", default_help="the sensor's, or else as ON", low=0, above_low=True, metavar="C"),
-    ]
     log_eps: Annotated[
         float,
         Declared("dark level: L = ln(luma + log_eps)", 1e-3, unit="luma", low=0, high=1e3, above_low=True, metavar="Y"),
-    ]
-    lux_per_luma: Annotated[
-        float | None,
-        Declared(
-            "brightness: illuminance that one unit of luma stands for",
-            default_help="the scene's",
-            unit="lux",
-            low=0,
-            above_low=True,
-            metavar="LUX",
-        ),
     ]
     samples: Annotated[
         int | None,
@@ -107,20 +123,40 @@ class ViewSettings(TypedDict, total=False):
         ),
     ]
     blur: Annotated[bool | None, Declared("3 x 3 blur of luma", default_help="as the scene has it", group=_ACCURACY)]
-    seed: Annotated[
-        int,
+
+
+class EngineSettings(TypedDict, total=False):
+    """How the crossing engine runs."""
+
+    threads: Annotated[
+        int | None,
         Declared(
-            "of threshold mismatch, noise, IMU and motion capture, and of Mitsuba's integrators",
-            0,
-            low=0,
-            high=2**64 - 1,
+            "of the crossing engine; results do not depend on it",
+            default_help="as many as pay",
+            low=1,
+            high=1024,
             metavar="N",
             group=_ACCURACY,
         ),
     ]
 
 
-class SamplingSettings(ViewSettings, total=False):
+class ImageSettings(TypedDict, total=False):
+    """How intensity frames are written into a folder."""
+
+    image_gain: Annotated[
+        float | None,
+        Declared(
+            "of the 8-bit frames: grey = 255 x image gain x luma",
+            default_help="chosen from the first frame",
+            low=0,
+            above_low=True,
+            metavar="GAIN",
+        ),
+    ]
+
+
+class SamplingSettings(ViewSettings, EngineSettings, total=False):
     """What the sensor records, and how finely time is sampled."""
 
     frame_rate_hz: Annotated[
@@ -182,17 +218,6 @@ class SamplingSettings(ViewSettings, total=False):
             group=_ACCURACY,
         ),
     ]
-    threads: Annotated[
-        int | None,
-        Declared(
-            "of the crossing engine; results do not depend on it",
-            default_help="as many as pay",
-            low=1,
-            high=1024,
-            metavar="N",
-            group=_ACCURACY,
-        ),
-    ]
     poses_per_launch: Annotated[
         int | None,
         Declared(
@@ -214,7 +239,7 @@ class SimulatorSettings(SamplingSettings, total=False):
             "what makes pixels, readout and frames differ from ideal ones; over those of the sensor",
             default_help="the sensor's",
             text=None,
-            group=_EFFECTS,
+            group=EFFECTS,
         ),
     ]
 
@@ -225,29 +250,19 @@ class SimulationSettings(SamplingSettings, total=False):
     effects: Annotated[
         Effects | str | Sequence[str] | None,
         Declared(
-            f"over those of the sensor: Effects, texts {_EFFECT_FORM}, or auto: those of the sensor (davis240c if not "
+            f"over those of the sensor: Effects, texts {EFFECT_FORM}, or auto: those of the sensor (davis240c if not "
             "given) whose omission would show in this scene",
             default_help="the sensor's",
-            metavar=_EFFECT_FORM,
+            metavar=EFFECT_FORM,
             text=list,
-            group=_EFFECTS,
+            group=EFFECTS,
         ),
     ]
 
 
-class FolderSettings(SimulationSettings, total=False):
+class FolderSettings(SimulationSettings, ImageSettings, total=False):
     """The settings of :func:`~davis_rs.simulate_to_folder`: a simulation's, and what is written next to the events."""
 
-    image_gain: Annotated[
-        float | None,
-        Declared(
-            "of the 8-bit frames: grey = 255 x image gain x luma",
-            default_help="chosen from the first frame",
-            low=0,
-            above_low=True,
-            metavar="GAIN",
-        ),
-    ]
     imu: Annotated[
         Imu | str | None,
         Declared(
@@ -269,7 +284,7 @@ class FolderSettings(SimulationSettings, total=False):
         Sequence[str] | None,
         Declared(
             f"imperfections of the IMU, over those of --imu: {', '.join(IMU_EFFECTS)}",
-            metavar=_EFFECT_FORM,
+            metavar=EFFECT_FORM,
             text=list,
             group=_INERTIAL,
         ),

@@ -1,0 +1,59 @@
+"""The command line: davis-rs frames."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+
+from ..settings import FrameFolderSettings
+from .common import require_free
+from .settings_options import add_settings, given_settings
+
+
+def add_frames(frames: argparse.ArgumentParser) -> None:
+    """Add the command's arguments."""
+    frames.description = (
+        "Turn a video, a folder of images or a .npy stack into a dataset folder with the events that a sensor would "
+        "have seen. Ctrl-C keeps what was written."
+    )
+    frames.set_defaults(run=_frames)
+    frames.add_argument(
+        "frames",
+        metavar="FRAMES",
+        help="a video, a folder of images (PNG, JPEG, TIFF, BMP, EXR), or a .npy file (n, H, W) or (n, H, W, 3)",
+    )
+    frames.add_argument("-o", "--output", required=True, metavar="DIR", help="the folder to write")
+    frames.add_argument("--overwrite", action="store_true", help="replace the dataset in DIR")
+    frames.add_argument("--quiet", action="store_true", help="no progress bar, only the last line")
+    stamps = frames.add_argument_group("stamps")
+    stamps.add_argument(
+        "--timestamps",
+        metavar="FILE",
+        help="text with a stamp a line, or .npy; if not given, the video's own, or the folder's images.txt, images.csv "
+        "(ESIM), timestamps.txt or fps.txt (vid2e)",
+    )
+    stamps.add_argument("--fps", type=float, metavar="HZ", help="frames a second, in place of stamps")
+    stamps.add_argument(
+        "--time-unit",
+        choices=("s", "ms", "us", "ns"),
+        help="of --timestamps; if not given, s in text and floating point, us in integers of .npy",
+    )
+    add_settings(frames, FrameFolderSettings)
+
+
+def _frames(options: argparse.Namespace) -> int:
+    from ..frames_to_events.frames_folder import frames_to_folder
+    from ..frames_to_events.open_frames import open_frames
+
+    require_free(options)
+    source = open_frames(options.frames, timestamps=options.timestamps, fps=options.fps, time_unit=options.time_unit)
+    report = frames_to_folder(
+        source,
+        options.output,
+        overwrite=options.overwrite,
+        meta={"command": ["davis-rs", *sys.argv[1:]]},
+        quiet=options.quiet,
+        **given_settings(options, FrameFolderSettings),
+    )
+    print(report)
+    return 130 if report.interrupted else 0

@@ -1,0 +1,308 @@
+"""A run over frames: settings made whole, then packets of events."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict
+from itertools import chain
+from typing import Any
+
+import numpy as np
+
+from .._core import CrossingEngine, __version__
+from ..camera import Camera
+from ..effects import Effects, Optics, parse_effect
+from ..events import EventArray, concatenate_events
+from ..packet import Packet
+from ..sensor_parameters import SensorParameters, sensor_parameters
+from ..settings import FrameSettings, camera_of_size, complete
+from .frame_part import FramePart, frame_part
+from .frame_source import FrameSource, StampedFrame
+from .interpolation import Cubic, Interpolation, Linear, SensorFrame
+from .light import Light
+from .quantisation import LOG_EPS, QuantisationCount, dark_level
+from .read_ahead import read_ahead
+
+CONTRAST_THRESHOLD = 0.15
+LUX_PER_LUMA = 1000.0
+"""What a scene has where nothing says else (:class:`~davis_rs.Scene`)."""
+
+
+class FrameRun:
+    """Frames on their way to events, by settings that are all decided; :meth:`packets` goes through them once.
+
+    The first frame is read at once: it says how large the sensor is.
+
+    Args:
+        source: of the frames.
+        settings: those of :class:`~davis_rs.settings.FrameSettings`.
+        from_zero: the first frame that is taken gets the stamp 0; else stamps stay as the source has them.
+
+    Attributes:
+        size: (width, height) of the sensor in pixels.
+        camera: its lens, None where that is not known.
+        contrast_threshold, contrast_threshold_off: C_on and C_off.
+        log_eps: dark level in units of luma.
+        light: how values become luma.
+        effects: of the pixels and the readout.
+        left_out: effects of the sensor that frames cannot have.
+        quantisation: events that rounding may have made.
+        interpolation: what lies between frames.
+
+    Raises:
+        TypeError, ValueError: for settings that do not exist, are out of range or contradict each other.
+        OSError, DecodeError: if the first frame cannot be read.
+    """
+
+    def __init__(self, source: FrameSource, settings: Mapping[str, Any], *, from_zero: bool = False) -> None:
+        self.settings = complete(FrameSettings, settings, of="events_from_frames")
+        self.source = source
+        _check_times(self.settings)
+        self._taken = self._frames_between()
+        first = next(self._taken, None)
+        if first is None:
+            raise ValueError(f"{source.name}: there are no frames{self._between_words()}")
+        self._first = first
+        self._start_us = self._end_us = 0 if from_zero else _rounded(first.t_ns, 1000)
+        sensor = sensor_parameters(self.settings["sensor"])
+        self.light = Light(source.encoding(first), self.settings["transfer"], self.settings["white_level"])
+        self._part = self._part_of(first, sensor)
+        self.size = self._part.size
+        wanted = self.settings["camera"]
+        self.camera: Camera | None = None if wanted is None else camera_of_size(wanted, self.size, "the frames")
+        on = _first(self.settings["contrast_threshold"], sensor.contrast_threshold, CONTRAST_THRESHOLD)
+        off = _first(self.settings["contrast_threshold_off"], sensor.contrast_threshold_off, on)
+        self.contrast_threshold, self.contrast_threshold_off = on, off
+        self.lux_per_luma = _first(self.settings["lux_per_luma"], LUX_PER_LUMA)
+        self.effects, self.left_out = self._effects(sensor)
+        self._optics = self._lens()
+        self.log_eps = _first(self.settings["log_eps"], dark_level(self.light.levels, min(on, off)))
+        # What is averaged over areas or blurred has finer levels than the frames, and rounding shows less.
+        plain = self._optics is None and self.size == (self._part.width, self._part.height)
+        self.quantisation = QuantisationCount(self.light.levels if plain else None)
+        self.interpolation = self._interpolation()
+        self._engine = CrossingEngine(
+            *self.size,
+            contrast_threshold=on,
+            contrast_threshold_off=off,
+            log_eps=self.log_eps,
+            interpolation=self.interpolation.engine,
+            effects=self.effects.engine_settings(),
+            seed=self.settings["seed"],
+            threads=self.settings["threads"],
+        )
+
+    @property
+    def dropped_events(self) -> int:
+        """How many events the readout has dropped so far."""
+        return self._engine.dropped_events
+
+    def packets(self) -> Iterator[Packet]:
+        """One packet a frame: it ends at the frame's instant, and ``luma`` is what the pixels saw there.
+
+        The first has no events: it sets the references. Where a readout still holds events at the end, one more brings
+        them.
+
+        Raises:
+            OSError, ValueError: for a frame that cannot be read or taken, naming it; the packets before it are whole.
+        """
+        pending: list[EventArray] = []
+        before: SensorFrame | None = None
+        for sample in self.interpolation.samples(self._sensor_frames()):
+            pending.append(self._engine.push(sample.t_us, sample.luma, sample.rate))
+            frame = sample.frame
+            if frame is None:
+                continue
+            events = concatenate_events(pending)
+            pending.clear()
+            if before is not None:
+                self.quantisation.add(events, before.luma, frame.luma)
+            start_us, self._end_us = frame.t_us if before is None else self._end_us, frame.t_us
+            before = frame
+            yield Packet(start_us, frame.t_us, events, None, frame.luma)
+        yield from self.flush()
+
+    def flush(self) -> Iterator[Packet]:
+        """What a readout still holds after the last frame: a packet, if there is any."""
+        late = self._engine.flush()
+        if len(late):
+            yield Packet(self._end_us, int(late["t"][-1]), late, None)
+
+    def describe(self) -> dict[str, Any]:
+        """All that a repetition needs, for meta.json; what was found on the way is there after :meth:`packets`."""
+        sensor = self.settings["sensor"]
+        given = {name: value for name, value in self.settings.items() if name not in _TOLD_ELSEWHERE}
+        return {
+            "davis_rs": __version__,
+            "versions": {"numpy": np.__version__},
+            "scene": {"name": self.source.name},
+            "frames": {
+                **self.source.describe(),
+                "transfer": self.light.transfer,
+                "black_level": self.light.black,
+                "white_level": self.light.white,
+                "part": {**self._part._asdict(), "size": list(self.size)},
+                "first_stamp_ns": self._first.t_ns,
+            },
+            "interpolation": self.interpolation.describe(),
+            "camera": None if self.camera is None else asdict(self.camera),
+            "parameters": {
+                **given,
+                "sensor": sensor if sensor is None or isinstance(sensor, str) else asdict(sensor),
+                "contrast_threshold": self.contrast_threshold,
+                "contrast_threshold_off": self.contrast_threshold_off,
+                "log_eps": self.log_eps,
+                "lux_per_luma": self.lux_per_luma,
+            },
+            "effects": self.effects.describe(),
+            "effects_left_out": list(self.left_out),
+        }
+
+    def notes(self) -> Iterator[str]:
+        """What is assumed about the frames, a line each, for people."""
+        about = self.source.describe()
+        transfer = f"{self.light.transfer} ({'given' if self.settings['transfer'] else self._why_transfer(about)})"
+        encoded = f"values {self.light.black:g} to {self.light.white:g} are luma 0 to 1, transfer {transfer}"
+        if about["kind"] == "video":
+            matrix = "" if about["matrix_stated"] or about["matrix"] is None else ", matrix by the frame's size"
+            stated = "as it says" if about["range_stated"] else "which it does not say"
+            encoded = f"{about['codec']}, {about['pixel_format']}, {about['range']} range ({stated}{matrix}), {encoded}"
+        yield f"{self.source.name}: {encoded}"
+        if self.settings["log_eps"] is None and self.log_eps > LOG_EPS:
+            yield (
+                f"log_eps {self.log_eps:.3g}: with {LOG_EPS:g} one grey level in the dark would be more than C = "
+                f"{min(self.contrast_threshold, self.contrast_threshold_off):g} (--log-eps)"
+            )
+        if self.left_out:
+            names = ", ".join(self.left_out)
+            yield f"of the sensor's effects {names} is left out: the intensity frames are what came in"
+
+    def findings(self) -> Iterator[str]:
+        """What was found on the way, a line each, for people."""
+        if self.quantisation.counts and self.quantisation.suspect:
+            yield str(self.quantisation)
+
+    @staticmethod
+    def _why_transfer(about: dict[str, Any]) -> str:
+        if about["kind"] == "video":
+            return "as the video says" if about["transfer_stated"] else "the video does not say"
+        return "by the type of the values"
+
+    def _frames_between(self) -> Iterator[StampedFrame]:
+        """The frames from start to stop, their stamps increasing."""
+        start_ns = round(self.settings["start_s"] * 1e9)
+        stop_s = self.settings["stop_s"]
+        first_ns = last_ns = None
+        for frame in self.source.frames():
+            if last_ns is not None and frame.t_ns <= last_ns:
+                raise ValueError(
+                    f"{frame.where}: stamps must increase, got {_seconds(frame.t_ns)} after {_seconds(last_ns)}"
+                )
+            first_ns, last_ns = frame.t_ns if first_ns is None else first_ns, frame.t_ns
+            if stop_s is not None and frame.t_ns - first_ns > stop_s * 1e9:
+                return
+            if frame.t_ns - first_ns >= start_ns:
+                yield frame
+
+    def _sensor_frames(self) -> Iterator[SensorFrame]:
+        """The frames as the sensor sees them, made ahead in a thread of their own."""
+        count = 0
+        for frame in read_ahead(self._seen(chain([self._first], self._taken))):
+            count += 1
+            yield frame
+        if count == 1:
+            raise ValueError(f"{self._first.where}: one frame{self._between_words()} makes no events: two are needed")
+
+    def _seen(self, frames: Iterator[StampedFrame]) -> Iterator[SensorFrame]:
+        shape = self._first.image.shape
+        scale = 1000 * self.settings["slow_motion"]
+        last_us = -1
+        for frame in frames:
+            if frame.image.shape != shape:
+                raise ValueError(
+                    f"{frame.where}: all frames must have one size, this has {_shape(frame.image.shape)}, "
+                    f"the first {_shape(shape)}"
+                )
+            t_us = self._start_us + _rounded(frame.t_ns - self._first.t_ns, scale)
+            if t_us < 0:
+                raise ValueError(f"{frame.where}: stamps must be >= 0, got {_seconds(frame.t_ns)}")
+            if t_us == last_us:
+                raise ValueError(f"{frame.where}: it falls on the same microsecond as the frame before it ({t_us} us)")
+            last_us = t_us
+            luma = self._part.reduce(self.light.luma(self._part.cut(frame.image), frame.where))
+            if self._optics is not None:
+                luma = self._optics.frames(luma[None])[0]
+            yield SensorFrame(t_us, luma, frame.where)
+
+    def _part_of(self, first: StampedFrame, sensor: SensorParameters) -> FramePart:
+        height, width = first.image.shape[:2]
+        given = {name: self.settings[name] for name in ("crop", "roi", "size")}
+        part = frame_part(width, height, **given)
+        own = (sensor.width, sensor.height)
+        if None not in own and part.size != own:
+            raise ValueError(
+                f"the sensor has {own[0]} x {own[1]} pixels, the frames give {part.size[0]} x {part.size[1]}: "
+                f"size={own[0]}x{own[1]} reduces them"
+            )
+        return part
+
+    def _effects(self, sensor: SensorParameters) -> tuple[Effects, tuple[str, ...]]:
+        """Those that are given, over those of the sensor; and of these what cannot be had from frames."""
+        named = _named_effects(self.settings["effects"])
+        if named.aps is not None:
+            raise ValueError("the effect aps makes intensity frames out of light, and frames are what is given here")
+        of_sensor = sensor.effects(self.lux_per_luma)
+        left_out = ("aps",) if of_sensor.aps is not None else ()
+        return named.with_defaults(of_sensor.without(left_out)), left_out
+
+    def _lens(self) -> Optics | None:
+        vignetting, lens_blur = self.effects.vignetting, self.effects.lens_blur_px
+        if vignetting is None and lens_blur is None:
+            return None
+        return Optics(self.camera, vignetting, lens_blur)
+
+    def _interpolation(self) -> Interpolation:
+        return Cubic(self.log_eps) if self.settings["interpolation"] == "cubic" else Linear()
+
+    def _between_words(self) -> str:
+        stop_s = self.settings["stop_s"]
+        end = "the end" if stop_s is None else f"{stop_s:g} s"
+        whole = self.settings["start_s"] == 0 and stop_s is None
+        return "" if whole else f" between {self.settings['start_s']:g} s and {end}"
+
+
+_TOLD_ELSEWHERE = {"camera", "size", "effects", "threads", "crop", "roi", "transfer", "white_level", "interpolation"}
+
+
+def _named_effects(effects: Any) -> Effects:
+    if effects is None or isinstance(effects, Effects):
+        return effects or Effects()
+    texts = [effects] if isinstance(effects, str) else list(effects)
+    if "auto" in texts:
+        raise ValueError("effects='auto' is planned on a scene that can be rendered; for frames name sensor or effects")
+    return Effects.of(parse_effect(text) for text in texts)
+
+
+def _check_times(settings: Mapping[str, Any]) -> None:
+    if settings["stop_s"] is not None and settings["stop_s"] <= settings["start_s"]:
+        raise ValueError(f"stop_s must be after start_s, got {settings['stop_s']:g} s and {settings['start_s']:g} s")
+
+
+def _rounded(value_ns: int, unit_ns: float) -> int:
+    """In the unit, to the nearest, halves up; in integers where the unit is one."""
+    if unit_ns == int(unit_ns):
+        unit = int(unit_ns)
+        return (2 * value_ns + unit) // (2 * unit)
+    return round(value_ns / unit_ns)
+
+
+def _first(*values: float | None) -> float:
+    return next(value for value in values if value is not None)
+
+
+def _seconds(t_ns: int) -> str:
+    return f"{t_ns / 1e9:.9g} s"
+
+
+def _shape(shape: tuple[int, ...]) -> str:
+    return f"{shape[1]} x {shape[0]} pixels" + (f" of {shape[2]} values" if len(shape) == 3 else " of one value")

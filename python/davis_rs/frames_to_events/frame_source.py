@@ -1,0 +1,91 @@
+"""Where frames come from: what every source gives, whatever the file format is."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+MOST_PIXELS = 1 << 26
+"""Of a frame: 268 MB of float32. A file may claim any size; memory is taken only up to this one."""
+
+
+Stamps = Iterator[int] | Sequence[int]
+"""Stamps in nanoseconds, one a frame: as many as there are frames, or an iterator that may have more."""
+
+
+class StampedFrame(NamedTuple):
+    """A frame as its file has it.
+
+    Attributes:
+        t_ns: its stamp in nanoseconds.
+        image: (H, W) or (H, W, 3) red, green, blue: uint8, uint16 or a floating-point type.
+        where: the file and the frame, for messages.
+    """
+
+    t_ns: int
+    image: npt.NDArray[Any]
+    where: str
+
+
+@dataclass(frozen=True)
+class Encoding:
+    """How the values of all frames of a source stand for light.
+
+    Attributes:
+        transfer: the transfer function that the source itself names, as :func:`~.light.parse_transfer` takes it.
+        black, white: the values that stand for no light and for luma 1.
+        levels: how many steps there are from black to white; None for floating point, which has none to speak of.
+    """
+
+    transfer: str
+    black: float
+    white: float
+    levels: int | None
+
+    @classmethod
+    def of(cls, dtype: np.dtype[Any], where: str) -> Encoding:
+        """That of plain images: integers use the whole range of their type and are sRGB, floating point is linear.
+
+        Raises:
+            ValueError: for another type.
+        """
+        if dtype in (np.uint8, np.uint16):
+            largest = int(np.iinfo(dtype).max)
+            return cls("srgb", 0, largest, largest)
+        if np.issubdtype(dtype, np.floating):
+            return cls("linear", 0, 1, None)
+        raise ValueError(f"{where}: frames must be uint8, uint16 or floating point, got {dtype}")
+
+
+class FrameSource(ABC):
+    """Frames with their stamps, one after the other.
+
+    Attributes:
+        name: of the file or folder, for titles.
+        count: how many frames there are; None if that is not known before all are read.
+    """
+
+    name: str
+    count: int | None = None
+
+    @abstractmethod
+    def frames(self) -> Iterator[StampedFrame]:
+        """All frames in order. Stamps are as the source has them; whoever takes them checks that they increase.
+
+        Raises:
+            OSError: if a file cannot be read.
+            ValueError: for a malformed frame, naming it (for a file: :class:`~davis_rs.DecodeError`).
+        """
+
+    @abstractmethod
+    def encoding(self, first: StampedFrame) -> Encoding:
+        """How its values stand for light, which may be known from the first frame on."""
+
+    @abstractmethod
+    def describe(self) -> dict[str, Any]:
+        """For meta.json: what a repetition needs, in JSON's types."""

@@ -1,0 +1,123 @@
+"""Between two frames: how light runs from one to the next, as samples for the crossing engine."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterator
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+LumaFrame = npt.NDArray[np.float32]
+
+
+class SensorFrame(NamedTuple):
+    """A frame as the sensor sees it.
+
+    Attributes:
+        t_us: microseconds.
+        luma: linear luma (H, W), float32.
+        where: the file and the frame, for messages.
+    """
+
+    t_us: int
+    luma: LumaFrame
+    where: str
+
+
+class Sample(NamedTuple):
+    """Light at an instant.
+
+    Attributes:
+        t_us: microseconds.
+        luma: linear luma (H, W), float32.
+        rate: dY/dt in luma per second (H, W), float32, where log intensity runs along cubics; NaN for a line.
+        frame: the frame whose instant this is; None between two frames.
+    """
+
+    t_us: int
+    luma: LumaFrame
+    rate: LumaFrame | None
+    frame: SensorFrame | None
+
+
+class Interpolation(ABC):
+    """A rule for what lies between frames.
+
+    Attributes:
+        engine: what the crossing engine does between two samples: ``linear`` or ``hermite``.
+    """
+
+    engine: ClassVar[str]
+
+    @abstractmethod
+    def samples(self, frames: Iterator[SensorFrame]) -> Iterator[Sample]:
+        """Samples in the order of time: one at each frame, and any between two."""
+
+    @abstractmethod
+    def describe(self) -> dict[str, Any]:
+        """For meta.json: the rule, and what it found so far."""
+
+
+class Linear(Interpolation):
+    """Log intensity runs straight from frame to frame: what the engine does by itself."""
+
+    engine = "linear"
+
+    def samples(self, frames: Iterator[SensorFrame]) -> Iterator[Sample]:
+        return (Sample(frame.t_us, frame.luma, None, frame) for frame in frames)
+
+    def describe(self) -> dict[str, Any]:
+        return {"rule": "linear"}
+
+
+class Cubic(Interpolation):
+    """Log intensity runs along monotone cubics: as Hermite's, with slopes from the frame before and the one after.
+
+    The slope at a frame is the weighted harmonic mean of those of the lines on either side, and 0 at an extremum, so
+    that nothing rises above or falls below what the frames show. At the first and the last frame it is the line's.
+
+    Source: Fritsch and Butland, "A method for constructing local monotone piecewise cubic interpolants", SIAM J. Sci.
+    Stat. Comput. 5(2), 1984.
+    """
+
+    engine = "hermite"
+
+    def __init__(self, log_eps: float) -> None:
+        self._log_eps = np.float32(log_eps)
+
+    def samples(self, frames: Iterator[SensorFrame]) -> Iterator[Sample]:
+        return (Sample(frame.t_us, frame.luma, rate, frame) for frame, rate in with_rates(frames, self._log_eps))
+
+    def describe(self) -> dict[str, Any]:
+        return {"rule": "cubic"}
+
+
+def with_rates(frames: Iterator[SensorFrame], log_eps: np.float32) -> Iterator[tuple[SensorFrame, LumaFrame]]:
+    """Each frame with its rate dY/dt (H, W), in luma per second; one frame is looked ahead."""
+    last: SensorFrame | None = None
+    chord: LumaFrame | None = None  # dL/dt of the line before the last frame
+    length = 0.0
+    log = np.zeros(0, np.float32)
+    for frame in frames:
+        new_log = np.log(frame.luma + log_eps)
+        if last is not None:
+            new_length = (frame.t_us - last.t_us) * 1e-6
+            new_chord = (new_log - log) / np.float32(new_length)
+            slope = new_chord if chord is None else _monotone(chord, length, new_chord, new_length)
+            yield last, slope * (last.luma + log_eps)
+            chord, length = new_chord, new_length
+        last, log = frame, new_log
+    if last is not None:
+        yield last, np.zeros_like(last.luma) if chord is None else chord * (last.luma + log_eps)
+
+
+def _monotone(before: LumaFrame, before_s: float, after: LumaFrame, after_s: float) -> LumaFrame:
+    """Fritsch and Butland's slope between two lines of these slopes and lengths."""
+    w, v = 2 * after_s + before_s, after_s + 2 * before_s
+    p, q = np.float32(w / (w + v)), np.float32(v / (w + v))
+    product = before * after
+    with np.errstate(divide="ignore", invalid="ignore"):
+        slope = product / (p * after + q * before)
+    return np.where(product > 0, slope, np.float32(0))

@@ -1,0 +1,61 @@
+"""Reading ahead: frames are decoded in a thread of their own while the ones before them are worked on."""
+
+from __future__ import annotations
+
+import queue
+import threading
+from collections.abc import Iterable, Iterator
+from typing import TypeVar
+
+_Item = TypeVar("_Item")
+
+_AHEAD = 4
+"""Frames that wait at the most, so that memory stays bounded."""
+
+_PATIENCE_S = 0.1
+
+
+def read_ahead(items: Iterable[_Item]) -> Iterator[_Item]:
+    """The same items in the same order, made in another thread; its exceptions come out where the item would have.
+
+    The thread ends when the iterator is closed or dropped.
+    """
+    waiting: queue.Queue[tuple[_Item | None, BaseException | None]] = queue.Queue(_AHEAD)
+    over = threading.Event()
+
+    def put(item: _Item | None, error: BaseException | None) -> bool:
+        while not over.is_set():
+            try:
+                waiting.put((item, error), timeout=_PATIENCE_S)
+                return True
+            except queue.Full:
+                continue
+        return False
+
+    def read() -> None:
+        iterator = iter(items)
+        try:
+            for item in iterator:
+                if not put(item, None):
+                    return
+            put(None, StopIteration())
+        except BaseException as error:
+            put(None, error)
+        finally:
+            close = getattr(iterator, "close", None)
+            if close is not None:
+                close()  # the file that a generator holds open
+
+    thread = threading.Thread(target=read, name="davis_rs frames", daemon=True)
+    thread.start()
+    try:
+        while True:
+            item, error = waiting.get()
+            if isinstance(error, StopIteration):
+                return
+            if error is not None:
+                raise error
+            yield item  # type: ignore[misc]  # an item, where there is no error
+    finally:
+        over.set()
+        thread.join()

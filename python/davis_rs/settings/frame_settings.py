@@ -1,0 +1,143 @@
+"""The settings of events from frames (video, images, arrays), each declared once, next to those of a simulation."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Annotated, TypedDict
+
+from ..camera import PRESETS, Camera
+from ..effects import Effects
+from .setting import Declared
+from .simulation_settings import EFFECT_FORM, EFFECTS, EngineSettings, ImageSettings, PixelSettings
+
+_LIGHT, _PART, _BETWEEN = "light", "which part", "between frames"
+
+INTERPOLATIONS = ("linear", "cubic")
+"""How light may run between two frames."""
+
+
+class _LightSettings(TypedDict, total=False):
+    """What the values of a frame stand for."""
+
+    transfer: Annotated[
+        str | None,
+        Declared(
+            "how values encode light: srgb (IEC 61966-2-1), rec709 (the camera curve of ITU-R BT.709), linear, gamma=G",
+            default_help="what the video says; else srgb for integers, linear for floating point",
+            metavar="CURVE",
+            group=_LIGHT,
+        ),
+    ]
+    white_level: Annotated[
+        float | None,
+        Declared(
+            "the value of a frame that stands for luma 1, such as 4095 for 12 bits in 16",
+            default_help="the largest of its integers; 1 for floating point",
+            low=0,
+            above_low=True,
+            metavar="V",
+            group=_LIGHT,
+        ),
+    ]
+    log_eps: Annotated[
+        float | None,
+        Declared(
+            "dark level: L = ln(luma + log_eps)",
+            default_help="0.001, or as much more as keeps one grey level below C",
+            unit="luma",
+            low=0,
+            above_low=True,
+            metavar="Y",
+            group=_LIGHT,
+        ),
+    ]
+
+
+class _PartSettings(TypedDict, total=False):
+    """Which part of the frames is taken, in time and in space."""
+
+    start_s: Annotated[
+        float, Declared("first instant that is taken, from the first frame on", 0.0, unit="s", low=0, group=_PART)
+    ]
+    stop_s: Annotated[
+        float | None,
+        Declared(
+            "last instant that is taken, likewise", default_help="the end", unit="s", low=0, above_low=True, group=_PART
+        ),
+    ]
+    slow_motion: Annotated[
+        float,
+        Declared(
+            "how many times slower than life the stamps run: 8 for 240 frames a second that are stamped as 30",
+            1.0,
+            low=1e-6,
+            high=1e6,
+            group=_PART,
+        ),
+    ]
+    crop: Annotated[
+        str | None,
+        Declared("the middle of each frame, so large, in pixels", default_help="all of it", metavar="WxH", group=_PART),
+    ]
+    roi: Annotated[
+        str | None,
+        Declared(
+            "a part of each frame: its size, and its left and upper edge, in pixels",
+            default_help="all of it",
+            metavar="WxH+X+Y",
+            group=_PART,
+        ),
+    ]
+    size: Annotated[
+        tuple[int, int] | str | None,
+        Declared(
+            "size of the sensor in pixels, to which that part is reduced by averaging areas",
+            default_help="the size of the frames",
+            metavar="WxH",
+            text=str,
+            group=_PART,
+        ),
+    ]
+    camera: Annotated[
+        Camera | str | None,
+        Declared(
+            f"lens of the resulting image, for calib.txt and for vignetting: {', '.join(PRESETS)}, or a calib.txt",
+            default_help="not known",
+            metavar="CAMERA",
+            text=str,
+            group=_PART,
+        ),
+    ]
+
+
+class _BetweenSettings(TypedDict, total=False):
+    """How light runs between two frames."""
+
+    interpolation: Annotated[
+        str,
+        Declared("log intensity between frames: lines or cubics", "linear", choices=INTERPOLATIONS, group=_BETWEEN),
+    ]
+
+
+class FrameSettings(_LightSettings, _PartSettings, _BetweenSettings, PixelSettings, EngineSettings, total=False):
+    """The settings of :func:`~davis_rs.events_from_frames`."""
+
+    effects: Annotated[
+        Effects | str | Sequence[str] | None,
+        Declared(
+            f"over those of the sensor: Effects, or texts {EFFECT_FORM}",
+            default_help="the sensor's",
+            metavar=EFFECT_FORM,
+            text=list,
+            group=EFFECTS,
+        ),
+    ]
+
+
+class FrameFolderSettings(FrameSettings, ImageSettings, total=False):
+    """The settings of :func:`~davis_rs.frames_to_folder`: those of the events, and what is written next to them."""
+
+    images_every: Annotated[
+        int,
+        Declared("write every so many frames into the folder as intensity frames; 0 for none", 1, low=0, metavar="N"),
+    ]

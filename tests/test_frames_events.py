@@ -1,0 +1,281 @@
+"""Events from frames: those of the exact oracle, with all settings, in bounded memory."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import davis_rs
+from clips import moving_bars
+from davis_rs import CrossingEngine, Effects, SensorParameters, events_from_frames, log_intensity
+from davis_rs.events import EventArray, concatenate_events
+from davis_rs.frames_to_events.array_frames import ArrayFrames
+from davis_rs.frames_to_events.frame_run import FrameRun
+from davis_rs.packet import Packet
+from reference import exact_events
+
+BARS = moving_bars()
+STAMPS = [0, 20_000, 35_000, 70_001, 70_002, 120_000]
+"""In microseconds: at no fixed rate."""
+
+
+def all_events(packets: Iterator[Packet]) -> EventArray:
+    return concatenate_events([packet.events for packet in packets])
+
+
+def srgb_to_linear(values: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
+    """IEC 61966-2-1, written once more."""
+    v = np.asarray(values, np.float64) / 255
+    return np.where(v <= 0.04045, v / 12.92, ((v + 0.055) / 1.055) ** 2.4)
+
+
+@given(
+    st.lists(st.integers(1, 40_000), min_size=2, max_size=5),
+    st.integers(0, 2**32 - 1),
+    st.sampled_from([0.15, 0.05, 0.4]),
+    st.sampled_from([0.15, 0.21]),
+)
+def test_linear_interpolation_is_the_exact_oracle_event_for_event(
+    steps: list[int], seed: int, on: float, off: float
+) -> None:
+    times = [0, *itertools.accumulate(steps)]
+    frames = np.random.default_rng(seed).uniform(0, 1, (len(times), 3, 4)).astype(np.float32)
+    found = all_events(
+        events_from_frames(
+            frames, times, interpolation="linear", contrast_threshold=on, contrast_threshold_off=off, log_eps=1e-3
+        )
+    )
+    expected = exact_events(times, [log_intensity(frame, 1e-3) for frame in frames], on, off)
+    assert np.array_equal(found, expected)
+
+
+def test_eight_bit_frames_are_those_of_the_oracle_in_linear_light() -> None:
+    frames = BARS[:, :6, :8]
+    packets = list(events_from_frames(frames, STAMPS, interpolation="linear", log_eps=2e-3))
+    luma = srgb_to_linear(frames).astype(np.float32)
+    expected = exact_events(STAMPS, [log_intensity(frame, 2e-3) for frame in luma], 0.15, 0.15)
+    assert len(expected) > 50
+    assert np.array_equal(concatenate_events([packet.events for packet in packets]), expected)
+    for packet, frame in zip(packets, luma, strict=True):
+        assert packet.luma is not None
+        assert packet.pose is None
+        assert np.array_equal(packet.luma, frame)
+
+
+def test_packets_tile_the_time_of_the_frames() -> None:
+    packets = list(events_from_frames(BARS, [t + 7000 for t in STAMPS], interpolation="linear"))
+    assert [packet.end_us for packet in packets] == [t + 7000 for t in STAMPS]
+    assert [packet.start_us for packet in packets] == [7000, *[t + 7000 for t in STAMPS[:-1]]]
+    assert len(packets[0].events) == 0
+
+
+def by_hand(luma: npt.NDArray[np.float32], **settings: Any) -> EventArray:
+    height, width = luma.shape[1:]
+    engine = CrossingEngine(width, height, **settings)
+    events = [engine.push(t_us, frame) for t_us, frame in zip(STAMPS, luma, strict=True)]
+    return concatenate_events([*events, engine.flush()])
+
+
+@pytest.mark.parametrize(
+    "effects",
+    [
+        Effects(refractory_period_us=5000, leak_rate_hz=20.0),
+        Effects(threshold_mismatch=0.1, shot_noise_rate_hz=200.0),
+        Effects(photoreceptor_bandwidth_hz=50.0),
+        Effects(readout=1e5),
+    ],
+    ids=lambda effects: "+".join(effects.describe()),
+)
+def test_effects_and_seeds_are_the_engines_own(effects: Effects) -> None:
+    luma = srgb_to_linear(BARS).astype(np.float32)
+    found = all_events(
+        events_from_frames(BARS, STAMPS, interpolation="linear", log_eps=0.01, effects=effects, seed=5, threads=1)
+    )
+    expected = by_hand(luma, log_eps=0.01, effects=effects.engine_settings(), seed=5)
+    assert len(expected) > 100
+    assert np.array_equal(found, expected)
+    assert not np.array_equal(found, by_hand(luma, log_eps=0.01))
+
+
+def test_effects_may_be_texts_and_a_sensor_brings_its_own() -> None:
+    sensor = SensorParameters(
+        width=48, height=32, contrast_threshold=0.2, refractory_period_us=8000, aps_exposure_us=4000
+    )
+    run = FrameRun(ArrayFrames(BARS, [1000 * t for t in STAMPS]), {"sensor": sensor, "effects": ["leak_rate_hz=3"]})
+    assert run.contrast_threshold == run.contrast_threshold_off == 0.2
+    assert run.effects == Effects(refractory_period_us=8000, leak_rate_hz=3)
+    assert run.left_out == ("aps",)  # and meta.json says so
+    assert run.describe()["effects_left_out"] == ["aps"]
+    with pytest.raises(ValueError, match="aps makes intensity frames"):
+        events_from_frames(BARS, STAMPS, effects="aps")
+    with pytest.raises(ValueError, match="effects='auto' is planned on a scene"):
+        events_from_frames(BARS, STAMPS, effects="auto")
+
+
+def test_a_lens_shades_and_blurs_what_the_pixels_see() -> None:
+    flat = np.full((2, 32, 48), 0.5, np.float32)
+    camera = davis_rs.Camera(48, 32, 40.0, 40.0, 23.5, 15.5)
+    packet = next(events_from_frames(flat, fps=10, effects="vignetting=4", camera=camera))
+    assert packet.luma is not None
+    assert packet.luma[16, 24] == pytest.approx(0.5, rel=1e-3)
+    corner = (1 + (23.5**2 + 15.5**2) / 40**2) ** -2
+    assert packet.luma[0, 0] == pytest.approx(0.5 * corner, rel=1e-5)
+    with pytest.raises(ValueError, match="vignetting depends on the lens: give camera"):
+        events_from_frames(flat, fps=10, effects="vignetting=4")
+    with pytest.raises(ValueError, match="the camera has 240 x 180 pixels, but the frames asks for 48 x 32"):
+        events_from_frames(flat, fps=10, camera="ideal")
+    spot = np.zeros((2, 32, 48), np.float32)
+    spot[:, 10, 10] = 1
+    blurred = next(events_from_frames(spot, fps=10, effects="lens_blur_px=1")).luma
+    assert blurred is not None
+    assert 0.1 < blurred[10, 10] < 0.3
+    assert blurred.sum() == pytest.approx(1, rel=1e-4)
+
+
+def test_frames_are_read_as_they_are_needed() -> None:
+    """An endless generator; only so many frames are read ahead, however slowly events are taken."""
+    read = 0
+
+    def endless() -> Iterator[npt.NDArray[np.uint8]]:
+        nonlocal read
+        for frame in itertools.cycle(BARS):
+            read += 1
+            yield frame
+
+    packets = events_from_frames(endless(), itertools.count(0, 1000), interpolation="linear")
+    for _, packet in zip(range(30), packets, strict=False):
+        assert read <= packet.end_us // 1000 + 8
+    packets.close()  # type: ignore[attr-defined]
+    assert read < 40
+
+
+def test_the_part_the_sensor_sees() -> None:
+    """A crop is the middle, a region has its corner, and a size averages areas of linear light."""
+    frames = np.random.default_rng(1).integers(0, 256, (2, 32, 48), np.uint8)
+    luma = srgb_to_linear(frames[0])
+
+    def first(**settings: Any) -> npt.NDArray[np.float32]:
+        packet = next(events_from_frames(frames, fps=30, **settings))
+        assert packet.luma is not None
+        return packet.luma
+
+    assert np.array_equal(first(crop="40x20"), luma[6:26, 4:44].astype(np.float32))
+    assert np.array_equal(first(roi="10x8+3+5"), luma[5:13, 3:13].astype(np.float32))
+    halved = luma.reshape(16, 2, 24, 2).mean((1, 3))
+    assert np.allclose(first(size="24x16"), halved, rtol=1e-5)
+    assert first(crop="40x20", size=(20, 10)).shape == (10, 20)
+
+
+BAD_PARTS: dict[str, tuple[dict[str, Any], str]] = {
+    "both": ({"crop": "4x4", "roi": "4x4+0+0"}, "only one of crop and roi"),
+    "crop outside": ({"crop": "49x32"}, "crop 49x32 does not lie inside the frames of 48 x 32 pixels"),
+    "roi outside": ({"roi": "40x20+10+0"}, r"roi 40x20\+10\+0 does not lie inside"),
+    "roi malformed": ({"roi": "40x20"}, "roi must be WIDTHxHEIGHT"),
+    "crop malformed": ({"crop": "big"}, "crop must be WIDTHxHEIGHT"),
+    "larger": ({"size": "96x64"}, "must not be larger than the 48 x 32 pixels"),
+    "stretched": ({"size": "24x24"}, "would stretch the image: crop=32x32 fits"),
+    "sensor": ({"sensor": "davis346"}, "the sensor has 346 x 260 pixels, the frames give 48 x 32: size=346x260"),
+}
+
+
+@pytest.mark.parametrize("name", BAD_PARTS)
+def test_parts_that_cannot_be(name: str) -> None:
+    settings, said = BAD_PARTS[name]
+    with pytest.raises(ValueError, match=said):
+        events_from_frames(BARS, STAMPS, **settings)
+
+
+def test_a_part_of_the_time_and_slow_motion() -> None:
+    """``start_s`` and ``stop_s`` count from the first frame; slow motion divides what lies between stamps."""
+    packets = list(events_from_frames(BARS, [t + 500 for t in STAMPS], start_s=0.02, stop_s=0.070001))
+    assert [packet.end_us for packet in packets] == [20_500, 35_500, 70_501]
+    packets = list(events_from_frames(BARS, [8 * t for t in STAMPS], slow_motion=8))
+    assert [packet.end_us for packet in packets] == STAMPS
+    packets = list(events_from_frames(BARS[:3], fps=29.97, slow_motion=2.5))
+    assert [packet.end_us for packet in packets] == [0, round(1e6 / 29.97 / 2.5), round(2e6 / 29.97 / 2.5)]
+
+
+BAD_FRAMES: dict[str, tuple[Callable[[], Any], str]] = {
+    "another size": (lambda: [BARS[0], BARS[1, :20]], "frame 1: all frames must have one size, this has 48 x 20"),
+    "colour after grey": (lambda: [BARS[0], np.stack([BARS[1]] * 3, -1)], "frame 1: all frames must have one size"),
+    "NaN": (lambda: [np.zeros((4, 4)), np.full((4, 4), np.nan)], r"frame 1: light must be finite .* pixel \(0, 0\)"),
+    "negative": (lambda: np.array([np.zeros((4, 4)), -np.eye(4)]), r"frame 1: light must .*, got -1.0 at pixel"),
+    "one": (lambda: BARS[:1], "frame 0: one frame makes no events: two are needed"),
+    "none": (list, "there are no frames"),
+    "alpha": (lambda: np.zeros((2, 4, 4, 4), np.uint8), "must not have an alpha channel"),
+    "integers": (lambda: np.zeros((2, 4, 4), np.int32), "must be uint8, uint16 or floating point, got int32"),
+    "booleans": (lambda: np.zeros((2, 4, 4), bool), "must be uint8, uint16 or floating point, got bool"),
+    "flat": (lambda: np.zeros((2, 4), np.uint8), r"a stack of frames must have the shape \(n, H, W\)"),
+    "empty": (lambda: np.zeros((2, 0, 4), np.uint8), r"must have the shape \(H, W\)"),
+    "a path": (lambda: "clip.mp4", "open it by davis_rs.open_frames"),
+}
+
+
+@pytest.mark.parametrize("name", BAD_FRAMES)
+def test_frames_that_cannot_be_taken(name: str) -> None:
+    """The error names the frame; packets before it come out whole."""
+    frames, said = BAD_FRAMES[name]
+    with pytest.raises(ValueError, match=said):
+        list(events_from_frames(frames(), fps=30, interpolation="linear"))
+
+
+BAD_STAMPS: dict[str, tuple[Any, str]] = {
+    "repeat": ([0, 10, 10, 30, 40, 50], "frame 2: stamps must increase, got 1e-05 s after 1e-05 s"),
+    "back": ([0, 10, 20, 15, 40, 50], "frame 3: stamps must increase, got 1.5e-05 s after 2e-05 s"),
+    "few": (STAMPS[:-1], "6 frames need as many stamps, got 5"),
+    "many": ([*STAMPS, 200_000], "6 frames need as many stamps, got 7"),
+    "few, in passing": (iter(STAMPS[:-1]), "frame 5: there are only 5 stamps, and more frames"),
+    "NaN": ([0, 1, np.nan, 3, 4, 5], "stamp 2 must be finite"),
+    "words": (["a"] * 6, "stamps must be one row of numbers"),
+    "negative": ([-5, 1, 2, 3, 4, 5], "frame 0: stamps must be >= 0"),
+    "none": (None, "one of t_us and fps must be given"),
+}
+
+
+@pytest.mark.parametrize("name", BAD_STAMPS)
+def test_stamps_that_cannot_be(name: str) -> None:
+    stamps, said = BAD_STAMPS[name]
+    with pytest.raises(ValueError, match=said):
+        list(events_from_frames(BARS, stamps, interpolation="linear"))
+
+
+def test_more_that_cannot_be() -> None:
+    with pytest.raises(ValueError, match="one of t_us and fps"):
+        events_from_frames(BARS, STAMPS, fps=30)
+    with pytest.raises(ValueError, match="fps must be positive and finite"):
+        events_from_frames(BARS, fps=0)
+    with pytest.raises(ValueError, match=r"stop_s must be after start_s, got 0.01 s and 0.02 s"):
+        events_from_frames(BARS, STAMPS, start_s=0.02, stop_s=0.01)
+    with pytest.raises(ValueError, match="there are no frames between 3 s and the end"):
+        events_from_frames(BARS, STAMPS, start_s=3)
+    with pytest.raises(ValueError, match="frame 1: it falls on the same microsecond"):
+        list(events_from_frames(BARS, STAMPS, slow_motion=1e5))
+    with pytest.raises(TypeError, match="no setting 'contrast'"):
+        events_from_frames(BARS, STAMPS, contrast=0.2)  # type: ignore[call-arg]
+
+
+def test_the_error_of_a_frame_comes_after_the_packets_before_it() -> None:
+    frames = [*BARS[:4], BARS[4, :20]]
+    packets = events_from_frames(frames, STAMPS[:5], interpolation="linear")
+    with pytest.raises(ValueError, match="frame 4"):
+        list(packets)
+    whole = list(events_from_frames(BARS[:4], STAMPS[:4], interpolation="linear"))
+    taken = list(itertools.islice(events_from_frames(frames, STAMPS[:5], interpolation="linear"), 4))
+    assert all(np.array_equal(a.events, b.events) for a, b in zip(taken, whole, strict=True))
+
+
+def test_nothing_heavy_is_imported(run_python: Callable[..., str]) -> None:
+    """Neither Mitsuba nor SciPy, OpenCV or PyAV for arrays by lines."""
+    program = (
+        "import sys, numpy as np, davis_rs\n"
+        "list(davis_rs.events_from_frames(np.zeros((3, 8, 8), np.uint8), fps=30, interpolation='linear'))\n"
+        "print(sorted({'mitsuba', 'drjit', 'scipy', 'cv2', 'av', 'PIL', 'OpenEXR'} & set(sys.modules)))"
+    )
+    assert run_python(program).strip() == "[]"
