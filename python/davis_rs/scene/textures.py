@@ -56,14 +56,14 @@ def _patchwork(
     """:func:`patchwork` in eight bits. The last few are kept: half a second and 0.8 MB each, of 512 texels."""
     random = np.random.RandomState(seed)
     noise = value_noise(size, random)
-    level = noise.copy()
+    grained, level = (grain * noise).ravel(), noise.ravel().copy()
     for _ in range(shapes):
         rows, columns, inside = _shape(size, random)
         brightness = random.random_sample()
-        window = np.ix_(rows, columns)
-        level[window] = np.where(inside, (1 - grain) * brightness + grain * noise[window], level[window])
+        texels = (rows[:, None] * size + columns)[inside]
+        level[texels] = (1 - grain) * brightness + grained[texels]
     # Even steps in log reflectance: equal contrast in the dark and in the bright.
-    reflectance = low * (high / low) ** level
+    reflectance = low * (high / low) ** level.reshape(size, size)
     rgb = np.clip(reflectance[..., None] * np.array(tint), 0, 1)
     return np.round(rgb * 255).astype(np.uint8)
 
