@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
-from davis_rs._mitsuba import FAST, default_variant
+from davis_rs._mitsuba import FAST, SCALAR, default_variant, variant
 
 # The same examples in every run, and no time limit for one: kernels are compiled on first use.
 settings.register_profile("davis_rs", derandomize=True, deadline=None)
@@ -25,6 +25,18 @@ def llvm() -> str:
     if name != FAST:
         pytest.skip(f"needs Mitsuba's {FAST}: {why}")
     return name
+
+
+@pytest.fixture(autouse=True)
+def scalar_variant_held(request: pytest.FixtureRequest) -> Iterator[None]:
+    """A test with the scalar variant as a parameter keeps to it: to go back to the fast one costs 0.2 s each time."""
+    parameters = getattr(getattr(request.node, "callspec", None), "params", {})
+    if not any(isinstance(value, str) and value == SCALAR for value in parameters.values()):
+        yield
+        return
+    # First the usual variant, which then stays in force in this process.
+    with variant(default_variant()[0]), variant(SCALAR):
+        yield
 
 
 @pytest.fixture(scope="session")

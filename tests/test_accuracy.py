@@ -25,7 +25,14 @@ from davis_rs import (
     start_pose,
 )
 from davis_rs.accuracy.accuracy_sweep import Measurement, Sweep, sweep
-from davis_rs.accuracy.reference_events import FineReference, Recipe, exact_crossings, fine_reference, in_ticks
+from davis_rs.accuracy.reference_events import (
+    Crossings,
+    FineReference,
+    Recipe,
+    exact_crossings,
+    fine_reference,
+    in_ticks,
+)
 from davis_rs.accuracy.report import draw, facts_of, markdown, pareto
 from davis_rs.accuracy.settings import Setting, default_settings
 from davis_rs.cli.accuracy import run_sweep
@@ -77,10 +84,14 @@ def simulated(scene: Scene, recipe: Recipe, pixels: float, *, samples: int = 4) 
 # ---- references ----
 
 
-def test_exact_crossings_lie_between_two_ticks(renderer: Renderer, recipe: Recipe) -> None:
+@pytest.fixture(scope="module")
+def exact(renderer: Renderer, recipe: Recipe) -> Crossings:
+    return exact_crossings(renderer, recipe)
+
+
+def test_exact_crossings_lie_between_two_ticks(renderer: Renderer, recipe: Recipe, exact: Crossings) -> None:
     """The renderer's own luma has reached the level at the tick of each event, and not one tick before."""
-    found = exact_crossings(renderer, recipe)
-    events = found.events
+    events = exact.events
     assert len(events) > 500
     pixel = events["y"].astype(np.int64) * CAMERA.width + events["x"]
     sign = np.where(events["p"] == 1, 1, -1)
@@ -88,7 +99,7 @@ def test_exact_crossings_lie_between_two_ticks(renderer: Renderer, recipe: Recip
     def excess(ticks: np.ndarray[tuple[int], np.dtype[np.int64]]) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
         views = Views.along(recipe.trajectory, ticks * 1e-7)
         luma = renderer.samples(views, np.arange(len(ticks)), pixel)
-        return np.asarray(sign * (log_intensity(luma[None], recipe.log_eps)[0] - found.level))
+        return np.asarray(sign * (log_intensity(luma[None], recipe.log_eps)[0] - exact.level))
 
     assert (excess(events["t"]) >= 0).all()
     assert (excess(events["t"] - 1) < 0).all()
@@ -106,11 +117,10 @@ def test_exact_crossings_are_those_of_dense_rendering(scene: Scene, renderer: Re
     np.testing.assert_allclose(steps, np.rint(steps), atol=1e-9)
 
 
-def test_coarser_renders_are_further_off_in_time(scene: Scene, renderer: Renderer, recipe: Recipe) -> None:
+def test_coarser_renders_are_further_off_in_time(scene: Scene, recipe: Recipe, exact: Crossings) -> None:
     """Errors against the exact crossings of the same rays grow with the displacement between renders."""
-    exact = exact_crossings(renderer, recipe).events
     medians = [
-        compare_events(in_ticks(simulated(scene, recipe, px)), exact, size=SIZE, window_us=100_000).median_us
+        compare_events(in_ticks(simulated(scene, recipe, px)), exact.events, size=SIZE, window_us=100_000).median_us
         for px in (1 / 24, 1 / 6, 2 / 3)
     ]
     assert 2 * medians[0] < medians[1]

@@ -285,7 +285,7 @@ junk = st.recursive(
 )
 
 
-@settings(max_examples=400, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=200, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     key=st.sampled_from(["scene", "seed", "motion", "effects", "duration", "samples", "refine"]),
     value=junk | distributions | parameters,

@@ -152,17 +152,27 @@ def test_the_callers_variant_stays_in_force() -> None:
     import mitsuba as mi
 
     scene = make_scene(lamp=LAMP, floor=FLOOR)
-    for own in ("scalar_rgb", "scalar_spectral", "llvm_ad_rgb"):
+    for own in ("scalar_spectral", "llvm_ad_rgb"):
         mi.set_variant(own)
         for kind in ("table", "integrator"):
             renderer = make_renderer(scene, CAMERA, samples=1, kind=kind)
             assert mi.variant() == own
             renderer.luma(Views.at_rest([POSE]))
-            renderer.depth(Views.at_rest([POSE]))
             assert mi.variant() == own
         with pytest.raises(ValueError, match="table kernel"):
             make_renderer(make_scene(lamp=LAMP, ball=BALL), CAMERA, kind="table")
         assert mi.variant() == own
+
+
+@pytest.mark.usefixtures("llvm")
+def test_a_change_of_the_variant_warns_of_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """However often it is changed: Dr.Jit counts what Mitsuba decorates anew with each change."""
+    from drjit import ast
+
+    monkeypatch.setattr(ast, "_syntax_counter", 10_000)
+    with variant(SCALAR), variant(FAST):
+        pass
+    assert ast._syntax_counter > 10_000
 
 
 WITHOUT_LLVM = """

@@ -309,6 +309,8 @@ def test_hand_held_recording_moves_as_its_paper_says() -> None:
         trajectory = read_trajectory(POSTER)
     assert trajectory.duration_s == 59.830544472
     t = np.arange(0, trajectory.duration_s, 1e-3)
+    # A derivative keeps more of the noise than means do. Smoothed by the noise that the samples show (0.58 mm), the
+    # velocity reaches 2.775 m/s, 10.6 % above the mean over 80 ms; taken for exact, the same samples give 3.54 m/s.
     assert np.linalg.norm(trajectory.velocities(t), axis=1).max() == pytest.approx(2.51, rel=0.11)
     assert np.linalg.norm(trajectory.accelerations(t), axis=1).max() < 60
     position, q = trajectory.positions(t), trajectory.quaternions(t)

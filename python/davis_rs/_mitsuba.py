@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import os
 import threading
+import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -69,12 +70,22 @@ def variant(name: str) -> Iterator[tuple[Any, Any]]:
     mi, dr = _modules()
     before = mi.variant()
     if before != name:
-        mi.set_variant(name)
+        _set_variant(mi, name)
     try:
         yield mi, dr
     finally:
         if before not in (None, name):
-            mi.set_variant(before)
+            _set_variant(mi, before)
+
+
+def _set_variant(mi: Any, name: str) -> None:
+    """Set Mitsuba's variant, which takes 0.2 s to one that differentiates: it loads its own integrators again.
+
+    Dr.Jit counts how often their functions are decorated, and after 140 changes warns as of the caller's doing.
+    """
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "The AST-transforming decorator @drjit.syntax", RuntimeWarning)
+        mi.set_variant(name)
 
 
 def load_scene_source(source: Path | Mapping[str, Any], mi: Any) -> Any:

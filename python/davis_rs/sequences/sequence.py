@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
@@ -59,6 +60,12 @@ class Sequence:
 
     def scene(self) -> Scene:
         """The scene under the sequence's name, with its lens and its trajectory."""
-        scene = self.make_scene()
-        trajectory = scene.trajectory if self.make_motion is None else self.make_motion(scene)
-        return replace(scene, name=self.name, camera=PRESETS[self.camera], trajectory=trajectory)
+        return _scene(self)
+
+
+@functools.lru_cache(maxsize=32)
+def _scene(sequence: Sequence) -> Scene:
+    """Kept, because a trajectory of 60 s takes a second to be made."""
+    scene = sequence.make_scene()
+    trajectory = scene.trajectory if sequence.make_motion is None else sequence.make_motion(scene)
+    return replace(scene, name=sequence.name, camera=PRESETS[sequence.camera], trajectory=trajectory)
