@@ -33,6 +33,17 @@ def run(engine: CrossingEngine, frames: npt.NDArray[np.float64], gap_us: int = 1
     return collect(engine.push_log(k * gap_us, frame) for k, frame in enumerate(frames))
 
 
+@pytest.mark.parametrize("past", [0.0, 1e-12, 1e-10, 2e-9])
+@pytest.mark.parametrize(("level", "polarity"), [(0.25, 1), (-0.5, 0)])
+def test_a_frame_that_ends_on_a_level_is_not_taken_for_quiet(past: float, level: float, polarity: int) -> None:
+    """The bounds within which pixels are passed over lie inside of their levels, for ON and OFF events alike."""
+    effects = Effects(refractory_period_us=1e-3)
+    engine = CrossingEngine(1, 1, contrast_threshold=0.25, contrast_threshold_off=0.5, effects=effects)
+    end = np.full((1, 1, 1), level + math.copysign(past, level))
+    events = run(engine, np.concatenate([np.zeros((1, 1, 1)), end]))
+    assert events.tolist() == [(1_000, 0, 0, polarity)]
+
+
 # Threshold mismatch.
 
 

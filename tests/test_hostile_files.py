@@ -452,7 +452,7 @@ def test_positions_beyond_any_scene(tmp_path: Path) -> None:
          "it may hold 20000 values"),
         (["scene: &a [*a]"], "recursive|nested"),
         (["scene: " + "[" * 60 + "]" * 60], "nested 50 levels"),
-        (["scene: " + "[" * 5000], "nested too deeply|YAML|line 1"),
+        (["scene: " + "[" * 5000], "nested 50 levels"),
         (["scene: fence", "sequences: 1000000000"], "sequences: must be at most 1000000"),
         (["scene: fence" + " " * 200_000], "it may have 131072 bytes"),
     ],

@@ -108,8 +108,8 @@ def _table(plan: EffectPlan) -> str:
         f"Of each effect left out alone, compared with ideal pixels, in {plan.duration_s:g} s with about "
         f"{plan.events:,.0f} events: events that would be missing, spurious, or off by more than {plan.shift_us:g} us, "
         f"in percent of the larger one of both streams; called for above {share} of any. Events: without it minus with "
-        f"it. Two events within {plan.window_us:,} us may be the same. Of frames, pixels off by more than one grey value "
-        f"of 8 bits: called for above {share}, or where so many pixels move by half a pixel in the exposure.",
+        f"it. Two events within {plan.window_us:,} us may be the same. Of frames, pixels off by more than one grey "
+        f"value of 8 bits: called for above {share}, or where so many pixels move by half a pixel in the exposure.",
     )
     return "\n".join([*lines, "", *(line for note in notes for line in wrap(note, _WIDTH))])
 

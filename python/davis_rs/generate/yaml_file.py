@@ -56,7 +56,7 @@ def read_yaml(path: Path) -> Any:
             raise
         raise ValueError(f"{path}: not a YAML file: {error}") from None
     except RecursionError:
-        raise ValueError(f"{path}: it is nested too deeply") from None
+        raise ValueError(f"{path}: it may be nested {DEEPEST} levels deep") from None
     _check_extent(path, content)
     return content
 

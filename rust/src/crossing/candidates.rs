@@ -192,6 +192,10 @@ mod tests {
         assert_eq!(decide_one(ZERO, C, 0.0, -0.6, 1000), (Verdict::Off, 834));
         assert_eq!(decide_one(ZERO, C, 0.0, 0.2, 1000).0, Verdict::Nothing);
         assert_eq!(decide_one(ZERO, C, 0.0, -0.4, 1000).0, Verdict::Nothing);
+        // At the first tick, and at the only one.
+        assert_eq!(decide_one(ZERO, C, 0.2499, 0.3, 1000), (Verdict::On, 2));
+        assert_eq!(decide_one(ZERO, C, 0.24999, 0.3, 1000), (Verdict::On, 1));
+        assert_eq!(decide_one(ZERO, C, 0.0, 0.3, 1), (Verdict::On, 1));
     }
 
     #[test]

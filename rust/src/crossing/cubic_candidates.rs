@@ -156,11 +156,15 @@ mod tests {
     #[test]
     fn hard_curves_are_decided_as_the_exact_rule_does() {
         let infinite = f64::INFINITY;
-        let curves: [(&str, Knots, Verdict); 14] = [
+        let curves: [(&str, Knots, Verdict); 20] = [
             ("one slope is not finite", [0.0, 0.3, infinite, 0.2], Verdict::On),
             ("nor the other", [0.0, 0.3, 0.2, -infinite], Verdict::On),
             ("a number is missing", [0.0, -0.41, f64::NAN, -0.2], Verdict::Off),
             ("slopes differ", [0.1, 0.5, 6.0, 1.0], Verdict::On),
+            ("it starts and ends flat", [0.0, 0.3, 0.0, 0.0], Verdict::On),
+            ("it falls and ends flat", [0.0, -0.6, -1.0, 0.0], Verdict::Off),
+            ("it starts flat and falls", [0.0, -0.6, 0.0, -1.0], Verdict::Off),
+            ("the search stops some ticks too late", [0.0, 0.386, 1.6, 1.05], Verdict::Unclear),
             ("it rises past a level and comes back, at its end", [0.0, 0.1, 0.1, -3.0], Verdict::Unclear),
             ("it falls past a level and comes back, at its start", [0.0, 0.0, -6.0, 0.3], Verdict::Unclear),
             ("it rises past a level and comes back, at its start", [0.0, 0.0, 6.0, -0.3], Verdict::Unclear),
@@ -170,6 +174,8 @@ mod tests {
             ("it turns just above a level", [0.0, 0.239, 0.96, -0.02], Verdict::Unclear),
             ("its mirror image in time", [0.239, 0.0, 0.02, -0.96], Verdict::Unclear),
             ("it stays between the levels", [0.0, 0.1, 0.2, -0.2], Verdict::Nothing),
+            ("its hull stays between them, at its start", [0.0, 0.1, 0.6, -0.2], Verdict::Nothing),
+            ("its hull stays between them, at its end", [0.0, 0.0, 0.1, -0.6], Verdict::Nothing),
             ("it stays between them, downwards", [0.0, -0.2, -0.1, 0.1], Verdict::Nothing),
         ];
         for (name, knots, expected) in curves {
