@@ -173,7 +173,7 @@ class Auto(Interpolation):
         last = first[0]
         for frame, rate in rated:
             forward = self._finder.flow(last.luma, frame.luma)
-            moved_px = displacement(forward)
+            moved_px = displacement(last.luma, forward)
             if moved_px <= CUBIC_UP_TO_PX:
                 self.motion.add(moved_px, 0, unsure=False)
             else:

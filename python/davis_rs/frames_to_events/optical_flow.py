@@ -25,8 +25,12 @@ _AGREEMENT_PX = 1.0
 _TURNS = 3
 """Steps of the fixed-point iteration that finds where a pixel of an instant between came from."""
 
-_PERCENTILE = 99.0
-"""Of how far pixels move: the fastest hundredth may be mistakes."""
+_PERCENTILE = 98.0
+"""Of how far pixels move: the fastest may be mistakes."""
+
+_TEXTURE = 3.0
+"""Change from pixel to pixel, of 255, from which on there is something whose motion can be seen. In flat parts flow is
+whatever smooth continuation makes of it, and no events come from there."""
 
 
 def opencv() -> Any:
@@ -58,7 +62,7 @@ class FlowFinder:
     def flow(self, before: LumaFrame, after: LumaFrame) -> FlowField:
         """From each pixel of ``before`` (H, W) to where it is in ``after``."""
         height, width = before.shape
-        white = max(float(np.percentile(frame, 99.5)) for frame in (before, after)) or 1.0
+        white = max(_white(before), _white(after))
         grey = [self._padded(_as_grey(frame, white)) for frame in (before, after)]
         threads = self._cv2.getNumThreads()
         self._cv2.setNumThreads(1)  # DIS cuts a frame into as many strips as there are threads, and their edges show
@@ -77,9 +81,14 @@ class FlowFinder:
         return np.pad(grey, ((0, low), (0, wide)), "symmetric") if low or wide else grey
 
 
-def displacement(flow: FlowField) -> float:
-    """How far the image moves, in pixels: the 99th percentile of all pixels."""
-    return float(np.percentile(np.hypot(flow[..., 0], flow[..., 1]), _PERCENTILE))
+def displacement(frame: LumaFrame, flow: FlowField) -> float:
+    """How far the image moves, in pixels: the 98th percentile of the pixels that have texture; 0 without any."""
+    cv2 = opencv()
+    grey = _as_grey(frame, _white(frame)).astype(np.float32)
+    across, down = (cv2.Sobel(grey, -1, 1 - k, k, ksize=3, scale=1 / 8) for k in (0, 1))
+    textured = across * across + down * down > np.float32(_TEXTURE**2)
+    moved = np.hypot(flow[..., 0], flow[..., 1])[textured]
+    return float(np.percentile(moved, _PERCENTILE)) if len(moved) else 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,7 +118,7 @@ class FlowPair:
     @property
     def displacement_px(self) -> float:
         """How far the image moves, in pixels, as :func:`displacement`."""
-        return max(displacement(self.forward), displacement(self.backward))
+        return max(displacement(self.before, self.forward), displacement(self.after, self.backward))
 
     @property
     def occluded(self) -> float:
@@ -164,6 +173,11 @@ def _seen(there: FlowField, back: FlowField) -> LumaFrame:
     returned = opencv().remap(back, x + there[..., 0], y + there[..., 1], 1, None, _BORDER)
     missed = (there[..., 0] + returned[..., 0]) ** 2 + (there[..., 1] + returned[..., 1]) ** 2
     return np.asarray(np.exp(-missed / np.float32(_AGREEMENT_PX**2)), np.float32)
+
+
+def _white(luma: LumaFrame) -> float:
+    """What is shown as white: all but the brightest highlights are below it."""
+    return float(np.percentile(luma, 99.5)) or 1.0
 
 
 def _as_grey(luma: LumaFrame, white: float) -> npt.NDArray[np.uint8]:
