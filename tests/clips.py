@@ -77,3 +77,15 @@ def write_exr(path: Path, channels: Mapping[str, npt.NDArray[Any]]) -> None:
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
     planes = {name: np.ascontiguousarray(values) for name, values in channels.items()}  # it looks at no strides
     OpenEXR.File(header, planes).write(str(path))
+
+
+def texture(x: npt.NDArray[np.float64], y: npt.NDArray[np.float64]) -> npt.NDArray[np.float32]:
+    """A plain of light in 0.05..0.95 without end, with detail of several sizes."""
+    waves = np.sin(x * 0.31 + y * 0.17) + np.sin(x * 0.11 - y * 0.23 + 1) + np.sin(x * 0.53 + 2) * np.sin(y * 0.41)
+    return np.asarray(0.5 + 0.15 * waves, np.float32)
+
+
+def moving_texture(count: int, step: float, width: int = 96, height: int = 64) -> npt.NDArray[np.float32]:
+    """Frames (n, H, W) of :func:`texture` that moves to the right by ``step`` pixels a frame."""
+    y, x = np.mgrid[:height, :width].astype(np.float64)
+    return np.stack([texture(x - step * k, y) for k in range(count)])

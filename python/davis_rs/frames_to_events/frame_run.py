@@ -18,6 +18,7 @@ from ..sensor_parameters import SensorParameters, sensor_parameters
 from ..settings import FrameSettings, camera_of_size, complete
 from .frame_part import FramePart, frame_part
 from .frame_source import FrameSource, StampedFrame
+from .frames_between import Auto, FramesBetween
 from .interpolation import Cubic, Interpolation, Linear, SensorFrame
 from .light import Light
 from .quantisation import LOG_EPS, QuantisationCount, dark_level
@@ -179,6 +180,7 @@ class FrameRun:
 
     def findings(self) -> Iterator[str]:
         """What was found on the way, a line each, for people."""
+        yield from self.interpolation.findings()
         if self.quantisation.counts and self.quantisation.suspect:
             yield str(self.quantisation)
 
@@ -262,7 +264,17 @@ class FrameRun:
         return Optics(self.camera, vignetting, lens_blur)
 
     def _interpolation(self) -> Interpolation:
-        return Cubic(self.log_eps) if self.settings["interpolation"] == "cubic" else Linear()
+        chosen, step_px = self.settings["interpolation"], self.settings["max_displacement_px"]
+        if chosen == "linear":
+            return Linear()
+        if chosen == "cubic":
+            return Cubic(self.log_eps)
+        try:
+            if chosen == "auto":
+                return Auto(self.log_eps, step_px)
+            return FramesBetween(step_px, None if chosen == "flow" else chosen)
+        except ImportError as error:
+            raise ImportError(f"{error}; or choose interpolation linear or cubic, which do without") from error
 
     def _between_words(self) -> str:
         stop_s = self.settings["stop_s"]

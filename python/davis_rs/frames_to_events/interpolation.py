@@ -59,6 +59,10 @@ class Interpolation(ABC):
     def describe(self) -> dict[str, Any]:
         """For meta.json: the rule, and what it found so far."""
 
+    def findings(self) -> Iterator[str]:
+        """What it found, a line each, for people."""
+        return iter(())
+
 
 class Linear(Interpolation):
     """Log intensity runs straight from frame to frame: what the engine does by itself."""

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Annotated, TypedDict
+from collections.abc import Callable, Sequence
+from typing import Annotated, Any, TypedDict
 
 from ..camera import PRESETS, Camera
 from ..effects import Effects
@@ -12,7 +12,7 @@ from .simulation_settings import EFFECT_FORM, EFFECTS, EngineSettings, ImageSett
 
 _LIGHT, _PART, _BETWEEN = "light", "which part", "between frames"
 
-INTERPOLATIONS = ("linear", "cubic")
+INTERPOLATIONS = ("auto", "linear", "cubic", "flow")
 """How light may run between two frames."""
 
 
@@ -114,8 +114,27 @@ class _BetweenSettings(TypedDict, total=False):
     """How light runs between two frames."""
 
     interpolation: Annotated[
-        str,
-        Declared("log intensity between frames: lines or cubics", "linear", choices=INTERPOLATIONS, group=_BETWEEN),
+        str | Callable[..., Any],
+        Declared(
+            "linear or cubic in log intensity; flow: along optical flow; auto: cubic where the image hardly moves, "
+            "flow where it does. From Python also interpolator(before, after, shares) -> frames",
+            "auto",
+            choices=INTERPOLATIONS,
+            text=str,
+            group=_BETWEEN,
+        ),
+    ]
+    max_displacement_px: Annotated[
+        float,
+        Declared(
+            "frames that flow or an interpolator makes are no further apart than the image moves by so much",
+            0.5,
+            unit="px",
+            low=0.01,
+            high=100,
+            metavar="PX",
+            group=_BETWEEN,
+        ),
     ]
 
 

@@ -1,0 +1,209 @@
+"""Frames made between frames: along optical flow, by an interpolator of the user's, or only where the image moves."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Iterator
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from .interpolation import Interpolation, LumaFrame, Sample, SensorFrame, with_rates
+from .optical_flow import FlowFinder, FlowPair, displacement
+
+Interpolator = Callable[[LumaFrame, LumaFrame, npt.NDArray[np.float64]], Iterable[npt.ArrayLike]]
+"""interpolator(before, after, shares) -> frames: linear luma (H, W), float32, at each share of the way from one to the
+other, in (0, 1) and increasing."""
+
+CUBIC_UP_TO_PX = 1.0
+"""Up to this displacement between two frames ``auto`` takes cubics: flow adds errors of its own there, and gains little
+(measured in docs/events_from_video.md)."""
+
+MOST_FRAMES = 512
+"""Between two frames, however far the image moves."""
+
+_BATCH = 16
+"""Frames that an interpolator is asked for at a time, so that memory stays bounded."""
+
+_FAR = 0.1
+"""Share of the frame's width: where the image moves farther, or"""
+
+_HIDDEN = 0.25
+"""so large a share of the pixels is not found again, what lies between two frames is a guess."""
+
+
+class Motion:
+    """What was seen of the image's motion, for people and for meta.json.
+
+    Attributes:
+        by_cubics, by_frames: how many intervals were taken by cubics, and with frames made between.
+        made: how many frames were made.
+        largest_px: how far the image moved from a frame to the next, at the most.
+        unsure: how many intervals had too much motion for flow to be trusted.
+    """
+
+    def __init__(self) -> None:
+        self.by_cubics = self.by_frames = self.made = self.unsure = 0
+        self.largest_px = 0.0
+
+    def add(self, moved_px: float, made: int, *, unsure: bool) -> None:
+        """Take an interval in which so many frames were made."""
+        self.by_cubics += made == 0
+        self.by_frames += made > 0
+        self.made += made
+        self.unsure += unsure
+        self.largest_px = max(self.largest_px, moved_px)
+
+    def describe(self) -> dict[str, Any]:
+        """In JSON's types."""
+        return {
+            "intervals_without_frames_between": self.by_cubics,
+            "intervals_with_frames_between": self.by_frames,
+            "frames_between": self.made,
+            "largest_displacement_px": round(self.largest_px, 3),
+            "unsure_intervals": self.unsure,
+        }
+
+    def warnings(self) -> Iterator[str]:
+        """What cannot be known, a line each."""
+        if self.unsure:
+            yield (
+                f"in {self.unsure} of {self.by_cubics + self.by_frames} intervals the image moves too far from a frame "
+                f"to the next (up to {self.largest_px:.0f} px), or too much of it is hidden, to know what lies "
+                "between: events there are a guess, and a higher frame rate is the only cure"
+            )
+
+
+class FramesBetween(Interpolation):
+    """Makes frames between every two frames, and lets log intensity run straight between all of them.
+
+    Args:
+        max_displacement_px: they are no further apart than the image moves by so much.
+        interpolator: makes them; None makes them along optical flow.
+
+    Raises:
+        ImportError: without OpenCV, which measures how far the image moves.
+    """
+
+    engine = "linear"
+
+    def __init__(self, max_displacement_px: float, interpolator: Interpolator | None = None) -> None:
+        self._step_px, self._interpolator = max_displacement_px, interpolator
+        self._finder = FlowFinder()
+        self.motion = Motion()
+
+    def samples(self, frames: Iterator[SensorFrame]) -> Iterator[Sample]:
+        first = next(frames, None)
+        if first is None:
+            return
+        yield Sample(first.t_us, first.luma, None, first)
+        last = first
+        for frame in frames:
+            yield from self._between(last, frame)
+            yield Sample(frame.t_us, frame.luma, None, frame)
+            last = frame
+
+    def _between(self, last: SensorFrame, frame: SensorFrame) -> Iterator[Sample]:
+        pair = self._finder.between(last.luma, frame.luma)
+        times = instants(last.t_us, frame.t_us, pair.displacement_px, self._step_px)
+        self.motion.add(pair.displacement_px, len(times), unsure=_unsure(pair))
+        shares = (times - last.t_us) / (frame.t_us - last.t_us)
+        made = pair.frames(shares) if self._interpolator is None else self._asked(last, frame, shares)
+        for t_us, luma in zip(times.tolist(), made, strict=True):
+            yield Sample(t_us, luma, None, None)
+
+    def _asked(self, last: SensorFrame, frame: SensorFrame, shares: npt.NDArray[np.float64]) -> Iterator[LumaFrame]:
+        """What the user's interpolator makes, checked."""
+        assert self._interpolator is not None
+        where = f"the interpolator, between {last.where} and {frame.where}"
+        for start in range(0, len(shares), _BATCH):
+            asked = shares[start : start + _BATCH]
+            given = 0
+            for image in self._interpolator(last.luma, frame.luma, asked):
+                luma = np.ascontiguousarray(image, np.float32)
+                if luma.shape != frame.luma.shape:
+                    raise ValueError(f"{where}: frames must have the shape {frame.luma.shape}, got {luma.shape}")
+                bad = ~(np.isfinite(luma) & (luma >= 0))
+                if bad.any():
+                    y, x = np.argwhere(bad)[0].tolist()
+                    raise ValueError(f"{where}: luma must be finite and >= 0, got {luma[y, x]} at pixel ({x}, {y})")
+                given += 1
+                if given <= len(asked):
+                    yield luma
+            if given != len(asked):
+                raise ValueError(f"{where}: it was asked for {len(asked)} frames, and gave {given}")
+
+    def describe(self) -> dict[str, Any]:
+        rule = "flow" if self._interpolator is None else "interpolator"
+        name = {} if self._interpolator is None else {"interpolator": repr(self._interpolator)}
+        return {"rule": rule, **name, **self.motion.describe()}
+
+    def findings(self) -> Iterator[str]:
+        moved = f"the image moves by up to {self.motion.largest_px:.3g} px from a frame to the next"
+        yield f"{self.motion.made:,} frames were made between frames; {moved}"
+        yield from self.motion.warnings()
+
+
+class Auto(Interpolation):
+    """Cubics where the image moves by less than :data:`CUBIC_UP_TO_PX` between two frames, flow where it moves further.
+
+    Args:
+        log_eps: as of the crossing engine.
+        max_displacement_px: as of :class:`FramesBetween`.
+
+    Raises:
+        ImportError: without OpenCV.
+    """
+
+    engine = "hermite"
+
+    def __init__(self, log_eps: float, max_displacement_px: float) -> None:
+        self._log_eps, self._step_px = np.float32(log_eps), max_displacement_px
+        self._finder = FlowFinder()
+        self.motion = Motion()
+
+    def samples(self, frames: Iterator[SensorFrame]) -> Iterator[Sample]:
+        rated = with_rates(frames, self._log_eps)
+        first = next(rated, None)
+        if first is None:
+            return
+        yield Sample(first[0].t_us, first[0].luma, first[1], first[0])
+        straight = np.full_like(first[1], np.nan)
+        last = first[0]
+        for frame, rate in rated:
+            forward = self._finder.flow(last.luma, frame.luma)
+            moved_px = displacement(last.luma, forward)
+            if moved_px <= CUBIC_UP_TO_PX:
+                self.motion.add(moved_px, 0, unsure=False)
+            else:
+                pair = FlowPair.of(last.luma, frame.luma, forward, self._finder.flow(frame.luma, last.luma))
+                times = instants(last.t_us, frame.t_us, pair.displacement_px, self._step_px)
+                self.motion.add(pair.displacement_px, len(times), unsure=_unsure(pair))
+                shares = (times - last.t_us) / (frame.t_us - last.t_us)
+                for t_us, luma in zip(times.tolist(), pair.frames(shares), strict=True):
+                    yield Sample(t_us, luma, straight, None)
+            yield Sample(frame.t_us, frame.luma, rate, frame)
+            last = frame
+
+    def describe(self) -> dict[str, Any]:
+        return {"rule": "auto", **self.motion.describe()}
+
+    def findings(self) -> Iterator[str]:
+        motion = self.motion
+        yield (
+            f"interpolation auto: {motion.by_cubics} of {motion.by_cubics + motion.by_frames} intervals by cubics, "
+            f"where the image moves by {CUBIC_UP_TO_PX:g} px at most; {motion.by_frames} along optical flow, where it "
+            f"moves by up to {motion.largest_px:.3g} px"
+        )
+        yield from motion.warnings()
+
+
+def instants(start_us: int, end_us: int, moved_px: float, step_px: float) -> npt.NDArray[np.int64]:
+    """Whole microseconds strictly between two, so many that the image moves by ``step_px`` at most between them."""
+    parts = min(max(math.ceil(moved_px / step_px - 1e-6), 1), MOST_FRAMES + 1, end_us - start_us)
+    return start_us + np.arange(1, parts, dtype=np.int64) * (end_us - start_us) // parts
+
+
+def _unsure(pair: FlowPair) -> bool:
+    return pair.displacement_px > _FAR * pair.before.shape[1] or pair.occluded > _HIDDEN

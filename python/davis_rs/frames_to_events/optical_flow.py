@@ -1,0 +1,184 @@
+"""Optical flow between two frames, and frames at instants between them: OpenCV's DIS, both ways, with occlusions."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+LumaFrame = npt.NDArray[np.float32]
+FlowField = npt.NDArray[np.float32]
+"""(H, W, 2): by how many pixels (x, y) what is seen there moves until the other frame."""
+
+_SMALLEST = 32
+"""Sides that DIS is given at the least; smaller frames are mirrored at their edges."""
+
+_GAMMA = 1 / 2.2
+"""Flow is sought in values of about equal steps to the eye, as DIS was made for, not in linear light."""
+
+_AGREEMENT_PX = 1.0
+"""Where flow there and back miss each other by as much, what is seen in one frame is hidden in the other."""
+
+_TURNS = 3
+"""Steps of the fixed-point iteration that finds where a pixel of an instant between came from."""
+
+_PERCENTILE = 98.0
+"""Of how far pixels move: the fastest may be mistakes."""
+
+_TEXTURE = 3.0
+"""Change from pixel to pixel, of 255, from which on there is something whose motion can be seen. In flat parts flow is
+whatever smooth continuation makes of it, and no events come from there."""
+
+
+def opencv() -> Any:
+    """OpenCV.
+
+    Raises:
+        ImportError: saying how to get it.
+    """
+    try:
+        import cv2
+    except ImportError as error:
+        raise ImportError("optical flow needs OpenCV: pip install 'davis_rs[video]'") from error
+    return cv2
+
+
+class FlowFinder:
+    """Finds the flow between frames; keeps its buffers from one pair to the next.
+
+    Source: Kroeger, Timofte, Dai, Van Gool, "Fast optical flow using dense inverse search", ECCV 2016.
+
+    Raises:
+        ImportError: without OpenCV.
+    """
+
+    def __init__(self) -> None:
+        self._cv2 = opencv()
+        self._dis = self._cv2.DISOpticalFlow_create(self._cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
+
+    def flow(self, before: LumaFrame, after: LumaFrame) -> FlowField:
+        """From each pixel of ``before`` (H, W) to where it is in ``after``."""
+        height, width = before.shape
+        white = max(_white(before), _white(after))
+        grey = [self._padded(_as_grey(frame, white)) for frame in (before, after)]
+        threads = self._cv2.getNumThreads()
+        self._cv2.setNumThreads(1)  # DIS cuts a frame into as many strips as there are threads, and their edges show
+        try:
+            found = self._dis.calc(*grey, None)
+        finally:
+            self._cv2.setNumThreads(threads)
+        return np.ascontiguousarray(found[:height, :width])
+
+    def between(self, before: LumaFrame, after: LumaFrame) -> FlowPair:
+        """The flow there and back."""
+        return FlowPair.of(before, after, self.flow(before, after), self.flow(after, before))
+
+    def _padded(self, grey: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
+        low, wide = (max(0, _SMALLEST - side) for side in grey.shape)
+        return np.pad(grey, ((0, low), (0, wide)), "symmetric") if low or wide else grey
+
+
+def displacement(frame: LumaFrame, flow: FlowField) -> float:
+    """How far the image moves, in pixels: the 98th percentile of the pixels that have texture; 0 without any."""
+    cv2 = opencv()
+    grey = _as_grey(frame, _white(frame)).astype(np.float32)
+    across, down = (cv2.Sobel(grey, -1, 1 - k, k, ksize=3, scale=1 / 8) for k in (0, 1))
+    textured = across * across + down * down > np.float32(_TEXTURE**2)
+    moved = np.hypot(flow[..., 0], flow[..., 1])[textured]
+    return float(np.percentile(moved, _PERCENTILE)) if len(moved) else 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class FlowPair:
+    """Two frames, and how each moves to the other.
+
+    Attributes:
+        before, after: linear luma (H, W).
+        forward, backward: flow from the one, and from the other.
+        seen_after, seen_before: (H, W) in 0..1, how sure it is that a pixel of ``before`` is seen in ``after`` too, and
+            one of ``after`` in ``before``.
+    """
+
+    before: LumaFrame
+    after: LumaFrame
+    forward: FlowField
+    backward: FlowField
+    seen_after: LumaFrame
+    seen_before: LumaFrame
+
+    @classmethod
+    def of(cls, before: LumaFrame, after: LumaFrame, forward: FlowField, backward: FlowField) -> FlowPair:
+        """With the occlusions that follow from the two flows."""
+        seen = (_seen(one, other) for one, other in ((forward, backward), (backward, forward)))
+        return cls(before, after, forward, backward, *seen)
+
+    @property
+    def displacement_px(self) -> float:
+        """How far the image moves, in pixels, as :func:`displacement`."""
+        return max(displacement(self.before, self.forward), displacement(self.after, self.backward))
+
+    @property
+    def occluded(self) -> float:
+        """Share of the pixels of ``before`` whose flow there and back do not agree."""
+        return float((self.seen_after < 0.5).mean())
+
+    def frames(self, shares: npt.ArrayLike) -> Iterator[LumaFrame]:
+        """The frame at each share of the way, in 0..1: what is seen moves straight, at constant speed.
+
+        A pixel is taken from both frames, by how near they are in time, and from one alone where it is hidden in the
+        other.
+        """
+        for share in np.asarray(shares, np.float64).tolist():
+            y_before, seen_after = self._from(self.before, self.forward, self.seen_after, share)
+            y_after, seen_before = self._from(self.after, self.backward, self.seen_before, 1 - share)
+            # What the first frame shows and the second does not, must not be mixed with the second; and back.
+            w_before = np.float32(1 - share) * (seen_before + _FLOOR)
+            w_after = np.float32(share) * (seen_after + _FLOOR)
+            yield np.asarray((w_before * y_before + w_after * y_after) / (w_before + w_after), np.float32)
+
+    @staticmethod
+    def _from(frame: LumaFrame, flow: FlowField, seen: LumaFrame, share: float) -> tuple[LumaFrame, LumaFrame]:
+        """A frame, and how sure its pixels are, moved along its flow by a share of it."""
+        cv2 = opencv()
+        x, y = _grid(*frame.shape)
+        step = np.float32(share)
+        moved = flow
+        # The pixel that comes to p is q with q + share flow(q) = p.
+        for _ in range(_TURNS):
+            moved = cv2.remap(flow, x - step * moved[..., 0], y - step * moved[..., 1], cv2.INTER_LINEAR, None, _BORDER)
+        from_x, from_y = x - step * moved[..., 0], y - step * moved[..., 1]
+        luma = cv2.remap(frame, from_x, from_y, cv2.INTER_CUBIC, None, _BORDER)
+        sure = cv2.remap(seen, from_x, from_y, cv2.INTER_LINEAR, None, _BORDER)
+        return np.maximum(luma, 0, out=luma), sure
+
+
+_FLOOR = np.float32(1e-3)
+"""Where both frames are unsure, they are mixed as where both are sure."""
+
+_BORDER = 1
+"""OpenCV's BORDER_REPLICATE: what comes in over the edge looks as the edge does."""
+
+
+def _grid(height: int, width: int) -> tuple[LumaFrame, LumaFrame]:
+    x, y = np.meshgrid(np.arange(width, dtype=np.float32), np.arange(height, dtype=np.float32))
+    return x, y
+
+
+def _seen(there: FlowField, back: FlowField) -> LumaFrame:
+    """Whether what moves by ``there`` comes back by ``back`` to where it was: 1, and 0 where it misses widely."""
+    x, y = _grid(*there.shape[:2])
+    returned = opencv().remap(back, x + there[..., 0], y + there[..., 1], 1, None, _BORDER)
+    missed = (there[..., 0] + returned[..., 0]) ** 2 + (there[..., 1] + returned[..., 1]) ** 2
+    return np.asarray(np.exp(-missed / np.float32(_AGREEMENT_PX**2)), np.float32)
+
+
+def _white(luma: LumaFrame) -> float:
+    """What is shown as white: all but the brightest highlights are below it."""
+    return float(np.percentile(luma, 99.5)) or 1.0
+
+
+def _as_grey(luma: LumaFrame, white: float) -> npt.NDArray[np.uint8]:
+    return np.asarray(np.rint(255 * np.minimum(luma / np.float32(white), 1) ** np.float32(_GAMMA)), np.uint8)
