@@ -89,7 +89,7 @@ class ViewSettings(TypedDict, total=False):
         int | None,
         Declared(
             "rays a pixel",
-            default_help="those of the accuracy; by the paper's rule 8, or 2 without LLVM",
+            default_help="those of the accuracy; by the paper's rule 8, or 2 for Mitsuba's integrators without LLVM",
             low=1,
             high=1024,
             metavar="N",
@@ -99,8 +99,9 @@ class ViewSettings(TypedDict, total=False):
     renderer: Annotated[
         str,
         Declared(
-            "who renders: the table kernel (diffuse meshes, direct light), Mitsuba's integrator (everything), or auto, "
-            "the fastest that can",
+            "who renders: the table kernel (diffuse meshes, direct light), the native renderer (the same, no LLVM), "
+            "Mitsuba's integrator (everything), or auto: table where that is possible, else native where there is no "
+            "LLVM, else integrator",
             "auto",
             choices=RENDERERS,
             group=_ACCURACY,
