@@ -82,9 +82,8 @@ class SceneTable:
             frames.append(np.full(mesh.count, frame, np.uint32))
             corners.append(mesh.corners)
             u, v = mesh.texture_maps()
-            # The texture's own uv transform is affine too.
-            for maps, row in zip((maps_u, maps_v), self.textures.uv_map_of_last, strict=True):
-                maps.append(row[0] * u + row[1] * v + row[2] * np.array([0.0, 0, 0, 1]))
+            maps_u.append(u)
+            maps_v.append(v)
             normal, is_smooth = mesh.normal_maps()
             # Which side is the front matters only where the back is another.
             turned = 1.0 if two_sided[-1].any() else mesh.turned(normal, mi)
@@ -93,10 +92,20 @@ class SceneTable:
             smooth |= is_smooth
         self.counts = [len(part) for part in corners]
         self.corners, self.planes = np.concatenate(corners), np.concatenate(planes)
-        self.u_maps, self.v_maps = np.concatenate(maps_u), np.concatenate(maps_v)
+        self._mesh_uv = np.concatenate(maps_u), np.concatenate(maps_v)
+        self.u_maps, self.v_maps = self.uv_maps(np.float64)
         self.normal_maps = np.concatenate(normals) if smooth else None
         self.two_sided, self.frames = np.concatenate(two_sided), np.concatenate(frames)
         self.centre = scene_centre(self.corners[self.frames == 0].reshape(-1, 3))
+
+    def uv_maps(self, precision: type[np.floating[Any]]) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
+        """:attr:`u_maps` and :attr:`v_maps`, computed in a precision from maps that were rounded to it."""
+        u, v = (maps.astype(precision) for maps in self._mesh_uv)
+        # The texture's own uv transform is affine too: fold it into the mesh's maps.
+        own = self.textures.uv_maps.astype(precision)[self.textures.texture_of]
+        offset = np.array([0, 0, 0, 1], precision)
+        folded = [own[:, i, :1] * u + own[:, i, 1:2] * v + own[:, i, 2:] * offset for i in (0, 1)]
+        return folded[0], folded[1]
 
     @property
     def description(self) -> str:

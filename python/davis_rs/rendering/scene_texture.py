@@ -44,9 +44,9 @@ class TextureTable:
         return np.array(self._sizes, np.int32)
 
     @property
-    def uv_map_of_last(self) -> FloatArray:
-        """(2, 3): the affine map of (u, v, 1) that the texture added last has of its own."""
-        return self._uv_maps[-1]
+    def uv_maps(self) -> FloatArray:
+        """(textures, 2, 3): each texture's own affine map of (u, v, 1)."""
+        return np.array(self._uv_maps, np.float64).reshape(-1, 2, 3)
 
     @property
     def texture_of(self) -> npt.NDArray[np.uint32]:

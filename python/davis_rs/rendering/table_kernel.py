@@ -45,7 +45,8 @@ class TableKernel:
         self._first_record = mi.UInt32(_first_records(table, mi))
         self._planes = _column(table.planes, mi)
         textures = table.textures
-        self._uv_maps = [_column(maps, mi) for maps in (table.u_maps, table.v_maps)]
+        # In float32 from end to end: the documented event counts rest on these very roundings.
+        self._uv_maps = [mi.Float(maps.ravel()) for maps in table.uv_maps(np.float32)]
         smooth = table.normal_maps
         self._normal_maps = [] if smooth is None else [_column(smooth[:, axis], mi) for axis in range(3)]
         self._wraps = sorted(set(textures.sizes[:, 3].tolist()))
