@@ -7,10 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from davis_rs.rendering.scene_table import SceneTable
-from davis_rs.rendering.scene_texture import bilinear
-from davis_rs.rendering.shadow_rays import END, STEP
-
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
@@ -46,6 +42,24 @@ def cast(corners: FloatArray, rays: FloatArray) -> Hits:
     with np.errstate(invalid="ignore"):
         margin = np.where(np.isfinite(ordered[:, 1]), (ordered[:, 1] - ordered[:, 0]) / ordered[:, 0], np.inf)
     return Hits(np.where(found, nearest, -1), ordered[:, 0], margin)
+
+
+def met(corners: FloatArray, origins: FloatArray, ways: FloatArray) -> FloatArray:
+    """Where rays from origins (n, k, 3) along ways (n, k, 3) meet triangles (n, 3, 3): bundles of k rays, one triangle
+    each. Multiples of the ways (n, k); inf for those that miss.
+
+    Source: Moeller, Trumbore, Fast, minimum storage ray/triangle intersection, 1997.
+    """
+    one, other = (corners[:, None, i] - corners[:, None, 0] for i in (1, 2))
+    across, from_first = np.cross(ways, other), origins - corners[:, None, 0]
+    determinant = (across * one).sum(-1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        u = (from_first * across).sum(-1) / determinant
+        q = np.cross(from_first, one)
+        v = (ways * q).sum(-1) / determinant
+        far = (other * q).sum(-1) / determinant
+        hit = (u >= 0) & (v >= 0) & (u + v <= 1) & (far > 0)
+    return np.where(hit, far, np.inf)
 
 
 def distance_to_edges(corners: FloatArray, rays: FloatArray) -> FloatArray:
@@ -108,89 +122,3 @@ def distance_to_shadow_edges(corners: FloatArray, places: FloatArray, light: Flo
             strip = (total > 0.99) & (other > -0.01 * total) & (one > -0.01 * total)
         nearest[i] = np.abs(distance[strip]).min(initial=np.inf)
     return nearest
-
-
-class TableScene:
-    """A scene's tables at an instant, in float64: what rays must see of them, and how far from doubt they are.
-
-    Args:
-        poses: for each moving shape (rotation, position) in the world.
-    """
-
-    def __init__(self, table: SceneTable, poses: list[tuple[FloatArray, FloatArray]], factors: FloatArray) -> None:
-        self.table, self.factors = table, factors
-        self.poses = [(np.eye(3), np.zeros(3)), *poses]
-        rotations, positions = (np.array(part)[table.frames] for part in zip(*self.poses, strict=True))
-        self.corners = table.corners @ rotations.swapaxes(1, 2) + positions[:, None]
-
-    def luma(self, position: FloatArray, rotation: FloatArray, rays: FloatArray) -> FloatArray:
-        """Luma of rays (m, 3) with z = 1 in camera axes."""
-        return self._look(position, rotation, rays, edges=False)[0]
-
-    def doubt(self, position: FloatArray, rotation: FloatArray, rays: FloatArray) -> FloatArray:
-        """By how much of the focal length each ray may be moved before it sees another triangle, or a shadow begins or
-        ends there; 0 where two surfaces lie at one depth."""
-        return self._look(position, rotation, rays, edges=True)[1]
-
-    def _look(
-        self, position: FloatArray, rotation: FloatArray, rays: FloatArray, *, edges: bool
-    ) -> tuple[FloatArray, FloatArray]:
-        seen = (self.corners - position) @ rotation
-        hits = cast(seen, rays)
-        doubt = np.where(hits.margin > 1e-5, distance_to_edges(seen, rays), 0.0) if edges else np.zeros(len(rays))
-        background = sum(
-            light.strength * factor * self.table.background_per_strength(light)
-            for light, factor in zip(self.table.lights, self.factors, strict=True)
-        )
-        luma = np.full(len(rays), float(background))
-        for i in np.flatnonzero(hits.triangle >= 0):
-            direction = rotation @ rays[i]
-            place = position + hits.depth[i] * direction
-            luma[i], shadow = self._reflected(int(hits.triangle[i]), place, direction, hits.depth[i], edges)
-            doubt[i] = min(doubt[i], shadow / hits.depth[i])
-        return luma, doubt
-
-    def _reflected(
-        self, triangle: int, place: FloatArray, direction: FloatArray, depth: float, edges: bool
-    ) -> tuple[float, float]:
-        """Luma of a place, and how far it lies from the nearest edge of a shadow, metres, where that is asked for."""
-        table = self.table
-        rotation, position = self.poses[table.frames[triangle]]
-        own = np.append((place - position) @ rotation, 1.0)
-        flat = rotation @ table.planes[triangle, :3]
-        normal = flat if table.normal_maps is None else rotation @ (table.normal_maps[triangle] @ own)
-        normal = normal / np.linalg.norm(normal)
-        if normal @ direction > 0:
-            if not table.two_sided[triangle]:
-                return 0.0, np.inf
-            normal = -normal
-        number = table.textures.texture_of[triangle]
-        first, width, height, wrap = table.textures.sizes[number].tolist()
-        uv = np.array([[table.u_maps[triangle] @ own], [table.v_maps[triangle] @ own]])
-        luma, nearest = 0.0, np.inf
-        for light, factor in zip(table.lights, self.factors, strict=True):
-            texels = table.textures.texels(light.group)[first : first + width * height].astype(np.float64)
-            reflectance = bilinear(texels.reshape(height, width, 1), uv, wrap)[0, 0]
-            strength = light.strength * factor
-            if light.kind == "constant":
-                luma += strength * reflectance
-                continue
-            towards = light.vector - place if light.kind == "point" else -light.vector
-            falls = normal @ towards / (np.linalg.norm(towards) ** 3 if light.kind == "point" else 1.0)
-            if falls <= 0:
-                continue
-            if table.shadows:
-                step = STEP * (np.abs(place - table.centre).max() + depth)
-                origin = (place + flat * step * np.sign(flat @ towards))[None]
-                sun = np.append(towards, 0.0)
-                source = light.vector if light.kind == "point" else sun
-                if edges:
-                    nearest = min(nearest, distance_to_shadow_edges(self.corners, origin, source)[0])
-                if (
-                    shadowed(self.corners, origin, light.vector, end=END)
-                    if light.kind == "point"
-                    else sunless(self.corners, origin, towards)
-                )[0]:
-                    continue
-            luma += strength * reflectance * falls / np.pi
-        return luma, nearest

@@ -97,12 +97,6 @@ def make_scene(parts: Parts, *, integrator: dict[str, Any] | None = DIRECT, shad
     return Scene("test", partial(dict, {"type": "scene", **asked, **parts}), shadows=shadows)
 
 
-@pytest.fixture(params=["native", "table"])
-def kind(request: pytest.FixtureRequest) -> str:
-    """Both renderers that have a scene's tables."""
-    return str(request.param)
-
-
 def build(kind: str, scene: Scene, *, samples: int = 1, camera: Camera = CAMERA) -> Renderer:
     renderer = make_renderer(scene, camera, samples=samples, kind=kind)
     assert isinstance(renderer, NativeRenderer if kind == "native" else TableRenderer)

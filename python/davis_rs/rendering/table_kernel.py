@@ -247,7 +247,8 @@ def _meets(box: Any, ray: Any) -> Any:
     import mitsuba as mi
 
     low, high = (mi.Point3f(*np.array(corner).tolist()) for corner in (box.min, box.max))
-    margin = 1e-4 * (1 + dr.max(dr.abs(high - low))) + 1e-6 * dr.max(dr.abs(ray.o))
+    far = dr.max(dr.maximum(dr.abs(low), dr.abs(high))) + dr.max(dr.abs(ray.o))
+    margin = 1e-4 * dr.max(high - low) + 1e-6 * far
     inverse = dr.rcp(ray.d)
     one, other = (low - margin - ray.o) * inverse, (high + margin - ray.o) * inverse
     enter, leave = dr.max(dr.minimum(one, other)), dr.min(dr.maximum(one, other))
