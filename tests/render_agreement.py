@@ -104,7 +104,7 @@ def _explain(found: Agreement, sights: Sights, ours: FloatArray, theirs: FloatAr
         return np.where(other, RADII_PX, np.inf).min(1)
 
     edge, shadow = changes(sights.triangle), changes(sights.shadows)
-    one_plane = (sights.margin < 1e-5).any(1)
+    one_plane = np.any(sights.margin < 1e-5, axis=1)
     truth, low, high = sights.luma[:, 0], sights.luma.min(1), sights.luma.max(1)
     slack = CLOSE * np.maximum(np.maximum(ours, theirs), truth)
     for i in range(len(ours)):
