@@ -327,7 +327,7 @@ def test_the_fence_is_thin_and_before_a_wall() -> None:
     fence = load_scene("fence")
     assert fence.trajectory is not None
     renderer = make_renderer(fence, fence.own_camera, samples=1)
-    assert renderer.name == "table kernel"
+    assert renderer.name == "native renderer"
     depth = renderer.depth(Views.along(fence.trajectory, np.linspace(0, 2, 21)))
     assert np.isfinite(depth).all()
     bars = depth < 1.7

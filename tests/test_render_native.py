@@ -318,7 +318,7 @@ def test_threads_and_arrays_are_checked() -> None:
 
 
 def test_no_llvm_is_needed(run_python: Callable[..., str]) -> None:
-    """Without any libLLVM auto takes the native renderer and says why; what it renders has the same bits."""
+    """Without any libLLVM auto takes the native renderer too, with all of its rays; its frames have the same bits."""
     program = """
 import hashlib
 import numpy as np
@@ -328,7 +328,6 @@ from davis_rs.trajectory.views import Views
 scene = load_scene("three_planes")
 renderer = make_renderer(scene, scene.own_camera, samples=2)
 assert renderer.name == "native renderer", renderer.name
-assert "not the table kernel: no usable LLVM" in renderer.reason, renderer.reason
 assert renderer.rays == 2
 assert make_renderer(scene, scene.own_camera).rays == 8
 print(hashlib.sha256(renderer.luma(Views.along(scene.path, [0.1])).tobytes()).hexdigest())

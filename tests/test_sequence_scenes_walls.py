@@ -51,7 +51,7 @@ def mapping(source: Any) -> Mapping[str, Any]:
 
 def renderer_of(scene: Scene) -> Renderer:
     renderer = make_renderer(scene, scene.own_camera, samples=1)
-    assert renderer.name == "table kernel"
+    assert renderer.name == "native renderer"
     return renderer
 
 

@@ -28,6 +28,7 @@ def make_renderer(
     seed: int = 0,
     kind: str = "auto",
     blur: bool | None = None,
+    threads: int | None = None,
     edges: bool = False,
 ) -> Renderer:
     """Choose and build the renderer for a scene.
@@ -36,11 +37,12 @@ def make_renderer(
         samples: rays a pixel; None means 8, or 2 for Mitsuba's integrators in the scalar variant.
         seed: of Mitsuba's integrators; the others draw nothing at random.
         kind: ``table`` (the table kernel: diffuse meshes under point, directional and constant light, on Dr.Jit),
-            ``native`` (the same scenes in the Rust core, without LLVM), ``integrator`` (Mitsuba's own, for everything
-            else) or ``auto``: the table kernel where it computes what the scene asks for, the native renderer in its
-            place where there is no LLVM, and else Mitsuba's integrators.
+            ``native`` (the same scenes in the Rust core, without LLVM and faster), ``integrator`` (Mitsuba's own, for
+            everything else) or ``auto``: the native renderer where it computes what the scene asks for, and else
+            Mitsuba's integrators.
         edges: prepare :attr:`Renderer.silhouettes`.
         blur: the 3 x 3 blur of luma; None leaves it to the scene.
+        threads: of the native renderer; None for all that there are.
 
     Raises:
         ValueError: if the scene cannot be loaded, it has none of the objects or lights that shall change, or ``table``
@@ -57,7 +59,9 @@ def make_renderer(
     reason = "asked for"
     if kind != "integrator":
         try:
-            return _make_from_table(scene, camera, samples=samples, kind=kind, blur=blur, edges=edges)
+            return _make_from_table(
+                scene, camera, samples=samples, kind=kind, blur=blur, edges=edges, threads=threads
+            )
         except Unsuitable as unsuitable:
             if kind != "auto":
                 what = "native renderer" if kind == "native" else "table kernel"
@@ -75,14 +79,21 @@ def make_renderer(
 
 
 def _make_from_table(
-    scene: Scene, camera: Camera, *, samples: int | None, kind: str, blur: bool, edges: bool
+    scene: Scene,
+    camera: Camera,
+    *,
+    samples: int | None,
+    kind: str,
+    blur: bool,
+    edges: bool,
+    threads: int | None,
 ) -> Renderer:
-    """The table kernel or the native renderer.
+    """The table kernel, where it was asked for, or the native renderer.
 
     Raises:
         Unsuitable: for a scene that is not diffuse triangles under direct light.
     """
-    variant_name, why_variant = (SCALAR, "") if kind == "native" else default_variant()
+    variant_name, why_variant = default_variant() if kind == "table" else (SCALAR, "")
     if variant_name == SCALAR and kind == "table":
         raise ValueError(f"the table kernel needs Mitsuba's {FAST} variant: {why_variant}")
     samples = 8 if samples is None else samples
@@ -91,11 +102,12 @@ def _make_from_table(
         motion = scene_motion(scene, loaded, mi)
         moving = list(motion.objects)
         table = SceneTable(loaded, mi, shadows=scene.shadows, any_integrator=kind != "auto", moving=moving)
-        make = NativeRenderer if variant_name == SCALAR else TableRenderer
-        renderer = make(table, camera, samples=samples, blur=blur, motion=motion)
+        renderer: Renderer
+        if kind == "table":
+            renderer = TableRenderer(table, camera, samples=samples, blur=blur, motion=motion)
+        else:
+            renderer = NativeRenderer(table, camera, samples=samples, blur=blur, motion=motion, threads=threads)
         renderer.silhouettes = MovingSilhouettes(loaded, motion) if edges else None
-    if why_variant and variant_name == SCALAR:
-        renderer.reason += f"; not the table kernel: {why_variant}"
     return renderer
 
 

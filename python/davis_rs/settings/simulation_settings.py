@@ -99,9 +99,8 @@ class ViewSettings(TypedDict, total=False):
     renderer: Annotated[
         str,
         Declared(
-            "who renders: the table kernel (diffuse meshes, direct light), the native renderer (the same, no LLVM), "
-            "Mitsuba's integrator (everything), or auto: table where that is possible, else native where there is no "
-            "LLVM, else integrator",
+            "who renders: the native renderer (diffuse meshes, direct light), the table kernel (the same, on LLVM), "
+            "Mitsuba's integrator (everything), or auto: native where that is possible, else integrator",
             "auto",
             choices=RENDERERS,
             group=_ACCURACY,
@@ -184,7 +183,7 @@ class SamplingSettings(ViewSettings, total=False):
     threads: Annotated[
         int | None,
         Declared(
-            "of the crossing engine; results do not depend on it",
+            "of the native renderer and the crossing engine; results do not depend on it",
             default_help="as many as pay",
             low=1,
             high=1024,
