@@ -15,6 +15,8 @@ import pytest
 
 import davis_rs
 
+pytestmark = pytest.mark.without_llvm
+
 SHARED = Path(__file__).resolve().parents[2] / "shared"
 
 
@@ -209,9 +211,8 @@ BALL = """<scene version="3.0.0"><integrator type="direct"/>
 <film type="hdrfilm"><integer name="width" value="16"/><integer name="height" value="12"/></film></sensor></scene>"""
 
 
-@pytest.mark.without_llvm
 def test_without_llvm_the_native_renderer_does_it(tmp_path: Path) -> None:
-    """README's first command renders with all of its rays, asks for nothing to be installed, and the dataset is whole."""
+    """README's first command renders with all of its rays, asks for nothing to be installed; the dataset is whole."""
     out = tmp_path / "out"
     shown = ("--duration", 0.01, "--frame-rate", 200)
     done = run("simulate", "three_planes", "-o", out, *shown, DRJIT_LIBLLVM_PATH=NOWHERE)
@@ -223,7 +224,6 @@ def test_without_llvm_the_native_renderer_does_it(tmp_path: Path) -> None:
     assert checked.returncode == 0, checked.stdout
 
 
-@pytest.mark.without_llvm
 def test_without_llvm_what_needs_mitsuba_is_slow_and_says_so(tmp_path: Path) -> None:
     """For a sphere, which is not made of triangles, one sentence says how to get the fast variant."""
     scene, out = tmp_path / "ball.xml", tmp_path / "out"

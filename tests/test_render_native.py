@@ -30,6 +30,8 @@ from davis_rs.trajectory.views import Views
 from ray_caster import cast, distance_to_edges, distance_to_shadow_edges, shadowed, sunless
 from render_agreement import agreement, scene_named
 
+pytestmark = pytest.mark.without_llvm
+
 FloatArray = npt.NDArray[np.float64]
 
 CAMERA = Camera(33, 19, 25.0, 31.0, 15.2, 9.9, k1=-0.15, p1=0.003)

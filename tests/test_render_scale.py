@@ -13,6 +13,8 @@ from davis_rs.rendering.render import Renderer
 from davis_rs.rendering.renderers import make_renderer
 from exact_scene import ExactRenderer
 
+pytestmark = pytest.mark.without_llvm
+
 SCALES = (1e-4, 1e-2, 1.0, 1e3, 1e5)
 
 

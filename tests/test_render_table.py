@@ -602,14 +602,14 @@ def test_path_tracing_is_left_to_mitsuba_unless_direct_light_is_asked_for(kind: 
     assert np.array_equal(asked.luma(Views.at_rest([POSE]))[0], luma_of(kind, SCENES["point light"]))
 
 
-def test_suitable_scenes_take_the_table_and_say_why() -> None:
-    """Diffuse triangles go to the table kernel, whose reason names lights and shadows; other names override it."""
+def test_suitable_scenes_take_the_native_renderer_and_say_why() -> None:
+    """Diffuse triangles go to the native renderer, whose reason names lights and shadows; other names override it."""
     scene = make_scene(SCENES["point light"])
     chosen = make_renderer(scene, CAMERA)
-    assert isinstance(chosen, TableRenderer)
-    native = make_renderer(scene, CAMERA, kind="native")
-    assert isinstance(native, NativeRenderer)
-    assert native.reason == chosen.reason
+    assert isinstance(chosen, NativeRenderer)
+    table = make_renderer(scene, CAMERA, kind="table")
+    assert isinstance(table, TableRenderer)
+    assert table.reason == chosen.reason
     assert chosen.reason == "diffuse triangles under point light, with shadows"
     unshadowed = make_scene({"sun": sun(), "sky": sky(), "floor": FLOOR}, shadows=False)
     assert make_renderer(unshadowed, CAMERA).reason == (

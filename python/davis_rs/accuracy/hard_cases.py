@@ -128,8 +128,5 @@ _LIMITS = [
     "  luma that jumps while it drifts may reach a level for less time than lies between them. Where edges of the",
     "  geometry pass, the preset `exact` looks closer; a shadow's edge is no edge of the geometry. A test in",
     "  `tests/test_breaks.py` is expected to fail because of it.",
-    "- **Scaled.** The table kernel's shadow rays start a least distance from the surface, which is large in so",
-    "  small a scene. Both columns of events have the same wrong shadows: their numbers agree with each other, not",
-    "  with those of the same scene at its own size.",
     "- **Brute force** stamps what jumps up to its own step late, and sees no dip shorter than that.",
 ]

@@ -98,7 +98,12 @@ def _make_from_table(
         raise ValueError(f"the table kernel needs Mitsuba's {FAST} variant: {why_variant}")
     samples = 8 if samples is None else samples
     with variant(variant_name) as (mi, _):
-        loaded = load_scene_source(scene.source(), mi)
+        try:
+            loaded = load_scene_source(scene.source(), mi)
+        except ValueError as error:
+            if kind != "auto":
+                raise
+            raise Unsuitable(f"{variant_name} cannot load it") from error  # its other variants may have the plugin
         motion = scene_motion(scene, loaded, mi)
         moving = list(motion.objects)
         table = SceneTable(loaded, mi, shadows=scene.shadows, any_integrator=kind != "auto", moving=moving)
