@@ -39,6 +39,14 @@ def scalar_variant_held(request: pytest.FixtureRequest) -> Iterator[None]:
         yield
 
 
+@pytest.fixture(params=["native", "table"])
+def kind(request: pytest.FixtureRequest) -> str:
+    """Both renderers that have a scene's tables; without LLVM the native one."""
+    if request.param == "table":
+        request.getfixturevalue("llvm")
+    return str(request.param)
+
+
 @pytest.fixture(scope="session")
 def run_python() -> Callable[..., str]:
     """Run a program in a fresh interpreter, with environment variables; returns what it prints."""

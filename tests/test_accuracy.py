@@ -337,7 +337,7 @@ def test_the_fence_is_thin_and_before_a_wall() -> None:
     fence = load_scene("fence")
     assert fence.trajectory is not None
     renderer = make_renderer(fence, fence.own_camera, samples=1)
-    assert renderer.name == "table kernel"
+    assert renderer.name == "native renderer"
     depth = renderer.depth(Views.along(fence.trajectory, np.linspace(0, 2, 21)))
     assert np.isfinite(depth).all()
     bars = depth < 1.7
@@ -353,14 +353,21 @@ def test_the_fence_is_thin_and_before_a_wall() -> None:
 
 
 def test_no_shadow_can_be_seen_in_the_fence() -> None:
-    """Its shadows are left out because all fall below the view: tracing them changes no pixel of the path."""
+    """Its shadows are left out because all fall below the view: tracing them changes no pixel of the path.
+
+    But for those right at an edge where one bar or stroke of a letter lies 0.1 to 0.3 mm before another, and shades it.
+    """
     fence = load_scene("fence")
     assert fence.trajectory is not None
     assert not fence.shadows
     views = Views.along(fence.trajectory, np.linspace(0, 2, 21))
     without = make_renderer(fence, fence.own_camera, samples=1).luma(views)
     traced = make_renderer(replace(fence, shadows=True), fence.own_camera, samples=1).luma(views)
-    assert np.array_equal(without, traced)
+    changed = without != traced
+    assert changed.mean() < 2e-5
+    assert (traced[changed] == 0).all()
+    hit_at = make_renderer(fence, fence.own_camera, samples=1).depth(views)[changed]
+    assert (hit_at < 2.7).all(), "the wall is farther"
     assert 0.005 < without.min() < without.max() < 3
 
 

@@ -15,6 +15,8 @@ import pytest
 
 import davis_rs
 
+pytestmark = pytest.mark.without_llvm
+
 SHARED = Path(__file__).resolve().parents[2] / "shared"
 
 
@@ -223,16 +225,36 @@ def test_a_real_hand_held_trajectory(tmp_path: Path) -> None:
     assert run("check", out).returncode == 0
 
 
-def test_without_llvm_the_scalar_variant_does_it(tmp_path: Path) -> None:
-    """One sentence says how to get the fast one, and the dataset is whole."""
+NOWHERE = "/nonexistent/libLLVM.so"
+BALL = """<scene version="3.0.0"><integrator type="direct"/>
+<emitter type="point"><point name="position" x="0" y="-1" z="-3"/></emitter><shape type="sphere"/>
+<sensor type="perspective"><transform name="to_world"><lookat origin="0,0,-3" target="0,0,0" up="0,1,0"/></transform>
+<film type="hdrfilm"><integer name="width" value="16"/><integer name="height" value="12"/></film></sensor></scene>"""
+
+
+def test_without_llvm_the_native_renderer_does_it(tmp_path: Path) -> None:
+    """README's first command renders with all of its rays, asks for nothing to be installed; the dataset is whole."""
     out = tmp_path / "out"
-    nowhere = "/nonexistent/libLLVM.so"
-    done = simulate("three_planes", "-o", out, "--duration", 0.01, "--frame-rate", 200, DRJIT_LIBLLVM_PATH=nowhere)
+    shown = ("--duration", 0.01, "--frame-rate", 200)
+    done = run("simulate", "three_planes", "-o", out, *shown, DRJIT_LIBLLVM_PATH=NOWHERE)
+    assert done.returncode == 0, done.stderr
+    assert "rendering with native renderer" in done.stderr
+    assert "install" not in done.stderr
+    assert json.loads((out / "meta.json").read_text())["parameters"]["samples"] == 8
+    checked = run("check", out)
+    assert checked.returncode == 0, checked.stdout
+
+
+def test_without_llvm_what_needs_mitsuba_is_slow_and_says_so(tmp_path: Path) -> None:
+    """For a sphere, which is not made of triangles, one sentence says how to get the fast variant."""
+    scene, out = tmp_path / "ball.xml", tmp_path / "out"
+    scene.write_text(BALL)
+    still = tmp_path / "still.txt"
+    still.write_text("0.0 0 0 -3 0 0 0 1\n0.01 0.01 0 -3 0 0 0 1\n0.02 0.02 0 -3 0 0 0 1\n0.03 0.03 0 -3 0 0 0 1\n")
+    done = simulate(scene, "-o", out, "--trajectory", still, DRJIT_LIBLLVM_PATH=NOWHERE)
     assert done.returncode == 0, done.stderr
     assert "scalar variant" in done.stderr
     assert "apt-get install libllvm19" in done.stderr
-    checked = run("check", out)
-    assert checked.returncode == 0, checked.stdout
 
 
 def test_the_version_is_told() -> None:

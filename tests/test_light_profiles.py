@@ -57,10 +57,10 @@ def make_scene(lights: dict[str, LightProfile], **parts: dict[str, Any]) -> Scen
 
 
 def build(kind: str, scene: Scene, request: pytest.FixtureRequest, *, samples: int = 2) -> Renderer:
-    if kind != SCALAR:
+    if kind in ("table", FAST):
         request.getfixturevalue("llvm")
-    if kind == "table":
-        return make_renderer(scene, CAMERA, samples=samples, kind="table")
+    if kind in ("native", "table"):
+        return make_renderer(scene, CAMERA, samples=samples, kind=kind)
     with variant(kind) as (mi, _):
         loaded = load_scene_source(scene.source(), mi)
         motion = scene_motion(scene, loaded, mi)
@@ -68,7 +68,8 @@ def build(kind: str, scene: Scene, request: pytest.FixtureRequest, *, samples: i
     return make(loaded, CAMERA, samples=samples, blur=False, seed=3, reason="", motion=motion)
 
 
-KINDS = pytest.mark.parametrize("kind", ["table", FAST, SCALAR])
+TABLES = ("native", "table")
+KINDS = pytest.mark.parametrize("kind", [*TABLES, FAST, SCALAR])
 
 
 @pytest.mark.parametrize("profile", PROFILES, ids=lambda one: type(one).__name__)
@@ -176,7 +177,7 @@ def test_frames_are_scaled(kind: str, request: pytest.FixtureRequest) -> None:
     assert base.min() > 0.01
     frames, rates = flickering.luma_and_rate(views)
     np.testing.assert_allclose(frames, base * profile.factor(t_s)[:, None, None], rtol=3e-6)
-    exact = 1e-5 if kind == "table" else 1e-3
+    exact = 1e-5 if kind in TABLES else 1e-3
     np.testing.assert_allclose(rates, base * profile.rate(t_s)[:, None, None], rtol=exact, atol=exact * 100)
     assert np.array_equal(frames[0], frames[3])
     pixels = np.array([3, 77, 30, 3, 107])
@@ -195,8 +196,8 @@ def test_of_two_lights_one_flickers(kind: str, request: pytest.FixtureRequest) -
         for pose in (POSE, up):
             views = Views.at_rest([pose] * 2, t_s)
             alone = {key: build(kind, make_scene({}, floor=FLOOR, **{key: lights[key]}), request) for key in lights}
-            # Mitsuba picks one of three lights for a ray at random: only the table kernel adds them all up.
-            if kind != "table" and pose is POSE:
+            # Mitsuba picks one of three lights for a ray at random: the others add them all up.
+            if kind not in TABLES and pose is POSE:
                 continue
             sums = {key: renderer.luma(views).astype(np.float64) for key, renderer in alone.items()}
             factors = {key: profile.factor(t_s) if key == name else np.ones(2) for key in lights}
@@ -204,18 +205,19 @@ def test_of_two_lights_one_flickers(kind: str, request: pytest.FixtureRequest) -
             frames, rates = whole.luma_and_rate(views)
             np.testing.assert_allclose(frames, expected, rtol=1e-5, atol=1e-7)
             slope = sums[name] * profile.rate(t_s)[:, None, None]
-            exact = 1e-5 if kind == "table" else 2e-3
+            exact = 1e-5 if kind in TABLES else 2e-3
             np.testing.assert_allclose(rates, slope, rtol=exact, atol=exact * max(1e-3, np.abs(slope).max()))
 
 
 @pytest.mark.usefixtures("llvm")
-def test_rates_of_light_and_camera_add_up(request: pytest.FixtureRequest) -> None:
+@pytest.mark.parametrize("kind", TABLES)
+def test_rates_of_light_and_camera_add_up(kind: str, request: pytest.FixtureRequest) -> None:
     """Product rule: with Y = f(t) S(t), the rate is f' S + f S', of a camera that moves under a lamp that flickers."""
     profile = PROFILES[0]
     still = Views.at_rest([POSE] * 2, [0.001, 0.006])
     views = Views(still.t_s, still.positions, still.rotations, still.positions * 0.1, still.positions * -0.2)
-    steady, steady_rate = build("table", make_scene({}, lamp=LAMP, floor=FLOOR), request).luma_and_rate(views)
-    _, rate = build("table", make_scene({"lamp": profile}, lamp=LAMP, floor=FLOOR), request).luma_and_rate(views)
+    steady, steady_rate = build(kind, make_scene({}, lamp=LAMP, floor=FLOOR), request).luma_and_rate(views)
+    _, rate = build(kind, make_scene({"lamp": profile}, lamp=LAMP, floor=FLOOR), request).luma_and_rate(views)
     factor, slope = (values[:, None, None] for values in (profile.factor(still.t_s), profile.rate(still.t_s)))
     expected = slope * steady.astype(np.float64) + factor * steady_rate
     np.testing.assert_allclose(rate, expected, atol=1e-5 * np.abs(expected).max())
@@ -231,7 +233,7 @@ def test_an_area_light_flickers(kind: str, request: pytest.FixtureRequest) -> No
     np.testing.assert_allclose(frames[1], frames[0] * 1.6, rtol=1e-5)
 
 
-@pytest.mark.parametrize(("kind", "name"), [("table", "moon"), ("integrator", "floor")])
+@pytest.mark.parametrize(("kind", "name"), [("native", "moon"), ("table", "moon"), ("integrator", "floor")])
 def test_an_unknown_light_is_refused(kind: str, name: str, llvm: str) -> None:
     """The message names the scene's lights."""
     del llvm

@@ -191,7 +191,8 @@ from davis_rs.trajectory.views import Views
 floor = {"type": "rectangle", "bsdf": {"type": "diffuse", "reflectance": 0.5}}
 light = {"type": "point", "position": [0.0, 0.0, 2.0], "intensity": 1.0}
 scene = Scene("floor", lambda: {"type": "scene", "by": {"type": "direct"}, "light": light, "floor": floor})
-renderer = make_renderer(scene, Camera(5, 4, 9.0, 9.0, 2.0, 1.5), samples=1)
+kind = "integrator" if "integrator" in sys.argv else "table"
+renderer = make_renderer(scene, Camera(5, 4, 9.0, 9.0, 2.0, 1.5), samples=1, kind=kind)
 assert renderer.luma(Views.at_rest([Pose([0.0, 0.0, 1.0], [1.0, 0.0, 0.0, 0.0])])).min() > 0
 print(renderer.variant)
 print(renderer.reason)
@@ -201,7 +202,7 @@ print(renderer.reason)
 @needs_llvm_15
 def test_an_llvm_that_would_abort_is_never_run(run_python: Callable[..., str]) -> None:
     """With DRJIT_LIBLLVM_PATH naming an LLVM 15 the scalar variant renders, and the process lives."""
-    variant, reason = run_python(RENDER, DRJIT_LIBLLVM_PATH=str(LLVM_15)).splitlines()
+    variant, reason = run_python(RENDER, "integrator", DRJIT_LIBLLVM_PATH=str(LLVM_15)).splitlines()
     assert variant == "scalar_rgb"
     assert "no usable LLVM (>= 17) was found" in reason
 
@@ -210,7 +211,7 @@ def test_an_llvm_that_would_abort_is_never_run(run_python: Callable[..., str]) -
 @needs_usable_llvm
 def test_an_llvm_that_is_loaded_already_is_not_run(run_python: Callable[..., str]) -> None:
     """A program that had Dr.Jit load an LLVM 15 before us gets the scalar variant, with the version named."""
-    variant, reason = run_python(RENDER, "preload", DRJIT_LIBLLVM_PATH=str(LLVM_15)).splitlines()
+    variant, reason = run_python(RENDER, "preload", "integrator", DRJIT_LIBLLVM_PATH=str(LLVM_15)).splitlines()
     assert variant == "scalar_rgb"
     assert reason.startswith("LLVM 15")
     assert "loaded already" in reason
@@ -218,7 +219,7 @@ def test_an_llvm_that_is_loaded_already_is_not_run(run_python: Callable[..., str
 
 @needs_usable_llvm
 def test_a_usable_llvm_gives_the_fast_variant(run_python: Callable[..., str]) -> None:
-    """Where a usable library is found, a fresh process takes the fast variant and the table kernel."""
+    """Where a usable library is found, a fresh process has the fast variant, and so the table kernel."""
     assert INSTALLED is not None
     variant, reason = run_python(RENDER, DRJIT_LIBLLVM_PATH=str(INSTALLED.path)).splitlines()
     assert variant == FAST

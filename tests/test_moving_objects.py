@@ -97,7 +97,8 @@ def scenes(name: str, tmp_path: Path) -> tuple[Parts, dict[str, Trajectory], boo
 SCENES = pytest.mark.parametrize(
     "name", ["shadows", "no shadows", "two objects", "behind", "smooth normals", "all moves"]
 )
-KINDS = pytest.mark.parametrize("kind", ["table", FAST, SCALAR])
+KINDS = pytest.mark.parametrize("kind", ["native", "table", FAST, SCALAR])
+TABLES = pytest.mark.parametrize("kind", ["native", "table"])
 
 
 def build(
@@ -112,8 +113,8 @@ def build(
 ) -> Renderer:
     source = {"type": "scene", "by": DIRECT, **parts}
     scene = Scene("test", partial(dict, source), objects=objects or {}, shadows=shadows)
-    if kind == "table":
-        return make_renderer(scene, camera, samples=samples, kind="table", blur=blur)
+    if kind in ("native", "table"):
+        return make_renderer(scene, camera, samples=samples, kind=kind, blur=blur)
     with variant(kind) as (mi, _):
         loaded = load_scene_source(scene.source(), mi)
         motion = scene_motion(scene, loaded, mi)
@@ -139,16 +140,17 @@ def moving(t_s: list[float], camera_moves: bool = True) -> Views:
 
 @SCENES
 @pytest.mark.usefixtures("llvm")
-def test_frames_are_those_of_a_still_scene(name: str, tmp_path: Path) -> None:
+@TABLES
+def test_frames_are_those_of_a_still_scene(kind: str, name: str, tmp_path: Path) -> None:
     """Several times in one launch, before, on and after the trajectory: luma, depth and single pixels, to 1e-5."""
     parts, objects, shadows = scenes(name, tmp_path)
-    renderer = build("table", parts, objects, shadows=shadows)
+    renderer = build(kind, parts, objects, shadows=shadows)
     views = Views.at_rest([POSE] * 5, [0.0, 0.35, 0.8, 1.7, 0.35])
     frames, depths = renderer.luma(views), renderer.depth(views)
     assert np.array_equal(frames[1], frames[4])
     assert not np.array_equal(frames[0], frames[1])
     for frame, depth, t_s in zip(frames, depths, views.t_s, strict=True):
-        still = build("table", put(parts, objects, t_s), shadows=shadows)
+        still = build(kind, put(parts, objects, t_s), shadows=shadows)
         expected = still.luma(views[:1])[0]
         # A ray on an edge may pass to either side of it.
         close = np.abs(frame - expected) < 1e-5 * expected.max()
@@ -181,7 +183,7 @@ def test_integrators_show_the_same(name: str, kind: str, request: pytest.Fixture
 
 @pytest.mark.parametrize("kind", [FAST, SCALAR])
 def test_a_sphere_moves_with_integrators(kind: str, request: pytest.FixtureRequest) -> None:
-    """What is placed by a matrix and not by vertices moves too; the table kernel says that it is no mesh."""
+    """What is placed by a matrix and not by vertices moves too; the others say that it is no mesh."""
     request.getfixturevalue("llvm")
     ball = {"type": "sphere", "center": [0.1, 0.0, 0.0], "radius": 0.3, "bsdf": diffuse()}
     renderer = build(kind, {"lamp": LAMP, "ball": ball}, {"ball": PATH}, samples=1, camera=SMALL)
@@ -192,17 +194,19 @@ def test_a_sphere_moves_with_integrators(kind: str, request: pytest.FixtureReque
     expected = still.depth(Views.at_rest([POSE]))[0]
     assert np.isfinite(expected).any()
     np.testing.assert_allclose(depth, expected, rtol=1e-5)
-    with pytest.raises(ValueError, match="'ball' is a Sphere, not made of triangles"):
-        build("table", {"lamp": LAMP, "ball": ball}, {"ball": PATH})
+    for kind in ("native", "table"):
+        with pytest.raises(ValueError, match="'ball' is a Sphere, not made of triangles"):
+            build(kind, {"lamp": LAMP, "ball": ball}, {"ball": PATH})
 
 
 @SCENES
 @pytest.mark.parametrize("camera_moves", [False, True])
 @pytest.mark.usefixtures("llvm")
-def test_rates_are_the_slopes_of_luma(name: str, camera_moves: bool, tmp_path: Path) -> None:
+@TABLES
+def test_rates_are_the_slopes_of_luma(kind: str, name: str, camera_moves: bool, tmp_path: Path) -> None:
     """Inside surfaces the rate is the central difference of luma(), of objects that go and turn, the camera too."""
     parts, objects, shadows = scenes(name, tmp_path)
-    renderer = build("table", parts, objects, shadows=shadows, samples=1)
+    renderer = build(kind, parts, objects, shadows=shadows, samples=1)
     views = moving([0.3, 0.6], camera_moves)
     frames, rates = renderer.luma_and_rate(views)
     assert np.array_equal(frames, renderer.luma(views))
@@ -244,7 +248,7 @@ def test_integrators_rates_are_differences(kind: str, request: pytest.FixtureReq
 @pytest.mark.parametrize("camera_moves", [False, True])
 def test_flow_is_where_the_surface_point_goes(kind: str, camera_moves: bool) -> None:
     """A point of the object goes with it, one of the floor stays; NaN where nothing is."""
-    camera = CAMERA if kind == "table" else SMALL
+    camera = CAMERA if kind in ("native", "table") else SMALL
     small_floor = placed("rectangle", [0, 0, 0], [0.8, 0.8, 1], diffuse())
     renderer = build(kind, {"lamp": LAMP, "floor": small_floor, "box": BOX}, {"box": PATH}, camera=camera)
     views = moving([0.4, 0.7], camera_moves)
@@ -306,7 +310,7 @@ def test_without_objects_nothing_changes(tmp_path: Path) -> None:
     assert not renderer.motion
 
 
-@pytest.mark.parametrize("kind", ["table", "integrator"])
+@pytest.mark.parametrize("kind", ["native", "table", "integrator"])
 @pytest.mark.parametrize("name", ["bocks", "lamp"])
 def test_an_unknown_object_is_refused(kind: str, name: str, llvm: str) -> None:
     """The message names the scene's shapes."""

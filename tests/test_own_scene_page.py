@@ -31,7 +31,7 @@ def test_everything_on_the_page_runs(tmp_path: Path) -> None:
             )
             assert done.returncode == 0, f"{command}\n{done.stdout}\n{done.stderr}"
             if "simulate" in command:
-                assert "rendering with table kernel" in done.stderr
+                assert "rendering with native renderer" in done.stderr
     for name in ("crate", "crate_slider"):
         assert len((tmp_path / name / "events.txt").read_text().splitlines()) > 1000
         assert Dataset(tmp_path / name).frames

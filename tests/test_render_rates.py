@@ -88,6 +88,9 @@ SCENES: dict[str, dict[str, dict[str, Any]]] = {
 }
 
 
+TABLES = pytest.mark.parametrize("kind", ["native", "table"])
+
+
 def build(name: str, tmp_path: Path, *, camera: Camera = PLAIN, **settings: Any) -> Renderer:
     parts = {key: dict(part) for key, part in SCENES[name].items()}
     if "ball" in parts:
@@ -109,7 +112,8 @@ def differences(renderer: Renderer, views: Views, step_s: float) -> tuple[FloatA
 @pytest.mark.usefixtures("llvm")
 @pytest.mark.parametrize("camera", [PLAIN, LENS])
 @pytest.mark.parametrize("motion", MOTIONS)
-def test_rate_of_a_textured_floor_by_hand(motion: str, camera: Camera, tmp_path: Path) -> None:
+@TABLES
+def test_rate_of_a_textured_floor_by_hand(kind: str, motion: str, camera: Camera, tmp_path: Path) -> None:
     """The rate is the derivative of Lambert's law on a bilinear texture, worked out in float64 for each pixel's ray."""
     views = moving(*MOTIONS[motion])
     rays = camera.rays(np.stack(np.meshgrid(np.arange(32), np.arange(24)), -1))
@@ -135,7 +139,7 @@ def test_rate_of_a_textured_floor_by_hand(motion: str, camera: Camera, tmp_path:
 
     now, from_texel = luma(0.0)
     expected = (luma(1e-6)[0] - luma(-1e-6)[0]) / 2e-6
-    frames, rates = build("point light", tmp_path, camera=camera).luma_and_rate(views)
+    frames, rates = build("point light", tmp_path, camera=camera, kind=kind).luma_and_rate(views)
     np.testing.assert_allclose(frames[0], now, rtol=2e-5)
     # At a texel's centre line the slope of a bilinear texture jumps, and float32 may see either side.
     inside = from_texel > 1e-4
@@ -148,9 +152,10 @@ def test_rate_of_a_textured_floor_by_hand(motion: str, camera: Camera, tmp_path:
 @pytest.mark.parametrize("motion", MOTIONS)
 @pytest.mark.parametrize("name", SCENES)
 @pytest.mark.parametrize(("samples", "blur"), [(1, False), (4, True)])
-def test_rate_is_the_slope_of_luma(name: str, motion: str, samples: int, blur: bool, tmp_path: Path) -> None:
+@TABLES
+def test_rate_is_the_slope_of_luma(kind: str, name: str, motion: str, samples: int, blur: bool, tmp_path: Path) -> None:
     """Inside surfaces the rate is the central difference of what luma() renders, for every light, texture and blur."""
-    renderer = build(name, tmp_path, camera=LENS, samples=samples, blur=blur)
+    renderer = build(name, tmp_path, camera=LENS, samples=samples, blur=blur, kind=kind)
     views = moving(*MOTIONS[motion])
     frames, rates = renderer.luma_and_rate(views)
     assert np.array_equal(frames, renderer.luma(views))
@@ -167,9 +172,12 @@ def test_rate_is_the_slope_of_luma(name: str, motion: str, samples: int, blur: b
 
 
 @pytest.mark.usefixtures("llvm")
-def test_rates_have_the_same_bits_in_any_batch(tmp_path: Path) -> None:
+@TABLES
+def test_rates_have_the_same_bits_in_any_batch(kind: str, tmp_path: Path) -> None:
     """A view's luma and rate do not depend on the views beside it; blur acts on rates as on frames."""
-    sharp, soft = (build("textures of three wrap modes", tmp_path, samples=3, blur=blur) for blur in (False, True))
+    sharp, soft = (
+        build("textures of three wrap modes", tmp_path, samples=3, blur=blur, kind=kind) for blur in (False, True)
+    )
     twists = [moving(v, w) for v, w in MOTIONS.values()]
     views = Views(*(np.concatenate([getattr(v, name) for v in twists]) for name in vars(twists[0])))
     frames, rates = sharp.luma_and_rate(views)
@@ -215,12 +223,12 @@ def test_integrators_rates_are_differences(name: str, motion: str, request: pyte
     assert np.abs(rates).max() < 30 * scale
 
 
-@pytest.mark.parametrize("name", ["table", FAST, SCALAR])
+@pytest.mark.parametrize("name", ["native", "table", FAST, SCALAR])
 def test_rate_at_rest_is_exactly_zero(name: str, request: pytest.FixtureRequest, tmp_path: Path) -> None:
     """A camera at rest has rate 0 in every pixel, and no flow; so has one that moves in the dark or past nothing."""
-    if name == "table":
+    if name in ("native", "table"):
         request.getfixturevalue("llvm")
-        renderer = build("textures of three wrap modes", tmp_path, samples=3)
+        renderer = build("textures of three wrap modes", tmp_path, samples=3, kind=name)
     else:
         renderer = integrator(name, request, camera=SMALL, lamp=LAMP, floor=floor(), ball=BALL)
     rest = Views.at_rest([POSE, POSE])
@@ -236,16 +244,16 @@ def test_rate_at_rest_is_exactly_zero(name: str, request: pytest.FixtureRequest,
     assert (rates == 0).all()
 
 
-@pytest.mark.parametrize("name", ["table", FAST, SCALAR])
+@pytest.mark.parametrize("name", ["native", "table", FAST, SCALAR])
 @pytest.mark.parametrize("motion", MOTIONS)
 def test_flow_is_where_the_surface_point_goes(
     name: str, motion: str, request: pytest.FixtureRequest, tmp_path: Path
 ) -> None:
     """Flow is the speed of the image, through the lens, of the point that a pixel's centre sees; NaN where none is."""
-    camera = LENS if name == "table" else SMALL
-    if name == "table":
+    camera = LENS if name in ("native", "table") else SMALL
+    if name in ("native", "table"):
         request.getfixturevalue("llvm")
-        renderer = build("smooth normals", tmp_path, camera=camera)
+        renderer = build("smooth normals", tmp_path, camera=camera, kind=name)
     else:
         renderer = integrator(name, request, camera=camera, lamp=LAMP, ball=BALL)
     views = moving(*MOTIONS[motion], n=2)

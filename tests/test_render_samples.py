@@ -33,19 +33,27 @@ POSES = [Pose([0.5, -0.9, 1.8 - 0.02 * i], [0.965061, 0.0517277, -0.1125492, -0.
 VIEWS = Views.at_rest(POSES)
 
 
-def table(*, samples: int = 3, blur: bool = False, camera: Camera = CAMERA) -> Renderer:
+KINDS = pytest.mark.parametrize("kind", ["native", "table"])
+
+
+def build(kind: str, *, samples: int = 3, blur: bool = False, camera: Camera = CAMERA) -> Renderer:
     direct = {"type": "direct", "emitter_samples": 1, "bsdf_samples": 0}
     parts = {"type": "scene", "by": direct, "lamp": LAMP, "floor": FLOOR, "cube": CUBE}
-    return make_renderer(Scene("test", partial(dict, parts)), camera, samples=samples, kind="table", blur=blur)
+    return make_renderer(Scene("test", partial(dict, parts)), camera, samples=samples, kind=kind, blur=blur)
 
 
 def picked(frames: LumaFrames, view: npt.ArrayLike, pixel: npt.ArrayLike) -> LumaFrames:
     return frames.reshape(len(frames), -1)[np.asarray(view), np.asarray(pixel)]
 
 
-@pytest.fixture(scope="module", params=[False, True], ids=["sharp", "blurred"])
-def rendered(request: pytest.FixtureRequest, llvm: str) -> tuple[Renderer, LumaFrames]:
-    renderer = table(blur=request.param)
+@pytest.fixture(
+    scope="module", params=[(kind, blur) for kind in ("native", "table") for blur in (False, True)], ids=str
+)
+def rendered(request: pytest.FixtureRequest) -> tuple[Renderer, LumaFrames]:
+    kind, blur = request.param
+    if kind == "table":
+        request.getfixturevalue("llvm")
+    renderer = build(kind, blur=blur)
     return renderer, renderer.luma(VIEWS)
 
 
@@ -86,9 +94,10 @@ def test_each_pair_has_its_own_view(rendered: tuple[Renderer, LumaFrames]) -> No
 
 @pytest.mark.usefixtures("llvm")
 @pytest.mark.parametrize("size", [(1, 1), (1, 5), (5, 1), (2, 2), (3, 2)])
-def test_neighbourhoods_of_the_smallest_frames(size: tuple[int, int]) -> None:
+@KINDS
+def test_neighbourhoods_of_the_smallest_frames(kind: str, size: tuple[int, int]) -> None:
     """Frames of a row, a column or a few pixels are blurred alike as frames and as samples."""
-    renderer = table(blur=True, camera=Camera(*size, 9.0, 9.0, 1.0, 1.0))
+    renderer = build(kind, blur=True, camera=Camera(*size, 9.0, 9.0, 1.0, 1.0))
     frames = renderer.luma(VIEWS)
     view, pixel = np.divmod(np.arange(20 * size[0] * size[1]), size[0] * size[1])
     for pick in (slice(None), slice(0, 1), slice(3, 4)):
@@ -97,9 +106,10 @@ def test_neighbourhoods_of_the_smallest_frames(size: tuple[int, int]) -> None:
 
 @pytest.mark.usefixtures("llvm")
 @pytest.mark.parametrize("blur", [False, True])
-def test_more_rays_are_those_of_a_finer_renderer(blur: bool) -> None:
+@KINDS
+def test_more_rays_are_those_of_a_finer_renderer(kind: str, blur: bool) -> None:
     """Asked for 16 rays a pixel, a renderer of 3 gives the bits of one of 16; and its own again afterwards."""
-    coarse, fine = table(samples=3, blur=blur), table(samples=16, blur=blur)
+    coarse, fine = build(kind, samples=3, blur=blur), build(kind, samples=16, blur=blur)
     view, pixel = np.divmod(np.arange(0, 20 * 33 * 17, 7), 33 * 17)
     expected = picked(fine.luma(VIEWS), view, pixel)
     assert np.array_equal(coarse.samples(VIEWS, view, pixel, rays=16), expected)
@@ -107,7 +117,7 @@ def test_more_rays_are_those_of_a_finer_renderer(blur: bool) -> None:
     assert not np.array_equal(own, expected)
     assert np.array_equal(coarse.samples(VIEWS, view, pixel), own)
     assert np.array_equal(
-        fine.samples(VIEWS, view, pixel, rays=1), picked(table(samples=1, blur=blur).luma(VIEWS), view, pixel)
+        fine.samples(VIEWS, view, pixel, rays=1), picked(build(kind, samples=1, blur=blur).luma(VIEWS), view, pixel)
     )
 
 
@@ -135,9 +145,10 @@ def test_noisy_samples_have_the_frames_random_numbers(name: str, blur: bool, req
 
 
 @pytest.mark.usefixtures("llvm")
-def test_no_views_and_no_pairs() -> None:
+@KINDS
+def test_no_views_and_no_pairs(kind: str) -> None:
     """Nothing asked for gives empty arrays."""
-    renderer = table(blur=True)
+    renderer = build(kind, blur=True)
     assert renderer.samples(VIEWS, [], []).shape == (0,)
     assert renderer.luma(VIEWS[:0]).shape == (0, 17, 33)
     assert renderer.depth(VIEWS[:0]).shape == (0, 17, 33)
@@ -160,10 +171,11 @@ def test_no_views_and_no_pairs() -> None:
         ([0], [0], 1025, r"1\.\.1024, got 1025"),
     ],
 )
-def test_bad_pairs_are_refused(view: Any, pixel: Any, rays: int | None, message: str) -> None:
+@KINDS
+def test_bad_pairs_are_refused(kind: str, view: Any, pixel: Any, rays: int | None, message: str) -> None:
     """Indices out of range, of another kind or shape, and ray counts out of range name the rule and the value."""
     with pytest.raises(ValueError, match=message):
-        table().samples(VIEWS, view, pixel, rays=rays)
+        build(kind).samples(VIEWS, view, pixel, rays=rays)
 
 
 def test_views_are_those_of_their_trajectory_or_poses() -> None:

@@ -1,4 +1,4 @@
-"""The table kernel against Mitsuba itself: the same light on the same triangles, through Mitsuba's own camera."""
+"""The native renderer and the table kernel against Mitsuba: the same light on the same triangles, its own camera."""
 
 from __future__ import annotations
 
@@ -16,7 +16,9 @@ from scipy.spatial.transform import Rotation
 from davis_rs import Camera, Pose, Scene, load_scene
 from davis_rs._mitsuba import FAST, load_scene_source, variant
 from davis_rs.luma import LumaFrames
+from davis_rs.rendering.render import Renderer
 from davis_rs.rendering.render_integrator import IntegratorRenderer
+from davis_rs.rendering.render_native import NativeRenderer
 from davis_rs.rendering.render_table import TableRenderer
 from davis_rs.rendering.renderers import make_renderer
 from davis_rs.trajectory.views import Views
@@ -95,14 +97,14 @@ def make_scene(parts: Parts, *, integrator: dict[str, Any] | None = DIRECT, shad
     return Scene("test", partial(dict, {"type": "scene", **asked, **parts}), shadows=shadows)
 
 
-def table(scene: Scene, *, samples: int = 1, camera: Camera = CAMERA) -> TableRenderer:
-    renderer = make_renderer(scene, camera, samples=samples, kind="table")
-    assert isinstance(renderer, TableRenderer)
+def build(kind: str, scene: Scene, *, samples: int = 1, camera: Camera = CAMERA) -> Renderer:
+    renderer = make_renderer(scene, camera, samples=samples, kind=kind)
+    assert isinstance(renderer, NativeRenderer if kind == "native" else TableRenderer)
     return renderer
 
 
-def table_luma(parts: Parts, pose: Pose = POSE, **settings: Any) -> LumaFrames:
-    return table(make_scene(parts, **settings)).luma(Views.at_rest([pose]))[0]
+def luma_of(kind: str, parts: Parts, pose: Pose = POSE, **settings: Any) -> LumaFrames:
+    return build(kind, make_scene(parts, **settings)).luma(Views.at_rest([pose]))[0]
 
 
 def perspective(camera: Camera, pose: Pose, mi: Any) -> Any:
@@ -205,51 +207,51 @@ SCENES: dict[str, Parts] = {
 
 
 @pytest.mark.parametrize("name", SCENES)
-def test_light_of_a_scene_is_mitsubas(name: str) -> None:
+def test_light_of_a_scene_is_mitsubas(kind: str, name: str) -> None:
     """Pixel for pixel the luma that Mitsuba's direct integrator finds through its own camera."""
     parts = SCENES[name]
-    assert_same_light(table_luma(parts), mitsuba_luma(parts))
+    assert_same_light(luma_of(kind, parts), mitsuba_luma(parts))
 
 
-def test_constant_light_and_its_background() -> None:
+def test_constant_light_and_its_background(kind: str) -> None:
     """Constant light reflects evenly, from the back of a two-sided surface too, and fills pixels that see nothing."""
     parts = {"light": sky(rgb(0.5, 0.9, 0.2)), "floor": rectangle(both_sides(bitmap()))}
     for pose in (POSE, BELOW):
-        ours = table_luma(parts, pose)
+        ours = luma_of(kind, parts, pose)
         assert_same_light(ours, mitsuba_luma(parts, pose, integrator=FOLLOW_SURFACE), lit=0.9)
         assert ours[0, 0] == pytest.approx(BT601 @ (0.5, 0.9, 0.2))
 
 
-def test_hidden_lights_leave_the_background_black() -> None:
+def test_hidden_lights_leave_the_background_black(kind: str) -> None:
     """Where the integrator hides emitters, constant light still falls on surfaces but fills no background."""
     parts = {"light": sky(), "floor": rectangle(diffuse(bitmap()))}
     hiding = {**FOLLOW_SURFACE, "hide_emitters": True}
-    ours = table_luma(parts, integrator=hiding)
+    ours = luma_of(kind, parts, integrator=hiding)
     assert ours[0, 0] == 0
     inside = ours > 0
-    np.testing.assert_allclose(ours[inside], table_luma(parts)[inside], rtol=1e-6)
+    np.testing.assert_allclose(ours[inside], luma_of(kind, parts)[inside], rtol=1e-6)
     with variant(FAST) as (mi, _):
         loaded = load_scene_source(make_scene(parts, integrator=hiding).source(), mi)
     theirs = IntegratorRenderer(loaded, CAMERA, samples=1, blur=False, seed=0, reason="").luma(Views.at_rest([POSE]))[0]
     assert np.array_equal(theirs == 0, ours == 0)
 
 
-def test_one_sided_backs_are_black() -> None:
+def test_one_sided_backs_are_black(kind: str) -> None:
     """The back of a one-sided surface is black under every light, and hides what is behind it."""
     floor = rectangle(diffuse())
-    front, back = (table_luma({"sky": sky(), "floor": floor}, pose) for pose in (POSE, BELOW))
+    front, back = (luma_of(kind, {"sky": sky(), "floor": floor}, pose) for pose in (POSE, BELOW))
     covered = front != front[0, 0]
     assert covered.any()
-    hit = np.isfinite(table(make_scene({"floor": floor})).depth(Views.at_rest([BELOW]))[0])
+    hit = np.isfinite(build(kind, make_scene({"floor": floor})).depth(Views.at_rest([BELOW]))[0])
     assert hit.any()
     assert (back[hit] == 0).all()
     for light in (sun(), point()):
-        assert (table_luma({"light": light, "floor": floor}, BELOW) == 0).all()
+        assert (luma_of(kind, {"light": light, "floor": floor}, BELOW) == 0).all()
     # From below and lit from below a one-sided surface is black too.
-    assert (table_luma({"light": point(position=(0.5, -1.0, -3.0)), "floor": floor}, BELOW) == 0).all()
+    assert (luma_of(kind, {"light": point(position=(0.5, -1.0, -3.0)), "floor": floor}, BELOW) == 0).all()
 
 
-def test_lamberts_law_by_hand() -> None:
+def test_lamberts_law_by_hand(kind: str) -> None:
     """Luma is BT.601 (0.299, 0.587, 0.114) of linear reflectance x irradiance / pi for each light, by hand."""
     camera = Camera(8, 6, 10.0, 10.0, 3.0, 3.5)
     pose = Pose([0.3, -0.2, 2.0], [1.0, 0.0, 0.0, 0.0])  # looks down; x right is the world's x, y down its -y
@@ -267,43 +269,43 @@ def test_lamberts_law_by_hand() -> None:
     }
     floor = rectangle(diffuse(rgb(*albedo)), np.diag([9.0, 9.0, 1.0, 1.0]))
     for light, arriving in expected.values():
-        luma = table(make_scene({"light": light, "floor": floor}), camera=camera).luma(Views.at_rest([pose]))[0]
+        luma = build(kind, make_scene({"light": light, "floor": floor}), camera=camera).luma(Views.at_rest([pose]))[0]
         np.testing.assert_allclose(luma, (arriving * albedo) @ BT601, rtol=1e-5)
     together = {f"light {i}": light for i, (light, _) in enumerate(expected.values())}
-    luma = table(make_scene({**together, "floor": floor}), camera=camera).luma(Views.at_rest([pose]))[0]
+    luma = build(kind, make_scene({**together, "floor": floor}), camera=camera).luma(Views.at_rest([pose]))[0]
     np.testing.assert_allclose(luma, (sum(arriving for _, arriving in expected.values()) * albedo) @ BT601, rtol=1e-5)
 
 
-def test_red_and_blue_lights_add_up() -> None:
+def test_red_and_blue_lights_add_up(kind: str) -> None:
     """A red and a blue light on one texture, each seen in its own channel: together the sum of Mitsuba's two images."""
     floor = rectangle(diffuse(bitmap()))
     red, blue = point(rgb(20.0, 0.0, 0.0)), point(rgb(0.0, 0.0, 30.0), (-1.0, 0.5, 2.0))
     alone = [mitsuba_luma({"light": light, "floor": floor}) for light in (red, blue)]
     for light, theirs in zip((red, blue), alone, strict=True):
-        assert_same_light(table_luma({"light": light, "floor": floor}), theirs)
-    assert_same_light(table_luma({"red": red, "blue": blue, "floor": floor}), alone[0] + alone[1])
+        assert_same_light(luma_of(kind, {"light": light, "floor": floor}), theirs)
+    assert_same_light(luma_of(kind, {"red": red, "blue": blue, "floor": floor}), alone[0] + alone[1])
 
 
-def test_lights_of_one_hue_and_of_none() -> None:
+def test_lights_of_one_hue_and_of_none(kind: str) -> None:
     """Two white lights of different strength add up; a light of no strength and a scene without lights are black."""
     floor = rectangle(diffuse(bitmap()))
     one, other = point(20.0), point(7.0, (-1.0, 0.5, 2.0))
     expected = mitsuba_luma({"light": one, "floor": floor}) + mitsuba_luma({"light": other, "floor": floor})
-    assert_same_light(table_luma({"one": one, "other": other, "floor": floor}), expected)
-    assert (table_luma({"light": point(0.0), "floor": floor}) == 0).all()
-    assert (table_luma({"floor": floor}) == 0).all()
+    assert_same_light(luma_of(kind, {"one": one, "other": other, "floor": floor}), expected)
+    assert (luma_of(kind, {"light": point(0.0), "floor": floor}) == 0).all()
+    assert (luma_of(kind, {"floor": floor}) == 0).all()
 
 
 @pytest.mark.parametrize("raw", [True, False])
 @pytest.mark.parametrize("mode", ["RGB", "L"])
-def test_image_files_are_linearised_unless_raw(tmp_path: Path, raw: bool, mode: str) -> None:
+def test_image_files_are_linearised_unless_raw(kind: str, tmp_path: Path, raw: bool, mode: str) -> None:
     """An 8-bit PNG is decoded from sRGB to linear reflectance unless it is marked raw; a grey one is grey."""
     path = tmp_path / "texture.png"
     values = (TEXELS * 255).astype(np.uint8)
     Image.fromarray(values if mode == "RGB" else values[..., 0]).save(path)
     texture = {"type": "bitmap", "filename": str(path), "raw": raw, "to_uv": np.diag([41.0, 43.0, 1.0])}
     parts = {"light": sun(np.pi), "floor": rectangle(diffuse(texture), np.diag([20.0, 20.0, 1.0, 1.0]))}
-    ours = table_luma(parts)
+    ours = luma_of(kind, parts)
     assert_same_light(ours, mitsuba_luma(parts), tolerance=1e-3)
     stored = values.astype(np.float64) / 255
     linear = stored if raw else np.where(stored < 0.04045, stored / 12.92, ((stored + 0.055) / 1.055) ** 2.4)
@@ -313,12 +315,12 @@ def test_image_files_are_linearised_unless_raw(tmp_path: Path, raw: bool, mode: 
 
 
 @pytest.mark.parametrize("size", [64, 1024])
-def test_fine_textures_that_repeat_often_are_still_bilinear(size: int) -> None:
+def test_fine_textures_that_repeat_often_are_still_bilinear(kind: str, size: int) -> None:
     """A texture of many texels, repeated many times, is recognised although float32 blurs its coordinates."""
     texels = np.random.RandomState(1).random_sample((size, size, 3)).astype(np.float32)
     texture = bitmap(texels, np.diag([25.0, 20.0, 1.0]))
     parts = {"light": sun(), "floor": rectangle(diffuse(texture))}
-    assert_same_light(table_luma(parts), mitsuba_luma(parts), tolerance=1e-2)
+    assert_same_light(luma_of(kind, parts), mitsuba_luma(parts), tolerance=1e-2)
 
 
 def write_ball(path: Path, *, normals: bool, uv: bool, rings: int = 5) -> None:
@@ -353,7 +355,7 @@ def write_ball(path: Path, *, normals: bool, uv: bool, rings: int = 5) -> None:
 @pytest.mark.parametrize("suffix", ["obj", "ply"])
 @pytest.mark.parametrize("normals", [False, True])
 @pytest.mark.parametrize("uv", [False, True])
-def test_meshes_from_files(tmp_path: Path, suffix: str, normals: bool, uv: bool) -> None:
+def test_meshes_from_files(kind: str, tmp_path: Path, suffix: str, normals: bool, uv: bool) -> None:
     """OBJ and PLY, shaded smoothly and by faces, with and without texture coordinates, one- and two-sided, flipped."""
     path = tmp_path / f"ball.{suffix}"
     write_ball(path, normals=normals, uv=uv)
@@ -362,19 +364,19 @@ def test_meshes_from_files(tmp_path: Path, suffix: str, normals: bool, uv: bool)
     images = []
     for ball in (smooth, flat, {**smooth, "flip_normals": True, "bsdf": both_sides(bitmap())}):
         parts = {"light": point(), "ball": ball}
-        images.append(table_luma(parts))
+        images.append(luma_of(kind, parts))
         assert_same_light(images[-1], mitsuba_luma(parts))
     assert np.abs(images[0] - images[1]).max() > 0.02 * images[0].max(), "smooth shading must differ from flat"
     inside_out = {"light": point(), "ball": {**smooth, "flip_normals": True}}
     theirs = mitsuba_luma(inside_out)
     assert (theirs > 0).mean() < 0.01
-    np.testing.assert_allclose(table_luma(inside_out), theirs, rtol=0, atol=1e-4 * images[0].max())
+    np.testing.assert_allclose(luma_of(kind, inside_out), theirs, rtol=0, atol=1e-4 * images[0].max())
 
 
-def test_shadows_can_be_left_out() -> None:
+def test_shadows_can_be_left_out(kind: str) -> None:
     """shadows=False changes just the pixels in shadow, to the light that they would have had."""
     parts = SCENES["shadow of a point light"]
-    traced, untraced = (table_luma(parts, shadows=shadows) for shadows in (True, False))
+    traced, untraced = (luma_of(kind, parts, shadows=shadows) for shadows in (True, False))
     in_shadow = traced != untraced
     assert 0.01 < in_shadow.mean() < 0.2
     assert (untraced[in_shadow] > 0).all()
@@ -382,7 +384,7 @@ def test_shadows_can_be_left_out() -> None:
     assert (traced[in_shadow] == 0).all()
 
 
-def test_many_rays_a_pixel_against_mi_render() -> None:
+def test_many_rays_a_pixel_against_mi_render(kind: str) -> None:
     """64 lattice rays give the image that mi.render converges to, with its own camera and film, to 0.4 % of white."""
     parts = {
         "light": point(),
@@ -393,7 +395,7 @@ def test_many_rays_a_pixel_against_mi_render() -> None:
         scene = load_scene_source(make_scene(parts).source(), mi)
         image = mi.render(scene, sensor=perspective(CAMERA, POSE, mi), spp=4096, seed=1)
         theirs = np.array(image, np.float64) @ BT601
-    ours = table(make_scene(parts), samples=64).luma(Views.at_rest([POSE]))[0]
+    ours = build(kind, make_scene(parts), samples=64).luma(Views.at_rest([POSE]))[0]
     # At the box's edges 64 rays are good to a few 1/64 of the contrast, 4,096 random ones to 0.02.
     np.testing.assert_allclose(ours, theirs, rtol=0, atol=0.06 * theirs.max())
     assert np.sqrt(((ours - theirs) ** 2).mean()) < 0.004 * theirs.max()
@@ -409,7 +411,7 @@ def test_depth_is_z_and_not_the_length_of_the_ray() -> None:
     rows, columns = np.indices((30, 40))
     rays = np.concatenate([camera.rays(np.stack([columns, rows], -1)), np.ones((30, 40, 1))], -1)
     poses = [look_at([0.3, -0.6, 2.0]), look_at([0.4, 0.9, 2.0], (0.3, 0.2, 0.0), roll=-1.0)]
-    for kind in ("table", "integrator"):
+    for kind in ("native", "table", "integrator"):
         for pose, z in zip(poses, make_renderer(scene, camera, kind=kind).depth(Views.at_rest(poses)), strict=True):
             normal = tilt[:3, 2]
             expected = normal @ (tilt[:3, 3] - pose.position) / (rays @ pose.rotation.T @ normal)
@@ -418,12 +420,10 @@ def test_depth_is_z_and_not_the_length_of_the_ray() -> None:
             np.testing.assert_allclose(z, expected, rtol=2e-5)
 
 
-def test_depth_of_nothing_is_infinite() -> None:
-    """A pixel whose centre ray hits nothing is at inf, from both renderers; the others are finite and in front."""
+def test_depth_of_nothing_is_infinite(kind: str) -> None:
+    """A pixel whose centre ray hits nothing is at inf, from any renderer; the others are finite and in front."""
     scene = make_scene(SCENES["several triangles and textures"])
-    ours, theirs = (
-        make_renderer(scene, CAMERA, kind=kind).depth(Views.at_rest([POSE]))[0] for kind in ("table", "integrator")
-    )
+    ours, theirs = (make_renderer(scene, CAMERA, kind=k).depth(Views.at_rest([POSE]))[0] for k in (kind, "integrator"))
     assert 0 < np.isinf(ours).mean() < 1
     assert np.array_equal(np.isinf(ours), np.isinf(theirs))
     hit = np.isfinite(ours)
@@ -431,12 +431,11 @@ def test_depth_of_nothing_is_infinite() -> None:
     assert (ours[hit] > 0).all()
 
 
-def test_depth_of_three_planes() -> None:
+def test_depth_of_three_planes(kind: str) -> None:
     """From straight above, the depth of three_planes is the camera's height above the highest plane at each pixel."""
     scene = load_scene("three_planes")
     assert scene.trajectory is not None
-    renderer = make_renderer(scene, scene.own_camera)
-    assert isinstance(renderer, TableRenderer)
+    renderer = build(kind, scene, camera=scene.own_camera)
     t_s = [0.0, 0.4, 1.3]
     poses = [scene.trajectory.pose(t) for t in t_s]
     column = np.arange(240)
@@ -457,9 +456,9 @@ POSES = [look_at([1.0 + 0.05 * i, -1.7, 1.6 - 0.03 * i], roll=0.1 * i) for i in 
 
 @pytest.mark.parametrize("camera", [ODD, CAMERA])
 @pytest.mark.parametrize("threads", [1, 2])
-def test_bits_do_not_depend_on_the_batch_or_the_threads(camera: Camera, threads: int) -> None:
+def test_bits_do_not_depend_on_the_batch_or_the_threads(kind: str, camera: Camera, threads: int) -> None:
     """A pose has the same luma and depth bits alone, among 3 or 16, in any order, after others, on 1 and 2 threads."""
-    renderer = table(make_scene(SCENES["several triangles and textures"]), samples=5, camera=camera)
+    renderer = build(kind, make_scene(SCENES["several triangles and textures"]), samples=5, camera=camera)
     expected, depth = renderer.luma(Views.at_rest(POSES)), renderer.depth(Views.at_rest(POSES))
     assert len({frame.tobytes() for frame in expected}) == len(POSES)
     with variant(FAST) as (_, dr):
@@ -472,16 +471,16 @@ def test_bits_do_not_depend_on_the_batch_or_the_threads(camera: Camera, threads:
         assert np.array_equal(renderer.luma(Views.at_rest(POSES[5:8])), expected[5:8])
         assert np.array_equal(renderer.luma(Views.at_rest(POSES[::-1])), expected[::-1])
         assert np.array_equal(renderer.depth(Views.at_rest(POSES[::-1])), depth[::-1])
-        again = table(make_scene(SCENES["several triangles and textures"]), samples=5, camera=camera)
+        again = build(kind, make_scene(SCENES["several triangles and textures"]), samples=5, camera=camera)
         assert np.array_equal(again.luma(Views.at_rest(POSES[:3])), expected[:3])
     finally:
         with variant(FAST) as (_, dr):
             dr.set_thread_count(before)
 
 
-def test_frames_are_independent_arrays() -> None:
+def test_frames_are_independent_arrays(kind: str) -> None:
     """Frames are float32 (n, H, W), and later renders leave earlier frames alone."""
-    renderer = table(make_scene(SCENES["point light"]))
+    renderer = build(kind, make_scene(SCENES["point light"]))
     first = renderer.luma(Views.at_rest(POSES[:2]))
     kept = first.copy()
     assert first.dtype == np.float32
@@ -518,7 +517,7 @@ floor = {
 }
 light = {"type": "point", "position": [0.0, 0.0, 2.0], "intensity": 1.0}
 scene = Scene("floor", lambda: {"type": "scene", "light": light, "floor": floor})
-renderer = make_renderer(scene, Camera(33, 17, 28.0, 28.0, 14.2, 8.9), samples=3, kind="table")
+renderer = make_renderer(scene, Camera(33, 17, 28.0, 28.0, 14.2, 8.9), samples=3, kind=sys.argv[1])
 down, up = Pose([0.9, 0.0, 1.0], [1.0, 0.0, 0.0, 0.0]), Pose([0.0, 0.0, 1.0], [0.0, 0.0, 0.0, 1.0])
 luma, depth = renderer.luma(Views.at_rest([down, up])), renderer.depth(Views.at_rest([down, up]))
 assert 0 < (luma[0] > 0).mean() < 1 and (luma[1] == 0).all(), luma
@@ -527,9 +526,9 @@ print("alive")
 """
 
 
-def test_rays_that_miss_do_no_harm(run_python: Callable[..., str]) -> None:
+def test_rays_that_miss_do_no_harm(kind: str, run_python: Callable[..., str]) -> None:
     """Rays that hit nothing are dark and at inf; in a process of its own: an integer division by zero would kill it."""
-    assert run_python(MISSES) == "alive\n"
+    assert run_python(MISSES, kind) == "alive\n"
 
 
 FLOOR = rectangle(diffuse())
@@ -578,34 +577,40 @@ UNSUITABLE: dict[str, tuple[Parts, dict[str, Any] | None, str]] = {
 
 
 @pytest.mark.parametrize("name", UNSUITABLE)
-def test_what_the_table_kernel_cannot_render_falls_back(name: str) -> None:
-    """Such a scene goes to Mitsuba's integrator, with the reason named; asked for by name the table refuses it."""
+def test_what_has_no_tables_falls_back(kind: str, name: str) -> None:
+    """Such a scene goes to Mitsuba's integrator, with the reason named; the others, asked for by name, refuse it."""
     parts, integrator, reason = UNSUITABLE[name]
     scene = make_scene({"light": point(), **parts}, integrator=integrator)
     renderer = make_renderer(scene, CAMERA, samples=1)
     assert isinstance(renderer, IntegratorRenderer)
-    with pytest.raises(ValueError, match=f"the table kernel cannot render this scene: .*(?:{reason})"):
-        make_renderer(scene, CAMERA, samples=1, kind="table")
+    what = {"native": "native renderer", "table": "table kernel"}[kind]
+    with pytest.raises(ValueError, match=f"the {what} cannot render this scene: .*(?:{reason})"):
+        make_renderer(scene, CAMERA, samples=1, kind=kind)
     with pytest.raises(ValueError, match=f"{renderer.reason}$"):
-        make_renderer(scene, CAMERA, samples=1, kind="table")
+        make_renderer(scene, CAMERA, samples=1, kind=kind)
     assert np.isfinite(renderer.luma(Views.at_rest([POSE]))).all()
 
 
-def test_path_tracing_is_left_to_mitsuba_unless_the_table_is_asked_for() -> None:
-    """A scene that names the path integrator gets it; asked for by name the table kernel gives direct light only."""
+def test_path_tracing_is_left_to_mitsuba_unless_direct_light_is_asked_for(kind: str) -> None:
+    """A scene that names the path integrator gets it; asked for by name the others give direct light only."""
     scene = make_scene(SCENES["point light"], integrator={"type": "path"})
     chosen = make_renderer(scene, CAMERA, samples=1)
     assert isinstance(chosen, IntegratorRenderer)
     assert "PathIntegrator" in chosen.reason
     assert "PathIntegrator" in chosen.name
-    asked = make_renderer(scene, CAMERA, samples=1, kind="table")
-    assert np.array_equal(asked.luma(Views.at_rest([POSE]))[0], table_luma(SCENES["point light"]))
+    asked = make_renderer(scene, CAMERA, samples=1, kind=kind)
+    assert np.array_equal(asked.luma(Views.at_rest([POSE]))[0], luma_of(kind, SCENES["point light"]))
 
 
-def test_suitable_scenes_take_the_table_and_say_why() -> None:
-    """Diffuse triangles go to the table kernel, whose reason names lights and shadows; integrator overrides it."""
+def test_suitable_scenes_take_the_native_renderer_and_say_why() -> None:
+    """Diffuse triangles go to the native renderer, whose reason names lights and shadows; other names override it."""
     scene = make_scene(SCENES["point light"])
-    assert make_renderer(scene, CAMERA).reason == "diffuse triangles under point light, with shadows"
+    chosen = make_renderer(scene, CAMERA)
+    assert isinstance(chosen, NativeRenderer)
+    table = make_renderer(scene, CAMERA, kind="table")
+    assert isinstance(table, TableRenderer)
+    assert table.reason == chosen.reason
+    assert chosen.reason == "diffuse triangles under point light, with shadows"
     unshadowed = make_scene({"sun": sun(), "sky": sky(), "floor": FLOOR}, shadows=False)
     assert make_renderer(unshadowed, CAMERA).reason == (
         "diffuse triangles under constant and directional light, without shadows"
@@ -618,7 +623,7 @@ def test_suitable_scenes_take_the_table_and_say_why() -> None:
     assert "PathIntegrator" in unnamed.name
     assert make_renderer(scene, CAMERA, kind="integrator").reason == "asked for"
     assert make_renderer(scene, CAMERA).rays == 8
-    with pytest.raises(ValueError, match="auto, table, integrator, got 'fast'"):
+    with pytest.raises(ValueError, match="auto, table, native, integrator, got 'fast'"):
         make_renderer(scene, CAMERA, kind="fast")
     with pytest.raises(ValueError, match=r"1\.\.1024, got 0"):
         make_renderer(scene, CAMERA, samples=0)

@@ -76,7 +76,7 @@ def test_every_pixel_sees_a_surface_all_along(name: str) -> None:
     """Every 50 ms of the path every pixel hits something in front of it, and none is dark or saturated altogether."""
     scene = load_scene(name)
     renderer = make_renderer(scene, scene.own_camera, samples=1)
-    assert renderer.name == "table kernel"
+    assert renderer.name == "native renderer"
     poses = [path_of(scene).pose(0.05 * k) for k in range(41)]
     depth = renderer.depth(Views.at_rest(poses))
     assert np.isfinite(depth).all()

@@ -168,10 +168,13 @@ def test_the_person_is_as_high_as_an_adult_and_stands_on_the_floor() -> None:
 
 
 @pytest.mark.parametrize("make", [office, dynamic])
-def test_another_renderer_than_the_table_kernel_warns_of_black_shadows(make: Callable[[], Scene]) -> None:
+def test_an_integrator_warns_of_black_shadows(make: Callable[[], Scene]) -> None:
     """Constant light comes from without: the walls shut it out. Under a real sky nothing is amiss."""
     scene = make()
-    with pytest.warns(UserWarning, match=rf"scene '{scene.name}' is made for the table kernel.*shadows are black"):
+    with pytest.warns(
+        UserWarning,
+        match=rf"scene '{scene.name}' is made for the table kernel or the native renderer.*shadows are black",
+    ):
         renderer = make_renderer(scene, WIDE, samples=1, kind="integrator")
     views = Views.at_rest([start(scene)], 12.0)
     assert renderer.luma(views).min() == 0

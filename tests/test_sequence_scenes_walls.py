@@ -51,7 +51,7 @@ def mapping(source: Any) -> Mapping[str, Any]:
 
 def renderer_of(scene: Scene) -> Renderer:
     renderer = make_renderer(scene, scene.own_camera, samples=1)
-    assert renderer.name == "table kernel"
+    assert renderer.name == "native renderer"
     return renderer
 
 
@@ -233,7 +233,7 @@ def test_rooms_are_lit_from_all_sides(name: str) -> None:
     """Each says so of itself: a renderer that shuts their constant light out warns."""
     scene = SCENES[name]()
     assert scene.ambient
-    with pytest.warns(UserWarning, match=f"scene '{scene.name}' is made for the table kernel"):
+    with pytest.warns(UserWarning, match=f"scene '{scene.name}' is made for the table kernel or the native renderer"):
         make_renderer(scene, scene.own_camera, samples=1, kind="integrator")
 
 

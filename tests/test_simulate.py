@@ -15,6 +15,8 @@ from davis_rs import Camera, FixedRate, MaxDisplacement, Packet, Pose, Scene, Si
 from davis_rs.events import EventArray, concatenate_events
 from davis_rs.sampling.rules import TimeSampling
 
+pytestmark = pytest.mark.without_llvm
+
 SMALL = Camera(40, 30, 33.0, 33.0, 19.5, 14.5)
 PARAMETERS: dict[str, Any] = {"camera": SMALL, "samples": 2}
 

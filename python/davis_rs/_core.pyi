@@ -18,6 +18,8 @@ __all__ = [
     "Encoder",
     "EventFileReader",
     "EventFileWriter",
+    "PixelRays",
+    "SceneRenderer",
     "__version__",
     "check_effects",
     "check_events",
@@ -602,6 +604,137 @@ def reconstruct(
 
     Source: Mueggler et al., IJRR 2017, section 6.
     """
+
+@final
+class PixelRays:
+    """The lattice rays of a sensor's pixels, as undistorted image coordinates.
+
+    Args:
+        width, height: of the sensor, in pixels, 1..65535.
+        rays: rays of each pixel, 1..1024.
+        table: float32 (rays * height * width * 2), flat: x and y of the direction (x, y, 1) in camera axes, by ray of
+            the lattice and pixel, row by row.
+
+    Raises:
+        ValueError: for a size or number of rays out of range, or a table of another length or with numbers that are not
+            finite.
+    """
+
+    def __new__(cls, width: int, height: int, rays: int, table: npt.NDArray[np.float32]) -> PixelRays: ...
+
+_Views = tuple[
+    npt.NDArray[np.float64],
+    npt.NDArray[np.float64],
+    npt.NDArray[np.float64],
+    npt.NDArray[np.float64],
+    npt.NDArray[np.float64],
+    npt.NDArray[np.float64],
+]
+
+@final
+class SceneRenderer:
+    """Renders diffuse triangles under direct light: luma, its rate, and depth.
+
+    Each pixel has the same bits in any batch of views and on any number of threads. The steps are those of
+    docs/rendering.md. Arrays are flat; t is the number of triangles. Each triangle is in the coordinates of its own
+    frame: the world, or a body that moves.
+
+    Args:
+        corners: float64 (t, 3, 3), metres.
+        planes: float64 (t, 4), unit normal n on the front side and offset d, n . p + d = 0.
+        u_maps, v_maps: float64 (t, 4), affine maps of a place (x, y, z, 1) to texture coordinates.
+        normal_maps: float64 (t, 3, 4), those to the shading normal; None where all triangles are flat.
+        textures: uint32 (t), the number of the triangle's texture.
+        two_sided: uint32 (t), 1 where the back of the triangle reflects too.
+        frames: uint32 (t), 0 for the world, 1, 2, ... for bodies.
+        frame_count: frames in all, with the world's.
+        layouts: int64 (textures, 4): first texel, width, height, wrap mode (0 repeat, 1 clamp, 2 mirror).
+        texels: for each light colour float32, all texels as luma, with a frame of one texel around each texture.
+        lights: of each light (kind, colour, strength, background luma per strength, vector). The kind is ``point``,
+            whose vector is its place, ``directional``, whose vector is the unit vector along which it travels, or
+            ``constant``.
+        shadows: whether point and directional lights throw shadows.
+        centre: (3), metres, the middle of the scene.
+        step, end: where shadow rays begin and end, see :mod:`davis_rs.rendering.shadow_rays`.
+        threads: None for as many as there are processors.
+
+    Raises:
+        ValueError: for arrays that do not belong together, or no threads.
+    """
+
+    def __new__(
+        cls,
+        *,
+        corners: npt.NDArray[np.float64],
+        planes: npt.NDArray[np.float64],
+        u_maps: npt.NDArray[np.float64],
+        v_maps: npt.NDArray[np.float64],
+        normal_maps: npt.NDArray[np.float64] | None,
+        textures: npt.NDArray[np.uint32],
+        two_sided: npt.NDArray[np.uint32],
+        frames: npt.NDArray[np.uint32],
+        frame_count: int,
+        layouts: npt.NDArray[np.int64],
+        texels: list[npt.NDArray[np.float32]],
+        lights: list[tuple[str, int, float, float, list[float]]],
+        shadows: bool,
+        centre: list[float],
+        step: float,
+        end: float,
+        threads: int | None = None,
+    ) -> SceneRenderer: ...
+    def luma(
+        self, rays: PixelRays, views: _Views, *, rate: bool = False
+    ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32] | None]:
+        """Linear luma of each view, and its rate.
+
+        Args:
+            rays: of the sensor.
+            views: the camera at n instants in each of f frames, under l lights, as six flat float64 arrays: places
+                (n, f, 3) in metres; rotations (n, f, 3, 3) that take camera axes to the frame's; velocities (n, f, 3)
+                in the frame's axes, m/s; angular rates (n, f, 3) in camera axes, rad/s; factors (n, l) on the strengths
+                of the lights; the rates of these factors (n, l), 1/s.
+            rate: whether the rate is computed too.
+
+        Returns:
+            Luma, float32, flat (n, height, width), and its rate per second in the same shape, None where it was not
+            asked for.
+
+        Raises:
+            ValueError: for views of another number of frames or lights than the scene has.
+        """
+
+    def samples(
+        self, rays: PixelRays, views: _Views, view: npt.NDArray[np.integer], pixel: npt.NDArray[np.integer]
+    ) -> npt.NDArray[np.float32]:
+        """Luma of single pixels, the bits of :meth:`luma`.
+
+        Args:
+            rays: of the sensor.
+            views: as in :meth:`luma`.
+            view, pixel: uint32 (k), the number of the view, and of the pixel, row by row.
+
+        Returns:
+            Luma, float32 (k).
+
+        Raises:
+            ValueError: for views that do not fit the scene, or a view or pixel that is not there.
+        """
+
+    def depth(self, rays: PixelRays, views: _Views) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.uint32]]:
+        """What single rays hit.
+
+        Args:
+            rays: of the sensor, one ray a pixel.
+            views: as in :meth:`luma`.
+
+        Returns:
+            Depth, float32, flat (n, height, width): z in camera axes, metres, inf where nothing is hit; and the frame
+            of what is hit, uint32 in the same shape, 0 where nothing is.
+
+        Raises:
+            ValueError: for views that do not fit the scene, or more than one ray a pixel.
+        """
 
 def count_events(events: npt.NDArray[np.void], size: tuple[int, int]) -> npt.NDArray[np.uint32]:
     """Count events by polarity and pixel.

@@ -41,25 +41,25 @@ def default_variant() -> tuple[str, str]:
 def _usable_variant() -> tuple[str, str]:
     library = find_libllvm()
     if library is None:
-        return SCALAR, f"{why_none()}, so Mitsuba runs its slow scalar variant; {HOW_TO_GET_IT}"
+        return SCALAR, f"{why_none()}, so Mitsuba has only its slow scalar variant; {HOW_TO_GET_IT}"
     os.environ["DRJIT_LIBLLVM_PATH"] = str(library.path)
     mi, dr = _modules()
     if FAST not in mi.variants():
-        return SCALAR, f"this Mitsuba was built without {FAST}, so its slow scalar variant runs; {HOW_TO_GET_IT}"
+        return SCALAR, f"this Mitsuba was built without {FAST}, so it has only its slow scalar variant; {HOW_TO_GET_IT}"
     try:
         with variant(FAST):
             version = dr.detail.llvm_version()
     except ImportError as error:  # the library could not be loaded after all
         return (
             SCALAR,
-            f"{library.path} could not be used ({error}), so Mitsuba runs its slow scalar variant; {HOW_TO_GET_IT}",
+            f"{library.path} could not be used ({error}), so Mitsuba has only its slow scalar variant; {HOW_TO_GET_IT}",
         )
     # A program that imported Dr.Jit before us may have loaded another library.
     if version < (OLDEST_USABLE,):
         loaded = ".".join(map(str, version))
         return (
             SCALAR,
-            f"LLVM {loaded} is loaded already and would abort, so Mitsuba runs its scalar variant; {HOW_TO_GET_IT}",
+            f"LLVM {loaded} is loaded already and would abort, so Mitsuba has only its scalar variant; {HOW_TO_GET_IT}",
         )
     return FAST, f"LLVM {'.'.join(map(str, version))}, {library.path} ({library.origin})"
 

@@ -81,6 +81,7 @@ class Simulator:
             kind=self.settings["renderer"],
             blur=self.settings["blur"],
             edges=self.sampling.edges,
+            threads=self.settings["threads"],
         )
         self.renderer = with_optics(plain, self.effects.vignetting, self.effects.lens_blur_px)
         self._engine = CrossingEngine(

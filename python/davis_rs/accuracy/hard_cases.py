@@ -133,7 +133,5 @@ _LIMITS = [
     "  luma that jumps while it drifts may reach a level for less time than lies between them. Where edges of the",
     "  geometry pass, the preset `exact` looks closer; a shadow's edge is no edge of the geometry. A test in",
     "  `tests/test_breaks.py` is expected to fail because of it.",
-    "- **Scaled.** Brute force renders the same scene at its own size: what differs by more than in other rows are",
-    "  shadows, whose rays start too far from surfaces in so small a scene.",
     "- **Brute force** stamps what jumps up to its own step late, and sees no dip shorter than that.",
 ]

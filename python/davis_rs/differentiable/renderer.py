@@ -50,10 +50,10 @@ class DifferentiableRenderer:
             raise ValueError(f"derivatives need Mitsuba's {FAST} variant: {why}")
         self._rays = CameraRays(self.camera)
         self._rays.prepare(samples)
-        with variant(FAST) as (mi, dr):
+        with variant(FAST) as (mi, _):
             loaded = load_scene_source(scene.source(), mi)
             try:
-                table = SceneTable(loaded, mi, dr, shadows=scene.shadows, any_integrator=True)
+                table = SceneTable(loaded, mi, shadows=scene.shadows, any_integrator=True)
             except Unsuitable as unsuitable:
                 raise ValueError(f"derivatives need the table kernel, which cannot render this: {unsuitable}") from None
             self._kernel = DifferentiableKernel(table, mi)

@@ -83,9 +83,9 @@ class Renderer(ABC):
 
         The rate is total: of the camera, of all that moves, and of the lights. It is that of the surfaces which the
         rays hit, shading and texture included. What appears, vanishes or passes into shadow is not in it: at the edges
-        of surfaces and shadows the true luma changes otherwise. The table kernel differentiates, and inside surfaces is
-        as exact as float32; the others take differences over 0.04 pixels of motion, with the same random numbers, good
-        to about 1 %.
+        of surfaces and shadows the true luma changes otherwise. The native renderer and the table kernel differentiate,
+        and inside surfaces are as exact as float32; the others take differences over 0.04 pixels of motion, with the
+        same random numbers, good to about 1 %.
         """
         frames, rates = self._luma_and_rate(views) if len(views) else (self._blank(views), self._blank(views))
         return self._finished(frames), self._finished(rates)

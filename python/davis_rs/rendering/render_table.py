@@ -40,9 +40,7 @@ class TableRenderer(Renderer):
         self, table: SceneTable, camera: Camera, *, samples: int, blur: bool, motion: SceneMotion = STILL
     ) -> None:
         super().__init__(camera, samples=samples, blur=blur, motion=motion)
-        kinds = sorted({light.kind for light in table.lights})
-        lights = f"{' and '.join(kinds)} light" if kinds else "no light"
-        self.reason = f"diffuse triangles under {lights}, {'with' if table.shadows else 'without'} shadows"
+        self.reason = table.description
         self._camera_rays = CameraRays(camera)
         columns = {name: column for column, name in enumerate(motion.lights)}
         self._profiles = [columns.get(light.name) for light in table.lights]

@@ -9,13 +9,14 @@ from ..camera import Camera
 from ..scene.scene import Scene
 from .render import Renderer
 from .render_integrator import IntegratorRenderer
+from .render_native import NativeRenderer
 from .render_scalar import ScalarRenderer
 from .render_table import TableRenderer
 from .scene_table import SceneTable, Unsuitable
 from .scene_updates import scene_motion
 from .swept_objects import MovingSilhouettes
 
-RENDERERS = ("auto", "table", "integrator")
+RENDERERS = ("auto", "table", "native", "integrator")
 """What ``renderer`` may be."""
 
 
@@ -27,37 +28,101 @@ def make_renderer(
     seed: int = 0,
     kind: str = "auto",
     blur: bool | None = None,
+    threads: int | None = None,
     edges: bool = False,
 ) -> Renderer:
     """Choose and build the renderer for a scene.
 
     Args:
-        samples: rays a pixel; None means 8, or 2 in the scalar variant.
-        seed: of Mitsuba's integrators; the table kernel draws nothing at random.
-        kind: ``table`` (diffuse meshes under point, directional and constant light: fastest), ``integrator`` (Mitsuba's
-            own, for everything else) or ``auto``: the table kernel where it computes what the scene asks for.
+        samples: rays a pixel; None means 8, or 2 for Mitsuba's integrators in the scalar variant.
+        seed: of Mitsuba's integrators; the others draw nothing at random.
+        kind: ``table`` (the table kernel: diffuse meshes under point, directional and constant light, on Dr.Jit),
+            ``native`` (the same scenes in the Rust core, without LLVM and faster), ``integrator`` (Mitsuba's own, for
+            everything else) or ``auto``: the native renderer where it computes what the scene asks for, and else
+            Mitsuba's integrators.
         edges: prepare :attr:`Renderer.silhouettes`.
         blur: the 3 x 3 blur of luma; None leaves it to the scene.
+        threads: of the native renderer; None for all that there are.
 
     Raises:
         ValueError: if the scene cannot be loaded, it has none of the objects or lights that shall change, or ``table``
-            was asked for and cannot render it.
+            or ``native`` was asked for and cannot render it.
         OSError: if a scene file cannot be read.
 
     Warns:
-        UserWarning: if the scene's light is ambient (:attr:`Scene.ambient`), and it is not the table kernel that shows
-            it.
+        UserWarning: if the scene's light is ambient (:attr:`Scene.ambient`), and it is one of Mitsuba's integrators
+            that renders it.
     """
     if kind not in RENDERERS:
         raise ValueError(f"renderer must be one of {', '.join(RENDERERS)}, got {kind!r}")
     blur = scene.blur if blur is None else blur
-    variant_name, why_variant = default_variant()
+    reason = "asked for"
+    if kind != "integrator":
+        try:
+            return _make_from_table(
+                scene, camera, samples=samples, kind=kind, blur=blur, edges=edges, threads=threads
+            )
+        except Unsuitable as unsuitable:
+            if kind != "auto":
+                what = "native renderer" if kind == "native" else "table kernel"
+                raise ValueError(f"the {what} cannot render this scene: {unsuitable}") from None
+            reason = str(unsuitable)
+    renderer = _make_integrator(scene, camera, samples=samples, seed=seed, blur=blur, edges=edges, reason=reason)
+    if scene.ambient:
+        warnings.warn(
+            f"scene {scene.name!r} is made for the table kernel or the native renderer, not for the {renderer.name} "
+            f"({renderer.reason}): the scene's constant light, which shall come from all sides, does not reach into "
+            "its closed room, so that shadows are black and the range of illuminance is far wider than the scene's",
+            stacklevel=2,
+        )
+    return renderer
+
+
+def _make_from_table(
+    scene: Scene,
+    camera: Camera,
+    *,
+    samples: int | None,
+    kind: str,
+    blur: bool,
+    edges: bool,
+    threads: int | None,
+) -> Renderer:
+    """The table kernel, where it was asked for, or the native renderer.
+
+    Raises:
+        Unsuitable: for a scene that is not diffuse triangles under direct light.
+    """
+    variant_name, why_variant = default_variant() if kind == "table" else (SCALAR, "")
     if variant_name == SCALAR and kind == "table":
         raise ValueError(f"the table kernel needs Mitsuba's {FAST} variant: {why_variant}")
-    with variant(variant_name) as (mi, dr):
+    samples = 8 if samples is None else samples
+    with variant(variant_name) as (mi, _):
+        try:
+            loaded = load_scene_source(scene.source(), mi)
+        except ValueError as error:
+            if kind != "auto":
+                raise
+            raise Unsuitable(f"{variant_name} cannot load it") from error  # its other variants may have the plugin
+        motion = scene_motion(scene, loaded, mi)
+        moving = list(motion.objects)
+        table = SceneTable(loaded, mi, shadows=scene.shadows, any_integrator=kind != "auto", moving=moving)
+        renderer: Renderer
+        if kind == "table":
+            renderer = TableRenderer(table, camera, samples=samples, blur=blur, motion=motion)
+        else:
+            renderer = NativeRenderer(table, camera, samples=samples, blur=blur, motion=motion, threads=threads)
+        renderer.silhouettes = MovingSilhouettes(loaded, motion) if edges else None
+    return renderer
+
+
+def _make_integrator(
+    scene: Scene, camera: Camera, *, samples: int | None, seed: int, blur: bool, edges: bool, reason: str
+) -> Renderer:
+    variant_name, why_variant = default_variant()
+    with variant(variant_name) as (mi, _):
         loaded = load_scene_source(scene.source(), mi)
         motion = scene_motion(scene, loaded, mi)
-        silhouettes = MovingSilhouettes(loaded, motion) if edges else None
         renderer: Renderer
         if variant_name == SCALAR:
             samples = 2 if samples is None else samples
@@ -66,24 +131,8 @@ def make_renderer(
             )
         else:
             samples = 8 if samples is None else samples
-            moving = list(motion.objects)
-            try:
-                if kind == "integrator":
-                    raise Unsuitable("asked for")
-                table = SceneTable(loaded, mi, dr, shadows=scene.shadows, any_integrator=kind == "table", moving=moving)
-                renderer = TableRenderer(table, camera, samples=samples, blur=blur, motion=motion)
-            except Unsuitable as unsuitable:
-                if kind == "table":
-                    raise ValueError(f"the table kernel cannot render this scene: {unsuitable}") from None
-                renderer = IntegratorRenderer(
-                    loaded, camera, samples=samples, blur=blur, seed=seed, reason=str(unsuitable), motion=motion
-                )
-    if scene.ambient and not isinstance(renderer, TableRenderer):
-        warnings.warn(
-            f"scene {scene.name!r} is made for the table kernel, not for the {renderer.name} ({renderer.reason}): the "
-            "scene's constant light, which shall come from all sides, does not reach into its closed room, so that "
-            "shadows are black and the range of illuminance is far wider than the scene's",
-            stacklevel=2,
-        )
-    renderer.silhouettes = silhouettes
+            renderer = IntegratorRenderer(
+                loaded, camera, samples=samples, blur=blur, seed=seed, reason=reason, motion=motion
+            )
+        renderer.silhouettes = MovingSilhouettes(loaded, motion) if edges else None
     return renderer

@@ -1,4 +1,4 @@
-"""A diffuse scene of triangles as flat tables: what the table kernel gathers from instead of asking Mitsuba.
+"""A diffuse scene of triangles as flat tables: what the native renderer and the table kernel have of it.
 
 Each triangle becomes one record: its plane, and affine maps from a point on it to texture coordinates (and to the
 interpolated normal, where a mesh is smooth). All textures lie in one flat buffer of texels, already weighted to luma:
@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from ..luma import LUMA_WEIGHTS
 from .scene_texture import TextureTable, Unsuitable
+from .shadow_rays import scene_centre
 
 __all__ = ["Light", "SceneTable", "Unsuitable"]
 
@@ -37,68 +38,81 @@ class Light:
 
 
 class SceneTable:
-    """The tables of a Mitsuba scene.
+    """The tables of a Mitsuba scene, loaded under any variant.
 
     Args:
-        moving: ids of shapes that move; each is in tables and rays of its own frame.
+        moving: ids of shapes that move; each is in tables of its own frame.
 
     Attributes:
-        scene: a Mitsuba scene of all that stands still, for its ray tracing.
-        bodies: a Mitsuba scene for each shape that moves.
-        first_record: uint32, record of a shape's first triangle, by the shape's registry number.
-        planes: float32 (n, 4): unit normal and offset, n . p + offset = 0.
-        u_maps, v_maps: float32 (n, 4): u = map[:3] . p + map[3].
-        normal_maps: float32 (n, 3, 4), the interpolated vertex normal before normalisation; None where all is flat.
+        scene: the Mitsuba scene.
+        shadows: whether point and directional lights throw them.
+        counts: how many records each of the scene's shapes has, in their order.
+        corners: float64 (n, 3, 3), the triangles' corners, metres.
+        planes: float64 (n, 4): unit normal and offset, n . p + offset = 0.
+        u_maps, v_maps: float64 (n, 4): texture coordinates, the texture's own transform included: u = map . (p, 1).
+        normal_maps: float64 (n, 3, 4), the interpolated vertex normal before normalisation; None where all is flat.
         textures: the textures, and which one each record has.
         two_sided: uint32 (n): 1 where the back of the surface reflects too.
+        frames: uint32 (n): 0 for what stands still, 1, 2, ... for the shapes of ``moving``.
+        moving: their ids.
+        centre: (3,), the middle of what stands still, see :mod:`shadow_rays`.
         lights: the lights.
 
     Raises:
-        Unsuitable: naming the first thing in the scene that the table kernel cannot render.
+        Unsuitable: naming the first thing in the scene that is not diffuse triangles under direct light.
     """
 
-    def __init__(
-        self, scene: Any, mi: Any, dr: Any, *, shadows: bool, any_integrator: bool, moving: Sequence[str] = ()
-    ) -> None:
-        self.scene, self.shadows, self.bodies = scene, shadows, list[Any]()
+    def __init__(self, scene: Any, mi: Any, *, shadows: bool, any_integrator: bool, moving: Sequence[str] = ()) -> None:
+        self.scene, self.shadows, self.moving = scene, shadows, list(moving)
         self._hides_lights = bool(getattr(scene.integrator(), "hide_emitters", False))
         if not any_integrator:
             _check_integrator(scene.integrator())
         colours: list[FloatArray] = []
         self.lights = [_light(emitter, mi, colours) for emitter in scene.emitters()]
-        planes, maps_u, maps_v, normals, two_sided, records_of = [], [], [], [], [], {}
         self.textures = TextureTable(mi, [np.asarray(LUMA_WEIGHTS) * colour for colour in colours])
+        corners, planes, normals, two_sided, frames = [], [], [], [], []
+        maps_u, maps_v = list[FloatArray](), list[FloatArray]()
         smooth = False
-        count = 0
         for shape in scene.shapes():
             if not shape.is_mesh():
                 raise Unsuitable(f"shape {shape.id()!r} is a {shape.class_name()}, not made of triangles")
-            number = int(dr.reinterpret_array(mi.UInt32, mi.ShapePtr(shape)).numpy()[0])
-            records_of[number] = count
             mesh = _Mesh(shape)
             two_sided.append(np.full(mesh.count, self.textures.add(shape, mesh.count), np.uint32))
+            frame = self.moving.index(shape.id()) + 1 if shape.id() in self.moving else 0
+            frames.append(np.full(mesh.count, frame, np.uint32))
+            corners.append(mesh.corners)
             u, v = mesh.texture_maps()
             maps_u.append(u)
             maps_v.append(v)
             normal, is_smooth = mesh.normal_maps()
             # Which side is the front matters only where the back is another.
-            turned = np.ones(mesh.count) if two_sided[-1].any() else mesh.turned(normal, mi, dr)
-            planes.append(mesh.planes() * turned[:, None])
-            normals.append(normal * turned[:, None, None])
+            turned = 1.0 if two_sided[-1].any() else mesh.turned(normal, mi)
+            planes.append(mesh.planes() * turned)
+            normals.append(normal * turned)
             smooth |= is_smooth
-            count += mesh.count
-        self.first_record = np.zeros(max(records_of) + 1, np.uint32)
-        for number, first in records_of.items():
-            self.first_record[number] = first
-        self.planes = np.concatenate(planes).astype(np.float32)
-        self.u_maps = np.concatenate(maps_u).astype(np.float32)
-        self.v_maps = np.concatenate(maps_v).astype(np.float32)
-        self.normal_maps = np.concatenate(normals).astype(np.float32) if smooth else None
-        self.two_sided = np.concatenate(two_sided)
-        if moving:
-            shapes = scene.shapes()
-            self.scene = _part_of([shape for shape in shapes if shape.id() not in moving], mi)
-            self.bodies = [_part_of([shape for shape in shapes if shape.id() == name], mi) for name in moving]
+        self.counts = [len(part) for part in corners]
+        self.corners, self.planes = np.concatenate(corners), np.concatenate(planes)
+        self._mesh_uv = np.concatenate(maps_u), np.concatenate(maps_v)
+        self.u_maps, self.v_maps = self.uv_maps(np.float64)
+        self.normal_maps = np.concatenate(normals) if smooth else None
+        self.two_sided, self.frames = np.concatenate(two_sided), np.concatenate(frames)
+        self.centre = scene_centre(self.corners[self.frames == 0].reshape(-1, 3))
+
+    def uv_maps(self, precision: type[np.floating[Any]]) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
+        """:attr:`u_maps` and :attr:`v_maps`, computed in a precision from maps that were rounded to it."""
+        u, v = (maps.astype(precision) for maps in self._mesh_uv)
+        # The texture's own uv transform is affine too: fold it into the mesh's maps.
+        own = self.textures.uv_maps.astype(precision)[self.textures.texture_of]
+        offset = np.array([0, 0, 0, 1], precision)
+        folded = [own[:, i, :1] * u + own[:, i, 1:2] * v + own[:, i, 2:] * offset for i in (0, 1)]
+        return folded[0], folded[1]
+
+    @property
+    def description(self) -> str:
+        """What the scene is made of, for people."""
+        kinds = sorted({light.kind for light in self.lights})
+        lights = f"{' and '.join(kinds)} light" if kinds else "no light"
+        return f"diffuse triangles under {lights}, {'with' if self.shadows else 'without'} shadows"
 
     @property
     def background_luma(self) -> float:
@@ -107,10 +121,14 @@ class SceneTable:
 
     def background(self, lights: Sequence[Light]) -> Any:
         """:attr:`background_luma` under these lights, whose strengths may be Dr.Jit arrays."""
-        if self._hides_lights:
+        shown = ((light.strength, self.background_per_strength(light)) for light in lights)
+        return sum(strength * share for strength, share in shown if share)
+
+    def background_per_strength(self, light: Light) -> float:
+        """What a light of strength 1 adds to :attr:`background_luma`."""
+        if self._hides_lights or light.kind != "constant":
             return 0.0
-        groups = [float(weights.sum()) for weights in self.textures.group_weights]
-        return sum(light.strength * groups[light.group] for light in lights if light.kind == "constant")
+        return float(self.textures.group_weights[light.group].sum())
 
 
 class _Mesh:
@@ -167,25 +185,21 @@ class _Mesh:
         differs = np.abs(self.vertex_normals - self.normals[:, None]).max() > 1e-5
         return maps, bool(differs)
 
-    def turned(self, normal_maps: FloatArray, mi: Any, dr: Any) -> FloatArray:
-        """For each triangle -1 where Mitsuba's normal is the opposite (flipped, or a mirrored rectangle), else 1."""
+    def turned(self, normal_maps: FloatArray, mi: Any) -> float:
+        """-1 where Mitsuba's normals are the opposite (flipped, or a mirrored rectangle), else 1.
+
+        A mesh is turned as a whole: its first triangle with an area tells.
+        """
+        facing = np.flatnonzero(self.normals.any(1))
+        if not len(facing):
+            return 1.0
+        number = int(facing[0])
         centre = mi.PreliminaryIntersection3f()
-        centre.t = dr.ones(mi.Float, self.count)
-        centre.prim_index = dr.arange(mi.UInt32, self.count)
-        centre.prim_uv = mi.Point2f(1 / 3)
+        centre.t, centre.prim_index, centre.prim_uv = 1.0, number, mi.Point2f(1 / 3)
         ray = mi.Ray3f(mi.Point3f(0), mi.Vector3f(0, 0, 1))
-        theirs = self.shape.compute_surface_interaction(ray, centre).sh_frame.n.numpy().T
-        ours = np.einsum("nij,nj->ni", normal_maps[..., :3], self.corners.mean(1)) + normal_maps[..., 3]
-        return np.where((ours * theirs).sum(-1) < 0, -1.0, 1.0)
-
-
-def _part_of(shapes: list[Any], mi: Any) -> Any:
-    """A Mitsuba scene of some of a scene's shapes, for its ray tracing alone."""
-    names = [shape.id() for shape in shapes]
-    part = mi.load_dict({"type": "scene", **{f"shape_{i}": shape for i, shape in enumerate(shapes)}}, optimize=False)
-    for shape, name in zip(shapes, names, strict=True):  # loading has named them anew
-        shape.set_id(name)
-    return part
+        theirs = np.array(self.shape.compute_surface_interaction(ray, centre).sh_frame.n, np.float64).reshape(3)
+        ours = normal_maps[number, :, :3] @ self.corners[number].mean(0) + normal_maps[number, :, 3]
+        return -1.0 if ours @ theirs < 0 else 1.0
 
 
 def _check_integrator(integrator: Any) -> None:

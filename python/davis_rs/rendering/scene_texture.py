@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from .._mitsuba import FAST
 from ..scene.textures import from_srgb
 
 FloatArray = npt.NDArray[np.float64]
@@ -16,7 +17,7 @@ WRAP_MODES = ("repeat", "clamp", "mirror")
 
 
 class Unsuitable(Exception):
-    """Something in a scene that the table kernel cannot render; the message says what."""
+    """Something in a scene that is not diffuse triangles under direct light; the message says what."""
 
 
 class TextureTable:
@@ -28,7 +29,6 @@ class TextureTable:
 
     Attributes:
         sizes: int32 (textures, 4): first texel, width, height, index into :data:`WRAP_MODES`.
-        uv_maps: float32 (textures, 2, 3): the texture's own affine map of (u, v, 1).
         texture_of: uint32 (records): each record's texture.
     """
 
@@ -44,8 +44,9 @@ class TextureTable:
         return np.array(self._sizes, np.int32)
 
     @property
-    def uv_maps(self) -> npt.NDArray[np.float32]:
-        return np.array(self._uv_maps, np.float32)
+    def uv_maps(self) -> FloatArray:
+        """(textures, 2, 3): each texture's own affine map of (u, v, 1)."""
+        return np.array(self._uv_maps, np.float64).reshape(-1, 2, 3)
 
     @property
     def texture_of(self) -> npt.NDArray[np.uint32]:
@@ -54,6 +55,22 @@ class TextureTable:
     def texels(self, group: int) -> npt.NDArray[np.float32]:
         """All texels as luma under a light of the group's colour, float32."""
         return (np.concatenate(self._texels) @ self.group_weights[group]).astype(np.float32)
+
+    def framed(self, group: int) -> npt.NDArray[np.float32]:
+        """:meth:`texels` with a frame of one texel around each texture: what its wrap mode puts there."""
+        texels = self.texels(group)
+        images = []
+        for first, width, height, wrap in self.sizes.tolist():
+            image = texels[first : first + width * height].reshape(height, width)
+            images.append(np.pad(image, 1, mode="wrap" if WRAP_MODES[wrap] == "repeat" else "edge").ravel())
+        return np.concatenate(images)
+
+    @property
+    def framed_sizes(self) -> npt.NDArray[np.int32]:
+        """:attr:`sizes`, the first texel counted among those of :meth:`framed`."""
+        layout = self.sizes.copy()
+        layout[:, 0] = np.cumsum([0, *((layout[:, 1] + 2) * (layout[:, 2] + 2))])[:-1]
+        return layout
 
     def add(self, shape: Any, records: int) -> bool:
         """Take the reflectance of a shape that has so many records; returns whether it is two-sided.
@@ -92,10 +109,7 @@ class TextureTable:
         """
         mi = self._mi
         uv = np.random.RandomState(0).uniform(-2, 3, (2, 256)).astype(np.float32)
-        si = mi.SurfaceInteraction3f()
-        si.uv = mi.Point2f(uv)
-        si.wi = mi.Vector3f(0, 0, 1)
-        own = np.array(shape.bsdf().eval_diffuse_reflectance(si), np.float64).T
+        own = _looked_up(mi, shape.bsdf(), uv)
         mapped = uv_map[:2, :2] @ uv.astype(np.float64) + uv_map[:2, 2:]
         # Mitsuba's coordinates are float32: far out on a fine texture they are wrong by a good part of a texel.
         texels_off = np.abs(mapped).max(0) * max(data.shape[:2]) * 2.0**-22
@@ -105,6 +119,17 @@ class TextureTable:
                 if (np.abs(bilinear(texels, mapped, wrap) - own) < tolerance).all():
                     return texels, wrap
         raise Unsuitable(f"shape {shape.id()!r} has a texture whose lookup is not bilinear")
+
+
+def _looked_up(mi: Any, bsdf: Any, uv: npt.NDArray[np.float32]) -> FloatArray:
+    """Mitsuba's own reflectances (n, 3) at uv (2, n)."""
+
+    def at(uv: Any) -> FloatArray:
+        si = mi.SurfaceInteraction3f()
+        si.uv, si.wi = mi.Point2f(uv), mi.Vector3f(0, 0, 1)
+        return np.array(bsdf.eval_diffuse_reflectance(si), np.float64)
+
+    return at(uv).T if mi.variant() == FAST else np.array([at(pair) for pair in uv.T.tolist()])
 
 
 def bilinear(texels: FloatArray, uv: FloatArray, wrap: int) -> FloatArray:

@@ -11,15 +11,17 @@ import numpy.typing as npt
 
 from .moving_lanes import Body, Surroundings
 from .scene_table import Light, SceneTable
-from .scene_texture import WRAP_MODES, TextureTable
+from .scene_texture import WRAP_MODES
+from .shadow_rays import END, STEP
 
 
 class _Surface(NamedTuple):
-    """What rays hit: whether anything, the triangle's record, the place in the world and in the frame of its record,
-    the shading normal and the plane's, both in the world."""
+    """What rays hit: whether anything, the triangle's record, the depth, the place in the world and in the frame of its
+    record, the shading normal and the plane's, both in the world."""
 
     hit: Any
     record: Any
+    depth: Any
     point: Any
     own_point: Any
     normal: Any
@@ -35,31 +37,29 @@ class TableKernel:
 
     def __init__(self, table: SceneTable, mi: Any) -> None:
         self._table = table
-        self._first_record = mi.UInt32(table.first_record)
-        self._planes = mi.Float(table.planes.ravel())
+        shapes = table.scene.shapes()
+        self._scene, self._bodies = table.scene, list[Any]()
+        if table.moving:
+            self._scene = _part_of([shape for shape in shapes if shape.id() not in table.moving], mi)
+            self._bodies = [_part_of([shape for shape in shapes if shape.id() == name], mi) for name in table.moving]
+        self._first_record = mi.UInt32(_first_records(table, mi))
+        self._planes = _column(table.planes, mi)
         textures = table.textures
-        u, v = table.u_maps, table.v_maps
-        # The texture's own uv transform is affine too: fold it into the record's maps.
-        own = textures.uv_maps[textures.texture_of]
-        offset = np.array([0, 0, 0, 1], np.float32)
-        self._uv_maps = [
-            mi.Float((own[:, i, :1] * u + own[:, i, 1:2] * v + own[:, i, 2:] * offset).ravel()) for i in (0, 1)
-        ]
+        # In float32 from end to end: the documented event counts rest on these very roundings.
+        self._uv_maps = [mi.Float(maps.ravel()) for maps in table.uv_maps(np.float32)]
         smooth = table.normal_maps
-        self._normal_maps = [] if smooth is None else [mi.Float(smooth[:, axis].ravel()) for axis in range(3)]
+        self._normal_maps = [] if smooth is None else [_column(smooth[:, axis], mi) for axis in range(3)]
         self._wraps = sorted(set(textures.sizes[:, 3].tolist()))
-        layout = textures.sizes.copy()
-        layout[:, 0] = np.cumsum([0, *((layout[:, 1] + 2) * (layout[:, 2] + 2))])[:-1]
-        self._layout = [_PerRecord(column, mi.Int32) for column in layout[textures.texture_of].T]
+        self._layout = [_PerRecord(column, mi.Int32) for column in textures.framed_sizes[textures.texture_of].T]
         self._two_sided = _PerRecord(table.two_sided, mi.UInt32)
-        self._texels = [mi.Float(_framed(textures, group)) for group in range(len(textures.group_weights))]
+        self._texels = [mi.Float(textures.framed(group)) for group in range(len(textures.group_weights))]
 
     def hit(self, ray: Any) -> tuple[Any, Any, Any, Any]:
         """(distance in units of the direction, whether anything is hit, the triangle's record and its normal)."""
         import drjit as dr
         import mitsuba as mi
 
-        found = self._table.scene.ray_intersect_preliminary(dr.detach(ray), coherent=True)
+        found = self._scene.ray_intersect_preliminary(dr.detach(ray), coherent=True)
         hit = found.is_valid()
         shape = dr.reinterpret_array(mi.UInt32, found.shape)
         record = dr.gather(mi.UInt32, self._first_record, shape, hit) + found.prim_index
@@ -82,9 +82,7 @@ class TableKernel:
         total = dr.zeros(mi.Float, dr.width(surface.point))
         bodies, lights = ((), self._table.lights) if around is None else (around.bodies, self._lights_at(around))
         for light in lights:
-            irradiance = self._irradiance_over_pi(
-                light, surface.point, surface.normal * facing, surface.plane_normal, lit, bodies
-            )
+            irradiance = self._irradiance_over_pi(light, surface, surface.normal * facing, lit, bodies)
             total += reflectances[light.group] * irradiance
         background = self._table.background_luma if around is None else self._table.background(lights)
         return dr.select(hit, dr.select(lit, total, 0), background)
@@ -101,7 +99,7 @@ class TableKernel:
         distance, hit, record, plane_normal = self.hit(ray)
         point = dr.fma(ray.d, distance, ray.o)
         normal = self._smooth_normal(point, record, hit) if self._normal_maps else plane_normal
-        return _Surface(hit, record, point, point, normal, plane_normal)
+        return _Surface(hit, record, distance, point, point, normal, plane_normal)
 
     def _surface(self, ray: Any, bodies: Sequence[Body]) -> _Surface:
         import drjit as dr
@@ -116,17 +114,18 @@ class TableKernel:
         for number, body in enumerate(bodies, 1):
             normal = dr.select(owner == number, body.to_world(own_normal), normal)
             plane_normal = dr.select(owner == number, body.rotation @ plane.xyz, plane_normal)
-        return _Surface(hit, record, dr.fma(ray.d, distance, ray.o), own_point, normal, plane_normal)
+        point = dr.fma(ray.d, distance, ray.o)
+        return _Surface(hit, record, distance, point, own_point, normal, plane_normal)
 
     def _nearest(self, ray: Any, bodies: Sequence[Body]) -> tuple[Any, Any, Any, Any, Any]:
         """(the ray in the frame of what it hits, record, whether anything is hit, which body or 0, distance)."""
         import drjit as dr
         import mitsuba as mi
 
-        found = self._table.scene.ray_intersect_preliminary(dr.detach(ray), coherent=True)
+        found = self._scene.ray_intersect_preliminary(dr.detach(ray), coherent=True)
         shape, triangle, distance = dr.reinterpret_array(mi.UInt32, found.shape), found.prim_index, found.t
         origin, direction, owner = ray.o, ray.d, mi.UInt32(0)
-        for number, (body, scene) in enumerate(zip(bodies, self._table.bodies, strict=True), 1):
+        for number, (body, scene) in enumerate(zip(bodies, self._bodies, strict=True), 1):
             # It is looked for only up to what is the nearest so far.
             own = mi.Ray3f(dr.detach(body.ray.o), dr.detach(body.ray.d), distance, 0, [])
             found = scene.ray_intersect_preliminary(own, coherent=True, active=_meets(scene.bbox(), own))
@@ -198,7 +197,7 @@ class TableKernel:
         return dr.clip(mi.Int32(x0) + 1, 0, n), x - x0
 
     def _irradiance_over_pi(
-        self, light: Light, point: Any, normal: Any, plane_normal: Any, active: Any, bodies: Sequence[Body] = ()
+        self, light: Light, surface: _Surface, normal: Any, active: Any, bodies: Sequence[Body] = ()
     ) -> Any:
         """What a white diffuse surface reflects: irradiance / pi, in the light's strongest channel."""
         import drjit as dr
@@ -208,35 +207,35 @@ class TableKernel:
             return light.strength
         vector = mi.Vector3f(*light.vector.tolist())
         if light.kind == "point":
-            to_light = vector - point
+            to_light = vector - surface.point
             squared = dr.squared_norm(to_light)
             value = light.strength / dr.pi * dr.maximum(dr.dot(normal, to_light), 0) / (squared * dr.sqrt(squared))
         else:
             to_light = -vector
             value = light.strength / dr.pi * dr.maximum(dr.dot(normal, to_light), 0)
         if self._table.shadows:
-            occluded = self._occluded(
-                light, dr.detach(point), plane_normal, dr.detach(to_light), active & (dr.detach(value) > 0), bodies
-            )
+            occluded = self._occluded(light, surface, dr.detach(to_light), active & (dr.detach(value) > 0), bodies)
             value = dr.select(occluded, 0, value)
         return value
 
     def _occluded(
-        self, light: Light, point: Any, plane_normal: Any, to_light: Any, active: Any, bodies: Sequence[Body] = ()
+        self, light: Light, surface: _Surface, to_light: Any, active: Any, bodies: Sequence[Body] = ()
     ) -> Any:
+        """Whether something lies between a surface and a light, by the rule of :mod:`shadow_rays`."""
         import drjit as dr
         import mitsuba as mi
 
-        # Step off the surface by its float32 rounding error, to the light's side, as Mitsuba's own integrators do.
-        step = (1 + dr.max(dr.abs(point))) * (1500 * 2.0**-24)
-        origin = point + plane_normal * dr.mulsign(step, dr.dot(plane_normal, to_light))
+        point, normal = dr.detach(surface.point), surface.plane_normal
+        from_centre = point - mi.Point3f(*self._table.centre.tolist())
+        step = STEP * (dr.max(dr.abs(from_centre)) + dr.detach(surface.depth))
+        origin = point + normal * dr.mulsign(step, dr.dot(normal, to_light))
         if light.kind == "point":
             end = mi.Vector3f(*light.vector.tolist()) - origin
-            ray = mi.Ray3f(origin, end, 1 - 1e-3, 0, [])
+            ray = mi.Ray3f(origin, end, 1 - END, 0, [])
         else:
             ray = mi.Ray3f(origin, to_light)
-        occluded = self._table.scene.ray_test(ray, active)
-        for body, scene in zip(bodies, self._table.bodies, strict=True):
+        occluded = self._scene.ray_test(ray, active)
+        for body, scene in zip(bodies, self._bodies, strict=True):
             own = body.to_own(ray)
             occluded |= scene.ray_test(own, active & ~occluded & _meets(scene.bbox(), own))
         return occluded
@@ -248,7 +247,8 @@ def _meets(box: Any, ray: Any) -> Any:
     import mitsuba as mi
 
     low, high = (mi.Point3f(*np.array(corner).tolist()) for corner in (box.min, box.max))
-    margin = 1e-4 * (1 + dr.max(dr.abs(high - low))) + 1e-6 * dr.max(dr.abs(ray.o))
+    far = dr.max(dr.maximum(dr.abs(low), dr.abs(high))) + dr.max(dr.abs(ray.o))
+    margin = 1e-4 * dr.max(high - low) + 1e-6 * far
     inverse = dr.rcp(ray.d)
     one, other = (low - margin - ray.o) * inverse, (high + margin - ray.o) * inverse
     enter, leave = dr.max(dr.minimum(one, other)), dr.min(dr.maximum(one, other))
@@ -268,11 +268,25 @@ class _PerRecord:
         return self._values if self._same else dr.gather(self._kind, self._values, record, active)
 
 
-def _framed(textures: TextureTable, group: int) -> npt.NDArray[np.float32]:
-    """All texels, with a frame of one texel around each texture: what its wrap mode puts there."""
-    texels = textures.texels(group)
-    images = []
-    for first, width, height, wrap in textures.sizes.tolist():
-        image = texels[first : first + width * height].reshape(height, width)
-        images.append(np.pad(image, 1, mode="wrap" if WRAP_MODES[wrap] == "repeat" else "edge").ravel())
-    return np.concatenate(images)
+def _column(values: npt.NDArray[np.float64], mi: Any) -> Any:
+    return mi.Float(np.ascontiguousarray(values, np.float32).ravel())
+
+
+def _first_records(table: SceneTable, mi: Any) -> npt.NDArray[np.uint32]:
+    """The record of each shape's first triangle, by the shape's registry number."""
+    import drjit as dr
+
+    shapes = table.scene.shapes()
+    numbers = [int(dr.reinterpret_array(mi.UInt32, mi.ShapePtr(shape)).numpy()[0]) for shape in shapes]
+    first = np.zeros(max(numbers) + 1, np.uint32)
+    first[numbers] = np.cumsum([0, *table.counts])[:-1]
+    return first
+
+
+def _part_of(shapes: list[Any], mi: Any) -> Any:
+    """A Mitsuba scene of some of a scene's shapes, for its ray tracing alone."""
+    names = [shape.id() for shape in shapes]
+    part = mi.load_dict({"type": "scene", **{f"shape_{i}": shape for i, shape in enumerate(shapes)}}, optimize=False)
+    for shape, name in zip(shapes, names, strict=True):  # loading has named them anew
+        shape.set_id(name)
+    return part

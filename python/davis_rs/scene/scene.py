@@ -40,7 +40,7 @@ class Scene:
         lights: for lights by their ids (of a shape's own emitter ``shape.emitter``) the profile of their strength.
         lux_per_luma: illuminance on the sensor's scale: lux that one unit of luma stands for.
         ambient: its constant light stands for light from all sides, also within closed rooms: only the table kernel
-            shows it so.
+            and the native renderer show it so.
         note: one line about the file that whoever simulates it should see, such as the size of a mesh in metres.
     """
 

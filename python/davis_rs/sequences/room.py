@@ -72,7 +72,7 @@ def lamp(position: tuple[float, float, float], lux: float, distance_m: float) ->
 def general_light(lux: float) -> dict[str, Any]:
     """Light from everywhere, so many lux on any surface: what walls and windows of a room send around.
 
-    It stands for light that was reflected often, so nothing shades it: only the table kernel, which takes constant
-    light as unoccluded, shows it within closed walls. A scene with it is ``ambient``.
+    It stands for light that was reflected often, so nothing shades it: only the table kernel and the native
+    renderer, which take constant light as unoccluded, show it within closed walls. A scene with it is ``ambient``.
     """
     return {"type": "constant", "radiance": lux / LUX_PER_LUMA}

@@ -105,7 +105,7 @@ class ViewSettings(PixelSettings, total=False):
         int | None,
         Declared(
             "rays a pixel",
-            default_help="those of the accuracy; by the paper's rule 8, or 2 without LLVM",
+            default_help="those of the accuracy; by the paper's rule 8, or 2 for Mitsuba's integrators without LLVM",
             low=1,
             high=1024,
             metavar="N",
@@ -115,8 +115,8 @@ class ViewSettings(PixelSettings, total=False):
     renderer: Annotated[
         str,
         Declared(
-            "who renders: the table kernel (diffuse meshes, direct light), Mitsuba's integrator (everything), or auto, "
-            "the fastest that can",
+            "who renders: the native renderer (diffuse meshes, direct light), the table kernel (the same, on LLVM), "
+            "Mitsuba's integrator (everything), or auto: native where that is possible, else integrator",
             "auto",
             choices=RENDERERS,
             group=_ACCURACY,
@@ -131,7 +131,7 @@ class EngineSettings(TypedDict, total=False):
     threads: Annotated[
         int | None,
         Declared(
-            "of the crossing engine; results do not depend on it",
+            "of the native renderer and of the crossing engine; results do not depend on it",
             default_help="as many as pay",
             low=1,
             high=1024,

@@ -16,6 +16,7 @@ mod files;
 mod functions;
 mod interpolation;
 mod recordings;
+mod render;
 mod represent;
 mod ros;
 mod sink;
@@ -67,6 +68,8 @@ fn _core(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_function(wrap_pyfunction!(functions::log_intensity, m)?)?;
     m.add_function(wrap_pyfunction!(functions::reconstruct, m)?)?;
     m.add_function(wrap_pyfunction!(columns::fill_events, m)?)?;
+    m.add_class::<render::PyPixelRays>()?;
+    m.add_class::<render::PySceneRenderer>()?;
     m.add_function(wrap_pyfunction!(represent::count_events, m)?)?;
     m.add_function(wrap_pyfunction!(represent::latest_times, m)?)?;
     m.add_function(wrap_pyfunction!(represent::voxel_grid, m)?)?;

@@ -1,0 +1,124 @@
+"""The native renderer: the Rust core's, which wants a scene's tables and nothing else."""
+
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+import numpy.typing as npt
+
+from .._core import PixelRays, SceneRenderer
+from .._mitsuba import SCALAR
+from ..camera import Camera
+from ..lattice import rank1_lattice
+from ..luma import LumaFrames
+from ..pose import FloatArray
+from ..trajectory.views import Views
+from .camera_rays import ray_table
+from .render import Indices, Renderer
+from .scene_motion import STILL, SceneMotion, seen_from
+from .scene_table import SceneTable
+from .shadow_rays import END, STEP
+
+_PIXELS_PER_LAUNCH = 1 << 21
+
+ViewArrays = tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]
+
+
+class NativeRenderer(Renderer):
+    """Renders a :class:`SceneTable`: direct light on diffuse triangles, without noise, in Rust.
+
+    Needs Mitsuba only to load the scene, and no LLVM. Constant light is taken as unoccluded; shadows of the other
+    lights are traced where the table asks for them. Rates are closed forms along the surfaces that the rays see. A
+    pixel has the same bits in any batch, on any number of threads and on any processor of one architecture.
+
+    Args:
+        threads: None for all that there are.
+    """
+
+    name = "native renderer"
+    variant = SCALAR
+
+    def __init__(
+        self,
+        table: SceneTable,
+        camera: Camera,
+        *,
+        samples: int,
+        blur: bool,
+        motion: SceneMotion = STILL,
+        threads: int | None = None,
+    ) -> None:
+        super().__init__(camera, samples=samples, blur=blur, motion=motion)
+        rank1_lattice(samples)  # refuses bad numbers
+        self.reason = table.description
+        columns = {name: column for column, name in enumerate(motion.lights)}
+        self._profiles = [columns.get(light.name) for light in table.lights]
+        self.poses_per_launch = int(np.clip(_PIXELS_PER_LAUNCH // (camera.width * camera.height), 1, 64))
+        self._pixel_rays = functools.lru_cache(maxsize=4)(self._make_pixel_rays)
+        textures = table.textures
+        self._core = SceneRenderer(
+            corners=table.corners.ravel(),
+            planes=table.planes.ravel(),
+            u_maps=table.u_maps.ravel(),
+            v_maps=table.v_maps.ravel(),
+            normal_maps=None if table.normal_maps is None else table.normal_maps.ravel(),
+            textures=textures.texture_of,
+            two_sided=table.two_sided,
+            frames=table.frames,
+            frame_count=1 + len(table.moving),
+            layouts=textures.framed_sizes.astype(np.int64).ravel(),
+            texels=[textures.framed(group) for group in range(len(textures.group_weights))],
+            lights=[
+                (light.kind, light.group, light.strength, table.background_per_strength(light), light.vector.tolist())
+                for light in table.lights
+            ],
+            shadows=table.shadows,
+            centre=table.centre.tolist(),
+            step=STEP,
+            end=END,
+            threads=threads,
+        )
+
+    def _luma(self, views: Views) -> LumaFrames:
+        luma, _ = self._core.luma(self._pixel_rays(self.rays), self._arrays(views))
+        return luma.reshape(self._shape(views))
+
+    def _luma_and_rate(self, views: Views) -> tuple[LumaFrames, LumaFrames]:
+        luma, rate = self._core.luma(self._pixel_rays(self.rays), self._arrays(views), rate=True)
+        assert rate is not None
+        return luma.reshape(self._shape(views)), rate.reshape(self._shape(views))
+
+    def _samples(self, views: Views, view: Indices, pixel: Indices, rays: int) -> LumaFrames:
+        return self._core.samples(self._pixel_rays(rays), self._arrays(views), view, pixel)
+
+    def _depth(self, views: Views) -> npt.NDArray[np.float32]:
+        return self._core.depth(self._pixel_rays(1), self._arrays(views))[0].reshape(self._shape(views))
+
+    def _owners(self, views: Views) -> npt.NDArray[np.uint32]:
+        return self._core.depth(self._pixel_rays(1), self._arrays(views))[1].reshape(self._shape(views))
+
+    def _shape(self, views: Views) -> tuple[int, int, int]:
+        return len(views), self.camera.height, self.camera.width
+
+    def _make_pixel_rays(self, rays: int) -> PixelRays:
+        table = ray_table(self.camera, rays).astype(np.float32)
+        return PixelRays(self.camera.width, self.camera.height, rays, table.ravel())
+
+    def _arrays(self, views: Views) -> ViewArrays:
+        """The cameras in the world and in the objects' frames, and the lights' factors with their rates."""
+        shape = (len(views), len(self._profiles))
+        factors, rates = np.ones(shape), np.zeros(shape)
+        cameras = [views]
+        if self.motion:
+            state = self.motion.at(views.t_s)
+            cameras += [seen_from(views, poses) for poses in state.objects]
+            for light, column in enumerate(self._profiles):
+                if column is not None:
+                    factors[:, light], rates[:, light] = state.factors[:, column], state.rates[:, column]
+        poses = (
+            np.stack([getattr(camera, name) for camera in cameras], 1).ravel()
+            for name in ("positions", "rotations", "velocities", "angular_rates")
+        )
+        positions, rotations, velocities, angular_rates = poses
+        return positions, rotations, velocities, angular_rates, factors.ravel(), rates.ravel()

@@ -1,0 +1,311 @@
+//! `SceneRenderer` and `PixelRays` for Python.
+
+use numpy::{Element, IntoPyArray, PyArray1, PyReadonlyArray1};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+
+use super::arrays::column;
+use crate::render::{Light, LightKind, PixelRays, Pose, Renderer, Scene, SceneTables, View};
+
+/// The lattice rays of a sensor's pixels, as undistorted image coordinates.
+///
+/// Args:
+///     width, height: of the sensor, in pixels, 1..65535.
+///     rays: rays of each pixel, 1..1024.
+///     table: float32 (rays * height * width * 2), flat: x and y of the direction (x, y, 1) in camera axes, by ray of
+///         the lattice and pixel, row by row.
+///
+/// Raises:
+///     ValueError: for a size or number of rays out of range, or a table of another length or with numbers that are not
+///         finite.
+#[pyclass(name = "PixelRays", module = "davis_rs._core", frozen)]
+pub(super) struct PyPixelRays(PixelRays);
+
+#[pymethods]
+impl PyPixelRays {
+    #[new]
+    fn new(width: usize, height: usize, rays: usize, table: &Bound<'_, PyAny>) -> PyResult<Self> {
+        Ok(Self(PixelRays::new(width, height, rays, column::<f32>(table, "table")?.as_slice()?)?))
+    }
+
+    fn __repr__(&self) -> String {
+        format!("PixelRays({} x {}, rays={})", self.0.width(), self.0.height(), self.0.rays())
+    }
+}
+
+/// Renders diffuse triangles under direct light: luma, its rate, and depth.
+///
+/// Each pixel has the same bits in any batch of views and on any number of threads. The steps are those of
+/// docs/rendering.md. Arrays are flat; t is the number of triangles. Each triangle is in the coordinates of its own
+/// frame: the world, or a body that moves.
+///
+/// Args:
+///     corners: float64 (t, 3, 3), metres.
+///     planes: float64 (t, 4), unit normal n on the front side and offset d, n . p + d = 0.
+///     u_maps, v_maps: float64 (t, 4), affine maps of a place (x, y, z, 1) to texture coordinates.
+///     normal_maps: float64 (t, 3, 4), those to the shading normal; None where all triangles are flat.
+///     textures: uint32 (t), the number of the triangle's texture.
+///     two_sided: uint32 (t), 1 where the back of the triangle reflects too.
+///     frames: uint32 (t), 0 for the world, 1, 2, ... for bodies.
+///     frame_count: frames in all, with the world's.
+///     layouts: int64 (textures, 4): first texel, width, height, wrap mode (0 repeat, 1 clamp, 2 mirror).
+///     texels: for each light colour float32, all texels as luma, with a frame of one texel around each texture.
+///     lights: of each light (kind, colour, strength, background luma per strength, vector). The kind is ``point``,
+///         whose vector is its place, ``directional``, whose vector is the unit vector along which it travels, or
+///         ``constant``.
+///     shadows: whether point and directional lights throw shadows.
+///     centre: (3), metres, the middle of the scene.
+///     step, end: where shadow rays begin and end, see :mod:`davis_rs.rendering.shadow_rays`.
+///     threads: None for as many as there are processors.
+///
+/// Raises:
+///     ValueError: for arrays that do not belong together, or no threads.
+#[pyclass(name = "SceneRenderer", module = "davis_rs._core", frozen)]
+pub(super) struct PySceneRenderer(Renderer);
+
+/// Where cameras are, and what surrounds them: positions, rotations, velocities and rates of each view in each frame;
+/// factors and their rates of each view and light.
+type Views<'py> =
+    (Bound<'py, PyAny>, Bound<'py, PyAny>, Bound<'py, PyAny>, Bound<'py, PyAny>, Bound<'py, PyAny>, Bound<'py, PyAny>);
+
+/// An array without its shape.
+type Flat<'py, T> = Bound<'py, PyArray1<T>>;
+
+/// Kind, group, strength, background and vector of a light.
+type LightTuple = (String, u32, f64, f64, [f64; 3]);
+
+#[pymethods]
+impl PySceneRenderer {
+    #[new]
+    #[pyo3(signature = (
+        *,
+        corners,
+        planes,
+        u_maps,
+        v_maps,
+        normal_maps,
+        textures,
+        two_sided,
+        frames,
+        frame_count,
+        layouts,
+        texels,
+        lights,
+        shadows,
+        centre,
+        step,
+        end,
+        threads=None,
+    ))]
+    #[allow(clippy::too_many_arguments, reason = "keywords in Python")]
+    fn new(
+        corners: &Bound<'_, PyAny>,
+        planes: &Bound<'_, PyAny>,
+        u_maps: &Bound<'_, PyAny>,
+        v_maps: &Bound<'_, PyAny>,
+        normal_maps: Option<&Bound<'_, PyAny>>,
+        textures: &Bound<'_, PyAny>,
+        two_sided: &Bound<'_, PyAny>,
+        frames: &Bound<'_, PyAny>,
+        frame_count: usize,
+        layouts: &Bound<'_, PyAny>,
+        texels: Vec<Bound<'_, PyAny>>,
+        lights: Vec<LightTuple>,
+        shadows: bool,
+        centre: [f64; 3],
+        step: f64,
+        end: f64,
+        threads: Option<usize>,
+    ) -> PyResult<Self> {
+        let (u_maps, v_maps) = (groups::<f64, 4>(u_maps, "u_maps")?, groups::<f64, 4>(v_maps, "v_maps")?);
+        if u_maps.len() != v_maps.len() {
+            return Err(PyValueError::new_err(format!(
+                "{} u_maps need as many v_maps, got {}",
+                u_maps.len(),
+                v_maps.len()
+            )));
+        }
+        let tables = SceneTables {
+            corners: groups::<f64, 9>(corners, "corners")?.into_iter().map(rows).collect(),
+            planes: groups(planes, "planes")?,
+            uv_maps: u_maps.into_iter().zip(v_maps).map(|(u, v)| [u, v]).collect(),
+            normal_maps: normal_maps.map_or(Ok(vec![]), |maps| {
+                PyResult::Ok(groups::<f64, 12>(maps, "normal_maps")?.into_iter().map(rows).collect())
+            })?,
+            textures: column::<u32>(textures, "textures")?.as_slice()?.to_vec(),
+            two_sided: column::<u32>(two_sided, "two_sided")?.as_slice()?.iter().map(|&flag| flag != 0).collect(),
+            frames: column::<u32>(frames, "frames")?.as_slice()?.to_vec(),
+            frame_count,
+            layouts: groups(layouts, "layouts")?,
+            texels: texels
+                .iter()
+                .map(|group| PyResult::Ok(column::<f32>(group, "texels")?.as_slice()?.to_vec()))
+                .collect::<PyResult<_>>()?,
+            lights: lights.into_iter().map(light).collect::<PyResult<_>>()?,
+            shadows,
+            centre,
+            step,
+            end,
+        };
+        Ok(Self(Renderer::new(Scene::new(&tables)?, threads)?))
+    }
+
+    /// Linear luma of each view, and its rate.
+    ///
+    /// Args:
+    ///     rays: of the sensor.
+    ///     views: the camera at n instants in each of f frames, under l lights, as six flat float64 arrays: places
+    ///         (n, f, 3) in metres; rotations (n, f, 3, 3) that take camera axes to the frame's; velocities (n, f, 3)
+    ///         in the frame's axes, m/s; angular rates (n, f, 3) in camera axes, rad/s; factors (n, l) on the strengths
+    ///         of the lights; the rates of these factors (n, l), 1/s.
+    ///     rate: whether the rate is computed too.
+    ///
+    /// Returns:
+    ///     Luma, float32, flat (n, height, width), and its rate per second in the same shape, None where it was not
+    ///     asked for.
+    ///
+    /// Raises:
+    ///     ValueError: for views of another number of frames or lights than the scene has.
+    #[pyo3(signature = (rays, views, *, rate=false))]
+    fn luma<'py>(
+        &self,
+        py: Python<'py>,
+        rays: &PyPixelRays,
+        views: Views<'py>,
+        rate: bool,
+    ) -> PyResult<(Flat<'py, f32>, Option<Flat<'py, f32>>)> {
+        let views = self.views(&views)?;
+        let room = vec![0f32; views.len() * rays.0.pixels()];
+        let (mut luma, mut rates) = (room.clone(), rate.then_some(room));
+        py.detach(|| self.0.luma(&rays.0, &views, &mut luma, rates.as_deref_mut()))?;
+        Ok((luma.into_pyarray(py), rates.map(|rates| rates.into_pyarray(py))))
+    }
+
+    /// Luma of single pixels, the bits of :meth:`luma`.
+    ///
+    /// Args:
+    ///     rays: of the sensor.
+    ///     views: as in :meth:`luma`.
+    ///     view, pixel: uint32 (k), the number of the view, and of the pixel, row by row.
+    ///
+    /// Returns:
+    ///     Luma, float32 (k).
+    ///
+    /// Raises:
+    ///     ValueError: for views that do not fit the scene, or a view or pixel that is not there.
+    fn samples<'py>(
+        &self,
+        py: Python<'py>,
+        rays: &PyPixelRays,
+        views: Views<'py>,
+        view: &Bound<'py, PyAny>,
+        pixel: &Bound<'py, PyAny>,
+    ) -> PyResult<Flat<'py, f32>> {
+        let (view, pixel) = (column::<u32>(view, "view")?, column::<u32>(pixel, "pixel")?);
+        let pixels: Vec<(u32, u32)> = view.as_slice()?.iter().copied().zip(pixel.as_slice()?.iter().copied()).collect();
+        let views = self.views(&views)?;
+        let mut luma = vec![0f32; pixels.len()];
+        py.detach(|| self.0.samples(&rays.0, &views, &pixels, &mut luma))?;
+        Ok(luma.into_pyarray(py))
+    }
+
+    /// What single rays hit.
+    ///
+    /// Args:
+    ///     rays: of the sensor, one ray a pixel.
+    ///     views: as in :meth:`luma`.
+    ///
+    /// Returns:
+    ///     Depth, float32, flat (n, height, width): z in camera axes, metres, inf where nothing is hit; and the frame
+    ///     of what is hit, uint32 in the same shape, 0 where nothing is.
+    ///
+    /// Raises:
+    ///     ValueError: for views that do not fit the scene, or more than one ray a pixel.
+    fn depth<'py>(
+        &self,
+        py: Python<'py>,
+        rays: &PyPixelRays,
+        views: Views<'py>,
+    ) -> PyResult<(Flat<'py, f32>, Flat<'py, u32>)> {
+        let views = self.views(&views)?;
+        let size = views.len() * rays.0.pixels();
+        let (mut depth, mut owners) = (vec![0f32; size], vec![0u32; size]);
+        py.detach(|| self.0.depth(&rays.0, &views, &mut depth, &mut owners))?;
+        Ok((depth.into_pyarray(py), owners.into_pyarray(py)))
+    }
+
+    fn __repr__(&self) -> String {
+        let scene = self.0.scene();
+        let shadows = if scene.shadows() { "True" } else { "False" };
+        let threads = self.0.threads().map_or("None".to_owned(), |threads| threads.to_string());
+        format!(
+            "SceneRenderer(triangles={}, frames={}, lights={}, shadows={shadows}, threads={threads})",
+            scene.triangles(),
+            scene.frames(),
+            scene.lights()
+        )
+    }
+}
+
+impl PySceneRenderer {
+    fn views(&self, views: &Views<'_>) -> PyResult<Vec<View>> {
+        let (frames, lights) = (self.0.scene().frames(), self.0.scene().lights());
+        let positions = groups::<f64, 3>(&views.0, "positions")?;
+        let rotations = groups::<f64, 9>(&views.1, "rotations")?;
+        let velocities = groups::<f64, 3>(&views.2, "velocities")?;
+        let rates = groups::<f64, 3>(&views.3, "angular_rates")?;
+        let (factors, factor_rates) = (column::<f64>(&views.4, "factors")?, column::<f64>(&views.5, "factor_rates")?);
+        let count = positions.len() / frames;
+        let lengths = [positions.len(), rotations.len(), velocities.len(), rates.len()];
+        let of_lights = [factors.as_slice()?.len(), factor_rates.as_slice()?.len()];
+        if lengths != [count * frames; 4] || of_lights != [count * lights; 2] {
+            return Err(PyValueError::new_err(format!(
+                "views of {frames} frames and {lights} lights need as many poses and factors, got {lengths:?}, {of_lights:?}"
+            )));
+        }
+        let of_light = |i: usize| PyResult::Ok([factors.as_slice()?[i], factor_rates.as_slice()?[i]]);
+        (0..count)
+            .map(|view| {
+                Ok(View {
+                    poses: (view * frames..(view + 1) * frames)
+                        .map(|i| Pose {
+                            position: positions[i],
+                            rotation: rows(rotations[i]),
+                            velocity: velocities[i],
+                            angular_rate: rates[i],
+                        })
+                        .collect(),
+                    factors: (view * lights..(view + 1) * lights).map(of_light).collect::<PyResult<_>>()?,
+                })
+            })
+            .collect()
+    }
+}
+
+fn light((kind, group, strength, background, vector): LightTuple) -> PyResult<Light> {
+    let kind = match kind.as_str() {
+        "point" => LightKind::Point(vector),
+        "directional" => LightKind::Directional(vector),
+        "constant" => LightKind::Constant,
+        _ => return Err(PyValueError::new_err(format!("a light is point, directional or constant, got {kind:?}"))),
+    };
+    Ok(Light { kind, group, strength, background })
+}
+
+/// A flat array as groups of N numbers.
+fn groups<T: Element + Copy, const N: usize>(array: &Bound<'_, PyAny>, name: &str) -> PyResult<Vec<[T; N]>> {
+    let array: PyReadonlyArray1<T> = column(array, name)?;
+    let (groups, rest) = array.as_slice()?.as_chunks::<N>();
+    if !rest.is_empty() {
+        return Err(PyValueError::new_err(format!(
+            "{name} must be groups of {N}, got {} numbers",
+            array.as_slice()?.len()
+        )));
+    }
+    Ok(groups.to_vec())
+}
+
+/// Rows of a matrix.
+fn rows<const N: usize, const M: usize, const K: usize>(flat: [f64; N]) -> [[f64; M]; K] {
+    std::array::from_fn(|i| std::array::from_fn(|j| flat[i * M + j]))
+}

@@ -1,0 +1,242 @@
+//! Which triangles each tile of a view may see.
+
+use super::linear::Linear;
+use super::pixel_rays::PixelRays;
+use super::scene::Scene;
+use super::vector::{Bounds, Vector, add, cross, dot, largest, scale, single, sub};
+use super::view::{Pose, View};
+
+/// A triangle before the camera.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Seen {
+    /// None of them is negative for the rays that pass through the triangle.
+    pub(super) edges: [Linear; 3],
+    /// 1 / depth of the triangle's plane.
+    pub(super) inverse_depth: Linear,
+    /// No corner is nearer than this; inf where the triangle reaches behind the camera.
+    pub(super) nearest: f32,
+    /// Its number in the scene.
+    pub(super) triangle: u32,
+}
+
+/// A triangle in a tile.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Entry {
+    /// Its place among the triangles before the camera.
+    pub(super) seen: u32,
+    /// Whether every ray of the tile passes through it.
+    pub(super) covers: bool,
+}
+
+/// Which part of a triangle a tile or block sees.
+pub(super) enum Cover {
+    Nothing,
+    Part,
+    Everything,
+}
+
+impl Seen {
+    /// The triangle, if it has any extent in the image.
+    ///
+    /// A ray (x, y, 1) meets the triangle where its three determinants with two corners each have the sign of all
+    /// three corners': corners behind the camera are as good as any, and nothing is clipped.
+    fn new(corners: &[Vector; 3], plane: &[f64; 4], pose: &Pose, triangle: u32) -> Option<Self> {
+        let normal = [plane[0], plane[1], plane[2]];
+        let height = dot(normal, pose.position) + plane[3];
+        let edges = [cross(corners[1], corners[2]), cross(corners[2], corners[0]), cross(corners[0], corners[1])];
+        let determinant = dot(corners[0], edges[0]);
+        // Seen from its side a triangle is no wider than float64's rounding of its corners.
+        if determinant.abs() <= 1e-15 * largest(corners[0]) * largest(edges[0]) || height == 0.0 {
+            return None;
+        }
+        let edges = edges.map(|edge| Linear(single(if determinant < 0.0 { scale(edge, -1.0) } else { edge })));
+        let inverse_depth = Linear(single(scale(pose.turned(normal), -1.0 / height)));
+        let front = corners.iter().fold(f64::INFINITY, |least, corner| least.min(corner[2]));
+        #[allow(clippy::cast_possible_truncation, reason = "float64 is rounded to float32")]
+        let nearest = if front > 0.0 { (1.0 / front) as f32 * (1.0 + 1e-5) } else { f32::INFINITY };
+        Some(Self { edges, inverse_depth, nearest, triangle })
+    }
+
+    #[inline]
+    pub(super) fn covers(&self, part: &super::linear::Rect) -> Cover {
+        if self.edges.iter().any(|edge| edge.highest(part) < 0.0) {
+            return Cover::Nothing;
+        }
+        let all = self.edges.iter().all(|edge| edge.lowest(part) >= 0.0) && self.inverse_depth.lowest(part) > 0.0;
+        if all { Cover::Everything } else { Cover::Part }
+    }
+
+    /// The largest inverse depth that it may have in a part of the image.
+    #[inline]
+    pub(super) fn nearest_in(&self, part: &super::linear::Rect) -> f32 {
+        let nearest = self.inverse_depth.highest(part);
+        if nearest < self.nearest { nearest } else { self.nearest }
+    }
+}
+
+/// The triangles of a view, and lists of them for the tiles. It is filled anew for each view.
+#[derive(Debug, Default)]
+pub(super) struct Bins {
+    pub(super) seen: Vec<Seen>,
+    /// Of each tile the inverse depth behind which nothing is seen.
+    hidden: Vec<f32>,
+    found: Vec<(u32, Entry)>,
+    /// Where each tile's entries begin.
+    starts: Vec<u32>,
+    entries: Vec<Entry>,
+    stack: Vec<u32>,
+}
+
+impl Bins {
+    /// Sorts what the view sees into its tiles; where `wanted` is given, into those alone.
+    pub(super) fn fill(&mut self, scene: &Scene, view: &View, rays: &PixelRays, wanted: Option<&[bool]>) {
+        self.seen.clear();
+        self.found.clear();
+        self.hidden.clear();
+        self.hidden.resize(rays.tiles(), 0.0);
+        let mut stack = std::mem::take(&mut self.stack);
+        for (frame, pose) in scene.frames.iter().zip(&view.poses) {
+            let pyramid = Pyramid::new(rays, pose);
+            let first = frame.triangles.start;
+            frame.hierarchy.visit(
+                &mut stack,
+                |bounds| pyramid.meets(bounds),
+                |leaf| {
+                    for triangle in leaf {
+                        self.add(scene, pose, rays, wanted, first + triangle);
+                    }
+                    true
+                },
+            );
+        }
+        self.stack = stack;
+        self.sort(rays.tiles());
+    }
+
+    /// A tile's triangles, without those that are hidden behind one that covers it.
+    pub(super) fn of_tile(&self, rays: &PixelRays, tile: usize, list: &mut Vec<Entry>) {
+        list.clear();
+        let entries = &self.entries[self.starts[tile] as usize..self.starts[tile + 1] as usize];
+        let (part, hidden) = (rays.tile(tile), self.hidden[tile]);
+        list.extend(entries.iter().filter(|e| self.seen[e.seen as usize].nearest_in(part) >= hidden));
+    }
+
+    #[allow(clippy::cast_possible_truncation, reason = "a scene has fewer than 2^30 triangles, a sensor fewer tiles")]
+    fn add(&mut self, scene: &Scene, pose: &Pose, rays: &PixelRays, wanted: Option<&[bool]>, triangle: usize) {
+        let corners = scene.corners[triangle].map(|corner| pose.turned(sub(corner, pose.position)));
+        let Some([low, high]) = extent(&corners) else { return };
+        let columns = rays.reaching(0, low[0], high[0]);
+        let rows = rays.reaching(1, low[1], high[1]);
+        if columns.is_empty() || rows.is_empty() {
+            return;
+        }
+        let Some(seen) = Seen::new(&corners, &scene.surfaces[triangle].plane, pose, triangle as u32) else { return };
+        let number = self.seen.len() as u32;
+        let before = self.found.len();
+        for row in rows {
+            for column in columns.clone() {
+                let tile = row * rays.columns + column;
+                let part = rays.tile(tile);
+                let apart =
+                    low[0] > part.high[0] || high[0] < part.low[0] || low[1] > part.high[1] || high[1] < part.low[1];
+                if apart || wanted.is_some_and(|wanted| !wanted[tile]) || seen.nearest_in(part) < self.hidden[tile] {
+                    continue;
+                }
+                let covers = match seen.covers(part) {
+                    Cover::Nothing => continue,
+                    Cover::Part => false,
+                    Cover::Everything => true,
+                };
+                if covers {
+                    self.hidden[tile] = self.hidden[tile].max(seen.inverse_depth.lowest(part));
+                }
+                self.found.push((tile as u32, Entry { seen: number, covers }));
+            }
+        }
+        if self.found.len() > before {
+            self.seen.push(seen);
+        }
+    }
+
+    /// Entries tile by tile, each tile's in the order in which they were found.
+    #[allow(clippy::cast_possible_truncation, reason = "there are fewer than 2^32 entries")]
+    fn sort(&mut self, tiles: usize) {
+        self.starts.clear();
+        self.starts.resize(tiles + 2, 0);
+        for (tile, _) in &self.found {
+            self.starts[*tile as usize + 2] += 1;
+        }
+        for tile in 0..tiles {
+            self.starts[tile + 2] += self.starts[tile + 1];
+        }
+        self.entries.clear();
+        self.entries.resize(self.found.len(), Entry { seen: 0, covers: false });
+        for &(tile, entry) in &self.found {
+            let place = &mut self.starts[tile as usize + 1];
+            self.entries[*place as usize] = entry;
+            *place += 1;
+        }
+        self.starts.truncate(tiles + 1);
+    }
+}
+
+/// The lowest and highest image coordinates of what of a triangle lies before the camera, a little more; None for
+/// nothing. An edge that passes through the camera's plane goes to infinity there, to the side where it passes.
+fn extent(corners: &[Vector; 3]) -> Option<[[f32; 2]; 2]> {
+    let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
+    let before = corners.map(|corner| corner[2] > 0.0);
+    if before == [false; 3] {
+        return None;
+    }
+    for i in 0..3 {
+        let (one, other) = (corners[i], corners[(i + 1) % 3]);
+        for axis in 0..2 {
+            if before[i] {
+                let at = one[axis] / one[2];
+                low[axis] = low[axis].min(at);
+                high[axis] = high[axis].max(at);
+            }
+            if before[i] != before[(i + 1) % 3] {
+                let there = one[axis] * other[2] - other[axis] * one[2];
+                let side = if before[i] { -there } else { there };
+                if side >= 0.0 {
+                    high[axis] = f64::INFINITY;
+                }
+                if side <= 0.0 {
+                    low[axis] = f64::NEG_INFINITY;
+                }
+            }
+        }
+    }
+    let margin = |x: f64| 1e-6 * (1.0 + x.abs());
+    Some([
+        single(low.map(|x| if x.is_finite() { x - margin(x) } else { x })),
+        single(high.map(|x| if x.is_finite() { x + margin(x) } else { x })),
+    ])
+}
+
+/// What all rays of a camera lie in: the half-spaces of four sides and the camera's plane, in a frame.
+struct Pyramid {
+    planes: [(Vector, f64); 5],
+}
+
+impl Pyramid {
+    fn new(rays: &PixelRays, pose: &Pose) -> Self {
+        let ([left, top], [right, bottom]) = (rays.all.low.map(f64::from), rays.all.high.map(f64::from));
+        let normals = [[1.0, 0.0, -left], [-1.0, 0.0, right], [0.0, 1.0, -top], [0.0, -1.0, bottom], [0.0, 0.0, 1.0]];
+        let planes = normals.map(|normal| {
+            let turned = pose.vector(normal);
+            (turned, -dot(turned, pose.position))
+        });
+        Self { planes }
+    }
+
+    fn meets(&self, bounds: &Bounds) -> bool {
+        let (middle, half) = (bounds.centre(), scale(sub(bounds.high, bounds.low), 0.5));
+        let slack = 1e-9 * (largest(middle) + largest(half));
+        self.planes.iter().all(|&(normal, offset)| {
+            let reach = dot(normal.map(f64::abs), add(half, [slack; 3]));
+            dot(normal, middle) + offset + reach >= 0.0
+        })
+    }
+}

@@ -1,0 +1,61 @@
+//! Lights as a camera has them around it at an instant.
+
+use super::scene::{LightKind, Scene};
+use super::vector::{Vector, add, sub};
+use super::view::View;
+
+/// A light in camera axes, and how it changes there.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct SeenLight {
+    pub(super) kind: SeenKind,
+    pub(super) group: usize,
+    pub(super) strength: f64,
+    pub(super) strength_rate: f64,
+}
+
+/// Where it shines from.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum SeenKind {
+    /// A place, and its rate.
+    Point(Vector, Vector),
+    /// The unit vector towards the light, and its rate.
+    Directional(Vector, Vector),
+    Constant,
+}
+
+/// Lights in the order of their colours, which is that in which they are added up.
+pub(super) fn seen_lights(scene: &Scene, view: &View) -> Vec<SeenLight> {
+    let camera = &view.poses[0];
+    let mut lights: Vec<SeenLight> = scene
+        .lights
+        .iter()
+        .zip(&view.factors)
+        .map(|(light, factor)| SeenLight {
+            kind: match light.kind {
+                LightKind::Point(place) => {
+                    let seen = camera.turned(sub(place, camera.position));
+                    SeenKind::Point(seen, add(camera.turning(seen), camera.drift()))
+                }
+                LightKind::Directional(along) => {
+                    let towards = camera.turned(along.map(|x| -x));
+                    SeenKind::Directional(towards, camera.turning(towards))
+                }
+                LightKind::Constant => SeenKind::Constant,
+            },
+            group: light.group as usize,
+            strength: light.strength * factor[0],
+            strength_rate: light.strength * factor[1],
+        })
+        .collect();
+    lights.sort_by_key(|light| light.group);
+    lights
+}
+
+/// Luma of a ray that hits nothing, and its rate.
+#[allow(clippy::cast_possible_truncation, reason = "float64 is rounded to float32")]
+pub(super) fn background(scene: &Scene, view: &View) -> (f32, f32) {
+    let of = |which: usize| -> f64 {
+        scene.lights.iter().zip(&view.factors).map(|(l, f)| l.strength * l.background * f[which]).sum()
+    };
+    (of(0) as f32, of(1) as f32)
+}

@@ -1,0 +1,73 @@
+//! Linear functions over the image, and their bounds over a part of it.
+
+/// A part of the image in undistorted coordinates: the x and y of ray directions (x, y, 1) in camera axes.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Rect {
+    pub(super) low: [f32; 2],
+    pub(super) high: [f32; 2],
+}
+
+impl Rect {
+    /// What holds nothing yet.
+    pub(super) const NONE: Self = Self { low: [f32::INFINITY; 2], high: [f32::NEG_INFINITY; 2] };
+
+    pub(super) fn add(&mut self, x: f32, y: f32) {
+        self.low = [self.low[0].min(x), self.low[1].min(y)];
+        self.high = [self.high[0].max(x), self.high[1].max(y)];
+    }
+
+    pub(super) fn corners(&self) -> [[f32; 2]; 4] {
+        let (low, high) = (self.low, self.high);
+        [low, [high[0], low[1]], [low[0], high[1]], high]
+    }
+}
+
+/// a x + (b y + c), in that order.
+///
+/// Each rounding is monotonic, so the value at the right corner of a [`Rect`] bounds the values at all points in it as
+/// they are computed, not only as they ought to be: a part of the image may be decided upon at its corners, and every
+/// ray in it would have decided the same.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Linear(pub(super) [f32; 3]);
+
+#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
+impl Linear {
+    #[inline(always)]
+    pub(super) fn at(self, x: f32, y: f32) -> f32 {
+        self.0[0] * x + (self.0[1] * y + self.0[2])
+    }
+
+    #[inline(always)]
+    pub(super) fn highest(self, part: &Rect) -> f32 {
+        let [a, b, _] = self.0;
+        self.at(if a > 0.0 { part.high[0] } else { part.low[0] }, if b > 0.0 { part.high[1] } else { part.low[1] })
+    }
+
+    #[inline(always)]
+    pub(super) fn lowest(self, part: &Rect) -> f32 {
+        let [a, b, _] = self.0;
+        self.at(if a > 0.0 { part.low[0] } else { part.high[0] }, if b > 0.0 { part.low[1] } else { part.high[1] })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        /// No point of a part lies outside of the bounds, not by one rounding.
+        #[test]
+        fn corners_bound_every_point(
+            c in prop::array::uniform3(-1e3f32..1e3), x in prop::array::uniform2(-2f32..2.0),
+            y in prop::array::uniform2(-2f32..2.0), s in 0f32..=1.0, t in 0f32..=1.0,
+        ) {
+            let mut part = Rect::NONE;
+            part.add(x[0], y[0]);
+            part.add(x[1], y[1]);
+            let inside = |low: f32, high: f32, s: f32| (low + (high - low) * s).clamp(low, high);
+            let value = Linear(c).at(inside(part.low[0], part.high[0], s), inside(part.low[1], part.high[1], t));
+            prop_assert!(Linear(c).lowest(&part) <= value && value <= Linear(c).highest(&part));
+        }
+    }
+}

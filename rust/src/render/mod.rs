@@ -1,0 +1,38 @@
+//! The renderer: linear luma of diffuse triangles under direct light, as a camera's rays see them.
+//!
+//! ```text
+//! view -> bins: which triangles each tile of the image may see
+//!      -> visibility: which of them each of its rays meets first
+//!      -> shade: depth, texture, light and shadow of the rays of one triangle
+//!      -> tile: the mean of each pixel's rays
+//! ```
+//!
+//! [`scene`] holds what is rendered, [`hierarchy`] finds its triangles, [`pixel_rays`] holds the camera's rays by tiles,
+//! [`view`] says where the camera is and how it moves there. [`linear`] makes a tile's decisions those of its rays,
+//! [`texture`], [`lights`] and [`shadows`] (behind [`cone`]s) give what [`shade`] needs; [`tile`] is compiled for several
+//! processors, [`renderer`] is what the user sees.
+
+#![allow(clippy::many_single_char_names, reason = "coordinates and corners have such names")]
+#![allow(clippy::needless_range_loop, reason = "loops over the lanes of several arrays become vector code")]
+#![allow(clippy::float_cmp, reason = "ties are exact")]
+
+mod bins;
+mod cone;
+mod hierarchy;
+mod lights;
+mod linear;
+mod pixel_rays;
+mod renderer;
+mod scene;
+mod shade;
+mod shadows;
+mod texture;
+mod tile;
+mod vector;
+mod view;
+mod visibility;
+
+pub use pixel_rays::PixelRays;
+pub use renderer::Renderer;
+pub use scene::{Light, LightKind, Scene, SceneTables};
+pub use view::{Pose, View};

@@ -1,0 +1,269 @@
+//! A diffuse scene of triangles as the renderer keeps it, from tables that are checked once.
+
+use std::ops::Range;
+
+use super::hierarchy::Hierarchy;
+use super::texture::{self, Texture};
+use super::vector::{Bounds, Vector, add, cross, dot, largest, sub};
+use super::view::View;
+use crate::error::{Error, Result};
+
+/// What shines: where, and how.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum LightKind {
+    /// From a place in the world, metres.
+    Point([f64; 3]),
+    /// Along a unit vector of the world, the way the light travels.
+    Directional([f64; 3]),
+    /// From all sides, never shadowed.
+    Constant,
+}
+
+/// A light of one colour.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Light {
+    /// What shines.
+    pub kind: LightKind,
+    /// Which of the scene's texels, weighted to luma for its colour, it falls on.
+    pub group: u32,
+    /// Intensity, irradiance or radiance of its strongest channel.
+    pub strength: f64,
+    /// Luma of a ray that hits nothing, for a strength of 1; 0 unless the light is constant and seen.
+    pub background: f64,
+}
+
+/// A scene's tables, one entry a triangle where nothing else is said; each triangle in its own frame: that of the world,
+/// or that of the body that it belongs to.
+#[derive(Clone, Debug, Default)]
+pub struct SceneTables {
+    /// Corners, metres.
+    pub corners: Vec<[[f64; 3]; 3]>,
+    /// Unit normal n on the front and offset d of the plane n . p + d = 0.
+    pub planes: Vec<[f64; 4]>,
+    /// Texture coordinates u and v of a place p: map[..3] . p + map[3].
+    pub uv_maps: Vec<[[f64; 4]; 2]>,
+    /// The shading normal before it is normalised, a map for each component; empty where every triangle is flat.
+    pub normal_maps: Vec<[[f64; 4]; 3]>,
+    /// The number of its texture.
+    pub textures: Vec<u32>,
+    /// Whether the back reflects too.
+    pub two_sided: Vec<bool>,
+    /// The frame: 0 for what stands still in the world, 1, 2, ... for bodies.
+    pub frames: Vec<u32>,
+    /// How many frames there are.
+    pub frame_count: usize,
+    /// For each texture: first texel, width, height and wrap mode (0 repeat, 1 clamp, 2 mirror).
+    pub layouts: Vec<[i64; 4]>,
+    /// For each light colour all texels as luma; around each texture a frame of one texel, as its wrap mode has it.
+    pub texels: Vec<Vec<f32>>,
+    /// The lights.
+    pub lights: Vec<Light>,
+    /// Whether point and directional lights throw shadows.
+    pub shadows: bool,
+    /// The middle of what stands still: shadows are offset by the distance from it, see `step`.
+    pub centre: [f64; 3],
+    /// A shadow's ray starts off the surface by this share of (the place's largest distance from the centre along an
+    /// axis, plus its depth).
+    pub step: f64,
+    /// What lies in this last share of the way to a point light throws no shadow.
+    pub end: f64,
+}
+
+/// How a triangle's surface reflects.
+#[derive(Clone, Debug)]
+pub(super) struct Surface {
+    pub(super) plane: [f64; 4],
+    pub(super) u: [f64; 4],
+    pub(super) v: [f64; 4],
+    /// None where the shading normal is the plane's.
+    pub(super) normal: Option<Box<[[f64; 4]; 3]>>,
+    pub(super) texture: u32,
+    pub(super) two_sided: bool,
+    pub(super) frame: u32,
+}
+
+/// What stands still in one frame: triangles side by side, and the hierarchy over them.
+#[derive(Debug)]
+pub(super) struct Frame {
+    /// What was taken from all of its coordinates, so that they are small.
+    pub(super) centre: Vector,
+    pub(super) triangles: Range<usize>,
+    pub(super) hierarchy: Hierarchy,
+}
+
+/// A scene, ready to be rendered. Coordinates are those of each frame less its centre.
+#[derive(Debug)]
+pub struct Scene {
+    pub(super) frames: Vec<Frame>,
+    pub(super) corners: Vec<[Vector; 3]>,
+    pub(super) surfaces: Vec<Surface>,
+    pub(super) textures: Vec<Texture>,
+    pub(super) texels: Vec<Vec<f32>>,
+    pub(super) lights: Vec<Light>,
+    pub(super) shadows: bool,
+    pub(super) step: f64,
+    /// How many times farther from the surface than from the light an occluder may lie.
+    pub(super) farthest: f32,
+}
+
+impl Scene {
+    /// Checks the tables and orders the triangles.
+    ///
+    /// Triangles without area, or with a corner that is not finite, are never hit, and left out.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Argument`] for tables that do not belong together.
+    pub fn new(tables: &SceneTables) -> Result<Self> {
+        let textures = texture::checked(&tables.layouts, &tables.texels)?;
+        check(tables)?;
+        let mut scene = Self {
+            frames: vec![],
+            corners: Vec::with_capacity(tables.corners.len()),
+            surfaces: Vec::with_capacity(tables.corners.len()),
+            textures,
+            texels: tables.texels.clone(),
+            lights: tables.lights.clone(),
+            shadows: tables.shadows,
+            step: tables.step,
+            #[allow(clippy::cast_possible_truncation, reason = "float64 is rounded to float32")]
+            farthest: ((1.0 - tables.end) / tables.end) as f32,
+        };
+        for light in &mut scene.lights {
+            if let LightKind::Point(place) = &mut light.kind {
+                *place = sub(*place, tables.centre);
+            }
+        }
+        for frame in 0..tables.frame_count {
+            let members: Vec<usize> = (0..tables.corners.len())
+                .filter(|&i| tables.frames[i] as usize == frame && has_area(&tables.corners[i]))
+                .collect();
+            scene.push_frame(tables, frame, &members);
+        }
+        Ok(scene)
+    }
+
+    fn push_frame(&mut self, tables: &SceneTables, frame: usize, members: &[usize]) {
+        let bounds: Vec<Bounds> = members.iter().map(|&i| Bounds::of(&tables.corners[i])).collect();
+        let around = bounds.iter().fold(Bounds::NONE, |all, b| all.with(b));
+        let centre = if frame == 0 {
+            tables.centre
+        } else if members.is_empty() {
+            [0.0; 3]
+        } else {
+            around.centre()
+        };
+        let own: Vec<Bounds> =
+            bounds.iter().map(|b| Bounds { low: sub(b.low, centre), high: sub(b.high, centre) }).collect();
+        let (hierarchy, order) = Hierarchy::new(&own);
+        let first = self.corners.len();
+        for &at in &order {
+            let i = members[at as usize];
+            let moved = |map: [f64; 4]| [map[0], map[1], map[2], map[3] + dot([map[0], map[1], map[2]], centre)];
+            let plane = moved(tables.planes[i]);
+            let normal = tables.normal_maps.get(i).map(|maps| maps.map(moved)).filter(|maps| is_smooth(maps, &plane));
+            self.corners.push(tables.corners[i].map(|corner| sub(corner, centre)));
+            self.surfaces.push(Surface {
+                plane,
+                u: moved(tables.uv_maps[i][0]),
+                v: moved(tables.uv_maps[i][1]),
+                normal: normal.map(Box::new),
+                texture: tables.textures[i],
+                two_sided: tables.two_sided[i],
+                #[allow(clippy::cast_possible_truncation, reason = "it came as u32")]
+                frame: frame as u32,
+            });
+        }
+        self.frames.push(Frame { centre, triangles: first..self.corners.len(), hierarchy });
+    }
+
+    /// A view with the camera where it is in the frames less their centres.
+    pub(super) fn centred(&self, view: &View) -> View {
+        let mut view = view.clone();
+        for (pose, frame) in view.poses.iter_mut().zip(&self.frames) {
+            pose.position = sub(pose.position, frame.centre);
+        }
+        view
+    }
+
+    /// Triangles that can be seen.
+    #[must_use]
+    pub fn triangles(&self) -> usize {
+        self.corners.len()
+    }
+
+    /// Frames: the world's, and one for each body.
+    #[must_use]
+    pub fn frames(&self) -> usize {
+        self.frames.len()
+    }
+
+    /// Lights.
+    #[must_use]
+    pub fn lights(&self) -> usize {
+        self.lights.len()
+    }
+
+    /// Whether point and directional lights throw shadows.
+    #[must_use]
+    pub fn shadows(&self) -> bool {
+        self.shadows
+    }
+}
+
+fn has_area(corners: &[Vector; 3]) -> bool {
+    let [a, b, c] = *corners;
+    let normal = cross(sub(b, a), sub(c, a));
+    largest(normal) > 0.0 && largest(normal).is_finite() && corners.iter().flatten().all(|x| x.is_finite())
+}
+
+/// Whether the shading normal is another than the plane's.
+fn is_smooth(maps: &[[f64; 4]; 3], plane: &[f64; 4]) -> bool {
+    maps.iter().zip(plane).any(|(map, n)| map[..3] != [0.0; 3] || (map[3] - n).abs() > 1e-6)
+}
+
+fn check(tables: &SceneTables) -> Result<()> {
+    let n = tables.corners.len();
+    let refuse = |message: String| Err(Error::Argument(message));
+    for (name, length) in [
+        ("planes", tables.planes.len()),
+        ("uv_maps", tables.uv_maps.len()),
+        ("textures", tables.textures.len()),
+        ("two_sided", tables.two_sided.len()),
+        ("frames", tables.frames.len()),
+        ("normal_maps", if tables.normal_maps.is_empty() { n } else { tables.normal_maps.len() }),
+    ] {
+        if length != n {
+            return refuse(format!("{n} triangles need as many {name}, got {length}"));
+        }
+    }
+    if n >= 1 << 30 {
+        return refuse(format!("a scene has fewer than 2^30 triangles, got {n}"));
+    }
+    if let Some(texture) = tables.textures.iter().find(|&&t| t as usize >= tables.layouts.len()) {
+        return refuse(format!("a triangle has texture {texture} of {}", tables.layouts.len()));
+    }
+    if let Some(frame) = tables.frames.iter().find(|&&f| f as usize >= tables.frame_count) {
+        return refuse(format!("a triangle has frame {frame} of {}", tables.frame_count));
+    }
+    if tables.frame_count == 0 {
+        return refuse("a scene has at least the world's frame, got 0".to_owned());
+    }
+    for light in &tables.lights {
+        let vector = match light.kind {
+            LightKind::Point(vector) | LightKind::Directional(vector) => vector,
+            LightKind::Constant => [0.0; 3],
+        };
+        let finite = add(vector, [light.strength, light.background, 0.0]).iter().all(|x| x.is_finite());
+        if light.group as usize >= tables.texels.len() || !finite {
+            return refuse(format!("lights are finite and of one of {} colours, got {light:?}", tables.texels.len()));
+        }
+    }
+    if !(tables.step >= 0.0 && tables.end > 0.0 && tables.end < 1.0 && largest(tables.centre).is_finite()) {
+        return refuse(format!(
+            "shadows need step >= 0, 0 < end < 1 and a finite centre, got {}, {} and {:?}",
+            tables.step, tables.end, tables.centre
+        ));
+    }
+    Ok(())
+}

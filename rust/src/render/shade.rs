@@ -1,0 +1,465 @@
+//! What surfaces reflect: luma of rays whose triangle is known, and its rate of change along the same triangle.
+
+use std::f64::consts::FRAC_1_PI;
+
+use super::bins::Seen;
+use super::lights::{SeenKind, SeenLight};
+use super::linear::Linear;
+use super::scene::Scene;
+use super::shadows::Shadow;
+use super::texture::{Taps, Texture, Wrap};
+use super::vector::{Vector, dot, single};
+use super::view::{Pose, View};
+
+/// A linear function of the ray, and its rate.
+#[derive(Clone, Copy, Debug)]
+struct Changing {
+    now: Linear,
+    rate: Linear,
+}
+
+/// An affine function of the place that a ray hits: its part that is linear in the ray, per unit of depth, and the rest.
+#[derive(Clone, Copy, Debug)]
+struct Affine {
+    slope: Changing,
+    offset: f32,
+    offset_rate: f32,
+}
+
+/// How a light falls on a triangle.
+#[derive(Clone, Copy, Debug)]
+enum Falls {
+    /// The same everywhere on it.
+    Evenly { amount: f32, rate: f32 },
+    /// From a place: by the plane's distance from it.
+    From { place: [f32; 3], place_rate: [f32; 3], amount: f32, rate: f32 },
+    /// From a place, on a surface whose normal changes.
+    FromOnSmooth { place: [f32; 3], place_rate: [f32; 3], strength: f32, rate: f32 },
+    /// Along a direction, on a surface whose normal changes.
+    AlongOnSmooth { towards: [f32; 3], towards_rate: [f32; 3], strength: f32, rate: f32 },
+}
+
+/// A light on a triangle: its colour, its number among the view's lights.
+#[derive(Clone, Copy, Debug)]
+struct Lit {
+    falls: Falls,
+    group: usize,
+    light: usize,
+}
+
+/// A triangle as a camera sees it.
+#[derive(Debug)]
+pub(super) struct Shader<'a> {
+    scene: &'a Scene,
+    texture: &'a Texture,
+    inverse_depth: Changing,
+    u: Affine,
+    v: Affine,
+    smooth: Option<[Affine; 3]>,
+    two_sided: bool,
+    lit: Vec<Lit>,
+    /// Whether all of it is black.
+    pub(super) dark: bool,
+}
+
+impl<'a> Shader<'a> {
+    pub(super) fn new(scene: &'a Scene, view: &View, lights: &[SeenLight], seen: &Seen) -> Self {
+        let surface = &scene.surfaces[seen.triangle as usize];
+        let pose = &view.poses[surface.frame as usize];
+        let texture = &scene.textures[surface.texture as usize];
+        let normal = pose.turned([surface.plane[0], surface.plane[1], surface.plane[2]]);
+        let normal_rate = pose.turning(normal);
+        let plane = Plane {
+            normal,
+            normal_rate,
+            height: dot([surface.plane[0], surface.plane[1], surface.plane[2]], pose.position) + surface.plane[3],
+            height_rate: -dot(normal, pose.drift()),
+        };
+        let smooth = surface.normal.as_ref().map(|maps| {
+            // The map's components along the frame's axes, turned into camera axes.
+            let rows = maps.map(|map| Map::new(&map, pose));
+            std::array::from_fn(|i| turned_map(&rows, pose, i))
+        });
+        // The normal n points at the camera where n . p + d > 0 at its place p.
+        let facing = if plane.height < 0.0 { -1.0 } else { 1.0 };
+        let dark = smooth.is_none() && facing < 0.0 && !surface.two_sided;
+        let mut shader = Self {
+            scene,
+            texture,
+            inverse_depth: Changing {
+                now: seen.inverse_depth,
+                rate: Linear(single(std::array::from_fn(|i| {
+                    (plane.normal[i] * plane.height_rate / plane.height - plane.normal_rate[i]) / plane.height
+                }))),
+            },
+            u: coordinate(&surface.u, pose, texture.wrap),
+            v: coordinate(&surface.v, pose, texture.wrap),
+            smooth,
+            two_sided: surface.two_sided,
+            lit: vec![],
+            dark,
+        };
+        if !dark {
+            let is_smooth = shader.smooth.is_some();
+            shader.lit.extend(lights.iter().enumerate().filter_map(|(number, light)| {
+                let falls = if is_smooth { on_smooth(light) } else { plane.lit_by(light, facing) };
+                Some(Lit { falls: falls?, group: light.group, light: number })
+            }));
+            shader.dark = shader.lit.is_empty();
+        }
+        shader
+    }
+
+    /// Numbers of the lights that fall on it.
+    pub(super) fn lights(&self) -> impl Iterator<Item = usize> {
+        self.lit.iter().map(|lit| lit.light)
+    }
+}
+
+struct Plane {
+    normal: Vector,
+    normal_rate: Vector,
+    /// n . p + d at the camera's place p.
+    height: f64,
+    height_rate: f64,
+}
+
+#[allow(clippy::cast_possible_truncation, reason = "float64 is rounded to float32")]
+impl Plane {
+    /// How a light falls on the side that faces the camera; None where it does not.
+    fn lit_by(&self, light: &SeenLight, facing: f64) -> Option<Falls> {
+        match light.kind {
+            SeenKind::Constant => {
+                Some(Falls::Evenly { amount: light.strength as f32, rate: light.strength_rate as f32 })
+            }
+            SeenKind::Directional(towards, towards_rate) => {
+                let cosine = facing * dot(self.normal, towards);
+                let rate = facing * (dot(self.normal_rate, towards) + dot(self.normal, towards_rate));
+                (cosine > 0.0).then_some(Falls::Evenly {
+                    amount: (cosine * light.strength * FRAC_1_PI) as f32,
+                    rate: ((rate * light.strength + cosine * light.strength_rate) * FRAC_1_PI) as f32,
+                })
+            }
+            SeenKind::Point(place, place_rate) => {
+                let above = facing * (dot(self.normal, place) + self.height);
+                let rate = facing * (dot(self.normal_rate, place) + dot(self.normal, place_rate) + self.height_rate);
+                (above > 0.0).then(|| Falls::From {
+                    place: single(place),
+                    place_rate: single(place_rate),
+                    amount: (above * light.strength * FRAC_1_PI) as f32,
+                    rate: ((rate * light.strength + above * light.strength_rate) * FRAC_1_PI) as f32,
+                })
+            }
+        }
+    }
+}
+
+#[allow(clippy::cast_possible_truncation, reason = "float64 is rounded to float32")]
+#[allow(clippy::unnecessary_wraps, reason = "as for flat surfaces")]
+fn on_smooth(light: &SeenLight) -> Option<Falls> {
+    let (strength, rate) = ((light.strength * FRAC_1_PI) as f32, (light.strength_rate * FRAC_1_PI) as f32);
+    Some(match light.kind {
+        SeenKind::Constant => Falls::Evenly { amount: light.strength as f32, rate: light.strength_rate as f32 },
+        SeenKind::Directional(towards, towards_rate) => {
+            Falls::AlongOnSmooth { towards: single(towards), towards_rate: single(towards_rate), strength, rate }
+        }
+        SeenKind::Point(place, place_rate) => {
+            Falls::FromOnSmooth { place: single(place), place_rate: single(place_rate), strength, rate }
+        }
+    })
+}
+
+/// An affine function of places in a frame, in camera axes and float64.
+struct Map {
+    slope: Vector,
+    slope_rate: Vector,
+    offset: f64,
+    offset_rate: f64,
+}
+
+impl Map {
+    fn new(map: &[f64; 4], pose: &Pose) -> Self {
+        let slope = [map[0], map[1], map[2]];
+        let turned = pose.turned(slope);
+        Self {
+            slope: turned,
+            slope_rate: pose.turning(turned),
+            offset: dot(slope, pose.position) + map[3],
+            offset_rate: dot(slope, pose.velocity),
+        }
+    }
+
+    #[allow(clippy::cast_possible_truncation, reason = "float64 is rounded to float32")]
+    fn single(&self) -> Affine {
+        Affine {
+            slope: Changing { now: Linear(single(self.slope)), rate: Linear(single(self.slope_rate)) },
+            offset: self.offset as f32,
+            offset_rate: self.offset_rate as f32,
+        }
+    }
+}
+
+/// A texture coordinate. Whole periods are taken from it, so that float32 is fine enough wherever the texture lies.
+fn coordinate(map: &[f64; 4], pose: &Pose, wrap: Wrap) -> Affine {
+    let mut map = Map::new(map, pose);
+    match wrap {
+        Wrap::Repeat => map.offset -= map.offset.floor(),
+        Wrap::Mirror => map.offset -= 2.0 * (map.offset / 2.0).floor(),
+        Wrap::Clamp => {}
+    }
+    map.single()
+}
+
+/// Component `i` in camera axes of a vector whose components in the frame's axes are affine functions.
+fn turned_map(rows: &[Map; 3], pose: &Pose, i: usize) -> Affine {
+    let mut sum = Map { slope: [0.0; 3], slope_rate: [0.0; 3], offset: 0.0, offset_rate: 0.0 };
+    for (k, row) in rows.iter().enumerate() {
+        let mut axis = [0.0; 3];
+        axis[k] = 1.0;
+        let turned = pose.turned(axis);
+        let (share, share_rate) = (turned[i], pose.turning(turned)[i]);
+        for j in 0..3 {
+            sum.slope[j] += share * row.slope[j];
+            sum.slope_rate[j] += share * row.slope_rate[j] + share_rate * row.slope[j];
+        }
+        sum.offset += share * row.offset;
+        sum.offset_rate += share * row.offset_rate + share_rate * row.offset;
+    }
+    sum.single()
+}
+
+/// Luma and, where it is wanted, its rate.
+pub(super) type Reflected<const L: usize> = ([f32; L], [f32; L]);
+
+#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
+impl Shader<'_> {
+    /// What L rays see of the triangle.
+    #[inline(always)]
+    pub(super) fn luma<const L: usize, const RATE: bool>(
+        &self,
+        x: &[f32; L],
+        y: &[f32; L],
+        shadow: &Shadow,
+    ) -> Reflected<L> {
+        let (depth, depth_rate) = self.depth::<L, RATE>(x, y);
+        let (mut luma, mut rate) = ([0f32; L], [0f32; L]);
+        let taps = self.taps::<L, RATE>(x, y, &depth, &depth_rate);
+        let normal = self.smooth.as_ref().map(|maps| normals::<L, RATE>(maps, x, y, &depth, &depth_rate));
+        let mut at = 0;
+        while at < self.lit.len() {
+            let group = self.lit[at].group;
+            let (mut light, mut light_rate) = ([0f32; L], [0f32; L]);
+            while at < self.lit.len() && self.lit[at].group == group {
+                let lit = &self.lit[at];
+                let (mut one, mut one_rate) =
+                    falling::<L, RATE>(&lit.falls, x, y, &depth, &depth_rate, normal.as_ref());
+                shadow.cast::<L>(lit.light, x, y, &depth, &mut one, &mut one_rate);
+                for i in 0..L {
+                    light[i] += one[i];
+                    light_rate[i] += one_rate[i];
+                }
+                at += 1;
+            }
+            let (reflectance, reflectance_rate) = self.reflectance::<L, RATE>(group, taps.as_ref());
+            for i in 0..L {
+                luma[i] += reflectance[i] * light[i];
+                if RATE {
+                    rate[i] += reflectance[i] * light_rate[i] + reflectance_rate[i] * light[i];
+                }
+            }
+        }
+        if let Some(normal) = &normal
+            && !self.two_sided
+        {
+            for i in 0..L {
+                let front = normal.facing[i] > 0.0;
+                luma[i] = if front { luma[i] } else { 0.0 };
+                rate[i] = if front { rate[i] } else { 0.0 };
+            }
+        }
+        (luma, rate)
+    }
+
+    #[inline(always)]
+    fn depth<const L: usize, const RATE: bool>(&self, x: &[f32; L], y: &[f32; L]) -> ([f32; L], [f32; L]) {
+        let (mut depth, mut rate) = ([0f32; L], [0f32; L]);
+        for i in 0..L {
+            depth[i] = 1.0 / self.inverse_depth.now.at(x[i], y[i]);
+            if RATE {
+                rate[i] = -(depth[i] * depth[i]) * self.inverse_depth.rate.at(x[i], y[i]);
+            }
+        }
+        (depth, rate)
+    }
+
+    /// Where its texture is hit; None where it is the same everywhere.
+    #[inline(always)]
+    fn taps<const L: usize, const RATE: bool>(
+        &self,
+        x: &[f32; L],
+        y: &[f32; L],
+        depth: &[f32; L],
+        depth_rate: &[f32; L],
+    ) -> Option<(Taps<L>, [[f32; L]; 2])> {
+        if self.texture.is_constant() {
+            return None;
+        }
+        let (u, u_rate) = self.u.at::<L, RATE>(x, y, depth, depth_rate);
+        let (v, v_rate) = self.v.at::<L, RATE>(x, y, depth, depth_rate);
+        Some((Taps::new::<RATE>(self.texture, &u, &v), [u_rate, v_rate]))
+    }
+
+    #[inline(always)]
+    fn reflectance<const L: usize, const RATE: bool>(
+        &self,
+        group: usize,
+        taps: Option<&(Taps<L>, [[f32; L]; 2])>,
+    ) -> Reflected<L> {
+        let texels = self.texture.texels(&self.scene.texels[group]);
+        match taps {
+            None => ([texels[0]; L], [0f32; L]),
+            Some((taps, rates)) => taps.look_up::<RATE>(texels, self.texture.width as usize + 2, rates),
+        }
+    }
+}
+
+#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
+impl Affine {
+    #[inline(always)]
+    fn at<const L: usize, const RATE: bool>(
+        &self,
+        x: &[f32; L],
+        y: &[f32; L],
+        depth: &[f32; L],
+        depth_rate: &[f32; L],
+    ) -> ([f32; L], [f32; L]) {
+        let (mut value, mut rate) = ([0f32; L], [0f32; L]);
+        for i in 0..L {
+            let slope = self.slope.now.at(x[i], y[i]);
+            value[i] = depth[i] * slope + self.offset;
+            if RATE {
+                rate[i] = depth_rate[i] * slope + (depth[i] * self.slope.rate.at(x[i], y[i]) + self.offset_rate);
+            }
+        }
+        (value, rate)
+    }
+}
+
+/// Unit normals that face the camera, their rates, and whether (1 or -1) their front does.
+struct Normals<const L: usize> {
+    now: [[f32; L]; 3],
+    rate: [[f32; L]; 3],
+    facing: [f32; L],
+}
+
+#[inline(always)]
+#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
+fn normals<const L: usize, const RATE: bool>(
+    maps: &[Affine; 3],
+    x: &[f32; L],
+    y: &[f32; L],
+    depth: &[f32; L],
+    depth_rate: &[f32; L],
+) -> Normals<L> {
+    let parts = [
+        maps[0].at::<L, RATE>(x, y, depth, depth_rate),
+        maps[1].at::<L, RATE>(x, y, depth, depth_rate),
+        maps[2].at::<L, RATE>(x, y, depth, depth_rate),
+    ];
+    let mut normals = Normals { now: [[0f32; L]; 3], rate: [[0f32; L]; 3], facing: [0f32; L] };
+    for i in 0..L {
+        let m = [parts[0].0[i], parts[1].0[i], parts[2].0[i]];
+        let along = m[0] * x[i] + (m[1] * y[i] + m[2]);
+        let facing = if along > 0.0 { -1.0 } else { 1.0 };
+        let per_length = facing / (m[0] * m[0] + (m[1] * m[1] + m[2] * m[2])).sqrt();
+        let n = m.map(|component| component * per_length);
+        normals.facing[i] = facing;
+        for k in 0..3 {
+            normals.now[k][i] = n[k];
+        }
+        if RATE {
+            let r = [parts[0].1[i] * per_length, parts[1].1[i] * per_length, parts[2].1[i] * per_length];
+            let along = n[0] * r[0] + (n[1] * r[1] + n[2] * r[2]);
+            for k in 0..3 {
+                normals.rate[k][i] = r[k] - n[k] * along;
+            }
+        }
+    }
+    normals
+}
+
+/// Irradiance / pi of a light that nothing shadows, and its rate.
+#[inline(always)]
+#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
+fn falling<const L: usize, const RATE: bool>(
+    falls: &Falls,
+    x: &[f32; L],
+    y: &[f32; L],
+    depth: &[f32; L],
+    depth_rate: &[f32; L],
+    normals: Option<&Normals<L>>,
+) -> Reflected<L> {
+    let (mut value, mut rate) = ([0f32; L], [0f32; L]);
+    match (*falls, normals) {
+        (Falls::From { place, place_rate, amount, rate: amount_rate }, _) => {
+            for i in 0..L {
+                let to = [place[0] - x[i] * depth[i], place[1] - y[i] * depth[i], place[2] - depth[i]];
+                let squared = to[0] * to[0] + (to[1] * to[1] + to[2] * to[2]);
+                let cube = squared * squared.sqrt();
+                value[i] = amount / cube;
+                if RATE {
+                    let dz = depth_rate[i];
+                    let change = [place_rate[0] - x[i] * dz, place_rate[1] - y[i] * dz, place_rate[2] - dz];
+                    let along = to[0] * change[0] + (to[1] * change[1] + to[2] * change[2]);
+                    rate[i] = amount_rate / cube - 3.0 * value[i] * along / squared;
+                }
+            }
+        }
+        (Falls::FromOnSmooth { place, place_rate, strength, rate: strength_rate }, Some(normals)) => {
+            for i in 0..L {
+                let to = [place[0] - x[i] * depth[i], place[1] - y[i] * depth[i], place[2] - depth[i]];
+                let squared = to[0] * to[0] + (to[1] * to[1] + to[2] * to[2]);
+                let cube = squared * squared.sqrt();
+                let n = [normals.now[0][i], normals.now[1][i], normals.now[2][i]];
+                let above = n[0] * to[0] + (n[1] * to[1] + n[2] * to[2]);
+                let lit = above > 0.0;
+                value[i] = if lit { strength * above / cube } else { 0.0 };
+                if RATE {
+                    let dz = depth_rate[i];
+                    let change = [place_rate[0] - x[i] * dz, place_rate[1] - y[i] * dz, place_rate[2] - dz];
+                    let along = to[0] * change[0] + (to[1] * change[1] + to[2] * change[2]);
+                    let dn = [normals.rate[0][i], normals.rate[1][i], normals.rate[2][i]];
+                    let above_rate = n[0] * change[0]
+                        + (n[1] * change[1] + n[2] * change[2])
+                        + (dn[0] * to[0] + (dn[1] * to[1] + dn[2] * to[2]));
+                    let slope =
+                        (strength_rate * above + strength * above_rate) / cube - 3.0 * value[i] * along / squared;
+                    rate[i] = if lit { slope } else { 0.0 };
+                }
+            }
+        }
+        (Falls::AlongOnSmooth { towards, towards_rate, strength, rate: strength_rate }, Some(normals)) => {
+            for i in 0..L {
+                let n = [normals.now[0][i], normals.now[1][i], normals.now[2][i]];
+                let cosine = n[0] * towards[0] + (n[1] * towards[1] + n[2] * towards[2]);
+                let lit = cosine > 0.0;
+                value[i] = if lit { strength * cosine } else { 0.0 };
+                if RATE {
+                    let dn = [normals.rate[0][i], normals.rate[1][i], normals.rate[2][i]];
+                    let cosine_rate = n[0] * towards_rate[0]
+                        + (n[1] * towards_rate[1] + n[2] * towards_rate[2])
+                        + (dn[0] * towards[0] + (dn[1] * towards[1] + dn[2] * towards[2]));
+                    rate[i] = if lit { strength_rate * cosine + strength * cosine_rate } else { 0.0 };
+                }
+            }
+        }
+        (Falls::Evenly { amount, rate: amount_rate }, _) => {
+            value = [amount; L];
+            if RATE {
+                rate = [amount_rate; L];
+            }
+        }
+        (Falls::FromOnSmooth { .. } | Falls::AlongOnSmooth { .. }, None) => {}
+    }
+    (value, rate)
+}

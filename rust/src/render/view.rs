@@ -1,0 +1,55 @@
+//! Where the camera is, and how it moves there, seen from all that it looks at.
+
+use super::vector::{Vector, add, cross, dot, scale};
+
+/// The camera's pose and motion in a frame: the world's, or that of a body that moves through it.
+///
+/// In the frame everything stands still: its own motion is part of the camera's.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pose {
+    /// The camera's centre, metres.
+    pub position: [f64; 3],
+    /// Takes camera axes (x right, y down, z forward) to the frame's, row by row.
+    pub rotation: [[f64; 3]; 3],
+    /// In the frame's axes, metres per second.
+    pub velocity: [f64; 3],
+    /// In camera axes, radians per second.
+    pub angular_rate: [f64; 3],
+}
+
+impl Pose {
+    /// A vector of the frame in camera axes.
+    pub(super) fn turned(&self, vector: Vector) -> Vector {
+        let rows = &self.rotation;
+        std::array::from_fn(|i| rows[0][i] * vector[0] + rows[1][i] * vector[1] + rows[2][i] * vector[2])
+    }
+
+    /// How a vector that stands still in the frame changes in camera axes, there given in these.
+    pub(super) fn turning(&self, turned: Vector) -> Vector {
+        cross(turned, self.angular_rate)
+    }
+
+    /// A place given in camera axes, in the frame.
+    pub(super) fn place(&self, point: Vector) -> Vector {
+        add(self.vector(point), self.position)
+    }
+
+    /// A vector given in camera axes, in the frame's.
+    pub(super) fn vector(&self, vector: Vector) -> Vector {
+        self.rotation.map(|row| dot(row, vector))
+    }
+
+    /// The frame's velocity in camera axes.
+    pub(super) fn drift(&self) -> Vector {
+        scale(self.turned(self.velocity), -1.0)
+    }
+}
+
+/// An instant: the camera in each frame, and how strong the lights are.
+#[derive(Clone, Debug, PartialEq)]
+pub struct View {
+    /// The camera in the world's frame and, in the scene's order, in those of the bodies.
+    pub poses: Vec<Pose>,
+    /// For each light a factor on its strength, and the factor's rate per second.
+    pub factors: Vec<[f64; 2]>,
+}
