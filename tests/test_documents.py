@@ -20,8 +20,10 @@ from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from clips import moving_bars, write_images, write_video
 from davis_rs.cli.main import COMMANDS, main, make_parser
 from davis_rs.cli.parser import Parser
 from davis_rs.cli.settings_table import settings_markdown
@@ -62,6 +64,7 @@ NOT_RUN = {
     "davis-rs accuracy three_walls -o three_walls --rounds 2": "takes an hour",
     "davis-rs accuracy SCENE -o COSTS": "its reference takes a minute; tests/test_accuracy.py runs small ones",
     "davis-rs accuracy SCENE -o DIR": "the same",
+    "davis-rs accuracy SCENE --frames -o DIR": "takes minutes; tests/test_frame_rates.py runs a small one",
     "davis-rs hard-cases -o DIR": "takes minutes; tests/test_hard_cases.py runs some of them",
     "davis-rs hard-cases -o docs": "the same",
     "davis-rs calibrate KIND DIR": "needs a checkerboard's dataset; docs/calibration.md's lines are run",
@@ -166,6 +169,12 @@ def example_files(tmp_path_factory: pytest.TempPathFactory) -> Path:
     shutil.copytree(folder / "DIR", folder / "PATH")
     assert main(["convert", str(folder / "DIR"), str(folder / "IN.aedat4"), "--quiet"]) == 0
     assert main(["record", "--virtual", "three_planes", "-o", str(folder / "FILE"), "--duration", "0.02"]) == 0
+    bars, stamps_ms = moving_bars(8, 720, 540), [50 * k for k in range(8)]
+    write_video(folder / "clip.mp4", bars, stamps_ms, codec="libx264", pixel_format="yuv420p")
+    write_images(folder / "images", bars)
+    (folder / "times.txt").write_text("".join(f"{t / 1000:.3f}\n" for t in stamps_ms))
+    np.save(folder / "stack.npy", bars)
+    np.save(folder / "times.npy", np.array(stamps_ms) / 1000)
     (folder / "PLAN.yaml").write_text("scene: three_planes\nduration: 0.02\naccuracy: fast\n")
     (folder / "example.yaml").write_text(YAML[0].text)
     return folder

@@ -113,7 +113,7 @@ class Sweep:
         whole = self.scene.path
         renderer = make_renderer(self.scene, self.camera, samples=1)
         if start_s is None:
-            start_s = min(_half_way_s(renderer, whole), max(whole.duration_s - (duration_s or 0.0), 0.0))
+            start_s = min(half_way_s(renderer, whole), max(whole.duration_s - (duration_s or 0.0), 0.0))
         rest = self.scene.crop(start_s)
         renderer = make_renderer(rest, self.camera, samples=1)
         rest_s = rest.path.duration_s
@@ -228,7 +228,7 @@ def sweep(prepared: Sweep, settings: Sequence[Setting], rounds: int) -> Iterator
             yield measured
 
 
-def _half_way_s(renderer: Renderer, trajectory: Trajectory) -> float:
+def half_way_s(renderer: Renderer, trajectory: Trajectory) -> float:
     """When the fastest pixel has gone half of its path."""
     end_us = round(trajectory.duration_s * 1e6)
     path = DisplacementClock(renderer, trajectory, end_us).path_at(end_us)

@@ -9,9 +9,13 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ..accuracy.accuracy_sweep import Measurement, Sweep, sweep
+from ..accuracy.frame_rate_report import draw_frame_rates, frame_rates_markdown, write_frame_rates_csv
+from ..accuracy.frame_rates import DURATION_S, FrameRateSweep, VideoErrors, video_settings
 from ..accuracy.report import draw, facts_of, markdown, write_csv
 from ..accuracy.settings import Setting, default_settings
+from ..camera import Camera
 from ..progress import each, progress
+from ..scene.scene import Scene
 from ..settings import ViewSettings, complete, view_scene
 from .common import add_scene, add_trajectory, on_trajectory, scene_of
 from .settings_options import add_settings, given_settings
@@ -24,7 +28,8 @@ def add_accuracy(accuracy: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
     accuracy.description = (
         "Measure settings of the simulator on a scene: errors against references, and time. "
-        "Writes accuracy.csv, accuracy.md and accuracy.png. Ctrl-C keeps what was measured."
+        "Writes accuracy.csv, accuracy.md and accuracy.png. Ctrl-C keeps what was measured. With --frames: what the "
+        "frame rate of a video costs that is made into events (docs/events_from_video.md)."
     )
     accuracy.set_defaults(run=_accuracy)
     add_scene(accuracy)
@@ -37,6 +42,12 @@ def add_accuracy(accuracy: argparse.ArgumentParser) -> None:
     path.add_argument(
         "--duration", type=float, metavar="S", help="how much to judge; if not given, 6 pixels of the fastest motion"
     )
+    accuracy.add_argument(
+        "--frames",
+        action="store_true",
+        help="render video of 30 to 960 frames a second, make events of it by each interpolation, and judge them; "
+        "--duration is 0.2 s if not given. Writes frame_rates.csv, frame_rates.md and frame_rates.png",
+    )
     accuracy.add_argument("--rounds", type=int, default=3, metavar="N", help="timed runs of each setting (default: 3)")
     accuracy.add_argument("--only", metavar="TEXT", help="only settings whose name or family has this in it")
     accuracy.add_argument("--quiet", action="store_true", help="no progress bar")
@@ -44,6 +55,8 @@ def add_accuracy(accuracy: argparse.ArgumentParser) -> None:
 
 
 def _accuracy(options: argparse.Namespace) -> int:
+    if options.frames:
+        return _frame_rates(options)
     if options.rounds < 1:
         raise ValueError(f"rounds must be at least 1, got {options.rounds}")
     settings = default_settings()
@@ -51,17 +64,53 @@ def _accuracy(options: argparse.Namespace) -> int:
         settings = [setting for setting in settings if options.only in f"{setting.name} {setting.family}"]
         if not settings:
             raise ValueError(f"no setting has {options.only!r} in its name or family")
-    scene = on_trajectory(options, scene_of(options, options.quiet), quiet=options.quiet)
-    viewed = view_scene(scene, complete(ViewSettings, given_settings(options, ViewSettings), of="davis-rs accuracy"))
+    scene, camera = _judged_scene(options)
     prepared = Sweep(
         scene,
         start_s=options.start,
         duration_s=options.duration,
-        camera=viewed.camera,
+        camera=camera,
         folder=options.output,
     )
     command = f"davis-rs {shlex.join(sys.argv[1:])}"
     return run_sweep(prepared, settings, rounds=options.rounds, command=command, quiet=options.quiet)
+
+
+def _judged_scene(options: argparse.Namespace) -> tuple[Scene, Camera]:
+    """The scene on its path, and the camera that sees it."""
+    scene = on_trajectory(options, scene_of(options, options.quiet), quiet=options.quiet)
+    viewed = view_scene(scene, complete(ViewSettings, given_settings(options, ViewSettings), of="davis-rs accuracy"))
+    return scene, viewed.camera
+
+
+def _frame_rates(options: argparse.Namespace) -> int:
+    if options.only is not None:
+        raise ValueError("--only chooses settings of the simulator, which --frames does not compare")
+    scene, camera = _judged_scene(options)
+    duration_s = DURATION_S if options.duration is None else options.duration
+    prepared = FrameRateSweep(scene, start_s=options.start, duration_s=duration_s, camera=camera)
+    folder: Path = options.output
+    folder.mkdir(parents=True, exist_ok=True)
+    settings = video_settings()
+    measured: list[VideoErrors] = []
+    interrupted = False
+    try:
+        for one in each(prepared.measure(settings), "videos", len(settings), show=not options.quiet):
+            measured.append(one)
+            write_frame_rates_csv(measured, folder / "frame_rates.csv")
+    except KeyboardInterrupt:
+        interrupted = True
+    if measured:
+        facts = {
+            "command": f"`davis-rs {shlex.join(sys.argv[1:])}`",
+            "scene": f"{scene.name}, {camera.width} x {camera.height}, C = {scene.contrast_threshold:g}",
+            "judged": f"{prepared.duration_s:.3g} s from {prepared.start_s:.3g} s on, in which the fastest pixel moves "
+            f"{prepared.path_px:.1f} px; events match within {prepared.window_us / 1000:.3g} ms",
+        }
+        (folder / "frame_rates.md").write_text(frame_rates_markdown(measured, facts), "utf-8")
+        draw_frame_rates(measured, folder / "frame_rates.png", f"{scene.name}: events from video")
+        print(folder / "frame_rates.md")
+    return 130 if interrupted else 0
 
 
 def run_sweep(prepared: Sweep, settings: Sequence[Setting], *, rounds: int, command: str, quiet: bool) -> int:

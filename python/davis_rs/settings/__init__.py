@@ -1,6 +1,6 @@
 """The settings of a simulation: their declarations, and what they stand for with a given scene."""
 
-from .frame_settings import FrameFolderSettings, FrameSettings
+from .frame_settings import INTERPOLATIONS, FrameFolderSettings, FrameSettings
 from .image_camera import camera_of_size, parse_size
 from .inertial import make_imu, make_motion_capture
 from .resolve import ViewedScene, chosen_sampling, view_scene
@@ -8,6 +8,7 @@ from .setting import Declared, Setting, complete, only, settings_of, takes_setti
 from .simulation_settings import FolderSettings, SimulationSettings, SimulatorSettings, ViewSettings
 
 __all__ = [
+    "INTERPOLATIONS",
     "Declared",
     "FolderSettings",
     "FrameFolderSettings",
