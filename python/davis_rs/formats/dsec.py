@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,7 +12,7 @@ from .._core import DecodeError, check_events
 from ..events import EventArray
 from ..untrusted import decoding
 from .hdf5 import Hdf5Format, Hdf5Reader, Hdf5Writer
-from .interface import EventReader, EventWriter, Limits, Target
+from .interface import Limits
 from .reading import ReadRules
 
 _SPAN_US = 2**32
@@ -93,31 +92,8 @@ class DsecFormat(Hdf5Format):
     """DSEC's HDF5."""
 
     name = "dsec"
-    suffixes = (".h5", ".hdf5")
-    options = ("compression", "level")
     limits = Limits()
     marks = ("events/t",)
-
-    def open_writer(
-        self,
-        target: Target,
-        size: tuple[int, int],
-        *,
-        overwrite: bool,
-        compression: str = "zstd",
-        level: int = 1,
-        **options: Any,
-    ) -> EventWriter:
-        return DsecWriter(
-            target,
-            format=self.name,
-            size=size,
-            limits=self.limits,
-            overwrite=overwrite,
-            compression=compression,
-            level=level,
-            **options,
-        )
-
-    def open_reader(self, path: str | os.PathLike[str], rules: ReadRules = ReadRules()) -> EventReader:  # noqa: B008
-        return DsecReader(Path(path), format=self.name, rules=rules)
+    default_compression = "zstd"
+    writer = DsecWriter
+    reader = DsecReader

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,8 +12,7 @@ from .._core import DecodeError
 from ..events import EventArray
 from ..untrusted import decoding
 from .hdf5 import Hdf5Format, Hdf5Reader, Hdf5Writer
-from .interface import Failing, Limits, Target
-from .reading import ReadRules
+from .interface import Failing, Limits
 
 
 class E2vidWriter(Hdf5Writer):
@@ -117,31 +114,8 @@ class E2vidFormat(Hdf5Format):
     """e2vid's HDF5. It holds what float64 seconds and int16 coordinates do."""
 
     name = "e2vid"
-    suffixes = (".h5", ".hdf5")
-    options = ("compression", "level")
     limits = Limits(latest_us=2**31 * 1_000_000 - 1, width=32_768, height=32_768)
     marks = ("events/ts",)
-
-    def open_writer(
-        self,
-        target: Target,
-        size: tuple[int, int],
-        *,
-        overwrite: bool,
-        compression: str = "none",
-        level: int = 1,
-        **options: Any,
-    ) -> E2vidWriter:
-        return E2vidWriter(
-            target,
-            format=self.name,
-            size=size,
-            limits=self.limits,
-            overwrite=overwrite,
-            compression=compression,
-            level=level,
-            **options,
-        )
-
-    def open_reader(self, path: str | os.PathLike[str], rules: ReadRules = ReadRules()) -> E2vidReader:  # noqa: B008
-        return E2vidReader(Path(path), format=self.name, rules=rules)
+    default_compression = "none"
+    writer = E2vidWriter
+    reader = E2vidReader

@@ -271,9 +271,37 @@ def open_hdf5(path: str | os.PathLike[str]) -> h5py.File:
 class Hdf5Format(Format):
     """A layout of events in HDF5."""
 
+    suffixes = (".h5", ".hdf5")
+    options = ("compression", "level")
     default_compression: ClassVar[Literal["none", "lz4", "zstd"]]
     marks: ClassVar[tuple[str, ...]]
     """Datasets that tell the layout."""
+    writer: ClassVar[type[Hdf5Writer]]
+    reader: ClassVar[type[Hdf5Reader]]
+
+    def open_writer(
+        self,
+        target: Target,
+        size: tuple[int, int],
+        *,
+        overwrite: bool,
+        compression: str | None = None,
+        level: int = 1,
+        **options: Any,
+    ) -> EventWriter:
+        return self.writer(
+            target,
+            format=self.name,
+            size=size,
+            limits=self.limits,
+            overwrite=overwrite,
+            compression=self.default_compression if compression is None else compression,
+            level=level,
+            **options,
+        )
+
+    def open_reader(self, path: str | os.PathLike[str], rules: ReadRules = ReadRules()) -> EventReader:  # noqa: B008
+        return self.reader(Path(path), format=self.name, rules=rules)
 
     def sniff(self, head: bytes, path: Path) -> bool:
         if not head.startswith(SIGNATURE):
