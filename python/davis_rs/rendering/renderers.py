@@ -59,9 +59,7 @@ def make_renderer(
     reason = "asked for"
     if kind != "integrator":
         try:
-            return _make_from_table(
-                scene, camera, samples=samples, kind=kind, blur=blur, edges=edges, threads=threads
-            )
+            return _make_from_table(scene, camera, samples=samples, kind=kind, blur=blur, edges=edges, threads=threads)
         except Unsuitable as unsuitable:
             if kind != "auto":
                 what = "native renderer" if kind == "native" else "table kernel"
