@@ -100,6 +100,14 @@ def test_the_rate_falls_with_luma(half_luma: float) -> None:
         assert abs((events["x"] == x).sum() - expected) < SIGMAS * math.sqrt(expected)
 
 
+@pytest.mark.parametrize("rate_hz", [1e-3, 0.1, 0.4])
+def test_a_rate_far_below_one_event_a_second_is_on(rate_hz: float) -> None:
+    """As those of dim scenes are: 100 s in the dark."""
+    events = static(noisy(shot(rate_hz)), [0, 100 * SECOND_US])
+    expected = rate_hz * 100 * 4096
+    assert abs(len(events) - expected) < SIGMAS * math.sqrt(expected)
+
+
 def test_the_rate_follows_luma_within_an_interval() -> None:
     """Along a line of log intensity over one second the events of each tenth have the rate of their own luma."""
     low, high = math.log(0.01), math.log(10.0)
