@@ -28,8 +28,8 @@ WIDTH, HEIGHT, FPS = 346, 260, 240
 def clip(count: int) -> npt.NDArray[np.uint8]:
     """Grey frames (n, H, W)."""
     y, x = np.mgrid[:HEIGHT, : WIDTH + 2 * count].astype(np.float32)
-    wide = 120 + 60 * np.sin(x * 0.21 + y * 0.07) + 40 * np.sin(x * 0.05 - y * 0.13)
-    wide += np.random.default_rng(0).normal(0, 4, wide.shape)
+    wide = 120 + 20 * np.sin(x * 0.21 + y * 0.07) + 20 * np.sin(x * 0.05 - y * 0.13)
+    wide += np.random.default_rng(0).normal(0, 1, wide.shape)
     grey = np.clip(wide, 0, 255).astype(np.uint8)
     return np.stack([grey[:, 2 * k : 2 * k + WIDTH] for k in range(count)])
 

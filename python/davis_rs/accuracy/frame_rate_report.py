@@ -30,8 +30,8 @@ def frame_rates_markdown(measured: Sequence[VideoErrors], facts: Mapping[str, st
     """A page: the facts, and a table; of each rate and depth the least error in bold."""
     lines = ["# Frame rates", "", *(f"- {name}: {text}" for name, text in facts.items()), ""]
     lines += [
-        "Errors of time are in microseconds, missing and spurious events in per cent of the exact ones. Bold: the least",
-        "of linear, cubic and flow at this rate and depth.",
+        "Errors of time are in microseconds, missing and spurious events in per cent of the exact ones. Bold: the",
+        "least of linear, cubic and flow at this rate and depth.",
         "",
         "| frames/s | px a frame | values | interpolation | events | median | p99 | missing + spurious |",
         "|---:|---:|---|---|---:|---:|---:|---:|",
@@ -70,7 +70,7 @@ def draw_frame_rates(measured: Sequence[VideoErrors], path: Path, title: str) ->
     try:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
-        from matplotlib.ticker import NullFormatter
+        from matplotlib.ticker import LogLocator, NullFormatter
     except ImportError as error:
         raise ImportError("drawing the figure needs matplotlib: pip install 'davis_rs[view]'") from error
 
@@ -97,10 +97,12 @@ def draw_frame_rates(measured: Sequence[VideoErrors], path: Path, title: str) ->
         axis.set_yscale("log")
         axis.set_xticks(rates, [f"{rate:g}" for rate in rates])
         axis.xaxis.set_minor_formatter(NullFormatter())
+        axis.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0), numticks=9))
         axis.yaxis.set_major_formatter("{x:g}")
+        axis.yaxis.set_minor_formatter(NullFormatter())
         axis.set_xlabel("frames a second")
         axis.set_ylabel(label)
-        axis.grid(True, which="both", lw=0.4, color="0.88")
+        axis.grid(True, which="major", lw=0.4, color="0.88")
     handles, labels = axis.get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=4, frameon=False, fontsize=9)
     figure.suptitle(title, fontsize=11)
