@@ -1,9 +1,10 @@
 //! Which triangles each tile of a view may see.
 
+use super::hierarchy::{Boxes, Region, WIDTH};
 use super::linear::Linear;
 use super::pixel_rays::PixelRays;
 use super::scene::Scene;
-use super::vector::{Bounds, Vector, add, cross, dot, largest, scale, single, sub};
+use super::vector::{Vector, cross, dot, largest, scale, single, sub};
 use super::view::{Pose, View};
 
 /// A triangle before the camera.
@@ -96,18 +97,14 @@ impl Bins {
         self.hidden.resize(rays.tiles(), 0.0);
         let mut stack = std::mem::take(&mut self.stack);
         for (frame, pose) in scene.frames.iter().zip(&view.poses) {
-            let pyramid = Pyramid::new(rays, pose);
+            let pyramid = Pyramid::new(rays, pose, frame.hierarchy.reach);
             let first = frame.triangles.start;
-            frame.hierarchy.visit(
-                &mut stack,
-                |bounds| pyramid.meets(bounds),
-                |leaf| {
-                    for triangle in leaf {
-                        self.add(scene, pose, rays, wanted, first + triangle);
-                    }
-                    true
-                },
-            );
+            frame.hierarchy.visit(&mut stack, &pyramid, |leaf| {
+                for triangle in leaf {
+                    self.add(scene, pose, rays, wanted, first + triangle);
+                }
+                true
+            });
         }
         self.stack = stack;
         self.sort(rays.tiles());
@@ -215,28 +212,44 @@ fn extent(corners: &[Vector; 3]) -> Option<[[f32; 2]; 2]> {
     ])
 }
 
-/// What all rays of a camera lie in: the half-spaces of four sides and the camera's plane, in a frame.
+/// What all rays of a camera lie in: the half-spaces of four sides and the camera's plane, in a frame. It is a little
+/// larger, so that rounding to float32 loses nothing.
 struct Pyramid {
-    planes: [(Vector, f64); 5],
+    planes: [([f32; 3], f32); 5],
 }
 
 impl Pyramid {
-    fn new(rays: &PixelRays, pose: &Pose) -> Self {
+    /// For boxes none of whose coordinates is larger than `reach`.
+    fn new(rays: &PixelRays, pose: &Pose, reach: f64) -> Self {
         let ([left, top], [right, bottom]) = (rays.all.low.map(f64::from), rays.all.high.map(f64::from));
         let normals = [[1.0, 0.0, -left], [-1.0, 0.0, right], [0.0, 1.0, -top], [0.0, -1.0, bottom], [0.0, 0.0, 1.0]];
         let planes = normals.map(|normal| {
             let turned = pose.vector(normal);
-            (turned, -dot(turned, pose.position))
+            let offset = -dot(turned, pose.position);
+            let [offset] = single([offset + 1e-6 * (3.0 * largest(turned) * reach + offset.abs())]);
+            (single(turned), offset)
         });
         Self { planes }
     }
+}
 
-    fn meets(&self, bounds: &Bounds) -> bool {
-        let (middle, half) = (bounds.centre(), scale(sub(bounds.high, bounds.low), 0.5));
-        let slack = 1e-9 * (largest(middle) + largest(half));
-        self.planes.iter().all(|&(normal, offset)| {
-            let reach = dot(normal.map(f64::abs), add(half, [slack; 3]));
-            dot(normal, middle) + offset + reach >= 0.0
-        })
+#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
+impl Region for Pyramid {
+    #[inline(always)]
+    fn meets(&self, boxes: &Boxes) -> [bool; WIDTH] {
+        let mut least = [f32::INFINITY; WIDTH];
+        for &(normal, offset) in &self.planes {
+            let mut sum = [offset; WIDTH];
+            for axis in 0..3 {
+                let side = if normal[axis] > 0.0 { &boxes.high[axis] } else { &boxes.low[axis] };
+                for i in 0..WIDTH {
+                    sum[i] += normal[axis] * side[i];
+                }
+            }
+            for i in 0..WIDTH {
+                least[i] = if sum[i] < least[i] { sum[i] } else { least[i] };
+            }
+        }
+        least.map(|least| least >= 0.0)
     }
 }

@@ -1,6 +1,7 @@
 //! What a triangle hides from a light: a cone behind it, as bounds that are linear in the hidden place.
 
-use super::vector::{Bounds, Vector, cross, dot, largest, scale, single, sub};
+use super::hierarchy::{Boxes, Region, WIDTH};
+use super::vector::{Vector, cross, dot, largest, scale, single, sub};
 
 /// Seen from its side a triangle hides nothing: it is this share as wide as its corners are far from the light.
 const EDGE_ON: f64 = 1e-7;
@@ -20,13 +21,6 @@ pub(super) enum Source {
 pub(super) struct Cone {
     edges: [[f32; 4]; 3],
     height: [f32; 4],
-}
-
-/// How much of a box a cone hides.
-pub(super) enum Hides {
-    Nothing,
-    Part,
-    Everything,
 }
 
 impl Cone {
@@ -64,16 +58,6 @@ impl Cone {
         Self { edges: edges.map(single), height: single(with(height, -dot(height, corners[0]))) }
     }
 
-    /// What it hides of a box, as it is computed for each place in it.
-    pub(super) fn hides(&self, part: &[[f32; 3]; 2], farthest: f32) -> Hides {
-        let (low, high) = (lowest(&self.height, part), highest(&self.height, part));
-        if low >= 0.0 || high < -farthest || self.edges.iter().any(|edge| highest(edge, part) < 0.0) {
-            return Hides::Nothing;
-        }
-        let inside = self.edges.iter().all(|edge| lowest(edge, part) >= 0.0);
-        if inside && high < 0.0 && low >= -farthest { Hides::Everything } else { Hides::Part }
-    }
-
     /// Whether it hides a place.
     #[inline(always)]
     #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
@@ -97,54 +81,128 @@ fn at(c: &[f32; 4], x: f32, y: f32, z: f32) -> f32 {
     c[0] * x + (c[1] * y + (c[2] * z + c[3]))
 }
 
-fn highest(c: &[f32; 4], part: &[[f32; 3]; 2]) -> f32 {
-    let [x, y, z] = std::array::from_fn(|i| part[usize::from(c[i] > 0.0)][i]);
-    at(c, x, y, z)
+/// The cones of [`WIDTH`] triangles: what of a box each of them hides is found for all together.
+#[derive(Clone, Debug)]
+pub(super) struct Packet {
+    /// The coefficients of the three edges and of the height.
+    functions: [[[f32; WIDTH]; 4]; 4],
 }
 
-fn lowest(c: &[f32; 4], part: &[[f32; 3]; 2]) -> f32 {
-    let [x, y, z] = std::array::from_fn(|i| part[usize::from(c[i] <= 0.0)][i]);
-    at(c, x, y, z)
+/// The cones of one frame's triangles behind each light, in the order of the seen lights; none for light from all sides.
+pub(super) type FrameCones = Vec<Vec<Packet>>;
+
+/// What cones hide of a box: by cone, whether it may hide any of it, and whether it hides all.
+pub(super) struct Hides {
+    pub(super) any: [bool; WIDTH],
+    pub(super) all: [bool; WIDTH],
 }
 
-/// All that lies between a box and a light.
+#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
+#[allow(clippy::needless_bitwise_bool, reason = "a lazy operator is a branch, which vectors cannot take")]
+impl Packet {
+    /// The cones behind some triangles; the last packet is filled up with what hides nothing.
+    pub(super) fn behind(triangles: &[[Vector; 3]], source: &Source, packets: &mut Vec<Self>) {
+        packets.clear();
+        packets.extend(triangles.chunks(WIDTH).map(|some| {
+            let mut packet = Self { functions: [[[0.0; WIDTH]; 4]; 4] };
+            for lane in 0..WIDTH {
+                let cone = some.get(lane).map_or(Cone::NONE, |corners| Cone::new(corners, source));
+                for (function, of_cone) in packet.functions.iter_mut().zip(cone.edges.iter().chain([&cone.height])) {
+                    for k in 0..4 {
+                        function[k][lane] = of_cone[k];
+                    }
+                }
+            }
+            packet
+        }));
+    }
+
+    pub(super) fn cone(&self, lane: usize) -> Cone {
+        let [a, b, c, height] = self.functions.map(|function| function.map(|lanes| lanes[lane]));
+        Cone { edges: [a, b, c], height }
+    }
+
+    /// What they hide of a box, as it is computed for each place in it.
+    #[inline(always)]
+    pub(super) fn hides(&self, [low, high]: &[[f32; 3]; 2], farthest: f32) -> Hides {
+        let mut bounds = [[[0f32; WIDTH]; 2]; 4];
+        for (function, [least, most]) in self.functions.iter().zip(&mut bounds) {
+            (*least, *most) = (function[3], function[3]);
+            for axis in [2, 1, 0] {
+                for i in 0..WIDTH {
+                    // The value at the lower and at the higher corner, in whichever order they are.
+                    let (a, b) = (function[axis][i] * low[axis], function[axis][i] * high[axis]);
+                    least[i] += if a < b { a } else { b };
+                    most[i] += if a > b { a } else { b };
+                }
+            }
+        }
+        let [a, b, c, height] = &bounds;
+        let mut hides = Hides { any: [false; WIDTH], all: [false; WIDTH] };
+        for i in 0..WIDTH {
+            let reached = (a[1][i] >= 0.0) & (b[1][i] >= 0.0) & (c[1][i] >= 0.0);
+            hides.any[i] = reached & (height[0][i] < 0.0) & (height[1][i] >= -farthest);
+            let inside = (a[0][i] >= 0.0) & (b[0][i] >= 0.0) & (c[0][i] >= 0.0);
+            hides.all[i] = inside & (height[1][i] < 0.0) & (height[0][i] >= -farthest);
+        }
+        hides
+    }
+}
+
+/// All that lies between a box and a light, a little more.
 pub(super) struct Shaft {
-    low: Vector,
-    high: Vector,
-    /// One over the way from the box's lowest corner to the light, and from its highest; 0 where that is 0.
-    per_way: [Vector; 2],
-    end: f64,
+    end: f32,
+    /// Of each axis the box's lowest coordinate and one over the way from there to the light; and the same of its highest,
+    /// turned round.
+    sides: [[[f32; 2]; 2]; 3],
 }
 
 impl Shaft {
-    pub(super) fn new(part: &Bounds, source: &Source) -> Self {
-        let (ways, end) = match *source {
-            Source::Point(light) => ([sub(light, part.low), sub(light, part.high)], 1.0),
-            Source::Directional(towards) => ([towards; 2], f64::INFINITY),
+    pub(super) fn new([low, high]: &[[f32; 3]; 2], source: &Source) -> Self {
+        let end = match source {
+            Source::Point(_) => 1.0,
+            Source::Directional(_) => f32::INFINITY,
         };
-        let per_way = ways.map(|way| way.map(|x| if x.abs() > f64::MIN_POSITIVE { 1.0 / x } else { 0.0 }));
-        Self { low: part.low, high: part.high, per_way, end }
+        let way = |from: f32, axis: usize| match *source {
+            Source::Point(light) => light[axis] - f64::from(from),
+            Source::Directional(towards) => towards[axis],
+        };
+        // No way at all is a very short one.
+        #[allow(clippy::cast_possible_truncation, reason = "float64 is rounded to float32")]
+        let per = |way: f64| if way.abs() < 1e-30 { 1e30 } else { (1.0 / way) as f32 };
+        let sides = std::array::from_fn(|axis| {
+            [[low[axis], per(way(low[axis], axis))], [high[axis], per(-way(high[axis], axis))]]
+        });
+        Self { end, sides }
     }
+}
 
-    /// Whether a box may lie in it.
-    #[inline]
-    pub(super) fn meets(&self, bounds: &Bounds) -> bool {
-        // At a share s of its way the box reaches from low + s ways[0] to high + s ways[1].
-        let (mut first, mut last) = (0.0f64, self.end);
-        for i in 0..3 {
-            let mut side = |distance: f64, per_way: f64| {
-                let share = distance * per_way;
-                if per_way > 0.0 {
-                    last = if share < last { share } else { last };
-                } else if per_way < 0.0 {
-                    first = if share > first { share } else { first };
-                } else if distance < 0.0 {
-                    last = -1.0;
+#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
+impl Region for Shaft {
+    #[inline(always)]
+    fn meets(&self, boxes: &Boxes) -> [bool; WIDTH] {
+        // At a share s of its way the box reaches from low + s (light - low) to high + s (light - high).
+        let (mut first, mut last) = ([0f32; WIDTH], [self.end; WIDTH]);
+        for axis in 0..3 {
+            let [[low, per_low], [high, per_high]] = self.sides[axis];
+            let mut shares = [[0f32; WIDTH]; 2];
+            for i in 0..WIDTH {
+                shares[0][i] = (boxes.high[axis][i] - low) * per_low;
+                shares[1][i] = (high - boxes.low[axis][i]) * per_high;
+            }
+            for (shares, per) in shares.iter().zip([per_low, per_high]) {
+                if per > 0.0 {
+                    for i in 0..WIDTH {
+                        last[i] = if shares[i] < last[i] { shares[i] } else { last[i] };
+                    }
+                } else {
+                    for i in 0..WIDTH {
+                        first[i] = if shares[i] > first[i] { shares[i] } else { first[i] };
+                    }
                 }
-            };
-            side(bounds.high[i] - self.low[i], self.per_way[0][i]);
-            side(self.high[i] - bounds.low[i], -self.per_way[1][i]);
+            }
         }
-        first <= last
+        // Each share is off by three roundings at most.
+        std::array::from_fn(|i| first[i] <= last[i] * 1.000_002)
     }
 }

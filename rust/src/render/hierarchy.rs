@@ -4,10 +4,10 @@
 
 use std::ops::Range;
 
-use super::vector::Bounds;
+use super::vector::{Bounds, largest};
 
 /// Triangles in a leaf, at most; unless they all lie at one place.
-const LEAF: usize = 4;
+const LEAF: usize = WIDTH;
 
 /// Candidates for a cut along an axis.
 const CUTS: usize = 12;
@@ -15,72 +15,139 @@ const CUTS: usize = 12;
 /// What a visit to a node costs, in tests of a triangle.
 const VISIT: f64 = 0.5;
 
+/// Boxes side by side in a node, which are tested together.
+pub(super) const WIDTH: usize = 8;
+
+/// Up to [`WIDTH`] boxes: their lowest and highest x, y and z.
+#[derive(Clone, Debug)]
+pub(super) struct Boxes {
+    pub(super) low: [[f32; WIDTH]; 3],
+    pub(super) high: [[f32; WIDTH]; 3],
+}
+
 #[derive(Clone, Debug)]
 struct Node {
-    bounds: Bounds,
-    /// The first of two children that lie side by side, or of a leaf's triangles.
-    first: u32,
-    /// Of a leaf its triangles, else 0.
-    count: u32,
+    boxes: Boxes,
+    /// The number of a box's node, or its first triangle.
+    first: [u32; WIDTH],
+    /// How many triangles it has; 0 where it has a node of its own.
+    count: [u32; WIDTH],
+    /// How many boxes there are.
+    used: usize,
+}
+
+/// A part of space that boxes are tested for.
+pub(super) trait Region {
+    /// Which boxes it may meet; those that do not touch it may be among them where they lie within float32's rounding.
+    fn meets(&self, boxes: &Boxes) -> [bool; WIDTH];
 }
 
 /// Boxes in boxes. Triangles are numbered in its order: those of a leaf, and of any node, follow each other.
 #[derive(Debug, Default)]
 pub(super) struct Hierarchy {
     nodes: Vec<Node>,
+    /// No coordinate of its triangles is larger.
+    pub(super) reach: f64,
+}
+
+/// A node of two, before these are gathered into nodes of [`WIDTH`].
+struct Fork {
+    bounds: Bounds,
+    range: Range<usize>,
+    /// The first of two that lie side by side; None for a leaf.
+    first: Option<usize>,
 }
 
 impl Hierarchy {
     /// The hierarchy of triangles with these bounds, and in its order their old numbers.
     pub(super) fn new(bounds: &[Bounds]) -> (Self, Vec<u32>) {
         let mut order: Vec<u32> = (0..index(bounds.len())).collect();
-        let mut hierarchy = Self { nodes: Vec::with_capacity(bounds.len()) };
+        let mut hierarchy = Self::default();
         if bounds.is_empty() {
             return (hierarchy, order);
         }
-        let node = |range: &Range<usize>, order: &[u32]| {
+        let fork = |range: Range<usize>, order: &[u32]| {
             let bounds = order[range.clone()].iter().fold(Bounds::NONE, |all, &i| all.with(&bounds[i as usize]));
-            Node { bounds, first: index(range.start), count: index(range.len()) }
+            Fork { bounds, range, first: None }
         };
-        hierarchy.nodes.push(node(&(0..order.len()), &order));
-        let mut open = vec![(0, 0..order.len())];
-        while let Some((at, range)) = open.pop() {
-            let Some(middle) = split(&hierarchy.nodes[at].bounds, bounds, &mut order[range.clone()]) else { continue };
-            let first = hierarchy.nodes.len();
-            for child in [range.start..range.start + middle, range.start + middle..range.end] {
-                hierarchy.nodes.push(node(&child, &order));
-                open.push((hierarchy.nodes.len() - 1, child));
+        let mut forks = vec![fork(0..order.len(), &order)];
+        hierarchy.reach = largest(forks[0].bounds.low).max(largest(forks[0].bounds.high));
+        let mut at = 0;
+        while at < forks.len() {
+            let range = forks[at].range.clone();
+            if let Some(middle) = split(&forks[at].bounds, bounds, &mut order[range.clone()]) {
+                forks[at].first = Some(forks.len());
+                forks.push(fork(range.start..range.start + middle, &order));
+                forks.push(fork(range.start + middle..range.end, &order));
             }
-            hierarchy.nodes[at] = Node { bounds: hierarchy.nodes[at].bounds, first: index(first), count: 0 };
+            at += 1;
         }
+        hierarchy.gather(&forks, vec![0]);
         (hierarchy, order)
     }
 
-    /// Calls `leaf` with the triangles of every leaf whose box, and those around it, pass `meets`, until it says that
-    /// this is enough by `false`.
-    pub(super) fn visit(
-        &self,
-        stack: &mut Vec<u32>,
-        mut meets: impl FnMut(&Bounds) -> bool,
-        mut leaf: impl FnMut(Range<usize>) -> bool,
-    ) {
+    /// Makes a node of some forks, the largest of which are opened until it is full, and of all below them. Gives its
+    /// number.
+    fn gather(&mut self, forks: &[Fork], mut members: Vec<usize>) -> u32 {
+        while members.len() < WIDTH {
+            let open = (0..members.len()).filter(|&i| forks[members[i]].first.is_some());
+            let area = |i: usize| forks[members[i]].bounds.half_area();
+            let Some(largest) = open.max_by(|&i, &j| area(i).total_cmp(&area(j))) else { break };
+            let first = forks[members[largest]].first.unwrap_or_default();
+            members[largest] = first;
+            members.insert(largest + 1, first + 1);
+        }
+        let number = self.nodes.len();
+        let boxes = Boxes { low: [[f32::INFINITY; WIDTH]; 3], high: [[f32::NEG_INFINITY; WIDTH]; 3] };
+        self.nodes.push(Node { boxes, first: [0; WIDTH], count: [0; WIDTH], used: members.len() });
+        for (lane, &member) in members.iter().enumerate() {
+            let fork = &forks[member];
+            let (first, count) = match fork.first {
+                Some(first) => (self.gather(forks, vec![first, first + 1]), 0),
+                None => (index(fork.range.start), index(fork.range.len())),
+            };
+            let node = &mut self.nodes[number];
+            (node.first[lane], node.count[lane]) = (first, count);
+            for axis in 0..3 {
+                node.boxes.low[axis][lane] = below(fork.bounds.low[axis]);
+                node.boxes.high[axis][lane] = -below(-fork.bounds.high[axis]);
+            }
+        }
+        index(number)
+    }
+
+    /// Calls `leaf` with the triangles of every leaf whose box, and those around it, may meet the region, until it says
+    /// that this is enough by `false`.
+    #[inline(always)]
+    #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
+    pub(super) fn visit(&self, stack: &mut Vec<u32>, region: &impl Region, mut leaf: impl FnMut(Range<usize>) -> bool) {
         stack.clear();
         if !self.nodes.is_empty() {
             stack.push(0);
         }
         while let Some(at) = stack.pop() {
             let node = &self.nodes[at as usize];
-            if !meets(&node.bounds) {
-                continue;
-            }
-            let first = node.first as usize;
-            if node.count == 0 {
-                stack.extend([node.first + 1, node.first]);
-            } else if !leaf(first..first + node.count as usize) {
-                return;
+            let meets = region.meets(&node.boxes);
+            for lane in (0..node.used).rev() {
+                if !meets[lane] {
+                    continue;
+                }
+                let first = node.first[lane];
+                if node.count[lane] == 0 {
+                    stack.push(first);
+                } else if !leaf(first as usize..(first + node.count[lane]) as usize) {
+                    return;
+                }
             }
         }
     }
+}
+
+/// A float32 at or below a number, as near as there is.
+#[allow(clippy::cast_possible_truncation, reason = "what is rounded up is taken down again")]
+pub(super) fn below(x: f64) -> f32 {
+    let single = x as f32;
+    if f64::from(single) > x { single.next_down() } else { single }
 }
 
 #[allow(clippy::cast_possible_truncation, reason = "scenes have fewer than 2^31 triangles")]
@@ -155,6 +222,15 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
+    struct Probe([f64; 3]);
+
+    impl Region for Probe {
+        fn meets(&self, boxes: &Boxes) -> [bool; WIDTH] {
+            let inside = |i: usize, low: f32, high: f32| f64::from(low) <= self.0[i] && self.0[i] <= f64::from(high);
+            std::array::from_fn(|lane| (0..3).all(|i| inside(i, boxes.low[i][lane], boxes.high[i][lane])))
+        }
+    }
+
     proptest! {
         /// Every triangle is in one leaf, in its box; a visit finds all that meet a place.
         #[test]
@@ -176,7 +252,7 @@ mod tests {
             let probe = probe.map(f64::from);
             let holds = |b: &Bounds| (0..3).all(|i| b.low[i] <= probe[i] && probe[i] <= b.high[i]);
             let mut found = vec![];
-            hierarchy.visit(&mut vec![], holds, |range| {
+            hierarchy.visit(&mut vec![], &Probe(probe), |range| {
                 found.extend(order[range].iter().copied().filter(|&i| holds(&bounds[i as usize])));
                 true
             });

@@ -1,5 +1,6 @@
 //! Lights as a camera has them around it at an instant.
 
+use super::cone::FrameCones;
 use super::scene::{LightKind, Scene};
 use super::vector::{Vector, add, sub};
 use super::view::View;
@@ -21,6 +22,18 @@ pub(super) enum SeenKind {
     /// The unit vector towards the light, and its rate.
     Directional(Vector, Vector),
     Constant,
+}
+
+/// What surrounds all triangles of a view.
+#[derive(Debug)]
+pub(super) struct Surroundings<'a> {
+    pub(super) scene: &'a Scene,
+    pub(super) view: &'a View,
+    pub(super) lights: &'a [SeenLight],
+    /// The cones of what stands still.
+    pub(super) still: &'a FrameCones,
+    /// The cones of each body.
+    pub(super) moving: &'a [FrameCones],
 }
 
 /// Lights in the order of their colours, which is that in which they are added up.

@@ -8,7 +8,8 @@
 //! ```
 //!
 //! [`scene`] holds what is rendered, [`hierarchy`] finds its triangles, [`pixel_rays`] holds the camera's rays by tiles,
-//! [`view`] says where the camera is and how it moves there. [`linear`] makes a tile's decisions those of its rays,
+//! [`view`] says where the camera is and how it moves there. [`sorted`] finds the rays of one triangle, which are shaded side by
+//! side in [`lanes`]. [`linear`] makes a tile's decisions those of its rays,
 //! [`texture`], [`lights`] and [`shadows`] (behind [`cone`]s) give what [`shade`] needs; [`tile`] is compiled for several
 //! processors, [`renderer`] is what the user sees.
 
@@ -19,13 +20,16 @@
 mod bins;
 mod cone;
 mod hierarchy;
+mod lanes;
 mod lights;
 mod linear;
+mod patch;
 mod pixel_rays;
 mod renderer;
 mod scene;
 mod shade;
 mod shadows;
+mod sorted;
 mod texture;
 mod tile;
 mod vector;

@@ -15,6 +15,29 @@ pub(super) const PIXELS: usize = TILE * TILE;
 
 const MOST_RAYS: usize = 1024;
 
+/// Numbers whose first lies at the beginning of a line of the cache.
+#[derive(Debug)]
+struct Aligned {
+    all: Vec<f32>,
+    /// How many are left out at the beginning.
+    skipped: usize,
+}
+
+impl Aligned {
+    const LINE: usize = 64;
+
+    fn with_capacity(count: usize) -> Self {
+        let mut all: Vec<f32> = Vec::with_capacity(count + Self::LINE / size_of::<f32>());
+        let skipped = all.as_ptr().align_offset(Self::LINE).min(Self::LINE / size_of::<f32>());
+        all.resize(skipped, 0.0);
+        Self { all, skipped }
+    }
+
+    fn values(&self) -> &[f32] {
+        &self.all[self.skipped..]
+    }
+}
+
 /// The lattice rays of all pixels as undistorted image coordinates, whatever the lens.
 ///
 /// A tile's rays follow each other block by block; in a block ray by ray of the lattice, each for all of its pixels.
@@ -26,8 +49,8 @@ pub struct PixelRays {
     pub(super) rays: usize,
     pub(super) columns: usize,
     pub(super) rows: usize,
-    x: Vec<f32>,
-    y: Vec<f32>,
+    x: Aligned,
+    y: Aligned,
     tiles: Vec<Rect>,
     blocks: Vec<Rect>,
     pub(super) all: Rect,
@@ -63,8 +86,8 @@ impl PixelRays {
             rays,
             columns,
             rows,
-            x: Vec::with_capacity(tiles * PIXELS * rays),
-            y: Vec::with_capacity(tiles * PIXELS * rays),
+            x: Aligned::with_capacity(tiles * PIXELS * rays),
+            y: Aligned::with_capacity(tiles * PIXELS * rays),
             tiles: vec![Rect::NONE; tiles],
             blocks: vec![Rect::NONE; tiles * BLOCKS],
             all: Rect::NONE,
@@ -118,8 +141,8 @@ impl PixelRays {
     }
 
     fn push(&mut self, tile: usize, block: usize, x: f32, y: f32) {
-        self.x.push(x);
-        self.y.push(y);
+        self.x.all.push(x);
+        self.y.all.push(y);
         self.tiles[tile].add(x, y);
         self.blocks[tile * BLOCKS + block].add(x, y);
         self.all.add(x, y);
@@ -149,7 +172,7 @@ impl PixelRays {
     /// x and y of a tile's rays.
     pub(super) fn of_tile(&self, tile: usize) -> (&[f32], &[f32]) {
         let range = tile * PIXELS * self.rays..(tile + 1) * PIXELS * self.rays;
-        (&self.x[range.clone()], &self.y[range])
+        (&self.x.values()[range.clone()], &self.y.values()[range])
     }
 
     pub(super) fn tiles(&self) -> usize {

@@ -5,10 +5,11 @@ use std::sync::Mutex;
 use rayon::prelude::*;
 
 use super::bins::Bins;
-use super::lights::{background, seen_lights};
-use super::pixel_rays::{PIXELS, PixelRays, TILE};
+use super::cone::FrameCones;
+use super::lights::{SeenLight, Surroundings, background, seen_lights};
+use super::pixel_rays::{BLOCK, PIXELS, PixelRays, TILE};
 use super::scene::Scene;
-use super::shadows::StillCones;
+use super::shadows::{moving_cones, still_cones};
 use super::tile::{self, TileImage, TileScratch, TileView};
 use super::view::View;
 use crate::error::{Error, Result};
@@ -19,10 +20,21 @@ use crate::error::{Error, Result};
 #[derive(Debug)]
 pub struct Renderer {
     scene: Scene,
-    still: StillCones,
+    still: FrameCones,
     pool: Option<rayon::ThreadPool>,
-    bins: Spares<Bins>,
+    rooms: Spares<Room>,
     scratch: Spares<TileScratch>,
+}
+
+/// How many views are done band by band together, at most, and how many triangles they may have in all.
+const MOST_TOGETHER: usize = 8;
+const MOST_TRIANGLES_TOGETHER: usize = 1 << 15;
+
+/// What is made ready for a view before its tiles.
+#[derive(Debug, Default)]
+struct Room {
+    bins: Bins,
+    cones: Vec<FrameCones>,
 }
 
 /// Rooms for work, used again and again: never more than there were threads at once.
@@ -30,14 +42,14 @@ pub struct Renderer {
 struct Spares<T>(Mutex<Vec<T>>);
 
 impl<T: Default> Spares<T> {
-    fn with<R>(&self, work: impl FnOnce(&mut T) -> R) -> R {
-        let spare = self.0.lock().map(|mut spares| spares.pop()).unwrap_or_default();
-        let mut room = spare.unwrap_or_default();
-        let result = work(&mut room);
+    fn take(&self) -> T {
+        self.0.lock().map(|mut spares| spares.pop()).unwrap_or_default().unwrap_or_default()
+    }
+
+    fn give(&self, room: T) {
         if let Ok(mut spares) = self.0.lock() {
             spares.push(room);
         }
-        result
     }
 }
 
@@ -49,8 +61,8 @@ impl Renderer {
     /// [`Error::Argument`] for no threads, or where the system refuses so many.
     pub fn new(scene: Scene, threads: Option<usize>) -> Result<Self> {
         let pool = threads.map(new_pool).transpose()?;
-        let still = StillCones::new(&scene);
-        Ok(Self { scene, still, pool, bins: Spares::default(), scratch: Spares::default() })
+        let still = still_cones(&scene);
+        Ok(Self { scene, still, pool, rooms: Spares::default(), scratch: Spares::default() })
     }
 
     /// The scene.
@@ -72,29 +84,19 @@ impl Renderer {
     /// [`Error::Argument`] for views of another scene, or room for other frames.
     pub fn luma(&self, rays: &PixelRays, views: &[View], luma: &mut [f32], rate: Option<&mut [f32]>) -> Result<()> {
         let views = &self.centred(views)?;
-        let size = rays.width * rays.height;
-        check_room(views.len() * size, luma.len())?;
+        check_room(views.len() * rays.pixels(), luma.len())?;
         match rate {
-            None => {
-                self.each_view(views, luma.par_chunks_mut(size), |view, frame, threads| {
-                    let bands = frame.par_chunks_mut(rays.width * TILE);
-                    self.frame(rays, view, bands, threads, |of, tile, scratch, image, band| {
-                        tile::luma::<false>(of, tile, &[true; PIXELS], scratch, image);
-                        put(rays, tile, &image.luma, band);
-                    });
-                });
-            }
+            None => self.each_tile(rays, views, bands(rays, luma), |of, tile, scratch, image, band| {
+                tile::luma::<false>(of, tile, &[true; PIXELS], scratch, image);
+                put(rays, tile, &image.luma, band);
+            }),
             Some(rate) => {
                 check_room(luma.len(), rate.len())?;
-                let frames = luma.par_chunks_mut(size).zip(rate.par_chunks_mut(size));
-                self.each_view(views, frames, |view, (luma, rate), threads| {
-                    let band = rays.width * TILE;
-                    let bands = luma.par_chunks_mut(band).zip(rate.par_chunks_mut(band));
-                    self.frame(rays, view, bands, threads, |of, tile, scratch, image, band| {
-                        tile::luma::<true>(of, tile, &[true; PIXELS], scratch, image);
-                        put(rays, tile, &image.luma, band.0);
-                        put(rays, tile, &image.rate, band.1);
-                    });
+                let both = bands(rays, luma).into_iter().zip(bands(rays, rate)).collect();
+                self.each_tile(rays, views, both, |of, tile, scratch, image, (luma, rate)| {
+                    tile::luma::<true>(of, tile, &[true; PIXELS], scratch, image);
+                    put(rays, tile, &image.luma, luma);
+                    put(rays, tile, &image.rate, rate);
                 });
             }
         }
@@ -143,25 +145,20 @@ impl Renderer {
     /// [`Error::Argument`] as for [`Self::luma`], or for another number of rays a pixel than one.
     pub fn depth(&self, rays: &PixelRays, views: &[View], depth: &mut [f32], owners: &mut [u32]) -> Result<()> {
         let views = &self.centred(views)?;
-        let size = rays.width * rays.height;
-        check_room(views.len() * size, depth.len())?;
+        check_room(views.len() * rays.pixels(), depth.len())?;
         check_room(depth.len(), owners.len())?;
         if rays.rays != 1 {
             return Err(Error::Argument(format!("depth is that of one ray a pixel, got {}", rays.rays)));
         }
-        let frames = depth.par_chunks_mut(size).zip(owners.par_chunks_mut(size));
-        self.each_view(views, frames, |view, (depth, owners), threads| {
-            let band = rays.width * TILE;
-            let bands = depth.par_chunks_mut(band).zip(owners.par_chunks_mut(band));
-            self.frame(rays, view, bands, threads, |of, tile, scratch, _, (depth, owners)| {
-                let (mut depths, mut frames) = ([f32::INFINITY; PIXELS], [0; PIXELS]);
-                tile::nearest(of.bins, rays, tile, scratch, |ray, inverse, triangle| {
-                    depths[ray] = 1.0 / inverse;
-                    frames[ray] = self.scene.surfaces[triangle as usize].frame;
-                });
-                put(rays, tile, &depths, depth);
-                put(rays, tile, &frames, owners);
+        let both = bands(rays, depth).into_iter().zip(bands(rays, owners)).collect();
+        self.each_tile(rays, views, both, |of, tile, scratch, _, (depth, owners)| {
+            let (mut depths, mut frames) = ([f32::INFINITY; PIXELS], [0; PIXELS]);
+            tile::nearest(of.bins, rays, tile, scratch, |ray, inverse, triangle| {
+                depths[ray] = 1.0 / inverse;
+                frames[ray] = self.scene.surfaces[triangle as usize].frame;
             });
+            put(rays, tile, &depths, depth);
+            put(rays, tile, &frames, owners);
         });
         Ok(())
     }
@@ -185,80 +182,111 @@ impl Renderer {
         }
     }
 
-    /// Does views side by side, or where they are few each on all threads: the last argument says so.
-    fn each_view<T: Send>(
-        &self,
-        views: &[View],
-        frames: impl IndexedParallelIterator<Item = T>,
-        work: impl Fn(&View, T, bool) + Sync + Send,
-    ) {
-        self.install(|| {
-            let threads = rayon::current_num_threads();
-            let alone = views.len() < 4 * threads && threads > 1;
-            views.par_iter().zip(frames).for_each(|(view, frame)| work(view, frame, alone));
-        });
-    }
-
-    /// Does all tiles of a view, band by band of the frame.
-    fn frame<T: Send>(
+    /// Does all tiles of all views, given the bands of their frames: several views side by side, or where they are few
+    /// each on all threads.
+    fn each_tile<T: Send>(
         &self,
         rays: &PixelRays,
-        view: &View,
-        bands: impl IndexedParallelIterator<Item = T>,
-        threads: bool,
+        views: &[View],
+        mut bands: Vec<T>,
         work: impl Fn(&TileView, usize, &mut TileScratch, &mut TileImage, &mut T) + Sync + Send,
     ) {
-        self.bins.with(|bins| {
-            bins.fill(&self.scene, view, rays, None);
-            let of = self.tile_view(rays, view, bins);
-            // In one piece where the other threads have views of their own.
-            let least = if threads { 1 } else { rays.rows };
-            bands.enumerate().with_min_len(least).for_each(|(row, mut band)| {
-                self.scratch.with(|scratch| {
-                    let mut image = TileImage::BLACK;
-                    for column in 0..rays.columns {
-                        work(&of, row * rays.columns + column, scratch, &mut image, &mut band);
+        let do_band = |of: &TileView, row: usize, scratch: &mut TileScratch, band: &mut T| {
+            let mut image = TileImage::BLACK;
+            for column in 0..rays.columns {
+                work(of, row * rays.columns + column, scratch, &mut image, band);
+            }
+        };
+        self.install(|| {
+            let threads = rayon::current_num_threads();
+            if views.len() < 4 * threads && threads > 1 {
+                for (view, bands) in views.iter().zip(bands.chunks_mut(rays.rows)) {
+                    self.with_views(rays, std::slice::from_ref(view), |of| {
+                        bands.par_iter_mut().enumerate().for_each(|(row, band)| {
+                            let mut scratch = self.scratch.take();
+                            do_band(&of[0], row, &mut scratch, band);
+                            self.scratch.give(scratch);
+                        });
+                    });
+                }
+                return;
+            }
+            let together = self.together().min(views.len().div_ceil(threads)).max(1);
+            views.par_chunks(together).zip(bands.par_chunks_mut(together * rays.rows)).for_each(|(views, bands)| {
+                let mut scratch = self.scratch.take();
+                self.with_views(rays, views, |of| {
+                    for row in 0..rays.rows {
+                        for (view, of) in of.iter().enumerate() {
+                            do_band(of, row, &mut scratch, &mut bands[view * rays.rows + row]);
+                        }
                     }
                 });
+                self.scratch.give(scratch);
             });
         });
     }
 
-    fn tile_view<'a>(&'a self, rays: &'a PixelRays, view: &'a View, bins: &'a Bins) -> TileView<'a> {
-        TileView {
-            scene: &self.scene,
-            still: &self.still,
-            rays,
-            view,
-            lights: seen_lights(&self.scene, view),
-            background: background(&self.scene, view),
-            bins,
+    /// Of how many views one thread does a band before it goes on to the next. They see nearly the same there, so that its
+    /// rays and texels are still in the caches; but what was made ready for each must be there too.
+    fn together(&self) -> usize {
+        (MOST_TRIANGLES_TOGETHER / self.scene.triangles().max(1)).clamp(1, MOST_TOGETHER)
+    }
+
+    /// Makes views ready.
+    fn with_views(&self, rays: &PixelRays, views: &[View], work: impl FnOnce(&[TileView])) {
+        let lights: Vec<_> = views.iter().map(|view| seen_lights(&self.scene, view)).collect();
+        let mut rooms: Vec<Room> = views.iter().map(|_| self.rooms.take()).collect();
+        let ready: Vec<TileView> = views
+            .iter()
+            .zip(&lights)
+            .zip(&mut rooms)
+            .map(|((view, lights), room)| self.tile_view(rays, view, lights, room, None))
+            .collect();
+        work(&ready);
+        drop(ready);
+        for room in rooms {
+            self.rooms.give(room);
         }
+    }
+
+    /// Makes a view ready; where `wanted` is given, in those tiles alone.
+    fn tile_view<'a>(
+        &'a self,
+        rays: &'a PixelRays,
+        view: &'a View,
+        lights: &'a [SeenLight],
+        room: &'a mut Room,
+        wanted: Option<&[bool]>,
+    ) -> TileView<'a> {
+        let Room { bins, cones } = room;
+        bins.fill(&self.scene, view, rays, wanted);
+        moving_cones(&self.scene, view, lights, cones);
+        let lit = Surroundings { scene: &self.scene, view, lights, still: &self.still, moving: cones };
+        TileView { rays, lit, background: background(&self.scene, view), bins }
     }
 
     /// Luma of pixels of one view, sorted by tile.
     fn samples_of(&self, rays: &PixelRays, view: &View, samples: &[Sample]) -> Vec<f32> {
-        self.bins.with(|bins| {
-            let mut tiles = vec![false; rays.tiles()];
-            for sample in samples {
-                tiles[sample.tile] = true;
+        let mut tiles = vec![false; rays.tiles()];
+        for sample in samples {
+            tiles[sample.tile] = true;
+        }
+        let lights = seen_lights(&self.scene, view);
+        let (mut room, mut scratch) = (self.rooms.take(), self.scratch.take());
+        let of = self.tile_view(rays, view, &lights, &mut room, Some(&tiles));
+        let mut found = Vec::with_capacity(samples.len());
+        let mut image = TileImage::BLACK;
+        for tile in samples.chunk_by(|a, b| a.tile == b.tile) {
+            let mut wanted = [false; PIXELS];
+            for sample in tile {
+                wanted[sample.place] = true;
             }
-            bins.fill(&self.scene, view, rays, Some(&tiles));
-            let of = self.tile_view(rays, view, bins);
-            let mut found = Vec::with_capacity(samples.len());
-            self.scratch.with(|scratch| {
-                let mut image = TileImage::BLACK;
-                for tile in samples.chunk_by(|a, b| a.tile == b.tile) {
-                    let mut wanted = [false; PIXELS];
-                    for sample in tile {
-                        wanted[sample.place] = true;
-                    }
-                    tile::luma::<false>(&of, tile[0].tile, &wanted, scratch, &mut image);
-                    found.extend(tile.iter().map(|sample| image.luma[sample.place]));
-                }
-            });
-            found
-        })
+            tile::luma::<false>(&of, tile[0].tile, &wanted, &mut scratch, &mut image);
+            found.extend(tile.iter().map(|sample| image.luma[sample.place]));
+        }
+        self.rooms.give(room);
+        self.scratch.give(scratch);
+        found
     }
 }
 
@@ -271,13 +299,21 @@ struct Sample {
     index: usize,
 }
 
+/// The bands of frames that lie one after the other: rows of tiles.
+fn bands<'a, T>(rays: &PixelRays, frames: &'a mut [T]) -> Vec<&'a mut [T]> {
+    frames.chunks_mut(rays.pixels()).flat_map(|frame| frame.chunks_mut(rays.width * TILE)).collect()
+}
+
 /// Puts a tile's pixels where they belong in its band of rows.
 fn put<T: Copy>(rays: &PixelRays, tile: usize, pixels: &[T; PIXELS], band: &mut [T]) {
     let top = tile / rays.columns * TILE;
-    for (place, &pixel) in pixels.iter().enumerate() {
-        let (column, row) = rays.pixel(tile, place);
-        if column < rays.width && row < rays.height {
-            band[(row - top) * rays.width + column] = pixel;
+    for (at, some) in pixels.chunks_exact(BLOCK).enumerate() {
+        // Rows of a block, which lie side by side in the image too.
+        let (column, row) = rays.pixel(tile, at * BLOCK);
+        if row < rays.height && column < rays.width {
+            let count = BLOCK.min(rays.width - column);
+            let first = (row - top) * rays.width + column;
+            band[first..first + count].copy_from_slice(&some[..count]);
         }
     }
 }

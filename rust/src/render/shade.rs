@@ -3,13 +3,14 @@
 use std::f64::consts::FRAC_1_PI;
 
 use super::bins::Seen;
-use super::lights::{SeenKind, SeenLight};
+use super::lanes::{Lanes, Rays};
+use super::lights::{SeenKind, SeenLight, Surroundings};
 use super::linear::Linear;
 use super::scene::Scene;
-use super::shadows::Shadow;
-use super::texture::{Taps, Texture, Wrap};
+use super::shadows::{Shadow, cast};
+use super::texture::{Clamp, Fold, Mirror, Repeat, Sampler, Taps, Texture, Wrap};
 use super::vector::{Vector, dot, single};
-use super::view::{Pose, View};
+use super::view::Pose;
 
 /// A linear function of the ray, and its rate.
 #[derive(Clone, Copy, Debug)]
@@ -63,7 +64,8 @@ pub(super) struct Shader<'a> {
 }
 
 impl<'a> Shader<'a> {
-    pub(super) fn new(scene: &'a Scene, view: &View, lights: &[SeenLight], seen: &Seen) -> Self {
+    pub(super) fn new(of: &Surroundings<'a>, seen: &Seen) -> Self {
+        let Surroundings { scene, view, lights, .. } = *of;
         let surface = &scene.surfaces[seen.triangle as usize];
         let pose = &view.poses[surface.frame as usize];
         let texture = &scene.textures[surface.texture as usize];
@@ -110,9 +112,9 @@ impl<'a> Shader<'a> {
         shader
     }
 
-    /// Numbers of the lights that fall on it.
-    pub(super) fn lights(&self) -> impl Iterator<Item = usize> {
-        self.lit.iter().map(|lit| lit.light)
+    /// Whether a light of this number falls on it.
+    pub(super) fn lit_by(&self, light: usize) -> bool {
+        self.lit.iter().any(|lit| lit.light == light)
     }
 }
 
@@ -229,39 +231,36 @@ fn turned_map(rows: &[Map; 3], pose: &Pose, i: usize) -> Affine {
 }
 
 /// Luma and, where it is wanted, its rate.
-pub(super) type Reflected<const L: usize> = ([f32; L], [f32; L]);
+pub(super) type Reflected = (Lanes, Lanes);
 
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 impl Shader<'_> {
-    /// What L rays see of the triangle.
+    /// What rays see of the triangle.
     #[inline(always)]
-    pub(super) fn luma<const L: usize, const RATE: bool>(
-        &self,
-        x: &[f32; L],
-        y: &[f32; L],
-        shadow: &Shadow,
-    ) -> Reflected<L> {
-        let (depth, depth_rate) = self.depth::<L, RATE>(x, y);
-        let (mut luma, mut rate) = ([0f32; L], [0f32; L]);
-        let taps = self.taps::<L, RATE>(x, y, &depth, &depth_rate);
-        let normal = self.smooth.as_ref().map(|maps| normals::<L, RATE>(maps, x, y, &depth, &depth_rate));
+    pub(super) fn luma<const RATE: bool, const FULL: bool>(&self, rays: &Rays<FULL>, shadow: &Shadow) -> Reflected {
+        let n = rays.count();
+        let (depth, depth_rate) = self.depth::<RATE, FULL>(rays);
+        let (mut luma, mut rate) = (Lanes::ZERO, Lanes::ZERO);
+        let normal = self.smooth.as_ref().map(|maps| normals::<RATE, FULL>(maps, rays, &depth, &depth_rate));
         let mut at = 0;
         while at < self.lit.len() {
             let group = self.lit[at].group;
-            let (mut light, mut light_rate) = ([0f32; L], [0f32; L]);
+            let (mut light, mut light_rate) = (Lanes::ZERO, Lanes::ZERO);
             while at < self.lit.len() && self.lit[at].group == group {
                 let lit = &self.lit[at];
                 let (mut one, mut one_rate) =
-                    falling::<L, RATE>(&lit.falls, x, y, &depth, &depth_rate, normal.as_ref());
-                shadow.cast::<L>(lit.light, x, y, &depth, &mut one, &mut one_rate);
-                for i in 0..L {
+                    falling::<RATE, FULL>(&lit.falls, rays, &depth, &depth_rate, normal.as_ref());
+                if shadow.hides(lit.light) {
+                    cast(shadow, lit.light, rays, &depth, &mut one, &mut one_rate);
+                }
+                for i in 0..n {
                     light[i] += one[i];
                     light_rate[i] += one_rate[i];
                 }
                 at += 1;
             }
-            let (reflectance, reflectance_rate) = self.reflectance::<L, RATE>(group, taps.as_ref());
-            for i in 0..L {
+            let (reflectance, reflectance_rate) = self.reflectance::<RATE, FULL>(group, rays, &depth, &depth_rate);
+            for i in 0..n {
                 luma[i] += reflectance[i] * light[i];
                 if RATE {
                     rate[i] += reflectance[i] * light_rate[i] + reflectance_rate[i] * light[i];
@@ -271,7 +270,7 @@ impl Shader<'_> {
         if let Some(normal) = &normal
             && !self.two_sided
         {
-            for i in 0..L {
+            for i in 0..n {
                 let front = normal.facing[i] > 0.0;
                 luma[i] = if front { luma[i] } else { 0.0 };
                 rate[i] = if front { rate[i] } else { 0.0 };
@@ -281,9 +280,10 @@ impl Shader<'_> {
     }
 
     #[inline(always)]
-    fn depth<const L: usize, const RATE: bool>(&self, x: &[f32; L], y: &[f32; L]) -> ([f32; L], [f32; L]) {
-        let (mut depth, mut rate) = ([0f32; L], [0f32; L]);
-        for i in 0..L {
+    fn depth<const RATE: bool, const FULL: bool>(&self, rays: &Rays<FULL>) -> Reflected {
+        let (n, x, y) = (rays.count(), &rays.x, &rays.y);
+        let (mut depth, mut rate) = (Lanes::ZERO, Lanes::ZERO);
+        for i in 0..n {
             depth[i] = 1.0 / self.inverse_depth.now.at(x[i], y[i]);
             if RATE {
                 rate[i] = -(depth[i] * depth[i]) * self.inverse_depth.rate.at(x[i], y[i]);
@@ -292,96 +292,105 @@ impl Shader<'_> {
         (depth, rate)
     }
 
-    /// Where its texture is hit; None where it is the same everywhere.
     #[inline(always)]
-    fn taps<const L: usize, const RATE: bool>(
-        &self,
-        x: &[f32; L],
-        y: &[f32; L],
-        depth: &[f32; L],
-        depth_rate: &[f32; L],
-    ) -> Option<(Taps<L>, [[f32; L]; 2])> {
-        if self.texture.is_constant() {
-            return None;
-        }
-        let (u, u_rate) = self.u.at::<L, RATE>(x, y, depth, depth_rate);
-        let (v, v_rate) = self.v.at::<L, RATE>(x, y, depth, depth_rate);
-        Some((Taps::new::<RATE>(self.texture, &u, &v), [u_rate, v_rate]))
-    }
-
-    #[inline(always)]
-    fn reflectance<const L: usize, const RATE: bool>(
+    fn reflectance<const RATE: bool, const FULL: bool>(
         &self,
         group: usize,
-        taps: Option<&(Taps<L>, [[f32; L]; 2])>,
-    ) -> Reflected<L> {
-        let texels = self.texture.texels(&self.scene.texels[group]);
-        match taps {
-            None => ([texels[0]; L], [0f32; L]),
-            Some((taps, rates)) => taps.look_up::<RATE>(texels, self.texture.width as usize + 2, rates),
+        rays: &Rays<FULL>,
+        depth: &Lanes,
+        depth_rate: &Lanes,
+    ) -> Reflected {
+        let sampler = Sampler::new(self.texture, &self.scene.texels[group]);
+        if self.texture.is_constant() {
+            return (Lanes::all(sampler.only()), Lanes::ZERO);
+        }
+        match self.texture.wrap {
+            Wrap::Repeat => self.textured::<RATE, FULL, Repeat>(sampler, rays, depth, depth_rate),
+            Wrap::Clamp => self.textured::<RATE, FULL, Clamp>(sampler, rays, depth, depth_rate),
+            Wrap::Mirror => self.textured::<RATE, FULL, Mirror>(sampler, rays, depth, depth_rate),
         }
     }
-}
 
-#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
-impl Affine {
     #[inline(always)]
-    fn at<const L: usize, const RATE: bool>(
+    fn textured<const RATE: bool, const FULL: bool, F: Fold>(
         &self,
-        x: &[f32; L],
-        y: &[f32; L],
-        depth: &[f32; L],
-        depth_rate: &[f32; L],
-    ) -> ([f32; L], [f32; L]) {
-        let (mut value, mut rate) = ([0f32; L], [0f32; L]);
-        for i in 0..L {
-            let slope = self.slope.now.at(x[i], y[i]);
-            value[i] = depth[i] * slope + self.offset;
+        sampler: Sampler,
+        rays: &Rays<FULL>,
+        depth: &Lanes,
+        depth_rate: &Lanes,
+    ) -> Reflected {
+        let (n, x, y) = (rays.count(), &rays.x, &rays.y);
+        let (mut taps, mut rates) = (Taps::NONE, [Lanes::ZERO; 2]);
+        for i in 0..n {
+            let (u, u_rate) = self.u.at::<RATE>(x[i], y[i], depth[i], depth_rate[i]);
+            let (v, v_rate) = self.v.at::<RATE>(x[i], y[i], depth[i], depth_rate[i]);
+            let [by_u, by_v] = taps.set::<F>(i, &sampler, u, v);
             if RATE {
-                rate[i] = depth_rate[i] * slope + (depth[i] * self.slope.rate.at(x[i], y[i]) + self.offset_rate);
+                rates[0][i] = by_u * u_rate;
+                rates[1][i] = by_v * v_rate;
+            }
+        }
+        let corners = sampler.corners(&taps, n);
+        let (mut value, mut rate) = (Lanes::ZERO, Lanes::ZERO);
+        for i in 0..n {
+            let [p, q, r, s] = [corners[0][i], corners[1][i], corners[2][i], corners[3][i]];
+            let (upper, lower) = (q - p, s - r);
+            let (a, b) = (p + upper * taps.x[i], r + lower * taps.x[i]);
+            value[i] = a + (b - a) * taps.y[i];
+            if RATE {
+                rate[i] = (upper + (lower - upper) * taps.y[i]) * rates[0][i] + (b - a) * rates[1][i];
             }
         }
         (value, rate)
     }
 }
 
+#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
+impl Affine {
+    #[inline(always)]
+    fn at<const RATE: bool>(&self, x: f32, y: f32, depth: f32, depth_rate: f32) -> (f32, f32) {
+        let slope = self.slope.now.at(x, y);
+        let value = depth * slope + self.offset;
+        if !RATE {
+            return (value, 0.0);
+        }
+        (value, depth_rate * slope + (depth * self.slope.rate.at(x, y) + self.offset_rate))
+    }
+}
+
 /// Unit normals that face the camera, their rates, and whether (1 or -1) their front does.
-struct Normals<const L: usize> {
-    now: [[f32; L]; 3],
-    rate: [[f32; L]; 3],
-    facing: [f32; L],
+struct Normals {
+    now: [Lanes; 3],
+    rate: [Lanes; 3],
+    facing: Lanes,
 }
 
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
-fn normals<const L: usize, const RATE: bool>(
+fn normals<const RATE: bool, const FULL: bool>(
     maps: &[Affine; 3],
-    x: &[f32; L],
-    y: &[f32; L],
-    depth: &[f32; L],
-    depth_rate: &[f32; L],
-) -> Normals<L> {
-    let parts = [
-        maps[0].at::<L, RATE>(x, y, depth, depth_rate),
-        maps[1].at::<L, RATE>(x, y, depth, depth_rate),
-        maps[2].at::<L, RATE>(x, y, depth, depth_rate),
-    ];
-    let mut normals = Normals { now: [[0f32; L]; 3], rate: [[0f32; L]; 3], facing: [0f32; L] };
-    for i in 0..L {
-        let m = [parts[0].0[i], parts[1].0[i], parts[2].0[i]];
+    rays: &Rays<FULL>,
+    depth: &Lanes,
+    depth_rate: &Lanes,
+) -> Normals {
+    let (n, x, y) = (rays.count(), &rays.x, &rays.y);
+    let mut normals = Normals { now: [Lanes::ZERO; 3], rate: [Lanes::ZERO; 3], facing: Lanes::ZERO };
+    for i in 0..n {
+        let [a, b, c] = [0, 1, 2].map(|k| maps[k].at::<RATE>(x[i], y[i], depth[i], depth_rate[i]));
+        let m = [a.0, b.0, c.0];
         let along = m[0] * x[i] + (m[1] * y[i] + m[2]);
         let facing = if along > 0.0 { -1.0 } else { 1.0 };
         let per_length = facing / (m[0] * m[0] + (m[1] * m[1] + m[2] * m[2])).sqrt();
-        let n = m.map(|component| component * per_length);
+        let unit = m.map(|component| component * per_length);
         normals.facing[i] = facing;
         for k in 0..3 {
-            normals.now[k][i] = n[k];
+            normals.now[k][i] = unit[k];
         }
         if RATE {
-            let r = [parts[0].1[i] * per_length, parts[1].1[i] * per_length, parts[2].1[i] * per_length];
-            let along = n[0] * r[0] + (n[1] * r[1] + n[2] * r[2]);
+            let r = [a.1 * per_length, b.1 * per_length, c.1 * per_length];
+            let along = unit[0] * r[0] + (unit[1] * r[1] + unit[2] * r[2]);
             for k in 0..3 {
-                normals.rate[k][i] = r[k] - n[k] * along;
+                normals.rate[k][i] = r[k] - unit[k] * along;
             }
         }
     }
@@ -391,18 +400,18 @@ fn normals<const L: usize, const RATE: bool>(
 /// Irradiance / pi of a light that nothing shadows, and its rate.
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
-fn falling<const L: usize, const RATE: bool>(
+fn falling<const RATE: bool, const FULL: bool>(
     falls: &Falls,
-    x: &[f32; L],
-    y: &[f32; L],
-    depth: &[f32; L],
-    depth_rate: &[f32; L],
-    normals: Option<&Normals<L>>,
-) -> Reflected<L> {
-    let (mut value, mut rate) = ([0f32; L], [0f32; L]);
+    rays: &Rays<FULL>,
+    depth: &Lanes,
+    depth_rate: &Lanes,
+    normals: Option<&Normals>,
+) -> Reflected {
+    let (count, x, y) = (rays.count(), &rays.x, &rays.y);
+    let (mut value, mut rate) = (Lanes::ZERO, Lanes::ZERO);
     match (*falls, normals) {
         (Falls::From { place, place_rate, amount, rate: amount_rate }, _) => {
-            for i in 0..L {
+            for i in 0..count {
                 let to = [place[0] - x[i] * depth[i], place[1] - y[i] * depth[i], place[2] - depth[i]];
                 let squared = to[0] * to[0] + (to[1] * to[1] + to[2] * to[2]);
                 let cube = squared * squared.sqrt();
@@ -416,7 +425,7 @@ fn falling<const L: usize, const RATE: bool>(
             }
         }
         (Falls::FromOnSmooth { place, place_rate, strength, rate: strength_rate }, Some(normals)) => {
-            for i in 0..L {
+            for i in 0..count {
                 let to = [place[0] - x[i] * depth[i], place[1] - y[i] * depth[i], place[2] - depth[i]];
                 let squared = to[0] * to[0] + (to[1] * to[1] + to[2] * to[2]);
                 let cube = squared * squared.sqrt();
@@ -439,7 +448,7 @@ fn falling<const L: usize, const RATE: bool>(
             }
         }
         (Falls::AlongOnSmooth { towards, towards_rate, strength, rate: strength_rate }, Some(normals)) => {
-            for i in 0..L {
+            for i in 0..count {
                 let n = [normals.now[0][i], normals.now[1][i], normals.now[2][i]];
                 let cosine = n[0] * towards[0] + (n[1] * towards[1] + n[2] * towards[2]);
                 let lit = cosine > 0.0;
@@ -454,9 +463,9 @@ fn falling<const L: usize, const RATE: bool>(
             }
         }
         (Falls::Evenly { amount, rate: amount_rate }, _) => {
-            value = [amount; L];
+            value = Lanes::all(amount);
             if RATE {
-                rate = [amount_rate; L];
+                rate = Lanes::all(amount_rate);
             }
         }
         (Falls::FromOnSmooth { .. } | Falls::AlongOnSmooth { .. }, None) => {}

@@ -1,5 +1,6 @@
 //! Textures: bilinear lookup at the places that rays hit, and its rate of change.
 
+use super::lanes::{Lanes, MOST};
 use crate::error::{Error, Result};
 
 /// A float32 that is added to small whole numbers, whose last bits are then these numbers.
@@ -25,10 +26,6 @@ pub(super) struct Texture {
 }
 
 impl Texture {
-    pub(super) fn texels<'a>(&self, buffer: &'a [f32]) -> &'a [f32] {
-        &buffer[self.first..][..(self.width as usize + 2) * (self.height as usize + 2)]
-    }
-
     /// Whether it is of one texel, and so the same everywhere.
     pub(super) fn is_constant(&self) -> bool {
         self.width == 1 && self.height == 1
@@ -50,7 +47,7 @@ pub(super) fn checked(layouts: &[[i64; 4]], texels: &[Vec<f32>]) -> Result<Vec<T
         else {
             return Err(misplaced(number, &layouts[number], length));
         };
-        if !side.contains(&height) || end.is_none_or(|end| end > i64::from(u32::MAX)) || !fits {
+        if !side.contains(&height) || end.is_none_or(|end| end > i64::from(i32::MAX)) || !fits {
             return Err(misplaced(number, &layouts[number], length));
         }
         let wrap = match wrap {
@@ -71,111 +68,128 @@ fn misplaced(number: usize, layout: &[i64; 4], length: usize) -> Error {
     ))
 }
 
-/// Where rays hit a texture: for each the texel at or before the place, and how far it is past it in x and in y.
-pub(super) struct Taps<const L: usize> {
-    texel: [u32; L],
-    x: [f32; L],
-    y: [f32; L],
-    /// Texels per unit of u and of v there, where rates are wanted.
-    slopes: [[f32; L]; 2],
+/// How a wrap mode folds a coordinate back into the texture: where to, and in which direction it goes on there.
+pub(super) trait Fold {
+    fn fold(coordinate: f32) -> (f32, f32);
+}
+
+pub(super) struct Repeat;
+pub(super) struct Clamp;
+pub(super) struct Mirror;
+
+#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
+impl Fold for Repeat {
+    #[inline(always)]
+    fn fold(u: f32) -> (f32, f32) {
+        (u - u.floor(), 1.0)
+    }
 }
 
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
-impl<const L: usize> Taps<L> {
+impl Fold for Clamp {
     #[inline(always)]
-    pub(super) fn new<const RATE: bool>(texture: &Texture, u: &[f32; L], v: &[f32; L]) -> Self {
-        let (column, x, by_u) = texels_before::<L, RATE>(u, texture.width, texture.wrap);
-        let (row, y, by_v) = texels_before::<L, RATE>(v, texture.height, texture.wrap);
-        let stride = texture.width + 2;
-        Self { texel: std::array::from_fn(|i| row[i] * stride + column[i]), x, y, slopes: [by_u, by_v] }
-    }
-
-    /// Reflectance as luma; with the rates of u and v its own rate.
-    #[inline(always)]
-    pub(super) fn look_up<const RATE: bool>(
-        &self,
-        texels: &[f32],
-        stride: usize,
-        rates: &[[f32; L]; 2],
-    ) -> ([f32; L], [f32; L]) {
-        // A texel that is not there cannot be asked for; said so, this becomes one gather each.
-        let texel = |at: usize| if at < texels.len() { texels[at] } else { 0.0 };
-        let mut corners = [[0f32; L]; 4];
-        for i in 0..L {
-            corners[0][i] = texel(self.texel[i] as usize);
-        }
-        for i in 0..L {
-            corners[1][i] = texel(self.texel[i] as usize + 1);
-        }
-        for i in 0..L {
-            corners[2][i] = texel(self.texel[i] as usize + stride);
-        }
-        for i in 0..L {
-            corners[3][i] = texel(self.texel[i] as usize + stride + 1);
-        }
-        let [p, q, r, s] = corners;
-        let (mut value, mut rate) = ([0f32; L], [0f32; L]);
-        for i in 0..L {
-            let (upper, lower) = (q[i] - p[i], s[i] - r[i]);
-            let (a, b) = (p[i] + upper * self.x[i], r[i] + lower * self.x[i]);
-            value[i] = a + (b - a) * self.y[i];
-            if RATE {
-                let along_x = upper + (lower - upper) * self.y[i];
-                let (x_rate, y_rate) = (self.slopes[0][i] * rates[0][i], self.slopes[1][i] * rates[1][i]);
-                rate[i] = along_x * x_rate + (b - a) * y_rate;
-            }
-        }
-        (value, rate)
+    fn fold(u: f32) -> (f32, f32) {
+        let inside = if u > 0.0 { u } else { 0.0 };
+        let inside = if inside < 1.0 { inside } else { 1.0 };
+        (inside, if inside == u { 1.0 } else { 0.0 })
     }
 }
 
-/// For coordinates along one side: the texel at or before each, counted from the frame around the texture, how far the
+#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
+impl Fold for Mirror {
+    #[inline(always)]
+    fn fold(u: f32) -> (f32, f32) {
+        let period = u - 2.0 * (u * 0.5).floor();
+        let back = 2.0 - period;
+        if period < back { (period, 1.0) } else { (back, -1.0) }
+    }
+}
+
+/// A texture under lights of one colour.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Sampler<'a> {
+    texels: &'a [f32],
+    /// As many as there are texels.
+    count: u32,
+    /// Texels from one row to the next.
+    stride: u32,
+    size: [f32; 2],
+}
+
+#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
+impl<'a> Sampler<'a> {
+    #[inline(always)]
+    #[allow(clippy::cast_precision_loss, reason = "a side has at most 2^22 texels")]
+    pub(super) fn new(texture: &Texture, buffer: &'a [f32]) -> Self {
+        let (stride, rows) = (texture.width + 2, texture.height + 2);
+        let count = stride * rows;
+        let texels = &buffer[texture.first..][..count as usize];
+        Self { texels, count, stride, size: [texture.width as f32, texture.height as f32] }
+    }
+
+    /// Reflectance of a texture that is the same everywhere.
+    #[inline(always)]
+    pub(super) fn only(&self) -> f32 {
+        self.texels[0]
+    }
+
+    /// The texel at or before each place, the next one, and the two in the row below.
+    ///
+    /// One after the other, so that many of them are on their way from memory at once.
+    #[inline(always)]
+    pub(super) fn corners(&self, taps: &Taps, n: usize) -> [Lanes; 4] {
+        let mut corners = [Lanes::ZERO; 4];
+        for (corner, offset) in corners.iter_mut().zip([0, 1, self.stride, self.stride + 1]) {
+            for i in 0..n {
+                corner[i] = self.texel(taps.texel[i] + offset);
+            }
+        }
+        corners
+    }
+
+    /// A texel that is not there cannot be asked for; said so, this becomes a gather. Numbers below 2^31 are those that
+    /// it takes as they are.
+    #[inline(always)]
+    fn texel(&self, at: u32) -> f32 {
+        let at = at & (u32::MAX >> 1);
+        if at < self.count { self.texels[at as usize] } else { 0.0 }
+    }
+}
+
+/// Where rays hit a texture: for each the texel at or before the place, and how far it is past it in x and in y.
+#[derive(Debug)]
+pub(super) struct Taps {
+    texel: [u32; MOST],
+    pub(super) x: Lanes,
+    pub(super) y: Lanes,
+}
+
+#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
+impl Taps {
+    pub(super) const NONE: Self = Self { texel: [0; MOST], x: Lanes::ZERO, y: Lanes::ZERO };
+
+    /// Sets that of a ray which hits the texture at (u, v). Gives texels per unit of u and of v there.
+    #[inline(always)]
+    pub(super) fn set<F: Fold>(&mut self, ray: usize, sampler: &Sampler, u: f32, v: f32) -> [f32; 2] {
+        let (column, x, by_u) = before::<F>(u, sampler.size[0]);
+        let (row, y, by_v) = before::<F>(v, sampler.size[1]);
+        self.texel[ray] = row * sampler.stride + column;
+        (self.x[ray], self.y[ray]) = (x, y);
+        [by_u, by_v]
+    }
+}
+
+/// For a coordinate along one side: the texel at or before it, counted from the frame around the texture, how far the
 /// coordinate is past it, and texels per unit.
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
-fn texels_before<const L: usize, const RATE: bool>(
-    coordinates: &[f32; L],
-    size: u32,
-    wrap: Wrap,
-) -> ([u32; L], [f32; L], [f32; L]) {
-    match wrap {
-        Wrap::Repeat => before::<L, RATE>(coordinates, size, |u| (u - u.floor(), 1.0)),
-        Wrap::Clamp => before::<L, RATE>(coordinates, size, |u| {
-            let inside = if u > 0.0 { u } else { 0.0 };
-            let inside = if inside < 1.0 { inside } else { 1.0 };
-            (inside, if inside == u { 1.0 } else { 0.0 })
-        }),
-        Wrap::Mirror => before::<L, RATE>(coordinates, size, |u| {
-            let period = u - 2.0 * (u * 0.5).floor();
-            let back = 2.0 - period;
-            if period < back { (period, 1.0) } else { (back, -1.0) }
-        }),
-    }
-}
-
-#[inline(always)]
-#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
-fn before<const L: usize, const RATE: bool>(
-    coordinates: &[f32; L],
-    size: u32,
-    fold: impl Fn(f32) -> (f32, f32),
-) -> ([u32; L], [f32; L], [f32; L]) {
-    #[allow(clippy::cast_precision_loss, reason = "a side has at most 2^22 texels")]
-    let size = size as f32;
-    let (mut texel, mut past, mut slope) = ([0u32; L], [0f32; L], [0f32; L]);
-    for i in 0..L {
-        let (inside, direction) = fold(coordinates[i]);
-        let at = inside * size - 0.5;
-        let whole = at.floor();
-        past[i] = at - whole;
-        // What is not finite must not lead outside of the texture.
-        let number = whole + 1.0;
-        let number = if number > 0.0 { number } else { 0.0 };
-        let number = if number < size { number } else { size };
-        texel[i] = (number + WHOLE).to_bits() - WHOLE.to_bits();
-        if RATE {
-            slope[i] = direction * size;
-        }
-    }
-    (texel, past, slope)
+fn before<F: Fold>(coordinate: f32, size: f32) -> (u32, f32, f32) {
+    let (inside, direction) = F::fold(coordinate);
+    let at = inside * size - 0.5;
+    let whole = at.floor();
+    // What is not finite must not lead outside of the texture.
+    let number = whole + 1.0;
+    let number = if number > 0.0 { number } else { 0.0 };
+    let number = if number < size { number } else { size };
+    ((number + WHOLE).to_bits() - WHOLE.to_bits(), at - whole, direction * size)
 }

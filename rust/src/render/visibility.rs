@@ -2,7 +2,7 @@
 
 use super::bins::{Bins, Cover, Entry, Seen};
 use super::linear::Rect;
-use super::pixel_rays::{BLOCKS, LANES};
+use super::pixel_rays::{BLOCKS, LANES, PIXELS};
 
 /// No triangle.
 pub(super) const NOTHING: u32 = u32::MAX;
@@ -18,6 +18,8 @@ pub(super) struct Nearest {
     /// Of blocks whose rays all see the same triangle, as their corners tell, its place; else [`NOTHING`]. Its rays are
     /// left to who wants to know more of them.
     pub(super) only: [u32; BLOCKS],
+    /// Of the other blocks, how many rays see each triangle of the list.
+    pub(super) counts: Vec<[u32; BLOCKS]>,
     list: Vec<Candidate>,
 }
 
@@ -30,26 +32,18 @@ struct Candidate {
 
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 impl Nearest {
-    /// Finds them for the rays of a tile, of those blocks that are wanted.
+    /// Finds them for the rays of a tile.
     #[inline(always)]
-    pub(super) fn find(
-        &mut self,
-        bins: &Bins,
-        list: &[Entry],
-        (x, y): (&[f32], &[f32]),
-        blocks: &[Rect],
-        wanted: [bool; BLOCKS],
-    ) {
+    pub(super) fn find(&mut self, bins: &Bins, list: &[Entry], (x, y): (&[f32], &[f32]), blocks: &[Rect]) {
         self.only = [NOTHING; BLOCKS];
+        self.counts.clear();
+        self.counts.resize(list.len(), [0; BLOCKS]);
         self.place.clear();
         self.place.resize(x.len(), NOTHING);
         self.inverse_depth.clear();
         self.inverse_depth.resize(x.len(), 0.0);
         let length = x.len() / BLOCKS;
         for (block, part) in blocks.iter().enumerate() {
-            if !wanted[block] {
-                continue;
-            }
             self.candidates(bins, list, part);
             if let [one] = self.list.as_slice()
                 && one.covers
@@ -71,7 +65,33 @@ impl Nearest {
                 let seen = &bins.seen[list[candidate.place as usize].seen as usize];
                 nearer(seen, *candidate, &x[rays.clone()], &y[rays.clone()], &mut out);
             }
+            for candidate in &self.list {
+                self.counts[candidate.place as usize][block] = count(out.0, candidate.place);
+            }
         }
+    }
+
+    /// Forgets what the rays of pixels see that are not wanted.
+    pub(super) fn keep(&mut self, wanted: &[bool; PIXELS]) {
+        let length = self.place.len() / BLOCKS;
+        for (block, wanted) in wanted.chunks_exact(LANES).enumerate() {
+            if !wanted.contains(&true) {
+                self.only[block] = NOTHING;
+            }
+            for pixels in self.place[block * length..(block + 1) * length].chunks_exact_mut(LANES) {
+                for (place, _) in
+                    pixels.iter_mut().zip(wanted).filter(|(place, wanted)| !**wanted && **place != NOTHING)
+                {
+                    self.counts[*place as usize][block] -= 1;
+                    *place = NOTHING;
+                }
+            }
+        }
+    }
+
+    /// Whether any ray sees the triangle at a place in the list.
+    pub(super) fn sees(&self, place: u32) -> bool {
+        self.only.contains(&place) || self.counts[place as usize] != [0; BLOCKS]
     }
 
     /// What of a tile's list a block may see.
@@ -93,6 +113,13 @@ impl Nearest {
         }
         self.list.retain(|candidate| candidate.nearest >= hidden);
     }
+}
+
+/// How many rays see a triangle.
+#[inline(always)]
+#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
+fn count(places: &[u32], place: u32) -> u32 {
+    places.iter().map(|&one| u32::from(one == place)).sum()
 }
 
 /// The least of some inverse depths.

@@ -1,0 +1,64 @@
+//! Values of rays that are worked on side by side.
+
+use std::ops::{Deref, DerefMut};
+
+/// So many at most. Fixed lengths, with loops over those that are there, become vector code.
+pub(super) const MOST: usize = 64;
+
+/// How many values make up the widest vector: arrays are worked on in multiples of it.
+pub(super) const STEP: usize = 16;
+
+/// A value of each ray, where vectors lie in one line of the cache each.
+#[derive(Clone, Copy, Debug)]
+#[repr(align(64))]
+pub(super) struct Lanes([f32; MOST]);
+
+#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
+impl Lanes {
+    pub(super) const ZERO: Self = Self([0.0; MOST]);
+
+    #[inline(always)]
+    pub(super) fn of(values: &[f32; MOST]) -> Self {
+        Self(*values)
+    }
+
+    #[inline(always)]
+    pub(super) fn all(value: f32) -> Self {
+        Self([value; MOST])
+    }
+}
+
+#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
+impl Deref for Lanes {
+    type Target = [f32; MOST];
+
+    #[inline(always)]
+    fn deref(&self) -> &[f32; MOST] {
+        &self.0
+    }
+}
+
+#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
+impl DerefMut for Lanes {
+    #[inline(always)]
+    fn deref_mut(&mut self) -> &mut [f32; MOST] {
+        &mut self.0
+    }
+}
+
+/// Rays of one triangle by their undistorted coordinates: [`MOST`] where `FULL`, else any multiple of [`STEP`].
+#[derive(Debug)]
+pub(super) struct Rays<const FULL: bool> {
+    pub(super) count: usize,
+    pub(super) x: Lanes,
+    pub(super) y: Lanes,
+}
+
+#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
+impl<const FULL: bool> Rays<FULL> {
+    /// How many there are; where that is known to the compiler, it writes each array once.
+    #[inline(always)]
+    pub(super) fn count(&self) -> usize {
+        if FULL { MOST } else { self.count.min(MOST) }
+    }
+}
