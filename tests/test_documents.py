@@ -171,7 +171,7 @@ def example_files(tmp_path_factory: pytest.TempPathFactory) -> Path:
     shutil.copytree(folder / "DIR", folder / "PATH")
     assert main(["convert", str(folder / "DIR"), str(folder / "IN.aedat4"), "--quiet"]) == 0
     assert main(["record", "--virtual", "three_planes", "-o", str(folder / "FILE"), "--duration", "0.02"]) == 0
-    bars, stamps_ms = moving_bars(8, 720, 540), [50 * k for k in range(8)]
+    bars, stamps_ms = 96 + moving_bars(4, 360, 270) // 4, [100 * k for k in range(4)]
     write_video(folder / "clip.mp4", bars, stamps_ms, codec="libx264", pixel_format="yuv420p")
     write_images(folder / "images", bars)
     (folder / "times.txt").write_text("".join(f"{t / 1000:.3f}\n" for t in stamps_ms))
