@@ -202,7 +202,7 @@ def test_a_fault_is_named_with_its_place(tmp_path: Path, text: str, message: str
         ({"imu_effects": {"lag": 0.001}, "imu": "mpu6150"}, "must be at least 0.002 s"),
         ({"pose_noise": -1}, "pose_noise = -1: "),
         ({"contrast_threshold": {"uniform": [-1, 1]}}, "contrast_threshold = -"),
-        ({"log_eps": 0}, "log_eps = 0: log_eps must be > 0 luma, got 0"),
+        ({"log_eps": 0}, "log_eps = 0: log_eps must be > 0 and <= 1000 luma, got 0"),
         ({"effects": {"leak": 3}}, "there is no effect 'leak'"),
         ({"effects": {"leak_rate_hz": {"normal": [0, 1]}}}, "effects = {'leak_rate_hz': -"),
         ({"image_gain": 0}, "image_gain = 0: image_gain must be > 0, got 0"),

@@ -99,22 +99,31 @@ class Cubic(Interpolation):
 
 
 def with_rates(frames: Iterator[SensorFrame], log_eps: np.float32) -> Iterator[tuple[SensorFrame, LumaFrame]]:
-    """Each frame with its rate dY/dt (H, W), in luma per second; one frame is looked ahead."""
+    """Each frame with its rate dY/dt (H, W), in luma per second; one frame is looked ahead.
+
+    Where the next frame cannot be had, the frame before it still comes, as the last one does; then the error is raised.
+    """
     last: SensorFrame | None = None
     chord: LumaFrame | None = None  # dL/dt of the line before the last frame
     length = 0.0
     log = np.zeros(0, np.float32)
-    for frame in frames:
-        new_log = np.log(frame.luma + log_eps)
-        if last is not None:
-            new_length = (frame.t_us - last.t_us) * 1e-6
-            new_chord = (new_log - log) / np.float32(new_length)
-            slope = new_chord if chord is None else _monotone(chord, length, new_chord, new_length)
-            yield last, slope * (last.luma + log_eps)
-            chord, length = new_chord, new_length
-        last, log = frame, new_log
+    failed: Exception | None = None
+    try:
+        for frame in frames:
+            new_log = np.log(frame.luma + log_eps)
+            if last is not None:
+                new_length = (frame.t_us - last.t_us) * 1e-6
+                new_chord = (new_log - log) / np.float32(new_length)
+                slope = new_chord if chord is None else _monotone(chord, length, new_chord, new_length)
+                yield last, slope * (last.luma + log_eps)
+                chord, length = new_chord, new_length
+            last, log = frame, new_log
+    except Exception as error:
+        failed = error
     if last is not None:
         yield last, np.zeros_like(last.luma) if chord is None else chord * (last.luma + log_eps)
+    if failed is not None:
+        raise failed
 
 
 def _monotone(before: LumaFrame, before_s: float, after: LumaFrame, after_s: float) -> LumaFrame:

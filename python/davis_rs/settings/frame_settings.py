@@ -46,6 +46,7 @@ class _LightSettings(TypedDict, total=False):
             default_help="0.001, or as much more as keeps one grey level below C",
             unit="luma",
             low=0,
+            high=1000,
             above_low=True,
             metavar="Y",
             group=_LIGHT,
