@@ -229,8 +229,8 @@ def test_a_signal_at_the_very_start_leaves_a_dataset_that_holds(tmp_path: Path) 
 
 
 SLOW_WORKERS = """
-import sys, time
-print("imported", flush=True)
+import signal, sys, time
+print("imported", "waits" if signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, ()) else "", flush=True)
 time.sleep(1.0)
 from functools import partial
 from davis_rs.generate.local import run_locally
@@ -256,6 +256,7 @@ def test_ctrl_c_while_workers_import_prints_no_traceback(tmp_path: Path) -> None
         line = process.stdout.readline()
         assert line
         said += line  # two workers may write into one line
+    assert said.count("waits") == 2, "the signal has to wait in each worker until it is ready for it"
     os.killpg(process.pid, signal.SIGINT)
     _, told = process.communicate(timeout=60)
     assert told == ""

@@ -11,6 +11,7 @@ from collections import Counter, deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from typing import Generic, TypeVar
@@ -87,6 +88,8 @@ def run_locally(
         ours, theirs = context.Pipe()
         # Daemons, so that an end of this process by an exception takes them along.
         process = context.Process(target=_work, args=(theirs, function, begin), daemon=True)
+        # Before the signal is blocked, because starting it unblocks the signal (until Python 3.12).
+        resource_tracker.ensure_running()
         # A Ctrl-C waits until the worker is there, and the worker, which inherits that, lets it wait while it imports.
         before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
