@@ -182,7 +182,15 @@ class SamplingSettings(ViewSettings, EngineSettings, total=False):
     ]
     render_rate_hz: Annotated[
         float | None,
-        Declared("render at a fixed rate", unit="Hz", low=0, high=1e6, above_low=True, metavar="HZ", group=_ACCURACY),
+        Declared(
+            "render at a fixed rate, and also where a frame or a depth map is due or a packet ends (40 a second)",
+            unit="Hz",
+            low=0,
+            high=1e6,
+            above_low=True,
+            metavar="HZ",
+            group=_ACCURACY,
+        ),
     ]
     max_displacement_px: Annotated[
         float | None,
