@@ -60,28 +60,28 @@ def wait_until(condition: Callable[[], object]) -> None:
 
 @pytest.fixture(scope="module")
 def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Twenty sequences that one worker made, and the plan beside them."""
+    """Twelve sequences that one worker made, and the plan beside them."""
     folder = tmp_path_factory.mktemp("undisturbed")
-    with running(write_plan(folder), folder / "root", 1) as process:
+    with running(write_plan(folder, sequences=12), folder / "root", 1) as process:
         out, err = process.communicate(timeout=PATIENCE_S)
     assert (process.returncode, err) == (0, "")
-    assert "20 sequences, 20 of them new" in out
+    assert "12 sequences, 12 of them new" in out
     return folder / "root"
 
 
 def test_a_killed_worker_costs_nothing(undisturbed: Path, tmp_path: Path) -> None:
     """SIGKILL half-way, three workers for one: every file of every folder and the manifest are the same bytes."""
     root = tmp_path / "root"
-    with running(write_plan(tmp_path), root, 3) as process:
-        wait_until(lambda: whole(root) >= 8 and at_work(root))
+    with running(write_plan(tmp_path, sequences=12), root, 3) as process:
+        wait_until(lambda: whole(root) >= 5 and at_work(root))
         for worker in workers_of(process)[:2]:
             worker.kill()
         out, err = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 0, err
     assert "its worker was killed by SIGKILL; it is tried again" in err
-    assert "20 sequences, 20 of them new" in out
+    assert "12 sequences, 12 of them new" in out
     files = files_of(root)
-    assert len(files) > 20 * 8
+    assert len(files) > 12 * 8
     assert files == files_of(undisturbed)
     assert verify_sequences(root) == {}
 

@@ -37,8 +37,8 @@ def turned(pose: Pose, turn: tuple[int, int, int], shift: npt.ArrayLike = (0.0, 
     return Pose(pose.position + rotation.apply(shift), own.as_quat())
 
 
-def table(scene: Scene) -> Renderer:
-    return make_renderer(scene, WIDE, samples=4, kind="table")
+def rendered(scene: Scene) -> Renderer:
+    return make_renderer(scene, WIDE, samples=4, kind="native")
 
 
 @pytest.mark.usefixtures("llvm")
@@ -46,7 +46,7 @@ def table(scene: Scene) -> Renderer:
 def test_there_is_something_to_see_wherever_a_hand_turns_the_camera(make: Callable[[], Scene]) -> None:
     """Every view up to 60 degrees from the start is finite, and has contrast of more than twice the threshold."""
     scene = make()
-    luma = table(scene).luma(Views.at_rest([turned(start(scene), turn) for turn in TURNS], 12.0))
+    luma = rendered(scene).luma(Views.at_rest([turned(start(scene), turn) for turn in TURNS], 12.0))
     assert np.isfinite(luma).all()
     assert (luma > 0).all()
     spread = np.log(luma.max((1, 2)) / luma.min((1, 2)))
@@ -60,7 +60,7 @@ def test_the_same_scene_is_made_each_time(make: Callable[[], Scene]) -> None:
     images = []
     for _ in range(2):
         scene = make()
-        images.append(table(scene).luma(Views.at_rest([start(scene)], 12.0)).tobytes())
+        images.append(rendered(scene).luma(Views.at_rest([start(scene)], 12.0)).tobytes())
     assert images[0] == images[1]
 
 
@@ -69,7 +69,7 @@ def test_the_same_scene_is_made_each_time(make: Callable[[], Scene]) -> None:
 def test_a_hand_has_room_to_move(make: Callable[[], Scene], air_m: float) -> None:
     """Nothing is closer to the start than the hand reaches, in any direction and, with a person about, at any time."""
     scene = make()
-    renderer = make_renderer(scene, Camera(24, 24, 12.0, 12.0, 11.5, 11.5), samples=1, kind="table")
+    renderer = make_renderer(scene, Camera(24, 24, 12.0, 12.0, 11.5, 11.5), samples=1, kind="native")
     around = [(0, 0, 0), (90, 0, 0), (180, 0, 0), (-90, 0, 0), (0, 90, 0), (0, -90, 0)]
     for instant in np.arange(0.0, DURATION_S, 1.0) if scene.objects else [0.0]:
         depth = renderer.depth(Views.at_rest([turned(start(scene), turn) for turn in around], instant))
@@ -90,7 +90,7 @@ def test_the_path_outdoors_is_free_for_300_m() -> None:
             for shape in shapes
         }
     assert sum(len(corners) for corners in vertices.values()) < 20_000
-    renderer = table(scene)
+    renderer = rendered(scene)
     x, _, z = start(scene).position
     along = [Pose([x, y, z], start(scene).quaternion) for y in np.arange(0.0, 300.0, 2.0)]
     assert renderer.depth(Views.at_rest(along)).min() > 0.5
@@ -122,7 +122,7 @@ def test_the_light_is_that_of_the_place() -> None:
         luma = make_renderer(marked, Camera(4, 4, 200.0, 200.0, 1.5, 1.5), samples=1).luma(Views.at_rest([above]))
         assert least < luma.mean() * scene.lux_per_luma < most
     scene = outdoors()
-    lit, dark = (table(s).luma(Views.at_rest([start(s)])) for s in (replace(scene, shadows=False), scene))
+    lit, dark = (rendered(s).luma(Views.at_rest([start(s)])) for s in (replace(scene, shadows=False), scene))
     assert (dark / lit).min() < 0.5
 
 
@@ -185,6 +185,6 @@ def test_an_integrator_warns_of_black_shadows(make: Callable[[], Scene]) -> None
 def test_the_person_is_seen_to_move() -> None:
     """A camera at rest sees luma change where the person passes, and nowhere else."""
     scene = dynamic()
-    images = table(scene).luma(Views.at_rest([start(scene)] * 2, [14.0, 15.0]))
+    images = rendered(scene).luma(Views.at_rest([start(scene)] * 2, [14.0, 15.0]))
     changed = np.abs(np.log(images[1] / images[0])) > 0.1
     assert 0.03 < changed.mean() < 0.5
