@@ -230,7 +230,9 @@ def test_a_signal_at_the_very_start_leaves_a_dataset_that_holds(tmp_path: Path) 
 
 SLOW_WORKERS = """
 import signal, sys, time
-print("imported", "waits" if signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, ()) else "", flush=True)
+waits = signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, ())
+sys.stdout.write("imported, waits\\n" if waits else "imported\\n")  # in one write, whatever buffers it
+sys.stdout.flush()
 time.sleep(1.0)
 from functools import partial
 from davis_rs.generate.local import run_locally
