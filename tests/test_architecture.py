@@ -32,7 +32,17 @@ LAYERS = [
     ["recordings", "camera", "lattice", "luma"],
     ["usb", "biases"],
     ["event_matching", "represent", "dtypes", "decoded", "events", "holding"],
-    ["_mitsuba", "_llvm", "_mitsuba_files", "untrusted", "_core", "close_names", "progress", "stop_requests"],
+    [
+        "_mitsuba",
+        "_llvm",
+        "_mitsuba_files",
+        "untrusted",
+        "_core",
+        "close_names",
+        "progress",
+        "stop_requests",
+        "folder_report",
+    ],
 ]
 RANK = {name: (layer, place) for layer, names in enumerate(LAYERS) for place, name in enumerate(names)}
 LATE = {"mitsuba", "drjit", "scipy", "matplotlib", "imageio", "OpenEXR", "PIL", "tqdm", "usb", "lz4", "zstandard"}

@@ -75,6 +75,8 @@ def test_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: py
     assert (tmp_path / "frame_rates.png").exists()
     assert main([*words, "--only", "lines"]) == 1
     assert "--only chooses settings of the simulator" in capsys.readouterr().err
+    assert main([*words, "--rounds", "2"]) == 1
+    assert "--frames times nothing" in capsys.readouterr().err
 
 
 def test_what_cannot_be_judged() -> None:

@@ -15,6 +15,7 @@ import numpy.typing as npt
 from ._mitsuba import FAST, default_variant
 from .dataset.writer import DatasetWriter
 from .effect_planning import EffectPlan
+from .folder_report import FolderReport
 from .imu import IMU_DTYPE, ImuArray, simulate_imu
 from .packet import Packet
 from .pose import GroundTruth, Pose
@@ -30,35 +31,18 @@ if TYPE_CHECKING:
     from typing_extensions import Unpack
 
 
-@dataclass(frozen=True)
-class SimulationReport:
+@dataclass(frozen=True, kw_only=True)
+class SimulationReport(FolderReport):
     """What a simulation wrote into a folder.
 
     Attributes:
-        path: the folder.
-        events: written.
-        duration_s, wall_s: simulated and wall time in seconds.
-        interrupted: whether Ctrl-C cut it short.
-        dropped_events: how many events the readout dropped.
         plan: which effects the scene called for, where they were planned.
     """
 
-    path: Path
-    events: int
-    duration_s: float
-    wall_s: float
-    interrupted: bool
-    dropped_events: int = 0
     plan: EffectPlan | None = None
 
     def __str__(self) -> str:
-        rate = self.events / self.duration_s if self.duration_s else 0.0
-        cut = ", cut short by Ctrl-C" if self.interrupted else ""
-        dropped = f", {self.dropped_events:,} dropped by the readout" if self.dropped_events else ""
-        return (
-            f"{self.path}: {self.events:,} events in {self.duration_s:.6g} s ({rate / 1e6:.3f} Mev/s), "
-            f"wall time {self.wall_s:.1f} s{dropped}{cut}"
-        )
+        return self._line(f"{self.events:,} events")
 
 
 @takes_settings(FolderSettings)
@@ -126,7 +110,13 @@ def simulate_to_folder(
         written = _write_all(writer, chain([first], packets), simulator, truth, inertial, bar, stop_requested)
     wall_s = time.perf_counter() - started
     return SimulationReport(
-        Path(path), written.events, written.end_us * 1e-6, wall_s, written.interrupted, simulator.dropped_events, plan
+        path=Path(path),
+        events=written.events,
+        duration_s=written.end_us * 1e-6,
+        wall_s=wall_s,
+        interrupted=written.interrupted,
+        dropped_events=simulator.dropped_events,
+        plan=plan,
     )
 
 

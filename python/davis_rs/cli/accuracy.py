@@ -24,6 +24,10 @@ _SETTINGS = ("camera", "size")
 """The settings that a sweep does not vary by itself."""
 
 
+_ROUNDS = 3
+"""Timed runs of each setting."""
+
+
 def add_accuracy(accuracy: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
     accuracy.description = (
@@ -48,7 +52,7 @@ def add_accuracy(accuracy: argparse.ArgumentParser) -> None:
         help="render video of 30 to 960 frames a second, make events of it by each interpolation, and judge them; "
         "--duration is 0.2 s if not given. Writes frame_rates.csv, frame_rates.md and frame_rates.png",
     )
-    accuracy.add_argument("--rounds", type=int, default=3, metavar="N", help="timed runs of each setting (default: 3)")
+    accuracy.add_argument("--rounds", type=int, metavar="N", help=f"timed runs of each setting (default: {_ROUNDS})")
     accuracy.add_argument("--only", metavar="TEXT", help="only settings whose name or family has this in it")
     accuracy.add_argument("--quiet", action="store_true", help="no progress bar")
     add_settings(accuracy, ViewSettings, only=_SETTINGS)
@@ -57,8 +61,9 @@ def add_accuracy(accuracy: argparse.ArgumentParser) -> None:
 def _accuracy(options: argparse.Namespace) -> int:
     if options.frames:
         return _frame_rates(options)
-    if options.rounds < 1:
-        raise ValueError(f"rounds must be at least 1, got {options.rounds}")
+    rounds = _ROUNDS if options.rounds is None else options.rounds
+    if rounds < 1:
+        raise ValueError(f"rounds must be at least 1, got {rounds}")
     settings = default_settings()
     if options.only is not None:
         settings = [setting for setting in settings if options.only in f"{setting.name} {setting.family}"]
@@ -73,7 +78,7 @@ def _accuracy(options: argparse.Namespace) -> int:
         folder=options.output,
     )
     command = f"davis-rs {shlex.join(sys.argv[1:])}"
-    return run_sweep(prepared, settings, rounds=options.rounds, command=command, quiet=options.quiet)
+    return run_sweep(prepared, settings, rounds=rounds, command=command, quiet=options.quiet)
 
 
 def _judged_scene(options: argparse.Namespace) -> tuple[Scene, Camera]:
@@ -86,6 +91,8 @@ def _judged_scene(options: argparse.Namespace) -> tuple[Scene, Camera]:
 def _frame_rates(options: argparse.Namespace) -> int:
     if options.only is not None:
         raise ValueError("--only chooses settings of the simulator, which --frames does not compare")
+    if options.rounds is not None:
+        raise ValueError("--rounds are timed runs, and --frames times nothing")
     scene, camera = _judged_scene(options)
     duration_s = DURATION_S if options.duration is None else options.duration
     prepared = FrameRateSweep(scene, start_s=options.start, duration_s=duration_s, camera=camera)

@@ -10,9 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..untrusted import decoding, regular_file
-from .frame_source import MOST_PIXELS, Encoding, FrameSource, StampedFrame, Stamps
-
-_END = object()
+from .frame_source import MOST_PIXELS, Encoding, FrameSource, GivenStamps, StampedFrame, Stamps
 
 
 class ArrayFrames(FrameSource):
@@ -36,16 +34,12 @@ class ArrayFrames(FrameSource):
             raise ValueError(f"{name}: {self.count} frames need as many stamps, got {len(stamps_ns)}")
 
     def frames(self) -> Iterator[StampedFrame]:
-        stamps = iter(self._stamps)
-        number = 0
-        for number, image in enumerate(self._images, 1):
-            where = f"{self.name}, frame {number - 1}"
-            t_ns = next(stamps, None)
-            if t_ns is None:
-                raise ValueError(f"{where}: there are only {number - 1} stamps, and more frames")
-            yield StampedFrame(int(t_ns), _checked(np.asarray(image), where), where)
-        if not isinstance(self._stamps, Iterator) and next(stamps, _END) is not _END:
-            raise ValueError(f"{self.name}: there are only {number} frames, and more stamps")
+        stamps = GivenStamps(self._stamps, self.name)
+        for number, image in enumerate(self._images):
+            where = f"{self.name}, frame {number}"
+            t_ns = stamps.next(where)
+            yield StampedFrame(t_ns, _checked(np.asarray(image), where), where)
+        stamps.end()
 
     def encoding(self, first: StampedFrame) -> Encoding:
         return Encoding.of(first.image.dtype, first.where)

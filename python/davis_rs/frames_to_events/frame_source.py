@@ -62,6 +62,41 @@ class Encoding:
         raise ValueError(f"{where}: frames must be uint8, uint16 or floating point, got {dtype}")
 
 
+class GivenStamps:
+    """Stamps that are given apart from the frames: hands out one a frame, and sees that both end together.
+
+    Args:
+        stamps: an iterator may have more than there are frames.
+        name: of the frames, for messages.
+    """
+
+    def __init__(self, stamps: Stamps, name: str) -> None:
+        self._rest, self._name = iter(stamps), name
+        self._may_have_more = isinstance(stamps, Iterator)
+        self._count = 0
+
+    def next(self, where: str) -> int:
+        """The stamp of the frame at ``where``, in nanoseconds.
+
+        Raises:
+            ValueError: if there is none.
+        """
+        t_ns = next(self._rest, None)
+        if t_ns is None:
+            raise ValueError(f"{where}: there are only {self._count} stamps, and more frames")
+        self._count += 1
+        return int(t_ns)
+
+    def end(self) -> None:
+        """To be called after the last frame.
+
+        Raises:
+            ValueError: if there are more stamps.
+        """
+        if not self._may_have_more and next(self._rest, None) is not None:
+            raise ValueError(f"{self._name}: there are only {self._count} frames, and more stamps")
+
+
 class FrameSource(ABC):
     """Frames with their stamps, one after the other.
 

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..dataset.writer import DatasetWriter
+from ..folder_report import FolderReport
 from ..packet import Packet
 from ..progress import Progress, progress, say
 from ..settings import FrameFolderSettings, FrameSettings, complete, only, takes_settings
@@ -23,35 +24,18 @@ if TYPE_CHECKING:
     from typing_extensions import Unpack
 
 
-@dataclass(frozen=True)
-class FramesReport:
+@dataclass(frozen=True, kw_only=True)
+class FramesReport(FolderReport):
     """What :func:`frames_to_folder` wrote.
 
     Attributes:
-        path: the folder.
         frames: how many were taken.
-        events: written.
-        duration_s, wall_s: of the sequence, and wall time, in seconds.
-        interrupted: whether Ctrl-C cut it short.
-        dropped_events: how many events the readout dropped.
     """
 
-    path: Path
     frames: int
-    events: int
-    duration_s: float
-    wall_s: float
-    interrupted: bool
-    dropped_events: int = 0
 
     def __str__(self) -> str:
-        rate = self.events / self.duration_s if self.duration_s else 0.0
-        cut = ", cut short by Ctrl-C" if self.interrupted else ""
-        dropped = f", {self.dropped_events:,} dropped by the readout" if self.dropped_events else ""
-        return (
-            f"{self.path}: {self.events:,} events of {self.frames:,} frames in {self.duration_s:.6g} s "
-            f"({rate / 1e6:.3f} Mev/s), wall time {self.wall_s:.1f} s{dropped}{cut}"
-        )
+        return self._line(f"{self.events:,} events of {self.frames:,} frames")
 
 
 @takes_settings(FrameFolderSettings)
@@ -121,13 +105,13 @@ def frames_to_folder(
             say(line)
     wall_s = time.perf_counter() - started
     return FramesReport(
-        Path(path),
-        counted.frames,
-        counted.events,
-        counted.end_us * 1e-6,
-        wall_s,
-        counted.interrupted,
-        run.dropped_events,
+        path=Path(path),
+        frames=counted.frames,
+        events=counted.events,
+        duration_s=counted.end_us * 1e-6,
+        wall_s=wall_s,
+        interrupted=counted.interrupted,
+        dropped_events=run.dropped_events,
     )
 
 

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from .._core import DecodeError
 from ..untrusted import regular_file
-from .frame_source import MOST_PIXELS, Encoding, FrameSource, StampedFrame, Stamps
+from .frame_source import MOST_PIXELS, Encoding, FrameSource, GivenStamps, StampedFrame, Stamps
 
 _FULL, _LIMITED = 2, 1
 """FFmpeg's numbers of colour ranges; 0 is unspecified."""
@@ -91,7 +91,7 @@ class Video(FrameSource):
             yield from self._decoded(container, stream)
 
     def _decoded(self, container: Any, stream: Any) -> Iterator[StampedFrame]:
-        given = None if self._stamps is None else iter(self._stamps)
+        given = None if self._stamps is None else GivenStamps(self._stamps, self.name)
         converter = _Converter(self._about, self.name)
         first_pts: int | None = None
         number, end = 0, Fraction(0)
@@ -114,19 +114,16 @@ class Video(FrameSource):
                     raise DecodeError(f"{where}: it has no time stamp in the file: give fps or timestamps")
                 first_pts = frame.pts if first_pts is None else first_pts
                 seconds = (frame.pts - first_pts) * Fraction(frame.time_base)
-                t_ns: int | None = round(seconds * 1_000_000_000)
+                t_ns = round(seconds * 1_000_000_000)
                 end = max(end, seconds)
             else:
-                t_ns = next(given, None)
-                if t_ns is None:
-                    raise ValueError(f"{where}: there are only {number} stamps, and more frames")
+                t_ns = given.next(where)
             with _ffmpeg_errors(where):
                 image = converter.image(frame, where)
-            assert t_ns is not None
             yield StampedFrame(t_ns, image, where)
             number += 1
-        if given is not None and not isinstance(self._stamps, Iterator) and next(given, None) is not None:
-            raise ValueError(f"{self.name}: there are only {number} frames, and more stamps")
+        if given is not None:
+            given.end()
         self._require_whole(container, stream, number, end)
 
     def _require_whole(self, container: Any, stream: Any, number: int, end: Fraction) -> None:

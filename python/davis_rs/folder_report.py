@@ -1,0 +1,35 @@
+"""What a run wrote into a dataset folder, in one line for people."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+
+@dataclass(frozen=True, kw_only=True)
+class FolderReport:
+    """What a run wrote into a folder.
+
+    Attributes:
+        path: the folder.
+        events: written.
+        duration_s, wall_s: of the sequence, and wall time, in seconds.
+        interrupted: whether Ctrl-C cut it short.
+        dropped_events: how many events the readout dropped.
+    """
+
+    path: Path
+    events: int
+    duration_s: float
+    wall_s: float
+    interrupted: bool
+    dropped_events: int = 0
+
+    def _line(self, events: str) -> str:
+        rate = self.events / self.duration_s if self.duration_s else 0.0
+        cut = ", cut short by Ctrl-C" if self.interrupted else ""
+        dropped = f", {self.dropped_events:,} dropped by the readout" if self.dropped_events else ""
+        return (
+            f"{self.path}: {events} in {self.duration_s:.6g} s ({rate / 1e6:.3f} Mev/s), "
+            f"wall time {self.wall_s:.1f} s{dropped}{cut}"
+        )
