@@ -1,7 +1,7 @@
 //! Which triangles each tile of a view may see.
 
 use super::hierarchy::{Boxes, Region, WIDTH};
-use super::linear::Linear;
+use super::linear::{Linear, Rect};
 use super::pixel_rays::PixelRays;
 use super::scene::Scene;
 use super::vector::{Vector, cross, dot, largest, scale, single, sub};
@@ -41,7 +41,12 @@ impl Seen {
     ///
     /// A ray (x, y, 1) meets the triangle where its three determinants with two corners each have the sign of all
     /// three corners': corners behind the camera are as good as any, and nothing is clipped.
-    fn new(corners: &[Vector; 3], plane: &[f64; 4], pose: &Pose, triangle: u32) -> Option<Self> {
+    #[allow(
+        clippy::cast_possible_truncation,
+        reason = "float64 is rounded to float32; scenes have fewer than 2^30 triangles"
+    )]
+    fn new(scene: &Scene, pose: &Pose, triangle: usize, corners: &[Vector; 3]) -> Option<Self> {
+        let plane = &scene.surfaces[triangle].plane;
         let normal = [plane[0], plane[1], plane[2]];
         let height = dot(normal, pose.position) + plane[3];
         let edges = [cross(corners[1], corners[2]), cross(corners[2], corners[0]), cross(corners[0], corners[1])];
@@ -53,13 +58,12 @@ impl Seen {
         let edges = edges.map(|edge| Linear(single(if determinant < 0.0 { scale(edge, -1.0) } else { edge })));
         let inverse_depth = Linear(single(scale(pose.turned(normal), -1.0 / height)));
         let front = corners.iter().fold(f64::INFINITY, |least, corner| least.min(corner[2]));
-        #[allow(clippy::cast_possible_truncation, reason = "float64 is rounded to float32")]
         let nearest = if front > 0.0 { (1.0 / front) as f32 * (1.0 + 1e-5) } else { f32::INFINITY };
-        Some(Self { edges, inverse_depth, nearest, triangle })
+        Some(Self { edges, inverse_depth, nearest, triangle: triangle as u32 })
     }
 
     #[inline]
-    pub(super) fn covers(&self, part: &super::linear::Rect) -> Cover {
+    pub(super) fn covers(&self, part: &Rect) -> Cover {
         if self.edges.iter().any(|edge| edge.highest(part) < 0.0) {
             return Cover::Nothing;
         }
@@ -69,7 +73,7 @@ impl Seen {
 
     /// The largest inverse depth that it may have in a part of the image.
     #[inline]
-    pub(super) fn nearest_in(&self, part: &super::linear::Rect) -> f32 {
+    pub(super) fn nearest_in(&self, part: &Rect) -> f32 {
         let nearest = self.inverse_depth.highest(part);
         if nearest < self.nearest { nearest } else { self.nearest }
     }
@@ -91,68 +95,101 @@ pub(super) struct Bins {
 impl Bins {
     /// Sorts what the view sees into its tiles; where `wanted` is given, into those alone.
     pub(super) fn fill(&mut self, scene: &Scene, view: &View, rays: &PixelRays, wanted: Option<&[bool]>) {
+        self.clear(rays.tiles());
+        self.each(scene, view, &rays.all, |bins, pose, triangle, corners, extent| {
+            let columns = rays.reaching(0, extent[0][0], extent[1][0]);
+            let rows = rays.reaching(1, extent[0][1], extent[1][1]);
+            if columns.is_empty() || rows.is_empty() {
+                return;
+            }
+            let Some(seen) = Seen::new(scene, pose, triangle, corners) else { return };
+            let found = bins.found.len();
+            for row in rows {
+                for column in columns.clone() {
+                    let tile = row * rays.columns + column;
+                    if wanted.is_none_or(|wanted| wanted[tile]) {
+                        bins.enter(&seen, extent, tile, rays.tile(tile));
+                    }
+                }
+            }
+            if bins.found.len() > found {
+                bins.seen.push(seen);
+            }
+        });
+        self.sort(rays.tiles());
+    }
+
+    /// Finds what one part of the image sees, as if it were the only tile, number 0.
+    pub(super) fn fill_part(&mut self, scene: &Scene, view: &View, part: &Rect) {
+        self.clear(1);
+        self.each(scene, view, part, |bins, pose, triangle, corners, extent| {
+            let Some(seen) = Seen::new(scene, pose, triangle, corners) else { return };
+            if bins.enter(&seen, extent, 0, part) {
+                bins.seen.push(seen);
+            }
+        });
+        self.sort(1);
+    }
+
+    /// A tile's triangles, without those that are hidden behind one that covers it.
+    pub(super) fn of_tile(&self, tile: usize, part: &Rect, list: &mut Vec<Entry>) {
+        list.clear();
+        let entries = &self.entries[self.starts[tile] as usize..self.starts[tile + 1] as usize];
+        let hidden = self.hidden[tile];
+        list.extend(entries.iter().filter(|e| self.seen[e.seen as usize].nearest_in(part) >= hidden));
+    }
+
+    fn clear(&mut self, tiles: usize) {
         self.seen.clear();
         self.found.clear();
         self.hidden.clear();
-        self.hidden.resize(rays.tiles(), 0.0);
+        self.hidden.resize(tiles, 0.0);
+    }
+
+    /// Calls `work` with each triangle that may have a part before the camera and in a part of the image, its corners in
+    /// camera axes, and the lowest and highest image coordinates.
+    fn each(
+        &mut self,
+        scene: &Scene,
+        view: &View,
+        part: &Rect,
+        mut work: impl FnMut(&mut Self, &Pose, usize, &[Vector; 3], [[f32; 2]; 2]),
+    ) {
         let mut stack = std::mem::take(&mut self.stack);
         for (frame, pose) in scene.frames.iter().zip(&view.poses) {
-            let pyramid = Pyramid::new(rays, pose, frame.hierarchy.reach);
+            let pyramid = Pyramid::new(part, pose, frame.hierarchy.reach);
             let first = frame.triangles.start;
             frame.hierarchy.visit(&mut stack, &pyramid, |leaf| {
                 for triangle in leaf {
-                    self.add(scene, pose, rays, wanted, first + triangle);
+                    let triangle = first + triangle;
+                    let corners = scene.corners[triangle].map(|corner| pose.turned(sub(corner, pose.position)));
+                    if let Some(extent) = extent(&corners) {
+                        work(self, pose, triangle, &corners, extent);
+                    }
                 }
                 true
             });
         }
         self.stack = stack;
-        self.sort(rays.tiles());
     }
 
-    /// A tile's triangles, without those that are hidden behind one that covers it.
-    pub(super) fn of_tile(&self, rays: &PixelRays, tile: usize, list: &mut Vec<Entry>) {
-        list.clear();
-        let entries = &self.entries[self.starts[tile] as usize..self.starts[tile + 1] as usize];
-        let (part, hidden) = (rays.tile(tile), self.hidden[tile]);
-        list.extend(entries.iter().filter(|e| self.seen[e.seen as usize].nearest_in(part) >= hidden));
-    }
-
+    /// Enters the next triangle to be seen into a tile, unless the tile does not see it; says whether it did.
     #[allow(clippy::cast_possible_truncation, reason = "a scene has fewer than 2^30 triangles, a sensor fewer tiles")]
-    fn add(&mut self, scene: &Scene, pose: &Pose, rays: &PixelRays, wanted: Option<&[bool]>, triangle: usize) {
-        let corners = scene.corners[triangle].map(|corner| pose.turned(sub(corner, pose.position)));
-        let Some([low, high]) = extent(&corners) else { return };
-        let columns = rays.reaching(0, low[0], high[0]);
-        let rows = rays.reaching(1, low[1], high[1]);
-        if columns.is_empty() || rows.is_empty() {
-            return;
+    fn enter(&mut self, seen: &Seen, [low, high]: [[f32; 2]; 2], tile: usize, part: &Rect) -> bool {
+        let apart = low[0] > part.high[0] || high[0] < part.low[0] || low[1] > part.high[1] || high[1] < part.low[1];
+        if apart || seen.nearest_in(part) < self.hidden[tile] {
+            return false;
         }
-        let Some(seen) = Seen::new(&corners, &scene.surfaces[triangle].plane, pose, triangle as u32) else { return };
-        let number = self.seen.len() as u32;
-        let before = self.found.len();
-        for row in rows {
-            for column in columns.clone() {
-                let tile = row * rays.columns + column;
-                let part = rays.tile(tile);
-                let apart =
-                    low[0] > part.high[0] || high[0] < part.low[0] || low[1] > part.high[1] || high[1] < part.low[1];
-                if apart || wanted.is_some_and(|wanted| !wanted[tile]) || seen.nearest_in(part) < self.hidden[tile] {
-                    continue;
-                }
-                let covers = match seen.covers(part) {
-                    Cover::Nothing => continue,
-                    Cover::Part => false,
-                    Cover::Everything => true,
-                };
-                if covers {
-                    self.hidden[tile] = self.hidden[tile].max(seen.inverse_depth.lowest(part));
-                }
-                self.found.push((tile as u32, Entry { seen: number, covers }));
-            }
+        let covers = match seen.covers(part) {
+            Cover::Nothing => return false,
+            Cover::Part => false,
+            Cover::Everything => true,
+        };
+        if covers {
+            self.hidden[tile] = self.hidden[tile].max(seen.inverse_depth.lowest(part));
         }
-        if self.found.len() > before {
-            self.seen.push(seen);
-        }
+        self.found.push((tile as u32, Entry { seen: self.seen.len() as u32, covers }));
+        true
     }
 
     /// Entries tile by tile, each tile's in the order in which they were found.
@@ -212,7 +249,7 @@ fn extent(corners: &[Vector; 3]) -> Option<[[f32; 2]; 2]> {
     ])
 }
 
-/// What all rays of a camera lie in: the half-spaces of four sides and the camera's plane, in a frame. It is a little
+/// What all rays of a part of the image lie in: the half-spaces of four sides and the camera's plane, in a frame. It is a little
 /// larger, so that rounding to float32 loses nothing.
 struct Pyramid {
     planes: [([f32; 3], f32); 5],
@@ -220,8 +257,8 @@ struct Pyramid {
 
 impl Pyramid {
     /// For boxes none of whose coordinates is larger than `reach`.
-    fn new(rays: &PixelRays, pose: &Pose, reach: f64) -> Self {
-        let ([left, top], [right, bottom]) = (rays.all.low.map(f64::from), rays.all.high.map(f64::from));
+    fn new(part: &Rect, pose: &Pose, reach: f64) -> Self {
+        let ([left, top], [right, bottom]) = (part.low.map(f64::from), part.high.map(f64::from));
         let normals = [[1.0, 0.0, -left], [-1.0, 0.0, right], [0.0, 1.0, -top], [0.0, -1.0, bottom], [0.0, 0.0, 1.0]];
         let planes = normals.map(|normal| {
             let turned = pose.vector(normal);

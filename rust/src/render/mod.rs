@@ -11,7 +11,7 @@
 //! [`view`] says where the camera is and how it moves there. [`sorted`] finds the rays of one triangle, which are shaded side by
 //! side in [`lanes`]. [`linear`] makes a tile's decisions those of its rays,
 //! [`texture`], [`lights`] and [`shadows`] (behind [`cone`]s) give what [`shade`] needs; [`tile`] is compiled for several
-//! processors, [`renderer`] is what the user sees.
+//! processors, [`samples`] are single pixels, [`renderer`] is what the user sees.
 
 #![allow(clippy::many_single_char_names, reason = "coordinates and corners have such names")]
 #![allow(clippy::needless_range_loop, reason = "loops over the lanes of several arrays become vector code")]
@@ -26,6 +26,7 @@ mod linear;
 mod patch;
 mod pixel_rays;
 mod renderer;
+mod samples;
 mod scene;
 mod shade;
 mod shadows;

@@ -38,6 +38,17 @@ impl Aligned {
     }
 }
 
+/// Rays that are worked on together, in blocks that follow each other and have the same number of them.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Part<'a> {
+    pub(super) x: &'a [f32],
+    pub(super) y: &'a [f32],
+    /// All of them lie in it.
+    pub(super) around: &'a Rect,
+    /// What each block's rays lie in; [`BLOCKS`] at most.
+    pub(super) blocks: &'a [Rect],
+}
+
 /// The lattice rays of all pixels as undistorted image coordinates, whatever the lens.
 ///
 /// A tile's rays follow each other block by block; in a block ray by ray of the lattice, each for all of its pixels.
@@ -169,10 +180,22 @@ impl PixelRays {
         (row / TILE * self.columns + column / TILE, block * LANES + row % BLOCK * BLOCK + column % BLOCK)
     }
 
-    /// x and y of a tile's rays.
-    pub(super) fn of_tile(&self, tile: usize) -> (&[f32], &[f32]) {
+    /// A tile's rays.
+    pub(super) fn of_tile(&self, tile: usize) -> Part<'_> {
         let range = tile * PIXELS * self.rays..(tile + 1) * PIXELS * self.rays;
-        (&self.x.values()[range.clone()], &self.y.values()[range])
+        Part {
+            x: &self.x.values()[range.clone()],
+            y: &self.y.values()[range],
+            around: self.tile(tile),
+            blocks: &self.blocks[tile * BLOCKS..][..BLOCKS],
+        }
+    }
+
+    /// The rays of a pixel of a tile, in the lattice's order.
+    pub(super) fn of_pixel(&self, tile: usize, place: usize) -> impl Iterator<Item = (f32, f32)> {
+        let first = (tile * PIXELS + place / LANES * LANES) * self.rays + place % LANES;
+        let rays = self.x.values()[first..].iter().zip(&self.y.values()[first..]);
+        rays.step_by(LANES).take(self.rays).map(|(&x, &y)| (x, y))
     }
 
     pub(super) fn tiles(&self) -> usize {
@@ -181,10 +204,6 @@ impl PixelRays {
 
     pub(super) fn tile(&self, tile: usize) -> &Rect {
         &self.tiles[tile]
-    }
-
-    pub(super) fn blocks(&self, tile: usize) -> &[Rect] {
-        &self.blocks[tile * BLOCKS..][..BLOCKS]
     }
 
     /// The columns (axis 0) or rows (1) of tiles that may reach into low..high.
@@ -209,9 +228,10 @@ mod tests {
             assert_eq!(all.pixel(tile, place), (pixel % width, pixel / width));
             for ray in 0..rays {
                 let at = place / LANES * LANES * rays + ray * LANES + place % LANES;
-                let (x, y) = (all.of_tile(tile).0[at], all.of_tile(tile).1[at]);
+                let (x, y) = (all.of_tile(tile).x[at], all.of_tile(tile).y[at]);
                 assert_eq!([x, y], table[(ray * width * height + pixel) * 2..][..2]);
-                for part in [all.tile(tile), &all.blocks(tile)[place / LANES], &all.all] {
+                assert_eq!(all.of_pixel(tile, place).nth(ray), Some((x, y)));
+                for part in [all.tile(tile), &all.of_tile(tile).blocks[place / LANES], &all.all] {
                     assert!(part.low[0] <= x && x <= part.high[0] && part.low[1] <= y && y <= part.high[1]);
                 }
                 assert!(all.reaching(0, x, x).contains(&(tile % all.columns)));

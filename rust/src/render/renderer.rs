@@ -8,6 +8,7 @@ use super::bins::Bins;
 use super::cone::FrameCones;
 use super::lights::{SeenLight, Surroundings, background, seen_lights};
 use super::pixel_rays::{BLOCK, PIXELS, PixelRays, TILE};
+use super::samples::{Pixels, Sample, in_one_spot};
 use super::scene::Scene;
 use super::shadows::{moving_cones, still_cones};
 use super::tile::{self, TileImage, TileScratch, TileView};
@@ -24,11 +25,15 @@ pub struct Renderer {
     pool: Option<rayon::ThreadPool>,
     rooms: Spares<Room>,
     scratch: Spares<TileScratch>,
+    pixels: Spares<Pixels>,
 }
 
 /// How many views are done band by band together, at most, and how many triangles they may have in all.
 const MOST_TOGETHER: usize = 8;
 const MOST_TRIANGLES_TOGETHER: usize = 1 << 15;
+
+/// How many views a thread takes at a time where single pixels are wanted.
+const VIEWS_OF_SAMPLES: usize = 16;
 
 /// What is made ready for a view before its tiles.
 #[derive(Debug, Default)]
@@ -62,7 +67,8 @@ impl Renderer {
     pub fn new(scene: Scene, threads: Option<usize>) -> Result<Self> {
         let pool = threads.map(new_pool).transpose()?;
         let still = still_cones(&scene);
-        Ok(Self { scene, still, pool, rooms: Spares::default(), scratch: Spares::default() })
+        let (rooms, scratch, pixels) = (Spares::default(), Spares::default(), Spares::default());
+        Ok(Self { scene, still, pool, rooms, scratch, pixels })
     }
 
     /// The scene.
@@ -87,14 +93,14 @@ impl Renderer {
         check_room(views.len() * rays.pixels(), luma.len())?;
         match rate {
             None => self.each_tile(rays, views, bands(rays, luma), |of, tile, scratch, image, band| {
-                tile::luma::<false>(of, tile, &[true; PIXELS], scratch, image);
+                tile::luma::<false>(of, tile, scratch, image);
                 put(rays, tile, &image.luma, band);
             }),
             Some(rate) => {
                 check_room(luma.len(), rate.len())?;
                 let both = bands(rays, luma).into_iter().zip(bands(rays, rate)).collect();
                 self.each_tile(rays, views, both, |of, tile, scratch, image, (luma, rate)| {
-                    tile::luma::<true>(of, tile, &[true; PIXELS], scratch, image);
+                    tile::luma::<true>(of, tile, scratch, image);
                     put(rays, tile, &image.luma, luma);
                     put(rays, tile, &image.rate, rate);
                 });
@@ -126,10 +132,14 @@ impl Renderer {
         order.sort_unstable();
         let of_views: Vec<&[Sample]> = order.chunk_by(|a, b| a.view == b.view).collect();
         let found: Vec<Vec<f32>> = self.install(|| {
-            of_views
-                .par_iter()
-                .map(|samples| self.samples_of(rays, &views[samples[0].view as usize], samples))
-                .collect()
+            let of_thread = of_views.par_chunks(VIEWS_OF_SAMPLES).map(|some| {
+                let mut found = vec![];
+                for samples in some {
+                    self.samples_of(rays, &views[samples[0].view as usize], samples, &mut found);
+                }
+                found
+            });
+            of_thread.collect()
         });
         for (sample, value) in order.iter().zip(found.iter().flatten()) {
             luma[sample.index] = *value;
@@ -240,7 +250,10 @@ impl Renderer {
             .iter()
             .zip(&lights)
             .zip(&mut rooms)
-            .map(|((view, lights), room)| self.tile_view(rays, view, lights, room, None))
+            .map(|((view, lights), Room { bins, cones })| {
+                bins.fill(&self.scene, view, rays, None);
+                self.tile_view(rays, view, lights, bins, cones)
+            })
             .collect();
         work(&ready);
         drop(ready);
@@ -249,54 +262,46 @@ impl Renderer {
         }
     }
 
-    /// Makes a view ready; where `wanted` is given, in those tiles alone.
+    /// Makes a view ready whose bins are filled.
     fn tile_view<'a>(
         &'a self,
         rays: &'a PixelRays,
         view: &'a View,
         lights: &'a [SeenLight],
-        room: &'a mut Room,
-        wanted: Option<&[bool]>,
+        bins: &'a Bins,
+        cones: &'a mut Vec<FrameCones>,
     ) -> TileView<'a> {
-        let Room { bins, cones } = room;
-        bins.fill(&self.scene, view, rays, wanted);
         moving_cones(&self.scene, view, lights, cones);
         let lit = Surroundings { scene: &self.scene, view, lights, still: &self.still, moving: cones };
         TileView { rays, lit, background: background(&self.scene, view), bins }
     }
 
     /// Luma of pixels of one view, sorted by tile.
-    fn samples_of(&self, rays: &PixelRays, view: &View, samples: &[Sample]) -> Vec<f32> {
-        let mut tiles = vec![false; rays.tiles()];
-        for sample in samples {
-            tiles[sample.tile] = true;
-        }
+    fn samples_of(&self, rays: &PixelRays, view: &View, samples: &[Sample], found: &mut Vec<f32>) {
         let lights = seen_lights(&self.scene, view);
-        let (mut room, mut scratch) = (self.rooms.take(), self.scratch.take());
-        let of = self.tile_view(rays, view, &lights, &mut room, Some(&tiles));
-        let mut found = Vec::with_capacity(samples.len());
-        let mut image = TileImage::BLACK;
-        for tile in samples.chunk_by(|a, b| a.tile == b.tile) {
-            let mut wanted = [false; PIXELS];
-            for sample in tile {
-                wanted[sample.place] = true;
+        let (mut room, mut scratch, mut pixels) = (self.rooms.take(), self.scratch.take(), self.pixels.take());
+        let Room { bins, cones } = &mut room;
+        if in_one_spot(rays, samples) {
+            pixels.gather(rays, samples);
+            bins.fill_part(&self.scene, view, pixels.around());
+            let of = self.tile_view(rays, view, &lights, bins, cones);
+            tile::samples(&of, 0, &pixels, &mut scratch, found);
+        } else {
+            let mut wanted = vec![false; rays.tiles()];
+            for sample in samples {
+                wanted[sample.tile] = true;
             }
-            tile::luma::<false>(&of, tile[0].tile, &wanted, &mut scratch, &mut image);
-            found.extend(tile.iter().map(|sample| image.luma[sample.place]));
+            bins.fill(&self.scene, view, rays, Some(&wanted));
+            let of = self.tile_view(rays, view, &lights, bins, cones);
+            for tile in samples.chunk_by(|a, b| a.tile == b.tile) {
+                pixels.gather(rays, tile);
+                tile::samples(&of, tile[0].tile, &pixels, &mut scratch, found);
+            }
         }
         self.rooms.give(room);
         self.scratch.give(scratch);
-        found
+        self.pixels.give(pixels);
     }
-}
-
-/// A single pixel: by view and tile first.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-struct Sample {
-    view: u32,
-    tile: usize,
-    place: usize,
-    index: usize,
 }
 
 /// The bands of frames that lie one after the other: rows of tiles.

@@ -3,7 +3,6 @@
 use std::ops::Range;
 
 use super::lanes::{Lanes, MOST, Rays, STEP};
-use super::pixel_rays::BLOCKS;
 use super::visibility::Nearest;
 
 /// Rays that lie side by side.
@@ -28,14 +27,14 @@ impl Sorted {
     pub(super) fn of_triangle(&mut self, nearest: &Nearest, place: u32) {
         self.rows.clear();
         self.scattered.clear();
-        let length = nearest.place.len() / BLOCKS;
+        let length = nearest.place.len() / nearest.blocks;
         let mut block = 0;
-        while block < BLOCKS {
+        while block < nearest.blocks {
             let first = block * length;
             let all = nearest.only[block] == place;
             block += 1;
             if all {
-                while block < BLOCKS && nearest.only[block] == place {
+                while block < nearest.blocks && nearest.only[block] == place {
                     block += 1;
                 }
                 self.add_rows(first..block * length, true);

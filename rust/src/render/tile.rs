@@ -6,7 +6,8 @@ use super::bins::{Bins, Entry};
 use super::lanes::{Lanes, MOST};
 use super::lights::Surroundings;
 use super::patch::Patch;
-use super::pixel_rays::{BLOCKS, LANES, PIXELS, PixelRays};
+use super::pixel_rays::{BLOCKS, LANES, PIXELS, Part, PixelRays};
+use super::samples::Pixels;
 use super::shade::{Reflected, Shader};
 use super::shadows::Shadow;
 use super::sorted::{Portion, Sorted};
@@ -44,17 +45,32 @@ impl TileImage {
     pub(super) const BLACK: Self = Self { luma: [0.0; PIXELS], rate: [0.0; PIXELS] };
 }
 
-/// A pixel's rays are added up in the lattice's order, each with the bits that it has alone.
+/// Luma of a tile's pixels. A pixel's rays are added up in the lattice's order, each with the bits that it has alone.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
-pub(super) fn luma<const RATE: bool>(
-    of: &TileView,
-    tile: usize,
-    wanted: &[bool; PIXELS],
-    scratch: &mut TileScratch,
-    image: &mut TileImage,
-) {
-    let (x, y) = of.rays.of_tile(tile);
-    of.bins.of_tile(of.rays, tile, &mut scratch.list);
+pub(super) fn luma<const RATE: bool>(of: &TileView, tile: usize, scratch: &mut TileScratch, image: &mut TileImage) {
+    let part = of.rays.of_tile(tile);
+    of.bins.of_tile(tile, part.around, &mut scratch.list);
+    shade::<RATE>(of, &part, scratch);
+    image.luma = mean(&scratch.luma);
+    if RATE {
+        image.rate = mean(&scratch.rate);
+    }
+}
+
+/// Luma of single pixels, with the bits that they have in their tiles; `number` is the tile's in the view's bins.
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
+pub(super) fn samples(of: &TileView, number: usize, pixels: &Pixels, scratch: &mut TileScratch, found: &mut Vec<f32>) {
+    let part = pixels.part();
+    of.bins.of_tile(number, part.around, &mut scratch.list);
+    shade::<false>(of, &part, scratch);
+    found.extend(scratch.luma.chunks_exact(of.rays.rays()).take(pixels.count()).map(pixel_mean));
+}
+
+/// Luma of rays, and its rate.
+#[inline(always)]
+#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
+fn shade<const RATE: bool>(of: &TileView, part: &Part, scratch: &mut TileScratch) {
+    let Part { x, y, around, .. } = *part;
     let TileScratch { list, nearest, shadow, sorted, visible, luma, rate } = scratch;
     luma.clear();
     luma.resize(x.len(), of.background.0);
@@ -62,12 +78,8 @@ pub(super) fn luma<const RATE: bool>(
     rate.resize(if RATE { x.len() } else { 0 }, of.background.1);
     visible.clear();
     if !list.is_empty() {
-        nearest.find(of.bins, list, (x, y), of.rays.blocks(tile));
+        nearest.find(of.bins, list, part);
         visible.extend((0..).take(list.len()).filter(|&place| nearest.sees(place)));
-        // After what is visible is known: it decides what is searched for together.
-        if *wanted != [true; PIXELS] {
-            nearest.keep(wanted);
-        }
     }
     let seen = |place: u32| &of.bins.seen[list[place as usize].seen as usize];
     let shaders: Vec<Shader> = visible.iter().map(|&place| Shader::new(&of.lit, seen(place))).collect();
@@ -77,15 +89,12 @@ pub(super) fn luma<const RATE: bool>(
         let first = at;
         at += 1;
         if of.lit.scene.shadows {
-            let mut patch = Patch::new(&of.lit, seen(visible[first]), of.rays.tile(tile));
+            let mut patch = Patch::new(&of.lit, seen(visible[first]), around);
             while at < visible.len() {
-                let other = Patch::new(&of.lit, seen(visible[at]), of.rays.tile(tile));
+                let other = Patch::new(&of.lit, seen(visible[at]), around);
                 let Some(both) = patch.with(&other) else { break };
                 patch = both;
                 at += 1;
-            }
-            if !visible[first..at].iter().any(|&place| nearest.sees(place)) {
-                continue;
             }
             let alone = (at == first + 1).then_some(seen(visible[first]).triangle);
             shadow.search(&of.lit, &patch, alone, |light| shaders[first..at].iter().any(|one| one.lit_by(light)));
@@ -112,10 +121,6 @@ pub(super) fn luma<const RATE: bool>(
                 }
             }
         }
-    }
-    image.luma = mean(luma);
-    if RATE {
-        image.rate = mean(rate);
     }
 }
 
@@ -150,6 +155,14 @@ fn mean(values: &[f32]) -> [f32; PIXELS] {
     means
 }
 
+/// The mean of one pixel's rays: the same additions as [`mean`]'s.
+#[inline(always)]
+#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
+#[allow(clippy::cast_precision_loss, reason = "there are at most 1024 rays a pixel")]
+fn pixel_mean(rays: &[f32]) -> f32 {
+    rays.iter().fold(0.0, |sum, ray| sum + ray) / rays.len() as f32
+}
+
 /// For each of a tile's rays the inverse depth of what it sees, and the number of this triangle in the scene.
 pub(super) fn nearest(
     bins: &Bins,
@@ -158,10 +171,11 @@ pub(super) fn nearest(
     scratch: &mut TileScratch,
     mut each: impl FnMut(usize, f32, u32),
 ) {
-    bins.of_tile(rays, tile, &mut scratch.list);
-    let (x, y) = rays.of_tile(tile);
+    let part = rays.of_tile(tile);
+    bins.of_tile(tile, part.around, &mut scratch.list);
+    let (x, y) = (part.x, part.y);
     let nearest = &mut scratch.nearest;
-    nearest.find(bins, &scratch.list, (x, y), rays.blocks(tile));
+    nearest.find(bins, &scratch.list, &part);
     let seen = |place: u32| &bins.seen[scratch.list[place as usize].seen as usize];
     let per_block = x.len() / BLOCKS;
     for ray in 0..x.len() {

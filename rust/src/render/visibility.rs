@@ -2,7 +2,7 @@
 
 use super::bins::{Bins, Cover, Entry, Seen};
 use super::linear::Rect;
-use super::pixel_rays::{BLOCKS, LANES, PIXELS};
+use super::pixel_rays::{BLOCKS, LANES, Part};
 
 /// No triangle.
 pub(super) const NOTHING: u32 = u32::MAX;
@@ -18,6 +18,8 @@ pub(super) struct Nearest {
     /// Of blocks whose rays all see the same triangle, as their corners tell, its place; else [`NOTHING`]. Its rays are
     /// left to who wants to know more of them.
     pub(super) only: [u32; BLOCKS],
+    /// How many blocks the rays lie in.
+    pub(super) blocks: usize,
     /// Of the other blocks, how many rays see each triangle of the list.
     pub(super) counts: Vec<[u32; BLOCKS]>,
     list: Vec<Candidate>,
@@ -32,9 +34,11 @@ struct Candidate {
 
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 impl Nearest {
-    /// Finds them for the rays of a tile.
+    /// Finds them for rays that lie in some blocks, the same number in each.
     #[inline(always)]
-    pub(super) fn find(&mut self, bins: &Bins, list: &[Entry], (x, y): (&[f32], &[f32]), blocks: &[Rect]) {
+    pub(super) fn find(&mut self, bins: &Bins, list: &[Entry], part: &Part) {
+        let Part { x, y, blocks, .. } = *part;
+        self.blocks = blocks.len();
         self.only = [NOTHING; BLOCKS];
         self.counts.clear();
         self.counts.resize(list.len(), [0; BLOCKS]);
@@ -42,7 +46,7 @@ impl Nearest {
         self.place.resize(x.len(), NOTHING);
         self.inverse_depth.clear();
         self.inverse_depth.resize(x.len(), 0.0);
-        let length = x.len() / BLOCKS;
+        let length = x.len() / blocks.len();
         for (block, part) in blocks.iter().enumerate() {
             self.candidates(bins, list, part);
             if let [one] = self.list.as_slice()
@@ -67,24 +71,6 @@ impl Nearest {
             }
             for candidate in &self.list {
                 self.counts[candidate.place as usize][block] = count(out.0, candidate.place);
-            }
-        }
-    }
-
-    /// Forgets what the rays of pixels see that are not wanted.
-    pub(super) fn keep(&mut self, wanted: &[bool; PIXELS]) {
-        let length = self.place.len() / BLOCKS;
-        for (block, wanted) in wanted.chunks_exact(LANES).enumerate() {
-            if !wanted.contains(&true) {
-                self.only[block] = NOTHING;
-            }
-            for pixels in self.place[block * length..(block + 1) * length].chunks_exact_mut(LANES) {
-                for (place, _) in
-                    pixels.iter_mut().zip(wanted).filter(|(place, wanted)| !**wanted && **place != NOTHING)
-                {
-                    self.counts[*place as usize][block] -= 1;
-                    *place = NOTHING;
-                }
             }
         }
     }
