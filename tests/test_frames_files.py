@@ -171,6 +171,14 @@ def _transparent(folder: Path) -> None:
     image.save(folder / "frame_1.png")
 
 
+def _transparent_16_bits(folder: Path) -> None:
+    cv2 = pytest.importorskip("cv2")
+    image = np.full((32, 48, 4), 65535, np.uint16)
+    cv2.imwrite(str(folder / "frame_0.png"), image)  # opaque: is taken
+    image[3, 4, 3] = 65534
+    cv2.imwrite(str(folder / "frame_1.png"), image)
+
+
 def _exr(folder: Path, channels: dict[str, npt.NDArray[Any]]) -> None:
     for number in range(3):
         (folder / f"frame_{number}.png").unlink()
@@ -188,6 +196,11 @@ BAD: dict[str, tuple[Any, str]] = {
     "cut short": (lambda f: os.truncate(f / "frame_1.png", 200), r"frame_1\.png: "),
     "no image": (lambda f: (f / "frame_1.png").write_bytes(b"hello"), r"frame_1\.png: not an image"),
     "transparent": (_transparent, r"frame_1\.png: pixels must be opaque"),
+    "transparent, 16 bits": (_transparent_16_bits, r"frame_1\.png: pixels must be opaque"),
+    "32 bits": (
+        lambda f: Image.fromarray(np.full((32, 48), 65536, np.int32)).save(f / "frame_1.png", "TIFF"),
+        r"frame_1\.png: an image of integers must have 8 or 16 bits a value",
+    ),
     "cmyk": (
         lambda f: Image.new("CMYK", (48, 32)).save(f / "frame_1.png", "JPEG"),
         r"frame_1\.png: .* found mode CMYK",

@@ -49,6 +49,7 @@ def test_sixteen_bits_float_and_white_levels() -> None:
     deep = np.array([[0, 65535, 32768]], np.uint16)
     assert np.allclose(light(np.uint16, "linear").luma(deep, "t"), [[0, 1, 32768 / 65535]])
     assert np.allclose(light(np.uint16, "linear", 4095).luma(np.array([[4095, 8190]], np.uint16), "t"), [[1, 2]])
+    assert np.allclose(light(np.float32, None, 4.0).luma(np.array([[2.0, 8.0]]), "t"), [[0.5, 2]])
     for dtype in (np.float16, np.float32, np.float64):
         values = np.array([[0, 0.25, 40.0]], dtype)
         assert np.allclose(light(dtype).luma(values, "t"), values)  # linear, and HDR stays

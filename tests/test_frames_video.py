@@ -43,6 +43,8 @@ def first_luma(path: Path) -> npt.NDArray[np.float32]:
         ("clip.mp4", "mpeg4", "yuv420p"),
         ("clip.webm", "libvpx-vp9", "yuv420p"),
         ("clip.mov", "prores", "yuv422p10le"),
+        ("clip.mkv", "ffv1", "yuv444p16le"),
+        ("clip.mkv", "ffv1", "bgra"),
     ],
 )
 def test_the_stamps_are_the_containers(tmp_path: Path, name: str, codec: str, pixel_format: str) -> None:
@@ -60,7 +62,7 @@ def test_the_stamps_are_the_containers(tmp_path: Path, name: str, codec: str, pi
     assert [round(frame.t_ns / 1e6) for frame in found] == STAMPS_MS
     for frame, image in zip(found, BARS, strict=True):
         grey = frame.image if frame.image.ndim == 2 else frame.image[..., 1]
-        assert np.abs(grey / 65535 * 255 - image).mean() < 8
+        assert np.abs(grey / np.iinfo(grey.dtype).max * 255 - image).mean() < 8
     assert found[3].where == f"{path}, frame 3"
 
 
@@ -84,7 +86,15 @@ def test_range_and_bits_come_out_as_light(tmp_path: Path, pixel_format: str, col
     assert source.describe()["range"] == ("full" if colour_range == FULL else "limited")
 
 
-@pytest.mark.parametrize(("matrix", "weights"), [(5, (0.299, 0.587, 0.114)), (1, (0.2126, 0.7152, 0.0722))])
+@pytest.mark.parametrize(
+    ("matrix", "weights"),
+    [
+        (5, (0.299, 0.587, 0.114)),
+        (1, (0.2126, 0.7152, 0.0722)),
+        (7, (0.212, 0.701, 0.087)),
+        (9, (0.2627, 0.678, 0.0593)),
+    ],
+)
 def test_colours_go_through_the_streams_matrix(tmp_path: Path, matrix: int, weights: tuple[float, ...]) -> None:
     """Planes that are written by hand, by the definition of Y'CbCr, come back as the R'G'B' that they stand for."""
     import av
