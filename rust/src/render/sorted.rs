@@ -45,6 +45,10 @@ impl Sorted {
             // To shade a ray for nothing takes less time than to pick one out and put it back.
             if count * 5 >= length * 2 {
                 self.add_rows(first..block * length, false);
+            } else if count > 0
+                && let Some(known) = nearest.sorted(block - 1, place)
+            {
+                self.scattered.extend_from_slice(known);
             } else if count > 0 {
                 self.pick(&nearest.place[first..block * length], first, place);
             }

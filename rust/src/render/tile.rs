@@ -62,7 +62,7 @@ pub(super) fn luma<const RATE: bool>(
     rate.resize(if RATE { x.len() } else { 0 }, of.background.1);
     visible.clear();
     if !list.is_empty() {
-        nearest.find(of.bins, list, (x, y), of.rays.blocks(tile));
+        nearest.find(of.bins, list, (x, y), of.rays.tile(tile), of.rays.blocks(tile));
         visible.extend((0..).take(list.len()).filter(|&place| nearest.sees(place)));
         // After what is visible is known: it decides what is searched for together.
         if *wanted != [true; PIXELS] {
@@ -169,7 +169,7 @@ pub(super) fn nearest(
     bins.of_tile(rays, tile, &mut scratch.list);
     let (x, y) = rays.of_tile(tile);
     let nearest = &mut scratch.nearest;
-    nearest.find(bins, &scratch.list, (x, y), rays.blocks(tile));
+    nearest.find(bins, &scratch.list, (x, y), rays.tile(tile), rays.blocks(tile));
     let seen = |place: u32| &bins.seen[scratch.list[place as usize].seen as usize];
     let per_block = x.len() / BLOCKS;
     for ray in 0..x.len() {
