@@ -170,19 +170,9 @@ impl Packet {
     /// What they hide of a box, as it is computed for each place in it.
     #[inline(always)]
     pub(super) fn hides(&self, [low, high]: &[[f32; 3]; 2], farthest: f32) -> Hides {
-        let mut bounds = [[[0f32; WIDTH]; 2]; 4];
-        for (function, [least, most]) in self.functions.iter().zip(&mut bounds) {
-            (*least, *most) = (function[3], function[3]);
-            for axis in [2, 1, 0] {
-                for i in 0..WIDTH {
-                    // The value at the lower and at the higher corner, in whichever order they are.
-                    let (a, b) = (function[axis][i] * low[axis], function[axis][i] * high[axis]);
-                    least[i] += if a < b { a } else { b };
-                    most[i] += if a > b { a } else { b };
-                }
-            }
-        }
-        let [a, b, c, height] = &bounds;
+        let [a, b, c, height] = &self.functions;
+        let (a, b, c) = (bounds(a, low, high), bounds(b, low, high), bounds(c, low, high));
+        let height = bounds(height, low, high);
         let mut hides = Hides { any: [false; WIDTH], all: [false; WIDTH] };
         for i in 0..WIDTH {
             let reached = (a[1][i] >= 0.0) & (b[1][i] >= 0.0) & (c[1][i] >= 0.0);
@@ -192,6 +182,27 @@ impl Packet {
         }
         hides
     }
+}
+
+/// The least and the largest values of functions in a box.
+#[inline(always)]
+#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
+fn bounds(function: &[[f32; WIDTH]; 4], low: &[f32; 3], high: &[f32; 3]) -> [[f32; WIDTH]; 2] {
+    let (mut least, mut most) = (function[3], function[3]);
+    for axis in [2, 1, 0] {
+        let (mut one, mut other) = ([0f32; WIDTH], [0f32; WIDTH]);
+        for i in 0..WIDTH {
+            (one[i], other[i]) = (function[axis][i] * low[axis], function[axis][i] * high[axis]);
+        }
+        // The value at the lower and at the higher corner, in whichever order they are.
+        for i in 0..WIDTH {
+            least[i] += if one[i] < other[i] { one[i] } else { other[i] };
+        }
+        for i in 0..WIDTH {
+            most[i] += if one[i] > other[i] { one[i] } else { other[i] };
+        }
+    }
+    [least, most]
 }
 
 /// All that lies between a box and a light, a little more.
