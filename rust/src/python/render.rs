@@ -175,8 +175,8 @@ impl PySceneRenderer {
         rate: bool,
     ) -> PyResult<(Flat<'py, f32>, Option<Flat<'py, f32>>)> {
         let views = self.views(&views)?;
-        let room = vec![0f32; views.len() * rays.0.pixels()];
-        let (mut luma, mut rates) = (room.clone(), rate.then_some(room));
+        let room = || vec![0f32; views.len() * rays.0.pixels()];
+        let (mut luma, mut rates) = (room(), rate.then(room));
         py.detach(|| self.0.luma(&rays.0, &views, &mut luma, rates.as_deref_mut()))?;
         Ok((luma.into_pyarray(py), rates.map(|rates| rates.into_pyarray(py))))
     }

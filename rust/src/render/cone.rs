@@ -91,6 +91,41 @@ pub(super) struct Packet {
 /// The cones of one frame's triangles behind each light, in the order of the seen lights; none for light from all sides.
 pub(super) type FrameCones = Vec<Vec<Packet>>;
 
+/// Cones that were picked out of packets, in packets again; and the triangles that they lie behind.
+#[derive(Debug, Default)]
+pub(super) struct Gathered {
+    pub(super) packets: Vec<Packet>,
+    pub(super) triangles: Vec<u32>,
+}
+
+impl Gathered {
+    pub(super) fn clear(&mut self) {
+        self.packets.clear();
+        self.triangles.clear();
+    }
+
+    pub(super) fn is_empty(&self) -> bool {
+        self.triangles.is_empty()
+    }
+
+    /// Adds the cone in one lane of a packet.
+    #[inline]
+    pub(super) fn push(&mut self, from: &Packet, lane: usize, triangle: u32) {
+        let to = self.triangles.len() % WIDTH;
+        if to == 0 {
+            self.packets.push(Packet::NONE);
+        }
+        self.triangles.push(triangle);
+        if let Some(packet) = self.packets.last_mut() {
+            for (function, source) in packet.functions.iter_mut().zip(&from.functions) {
+                for k in 0..4 {
+                    function[k][to] = source[k][lane];
+                }
+            }
+        }
+    }
+}
+
 /// What cones hide of a box: by cone, whether it may hide any of it, and whether it hides all.
 pub(super) struct Hides {
     pub(super) any: [bool; WIDTH],
@@ -100,13 +135,23 @@ pub(super) struct Hides {
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 #[allow(clippy::needless_bitwise_bool, reason = "a lazy operator is a branch, which vectors cannot take")]
 impl Packet {
+    /// Hides nothing.
+    const NONE: Self = Self {
+        functions: [
+            [[0.0; WIDTH], [0.0; WIDTH], [0.0; WIDTH], [-1.0; WIDTH]],
+            [[0.0; WIDTH], [0.0; WIDTH], [0.0; WIDTH], [-1.0; WIDTH]],
+            [[0.0; WIDTH], [0.0; WIDTH], [0.0; WIDTH], [-1.0; WIDTH]],
+            [[0.0; WIDTH], [0.0; WIDTH], [0.0; WIDTH], [1.0; WIDTH]],
+        ],
+    };
+
     /// The cones behind some triangles; the last packet is filled up with what hides nothing.
     pub(super) fn behind(triangles: &[[Vector; 3]], source: &Source, packets: &mut Vec<Self>) {
         packets.clear();
         packets.extend(triangles.chunks(WIDTH).map(|some| {
-            let mut packet = Self { functions: [[[0.0; WIDTH]; 4]; 4] };
-            for lane in 0..WIDTH {
-                let cone = some.get(lane).map_or(Cone::NONE, |corners| Cone::new(corners, source));
+            let mut packet = Self::NONE;
+            for (lane, corners) in some.iter().enumerate() {
+                let cone = Cone::new(corners, source);
                 for (function, of_cone) in packet.functions.iter_mut().zip(cone.edges.iter().chain([&cone.height])) {
                     for k in 0..4 {
                         function[k][lane] = of_cone[k];
@@ -125,19 +170,9 @@ impl Packet {
     /// What they hide of a box, as it is computed for each place in it.
     #[inline(always)]
     pub(super) fn hides(&self, [low, high]: &[[f32; 3]; 2], farthest: f32) -> Hides {
-        let mut bounds = [[[0f32; WIDTH]; 2]; 4];
-        for (function, [least, most]) in self.functions.iter().zip(&mut bounds) {
-            (*least, *most) = (function[3], function[3]);
-            for axis in [2, 1, 0] {
-                for i in 0..WIDTH {
-                    // The value at the lower and at the higher corner, in whichever order they are.
-                    let (a, b) = (function[axis][i] * low[axis], function[axis][i] * high[axis]);
-                    least[i] += if a < b { a } else { b };
-                    most[i] += if a > b { a } else { b };
-                }
-            }
-        }
-        let [a, b, c, height] = &bounds;
+        let [a, b, c, height] = &self.functions;
+        let (a, b, c) = (bounds(a, low, high), bounds(b, low, high), bounds(c, low, high));
+        let height = bounds(height, low, high);
         let mut hides = Hides { any: [false; WIDTH], all: [false; WIDTH] };
         for i in 0..WIDTH {
             let reached = (a[1][i] >= 0.0) & (b[1][i] >= 0.0) & (c[1][i] >= 0.0);
@@ -147,6 +182,27 @@ impl Packet {
         }
         hides
     }
+}
+
+/// The least and the largest values of functions in a box.
+#[inline(always)]
+#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
+fn bounds(function: &[[f32; WIDTH]; 4], low: &[f32; 3], high: &[f32; 3]) -> [[f32; WIDTH]; 2] {
+    let (mut least, mut most) = (function[3], function[3]);
+    for axis in [2, 1, 0] {
+        let (mut one, mut other) = ([0f32; WIDTH], [0f32; WIDTH]);
+        for i in 0..WIDTH {
+            (one[i], other[i]) = (function[axis][i] * low[axis], function[axis][i] * high[axis]);
+        }
+        // The value at the lower and at the higher corner, in whichever order they are.
+        for i in 0..WIDTH {
+            least[i] += if one[i] < other[i] { one[i] } else { other[i] };
+        }
+        for i in 0..WIDTH {
+            most[i] += if one[i] > other[i] { one[i] } else { other[i] };
+        }
+    }
+    [least, most]
 }
 
 /// All that lies between a box and a light, a little more.

@@ -50,6 +50,8 @@ impl DerefMut for Lanes {
 #[derive(Debug)]
 pub(super) struct Rays<const FULL: bool> {
     pub(super) count: usize,
+    /// Their numbers in the tile, where they do not lie side by side.
+    pub(super) picked: Option<[u32; MOST]>,
     pub(super) x: Lanes,
     pub(super) y: Lanes,
 }

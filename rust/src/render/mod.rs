@@ -18,6 +18,7 @@
 #![allow(clippy::float_cmp, reason = "ties are exact")]
 
 mod bins;
+mod cast;
 mod cone;
 mod hierarchy;
 mod lanes;

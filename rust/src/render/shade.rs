@@ -3,11 +3,11 @@
 use std::f64::consts::FRAC_1_PI;
 
 use super::bins::Seen;
+use super::cast::Caster;
 use super::lanes::{Lanes, Rays};
 use super::lights::{SeenKind, SeenLight, Surroundings};
 use super::linear::Linear;
 use super::scene::Scene;
-use super::shadows::{Shadow, cast};
 use super::texture::{Clamp, Fold, Mirror, Repeat, Sampler, Taps, Texture, Wrap};
 use super::vector::{Vector, dot, single};
 use super::view::Pose;
@@ -237,7 +237,12 @@ pub(super) type Reflected = (Lanes, Lanes);
 impl Shader<'_> {
     /// What rays see of the triangle.
     #[inline(always)]
-    pub(super) fn luma<const RATE: bool, const FULL: bool>(&self, rays: &Rays<FULL>, shadow: &Shadow) -> Reflected {
+    pub(super) fn luma<const RATE: bool, const FULL: bool>(
+        &self,
+        rays: &Rays<FULL>,
+        caster: &Caster,
+        receiver: usize,
+    ) -> Reflected {
         let n = rays.count();
         let (depth, depth_rate) = self.depth::<RATE, FULL>(rays);
         let (mut luma, mut rate) = (Lanes::ZERO, Lanes::ZERO);
@@ -250,8 +255,8 @@ impl Shader<'_> {
                 let lit = &self.lit[at];
                 let (mut one, mut one_rate) =
                     falling::<RATE, FULL>(&lit.falls, rays, &depth, &depth_rate, normal.as_ref());
-                if shadow.hides(lit.light) {
-                    cast(shadow, lit.light, rays, &depth, &mut one, &mut one_rate);
+                if caster.hides(lit.light) {
+                    caster.take((receiver, lit.light), rays, &depth, (&mut one, &mut one_rate));
                 }
                 for i in 0..n {
                     light[i] += one[i];

@@ -2,14 +2,12 @@
 
 use multiversion::multiversion;
 
-use super::bins::Seen;
-use super::cone::{Cone, FrameCones, Packet, Shaft, Source};
+use super::cone::{FrameCones, Gathered, Packet, Shaft, Source};
 use super::hierarchy::{Hierarchy, WIDTH, below};
-use super::lanes::{Lanes, MOST, Rays};
 use super::lights::{SeenKind, SeenLight, Surroundings};
 use super::patch::Patch;
 use super::scene::{LightKind, Scene};
-use super::vector::{Bounds, Vector, dot, largest, scale, single};
+use super::vector::{Bounds, largest, single};
 use super::view::{Pose, View};
 
 /// The cones of all that stands still.
@@ -61,7 +59,7 @@ fn source(light: &SeenLight, pose: &Pose) -> Option<Source> {
 
 /// Camera axes to a frame's, in float32.
 #[derive(Clone, Copy, Debug, Default)]
-struct Placing {
+pub(super) struct Placing {
     rotation: [[f32; 3]; 3],
     position: [f32; 3],
 }
@@ -74,13 +72,10 @@ impl Placing {
 
 /// What may hide places from one light, in one frame.
 #[derive(Debug)]
-struct Occluders {
-    frame: usize,
-    placing: Placing,
-    /// Cones, and the triangles that they lie behind.
-    cones: Vec<(Cone, u32)>,
-    /// The unit vector off the surface to the light's side.
-    off: [f32; 3],
+pub(super) struct Occluders {
+    pub(super) frame: usize,
+    pub(super) placing: Placing,
+    pub(super) cones: Gathered,
 }
 
 #[derive(Debug, Default)]
@@ -93,16 +88,14 @@ struct LightShadow {
     farthest: f32,
 }
 
-/// Shadows on triangles in one part of the image.
+/// What throws shadows on some triangles in one part of the image.
 #[derive(Debug, Default)]
 pub(super) struct Shadow {
     lights: Vec<LightShadow>,
     stack: Vec<u32>,
     /// The world's frame, by which surfaces are stepped off.
-    world: Placing,
-    step: f32,
-    /// The triangle on which shadows fall: it throws none on itself.
-    own: u32,
+    pub(super) world: Placing,
+    pub(super) step: f32,
 }
 
 impl Shadow {
@@ -118,9 +111,6 @@ impl Shadow {
         self.lights.resize_with(of.lights.len(), LightShadow::default);
         for shadow in &mut self.lights {
             (shadow.dark, shadow.used) = (false, 0);
-        }
-        if !scene.shadows {
-            return;
         }
         self.world = Placing::new(&view.poses[0]);
         #[allow(clippy::cast_possible_truncation, reason = "float64 is rounded to float32")]
@@ -166,7 +156,7 @@ impl Shadow {
         shadow.farthest = if matches!(source, Source::Point(_)) { of.scene.farthest } else { f32::INFINITY };
         if shadow.used == shadow.frames.len() {
             let placing = Placing::new(pose);
-            shadow.frames.push(Occluders { frame, placing, cones: vec![], off: [0.0; 3] });
+            shadow.frames.push(Occluders { frame, placing, cones: Gathered::default() });
         }
         let occluders = &mut shadow.frames[shadow.used];
         occluders.cones.clear();
@@ -182,28 +172,9 @@ impl Shadow {
         }
     }
 
-    /// Makes shadows those on one of the triangles that were searched for.
-    pub(super) fn fall_on(&mut self, of: &Surroundings, seen: &Seen) {
-        self.own = seen.triangle;
-        if self.lights.iter().all(|shadow| shadow.used == 0) {
-            return;
-        }
-        let surface = &of.scene.surfaces[seen.triangle as usize];
-        let pose = &of.view.poses[surface.frame as usize];
-        let normal = [surface.plane[0], surface.plane[1], surface.plane[2]];
-        let height = dot(normal, pose.position) + surface.plane[3];
-        let normal = pose.turned(normal);
-        for (shadow, light) in self.lights.iter_mut().zip(of.lights) {
-            let side = match light.kind {
-                SeenKind::Point(place, _) => dot(normal, place) + height,
-                SeenKind::Directional(towards, _) => dot(normal, towards),
-                SeenKind::Constant => continue,
-            };
-            let off: Vector = scale(normal, if side < 0.0 { -1.0 } else { 1.0 });
-            for occluders in &mut shadow.frames[..shadow.used] {
-                occluders.off = single(of.view.poses[occluders.frame].vector(off));
-            }
-        }
+    /// Whether single places may be hidden from any light.
+    pub(super) fn falls(&self) -> bool {
+        self.lights.iter().any(|shadow| shadow.used > 0)
     }
 
     /// Whether anything may hide a light of this number.
@@ -212,53 +183,20 @@ impl Shadow {
     pub(super) fn hides(&self, light: usize) -> bool {
         self.lights.get(light).is_some_and(|shadow| shadow.dark || shadow.used > 0)
     }
-}
 
-/// Takes away the light of places that are hidden from it.
-///
-/// A function of its own: parts of it would else be worked out before it is known whether there are shadows.
-#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
-pub(super) fn cast<const FULL: bool>(
-    shadow: &Shadow,
-    light: usize,
-    rays: &Rays<FULL>,
-    depth: &Lanes,
-    value: &mut Lanes,
-    rate: &mut Lanes,
-) {
-    let (world, own, step_share) = (&shadow.world, shadow.own, shadow.step);
-    let shadow = &shadow.lights[light];
-    if shadow.dark {
-        (*value, *rate) = (Lanes::ZERO, Lanes::ZERO);
-        return;
+    /// Whether nothing of a light reaches them.
+    pub(super) fn is_dark(&self, light: usize) -> bool {
+        self.lights[light].dark
     }
-    let n = rays.count();
-    let (x, y) = (&rays.x, &rays.y);
-    let mut step = Lanes::ZERO;
-    for i in 0..n {
-        let q = world.place(x[i] * depth[i], y[i] * depth[i], depth[i]);
-        let one = if q[0].abs() > q[1].abs() { q[0].abs() } else { q[1].abs() };
-        let most = if one > q[2].abs() { one } else { q[2].abs() };
-        step[i] = step_share * (most + depth[i]);
+
+    /// What may hide some places from a light.
+    pub(super) fn occluders(&self, light: usize) -> &[Occluders] {
+        &self.lights[light].frames[..self.lights[light].used]
     }
-    let mut hidden = [0u32; MOST];
-    for occluders in &shadow.frames[..shadow.used] {
-        let mut places = [Lanes::ZERO; 3];
-        for i in 0..n {
-            let q = occluders.placing.place(x[i] * depth[i], y[i] * depth[i], depth[i]);
-            for k in 0..3 {
-                places[k][i] = q[k] + occluders.off[k] * step[i];
-            }
-        }
-        for (cone, _) in occluders.cones.iter().filter(|(_, triangle)| *triangle != own) {
-            for i in 0..n {
-                hidden[i] |= u32::from(cone.hides_place(places[0][i], places[1][i], places[2][i], shadow.farthest));
-            }
-        }
-    }
-    for i in 0..n {
-        value[i] = if hidden[i] == 0 { value[i] } else { 0.0 };
-        rate[i] = if hidden[i] == 0 { rate[i] } else { 0.0 };
+
+    /// How many times farther from the surface than from the light an occluder may lie.
+    pub(super) fn farthest(&self, light: usize) -> f32 {
+        self.lights[light].farthest
     }
 }
 
@@ -270,7 +208,7 @@ fn search_leaves(
     packets: &[Packet],
     found: &Found,
     stack: &mut Vec<u32>,
-    cones: &mut Vec<(Cone, u32)>,
+    cones: &mut Gathered,
 ) -> bool {
     let mut dark = false;
     hierarchy.visit(stack, shaft, |leaf| {
@@ -297,7 +235,7 @@ impl Found<'_> {
     #[inline(always)]
     #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
     #[allow(clippy::cast_possible_truncation, reason = "scenes have fewer than 2^30 triangles")]
-    fn add(&self, packets: &[Packet], leaf: std::ops::Range<usize>, cones: &mut Vec<(Cone, u32)>) -> bool {
+    fn add(&self, packets: &[Packet], leaf: std::ops::Range<usize>, cones: &mut Gathered) -> bool {
         for number in leaf.start / WIDTH..leaf.end.div_ceil(WIDTH) {
             let packet = &packets[number];
             let hides = packet.hides(self.part, self.farthest);
@@ -311,7 +249,7 @@ impl Found<'_> {
                 if hides.all[lane] && self.alone.is_some() {
                     return true;
                 }
-                cones.push((packet.cone(lane), triangle));
+                cones.push(packet, lane, triangle);
             }
         }
         false
@@ -321,7 +259,7 @@ impl Found<'_> {
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 impl Placing {
     #[inline(always)]
-    fn place(&self, x: f32, y: f32, z: f32) -> [f32; 3] {
+    pub(super) fn place(&self, x: f32, y: f32, z: f32) -> [f32; 3] {
         let row = |k: usize| {
             let r = &self.rotation[k];
             r[0] * x + (r[1] * y + (r[2] * z + self.position[k]))

@@ -44,6 +44,10 @@ impl Sorted {
             // To shade a ray for nothing takes less time than to pick one out and put it back.
             if count * 5 >= length * 2 {
                 self.add_rows(first..block * length, false);
+            } else if count > 0
+                && let Some(known) = nearest.sorted(block - 1, place)
+            {
+                self.scattered.extend_from_slice(known);
             } else if count > 0 {
                 self.pick(&nearest.place[first..block * length], first, place);
             }
@@ -80,9 +84,10 @@ impl Row {
     pub(super) fn rays(&self, x: &[f32], y: &[f32]) -> Portion {
         let (x, y) = (&x[self.range.clone()], &y[self.range.clone()]);
         if let (Some(x), Some(y)) = (x.first_chunk(), y.first_chunk()) {
-            return Portion::Full(Rays { count: MOST, x: Lanes::of(x), y: Lanes::of(y) });
+            return Portion::Full(Rays { count: MOST, picked: None, x: Lanes::of(x), y: Lanes::of(y) });
         }
-        let mut rays = Rays { count: x.len().next_multiple_of(STEP).min(MOST), x: Lanes::ZERO, y: Lanes::ZERO };
+        let count = x.len().next_multiple_of(STEP).min(MOST);
+        let mut rays = Rays { count, picked: None, x: Lanes::ZERO, y: Lanes::ZERO };
         rays.x[..x.len()].copy_from_slice(x);
         rays.y[..y.len()].copy_from_slice(y);
         Portion::Fewer(rays)
@@ -111,13 +116,14 @@ impl Portion {
         padded[..numbers.len()].copy_from_slice(numbers);
         let count = numbers.len().next_multiple_of(STEP).min(MOST);
         let (x, y) = (gathered(x, &padded, count), gathered(y, &padded, count));
-        if count == MOST { Self::Full(Rays { count, x, y }) } else { Self::Fewer(Rays { count, x, y }) }
+        let picked = Some(padded);
+        if count == MOST { Self::Full(Rays { count, picked, x, y }) } else { Self::Fewer(Rays { count, picked, x, y }) }
     }
 }
 
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
-fn gathered(values: &[f32], numbers: &[u32; MOST], count: usize) -> Lanes {
+pub(super) fn gathered(values: &[f32], numbers: &[u32; MOST], count: usize) -> Lanes {
     // Nothing refers to this, so values may be gathered while it is written.
     let mut found = Lanes::ZERO;
     for i in 0..count.min(MOST) {

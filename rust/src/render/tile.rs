@@ -3,13 +3,13 @@
 use multiversion::multiversion;
 
 use super::bins::{Bins, Entry};
+use super::cast::Caster;
 use super::lanes::{Lanes, MOST};
 use super::lights::Surroundings;
 use super::patch::Patch;
 use super::pixel_rays::{BLOCKS, LANES, PIXELS, Part, PixelRays};
 use super::samples::Pixels;
 use super::shade::{Reflected, Shader};
-use super::shadows::Shadow;
 use super::sorted::{Portion, Sorted};
 use super::visibility::{NOTHING, Nearest};
 
@@ -27,8 +27,8 @@ pub(super) struct TileView<'a> {
 pub(super) struct TileScratch {
     list: Vec<Entry>,
     pub(super) nearest: Nearest,
-    shadow: Shadow,
-    sorted: Sorted,
+    caster: Caster,
+    sorted: Vec<Sorted>,
     visible: Vec<u32>,
     luma: Vec<f32>,
     rate: Vec<f32>,
@@ -71,7 +71,7 @@ pub(super) fn samples(of: &TileView, number: usize, pixels: &Pixels, scratch: &m
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 fn shade<const RATE: bool>(of: &TileView, part: &Part, scratch: &mut TileScratch) {
     let Part { x, y, around, .. } = *part;
-    let TileScratch { list, nearest, shadow, sorted, visible, luma, rate } = scratch;
+    let TileScratch { list, nearest, caster, sorted, visible, luma, rate } = scratch;
     luma.clear();
     luma.resize(x.len(), of.background.0);
     rate.clear();
@@ -97,22 +97,32 @@ fn shade<const RATE: bool>(of: &TileView, part: &Part, scratch: &mut TileScratch
                 at += 1;
             }
             let alone = (at == first + 1).then_some(seen(visible[first]).triangle);
-            shadow.search(&of.lit, &patch, alone, |light| shaders[first..at].iter().any(|one| one.lit_by(light)));
+            caster
+                .shadow
+                .search(&of.lit, &patch, alone, |light| shaders[first..at].iter().any(|one| one.lit_by(light)));
         }
-        for (shader, &place) in shaders[first..at].iter().zip(&visible[first..at]) {
-            if of.lit.scene.shadows {
-                shadow.fall_on(&of.lit, seen(place));
-            }
+        let run = &visible[first..at];
+        sorted.resize_with(run.len().max(sorted.len()), Sorted::default);
+        for (sorted, &place) in sorted.iter_mut().zip(run) {
             sorted.of_triangle(nearest, place);
+        }
+        if of.lit.scene.shadows && caster.shadow.falls() {
+            caster.clear();
+            for (sorted, &place) in sorted.iter().zip(run) {
+                caster.fall_on(&of.lit, seen(place), &sorted.scattered);
+            }
+            caster.cast(x, y);
+        }
+        for (number, ((shader, &place), sorted)) in shaders[first..at].iter().zip(run).zip(&*sorted).enumerate() {
             for row in &sorted.rows {
-                let (one, one_rate) = shaded::<RATE>(shader, &row.rays(x, y), shadow);
+                let (one, one_rate) = shaded::<RATE>(shader, &row.rays(x, y), caster, number);
                 row.put(&one, nearest, place, luma);
                 if RATE {
                     row.put(&one_rate, nearest, place, rate);
                 }
             }
             for numbers in sorted.scattered.chunks(MOST) {
-                let (one, one_rate) = shaded::<RATE>(shader, &Portion::picked(numbers, x, y), shadow);
+                let (one, one_rate) = shaded::<RATE>(shader, &Portion::picked(numbers, x, y), caster, number);
                 for (i, &ray) in numbers.iter().enumerate() {
                     luma[ray as usize] = one[i];
                     if RATE {
@@ -126,11 +136,11 @@ fn shade<const RATE: bool>(of: &TileView, part: &Part, scratch: &mut TileScratch
 
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
-fn shaded<const RATE: bool>(shader: &Shader, portion: &Portion, shadow: &Shadow) -> Reflected {
+fn shaded<const RATE: bool>(shader: &Shader, portion: &Portion, caster: &Caster, receiver: usize) -> Reflected {
     match portion {
         _ if shader.dark => (Lanes::ZERO, Lanes::ZERO),
-        Portion::Full(rays) => shader.luma::<RATE, true>(rays, shadow),
-        Portion::Fewer(rays) => shader.luma::<RATE, false>(rays, shadow),
+        Portion::Full(rays) => shader.luma::<RATE, true>(rays, caster, receiver),
+        Portion::Fewer(rays) => shader.luma::<RATE, false>(rays, caster, receiver),
     }
 }
 

@@ -10,6 +10,12 @@ pub(super) const NOTHING: u32 = u32::MAX;
 /// Lists longer than this are ordered from front to back.
 const LONG: usize = 8;
 
+/// Where a tile has more triangles than this, they are ordered once for all of its blocks.
+const MANY: usize = 24;
+
+/// So many triangles are looked at before it is seen whether a block is closed.
+const BETWEEN: usize = 4;
+
 /// The nearest triangle of each ray: its place in the tile's list, and its inverse depth there, 0 for nothing.
 #[derive(Debug, Default)]
 pub(super) struct Nearest {
@@ -22,7 +28,13 @@ pub(super) struct Nearest {
     pub(super) blocks: usize,
     /// Of the other blocks, how many rays see each triangle of the list.
     pub(super) counts: Vec<[u32; BLOCKS]>,
+    /// Of blocks of tiles with many triangles, the rays sorted by what they see; empty for the other blocks.
+    sorted: [Vec<u32>; BLOCKS],
+    /// Where those of each triangle end there.
+    ends: Vec<[u32; BLOCKS]>,
     list: Vec<Candidate>,
+    /// All candidates of a tile, from front to back.
+    front: Vec<Candidate>,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -37,7 +49,7 @@ impl Nearest {
     /// Finds them for rays that lie in some blocks, the same number in each.
     #[inline(always)]
     pub(super) fn find(&mut self, bins: &Bins, list: &[Entry], part: &Part) {
-        let Part { x, y, blocks, .. } = *part;
+        let Part { x, y, around, blocks } = *part;
         self.blocks = blocks.len();
         self.only = [NOTHING; BLOCKS];
         self.counts.clear();
@@ -46,33 +58,125 @@ impl Nearest {
         self.place.resize(x.len(), NOTHING);
         self.inverse_depth.clear();
         self.inverse_depth.resize(x.len(), 0.0);
+        self.sorted.iter_mut().for_each(Vec::clear);
         let length = x.len() / blocks.len();
+        if list.len() > MANY {
+            self.order(bins, list, around);
+        }
         for (block, part) in blocks.iter().enumerate() {
-            self.candidates(bins, list, part);
-            if let [one] = self.list.as_slice()
-                && one.covers
-            {
-                self.only[block] = one.place;
-                continue;
-            }
             let rays = block * length..(block + 1) * length;
-            let mut out = (&mut self.place[rays.clone()], &mut self.inverse_depth[rays.clone()]);
-            if self.list.len() > LONG {
-                // Stable, so that of equal ones the first found comes first.
-                self.list.sort_by(|a, b| b.nearest.total_cmp(&a.nearest));
-            }
-            for (at, candidate) in self.list.iter().enumerate() {
-                // From front to back: what is closed need not be looked behind.
-                if self.list.len() > LONG && at % 4 == 0 && least(out.1) > candidate.nearest {
-                    break;
-                }
-                let seen = &bins.seen[list[candidate.place as usize].seen as usize];
-                nearer(seen, *candidate, &x[rays.clone()], &y[rays.clone()], &mut out);
-            }
-            for candidate in &self.list {
-                self.counts[candidate.place as usize][block] = count(out.0, candidate.place);
+            let (x, y) = (&x[rays.clone()], &y[rays]);
+            if list.len() > MANY {
+                self.find_among_many(bins, list, (x, y), block, part);
+            } else {
+                self.find_among_few(bins, list, (x, y), block, part);
             }
         }
+    }
+
+    #[inline(always)]
+    fn find_among_few(&mut self, bins: &Bins, list: &[Entry], (x, y): (&[f32], &[f32]), block: usize, part: &Rect) {
+        self.candidates(bins, list, part);
+        if let [one] = self.list.as_slice()
+            && one.covers
+        {
+            self.only[block] = one.place;
+            return;
+        }
+        let rays = block * x.len()..(block + 1) * x.len();
+        let mut out = (&mut self.place[rays.clone()], &mut self.inverse_depth[rays]);
+        if self.list.len() > LONG {
+            // Stable, so that of equal ones the first found comes first.
+            self.list.sort_by(|a, b| b.nearest.total_cmp(&a.nearest));
+        }
+        for (at, candidate) in self.list.iter().enumerate() {
+            // From front to back: what is closed need not be looked behind.
+            if self.list.len() > LONG && at % BETWEEN == 0 && least(out.1) > candidate.nearest {
+                break;
+            }
+            nearer(&bins.seen[list[candidate.place as usize].seen as usize], *candidate, x, y, &mut out);
+        }
+        for candidate in &self.list {
+            self.counts[candidate.place as usize][block] = count(out.0, candidate.place);
+        }
+    }
+
+    /// Orders a tile's triangles from front to back.
+    fn order(&mut self, bins: &Bins, list: &[Entry], tile: &Rect) {
+        self.front.clear();
+        self.front.extend((0..).zip(list).map(|(place, entry)| {
+            let nearest = bins.seen[entry.seen as usize].nearest_in(tile);
+            Candidate { place, covers: entry.covers, nearest }
+        }));
+        self.front.sort_unstable_by(|a, b| b.nearest.total_cmp(&a.nearest));
+        self.ends.clear();
+        self.ends.resize(list.len(), [0; BLOCKS]);
+    }
+
+    /// Looks at a block's triangles one by one, from front to back, until it is closed.
+    #[inline(always)]
+    fn find_among_many(&mut self, bins: &Bins, list: &[Entry], (x, y): (&[f32], &[f32]), block: usize, part: &Rect) {
+        let rays = block * x.len()..(block + 1) * x.len();
+        let mut out = (&mut self.place[rays.clone()], &mut self.inverse_depth[rays]);
+        // The inverse depth behind which nothing is seen, as it was known last.
+        let (mut closed, mut looked_at) = (0.0, 0);
+        for candidate in &self.front {
+            if closed > candidate.nearest {
+                break;
+            }
+            let seen = &bins.seen[list[candidate.place as usize].seen as usize];
+            if closed > 0.0 && seen.nearest_in(part) < closed {
+                continue;
+            }
+            let covers = candidate.covers
+                || match seen.covers(part) {
+                    Cover::Nothing => continue,
+                    Cover::Part => false,
+                    Cover::Everything => true,
+                };
+            nearer(seen, Candidate { covers, ..*candidate }, x, y, &mut out);
+            looked_at += 1;
+            if covers || looked_at % BETWEEN == 0 {
+                closed = least(out.1);
+            }
+        }
+        self.sort(block, x.len());
+    }
+
+    /// Sorts a block's rays by what they see.
+    #[allow(clippy::cast_possible_truncation, reason = "a tile has fewer than 2^32 rays")]
+    fn sort(&mut self, block: usize, length: usize) {
+        let first = block * length;
+        let places = &self.place[first..first + length];
+        for &place in places.iter().filter(|&&place| place != NOTHING) {
+            self.counts[place as usize][block] += 1;
+        }
+        if places[0] != NOTHING && self.counts[places[0] as usize][block] as usize == length {
+            self.only[block] = places[0];
+            self.counts[places[0] as usize][block] = 0;
+            self.place[first..first + length].fill(NOTHING);
+            return;
+        }
+        let mut end = 0;
+        for (ends, counts) in self.ends.iter_mut().zip(&self.counts) {
+            // The beginning, which moves to the end as the rays come in.
+            ends[block] = end;
+            end += counts[block];
+        }
+        let sorted = &mut self.sorted[block];
+        sorted.resize(end as usize, 0);
+        for (ray, &place) in places.iter().enumerate().filter(|(_, place)| **place != NOTHING) {
+            let at = &mut self.ends[place as usize][block];
+            sorted[*at as usize] = (first + ray) as u32;
+            *at += 1;
+        }
+    }
+
+    /// Numbers of the rays of a block that see a triangle, where they are known.
+    pub(super) fn sorted(&self, block: usize, place: u32) -> Option<&[u32]> {
+        let sorted = &self.sorted[block];
+        let end = (!sorted.is_empty()).then(|| self.ends[place as usize][block])?;
+        sorted.get((end - self.counts[place as usize][block]) as usize..end as usize)
     }
 
     /// Whether any ray sees the triangle at a place in the list.
