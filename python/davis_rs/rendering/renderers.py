@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 
-from .._mitsuba import FAST, SCALAR, default_variant, load_scene_source, variant
+from .._mitsuba import FAST, SCALAR, default_variant, load_scene_source, stay_in, variant, variant_is_free
 from ..camera import Camera
 from ..scene.scene import Scene
 from .render import Renderer
@@ -56,7 +56,7 @@ def make_renderer(
     if kind not in RENDERERS:
         raise ValueError(f"renderer must be one of {', '.join(RENDERERS)}, got {kind!r}")
     blur = scene.blur if blur is None else blur
-    reason = "asked for"
+    reason, free = "asked for", variant_is_free()
     if kind != "integrator":
         try:
             return _make_from_table(scene, camera, samples=samples, kind=kind, blur=blur, edges=edges, threads=threads)
@@ -66,6 +66,8 @@ def make_renderer(
                 raise ValueError(f"the {what} cannot render this scene: {unsuitable}") from None
             reason = str(unsuitable)
     renderer = _make_integrator(scene, camera, samples=samples, seed=seed, blur=blur, edges=edges, reason=reason)
+    if free:
+        stay_in(renderer.variant)
     if scene.ambient:
         warnings.warn(
             f"scene {scene.name!r} is made for the table kernel or the native renderer, not for the {renderer.name} "
