@@ -1,4 +1,4 @@
-"""A box with a lamp in its ceiling: light from a surface, and light that bounces, which only Mitsuba's integrators render."""
+"""A box with a lamp in its ceiling: light from a surface, and light that bounces, for Mitsuba's integrators."""
 
 from __future__ import annotations
 

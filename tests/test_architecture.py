@@ -19,7 +19,7 @@ LAYERS = [
     ["generate", "accuracy", "sequence_report"],
     ["simulation_folder", "virtual_scene", "frames_to_events"],
     ["simulation"],
-    ["simulator", "effect_planning"],
+    ["simulator", "effect_planning", "monte_carlo_noise"],
     ["due_instants", "run_description"],
     ["settings"],
     ["sensor_parameters"],

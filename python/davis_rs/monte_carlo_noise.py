@@ -1,12 +1,12 @@
 """How many events of a scene that Mitsuba's integrators render are Monte Carlo noise: an estimate before the run.
 
-Light paths are drawn at random. The random numbers of a ray depend on the seed and on the ray's place in the frame, and
-are the same in every frame. So a pixel at rest makes no events of noise; when the camera moves, each pixel's error changes
-with what the pixel sees, and crosses levels that the light does not.
+Light paths are drawn at random. The random numbers of a ray depend on the seed and on the ray's place in the frame,
+and are the same in every frame. So a pixel at rest makes no events of noise. When the camera moves, each pixel's error
+changes with what the pixel sees, and crosses levels that the light does not.
 
-A few pixels are followed through a few short stretches of the path, rendered with many seeds. Averages of disjoint seeds
-are runs of more samples, independent of each other, so the estimate measures what it says rather than model it: an
-average of few seeds against that of all others, through the crossing engine, matched event by event.
+A few pixels are followed through a few short stretches of the path, rendered with many seeds. Averages of disjoint
+seeds are runs of more samples, independent of each other. So the estimate is a measurement, not a model: an average of
+few seeds against that of all others, through the crossing engine, matched event by event.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from itertools import islice
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -26,9 +26,15 @@ from .events import EventArray
 from .pose import FloatArray
 from .rendering.render import Renderer
 from .rendering.render_scene import SceneRenderer
+from .rendering.renderers import make_renderer
 from .sampling.rules import MaxDisplacement, TimeSampling
+from .scene.scene import Scene
+from .settings import AUTO, ViewSettings, complete, takes_settings, view_scene
 from .trajectory.trajectory import Trajectory
 from .trajectory.views import Views
+
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
 
 PIXELS = 256
 """How many pixels are followed."""
@@ -42,7 +48,7 @@ SEEDS = 48
 MOST_BASE_SAMPLES = 16
 """Samples of one rendering at most: averages of several stand for more."""
 
-COST_SHARE, FEWEST_RAYS = 0.02, 2_000_000
+COST_SHARE, FEWEST_RAYS = 0.02, 1_000_000
 """The estimate casts at most this share of the run's rays, or so many where that is more."""
 
 FEWEST_SEEDS, FEWEST_PIXELS = 12, 64
@@ -51,9 +57,13 @@ FEWEST_EVENTS = 30
 """Of the reference: from fewer no share can be told."""
 
 SAMPLE_NUMBERS = (8, 13, 21, 34, 55, 89, 144, 233, 377, 610, 987, 1024)
-"""What ``samples="auto"`` chooses from: Fibonacci numbers, whose lattices integrate edges best, and the largest allowed."""
+"""What ``samples="auto"`` takes one of: Fibonacci numbers, whose lattices integrate edges best, and the most."""
 
 IntArray = npt.NDArray[np.int64]
+
+
+class NoiseWarning(UserWarning):
+    """More of a run's events than ``noise_share`` are expected to be Monte Carlo noise."""
 
 
 @dataclass(frozen=True)
@@ -107,14 +117,19 @@ class NoiseEstimate:
         enough = (n for n in SAMPLE_NUMBERS if n > self.samples and self.share_at(n) <= share)
         return self.samples if not self.known or self.share_at(self.samples) <= share else next(enough, 1024)
 
-    def describe(self) -> dict[str, Any]:
-        """For meta.json."""
+    def describe(self, samples: int | None = None) -> dict[str, Any]:
+        """For meta.json.
+
+        Args:
+            samples: rays a pixel of the run, where others were chosen by the estimate.
+        """
         shares = {f"{count:.4g}": float(f"{share:.4g}") for count, share in self.measured}
-        share = self.share_at(self.samples)
+        samples = self.samples if samples is None else samples
+        share = self.share_at(samples)
         return {
             "share": None if math.isnan(share) else float(f"{share:.4g}"),
-            "samples": self.samples,
-            "log_noise_over_c": float(f"{self.log_noise:.4g}"),
+            "samples": samples,
+            "log_noise_over_c": float(f"{self.log_noise * math.sqrt(self.samples / samples):.4g}"),
             "measured": shares,
             "rays": self.rays,
         }
@@ -124,20 +139,60 @@ class NoiseEstimate:
             return "no Monte Carlo noise: two seeds give the same light"
         if not self.measured:
             return (
-                f"too few events to tell how many are Monte Carlo noise at {self.samples} samples; log luma is wrong by "
-                f"{self.log_noise:.2g} C (rms)"
+                f"too few events to tell how many are Monte Carlo noise at {self.samples} samples; log luma is wrong "
+                f"by {self.log_noise:.2g} C (rms)"
             )
-        told = f"about {_percent(self.share_at(self.samples))} of these events are Monte Carlo noise"
-        told += f" (missing or spurious) at {self.samples} samples"
+        told = f"{_share_text(self.share_at(self.samples))} at {self.samples} samples"
         more = 64 if self.samples < 64 else 4 * self.samples
-        return told if more > 1024 else f"{told}; {more} samples: about {_percent(self.share_at(more))}"
+        return told if more > 1024 else f"{told}; {more} samples: about {100 * self.share_at(more):.2g} %"
 
 
-def _percent(share: float) -> str:
-    return f"{100 * share:.2g} %" if share < 0.995 else f"{100 * share:.0f} %"
+def _share_text(share: float) -> str:
+    if share >= 0.995:
+        return f"most of these events are Monte Carlo noise ({100 * share:.0f} missing or spurious to 100 right ones)"
+    return f"about {100 * share:.2g} % of these events are Monte Carlo noise (missing or spurious)"
 
 
-def estimate_noise(
+@takes_settings(ViewSettings)
+def estimate_noise(scene: Scene, **settings: Unpack[ViewSettings]) -> NoiseEstimate | None:
+    """Estimate how many events along a scene's camera path will be Monte Carlo noise; None where there is none at all.
+
+    Only what Mitsuba's integrators render has noise: for the native renderer and the table kernel it is None.
+
+    >>> estimate = estimate_noise(load_scene("room.xml"))
+    >>> print(estimate)
+    about 84 % of these events are Monte Carlo noise (missing or spurious) at 8 samples; 64 samples: about 34 %
+    >>> simulate(scene, samples=estimate.samples_for(0.05))
+
+    Args:
+        scene: with the camera path.
+        {settings}
+
+    Raises:
+        TypeError: for a setting that does not exist.
+        ValueError: for a value out of range, a scene without a camera path, or one that cannot be rendered.
+        OSError: if a scene file or a calibration cannot be read.
+    """
+    given = complete(ViewSettings, settings, of="estimate_noise")
+    viewed = view_scene(scene, given)
+    renderer = make_renderer(
+        viewed.scene,
+        viewed.camera,
+        samples=None if given["samples"] == AUTO else given["samples"],
+        seed=given["seed"],
+        kind=given["renderer"],
+        blur=given["blur"],
+    )
+    return estimate_noise_of(
+        renderer,
+        viewed.scene.path,
+        contrast_threshold=viewed.contrast_threshold,
+        contrast_threshold_off=viewed.contrast_threshold_off,
+        log_eps=viewed.log_eps,
+    )
+
+
+def estimate_noise_of(
     renderer: Renderer,
     trajectory: Trajectory,
     *,
@@ -147,7 +202,7 @@ def estimate_noise(
     sampling: TimeSampling | None = None,
     cost_share: float = COST_SHARE,
 ) -> NoiseEstimate | None:
-    """Estimate the Monte Carlo noise of a run; None for a renderer that draws nothing at random.
+    """As :func:`estimate_noise`, with a renderer that there is already; it may have a lens.
 
     The same arguments give the same estimate.
 

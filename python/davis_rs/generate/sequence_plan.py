@@ -46,7 +46,7 @@ KEYS: dict[str, Parser] = {
     "effects": effects,
     "imu_effects": imu_effects,
     **{
-        key: value_of(_RULES[setting.kind], none=setting.declared.default is None)
+        key: value_of(_RULES[setting.kind], none=setting.declared.default is None, words=setting.declared.words)
         for key, setting in SETTINGS.items()
         if setting.kind is not list
     },

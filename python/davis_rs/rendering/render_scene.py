@@ -19,7 +19,6 @@ from .scene_motion import STILL, SceneMotion, SceneState
 from .scene_scale import scale_scene
 from .scene_updates import SceneUpdates
 
-
 _SEED_STEP = 15_485_863
 """Between the seeds of :meth:`SceneRenderer.reseeded`: the scalar variant counts on from a seed, by a ray each."""
 

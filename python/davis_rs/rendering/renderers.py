@@ -7,12 +7,14 @@ import warnings
 from .._mitsuba import FAST, SCALAR, default_variant, load_scene_source, stay_in, variant, variant_is_free
 from ..camera import Camera
 from ..scene.scene import Scene
+from .matte import Materials, listed, simplify_materials
 from .render import Renderer
 from .render_integrator import IntegratorRenderer
 from .render_native import NativeRenderer
 from .render_scalar import ScalarRenderer
 from .render_table import TableRenderer
 from .scene_table import SceneTable, Unsuitable
+from .scene_texture import UnsuitableSurface
 from .scene_updates import scene_motion
 from .swept_objects import MovingSilhouettes
 
@@ -104,14 +106,19 @@ def _make_from_table(
             if kind != "auto":
                 raise
             raise Unsuitable(f"{variant_name} cannot load it") from error  # its other variants may have the plugin
+        materials = simplify_materials(loaded, mi, matte=scene.matte)
         motion = scene_motion(scene, loaded, mi)
         moving = list(motion.objects)
-        table = SceneTable(loaded, mi, shadows=scene.shadows, any_integrator=kind != "auto", moving=moving)
+        try:
+            table = SceneTable(loaded, mi, shadows=scene.shadows, any_integrator=kind != "auto", moving=moving)
+        except UnsuitableSurface as unsuitable:
+            raise UnsuitableSurface(f"{unsuitable}{_offer(materials)}") from None
         renderer: Renderer
         if kind == "table":
             renderer = TableRenderer(table, camera, samples=samples, blur=blur, motion=motion)
         else:
             renderer = NativeRenderer(table, camera, samples=samples, blur=blur, motion=motion, threads=threads)
+        renderer.reason += _replaced(scene, materials)
         renderer.silhouettes = MovingSilhouettes(loaded, motion) if edges else None
     return renderer
 
@@ -122,6 +129,7 @@ def _make_integrator(
     variant_name, why_variant = default_variant()
     with variant(variant_name) as (mi, _):
         loaded = load_scene_source(scene.source(), mi)
+        materials = simplify_materials(loaded, mi, matte=scene.matte)
         motion = scene_motion(scene, loaded, mi)
         renderer: Renderer
         if variant_name == SCALAR:
@@ -134,5 +142,20 @@ def _make_integrator(
             renderer = IntegratorRenderer(
                 loaded, camera, samples=samples, blur=blur, seed=seed, reason=reason, motion=motion
             )
+        renderer.reason += _replaced(scene, materials)
         renderer.silhouettes = MovingSilhouettes(loaded, motion) if edges else None
     return renderer
+
+
+def _offer(materials: Materials) -> str:
+    """What ``matte=True`` would do, for the line that says why a scene falls to Mitsuba's integrators."""
+    if not materials.could_be:
+        return ""
+    return f"; matte=True would take as matte: {listed(materials.could_be)}"
+
+
+def _replaced(scene: Scene, materials: Materials) -> str:
+    """Which materials are taken as matte, for the same line."""
+    if not scene.matte:
+        return ""
+    return f"; taken as matte: {listed(materials.replaced) or 'nothing, all that has a diffuse colour is so'}"
