@@ -52,9 +52,7 @@ def main() -> None:
     with variant(FAST):
         say("the reference")
         truth, _ = run(TRUTH, TRUTH_SEED)
-        print(
-            "| samples | events | missing | spurious | both, measured | estimated | median error | rays of the estimate |"
-        )
+        print("| samples | events | missing | spurious | both | estimated | median error | rays of the estimate |")
         print("|---:|---:|---:|---:|---:|---:|---:|---:|")
         for samples in SAMPLES:
             say(f"{samples} samples")

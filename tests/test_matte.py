@@ -22,7 +22,7 @@ COLOUR = {"type": "bitmap", "raw": True, "data": TEXELS}
 MATTE = {"type": "diffuse", "reflectance": COLOUR}
 FLAT = {"type": "bitmap", "raw": True, "data": np.full((2, 2, 1), 0.5, np.float32)}
 BUMPY = {"type": "bitmap", "raw": True, "data": TEXELS[..., :1].copy()}
-FLAT_NORMALS = {"type": "bitmap", "raw": True, "data": np.tile(np.float32([0.5, 0.5, 1.0]), (2, 2, 1))}
+FLAT_NORMALS = {"type": "bitmap", "raw": True, "data": np.tile(np.array([0.5, 0.5, 1.0], np.float32), (2, 2, 1))}
 
 
 def scene_of(bsdf: dict[str, Any], **settings: Any) -> Scene:
