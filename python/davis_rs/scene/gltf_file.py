@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import base64
 import binascii
+import errno
 import re
 import warnings
 from pathlib import Path
@@ -214,7 +215,9 @@ class GltfFile:
         if not file.is_relative_to(folder):
             raise self.error(place, f"names {plain(uri)}, which lies outside of the scene's folder: move it there")
         if not file.is_file():
-            raise FileNotFoundError(f"{self.path}: {place}: the file {plain(uri)} is not there")
+            missing = FileNotFoundError(f"{self.path}: {place}: the file {plain(uri)} is not there")
+            missing.errno = errno.ENOENT  # the system's word, not that of the bytes
+            raise missing
         self.files[file] = None
         return file
 

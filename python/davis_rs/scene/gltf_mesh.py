@@ -92,7 +92,8 @@ class GltfMeshes:
         if mode in _POINTS_AND_LINES:
             self.left_out["points and lines"] = None
             return None
-        attributes = {name: value for name, value in vars(item.attributes).items() if value is not None}
+        given = getattr(item.attributes, "__dict__", {})
+        attributes = {name: value for name, value in given.items() if value is not None}
         if "POSITION" not in attributes:
             raise file.error(place, "has no POSITION")
         if item.targets:
