@@ -250,14 +250,14 @@ def test_the_cameras_animation_is_the_path(tmp_path: Path) -> None:
         carried = hermite(min(t, 1.5), [0, 1, 0], [0, 0, 2], [0, 1, 0.5], [1, 0, 0], 1.5)
         np.testing.assert_allclose(path.pose(t).position, TURN @ (turn @ own + carried), atol=1e-6)
         np.testing.assert_allclose(path.pose(t).rotation, TURN @ turn @ np.diag([1, -1, -1]), atol=1e-6)
-    t = np.array([0.2, 0.7, 1.4, 1.9])
+    times = np.array([0.2, 0.7, 1.4, 1.9])
     step = 1e-6  # seconds
     np.testing.assert_allclose(
-        path.velocities(t), (path.positions(t + step) - path.positions(t - step)) / (2 * step), atol=1e-6
+        path.velocities(times), (path.positions(times + step) - path.positions(times - step)) / (2 * step), atol=1e-6
     )
-    turned = np.swapaxes(path.rotations(t - step), 1, 2) @ path.rotations(t + step)
+    turned = np.swapaxes(path.rotations(times - step), 1, 2) @ path.rotations(times + step)
     rates = np.stack([turned[:, 2, 1], turned[:, 0, 2], turned[:, 1, 0]], 1) / (2 * step)
-    np.testing.assert_allclose(path.angular_rates(t), rates, atol=1e-6)
+    np.testing.assert_allclose(path.angular_rates(times), rates, atol=1e-6)
     np.testing.assert_allclose(path.breaks_s(), [0.5, 1.0, 1.5])
 
 

@@ -238,9 +238,12 @@ def _parse(data: bytes) -> Any:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of values that are missing: each that is needed is checked here
         if data[:4] == b"glTF":
-            version, length = np.frombuffer(data, "<u4", 2, 4).tolist() if len(data) >= 20 else (0, 0)
+            if len(data) < 20:
+                raise ValueError(f"a GLB file must have a header and a chunk of JSON, this has {len(data)} bytes")
+            version, length = np.frombuffer(data, "<u4", 2, 4).tolist()
             if version != 2 or length > len(data) or data[16:20] != b"JSON":
-                raise ValueError(f"a GLB file of version 2 must be {length} bytes long and begin with its JSON")
+                found = f"version {version}, {length} of {len(data)} bytes"
+                raise ValueError(f"a GLB file must be of version 2, whole, and begin with its JSON, got {found}")
             if int.from_bytes(data[12:16], "little") > MAX_JSON_BYTES:
                 raise ValueError(f"the JSON may have {MAX_JSON_BYTES} bytes")
             document = GLTF2.load_from_bytes(data[:length])

@@ -283,7 +283,7 @@ class _GltfScene:
         found += [f"the extension {plain(one)}" for one in unknown if one not in told]
         if found:
             listed = "; ".join(found)
-            warnings.warn(f"{self.file.path}: surfaces are matte, and these are left out: {listed}", stacklevel=4)
+            warnings.warn(f"{self.file.path}: surfaces are matte, and these are left out: {listed}", stacklevel=5)
 
 
 def _unused(name: str, taken: Any) -> str:
