@@ -20,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ._core import CrossingEngine
-from ._mitsuba import variant
+from ._mitsuba import SCALAR, variant
 from .event_matching import compare_events
 from .events import EventArray
 from .pose import FloatArray
@@ -50,6 +50,9 @@ MOST_BASE_SAMPLES = 16
 
 COST_SHARE, FEWEST_RAYS = 0.02, 1_000_000
 """The estimate casts at most this share of the run's rays, or so many where that is more."""
+
+FEWEST_RAYS_SCALAR = 30_000
+"""The same without LLVM, where a ray takes some 50 us, and the path is looked at in one stretch."""
 
 FEWEST_SEEDS, FEWEST_PIXELS = 12, 64
 
@@ -249,7 +252,8 @@ class _Look:
         self.renderer, self.trajectory = renderer, trajectory
         self.rays = 0
         self.base = math.ceil(renderer.rays / 2 ** max(0, math.ceil(math.log2(renderer.rays / MOST_BASE_SAMPLES))))
-        self.times = _stretches(renderer, trajectory, rule)
+        scalar = renderer.variant == SCALAR
+        self.times = _stretches(renderer, trajectory, rule, 1 if scalar else STRETCHES)
         size = renderer.camera.width * renderer.camera.height
         span_us = sum(int(t_us[-1] - t_us[0]) for t_us in self.times)
         keyframes = sum(len(t_us) for t_us in self.times)
@@ -257,7 +261,7 @@ class _Look:
         self.run_rays = round((per_us * trajectory.duration_s * 1e6 + 1) * size * renderer.rays)
         # With a blur or a lens each pixel brings its neighbours.
         a_seed = keyframes * self.base * (2 * renderer.reach_px + 1) ** 2
-        allowed = max(cost_share * self.run_rays, FEWEST_RAYS) / a_seed
+        allowed = max(cost_share * self.run_rays, FEWEST_RAYS_SCALAR if scalar else FEWEST_RAYS) / a_seed
         self.seeds = int(np.clip(allowed // PIXELS, FEWEST_SEEDS, SEEDS))
         self.pixel = _spread_pixels(size, int(np.clip(allowed // self.seeds, min(FEWEST_PIXELS, size), PIXELS)))
 
@@ -289,16 +293,16 @@ class _Look:
         return seeded.samples(views, view, np.tile(self.pixel, len(views)), rays=self.base).reshape(-1, count)
 
 
-def _stretches(renderer: Renderer, trajectory: Trajectory, rule: MaxDisplacement) -> list[IntArray]:
+def _stretches(renderer: Renderer, trajectory: Trajectory, rule: MaxDisplacement, stretches: int) -> list[IntArray]:
     """The keyframes of stretches, spread evenly over the path; of a short path all that there are."""
     end_us = round(trajectory.duration_s * 1e6)
-    wanted = STRETCHES * KEYFRAMES
+    wanted = stretches * KEYFRAMES
     first = [0, *islice(rule.instants(renderer, trajectory, end_us), wanted)]
     if len(first) <= wanted:
         return [np.unique(np.array([*first, end_us], np.int64))]
     found = [np.array(first[:KEYFRAMES], np.int64)]
-    for number in range(1, STRETCHES):
-        start_us = max(end_us * number // STRETCHES, int(found[-1][-1]))
+    for number in range(1, stretches):
+        start_us = max(end_us * number // stretches, int(found[-1][-1]))
         rest = trajectory.crop(start_us * 1e-6)
         instants = islice(rule.instants(renderer, rest, end_us - start_us, start_us=start_us), KEYFRAMES - 1)
         t_us = np.array([start_us, *(start_us + t_us for t_us in instants)], np.int64)
