@@ -261,6 +261,18 @@ def test_the_cameras_animation_is_the_path(tmp_path: Path) -> None:
     np.testing.assert_allclose(path.breaks_s(), [0.5, 1.0, 1.5])
 
 
+def test_a_camera_that_moves_comes_before_others(tmp_path: Path) -> None:
+    """Of two the animated one is taken, wherever it stands in the file, and the other is told."""
+    gltf = Gltf()
+    gltf.node(mesh=quad(gltf))
+    with_camera(gltf, name="still")
+    gltf.animate(with_camera(gltf, name="moving"), "translation", [0.0, 1.0], [[0, 0, 3], [1, 0, 3]])
+    with pytest.warns(UserWarning, match=r"left out: the camera still$"):
+        scene = saved(gltf, tmp_path)
+    np.testing.assert_allclose(scene.path.velocities([0.5]), [[1, 0, 0]], atol=1e-9)
+    assert "the camera moving, 240 x 180 px, moves for 1 s" in scene.note
+
+
 def test_steps_jump_and_long_turns_keep_their_sign(tmp_path: Path) -> None:
     """STEP holds until the next keyframe; a full turn in quarters is a continuous quaternion."""
     gltf = Gltf()

@@ -164,7 +164,7 @@ class GltfMeshes:
         if mode == 5:
             odd = first % 2
             return order[np.stack([first, first + 1 + odd, first + 2 - odd], 1)]
-        return order[np.stack([0 * first, first + 1 + odd, first + 2 - odd], 1)]
+        return order[np.stack([0 * first, first + 1, first + 2], 1)]
 
 
 def joined(primitives: list[Primitive], matte: Matte) -> MeshPart:
