@@ -19,7 +19,7 @@ LAYERS = [
     ["generate", "accuracy", "sequence_report"],
     ["simulation_folder", "virtual_scene", "frames_to_events"],
     ["simulation"],
-    ["simulator", "effect_planning"],
+    ["simulator", "effect_planning", "monte_carlo_noise"],
     ["due_instants", "run_description"],
     ["settings"],
     ["sensor_parameters"],
@@ -46,7 +46,7 @@ LAYERS = [
 ]
 RANK = {name: (layer, place) for layer, names in enumerate(LAYERS) for place, name in enumerate(names)}
 LATE = {"mitsuba", "drjit", "scipy", "matplotlib", "imageio", "OpenEXR", "PIL", "tqdm", "usb", "lz4", "zstandard"}
-LATE |= {"h5py", "hdf5plugin", "pyarrow", "rosbags", "cv2", "yaml", "distributed", "argcomplete", "av"}
+LATE |= {"h5py", "hdf5plugin", "pyarrow", "rosbags", "cv2", "yaml", "distributed", "argcomplete", "av", "pygltflib"}
 PLUG_INS = {"virtual_backend": {"usb"}}
 """Modules that derive from a class of a heavy library: imported late themselves."""
 

@@ -122,7 +122,10 @@ def still_path(folder: Path) -> Path:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["no_such_scene"], "fence, checkerboard, a sequence of the dataset, nor a file (Mitsuba XML, OBJ or PLY)"),
+        (
+            ["no_such_scene"],
+            "fence, checkerboard, a sequence of the dataset, nor a file (Mitsuba XML, glTF, OBJ or PLY)",
+        ),
         (["three_planes", "--camera", "no_such_camera"], "neither a preset"),
         (["three_planes", "--trajectory", "no_such_file"], "no_such_file"),
         (["three_planes", "--duration", "5"], "runs from 0 to 2.0 s"),
@@ -146,7 +149,7 @@ def test_errors_are_one_sentence(tmp_path: Path, arguments: list[str], message: 
         (["--render-rate", "0"], "argument --render-rate: must be > 0 and <= 1000000 Hz, got 0.0"),
         (["--max-displacement", "nan"], "argument --max-displacement: must be finite, got nan"),
         (["--sensor", "davis24"], "must be one of ideal, davis240c, davis346, got 'davis24'; did you mean davis240c?"),
-        (["--samples", "1.5"], "argument --samples: must be an integer, got '1.5'"),
+        (["--samples", "1.5"], "argument --samples: must be an integer, or auto, got '1.5'"),
         (["--no-such-option"], "unrecognized arguments: --no-such-option"),
     ],
 )

@@ -264,13 +264,13 @@ def test_any_bytes_give_parts_or_a_value_error(tmp_path_factory: pytest.TempPath
 @pytest.mark.parametrize(
     ("name", "said"),
     [
-        ("robot.glb", r"\.glb files are not read; import the file in Blender and choose File, Export"),
+        ("robot.fbx", r"\.fbx files are not read; import the file in Blender and choose File, Export"),
         ("robot.blend", r"Blender's files are not read; in Blender choose File, Export"),
         ("three_plains", "did you mean three_planes"),
         ("poster_6dog", "did you mean poster_6dof"),
         ("plans/slider_depht", "did you mean slider_depth"),
         ("there_is_none.obj", "nor a file"),
-        ("readme.txt", r"a scene file must be a Mitsuba scene \(.xml\) or a mesh"),
+        ("readme.txt", r"a scene file must be a Mitsuba scene \(.xml\), glTF \(.gltf, .glb\) or a mesh"),
     ],
 )
 def test_other_names_and_files(tmp_path: Path, name: str, said: str) -> None:

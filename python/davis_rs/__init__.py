@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from .inspection.check import check_dataset
     from .inspection.figure import view
     from .inspection.video import make_video
+    from .monte_carlo_noise import NoiseEstimate, NoiseWarning, estimate_noise
     from .motion_capture import MocapClock, MocapNoise, MotionCapture
     from .packet import Packet
     from .pose import GroundTruth, Pose
@@ -90,6 +91,8 @@ _MODULES = {
     "MocapClock": "motion_capture",
     "MocapNoise": "motion_capture",
     "MotionCapture": "motion_capture",
+    "NoiseEstimate": "monte_carlo_noise",
+    "NoiseWarning": "monte_carlo_noise",
     "Packet": "packet",
     "Pose": "pose",
     "RawRecording": "usb.raw_file",
@@ -117,6 +120,7 @@ _MODULES = {
     "check_dataset": "inspection.check",
     "compare_events": "event_matching",
     "convert": "event_files.conversion",
+    "estimate_noise": "monte_carlo_noise",
     "events_from_frames": "frames_to_events.events_from_frames",
     "frames_to_folder": "frames_to_events.frames_folder",
     "from_structured": "dtypes",
@@ -185,6 +189,8 @@ __all__ = [
     "MocapClock",
     "MocapNoise",
     "MotionCapture",
+    "NoiseEstimate",
+    "NoiseWarning",
     "Packet",
     "Pose",
     "RawRecording",
@@ -210,6 +216,7 @@ __all__ = [
     "check_dataset",
     "compare_events",
     "convert",
+    "estimate_noise",
     "events_from_frames",
     "frames_to_folder",
     "from_structured",

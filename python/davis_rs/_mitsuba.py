@@ -78,6 +78,16 @@ def variant(name: str) -> Iterator[tuple[Any, Any]]:
             _set_variant(mi, before)
 
 
+def variant_is_free() -> bool:
+    """Whether nobody has set a variant yet, we included."""
+    return _modules()[0].variant() is None
+
+
+def stay_in(name: str) -> None:
+    """Set a variant for good, where it was free: what renders in it then need not change it for each frame."""
+    _set_variant(_modules()[0], name)
+
+
 def _set_variant(mi: Any, name: str) -> None:
     """Set Mitsuba's variant, which takes 0.2 s to one that differentiates: it loads its own integrators again.
 

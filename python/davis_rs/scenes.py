@@ -15,6 +15,7 @@ from .close_names import did_you_mean
 from .pose import Pose
 from .scene.checkerboard_scene import checkerboard
 from .scene.fence_scene import fence
+from .scene.gltf_scene import gltf_scene
 from .scene.mesh_scene import READERS as MESH_READERS
 from .scene.mesh_scene import Axis, mesh_scene
 from .scene.planes_and_walls import three_planes, three_walls
@@ -28,21 +29,25 @@ BUILTIN_SCENES = {
 }
 
 
-_CONVERTIBLE = (".glb", ".gltf", ".fbx", ".stl", ".dae", ".usd", ".usda", ".usdc", ".usdz", ".3ds", ".abc", ".off")
+GLTF = (".gltf", ".glb")
+"""Whole scenes, by their suffix."""
+
+_CONVERTIBLE = (".fbx", ".stl", ".dae", ".usd", ".usda", ".usdc", ".usdz", ".3ds", ".abc", ".off")
 
 
 def load_scene(name_or_path: str | Path, *, up: Axis | None = None, scale: float | None = None) -> Scene:
-    """A built-in scene or a sequence of the public dataset by name, a Mitsuba XML file, or an OBJ or PLY mesh.
+    """A built-in scene or a sequence of the public dataset by name, a Mitsuba XML or glTF file, or an OBJ or PLY mesh.
 
     Names are keys of :data:`BUILTIN_SCENES` and of :data:`~davis_rs.sequences.SEQUENCES`.
 
     The first perspective sensor of an XML file gives the scene's camera (field of view, size of the film, principal
     point) and its start (``to_world``). A mesh gets light, background and a camera path around it:
-    :func:`~davis_rs.scene.mesh_scene.mesh_scene`.
+    :func:`~davis_rs.scene.mesh_scene.mesh_scene`. A glTF file (.gltf, .glb) brings its own:
+    :func:`~davis_rs.scene.gltf_scene.gltf_scene`.
 
     Args:
-        up: of a mesh, the file's axis that points up, ``"y"`` or ``"z"``; None: y for OBJ, z for PLY.
-        scale: of a mesh, metres in the file's unit; None: 1.
+        up: of a mesh or a glTF file, the axis that points up, ``"y"`` or ``"z"``; None: y for OBJ and glTF, z for PLY.
+        scale: of these, metres in the file's unit; None: 1.
 
     Raises:
         ValueError: if it is neither a name nor a file that can be read, or Mitsuba cannot load the file; for ``up`` or
@@ -53,15 +58,17 @@ def load_scene(name_or_path: str | Path, *, up: Axis | None = None, scale: float
     suffix = path.suffix.lower()
     if suffix in MESH_READERS and path.is_file():
         return mesh_scene(path, up=up, scale=1.0 if scale is None else scale)
+    if suffix in GLTF and path.is_file():
+        return gltf_scene(path, up=up, scale=1.0 if scale is None else scale)
     if suffix == ".blend":
-        raise ValueError(f"{path}: Blender's files are not read; in Blender choose File, Export, Wavefront (.obj)")
+        raise ValueError(f"{path}: Blender's files are not read; in Blender choose File, Export, glTF 2.0 (.glb)")
     if suffix in _CONVERTIBLE:
         raise ValueError(
-            f"{path}: {suffix} files are not read; import the file in Blender and choose File, Export, Wavefront "
-            "(.obj) or Stanford PLY (.ply)"
+            f"{path}: {suffix} files are not read; import the file in Blender and choose File, Export, glTF 2.0 "
+            "(.glb) or Wavefront (.obj)"
         )
     if up is not None or scale is not None:
-        raise ValueError(f"up and scale are for a mesh that is there (OBJ or PLY), got {str(name_or_path)!r}")
+        raise ValueError(f"up and scale are for a mesh that is there (OBJ, PLY or glTF), got {str(name_or_path)!r}")
     if str(name_or_path) in BUILTIN_SCENES:
         return BUILTIN_SCENES[str(name_or_path)]()
     from .sequences import SEQUENCES  # many small scenes, which `import davis_rs` need not wait for
@@ -71,11 +78,12 @@ def load_scene(name_or_path: str | Path, *, up: Axis | None = None, scale: float
     if not path.is_file():
         raise ValueError(
             f"scene {str(name_or_path)!r} is neither one of {', '.join(BUILTIN_SCENES)}, a sequence of the dataset, "
-            "nor a file (Mitsuba XML, OBJ or PLY)" + did_you_mean(path.name, [*BUILTIN_SCENES, *SEQUENCES])
+            "nor a file (Mitsuba XML, glTF, OBJ or PLY)" + did_you_mean(path.name, [*BUILTIN_SCENES, *SEQUENCES])
         )
     if suffix != ".xml":
         raise ValueError(
-            f"{path}: a scene file must be a Mitsuba scene (.xml) or a mesh ({', '.join(MESH_READERS)}), got {suffix!r}"
+            f"{path}: a scene file must be a Mitsuba scene (.xml), glTF ({', '.join(GLTF)}) or a mesh "
+            f"({', '.join(MESH_READERS)}), got {suffix!r}"
         )
     return _scene_of_file(path)
 

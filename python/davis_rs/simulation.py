@@ -2,23 +2,22 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from .effect_planning import EffectPlan, plan_effects
 from .effects import Effects, parse_effect
+from .monte_carlo_noise import NoiseEstimate, NoiseWarning, estimate_noise_of
 from .packet import Packet
 from .scene.scene import Scene
 from .sensor_parameters import SENSORS
-from .settings import SimulationSettings, SimulatorSettings, ViewSettings, complete, only, takes_settings
+from .settings import AUTO, SimulationSettings, SimulatorSettings, ViewSettings, complete, only, takes_settings
 from .simulator import Simulator
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
-
-AUTO = "auto"
-"""In place of effects: those of the sensor whose omission would show."""
 
 
 @takes_settings(SimulationSettings)
@@ -40,11 +39,64 @@ def simulate(
         TypeError, ValueError, OSError: as :func:`plan_effects`, :class:`Simulator` and :meth:`Simulator.run`, at the
             call or at the first packet.
     """
-    return make_simulator(scene.crop(start_s, duration_s), settings)[0].run()
+    made = make_simulator(scene.crop(start_s, duration_s), settings)
+    made.warn_of_noise(stacklevel=3)
+    return made.simulator.run()
 
 
-def make_simulator(scene: Scene, settings: Mapping[str, Any]) -> tuple[Simulator, EffectPlan | None]:
-    """A simulator of a scene's camera path, and the plan of its effects where they were to be planned.
+@dataclass(frozen=True)
+class MadeSimulator:
+    """A simulator, and what was found out before it was made.
+
+    Attributes:
+        plan: of its effects, where they were to be planned.
+        noise: how many of its events will be Monte Carlo noise, where Mitsuba's integrators render.
+        noise_share: how many may be.
+        chose_samples: the number of samples was to be chosen.
+    """
+
+    simulator: Simulator
+    plan: EffectPlan | None
+    noise: NoiseEstimate | None
+    noise_share: float
+    chose_samples: bool
+
+    @property
+    def noise_line(self) -> str:
+        """What is to be said of noise and samples; "" where there is nothing to say."""
+        samples = self.simulator.renderer.rays
+        if self.noise is None or not self.noise.noisy:
+            why = "draws nothing at random" if self.noise is None else "has no noise in this scene"
+            name = self.simulator.renderer.name
+            return f"samples auto: {samples}, the default: the {name} {why}" if self.chose_samples else ""
+        if not self.chose_samples:
+            hint = f"; with samples auto as many are taken as keep it below {100 * self.noise_share:g} %"
+            return f"{self.noise}{hint if self._above else ''}"
+        if not self.noise.known:
+            return f"samples auto: {samples}, the default: {self.noise}"
+        short = ", more than asked for, with the most samples there are" if self._above else ""
+        share = f"about {100 * self.noise.share_at(samples):.2g} %"
+        return (
+            f"samples auto: {samples}, at which {share} of the events are Monte Carlo noise{short}; asked for: "
+            f"{100 * self.noise_share:g} %"
+        )
+
+    def warn_of_noise(self, stacklevel: int) -> None:
+        """Warn where more of the events will be noise than may be.
+
+        Warns:
+            NoiseWarning: with :attr:`noise_line`.
+        """
+        if self._above:
+            warnings.warn(self.noise_line, NoiseWarning, stacklevel=stacklevel)
+
+    @property
+    def _above(self) -> bool:
+        return self.noise is not None and self.noise.share_at(self.simulator.renderer.rays) > self.noise_share
+
+
+def make_simulator(scene: Scene, settings: Mapping[str, Any]) -> MadeSimulator:
+    """A simulator of a scene's camera path; its effects are planned and its samples chosen where that is asked for.
 
     Args:
         settings: those of :class:`~davis_rs.settings.SimulationSettings`.
@@ -61,7 +113,24 @@ def make_simulator(scene: Scene, settings: Mapping[str, Any]) -> tuple[Simulator
             given["sensor"] = replace(SENSORS["davis240c"], width=None, height=None)
         plan = plan_effects(scene, keep=named, **only(ViewSettings, given))
         named = plan.effects
-    return Simulator(scene, **only(SimulatorSettings, {**given, "effects": named})), plan
+    chosen = only(SimulatorSettings, {**given, "effects": named})
+    chose_samples = given["samples"] == AUTO
+    if chose_samples:
+        chosen["samples"] = None
+    simulator = Simulator(scene, **chosen)
+    noise = estimate_noise_of(
+        simulator.renderer,
+        simulator.scene.path,
+        contrast_threshold=simulator.contrast_threshold,
+        contrast_threshold_off=simulator.contrast_threshold_off,
+        log_eps=given["log_eps"],
+        sampling=simulator.sampling,
+    )
+    if chose_samples and noise is not None:
+        samples = noise.samples_for(given["noise_share"])
+        if samples != simulator.renderer.rays:
+            simulator = Simulator(scene, **{**chosen, "samples": samples})
+    return MadeSimulator(simulator, plan, noise, given["noise_share"], chose_samples)
 
 
 def read_effects(effects: Effects | str | Sequence[str] | None) -> tuple[Effects, bool]:

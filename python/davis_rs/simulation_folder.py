@@ -69,7 +69,7 @@ def simulate_to_folder(
         path, overwrite: see :class:`~davis_rs.DatasetWriter`.
         start_s, duration_s: the part of the camera path to simulate, by default all from ``start_s`` on.
         meta: more for meta.json.
-        quiet: no progress bar, and no line that says who renders.
+        quiet: no progress bar, and no lines that say who renders and how much noise that makes.
         {settings}
 
     Noise of IMU and motion capture has the same seed as the simulation.
@@ -83,9 +83,14 @@ def simulate_to_folder(
     given = complete(FolderSettings, settings, of="simulate_to_folder")
     imu, motion_capture = make_imu(given), make_motion_capture(given)
     scene = scene.crop(start_s, duration_s)
-    simulator, plan = make_simulator(scene, only(SimulationSettings, given))
-    if not quiet:
+    made = make_simulator(scene, only(SimulationSettings, given))
+    simulator, plan = made.simulator, made.plan
+    if quiet:
+        made.warn_of_noise(stacklevel=3)
+    else:
         say(_rendering_with(simulator.renderer))
+        if made.noise_line:
+            say(made.noise_line)
     truth = motion_capture.poses(scene.path, seed=given["seed"])
     inertial = np.zeros(0, IMU_DTYPE) if imu is None else simulate_imu(scene.path, imu, seed=given["seed"])
     packets = simulator.run()
@@ -94,6 +99,7 @@ def simulate_to_folder(
     described = {
         **simulator.describe(),
         "effect_plan": None if plan is None else plan.describe(),
+        "monte_carlo_noise": None if made.noise is None else made.noise.describe(simulator.renderer.rays),
         "trajectory": scene.path.describe(),
         "pose_rate_hz": motion_capture.rate_hz,
         "motion_capture": motion_capture.describe(),

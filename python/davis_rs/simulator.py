@@ -21,7 +21,7 @@ from .sampling.event_refinement import refine as refine_events
 from .sampling.exposure import expose
 from .sampling.keyframes import Keyframe, Stretch
 from .scene.scene import Scene
-from .settings import SimulatorSettings, chosen_sampling, complete, takes_settings, view_scene
+from .settings import AUTO, SimulatorSettings, chosen_sampling, complete, takes_settings, view_scene
 from .trajectory.trajectory import SegmentTrajectory, Trajectory
 from .trajectory.views import Views
 
@@ -59,6 +59,7 @@ class Simulator:
 
     def __init__(self, scene: Scene, **settings: Unpack[SimulatorSettings]) -> None:
         _require_effects(settings.get("effects"))
+        _require_samples(settings.get("samples"))
         self.settings: dict[str, Any] = complete(SimulatorSettings, settings, of="Simulator")
         viewed, chosen = view_scene(scene, self.settings), chosen_sampling(self.settings)
         self.scene, self.camera = viewed.scene, viewed.camera
@@ -261,6 +262,15 @@ def _require_effects(effects: Any) -> None:
         )
     if not (effects is None or isinstance(effects, Effects)):
         raise ValueError(f"effects must be davis_rs.Effects or None, got {effects!r}")
+
+
+def _require_samples(samples: int | str | None) -> None:
+    """Refuse ``auto`` by naming what resolves it."""
+    if samples == AUTO:
+        raise ValueError(
+            "samples='auto' must be resolved before a simulator is made: simulate(scene, samples='auto'), or the "
+            "number that estimate_noise(scene).samples_for(0.05) gives"
+        )
 
 
 def _check_exposure(effects: Effects, frame_rate_hz: float) -> None:

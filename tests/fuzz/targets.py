@@ -18,6 +18,7 @@ from davis_rs.inspection.check import check_dataset
 from davis_rs.inspection.summary import summarize_events
 from davis_rs.usb.description import DavisDescription
 from davis_rs.usb.raw_file import RawRecording, RawWriter
+from gltf_files import CORNERS, UV, Gltf, quad
 from recording_files import (
     aedat2,
     aedat2_event,
@@ -241,6 +242,41 @@ def read_davis(path: Path, _: random.Random) -> None:
         decoder.push(chunk)
 
 
+def _gltf(folder: Path) -> list[Path]:
+    """With all that is read: a texture, colours, a light, a camera, an animation; most of it in the JSON."""
+    gltf = Gltf(extensionsRequired=["KHR_lights_punctual"])
+    texture = gltf.texture({"uri": "data:image/png;base64," + _PNG}, {"wrapS": 33071, "wrapT": 33071})
+    texture |= {"extensions": {"KHR_texture_transform": {"scale": [2, 2]}}}  # type: ignore[dict-item]
+    paint = gltf.material(baseColorTexture=texture)
+    body = gltf.node(mesh=quad(gltf, uv=UV, material=paint), name="body")
+    child = gltf.node(root=False, mesh=quad(gltf, colours=np.full((4, 3), 0.5)), scale=[1, 2, 3])
+    gltf.node(children=[child], matrix=np.eye(4).ravel().tolist())
+    lens = {"type": "perspective", "perspective": {"yfov": 1.0, "znear": 0.1}}
+    camera = gltf.node(camera=gltf.add("cameras", lens), translation=[0, 0, 3])
+    gltf.animate(camera, "rotation", [0.0, 1.0], [[0, 0, 0, 1], [0, 0.6, 0, 0.8]])
+    gltf.animate(body, "translation", [0.0, 1.0], np.zeros((6, 3)), "CUBICSPLINE")
+    gltf.light({"type": "spot", "intensity": 100.0, "spot": {"outerConeAngle": 0.5}}, translation=[0, 0, 2])
+    return [gltf.save(folder / "seed.gltf"), gltf.save(folder / "embedded.gltf")]
+
+
+def _glb(folder: Path) -> list[Path]:
+    _gltf(folder)
+    gltf = Gltf()
+    gltf.node(mesh=quad(gltf, uv=UV, normals=CORNERS, material=gltf.material()))
+    return [gltf.save(folder / "seed.glb")]
+
+
+_PNG = "iVBORw0KGgoAAAANSUhEUgAAAAIAAAACCAIAAAD91JpzAAAAFklEQVR4nGM8kWLkw8DAwMBo9D/lPwAZowRB0xAnPAAAAABJRU5ErkJggg=="
+
+
+def read_scene(path: Path, _: random.Random) -> None:
+    """And ask its camera and what moves where they are."""
+    scene = davis_rs.load_scene(path)
+    for trajectory in (scene.path, *scene.objects.values()) if scene.trajectory is not None else ():
+        assert np.isfinite(trajectory.pose(trajectory.duration_s / 2).matrix).all(), "a pose that is not finite"
+        assert np.isfinite(trajectory.velocities([0.0])).all(), "a speed that is not finite"
+
+
 DATASET = {
     "meta": "meta.json",
     "groundtruth": "groundtruth.txt",
@@ -294,6 +330,10 @@ EVENT_FILES: dict[str, Callable[[Path], list[Path]]] = {
     "bag-unfinished": _unfinished_bag,
 }
 
+_OF_SCENES = (davis_rs.DecodeError, FileNotFoundError)
+_SCENE_WARNINGS = ("/",)
+"""A scene's warnings begin with its file."""
+
 TARGETS: dict[str, Target] = {
     **{name: Target(make, read_event_file) for name, make in EVENT_FILES.items()},
     "recording-aedat2": Target(_aedat2, read_recording),
@@ -303,5 +343,7 @@ TARGETS: dict[str, Target] = {
     "calibration": Target(_calibration, read_calibration),
     "plan": Target(_plan, read_plan, allowed=(ValueError, FileNotFoundError)),
     "davis": Target(_davis, read_davis),
+    "gltf": Target(_gltf, read_scene, allowed=_OF_SCENES, warns=_SCENE_WARNINGS),
+    "glb": Target(_glb, read_scene, allowed=_OF_SCENES, warns=_SCENE_WARNINGS),
     **{f"check-{key}": Target(_dataset_file(name), _check_with(name), allowed=()) for key, name in DATASET.items()},
 }

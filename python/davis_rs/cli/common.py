@@ -13,16 +13,20 @@ from ..settings import parse_size
 from ..trajectory.trajectory import Trajectory, align
 from ..trajectory.trajectory_file import read_trajectory
 
-SCENE_HELP = f"{', '.join(BUILTIN_SCENES)}, a sequence of davis-rs sequences, a Mitsuba XML file, or an OBJ or PLY mesh"
+SCENE_HELP = (
+    f"{', '.join(BUILTIN_SCENES)}, a sequence of davis-rs sequences, a Mitsuba XML or glTF file, or an OBJ or PLY mesh"
+)
 """What a scene may be."""
 
 
 def add_scene(parser: argparse.ArgumentParser) -> None:
     """Add the arguments that :func:`scene_of` reads."""
     parser.add_argument("scene", metavar="SCENE", help=SCENE_HELP)
-    group = parser.add_argument_group("mesh")
+    group = parser.add_argument_group("mesh or glTF file")
     group.add_argument(
-        "--up", choices=("y", "z"), help="the axis of the file that points up (if not given: y for OBJ, z for PLY)"
+        "--up",
+        choices=("y", "z"),
+        help="the axis of the file that points up (if not given: y for OBJ and glTF, z for PLY)",
     )
     group.add_argument("--scale", type=float, metavar="M", help="metres in the file's unit: 0.001 for millimetres")
 

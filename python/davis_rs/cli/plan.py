@@ -41,6 +41,7 @@ def add_plan(plan: argparse.ArgumentParser) -> None:
 def _plan(options: argparse.Namespace) -> int:
     from ..effect_planning import plan_effects
     from ..effects import Effects, parse_effect
+    from ..monte_carlo_noise import estimate_noise
 
     scene = on_path(options, scene_of(options))
     plan = plan_effects(
@@ -51,4 +52,7 @@ def _plan(options: argparse.Namespace) -> int:
         **given_settings(options, ViewSettings),
     )
     print(plan)
+    noise = estimate_noise(scene, **given_settings(options, ViewSettings))
+    if noise is not None:
+        print(noise)
     return 0

@@ -75,9 +75,9 @@ def _reader(setting: Setting) -> Callable[[str], Any]:
 
     def read(text: str) -> Any:
         try:
-            value = kind(text)
+            value = text if text in setting.declared.words else kind(text)
         except ValueError:
-            wanted = "an integer" if kind is int else "a number"
+            wanted = ", or ".join(["an integer" if kind is int else "a number", *setting.declared.words])
             raise argparse.ArgumentTypeError(f"must be {wanted}, got {text!r}") from None
         try:
             setting.check(value, setting.option)

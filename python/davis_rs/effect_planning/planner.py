@@ -13,7 +13,7 @@ from ..rendering.renderers import make_renderer
 from ..sampling.keyframes import Stretch
 from ..scene.scene import Scene
 from ..sensor_parameters import SENSORS
-from ..settings import ViewSettings, complete, takes_settings, view_scene
+from ..settings import AUTO, ViewSettings, complete, takes_settings, view_scene
 from ..trajectory.trajectory import Trajectory
 from .aps import frame_change
 from .cost import Costs
@@ -66,7 +66,7 @@ def plan_effects(
     made = make_renderer(
         viewed.scene,
         viewed.camera,
-        samples=given["samples"],
+        samples=None if given["samples"] == AUTO else given["samples"],
         seed=given["seed"],
         kind=given["renderer"],
         blur=given["blur"],

@@ -16,7 +16,7 @@ from ..scene.mesh_scene import Axis
 from ..scene.scene import Scene
 from ..scenes import load_scene
 from .folder import discard_hidden
-from .job import begin_worker, make_sequence
+from .job import begin_worker, make_sequence, noise_of
 from .manifest import Manifest, claim_root, describe_folder, write_plan
 from .sequence import DrawnSequence
 from .sequence_plan import SequencePlan, sequence_name
@@ -76,7 +76,8 @@ def generate_sequences(
         workers: processes of this machine, which share its cores; None for one a core.
         cluster: a Dask cluster in their place: the address of its scheduler, a scheduler file or a client. Its workers
             must see ``root`` and the plan's files under the same paths, and have the same versions of everything.
-        quiet: no progress bar.
+        quiet: no progress bar, and no line that says how many events of the first new sequence will be Monte Carlo
+            noise where Mitsuba's integrators render it.
         report: is told of workers that died and of folders that are made again; standard error if not given.
 
     Raises:
@@ -103,6 +104,8 @@ def generate_sequences(
         lines = manifest.lines
         kept, failed = len(lines), dict[str, str]()
         missing = DrawnSequences(plan, [k for k in range(plan.sequences) if sequence_name(k) not in lines])
+        if missing and not quiet and (noise := noise_of(missing[0])) is not None and noise.noisy:
+            say_above(f"{missing[0]}: {noise}")
         outcomes = _outcomes(missing, folder, workers, cluster, say)
         try:
             with progress("simulating", len(sequences), unit="sequences", start=kept, show=not quiet) as bar:

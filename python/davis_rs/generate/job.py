@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from .._mitsuba import default_variant, variant
+from ..monte_carlo_noise import NoiseEstimate, NoiseWarning, estimate_noise
+from ..settings import ViewSettings, only
 from ..simulation_folder import simulate_to_folder
 from .folder import discard, publish, working_folder
 from .manifest import describe_folder
@@ -54,13 +57,21 @@ def origin(sequence: DrawnSequence) -> dict[str, Any]:
     }
 
 
+def noise_of(sequence: DrawnSequence) -> NoiseEstimate | None:
+    """How many of a sequence's events will be Monte Carlo noise; None where nothing is drawn at random."""
+    given = {**sequence.settings, "seed": sequence.parameters["seed"]}
+    return estimate_noise(sequence.on_path(sequence.scene()), **only(ViewSettings, given))
+
+
 def _simulate(sequence: DrawnSequence, folder: Path, threads: int) -> None:
     scene = sequence.on_path(sequence.scene())
     meta: dict[str, Any] = {"generated": origin(sequence)}
     if scene.file is not None:  # by its name in the plan: where it lies differs from machine to machine
         scene = replace(scene, file_name=sequence.parameters["scene"])
-    report = simulate_to_folder(
-        scene, folder, meta=meta, quiet=True, seed=sequence.parameters["seed"], threads=threads, **sequence.settings
-    )
+    settings = {**sequence.settings, "seed": sequence.parameters["seed"], "threads": threads}
+    with warnings.catch_warnings():
+        # Of the first sequence the run says it before it begins, and of each one its meta.json does.
+        warnings.simplefilter("ignore", NoiseWarning)
+        report = simulate_to_folder(scene, folder, meta=meta, quiet=True, **settings)
     if report.interrupted:
         raise SystemExit(130)

@@ -53,13 +53,18 @@ class Where:
         raise ValueError(f"{self.file}: {self.at(key).path}: there is no such key; there are {', '.join(known)}")
 
 
-def value_of(rule: str, *, none: bool = True) -> Parser:
-    """The parser of a value: "a number", "an integer", "a text" or "true or false"; ``none``: null may stand for it."""
+def value_of(rule: str, *, none: bool = True, words: tuple[str, ...] = ()) -> Parser:
+    """The parser of a value: "a number", "an integer", "a text" or "true or false".
+
+    Args:
+        none: null may stand for it.
+        words: so may these texts.
+    """
 
     def parse(value: Any, where: Where) -> Any:
         if isinstance(value, dict):
             return _distribution(value, where, parse, rule)
-        if not ((none and value is None) or _fits(rule, value)):
+        if not ((none and value is None) or _fits(rule, value) or (isinstance(value, str) and value in words)):
             where.refuse(f"{rule} or a distribution ({', '.join(DISTRIBUTIONS)})", value)
         return value
 

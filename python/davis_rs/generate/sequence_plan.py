@@ -14,7 +14,7 @@ from typing import Any
 
 from ..camera import PRESETS
 from ..scene.mesh_scene import READERS as MESH_READERS
-from ..scenes import BUILTIN_SCENES, load_scene
+from ..scenes import BUILTIN_SCENES, GLTF, load_scene
 from ..sequences import SEQUENCES
 from ..settings import FolderSettings, Setting, settings_of
 from .distributions import Choice, Distribution, Words, draw
@@ -46,7 +46,7 @@ KEYS: dict[str, Parser] = {
     "effects": effects,
     "imu_effects": imu_effects,
     **{
-        key: value_of(_RULES[setting.kind], none=setting.declared.default is None)
+        key: value_of(_RULES[setting.kind], none=setting.declared.default is None, words=setting.declared.words)
         for key, setting in SETTINGS.items()
         if setting.kind is not list
     },
@@ -150,7 +150,7 @@ def _digests(tree: Mapping[str, Any], base: Path) -> dict[str, str]:
     named |= {text for one in _options(tree.get("motion")) if one for text in _texts(one.get("file"))}
     files = {text: base / text for text in sorted(named) if (base / text).is_file()}
     for text in _texts(tree.get("scene")):
-        if text in files and files[text].suffix.lower() in MESH_READERS:
+        if text in files and files[text].suffix.lower() in (*MESH_READERS, *GLTF):
             files |= {os.path.relpath(file, base): file for file in _mesh_files(files[text])}
     return {text: hashlib.sha256(path.read_bytes()).hexdigest() for text, path in files.items()}
 

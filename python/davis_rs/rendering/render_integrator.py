@@ -90,7 +90,7 @@ class IntegratorRenderer(SceneRenderer):
             lanes, sample, place = self._lanes(views, view, pixel, rays, mi, dr)
             ray = self._camera_rays.ray(lanes, sample, rays)
             ray = mi.RayDifferential3f(mi.Ray3f(ray.o, dr.normalize(ray.d)))
-            sampler = _frame_sampler()(self._seed, place)
+            sampler = _frame_sampler()(dr.opaque(mi.UInt32, self._seed), place)
             colour, valid, *_ = self._integrator.sample(self._scene, sampler, ray, None, True)
             del valid  # a ray that hits nothing has the background's colour
             luma = colour[0] * LUMA_WEIGHTS[0] + colour[1] * LUMA_WEIGHTS[1] + colour[2] * LUMA_WEIGHTS[2]
@@ -119,10 +119,10 @@ def _frame_sampler() -> Any:
     import mitsuba as mi
 
     class FrameSampler(mi.Sampler):  # type: ignore[misc]
-        def __init__(self, seed: int, place: Any) -> None:
+        def __init__(self, seed: Any, place: Any) -> None:
             super().__init__(mi.Properties())
             self._generator = mi.PCG32()
-            self._generator.seed(*mi.sample_tea_32(mi.UInt32(seed), place))
+            self._generator.seed(*mi.sample_tea_32(seed, place))
 
         def next_1d(self, active: Any = True) -> Any:
             return self._generator.next_float32(mi.Mask(active))

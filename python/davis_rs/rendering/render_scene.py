@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
+from copy import copy
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,9 @@ from .render import Indices, Renderer
 from .scene_motion import STILL, SceneMotion, SceneState
 from .scene_scale import scale_scene
 from .scene_updates import SceneUpdates
+
+_SEED_STEP = 15_485_863
+"""Between the seeds of :meth:`SceneRenderer.reseeded`: the scalar variant counts on from a seed, by a ray each."""
 
 
 def _integrator(scene: Any, mi: Any) -> Any:
@@ -70,6 +74,12 @@ class SceneRenderer(Renderer):
             self.scale = scale_scene(scene, self._integrator, mi)
             self._updates = SceneUpdates(scene, motion, mi)
         self.name = f"Mitsuba's {self._integrator.class_name()}"
+
+    def reseeded(self, number: int) -> SceneRenderer:
+        """Another renderer of the same scene with other random numbers: those of a seed ``number`` + 1 places on."""
+        other = copy(self)
+        other._seed = (self._seed + _SEED_STEP * (number + 1)) % 2**31
+        return other
 
     def _luma(self, views: Views) -> LumaFrames:
         return self._render(views.scaled(self.scale), self._state(views))

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import warnings
 
-from .._mitsuba import FAST, SCALAR, default_variant, load_scene_source, variant
+from .._mitsuba import FAST, SCALAR, default_variant, load_scene_source, stay_in, variant, variant_is_free
 from ..camera import Camera
 from ..scene.scene import Scene
+from .matte import Materials, listed, simplify_materials
 from .render import Renderer
 from .render_integrator import IntegratorRenderer
 from .render_native import NativeRenderer
 from .render_scalar import ScalarRenderer
 from .render_table import TableRenderer
 from .scene_table import SceneTable, Unsuitable
+from .scene_texture import UnsuitableSurface
 from .scene_updates import scene_motion
 from .swept_objects import MovingSilhouettes
 
@@ -56,7 +58,7 @@ def make_renderer(
     if kind not in RENDERERS:
         raise ValueError(f"renderer must be one of {', '.join(RENDERERS)}, got {kind!r}")
     blur = scene.blur if blur is None else blur
-    reason = "asked for"
+    reason, free = "asked for", variant_is_free()
     if kind != "integrator":
         try:
             return _make_from_table(scene, camera, samples=samples, kind=kind, blur=blur, edges=edges, threads=threads)
@@ -66,6 +68,8 @@ def make_renderer(
                 raise ValueError(f"the {what} cannot render this scene: {unsuitable}") from None
             reason = str(unsuitable)
     renderer = _make_integrator(scene, camera, samples=samples, seed=seed, blur=blur, edges=edges, reason=reason)
+    if free:
+        stay_in(renderer.variant)
     if scene.ambient:
         warnings.warn(
             f"scene {scene.name!r} is made for the table kernel or the native renderer, not for the {renderer.name} "
@@ -102,14 +106,19 @@ def _make_from_table(
             if kind != "auto":
                 raise
             raise Unsuitable(f"{variant_name} cannot load it") from error  # its other variants may have the plugin
+        materials = simplify_materials(loaded, mi, matte=scene.matte)
         motion = scene_motion(scene, loaded, mi)
         moving = list(motion.objects)
-        table = SceneTable(loaded, mi, shadows=scene.shadows, any_integrator=kind != "auto", moving=moving)
+        try:
+            table = SceneTable(loaded, mi, shadows=scene.shadows, any_integrator=kind != "auto", moving=moving)
+        except UnsuitableSurface as unsuitable:
+            raise UnsuitableSurface(f"{unsuitable}{_offer(materials)}") from None
         renderer: Renderer
         if kind == "table":
             renderer = TableRenderer(table, camera, samples=samples, blur=blur, motion=motion)
         else:
             renderer = NativeRenderer(table, camera, samples=samples, blur=blur, motion=motion, threads=threads)
+        renderer.reason += _replaced(scene, materials)
         renderer.silhouettes = MovingSilhouettes(loaded, motion) if edges else None
     return renderer
 
@@ -120,6 +129,7 @@ def _make_integrator(
     variant_name, why_variant = default_variant()
     with variant(variant_name) as (mi, _):
         loaded = load_scene_source(scene.source(), mi)
+        materials = simplify_materials(loaded, mi, matte=scene.matte)
         motion = scene_motion(scene, loaded, mi)
         renderer: Renderer
         if variant_name == SCALAR:
@@ -132,5 +142,20 @@ def _make_integrator(
             renderer = IntegratorRenderer(
                 loaded, camera, samples=samples, blur=blur, seed=seed, reason=reason, motion=motion
             )
+        renderer.reason += _replaced(scene, materials)
         renderer.silhouettes = MovingSilhouettes(loaded, motion) if edges else None
     return renderer
+
+
+def _offer(materials: Materials) -> str:
+    """What ``matte=True`` would do, for the line that says why a scene falls to Mitsuba's integrators."""
+    if not materials.could_be:
+        return ""
+    return f"; matte=True would take as matte: {listed(materials.could_be)}"
+
+
+def _replaced(scene: Scene, materials: Materials) -> str:
+    """Which materials are taken as matte, for the same line."""
+    if not scene.matte:
+        return ""
+    return f"; taken as matte: {listed(materials.replaced) or 'nothing, all that has a diffuse colour is so'}"

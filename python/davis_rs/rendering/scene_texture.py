@@ -20,6 +20,10 @@ class Unsuitable(Exception):
     """Something in a scene that is not diffuse triangles under direct light; the message says what."""
 
 
+class UnsuitableSurface(Unsuitable):
+    """A material that is not diffuse, or whose colour is not known."""
+
+
 class TextureTable:
     """Diffuse reflectances of a scene's shapes: bitmaps with bilinear lookup, or constants (bitmaps of one texel).
 
@@ -82,7 +86,7 @@ class TextureTable:
         parameters = self._mi.traverse(bsdf)
         two_sided = bsdf.class_name() == "TwoSidedBRDF"
         if not (two_sided or bsdf.class_name() == "SmoothDiffuse") or "SmoothDiffuse" not in str(bsdf):
-            raise Unsuitable(f"shape {shape.id()!r} has a {bsdf.class_name()} surface, not a diffuse one")
+            raise UnsuitableSurface(f"shape {shape.id()!r} has a {bsdf.class_name()} surface, not a diffuse one")
         prefix = "brdf_0.reflectance" if two_sided else "reflectance"
         if two_sided and not _same_on_both_sides(parameters):
             raise Unsuitable(f"shape {shape.id()!r} has two different sides")
@@ -93,7 +97,7 @@ class TextureTable:
             uv_map = np.array(parameters[f"{prefix}.to_uv"].matrix, np.float64).reshape(3, 3)
             texels, wrap = self._lookup(shape, np.array(parameters[f"{prefix}.data"]), uv_map)
         else:
-            raise Unsuitable(f"shape {shape.id()!r} has a reflectance that is neither a constant nor a bitmap")
+            raise UnsuitableSurface(f"shape {shape.id()!r} has a reflectance that is neither a constant nor a bitmap")
         height, width = texels.shape[:2]
         first = sum(len(t) for t in self._texels)
         self._texture_of.append(np.full(records, len(self._sizes), np.uint32))

@@ -26,6 +26,7 @@ class MeshPart(NamedTuple):
         colours: (m, 3, 3), a colour at each corner in linear RGB, in the place of ``reflectance``; None: without.
         material: how the file calls it, for messages and names of shapes.
         files: those that were read in addition to the mesh: of materials, of the texture.
+        wrap: how the texture goes on beyond its edges: repeat, clamp or mirror.
     """
 
     corners: FloatArray
@@ -35,6 +36,7 @@ class MeshPart(NamedTuple):
     colours: FloatArray | None
     material: str
     files: tuple[Path, ...] = ()
+    wrap: str = "repeat"
 
 
 def fan(

@@ -27,7 +27,8 @@ READERS = {".obj": read_obj, ".ply": read_ply}
 USUAL_UP: dict[str, Axis] = {".obj": "y", ".ply": "z"}
 """The axis that points up if nobody says so: the defaults of Blender's exports."""
 
-_CAMERA = PRESETS["ideal"]
+CAMERA = PRESETS["ideal"]
+"""Of a file that has none."""
 _FILLED = 0.6
 """Share of the image's height that a ball around the mesh fills."""
 
@@ -57,10 +58,7 @@ def mesh_scene(path: str | Path, *, up: Axis | None = None, scale: float = 1.0) 
     suffix = path.suffix.lower()
     if suffix not in READERS:
         raise ValueError(f"a mesh must be one of {', '.join(READERS)}, got {path}")
-    if up not in (None, "y", "z"):
-        raise ValueError(f"up must be y or z, got {up!r}")
-    if not 0 < scale < np.inf:
-        raise ValueError(f"scale must be finite and larger than 0, got {scale}")
+    check_axis_and_scale(up, scale)
     up = USUAL_UP[suffix] if up is None else up
     parts = [_in_world(part, up, scale) for part in READERS[suffix](path)]
     corners = np.concatenate([np.empty((0, 3)), *(part.corners.reshape(-1, 3) for part in parts)])
@@ -78,15 +76,32 @@ def mesh_scene(path: str | Path, *, up: Axis | None = None, scale: float = 1.0) 
         source=lambda: _source(shapes),
         file=path,
         files=tuple(dict.fromkeys(file for part in parts for file in part.files)),
-        camera=_CAMERA,
-        trajectory=_around(centre, radius),
+        camera=CAMERA,
+        trajectory=around(centre, radius),
         note=f"{path.name} is {x} m x {y} m wide and {z} m high, at {scale:g} m to a unit and with axis {up} up",
     )
 
 
+def check_axis_and_scale(up: str | None, scale: float) -> None:
+    """Refuse another axis than y or z, and a scale that is not positive and finite.
+
+    Raises:
+        ValueError: naming the one that is wrong.
+    """
+    if up not in (None, "y", "z"):
+        raise ValueError(f"up must be y or z, got {up!r}")
+    if not 0 < scale < np.inf:
+        raise ValueError(f"scale must be finite and larger than 0, got {scale}")
+
+
+def to_z_up(up: Axis) -> FloatArray:
+    """The rotation (3, 3) of a file's axes into the world's."""
+    return np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]) if up == "y" else np.eye(3)
+
+
 def _in_world(part: MeshPart, up: Axis, scale: float) -> MeshPart:
     """A part in metres, with z up."""
-    turn = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]) if up == "y" else np.eye(3)
+    turn = to_z_up(up)
     normals = None if part.normals is None else part.normals @ turn.T
     return part._replace(corners=part.corners @ turn.T * scale, normals=normals)
 
@@ -101,24 +116,34 @@ def _shape_id(part: MeshPart, parts: list[MeshPart]) -> str:
 
 
 def _source(parts: dict[str, MeshPart]) -> dict[str, Any]:
-    right, down, forward = look_at(_direction(0.0), np.zeros(3)).T
     return {
         "type": "scene",
         "integrator": DIRECT,
-        "sun": {"type": "directional", "direction": (forward + 0.6 * down + 0.6 * right).tolist(), "irradiance": _SUN},
-        "sky": {"type": "constant", "radiance": _SKY},
-        **{name: _mitsuba_shape(part) for name, part in parts.items()},
+        **usual_light(),
+        **{name: mitsuba_shape(part) for name, part in parts.items()},
     }
 
 
-def _mitsuba_shape(part: MeshPart) -> Any:
+def usual_light() -> dict[str, Any]:
+    """A sun behind the start of :func:`around`, to its left and above, and light from all sides."""
+    right, down, forward = look_at(_direction(0.0), np.zeros(3)).T
+    direction = (forward + 0.6 * down + 0.6 * right).tolist()
+    return {
+        "sun": {"type": "directional", "direction": direction, "irradiance": _SUN},
+        "sky": {"type": "constant", "radiance": _SKY},
+    }
+
+
+def mitsuba_shape(part: MeshPart) -> Any:
+    """A part in world axes as a shape; made under the variant that loads the scene."""
     reflectance, uv = part.reflectance, part.uv
     if part.colours is not None:
         reflectance, uv = colours_as_texture(part.colours)
     flipped = np.zeros((*part.corners.shape[:2], 2)) if uv is None else uv * [1, -1] + [0, 1]  # row 0 lies at v = 0
     count = 3 * len(part.corners)
     mesh = Mesh(part.corners.reshape(-1, 3), np.arange(count).reshape(-1, 3), flipped.reshape(-1, 2))
-    return shape(mesh, reflectance, normals=None if part.normals is None else part.normals.reshape(-1, 3))
+    normals = None if part.normals is None else part.normals.reshape(-1, 3)
+    return shape(mesh, reflectance, normals=normals, wrap=part.wrap)
 
 
 def colours_as_texture(colours: FloatArray) -> tuple[Texture, FloatArray]:
@@ -151,10 +176,10 @@ def _direction(angle_rad: float) -> FloatArray:
     return np.array([out * np.sin(angle_rad), -out * np.cos(angle_rad), rise])
 
 
-def _around(centre: FloatArray, radius: float) -> CallableTrajectory:
+def around(centre: FloatArray, radius: float) -> CallableTrajectory:
     """Once around a ball, which fills :data:`_FILLED` of the image's height, looking at its centre."""
     # The rim of a ball is seen at the angle whose sine is radius / distance.
-    distance = radius * np.hypot(1.0, 2 * _CAMERA.fy / (_FILLED * _CAMERA.height))
+    distance = radius * np.hypot(1.0, 2 * CAMERA.fy / (_FILLED * CAMERA.height))
     rate = 2 * np.pi / _TURN_S
     axes = look_at(_direction(0.0), np.zeros(3))
     start = Pose.from_matrix(np.block([[axes, np.zeros((3, 1))], [np.zeros((1, 3)), np.ones((1, 1))]]))

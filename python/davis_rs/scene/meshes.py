@@ -109,18 +109,25 @@ def _grid(points: FloatArray, window: Window) -> Mesh:
     return Mesh(vertices, faces[double_area > 1e-12], np.stack([u.ravel(), v.ravel()], 1))
 
 
-def shape(mesh: Mesh, reflectance: Texture | FloatArray | float, *, normals: FloatArray | None = None) -> Any:
+def shape(
+    mesh: Mesh,
+    reflectance: Texture | FloatArray | float,
+    *,
+    normals: FloatArray | None = None,
+    wrap: str = "repeat",
+) -> Any:
     """A mesh as a diffuse Mitsuba shape, seen from both sides; made under the variant that loads the scene.
 
     Args:
-        reflectance: a texture (H, W, 3) that repeats, a colour (3,) in linear RGB, or grey.
+        reflectance: a texture (H, W, 3), a colour (3,) in linear RGB, or grey.
         normals: (n, 3) at the vertices of a smooth surface; None: every triangle is flat.
+        wrap: what lies beyond a texture's edges: repeat, clamp or mirror.
     """
     import mitsuba as mi
 
     textured = isinstance(reflectance, np.ndarray) and reflectance.ndim == 3
     plain = {"type": "rgb", "value": reflectance.tolist() if isinstance(reflectance, np.ndarray) else reflectance}
-    colour = bitmap(mi.TensorXf(reflectance)) if textured else plain
+    colour = bitmap(mi.TensorXf(reflectance), wrap=wrap) if textured else plain
     properties = mi.Properties()
     properties["bsdf"] = mi.load_dict({"type": "twosided", "nested": {"type": "diffuse", "reflectance": colour}})
     made = mi.Mesh(

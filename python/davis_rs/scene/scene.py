@@ -41,6 +41,8 @@ class Scene:
         lux_per_luma: illuminance on the sensor's scale: lux that one unit of luma stands for.
         ambient: its constant light stands for light from all sides, also within closed rooms: only the table kernel
             and the native renderer show it so.
+        matte: materials that have a diffuse colour and more (``principled``, ``plastic``, ``roughplastic``, bumps) are
+            rendered by that colour alone. Those without one (metal, glass) stay what they are.
         note: one line about the file that whoever simulates it should see, such as the size of a mesh in metres.
     """
 
@@ -59,6 +61,7 @@ class Scene:
     lights: Mapping[str, LightProfile] = field(default_factory=dict)
     lux_per_luma: float = 1000.0
     ambient: bool = False
+    matte: bool = False
     note: str = ""
 
     def __repr__(self) -> str:

@@ -24,13 +24,14 @@ def from_srgb(encoded: npt.ArrayLike) -> FloatArray:
     return np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4)
 
 
-def bitmap(data: Any, *, repeats: tuple[float, float] | None = None) -> dict[str, Any]:
+def bitmap(data: Any, *, repeats: tuple[float, float] | None = None, wrap: str = "repeat") -> dict[str, Any]:
     """A texture for a surface: by the surface's own coordinates, or so many times over its width and height.
 
     Args:
         data: a :data:`Texture`, or a tensor of it for Mitsuba.
+        wrap: what lies beyond its edges: repeat, clamp or mirror.
     """
-    texture = {"type": "bitmap", "raw": True, "wrap_mode": "repeat", "data": data}
+    texture = {"type": "bitmap", "raw": True, "wrap_mode": wrap, "data": data}
     return texture if repeats is None else {**texture, "to_uv": np.diag([*repeats, 1.0])}
 
 

@@ -15,6 +15,9 @@ from ..scene.scene import Scene
 from ..sensor_parameters import SensorParameters, sensor_parameters
 from .image_camera import image_camera
 
+AUTO = "auto"
+"""In place of a number of samples: chosen by the noise, see :mod:`~davis_rs.monte_carlo_noise`."""
+
 _RULES = {"render_rate_hz": FixedRate, "max_displacement_px": MaxDisplacement, "tolerance": Tolerance}
 
 
@@ -51,6 +54,8 @@ def view_scene(scene: Scene, settings: Mapping[str, Any]) -> ViewedScene:
     """
     if settings["lux_per_luma"] is not None:
         scene = replace(scene, lux_per_luma=settings["lux_per_luma"])
+    if settings["matte"]:
+        scene = replace(scene, matte=True)
     sensor = sensor_parameters(settings["sensor"])
     camera = image_camera(scene, settings["camera"], settings["size"], sensor)
     on = _first(settings["contrast_threshold"], sensor.contrast_threshold, scene.contrast_threshold)
@@ -64,7 +69,7 @@ class TimeSamplingChoice:
 
     Attributes:
         sampling: in time.
-        samples: rays a pixel; None leaves it to the renderer.
+        samples: rays a pixel; None leaves it to the renderer. Where they are to be chosen, those to begin with.
         refine: polish event times, if the pixels are ideal.
     """
 
@@ -88,7 +93,7 @@ def chosen_sampling(settings: Mapping[str, Any]) -> TimeSamplingChoice:
         sampling = value if name == "sampling" else _RULES[name](value)
     return TimeSamplingChoice(
         sampling,
-        preset.samples if settings["samples"] is None else settings["samples"],
+        preset.samples if settings["samples"] in (None, AUTO) else settings["samples"],
         preset.refine if settings["refine"] is None else settings["refine"],
     )
 

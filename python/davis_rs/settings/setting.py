@@ -29,6 +29,7 @@ class Declared:
         low, high: the smallest and largest value that is allowed.
         above_low: ``low`` itself is not allowed.
         choices: the texts that are allowed; () for any.
+        words: texts that may stand in the place of a number.
         metavar: how ``--help`` names the value.
         group: under which heading it stands.
         text: what a command line or a plan gives, where the Python type allows more: str or list (of texts); None:
@@ -43,6 +44,7 @@ class Declared:
     high: float = math.inf
     above_low: bool = False
     choices: tuple[str, ...] = ()
+    words: tuple[str, ...] = ()
     metavar: str | None = None
     group: str = "camera and pixel"
     text: type | None = object
@@ -55,7 +57,7 @@ class Setting:
     Attributes:
         name: of the Python argument, and in meta.json; it ends with the unit where there is one.
         annotation: the Python type as text.
-        types: the classes of Python's values.
+        types: the classes of Python's values; of a number, without that of its words.
         kind: of a value from a command line or a plan: float, int, bool, str, or list (of texts); None if only Python
             has this setting.
     """
@@ -87,8 +89,10 @@ class Setting:
             return ""
         low, high = _number(one.low), _number(one.high)
         if one.high == math.inf:
-            return f"{'>' if one.above_low else '>='} {low}"
-        return f"> {low} and <= {high}" if one.above_low else f"{low}..{high}"
+            numbers = f"{'>' if one.above_low else '>='} {low}"
+        else:
+            numbers = f"> {low} and <= {high}" if one.above_low else f"{low}..{high}"
+        return ", or ".join([numbers, *one.words])
 
     def check(self, value: Any, name: str | None = None) -> None:
         """Refuse a value that the declaration does not allow.
@@ -104,6 +108,8 @@ class Setting:
             if one.default is not None:
                 raise ValueError(f"{name} must be given, got None")
             return
+        if isinstance(value, str) and value in one.words:
+            return
         if one.choices and isinstance(value, str) and value not in one.choices:
             near = did_you_mean(value, one.choices)
             raise ValueError(f"{name} must be one of {', '.join(one.choices)}, got {value!r}{near}")
@@ -112,7 +118,7 @@ class Setting:
                 raise ValueError(f"{name} must be {self.annotation.removesuffix(' | None')}, got {value!r}")
             return
         whole = self.types == (int,)
-        wanted = "an integer" if whole else "a number"
+        wanted = ", or ".join(["an integer" if whole else "a number", *one.words])
         unit = f" {one.unit}" if one.unit else ""
         if isinstance(value, bool) or not hasattr(value, "__index__" if whole else "__float__"):
             raise ValueError(f"{name} must be {wanted}, got {value!r}")
@@ -132,6 +138,8 @@ def settings_of(declaration: type) -> Mapping[str, Setting]:
         annotation, declared = get_args(hint)
         kind = _kind(annotation) if declared.text is object else declared.text
         types = tuple(get_origin(one) or one for one in _members(annotation) if one is not type(None))
+        if declared.words:
+            types = tuple(one for one in types if one is not str)
         found[name] = Setting(name, _shown(annotation), types, kind, declared)
     return found
 

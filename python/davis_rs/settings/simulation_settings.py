@@ -102,13 +102,38 @@ class ViewSettings(PixelSettings, total=False):
         Declared("dark level: L = ln(luma + log_eps)", 1e-3, unit="luma", low=0, high=1e3, above_low=True, metavar="Y"),
     ]
     samples: Annotated[
-        int | None,
+        int | str | None,
         Declared(
-            "rays a pixel",
+            "rays a pixel; auto: as many as keep the noise of Mitsuba's integrators below the noise share, and the "
+            "default where there is no noise",
             default_help="those of the accuracy; by the paper's rule 8, or 2 for Mitsuba's integrators without LLVM",
             low=1,
             high=1024,
+            words=("auto",),
             metavar="N",
+            group=_ACCURACY,
+            text=int,
+        ),
+    ]
+    noise_share: Annotated[
+        float,
+        Declared(
+            "share of events that the noise of Mitsuba's integrators may make missing or spurious: more is told in a "
+            "line, and samples=auto stays below it",
+            0.05,
+            low=0,
+            high=1,
+            above_low=True,
+            metavar="SHARE",
+            group=_ACCURACY,
+        ),
+    ]
+    matte: Annotated[
+        bool,
+        Declared(
+            "render materials that have a diffuse colour and more (highlights, bumps) by that colour alone, which the "
+            "native renderer can",
+            False,
             group=_ACCURACY,
         ),
     ]

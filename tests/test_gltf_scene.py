@@ -1,0 +1,524 @@
+"""glTF files as scenes, against numbers worked out by hand."""
+
+from __future__ import annotations
+
+import io
+import re
+import sys
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+from scipy.spatial.transform import Rotation
+
+from davis_rs import DecodeError, Scene, load_scene, simulate
+from davis_rs._mitsuba import SCALAR, load_scene_source, variant
+from davis_rs.rendering.renderers import make_renderer
+from davis_rs.rendering.scene_table import SceneTable
+from davis_rs.rendering.scene_texture import WRAP_MODES
+from davis_rs.scene import gltf_mesh
+from davis_rs.scene.textures import from_srgb
+from davis_rs.trajectory.views import Views
+from gltf_files import CORNERS, FACES, UV, Gltf, quad
+
+TURN = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
+"""glTF's axes in the world's."""
+
+BT601 = np.array([0.299, 0.587, 0.114])
+
+
+def png(pixels: Any) -> bytes:
+    file = io.BytesIO()
+    Image.fromarray(np.asarray(pixels, np.uint8)).save(file, "PNG")
+    return file.getvalue()
+
+
+def with_camera(gltf: Gltf, distance: float = 3.0, **node: Any) -> int:
+    """A camera on +z that looks along -z, 4:3, 90 degrees high."""
+    camera = {"type": "perspective", "perspective": {"yfov": np.pi / 2, "aspectRatio": 4 / 3, "znear": 0.1}}
+    number = gltf.add("cameras", camera)
+    return gltf.node(camera=number, **{"translation": [0, 0, distance], **node})
+
+
+def saved(gltf: Gltf, folder: Path, suffix: str = ".glb") -> Scene:
+    return load_scene(gltf.save(folder / f"scene{suffix}"))
+
+
+def shapes_of(scene: Scene) -> dict[str, dict[str, Any]]:
+    with variant(SCALAR) as (mi, _):
+        loaded = load_scene_source(scene.source(), mi)
+        return {
+            shape.id(): {
+                "corners": np.array(shape.vertex_positions_buffer()).reshape(-1, 3),
+                "uv": np.array(shape.vertex_texcoords_buffer()).reshape(-1, 2),
+            }
+            for shape in loaded.shapes()
+        }
+
+
+def test_a_square_in_front_of_a_camera_by_hand(tmp_path: Path) -> None:
+    """Luma of Lambert's law under a lamp of 683 cd, seen through the file's camera: nothing but the file's numbers."""
+    gltf = Gltf()
+    gltf.node(mesh=quad(gltf, material=gltf.material(baseColorFactor=[0.5, 0.25, 1.0, 1.0])))
+    gltf.light({"type": "point", "intensity": 683.0, "color": [1.0, 0.5, 0.25]}, translation=[0.0, 0.0, 2.0])
+    with_camera(gltf)
+    scene = saved(gltf, tmp_path)
+    camera = scene.own_camera
+    assert (camera.width, camera.height) == (240, 180)
+    assert camera.fx == camera.fy == pytest.approx(90.0)
+    assert scene.start is not None
+    np.testing.assert_allclose(scene.start.position, [0, -3, 0], atol=1e-12)
+    np.testing.assert_allclose(scene.start.rotation, [[1, 0, 0], [0, 0, 1], [0, -1, 0]], atol=1e-12)
+    luma = make_renderer(scene, camera, samples=1).luma(Views.at_rest([scene.start]))[0]
+    rows, columns = np.indices(luma.shape)
+    x, y = (columns - camera.cx) / 90 * 3, (rows - camera.cy) / 90 * 3
+    inside = (np.abs(x) < 0.99) & (np.abs(y) < 0.99)
+    colour = BT601 @ (np.array([1.0, 0.5, 0.25]) * [0.5, 0.25, 1.0])
+    expected = colour / np.pi * 2 / (x**2 + y**2 + 4) ** 1.5
+    np.testing.assert_allclose(luma[inside], expected[inside], rtol=1e-5)
+    assert (luma[(np.abs(x) > 1.01) | (np.abs(y) > 1.01)] == 0).all()
+    assert scene.lux_per_luma == pytest.approx(683 * np.pi)
+    assert "683 lux or candela are one unit" in scene.note
+
+
+@pytest.mark.parametrize("suffix", [".glb", ".gltf"])
+def test_textures_with_all_that_places_them(tmp_path: Path, suffix: str) -> None:
+    """Texels in sRGB times the factor, wrapped as the sampler says, moved as KHR_texture_transform says."""
+    texels = np.random.default_rng(1).integers(0, 256, (4, 8, 3))
+    gltf = Gltf()
+    image = {"bufferView": gltf.view(png(texels)), "mimeType": "image/png"}
+    texture = gltf.texture(image, {"wrapS": 33648, "wrapT": 33648})
+    move = {"offset": [0.25, 0.5], "scale": [2.0, 3.0], "rotation": 0.3}
+    texture |= {"extensions": {"KHR_texture_transform": move}}  # type: ignore[dict-item]
+    paint = gltf.material(baseColorTexture=texture, baseColorFactor=[1.0, 0.5, 0.25, 1.0])
+    gltf.node(mesh=quad(gltf, uv=UV, material=paint))
+    (shape,) = shapes_of(saved(gltf, tmp_path, suffix)).values()
+    cos, sin = np.cos(0.3), np.sin(0.3)
+    u, v = UV.T * [[2.0], [3.0]]
+    moved = np.stack([cos * u + sin * v + 0.25, -sin * u + cos * v + 0.5], 1)
+    np.testing.assert_allclose(shape["uv"], moved[FACES.ravel()], atol=1e-6)
+    with variant(SCALAR) as (mi, _):
+        loaded = load_scene_source(load_scene(tmp_path / f"scene{suffix}").source(), mi)
+        data = np.array(mi.traverse(loaded.shapes()[0].bsdf())["brdf_0.reflectance.data"])
+        table = SceneTable(loaded, mi, shadows=True, any_integrator=False)
+    assert WRAP_MODES[table.textures.sizes[0, 3]] == "mirror"
+    np.testing.assert_allclose(data, from_srgb(texels / 255) * [1.0, 0.5, 0.25], rtol=1e-6)
+
+
+def test_nodes_within_nodes_place_what_they_hold(tmp_path: Path) -> None:
+    """Matrix, translation, rotation and scale, in the file's order, and normals upright under uneven scale."""
+    gltf = Gltf()
+    half = np.sqrt(0.5)
+    inner = gltf.node(
+        root=False, mesh=quad(gltf, normals=np.tile([0, half, half], (4, 1))), rotation=[0, 0, half, half]
+    )
+    middle = gltf.node(root=False, children=[inner], scale=[1, 2, 4], translation=[0, 0, 1])
+    matrix = np.array([[1, 0, 0, 5], [0, 1, 0, 6], [0, 0, 1, 7], [0, 0, 0, 1.0]])
+    gltf.node(children=[middle], matrix=matrix.T.ravel().tolist())
+    scene = saved(gltf, tmp_path)
+    (shape,) = shapes_of(scene).values()
+    turned = CORNERS[:, [1, 0, 2]] * [-1, 1, 1]
+    expected = (turned * [1, 2, 4] + [5, 6, 8]) @ TURN.T
+    np.testing.assert_allclose(shape["corners"], expected[FACES.ravel()], atol=1e-5)
+    with variant(SCALAR) as (mi, _):
+        normals = load_scene_source(scene.source(), mi).shapes()[0].vertex_normals_buffer()
+    normal = np.array([-half, 0, half]) / [1, 2, 4]
+    np.testing.assert_allclose(np.array(normals)[:3], TURN @ (normal / np.linalg.norm(normal)), atol=1e-6)
+
+
+def test_primitives_of_all_kinds_of_triangles(tmp_path: Path) -> None:
+    """Lists without indices, strips and fans give the same triangles, turned alike; so do quantised positions."""
+    corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0.5]], np.float32)
+
+    def turned(scene: Scene) -> list[list[float]]:
+        (shape,) = shapes_of(scene).values()
+        a, b, c = shape["corners"].reshape(-1, 3, 3).swapaxes(0, 1)
+        cross = np.cross(b - a, c - a)
+        return sorted(np.round(cross, 4).tolist())
+
+    found = []
+    for mode, order, kind in (
+        (4, [0, 1, 2, 2, 1, 3], "u1"),
+        (5, [0, 1, 2, 3], "u2"),
+        (4, None, ""),
+        (6, [1, 3, 2, 0], "u4"),
+    ):
+        gltf = Gltf()
+        used = corners if order is not None else corners[[0, 1, 2, 2, 1, 3]]
+        primitive = {"attributes": {"POSITION": gltf.array(used)}, "mode": mode}
+        if order is not None:
+            primitive["indices"] = gltf.array(order, kind)
+        gltf.node(mesh=gltf.add("meshes", {"primitives": [primitive]}))
+        found.append(turned(saved(gltf, tmp_path)))
+    assert len(found[0]) == 2
+    for others in found[1:]:
+        np.testing.assert_allclose(others, found[0], atol=1e-6)
+    gltf = Gltf(extensionsUsed=["KHR_mesh_quantization"], extensionsRequired=["KHR_mesh_quantization"])
+    packed = np.zeros((4, 4), np.int16)
+    packed[:, :3] = np.rint(corners * 32767)
+    view = gltf.view(packed.tobytes())
+    gltf.document["bufferViews"][view]["byteStride"] = 8
+    short = {"bufferView": view, "componentType": 5122, "count": 4, "type": "VEC3", "normalized": True}
+    primitive = {"attributes": {"POSITION": gltf.add("accessors", short)}, "mode": 5}
+    gltf.node(mesh=gltf.add("meshes", {"primitives": [primitive]}))
+    np.testing.assert_allclose(turned(saved(gltf, tmp_path)), found[0], atol=1e-3)
+
+
+def test_sparse_accessors(tmp_path: Path) -> None:
+    """Some elements replaced by others; without a buffer view, those of zeros."""
+    gltf = Gltf()
+    sparse = {
+        "count": 2,
+        "indices": {"bufferView": gltf.view(np.array([1, 2], "<u2").tobytes()), "componentType": 5123},
+        "values": {"bufferView": gltf.view(np.array([[2, 0, 0], [0, 3, 0]], "<f4").tobytes())},
+    }
+    position = gltf.add("accessors", {"componentType": 5126, "count": 3, "type": "VEC3", "sparse": sparse})
+    gltf.node(mesh=gltf.add("meshes", {"primitives": [{"attributes": {"POSITION": position}}]}))
+    (shape,) = shapes_of(saved(gltf, tmp_path)).values()
+    np.testing.assert_array_equal(shape["corners"], np.array([[0, 0, 0], [2, 0, 0], [0, 3, 0]]) @ TURN.T)
+
+
+def test_colours_of_vertices(tmp_path: Path) -> None:
+    """Linear, times the material's factor, as on a PLY mesh."""
+    gltf = Gltf()
+    colours = np.array([[1, 0, 0], [0, 1, 0], [0, 0, 1], [0.5, 0.5, 0.5]], np.float32)
+    gltf.node(mesh=quad(gltf, colours=colours, material=gltf.material(baseColorFactor=[0.5, 0.5, 0.5, 1.0])))
+    with_camera(gltf, 1.0)
+    gltf.light({"type": "directional", "intensity": 683 * np.pi})
+    scene = saved(gltf, tmp_path)
+    assert scene.start is not None
+    camera = scene.own_camera
+    luma = make_renderer(scene, camera, samples=1).luma(Views.at_rest([scene.start]))[0]
+    first = BT601 @ np.array([0.5, 0.5, 0.5]) * (0.5)  # the middle lies half way between the first and the third corner
+    middle = (BT601 @ (colours[0] + colours[2]) / 2) * 0.5
+    assert luma[89:91, 119:121].mean() == pytest.approx(middle, rel=0.02)
+    assert first != pytest.approx(middle, rel=0.02)
+
+
+def test_lights_of_all_kinds(tmp_path: Path) -> None:
+    """Directional along the node's -z, in lux; a spot's axis and cone; the node's scale changes none."""
+    gltf = Gltf()
+    gltf.node(mesh=quad(gltf))
+    half = float(np.sqrt(0.5))
+    gltf.light({"type": "directional", "intensity": 1366.0}, name="sun", rotation=[-half, 0, 0, half], scale=[3, 3, 3])
+    cone = {"innerConeAngle": 0.2, "outerConeAngle": 0.5}
+    gltf.light({"type": "spot", "intensity": 68.3, "spot": cone}, name="spot", translation=[1, 2, 3])
+    with pytest.warns(UserWarning, match="how the edge of the spot light spot falls off"):
+        source: Any = saved(gltf, tmp_path).source()
+    sun, spot = source["light_sun"], source["light_spot"]
+    np.testing.assert_allclose(sun["direction"], TURN @ [0, -1, 0], atol=1e-12)
+    np.testing.assert_allclose(sun["irradiance"]["value"], [2, 2, 2])
+    np.testing.assert_allclose(spot["to_world"][:3, 3], TURN @ [1, 2, 3])
+    np.testing.assert_allclose(spot["to_world"][:3, 2], TURN @ [0, 0, -1], atol=1e-12)
+    np.testing.assert_allclose(spot["intensity"]["value"], [0.1] * 3)
+    assert (spot["cutoff_angle"], spot["beam_width"]) == pytest.approx((np.degrees(0.5), np.degrees(0.2)))
+    assert "sun" not in source
+    assert "sky" not in source
+
+
+def hermite(t: float, first: Any, out: Any, second: Any, into: Any, span: float) -> Any:
+    s = t / span
+    return (
+        (2 * s**3 - 3 * s**2 + 1) * np.array(first)
+        + (s**3 - 2 * s**2 + s) * span * np.array(out)
+        + (3 * s**2 - 2 * s**3) * np.array(second)
+        + (s**3 - s**2) * span * np.array(into)
+    )
+
+
+def test_the_cameras_animation_is_the_path(tmp_path: Path) -> None:
+    """Straight lines, cubics and jumps through the file's keyframes, within a node that turns; rates by differences."""
+    gltf = Gltf()
+    gltf.node(mesh=quad(gltf))
+    camera = with_camera(gltf, root=False)
+    carrier = gltf.node(children=[camera], translation=[0, 1, 0])
+    gltf.animate(camera, "translation", [0.5, 1.0, 2.0], [[0, 0, 3], [1, 0, 3], [1, 2, 3]])
+    axis = np.array([1.0, 2.0, 2.0]) / 3
+    spins = [[0, 0, 0, 1], [*np.sin(0.4) * axis, np.cos(0.4)]]
+    gltf.animate(carrier, "rotation", [0.0, 2.0], spins)
+    tangents = np.array([[[0, 0, 0], [0, 1, 0], [0, 0, 2]], [[1, 0, 0], [0, 1, 0.5], [0, 0, 0]]])
+    gltf.animate(carrier, "translation", [0.0, 1.5], np.reshape(tangents, (-1, 3)), "CUBICSPLINE")
+    path = saved(gltf, tmp_path).path
+    assert path.duration_s == 2.0
+    for t in (0.2, 0.7, 1.4, 1.9):
+        own = np.array([np.interp(t, [0.5, 1, 2], column) for column in ([0, 1, 1], [0, 0, 2], [3, 3, 3])])
+        turn = Rotation.from_rotvec(0.8 * t / 2 * axis).as_matrix()
+        carried = hermite(min(t, 1.5), [0, 1, 0], [0, 0, 2], [0, 1, 0.5], [1, 0, 0], 1.5)
+        np.testing.assert_allclose(path.pose(t).position, TURN @ (turn @ own + carried), atol=1e-6)
+        np.testing.assert_allclose(path.pose(t).rotation, TURN @ turn @ np.diag([1, -1, -1]), atol=1e-6)
+    times = np.array([0.2, 0.7, 1.4, 1.9])
+    step = 1e-6  # seconds
+    np.testing.assert_allclose(
+        path.velocities(times), (path.positions(times + step) - path.positions(times - step)) / (2 * step), atol=1e-6
+    )
+    turned = np.swapaxes(path.rotations(times - step), 1, 2) @ path.rotations(times + step)
+    rates = np.stack([turned[:, 2, 1], turned[:, 0, 2], turned[:, 1, 0]], 1) / (2 * step)
+    np.testing.assert_allclose(path.angular_rates(times), rates, atol=1e-6)
+    np.testing.assert_allclose(path.breaks_s(), [0.5, 1.0, 1.5])
+
+
+def test_a_camera_that_moves_comes_before_others(tmp_path: Path) -> None:
+    """Of two the animated one is taken, wherever it stands in the file, and the other is told."""
+    gltf = Gltf()
+    gltf.node(mesh=quad(gltf))
+    with_camera(gltf, name="still")
+    gltf.animate(with_camera(gltf, name="moving"), "translation", [0.0, 1.0], [[0, 0, 3], [1, 0, 3]])
+    with pytest.warns(UserWarning, match=r"left out: the camera still$"):
+        scene = saved(gltf, tmp_path)
+    np.testing.assert_allclose(scene.path.velocities([0.5]), [[1, 0, 0]], atol=1e-9)
+    assert "the camera moving, 240 x 180 px, moves for 1 s" in scene.note
+
+
+def test_steps_jump_and_long_turns_keep_their_sign(tmp_path: Path) -> None:
+    """STEP holds until the next keyframe; a full turn in quarters is a continuous quaternion."""
+    gltf = Gltf()
+    gltf.node(mesh=quad(gltf))
+    camera = with_camera(gltf)
+    gltf.animate(camera, "translation", [0.0, 1.0, 2.0], [[0, 0, 3], [0, 0, 4], [0, 0, 5]], "STEP")
+    angles = np.linspace(0, 2 * np.pi, 5)
+    quarters = np.stack([0 * angles, 0 * angles, np.sin(angles / 2), np.cos(angles / 2)], 1)
+    quarters[2] *= -1  # the file may choose either sign
+    gltf.animate(camera, "rotation", angles / np.pi, quarters)
+    path = saved(gltf, tmp_path).path
+    np.testing.assert_allclose(path.positions([0.999, 1.0, 1.5])[:, 1], [-3, -4, -4], atol=1e-6)
+    assert (path.velocities([0.5, 1.5]) == 0).all()
+    t = np.linspace(0, 2, 200)
+    assert np.abs(np.diff(path.quaternions(t), axis=0)).max() < 0.05
+    np.testing.assert_allclose(np.linalg.norm(path.angular_rates(t), axis=1), np.pi, rtol=1e-6)
+
+
+def test_animated_nodes_are_moving_objects(tmp_path: Path) -> None:
+    """A body of two materials on a turning arm: where its corners are, at rest in the world only what does not move."""
+    gltf = Gltf()
+    red, blue = (
+        gltf.material(name, baseColorFactor=[*colour, 1.0])
+        for name, colour in (("red", [1, 0, 0]), ("blue", [0, 0, 1]))
+    )
+    body = quad(gltf, material=red)
+    second = quad(gltf, material=blue)
+    gltf.document["meshes"][body]["primitives"] += gltf.document["meshes"][second]["primitives"]
+    part = gltf.node(root=False, mesh=body, name="body", translation=[2, 0, 0], scale=[0.5, -0.5, 1.0])
+    arm = gltf.node(children=[part], name="arm")
+    gltf.node(mesh=quad(gltf, material=red), name="floor")
+    gltf.animate(arm, "rotation", [0.0, 1.0], [[0, 0, 0, 1], [0, 0, np.sin(0.5), np.cos(0.5)]])
+    with_camera(gltf, 5.0)
+    gltf.light({"type": "directional", "intensity": 683.0})
+    scene = saved(gltf, tmp_path)
+    assert set(scene.objects) == {"body_red", "body_blue"}
+    shapes = shapes_of(scene)
+    assert set(shapes) == {"mesh_red", "body_red", "body_blue"}
+    for t in (0.0, 0.6, 1.0):
+        pose = scene.objects["body_red"].pose(t)
+        there = shapes["body_red"]["corners"] @ pose.rotation.T + pose.position
+        cos, sin = np.cos(t), np.sin(t)
+        turn = np.array([[cos, -sin, 0], [sin, cos, 0], [0, 0, 1]])
+        expected = (CORNERS * [0.5, -0.5, 1.0] + [2, 0, 0]) @ turn.T @ TURN.T
+        np.testing.assert_allclose(there, expected[FACES.ravel()], atol=1e-5)
+    assert scene.path.duration_s == 1.0
+    assert (scene.path.velocities([0.5]) == 0).all()
+    events = sum(
+        len(packet.events) for packet in simulate(scene, duration_s=0.2, samples=1, frame_rate_hz=0, depth_rate_hz=0)
+    )
+    assert events > 100
+
+
+def test_a_file_of_a_mesh_alone_is_seen_from_around(tmp_path: Path) -> None:
+    """Without camera and lights it gets what a mesh file gets; up and scale as well; one line says the size."""
+    gltf = Gltf()
+    gltf.node(mesh=quad(gltf))
+    path = gltf.save(tmp_path / "plain.glb")
+    scene = load_scene(path, up="z", scale=0.001)
+    assert "plain.glb is 0.002 m x 0.002 m wide and 0 m high, at 0.001 m to a unit and with axis z up" in scene.note
+    assert "no camera, so one that goes around" in scene.note
+    assert "no lights, so a sun and a sky" in scene.note
+    assert scene.path.duration_s == 10
+    source: Any = scene.source()
+    assert {"sun", "sky"} < source.keys()
+    with pytest.raises(ValueError, match="up must be y or z"):
+        load_scene(path, up="x")  # type: ignore[arg-type]
+
+
+def test_what_is_left_out_is_told_in_one_line(tmp_path: Path) -> None:
+    """Of materials by their names, of the rest by what it is; a plain file is told nothing."""
+    gltf = Gltf(extensionsUsed=["KHR_materials_clearcoat"])
+    shiny = {"emissiveFactor": [1, 0, 0], "normalTexture": {"index": 0}, "alphaMode": "BLEND"}
+    image = gltf.texture({"bufferView": gltf.view(png(np.full((2, 2, 4), 100)))}, {"magFilter": 9728, "wrapT": 33071})
+    glass = gltf.material("glass", baseColorTexture=image, metallicFactor=1.0, double_sided=False, more=shiny)
+    gltf.node(mesh=quad(gltf, uv=UV, material=glass, colours=np.full((4, 3), 0.5)))
+    gltf.document["meshes"][0]["primitives"].append({"attributes": {"POSITION": 0}, "mode": 1})
+    gltf.light({"type": "point", "range": 3.0}, name="bulb")
+    ortho = gltf.add("cameras", {"type": "orthographic", "orthographic": {"xmag": 1, "ymag": 1, "zfar": 9, "znear": 1}})
+    gltf.node(camera=ortho, name="flat")
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        saved(gltf, tmp_path)
+    assert len(caught) == 1
+    said = str(caught[0].message)
+    assert "\n" not in said
+    for part in (
+        "metal of glass",
+        "light of their own of glass",
+        "normal maps of glass",
+        "transparency of glass",
+        "backs that cannot be seen (they are seen from both sides) of glass",
+        "the wrap mode clamp along v (repeat is taken both ways) of glass",
+        "texels with hard edges (they are taken as bilinear) of glass",
+        "colours of vertices on the texture of glass",
+        "points and lines",
+        "the range of the light bulb",
+        "the camera flat, which is not perspective",
+        "the extension 'KHR_materials_clearcoat'",
+    ):
+        assert part in said
+
+
+def broken(change: Callable[[Gltf], Any]) -> Gltf:
+    gltf = Gltf()
+    gltf.node(mesh=quad(gltf, uv=UV, material=gltf.material()))
+    camera = with_camera(gltf)
+    gltf.animate(camera, "translation", [0.0, 1.0], [[0, 0, 3], [1, 0, 3]])
+    gltf.light({"type": "point"})
+    change(gltf)
+    return gltf
+
+
+def put(kind: str, number: int, **values: Any) -> Callable[[Gltf], Any]:
+    return lambda gltf: gltf.document[kind][number].update(values)
+
+
+def in_primitive(**values: Any) -> Callable[[Gltf], Any]:
+    return lambda gltf: gltf.document["meshes"][0]["primitives"][0].update(values)
+
+
+def textured(uri: str) -> Callable[[Gltf], Any]:
+    def change(gltf: Gltf) -> None:
+        gltf.document["materials"][0]["pbrMetallicRoughness"]["baseColorTexture"] = gltf.texture({"uri": uri})
+
+    return change
+
+
+BROKEN: dict[str, tuple[Callable[[Gltf], Any], str]] = {
+    "version": (lambda gltf: gltf.document.update(asset={"version": "1.0"}), r"must be glTF 2\.0, got version '1\.0'"),
+    "draco": (
+        lambda gltf: gltf.document.update(extensionsRequired=["KHR_draco_mesh_compression"]),
+        "extensionsRequired: 'KHR_draco_mesh_compression' is not read; export without compression",
+    ),
+    "no mesh": (put("nodes", 0, mesh=7), r"nodes\[0\]\.mesh: must be a number of the 1 meshes, counted from 0, got 7"),
+    "negative": (put("nodes", 0, mesh=-1), "got -1"),
+    "word": (put("nodes", 0, translation=["a", 0, 0]), "could not convert string to float: 'a'"),
+    "nan": (put("nodes", 0, scale=[float("nan"), 1, 1]), r"nodes\[0\]\.scale: must be 3 numbers"),
+    "circle": (put("nodes", 0, children=[0]), r"nodes\[0\]: is within itself"),
+    "shared child": (put("nodes", 1, children=[0]), "is within itself, or within two nodes"),
+    "index": (lambda gltf: gltf.data.__setitem__(slice(80, 82), b"\xff\xff"), r"indices: name vertex 65535 of 4"),
+    "points": (in_primitive(mode=9), r"primitives\[0\]\.mode: must be a number of a kind of primitives"),
+    "no position": (in_primitive(attributes={}), "has no POSITION"),
+    "count": (put("accessors", 0, count=1000), r"accessors\[0\]: 1000 elements of 12 bytes, 12 apart, exceed"),
+    "huge": (put("accessors", 0, count=2**31 - 1), "exceed its bufferView"),
+    "zeros": (put("accessors", 0, count=2**31 - 1, bufferView=None), "without a bufferView it may have 1048576"),
+    "type": (put("accessors", 0, type="VEC9"), "must have a componentType and a type"),
+    "width": (put("accessors", 0, type="VEC2", count=4), r"must have 3 numbers each"),
+    "view": (put("bufferViews", 0, byteLength=10**9), r"bufferViews\[0\]\.byteLength: must be a number of bytes"),
+    "stride": (put("bufferViews", 0, byteStride=4), "12 bytes, 4 apart, exceed"),
+    "skin": (put("nodes", 0, skin=0), r"nodes\[0\]: has a skin"),
+    "morph": (put("meshes", 0, weights=[0.5]), "is deformed by morph targets"),
+    "times": (
+        lambda gltf: gltf.animate(1, "rotation", [1.0, 0.5], [[0, 0, 0, 1]] * 2),
+        r"animations\[0\]\.samplers\[1\]\.input: times must increase",
+    ),
+    "spline": (
+        lambda gltf: gltf.animate(1, "rotation", [0.0, 0.5], [[0, 0, 0, 1]] * 2, "CUBICSPLINE"),
+        "must have 6 values for its times, got 2",
+    ),
+    "growing": (
+        lambda gltf: gltf.animate(0, "scale", [0.0, 1.0], [[1, 1, 1], [2, 2, 2]]),
+        "node node_0: its animation scales or shears it",
+    ),
+    "weights": (
+        lambda gltf: gltf.animate(0, "weights", [0.0, 1.0], [0, 1]),
+        r"animations\[0\]: moves the shape of node node_0",
+    ),
+    "lens": (lambda gltf: gltf.document["cameras"][0]["perspective"].update(yfov=4.0), r"yfov: must be 1 numbers from"),
+    "light": (lambda gltf: gltf.document["extensions"]["KHR_lights_punctual"]["lights"][0].update(type="disc"),
+              "type: must be point, directional or spot, got 'disc'"),
+    "dark": (lambda gltf: gltf.document["extensions"]["KHR_lights_punctual"]["lights"][0].update(intensity=-1),
+             r"lights\[0\]\.intensity: must be 1 numbers from 0"),
+    "outside": (textured("../secret.png"), r"images\[0\]: names '\.\./secret\.png', which lies outside"),
+    "encoded outside": (textured("%2e%2e/secret.png"), "which lies outside of the scene's folder"),
+    "root": (textured("/etc/passwd"), "which lies outside of the scene's folder"),
+    "internet": (textured("https://example.org/a.png"), "must be a file in the scene's folder"),
+    "windows": (textured("C:\\a.png"), "must be a file in the scene's folder"),
+    "data": (textured("data:image/png;base64,####"), r"images\[0\]: is no base64"),
+    "no image": (textured("data:image/png;base64,aGVsbG8="), "not an image that can be read as a texture"),
+    "nothing": (lambda gltf: gltf.document.update(nodes=[{}] * 3, animations=[]), "it has no triangles"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("change", "said"), BROKEN.values(), ids=BROKEN)
+@pytest.mark.parametrize("suffix", [".glb", ".gltf"])
+def test_broken_files_are_refused_by_file_and_place(
+    tmp_path: Path, suffix: str, change: Callable[[Gltf], Any], said: str
+) -> None:
+    (tmp_path / "secret.png").write_bytes(png(np.zeros((2, 2, 3))))
+    folder = tmp_path / "scene"
+    folder.mkdir()
+    path = broken(change).save(folder / f"broken{suffix}")
+    with pytest.raises(DecodeError, match=said) as caught:
+        load_scene(path)
+    assert str(caught.value).startswith(str(folder))
+    assert "\n" not in str(caught.value)
+
+
+def test_a_link_out_of_the_folder_is_not_followed(tmp_path: Path) -> None:
+    (tmp_path / "secret.png").write_bytes(png(np.zeros((2, 2, 3))))
+    folder = tmp_path / "scene"
+    folder.mkdir()
+    (folder / "inside.png").symlink_to(tmp_path / "secret.png")
+    with pytest.raises(DecodeError, match="lies outside of the scene's folder"):
+        load_scene(broken(textured("inside.png")).save(folder / "scene.gltf"))
+
+
+def test_missing_files_say_who_names_them(tmp_path: Path) -> None:
+    path = broken(textured("none.png")).save(tmp_path / "scene.gltf")
+    with pytest.raises(FileNotFoundError, match=r"scene\.gltf: images\[0\]: the file 'none\.png' is not there"):
+        load_scene(path)
+
+
+def test_one_mesh_shown_too_often_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A small file cannot ask for any amount of memory."""
+    monkeypatch.setattr(gltf_mesh, "MOST_TRIANGLES", 7)
+    gltf = Gltf()
+    mesh = quad(gltf)
+    for _ in range(4):
+        gltf.node(mesh=mesh)
+    with pytest.raises(DecodeError, match=r"nodes\[3\]: a scene may have 7 triangles"):
+        saved(gltf, tmp_path)
+
+
+def test_images_that_unpack_to_too_much_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from davis_rs.scene import texture_file
+
+    monkeypatch.setattr(texture_file, "MOST_TEXELS", 15)
+    (tmp_path / "big.png").write_bytes(png(np.zeros((4, 4, 3))))
+    gltf = broken(textured("big.png"))
+    with pytest.raises(DecodeError, match=r"big\.png: a texture may have 15 texels, got 4 x 4"):
+        load_scene(gltf.save(tmp_path / "scene.gltf"))
+
+
+def test_without_pygltflib_it_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "pygltflib", None)
+    gltf = Gltf()
+    gltf.node(mesh=quad(gltf))
+    with pytest.raises(ImportError, match=re.escape("pip install 'davis_rs[scenes]'")):
+        saved(gltf, tmp_path)
+
+
+def test_files_next_to_it_are_known(tmp_path: Path) -> None:
+    """For meta.json: the buffer and the image, each once."""
+    (tmp_path / "paint.png").write_bytes(png(np.zeros((2, 2, 3))))
+    gltf = broken(textured("paint.png"))
+    scene = load_scene(gltf.save(tmp_path / "scene.gltf", buffer="scene data.bin"))
+    assert set(scene.files) == {tmp_path / "paint.png", tmp_path / "scene data.bin"}

@@ -1,0 +1,199 @@
+"""The estimate of Monte Carlo noise against whole runs, and what is made of it."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from davis_rs import NoiseEstimate, NoiseWarning, Simulator, compare_events, estimate_noise, load_scene, simulate
+from davis_rs._mitsuba import FAST, default_variant, variant
+from davis_rs.cli.main import main
+from davis_rs.events import EventArray
+from davis_rs.generate import load_sequence_plan
+from davis_rs.scene.scene import Scene
+from davis_rs.simulation_folder import simulate_to_folder
+from lamp_box import lamp_box
+
+SIZE = (40, 30)
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _in_llvm() -> Iterator[None]:
+    """Mitsuba's variant is set once: changing it for each frame would take longer than rendering."""
+    if default_variant()[0] != FAST:
+        yield
+        return
+    with variant(FAST):
+        yield
+
+
+def small_box() -> Scene:
+    """Light that bounces three times."""
+    return lamp_box(*SIZE)
+
+
+def plain_box() -> Scene:
+    """Light that does not bounce: less to compile and to trace."""
+    return lamp_box(32, 24, integrator={"type": "path", "max_depth": 2})
+
+
+@pytest.fixture(scope="module")
+def of_the_box(_in_llvm: None) -> NoiseEstimate:
+    estimate = estimate_noise(small_box())
+    assert estimate is not None
+    return estimate
+
+
+def events_of(scene: Scene, samples: int, seed: int) -> EventArray:
+    run = Simulator(scene, samples=samples, seed=seed, frame_rate_hz=0, depth_rate_hz=0).run()
+    return np.concatenate([packet.events for packet in run])
+
+
+@pytest.mark.usefixtures("llvm")
+def test_the_estimate_is_what_whole_runs_have(of_the_box: NoiseEstimate) -> None:
+    """Of some pixels it tells the share of all pixels' events that 256 samples do not have, at 8 and at 32."""
+    scene, estimate = small_box(), of_the_box
+    truth = events_of(scene, 256, 99)
+    for samples in (8, 32):
+        found = compare_events(events_of(scene, samples, 3), truth, size=SIZE)
+        measured = (found.missing + found.spurious) / found.reference
+        assert estimate.share_at(samples) == pytest.approx(measured, rel=0.25)
+    assert estimate.share_at(8) > 2 * estimate.share_at(64) > 0
+    assert re.search(
+        r"of these events are Monte Carlo noise \(.*\) at 8 samples; 64 samples: about \d+ %$", str(estimate)
+    )
+    assert estimate_noise(scene) == estimate  # nothing but the scene and the seed decides
+    assert estimate.rays < 1_300_000
+
+
+@pytest.mark.usefixtures("llvm")
+def test_more_light_paths_have_less_noise_by_their_root(of_the_box: NoiseEstimate) -> None:
+    """Log luma's noise is told in C, and halves with four times the samples."""
+    many = estimate_noise(small_box(), samples=32)
+    assert many is not None
+    assert of_the_box.log_noise / many.log_noise == pytest.approx(2, rel=0.15)
+    assert of_the_box.log_noise > 0.3
+
+
+def test_samples_for_a_share() -> None:
+    """The fewest of the list that keep it, never fewer than there are, and 1024 where none does."""
+    estimate = NoiseEstimate(8, measured=((8.0, 0.8), (32.0, 0.4), (128.0, 0.2)))
+    assert [estimate.share_at(n) for n in (8, 16, 512, 2)] == pytest.approx([0.8, 0.8 / 2**0.5, 0.1, 1.6])
+    assert estimate.samples_for(0.9) == 8
+    assert estimate.samples_for(0.4) == 34
+    assert estimate.samples_for(0.1) == 610
+    assert estimate.samples_for(0.01) == 1024
+    silent = NoiseEstimate(13, noisy=False)
+    assert (silent.share_at(1), silent.samples_for(1e-9)) == (0.0, 13)
+    unknown = NoiseEstimate(13)
+    assert math.isnan(unknown.share_at(8))
+    assert unknown.samples_for(0.05) == 13
+    assert "too few events" in str(unknown)
+
+
+@pytest.mark.usefixtures("llvm")
+def test_no_noise_is_not_told_as_noise(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    """The native renderer has none; an integrator that draws nothing neither. Auto takes the default and says why."""
+    planes = load_scene("three_planes").crop(0.0, 0.02)
+    assert estimate_noise(planes) is None
+    direct = estimate_noise(planes, renderer="integrator")
+    assert direct is not None
+    assert not direct.noisy
+    simulate_to_folder(planes, tmp_path / "planes", samples="auto", depth_rate_hz=0)
+    said = capsys.readouterr().err
+    assert "samples auto: 8, the default: the native renderer draws nothing at random" in said
+    meta = json.loads((tmp_path / "planes" / "meta.json").read_text())
+    assert meta["parameters"]["samples"] == 8
+    assert meta["monte_carlo_noise"] is None
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        simulate(planes, renderer="integrator", samples=1)
+
+
+@pytest.mark.usefixtures("llvm")
+def test_a_run_says_how_much_of_it_is_noise(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    """One line before a run into a folder, a warning before one in Python or a quiet one; not where it may be so."""
+    scene = plain_box()
+    options = {"frame_rate_hz": 0.0, "depth_rate_hz": 0.0, "noise_share": 0.01}
+    simulate_to_folder(scene, tmp_path / "told", **options)  # type: ignore[arg-type]
+    lines = capsys.readouterr().err.splitlines()
+    told = [line for line in lines if "of these events are Monte Carlo noise" in line]
+    assert len(told) == 1
+    assert told[0].endswith("with samples auto as many are taken as keep it below 1 %")
+    share = json.loads((tmp_path / "told" / "meta.json").read_text())["monte_carlo_noise"]["share"]
+    assert f"{100 * share:.0f} missing or spurious" in told[0] or f"about {100 * share:.2g} %" in told[0]
+    with pytest.warns(NoiseWarning, match=re.escape(told[0])):
+        simulate(scene, noise_share=0.01)
+    with pytest.warns(NoiseWarning, match="Monte Carlo noise"):
+        simulate_to_folder(scene, tmp_path / "quiet", quiet=True, **options)  # type: ignore[arg-type]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        simulate(scene, noise_share=1.0)
+
+
+@pytest.mark.usefixtures("llvm")
+def test_auto_takes_as_many_samples_as_the_share_needs(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    """And the run is the same as with that number given."""
+    scene = plain_box()
+    estimate = estimate_noise(scene)
+    assert estimate is not None
+    share = estimate.share_at(20)
+    options = {"frame_rate_hz": 0.0, "depth_rate_hz": 0.0}
+    simulate_to_folder(scene, tmp_path / "auto", samples="auto", noise_share=share, **options)  # type: ignore[arg-type]
+    said = capsys.readouterr().err
+    assert "samples auto: 21, at which about" in said
+    meta = json.loads((tmp_path / "auto" / "meta.json").read_text())
+    assert meta["parameters"]["samples"] == meta["monte_carlo_noise"]["samples"] == 21
+    assert meta["monte_carlo_noise"]["share"] < share
+    simulate_to_folder(scene, tmp_path / "given", samples=21, **options)  # type: ignore[arg-type]
+    events = [(tmp_path / name / "events.txt").read_bytes() for name in ("auto", "given")]
+    assert events[0] == events[1] != b""
+    with pytest.raises(ValueError, match="samples='auto' must be resolved before a simulator is made"):
+        Simulator(scene, samples="auto")
+
+
+@pytest.mark.usefixtures("llvm")
+def test_plan_says_it_too(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    """`davis-rs plan` of a scene that the integrator renders ends with the line; a plan of sequences takes auto."""
+    scene = tmp_path / "lamp.xml"
+    scene.write_text(
+        """<scene version="3.0.0"><integrator type="path"><integer name="max_depth" value="2"/></integrator>
+        <sensor type="perspective"><float name="fov" value="60"/>
+        <transform name="to_world"><lookat origin="0.5, 0.2, 2" target="0, 0, 0" up="0, 1, 0"/></transform>
+        <film type="hdrfilm"><integer name="width" value="32"/><integer name="height" value="24"/></film></sensor>
+        <shape type="rectangle"><transform name="to_world"><rotate y="1" angle="180"/><translate z="3"/></transform>
+        <emitter type="area"><rgb name="radiance" value="5"/></emitter></shape>
+        <shape type="rectangle"><transform name="to_world"><scale value="4"/></transform>
+        <bsdf type="diffuse"><texture type="checkerboard" name="reflectance"><transform name="to_uv">
+        <scale value="20"/></transform></texture></bsdf></shape></scene>"""
+    )
+    path = tmp_path / "path.txt"
+    path.write_text("".join(f"{t} {0.5 + t} 0.2 2 1 0 0 0\n" for t in np.arange(0, 0.2, 0.01)))
+    arguments = [str(scene), "--trajectory", str(path), "--position-sigma", "0", "--rotation-sigma", "0"]
+    assert main(["plan", *arguments, "--effect", "leak_rate_hz=0.1"]) == 0
+    out = capsys.readouterr().out
+    assert re.search(r"of these events are Monte Carlo noise \(.*\) at 8 samples; 64 samples: about", out)
+    plan = tmp_path / "plan.yaml"
+    plan.write_text("scene: three_planes\nduration: 0.02\nsamples: auto\nnoise_share: 0.1\nmatte: true\n")
+    drawn = load_sequence_plan(plan).parameters(0)
+    assert (drawn["samples"], drawn["noise_share"], drawn["matte"]) == ("auto", 0.1, True)
+    plan.write_text("scene: three_planes\nduration: 0.02\nsamples: many\n")
+    with pytest.raises(ValueError, match="samples: must be an integer"):
+        load_sequence_plan(plan)
+
+
+def test_samples_are_a_number_or_auto(capsys: pytest.CaptureFixture[str]) -> None:
+    """Anything else is refused by its rule, in Python and on the command line."""
+    for wrong in ("many", 0, 1025, 2.5):
+        with pytest.raises(ValueError, match=r"samples must be"):
+            Simulator(load_scene("three_planes"), samples=wrong)  # type: ignore[arg-type]
+    with pytest.raises(SystemExit):
+        main(["simulate", "three_planes", "-o", "x", "--samples", "lots"])
+    assert "must be an integer, or auto, got 'lots'" in capsys.readouterr().err
