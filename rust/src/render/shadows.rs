@@ -27,7 +27,7 @@ pub(super) fn still_cones(scene: &Scene) -> FrameCones {
             LightKind::Directional(along) => {
                 Packet::behind(still, &Source::Directional(along.map(|x| -x)), &mut packets);
             }
-            LightKind::Constant => {}
+            LightKind::Constant | LightKind::Baked(_) => {}
         }
         packets
     };
@@ -55,7 +55,7 @@ fn source(light: &SeenLight, pose: &Pose) -> Option<Source> {
     match light.kind {
         SeenKind::Point(place, _) => Some(Source::Point(pose.place(place))),
         SeenKind::Directional(towards, _) => Some(Source::Directional(pose.vector(towards))),
-        SeenKind::Constant => None,
+        SeenKind::Constant | SeenKind::Baked(_) => None,
     }
 }
 
@@ -197,7 +197,7 @@ impl Shadow {
             let side = match light.kind {
                 SeenKind::Point(place, _) => dot(normal, place) + height,
                 SeenKind::Directional(towards, _) => dot(normal, towards),
-                SeenKind::Constant => continue,
+                SeenKind::Constant | SeenKind::Baked(_) => continue,
             };
             let off: Vector = scale(normal, if side < 0.0 { -1.0 } else { 1.0 });
             for occluders in &mut shadow.frames[..shadow.used] {
