@@ -122,9 +122,7 @@ def _make_from_table(
             if moving:
                 raise Unsuitable(f"object {moving[0]!r} moves, and light is baked only where all surfaces stand still")
             bake = functools.partial(baked_light, scene, changing=list(motion.lights), error=bake_error)
-        table = SceneTable(
-            loaded, mi, shadows=scene.shadows, any_integrator=kind != "auto", moving=moving, bake=bake
-        )
+        table = SceneTable(loaded, mi, shadows=scene.shadows, any_integrator=kind != "auto", moving=moving, bake=bake)
         renderer: Renderer
         if kind == "table":
             renderer = TableRenderer(table, camera, samples=samples, blur=blur, motion=motion)

@@ -163,7 +163,7 @@ class SceneTable:
     def description(self) -> str:
         """What the scene is made of, for people."""
         if self.baked is not None:
-            return f"diffuse triangles; {self.baked.description}"
+            return f"diffuse triangles under {self.baked.description}"
         kinds = sorted({light.kind for light in self.lights})
         lights = f"{' and '.join(kinds)} light" if kinds else "no light"
         return f"diffuse triangles under {lights}, {'with' if self.shadows else 'without'} shadows"

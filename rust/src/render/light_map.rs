@@ -45,9 +45,6 @@ impl LightMapTables {
                 self.uv_maps.len()
             )));
         }
-        if self.texels.iter().flatten().any(|&texel| texel < 0.0) {
-            return Err(Error::Argument("irradiance must not be negative".to_owned()));
-        }
         let maps: Vec<SideMap> = texture::checked(&self.layouts, &self.texels)?
             .into_iter()
             .zip(&self.uv_maps)

@@ -383,10 +383,12 @@ impl Shader<'_> {
         let sampler = Sampler::new(map.texture, &self.scene.irradiance[texels]);
         let (mut value, mut rate) = looked_up::<RATE, FULL, Clamp>([&map.u, &map.v], sampler, rays, depth, depth_rate);
         for i in 0..rays.count() {
+            // Beyond a triangle's third edge a map may fall below 0, and rounding leads there.
+            let light = if value[i] > 0.0 { value[i] } else { 0.0 };
             if RATE {
-                rate[i] = strength * rate[i] + strength_rate * value[i];
+                rate[i] = strength * rate[i] + strength_rate * light;
             }
-            value[i] *= strength;
+            value[i] = strength * light;
         }
         (value, rate)
     }

@@ -22,12 +22,12 @@ Known = tuple[FloatArray, FloatArray]
 BAKE_ERROR = 0.01
 """How much light may err where nothing else is said, relative."""
 
-FEWEST_SAMPLES, MOST_SAMPLES = 64, 1024
+FEWEST_SAMPLES, MOST_SAMPLES = 64, 512
 _SHIFTS = 3
 _PILOTS = 128
 
-_DIRECT_SPACING, _INDIRECT_SPACING, _DIRECT_FINEST, _INDIRECT_FINEST = 1 / 128, 1 / 24, 1 / 1024, 1 / 64
-"""Of the scene's diagonal: how far apart points are at least as dense, for direct light and for the rest, and at most."""
+_DIRECT_SPACING, _INDIRECT_SPACING, _DIRECT_FINEST, _INDIRECT_FINEST = 1 / 96, 1 / 16, 1 / 512, 1 / 48
+"""How far apart points are at most and at least, as shares of the scene's diagonal, for an error of :data:`BAKE_ERROR`."""
 
 _MOST_POINTS = 400_000
 
@@ -61,7 +61,6 @@ class LightMaps:
         samples: points on each lamp, and paths, for each place.
         complete: whether the maps are as fine as the error asks for.
         seconds: how long it took.
-        cached: whether it was computed before.
     """
 
     divisions: IntArray
@@ -71,12 +70,11 @@ class LightMaps:
     samples: tuple[int, int]
     complete: bool
     seconds: float
-    cached: bool = False
 
     @property
     def layouts(self) -> IntArray:
         """(t, 2, 4): first texel, width, height and wrap mode of each map; a back without one has the front's."""
-        sides = 2**self.divisions.clip(min=0) + 1
+        sides = 2 ** self.divisions.clip(min=0) + 1
         sizes = np.where(self.divisions >= 0, (sides + 2) ** 2, 0).ravel()
         first = np.cumsum([0, *sizes])[:-1].reshape(-1, 2)
         layouts = np.stack([first, sides, sides, np.ones_like(sides)], -1)
@@ -115,7 +113,7 @@ def bake(
                 values = _unless_buried(light, places, normals, light.indirect(places, normals, samples[1]))
                 return values, light.direct(places, normals, FEWEST_SAMPLES) @ LUMA_WEIGHTS
 
-            rule = _rule(diagonal, (_INDIRECT_SPACING, _INDIRECT_FINEST), 2 * error)
+            rule = _rule(diagonal, (_INDIRECT_SPACING, _INDIRECT_FINEST), error, 4 * error)
             parts.append(refine(lattice, bounced, rule, partial(seen, "bounces")))
             luma = parts[-1].values @ LUMA_WEIGHTS
             typical = float(np.quantile(luma[luma > 0], 0.1)) if (luma > 0).any() else 0.0
@@ -127,7 +125,7 @@ def bake(
                 values = _unless_buried(light, places, normals, light.direct(places, normals, samples[0]))
                 return values, np.full(len(places), typical)
 
-            rule = _rule(diagonal, (_DIRECT_SPACING, _DIRECT_FINEST), error)
+            rule = _rule(diagonal, (_DIRECT_SPACING, _DIRECT_FINEST), error, 2 * error)
             parts.append(refine(lattice, shining, rule, partial(seen, "direct light")))
         points += sum(len(part.values) for part in parts)
         sampled.append(parts)
@@ -149,10 +147,12 @@ def bake(
     return LightMaps(of_sides, texels, maps.error, points, samples, maps.complete, time.monotonic() - start)
 
 
-def _rule(diagonal: float, distances: tuple[float, float], error: float) -> RefinementRule:
-    spacing, finest = (share * diagonal for share in distances)
+def _rule(diagonal: float, distances: tuple[float, float], error: float, tolerance: float) -> RefinementRule:
+    # What linear interpolation errs grows with the square of the distance.
+    wider = float(np.clip(np.sqrt(error / BAKE_ERROR), 0.25, 4.0))
+    spacing, finest = (share * diagonal * wider for share in distances)
     # Once its middle is known, an edge errs by a quarter of what it did before.
-    return RefinementRule(spacing, finest, 2 * error, _MOST_POINTS)
+    return RefinementRule(spacing, finest, tolerance, _MOST_POINTS)
 
 
 def _side(lattice: SurfaceLattice) -> IntArray:

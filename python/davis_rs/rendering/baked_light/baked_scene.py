@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..._mitsuba import FAST, default_variant, load_scene_source, variant, versions
-from ...progress import progress
+from ...progress import progress, say
 from ...scene.scene import Scene
 from ..scene_texture import Unsuitable
 from . import cache
@@ -22,6 +22,11 @@ FloatArray = npt.NDArray[np.float64]
 
 VERSION = 1
 """Of what is computed, so that light of older versions is not taken from the cache."""
+
+
+_MOST_KNOWN = 4
+_known: dict[str, LightMaps] = {}
+"""The last that were used: a run makes several renderers of one scene."""
 
 
 @dataclass(frozen=True)
@@ -44,11 +49,10 @@ class BakedLight:
 
     @property
     def description(self) -> str:
-        """How it came about, for people."""
+        """What it is, for people."""
         maps = self.maps
-        how = "from the cache" if maps.cached else f"in {maps.seconds:.3g} s"
-        coarse = "" if maps.complete else ", coarser than asked for because of its memory"
-        return f"light baked {how} at {maps.points:,} points, estimated error {100 * maps.error:.2g} %{coarse}"
+        coarse = "" if maps.complete else ", coarser than asked for: that would take too much memory"
+        return f"baked light at {maps.points:,} points, whose error is estimated at {100 * maps.error:.2g} %{coarse}"
 
 
 def baked_light(
@@ -76,7 +80,9 @@ def baked_light(
         emitted, emitters = emissions(loaded, mi, counts, names)
         backgrounds = background_luma(loaded, mi, names)
         key = _key(loaded, mi, surfaces, (VERSION, sorted(versions(FAST).items()), paths, names, error))
-        maps = cache.load(key)
+        maps = _known.get(key)
+        if maps is None and (maps := cache.load(key)) is not None:
+            say(f"the scene's light was baked before, and comes from {cache.cache_folder()}")
         if maps is None:
             with progress("baking light", 0, unit="points") as bar, irradiance_of(loaded, mi, names) as lights:
 
@@ -85,7 +91,11 @@ def baked_light(
                     bar.to(done, what)
 
                 maps = bake(surfaces, lights, error, seen=seen)
+            say(f"the scene's light was baked in {maps.seconds:.3g} s, at {maps.points:,} points")
             cache.store(key, maps)
+        while len(_known) >= _MOST_KNOWN:
+            del _known[next(iter(_known))]
+        _known[key] = maps
     return BakedLight(maps, names, emitted, emitters, backgrounds)
 
 

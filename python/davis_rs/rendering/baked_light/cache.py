@@ -96,7 +96,7 @@ def _unpacked(data: bytes) -> LightMaps:
         error, points, lamp, paths, complete, seconds = arrays["numbers"].tolist()
         texels = [arrays[f"texels_{i}"] for i in range(len(arrays.files) - 2)]
         samples = int(lamp), int(paths)
-        return LightMaps(arrays["divisions"], texels, error, int(points), samples, bool(complete), seconds, cached=True)
+        return LightMaps(arrays["divisions"], texels, error, int(points), samples, bool(complete), seconds)
 
 
 def _delete_oldest(folder: Path, key: str) -> None:

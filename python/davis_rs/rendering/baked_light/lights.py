@@ -56,7 +56,7 @@ def check_lights(scene: Any, mi: Any) -> None:
     """Refuse lights that cannot be.
 
     Raises:
-        ValueError: for radiance that is negative or not finite, or a lamp without area.
+        ValueError: for radiance that is negative or not finite.
         Unsuitable: for a kind of light that is not baked.
     """
     hidden = bool(getattr(scene.integrator(), "hide_emitters", False))
@@ -76,9 +76,6 @@ def check_lights(scene: Any, mi: Any) -> None:
                 raise Unsuitable(f"{name} has a radiance that differs from place to place")
             if hidden:
                 raise Unsuitable(f"{name} is hidden by the scene's integrator (hide_emitters)")
-    for shape in scene.shapes():
-        if shape.is_emitter() and not float(_flat(shape.surface_area())[0]) > 0:
-            raise ValueError(f"shape {shape.id()!r} is a lamp without area")
 
 
 def emissions(scene: Any, mi: Any, counts: Sequence[int], names: Sequence[str]) -> tuple[FloatArray, FloatArray]:

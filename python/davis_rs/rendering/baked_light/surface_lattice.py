@@ -26,6 +26,9 @@ _INWARDS = 0.02
 room are not within its wall."""
 
 _NORMAL_DIGITS = 4
+_BURIED_SPACING = 4.0
+"""How many times as far apart points are where no light comes."""
+
 _DARK = 1e-3
 """What is darker than this share of the median is held to the error of that share."""
 
@@ -170,7 +173,9 @@ def refine(
         size = _longest_edges(positions, cells)
         spread = _bend(values, others, cells)
         first = failed if level else spread > rule.tolerance
-        cells = cells[(size > rule.finest) & ((size > rule.spacing) | first)]
+        # What lies within a solid, or behind a wall, is only looked through for what does not.
+        spacing = np.where(np.isnan(values[cells, 0]).all(1), _BURIED_SPACING, 1.0) * rule.spacing
+        cells = cells[(size > rule.finest) & ((size > spacing) | first)]
         room = rule.most_points - len(positions)
         if len(cells) * 3 // 2 > room and len(cells):
             complete = False
