@@ -27,6 +27,18 @@ def llvm() -> str:
     return name
 
 
+@pytest.fixture(scope="session", autouse=True)
+def baked_light_kept_apart(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Light is baked once in a run of the tests, and not taken from the user's own cache."""
+    before = os.environ.get("DAVIS_RS_CACHE_DIR")
+    os.environ["DAVIS_RS_CACHE_DIR"] = str(tmp_path_factory.mktemp("baked_light"))
+    yield
+    if before is None:
+        del os.environ["DAVIS_RS_CACHE_DIR"]
+    else:
+        os.environ["DAVIS_RS_CACHE_DIR"] = before
+
+
 @pytest.fixture(autouse=True)
 def scalar_variant_held(request: pytest.FixtureRequest) -> Iterator[None]:
     """A test with the scalar variant as a parameter keeps to it: to go back to the fast one costs 0.2 s each time."""

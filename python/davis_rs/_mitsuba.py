@@ -120,7 +120,8 @@ def load_scene_source(source: Path | Mapping[str, Any], mi: Any) -> Any:
         else:
             scene = mi.load_dict(_with_mitsuba_types(source, mi), optimize=False)
     except RuntimeError as error:
-        raise ValueError(f"Mitsuba cannot load {name}: {error}") from None
+        hint = "; a lamp on a shape needs a shape with an area" if "no probability mass" in str(error) else ""
+        raise ValueError(f"Mitsuba cannot load {name}: {error}{hint}") from None
     if not isinstance(scene, mi.Scene):
         raise ValueError(f"{name} must describe a scene, got a {type(scene).__name__}")
     if not scene.shapes():

@@ -81,6 +81,7 @@ class Simulator:
             seed=self.settings["seed"],
             kind=self.settings["renderer"],
             blur=self.settings["blur"],
+            bake_error=self.settings["bake_error"],
             edges=self.sampling.edges,
             threads=self.settings["threads"],
         )

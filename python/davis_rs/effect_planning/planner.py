@@ -70,6 +70,7 @@ def plan_effects(
         seed=given["seed"],
         kind=given["renderer"],
         blur=given["blur"],
+        bake_error=given["bake_error"],
     )
     plan = plan_effects_of(
         made,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 from typing import Any
 
 import numpy as np
@@ -13,6 +12,7 @@ from ..camera import Camera
 from ..luma import LUMA_WEIGHTS, LumaFrames
 from ..trajectory.views import Views
 from .camera_rays import CameraRays, Lanes
+from .frame_sampler import frame_sampler
 from .render import Indices
 from .render_scene import SceneRenderer
 from .scene_motion import SceneState
@@ -90,7 +90,7 @@ class IntegratorRenderer(SceneRenderer):
             lanes, sample, place = self._lanes(views, view, pixel, rays, mi, dr)
             ray = self._camera_rays.ray(lanes, sample, rays)
             ray = mi.RayDifferential3f(mi.Ray3f(ray.o, dr.normalize(ray.d)))
-            sampler = _frame_sampler()(dr.opaque(mi.UInt32, self._seed), place)
+            sampler = frame_sampler()(dr.opaque(mi.UInt32, self._seed), place)
             colour, valid, *_ = self._integrator.sample(self._scene, sampler, ray, None, True)
             del valid  # a ray that hits nothing has the background's colour
             luma = colour[0] * LUMA_WEIGHTS[0] + colour[1] * LUMA_WEIGHTS[1] + colour[2] * LUMA_WEIGHTS[2]
@@ -111,24 +111,3 @@ class IntegratorRenderer(SceneRenderer):
         views_of, pixels = (dr.gather(mi.UInt32, mi.UInt32(index.astype(np.uint32)), pair) for index in (view, pixel))
         sample = lane - pair * rays
         return self._camera_rays.lanes(views, views_of, pixels, motion=False), sample, pixels * rays + sample
-
-
-@functools.cache
-def _frame_sampler() -> Any:
-    """The class of Mitsuba's independent sampler numbered by the rays' places in the frame, not in the launch."""
-    import mitsuba as mi
-
-    class FrameSampler(mi.Sampler):  # type: ignore[misc]
-        def __init__(self, seed: Any, place: Any) -> None:
-            super().__init__(mi.Properties())
-            self._generator = mi.PCG32()
-            self._generator.seed(*mi.sample_tea_32(seed, place))
-
-        def next_1d(self, active: Any = True) -> Any:
-            return self._generator.next_float32(mi.Mask(active))
-
-        def next_2d(self, active: Any = True) -> Any:
-            x = self.next_1d(active)
-            return mi.Point2f(x, self.next_1d(active))
-
-    return FrameSampler

@@ -73,6 +73,8 @@ class NativeRenderer(Renderer):
                 (light.kind, light.group, light.strength, table.background_per_strength(light), light.vector.tolist())
                 for light in table.lights
             ],
+            light_maps=_light_maps(table),
+            emissions=None if table.baked is None else (table.baked.emitted, table.emission_lights),
             shadows=table.shadows,
             centre=table.centre.tolist(),
             step=STEP,
@@ -122,3 +124,12 @@ class NativeRenderer(Renderer):
         )
         positions, rotations, velocities, angular_rates = poses
         return positions, rotations, velocities, angular_rates, factors.ravel(), rates.ravel()
+
+
+def _light_maps(
+    table: SceneTable,
+) -> tuple[FloatArray, FloatArray, npt.NDArray[np.int64], list[npt.NDArray[np.float32]]] | None:
+    if table.baked is None:
+        return None
+    u, v = table.light_map_coordinates()
+    return u.ravel(), v.ravel(), table.baked.maps.layouts.ravel(), table.irradiance

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import functools
 import warnings
 
 from .._mitsuba import FAST, SCALAR, default_variant, load_scene_source, stay_in, variant, variant_is_free
 from ..camera import Camera
 from ..scene.scene import Scene
+from .baked_light.bake import BAKE_ERROR
+from .baked_light.baked_scene import baked_light
 from .matte import Materials, listed, simplify_materials
 from .render import Renderer
 from .render_integrator import IntegratorRenderer
@@ -18,7 +21,7 @@ from .scene_texture import UnsuitableSurface
 from .scene_updates import scene_motion
 from .swept_objects import MovingSilhouettes
 
-RENDERERS = ("auto", "table", "native", "integrator")
+RENDERERS = ("auto", "table", "native", "baked", "integrator")
 """What ``renderer`` may be."""
 
 
@@ -32,6 +35,7 @@ def make_renderer(
     blur: bool | None = None,
     threads: int | None = None,
     edges: bool = False,
+    bake_error: float = BAKE_ERROR,
 ) -> Renderer:
     """Choose and build the renderer for a scene.
 
@@ -39,16 +43,18 @@ def make_renderer(
         samples: rays a pixel; None means 8, or 2 for Mitsuba's integrators in the scalar variant.
         seed: of Mitsuba's integrators; the others draw nothing at random.
         kind: ``table`` (the table kernel: diffuse meshes under point, directional and constant light, on Dr.Jit),
-            ``native`` (the same scenes in the Rust core, without LLVM and faster), ``integrator`` (Mitsuba's own, for
-            everything else) or ``auto``: the native renderer where it computes what the scene asks for, and else
-            Mitsuba's integrators.
+            ``native`` (the same scenes in the Rust core, without LLVM and faster), ``baked`` (the native renderer under
+            light from lamps, from all sides and from other surfaces, which is computed once and kept), ``integrator``
+            (Mitsuba's own, for everything else) or ``auto``: the native renderer where it computes what the scene asks
+            for, else under baked light where that is possible, and else Mitsuba's integrators.
         edges: prepare :attr:`Renderer.silhouettes`.
         blur: the 3 x 3 blur of luma; None leaves it to the scene.
         threads: of the native renderer; None for all that there are.
+        bake_error: how much baked light may err, relative.
 
     Raises:
-        ValueError: if the scene cannot be loaded, it has none of the objects or lights that shall change, or ``table``
-            or ``native`` was asked for and cannot render it.
+        ValueError: if the scene cannot be loaded, it has none of the objects or lights that shall change, or ``table``,
+            ``native`` or ``baked`` was asked for and cannot render it.
         OSError: if a scene file cannot be read.
 
     Warns:
@@ -59,12 +65,15 @@ def make_renderer(
         raise ValueError(f"renderer must be one of {', '.join(RENDERERS)}, got {kind!r}")
     blur = scene.blur if blur is None else blur
     reason, free = "asked for", variant_is_free()
-    if kind != "integrator":
+    ways = {"auto": [None, bake_error], "baked": [bake_error], "integrator": []}.get(kind, [None])
+    for error in ways:
         try:
-            return _make_from_table(scene, camera, samples=samples, kind=kind, blur=blur, edges=edges, threads=threads)
+            return _make_from_table(
+                scene, camera, samples=samples, kind=kind, blur=blur, edges=edges, threads=threads, bake_error=error
+            )
         except Unsuitable as unsuitable:
             if kind != "auto":
-                what = "native renderer" if kind == "native" else "table kernel"
+                what = {"native": "native renderer", "baked": "renderer of baked light"}.get(kind, "table kernel")
                 raise ValueError(f"the {what} cannot render this scene: {unsuitable}") from None
             reason = str(unsuitable)
     renderer = _make_integrator(scene, camera, samples=samples, seed=seed, blur=blur, edges=edges, reason=reason)
@@ -89,11 +98,15 @@ def _make_from_table(
     blur: bool,
     edges: bool,
     threads: int | None,
+    bake_error: float | None,
 ) -> Renderer:
     """The table kernel, where it was asked for, or the native renderer.
 
+    Args:
+        bake_error: of the light, which is baked; None for direct light alone.
+
     Raises:
-        Unsuitable: for a scene that is not diffuse triangles under direct light.
+        Unsuitable: for a scene that is not diffuse triangles, or not under light of the kind that is meant.
     """
     variant_name, why_variant = default_variant() if kind == "table" else (SCALAR, "")
     if variant_name == SCALAR and kind == "table":
@@ -109,8 +122,15 @@ def _make_from_table(
         materials = simplify_materials(loaded, mi, matte=scene.matte)
         motion = scene_motion(scene, loaded, mi)
         moving = list(motion.objects)
+        bake = None
+        if bake_error is not None:
+            if moving:
+                raise Unsuitable(f"object {moving[0]!r} moves, and light is baked only where all surfaces stand still")
+            bake = functools.partial(baked_light, scene, changing=list(motion.lights), error=bake_error)
         try:
-            table = SceneTable(loaded, mi, shadows=scene.shadows, any_integrator=kind != "auto", moving=moving)
+            table = SceneTable(
+                loaded, mi, shadows=scene.shadows, any_integrator=kind != "auto", moving=moving, bake=bake
+            )
         except UnsuitableSurface as unsuitable:
             raise UnsuitableSurface(f"{unsuitable}{_offer(materials)}") from None
         renderer: Renderer

@@ -7,7 +7,7 @@ one buffer for each light colour, so that a red light sees the red of a texture.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,6 +15,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ..luma import LUMA_WEIGHTS
+from .baked_light.bake import Surfaces, map_coordinates
+from .baked_light.baked_scene import BakedLight
 from .scene_texture import TextureTable, Unsuitable
 from .shadow_rays import scene_centre
 
@@ -27,7 +29,8 @@ FloatArray = npt.NDArray[np.float64]
 class Light:
     """One light: its kind, colour group, strength and id.
 
-    ``vector`` is the position (point, metres) or the direction that light travels (directional, unit).
+    ``vector`` is the position (point, metres) or the direction that light travels (directional, unit). ``background``
+    is what a baked light of strength 1 adds to luma where nothing is hit.
     """
 
     kind: str
@@ -35,6 +38,7 @@ class Light:
     strength: float
     vector: FloatArray
     name: str = ""
+    background: float = 0.0
 
 
 class SceneTable:
@@ -42,6 +46,8 @@ class SceneTable:
 
     Args:
         moving: ids of shapes that move; each is in tables of its own frame.
+        bake: gives the light that is computed beforehand on surfaces, of which each of the scene's shapes has so many;
+            None for direct light alone.
 
     Attributes:
         scene: the Mitsuba scene.
@@ -57,19 +63,32 @@ class SceneTable:
         moving: their ids.
         centre: (3,), the middle of what stands still, see :mod:`shadow_rays`.
         lights: the lights.
+        baked: light that was computed beforehand; None where there is none.
+        emission_lights: uint32 (n), for triangles that emit the number of their light.
 
     Raises:
         Unsuitable: naming the first thing in the scene that is not diffuse triangles under direct light.
     """
 
-    def __init__(self, scene: Any, mi: Any, *, shadows: bool, any_integrator: bool, moving: Sequence[str] = ()) -> None:
+    def __init__(
+        self,
+        scene: Any,
+        mi: Any,
+        *,
+        shadows: bool,
+        any_integrator: bool,
+        moving: Sequence[str] = (),
+        bake: Callable[[Surfaces, list[int]], BakedLight] | None = None,
+    ) -> None:
         self.scene, self.shadows, self.moving = scene, shadows, list(moving)
         self._hides_lights = bool(getattr(scene.integrator(), "hide_emitters", False))
-        if not any_integrator:
+        if not any_integrator and bake is None:
             _check_integrator(scene.integrator())
         colours: list[FloatArray] = []
-        self.lights = [_light(emitter, mi, colours) for emitter in scene.emitters()]
-        self.textures = TextureTable(mi, [np.asarray(LUMA_WEIGHTS) * colour for colour in colours])
+        direct = [e for e in scene.emitters() if bake is None or e.class_name() in _SHARP]
+        self.lights = [_light(emitter, mi, colours) for emitter in direct]
+        group_weights = [np.asarray(LUMA_WEIGHTS) * colour for colour in colours]
+        self.textures = TextureTable(mi, group_weights)
         corners, planes, normals, two_sided, frames = [], [], [], [], []
         maps_u, maps_v = list[FloatArray](), list[FloatArray]()
         smooth = False
@@ -85,8 +104,9 @@ class SceneTable:
             maps_u.append(u)
             maps_v.append(v)
             normal, is_smooth = mesh.normal_maps()
-            # Which side is the front matters only where the back is another.
-            turned = 1.0 if two_sided[-1].any() else mesh.turned(normal, mi)
+            # Which side is the front matters only where the back is another, or the front alone emits.
+            one_front = not two_sided[-1].any() or (bake is not None and shape.is_emitter())
+            turned = mesh.turned(normal, mi) if one_front else 1.0
             planes.append(mesh.planes() * turned)
             normals.append(normal * turned)
             smooth |= is_smooth
@@ -97,6 +117,38 @@ class SceneTable:
         self.normal_maps = np.concatenate(normals) if smooth else None
         self.two_sided, self.frames = np.concatenate(two_sided), np.concatenate(frames)
         self.centre = scene_centre(self.corners[self.frames == 0].reshape(-1, 3))
+        self.baked = None
+        if bake is not None:
+            at_corners = np.einsum("tij,tkj->tki", np.concatenate(normals)[..., :3], self.corners)
+            at_corners += np.concatenate(normals)[:, None, :, 3]
+            length = np.linalg.norm(at_corners, axis=-1, keepdims=True)
+            unit = np.divide(at_corners, length, out=np.zeros_like(at_corners), where=length > 0)
+            self.baked = bake(Surfaces(self.corners, unit, self.two_sided == 1), self.counts)
+            first = self._add_baked(self.baked, group_weights)
+            self.emission_lights = (first + self.baked.emitters * self._channels).astype(np.uint32)
+
+    def _add_baked(self, baked: BakedLight, group_weights: list[FloatArray]) -> int:
+        """Add baked light to the lights, one for each of its groups and colours; returns the number of the first."""
+        grey = self.textures.is_grey and all((texels == texels[:, :1]).all() for texels in baked.maps.texels)
+        self._channels = 1 if grey else 3
+        first, group = len(self.lights), len(group_weights)
+        group_weights += [np.asarray(LUMA_WEIGHTS)] if grey else list(np.diag(LUMA_WEIGHTS))
+        for name, background in zip(baked.names, baked.backgrounds, strict=True):
+            for channel in range(self._channels):
+                shown = background if channel == 0 else 0.0
+                self.lights.append(Light("baked", group + channel, 1.0, np.zeros(3), name, shown))
+        return first
+
+    @property
+    def irradiance(self) -> list[npt.NDArray[np.float32]]:
+        """For each baked light the texels of its maps, irradiance / pi."""
+        maps = [] if self.baked is None else self.baked.maps.texels
+        return [np.ascontiguousarray(texels[:, channel]) for texels in maps for channel in range(self._channels)]
+
+    def light_map_coordinates(self) -> tuple[FloatArray, FloatArray]:
+        """(n, 2, 4) maps of a place to coordinates u and v in the light maps of a triangle's front and back."""
+        assert self.baked is not None
+        return map_coordinates(self.corners, self.baked.maps.divisions)
 
     def uv_maps(self, precision: type[np.floating[Any]]) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
         """:attr:`u_maps` and :attr:`v_maps`, computed in a precision from maps that were rounded to it."""
@@ -110,6 +162,8 @@ class SceneTable:
     @property
     def description(self) -> str:
         """What the scene is made of, for people."""
+        if self.baked is not None:
+            return f"diffuse triangles under {self.baked.description}"
         kinds = sorted({light.kind for light in self.lights})
         lights = f"{' and '.join(kinds)} light" if kinds else "no light"
         return f"diffuse triangles under {lights}, {'with' if self.shadows else 'without'} shadows"
@@ -126,9 +180,15 @@ class SceneTable:
 
     def background_per_strength(self, light: Light) -> float:
         """What a light of strength 1 adds to :attr:`background_luma`."""
+        if light.kind == "baked":
+            return light.background
         if self._hides_lights or light.kind != "constant":
             return 0.0
         return float(self.textures.group_weights[light.group].sum())
+
+
+_SHARP = ("PointLight", "DirectionalEmitter")
+"""Lights that are never baked: only what bounces of them is."""
 
 
 class _Mesh:

@@ -48,6 +48,11 @@ class TextureTable:
         return np.array(self._sizes, np.int32)
 
     @property
+    def is_grey(self) -> bool:
+        """Whether no texel has a hue."""
+        return all(bool((texels == texels[:, :1]).all()) for texels in self._texels)
+
+    @property
     def uv_maps(self) -> FloatArray:
         """(textures, 2, 3): each texture's own affine map of (u, v, 1)."""
         return np.array(self._uv_maps, np.float64).reshape(-1, 2, 3)

@@ -13,7 +13,7 @@ from ..camera import PRESETS, Camera
 from ..effects import Effects
 from ..imu import IMU_EFFECTS, Imu
 from ..motion_capture import MotionCapture
-from ..rendering.renderers import RENDERERS
+from ..rendering.renderers import BAKE_ERROR, RENDERERS
 from ..sampling.presets import ACCURACY
 from ..sampling.rules import TimeSampling
 from ..sensor_parameters import SENSORS, SensorParameters
@@ -141,9 +141,21 @@ class ViewSettings(PixelSettings, total=False):
         str,
         Declared(
             "who renders: the native renderer (diffuse meshes, direct light), the table kernel (the same, on LLVM), "
-            "Mitsuba's integrator (everything), or auto: native where that is possible, else integrator",
+            "baked (the native renderer, under lamps with a surface and light that bounces, computed once), Mitsuba's "
+            "integrator (everything), or auto: native where that is possible, else baked, else integrator",
             "auto",
             choices=RENDERERS,
+            group=_ACCURACY,
+        ),
+    ]
+    bake_error: Annotated[
+        float,
+        Declared(
+            "how much baked light may err, as a share of itself (docs/light.md)",
+            BAKE_ERROR,
+            low=1e-3,
+            high=1,
+            metavar="SHARE",
             group=_ACCURACY,
         ),
     ]

@@ -5,7 +5,7 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
 use super::arrays::column;
-use crate::render::{Light, LightKind, PixelRays, Pose, Renderer, Scene, SceneTables, View};
+use crate::render::{Emission, Light, LightKind, LightMapTables, PixelRays, Pose, Renderer, Scene, SceneTables, View};
 
 /// The lattice rays of a sensor's pixels, as undistorted image coordinates.
 ///
@@ -51,8 +51,13 @@ impl PyPixelRays {
 ///     layouts: int64 (textures, 4): first texel, width, height, wrap mode (0 repeat, 1 clamp, 2 mirror).
 ///     texels: for each light colour float32, all texels as luma, with a frame of one texel around each texture.
 ///     lights: of each light (kind, colour, strength, background luma per strength, vector). The kind is ``point``,
-///         whose vector is its place, ``directional``, whose vector is the unit vector along which it travels, or
-///         ``constant``.
+///         whose vector is its place, ``directional``, whose vector is the unit vector along which it travels,
+///         ``constant``, or ``baked``: baked lights take the light maps' texels one after the other.
+///     light_maps: irradiance that was computed beforehand, None where there is none: u_maps and v_maps, float64
+///         (t, 2 sides, 4), affine maps of a place to coordinates in the map of the triangle's front and back; layouts,
+///         int64 (t, 2 sides, 4), as those of textures; for each baked light float32, all texels as irradiance / pi.
+///     emissions: luma that each triangle emits from its front, and the number of its light: float64 (t) and uint32 (t);
+///         None where none does.
 ///     shadows: whether point and directional lights throw shadows.
 ///     centre: (3), metres, the middle of the scene.
 ///     step, end: where shadow rays begin and end, see :mod:`davis_rs.rendering.shadow_rays`.
@@ -74,6 +79,9 @@ type Flat<'py, T> = Bound<'py, PyArray1<T>>;
 /// Kind, group, strength, background and vector of a light.
 type LightTuple = (String, u32, f64, f64, [f64; 3]);
 
+/// `u_maps`, `v_maps`, layouts and texels of the light maps.
+type LightMapTuple<'py> = (Bound<'py, PyAny>, Bound<'py, PyAny>, Bound<'py, PyAny>, Vec<Bound<'py, PyAny>>);
+
 #[pymethods]
 impl PySceneRenderer {
     #[new]
@@ -91,6 +99,8 @@ impl PySceneRenderer {
         layouts,
         texels,
         lights,
+        light_maps=None,
+        emissions=None,
         shadows,
         centre,
         step,
@@ -111,6 +121,8 @@ impl PySceneRenderer {
         layouts: &Bound<'_, PyAny>,
         texels: Vec<Bound<'_, PyAny>>,
         lights: Vec<LightTuple>,
+        light_maps: Option<LightMapTuple<'_>>,
+        emissions: Option<(Bound<'_, PyAny>, Bound<'_, PyAny>)>,
         shadows: bool,
         centre: [f64; 3],
         step: f64,
@@ -141,7 +153,9 @@ impl PySceneRenderer {
                 .iter()
                 .map(|group| PyResult::Ok(column::<f32>(group, "texels")?.as_slice()?.to_vec()))
                 .collect::<PyResult<_>>()?,
-            lights: lights.into_iter().map(light).collect::<PyResult<_>>()?,
+            lights: numbered(lights)?,
+            light_maps: light_maps.map_or(Ok(LightMapTables::default()), light_map_tables)?,
+            emissions: emissions.map_or(Ok(vec![]), emission_table)?,
             shadows,
             centre,
             step,
@@ -282,12 +296,59 @@ impl PySceneRenderer {
     }
 }
 
-fn light((kind, group, strength, background, vector): LightTuple) -> PyResult<Light> {
+/// Lights, of which those that are baked are numbered.
+fn numbered(lights: Vec<LightTuple>) -> PyResult<Vec<Light>> {
+    let mut baked = 0..;
+    lights.into_iter().map(|tuple| light(tuple, &mut baked)).collect()
+}
+
+fn light_map_tables((u_maps, v_maps, layouts, texels): LightMapTuple<'_>) -> PyResult<LightMapTables> {
+    let (u_maps, v_maps) = (groups::<f64, 4>(&u_maps, "u_maps")?, groups::<f64, 4>(&v_maps, "v_maps")?);
+    if u_maps.len() != v_maps.len() {
+        return Err(PyValueError::new_err(format!(
+            "{} u_maps need as many v_maps, got {}",
+            u_maps.len(),
+            v_maps.len()
+        )));
+    }
+    Ok(LightMapTables {
+        uv_maps: u_maps.into_iter().zip(v_maps).map(|(u, v)| [u, v]).collect(),
+        layouts: groups(&layouts, "layouts")?,
+        texels: texels
+            .iter()
+            .map(|map| PyResult::Ok(column::<f32>(map, "texels")?.as_slice()?.to_vec()))
+            .collect::<PyResult<_>>()?,
+    })
+}
+
+/// What triangles emit; those of luma 0 nothing.
+fn emission_table((lumas, lights): (Bound<'_, PyAny>, Bound<'_, PyAny>)) -> PyResult<Vec<Option<Emission>>> {
+    let (lumas, lights) = (column::<f64>(&lumas, "emissions")?, column::<u32>(&lights, "emissions")?);
+    let (lumas, lights) = (lumas.as_slice()?, lights.as_slice()?);
+    if lumas.len() != lights.len() {
+        return Err(PyValueError::new_err(format!(
+            "{} emissions need as many lights, got {}",
+            lumas.len(),
+            lights.len()
+        )));
+    }
+    Ok(lumas.iter().zip(lights).map(|(&luma, &light)| (luma != 0.0).then_some(Emission { light, luma })).collect())
+}
+
+fn light(
+    (kind, group, strength, background, vector): LightTuple,
+    baked: &mut impl Iterator<Item = u32>,
+) -> PyResult<Light> {
     let kind = match kind.as_str() {
         "point" => LightKind::Point(vector),
         "directional" => LightKind::Directional(vector),
         "constant" => LightKind::Constant,
-        _ => return Err(PyValueError::new_err(format!("a light is point, directional or constant, got {kind:?}"))),
+        "baked" => LightKind::Baked(baked.next().unwrap_or(u32::MAX)),
+        _ => {
+            return Err(PyValueError::new_err(format!(
+                "a light is point, directional, constant or baked, got {kind:?}"
+            )));
+        }
     };
     Ok(Light { kind, group, strength, background })
 }

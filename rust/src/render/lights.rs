@@ -22,6 +22,8 @@ pub(super) enum SeenKind {
     /// The unit vector towards the light, and its rate.
     Directional(Vector, Vector),
     Constant,
+    /// The number of its texels in the light maps.
+    Baked(usize),
 }
 
 /// What surrounds all triangles of a view.
@@ -54,6 +56,7 @@ pub(super) fn seen_lights(scene: &Scene, view: &View) -> Vec<SeenLight> {
                     SeenKind::Directional(towards, camera.turning(towards))
                 }
                 LightKind::Constant => SeenKind::Constant,
+                LightKind::Baked(number) => SeenKind::Baked(number as usize),
             },
             group: light.group as usize,
             strength: light.strength * factor[0],

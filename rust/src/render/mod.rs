@@ -10,8 +10,8 @@
 //! [`scene`] holds what is rendered, [`hierarchy`] finds its triangles, [`pixel_rays`] holds the camera's rays by tiles,
 //! [`view`] says where the camera is and how it moves there. [`sorted`] finds the rays of one triangle, which are shaded side by
 //! side in [`lanes`]. [`linear`] makes a tile's decisions those of its rays,
-//! [`texture`], [`lights`] and [`shadows`] (behind [`cone`]s) give what [`shade`] needs; [`tile`] is compiled for several
-//! processors, [`samples`] are single pixels, [`renderer`] is what the user sees.
+//! [`texture`], [`lights`], [`light_map`] and [`shadows`] (behind [`cone`]s) give what [`shade`] needs; [`tile`] is
+//! compiled for several processors, [`samples`] are single pixels, [`renderer`] is what the user sees.
 
 #![allow(clippy::many_single_char_names, reason = "coordinates and corners have such names")]
 #![allow(clippy::needless_range_loop, reason = "loops over the lanes of several arrays become vector code")]
@@ -22,6 +22,7 @@ mod cast;
 mod cone;
 mod hierarchy;
 mod lanes;
+mod light_map;
 mod lights;
 mod linear;
 mod patch;
@@ -38,6 +39,7 @@ mod vector;
 mod view;
 mod visibility;
 
+pub use light_map::{Emission, LightMapTables};
 pub use pixel_rays::PixelRays;
 pub use renderer::Renderer;
 pub use scene::{Light, LightKind, Scene, SceneTables};

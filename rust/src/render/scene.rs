@@ -3,6 +3,7 @@
 use std::ops::Range;
 
 use super::hierarchy::Hierarchy;
+use super::light_map::{Emission, LightMapTables, SideMap};
 use super::texture::{self, Texture};
 use super::vector::{Bounds, Vector, add, cross, dot, largest, sub};
 use super::view::View;
@@ -17,6 +18,8 @@ pub enum LightKind {
     Directional([f64; 3]),
     /// From all sides, never shadowed.
     Constant,
+    /// As the light maps have it, in whose `texels` this is the number of its own.
+    Baked(u32),
 }
 
 /// A light of one colour.
@@ -28,7 +31,7 @@ pub struct Light {
     pub group: u32,
     /// Intensity, irradiance or radiance of its strongest channel.
     pub strength: f64,
-    /// Luma of a ray that hits nothing, for a strength of 1; 0 unless the light is constant and seen.
+    /// Luma of a ray that hits nothing, for a strength of 1; 0 unless the light comes from there and is seen.
     pub background: f64,
 }
 
@@ -56,6 +59,10 @@ pub struct SceneTables {
     pub layouts: Vec<[i64; 4]>,
     /// For each light colour all texels as luma; around each texture a frame of one texel, as its wrap mode has it.
     pub texels: Vec<Vec<f32>>,
+    /// Irradiance that was computed beforehand.
+    pub light_maps: LightMapTables,
+    /// What triangles emit; empty where none does.
+    pub emissions: Vec<Option<Emission>>,
     /// The lights.
     pub lights: Vec<Light>,
     /// Whether point and directional lights throw shadows.
@@ -80,6 +87,10 @@ pub(super) struct Surface {
     pub(super) texture: u32,
     pub(super) two_sided: bool,
     pub(super) frame: u32,
+    /// Of the front and the back; None where no light is baked.
+    pub(super) light_maps: Option<Box<[SideMap; 2]>>,
+    /// From the front.
+    pub(super) emission: Option<Emission>,
 }
 
 /// What stands still in one frame: triangles side by side, and the hierarchy over them.
@@ -99,6 +110,8 @@ pub struct Scene {
     pub(super) surfaces: Vec<Surface>,
     pub(super) textures: Vec<Texture>,
     pub(super) texels: Vec<Vec<f32>>,
+    /// Of the light maps, for each baked light.
+    pub(super) irradiance: Vec<Vec<f32>>,
     pub(super) lights: Vec<Light>,
     pub(super) shadows: bool,
     pub(super) step: f64,
@@ -117,12 +130,14 @@ impl Scene {
     pub fn new(tables: &SceneTables) -> Result<Self> {
         let textures = texture::checked(&tables.layouts, &tables.texels)?;
         check(tables)?;
+        let light_maps = tables.light_maps.checked(tables.corners.len())?;
         let mut scene = Self {
             frames: vec![],
             corners: Vec::with_capacity(tables.corners.len()),
             surfaces: Vec::with_capacity(tables.corners.len()),
             textures,
             texels: tables.texels.clone(),
+            irradiance: tables.light_maps.texels.clone(),
             lights: tables.lights.clone(),
             shadows: tables.shadows,
             step: tables.step,
@@ -138,12 +153,12 @@ impl Scene {
             let members: Vec<usize> = (0..tables.corners.len())
                 .filter(|&i| tables.frames[i] as usize == frame && has_area(&tables.corners[i]))
                 .collect();
-            scene.push_frame(tables, frame, &members);
+            scene.push_frame(tables, &light_maps, frame, &members);
         }
         Ok(scene)
     }
 
-    fn push_frame(&mut self, tables: &SceneTables, frame: usize, members: &[usize]) {
+    fn push_frame(&mut self, tables: &SceneTables, light_maps: &[[SideMap; 2]], frame: usize, members: &[usize]) {
         let bounds: Vec<Bounds> = members.iter().map(|&i| Bounds::of(&tables.corners[i])).collect();
         let around = bounds.iter().fold(Bounds::NONE, |all, b| all.with(b));
         let centre = if frame == 0 {
@@ -172,6 +187,10 @@ impl Scene {
                 two_sided: tables.two_sided[i],
                 #[allow(clippy::cast_possible_truncation, reason = "it came as u32")]
                 frame: frame as u32,
+                light_maps: light_maps.get(i).map(|sides| {
+                    Box::new(sides.clone().map(|side| SideMap { u: moved(side.u), v: moved(side.v), ..side }))
+                }),
+                emission: tables.emissions.get(i).copied().flatten(),
             });
         }
         self.frames.push(Frame { centre, triangles: first..self.corners.len(), hierarchy });
@@ -231,6 +250,7 @@ fn check(tables: &SceneTables) -> Result<()> {
         ("textures", tables.textures.len()),
         ("two_sided", tables.two_sided.len()),
         ("frames", tables.frames.len()),
+        ("emissions", if tables.emissions.is_empty() { n } else { tables.emissions.len() }),
         ("normal_maps", if tables.normal_maps.is_empty() { n } else { tables.normal_maps.len() }),
     ] {
         if length != n {
@@ -252,12 +272,25 @@ fn check(tables: &SceneTables) -> Result<()> {
     for light in &tables.lights {
         let vector = match light.kind {
             LightKind::Point(vector) | LightKind::Directional(vector) => vector,
-            LightKind::Constant => [0.0; 3],
+            LightKind::Constant | LightKind::Baked(_) => [0.0; 3],
         };
         let finite = add(vector, [light.strength, light.background, 0.0]).iter().all(|x| x.is_finite());
         if light.group as usize >= tables.texels.len() || !finite {
             return refuse(format!("lights are finite and of one of {} colours, got {light:?}", tables.texels.len()));
         }
+    }
+    for light in &tables.lights {
+        if let LightKind::Baked(number) = light.kind
+            && number as usize >= tables.light_maps.texels.len()
+        {
+            return refuse(format!("a light is baked map {number} of {}", tables.light_maps.texels.len()));
+        }
+    }
+    if let Some(one) = tables.emissions.iter().flatten().find(|one| one.light as usize >= tables.lights.len()) {
+        return refuse(format!("a triangle emits light {} of {}", one.light, tables.lights.len()));
+    }
+    if let Some(one) = tables.emissions.iter().flatten().find(|one| !(one.luma >= 0.0 && one.luma.is_finite())) {
+        return refuse(format!("what a triangle emits must be finite and not negative, got {}", one.luma));
     }
     if !(tables.step >= 0.0 && tables.end > 0.0 && tables.end < 1.0 && largest(tables.centre).is_finite()) {
         return refuse(format!(

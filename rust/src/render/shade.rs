@@ -5,6 +5,7 @@ use std::f64::consts::FRAC_1_PI;
 use super::bins::Seen;
 use super::cast::Caster;
 use super::lanes::{Lanes, Rays};
+use super::light_map::SideMap;
 use super::lights::{SeenKind, SeenLight, Surroundings};
 use super::linear::Linear;
 use super::scene::Scene;
@@ -38,6 +39,8 @@ enum Falls {
     FromOnSmooth { place: [f32; 3], place_rate: [f32; 3], strength: f32, rate: f32 },
     /// Along a direction, on a surface whose normal changes.
     AlongOnSmooth { towards: [f32; 3], towards_rate: [f32; 3], strength: f32, rate: f32 },
+    /// As these texels of the triangle's light map have it.
+    Baked { texels: usize, strength: f32, rate: f32 },
 }
 
 /// A light on a triangle: its colour, its number among the view's lights.
@@ -57,6 +60,10 @@ pub(super) struct Shader<'a> {
     u: Affine,
     v: Affine,
     smooth: Option<[Affine; 3]>,
+    /// Of the side that is seen.
+    light_map: Option<LightMap<'a>>,
+    /// Luma that the side emits, and its rate.
+    emitted: (f32, f32),
     two_sided: bool,
     lit: Vec<Lit>,
     /// Whether all of it is black.
@@ -97,17 +104,25 @@ impl<'a> Shader<'a> {
             u: coordinate(&surface.u, pose, texture.wrap),
             v: coordinate(&surface.v, pose, texture.wrap),
             smooth,
+            light_map: surface.light_maps.as_deref().map(|[front, back]| {
+                LightMap::new(if facing > 0.0 || !surface.two_sided { front } else { back }, pose)
+            }),
+            emitted: (0.0, 0.0),
             two_sided: surface.two_sided,
             lit: vec![],
             dark,
         };
+        if let (Some(emission), true) = (surface.emission, facing > 0.0) {
+            let [factor, rate] = view.factors[emission.light as usize];
+            [shader.emitted.0, shader.emitted.1] = single([emission.luma * factor, emission.luma * rate]);
+        }
         if !dark {
             let is_smooth = shader.smooth.is_some();
             shader.lit.extend(lights.iter().enumerate().filter_map(|(number, light)| {
                 let falls = if is_smooth { on_smooth(light) } else { plane.lit_by(light, facing) };
                 Some(Lit { falls: falls?, group: light.group, light: number })
             }));
-            shader.dark = shader.lit.is_empty();
+            shader.dark = shader.lit.is_empty() && surface.emission.is_none();
         }
         shader
     }
@@ -134,6 +149,7 @@ impl Plane {
             SeenKind::Constant => {
                 Some(Falls::Evenly { amount: light.strength as f32, rate: light.strength_rate as f32 })
             }
+            SeenKind::Baked(texels) => Some(baked(texels, light)),
             SeenKind::Directional(towards, towards_rate) => {
                 let cosine = facing * dot(self.normal, towards);
                 let rate = facing * (dot(self.normal_rate, towards) + dot(self.normal, towards_rate));
@@ -162,6 +178,7 @@ fn on_smooth(light: &SeenLight) -> Option<Falls> {
     let (strength, rate) = ((light.strength * FRAC_1_PI) as f32, (light.strength_rate * FRAC_1_PI) as f32);
     Some(match light.kind {
         SeenKind::Constant => Falls::Evenly { amount: light.strength as f32, rate: light.strength_rate as f32 },
+        SeenKind::Baked(texels) => baked(texels, light),
         SeenKind::Directional(towards, towards_rate) => {
             Falls::AlongOnSmooth { towards: single(towards), towards_rate: single(towards_rate), strength, rate }
         }
@@ -169,6 +186,26 @@ fn on_smooth(light: &SeenLight) -> Option<Falls> {
             Falls::FromOnSmooth { place: single(place), place_rate: single(place_rate), strength, rate }
         }
     })
+}
+
+#[allow(clippy::cast_possible_truncation, reason = "float64 is rounded to float32")]
+fn baked(texels: usize, light: &SeenLight) -> Falls {
+    Falls::Baked { texels, strength: light.strength as f32, rate: light.strength_rate as f32 }
+}
+
+/// The map of irradiance on the side of a triangle that is seen.
+#[derive(Debug)]
+struct LightMap<'a> {
+    texture: &'a Texture,
+    u: Affine,
+    v: Affine,
+}
+
+impl<'a> LightMap<'a> {
+    fn new(side: &'a SideMap, pose: &Pose) -> Self {
+        let (u, v) = (coordinate(&side.u, pose, Wrap::Clamp), coordinate(&side.v, pose, Wrap::Clamp));
+        Self { texture: &side.texture, u, v }
+    }
 }
 
 /// An affine function of places in a frame, in camera axes and float64.
@@ -253,8 +290,12 @@ impl Shader<'_> {
             let (mut light, mut light_rate) = (Lanes::ZERO, Lanes::ZERO);
             while at < self.lit.len() && self.lit[at].group == group {
                 let lit = &self.lit[at];
-                let (mut one, mut one_rate) =
-                    falling::<RATE, FULL>(&lit.falls, rays, &depth, &depth_rate, normal.as_ref());
+                let (mut one, mut one_rate) = match (lit.falls, &self.light_map) {
+                    (Falls::Baked { texels, strength, rate }, Some(map)) => {
+                        self.baked::<RATE, FULL>(map, texels, (strength, rate), rays, &depth, &depth_rate)
+                    }
+                    (falls, _) => falling::<RATE, FULL>(&falls, rays, &depth, &depth_rate, normal.as_ref()),
+                };
                 if caster.hides(lit.light) {
                     caster.take((receiver, lit.light), rays, &depth, (&mut one, &mut one_rate));
                 }
@@ -279,6 +320,12 @@ impl Shader<'_> {
                 let front = normal.facing[i] > 0.0;
                 luma[i] = if front { luma[i] } else { 0.0 };
                 rate[i] = if front { rate[i] } else { 0.0 };
+            }
+        }
+        if self.emitted != (0.0, 0.0) {
+            for i in 0..n {
+                luma[i] += self.emitted.0;
+                rate[i] += self.emitted.1;
             }
         }
         (luma, rate)
@@ -324,30 +371,67 @@ impl Shader<'_> {
         depth: &Lanes,
         depth_rate: &Lanes,
     ) -> Reflected {
-        let (n, x, y) = (rays.count(), &rays.x, &rays.y);
-        let (mut taps, mut rates) = (Taps::NONE, [Lanes::ZERO; 2]);
-        for i in 0..n {
-            let (u, u_rate) = self.u.at::<RATE>(x[i], y[i], depth[i], depth_rate[i]);
-            let (v, v_rate) = self.v.at::<RATE>(x[i], y[i], depth[i], depth_rate[i]);
-            let [by_u, by_v] = taps.set::<F>(i, &sampler, u, v);
+        looked_up::<RATE, FULL, F>([&self.u, &self.v], sampler, rays, depth, depth_rate)
+    }
+
+    /// Irradiance / pi of a baked light, and its rate.
+    #[inline(always)]
+    fn baked<const RATE: bool, const FULL: bool>(
+        &self,
+        map: &LightMap,
+        texels: usize,
+        (strength, strength_rate): (f32, f32),
+        rays: &Rays<FULL>,
+        depth: &Lanes,
+        depth_rate: &Lanes,
+    ) -> Reflected {
+        let sampler = Sampler::new(map.texture, &self.scene.irradiance[texels]);
+        let (mut value, mut rate) = looked_up::<RATE, FULL, Clamp>([&map.u, &map.v], sampler, rays, depth, depth_rate);
+        for i in 0..rays.count() {
+            // Beyond a triangle's third edge a map may fall below 0, and rounding leads there.
+            let light = if value[i] > 0.0 { value[i] } else { 0.0 };
             if RATE {
-                rates[0][i] = by_u * u_rate;
-                rates[1][i] = by_v * v_rate;
+                rate[i] = strength * rate[i] + strength_rate * light;
             }
-        }
-        let corners = sampler.corners(&taps, n);
-        let (mut value, mut rate) = (Lanes::ZERO, Lanes::ZERO);
-        for i in 0..n {
-            let [p, q, r, s] = [corners[0][i], corners[1][i], corners[2][i], corners[3][i]];
-            let (upper, lower) = (q - p, s - r);
-            let (a, b) = (p + upper * taps.x[i], r + lower * taps.x[i]);
-            value[i] = a + (b - a) * taps.y[i];
-            if RATE {
-                rate[i] = (upper + (lower - upper) * taps.y[i]) * rates[0][i] + (b - a) * rates[1][i];
-            }
+            value[i] = strength * light;
         }
         (value, rate)
     }
+}
+
+/// Bilinear lookup at the places that rays hit, by the maps to its coordinates, and its rate.
+#[inline(always)]
+#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
+fn looked_up<const RATE: bool, const FULL: bool, F: Fold>(
+    [u_map, v_map]: [&Affine; 2],
+    sampler: Sampler,
+    rays: &Rays<FULL>,
+    depth: &Lanes,
+    depth_rate: &Lanes,
+) -> Reflected {
+    let (n, x, y) = (rays.count(), &rays.x, &rays.y);
+    let (mut taps, mut rates) = (Taps::NONE, [Lanes::ZERO; 2]);
+    for i in 0..n {
+        let (u, u_rate) = u_map.at::<RATE>(x[i], y[i], depth[i], depth_rate[i]);
+        let (v, v_rate) = v_map.at::<RATE>(x[i], y[i], depth[i], depth_rate[i]);
+        let [by_u, by_v] = taps.set::<F>(i, &sampler, u, v);
+        if RATE {
+            rates[0][i] = by_u * u_rate;
+            rates[1][i] = by_v * v_rate;
+        }
+    }
+    let corners = sampler.corners(&taps, n);
+    let (mut value, mut rate) = (Lanes::ZERO, Lanes::ZERO);
+    for i in 0..n {
+        let [p, q, r, s] = [corners[0][i], corners[1][i], corners[2][i], corners[3][i]];
+        let (upper, lower) = (q - p, s - r);
+        let (a, b) = (p + upper * taps.x[i], r + lower * taps.x[i]);
+        value[i] = a + (b - a) * taps.y[i];
+        if RATE {
+            rate[i] = (upper + (lower - upper) * taps.y[i]) * rates[0][i] + (b - a) * rates[1][i];
+        }
+    }
+    (value, rate)
 }
 
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
@@ -473,7 +557,7 @@ fn falling<const RATE: bool, const FULL: bool>(
                 rate = Lanes::all(amount_rate);
             }
         }
-        (Falls::FromOnSmooth { .. } | Falls::AlongOnSmooth { .. }, None) => {}
+        (Falls::FromOnSmooth { .. } | Falls::AlongOnSmooth { .. }, None) | (Falls::Baked { .. }, _) => {}
     }
     (value, rate)
 }

@@ -1,0 +1,187 @@
+"""What shines in a scene whose light is baked: what is checked of it, and what changes apart from the rest."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ...luma import LUMA_WEIGHTS
+from ..scene_scale import scale_scene
+from ..scene_texture import Unsuitable
+from ..scene_updates import like, strength_key
+from .irradiance import Irradiance
+
+FloatArray = npt.NDArray[np.float64]
+
+_SHARP = ("PointLight", "DirectionalEmitter")
+"""Their direct light is left to the renderer, with its exact shadows."""
+
+_SOFT = ("AreaLight", "ConstantBackgroundEmitter")
+_PATH_DEPTH, _ROULETTE_DEPTH = -1, 5
+
+
+@dataclass(frozen=True)
+class Paths:
+    """How long light's paths are, as Mitsuba's path tracer counts it: -1 for any length; 2 is direct light."""
+
+    max_depth: int
+    rr_depth: int
+
+
+def paths_of(integrator: Any) -> Paths:
+    """Those of a scene's integrator.
+
+    Raises:
+        Unsuitable: for one that does more, or other things, than to follow light between surfaces.
+    """
+    if integrator is None:
+        return Paths(_PATH_DEPTH, _ROULETTE_DEPTH)
+    kind = integrator.class_name()
+    if kind == "DirectIntegrator":
+        return Paths(2, _ROULETTE_DEPTH)
+    if kind != "PathIntegrator":
+        raise Unsuitable(f"the scene asks for Mitsuba's {kind}; light is baked for its path and direct integrators")
+    found = {name: int(value) for name, value in re.findall(r"(\w+_depth) = (-?\d+)", str(integrator))}
+    depth = found.get("max_depth", _PATH_DEPTH)
+    return Paths(-1 if depth >= 2**31 else depth, found.get("rr_depth", _ROULETTE_DEPTH))
+
+
+def check_lights(scene: Any, mi: Any) -> None:
+    """Refuse lights that cannot be.
+
+    Raises:
+        ValueError: for radiance that is negative or not finite.
+        Unsuitable: for a kind of light that is not baked.
+    """
+    hidden = bool(getattr(scene.integrator(), "hide_emitters", False))
+    for own_name, emitter in named_emitters(scene):
+        kind, parameters = emitter.class_name(), mi.traverse(emitter)
+        name = f"light {own_name!r}, a {kind},"
+        for key, values in ((key, _flat(parameters[key])) for key in parameters.keys()):  # noqa: SIM118
+            if key.partition(".")[0] not in ("radiance", "intensity", "irradiance", "data", "scale"):
+                continue
+            wrong = ~(np.isfinite(values) & (values >= 0))
+            if wrong.any():
+                raise ValueError(f"{name} has {key} {values[wrong][0]:g}; light is finite and not negative")
+        if kind not in (*_SHARP, *_SOFT):
+            raise Unsuitable(f"{name} is not baked: point, directional, area and constant lights are")
+        if kind == "AreaLight":
+            if "radiance.value" not in parameters:
+                raise Unsuitable(f"{name} has a radiance that differs from place to place")
+            if hidden:
+                raise Unsuitable(f"{name} is hidden by the scene's integrator (hide_emitters)")
+
+
+def emissions(scene: Any, mi: Any, counts: Sequence[int], names: Sequence[str]) -> tuple[FloatArray, FloatArray]:
+    """Luma that each triangle emits from its front (t), and which of the groups of lights it belongs to (t).
+
+    Args:
+        counts: of the triangles of the scene's shapes.
+        names: of the groups, see :func:`light_groups`.
+    """
+    luma, group = [], []
+    for shape, count in zip(scene.shapes(), counts, strict=True):
+        radiance, number = 0.0, 0
+        if shape.is_emitter():
+            radiance = float(_rgb(mi.traverse(shape.emitter())["radiance.value"]) @ LUMA_WEIGHTS)
+            number = _group(_area_name(shape), names)
+        luma.append(np.full(count, radiance))
+        group.append(np.full(count, number))
+    return np.concatenate(luma), np.concatenate(group)
+
+
+def background_luma(scene: Any, mi: Any, names: Sequence[str]) -> list[float]:
+    """Luma of a ray that hits nothing, by each group of lights."""
+    shown = [0.0] * len(names)
+    if not getattr(scene.integrator(), "hide_emitters", False):
+        for name, emitter in named_emitters(scene):
+            if emitter.class_name() == "ConstantBackgroundEmitter":
+                shown[_group(name, names)] += float(_rgb(mi.traverse(emitter)["radiance.value"]) @ LUMA_WEIGHTS)
+    return shown
+
+
+def light_groups(scene: Any, changing: Sequence[str]) -> list[str]:
+    """Names of the lights that change, each of which is baked alone, and before them "" for all others."""
+    known = [name for name, _ in named_emitters(scene)]
+    return ["", *(name for name in changing if name in known)]
+
+
+def named_emitters(scene: Any) -> list[tuple[str, Any]]:
+    """The lights of a scene, each with the name by which a profile finds it."""
+    of_shapes = [(_area_name(shape), shape.emitter()) for shape in scene.shapes() if shape.is_emitter()]
+    others = [(emitter.id(), emitter) for emitter in scene.emitters() if emitter.class_name() != "AreaLight"]
+    return [*of_shapes, *others]
+
+
+def _area_name(shape: Any) -> str:
+    return f"{shape.id()}.{shape.emitter().id()}"
+
+
+def _group(name: str, names: Sequence[str]) -> int:
+    """The group of a light of this name."""
+    return names.index(name) if name in names else 0
+
+
+@contextmanager
+def irradiance_of(scene: Any, mi: Any, names: Sequence[str]) -> Iterator[list[Irradiance]]:
+    """The light of each group of lights, to be computed one group at a time.
+
+    Args:
+        scene: loaded under Mitsuba's LLVM variant, which is in use; it is scaled where its size asks for that.
+        names: see :func:`light_groups`.
+    """
+    integrator = scene.integrator() or mi.load_dict({"type": "path"})
+    paths = paths_of(scene.integrator())
+    scale = scale_scene(scene, integrator, mi)
+    yield [_Group(scene, mi, paths, scale, name, names) for name in names]
+
+
+class _Group(Irradiance):
+    """The light of some of a scene's emitters: the others are switched off while it is computed."""
+
+    def __init__(self, scene: Any, mi: Any, paths: Paths, scale: float, name: str, names: Sequence[str]) -> None:
+        own, self._others = list[Any](), list[Any]()
+        for its_name, emitter in named_emitters(scene):
+            mine = its_name == name if name else its_name not in names
+            (own if mine else self._others).append(emitter)
+        soft = [emitter for emitter in own if emitter.class_name() in _SOFT]
+        super().__init__(scene, mi, soft, max_depth=paths.max_depth, rr_depth=paths.rr_depth, scale=scale)
+        self.bounces = self.bounces and bool(own)
+
+    def _mean(self, places: FloatArray, normals: FloatArray, samples: int, one: Any) -> FloatArray:
+        if not self._others:
+            return super()._mean(places, normals, samples, one)
+        kept = []
+        for emitter in self._others:
+            parameters = self._mi.traverse(emitter)
+            key = strength_key("", parameters)
+            kept.append((parameters, key, np.array(parameters[key], np.float64)))
+        try:
+            for parameters, key, values in kept:
+                parameters[key] = like(parameters[key], values * 0.0)
+                parameters.update()
+            return super()._mean(places, normals, samples, one)
+        finally:
+            for parameters, key, values in kept:
+                parameters[key] = like(parameters[key], values)
+                parameters.update()
+
+
+def _rgb(value: Any) -> FloatArray:
+    return np.broadcast_to(_flat(value), (3,))
+
+
+def numbers(value: Any) -> npt.NDArray[Any]:
+    """A parameter of Mitsuba's as an array."""
+    # Colours have an attribute of the same name.
+    return np.array(value.matrix if "Transform" in type(value).__name__ else value)
+
+
+def _flat(value: Any) -> FloatArray:
+    return numbers(value).astype(np.float64).reshape(-1)

@@ -1,0 +1,383 @@
+"""Baked light: against closed forms and the path tracer, no seams, the same bits, its cache, and what is refused."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from davis_rs import Camera, Pose, Scene, SegmentTrajectory
+from davis_rs.rendering.baked_light import baked_scene, cache
+from davis_rs.rendering.baked_light.bake import Surfaces
+from davis_rs.rendering.baked_light.surface_lattice import RefinementRule, SurfaceLattice, refine
+from davis_rs.rendering.render import Renderer
+from davis_rs.rendering.render_integrator import IntegratorRenderer
+from davis_rs.rendering.renderers import make_renderer
+from davis_rs.scene.light_profile import SampledProfile
+from davis_rs.trajectory.views import Views
+
+FloatArray = npt.NDArray[np.float64]
+Parts = dict[str, Any]
+
+CAMERA = Camera(16, 12, 14.0, 14.0, 7.5, 5.5)
+DOWN = Pose([0.0, 0.0, 1.4], [1.0, 0.0, 0.0, 0.0])
+DIRECT, PATH = {"type": "direct"}, {"type": "path"}
+
+pytestmark = pytest.mark.usefixtures("llvm")
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An empty cache, on disk and in memory."""
+    monkeypatch.setenv(cache.FOLDER_VARIABLE, str(tmp_path / "cache"))
+    monkeypatch.setattr(baked_scene, "_known", {})
+    return tmp_path / "cache"
+
+
+def diffuse(reflectance: Any = 0.6) -> Parts:
+    if not isinstance(reflectance, dict):
+        reflectance = {"type": "rgb", "value": reflectance}
+    return {"type": "diffuse", "reflectance": reflectance}
+
+
+def plate(
+    x: float, y: float, z: float, half: tuple[float, float], bsdf: Parts | None = None, *, up: bool = True
+) -> Parts:
+    """A level rectangle."""
+    to_world = np.diag([half[0], half[1] if up else -half[1], 1.0 if up else -1.0, 1.0])
+    to_world[:3, 3] = (x, y, z)
+    return {"type": "rectangle", "to_world": to_world, "bsdf": bsdf or diffuse()}
+
+
+def lamp(z: float = 2.0, radiance: Any = 5.0, half: tuple[float, float] = (0.4, 0.3)) -> Parts:
+    return plate(0.1, 0.2, z, half, up=False) | {"emitter": area(radiance)}
+
+
+def area(radiance: Any) -> Parts:
+    return {"type": "area", "radiance": {"type": "rgb", "value": radiance}}
+
+
+def make_scene(integrator: Parts = PATH, /, lights: Parts | None = None, **parts: Parts) -> Scene:
+    return Scene("lit", partial(dict, {"type": "scene", "integrator": integrator, **parts}), lights=lights or {})
+
+
+def build(scene: Scene, error: float = 0.05, **settings: Any) -> Renderer:
+    return make_renderer(scene, CAMERA, **{"kind": "baked", "samples": 4, "bake_error": error, **settings})
+
+
+def luma_of(scene: Scene, error: float = 0.05, pose: Pose = DOWN, **settings: Any) -> npt.NDArray[np.float32]:
+    return build(scene, error, **settings).luma(Views.at_rest([pose]))[0]
+
+
+def test_a_furnace_has_the_radiance_of_its_closed_form() -> None:
+    """In a closed box whose walls all emit L and reflect rho, all is as bright as L / (1 - rho): direct light, all
+    bounces, and what lamps look like themselves."""
+    walls = {"type": "cube", "flip_normals": True, "bsdf": diffuse(0.5), "emitter": area(0.7)}
+    luma = luma_of(make_scene(walls=walls), pose=Pose([0.1, 0.2, 0.3], DOWN.quaternion))
+    assert np.median(luma) == pytest.approx(1.4, rel=0.025)
+    assert luma.min() > 1.33
+    assert luma.max() < 1.47
+
+
+def test_light_of_a_rectangle_is_that_of_its_form_factor() -> None:
+    """A level lamp over a floor: reflectance times radiance times the closed form of the configuration factor."""
+    floor, half, height = plate(0, 0, 0, (3, 3)), (0.4, 0.3), 2.0
+    scene = make_scene(DIRECT, floor=floor, lamp=lamp(height, 5.0, half))
+    x, y = np.meshgrid(*(np.arange(n) for n in (CAMERA.width, CAMERA.height)))
+    rays = CAMERA.rays(np.stack([x, y], -1).astype(float))
+    # One ray a pixel; the camera looks down, its x along the world's.
+    place = np.stack([1.4 * rays[..., 0] - 0.1, -1.4 * rays[..., 1] - 0.2], -1)
+    factor = sum(
+        sx * sy * _corner_factor((sx * half[0] - place[..., 0]) / height, (sy * half[1] - place[..., 1]) / height)
+        for sx in (-1, 1)
+        for sy in (-1, 1)
+    )
+    luma = luma_of(scene, 0.01, samples=1)
+    assert luma == pytest.approx(0.6 * 5.0 * factor, rel=0.01)
+
+
+def _corner_factor(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Of a parallel rectangle whose corner is above the place (Howell, catalogue of configuration factors, B-4)."""
+    p, q = np.sqrt(1 + a**2), np.sqrt(1 + b**2)
+    return np.asarray((a / p * np.arctan(b / p) + b / q * np.arctan(a / q)) / (2 * np.pi))
+
+
+def colourful() -> dict[str, Parts]:
+    """Red, green and striped surfaces in an open corner, a coloured lamp, and a lamp in a point."""
+    wall = {"type": "rectangle", "bsdf": diffuse([0.8, 0.2, 0.1])}
+    wall["to_world"] = np.array([[0, 0, 1, -1.0], [1, 0, 0, 0], [0, 1, 0, 1], [0, 0, 0, 1]])
+    stripes = {"type": "bitmap", "raw": True, "data": np.random.RandomState(1).uniform(0.2, 0.8, (4, 4, 3))}
+    stripes["data"] = stripes["data"].astype(np.float32)
+    return {
+        "floor": plate(0, 0, 0, (1, 1), diffuse(stripes)),
+        "wall": wall,
+        "block": {
+            "type": "cube",
+            "to_world": np.diag([0.2, 0.2, 0.2, 1.0]) + _shift(0.3, 0.1, 0.2),
+            "bsdf": diffuse(0.7),
+        },
+        "panel": lamp(2.0, [4.0, 5.0, 2.0]),
+        "bulb": {"type": "point", "position": [0.5, -0.5, 1.0], "intensity": {"type": "rgb", "value": [0.2, 0.4, 0.8]}},
+        "sky": {"type": "constant", "radiance": {"type": "rgb", "value": [0.1, 0.2, 0.3]}},
+    }
+
+
+def _shift(*offset: float) -> FloatArray:
+    return np.pad(np.array(offset)[:, None], ((0, 1), (3, 0)))
+
+
+def test_coloured_light_that_bounces_is_the_path_tracers() -> None:
+    """All kinds of light at once, in colour: the path tracer's luma, but for its noise."""
+    scene = make_scene(**colourful())
+    baked = luma_of(scene, 0.02, samples=64)
+    traced = luma_of(scene, kind="integrator", samples=1024)
+    assert np.median(baked / traced) == pytest.approx(1.0, abs=0.01)
+    assert np.quantile(np.abs(baked / traced - 1), 0.9) < 0.04
+
+
+def test_light_has_no_seam_where_triangles_meet() -> None:
+    """Triangles that are divided differently agree along their common edge, and nothing is lost at a crease."""
+    corners = np.array(
+        [
+            [[0, 0, 0], [2, 0, 0], [0, 2, 0]],
+            [[2, 0, 0], [2, 2, 0], [0, 2, 0]],
+            [[0, 0, 0], [0, 2, 0], [-0.1, 1, 0]],
+            [[2, 0, 0], [2, 0, 2], [2, 2, 0]],
+        ],
+        float,
+    )
+    normals = np.repeat(np.array([[0, 0, 1.0]] * 3 + [[-1, 0, 0]])[:, None], 3, 1)
+    lattice = SurfaceLattice(corners, normals, np.zeros(4, bool))
+
+    def light(places: FloatArray, facing: FloatArray) -> tuple[FloatArray, FloatArray]:
+        spot = np.exp(-((places[:, 0] - 0.6) ** 2 + (places[:, 1] - 0.8) ** 2) / 0.02)
+        return np.repeat((1 + spot + facing[:, :1].T[0])[:, None], 3, 1), np.zeros(len(places))
+
+    sampled = refine(lattice, light, RefinementRule(0.5, 0.02, 0.01, 100_000))
+    divisions = sampled.divisions()
+    assert len(set(divisions.tolist())) > 1
+    grids = {face: grid for faces, grids in sampled.grids(divisions) for face, grid in zip(faces, grids, strict=True)}
+
+    def along(face: int, start: int, end: int, at: FloatArray) -> FloatArray:
+        grid = grids[face][..., 0]
+        cells = len(grid) - 1
+        corner = np.array([[0, 0], [cells, 0], [0, cells]])
+        place = corner[start] + at[:, None] * (corner[end] - corner[start])
+        i, j = np.minimum(place.astype(int), cells - 1).T
+        x, y = (place - np.stack([i, j], 1)).T
+        row = grid[i, j] * (1 - x) + grid[i + 1, j] * x, grid[i, j + 1] * (1 - x) + grid[i + 1, j + 1] * x
+        return np.asarray(row[0] * (1 - y) + row[1] * y)
+
+    at = np.linspace(0.0, 1.0, 1001)
+    assert along(0, 1, 2, at) == pytest.approx(along(1, 0, 2, at), abs=1e-12)
+    assert along(0, 0, 2, at) == pytest.approx(along(2, 0, 1, at), abs=1e-12)
+    x = np.linspace(0.0, 2.0, 1001)
+    truth = light(np.stack([x, 2 - x, 0 * x], 1), np.zeros((1001, 3)))[0][:, 0]
+    assert along(0, 1, 2, at)[::-1] == pytest.approx(truth, rel=0.01)
+    # The upright triangle has the floor's edge, but its own normal and so its own light.
+    assert along(3, 0, 2, at).max() < 0.5
+
+
+def test_a_walk_along_a_seam_makes_no_events() -> None:
+    """Two plates without texture that meet under the camera's path: luma changes as smoothly as within one."""
+    left, right = plate(-0.7, 0, 0, (0.7, 1.5)), plate(0.9, 0, 0, (0.9, 1.5))
+    scene = make_scene(left=left, right=right, panel=lamp())
+    path = SegmentTrajectory(Pose([0.0, -0.3, 0.4], DOWN.quaternion), Pose([0.0, 0.3, 0.4], DOWN.quaternion), 1.0)
+    luma = build(scene).luma(Views.along(path, np.linspace(0.0, 1.0, 9)))
+    across = np.diff(np.log(luma), axis=2)
+    assert np.abs(across - across.mean(axis=2, keepdims=True)).max() < 0.01
+
+
+def test_rates_are_the_changes_of_luma() -> None:
+    """The rate of luma under baked light, a lamp's flicker included, is what luma does between two instants."""
+    profile = SampledProfile([0.0, 1.0], [0.5, 1.5])
+    texture = {"type": "bitmap", "raw": True, "data": np.random.RandomState(0).uniform(0.3, 0.6, (3, 3, 3))}
+    texture["data"] = texture["data"].astype(np.float32)
+    scene = make_scene(
+        DIRECT, lights={"panel.emitter": profile}, floor=plate(0, 0, 0, (2, 2), diffuse(texture)), panel=lamp()
+    )
+    path = SegmentTrajectory(DOWN, Pose([0.2, 0.1, 1.3], DOWN.quaternion), 1.0)
+    renderer = build(scene, samples=1)
+    step = 1e-3
+    luma = renderer.luma(Views.along(path, np.array([0.5 - step, 0.5 + step])))
+    _, rate = renderer.luma_and_rate(Views.along(path, np.array([0.5])))
+    assert np.median(np.abs(rate[0] - (luma[1] - luma[0]) / (2 * step))) < 2e-3 * np.abs(rate).max()
+
+
+def test_lights_flicker_one_by_one() -> None:
+    """A lamp on a profile and one without: the first one's light and look change, the other's stay."""
+    profile = SampledProfile([0.0, 1.0], [1.0, 0.25])
+    parts = {"floor": plate(0, 0, 0, (2, 2)), "wall": plate(0, 0, 3, (2, 2), up=False)}
+    first, other = {"first": lamp(1.0, 3.0, (0.1, 0.1))}, {"other": lamp(2.5, 4.0)}
+    pose = Pose([0.0, 0.0, 0.2], [0.0, 0.0, 0.0, 1.0])  # looks up
+
+    def seen(t_s: float, **chosen: Parts) -> npt.NDArray[np.float32]:
+        lights = {"first.emitter": profile} if "first" in chosen else {}
+        path = SegmentTrajectory(pose, pose, 1.0)
+        return build(make_scene(lights=lights, **parts, **chosen)).luma(Views.along(path, np.array([t_s])))[0]
+
+    # The other lamp's body stays where it is: only its light is switched off.
+    dark = {"other": lamp(2.5, 0.0)}
+    both, alone, later = seen(0.0, **first, **other), seen(0.0, **first, **dark), seen(1.0, **first, **other)
+    assert later == pytest.approx(both - 0.75 * alone, rel=0.02)
+    assert np.abs(both - later).max() > 1.0
+
+
+def test_the_same_bits_with_and_without_cache_and_on_any_threads(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scene = make_scene(**colourful())
+    first = luma_of(scene, threads=1)
+    assert len(list(folder.iterdir())) == 1
+    assert "was baked in" in capsys.readouterr().err
+    monkeypatch.setattr(baked_scene, "_known", {})
+    assert np.array_equal(luma_of(scene, threads=2), first)
+    assert "baked before" in capsys.readouterr().err
+    monkeypatch.setattr(baked_scene, "_known", {})
+    monkeypatch.setenv(cache.FOLDER_VARIABLE, "")
+    assert np.array_equal(luma_of(scene), first)
+    assert "was baked in" in capsys.readouterr().err
+    brighter = make_scene(**{**colourful(), "panel": lamp(2.0, [4.0, 5.0, 2.1])})
+    assert not np.array_equal(luma_of(brighter), first)
+
+
+@pytest.mark.parametrize("damage", ["bit", "cut", "empty"])
+def test_a_damaged_cache_is_rebuilt(
+    damage: str, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scene = make_scene(DIRECT, floor=plate(0, 0, 0, (1, 1)), panel=lamp())
+    first = luma_of(scene, 0.2)
+    (file,) = folder.iterdir()
+    data = bytearray(file.read_bytes())
+    data[len(data) // 2] ^= 4
+    file.write_bytes({"bit": bytes(data), "cut": bytes(data[:-7]), "empty": b""}[damage])
+    monkeypatch.setattr(baked_scene, "_known", {})
+    capsys.readouterr()
+    assert np.array_equal(luma_of(scene, 0.2), first)
+    assert "damaged" in capsys.readouterr().err
+    monkeypatch.setattr(baked_scene, "_known", {})
+    assert np.array_equal(luma_of(scene, 0.2), first)
+    assert "baked before" in capsys.readouterr().err
+
+
+def test_a_cache_that_cannot_be_written_costs_one_line(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder.write_text("no folder")
+    luma = luma_of(make_scene(DIRECT, floor=plate(0, 0, 0, (1, 1)), panel=lamp()), 0.2)
+    assert luma.max() > 0
+    assert "cannot be kept in its cache" in capsys.readouterr().err
+
+
+def test_two_bakes_at_once_leave_one_whole_file(folder: Path, run_python: Callable[..., str]) -> None:
+    program = """
+import multiprocessing, sys
+sys.path.insert(0, sys.argv[1])
+
+def bake(_):
+    from test_baked_light import DIRECT, lamp, luma_of, make_scene, plate
+    return luma_of(make_scene(DIRECT, floor=plate(0, 0, 0, (1, 1)), panel=lamp()), 0.2).tobytes()
+
+if __name__ == "__main__":
+    with multiprocessing.get_context("fork").Pool(2) as pool:
+        one, other = pool.map(bake, range(2))
+    print(one == other)
+"""
+    assert run_python(program, str(Path(__file__).parent)).split() == ["True"]
+    assert [file.suffix for file in folder.iterdir()] == [".light"]
+
+
+def test_a_full_cache_loses_what_was_not_used_for_longest(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for radiance in (1.0, 2.0):
+        luma_of(make_scene(DIRECT, floor=plate(0, 0, 0, (1, 1)), panel=lamp(2.0, radiance)), 0.2)
+    assert len(list(folder.iterdir())) == 2
+    monkeypatch.setattr(cache, "MOST_BYTES", 10)
+    luma_of(make_scene(DIRECT, floor=plate(0, 0, 0, (1, 1)), panel=lamp(2.0, 3.0)), 0.2)
+    assert len(list(folder.iterdir())) == 1
+
+
+@pytest.mark.parametrize(
+    ("parts", "message"),
+    [
+        ({"panel": lamp(2.0, [1.0, -1.0, 1.0])}, r"'panel\.emitter', a AreaLight, has radiance\.value -1; light is"),
+        ({"panel": lamp(2.0, 1.0, (0.4, 0.0))}, "a lamp on a shape needs a shape with an area"),
+        (
+            {"bulb": {"type": "point", "intensity": {"type": "rgb", "value": [1.0, -2.0, 0.0]}}},
+            r"'bulb', a PointLight, has intensity\.value -2",
+        ),
+        ({"bulb": {"type": "spot"}}, "'bulb', a SpotLight, is not baked"),
+        (
+            {
+                "panel": plate(0, 0, 2, (1, 1))
+                | {
+                    "emitter": {
+                        "type": "area",
+                        "radiance": {"type": "bitmap", "raw": True, "data": np.ones((2, 2, 3), np.float32)},
+                    }
+                }
+            },
+            "radiance that differs from place to place",
+        ),
+        ({"ball": {"type": "sphere", "bsdf": diffuse()}}, "'ball' is a Sphere"),
+        ({"mirror": plate(0, 0, 2, (1, 1), {"type": "conductor"})}, "not a diffuse one"),
+    ],
+)
+def test_what_cannot_be_baked_is_refused(parts: Parts, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        build(make_scene(floor=plate(0, 0, 0, (1, 1)), **parts))
+
+
+def test_what_is_not_baked_is_left_to_mitsuba() -> None:
+    """Objects that move, and integrators that do other things: refused, and under auto rendered as ever."""
+    still = SegmentTrajectory(DOWN, DOWN, 1.0)
+    moving = Scene(
+        "moving",
+        partial(dict, {"type": "scene", "integrator": PATH, "floor": plate(0, 0, 0, (1, 1)), "panel": lamp()}),
+        objects={"floor": still},
+    )
+    for scene, message in (
+        (moving, "object 'floor' moves"),
+        (make_scene({"type": "depth"}, floor=plate(0, 0, 0, (1, 1)), panel=lamp()), "DepthIntegrator"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            build(scene)
+        assert isinstance(build(scene, kind="auto", samples=1), IntegratorRenderer)
+
+
+def test_auto_bakes_where_the_light_asks_for_it() -> None:
+    scene = make_scene(floor=plate(0, 0, 0, (1, 1)), panel=lamp())
+    renderer = build(scene, kind="auto")
+    assert renderer.name == "native renderer"
+    assert "baked light" in renderer.reason
+    assert np.array_equal(renderer.luma(Views.at_rest([DOWN])), build(scene).luma(Views.at_rest([DOWN])))
+
+
+def test_points_within_a_solid_do_not_darken_what_is_next_to_it() -> None:
+    """A block stands on the floor: the floor is as bright at its foot as a little way off."""
+    corners = np.array([[[-1, -1, 0], [1, -1, 0], [-1, 1, 0]], [[1, -1, 0], [1, 1, 0], [-1, 1, 0]]], float)
+    surfaces = Surfaces(corners, np.tile([0, 0, 1.0], (2, 3, 1)), np.zeros(2, bool))
+    lattice = SurfaceLattice(surfaces.corners, surfaces.normals, surfaces.two_sided)
+
+    def light(places: FloatArray, _: FloatArray) -> tuple[FloatArray, FloatArray]:
+        within = (np.abs(places[:, :2]) < 0.31).all(1)
+        return np.where(within[:, None], np.nan, np.ones((1, 3))), np.zeros(len(places))
+
+    sampled = refine(lattice, light, RefinementRule(0.2, 0.02, 0.02, 100_000))
+    for faces, grids in sampled.grids(sampled.divisions()):
+        for face, grid in zip(faces, grids, strict=True):
+            n = len(grid) - 1
+            i, j = np.indices((n + 1, n + 1)) / n
+            start, right, far = corners[face]
+            places = start + i[..., None] * (right - start) + j[..., None] * (far - start)
+            outside, inside = (np.abs(places[..., :2]) >= 0.31).any(-1), i + j <= 1 + 1e-9
+            # Whatever a place outside is interpolated from: its neighbours too.
+            near = outside.copy()
+            for _ in range(2):
+                near[1:] |= outside[:-1]
+                near[:-1] |= outside[1:]
+                near, outside, inside, grid = near.T, outside.T, inside.T, grid.swapaxes(0, 1)
+            assert (~outside).any()
+            assert (grid[near & inside] == 1.0).all()
