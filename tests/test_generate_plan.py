@@ -182,8 +182,8 @@ def test_a_fault_is_named_with_its_place(tmp_path: Path, text: str, message: str
     [
         ({"scene": "nowhere"}, "nowhere' is neither one of"),
         ({"camera": "nowhere"}, "nowhere' is neither a preset"),
-        ({"up": "z"}, "up = 'z': up and scale are for a mesh that is there (OBJ or PLY)"),
-        ({"scale": 0.1}, "scale = 0.1: up and scale are for a mesh that is there (OBJ or PLY)"),
+        ({"up": "z"}, "up = 'z': up and scale are for a mesh that is there (OBJ, PLY or glTF)"),
+        ({"scale": 0.1}, "scale = 0.1: up and scale are for a mesh that is there (OBJ, PLY or glTF)"),
         ({"duration": 100}, "duration = 100: the interval from"),
         ({"motion": None}, "scene 'board' has no trajectory of its own"),
         ({"motion": {"kind": "slider", "distance_m": 1, "speed_m_s": 0}}, "speed_m_s must be finite and > 0, got 0"),
