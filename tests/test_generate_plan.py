@@ -191,7 +191,7 @@ def test_a_fault_is_named_with_its_place(tmp_path: Path, text: str, message: str
         ({"motion": {"kind": "file", "file": "no.txt"}}, "no.txt"),
         ({"frame_rate": -1}, "frame_rate = -1: frame_rate must be 0..1000000 Hz, got -1"),
         ({"depth_rate": {"choice": [0, -2]}}, "depth_rate = -2: depth_rate must be 0..1000000 Hz, got -2"),
-        ({"samples": 0}, "samples = 0: samples must be 1..1024, got 0"),
+        ({"samples": 0}, "samples = 0: samples must be 1..1024, or auto, got 0"),
         ({"accuracy": "best"}, "accuracy = 'best': accuracy must be one of"),
         ({"sensor": "eye"}, "sensor = 'eye': sensor must be one of"),
         ({"imu": "best"}, "imu = 'best': imu must be one of"),
