@@ -82,7 +82,7 @@ def test_a_square_in_front_of_a_camera_by_hand(tmp_path: Path) -> None:
     np.testing.assert_allclose(luma[inside], expected[inside], rtol=1e-5)
     assert (luma[(np.abs(x) > 1.01) | (np.abs(y) > 1.01)] == 0).all()
     assert scene.lux_per_luma == pytest.approx(683 * np.pi)
-    assert "683 lux or candela are one unit" in scene.note
+    assert "; 1 light, 683 lux or candela as one unit; the camera" in scene.note
 
 
 @pytest.mark.parametrize("suffix", [".glb", ".gltf"])

@@ -86,7 +86,7 @@ def test_what_has_a_diffuse_colour_is_matte_on_wish(bsdf: dict[str, Any], plugin
     shiny = {"type": "twosided", "id": "varnish", "nested": bsdf}
     before = make_renderer(scene_of(shiny), CAMERA, samples=2)
     assert "Mitsuba's" in before.name
-    assert before.reason.endswith(f"; matte=True would take as matte: varnish ({plugins})")
+    assert before.reason.endswith(f"; --matte (matte=True) would take as matte: varnish ({plugins})")
     after = make_renderer(scene_of(shiny, matte=True), CAMERA, samples=2)
     assert "native" in after.name
     assert after.reason.endswith(f"; taken as matte: varnish ({plugins})")
@@ -100,6 +100,11 @@ NOT_MATTE = {
     "glass": {"type": "dielectric"},
     "half a mask": {"type": "mask", "opacity": 0.5, "nested": MATTE},
     "clear principled": {"type": "principled", "base_color": COLOUR, "spec_trans": 0.5},
+    "two different sides, one of plastic": {
+        "type": "twosided",
+        "a": {"type": "plastic", "diffuse_reflectance": COLOUR},
+        "b": {"type": "diffuse", "reflectance": 0.2},
+    },
     "two different sides": {"type": "twosided", "a": MATTE, "b": {"type": "diffuse", "reflectance": 0.2}},
 }
 

@@ -12,7 +12,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from davis_rs import NoiseEstimate, NoiseWarning, Simulator, compare_events, estimate_noise, load_scene, simulate
+from davis_rs import (
+    NoiseEstimate,
+    NoiseWarning,
+    Simulator,
+    compare_events,
+    estimate_noise,
+    load_scene,
+    monte_carlo_noise,
+    simulate,
+)
 from davis_rs._mitsuba import FAST, default_variant, variant
 from davis_rs.cli.main import main
 from davis_rs.events import EventArray
@@ -42,6 +51,12 @@ def small_box() -> Scene:
 def plain_box() -> Scene:
     """Light that does not bounce: less to compile and to trace."""
     return lamp_box(32, 24, integrator={"type": "path", "max_depth": 2})
+
+
+@pytest.fixture
+def few_seeds(monkeypatch: pytest.MonkeyPatch) -> None:
+    """For tests of what is done with an estimate, not of how good it is."""
+    monkeypatch.setattr(monte_carlo_noise, "SEEDS", 12)
 
 
 @pytest.fixture(scope="module")
@@ -118,9 +133,10 @@ def test_no_noise_is_not_told_as_noise(capsys: pytest.CaptureFixture[str], tmp_p
 
 
 @pytest.mark.usefixtures("llvm")
+@pytest.mark.usefixtures("few_seeds")
 def test_a_run_says_how_much_of_it_is_noise(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     """One line before a run into a folder, a warning before one in Python or a quiet one; not where it may be so."""
-    scene = plain_box()
+    scene = plain_box().crop(0.0, 0.1)
     options = {"frame_rate_hz": 0.0, "depth_rate_hz": 0.0, "noise_share": 0.01}
     simulate_to_folder(scene, tmp_path / "told", **options)  # type: ignore[arg-type]
     lines = capsys.readouterr().err.splitlines()
@@ -139,6 +155,7 @@ def test_a_run_says_how_much_of_it_is_noise(capsys: pytest.CaptureFixture[str], 
 
 
 @pytest.mark.usefixtures("llvm")
+@pytest.mark.usefixtures("few_seeds")
 def test_auto_takes_as_many_samples_as_the_share_needs(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     """And the run is the same as with that number given."""
     scene = plain_box()
@@ -160,6 +177,7 @@ def test_auto_takes_as_many_samples_as_the_share_needs(capsys: pytest.CaptureFix
 
 
 @pytest.mark.usefixtures("llvm")
+@pytest.mark.usefixtures("few_seeds")
 def test_plan_says_it_too(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     """`davis-rs plan` of a scene that the integrator renders ends with the line; a plan of sequences takes auto."""
     scene = tmp_path / "lamp.xml"

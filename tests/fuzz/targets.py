@@ -253,7 +253,7 @@ def _gltf(folder: Path) -> list[Path]:
     gltf.node(children=[child], matrix=np.eye(4).ravel().tolist())
     lens = {"type": "perspective", "perspective": {"yfov": 1.0, "znear": 0.1}}
     camera = gltf.node(camera=gltf.add("cameras", lens), translation=[0, 0, 3])
-    gltf.animate(camera, "rotation", [0.0, 1.0], [[0, 0, 0, 1], [0, 0.6, 0, 0.8]])
+    gltf.animate(camera, "rotation", [0.0, 1.0], np.array([[0, 0, 0, 1], [0, 0.6, 0, 0.8]]))
     gltf.animate(body, "translation", [0.0, 1.0], np.zeros((6, 3)), "CUBICSPLINE")
     gltf.light({"type": "spot", "intensity": 100.0, "spot": {"outerConeAngle": 0.5}}, translation=[0, 0, 2])
     return [gltf.save(folder / "seed.gltf"), gltf.save(folder / "embedded.gltf")]

@@ -171,7 +171,7 @@ def _offer(materials: Materials) -> str:
     """What ``matte=True`` would do, for the line that says why a scene falls to Mitsuba's integrators."""
     if not materials.could_be:
         return ""
-    return f"; matte=True would take as matte: {listed(materials.could_be)}"
+    return f"; --matte (matte=True) would take as matte: {listed(materials.could_be)}"
 
 
 def _replaced(scene: Scene, materials: Materials) -> str:

@@ -99,9 +99,9 @@ class _GltfScene:
         described: dict[str, Any] = lights or usual_light()
         x, y, z = (f"{side:.3g}" for side in high - low)
         size = f"{x} m x {y} m wide and {z} m high, at {self.scale:g} m to a unit and with axis {self.up} up"
-        shining = (
-            f"{len(lights)} lights (683 lux or candela are one unit)" if lights else "no lights, so a sun and a sky"
-        )
+        shining = "no lights, so a sun and a sky"
+        if lights:
+            shining = f"{_counted(len(lights), 'light')}, {LUMENS_PER_WATT:g} lux or candela as one unit"
         name = self.file.path.name
         return Scene(
             name=self.file.path.stem,
@@ -118,7 +118,7 @@ class _GltfScene:
             trajectory=trajectory,
             objects=objects,
             lux_per_luma=WHITE_LUX if lights else 1000.0,
-            note=f"{name} is {size}; {shining}; {of_camera}; {len(objects)} moving objects",
+            note=f"{name} is {size}; {shining}; {of_camera}; {_counted(len(objects), 'moving object')}",
         )
 
     def _shapes(self) -> tuple[dict[str, MeshPart], dict[str, Trajectory]]:
@@ -284,6 +284,10 @@ class _GltfScene:
         if found:
             listed = "; ".join(found)
             warnings.warn(f"{self.file.path}: surfaces are matte, and these are left out: {listed}", stacklevel=5)
+
+
+def _counted(number: int, what: str) -> str:
+    return f"{number or 'no'} {what}{'' if number == 1 else 's'}"
 
 
 def _unused(name: str, taken: Any) -> str:
