@@ -118,11 +118,7 @@ impl Portion {
         let count = numbers.len().next_multiple_of(STEP).min(MOST);
         let (x, y) = (gathered(x, &padded, count), gathered(y, &padded, count));
         let picked = Some(padded);
-        if count == MOST {
-            Self::Full(Rays { count, picked, x, y })
-        } else {
-            Self::Fewer(Rays { count, picked, x, y })
-        }
+        if count == MOST { Self::Full(Rays { count, picked, x, y }) } else { Self::Fewer(Rays { count, picked, x, y }) }
     }
 }
 

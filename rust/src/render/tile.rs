@@ -88,7 +88,9 @@ pub(super) fn luma<const RATE: bool>(
                 continue;
             }
             let alone = (at == first + 1).then_some(seen(visible[first]).triangle);
-            caster.shadow.search(&of.lit, &patch, alone, |light| shaders[first..at].iter().any(|one| one.lit_by(light)));
+            caster
+                .shadow
+                .search(&of.lit, &patch, alone, |light| shaders[first..at].iter().any(|one| one.lit_by(light)));
         }
         let run = &visible[first..at];
         sorted.resize_with(run.len().max(sorted.len()), Sorted::default);
@@ -159,12 +161,13 @@ fn mean(values: &[f32]) -> [f32; PIXELS] {
 }
 
 /// For each of a tile's rays the inverse depth of what it sees, and the number of this triangle in the scene.
-pub(super) fn nearest(
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
+pub(super) fn nearest<Each: FnMut(usize, f32, u32)>(
     bins: &Bins,
     rays: &PixelRays,
     tile: usize,
     scratch: &mut TileScratch,
-    mut each: impl FnMut(usize, f32, u32),
+    mut each: Each,
 ) {
     bins.of_tile(rays, tile, &mut scratch.list);
     let (x, y) = rays.of_tile(tile);
