@@ -30,7 +30,7 @@ from davis_rs.sequences import SEQUENCES
 from davis_rs.trajectory.views import Views
 
 VIEWS = 16
-ROUNDS, ROUNDS_S, MOST_ROUNDS = 3, 15.0, 40
+ROUNDS, ROUNDS_S, MOST_ROUNDS = 3, 6.0, 40
 """There are ROUNDS at least, and then more for so many seconds, so that short work too has a round that nobody disturbs."""
 
 CASES = [

@@ -399,12 +399,15 @@ mod tests {
     fn a_wall_one_metre_away_is_seen() {
         let rays = PixelRays::new(1, 1, 1, &[0.0, 0.0]).unwrap();
         let renderer = Renderer::new(Scene::new(&tables(&mut Numbers(1), 1)).unwrap(), Some(1)).unwrap();
-        let level = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
-        let pose = Pose { position: [0.0, 0.0, 2.0], rotation: level, velocity: [0.0; 3], angular_rate: [0.0; 3] };
-        let view = View { poses: vec![pose; 2], factors: vec![[1.0, 0.0]; 3] };
-        let (mut depth, mut owner) = ([0.0], [7]);
-        renderer.depth(&rays, &[view], &mut depth, &mut owner).unwrap();
-        assert_eq!((depth, owner), ([1.0], [0]));
+        for (z, forward) in [(2.0, 1.0), (4.0, -1.0)] {
+            let rotation = [[forward, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, forward]];
+            let position = [0.0, 0.0, z];
+            let pose = Pose { position, rotation, velocity: [0.0; 3], angular_rate: [0.0; 3] };
+            let view = View { poses: vec![pose; 2], factors: vec![[1.0, 0.0]; 3] };
+            let (mut depth, mut owner) = ([0.0], [7]);
+            renderer.depth(&rays, &[view], &mut depth, &mut owner).unwrap();
+            assert_eq!((depth, owner), ([1.0], [0]));
+        }
     }
 
     /// Shadow rays begin and end on their way.
