@@ -31,7 +31,7 @@ from davis_rs.trajectory.views import Views
 
 VIEWS = 16
 ROUNDS, ROUNDS_S, MOST_ROUNDS = 3, 6.0, 40
-"""There are ROUNDS at least, and then more for so many seconds, so that short work too has a round that nobody disturbs."""
+"""At least ROUNDS, then more for so many seconds: short work too shall have a round that nobody disturbs."""
 
 CASES = [
     *((scene, rays) for scene in ("three_planes", "three_walls") for rays in (8, 32)),
