@@ -426,9 +426,9 @@ mod tests {
         bytes.fold(0xcbf2_9ce4_8422_2325, |hash, byte| (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3))
     }
 
-    /// Luma and rates of few and of many triangles a tile have the bits that they had on other processors: this was
-    /// seen with AVX-512, with AVX2 and with neither. Who changes the order of operations makes other bits, and must then
-    /// make the counts of events in docs/ again.
+    /// Luma and rates of few and of many triangles a tile have the bits that they had on another processor: they were
+    /// found in a build without vector code, and each processor runs the best level that it has. Who changes the order of
+    /// operations makes other bits, and must then make the counts of events in docs/ again.
     #[test]
     fn bits_are_those_of_other_processors() {
         let (width, height, rays) = (45, 27, 5);
