@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import lru_cache
 from itertools import chain
 from typing import NamedTuple
 
@@ -91,7 +92,7 @@ class DisplacementClock:
         self._renderer, self._trajectory, self._end_us = renderer, trajectory, end_us
         self._start_s = start_us * 1e-6
         self._rows, self._columns = np.arange(0, camera.height, _TILE), np.arange(0, camera.width, _TILE)
-        self._flow = OpticalFlow(camera, _centres(camera, _TILE))
+        self._flow = _flow_of_tiles(camera, _TILE)
         if renderer.motion.objects:
             self._objects = _ObjectSpeeds(renderer, _centres(camera, _OBJECT_TILE))
         self._t_us, self._path = np.zeros(1), np.zeros(1)
@@ -258,7 +259,7 @@ class _ObjectSpeeds:
 
     def __init__(self, renderer: Renderer, centres: FloatArray) -> None:
         camera = renderer.camera
-        self._motion, self._flow = renderer.motion, OpticalFlow(camera, centres)
+        self._motion, self._flow = renderer.motion, _flow_of_tiles(camera, _OBJECT_TILE)
         rays = camera.rays(centres)
         self._rays = np.concatenate([rays, np.ones((len(rays), 1))], -1)
         # How far a ray within a tile may be from the tile's own, per metre of depth.
@@ -322,6 +323,12 @@ def _divided(
         values = np.insert(values, pairs[chosen] + 1, between[chosen], axis=0)
         place = pairs[chosen] + 1 + np.arange(np.count_nonzero(chosen))
         pairs = np.sort(np.concatenate([place - 1, place]))
+
+
+@lru_cache(maxsize=8)
+def _flow_of_tiles(camera: Camera, size: int) -> OpticalFlow:
+    """Flow at the tiles' middles. A simulator that is driven step by step makes a clock for each step."""
+    return OpticalFlow(camera, _centres(camera, size))
 
 
 def _centres(camera: Camera, size: int) -> FloatArray:

@@ -10,8 +10,9 @@
 //! [`scene`] holds what is rendered, [`hierarchy`] finds its triangles, [`pixel_rays`] holds the camera's rays by tiles,
 //! [`view`] says where the camera is and how it moves there. [`sorted`] finds the rays of one triangle, which are shaded side by
 //! side in [`lanes`]. [`linear`] makes a tile's decisions those of its rays,
-//! [`texture`], [`lights`], [`light_map`] and [`shadows`] (behind [`cone`]s) give what [`shade`] needs; [`tile`] is
-//! compiled for several processors, [`samples`] are single pixels, [`renderer`] is what the user sees.
+//! [`texture`], [`lights`], [`light_map`], [`shadows`] (what lies between, behind [`cone`]s) and [`cast`] (on which rays)
+//! give what [`shade`] needs; [`tile`] is compiled for several processors, [`samples`] are single pixels, [`renderer`] is
+//! what the user sees.
 
 #![allow(clippy::many_single_char_names, reason = "coordinates and corners have such names")]
 #![allow(clippy::needless_range_loop, reason = "loops over the lanes of several arrays become vector code")]

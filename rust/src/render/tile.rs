@@ -174,12 +174,13 @@ fn pixel_mean(rays: &[f32]) -> f32 {
 }
 
 /// For each of a tile's rays the inverse depth of what it sees, and the number of this triangle in the scene.
-pub(super) fn nearest(
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
+pub(super) fn nearest<Each: FnMut(usize, f32, u32)>(
     bins: &Bins,
     rays: &PixelRays,
     tile: usize,
     scratch: &mut TileScratch,
-    mut each: impl FnMut(usize, f32, u32),
+    mut each: Each,
 ) {
     let part = rays.of_tile(tile);
     bins.of_tile(tile, part.around, &mut scratch.list);
