@@ -221,6 +221,7 @@ OTHER: dict[str, Any] = {
     "lux_per_luma": 500.0,
     "samples": 2,
     "renderer": "table",
+    "bake_error": 0.02,
     "blur": False,
     "seed": 5,
     "frame_rate_hz": 100.0,
