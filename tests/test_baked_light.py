@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -58,6 +59,10 @@ def lamp(z: float = 2.0, radiance: Any = 5.0, half: tuple[float, float] = (0.4, 
     return plate(0.1, 0.2, z, half, up=False) | {"emitter": area(radiance)}
 
 
+def noise(seed: int, low: float, high: float, shape: tuple[int, int, int]) -> npt.NDArray[np.float32]:
+    return np.random.RandomState(seed).uniform(low, high, shape).astype(np.float32)
+
+
 def area(radiance: Any) -> Parts:
     return {"type": "area", "radiance": {"type": "rgb", "value": radiance}}
 
@@ -111,8 +116,7 @@ def colourful() -> dict[str, Parts]:
     """Red, green and striped surfaces in an open corner, a coloured lamp, and a lamp in a point."""
     wall = {"type": "rectangle", "bsdf": diffuse([0.8, 0.2, 0.1])}
     wall["to_world"] = np.array([[0, 0, 1, -1.0], [1, 0, 0, 0], [0, 1, 0, 1], [0, 0, 0, 1]])
-    stripes = {"type": "bitmap", "raw": True, "data": np.random.RandomState(1).uniform(0.2, 0.8, (4, 4, 3))}
-    stripes["data"] = stripes["data"].astype(np.float32)
+    stripes = {"type": "bitmap", "raw": True, "data": noise(1, 0.2, 0.8, (4, 4, 3))}
     return {
         "floor": plate(0, 0, 0, (1, 1), diffuse(stripes)),
         "wall": wall,
@@ -196,8 +200,7 @@ def test_a_walk_along_a_seam_makes_no_events() -> None:
 def test_rates_are_the_changes_of_luma() -> None:
     """The rate of luma under baked light, a lamp's flicker included, is what luma does between two instants."""
     profile = SampledProfile([0.0, 1.0], [0.5, 1.5])
-    texture = {"type": "bitmap", "raw": True, "data": np.random.RandomState(0).uniform(0.3, 0.6, (3, 3, 3))}
-    texture["data"] = texture["data"].astype(np.float32)
+    texture = {"type": "bitmap", "raw": True, "data": noise(0, 0.3, 0.6, (3, 3, 3))}
     scene = make_scene(
         DIRECT, lights={"panel.emitter": profile}, floor=plate(0, 0, 0, (2, 2), diffuse(texture)), panel=lamp()
     )
@@ -242,11 +245,17 @@ def test_the_same_bits_with_and_without_cache_and_on_any_threads(
     monkeypatch.setenv(cache.FOLDER_VARIABLE, "")
     assert np.array_equal(luma_of(scene), first)
     assert "was baked in" in capsys.readouterr().err
-    brighter = make_scene(**{**colourful(), "panel": lamp(2.0, [4.0, 5.0, 2.1])})
-    assert not np.array_equal(luma_of(brighter), first)
+    parts = colourful()
+    texels = parts["floor"]["bsdf"]["reflectance"]
+    texels["data"] = texels["data"][::-1].copy()
+    assert not np.array_equal(luma_of(make_scene(**parts)), first)
+    monkeypatch.setenv(cache.FOLDER_VARIABLE, str(folder))
+    monkeypatch.setattr(baked_scene, "_known", {})
+    luma_of(make_scene(**parts))
+    assert len(list(folder.iterdir())) == 2
 
 
-@pytest.mark.parametrize("damage", ["bit", "cut", "empty"])
+@pytest.mark.parametrize("damage", ["bit", "cut", "empty", "other"])
 def test_a_damaged_cache_is_rebuilt(
     damage: str, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -254,8 +263,11 @@ def test_a_damaged_cache_is_rebuilt(
     first = luma_of(scene, 0.2)
     (file,) = folder.iterdir()
     data = bytearray(file.read_bytes())
+    maps = cache._unpacked(bytes(data))
+    # Light that is well formed, but not what its checksum was made of.
+    other = bytes(data[:32]) + cache._packed(replace(maps, texels=[2 * texels for texels in maps.texels]))[32:]
     data[len(data) // 2] ^= 4
-    file.write_bytes({"bit": bytes(data), "cut": bytes(data[:-7]), "empty": b""}[damage])
+    file.write_bytes({"bit": bytes(data), "cut": bytes(data[:-7]), "empty": b"", "other": other}[damage])
     monkeypatch.setattr(baked_scene, "_known", {})
     capsys.readouterr()
     assert np.array_equal(luma_of(scene, 0.2), first)
@@ -362,7 +374,7 @@ def test_points_within_a_solid_do_not_darken_what_is_next_to_it() -> None:
     lattice = SurfaceLattice(surfaces.corners, surfaces.normals, surfaces.two_sided)
 
     def light(places: FloatArray, _: FloatArray) -> tuple[FloatArray, FloatArray]:
-        within = (np.abs(places[:, :2]) < 0.31).all(1)
+        within = np.asarray((np.abs(places[:, :2]) < 0.31).all(1))
         return np.where(within[:, None], np.nan, np.ones((1, 3))), np.zeros(len(places))
 
     sampled = refine(lattice, light, RefinementRule(0.2, 0.02, 0.02, 100_000))
@@ -372,7 +384,8 @@ def test_points_within_a_solid_do_not_darken_what_is_next_to_it() -> None:
             i, j = np.indices((n + 1, n + 1)) / n
             start, right, far = corners[face]
             places = start + i[..., None] * (right - start) + j[..., None] * (far - start)
-            outside, inside = (np.abs(places[..., :2]) >= 0.31).any(-1), i + j <= 1 + 1e-9
+            outside = np.asarray((np.abs(places[..., :2]) >= 0.31).any(-1))
+            inside = np.asarray(i + j <= 1 + 1e-9)
             # Whatever a place outside is interpolated from: its neighbours too.
             near = outside.copy()
             for _ in range(2):

@@ -207,7 +207,10 @@ def test_a_fault_is_named_with_its_place(tmp_path: Path, text: str, message: str
         ({"effects": {"leak_rate_hz": {"normal": [0, 1]}}}, "effects = {'leak_rate_hz': -"),
         ({"image_gain": 0}, "image_gain = 0: image_gain must be > 0, got 0"),
         ({"image_gain": {"uniform": [-2, -1]}}, "image_gain must be > 0, got -1."),
-        ({"renderer": "best"}, "renderer = 'best': renderer must be one of auto, table, native, integrator, got"),
+        (
+            {"renderer": "best"},
+            "renderer = 'best': renderer must be one of auto, table, native, baked, integrator, got",
+        ),
         ({"lux_per_luma": 0}, "lux_per_luma = 0: lux_per_luma must be > 0 lux, got 0"),
         ({"lux_per_luma": -5}, "lux_per_luma = -5: lux_per_luma must be > 0 lux, got -5"),
         ({"tolerance": 0.1}, "only one of render_rate_hz, max_displacement_px, tolerance, sampling may be given"),

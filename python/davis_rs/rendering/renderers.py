@@ -65,7 +65,8 @@ def make_renderer(
         raise ValueError(f"renderer must be one of {', '.join(RENDERERS)}, got {kind!r}")
     blur = scene.blur if blur is None else blur
     reason, free = "asked for", variant_is_free()
-    ways = {"auto": [None, bake_error], "baked": [bake_error], "integrator": []}.get(kind, [None])
+    known: dict[str, list[float | None]] = {"auto": [None, bake_error], "baked": [bake_error], "integrator": []}
+    ways = known.get(kind, [None])
     for error in ways:
         try:
             return _make_from_table(

@@ -13,7 +13,8 @@ from ..camera import PRESETS, Camera
 from ..effects import Effects
 from ..imu import IMU_EFFECTS, Imu
 from ..motion_capture import MotionCapture
-from ..rendering.renderers import BAKE_ERROR, RENDERERS
+from ..rendering.baked_light.bake import BAKE_ERROR
+from ..rendering.renderers import RENDERERS
 from ..sampling.presets import ACCURACY
 from ..sampling.rules import TimeSampling
 from ..sensor_parameters import SENSORS, SensorParameters

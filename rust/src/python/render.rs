@@ -56,8 +56,8 @@ impl PyPixelRays {
 ///     light_maps: irradiance that was computed beforehand, None where there is none: u_maps and v_maps, float64
 ///         (t, 2 sides, 4), affine maps of a place to coordinates in the map of the triangle's front and back; layouts,
 ///         int64 (t, 2 sides, 4), as those of textures; for each baked light float32, all texels as irradiance / pi.
-///     emissions: luma that each triangle emits from its front, and the number of its light: float64 (t) and uint32 (t);
-///         None where none does.
+///     emissions: luma that each triangle emits from its front, and the number of its light: float64 (t) and uint32
+///         (t); None where none does.
 ///     shadows: whether point and directional lights throw shadows.
 ///     centre: (3), metres, the middle of the scene.
 ///     step, end: where shadow rays begin and end, see :mod:`davis_rs.rendering.shadow_rays`.

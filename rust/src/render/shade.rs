@@ -113,8 +113,7 @@ impl<'a> Shader<'a> {
             dark,
         };
         if let (Some(emission), true) = (surface.emission, facing > 0.0) {
-            let [factor, rate] = view.factors[emission.light as usize];
-            [shader.emitted.0, shader.emitted.1] = single([emission.luma * factor, emission.luma * rate]);
+            shader.emitted = emitted(emission.luma, view.factors[emission.light as usize]);
         }
         if !dark {
             let is_smooth = shader.smooth.is_some();
@@ -186,6 +185,12 @@ fn on_smooth(light: &SeenLight) -> Option<Falls> {
             Falls::FromOnSmooth { place: single(place), place_rate: single(place_rate), strength, rate }
         }
     })
+}
+
+/// Luma that is emitted under a light's factor, and its rate.
+#[allow(clippy::cast_possible_truncation, reason = "float64 is rounded to float32")]
+fn emitted(luma: f64, [factor, rate]: [f64; 2]) -> (f32, f32) {
+    ((luma * factor) as f32, (luma * rate) as f32)
 }
 
 #[allow(clippy::cast_possible_truncation, reason = "float64 is rounded to float32")]

@@ -6,7 +6,6 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -27,7 +26,7 @@ _SHIFTS = 3
 _PILOTS = 128
 
 _DIRECT_SPACING, _INDIRECT_SPACING, _DIRECT_FINEST, _INDIRECT_FINEST = 1 / 96, 1 / 16, 1 / 512, 1 / 48
-"""How far apart points are at most and at least, as shares of the scene's diagonal, for an error of :data:`BAKE_ERROR`."""
+"""How far apart points are at most and at least, shares of the scene's diagonal, for an error of :data:`BAKE_ERROR`."""
 
 _MOST_POINTS = 400_000
 
@@ -209,7 +208,7 @@ def _enough_samples(
                 open_parts.discard(index)
             else:
                 samples[index] *= 2
-    return (samples[0], samples[1]), float(np.hypot(*errors))
+    return (samples[0], samples[1]), float(np.hypot(errors[0], errors[1]))
 
 
 def _texels(

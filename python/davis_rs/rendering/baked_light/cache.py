@@ -9,6 +9,7 @@ import os
 import tempfile
 import zipfile
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import platformdirs
@@ -83,7 +84,7 @@ def store(key: str, maps: LightMaps) -> None:
 def _packed(maps: LightMaps) -> bytes:
     buffer = io.BytesIO()
     numbers = np.array([maps.error, maps.points, *maps.samples, maps.complete, maps.seconds], np.float64)
-    texels = {f"texels_{i}": one for i, one in enumerate(maps.texels)}
+    texels: dict[str, Any] = {f"texels_{i}": one for i, one in enumerate(maps.texels)}
     np.savez(buffer, divisions=maps.divisions, numbers=numbers, **texels)
     data = buffer.getvalue()
     return hashlib.sha256(data).digest() + data

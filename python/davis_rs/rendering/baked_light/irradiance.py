@@ -154,4 +154,5 @@ def _lattice(samples: int, shift: int) -> tuple[npt.NDArray[np.float32], npt.NDA
     offset = np.random.RandomState(shift).uniform(size=2)
     x, y = (number + 0.5) / samples + offset[0], number * _GOLDEN + offset[1]
     # Float32 may round up to 1, which is not in the square.
-    return tuple(np.minimum((x % 1.0).astype(np.float32), np.float32(1 - 2**-24)) for x in (x, y))  # type: ignore[return-value]
+    most = np.float32(1 - 2**-24)
+    return np.minimum((x % 1.0).astype(np.float32), most), np.minimum((y % 1.0).astype(np.float32), most)

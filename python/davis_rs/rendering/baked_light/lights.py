@@ -18,6 +18,7 @@ from ..scene_updates import like, strength_key
 from .irradiance import Irradiance
 
 FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
 
 _SHARP = ("PointLight", "DirectionalEmitter")
 """Their direct light is left to the renderer, with its exact shadows."""
@@ -78,7 +79,7 @@ def check_lights(scene: Any, mi: Any) -> None:
                 raise Unsuitable(f"{name} is hidden by the scene's integrator (hide_emitters)")
 
 
-def emissions(scene: Any, mi: Any, counts: Sequence[int], names: Sequence[str]) -> tuple[FloatArray, FloatArray]:
+def emissions(scene: Any, mi: Any, counts: Sequence[int], names: Sequence[str]) -> tuple[FloatArray, IntArray]:
     """Luma that each triangle emits from its front (t), and which of the groups of lights it belongs to (t).
 
     Args:
