@@ -26,7 +26,9 @@ SAMPLES, TRUTH, TRUTH_SEED = (8, 16, 64), 1024, 99
 
 def run(samples: int, seed: int) -> tuple[EventArray, float]:
     """(events, processor seconds) of a whole run."""
-    simulator = Simulator(lamp_box(), samples=samples, seed=seed, frame_rate_hz=0, depth_rate_hz=0)
+    simulator = Simulator(
+        lamp_box(), renderer="integrator", samples=samples, seed=seed, frame_rate_hz=0, depth_rate_hz=0
+    )
     began = time.process_time()
     events = np.concatenate([packet.events for packet in simulator.run()])
     return events, time.process_time() - began
@@ -34,7 +36,7 @@ def run(samples: int, seed: int) -> tuple[EventArray, float]:
 
 def estimate(samples: int) -> tuple[NoiseEstimate, float]:
     """(what is estimated, processor seconds)."""
-    simulator = Simulator(lamp_box(), samples=samples)
+    simulator = Simulator(lamp_box(), renderer="integrator", samples=samples)
     began = time.process_time()
     found = estimate_noise_of(
         simulator.renderer,

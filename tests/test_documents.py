@@ -65,6 +65,7 @@ NOT_RUN = {
     "davis-rs accuracy SCENE -o COSTS": "its reference takes a minute; tests/test_accuracy.py runs small ones",
     "davis-rs accuracy SCENE -o DIR": "the same",
     "davis-rs accuracy three_planes --frames -o three_planes": "takes minutes",
+    "davis-rs accuracy three_walls --frames -o three_walls": "takes minutes",
     "davis-rs accuracy slider_depth --frames -o slider_depth --duration 0.1334": "takes minutes",
     "davis-rs accuracy SCENE --frames -o DIR": "takes minutes; tests/test_frame_rates.py runs a small one",
     "davis-rs hard-cases -o DIR": "takes minutes; tests/test_hard_cases.py runs some of them",

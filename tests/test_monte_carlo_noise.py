@@ -61,13 +61,13 @@ def few_seeds(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture(scope="module")
 def of_the_box(_in_llvm: None) -> NoiseEstimate:
-    estimate = estimate_noise(small_box())
+    estimate = estimate_noise(small_box(), renderer="integrator")
     assert estimate is not None
     return estimate
 
 
 def events_of(scene: Scene, samples: int, seed: int) -> EventArray:
-    run = Simulator(scene, samples=samples, seed=seed, frame_rate_hz=0, depth_rate_hz=0).run()
+    run = Simulator(scene, renderer="integrator", samples=samples, seed=seed, frame_rate_hz=0, depth_rate_hz=0).run()
     return np.concatenate([packet.events for packet in run])
 
 
@@ -84,14 +84,14 @@ def test_the_estimate_is_what_whole_runs_have(of_the_box: NoiseEstimate) -> None
     assert re.search(
         r"of these events are Monte Carlo noise \(.*\) at 8 samples; 64 samples: about \d+ %$", str(estimate)
     )
-    assert estimate_noise(scene) == estimate  # nothing but the scene and the seed decides
+    assert estimate_noise(scene, renderer="integrator") == estimate  # nothing but the scene and the seed decides
     assert estimate.rays < 1_300_000
 
 
 @pytest.mark.usefixtures("llvm")
 def test_more_light_paths_have_less_noise_by_their_root(of_the_box: NoiseEstimate) -> None:
     """Log luma's noise is told in C, and halves with four times the samples."""
-    many = estimate_noise(small_box(), samples=32)
+    many = estimate_noise(small_box(), renderer="integrator", samples=32)
     assert many is not None
     assert of_the_box.log_noise / many.log_noise == pytest.approx(2, rel=0.15)
     assert of_the_box.log_noise > 0.3
@@ -137,7 +137,7 @@ def test_no_noise_is_not_told_as_noise(capsys: pytest.CaptureFixture[str], tmp_p
 def test_a_run_says_how_much_of_it_is_noise(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     """One line before a run into a folder, a warning before one in Python or a quiet one; not where it may be so."""
     scene = plain_box().crop(0.0, 0.1)
-    options = {"frame_rate_hz": 0.0, "depth_rate_hz": 0.0, "noise_share": 0.01}
+    options = {"frame_rate_hz": 0.0, "depth_rate_hz": 0.0, "renderer": "integrator", "noise_share": 0.01}
     simulate_to_folder(scene, tmp_path / "told", **options)  # type: ignore[arg-type]
     lines = capsys.readouterr().err.splitlines()
     told = [line for line in lines if "of these events are Monte Carlo noise" in line]
@@ -146,12 +146,12 @@ def test_a_run_says_how_much_of_it_is_noise(capsys: pytest.CaptureFixture[str], 
     share = json.loads((tmp_path / "told" / "meta.json").read_text())["monte_carlo_noise"]["share"]
     assert f"{100 * share:.0f} missing or spurious" in told[0] or f"about {100 * share:.2g} %" in told[0]
     with pytest.warns(NoiseWarning, match=re.escape(told[0])):
-        simulate(scene, noise_share=0.01)
+        simulate(scene, renderer="integrator", noise_share=0.01)
     with pytest.warns(NoiseWarning, match="Monte Carlo noise"):
         simulate_to_folder(scene, tmp_path / "quiet", quiet=True, **options)  # type: ignore[arg-type]
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        simulate(scene, noise_share=1.0)
+        simulate(scene, renderer="integrator", noise_share=1.0)
 
 
 @pytest.mark.usefixtures("llvm")
@@ -159,10 +159,10 @@ def test_a_run_says_how_much_of_it_is_noise(capsys: pytest.CaptureFixture[str], 
 def test_auto_takes_as_many_samples_as_the_share_needs(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     """And the run is the same as with that number given."""
     scene = plain_box()
-    estimate = estimate_noise(scene)
+    estimate = estimate_noise(scene, renderer="integrator")
     assert estimate is not None
     share = estimate.share_at(20)
-    options = {"frame_rate_hz": 0.0, "depth_rate_hz": 0.0}
+    options = {"frame_rate_hz": 0.0, "depth_rate_hz": 0.0, "renderer": "integrator"}
     simulate_to_folder(scene, tmp_path / "auto", samples="auto", noise_share=share, **options)  # type: ignore[arg-type]
     said = capsys.readouterr().err
     assert "samples auto: 21, at which about" in said

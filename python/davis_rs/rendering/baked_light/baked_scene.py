@@ -76,6 +76,8 @@ def baked_light(
     with variant(FAST) as (mi, _):
         loaded = load_scene_source(scene.source(), mi)
         simplify_materials(loaded, mi, matte=scene.matte)
+        if not loaded.emitters():
+            raise Unsuitable("it has no lights")
         paths = paths_of(loaded.integrator())
         check_lights(loaded, mi)
         names = light_groups(loaded, changing)
