@@ -157,7 +157,11 @@ SOUPS = st.builds(
 @given(corners=SOUPS, far=st.sampled_from([0.0, 0.0, 1e5]))
 def test_every_ray_sees_what_it_must(corners: FloatArray, far: float) -> None:
     """Among any triangles, behind the camera too and 100 km from the origin: of all rays but those within 1e-4 px of an
-    edge, or of two surfaces at one depth, the triangle and the depth of a float64 ray caster."""
+    edge, or of two surfaces at one depth, the triangle and the depth of a float64 ray caster.
+
+    One over the depth is a sum of three float32 terms: depth errs by some roundings of the largest, which is far more
+    than the sum where a plane is seen from its edge.
+    """
     soup = Soup(corners, position=far * np.array([1.0, -0.7, 0.4]))
     luma, _ = soup.core().luma(pixel_rays(), soup.view())
     depth, owners = soup.core().depth(pixel_rays(), soup.view())
@@ -169,7 +173,12 @@ def test_every_ray_sees_what_it_must(corners: FloatArray, far: float) -> None:
     seen = np.append(soup.reflectances, 0.0)[hits.triangle].astype(np.float32)
     wrong = clear & (luma != seen)
     assert not wrong.any(), f"{wrong.sum()} rays, the first {np.flatnonzero(wrong)[0]}"
-    np.testing.assert_allclose(depth[clear], hits.depth[clear], rtol=3e-5)
+    assert np.isinf(depth[clear & (hits.triangle < 0)]).all()
+    hit = np.flatnonzero(clear & (hits.triangle >= 0))
+    a, b, c = corners[hits.triangle[hit]].swapaxes(0, 1)
+    normal = np.cross(b - a, c - a)
+    terms = np.abs(normal * DIRECTIONS[hit]).sum(1) / np.abs((normal * a).sum(1))
+    assert (np.abs(depth[hit] / hits.depth[hit] - 1) <= 4e-7 * terms * hits.depth[hit]).all()
     assert (owners == 0).all()
 
 
