@@ -161,7 +161,7 @@ def test_a_slow_program_is_told_what_it_lost() -> None:
     sent = contents(chip, events=200_000)
     virtual = camera(chip, encode(chip, sent))
     packets: list[davis_rs.Decoded] = []
-    with Davis.open(backend=VirtualBackend(virtual), queue_bytes=100_000) as davis, warnings.catch_warnings():
+    with Davis.open(backend=VirtualBackend(virtual), queue_bytes=200_000) as davis, warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)
         davis.start()
         while not virtual.over.is_set():
@@ -172,9 +172,9 @@ def test_a_slow_program_is_told_what_it_lost() -> None:
                 davis.stop()
         lost, received = davis.lost_bytes, davis.received_bytes
     assert received == len(virtual.sent)
-    assert received - 110_000 < lost < received
+    assert received - 210_000 < lost < received
     got = join(packets)
-    # The first ones are whole, and none is one that was not sent.
+    # The first ones are whole, because one transfer always fits in the queue; and none is one that was not sent.
     np.testing.assert_array_equal(got.events[:1000], sent.events[:1000])
     assert set(got.events.tolist()) <= set(sent.events.tolist())
 
