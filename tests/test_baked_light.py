@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from davis_rs import Camera, Pose, Scene, SegmentTrajectory
+from davis_rs import Camera, Pose, Scene, SegmentTrajectory, Simulator, estimate_noise, plan_effects
 from davis_rs.rendering.baked_light import baked_scene, cache
 from davis_rs.rendering.baked_light.bake import Surfaces
 from davis_rs.rendering.baked_light.surface_lattice import RefinementRule, SurfaceLattice, refine
@@ -300,6 +300,19 @@ if __name__ == "__main__":
 """
     assert run_python(program, str(Path(__file__).parent)).split() == ["True"]
     assert [file.suffix for file in folder.iterdir()] == [".light"]
+
+
+def test_what_looks_before_a_run_bakes_as_the_run_does(folder: Path) -> None:
+    """The estimate of noise and the plan of effects take the error that was asked for: one bake for all."""
+    scene = replace(
+        make_scene(PATH, floor=plate(0, 0, 0, (1, 1)), panel=lamp()),
+        camera=CAMERA,
+        trajectory=SegmentTrajectory(DOWN, Pose(np.add(DOWN.position, [0.05, 0, 0]), DOWN.quaternion), 0.05),
+    )
+    assert estimate_noise(scene, bake_error=0.2) is None
+    plan_effects(scene, bake_error=0.2)
+    Simulator(scene, bake_error=0.2, samples=1)
+    assert len(list(folder.iterdir())) == 1
 
 
 def test_a_full_cache_loses_what_was_not_used_for_longest(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -29,7 +29,7 @@ from .rendering.render_scene import SceneRenderer
 from .rendering.renderers import make_renderer
 from .sampling.rules import MaxDisplacement, TimeSampling
 from .scene.scene import Scene
-from .settings import AUTO, ViewSettings, complete, takes_settings, view_scene
+from .settings import ViewSettings, complete, renderer_settings, takes_settings, view_scene
 from .trajectory.trajectory import Trajectory
 from .trajectory.views import Views
 
@@ -178,14 +178,7 @@ def estimate_noise(scene: Scene, **settings: Unpack[ViewSettings]) -> NoiseEstim
     """
     given = complete(ViewSettings, settings, of="estimate_noise")
     viewed = view_scene(scene, given)
-    renderer = make_renderer(
-        viewed.scene,
-        viewed.camera,
-        samples=None if given["samples"] == AUTO else given["samples"],
-        seed=given["seed"],
-        kind=given["renderer"],
-        blur=given["blur"],
-    )
+    renderer = make_renderer(viewed.scene, viewed.camera, **renderer_settings(given))
     return estimate_noise_of(
         renderer,
         viewed.scene.path,

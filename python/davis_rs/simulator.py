@@ -21,7 +21,15 @@ from .sampling.event_refinement import refine as refine_events
 from .sampling.exposure import expose
 from .sampling.keyframes import Keyframe, Stretch
 from .scene.scene import Scene
-from .settings import AUTO, SimulatorSettings, chosen_sampling, complete, takes_settings, view_scene
+from .settings import (
+    AUTO,
+    SimulatorSettings,
+    chosen_sampling,
+    complete,
+    renderer_settings,
+    takes_settings,
+    view_scene,
+)
 from .trajectory.trajectory import SegmentTrajectory, Trajectory
 from .trajectory.views import Views
 
@@ -77,11 +85,7 @@ class Simulator:
         plain = make_renderer(
             self.scene,
             self.camera,
-            samples=chosen.samples,
-            seed=self.settings["seed"],
-            kind=self.settings["renderer"],
-            blur=self.settings["blur"],
-            bake_error=self.settings["bake_error"],
+            **{**renderer_settings(self.settings), "samples": chosen.samples},
             edges=self.sampling.edges,
             threads=self.settings["threads"],
         )

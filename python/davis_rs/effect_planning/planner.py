@@ -13,7 +13,7 @@ from ..rendering.renderers import make_renderer
 from ..sampling.keyframes import Stretch
 from ..scene.scene import Scene
 from ..sensor_parameters import SENSORS
-from ..settings import AUTO, ViewSettings, complete, takes_settings, view_scene
+from ..settings import ViewSettings, complete, renderer_settings, takes_settings, view_scene
 from ..trajectory.trajectory import Trajectory
 from .aps import frame_change
 from .cost import Costs
@@ -63,15 +63,7 @@ def plan_effects(
     candidates = (effects or Effects()).with_defaults(candidates)
     kept = keep or Effects()
     named = {effect.name for effect in kept} | kept.switched_off
-    made = make_renderer(
-        viewed.scene,
-        viewed.camera,
-        samples=None if given["samples"] == AUTO else given["samples"],
-        seed=given["seed"],
-        kind=given["renderer"],
-        blur=given["blur"],
-        bake_error=given["bake_error"],
-    )
+    made = make_renderer(viewed.scene, viewed.camera, **renderer_settings(given))
     plan = plan_effects_of(
         made,
         viewed.scene.path,

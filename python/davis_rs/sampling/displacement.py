@@ -94,7 +94,7 @@ class DisplacementClock:
         self._rows, self._columns = np.arange(0, camera.height, _TILE), np.arange(0, camera.width, _TILE)
         self._flow = _flow_of_tiles(camera, _TILE)
         if renderer.motion.objects:
-            self._objects = _ObjectSpeeds(renderer, _centres(camera, _OBJECT_TILE))
+            self._objects = _ObjectSpeeds(renderer)
         self._t_us, self._path = np.zeros(1), np.zeros(1)
         self._ahead: dict[int, FloatArray] = {}
         self._nearest = self._nearest_at(0) if end_us > 0 else None
@@ -257,10 +257,10 @@ class DisplacementClock:
 class _ObjectSpeeds:
     """The largest flow of moving objects, anywhere in the boxes around them, at tiles of the image."""
 
-    def __init__(self, renderer: Renderer, centres: FloatArray) -> None:
+    def __init__(self, renderer: Renderer) -> None:
         camera = renderer.camera
         self._motion, self._flow = renderer.motion, _flow_of_tiles(camera, _OBJECT_TILE)
-        rays = camera.rays(centres)
+        rays = camera.rays(_centres(camera, _OBJECT_TILE))
         self._rays = np.concatenate([rays, np.ones((len(rays), 1))], -1)
         # How far a ray within a tile may be from the tile's own, per metre of depth.
         per_pixel = np.abs(np.linalg.inv(camera.distortion_jacobian(rays))).sum(-1).max()

@@ -3,7 +3,7 @@
 from .frame_settings import INTERPOLATIONS, FrameFolderSettings, FrameSettings
 from .image_camera import camera_of_size, parse_size
 from .inertial import make_imu, make_motion_capture
-from .resolve import AUTO, ViewedScene, chosen_sampling, view_scene
+from .resolve import AUTO, ViewedScene, chosen_sampling, renderer_settings, view_scene
 from .setting import Declared, Setting, complete, only, settings_of, takes_settings
 from .simulation_settings import FolderSettings, SimulationSettings, SimulatorSettings, ViewSettings
 
@@ -26,6 +26,7 @@ __all__ = [
     "make_motion_capture",
     "only",
     "parse_size",
+    "renderer_settings",
     "settings_of",
     "takes_settings",
     "view_scene",

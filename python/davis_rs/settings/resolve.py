@@ -63,6 +63,21 @@ def view_scene(scene: Scene, settings: Mapping[str, Any]) -> ViewedScene:
     return ViewedScene(scene, camera, sensor, on, off, settings["log_eps"])
 
 
+def renderer_settings(settings: Mapping[str, Any]) -> dict[str, Any]:
+    """What :func:`~davis_rs.rendering.renderers.make_renderer` takes of :class:`~davis_rs.settings.ViewSettings`.
+
+    All that render a scene before its run take it from here, so that they render what the run does, and light is baked
+    once. Samples that are to be chosen are left to the renderer.
+    """
+    return {
+        "samples": None if settings["samples"] == AUTO else settings["samples"],
+        "seed": settings["seed"],
+        "kind": settings["renderer"],
+        "blur": settings["blur"],
+        "bake_error": settings["bake_error"],
+    }
+
+
 @dataclass(frozen=True)
 class TimeSamplingChoice:
     """How finely a sequence is sampled.
