@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -12,6 +13,19 @@ from ._core import DecodeError
 from .untrusted import read_text
 
 FloatArray = npt.NDArray[np.float64]
+
+_BLOCK = 8192
+"""Pixels that are undistorted together."""
+
+
+class _Distorted(NamedTuple):
+    """Normalised image coordinates u and v of undistorted ones, and their derivatives: u by y is v by x, ``cross``."""
+
+    u: FloatArray
+    v: FloatArray
+    u_by_x: FloatArray
+    cross: FloatArray
+    v_by_y: FloatArray
 
 
 @dataclass(frozen=True)
@@ -69,8 +83,8 @@ class Camera:
         """
         p = np.asarray(points, np.float64)
         z = np.where(p[..., 2] > 0, p[..., 2], np.nan)
-        distorted = self._distort(np.stack([p[..., 0] / z, p[..., 1] / z], -1))[0]
-        return distorted * (self.fx, self.fy) + (self.cx, self.cy)
+        at = self._distort(p[..., 0] / z, p[..., 1] / z)
+        return np.stack([at.u, at.v], -1) * (self.fx, self.fy) + (self.cx, self.cy)
 
     def rays(self, pixels: npt.ArrayLike) -> FloatArray:
         """Undistorted ray directions (..., 2): the x and y of (x, y, 1) in camera axes, for pixel coordinates (..., 2).
@@ -81,64 +95,66 @@ class Camera:
             ValueError: where no ray projects to a pixel (the distortion folds over), naming the pixel.
         """
         pixel = np.asarray(pixels, np.float64)
-        target = (pixel - (self.cx, self.cy)) / (self.fx, self.fy)
-        xy = target.copy()
+        flat = pixel.reshape(-1, 2)
+        xy = np.empty_like(flat)
+        largest_squared = self._squared_radius_of_fold()
+        # In blocks that stay in the processor's cache: a table of rays has millions.
+        for start in range(0, len(flat), _BLOCK):
+            block = slice(start, start + _BLOCK)
+            x, y, solved = self._undistorted(flat[block])
+            # Beyond a fold the distortion may rise again: a ray from there projects to the pixel, and is not its own.
+            bad = ~solved | (x * x + y * y >= largest_squared)
+            if bad.any():
+                where = flat[block][bad][0]
+                raise ValueError(
+                    f"the lens distortion {self.distortion} folds over inside the image: no ray projects to pixel "
+                    f"({where[0]:.2f}, {where[1]:.2f}); check calib.txt's order fx fy cx cy k1 k2 p1 p2 k3"
+                )
+            xy[block, 0], xy[block, 1] = x, y
+        return xy.reshape(pixel.shape)
+
+    def _undistorted(self, pixel: FloatArray) -> tuple[FloatArray, FloatArray, npt.NDArray[np.bool_]]:
+        """Ray directions x and y of pixels (n, 2), and whether each was found where the distortion does not fold."""
+        u, v = (pixel[:, 0] - self.cx) / self.fx, (pixel[:, 1] - self.cy) / self.fy
+        x, y = u.copy(), v.copy()
         for _ in range(50):
-            distorted, jacobian = self._distort(xy)
-            residual = distorted - target
-            if np.abs(residual).max(initial=0.0) < 1e-13:
+            at = self._distort(x, y)
+            right, down = at.u - u, at.v - v
+            if max(np.abs(right).max(initial=0.0), np.abs(down).max(initial=0.0)) < 1e-13:
                 break
-            determinant = jacobian[..., 0, 0] * jacobian[..., 1, 1] - jacobian[..., 0, 1] * jacobian[..., 1, 0]
             with np.errstate(all="ignore"):
-                dx = (jacobian[..., 1, 1] * residual[..., 0] - jacobian[..., 0, 1] * residual[..., 1]) / determinant
-                dy = (jacobian[..., 0, 0] * residual[..., 1] - jacobian[..., 1, 0] * residual[..., 0]) / determinant
-                xy = xy - np.stack([dx, dy], -1)
-        distorted, jacobian = self._distort(xy)
-        error = np.abs((distorted - target) * (self.fx, self.fy)).max(-1)
-        determinant = jacobian[..., 0, 0] * jacobian[..., 1, 1] - jacobian[..., 0, 1] * jacobian[..., 1, 0]
-        # Beyond a fold the distortion may rise again: a ray from there is not the pixel's, though it projects to it.
-        beyond = (xy**2).sum(-1) >= self._squared_radius_of_fold()
-        bad = ~(error < 1e-9) | (determinant <= 0) | beyond
-        if bad.any():
-            where = pixel[bad][0]
-            raise ValueError(
-                f"the lens distortion {self.distortion} folds over inside the image: no ray projects to pixel "
-                f"({where[0]:.2f}, {where[1]:.2f}); check calib.txt's order fx fy cx cy k1 k2 p1 p2 k3"
-            )
-        return xy
+                determinant = at.u_by_x * at.v_by_y - at.cross * at.cross
+                x = x - (at.v_by_y * right - at.cross * down) / determinant
+                y = y - (at.u_by_x * down - at.cross * right) / determinant
+        at = self._distort(x, y)
+        error = np.maximum(np.abs((at.u - u) * self.fx), np.abs((at.v - v) * self.fy))
+        return x, y, (error < 1e-9) & (at.u_by_x * at.v_by_y - at.cross * at.cross > 0)
 
     def distortion_jacobian(self, xy: npt.ArrayLike) -> FloatArray:
         """d(pixel)/d(undistorted ray), shape (..., 2, 2), at ray directions (..., 2)."""
-        return self._distort(np.asarray(xy, np.float64))[1] * np.array([[self.fx], [self.fy]])
+        rays = np.asarray(xy, np.float64)
+        at = self._distort(rays[..., 0], rays[..., 1])
+        rows = np.stack([at.u_by_x, at.cross], -1), np.stack([at.cross, at.v_by_y], -1)
+        return np.stack([rows[0] * self.fx, rows[1] * self.fy], -2)
 
     def _squared_radius_of_fold(self) -> float:
         """Smallest r^2 where the distorted radius, r (1 + k1 r^2 + k2 r^4 + k3 r^6), stops growing; inf if nowhere."""
         roots = np.roots([7 * self.k3, 5 * self.k2, 3 * self.k1, 1.0])
         return float(roots.real[(roots.imag == 0) & (roots.real > 0)].min(initial=np.inf))
 
-    def _distort(self, xy: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Distorted normalised coordinates (..., 2) and their Jacobian (..., 2, 2)."""
+    def _distort(self, x: FloatArray, y: FloatArray) -> _Distorted:
+        """Distorted normalised coordinates, and their derivatives."""
         k1, k2, p1, p2, k3 = self.distortion
-        x, y = xy[..., 0], xy[..., 1]
         r2 = x * x + y * y
         radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
         slope = 2 * (k1 + r2 * (2 * k2 + r2 * 3 * k3))  # d(radial)/dx = slope * x, d(radial)/dy = slope * y
-        distorted = np.stack(
-            [
-                x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x),
-                y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y,
-            ],
-            -1,
+        return _Distorted(
+            u=x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x),
+            v=y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y,
+            u_by_x=radial + slope * x * x + 2 * p1 * y + 6 * p2 * x,
+            cross=slope * x * y + 2 * p1 * x + 2 * p2 * y,
+            v_by_y=radial + slope * y * y + 6 * p1 * y + 2 * p2 * x,
         )
-        cross = slope * x * y + 2 * p1 * x + 2 * p2 * y
-        jacobian = np.stack(
-            [
-                np.stack([radial + slope * x * x + 2 * p1 * y + 6 * p2 * x, cross], -1),
-                np.stack([cross, radial + slope * y * y + 6 * p1 * y + 2 * p2 * x], -1),
-            ],
-            -2,
-        )
-        return distorted, jacobian
 
     def to_calib(self) -> str:
         """The line of ``calib.txt``: ``fx fy cx cy k1 k2 p1 p2 k3``, each number exact (shortest round-trip form)."""
