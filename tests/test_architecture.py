@@ -40,6 +40,7 @@ LAYERS = [
         "_core",
         "close_names",
         "progress",
+        "read_ahead",
         "stop_requests",
         "folder_report",
     ],

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from itertools import tee
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,6 +15,7 @@ from .effects import Effects, with_optics
 from .events import EventArray, concatenate_events
 from .packet import Packet
 from .pose import Pose
+from .read_ahead import read_ahead
 from .rendering.renderers import make_renderer
 from .run_description import describe_run
 from .sampling.event_refinement import refine as refine_events
@@ -130,7 +131,9 @@ class Simulator:
         if self._pose is not None:
             raise ValueError("this simulator has run already; its pixels remember: make a new one for a new sequence")
         self._refuse_empty_view(trajectory)
-        yield from self._packets(trajectory, 0, round(trajectory.duration_s * 1e6))
+        # Two threads pay only where the caller has not asked for one.
+        ahead = self.renderer.concurrent and self.settings["threads"] != 1
+        yield from self._packets(trajectory, 0, round(trajectory.duration_s * 1e6), ahead=ahead)
         yield from self.flush()
 
     def step(self, t_us: int, pose: Pose) -> list[Packet]:
@@ -185,16 +188,19 @@ class Simulator:
         }
         return describe_run(self.scene, self.camera, self.renderer, self.effects, {**self.settings, **resolved})
 
-    def _packets(self, trajectory: Trajectory, start_us: int, end_us: int) -> Iterator[Packet]:
-        """Packets of (start_us, end_us], or of the very first instant too; the trajectory starts at ``start_us``."""
-        instants, ahead = tee(
-            due_instants(
-                start_us,
-                end_us,
-                frame_rate_hz=self.settings["frame_rate_hz"],
-                depth_rate_hz=self.settings["depth_rate_hz"],
-                first=self._pose is None,
-            )
+    def _packets(self, trajectory: Trajectory, start_us: int, end_us: int, *, ahead: bool = False) -> Iterator[Packet]:
+        """Packets of (start_us, end_us], or of the very first instant too; the trajectory starts at ``start_us``.
+
+        Args:
+            ahead: render in a thread of its own, while the crossing engine works on the keyframes before.
+        """
+        due_between = partial(
+            due_instants,
+            start_us,
+            end_us,
+            frame_rate_hz=self.settings["frame_rate_hz"],
+            depth_rate_hz=self.settings["depth_rate_hz"],
+            first=self._pose is None,
         )
         stretch = Stretch(
             renderer=self.renderer,
@@ -202,7 +208,7 @@ class Simulator:
             start_us=start_us,
             end_us=end_us,
             first=self._pose is None,
-            due=(instant.t_us for instant in ahead),
+            due=(instant.t_us for instant in due_between()),
             contrast_threshold=min(self.contrast_threshold, self.contrast_threshold_off),
             log_eps=self.settings["log_eps"],
             batch=self.settings["poses_per_launch"] or self.renderer.poses_per_launch,
@@ -211,8 +217,10 @@ class Simulator:
         open_us = start_us - (0 if self.effects.aps is None else round(self.effects.aps.exposure_us))
         self._exposed = [*(before for before in self._exposed if before.end_us > open_us), stretch]
         pending: list[EventArray] = []
+        instants = due_between()
         due = next(instants)
-        for keyframe in self.sampling.keyframes(stretch):
+        keyframes = self.sampling.keyframes(stretch)
+        for keyframe in read_ahead(keyframes, most=stretch.batch) if ahead else keyframes:
             pending.append(self._take(keyframe, stretch))
             if keyframe.t_us < due.t_us:
                 continue

@@ -14,6 +14,7 @@ from ..camera import Camera
 from ..effects import Effects, Optics, parse_effect
 from ..events import EventArray, concatenate_events
 from ..packet import Packet
+from ..read_ahead import read_ahead
 from ..sensor_parameters import SensorParameters, sensor_parameters
 from ..settings import FrameSettings, camera_of_size, complete
 from .frame_part import FramePart, frame_part
@@ -22,11 +23,13 @@ from .frames_between import Auto, FramesBetween
 from .interpolation import Cubic, Interpolation, Linear, SensorFrame
 from .light import Light
 from .quantisation import LOG_EPS, QuantisationCount, dark_level
-from .read_ahead import read_ahead
 
 CONTRAST_THRESHOLD = 0.15
 LUX_PER_LUMA = 1000.0
 """What a scene has where nothing says else (:class:`~davis_rs.Scene`)."""
+
+_FRAMES_AHEAD = 4
+"""Frames that are decoded while the ones before them are worked on."""
 
 
 class FrameRun:
@@ -209,7 +212,7 @@ class FrameRun:
     def _sensor_frames(self) -> Iterator[SensorFrame]:
         """The frames as the sensor sees them, made ahead in a thread of their own."""
         count = 0
-        for frame in read_ahead(self._seen(chain([self._first], self._taken))):
+        for frame in read_ahead(self._seen(chain([self._first], self._taken)), most=_FRAMES_AHEAD):
             count += 1
             yield frame
         if count == 1:

@@ -47,6 +47,9 @@ class Renderer(ABC):
     poses_per_launch: int
     """How many views are best rendered in one call."""
 
+    concurrent: bool = False
+    """Whether several threads may call it at once."""
+
     motion: SceneMotion
     """What moves and flickers in the scene, by the times of the views."""
 

@@ -38,6 +38,7 @@ class NativeRenderer(Renderer):
 
     name = "native renderer"
     variant = SCALAR
+    concurrent = True
 
     def __init__(
         self,

@@ -1,4 +1,4 @@
-"""Reading ahead: frames are decoded in a thread of their own while the ones before them are worked on."""
+"""Working ahead: what is next is made in a thread of its own while what came before it is worked on."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ from typing import TypeVar
 
 _Item = TypeVar("_Item")
 
-_AHEAD = 4
-"""Frames that wait at the most, so that memory stays bounded."""
-
 _PATIENCE_S = 0.1
 
 
-def read_ahead(items: Iterable[_Item]) -> Iterator[_Item]:
+def read_ahead(items: Iterable[_Item], *, most: int) -> Iterator[_Item]:
     """The same items in the same order, made in another thread; its exceptions come out where the item would have.
 
     The thread ends when the iterator is closed or dropped.
+
+    Args:
+        most: how many items wait, so that memory stays bounded.
     """
-    waiting: queue.Queue[tuple[_Item | None, BaseException | None]] = queue.Queue(_AHEAD)
+    waiting: queue.Queue[tuple[_Item | None, BaseException | None]] = queue.Queue(most)
     over = threading.Event()
 
     def put(item: _Item | None, error: BaseException | None) -> bool:
@@ -46,7 +46,7 @@ def read_ahead(items: Iterable[_Item]) -> Iterator[_Item]:
             if close is not None:
                 close()  # the file that a generator holds open
 
-    thread = threading.Thread(target=read, name="davis_rs frames", daemon=True)
+    thread = threading.Thread(target=read, name="davis_rs ahead", daemon=True)
     thread.start()
     try:
         while True:
