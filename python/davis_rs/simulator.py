@@ -18,7 +18,7 @@ from .pose import Pose
 from .read_ahead import read_ahead
 from .rendering.renderers import make_renderer
 from .run_description import describe_run
-from .sampling.event_refinement import refine as refine_events
+from .sampling.event_refinement import EventRefinement
 from .sampling.exposure import expose
 from .sampling.keyframes import Keyframe, Stretch
 from .scene.scene import Scene
@@ -216,12 +216,14 @@ class Simulator:
         # A shutter that is open now may have opened some stretches ago.
         open_us = start_us - (0 if self.effects.aps is None else round(self.effects.aps.exposure_us))
         self._exposed = [*(before for before in self._exposed if before.end_us > open_us), stretch]
+        thresholds = self.contrast_threshold, self.contrast_threshold_off
+        refinement = EventRefinement(stretch, thresholds) if self.refine else None
         pending: list[EventArray] = []
         instants = due_between()
         due = next(instants)
         keyframes = self.sampling.keyframes(stretch)
         for keyframe in read_ahead(keyframes, most=stretch.batch) if ahead else keyframes:
-            pending.append(self._take(keyframe, stretch))
+            pending.append(self._take(keyframe, refinement, due=keyframe.t_us >= due.t_us))
             if keyframe.t_us < due.t_us:
                 continue
             depth = self.renderer.depth(stretch.views([due.t_us]))[0] if due.depth else None
@@ -243,16 +245,18 @@ class Simulator:
         number, self._frames = self._frames, self._frames + 1
         return aps.read_out(exposed, frame=number, seed=self.settings["seed"])
 
-    def _take(self, keyframe: Keyframe, stretch: Stretch) -> EventArray:
-        """Feed the crossing engine; return the events since the last keyframe."""
+    def _take(self, keyframe: Keyframe, refinement: EventRefinement | None, *, due: bool) -> EventArray:
+        """Feed the crossing engine; return the events since the last keyframe.
+
+        Events that are refined come together where a packet falls ``due``.
+        """
         last, self._last = self._last, keyframe
-        reference = self._engine.reference if self.refine and last is not None else None
+        if refinement is None or last is None:
+            return self._engine.push(keyframe.t_us, keyframe.luma, keyframe.rate, sparse=keyframe.sparse)
+        reference = self._engine.reference
         events = self._engine.push(keyframe.t_us, keyframe.luma, keyframe.rate, sparse=keyframe.sparse)
-        if last is None or reference is None:
-            return events
-        return refine_events(
-            events, reference, last, keyframe, stretch, (self.contrast_threshold, self.contrast_threshold_off)
-        )
+        refinement.add(events, reference, last, keyframe)
+        return refinement.take() if due else events[:0]
 
     def _refuse_empty_view(self, trajectory: Trajectory) -> None:
         views = Views.along(trajectory, np.linspace(0, trajectory.duration_s, 9))

@@ -44,17 +44,30 @@ def _between(last: Keyframe, new: Keyframe, t_us: int, log_eps: float) -> FloatA
     chord = stop - start
     log = start + share * chord
     if last.rate is not None and new.rate is not None:
-        p, q = _slopes(
-            last.rate * (interval_us * 1e-6 / np.exp(start)), new.rate * (interval_us * 1e-6 / np.exp(stop)), chord
-        )
+        p, q = end_slopes(last.rate, new.rate, start, stop, interval_us)
         log += share * (1 - share) * ((p - chord) * (1 - share) - (q - chord) * share)
     if new.sparse is not None and len(new.sparse.pixel):
         _take_sparse(log.reshape(-1), start.reshape(-1), stop.reshape(-1), last, new, t_us, log_eps)
     return log
 
 
-def _slopes(p: FloatArray, q: FloatArray, chord: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Slopes, over the interval's length, that make no extremum which the samples do not support."""
+def end_slopes(
+    rate_before: npt.NDArray[np.float32],
+    rate_after: npt.NDArray[np.float32],
+    start: FloatArray,
+    stop: FloatArray,
+    interval_us: int,
+) -> tuple[FloatArray, FloatArray]:
+    """Slopes of the cubics at both ends of an interval, over its length, that the engine takes.
+
+    They make no extremum which the samples do not support.
+
+    Args:
+        rate_before, rate_after: dY/dt, luma per second.
+        start, stop: log luma.
+    """
+    chord = stop - start
+    p, q = (rate * (interval_us * 1e-6 / np.exp(log)) for rate, log in ((rate_before, start), (rate_after, stop)))
     one_way = p * q >= 0
     agree = (chord != 0) & (p * chord >= 0) & (q * chord >= 0)
     most = _STEEPEST * np.abs(chord)
