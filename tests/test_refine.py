@@ -173,7 +173,7 @@ def test_each_event_is_where_the_renderer_reaches_its_level(name: str, sampling:
                 right[off_us] += int(np.count_nonzero(reached & before))
             solved += len(asked)
     assert solved > 1000
-    for off_us, share in {0: 0.9, 1: 0.996, 20: 0.998}.items():
+    for off_us, share in {0: 0.93, 1: 0.996, 20: 0.998}.items():
         assert right[off_us] > share * solved
     assert moved > 0.9 * solved
     assert kept + delayed < 0.05 * solved

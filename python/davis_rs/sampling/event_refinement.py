@@ -21,8 +21,8 @@ _MOST_SMOOTH_TURNS = 4
 """After so many steps along a curve a bracket is tightened whatever the curve is."""
 
 _SMOOTH = 1.25
-"""Light runs smoothly through a bracket where its slopes before and after an instant, and at it, differ by less than
-this factor."""
+"""Light runs smoothly through a bracket where its slope at an instant, and that towards the nearer end, differ by less
+than this factor."""
 
 _NEAR_US = 2.5
 """A step of the parabola that is no longer is taken as it is: its slope is far better than 40 %."""
@@ -32,9 +32,8 @@ _CUBIC_NEAR_US = 1 / 8
 error. Such an error vanishes at both ends, so its slope is some 4 s / h of the cubic's, and the step is off by
 4 s^2 / h: half a microsecond."""
 
-_CUBIC_MOST_US = 20.0
+_CUBIC_MOST_US = 5.0
 """No longer step is taken unasked: where a cubic is that far off, a ray may have jumped."""
-
 
 _TOGETHER = 1 << 15
 """Events that are refined together: fewer would cost more calls of the renderer, more would cost memory."""
