@@ -62,7 +62,7 @@ class Measurement:
     Attributes:
         events: how many it made in the judged part.
         keyframes_per_s, rays_per_s: rendered per simulated second, rays for depth and for single pixels included.
-        in_time: errors against the crossings of the same rays; None for random ones.
+        in_time: errors against the crossings of the same rays; None for random ones, and where nobody asks.
         in_all: errors against the fine reference.
         slow: it takes so long that its run on the judged part is the only one timed.
         wall_s: of each timed round, wall time per simulated second.
@@ -88,10 +88,11 @@ class Sweep:
     Args:
         scene: with its camera path, see :meth:`Scene.with_trajectory`.
         start_s: where the part begins; None: where the fastest pixel has gone half of its path.
-        duration_s: of the judged part; None: until the fastest pixel has moved 6 pixels. The timed part is four times
-            as long, where the trajectory is.
+        duration_s: of the judged part; None: until the fastest pixel has moved ``path_px`` pixels. The timed part is
+            four times as long, where the trajectory is.
         camera: None takes the scene's.
         folder: keeps the frames of the fine reference for another time.
+        fine_rays: rays a pixel of the fine reference.
 
     Raises:
         ValueError: if there is no such part of a trajectory, or nothing moves in it.
@@ -106,6 +107,7 @@ class Sweep:
         camera: Camera | None = None,
         folder: str | Path,
         fine_rays: int = FINE_RAYS,
+        path_px: float = _PATH_PX,
     ) -> None:
         # Textures are made once, not for each setting.
         self.scene = replace(scene, source=cache(scene.source))
@@ -119,7 +121,7 @@ class Sweep:
         rest_s = rest.path.duration_s
         clock = DisplacementClock(renderer, rest.path, round(rest_s * 1e6))
         if duration_s is None:
-            reached_us = clock.time_at(_PATH_PX)
+            reached_us = clock.time_at(path_px)
             duration_s = rest_s if reached_us is None else max(reached_us, 1) * 1e-6
         self._judged = rest.crop(0.0, duration_s)
         judged = self._judged.path
@@ -140,8 +142,12 @@ class Sweep:
         """How long the timed part is, in seconds of the trajectory."""
         return self._timed.path.duration_s
 
-    def measure(self, setting: Setting) -> Measurement:
-        """Judge a setting, and time it unless it is slow: then the judged part is its one timed run."""
+    def measure(self, setting: Setting, *, same_rays: bool = True) -> Measurement:
+        """Judge a setting, and time it unless it is slow: then the judged part is its one timed run.
+
+        Args:
+            same_rays: judge it against the exact crossings of its own rays too, which may take longer than it does.
+        """
         seconds = self.duration_s
         for _ in self._simulator(setting, setting.sampling, self._judged.crop(0, _WARM_UP * seconds)).run():
             pass
@@ -152,7 +158,8 @@ class Sweep:
         events = concatenate_events([packet.events for packet in simulator.run()])
         wall_s = time.perf_counter() - started
         log = np.stack(recorder.log)
-        in_time = None if setting.random else self._errors(events, log, *self._same_rays(setting.samples))
+        compared = same_rays and not setting.random
+        in_time = self._errors(events, log, *self._same_rays(setting.samples)) if compared else None
         in_all = self._errors(events, log, self.fine.events, self._fine_log)
         rates = recorder.keyframe_count / seconds, counted.count / seconds
         wall_s_per_s = wall_s / seconds if wall_s > SLOW_S else self.time(setting)
@@ -161,6 +168,7 @@ class Sweep:
     def time(self, setting: Setting) -> float:
         """Wall time per simulated second, of one run that keeps nothing."""
         simulator = self._simulator(setting, setting.sampling, self._timed)
+        simulator.renderer.luma(self.recipe.views(np.zeros(1, np.int64)))  # what is made when it is first asked for
         started = time.perf_counter()
         for _ in simulator.run():
             pass

@@ -147,7 +147,7 @@ def markdown(measured: Sequence[Measurement], facts: Mapping[str, str]) -> str:
     return "\n".join(lines) + "\n"
 
 
-_COLOURS = ("#0072B2", "#D55E00", "#56B4E9", "#E69F00", "#009E73", "#66C2A5", "#CC79A7", "#000000", "#7F7F7F")
+COLOURS = ("#0072B2", "#D55E00", "#56B4E9", "#E69F00", "#009E73", "#66C2A5", "#CC79A7", "#000000", "#7F7F7F")
 """Okabe and Ito's, which the usual kinds of colour blindness tell apart."""
 
 _MARKERS = "ososs^D*X"
@@ -193,7 +193,7 @@ def _panel(axis: Axes, points: Sequence[tuple[Measurement, float, float]], famil
     axis.step(step_x, [y for *_, y in front], where="post", color="0.75", lw=5, zorder=1, label="Pareto front")
     for k, family in enumerate(families):
         own = [(x, y) for m, x, y in points if m.setting.family == family]
-        style: dict[str, Any] = {"color": _COLOURS[k % len(_COLOURS)], "marker": _MARKERS[k % len(_MARKERS)]}
+        style: dict[str, Any] = {"color": COLOURS[k % len(COLOURS)], "marker": _MARKERS[k % len(_MARKERS)]}
         # The presets differ in everything: no line joins them.
         style |= {"ms": 11, "lw": 0, "mec": "white"} if family == PRESETS else {"ms": 5, "lw": 1}
         axis.plot(*zip(*own, strict=True) if own else ([], []), label=family, zorder=3, **style)

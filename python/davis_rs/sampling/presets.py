@@ -25,14 +25,12 @@ class Accuracy:
 
 ACCURACY = {
     "paper": Accuracy(MaxDisplacement(), None),
-    "fast": Accuracy(MaxDisplacement(2 / 3), 5),
-    "balanced": Accuracy(Tolerance(0.5, pixels=2 / 3, longest=2 / 3, halvings=1, edges=False), 13),
-    "exact": Accuracy(Tolerance(0.05, pixels=1 / 16, longest=1 / 16, halvings=3), 32, refine=True),
+    "fast": Accuracy(MaxDisplacement(2 / 3), 8),
+    "balanced": Accuracy(Tolerance(0.5, pixels=1 / 2, longest=1 / 2, halvings=1, edges=False), 32),
+    "exact": Accuracy(Tolerance(0.1, pixels=1 / 6, longest=1 / 6, halvings=2), 32, refine=True),
 }
 """``docs/accuracy.md`` shows where they lie.
 
 ``paper``, the default, is the rule of the dataset's own simulator: straight lines between renders a third of a pixel
 apart.
-
-Lattices of 5, 8, 13, 21 points (Fibonacci numbers) integrate edges best for their cost.
 """

@@ -1,0 +1,218 @@
+"""What a simulated second costs, and errs: python benches/accuracy.py [SCENE ...] [-o DIR]
+
+On each scene the presets and points around them take turns with the usual way, and are judged against 377 rays a
+pixel (davis_rs.accuracy says how). The usual way is Mitsuba's integrator with 16 rays and lines 1/3 px apart. Closed
+rooms are black for Mitsuba, because no integrator has their light from all sides: there it is the table kernel, with
+the same rays and lines.
+
+``workshop`` is the one scene that no preset was chosen by. Needs LLVM and matplotlib. With -o, the tables and the
+figure are written into DIR, as presets.md and presets.png.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from accuracy_workshop import workshop
+
+import davis_rs
+from davis_rs import ACCURACY, MaxDisplacement, Scene, Tolerance
+from davis_rs.accuracy.accuracy_sweep import Measurement, Sweep
+from davis_rs.accuracy.report import COLOURS, processor
+from davis_rs.accuracy.settings import Setting
+
+RAYS, PATH_PX, ROUNDS = 377, 2.0, 2
+CLOSED_ROOMS = {"poster_6dof", "boxes_6dof", "office_zigzag"}
+SCENES = [
+    *(
+        "three_planes",
+        "three_walls",
+        "fence",
+        "poster_6dof",
+        "boxes_6dof",
+        "office_zigzag",
+        "outdoors_walking",
+        "urban",
+    ),
+    "workshop",
+]
+SPACINGS = {"1/3": 1 / 3, "1/2": 1 / 2, "2/3": 2 / 3}
+LATTICES = (8, 13, 21, 32, 64)
+
+
+class Result(NamedTuple):
+    """What was measured on a scene."""
+
+    scene: str
+    judged: Sweep
+    measured: list[Measurement]
+
+    @property
+    def usual(self) -> Measurement:
+        return self.measured[0]
+
+
+def settings_of(scene: str) -> list[Setting]:
+    """The usual way first."""
+    usual = "table" if scene in CLOSED_ROOMS else "integrator"
+    name = "table kernel" if scene in CLOSED_ROOMS else "Mitsuba's integrator"
+    presets = [
+        Setting(preset, "presets", chosen.sampling, chosen.samples or 8, refine=chosen.refine, preset=preset)
+        for preset, chosen in ACCURACY.items()
+    ]
+    around = [
+        Setting(f"{family}, {text} px, {rays} rays", f"{family}, {text} px", sampling, rays)
+        for text, px in SPACINGS.items()
+        for family, sampling in (
+            ("lines", MaxDisplacement(px)),
+            ("adaptive cubics", Tolerance(0.5, pixels=px, longest=px, halvings=1, edges=False)),
+        )
+        for rays in LATTICES
+        if family == "lines" or rays > 8
+    ]
+    return [Setting(f"{name}, 16 rays, lines 1/3 px", "usual", MaxDisplacement(1 / 3), 16, usual), *presets, *around]
+
+
+def measure(name: str, folder: Path) -> Result:
+    scene: Scene = workshop() if name == "workshop" else davis_rs.load_scene(name)
+    judged = Sweep(scene, folder=folder / name, fine_rays=RAYS, path_px=PATH_PX)
+    for _ in judged.prepare():
+        pass
+    settings = settings_of(name)
+    measured = [judged.measure(setting, same_rays=setting.preset == "exact") for setting in settings]
+    for _ in range(ROUNDS - 1):
+        for one in measured:
+            if not one.slow:
+                one.wall_s.append(judged.time(one.setting))
+    return Result(name, judged, measured)
+
+
+def row(result: Result, one: Measurement) -> str:
+    errors = one.in_all
+    least = min(one.wall_s)
+    cells = [
+        result.scene,
+        one.setting.name,
+        f"{least:.3g}",
+        f"{min(result.usual.wall_s) / least:.1f}",
+        f"{errors.median_us:.1f}",
+        f"{errors.p99_us:.0f}",
+        f"{errors.missing_percent:.2f} + {errors.spurious_percent:.2f}",
+    ]
+    return "| " + " | ".join(cells) + " |"
+
+
+HEADER = [
+    "| scene | setting | wall s per s | less than usual | median (us) | p99 (us) | missing + spurious (%) |",
+    "|---|---|---:|---:|---:|---:|---:|",
+]
+
+
+def page(results: list[Result], command: str, minutes: float) -> str:
+    lines = [
+        "# What a simulated second costs",
+        "",
+        f"- command: `{command}` ({minutes:.0f} minutes)",
+        f"- machine: {processor()}, {os.cpu_count()} logical CPUs; davis_rs {davis_rs.__version__}",
+        f"- judged: while the fastest pixel moves {PATH_PX:g} px, half way of each path, against {RAYS} rays a pixel;"
+        f" timed: the least of {ROUNDS} rounds in which all settings take turns, start-up and files apart",
+        "- the usual way: Mitsuba's integrator, 16 rays a pixel, lines between renders 1/3 px apart; in closed rooms,",
+        "  which only our own renderers light, the table kernel with the same rays and lines",
+        "- `workshop` (benches/accuracy_workshop.py) was never used to choose a preset",
+        "",
+        "Errors of time are in microseconds, missing and spurious events in per cent of the reference's.",
+        "",
+        *HEADER,
+        *(row(r, one) for r in results for one in r.measured if one.setting.family in ("usual", "presets")),
+        "",
+        "`exact` against the crossings of its own rays, which is what it is for:",
+        "",
+        "| scene | median (us) | p99 (us) | missing + spurious (%) |",
+        "|---|---:|---:|---:|",
+    ]
+    for result in results:
+        for one in result.measured:
+            if one.in_time is not None:
+                e = one.in_time
+                counts = f"{e.missing_percent:.3f} + {e.spurious_percent:.3f}"
+                lines.append(f"| {result.scene} | {e.median_us:.1f} | {e.p99_us:.1f} | {counts} |")
+    lines += ["", "Points around the presets:", "", *HEADER]
+    lines += [row(r, one) for r in results for one in r.measured if one.setting.family not in ("usual", "presets")]
+    return "\n".join(lines) + "\n"
+
+
+def draw(results: list[Result], path: Path) -> None:
+    """One panel a scene: missing and spurious events against wall time."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    columns = min(3, len(results))
+    rows = -(-len(results) // columns)
+    figure = Figure(figsize=(4.4 * columns, 3.5 * rows + 0.6), dpi=150, layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = np.atleast_1d(figure.subplots(rows, columns)).ravel()
+    families = list(dict.fromkeys(one.setting.family for one in results[0].measured))
+    for axis, result in zip(axes, results, strict=False):
+        for k, family in enumerate(families):
+            own = [one for one in result.measured if one.setting.family == family]
+            x = [min(one.wall_s) for one in own]
+            y = [one.in_all.missing_percent + one.in_all.spurious_percent for one in own]
+            single = family in ("usual", "presets")
+            axis.plot(
+                x,
+                y,
+                color=COLOURS[k],
+                marker="D" if single else "o",
+                markersize=7 if single else 4,
+                linewidth=0 if single else 1,
+                label="the usual way" if family == "usual" else family,
+                zorder=3 if single else 2,
+            )
+            for one, at_x, at_y in zip(own, x, y, strict=True):
+                if one.setting.preset:
+                    axis.annotate(
+                        one.setting.preset, (at_x, at_y), xytext=(4, 6), textcoords="offset points", fontsize=8
+                    )
+        axis.set_xscale("log")
+        axis.set_yscale("log")
+        axis.set_title(result.scene, fontsize=10)
+        axis.grid(True, which="both", lw=0.3, color="0.88")
+    for axis in axes[len(results) :]:
+        axis.set_visible(False)
+    figure.supxlabel("wall time per simulated second (s)", fontsize=10)
+    figure.supylabel("missing + spurious events (%)", fontsize=10)
+    handles, labels = axes[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper center", ncols=4, frameon=False, fontsize=9)
+    figure.savefig(path)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("scenes", nargs="*", default=SCENES, metavar="SCENE", help="which of them; all if not given")
+    parser.add_argument("-o", "--output", type=Path, metavar="DIR", help="the folder to write")
+    options = parser.parse_args()
+    begin, results = time.perf_counter(), []
+    with tempfile.TemporaryDirectory() as folder:
+        for name in options.scenes:
+            started = time.perf_counter()
+            results.append(measure(name, Path(folder)))
+            print(f"{name}: {time.perf_counter() - started:.0f} s", *HEADER, sep="\n")
+            for one in results[-1].measured:
+                print(row(results[-1], one), flush=True)
+    if options.output is not None:
+        options.output.mkdir(parents=True, exist_ok=True)
+        minutes = (time.perf_counter() - begin) / 60
+        command = "python benches/accuracy.py " + " ".join(sys.argv[1:])
+        (options.output / "presets.md").write_text(page(results, command, minutes), "utf-8")
+        draw(results, options.output / "presets.png")
+
+
+if __name__ == "__main__":
+    main()
