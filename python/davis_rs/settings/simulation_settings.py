@@ -213,7 +213,7 @@ class SamplingSettings(ViewSettings, EngineSettings, total=False):
         str,
         Declared(
             "a point on the curve of docs/accuracy.md; sampling in time, samples and refine override their part of it",
-            "paper",
+            "balanced",
             choices=tuple(ACCURACY),
             group=_ACCURACY,
         ),
