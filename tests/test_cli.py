@@ -243,7 +243,7 @@ def test_without_llvm_the_native_renderer_does_it(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     assert "rendering with native renderer" in done.stderr
     assert "install" not in done.stderr
-    assert json.loads((out / "meta.json").read_text())["parameters"]["samples"] == 8
+    assert json.loads((out / "meta.json").read_text())["parameters"]["samples"] == 32
     checked = run("check", out)
     assert checked.returncode == 0, checked.stdout
 

@@ -116,7 +116,8 @@ def _luma(scene: Scene) -> LumaFrames:
 
 
 def _events(scene: Scene) -> EventArray:
-    return np.concatenate([packet.events for packet in simulate(scene, samples=2, frame_rate_hz=0, depth_rate_hz=0)])
+    packets = simulate(scene, accuracy="paper", samples=2, frame_rate_hz=0, depth_rate_hz=0)
+    return np.concatenate([packet.events for packet in packets])
 
 
 @pytest.mark.parametrize("make", FORMATS.values(), ids=FORMATS)
