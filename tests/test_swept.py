@@ -73,7 +73,7 @@ def several_shapes(shapes: npt.NDArray[Any]) -> BoolArray:
 
 
 def swept(edges: Silhouettes, camera: Camera, before: Pose, after: Pose, *, margin_px: float = 0.0) -> BoolArray:
-    return edges.swept(camera, [before], [after], margin_px=margin_px)[0]
+    return edges.swept(camera, [before], [after], margin_px=margin_px)[0] > 0
 
 
 def assert_none_missed(mask: BoolArray, needed: BoolArray) -> None:
@@ -285,11 +285,28 @@ def test_at_rest_nothing_is_swept_and_intervals_are_apart() -> None:
     together = edges.swept(LENS, before, after, margin_px=1.0)
     assert together.shape == (len(before), LENS.height, LENS.width)
     assert together.any((1, 2)).sum() >= len(MOTIONS)
-    for mask, start, end in zip(together, before, after, strict=True):
+    for mask, start, end in zip(together > 0, before, after, strict=True):
         assert np.array_equal(mask, swept(edges, LENS, start, end, margin_px=1.0))
     assert not together[-2:].any()
     assert edges.swept(LENS, [], [], margin_px=1.0).shape == (0, LENS.height, LENS.width)
     assert not Silhouettes((), ()).swept(LENS, before, after, margin_px=1.0).any()
+
+
+def test_edges_that_sweep_a_pixel_are_counted() -> None:
+    """One edge alone counts once, but for its ends; between two that lie closer than the margin is where both count."""
+    one = [[-0.4, -9.0, 2.0], [-0.4, 9.0, 2.0]]
+    other = [[-0.38, -9.0, 2.0], [-0.38, 9.0, 2.0]]
+    far = [[0.4, -9.0, 2.0], [0.4, 9.0, 2.0]]
+    before, after = pose(), pose((0.01, 0.0, 0.0))
+    apart, close = (
+        Silhouettes(edges, np.full((2, 2, 3), np.nan)).swept(PLAIN, [before], [after], margin_px=0.0)[0]
+        for edges in ([one, far], [one, other])
+    )
+    alone = Silhouettes([one], np.full((1, 2, 3), np.nan)).swept(PLAIN, [before], [after], margin_px=0.0)[0]
+    assert alone.max() == apart.max() == 1
+    assert close.max() == 2
+    assert np.array_equal(close > 0, swept(Silhouettes([one, other], np.full((2, 2, 3), np.nan)), PLAIN, before, after))
+    assert (close == 2).any(1).all()
 
 
 def test_edges_of_a_mesh_by_hand() -> None:

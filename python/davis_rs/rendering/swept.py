@@ -1,4 +1,4 @@
-"""Which pixels an occlusion edge may sweep between two instants: a bound from the geometry, not from samples.
+"""How many occlusion edges may sweep a pixel between two instants: a bound from the geometry, not from samples.
 
 Something thin may cross a pixel between two rendered instants and leave no trace in either. So the edges at which one
 surface may hide another are followed through the image, and every pixel that one of them may touch is marked.
@@ -18,6 +18,7 @@ from ..pose import FloatArray, Pose, conjugate, hamilton, rotation_matrices
 
 IntArray = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
+Counts = npt.NDArray[np.uint8]
 
 _BEND_PX = 0.1
 """An edge is divided into pieces whose image, and whose motion in the image, is straight within this."""
@@ -103,13 +104,17 @@ class Silhouettes:
 
     def swept(
         self, camera: Camera, poses_before: Sequence[Pose], poses_after: Sequence[Pose], *, margin_px: float
-    ) -> BoolArray:
-        """Pixels (n, H, W) whose square, grown by ``margin_px``, an edge's image may touch during each of n intervals.
+    ) -> Counts:
+        """How many edges' images may touch each pixel's square, grown by ``margin_px``, during each of n intervals.
+
+        Returns:
+            (n, H, W); 255 stands for more. One edge may count twice at its ends, and where it is followed in pieces;
+            none counts less than once. What has no edges, and an edge that passes through the camera, count as two.
 
         In interval i the camera goes from ``poses_before[i]`` to ``poses_after[i]`` at constant velocity and constant
         body rate, the shorter way round; where its true path bends away from that, the margin has to hold the bend, in
         pixels. Between two equal poses nothing is swept. An edge that passes through the camera marks the whole image.
-        Many intervals in one call cost less each; their masks do not depend on each other.
+        Many intervals in one call cost less each; they do not depend on each other.
 
         Raises:
             ValueError: for unequal numbers of poses, or a margin that is negative or not finite.
@@ -118,9 +123,9 @@ class Silhouettes:
             raise ValueError(f"{len(poses_before)} intervals begin, but {len(poses_after)} end")
         if not 0 <= margin_px < np.inf:
             raise ValueError(f"margin_px must be finite and >= 0, got {margin_px}")
-        mask = np.zeros((len(poses_before), camera.height, camera.width), np.bool_)
+        counts = np.zeros((len(poses_before), camera.height, camera.width), np.uint8)
         at_once = min(_INTERVALS_AT_ONCE, max(1, _CANDIDATES_AT_ONCE // max(1, len(self.edges))))
-        for first in range(0, len(mask), at_once):
+        for first in range(0, len(counts), at_once):
             some = slice(first, first + at_once)
             motion = _Motion(poses_before[some], poses_after[some])
             swept = _SweptPixels(camera, len(motion.position), margin_px)
@@ -130,8 +135,8 @@ class Silhouettes:
                 _follow(self.edges[edge[pieces]], interval[pieces], motion, swept)
             for box in self.boxes:
                 _cover(box, motion, swept)
-            mask[some] = swept.mask()
-        return mask
+            counts[some] = swept.counts()
+        return counts
 
     def _occluding(self, motion: _Motion) -> tuple[IntArray, IntArray]:
         """(edge, interval) of all edges that may occlude at some time of an interval with motion.
@@ -197,7 +202,7 @@ class _Motion:
 
 
 class _SweptPixels:
-    """The pixels marked so far in n intervals.
+    """How often the pixels were marked so far in n intervals.
 
     Quadrangles are kept as starts and ends of runs, along columns where they are steep, else along rows.
     """
@@ -227,10 +232,10 @@ class _SweptPixels:
         """Pixels (k, H, W), or all, of k different intervals."""
         self._areas[interval] |= pixels
 
-    def mask(self) -> BoolArray:
+    def counts(self) -> Counts:
         """(n, H, W)."""
-        columns, rows = (np.cumsum(runs, axis=-1, dtype=np.int32)[..., :-1] > 0 for runs in (self._columns, self._rows))
-        return columns.swapaxes(1, 2) | rows | self._areas
+        columns, rows = (np.cumsum(runs, axis=-1, dtype=np.int32)[..., :-1] for runs in (self._columns, self._rows))
+        return np.minimum(columns.swapaxes(1, 2) + rows + 2 * self._areas, 255).astype(np.uint8)
 
 
 @functools.lru_cache(maxsize=8)

@@ -13,7 +13,7 @@ from ..pose import FloatArray, Pose
 from ..trajectory.trajectory import SegmentTrajectory, Trajectory
 from ..trajectory.views import Views
 from .scene_motion import SceneMotion, held, seen_from
-from .swept import BoolArray, Silhouettes
+from .swept import Counts, Silhouettes
 
 _BEND_PX = 0.05
 """Steps are so short that the camera's path in a turning object's frame is straight within this, seen in the image."""
@@ -48,11 +48,11 @@ class MovingSilhouettes:
         t_before_s: npt.ArrayLike,
         t_after_s: npt.ArrayLike,
         margin_px: float,
-    ) -> BoolArray:
-        """Pixels (n, H, W) that an edge may touch, as :meth:`Silhouettes.swept`, in n intervals of the sequence's time.
+    ) -> Counts:
+        """How many edges may touch each pixel (n, H, W), in n intervals of the sequence's time.
 
-        Objects are taken to go at constant velocity and body rate through each of at most 64 steps of an interval,
-        the more the farther they turn.
+        As :meth:`Silhouettes.swept`. Objects are taken to go at constant velocity and body rate through each of at most
+        64 steps of an interval, the more the farther they turn; an edge of an object may count once in each step.
 
         Args:
             t_before_s, t_after_s: (n,) when each interval begins and ends, seconds of the sequence.
@@ -61,15 +61,15 @@ class MovingSilhouettes:
             ValueError: as :meth:`Silhouettes.swept`, or for another number of times than of poses.
         """
         start_s, end_s = (np.asarray(t_s, np.float64) for t_s in (t_before_s, t_after_s))
-        mask = self._still.swept(camera, poses_before, poses_after, margin_px=margin_px)
-        if start_s.shape != (len(mask),) or end_s.shape != (len(mask),):
-            raise ValueError(f"{len(mask)} intervals need as many times, got {start_s.shape} and {end_s.shape}")
+        counts = self._still.swept(camera, poses_before, poses_after, margin_px=margin_px)
+        if start_s.shape != (len(counts),) or end_s.shape != (len(counts),):
+            raise ValueError(f"{len(counts)} intervals need as many times, got {start_s.shape} and {end_s.shape}")
         for silhouettes, trajectory in self._objects:
             for i, (before, after) in enumerate(zip(poses_before, poses_after, strict=True)):
                 poses = _relative(camera, SegmentTrajectory(before, after, 1.0), trajectory, start_s[i], end_s[i])
                 steps = silhouettes.swept(camera, poses[:-1], poses[1:], margin_px=margin_px + _BEND_PX)
-                mask[i] |= steps.any(0)
-        return mask
+                counts[i] = np.minimum(counts[i] + steps.sum(0, dtype=np.int64), 255)
+        return counts
 
 
 def _relative(camera: Camera, path: Trajectory, trajectory: Trajectory, start_s: float, end_s: float) -> list[Pose]:

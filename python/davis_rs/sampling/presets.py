@@ -27,10 +27,10 @@ ACCURACY = {
     "paper": Accuracy(MaxDisplacement(), None),
     "fast": Accuracy(MaxDisplacement(2 / 3), 8),
     "balanced": Accuracy(Tolerance(0.5, pixels=1 / 2, longest=1 / 2, halvings=1, edges=False), 32),
-    "exact": Accuracy(Tolerance(0.1, pixels=1 / 6, longest=1 / 6, halvings=2), 32, refine=True),
+    "exact": Accuracy(Tolerance(0.05, pixels=1 / 6, longest=1 / 6, halvings=6), 32, refine=True),
 }
 """``docs/accuracy.md`` shows where they lie.
 
-``balanced`` is the default: rays are cheap, and with the 8 of ``paper`` they are most of the error. ``paper`` is the rule
-of the dataset's own simulator: straight lines between renders a third of a pixel apart.
+``balanced`` is the default: rays are cheap, and with the 8 of ``paper`` they are most of the error. ``paper`` is the
+rule of the dataset's own simulator: straight lines between renders a third of a pixel apart.
 """

@@ -18,6 +18,7 @@ from .plausibility import probed
 from .rules import TimeSampling
 
 BoolFrames = npt.NDArray[np.bool_]
+Counts = npt.NDArray[np.uint8]
 IntArray = npt.NDArray[np.int64]
 LogLuma = npt.NDArray[np.float32]
 
@@ -35,8 +36,9 @@ class Tolerance(TimeSampling):
     between its neighbours predicted it.
 
     What happens and vanishes between two samples leaves no trace in either: no estimate can see it. Where an edge of
-    the geometry passes over a pixel that may be so, and its interval is halved to the end whatever the samples say. A
-    thin line of a texture has no such protection.
+    the geometry passes over a pixel that may be so, and its interval is halved whatever the samples say: twice for one
+    edge, to the end for two, because there may be something thin between them. A thin line of a texture has no such
+    protection.
 
     Where motion or light breaks there are keyframes on both sides; neither slopes nor estimates look across.
 
@@ -44,7 +46,7 @@ class Tolerance(TimeSampling):
         contrast: tolerated error, as a share of the contrast threshold.
         pixels: displacement between keyframes at the start, and ``longest`` at the most.
         halvings: how often a pixel's interval is halved at the most.
-        edges: halve it so often where an edge of the geometry may pass.
+        edges: halve it so often where two edges of the geometry may pass, and twice where one may.
 
     Raises:
         ValueError: for a value out of range.
@@ -87,6 +89,9 @@ _WIDE, _NARROW = 0.35, 0.1
 _SHORTEST = 1 / 32
 """Displacement between keyframes at the least, as a share of that at the start: halving goes on below, but what is
 known only at a jump or in noise does not shorten all that follows."""
+
+_FOR_ONE_EDGE = 2
+"""Halvings in any case where one edge passes, which leaves a trace in what follows, but for short dips at a level."""
 
 _REMAINS = 1 / 3
 """Error of a line that is left when its middle becomes a sample: 1/4 for a smooth signal, 1/2 at a jump."""
@@ -269,8 +274,10 @@ class _Control:
     def _sparse(self, untrusted: BoolFrames, first: int, end: int) -> Iterator[SparseSamples | None]:
         """The samples of untrusted pixels within each interval in first..end."""
         flat = self._log.reshape(len(self._log), -1)
-        swept = self._swept(first, end)
-        interval, pixel = np.nonzero((untrusted[first:end] | swept).reshape(end - first, flat.shape[1]))
+        sweeps = self._sweeps(first, end)
+        most = self._settings.halvings
+        in_any_case = np.array([0, min(_FOR_ONE_EDGE, most), most])
+        interval, pixel = np.nonzero((untrusted[first:end] | (sweeps > 0)).reshape(end - first, flat.shape[1]))
         pieces = _Pieces(
             interval,
             pixel,
@@ -278,10 +285,10 @@ class _Control:
             self._t_us[first + interval + 1],
             flat[first + interval, pixel],
             flat[first + interval + 1, pixel],
-            swept.reshape(end - first, flat.shape[1])[interval, pixel],
+            in_any_case[np.minimum(sweeps, 2).reshape(end - first, flat.shape[1])[interval, pixel]],
         )
         found = []
-        for _ in range(self._settings.halvings):
+        for turn in range(most):
             pieces = pieces.of(pieces.end_us - pieces.start_us > 1)
             if len(pieces.pixel) == 0:
                 break
@@ -291,7 +298,8 @@ class _Control:
             found.append((pieces.interval, pieces.pixel, middle_us, luma))
             log = self._stretch.log_luma(luma)
             remains = np.float32(_REMAINS) * np.abs(log - pieces.line(middle_us))
-            pieces = pieces.halves(middle_us, log).of(np.tile(pieces.swept | (remains > self._tolerated), 2))
+            again = (turn + 1 < pieces.halvings) | (remains > self._tolerated)
+            pieces = pieces.halves(middle_us, log).of(np.tile(again, 2))
         if not found:
             yield from [None] * (end - first)
             return
@@ -300,11 +308,11 @@ class _Control:
         for chosen in np.split(order, np.searchsorted(interval[order], np.arange(1, end - first))):
             yield SparseSamples(pixel[chosen].astype(np.uint32), t_us[chosen], luma[chosen])
 
-    def _swept(self, first: int, end: int) -> BoolFrames:
-        """(end - first, H, W): pixels that an edge may pass over within each interval in first..end."""
+    def _sweeps(self, first: int, end: int) -> Counts:
+        """(end - first, H, W): how many edges may pass over each pixel within each interval in first..end."""
         renderer = self._stretch.renderer
         if renderer.silhouettes is None or end <= first or self._settings.halvings == 0:
-            return np.zeros((max(end - first, 0), *self._log.shape[1:]), np.bool_)
+            return np.zeros((max(end - first, 0), *self._log.shape[1:]), np.uint8)
         t_us = self._t_us[first : end + 1]
         poses = [self._stretch.trajectory.pose((t - self._stretch.start_us) * 1e-6) for t in t_us.tolist()]
         return renderer.silhouettes.swept(
@@ -327,7 +335,7 @@ class _Control:
 
 
 class _Pieces(NamedTuple):
-    """Pieces of pixels' intervals: from when to when, log luma at both ends, and whether an edge may pass."""
+    """Pieces of pixels' intervals: from when to when, log luma at both ends, how often they are halved in any case."""
 
     interval: IntArray
     pixel: IntArray
@@ -335,10 +343,10 @@ class _Pieces(NamedTuple):
     end_us: IntArray
     before: LogLuma
     after: LogLuma
-    swept: npt.NDArray[np.bool_]
+    halvings: IntArray
 
     def of(self, chosen: npt.NDArray[np.bool_]) -> _Pieces:
-        interval, pixel, start_us, end_us, before, after, swept = self
+        interval, pixel, start_us, end_us, before, after, halvings = self
         return _Pieces(
             interval[chosen],
             pixel[chosen],
@@ -346,7 +354,7 @@ class _Pieces(NamedTuple):
             end_us[chosen],
             before[chosen],
             after[chosen],
-            swept[chosen],
+            halvings[chosen],
         )
 
     def line(self, t_us: IntArray) -> LogLuma:
@@ -363,5 +371,5 @@ class _Pieces(NamedTuple):
             np.concatenate([t_us, self.end_us]),
             np.concatenate([self.before, log]),
             np.concatenate([log, self.after]),
-            np.tile(self.swept, 2),
+            np.tile(self.halvings, 2),
         )
