@@ -293,7 +293,7 @@ def test_other_commands_name_what_there_is() -> None:
 
 @pytest.mark.parametrize("snippet", PYTHON, ids=lambda one: one.where)
 def test_python_blocks_run_by_themselves(snippet: Snippet, folder: Path, request: pytest.FixtureRequest) -> None:
-    """With nothing but their own imports, in an interpreter of their own where it matters; the folder has a PLAN.yaml."""
+    """With their own imports alone, in an interpreter of their own where it matters; the folder has a PLAN.yaml."""
     tree = ast.parse(snippet.text, snippet.where)
     for node in ast.walk(tree):
         if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("davis_rs"):
