@@ -18,6 +18,13 @@ settings.register_profile("davis_rs", derandomize=True, deadline=None)
 settings.load_profile("davis_rs")
 
 
+@pytest.hookimpl(tryfirst=True)
+def pytest_cmdline_main(config: pytest.Config) -> None:
+    """Workers (-n) begin at files far apart: if they shared a file's tests, each would make its fixtures."""
+    if config.getoption("dist", "no") == "no":
+        config.option.dist = "worksteal"
+
+
 @pytest.fixture(scope="session")
 def llvm() -> str:
     """The fast variant's name; without a usable LLVM the test is skipped, and the summary says why."""

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import multiprocessing
-import os
-import signal
 import subprocess
 import sys
 import time
@@ -16,27 +14,7 @@ import psutil
 import pytest
 
 from davis_rs.generate.local import ATTEMPTS, Outcome, run_locally
-
-
-def nothing() -> None:
-    """What a worker may do first."""
-
-
-def write_or_fail(folder: Path, task: str) -> str:
-    """A task that says that it was tried, and then does what its name says."""
-    with (folder / task).open("a") as file:
-        file.write(f"{os.getpid()}\n")
-    if task.startswith("killed") or (task.startswith("once") and (folder / task).read_text().count("\n") == 1):
-        os.kill(os.getpid(), signal.SIGKILL)
-    if task.startswith("exit"):
-        raise SystemExit(3)
-    if task.startswith("wrong"):
-        raise ValueError(f"{task} breaks a rule")
-    if task.startswith("bug"):
-        raise ZeroDivisionError(task)
-    if task.startswith("long"):
-        time.sleep(60)
-    return task.upper()
+from worker_tasks import nothing, write_or_fail
 
 
 def run(folder: Path, tasks: list[str], workers: int, told: list[str]) -> Iterator[Outcome[str, str]]:
