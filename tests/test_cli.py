@@ -53,7 +53,9 @@ def test_simulate_check_and_view(tmp_path: Path) -> None:
     assert (tmp_path / "view.png").stat().st_size > 50_000
 
     quiet = davis_rs("simulate", *short, "-o", again, "--threads", 2, "--quiet")
-    assert (quiet.returncode, quiet.stderr) == (0, "")
+    # Without any LLVM Dr.Jit itself says so on stderr when it is imported.
+    own = [line for line in quiet.stderr.splitlines() if not line.startswith("jit")]
+    assert (quiet.returncode, own) == (0, [])
     names = ["events.txt", "images.txt", "depthmaps.txt", "groundtruth.txt", "calib.txt", "images/frame_00000004.png"]
     for name in names:
         assert (out / name).read_bytes() == (again / name).read_bytes(), name
