@@ -11,11 +11,18 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
-from davis_rs._mitsuba import FAST, SCALAR, default_variant, variant
+from davis_rs._mitsuba import FAST, default_variant
 
 # The same examples in every run, and no time limit for one: kernels are compiled on first use.
 settings.register_profile("davis_rs", derandomize=True, deadline=None)
 settings.load_profile("davis_rs")
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_cmdline_main(config: pytest.Config) -> None:
+    """Workers (-n) begin at files far apart: if they shared a file's tests, each would make its fixtures."""
+    if config.getoption("dist", "no") == "no":
+        config.option.dist = "worksteal"
 
 
 @pytest.fixture(scope="session")
@@ -37,18 +44,6 @@ def baked_light_kept_apart(tmp_path_factory: pytest.TempPathFactory) -> Iterator
         del os.environ["DAVIS_RS_CACHE_DIR"]
     else:
         os.environ["DAVIS_RS_CACHE_DIR"] = before
-
-
-@pytest.fixture(autouse=True)
-def scalar_variant_held(request: pytest.FixtureRequest) -> Iterator[None]:
-    """A test with the scalar variant as a parameter keeps to it: to go back to the fast one costs 0.2 s each time."""
-    parameters = getattr(getattr(request.node, "callspec", None), "params", {})
-    if not any(isinstance(value, str) and value == SCALAR for value in parameters.values()):
-        yield
-        return
-    # First the usual variant, which then stays in force in this process.
-    with variant(default_variant()[0]), variant(SCALAR):
-        yield
 
 
 @pytest.fixture(params=["native", "table"])

@@ -13,39 +13,46 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import davis_rs
+from command_line import davis_rs
+from davis_rs import Dataset, __version__, load_scene, start_pose
 
 pytestmark = pytest.mark.without_llvm
 
 SHARED = Path(__file__).resolve().parents[2] / "shared"
 
 
+SMALL = ("--samples", 1, "--size", "60x45")
+"""Of what the size of the sensor changes nothing."""
+
+
 def run(*arguments: object, **environment: str) -> subprocess.CompletedProcess[str]:
+    """In a process of its own."""
     command = [sys.executable, "-m", "davis_rs.cli", *map(str, arguments)]
     return subprocess.run(
         command, capture_output=True, text=True, env={**os.environ, **environment}, timeout=300, check=False
     )
 
 
-def simulate(*arguments: object, **environment: str) -> subprocess.CompletedProcess[str]:
-    return run("simulate", *arguments, "--samples", 1, **environment)
+def simulate(*arguments: object) -> subprocess.CompletedProcess[str]:
+    return davis_rs("simulate", *arguments, *SMALL)
 
 
 def test_simulate_check_and_view(tmp_path: Path) -> None:
     """The main job: a dataset that its own check accepts, and that a second run repeats byte for byte."""
     out, again = tmp_path / "out", tmp_path / "again"
-    done = simulate("three_planes", "-o", out, "--duration", 0.1, "--threads", 1)
+    short = ("three_planes", "--duration", 0.1, "--samples", 1)
+    done = run("simulate", *short, "-o", out, "--threads", 1)
     assert done.returncode == 0, done.stderr
     assert " events in 0.1 s (" in done.stdout
     assert "rendering with" in done.stderr
-    checked = run("check", out)
+    checked = davis_rs("check", out)
     assert checked.returncode == 0, checked.stdout
     assert "the check holds" in checked.stdout
-    viewed = run("view", out, "-o", tmp_path / "view.png")
+    viewed = davis_rs("view", out, "-o", tmp_path / "view.png")
     assert viewed.returncode == 0, viewed.stderr
     assert (tmp_path / "view.png").stat().st_size > 50_000
 
-    quiet = simulate("three_planes", "-o", again, "--duration", 0.1, "--threads", 2, "--quiet")
+    quiet = davis_rs("simulate", *short, "-o", again, "--threads", 2, "--quiet")
     # Without any LLVM Dr.Jit itself says so on stderr when it is imported.
     own = [line for line in quiet.stderr.splitlines() if not line.startswith("jit")]
     assert (quiet.returncode, own) == (0, [])
@@ -55,7 +62,7 @@ def test_simulate_check_and_view(tmp_path: Path) -> None:
     meta = json.loads((out / "meta.json").read_text())
     assert meta["complete"] is True
     assert meta["parameters"]["contrast_threshold"] == 0.15
-    dataset = davis_rs.Dataset(out)
+    dataset = Dataset(out)
     assert [frame.t_us for frame in dataset.frames] == [0, 25_000, 50_000, 75_000, 100_000]
     assert list(dataset.groundtruth.t_us) == list(range(0, 100_001, 5_000))
 
@@ -77,22 +84,22 @@ def test_a_folder_that_exists_is_kept(tmp_path: Path) -> None:
 def test_two_runs_into_one_folder_do_not_mix(tmp_path: Path) -> None:
     """The second is refused while the first one writes, --overwrite or not; the first one's dataset is whole."""
     out = tmp_path / "out"
-    arguments = ["simulate", "three_planes", "-o", out, "--overwrite", "--samples", 1, "--duration"]
+    arguments = ["simulate", "three_planes", "-o", out, "--overwrite", *SMALL, "--duration"]
     command = [sys.executable, "-m", "davis_rs.cli", *map(str, arguments)]
-    with subprocess.Popen([*command, "0.6"], stderr=subprocess.DEVNULL) as first:
+    with subprocess.Popen([*command, "0.5"], stderr=subprocess.DEVNULL) as first:
         while not (out / "events.txt").exists():
             assert first.poll() is None
-            time.sleep(0.01)
+            time.sleep(0.002)
         first.send_signal(signal.SIGSTOP)  # so that it still writes, however fast it is
         try:
-            second = subprocess.run([*command, "0.1"], capture_output=True, text=True, timeout=300, check=False)
+            second = davis_rs(*arguments, 0.1)
         finally:
             first.send_signal(signal.SIGCONT)
         assert first.wait(300) == 0
     assert second.returncode == 1
     assert f"{out}: another program is writing into it" in second.stderr
-    assert json.loads((out / "meta.json").read_text())["duration_us"] == 600_000
-    assert run("check", out).returncode == 0
+    assert json.loads((out / "meta.json").read_text())["duration_us"] == 500_000
+    assert davis_rs("check", out).returncode == 0
 
 
 def test_bad_input_leaves_the_old_dataset_alone(tmp_path: Path) -> None:
@@ -175,7 +182,7 @@ def test_a_path_that_cannot_be_written(tmp_path: Path) -> None:
 def test_ctrl_c_leaves_a_valid_shorter_dataset(tmp_path: Path) -> None:
     """What was simulated until then is whole: it passes the check."""
     out = tmp_path / "out"
-    command = [sys.executable, "-m", "davis_rs.cli", "simulate", "three_planes", "-o", str(out), "--samples", "1"]
+    command = [sys.executable, "-m", "davis_rs.cli", "simulate", "three_planes", "-o", str(out), *map(str, SMALL)]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     deadline = time.monotonic() + 120
     while not (out / "images" / "frame_00000002.png").exists():
@@ -189,7 +196,7 @@ def test_ctrl_c_leaves_a_valid_shorter_dataset(tmp_path: Path) -> None:
     meta = json.loads((out / "meta.json").read_text())
     assert (meta["complete"], meta["interrupted"]) == (False, True)
     assert 25_000 <= meta["duration_us"] < 2_000_000
-    checked = run("check", out)
+    checked = davis_rs("check", out)
     assert checked.returncode == 0, checked.stdout
 
 
@@ -200,21 +207,21 @@ def test_a_camera_file_and_a_trajectory_file(tmp_path: Path) -> None:
     rows = np.stack([t, 0.3 * np.sin(4 * t), 7 + 0.1 * t, 0 * t, 0 * t, 0 * t, 0 * t, 1 + 0 * t], 1)
     np.savetxt(tmp_path / "path.txt", rows, fmt="%.9f")
     out = tmp_path / "out"
-    done = simulate(
-        "three_planes", "-o", out, "--trajectory", tmp_path / "path.txt",
-        "--camera", tmp_path / "calib.txt", "--start", 0.05, "--duration", 0.1,
+    done = davis_rs(
+        "simulate", "three_planes", "-o", out, "--trajectory", tmp_path / "path.txt",
+        "--camera", tmp_path / "calib.txt", "--start", 0.05, "--duration", 0.1, "--samples", 1,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     assert "trajectory moved" in done.stderr
     assert "path.txt: positions and rotations taken as they are" in done.stderr
-    dataset = davis_rs.Dataset(out)
+    dataset = Dataset(out)
     assert dataset.camera.fy == 155.0
-    start = davis_rs.start_pose(davis_rs.load_scene("three_planes"))
+    start = start_pose(load_scene("three_planes"))
     np.testing.assert_allclose(dataset.groundtruth.positions[0], start.position, atol=1e-9)
     moved = np.linalg.norm(dataset.groundtruth.positions - dataset.groundtruth.positions[0], axis=1)
     expected = np.hypot(0.3 * (np.sin(4 * (t[10:31])) - np.sin(0.2)), 0.1 * (t[10:31] - 0.05))
     np.testing.assert_allclose(moved, expected, atol=1e-4)
-    assert run("check", out).returncode == 0
+    assert davis_rs("check", out).returncode == 0
 
 
 @pytest.mark.skipif(not (SHARED / "data" / "poster_6dof.csv").exists(), reason="needs the recorded trajectory")
@@ -225,7 +232,7 @@ def test_a_real_hand_held_trajectory(tmp_path: Path) -> None:
     done = simulate("three_planes", "-o", out, "--trajectory", path, "--start", 44.3, "--duration", 0.1)
     assert done.returncode == 0, done.stderr
     assert "bridged" in done.stderr
-    assert run("check", out).returncode == 0
+    assert davis_rs("check", out).returncode == 0
 
 
 NOWHERE = "/nonexistent/libLLVM.so"
@@ -238,13 +245,13 @@ BALL = """<scene version="3.0.0"><integrator type="direct"/>
 def test_without_llvm_the_native_renderer_does_it(tmp_path: Path) -> None:
     """README's first command renders with all of its rays, asks for nothing to be installed; the dataset is whole."""
     out = tmp_path / "out"
-    shown = ("--duration", 0.01, "--frame-rate", 200)
+    shown = ("--duration", 0.01, "--frame-rate", 200, "--size", "60x45")
     done = run("simulate", "three_planes", "-o", out, *shown, DRJIT_LIBLLVM_PATH=NOWHERE)
     assert done.returncode == 0, done.stderr
     assert "rendering with native renderer" in done.stderr
     assert "install" not in done.stderr
     assert json.loads((out / "meta.json").read_text())["parameters"]["samples"] == 32
-    checked = run("check", out)
+    checked = davis_rs("check", out)
     assert checked.returncode == 0, checked.stdout
 
 
@@ -254,11 +261,11 @@ def test_without_llvm_what_needs_mitsuba_is_slow_and_says_so(tmp_path: Path) -> 
     scene.write_text(BALL)
     still = tmp_path / "still.txt"
     still.write_text("0.0 0 0 -3 0 0 0 1\n0.01 0.01 0 -3 0 0 0 1\n0.02 0.02 0 -3 0 0 0 1\n0.03 0.03 0 -3 0 0 0 1\n")
-    done = simulate(scene, "-o", out, "--trajectory", still, DRJIT_LIBLLVM_PATH=NOWHERE)
+    done = run("simulate", scene, "-o", out, "--trajectory", still, "--samples", 1, DRJIT_LIBLLVM_PATH=NOWHERE)
     assert done.returncode == 0, done.stderr
     assert "scalar variant" in done.stderr
     assert "apt-get install libllvm19" in done.stderr
 
 
 def test_the_version_is_told() -> None:
-    assert run("--version").stdout.strip() == f"davis-rs {davis_rs.__version__}"
+    assert run("--version").stdout.strip() == f"davis-rs {__version__}"

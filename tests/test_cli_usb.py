@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 
-import davis_rs
+from command_line import davis_rs
+from davis_rs import load_scene, read_events, simulate
 from recording_files import aedat2, aedat2_event
 
 
@@ -19,35 +18,30 @@ def libusb() -> bool:
     return libusb1.get_backend() is not None
 
 
-def run(*arguments: object) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "davis_rs.cli", *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
-
-
 def test_a_scene_is_recorded_and_decoded(tmp_path: Path) -> None:
     """From the simulator through words, the camera's USB, a file, and the decoder: the same events."""
     raw, arrays = tmp_path / "planes.davis", tmp_path / "planes.npz"
-    recorded = run("record", "--virtual", "three_planes", "--duration", 0.05, "-o", raw)
+    recorded = davis_rs("record", "--virtual", "three_planes", "--duration", 0.05, "-o", raw)
     assert recorded.returncode == 0, recorded.stderr
     assert "bytes of DAVIS240C VIRTUAL" in recorded.stdout
-    decoded = run("decode", raw, "-o", arrays)
+    decoded = davis_rs("decode", raw, "-o", arrays)
     assert decoded.returncode == 0, decoded.stderr
     assert "oddities" not in decoded.stdout
-    scene = davis_rs.load_scene("three_planes")
-    packets = list(davis_rs.simulate(scene, duration_s=0.05))
+    scene = load_scene("three_planes")
+    packets = list(simulate(scene, duration_s=0.05))
     with np.load(arrays) as found:
         np.testing.assert_array_equal(found["events"], np.concatenate([packet.events for packet in packets]))
         assert found["frame_times"][:, 3].tolist() == [25_000, 50_000]
-    counted = run("decode", raw)
+    counted = davis_rs("decode", raw)
     assert counted.returncode == 0
     assert "2 frames, 0 triggers" in counted.stdout
 
-    again = run("record", "--virtual", "three_planes", "--duration", 0.05, "-o", raw)
+    again = davis_rs("record", "--virtual", "three_planes", "--duration", 0.05, "-o", raw)
     assert (again.returncode, "exists: choose another file" in again.stderr) == (1, True)
-    live = run("record", "--virtual", "three_planes", "--duration", 0.05, "-o", tmp_path / "events.txt")
+    live = davis_rs("record", "--virtual", "three_planes", "--duration", 0.05, "-o", tmp_path / "events.txt")
     assert live.returncode == 0, live.stderr
     assert "2 frames" in live.stdout
-    events = davis_rs.read_events(tmp_path / "events.txt")
+    events = read_events(tmp_path / "events.txt")
     np.testing.assert_array_equal(events, np.concatenate([packet.events for packet in packets]))
 
 
@@ -55,7 +49,7 @@ def test_a_recording_of_other_software_is_decoded_alike(tmp_path: Path) -> None:
     """Its times count from its first; what the file says of itself is told."""
     recording, text = tmp_path / "old.aedat", tmp_path / "events.txt"
     recording.write_bytes(aedat2([(aedat2_event(3, 5, 1), 700), (aedat2_event(4, 5, 0), 1_700)]))
-    decoded = run("decode", recording, "-o", text)
+    decoded = davis_rs("decode", recording, "-o", text)
     assert decoded.returncode == 0, decoded.stderr
     assert decoded.stdout.startswith("AEDAT 2.0, DAVIS240C, ")
     assert "from 700 us on: 2 events" in decoded.stdout
@@ -70,7 +64,7 @@ def test_what_cannot_be_done_is_one_sentence(tmp_path: Path) -> None:
         (["record", "-o", tmp_path / "a.davis", "--virtual", "no_such_scene"], "no_such_scene"),
         (["decode", tmp_path / "missing.davis"], "missing.davis"),
     ):
-        failed = run(*arguments)
+        failed = davis_rs(*arguments)
         assert (failed.returncode, "Traceback" in failed.stderr) == (1, False)
         assert message in failed.stderr
     assert list(tmp_path.iterdir()) == []

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import itertools
 import math
-import subprocess
-import sys
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from typing import Any
@@ -14,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
+from command_line import davis_rs
 from davis_rs import (
     Camera,
     CrossingEngine,
@@ -374,13 +373,8 @@ def test_nonsense_is_refused() -> None:
 @pytest.mark.usefixtures("llvm")
 def test_the_command_prints_the_table() -> None:
     """davis-rs plan, of a sensor's effects or of given ones."""
-    program = (
-        "import argparse, sys; from davis_rs.cli.plan import add_plan; p = argparse.ArgumentParser(); "
-        "add_plan(p); o = p.parse_args(sys.argv[2:]); sys.exit(o.run(o))"
-    )
-    command = [sys.executable, "-c", program, "plan", "three_planes", "--duration", "0.05", "--samples", "1"]
-    given = ["--effect", "refractory_period_us=2000", "--effect", "leak_rate_hz=0.001", "--share", "0.1"]
-    done = subprocess.run([*command, *given], capture_output=True, text=True, timeout=120, check=False)
+    given = ["--effect", "refractory_period_us=2000", "--effect", "leak_rate_hz=0.001", "--share", 0.1]
+    done = davis_rs("plan", "three_planes", "--duration", 0.05, "--samples", 1, *given)
     assert done.returncode == 0, done.stderr
     rows = [line.split()[:2] for line in done.stdout.splitlines() if line and not line.startswith(" ")]
     assert rows[1:3] == [["refractory_period_us", "yes"], ["leak_rate_hz", "no"]]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -96,8 +97,6 @@ import os, signal, sys
 from pathlib import Path
 from davis_rs.generate.folder import withdraw
 
-left = int(sys.argv[2])
-
 def count(event, arguments):
     global left
     if event in ("os.rename", "os.remove", "os.rmdir"):
@@ -105,22 +104,35 @@ def count(event, arguments):
             os.kill(os.getpid(), signal.SIGKILL)
         left -= 1
 
-sys.addaudithook(count)
-withdraw(Path(sys.argv[1]))
+for line in sys.stdin:
+    left = int(line)
+    child = os.fork()
+    if child == 0:
+        sys.addaudithook(count)
+        withdraw(Path(sys.argv[1]))
+        os._exit(0)
+    print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), flush=True)
 """
+"""A process that removes a folder again and again, each time in a child that dies at the step that it reads."""
 
 
 def test_a_kill_leaves_all_of_a_folder_or_nothing(tmp_path: Path) -> None:
     """Before each of the steps that remove one: never a part of it under its name, which would stop every later run."""
-    final, step, killed = tmp_path / "sequence_00007", 0, True
-    while killed:
-        if not final.exists():
-            publish(made(tmp_path), final)
-        killed = subprocess.run([sys.executable, "-c", KILLED_AT, final, str(step)], check=False).returncode != 0
-        assert damage(final) is None if final.exists() else step > 0
-        discard_hidden(tmp_path)
-        assert {path.name for path in tmp_path.iterdir()} <= {final.name}
-        step += 1
+    final, step, status = tmp_path / "sequence_00007", 0, -signal.SIGKILL
+    command = [sys.executable, "-c", KILLED_AT, str(final)]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, bufsize=1) as process:
+        assert process.stdin is not None
+        assert process.stdout is not None
+        while status == -signal.SIGKILL:
+            if not final.exists():
+                publish(made(tmp_path), final)
+            process.stdin.write(f"{step}\n")
+            status = int(process.stdout.readline())
+            assert damage(final) is None if final.exists() else step > 0
+            discard_hidden(tmp_path)
+            assert {path.name for path in tmp_path.iterdir()} <= {final.name}
+            step += 1
+    assert status == 0
     assert step > 5  # two names, two files and two folders
     assert not final.exists()
 

@@ -6,8 +6,6 @@ import contextlib
 import hashlib
 import json
 import struct
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,6 +16,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
 
+from command_line import davis_rs
 from davis_rs import Scene, load_scene
 from davis_rs.luma import LUMA_WEIGHTS
 from davis_rs.rendering.renderers import make_renderer
@@ -296,9 +295,8 @@ def test_simulate_a_mesh_from_the_command_line(tmp_path: Path) -> None:
     image = np.zeros((32, 32, 3), np.uint8)
     image[::2] = 255
     path = painted(tmp_path, image)
-    command = [sys.executable, "-m", "davis_rs.cli", "simulate", path, "-o", tmp_path / "out", "--duration", "0.05"]
-    command += ["--samples", "1", "--scale", "0.1", "--up", "z"]
-    done = subprocess.run([str(word) for word in command], capture_output=True, text=True, timeout=300, check=False)
+    command = ("simulate", path, "-o", tmp_path / "out", "--duration", 0.05, "--samples", 1)
+    done = davis_rs(*command, "--scale", 0.1, "--up", "z")
     assert done.returncode == 0, done.stderr
     assert "cube.obj is 0.2 m x 0.2 m wide and 0.2 m high" in done.stderr
     events = np.loadtxt(tmp_path / "out" / "events.txt")

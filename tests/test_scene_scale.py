@@ -178,8 +178,7 @@ def test_the_suns_shadows_reach_as_far_as_the_scene() -> None:
 @pytest.mark.usefixtures("llvm")
 def test_the_scalar_variant() -> None:
     """It scales as the other does."""
-    with variant(SCALAR):  # else Mitsuba loads its own modules again with each call
-        assert_same(lambda scale: {"lamp": lamp(scale), "floor": floor(scale), "ball": sphere(scale)}, SCALAR)
+    assert_same(lambda scale: {"lamp": lamp(scale), "floor": floor(scale), "ball": sphere(scale)}, SCALAR)
 
 
 @pytest.mark.usefixtures("llvm")

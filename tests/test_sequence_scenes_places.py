@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
@@ -41,12 +42,19 @@ def rendered(scene: Scene) -> Renderer:
     return make_renderer(scene, WIDE, samples=4, kind="native")
 
 
+@functools.cache
+def made(make: Callable[[], Scene]) -> tuple[Scene, Renderer]:
+    """A scene and its renderer, kept: to load one takes up to a second."""
+    scene = make()
+    return scene, rendered(scene)
+
+
 @pytest.mark.usefixtures("llvm")
 @pytest.mark.parametrize("make", SCENES)
 def test_there_is_something_to_see_wherever_a_hand_turns_the_camera(make: Callable[[], Scene]) -> None:
     """Every view up to 60 degrees from the start is finite, and has contrast of more than twice the threshold."""
-    scene = make()
-    luma = rendered(scene).luma(Views.at_rest([turned(start(scene), turn) for turn in TURNS], 12.0))
+    scene, renderer = made(make)
+    luma = renderer.luma(Views.at_rest([turned(start(scene), turn) for turn in TURNS], 12.0))
     assert np.isfinite(luma).all()
     assert (luma > 0).all()
     spread = np.log(luma.max((1, 2)) / luma.min((1, 2)))
@@ -57,10 +65,11 @@ def test_there_is_something_to_see_wherever_a_hand_turns_the_camera(make: Callab
 @pytest.mark.parametrize("make", SCENES)
 def test_the_same_scene_is_made_each_time(make: Callable[[], Scene]) -> None:
     """Two loads give the same bytes: all randomness is frozen."""
-    images = []
-    for _ in range(2):
-        scene = make()
-        images.append(rendered(scene).luma(Views.at_rest([start(scene)], 12.0)).tobytes())
+    again = make()
+    images = [
+        renderer.luma(Views.at_rest([start(scene)], 12.0)).tobytes()
+        for scene, renderer in (made(make), (again, rendered(again)))
+    ]
     assert images[0] == images[1]
 
 
@@ -80,7 +89,7 @@ def test_a_hand_has_room_to_move(make: Callable[[], Scene], air_m: float) -> Non
 @pytest.mark.usefixtures("llvm")
 def test_the_path_outdoors_is_free_for_300_m() -> None:
     """Nothing but the ground comes within half a metre of a head that is carried ahead."""
-    scene = outdoors()
+    scene, renderer = made(outdoors)
     with variant(default_variant()[0]) as (mi, _):
         shapes = load_scene_source(scene.source(), mi).shapes()
         vertices = {
@@ -90,7 +99,6 @@ def test_the_path_outdoors_is_free_for_300_m() -> None:
             for shape in shapes
         }
     assert sum(len(corners) for corners in vertices.values()) < 20_000
-    renderer = rendered(scene)
     x, _, z = start(scene).position
     along = [Pose([x, y, z], start(scene).quaternion) for y in np.arange(0.0, 300.0, 2.0)]
     assert renderer.depth(Views.at_rest(along)).min() > 0.5
@@ -121,8 +129,9 @@ def test_the_light_is_that_of_the_place() -> None:
         above = Pose([x, y, z + 0.1], [1.0, 0.0, 0.0, 0.0])
         luma = make_renderer(marked, Camera(4, 4, 200.0, 200.0, 1.5, 1.5), samples=1).luma(Views.at_rest([above]))
         assert least < luma.mean() * scene.lux_per_luma < most
-    scene = outdoors()
-    lit, dark = (rendered(s).luma(Views.at_rest([start(s)])) for s in (replace(scene, shadows=False), scene))
+    scene, renderer = made(outdoors)
+    views = Views.at_rest([start(scene)])
+    lit, dark = rendered(replace(scene, shadows=False)).luma(views), renderer.luma(views)
     assert (dark / lit).min() < 0.5
 
 
@@ -184,7 +193,7 @@ def test_an_integrator_warns_of_black_shadows(make: Callable[[], Scene]) -> None
 @pytest.mark.usefixtures("llvm")
 def test_the_person_is_seen_to_move() -> None:
     """A camera at rest sees luma change where the person passes, and nowhere else."""
-    scene = dynamic()
-    images = rendered(scene).luma(Views.at_rest([start(scene)] * 2, [14.0, 15.0]))
+    scene, renderer = made(dynamic)
+    images = renderer.luma(Views.at_rest([start(scene)] * 2, [14.0, 15.0]))
     changed = np.abs(np.log(images[1] / images[0])) > 0.1
     assert 0.03 < changed.mean() < 0.5

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import os
+import sys
 import threading
 import warnings
 from collections.abc import Iterator, Mapping
@@ -89,13 +90,26 @@ def stay_in(name: str) -> None:
 
 
 def _set_variant(mi: Any, name: str) -> None:
-    """Set Mitsuba's variant, which takes 0.2 s to one that differentiates: it loads its own integrators again.
+    """Set Mitsuba's variant.
+
+    To set one that differentiates takes Mitsuba 0.2 s, because it loads its integrators in Python again. Where they are
+    those of that variant already, it is spared that: it takes their package for new if that has no ``common``, imports
+    the modules, which are there, and puts them back.
 
     Dr.Jit counts how often their functions are decorated, and after 140 changes warns as of the caller's doing.
     """
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", "The AST-transforming decorator @drjit.syntax", RuntimeWarning)
-        mi.set_variant(name)
+    integrators: Any = sys.modules.get("mitsuba.python.ad.integrators")
+    common = getattr(integrators, "common", None)
+    base = getattr(sys.modules.get(f"mitsuba.{name}"), "CppADIntegrator", None)
+    if base is not None and base in getattr(getattr(common, "ADIntegrator", None), "__mro__", ()):
+        del integrators.common
+    try:
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", "The AST-transforming decorator @drjit.syntax", RuntimeWarning)
+            mi.set_variant(name)
+    finally:
+        if common is not None:
+            vars(integrators).setdefault("common", common)
 
 
 def load_scene_source(source: Path | Mapping[str, Any], mi: Any) -> Any:

@@ -125,9 +125,10 @@ def shape(
     """
     import mitsuba as mi
 
-    textured = isinstance(reflectance, np.ndarray) and reflectance.ndim == 3
-    plain = {"type": "rgb", "value": reflectance.tolist() if isinstance(reflectance, np.ndarray) else reflectance}
-    colour = bitmap(mi.TensorXf(reflectance), wrap=wrap) if textured else plain
+    if isinstance(reflectance, np.ndarray) and reflectance.ndim == 3:
+        colour = bitmap(mi.TensorXf(reflectance), wrap=wrap)
+    else:
+        colour = {"type": "rgb", "value": reflectance.tolist() if isinstance(reflectance, np.ndarray) else reflectance}
     properties = mi.Properties()
     properties["bsdf"] = mi.load_dict({"type": "twosided", "nested": {"type": "diffuse", "reflectance": colour}})
     made = mi.Mesh(

@@ -8,8 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ..pose import FloatArray, Pose, hamilton
-from .sampled_trajectory import SampledTrajectory
-from .trajectory import SegmentTrajectory
+from .sampled_trajectory import SampledTrajectory, rotation_through
+from .trajectory import SPEED_WINDOW_S, SegmentTrajectory, mean_rates
 from .waypoints import waypoint_trajectory
 
 _SAMPLE_RATE_HZ = 400.0
@@ -265,21 +265,28 @@ def _scaled(
     def path(scale: float) -> SampledTrajectory:
         return _turned(start, t, position, scale * turn, kind)
 
+    def top_rate_of(scale: float) -> float:
+        rotation = rotation_through(t, _turned_quaternions(start, scale * turn))
+        return float(mean_rates(rotation, t[-1], SPEED_WINDOW_S).max())
+
     largest = np.pi / 2 / np.linalg.norm(turn, axis=1).max()
     if top_rate == 0:
         return path(0.0)
-    if path(largest).top_speeds().rate_rad_s < top_rate:
+    if top_rate_of(largest) < top_rate:
         raise ValueError(
             f"top_rate_rad_s {top_rate:g} needs swings of more than 90 degrees either way at no more than 4 Hz"
         )
-    return path(brentq(lambda scale: path(scale).top_speeds().rate_rad_s - top_rate, 0.0, largest, rtol=1e-6))
+    return path(brentq(lambda scale: top_rate_of(scale) - top_rate, 0.0, largest, rtol=1e-6))
 
 
 def _turned(start: Pose, t: FloatArray, position: FloatArray, turn: FloatArray, kind: str) -> SampledTrajectory:
     """A path at these positions (n, 3), turned from the start by these vectors (n, 3) in camera axes, of below pi."""
+    return SampledTrajectory(t, position, _turned_quaternions(start, turn), description={"kind": kind})
+
+
+def _turned_quaternions(start: Pose, turn: FloatArray) -> FloatArray:
     half = np.linalg.norm(turn, axis=1, keepdims=True) / 2
-    quaternion = np.concatenate([turn / 2 * np.sinc(half / np.pi), np.cos(half)], axis=1)
-    return SampledTrajectory(t, position, hamilton(start.quaternion, quaternion), description={"kind": kind})
+    return hamilton(start.quaternion, np.concatenate([turn / 2 * np.sinc(half / np.pi), np.cos(half)], axis=1))
 
 
 def _times(duration_s: float) -> FloatArray:

@@ -88,9 +88,7 @@ class SampledTrajectory(Trajectory):
 
         t = t - t[0]
         self.duration_s = float(t[-1])
-        q = q / np.linalg.norm(q, axis=1, keepdims=True)
-        turns = np.where((q[1:] * q[:-1]).sum(1) < 0, -1.0, 1.0)
-        q[1:] *= np.cumprod(turns)[:, None]
+        q = _continuous(q)
         if position_sigma_m is None or rotation_sigma_rad is None:
             position_noise, rotation_noise = pose_noise(t, p, q)
             if position_sigma_m is None:
@@ -114,9 +112,7 @@ class SampledTrajectory(Trajectory):
         return self._derivative(self._position, t_s, 0)
 
     def quaternions(self, t_s: npt.ArrayLike) -> FloatArray:
-        q = self._derivative(self._rotation, t_s, 0)
-        unit: FloatArray = q / np.linalg.norm(q, axis=1, keepdims=True)
-        return unit
+        return _unit(self._derivative(self._rotation, t_s, 0))
 
     def velocities(self, t_s: npt.ArrayLike) -> FloatArray:
         return self._derivative(self._position, t_s, 1)
@@ -179,6 +175,28 @@ class SampledTrajectory(Trajectory):
     def _derivative(self, spline: Any, t_s: npt.ArrayLike, order: int) -> FloatArray:
         values: FloatArray = spline(self.times(t_s), order)
         return values
+
+
+def rotation_through(t_s: FloatArray, quaternions: FloatArray) -> Callable[[FloatArray], FloatArray]:
+    """The unit quaternions, over time, of the :class:`SampledTrajectory` through these samples, which begin at 0.
+
+    It saves those who ask for rotations alone the fit of positions.
+    """
+    spline = _fit(t_s, _continuous(quaternions), 0.0)
+    return lambda t: _unit(spline(np.clip(t, 0.0, t_s[-1])))
+
+
+def _unit(q: FloatArray) -> FloatArray:
+    unit: FloatArray = q / np.linalg.norm(q, axis=1, keepdims=True)
+    return unit
+
+
+def _continuous(q: FloatArray) -> FloatArray:
+    """Of norm 1, and each with the sign that is nearer to the one before."""
+    q = _unit(q)
+    turns = np.where((q[1:] * q[:-1]).sum(1) < 0, -1.0, 1.0)
+    q[1:] *= np.cumprod(turns)[:, None]
+    return q
 
 
 def _check_samples(

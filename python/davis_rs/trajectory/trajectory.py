@@ -139,17 +139,13 @@ class Trajectory(ABC):
         """
         if not 0 <= window_s < np.inf:
             raise ValueError(f"window_s must be finite and >= 0, got {window_s}")
-        window_s = min(window_s, self.duration_s)
-        last_s = self.duration_s - window_s
-        t = np.linspace(0.0, last_s, max(round(last_s / 1e-3), 2000) + 1) if last_s > 0 else np.zeros(1)
+        t, window_s = _windows(self.duration_s, window_s)
         if window_s == 0:
             speeds = np.linalg.norm(self.velocities(t), axis=1)
             rates = np.linalg.norm(self.angular_rates(t), axis=1)
         else:
             speeds = np.linalg.norm(self.positions(t + window_s) - self.positions(t), axis=1) / window_s
-            turns = hamilton(conjugate(self.quaternions(t)), self.quaternions(t + window_s))
-            half_angles = np.arctan2(np.linalg.norm(turns[:, :3], axis=1), np.abs(turns[:, 3]))
-            rates = 2 * half_angles / window_s
+            rates = mean_rates(self.quaternions, self.duration_s, window_s)
         fastest, quickest = int(speeds.argmax()), int(rates.argmax())
         return TopSpeeds(float(speeds[fastest]), float(rates[quickest]), float(t[fastest]), float(t[quickest]))
 
@@ -182,6 +178,26 @@ class Trajectory(ABC):
         bend = (after - 2 * at + before) / step**2
         differences: FloatArray = slope + (t - middle)[:, None] * bend
         return differences
+
+
+def mean_rates(quaternions: Callable[[FloatArray], FloatArray], duration_s: float, window_s: float) -> FloatArray:
+    """Mean angular rates (n,) in rad/s over each of the windows of :meth:`Trajectory.top_speeds`, > 0 seconds long.
+
+    Args:
+        quaternions: the unit quaternions (n, 4) at times (n,), of which rounding puts some just after ``duration_s``.
+    """
+    t, window_s = _windows(duration_s, window_s)
+    turns = hamilton(conjugate(quaternions(t)), quaternions(t + window_s))
+    rates: FloatArray = 2 * np.arctan2(np.linalg.norm(turns[:, :3], axis=1), np.abs(turns[:, 3])) / window_s
+    return rates
+
+
+def _windows(duration_s: float, window_s: float) -> tuple[FloatArray, float]:
+    """When each of the windows of a path begins, and how long they are."""
+    window_s = min(window_s, duration_s)
+    last_s = duration_s - window_s
+    t = np.linspace(0.0, last_s, max(round(last_s / 1e-3), 2000) + 1) if last_s > 0 else np.zeros(1)
+    return t, window_s
 
 
 def _checked_duration(duration_s: float) -> float:
