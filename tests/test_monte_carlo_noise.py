@@ -123,9 +123,9 @@ def test_no_noise_is_not_told_as_noise(capsys: pytest.CaptureFixture[str], tmp_p
     assert not direct.noisy
     simulate_to_folder(planes, tmp_path / "planes", samples="auto", depth_rate_hz=0)
     said = capsys.readouterr().err
-    assert "samples auto: 8, the default: the native renderer draws nothing at random" in said
+    assert "samples auto: 32, the default: the native renderer draws nothing at random" in said
     meta = json.loads((tmp_path / "planes" / "meta.json").read_text())
-    assert meta["parameters"]["samples"] == 8
+    assert meta["parameters"]["samples"] == 32
     assert meta["monte_carlo_noise"] is None
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -162,7 +162,8 @@ def test_auto_takes_as_many_samples_as_the_share_needs(capsys: pytest.CaptureFix
     estimate = estimate_noise(scene, renderer="integrator")
     assert estimate is not None
     share = estimate.share_at(20)
-    options = {"frame_rate_hz": 0.0, "depth_rate_hz": 0.0, "renderer": "integrator"}
+    # Auto takes no fewer than the preset does, which are 8 here.
+    options = {"frame_rate_hz": 0.0, "depth_rate_hz": 0.0, "renderer": "integrator", "accuracy": "paper"}
     simulate_to_folder(scene, tmp_path / "auto", samples="auto", noise_share=share, **options)  # type: ignore[arg-type]
     said = capsys.readouterr().err
     assert "samples auto: 21, at which about" in said

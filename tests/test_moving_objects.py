@@ -394,7 +394,7 @@ def test_no_edge_of_an_object_sweeps_a_pixel_unmarked(camera_moves: bool) -> Non
     poses = [Pose(POSE.position + i * shift, POSE.quaternion) for i in range(4)]
     times = np.array([0.1, 0.15, 0.2, 0.5])
     marked = silhouettes.swept(CAMERA, poses[:-1], poses[1:], t_before_s=times[:-1], t_after_s=times[1:], margin_px=0.0)
-    for i, mask in enumerate(marked):
+    for i, mask in enumerate(marked > 0):
         t = np.linspace(times[i], times[i + 1], 40)
         path = SegmentTrajectory(poses[i], poses[i + 1], times[i + 1] - times[i])
         views = Views.along(path, t - times[i], start_s=times[i])
