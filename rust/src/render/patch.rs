@@ -126,13 +126,16 @@ mod tests {
         /// the horizon, and at the triangle's corners, places are off by most.
         #[test]
         #[allow(clippy::cast_possible_truncation, reason = "float64 is rounded to float32")]
+        #[allow(clippy::cast_precision_loss, reason = "small numbers")]
         fn every_place_lies_in_its_patch(
-            corners in prop::array::uniform3(prop::array::uniform2(-3.0..3.0)), aside in prop::sample::select(vec![0.0, 200.0]),
-            height in -2.0..2.0, heading in 0.0..6.3, pitch in prop::sample::select(vec![1e-3, 1e-2, 0.1, 0.7, 1.4]),
-            away in 0.5..4.0, scale in prop::sample::select(vec![1e-3, 1.0, 1e4]),
-            at in prop::array::uniform2(-0.4f32..0.2), size in prop::sample::select(vec![0.01f32, 0.1, 0.5]),
+            corners in prop::array::uniform3(prop::array::uniform2(-3.0..3.0)), stretch in prop::sample::select(vec![1.0, 100.0]),
+            aside in prop::sample::select(vec![0.0, 200.0]),
+            height in -2.0..2.0, heading in 0.0..6.3, pitch in prop::sample::select(vec![0.01, 0.1, 0.7]),
+            away in prop::sample::select(vec![0.7, 3.0, 3000.0]), scale in prop::sample::select(vec![1e-3, 1.0, 1e4]),
+            left in -0.4f32..0.2, below in prop::sample::select(vec![-0.02, 1e-3, 0.01, 0.1, 0.5]),
+            size in prop::sample::select(vec![0.01f32, 0.1, 0.5]),
         ) {
-            let corners = corners.map(|[x, y]| [scale * (x + aside), scale * y]);
+            let corners = corners.map(|[x, y]| [scale * (stretch * x + aside), scale * stretch * y]);
             let scene = level(corners, scale * height);
             let rotation = looking([heading, pitch]);
             // The camera looks at the middle of the triangle.
@@ -141,6 +144,8 @@ mod tests {
             let position = std::array::from_fn(|i| middle[i] - scale * away * rotation[i][2]);
             let pose = Pose { position, rotation, velocity: [0.0; 3], angular_rate: [0.0; 3] };
             let view = View { poses: vec![pose], factors: vec![] };
+            // Below the horizon, or with it inside.
+            let at = [left, (below - pitch.tan()) as f32];
             let mut part = Rect::NONE;
             part.add(at[0], at[1]);
             part.add(at[0] + size, at[1] + size);
