@@ -224,9 +224,10 @@ fn extent(corners: &[Vector; 3]) -> Option<[[f32; 2]; 2]> {
     }
     for i in 0..3 {
         let (one, other) = (corners[i], corners[(i + 1) % 3]);
+        let inverse = 1.0 / one[2];
         for axis in 0..2 {
             if before[i] {
-                let at = one[axis] / one[2];
+                let at = one[axis] * inverse;
                 low[axis] = low[axis].min(at);
                 high[axis] = high[axis].max(at);
             }

@@ -106,7 +106,7 @@ impl Caster {
     pub(super) fn take<const FULL: bool>(
         &self,
         (receiver, light): (usize, usize),
-        rays: &Rays<FULL>,
+        rays: &Rays<'_, FULL>,
         depth: &Lanes,
         (value, rate): (&mut Lanes, &mut Lanes),
     ) {
@@ -115,7 +115,7 @@ impl Caster {
             return;
         }
         let mut hidden = [0; MOST];
-        if let Some(numbers) = &rays.picked {
+        if let Some(numbers) = rays.picked {
             let known = &self.hidden[light];
             for i in 0..rays.count() {
                 let number = numbers[i] as usize;
@@ -138,7 +138,7 @@ impl Caster {
 fn hide<const FULL: bool>(
     caster: &Caster,
     (receiver, light): (usize, usize),
-    rays: &Rays<FULL>,
+    rays: &Rays<'_, FULL>,
     depth: &Lanes,
     hidden: &mut [u32; MOST],
 ) {

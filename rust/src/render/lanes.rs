@@ -18,11 +18,6 @@ impl Lanes {
     pub(super) const ZERO: Self = Self([0.0; MOST]);
 
     #[inline(always)]
-    pub(super) fn of(values: &[f32; MOST]) -> Self {
-        Self(*values)
-    }
-
-    #[inline(always)]
     pub(super) fn all(value: f32) -> Self {
         Self([value; MOST])
     }
@@ -46,18 +41,45 @@ impl DerefMut for Lanes {
     }
 }
 
-/// Rays of one triangle by their undistorted coordinates: [`MOST`] where `FULL`, else any multiple of [`STEP`].
-#[derive(Debug)]
-pub(super) struct Rays<const FULL: bool> {
-    pub(super) count: usize,
-    /// Their numbers in the tile, where they do not lie side by side.
-    pub(super) picked: Option<[u32; MOST]>,
-    pub(super) x: Lanes,
-    pub(super) y: Lanes,
+/// As [`Lanes`], of pairs.
+#[derive(Clone, Copy, Debug)]
+#[repr(align(64))]
+pub(super) struct Pairs([u64; MOST]);
+
+impl Pairs {
+    pub(super) const ZERO: Self = Self([0; MOST]);
 }
 
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
-impl<const FULL: bool> Rays<FULL> {
+impl Deref for Pairs {
+    type Target = [u64; MOST];
+
+    #[inline(always)]
+    fn deref(&self) -> &[u64; MOST] {
+        &self.0
+    }
+}
+
+#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
+impl DerefMut for Pairs {
+    #[inline(always)]
+    fn deref_mut(&mut self) -> &mut [u64; MOST] {
+        &mut self.0
+    }
+}
+
+/// Rays of one triangle by their undistorted coordinates: [`MOST`] where `FULL`, else any multiple of [`STEP`].
+#[derive(Debug)]
+pub(super) struct Rays<'a, const FULL: bool> {
+    pub(super) count: usize,
+    /// Their numbers in the tile, where they do not lie side by side.
+    pub(super) picked: Option<&'a [u32; MOST]>,
+    pub(super) x: &'a [f32; MOST],
+    pub(super) y: &'a [f32; MOST],
+}
+
+#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
+impl<const FULL: bool> Rays<'_, FULL> {
     /// How many there are; where that is known to the compiler, it writes each array once.
     #[inline(always)]
     pub(super) fn count(&self) -> usize {

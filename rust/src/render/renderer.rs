@@ -11,7 +11,7 @@ use super::pixel_rays::{BLOCK, PIXELS, PixelRays, TILE};
 use super::samples::{Pixels, Sample, in_one_spot};
 use super::scene::Scene;
 use super::shadows::{moving_cones, still_cones};
-use super::tile::{self, TileImage, TileScratch, TileView};
+use super::tile::{self, Shaders, TileImage, TileScratch, TileView};
 use super::view::View;
 use crate::error::{Error, Result};
 
@@ -92,15 +92,15 @@ impl Renderer {
         let views = &self.centred(views)?;
         check_room(views.len() * rays.pixels(), luma.len())?;
         match rate {
-            None => self.each_tile(rays, views, bands(rays, luma), |of, tile, scratch, image, band| {
-                tile::luma::<false>(of, tile, scratch, image);
+            None => self.each_tile(rays, views, bands(rays, luma), |of, tile, (scratch, before), image, band| {
+                tile::luma::<false>(of, tile, scratch, before, image);
                 put(rays, tile, &image.luma, band);
             }),
             Some(rate) => {
                 check_room(luma.len(), rate.len())?;
                 let both = bands(rays, luma).into_iter().zip(bands(rays, rate)).collect();
-                self.each_tile(rays, views, both, |of, tile, scratch, image, (luma, rate)| {
-                    tile::luma::<true>(of, tile, scratch, image);
+                self.each_tile(rays, views, both, |of, tile, (scratch, before), image, (luma, rate)| {
+                    tile::luma::<true>(of, tile, scratch, before, image);
                     put(rays, tile, &image.luma, luma);
                     put(rays, tile, &image.rate, rate);
                 });
@@ -161,7 +161,7 @@ impl Renderer {
             return Err(Error::Argument(format!("depth is that of one ray a pixel, got {}", rays.rays)));
         }
         let both = bands(rays, depth).into_iter().zip(bands(rays, owners)).collect();
-        self.each_tile(rays, views, both, |of, tile, scratch, _, (depth, owners)| {
+        self.each_tile(rays, views, both, |of, tile, (scratch, _), _, (depth, owners)| {
             let (mut depths, mut frames) = ([f32::INFINITY; PIXELS], [0; PIXELS]);
             tile::nearest(of.bins, rays, tile, scratch, |ray, inverse, triangle| {
                 depths[ray] = 1.0 / inverse;
@@ -199,12 +199,14 @@ impl Renderer {
         rays: &PixelRays,
         views: &[View],
         mut bands: Vec<T>,
-        work: impl Fn(&TileView, usize, &mut TileScratch, &mut TileImage, &mut T) + Sync + Send,
+        work: impl for<'v> Fn(&TileView<'v>, usize, (&mut TileScratch, &mut Shaders<'v>), &mut TileImage, &mut T)
+        + Sync
+        + Send,
     ) {
         let do_band = |of: &TileView, row: usize, scratch: &mut TileScratch, band: &mut T| {
-            let mut image = TileImage::BLACK;
+            let (mut image, mut before) = (TileImage::BLACK, vec![]);
             for column in 0..rays.columns {
-                work(of, row * rays.columns + column, scratch, &mut image, band);
+                work(of, row * rays.columns + column, (scratch, &mut before), &mut image, band);
             }
         };
         self.install(|| {

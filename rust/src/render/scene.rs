@@ -109,9 +109,10 @@ pub struct Scene {
     pub(super) corners: Vec<[Vector; 3]>,
     pub(super) surfaces: Vec<Surface>,
     pub(super) textures: Vec<Texture>,
-    pub(super) texels: Vec<Vec<f32>>,
+    /// Each with the one after it.
+    pub(super) texels: Vec<Vec<u64>>,
     /// Of the light maps, for each baked light.
-    pub(super) irradiance: Vec<Vec<f32>>,
+    pub(super) irradiance: Vec<Vec<u64>>,
     pub(super) lights: Vec<Light>,
     pub(super) shadows: bool,
     pub(super) step: f64,
@@ -136,8 +137,8 @@ impl Scene {
             corners: Vec::with_capacity(tables.corners.len()),
             surfaces: Vec::with_capacity(tables.corners.len()),
             textures,
-            texels: tables.texels.clone(),
-            irradiance: tables.light_maps.texels.clone(),
+            texels: tables.texels.iter().map(|group| texture::paired(group)).collect(),
+            irradiance: tables.light_maps.texels.iter().map(|map| texture::paired(map)).collect(),
             lights: tables.lights.clone(),
             shadows: tables.shadows,
             step: tables.step,

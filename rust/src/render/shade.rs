@@ -9,7 +9,7 @@ use super::light_map::SideMap;
 use super::lights::{SeenKind, SeenLight, Surroundings};
 use super::linear::Linear;
 use super::scene::Scene;
-use super::texture::{Clamp, Fold, Mirror, Repeat, Sampler, Taps, Texture, Wrap};
+use super::texture::{Clamp, Fold, Mirror, Repeat, Sampler, Taps, Texture, Wrap, parted};
 use super::vector::{Vector, dot, single};
 use super::view::Pose;
 
@@ -54,6 +54,8 @@ struct Lit {
 /// A triangle as a camera sees it.
 #[derive(Debug)]
 pub(super) struct Shader<'a> {
+    /// The triangle's number in the scene.
+    pub(super) triangle: u32,
     scene: &'a Scene,
     texture: &'a Texture,
     inverse_depth: Changing,
@@ -93,6 +95,7 @@ impl<'a> Shader<'a> {
         let facing = if plane.height < 0.0 { -1.0 } else { 1.0 };
         let dark = smooth.is_none() && facing < 0.0 && !surface.two_sided;
         let mut shader = Self {
+            triangle: seen.triangle,
             scene,
             texture,
             inverse_depth: Changing {
@@ -281,13 +284,17 @@ impl Shader<'_> {
     #[inline(always)]
     pub(super) fn luma<const RATE: bool, const FULL: bool>(
         &self,
-        rays: &Rays<FULL>,
+        rays: &Rays<'_, FULL>,
         caster: &Caster,
         receiver: usize,
-    ) -> Reflected {
+        (luma, rate): (&mut Lanes, &mut Lanes),
+    ) {
         let n = rays.count();
         let (depth, depth_rate) = self.depth::<RATE, FULL>(rays);
-        let (mut luma, mut rate) = (Lanes::ZERO, Lanes::ZERO);
+        *luma = Lanes::ZERO;
+        if RATE {
+            *rate = Lanes::ZERO;
+        }
         let normal = self.smooth.as_ref().map(|maps| normals::<RATE, FULL>(maps, rays, &depth, &depth_rate));
         let mut at = 0;
         while at < self.lit.len() {
@@ -306,7 +313,9 @@ impl Shader<'_> {
                 }
                 for i in 0..n {
                     light[i] += one[i];
-                    light_rate[i] += one_rate[i];
+                    if RATE {
+                        light_rate[i] += one_rate[i];
+                    }
                 }
                 at += 1;
             }
@@ -324,21 +333,24 @@ impl Shader<'_> {
             for i in 0..n {
                 let front = normal.facing[i] > 0.0;
                 luma[i] = if front { luma[i] } else { 0.0 };
-                rate[i] = if front { rate[i] } else { 0.0 };
+                if RATE {
+                    rate[i] = if front { rate[i] } else { 0.0 };
+                }
             }
         }
         if self.emitted != (0.0, 0.0) {
             for i in 0..n {
                 luma[i] += self.emitted.0;
-                rate[i] += self.emitted.1;
+                if RATE {
+                    rate[i] += self.emitted.1;
+                }
             }
         }
-        (luma, rate)
     }
 
     #[inline(always)]
-    fn depth<const RATE: bool, const FULL: bool>(&self, rays: &Rays<FULL>) -> Reflected {
-        let (n, x, y) = (rays.count(), &rays.x, &rays.y);
+    fn depth<const RATE: bool, const FULL: bool>(&self, rays: &Rays<'_, FULL>) -> Reflected {
+        let (n, x, y) = (rays.count(), rays.x, rays.y);
         let (mut depth, mut rate) = (Lanes::ZERO, Lanes::ZERO);
         for i in 0..n {
             depth[i] = 1.0 / self.inverse_depth.now.at(x[i], y[i]);
@@ -353,7 +365,7 @@ impl Shader<'_> {
     fn reflectance<const RATE: bool, const FULL: bool>(
         &self,
         group: usize,
-        rays: &Rays<FULL>,
+        rays: &Rays<'_, FULL>,
         depth: &Lanes,
         depth_rate: &Lanes,
     ) -> Reflected {
@@ -372,7 +384,7 @@ impl Shader<'_> {
     fn textured<const RATE: bool, const FULL: bool, F: Fold>(
         &self,
         sampler: Sampler,
-        rays: &Rays<FULL>,
+        rays: &Rays<'_, FULL>,
         depth: &Lanes,
         depth_rate: &Lanes,
     ) -> Reflected {
@@ -386,7 +398,7 @@ impl Shader<'_> {
         map: &LightMap,
         texels: usize,
         (strength, strength_rate): (f32, f32),
-        rays: &Rays<FULL>,
+        rays: &Rays<'_, FULL>,
         depth: &Lanes,
         depth_rate: &Lanes,
     ) -> Reflected {
@@ -410,11 +422,11 @@ impl Shader<'_> {
 fn looked_up<const RATE: bool, const FULL: bool, F: Fold>(
     [u_map, v_map]: [&Affine; 2],
     sampler: Sampler,
-    rays: &Rays<FULL>,
+    rays: &Rays<'_, FULL>,
     depth: &Lanes,
     depth_rate: &Lanes,
 ) -> Reflected {
-    let (n, x, y) = (rays.count(), &rays.x, &rays.y);
+    let (n, x, y) = (rays.count(), rays.x, rays.y);
     let (mut taps, mut rates) = (Taps::NONE, [Lanes::ZERO; 2]);
     for i in 0..n {
         let (u, u_rate) = u_map.at::<RATE>(x[i], y[i], depth[i], depth_rate[i]);
@@ -428,7 +440,7 @@ fn looked_up<const RATE: bool, const FULL: bool, F: Fold>(
     let corners = sampler.corners(&taps, n);
     let (mut value, mut rate) = (Lanes::ZERO, Lanes::ZERO);
     for i in 0..n {
-        let [p, q, r, s] = [corners[0][i], corners[1][i], corners[2][i], corners[3][i]];
+        let [[p, q], [r, s]] = [parted(corners[0][i]), parted(corners[1][i])];
         let (upper, lower) = (q - p, s - r);
         let (a, b) = (p + upper * taps.x[i], r + lower * taps.x[i]);
         value[i] = a + (b - a) * taps.y[i];
@@ -463,11 +475,11 @@ struct Normals {
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 fn normals<const RATE: bool, const FULL: bool>(
     maps: &[Affine; 3],
-    rays: &Rays<FULL>,
+    rays: &Rays<'_, FULL>,
     depth: &Lanes,
     depth_rate: &Lanes,
 ) -> Normals {
-    let (n, x, y) = (rays.count(), &rays.x, &rays.y);
+    let (n, x, y) = (rays.count(), rays.x, rays.y);
     let mut normals = Normals { now: [Lanes::ZERO; 3], rate: [Lanes::ZERO; 3], facing: Lanes::ZERO };
     for i in 0..n {
         let [a, b, c] = [0, 1, 2].map(|k| maps[k].at::<RATE>(x[i], y[i], depth[i], depth_rate[i]));
@@ -496,12 +508,12 @@ fn normals<const RATE: bool, const FULL: bool>(
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 fn falling<const RATE: bool, const FULL: bool>(
     falls: &Falls,
-    rays: &Rays<FULL>,
+    rays: &Rays<'_, FULL>,
     depth: &Lanes,
     depth_rate: &Lanes,
     normals: Option<&Normals>,
 ) -> Reflected {
-    let (count, x, y) = (rays.count(), &rays.x, &rays.y);
+    let (count, x, y) = (rays.count(), rays.x, rays.y);
     let (mut value, mut rate) = (Lanes::ZERO, Lanes::ZERO);
     match (*falls, normals) {
         (Falls::From { place, place_rate, amount, rate: amount_rate }, _) => {

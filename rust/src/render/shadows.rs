@@ -65,7 +65,7 @@ pub(super) struct Placing {
 }
 
 impl Placing {
-    fn new(pose: &Pose) -> Self {
+    pub(super) fn new(pose: &Pose) -> Self {
         Self { rotation: pose.rotation.map(single), position: single(pose.position) }
     }
 }

@@ -27,7 +27,7 @@ impl Sorted {
     pub(super) fn of_triangle(&mut self, nearest: &Nearest, place: u32) {
         self.rows.clear();
         self.scattered.clear();
-        let length = nearest.place.len() / nearest.blocks;
+        let length = nearest.length;
         let mut block = 0;
         while block < nearest.blocks {
             let first = block * length;
@@ -73,24 +73,38 @@ impl Sorted {
 }
 
 /// Rays to be shaded: all at once, or fewer.
-pub(super) enum Portion {
-    Full(Rays<true>),
-    Fewer(Rays<false>),
+pub(super) enum Portion<'a> {
+    Full(Rays<'a, true>),
+    Fewer(Rays<'a, false>),
+}
+
+/// Room for rays that do not lie side by side.
+#[derive(Debug)]
+pub(super) struct Picked {
+    numbers: [u32; MOST],
+    x: Lanes,
+    y: Lanes,
+}
+
+impl Default for Picked {
+    fn default() -> Self {
+        Self { numbers: [0; MOST], x: Lanes::ZERO, y: Lanes::ZERO }
+    }
 }
 
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 impl Row {
     #[inline(always)]
-    pub(super) fn rays(&self, x: &[f32], y: &[f32]) -> Portion {
-        let (x, y) = (&x[self.range.clone()], &y[self.range.clone()]);
+    pub(super) fn rays<'a>(&self, x: &'a [f32], y: &'a [f32], room: &'a mut Picked) -> Portion<'a> {
+        let count = self.range.len().next_multiple_of(STEP).min(MOST);
+        // Of rays that follow those of the row nothing is worked out.
+        let (x, y) = (&x[self.range.start..], &y[self.range.start..]);
         if let (Some(x), Some(y)) = (x.first_chunk(), y.first_chunk()) {
-            return Portion::Full(Rays { count: MOST, picked: None, x: Lanes::of(x), y: Lanes::of(y) });
+            return Portion::new(count, None, x, y);
         }
-        let count = x.len().next_multiple_of(STEP).min(MOST);
-        let mut rays = Rays { count, picked: None, x: Lanes::ZERO, y: Lanes::ZERO };
-        rays.x[..x.len()].copy_from_slice(x);
-        rays.y[..y.len()].copy_from_slice(y);
-        Portion::Fewer(rays)
+        room.x[..x.len()].copy_from_slice(x);
+        room.y[..y.len()].copy_from_slice(y);
+        Portion::new(count, None, &room.x, &room.y)
     }
 
     /// Puts values where they belong: those of the rays that see the triangle, by the triangles that all see.
@@ -98,7 +112,10 @@ impl Row {
     pub(super) fn put(&self, values: &Lanes, nearest: &Nearest, place: u32, out: &mut [f32]) {
         let out = &mut out[self.range.clone()];
         if self.all {
-            out.copy_from_slice(&values[..out.len()]);
+            match out.first_chunk_mut() {
+                Some(out) => *out = **values,
+                None => out.copy_from_slice(&values[..out.len()]),
+            }
             return;
         }
         for ((out, &seen), &value) in out.iter_mut().zip(&nearest.place[self.range.clone()]).zip(values.iter()) {
@@ -108,16 +125,21 @@ impl Row {
 }
 
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
-impl Portion {
+impl<'a> Portion<'a> {
+    #[inline(always)]
+    fn new(count: usize, picked: Option<&'a [u32; MOST]>, x: &'a [f32; MOST], y: &'a [f32; MOST]) -> Self {
+        if count == MOST { Self::Full(Rays { count, picked, x, y }) } else { Self::Fewer(Rays { count, picked, x, y }) }
+    }
+
     /// Up to [`MOST`] rays by their numbers; the last one stands for what is missing.
     #[inline(always)]
-    pub(super) fn picked(numbers: &[u32], x: &[f32], y: &[f32]) -> Self {
-        let mut padded = [numbers.last().copied().unwrap_or_default(); MOST];
+    pub(super) fn picked(numbers: &[u32], x: &[f32], y: &[f32], room: &'a mut Picked) -> Self {
+        let Picked { numbers: padded, x: some_x, y: some_y } = room;
+        *padded = [numbers.last().copied().unwrap_or_default(); MOST];
         padded[..numbers.len()].copy_from_slice(numbers);
         let count = numbers.len().next_multiple_of(STEP).min(MOST);
-        let (x, y) = (gathered(x, &padded, count), gathered(y, &padded, count));
-        let picked = Some(padded);
-        if count == MOST { Self::Full(Rays { count, picked, x, y }) } else { Self::Fewer(Rays { count, picked, x, y }) }
+        (*some_x, *some_y) = (gathered(x, padded, count), gathered(y, padded, count));
+        Self::new(count, Some(padded), some_x, some_y)
     }
 }
 

@@ -1,6 +1,6 @@
 //! Textures: bilinear lookup at the places that rays hit, and its rate of change.
 
-use super::lanes::{Lanes, MOST};
+use super::lanes::{Lanes, MOST, Pairs};
 use crate::error::{Error, Result};
 
 /// A float32 that is added to small whole numbers, whose last bits are then these numbers.
@@ -61,6 +61,20 @@ pub(super) fn checked(layouts: &[[i64; 4]], texels: &[Vec<f32>]) -> Result<Vec<T
     Ok(textures)
 }
 
+/// Texels, each with the one after it: a row of two is then fetched at once.
+pub(super) fn paired(texels: &[f32]) -> Vec<u64> {
+    let after = texels.iter().skip(1).chain([&0.0]);
+    texels.iter().zip(after).map(|(one, next)| u64::from(one.to_bits()) | u64::from(next.to_bits()) << 32).collect()
+}
+
+/// A texel and the one after it.
+#[inline(always)]
+#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
+#[allow(clippy::cast_possible_truncation, reason = "a half each")]
+pub(super) fn parted(pair: u64) -> [f32; 2] {
+    [f32::from_bits(pair as u32), f32::from_bits((pair >> 32) as u32)]
+}
+
 fn misplaced(number: usize, layout: &[i64; 4], length: usize) -> Error {
     Error::Argument(format!(
         "texture {number} must have a side of 1..2^22 texels, a wrap mode of 0..2, and lie within {length} texels \
@@ -108,7 +122,8 @@ impl Fold for Mirror {
 /// A texture under lights of one colour.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Sampler<'a> {
-    texels: &'a [f32],
+    /// Each with the one after it.
+    texels: &'a [u64],
     /// As many as there are texels.
     count: u32,
     /// Texels from one row to the next.
@@ -120,7 +135,7 @@ pub(super) struct Sampler<'a> {
 impl<'a> Sampler<'a> {
     #[inline(always)]
     #[allow(clippy::cast_precision_loss, reason = "a side has at most 2^22 texels")]
-    pub(super) fn new(texture: &Texture, buffer: &'a [f32]) -> Self {
+    pub(super) fn new(texture: &Texture, buffer: &'a [u64]) -> Self {
         let (stride, rows) = (texture.width + 2, texture.height + 2);
         let count = stride * rows;
         let texels = &buffer[texture.first..][..count as usize];
@@ -130,18 +145,18 @@ impl<'a> Sampler<'a> {
     /// Reflectance of a texture that is the same everywhere.
     #[inline(always)]
     pub(super) fn only(&self) -> f32 {
-        self.texels[0]
+        parted(self.texels[0])[0]
     }
 
-    /// The texel at or before each place, the next one, and the two in the row below.
+    /// The texel at or before each place and the next one, and the two in the row below.
     ///
     /// One after the other, so that many of them are on their way from memory at once.
     #[inline(always)]
-    pub(super) fn corners(&self, taps: &Taps, n: usize) -> [Lanes; 4] {
-        let mut corners = [Lanes::ZERO; 4];
-        for (corner, offset) in corners.iter_mut().zip([0, 1, self.stride, self.stride + 1]) {
+    pub(super) fn corners(&self, taps: &Taps, n: usize) -> [Pairs; 2] {
+        let mut corners = [Pairs::ZERO; 2];
+        for (corner, offset) in corners.iter_mut().zip([0, self.stride]) {
             for i in 0..n {
-                corner[i] = self.texel(taps.texel[i] + offset);
+                corner[i] = self.pair(taps.texel[i] + offset);
             }
         }
         corners
@@ -150,9 +165,9 @@ impl<'a> Sampler<'a> {
     /// A texel that is not there cannot be asked for; said so, this becomes a gather. Numbers below 2^31 are those that
     /// it takes as they are.
     #[inline(always)]
-    fn texel(&self, at: u32) -> f32 {
+    fn pair(&self, at: u32) -> u64 {
         let at = at & (u32::MAX >> 1);
-        if at < self.count { self.texels[at as usize] } else { 0.0 }
+        if at < self.count { self.texels[at as usize] } else { 0 }
     }
 }
 

@@ -2,15 +2,15 @@
 
 use multiversion::multiversion;
 
-use super::bins::{Bins, Entry};
+use super::bins::{Bins, Entry, Seen};
 use super::cast::Caster;
 use super::lanes::{Lanes, MOST};
 use super::lights::Surroundings;
 use super::patch::Patch;
 use super::pixel_rays::{BLOCKS, LANES, PIXELS, Part, PixelRays};
 use super::samples::Pixels;
-use super::shade::{Reflected, Shader};
-use super::sorted::{Portion, Sorted};
+use super::shade::Shader;
+use super::sorted::{Picked, Portion, Sorted};
 use super::visibility::{NOTHING, Nearest};
 
 /// What all tiles of a view share.
@@ -30,9 +30,16 @@ pub(super) struct TileScratch {
     caster: Caster,
     sorted: Vec<Sorted>,
     visible: Vec<u32>,
+    picked: Picked,
     luma: Vec<f32>,
     rate: Vec<f32>,
 }
+
+/// The triangles that a tile saw, ready to be shaded: its neighbour of the same view mostly sees the same.
+pub(super) type Shaders<'a> = Vec<Shader<'a>>;
+
+/// Among more than this none is looked for.
+const FEW_SHADERS: usize = 8;
 
 /// Pixels of a tile, by block and lane.
 #[derive(Debug)]
@@ -47,10 +54,16 @@ impl TileImage {
 
 /// Luma of a tile's pixels. A pixel's rays are added up in the lattice's order, each with the bits that it has alone.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
-pub(super) fn luma<const RATE: bool>(of: &TileView, tile: usize, scratch: &mut TileScratch, image: &mut TileImage) {
+pub(super) fn luma<'a, const RATE: bool>(
+    of: &TileView<'a>,
+    tile: usize,
+    scratch: &mut TileScratch,
+    before: &mut Shaders<'a>,
+    image: &mut TileImage,
+) {
     let part = of.rays.of_tile(tile);
     of.bins.of_tile(tile, part.around, &mut scratch.list);
-    shade::<RATE>(of, &part, scratch);
+    shade::<RATE>(of, &part, scratch, before);
     image.luma = mean(&scratch.luma);
     if RATE {
         image.rate = mean(&scratch.rate);
@@ -62,16 +75,16 @@ pub(super) fn luma<const RATE: bool>(of: &TileView, tile: usize, scratch: &mut T
 pub(super) fn samples(of: &TileView, number: usize, pixels: &Pixels, scratch: &mut TileScratch, found: &mut Vec<f32>) {
     let part = pixels.part();
     of.bins.of_tile(number, part.around, &mut scratch.list);
-    shade::<false>(of, &part, scratch);
+    shade::<false>(of, &part, scratch, &mut vec![]);
     found.extend(scratch.luma.chunks_exact(of.rays.rays()).take(pixels.count()).map(pixel_mean));
 }
 
-/// Luma of rays, and its rate.
+/// Luma of rays, and its rate. `before` are the shaders of the tile before, and then those of this one.
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
-fn shade<const RATE: bool>(of: &TileView, part: &Part, scratch: &mut TileScratch) {
+fn shade<'a, const RATE: bool>(of: &TileView<'a>, part: &Part, scratch: &mut TileScratch, before: &mut Shaders<'a>) {
     let Part { x, y, around, .. } = *part;
-    let TileScratch { list, nearest, caster, sorted, visible, luma, rate } = scratch;
+    let TileScratch { list, nearest, caster, sorted, visible, picked, luma, rate } = scratch;
     luma.clear();
     luma.resize(x.len(), of.background.0);
     rate.clear();
@@ -82,7 +95,8 @@ fn shade<const RATE: bool>(of: &TileView, part: &Part, scratch: &mut TileScratch
         visible.extend((0..).take(list.len()).filter(|&place| nearest.sees(place)));
     }
     let seen = |place: u32| &of.bins.seen[list[place as usize].seen as usize];
-    let shaders: Vec<Shader> = visible.iter().map(|&place| Shader::new(&of.lit, seen(place))).collect();
+    let shaders = shaders(of, visible.iter().map(|&place| seen(place)), before);
+    let (mut one, mut one_rate) = (Lanes::ZERO, Lanes::ZERO);
     let mut at = 0;
     while at < visible.len() {
         // Neighbours in space follow each other in the list: what shadows them is searched for together.
@@ -115,14 +129,15 @@ fn shade<const RATE: bool>(of: &TileView, part: &Part, scratch: &mut TileScratch
         }
         for (number, ((shader, &place), sorted)) in shaders[first..at].iter().zip(run).zip(&*sorted).enumerate() {
             for row in &sorted.rows {
-                let (one, one_rate) = shaded::<RATE>(shader, &row.rays(x, y), caster, number);
+                shaded::<RATE>(shader, &row.rays(x, y, picked), caster, number, (&mut one, &mut one_rate));
                 row.put(&one, nearest, place, luma);
                 if RATE {
                     row.put(&one_rate, nearest, place, rate);
                 }
             }
             for numbers in sorted.scattered.chunks(MOST) {
-                let (one, one_rate) = shaded::<RATE>(shader, &Portion::picked(numbers, x, y), caster, number);
+                let portion = Portion::picked(numbers, x, y, picked);
+                shaded::<RATE>(shader, &portion, caster, number, (&mut one, &mut one_rate));
                 for (i, &ray) in numbers.iter().enumerate() {
                     luma[ray as usize] = one[i];
                     if RATE {
@@ -132,15 +147,39 @@ fn shade<const RATE: bool>(of: &TileView, part: &Part, scratch: &mut TileScratch
             }
         }
     }
+    *before = shaders;
+}
+
+/// Shaders of triangles; those of the tile before are taken where they are known.
+fn shaders<'a, 'b>(
+    of: &TileView<'a>,
+    triangles: impl Iterator<Item = &'b Seen>,
+    before: &mut Shaders<'a>,
+) -> Shaders<'a> {
+    if before.len() > FEW_SHADERS {
+        before.clear();
+    }
+    triangles
+        .map(|seen| match before.iter().position(|shader| shader.triangle == seen.triangle) {
+            Some(at) => before.swap_remove(at),
+            None => Shader::new(&of.lit, seen),
+        })
+        .collect()
 }
 
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
-fn shaded<const RATE: bool>(shader: &Shader, portion: &Portion, caster: &Caster, receiver: usize) -> Reflected {
+fn shaded<const RATE: bool>(
+    shader: &Shader,
+    portion: &Portion,
+    caster: &Caster,
+    receiver: usize,
+    out: (&mut Lanes, &mut Lanes),
+) {
     match portion {
-        _ if shader.dark => (Lanes::ZERO, Lanes::ZERO),
-        Portion::Full(rays) => shader.luma::<RATE, true>(rays, caster, receiver),
-        Portion::Fewer(rays) => shader.luma::<RATE, false>(rays, caster, receiver),
+        _ if shader.dark => (*out.0, *out.1) = (Lanes::ZERO, Lanes::ZERO),
+        Portion::Full(rays) => shader.luma::<RATE, true>(rays, caster, receiver, out),
+        Portion::Fewer(rays) => shader.luma::<RATE, false>(rays, caster, receiver, out),
     }
 }
 

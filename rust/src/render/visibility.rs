@@ -24,8 +24,9 @@ pub(super) struct Nearest {
     /// Of blocks whose rays all see the same triangle, as their corners tell, its place; else [`NOTHING`]. Its rays are
     /// left to who wants to know more of them.
     pub(super) only: [u32; BLOCKS],
-    /// How many blocks the rays lie in.
+    /// How many blocks the rays lie in, and how many there are in each.
     pub(super) blocks: usize,
+    pub(super) length: usize,
     /// Of the other blocks, how many rays see each triangle of the list.
     pub(super) counts: Vec<[u32; BLOCKS]>,
     /// Of blocks of tiles with many triangles, the rays sorted by what they see; empty for the other blocks.
@@ -51,15 +52,20 @@ impl Nearest {
     pub(super) fn find(&mut self, bins: &Bins, list: &[Entry], part: &Part) {
         let Part { x, y, around, blocks } = *part;
         self.blocks = blocks.len();
+        self.length = x.len() / blocks.len();
         self.only = [NOTHING; BLOCKS];
         self.counts.clear();
         self.counts.resize(list.len(), [0; BLOCKS]);
+        if let [Entry { covers: true, .. }] = list {
+            self.only[..blocks.len()].fill(0);
+            return;
+        }
         self.place.clear();
         self.place.resize(x.len(), NOTHING);
         self.inverse_depth.clear();
         self.inverse_depth.resize(x.len(), 0.0);
         self.sorted.iter_mut().for_each(Vec::clear);
-        let length = x.len() / blocks.len();
+        let length = self.length;
         if list.len() > MANY {
             self.order(bins, list, around);
         }
