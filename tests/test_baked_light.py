@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -13,14 +14,19 @@ import numpy.typing as npt
 import pytest
 
 from davis_rs import Camera, Pose, Scene, SegmentTrajectory, Simulator, estimate_noise, plan_effects
-from davis_rs.rendering.baked_light import baked_scene, cache
-from davis_rs.rendering.baked_light.bake import Surfaces
+from davis_rs._mitsuba import FAST, load_scene_source, variant
+from davis_rs.rendering.baked_light import bake, baked_scene, cache
+from davis_rs.rendering.baked_light.bake import LightMaps, Surfaces
+from davis_rs.rendering.baked_light.irradiance import Irradiance
+from davis_rs.rendering.baked_light.lights import irradiance_of
+from davis_rs.rendering.baked_light.partial import PartialBake
 from davis_rs.rendering.baked_light.surface_lattice import RefinementRule, SurfaceLattice, refine
 from davis_rs.rendering.render import Renderer
 from davis_rs.rendering.render_integrator import IntegratorRenderer
 from davis_rs.rendering.renderers import make_renderer
 from davis_rs.scene.light_profile import SampledProfile
 from davis_rs.trajectory.views import Views
+from lamp_box import lamp_box
 
 FloatArray = npt.NDArray[np.float64]
 Parts = dict[str, Any]
@@ -83,7 +89,7 @@ def test_a_furnace_has_the_radiance_of_its_closed_form() -> None:
     """In a closed box whose walls all emit L and reflect rho, all is as bright as L / (1 - rho): direct light, all
     bounces, and what lamps look like themselves."""
     walls = {"type": "cube", "flip_normals": True, "bsdf": diffuse(0.5), "emitter": area(0.7)}
-    luma = luma_of(make_scene(walls=walls), pose=Pose([0.1, 0.2, 0.3], DOWN.quaternion))
+    luma = luma_of(make_scene(walls=walls), 0.1, pose=Pose([0.1, 0.2, 0.3], DOWN.quaternion))
     assert np.median(luma) == pytest.approx(1.4, rel=0.025)
     assert luma.min() > 1.33
     assert luma.max() < 1.47
@@ -142,6 +148,61 @@ def test_coloured_light_that_bounces_is_the_path_tracers() -> None:
     traced = luma_of(scene, kind="integrator", samples=1024)
     assert np.median(baked / traced) == pytest.approx(1.0, abs=0.01)
     assert np.quantile(np.abs(baked / traced - 1), 0.9) < 0.04
+
+
+def lit_by(scene: Scene) -> AbstractContextManager[tuple[Any, Irradiance]]:
+    """The light of a scene, all lamps together, under Mitsuba's LLVM variant."""
+
+    @contextmanager
+    def light() -> Iterator[tuple[Any, Irradiance]]:
+        with variant(FAST) as (mi, _):
+            loaded = load_scene_source(scene.source(), mi)
+            with irradiance_of(loaded, mi, [""], PartialBake()) as lights:
+                yield loaded, lights[0]
+
+    return light()
+
+
+def test_places_apart_err_independently() -> None:
+    """A lamp over a floor, from few points: errors average out over the floor, and between neighbours hardly differ."""
+    across = np.linspace(-0.95, 0.95, 96)
+    x, y = np.meshgrid(across, across[::12])
+    places = np.stack([x, y, 0 * x], -1).reshape(-1, 3)
+    normals = np.tile([0.0, 0.0, 1.0], (len(places), 1))
+    with lit_by(make_scene(DIRECT, floor=plate(0, 0, 0, (1, 1)), panel=lamp(0.5))) as (_, light):
+        truth = light.direct(places, normals, 8192, 100)[:, 0]
+        found = np.array([light.direct(places, normals, 64, shift)[:, 0] for shift in range(4)])
+    off = (found / truth - 1).reshape(4, *x.shape)
+    rms = np.sqrt((off**2).mean())
+    assert np.sqrt((off.mean((1, 2)) ** 2).mean()) < 0.2 * rms
+    assert np.sqrt((np.diff(off, axis=2) ** 2).mean()) < 0.6 * rms
+
+
+def test_the_error_that_is_told_is_that_of_the_path_tracer() -> None:
+    """In the box with a lamp: the run's own estimate against direct light and paths of Mitsuba's own, elsewhere."""
+    scene = lamp_box(16)
+    captured = list[tuple[Surfaces, LightMaps]]()
+
+    def kept(surfaces: Surfaces, *arguments: Any, **settings: Any) -> LightMaps:
+        captured.append((surfaces, bake.bake(surfaces, *arguments, **settings)))
+        return captured[0][1]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(baked_scene, "bake", kept)
+        make_renderer(scene, scene.own_camera, kind="baked", samples=1, bake_error=0.05)
+    ((surfaces, maps),) = captured
+    random = np.random.RandomState(5)
+    triangle = random.randint(len(surfaces.corners), size=120)
+    weight = random.dirichlet(np.ones(3), 120)
+    places = np.einsum("nk,nkd->nd", weight, surfaces.corners[triangle])
+    with lit_by(scene) as (_, light):
+        normals = surfaces.normals[triangle, 0]
+        truth = light.direct(places, normals, 2048, 9) + light.traced(places, normals, 2048, 9)
+    found = bake.looked_up(maps.texels[0], maps.layouts[triangle, 0], weight)
+    lit = truth[:, 1] > 1e-3 * np.median(truth[:, 1])
+    off = np.quantile(np.abs(found[lit, 1] / truth[lit, 1] - 1), 0.68)
+    assert 0.5 * maps.error < off < 2 * maps.error
+    assert off < 0.05
 
 
 def test_light_has_no_seam_where_triangles_meet() -> None:
@@ -383,7 +444,7 @@ def test_auto_bakes_where_the_light_asks_for_it() -> None:
 def test_points_within_a_solid_do_not_darken_what_is_next_to_it() -> None:
     """A block stands on the floor: the floor is as bright at its foot as a little way off."""
     corners = np.array([[[-1, -1, 0], [1, -1, 0], [-1, 1, 0]], [[1, -1, 0], [1, 1, 0], [-1, 1, 0]]], float)
-    surfaces = Surfaces(corners, np.tile([0, 0, 1.0], (2, 3, 1)), np.zeros(2, bool))
+    surfaces = Surfaces(corners, np.tile([0, 0, 1.0], (2, 3, 1)), np.zeros(2, bool), [2])
     lattice = SurfaceLattice(surfaces.corners, surfaces.normals, surfaces.two_sided)
 
     def light(places: FloatArray, _: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -46,8 +46,7 @@ class SceneTable:
 
     Args:
         moving: ids of shapes that move; each is in tables of its own frame.
-        bake: gives the light that is computed beforehand on surfaces, of which each of the scene's shapes has so many;
-            None for direct light alone.
+        bake: gives the light that is computed beforehand on surfaces; None for direct light alone.
 
     Attributes:
         scene: the Mitsuba scene.
@@ -78,7 +77,7 @@ class SceneTable:
         shadows: bool,
         any_integrator: bool,
         moving: Sequence[str] = (),
-        bake: Callable[[Surfaces, list[int]], BakedLight] | None = None,
+        bake: Callable[[Surfaces], BakedLight] | None = None,
     ) -> None:
         self.scene, self.shadows, self.moving = scene, shadows, list(moving)
         self._hides_lights = bool(getattr(scene.integrator(), "hide_emitters", False))
@@ -123,7 +122,7 @@ class SceneTable:
             at_corners += np.concatenate(normals)[:, None, :, 3]
             length = np.linalg.norm(at_corners, axis=-1, keepdims=True)
             unit = np.divide(at_corners, length, out=np.zeros_like(at_corners), where=length > 0)
-            self.baked = bake(Surfaces(self.corners, unit, self.two_sided == 1), self.counts)
+            self.baked = bake(Surfaces(self.corners, unit, self.two_sided == 1, self.counts))
             first = self._add_baked(self.baked, group_weights)
             self.emission_lights = (first + self.baked.emitters * self._channels).astype(np.uint32)
 

@@ -21,7 +21,7 @@ from .lights import background_luma, check_lights, emissions, irradiance_of, lig
 
 FloatArray = npt.NDArray[np.float64]
 
-VERSION = 1
+VERSION = 2
 """Of what is computed, so that light of older versions is not taken from the cache."""
 
 
@@ -56,13 +56,11 @@ class BakedLight:
         return f"baked light at {maps.points:,} points, whose error is estimated at {100 * maps.error:.2g} %{coarse}"
 
 
-def baked_light(
-    scene: Scene, surfaces: Surfaces, counts: Sequence[int], changing: Sequence[str], error: float
-) -> BakedLight:
+def baked_light(scene: Scene, surfaces: Surfaces, changing: Sequence[str], error: float) -> BakedLight:
     """Bake a scene's light, or take it from the cache.
 
     Args:
-        surfaces: of the scene, in the order of its shapes, which have so many triangles (``counts``).
+        surfaces: of the scene, in the order of its shapes.
         changing: names of the lights whose strength changes.
         error: that is allowed, relative.
 
@@ -81,14 +79,19 @@ def baked_light(
         paths = paths_of(loaded.integrator())
         check_lights(loaded, mi)
         names = light_groups(loaded, changing)
-        emitted, emitters = emissions(loaded, mi, counts, names)
+        emitted, emitters = emissions(loaded, mi, surfaces.counts, names)
         backgrounds = background_luma(loaded, mi, names)
         key = _key(loaded, mi, surfaces, (VERSION, sorted(versions(FAST).items()), paths, names, error))
         maps = _known.get(key)
         if maps is None and (maps := cache.load(key)) is not None:
             say(f"the scene's light was baked before, and comes from {cache.cache_folder()}")
         if maps is None:
-            with progress("baking light", 0, unit="points") as bar, irradiance_of(loaded, mi, names) as lights:
+            kept = cache.load_partial(key)
+            with (
+                progress("baking light", 0, unit="points") as bar,
+                cache.kept_if_stopped(key, kept),
+                irradiance_of(loaded, mi, names, kept) as lights,
+            ):
 
                 def seen(what: str, done: int, expected: int) -> None:
                     bar.total = max(bar.total, expected)

@@ -16,6 +16,7 @@ from ..scene_scale import scale_scene
 from ..scene_texture import Unsuitable
 from ..scene_updates import like, strength_key
 from .irradiance import Irradiance
+from .partial import PartialBake
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -130,34 +131,43 @@ def _group(name: str, names: Sequence[str]) -> int:
 
 
 @contextmanager
-def irradiance_of(scene: Any, mi: Any, names: Sequence[str]) -> Iterator[list[Irradiance]]:
+def irradiance_of(scene: Any, mi: Any, names: Sequence[str], kept: PartialBake) -> Iterator[list[Irradiance]]:
     """The light of each group of lights, to be computed one group at a time.
 
     Args:
         scene: loaded under Mitsuba's LLVM variant, which is in use; it is scaled where its size asks for that.
         names: see :func:`light_groups`.
+        kept: what was computed before.
     """
     integrator = scene.integrator() or mi.load_dict({"type": "path"})
     paths = paths_of(scene.integrator())
     scale = scale_scene(scene, integrator, mi)
-    yield [_Group(scene, mi, paths, scale, name, names) for name in names]
+    yield [_Group(scene, mi, paths, scale, name, names, kept) for name in names]
 
 
 class _Group(Irradiance):
     """The light of some of a scene's emitters: the others are switched off while it is computed."""
 
-    def __init__(self, scene: Any, mi: Any, paths: Paths, scale: float, name: str, names: Sequence[str]) -> None:
+    def __init__(
+        self, scene: Any, mi: Any, paths: Paths, scale: float, name: str, names: Sequence[str], kept: PartialBake
+    ) -> None:
+        self._own_name = name
         own, self._others = list[Any](), list[Any]()
         for its_name, emitter in named_emitters(scene):
             mine = its_name == name if name else its_name not in names
             (own if mine else self._others).append(emitter)
         soft = [emitter for emitter in own if emitter.class_name() in _SOFT]
-        super().__init__(scene, mi, soft, max_depth=paths.max_depth, rr_depth=paths.rr_depth, scale=scale)
+        sharp = [emitter for emitter in own if emitter.class_name() in _SHARP]
+        depths = {"max_depth": paths.max_depth, "rr_depth": paths.rr_depth}
+        super().__init__(scene, mi, soft, sharp, **depths, scale=scale, kept=kept)
         self.bounces = self.bounces and bool(own)
 
-    def _mean(self, places: FloatArray, normals: FloatArray, samples: int, one: Any) -> FloatArray:
+    def _name(self) -> str:
+        return self._own_name
+
+    def _mean_of_part(self, *arguments: Any) -> FloatArray:
         if not self._others:
-            return super()._mean(places, normals, samples, one)
+            return super()._mean_of_part(*arguments)
         kept = []
         for emitter in self._others:
             parameters = self._mi.traverse(emitter)
@@ -167,7 +177,7 @@ class _Group(Irradiance):
             for parameters, key, values in kept:
                 parameters[key] = like(parameters[key], values * 0.0)
                 parameters.update()
-            return super()._mean(places, normals, samples, one)
+            return super()._mean_of_part(*arguments)
         finally:
             for parameters, key, values in kept:
                 parameters[key] = like(parameters[key], values)
