@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import os
+import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import pytest
+from scipy.spatial.transform import Rotation
 
 from davis_rs import Camera, Pose, Scene, SegmentTrajectory, Simulator, estimate_noise, plan_effects
 from davis_rs._mitsuba import FAST, load_scene_source, variant
@@ -137,6 +141,15 @@ def colourful() -> dict[str, Parts]:
     }
 
 
+def environment(values: npt.ArrayLike) -> Parts:
+    """An environment map of radiances (height, width, 3)."""
+    import mitsuba as mi
+
+    # Its own bitmap, because Mitsuba has none before a variant is set.
+    mi.set_variant(mi.variant() or FAST)
+    return {"type": "envmap", "bitmap": mi.Bitmap(np.asarray(values, np.float32))}
+
+
 def _shift(*offset: float) -> FloatArray:
     return np.pad(np.array(offset)[:, None], ((0, 1), (3, 0)))
 
@@ -161,6 +174,61 @@ def lit_by(scene: Scene) -> AbstractContextManager[tuple[Any, Irradiance]]:
                 yield loaded, lights[0]
 
     return light()
+
+
+def outdoors() -> dict[str, Parts]:
+    """A block on the ground under a sky of gradients with a bright spot, and a spot light."""
+    rows, columns = np.meshgrid(np.linspace(1.0, 0.1, 16), np.cos(np.linspace(0, 2 * np.pi, 32)), indexing="ij")
+    sky = np.stack([rows, 0.6 * rows + 0.1 * columns * rows, 0.5 + 0.3 * columns * rows], -1)
+    sky[3:5, 9:11] = 20.0
+    towards = np.array([[1, 0, 0, -0.3], [0, -1, 0, 0.2], [0, 0, -1, 1.2], [0, 0, 0, 1]], float)
+    return {
+        "floor": plate(0, 0, 0, (0.8, 0.5)),
+        "block": colourful()["block"],
+        "sky": environment(sky) | {"scale": 0.7},
+        "spot": {"type": "spot", "to_world": towards, "cutoff_angle": 25, "beam_width": 10, "intensity": 3.0},
+    }
+
+
+def test_an_environment_map_and_a_spot_light_are_the_path_tracers() -> None:
+    """Their light on surfaces, the sky beside them, and the edges of the beam."""
+    scene = make_scene(PATH | {"max_depth": 3}, **outdoors())
+    pose = Pose([0.3, -1.6, 1.2], [-0.85, 0.0, 0.0, 0.527])
+    baked = luma_of(scene, 0.05, pose, samples=64)
+    traced = luma_of(scene, pose=pose, kind="integrator", samples=1024)
+    assert traced.max() > 4 * traced.min()
+    assert np.median(baked / traced) == pytest.approx(1.0, abs=0.01)
+    assert np.quantile(np.abs(baked / traced - 1), 0.9) < 0.04
+
+
+def test_rates_of_skies_and_beams_are_the_changes_of_luma() -> None:
+    """A turning camera sees the environment map move, and comes nearer to a spot light's edge."""
+    scene = make_scene(DIRECT, **outdoors())
+    turned = Rotation.from_quat([-0.85, 0.0, 0.0, 0.527]) * Rotation.from_rotvec([0.05, 0.1, 0.02])
+    path = SegmentTrajectory(
+        Pose([0.3, -1.6, 1.2], [-0.85, 0.0, 0.0, 0.527]), Pose([0.2, -1.5, 1.3], turned.as_quat()), 1.0
+    )
+    renderer = build(scene, 0.2, samples=1)
+    step = 2e-3
+    luma = renderer.luma(Views.along(path, np.array([0.5 - step, 0.5 + step])))
+    _, rate = renderer.luma_and_rate(Views.along(path, np.array([0.5])))
+    off = np.abs(rate[0] - (luma[1] - luma[0]) / (2 * step))
+    assert np.quantile(off, 0.8) < 0.02 * np.abs(rate).max()
+
+
+def test_a_small_lamp_has_sharp_shadows() -> None:
+    """A lamp of 2 cm over a screen: the path tracer's luma, but for the lattice's steps in the shadow's edge."""
+    scene = make_scene(
+        DIRECT,
+        floor=plate(0, 0, 0, (1.5, 1.5)),
+        screen=plate(0.1, 0, 0.7, (0.2, 0.3)),
+        panel=lamp(1.2, 900.0, (0.01, 0.01)),
+    )
+    baked = luma_of(scene, 0.2, Pose([0.0, 0.0, 0.6], DOWN.quaternion), samples=16)
+    traced = luma_of(scene, pose=Pose([0.0, 0.0, 0.6], DOWN.quaternion), kind="integrator", samples=256)
+    assert traced.min() < 0.01 * traced.max()
+    assert np.quantile(np.abs(baked - traced), 0.95) < 0.02 * traced.max()
+    assert baked.mean() == pytest.approx(traced.mean(), rel=0.02)
 
 
 def test_places_apart_err_independently() -> None:
@@ -345,6 +413,57 @@ def test_a_cache_that_cannot_be_written_costs_one_line(folder: Path, capsys: pyt
     assert "cannot be kept in its cache" in capsys.readouterr().err
 
 
+def test_a_full_disk_costs_one_line(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def full(dir: Path, prefix: str) -> tuple[int, str]:
+        handle, name = tempfile.mkstemp(dir=dir, prefix=prefix)
+        os.close(handle)
+        return os.open("/dev/full", os.O_WRONLY), name
+
+    monkeypatch.setattr(cache, "tempfile", SimpleNamespace(mkstemp=full))
+    luma = luma_of(make_scene(DIRECT, floor=plate(0, 0, 0, (1, 1)), panel=lamp()), 0.2)
+    assert luma.max() > 0
+    assert "cannot be kept in its cache ([Errno 28]" in capsys.readouterr().err
+    assert list(folder.iterdir()) == []
+
+
+def test_a_bake_that_is_stopped_goes_on_where_it_was(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Ctrl-C in the middle: the next run computes only the rest, and has the same bits."""
+    scene = make_scene(PATH | {"max_depth": 3}, floor=plate(0, 0, 0, (1, 1)), panel=lamp())
+    made = Irradiance._mean_of_part
+    counts = [0]
+
+    def stopped(limit: float) -> Callable[..., FloatArray]:
+        def one(self: Irradiance, *arguments: Any) -> FloatArray:
+            if counts[0] == limit:
+                raise KeyboardInterrupt
+            counts[0] += 1
+            return made(self, *arguments)
+
+        return one
+
+    monkeypatch.setattr(Irradiance, "_mean_of_part", stopped(np.inf))
+    first = luma_of(scene, 0.2)
+    whole, counts[0] = counts[0], 0
+    (file,) = folder.iterdir()
+    file.unlink()
+    monkeypatch.setattr(baked_scene, "_known", {})
+    monkeypatch.setattr(Irradiance, "_mean_of_part", stopped(whole - 3))
+    with pytest.raises(KeyboardInterrupt):
+        luma_of(scene, 0.2)
+    assert "what is baked so far is kept" in capsys.readouterr().err
+    assert [file.suffix for file in folder.iterdir()] == [".partial"]
+    counts[0] = 0
+    monkeypatch.setattr(Irradiance, "_mean_of_part", stopped(np.inf))
+    assert np.array_equal(luma_of(scene, 0.2), first)
+    assert counts[0] == 3
+    assert "goes on from there" in capsys.readouterr().err
+    assert [file.suffix for file in folder.iterdir()] == [".light"]
+
+
 def test_two_bakes_at_once_leave_one_whole_file(folder: Path, run_python: Callable[..., str]) -> None:
     program = """
 import multiprocessing, sys
@@ -394,7 +513,15 @@ def test_a_full_cache_loses_what_was_not_used_for_longest(folder: Path, monkeypa
             {"bulb": {"type": "point", "intensity": {"type": "rgb", "value": [1.0, -2.0, 0.0]}}},
             r"'bulb', a PointLight, has intensity\.value -2",
         ),
-        ({"bulb": {"type": "spot"}}, "'bulb', a SpotLight, is not baked"),
+        ({"panel": lamp(2.0, [1.0, np.inf, 1.0])}, r"'panel\.emitter', a AreaLight, has radiance\.value inf"),
+        ({"panel": lamp(2.0, [1.0, 1.0, np.nan])}, r"'panel\.emitter', a AreaLight, has radiance\.value nan"),
+        (
+            {"bulb": {"type": "spot", "texture": {"type": "bitmap", "raw": True, "data": np.ones((2, 2, 3), "f4")}}},
+            "the spot light 'bulb' has a texture",
+        ),
+        ({"sky": environment(np.full((4, 8, 3), np.nan))}, r"'sky', a EnvironmentMapEmitter, has data nan; light is"),
+        ({"sky": environment(np.full((4, 8, 3), -2.0))}, r"'sky', a EnvironmentMapEmitter, has data -2; light is"),
+        ({"sky": environment(np.ones((4, 8, 3))), "bulb": {"type": "projector"}}, "'bulb', a Projector, is not baked"),
         (
             {
                 "panel": plate(0, 0, 2, (1, 1))

@@ -20,6 +20,8 @@ from .scene_motion import STILL, SceneMotion, seen_from
 from .scene_table import SceneTable
 from .shadow_rays import END, STEP
 
+_KINDS = {"spot": "point", "lamp": "point"}
+
 _PIXELS_PER_LAUNCH = 1 << 21
 
 ViewArrays = tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]
@@ -70,11 +72,19 @@ class NativeRenderer(Renderer):
             layouts=textures.framed_sizes.astype(np.int64).ravel(),
             texels=[textures.framed(group) for group in range(len(textures.group_weights))],
             lights=[
-                (light.kind, light.group, light.strength, table.background_per_strength(light), light.vector.tolist())
+                (
+                    _KINDS.get(light.kind, light.kind),
+                    light.group,
+                    light.strength,
+                    table.background_per_strength(light),
+                    light.vector.tolist(),
+                    light.beam,
+                )
                 for light in table.lights
             ],
             light_maps=_light_maps(table),
             emissions=None if table.baked is None else (table.baked.emitted, table.emission_lights),
+            sky=_sky(table),
             shadows=table.shadows,
             centre=table.centre.tolist(),
             step=STEP,
@@ -124,6 +134,13 @@ class NativeRenderer(Renderer):
         )
         positions, rotations, velocities, angular_rates = poses
         return positions, rotations, velocities, angular_rates, factors.ravel(), rates.ravel()
+
+
+def _sky(table: SceneTable) -> tuple[int, int, npt.NDArray[np.float32]] | None:
+    if table.baked is None or table.baked.sky is None:
+        return None
+    sky = table.baked.sky
+    return table.light_of_group(sky.group), sky.side, sky.texels.ravel()
 
 
 def _light_maps(

@@ -136,6 +136,8 @@ def _make_from_table(
             raise UnsuitableSurface(f"{unsuitable}{_offer(materials)}") from None
         renderer: Renderer
         if kind == "table":
+            if any(light.kind == "spot" for light in table.lights):
+                raise Unsuitable("a light is a spot light, which only the native renderer has")
             renderer = TableRenderer(table, camera, samples=samples, blur=blur, motion=motion)
         else:
             renderer = NativeRenderer(table, camera, samples=samples, blur=blur, motion=motion, threads=threads)

@@ -11,6 +11,7 @@ use super::pixel_rays::{BLOCKS, LANES, PIXELS, Part, PixelRays};
 use super::samples::Pixels;
 use super::shade::{Reflected, Shader};
 use super::sorted::{Portion, Sorted};
+use super::vector::single;
 use super::visibility::{NOTHING, Nearest};
 
 /// What all tiles of a view share.
@@ -80,6 +81,20 @@ fn shade<const RATE: bool>(of: &TileView, part: &Part, scratch: &mut TileScratch
     if !list.is_empty() {
         nearest.find(of.bins, list, part);
         visible.extend((0..).take(list.len()).filter(|&place| nearest.sees(place)));
+    }
+    if let Some(sky) = &of.lit.scene.sky {
+        let (pose, [factor, factor_rate]) = (&of.lit.view.poses[0], of.lit.view.factors[sky.light as usize]);
+        let per_block = x.len() / part.blocks.len();
+        for ray in 0..x.len() {
+            let nothing = list.is_empty() || nearest.only[ray / per_block] == NOTHING && nearest.place[ray] == NOTHING;
+            if nothing {
+                let (one, one_rate) = sky.luma(pose, x[ray], y[ray]);
+                luma[ray] += single([factor])[0] * one;
+                if RATE {
+                    rate[ray] += single([factor])[0] * one_rate + single([factor_rate])[0] * one;
+                }
+            }
+        }
     }
     let seen = |place: u32| &of.bins.seen[list[place as usize].seen as usize];
     let shaders: Vec<Shader> = visible.iter().map(|&place| Shader::new(&of.lit, seen(place))).collect();

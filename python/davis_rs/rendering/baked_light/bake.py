@@ -111,25 +111,27 @@ def bake(
     job = _Job(surfaces, lattice, error, seen)
     pilots = job.places(_PILOTS, 0)
     total = sum((_glimpse(light, pilots) for light in lights), np.zeros((_PILOTS, 3)))
-    direct_samples = _enough_samples([light.direct for light in lights if light.has_direct], pilots, total, error)
+    most = [0, 0]
     sampled = list[list[SampledLight]]()
     gathered = list[Gathered | None]()
-    rays = FEWEST_SAMPLES
     for light in lights:
         parts = list[SampledLight]()
-        if light.has_direct:
-            parts.append(job.direct(light, direct_samples, _typical(light, pilots)))
+        for shining in light.direct_parts:
+            samples, off = _enough_samples(shining, pilots, total, error)
+            most[0] = max(most[0], samples)
+            parts.append(job.direct(light, partial(shining, samples=samples), off, total))
         gathered.append(None)
         if light.bounces:
             of_light = job.reflected(light, parts)
-            rays = max(rays, _enough_samples([of_light], pilots, total, error))
             gathered[-1] = of_light
         sampled.append(parts)
     for light, parts, gather in zip(lights, sampled, gathered, strict=True):
         if gather is not None:
-            parts.append(job.bounced(light, gather, rays))
+            samples, off = _enough_samples(gather, pilots, total, error)
+            most[1] = max(most[1], samples)
+            parts.append(job.bounced(light, gather, samples, error, off))
     every = [part for parts in sampled for part in parts]
-    divisions = np.max([part.divisions() for part in every], axis=0)
+    divisions = np.max([np.zeros(len(lattice.faces), np.int64), *(part.divisions() for part in every)], axis=0)
     of_sides = job.of_sides(divisions)
     layouts = _layouts(of_sides)
     texels = [_texels(lattice, parts, divisions, layouts) for parts in sampled]
@@ -139,7 +141,7 @@ def bake(
         texels,
         job.measured(lights, gathered, layouts, texels),
         job.points,
-        (direct_samples, rays),
+        (most[0], most[1]),
         all(part.complete for part in every),
         time.monotonic() - start,
     )
@@ -165,26 +167,32 @@ class _Job:
         self.points += len(sampled.values)
         return sampled
 
-    def direct(self, light: Irradiance, samples: int, typical: float) -> SampledLight:
-        """Direct light; ``typical``: luma of what bounces where there is little of it."""
+    def direct(self, light: Irradiance, shining: Gathered, off: float, total: FloatArray) -> SampledLight:
+        """Direct light.
 
-        def shining(places: FloatArray, normals: FloatArray) -> Known:
-            values = _unless_buried(light, places, normals, light.direct(places, normals, samples))
+        Args:
+            off: what it errs at each place.
+            total: all light at some places. Direct light that is weak next to it need not be known so well.
+        """
+        luma = total @ LUMA_WEIGHTS
+        typical = float(np.quantile(luma[luma > 0], 0.1)) if (luma > 0).any() else 0.0
+
+        def lit(places: FloatArray, normals: FloatArray) -> Known:
+            values = _unless_buried(light, places, normals, shining(places, normals))
             return values, np.full(len(places), typical)
 
         error = self._error
-        rule = _rule(self._diagonal, (_DIRECT_SPACING, _DIRECT_FINEST), error, 2 * error)
-        return self._refined("direct light", shining, rule)
+        rule = _rule(self._diagonal, (_DIRECT_SPACING, _DIRECT_FINEST), error, 2 * error + off)
+        return self._refined("direct light", lit, rule)
 
-    def bounced(self, light: Irradiance, gather: Gathered, rays: int, error: float | None = None) -> SampledLight:
-        """What surfaces reflect."""
+    def bounced(self, light: Irradiance, gather: Gathered, rays: int, error: float, off: float = 0.0) -> SampledLight:
+        """What surfaces reflect; ``off``: what it errs at each place."""
 
         def bounced(places: FloatArray, normals: FloatArray) -> Known:
             values = _unless_buried(light, places, normals, gather(places, normals, samples=rays))
             return values, light.direct(places, normals, FEWEST_SAMPLES) @ LUMA_WEIGHTS
 
-        error = self._error if error is None else error
-        rule = _rule(self._diagonal, (_INDIRECT_SPACING, _INDIRECT_FINEST), error, 4 * error)
+        rule = _rule(self._diagonal, (_INDIRECT_SPACING, _INDIRECT_FINEST), error, 4 * error + off)
         return self._refined("bounces", bounced, rule)
 
     def reflected(self, light: Irradiance, direct: list[SampledLight]) -> Gathered:
@@ -318,27 +326,17 @@ def _glimpse(light: Irradiance, pilots: tuple[FloatArray, FloatArray]) -> FloatA
     return glimpse
 
 
-def _typical(light: Irradiance, pilots: tuple[FloatArray, FloatArray]) -> float:
-    """Luma of what bounces where there is little of it."""
-    if not light.bounces:
-        return 0.0
-    luma = light.traced(*pilots, _GLIMPSE_SAMPLES) @ LUMA_WEIGHTS
-    return float(np.quantile(luma[luma > 0], 0.1)) if (luma > 0).any() else 0.0
-
-
 def _enough_samples(
-    lights: Sequence[Gathered], pilots: tuple[FloatArray, FloatArray], total: FloatArray, error: float
-) -> int:
-    """How many samples a place needs."""
+    light: Gathered, pilots: tuple[FloatArray, FloatArray], total: FloatArray, error: float
+) -> tuple[int, float]:
+    """How many samples a place needs, and what it errs with so many, as a share of all light."""
     samples = FEWEST_SAMPLES
-    while lights and samples < MOST_SAMPLES:
-        batches = np.array(
-            [sum(light(*pilots, samples=samples, shift=shift) for light in lights) for shift in range(_SHIFTS)]
-        )
-        if relative_error(batches, total) <= error / 2:
-            break
+    while True:
+        batches = np.array([light(*pilots, samples=samples, shift=shift) for shift in range(_SHIFTS)])
+        off = relative_error(batches, total)
+        if off <= error / 2 or samples >= MOST_SAMPLES:
+            return samples, off
         samples *= 2
-    return samples
 
 
 def _texels(

@@ -17,7 +17,17 @@ from ..matte import simplify_materials
 from ..scene_texture import Unsuitable
 from . import cache
 from .bake import LightMaps, Surfaces, bake
-from .lights import background_luma, check_lights, emissions, irradiance_of, light_groups, numbers, paths_of
+from .lights import (
+    SkyMap,
+    background_luma,
+    check_lights,
+    emissions,
+    irradiance_of,
+    light_groups,
+    numbers,
+    paths_of,
+    sky_map,
+)
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -40,6 +50,7 @@ class BakedLight:
         emitted: (t) luma that each triangle emits from its front.
         emitters: (t) the group that this belongs to.
         backgrounds: luma of a ray that hits nothing, by each group.
+        sky: what such a ray sees in addition; None where there is no environment map.
     """
 
     maps: LightMaps
@@ -47,6 +58,7 @@ class BakedLight:
     emitted: FloatArray
     emitters: npt.NDArray[np.int64]
     backgrounds: list[float]
+    sky: SkyMap | None
 
     @property
     def description(self) -> str:
@@ -81,6 +93,7 @@ def baked_light(scene: Scene, surfaces: Surfaces, changing: Sequence[str], error
         names = light_groups(loaded, changing)
         emitted, emitters = emissions(loaded, mi, surfaces.counts, names)
         backgrounds = background_luma(loaded, mi, names)
+        sky = sky_map(loaded, mi, names)
         key = _key(loaded, mi, surfaces, (VERSION, sorted(versions(FAST).items()), paths, names, error))
         maps = _known.get(key)
         if maps is None and (maps := cache.load(key)) is not None:
@@ -103,7 +116,7 @@ def baked_light(scene: Scene, surfaces: Surfaces, changing: Sequence[str], error
         while len(_known) >= _MOST_KNOWN:
             del _known[next(iter(_known))]
         _known[key] = maps
-    return BakedLight(maps, names, emitted, emitters, backgrounds)
+    return BakedLight(maps, names, emitted, emitters, backgrounds, sky)
 
 
 def _key(scene: Any, mi: Any, surfaces: Surfaces, settings: object) -> str:

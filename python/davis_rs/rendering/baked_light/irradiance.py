@@ -23,6 +23,8 @@ FloatArray = npt.NDArray[np.float64]
 _LANES = 1 << 20
 _GOLDEN = 0.6180339887498949
 
+_R2 = 0.7548776662, 0.5698402910
+
 _ALIKE_WITHIN = 1 / 24
 """Places closer than this share of the scene's diagonal err alike."""
 
@@ -111,7 +113,9 @@ class Irradiance:
         kept: PartialBake,
     ) -> None:
         self._scene, self._scale, self._mi, self._kept = scene, scale, mi, kept
-        self._emitters, self._sharp = list(baked_emitters), list(sharp_emitters)
+        self._lamps = [emitter for emitter in baked_emitters if not emitter.is_environment()]
+        self._skies = [emitter for emitter in baked_emitters if emitter.is_environment()]
+        self._sharp = list(sharp_emitters)
         self.bounces = max_depth < 0 or max_depth > 2
         self.most_bounces = max_depth - 2 if max_depth > 0 else _MOST_BOUNCES
         shorter = max_depth - 1 if max_depth > 0 else -1
@@ -136,28 +140,69 @@ class Irradiance:
     @property
     def has_direct(self) -> bool:
         """Whether any light shines directly that is baked."""
-        return bool(self._emitters)
+        return bool(self.direct_parts)
+
+    @property
+    def direct_parts(self) -> list[Callable[..., FloatArray]]:
+        """Those of :meth:`of_lamps` and :meth:`of_sky` that there are."""
+        return [part for part, there in ((self.of_lamps, self._lamps), (self.of_sky, self._skies)) if there]
 
     def direct(self, places: FloatArray, normals: FloatArray, samples: int, shift: int = 0) -> FloatArray:
+        """Direct irradiance / pi, RGB (n, 3), of all that is baked, from so many samples of each kind."""
+        return sum((part(places, normals, samples, shift) for part in self.direct_parts), np.zeros((len(places), 3)))
+
+    def of_lamps(self, places: FloatArray, normals: FloatArray, samples: int, shift: int = 0) -> FloatArray:
         """Direct irradiance / pi, RGB (n, 3), from so many points on each lamp."""
-        if not self._emitters:
-            return np.zeros((len(places), 3))
+
+        def one(surface: Any, point: Any, _: Any) -> Any:
+            return sum((self._towards(emitter, surface, point) for emitter in self._lamps), self._mi.Color3f(0))
+
+        return self._mean("lamps", places, normals, samples, shift, one)
+
+    def of_sky(self, places: FloatArray, normals: FloatArray, samples: int, shift: int = 0) -> FloatArray:
+        """Direct irradiance / pi, RGB (n, 3), of constant light and environment maps, from so many directions.
+
+        Directions follow the cosine. Where the sky is a map, as many more follow its radiance; both are weighted by the
+        balance heuristic (Veach and Guibas, 1995).
+        """
 
         def one(surface: Any, point: Any, _: Any) -> Any:
             import drjit as dr
 
             mi = self._mi
+            local = mi.warp.square_to_cosine_hemisphere(point)
+            ray = surface.spawn_ray(surface.to_world(local))
+            open_ = ~self._scene.ray_test(ray)
+            seen = dr.zeros(mi.SurfaceInteraction3f, dr.width(point))
+            seen.wi = -ray.d
+            sample = dr.zeros(mi.DirectionSample3f, dr.width(point))
+            sample.d = ray.d
             total = mi.Color3f(0)
-            for emitter in self._emitters:
-                sample, radiance = emitter.sample_direction(surface, point)
-                cosine = dr.dot(surface.n, sample.d)
-                lit = (sample.pdf > 0) & (cosine > 0)
-                ray = surface.spawn_ray_to(sample.p)
-                lit &= ~self._scene.ray_test(ray, lit)
-                total += dr.select(lit, radiance * cosine / dr.pi, 0)
+            for emitter in self._skies:
+                light = dr.select(open_, mi.Color3f(emitter.eval(seen)), 0)
+                if emitter.class_name() == "EnvironmentMapEmitter":
+                    density = mi.warp.square_to_cosine_hemisphere_pdf(local)
+                    light *= density / (density + emitter.pdf_direction(surface, sample))
+                    light += self._towards(emitter, surface, point, both=True)
+                total += light
             return total
 
-        return self._mean("direct", places, normals, samples, shift, one)
+        return self._mean("sky", places, normals, samples, shift, one)
+
+    def _towards(self, emitter: Any, surface: Any, point: Any, *, both: bool = False) -> Any:
+        """Irradiance / pi by one sample of an emitter.
+
+        Args:
+            both: weighted, because directions that follow the cosine find the emitter too.
+        """
+        import drjit as dr
+
+        sample, radiance = emitter.sample_direction(surface, point)
+        cosine = dr.dot(surface.n, sample.d)
+        lit = (sample.pdf > 0) & (cosine > 0)
+        lit &= ~self._scene.ray_test(surface.spawn_ray_to(sample.p), lit)
+        weight = sample.pdf / (sample.pdf + cosine / dr.pi) if both else 1.0
+        return dr.select(lit, radiance * (cosine / dr.pi * weight), 0)
 
     def gathered(
         self, places: FloatArray, normals: FloatArray, samples: int, reflected: Sequence[Reflected], shift: int = 0
@@ -168,7 +213,7 @@ class Irradiance:
             reflected: light that falls on the surfaces, to be added up. That of the sharp lights comes on top.
         """
 
-        def one(surface: Any, point: Any, _: Any) -> Any:
+        def one(surface: Any, point: Any, number: Any) -> Any:
             import drjit as dr
 
             mi = self._mi
@@ -182,8 +227,11 @@ class Irradiance:
             reflectance = bsdf.eval(context, hit, upright, valid) * dr.pi
             falling = sum((part.at(hit, pi.prim_uv, valid) for part in reflected), mi.Color3f(0))
             light = mi.Color3f(reflectance) * falling
+            # On small lamps: another lattice than that of the directions (Roberts' R2 sequence).
+            turn = [mi.Float(number) * step for step in _R2]
+            elsewhere = mi.Point2f(*(one - dr.floor(one) for one in turn))
             for emitter in self._sharp:
-                sample, radiance = emitter.sample_direction(hit, mi.Point2f(0.5), valid)
+                sample, radiance = emitter.sample_direction(hit, elsewhere, valid)
                 lit = valid & dr.any(radiance > 0)
                 lit &= ~self._scene.ray_test(hit.spawn_ray_to(sample.p), lit)
                 light += dr.select(lit, mi.Color3f(bsdf.eval(context, hit, hit.to_local(sample.d), lit)) * radiance, 0)
