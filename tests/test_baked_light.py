@@ -221,7 +221,7 @@ def test_a_small_lamp_has_sharp_shadows() -> None:
     scene = make_scene(
         DIRECT,
         floor=plate(0, 0, 0, (1.5, 1.5)),
-        screen=plate(0.1, 0, 0.7, (0.2, 0.3)),
+        screen=plate(0.28, 0, 0.7, (0.2, 0.3)),
         panel=lamp(1.2, 900.0, (0.01, 0.01)),
     )
     baked = luma_of(scene, 0.2, Pose([0.0, 0.0, 0.6], DOWN.quaternion), samples=16)
