@@ -36,6 +36,9 @@ class NativeRenderer(Renderer):
 
     Args:
         threads: None for all that there are.
+
+    Attributes:
+        baked: the light that was computed beforehand; None where there is none.
     """
 
     name = "native renderer"
@@ -53,7 +56,7 @@ class NativeRenderer(Renderer):
     ) -> None:
         super().__init__(camera, samples=samples, blur=blur, motion=motion)
         rank1_lattice(samples)  # refuses bad numbers
-        self.reason = table.description
+        self.reason, self.baked = table.description, table.baked
         columns = {name: column for column, name in enumerate(motion.lights)}
         self._profiles = [columns.get(light.name) for light in table.lights]
         self.poses_per_launch = int(np.clip(_PIXELS_PER_LAUNCH // (camera.width * camera.height), 1, 64))

@@ -51,6 +51,8 @@ class BakedLight:
         emitters: (t) the group that this belongs to.
         backgrounds: luma of a ray that hits nothing, by each group.
         sky: what such a ray sees in addition; None where there is no environment map.
+        content: a hash of the scene's surfaces, materials and lights.
+        cached: whether it is in the cache now.
     """
 
     maps: LightMaps
@@ -59,6 +61,8 @@ class BakedLight:
     emitters: npt.NDArray[np.int64]
     backgrounds: list[float]
     sky: SkyMap | None
+    content: str
+    cached: bool
 
     @property
     def description(self) -> str:
@@ -94,7 +98,9 @@ def baked_light(scene: Scene, surfaces: Surfaces, changing: Sequence[str], error
         emitted, emitters = emissions(loaded, mi, surfaces.counts, names)
         backgrounds = background_luma(loaded, mi, names)
         sky = sky_map(loaded, mi, names)
-        key = _key(loaded, mi, surfaces, (VERSION, sorted(versions(FAST).items()), paths, names, error))
+        content = _content(loaded, mi, surfaces)
+        settings = (VERSION, sorted(versions(FAST).items()), paths, names, error, content)
+        key = hashlib.sha256(repr(settings).encode()).hexdigest()
         maps = _known.get(key)
         if maps is None and (maps := cache.load(key)) is not None:
             say(f"the scene's light was baked before, and comes from {cache.cache_folder()}")
@@ -116,12 +122,12 @@ def baked_light(scene: Scene, surfaces: Surfaces, changing: Sequence[str], error
         while len(_known) >= _MOST_KNOWN:
             del _known[next(iter(_known))]
         _known[key] = maps
-    return BakedLight(maps, names, emitted, emitters, backgrounds, sky)
+    return BakedLight(maps, names, emitted, emitters, backgrounds, sky, content, cache.holds(key))
 
 
-def _key(scene: Any, mi: Any, surfaces: Surfaces, settings: object) -> str:
-    """A hash of all that the light follows from: surfaces, materials, lights and settings."""
-    digest = hashlib.sha256(repr(settings).encode())
+def _content(scene: Any, mi: Any, surfaces: Surfaces) -> str:
+    """A hash of surfaces, materials and lights."""
+    digest = hashlib.sha256()
     for array in (surfaces.corners, surfaces.normals, surfaces.two_sided):
         digest.update(repr(array.shape).encode())
         digest.update(np.ascontiguousarray(array).tobytes())

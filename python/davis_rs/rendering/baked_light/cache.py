@@ -44,6 +44,12 @@ def load(key: str) -> LightMaps | None:
     return _read(key + _SUFFIX, _unpacked)
 
 
+def holds(key: str) -> bool:
+    """Whether anything is kept under a key."""
+    folder = cache_folder()
+    return folder is not None and (folder / (key + _SUFFIX)).is_file()
+
+
 def store(key: str, maps: LightMaps) -> None:
     """Keep light under a key. Where that fails, one line says so and the run goes on.
 
