@@ -133,7 +133,7 @@ _UPRIGHT = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
 
 
 def _clouds() -> npt.NDArray[np.float32]:
-    """Radiance (128, 256, 3) of a sky that is brighter near the horizon, with soft clouds; below, of ground far away."""
+    """Radiance (128, 256, 3) of a sky that is brighter near the horizon, with soft clouds; below, of far ground."""
     random, (height, width) = np.random.RandomState(3), (128, 256)
     waves = random.normal(size=(height, width))
     across, down = np.fft.fftfreq(width) * width, np.fft.fftfreq(height) * height

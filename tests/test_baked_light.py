@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import os
+import re
 import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import replace
-from functools import partial
+from functools import partial, partialmethod
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -19,6 +20,8 @@ from scipy.spatial.transform import Rotation
 
 from davis_rs import Camera, Pose, Scene, SegmentTrajectory, Simulator, estimate_noise, plan_effects
 from davis_rs._mitsuba import FAST, load_scene_source, variant
+from davis_rs.accuracy.light_accuracy import LightComparison, light_cost
+from davis_rs.cli import main
 from davis_rs.rendering.baked_light import bake, baked_scene, cache
 from davis_rs.rendering.baked_light.bake import LightMaps, Surfaces
 from davis_rs.rendering.baked_light.irradiance import Irradiance
@@ -229,6 +232,62 @@ def test_a_small_lamp_has_sharp_shadows() -> None:
     assert traced.min() < 0.01 * traced.max()
     assert np.quantile(np.abs(baked - traced), 0.95) < 0.02 * traced.max()
     assert baked.mean() == pytest.approx(traced.mean(), rel=0.02)
+
+
+def moving_camera() -> Scene:
+    """A lamp over a patterned floor, and a camera that moves."""
+    stripes = {"type": "bitmap", "raw": True, "data": noise(1, 0.2, 0.8, (16, 16, 1))}
+    return replace(
+        make_scene(PATH | {"max_depth": 3}, floor=plate(0, 0, 0, (1, 1), diffuse(stripes)), panel=lamp()),
+        camera=CAMERA,
+        trajectory=SegmentTrajectory(DOWN, Pose(np.add(DOWN.position, [0.3, 0, 0]), DOWN.quaternion), 0.05),
+    )
+
+
+def test_what_baking_saves_and_errs(folder: Path) -> None:
+    """Baked light is nearer to the reference than few samples of the path tracer; runs of the reference are kept."""
+    scene = moving_camera()
+    kept = folder.parent / "kept"
+    settings: Any = {"runs": 2, "reference_samples": 128, "duration_s": 0.05, "bake_error": 0.05, "folder": kept}
+    halves, traced, baked = LightComparison(scene, CAMERA, rays=32, **settings).measure((2,))
+    assert baked.bake_s is not None
+    assert traced.bake_s is None
+    assert min(baked.frame_ms or 0, traced.frame_ms or 0) > 0
+    assert halves.events > 100
+    assert max(halves.wrong_percent, baked.wrong_percent) < 0.5 * traced.wrong_percent
+    assert max(halves.log_rms, baked.log_rms) < 0.5 * traced.log_rms
+    files = sorted(kept.iterdir())
+    assert len(files) == 2
+    np.save(files[0], np.full((2, CAMERA.height, CAMERA.width), 1.0, np.float32))
+    again = next(LightComparison(scene, CAMERA, rays=32, **settings).measure(()))
+    assert again.log_rms > 1.0
+    with pytest.raises(ValueError, match="even number from 2 on, got 3"):
+        LightComparison(scene, CAMERA, **{**settings, "runs": 3})
+    line = light_cost(build(scene), scene)
+    assert line is not None
+    assert re.match(
+        r"baked light: [\d,]+ points, error \S+ %, baked in \S+ s \(now in the cache\); a frame takes", line
+    )
+    assert light_cost(build(scene, kind="integrator", samples=1), scene) is None
+
+
+def test_the_command_line_compares_light(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("davis_rs.cli.accuracy.scene_of", lambda *_: moving_camera())
+    monkeypatch.setattr("davis_rs.cli.accuracy.LIGHT_SAMPLES", (2,))
+    monkeypatch.setattr(LightComparison, "measure", partialmethod(LightComparison.measure, (2,)))
+    monkeypatch.setattr(LightComparison, "__init__", partialmethod(LightComparison.__init__, reference_samples=64))
+    out = folder.parent / "out"
+    given = ["accuracy", "three_planes", "-o", str(out), "--light", "2", "--duration", "0.05", "--bake-error", "0.2"]
+    assert main(given) == 0
+    table = (out / "light.md").read_text()
+    assert table.count("\n| ") == 4
+    assert "baked, error 0.2, 256 rays" in capsys.readouterr().out
+    assert main([*given, "--rounds", "2"]) == 1
+    assert "--light compares light alone" in capsys.readouterr().err
+    assert main([*given[:4], "--bake-error", "0.2"]) == 1
+    assert "--bake-error is for --light" in capsys.readouterr().err
 
 
 def test_places_apart_err_independently() -> None:
@@ -552,7 +611,7 @@ def test_what_is_not_baked_is_left_to_mitsuba() -> None:
         objects={"floor": still},
     )
     for scene, message in (
-        (moving, "object 'floor' moves"),
+        (moving, "object 'floor' moves, .* --samples auto keeps the noise"),
         (make_scene({"type": "depth"}, floor=plate(0, 0, 0, (1, 1)), panel=lamp()), "DepthIntegrator"),
     ):
         with pytest.raises(ValueError, match=message):
