@@ -1,6 +1,6 @@
 //! Lights in a place that do not shine alike to all sides.
 
-use std::f32::consts::PI;
+use std::f32::consts::{FRAC_PI_2, PI};
 
 use super::lanes::Lanes;
 use super::lanes::Rays;
@@ -59,7 +59,7 @@ pub(super) struct SeenBeam {
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 fn acos(cosine: f32) -> f32 {
     const A: [f32; 8] = [
-        1.570_796_3,
+        FRAC_PI_2,
         -0.214_598_8,
         0.088_978_99,
         -0.050_174_305,
