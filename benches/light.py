@@ -4,7 +4,8 @@ For each scene: how long the bake takes, and on a few instants of the first part
 of baked light, and of the path tracer at several numbers of samples, differ from those of the reference: the mean luma
 of independent runs of the path tracer with 1,024 samples each. All see the same instants, between which log luma is
 linear, so that nothing but light is compared. Two halves of the reference, compared with each other, say how far it can
-be trusted. Needs LLVM. A table of docs/light.md.
+be trusted; --kept keeps its runs, so that another time more may be added. --second: how long a simulated second takes
+with all its events, the bake apart. Needs LLVM. The tables of docs/light.md.
 """
 
 from __future__ import annotations
@@ -20,128 +21,70 @@ from pathlib import Path
 import numpy as np
 from light_scenes import SCENES
 
-from davis_rs import Camera, CrossingEngine, Scene, compare_events
-from davis_rs.events import EventArray, concatenate_events
+from davis_rs import Camera, Scene, Simulator
+from davis_rs.accuracy.light_accuracy import HEADS, LightComparison
 from davis_rs.luma import LumaFrames
-from davis_rs.rendering.render import Renderer
-from davis_rs.rendering.renderers import make_renderer
-from davis_rs.trajectory.views import Views
-
-WINDOW_US = 5000
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("scenes", nargs="*", default=["box"], choices=SCENES)
-    parser.add_argument("--errors", type=float, nargs="+", default=[0.01], help="of baked light")
+    parser.add_argument("--error", type=float, default=0.01, help="of baked light")
     parser.add_argument("--runs", type=int, default=4, help="of the reference, an even number")
     parser.add_argument("--reference-samples", type=int, default=1024)
     parser.add_argument("--samples", type=int, nargs="*", default=[64, 256], help="of the path tracer that is compared")
     parser.add_argument("--rays", type=int, default=256, help="of the native renderer a pixel")
-    parser.add_argument("--instants", type=int, default=5)
+    parser.add_argument("--instants", type=int, default=2)
     parser.add_argument("--duration", type=float, default=0.02, help="seconds of the camera's path")
     parser.add_argument("--width", type=int, help="of the image; the lens sees the same")
     parser.add_argument("--pictures", type=Path, help="where pictures are written to")
+    parser.add_argument("--kept", type=Path, help="where runs of the reference are kept")
+    parser.add_argument("--second", action="store_true", help="only simulate: the camera's whole path, all events")
     given = parser.parse_args()
-    # A bake that comes from the cache has no time that could be told.
     with tempfile.TemporaryDirectory() as folder:
-        os.environ["DAVIS_RS_CACHE_DIR"] = folder
+        # A bake that comes from the user's own cache would measure an older one.
+        os.environ.setdefault("DAVIS_RS_CACHE_DIR", folder)
         for name in given.scenes:
-            measure(SCENES[name](), given)
+            scene = SCENES[name]()
+            camera = scene.own_camera if given.width is None else _resized(scene.own_camera, given.width)
+            (simulate if given.second else measure)(scene, camera, given)
 
 
-def measure(scene: Scene, given: argparse.Namespace) -> None:
-    camera = scene.own_camera if given.width is None else _resized(scene.own_camera, given.width)
-    views = Views.along(scene.path, np.linspace(0.0, given.duration, given.instants))
+def measure(scene: Scene, camera: Camera, given: argparse.Namespace) -> None:
     size = f"{camera.width} x {camera.height}"
     print(f"\n## {scene.name}, {size}, {given.instants} instants of {given.duration} s, C = 0.15\n")
-    runs = []
-    for seed in range(given.runs):
-        tracer = make_renderer(scene, camera, kind="integrator", samples=given.reference_samples, seed=1000 + seed)
-        runs.append(tracer.luma(views))
-    reference = np.mean(runs, axis=0, dtype=np.float32)
-    events = events_of(reference, camera, given.duration)
-    half = len(runs) // 2
-    print("| light | bake s | ms a frame | events | median us | p99 us | missing + spurious % | rms log luma / C |")
-    print("|---|---:|---:|---:|---:|---:|---:|---:|")
-    halves = [np.mean(part, axis=0, dtype=np.float32) for part in (runs[:half], runs[half:])]
-    what = f"reference: {given.runs} runs of {given.reference_samples} samples"
-    row(
-        f"{what}; its halves compared",
-        None,
-        None,
-        halves[0],
-        halves[1],
-        events_of(halves[1], camera, given.duration),
+    comparison = LightComparison(
+        scene,
         camera,
-        given.duration,
+        runs=given.runs,
+        reference_samples=given.reference_samples,
+        instants=given.instants,
+        duration_s=given.duration,
+        rays=given.rays,
+        bake_error=given.error,
+        folder=given.kept,
     )
-    for samples in given.samples:
-        tracer = make_renderer(scene, camera, kind="integrator", samples=samples, seed=0)
-        luma, ms = timed(tracer, views)
-        row(f"path tracer, {samples} samples", None, ms, luma, reference, events, camera, given.duration)
-    pictured = None
-    for error in given.errors:
-        start = time.perf_counter()
-        baked = make_renderer(scene, camera, kind="baked", samples=given.rays, bake_error=error)
-        seconds = time.perf_counter() - start
-        pictured, ms = timed(baked, views)
-        row(
-            f"baked, error {error:g}, {given.rays} rays",
-            seconds,
-            ms,
-            pictured,
-            reference,
-            events,
-            camera,
-            given.duration,
-        )
-        print(f"<!-- {baked.reason} -->")
-    if given.pictures is not None and pictured is not None:
-        picture(given.pictures / f"light_{scene.name}.png", pictured[0], reference[0])
+    print(f"| {' | '.join(HEADS)} |")
+    print("|---|" + "---:|" * (len(HEADS) - 1))
+    for errors in comparison.measure(tuple(given.samples)):
+        print(errors, flush=True)
+    if given.pictures is not None:
+        picture(given.pictures / f"light_{scene.name}.png", comparison.baked[0], comparison.reference[0])
 
 
-def row(
-    what: str,
-    bake_s: float | None,
-    ms: float | None,
-    luma: LumaFrames,
-    other: LumaFrames,
-    events: EventArray,
-    camera: Camera,
-    duration_s: float,
-) -> None:
-    """A line of the table: luma against the reference's luma and events."""
-    own = events_of(luma, camera, duration_s)
-    found = compare_events(own, events, size=(camera.width, camera.height), window_us=WINDOW_US)
-    wrong = found.missing_percent + found.spurious_percent
-    log_rms = float(np.sqrt(np.mean((np.log(luma + 1e-3) - np.log(other + 1e-3)) ** 2))) / 0.15
-    cost = ["" if value is None else f"{value:.3g}" for value in (bake_s, ms)]
+def simulate(scene: Scene, camera: Camera, given: argparse.Namespace) -> None:
+    """The camera's whole path at the default preset."""
+    start = time.perf_counter()
+    simulator = Simulator(replace(scene, camera=camera), bake_error=given.error)
+    made = time.perf_counter() - start
+    start, events = time.perf_counter(), 0
+    for packet in simulator.run():
+        events += len(packet.events)
+    seconds, simulated = time.perf_counter() - start, scene.path.duration_s
     print(
-        f"| {what} | {' | '.join(cost)} | {len(own):,} | {found.median_us:.0f} | {found.p99_us:.0f} | {wrong:.1f} "
-        f"| {log_rms:.3f} |",
-        flush=True,
+        f"{scene.name}, {camera.width} x {camera.height}: {made:.3g} s to load and bake; {events:,} events of "
+        f"{simulated:g} s in {seconds:.3g} s: {seconds / simulated:.3g} s for a simulated second"
     )
-
-
-def events_of(luma: LumaFrames, camera: Camera, duration_s: float) -> EventArray:
-    """Events of frames over the judged time, log luma being linear between them."""
-    engine = CrossingEngine(camera.width, camera.height)
-    stamps = np.linspace(0, duration_s * 1e6, len(luma)).astype(np.int64)
-    return concatenate_events([engine.push(int(t_us), frame) for t_us, frame in zip(stamps, luma, strict=True)])
-
-
-def timed(renderer: Renderer, views: Views) -> tuple[LumaFrames, float]:
-    """Luma, and the least milliseconds a frame of three tries, one where they are long."""
-    luma, least = renderer.luma(views[:1]), np.inf
-    for _ in range(3):
-        start = time.perf_counter()
-        luma = renderer.luma(views)
-        seconds = time.perf_counter() - start
-        least = min(least, 1000 * seconds / len(views))
-        if seconds > 10:
-            break
-    return luma, least
 
 
 def picture(file: Path, baked: LumaFrames, reference: LumaFrames) -> None:

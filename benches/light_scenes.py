@@ -95,14 +95,16 @@ def room() -> Scene:
             "lamp": _lamp(meshes.quad([1.6, 3.0, 2.55], [0.5, 0, 0], [0, -0.5, 0]), 6.0),
         }
 
-    camera = Camera(320, 180, 240, 240, 159.5, 89.5)
+    camera = Camera(1280, 720, 960, 960, 639.5, 359.5)
     return _scene("room", source, [1.8, 0.4, 1.5], [1.9, 3.2, 0.9], [0.1, 0.0, 0.0], camera)
 
 
 def yard() -> Scene:
-    """Blocks and balls on a ground under the sun and a white sky."""
+    """Blocks and balls on a ground under the sun, and a sky with clouds as an environment map."""
 
     def source() -> dict[str, Any]:
+        import mitsuba as mi
+
         random = np.random.RandomState(2)
         blocks = [
             meshes.box([-s, -s, 0], [s, s, 2 * s]).moved([x, y, 0], turn)
@@ -115,7 +117,7 @@ def yard() -> Scene:
         return {
             "type": "scene",
             "integrator": {"type": "path", "max_depth": 6},
-            "sky": {"type": "constant", "radiance": {"type": "rgb", "value": [0.5, 0.5, 0.5]}},
+            "sky": {"type": "envmap", "bitmap": mi.Bitmap(_clouds()), "to_world": _UPRIGHT},
             "sun": {"type": "directional", "direction": [0.4, 0.5, -0.7], "irradiance": {"type": "rgb", "value": 2.0}},
             "ground": meshes.shape(meshes.quad([-8, -4, 0], [16, 0, 0], [0, 16, 0]), _texture(30)),
             "blocks": meshes.shape(meshes.merged(blocks), _texture(31)),
@@ -124,6 +126,24 @@ def yard() -> Scene:
 
     camera = Camera(240, 180, 200, 200, 119.5, 89.5)
     return _scene("yard", source, [0.0, -2.5, 1.6], [0.0, 3.0, 0.4], [0.2, 0.0, 0.0], camera)
+
+
+_UPRIGHT = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
+"""Environment maps have y upwards, the yard z."""
+
+
+def _clouds() -> npt.NDArray[np.float32]:
+    """Radiance (128, 256, 3) of a sky that is brighter near the horizon, with soft clouds; below, of far ground."""
+    random, (height, width) = np.random.RandomState(3), (128, 256)
+    waves = random.normal(size=(height, width))
+    across, down = np.fft.fftfreq(width) * width, np.fft.fftfreq(height) * height
+    slow = 1.0 / (1.0 + (np.add.outer(down**2, across**2) / 16.0) ** 1.1)
+    cover = np.real(np.fft.ifft2(np.fft.fft2(waves) * slow))
+    cover = np.clip(0.5 + cover / (2 * cover.std()), 0.0, 1.0)[..., None]
+    up = np.cos(np.pi * (np.arange(height) + 0.5) / height)[:, None, None]
+    blue = np.array([0.25, 0.4, 0.75]) + (1.0 - np.maximum(up, 0.0)) ** 4 * np.array([0.45, 0.4, 0.2])
+    sky = 0.7 * (blue * (1.0 - cover) + cover * 0.9)
+    return np.where(up > 0, sky, 0.15).astype(np.float32)
 
 
 SCENES = {"box": box, "room": room, "yard": yard}

@@ -2,25 +2,38 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import os
+import re
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import replace
-from functools import partial
+from functools import partial, partialmethod
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import pytest
+from scipy.spatial.transform import Rotation
 
 from davis_rs import Camera, Pose, Scene, SegmentTrajectory, Simulator, estimate_noise, plan_effects
-from davis_rs.rendering.baked_light import baked_scene, cache
-from davis_rs.rendering.baked_light.bake import Surfaces
+from davis_rs._mitsuba import FAST, load_scene_source, variant
+from davis_rs.accuracy.light_accuracy import LightComparison, light_cost
+from davis_rs.cli import main
+from davis_rs.rendering.baked_light import bake, baked_scene, cache
+from davis_rs.rendering.baked_light.bake import LightMaps, Surfaces
+from davis_rs.rendering.baked_light.irradiance import Irradiance
+from davis_rs.rendering.baked_light.lights import irradiance_of
+from davis_rs.rendering.baked_light.partial import PartialBake
 from davis_rs.rendering.baked_light.surface_lattice import RefinementRule, SurfaceLattice, refine
 from davis_rs.rendering.render import Renderer
 from davis_rs.rendering.render_integrator import IntegratorRenderer
 from davis_rs.rendering.renderers import make_renderer
 from davis_rs.scene.light_profile import SampledProfile
 from davis_rs.trajectory.views import Views
+from lamp_box import lamp_box
 
 FloatArray = npt.NDArray[np.float64]
 Parts = dict[str, Any]
@@ -83,7 +96,7 @@ def test_a_furnace_has_the_radiance_of_its_closed_form() -> None:
     """In a closed box whose walls all emit L and reflect rho, all is as bright as L / (1 - rho): direct light, all
     bounces, and what lamps look like themselves."""
     walls = {"type": "cube", "flip_normals": True, "bsdf": diffuse(0.5), "emitter": area(0.7)}
-    luma = luma_of(make_scene(walls=walls), pose=Pose([0.1, 0.2, 0.3], DOWN.quaternion))
+    luma = luma_of(make_scene(walls=walls), 0.1, pose=Pose([0.1, 0.2, 0.3], DOWN.quaternion))
     assert np.median(luma) == pytest.approx(1.4, rel=0.025)
     assert luma.min() > 1.33
     assert luma.max() < 1.47
@@ -131,6 +144,15 @@ def colourful() -> dict[str, Parts]:
     }
 
 
+def environment(values: npt.ArrayLike) -> Parts:
+    """An environment map of radiances (height, width, 3)."""
+    import mitsuba as mi
+
+    # Its own bitmap, because Mitsuba has none before a variant is set.
+    mi.set_variant(mi.variant() or FAST)
+    return {"type": "envmap", "bitmap": mi.Bitmap(np.asarray(values, np.float32))}
+
+
 def _shift(*offset: float) -> FloatArray:
     return np.pad(np.array(offset)[:, None], ((0, 1), (3, 0)))
 
@@ -142,6 +164,172 @@ def test_coloured_light_that_bounces_is_the_path_tracers() -> None:
     traced = luma_of(scene, kind="integrator", samples=1024)
     assert np.median(baked / traced) == pytest.approx(1.0, abs=0.01)
     assert np.quantile(np.abs(baked / traced - 1), 0.9) < 0.04
+
+
+def lit_by(scene: Scene) -> AbstractContextManager[tuple[Any, Irradiance]]:
+    """The light of a scene, all lamps together, under Mitsuba's LLVM variant."""
+
+    @contextmanager
+    def light() -> Iterator[tuple[Any, Irradiance]]:
+        with variant(FAST) as (mi, _):
+            loaded = load_scene_source(scene.source(), mi)
+            with irradiance_of(loaded, mi, [""], PartialBake()) as lights:
+                yield loaded, lights[0]
+
+    return light()
+
+
+def outdoors() -> dict[str, Parts]:
+    """A block on the ground under a sky of gradients with a bright spot, and a spot light."""
+    rows, columns = np.meshgrid(np.linspace(1.0, 0.1, 16), np.cos(np.linspace(0, 2 * np.pi, 32)), indexing="ij")
+    sky = np.stack([rows, 0.6 * rows + 0.1 * columns * rows, 0.5 + 0.3 * columns * rows], -1)
+    sky[3:5, 9:11] = 20.0
+    towards = np.array([[1, 0, 0, -0.3], [0, -1, 0, 0.2], [0, 0, -1, 1.2], [0, 0, 0, 1]], float)
+    return {
+        "floor": plate(0, 0, 0, (0.8, 0.5)),
+        "block": colourful()["block"],
+        "sky": environment(sky) | {"scale": 0.7},
+        "spot": {"type": "spot", "to_world": towards, "cutoff_angle": 25, "beam_width": 10, "intensity": 3.0},
+    }
+
+
+def test_an_environment_map_and_a_spot_light_are_the_path_tracers() -> None:
+    """Their light on surfaces, the sky beside them, and the edges of the beam."""
+    scene = make_scene(PATH | {"max_depth": 3}, **outdoors())
+    pose = Pose([0.3, -1.6, 1.2], [-0.85, 0.0, 0.0, 0.527])
+    baked = luma_of(scene, 0.05, pose, samples=64)
+    traced = luma_of(scene, pose=pose, kind="integrator", samples=1024)
+    assert traced.max() > 4 * traced.min()
+    assert np.median(baked / traced) == pytest.approx(1.0, abs=0.01)
+    assert np.quantile(np.abs(baked / traced - 1), 0.9) < 0.04
+
+
+def test_rates_of_skies_and_beams_are_the_changes_of_luma() -> None:
+    """A turning camera sees the environment map move, and comes nearer to a spot light's edge."""
+    scene = make_scene(DIRECT, **outdoors())
+    turned = Rotation.from_quat([-0.85, 0.0, 0.0, 0.527]) * Rotation.from_rotvec([0.05, 0.1, 0.02])
+    path = SegmentTrajectory(
+        Pose([0.3, -1.6, 1.2], [-0.85, 0.0, 0.0, 0.527]), Pose([0.2, -1.5, 1.3], turned.as_quat()), 1.0
+    )
+    renderer = build(scene, 0.2, samples=1)
+    step = 2e-3
+    luma = renderer.luma(Views.along(path, np.array([0.5 - step, 0.5 + step])))
+    _, rate = renderer.luma_and_rate(Views.along(path, np.array([0.5])))
+    off = np.abs(rate[0] - (luma[1] - luma[0]) / (2 * step))
+    assert np.quantile(off, 0.8) < 0.02 * np.abs(rate).max()
+
+
+def test_a_small_lamp_has_sharp_shadows() -> None:
+    """A lamp of 2 cm over a screen: the path tracer's luma, but for the lattice's steps in the shadow's edge."""
+    scene = make_scene(
+        DIRECT,
+        floor=plate(0, 0, 0, (1.5, 1.5)),
+        screen=plate(0.28, 0, 0.7, (0.2, 0.3)),
+        panel=lamp(1.2, 900.0, (0.01, 0.01)),
+    )
+    baked = luma_of(scene, 0.2, Pose([0.0, 0.0, 0.6], DOWN.quaternion), samples=16)
+    traced = luma_of(scene, pose=Pose([0.0, 0.0, 0.6], DOWN.quaternion), kind="integrator", samples=256)
+    assert traced.min() < 0.01 * traced.max()
+    assert np.quantile(np.abs(baked - traced), 0.95) < 0.02 * traced.max()
+    assert baked.mean() == pytest.approx(traced.mean(), rel=0.02)
+
+
+def moving_camera() -> Scene:
+    """A lamp over a patterned floor, and a camera that moves."""
+    stripes = {"type": "bitmap", "raw": True, "data": noise(1, 0.2, 0.8, (16, 16, 1))}
+    return replace(
+        make_scene(PATH | {"max_depth": 3}, floor=plate(0, 0, 0, (1, 1), diffuse(stripes)), panel=lamp()),
+        camera=CAMERA,
+        trajectory=SegmentTrajectory(DOWN, Pose(np.add(DOWN.position, [0.3, 0, 0]), DOWN.quaternion), 0.05),
+    )
+
+
+def test_what_baking_saves_and_errs(folder: Path) -> None:
+    """Baked light is nearer to the reference than few samples of the path tracer; runs of the reference are kept."""
+    scene = moving_camera()
+    kept = folder.parent / "kept"
+    settings: Any = {"runs": 2, "reference_samples": 128, "duration_s": 0.05, "bake_error": 0.05, "folder": kept}
+    halves, traced, baked = LightComparison(scene, CAMERA, rays=32, **settings).measure((2,))
+    assert baked.bake_s is not None
+    assert traced.bake_s is None
+    assert min(baked.frame_ms or 0, traced.frame_ms or 0) > 0
+    assert halves.events > 100
+    assert max(halves.wrong_percent, baked.wrong_percent) < 0.5 * traced.wrong_percent
+    assert max(halves.log_rms, baked.log_rms) < 0.5 * traced.log_rms
+    files = sorted(kept.iterdir())
+    assert len(files) == 2
+    np.save(files[0], np.full((2, CAMERA.height, CAMERA.width), 1.0, np.float32))
+    again = next(LightComparison(scene, CAMERA, rays=32, **settings).measure(()))
+    assert again.log_rms > 1.0
+    with pytest.raises(ValueError, match="even number from 2 on, got 3"):
+        LightComparison(scene, CAMERA, **{**settings, "runs": 3})
+    line = light_cost(build(scene), scene)
+    assert line is not None
+    assert re.match(
+        r"baked light: [\d,]+ points, error \S+ %, baked in \S+ s \(now in the cache\); a frame takes", line
+    )
+    assert light_cost(build(scene, kind="integrator", samples=1), scene) is None
+
+
+def test_the_command_line_compares_light(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("davis_rs.cli.accuracy.scene_of", lambda *_: moving_camera())
+    monkeypatch.setattr("davis_rs.cli.accuracy.LIGHT_SAMPLES", (2,))
+    monkeypatch.setattr(LightComparison, "measure", partialmethod(LightComparison.measure, (2,)))
+    monkeypatch.setattr(LightComparison, "__init__", partialmethod(LightComparison.__init__, reference_samples=64))
+    out = folder.parent / "out"
+    given = ["accuracy", "three_planes", "-o", str(out), "--light", "2", "--duration", "0.05", "--bake-error", "0.2"]
+    assert main(given) == 0
+    table = (out / "light.md").read_text()
+    assert table.count("\n| ") == 4
+    assert "baked, error 0.2, 256 rays" in capsys.readouterr().out
+    assert main([*given, "--rounds", "2"]) == 1
+    assert "--light compares light alone" in capsys.readouterr().err
+    assert main([*given[:4], "--bake-error", "0.2"]) == 1
+    assert "--bake-error is for --light" in capsys.readouterr().err
+
+
+def test_places_apart_err_independently() -> None:
+    """A lamp over a floor, from few points: errors average out over the floor, and between neighbours hardly differ."""
+    across = np.linspace(-0.95, 0.95, 96)
+    x, y = np.meshgrid(across, across[::12])
+    places = np.stack([x, y, 0 * x], -1).reshape(-1, 3)
+    normals = np.tile([0.0, 0.0, 1.0], (len(places), 1))
+    with lit_by(make_scene(DIRECT, floor=plate(0, 0, 0, (1, 1)), panel=lamp(0.5))) as (_, light):
+        truth = light.direct(places, normals, 8192, 100)[:, 0]
+        found = np.array([light.direct(places, normals, 64, shift)[:, 0] for shift in range(4)])
+    off = (found / truth - 1).reshape(4, *x.shape)
+    rms = np.sqrt((off**2).mean())
+    assert np.sqrt((off.mean((1, 2)) ** 2).mean()) < 0.2 * rms
+    assert np.sqrt((np.diff(off, axis=2) ** 2).mean()) < 0.6 * rms
+
+
+def test_the_error_that_is_told_is_that_of_the_path_tracer() -> None:
+    """In the box with a lamp: the run's own estimate against direct light and paths of Mitsuba's own, elsewhere."""
+    scene = lamp_box(16)
+    captured = list[tuple[Surfaces, LightMaps]]()
+
+    def kept(surfaces: Surfaces, *arguments: Any, **settings: Any) -> LightMaps:
+        captured.append((surfaces, bake.bake(surfaces, *arguments, **settings)))
+        return captured[0][1]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(baked_scene, "bake", kept)
+        make_renderer(scene, scene.own_camera, kind="baked", samples=1, bake_error=0.05)
+    ((surfaces, maps),) = captured
+    random = np.random.RandomState(5)
+    triangle = random.randint(len(surfaces.corners), size=120)
+    weight = random.dirichlet(np.ones(3), 120)
+    places = np.einsum("nk,nkd->nd", weight, surfaces.corners[triangle])
+    with lit_by(scene) as (_, light):
+        normals = surfaces.normals[triangle, 0]
+        truth = light.direct(places, normals, 2048, 9) + light.traced(places, normals, 2048, 9)
+    found = bake.looked_up(maps.texels[0], maps.layouts[triangle, 0], weight)
+    lit = truth[:, 1] > 1e-3 * np.median(truth[:, 1])
+    off = np.quantile(np.abs(found[lit, 1] / truth[lit, 1] - 1), 0.68)
+    assert 0.5 * maps.error < off < 2 * maps.error
+    assert off < 0.05
 
 
 def test_light_has_no_seam_where_triangles_meet() -> None:
@@ -284,6 +472,57 @@ def test_a_cache_that_cannot_be_written_costs_one_line(folder: Path, capsys: pyt
     assert "cannot be kept in its cache" in capsys.readouterr().err
 
 
+def test_a_full_disk_costs_one_line(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def full(dir: Path, prefix: str) -> tuple[int, str]:
+        handle, name = tempfile.mkstemp(dir=dir, prefix=prefix)
+        os.close(handle)
+        return os.open("/dev/full", os.O_WRONLY), name
+
+    monkeypatch.setattr(cache, "tempfile", SimpleNamespace(mkstemp=full))
+    luma = luma_of(make_scene(DIRECT, floor=plate(0, 0, 0, (1, 1)), panel=lamp()), 0.2)
+    assert luma.max() > 0
+    assert "cannot be kept in its cache ([Errno 28]" in capsys.readouterr().err
+    assert list(folder.iterdir()) == []
+
+
+def test_a_bake_that_is_stopped_goes_on_where_it_was(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Ctrl-C in the middle: the next run computes only the rest, and has the same bits."""
+    scene = make_scene(PATH | {"max_depth": 3}, floor=plate(0, 0, 0, (1, 1)), panel=lamp())
+    made = Irradiance._mean_of_part
+    counts = [0]
+
+    def stopped(limit: float) -> Callable[..., FloatArray]:
+        def one(self: Irradiance, *arguments: Any) -> FloatArray:
+            if counts[0] == limit:
+                raise KeyboardInterrupt
+            counts[0] += 1
+            return made(self, *arguments)
+
+        return one
+
+    monkeypatch.setattr(Irradiance, "_mean_of_part", stopped(np.inf))
+    first = luma_of(scene, 0.2)
+    whole, counts[0] = counts[0], 0
+    (file,) = folder.iterdir()
+    file.unlink()
+    monkeypatch.setattr(baked_scene, "_known", {})
+    monkeypatch.setattr(Irradiance, "_mean_of_part", stopped(whole - 3))
+    with pytest.raises(KeyboardInterrupt):
+        luma_of(scene, 0.2)
+    assert "what is baked so far is kept" in capsys.readouterr().err
+    assert [file.suffix for file in folder.iterdir()] == [".partial"]
+    counts[0] = 0
+    monkeypatch.setattr(Irradiance, "_mean_of_part", stopped(np.inf))
+    assert np.array_equal(luma_of(scene, 0.2), first)
+    assert counts[0] == 3
+    assert "goes on from there" in capsys.readouterr().err
+    assert [file.suffix for file in folder.iterdir()] == [".light"]
+
+
 def test_two_bakes_at_once_leave_one_whole_file(folder: Path, run_python: Callable[..., str]) -> None:
     program = """
 import multiprocessing, sys
@@ -333,7 +572,15 @@ def test_a_full_cache_loses_what_was_not_used_for_longest(folder: Path, monkeypa
             {"bulb": {"type": "point", "intensity": {"type": "rgb", "value": [1.0, -2.0, 0.0]}}},
             r"'bulb', a PointLight, has intensity\.value -2",
         ),
-        ({"bulb": {"type": "spot"}}, "'bulb', a SpotLight, is not baked"),
+        ({"panel": lamp(2.0, [1.0, np.inf, 1.0])}, r"'panel\.emitter', a AreaLight, has radiance\.value inf"),
+        ({"panel": lamp(2.0, [1.0, 1.0, np.nan])}, r"'panel\.emitter', a AreaLight, has radiance\.value nan"),
+        (
+            {"bulb": {"type": "spot", "texture": {"type": "bitmap", "raw": True, "data": np.ones((2, 2, 3), "f4")}}},
+            "the spot light 'bulb' has a texture",
+        ),
+        ({"sky": environment(np.full((4, 8, 3), np.nan))}, r"'sky', a EnvironmentMapEmitter, has data nan; light is"),
+        ({"sky": environment(np.full((4, 8, 3), -2.0))}, r"'sky', a EnvironmentMapEmitter, has data -2; light is"),
+        ({"sky": environment(np.ones((4, 8, 3))), "bulb": {"type": "projector"}}, "'bulb', a Projector, is not baked"),
         (
             {
                 "panel": plate(0, 0, 2, (1, 1))
@@ -364,7 +611,7 @@ def test_what_is_not_baked_is_left_to_mitsuba() -> None:
         objects={"floor": still},
     )
     for scene, message in (
-        (moving, "object 'floor' moves"),
+        (moving, "object 'floor' moves, .* --samples auto keeps the noise"),
         (make_scene({"type": "depth"}, floor=plate(0, 0, 0, (1, 1)), panel=lamp()), "DepthIntegrator"),
     ):
         with pytest.raises(ValueError, match=message):
@@ -383,7 +630,7 @@ def test_auto_bakes_where_the_light_asks_for_it() -> None:
 def test_points_within_a_solid_do_not_darken_what_is_next_to_it() -> None:
     """A block stands on the floor: the floor is as bright at its foot as a little way off."""
     corners = np.array([[[-1, -1, 0], [1, -1, 0], [-1, 1, 0]], [[1, -1, 0], [1, 1, 0], [-1, 1, 0]]], float)
-    surfaces = Surfaces(corners, np.tile([0, 0, 1.0], (2, 3, 1)), np.zeros(2, bool))
+    surfaces = Surfaces(corners, np.tile([0, 0, 1.0], (2, 3, 1)), np.zeros(2, bool), [2])
     lattice = SurfaceLattice(surfaces.corners, surfaces.normals, surfaces.two_sided)
 
     def light(places: FloatArray, _: FloatArray) -> tuple[FloatArray, FloatArray]:

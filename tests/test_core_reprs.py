@@ -74,7 +74,7 @@ def test_a_scene_renderer_says_what_it_renders() -> None:
         frame_count=1,
         layouts=np.array([0, 1, 1, 0], np.int64),
         texels=[np.full(9, 0.5, np.float32)],
-        lights=[("constant", 0, 1.0, 0.0, [0.0, 0.0, 0.0])],
+        lights=[("constant", 0, 1.0, 0.0, [0.0, 0.0, 0.0], None)],
         shadows=True,
         centre=[0.0, 0.0, 1.0],
         step=1e-4,

@@ -67,6 +67,7 @@ NOT_RUN = {
     "davis-rs accuracy three_walls --frames -o three_walls": "takes minutes",
     "davis-rs accuracy slider_depth --frames -o slider_depth --duration 0.1334": "takes minutes",
     "davis-rs accuracy SCENE --frames -o DIR": "takes minutes; tests/test_frame_rates.py runs a small one",
+    "davis-rs accuracy SCENE -o DIR --light 4": "takes minutes; tests/test_baked_light.py runs a small one",
     "davis-rs hard-cases -o DIR": "takes minutes; tests/test_hard_cases.py runs some of them",
     "davis-rs hard-cases -o docs": "the same",
     "davis-rs calibrate KIND DIR": "needs a checkerboard's dataset; docs/calibration.md's lines are run",

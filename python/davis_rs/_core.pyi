@@ -650,14 +650,19 @@ class SceneRenderer:
         frame_count: frames in all, with the world's.
         layouts: int64 (textures, 4): first texel, width, height, wrap mode (0 repeat, 1 clamp, 2 mirror).
         texels: for each light colour float32, all texels as luma, with a frame of one texel around each texture.
-        lights: of each light (kind, colour, strength, background luma per strength, vector). The kind is ``point``,
-            whose vector is its place, ``directional``, whose vector is the unit vector along which it travels,
-            ``constant``, or ``baked``: baked lights take the light maps' texels one after the other.
+        lights: of each light (kind, colour, strength, background luma per strength, vector, beam). The kind is
+            ``point``, whose vector is its place, ``directional``, whose vector is the unit vector along which it
+            travels, ``constant``, or ``baked``: baked lights take the light maps' texels one after the other. The beam
+            is that of a point: None where it shines alike to all sides; (unit vector, None) where it does with the
+            cosine of the angle to it; (unit vector, (full, cutoff)) for a spot, with the angles from it up to which
+            it shines fully, and at all.
         light_maps: irradiance that was computed beforehand, None where there is none: u_maps and v_maps, float64
             (t, 2 sides, 4), affine maps of a place to coordinates in the map of the triangle's front and back; layouts,
             int64 (t, 2 sides, 4), as those of textures; for each baked light float32, all texels as irradiance / pi.
         emissions: luma that each triangle emits from its front, and the number of its light: float64 (t) and uint32
             (t); None where none does.
+        sky: what rays see that hit nothing: the number of its light, the side of its octahedral map, and float32
+            (side + 2, side + 2) luma with a frame of one texel; None where that is the lights' background alone.
         shadows: whether point and directional lights throw shadows.
         centre: (3), metres, the middle of the scene.
         step, end: where shadow rays begin and end, see :mod:`davis_rs.rendering.shadow_rays`.
@@ -681,12 +686,13 @@ class SceneRenderer:
         frame_count: int,
         layouts: npt.NDArray[np.int64],
         texels: list[npt.NDArray[np.float32]],
-        lights: list[tuple[str, int, float, float, list[float]]],
+        lights: list[tuple[str, int, float, float, list[float], tuple[list[float], tuple[float, float] | None] | None]],
         light_maps: tuple[
             npt.NDArray[np.float64], npt.NDArray[np.float64], npt.NDArray[np.int64], list[npt.NDArray[np.float32]]
         ]
         | None = None,
         emissions: tuple[npt.NDArray[np.float64], npt.NDArray[np.uint32]] | None = None,
+        sky: tuple[int, int, npt.NDArray[np.float32]] | None = None,
         shadows: bool,
         centre: list[float],
         step: float,

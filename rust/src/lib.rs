@@ -42,7 +42,9 @@ pub use read::{
     Evt3Decoder, MAX_PACKET_BYTES, TextDecoder,
 };
 pub use readout::{ReadoutParameters, ReadoutState};
-pub use render::{Emission, Light, LightKind, LightMapTables, PixelRays, Pose, Renderer, Scene, SceneTables, View};
+pub use render::{
+    Beam, Emission, Light, LightKind, LightMapTables, PixelRays, Pose, Renderer, Scene, SceneTables, Sky, View,
+};
 pub use represent::{TimeBins, count_events, latest_times, voxel_grid};
 pub use ros::{EventMessage, LATEST_US as ROS_LATEST_US, pack_events, packed_size, unpack_events};
 pub use write::{Aedat4Encoder, Compression, Encode, EventWriter, Evt2Encoder, Evt3Encoder, Limits, TextEncoder};

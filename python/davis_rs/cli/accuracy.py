@@ -11,6 +11,7 @@ from pathlib import Path
 from ..accuracy.accuracy_sweep import Measurement, Sweep, sweep
 from ..accuracy.frame_rate_report import draw_frame_rates, frame_rates_markdown, write_frame_rates_csv
 from ..accuracy.frame_rates import DURATION_S, FrameRateSweep, VideoErrors, video_settings
+from ..accuracy.light_accuracy import HEADS, LIGHT_SAMPLES, LightComparison
 from ..accuracy.report import draw, facts_of, markdown, write_csv
 from ..accuracy.settings import Setting, default_settings
 from ..camera import Camera
@@ -20,8 +21,8 @@ from ..settings import ViewSettings, complete, view_scene
 from .common import add_scene, add_trajectory, on_trajectory, scene_of
 from .settings_options import add_settings, given_settings
 
-_SETTINGS = ("camera", "size")
-"""The settings that a sweep does not vary by itself."""
+_SETTINGS = ("camera", "size", "bake_error")
+"""The settings that are not varied."""
 
 
 _ROUNDS = 3
@@ -52,6 +53,13 @@ def add_accuracy(accuracy: argparse.ArgumentParser) -> None:
         help="render video of 30 to 960 frames a second, make events of it by each interpolation, and judge them; "
         "--duration is 0.2 s if not given. Writes frame_rates.csv, frame_rates.md and frame_rates.png",
     )
+    accuracy.add_argument(
+        "--light",
+        type=int,
+        metavar="RUNS",
+        help="compare baked light with the mean of so many runs of Mitsuba's path tracer with 1,024 samples each, an "
+        "even number (docs/light.md). Writes light.md; the runs are kept next to it, and more of them may follow",
+    )
     accuracy.add_argument("--rounds", type=int, metavar="N", help=f"timed runs of each setting (default: {_ROUNDS})")
     accuracy.add_argument("--only", metavar="TEXT", help="only settings whose name or family has this in it")
     accuracy.add_argument("--quiet", action="store_true", help="no progress bar")
@@ -59,6 +67,10 @@ def add_accuracy(accuracy: argparse.ArgumentParser) -> None:
 
 
 def _accuracy(options: argparse.Namespace) -> int:
+    if options.light is not None:
+        return _light(options)
+    if options.bake_error is not None:
+        raise ValueError("--bake-error is for --light: what is compared without it renders alike")
     if options.frames:
         return _frame_rates(options)
     rounds = _ROUNDS if options.rounds is None else options.rounds
@@ -86,6 +98,33 @@ def _judged_scene(options: argparse.Namespace) -> tuple[Scene, Camera]:
     scene = on_trajectory(options, scene_of(options, options.quiet), quiet=options.quiet)
     viewed = view_scene(scene, complete(ViewSettings, given_settings(options, ViewSettings), of="davis-rs accuracy"))
     return scene, viewed.camera
+
+
+def _light(options: argparse.Namespace) -> int:
+    if options.frames or options.only is not None or options.rounds is not None or options.start is not None:
+        raise ValueError("--light compares light alone: without --frames, --only, --rounds and --start")
+    scene, camera = _judged_scene(options)
+    folder: Path = options.output
+    comparison = LightComparison(
+        scene,
+        camera,
+        runs=options.light,
+        folder=folder,
+        **({} if options.duration is None else {"duration_s": options.duration}),
+        **({} if options.bake_error is None else {"bake_error": options.bake_error}),
+    )
+    table = [f"| {' | '.join(HEADS)} |", "|---|" + "---:|" * (len(HEADS) - 1)]
+    for errors in each(comparison.measure(), "light", 2 + len(LIGHT_SAMPLES), show=not options.quiet):
+        table.append(str(errors))
+        print(errors, flush=True)
+    facts = (
+        f"{scene.name}, {camera.width} x {camera.height}, {comparison.duration_s:g} s, C = {scene.contrast_threshold:g}"
+        f": `davis-rs {shlex.join(sys.argv[1:])}`"
+    )
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "light.md").write_text("\n".join([facts, "", *table, ""]), "utf-8")
+    print(folder / "light.md")
+    return 0
 
 
 def _frame_rates(options: argparse.Namespace) -> int:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from ..settings import ViewSettings
+from ..settings import ViewSettings, complete, view_scene
 from .common import add_path, add_scene, on_path, scene_of
 from .settings_options import add_settings, given_settings
 
@@ -39,9 +39,12 @@ def add_plan(plan: argparse.ArgumentParser) -> None:
 
 
 def _plan(options: argparse.Namespace) -> int:
+    from ..accuracy.light_accuracy import light_cost
     from ..effect_planning import plan_effects
     from ..effects import Effects, parse_effect
     from ..monte_carlo_noise import estimate_noise
+    from ..rendering.renderers import make_renderer
+    from ..settings.resolve import renderer_settings
 
     scene = on_path(options, scene_of(options))
     plan = plan_effects(
@@ -55,4 +58,9 @@ def _plan(options: argparse.Namespace) -> int:
     noise = estimate_noise(scene, **given_settings(options, ViewSettings))
     if noise is not None:
         print(noise)
+    given = complete(ViewSettings, given_settings(options, ViewSettings), of="davis-rs plan")
+    viewed = view_scene(scene, given)
+    light = light_cost(make_renderer(viewed.scene, viewed.camera, **renderer_settings(given)), viewed.scene)
+    if light is not None:
+        print(light)
     return 0

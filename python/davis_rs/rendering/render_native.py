@@ -20,6 +20,8 @@ from .scene_motion import STILL, SceneMotion, seen_from
 from .scene_table import SceneTable
 from .shadow_rays import END, STEP
 
+_KINDS = {"spot": "point", "lamp": "point"}
+
 _PIXELS_PER_LAUNCH = 1 << 21
 
 ViewArrays = tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]
@@ -34,6 +36,9 @@ class NativeRenderer(Renderer):
 
     Args:
         threads: None for all that there are.
+
+    Attributes:
+        baked: the light that was computed beforehand; None where there is none.
     """
 
     name = "native renderer"
@@ -52,7 +57,7 @@ class NativeRenderer(Renderer):
     ) -> None:
         super().__init__(camera, samples=samples, blur=blur, motion=motion)
         rank1_lattice(samples)  # refuses bad numbers
-        self.reason = table.description
+        self.reason, self.baked = table.description, table.baked
         columns = {name: column for column, name in enumerate(motion.lights)}
         self._profiles = [columns.get(light.name) for light in table.lights]
         self.poses_per_launch = int(np.clip(_PIXELS_PER_LAUNCH // (camera.width * camera.height), 1, 64))
@@ -71,11 +76,19 @@ class NativeRenderer(Renderer):
             layouts=textures.framed_sizes.astype(np.int64).ravel(),
             texels=[textures.framed(group) for group in range(len(textures.group_weights))],
             lights=[
-                (light.kind, light.group, light.strength, table.background_per_strength(light), light.vector.tolist())
+                (
+                    _KINDS.get(light.kind, light.kind),
+                    light.group,
+                    light.strength,
+                    table.background_per_strength(light),
+                    light.vector.tolist(),
+                    light.beam,
+                )
                 for light in table.lights
             ],
             light_maps=_light_maps(table),
             emissions=None if table.baked is None else (table.baked.emitted, table.emission_lights),
+            sky=_sky(table),
             shadows=table.shadows,
             centre=table.centre.tolist(),
             step=STEP,
@@ -125,6 +138,13 @@ class NativeRenderer(Renderer):
         )
         positions, rotations, velocities, angular_rates = poses
         return positions, rotations, velocities, angular_rates, factors.ravel(), rates.ravel()
+
+
+def _sky(table: SceneTable) -> tuple[int, int, npt.NDArray[np.float32]] | None:
+    if table.baked is None or table.baked.sky is None:
+        return None
+    sky = table.baked.sky
+    return table.light_of_group(sky.group), sky.side, sky.texels.ravel()
 
 
 def _light_maps(

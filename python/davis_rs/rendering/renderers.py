@@ -126,7 +126,11 @@ def _make_from_table(
         bake = None
         if bake_error is not None:
             if moving:
-                raise Unsuitable(f"object {moving[0]!r} moves, and light is baked only where all surfaces stand still")
+                raise Unsuitable(
+                    f"object {moving[0]!r} moves, and light is baked only where all surfaces stand still. Under point, "
+                    "spot and directional lights and the integrator 'direct' the native renderer takes it; else "
+                    "--samples auto keeps the noise of Mitsuba's integrators low"
+                )
             bake = functools.partial(baked_light, scene, changing=list(motion.lights), error=bake_error)
         try:
             table = SceneTable(
@@ -136,6 +140,8 @@ def _make_from_table(
             raise UnsuitableSurface(f"{unsuitable}{_offer(materials)}") from None
         renderer: Renderer
         if kind == "table":
+            if any(light.kind == "spot" for light in table.lights):
+                raise Unsuitable("a light is a spot light, which only the native renderer has")
             renderer = TableRenderer(table, camera, samples=samples, blur=blur, motion=motion)
         else:
             renderer = NativeRenderer(table, camera, samples=samples, blur=blur, motion=motion, threads=threads)

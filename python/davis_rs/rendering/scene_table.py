@@ -14,9 +14,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ..lattice import rank1_lattice
 from ..luma import LUMA_WEIGHTS
 from .baked_light.bake import Surfaces, map_coordinates
 from .baked_light.baked_scene import BakedLight
+from .baked_light.lights import SHARP, area_light_name, small_lamps
 from .scene_texture import TextureTable, Unsuitable
 from .shadow_rays import scene_centre
 
@@ -29,8 +31,10 @@ FloatArray = npt.NDArray[np.float64]
 class Light:
     """One light: its kind, colour group, strength and id.
 
-    ``vector`` is the position (point, metres) or the direction that light travels (directional, unit). ``background``
-    is what a baked light of strength 1 adds to luma where nothing is hit.
+    ``vector`` is the position (point, spot and lamp, metres) or the direction that light travels (directional, unit).
+    ``background`` is what a baked light of strength 1 adds to luma where nothing is hit. ``axis`` is the middle of a
+    spot's beam, and the normal of a place on a small lamp; ``angles`` (radians) are those from a spot's axis up to
+    which it shines fully, and at all.
     """
 
     kind: str
@@ -39,6 +43,13 @@ class Light:
     vector: FloatArray
     name: str = ""
     background: float = 0.0
+    axis: FloatArray | None = None
+    angles: tuple[float, float] | None = None
+
+    @property
+    def beam(self) -> tuple[list[float], tuple[float, float] | None] | None:
+        """Axis and angles, as the Rust core takes them."""
+        return None if self.axis is None else (self.axis.tolist(), self.angles)
 
 
 class SceneTable:
@@ -46,8 +57,7 @@ class SceneTable:
 
     Args:
         moving: ids of shapes that move; each is in tables of its own frame.
-        bake: gives the light that is computed beforehand on surfaces, of which each of the scene's shapes has so many;
-            None for direct light alone.
+        bake: gives the light that is computed beforehand on surfaces; None for direct light alone.
 
     Attributes:
         scene: the Mitsuba scene.
@@ -78,15 +88,17 @@ class SceneTable:
         shadows: bool,
         any_integrator: bool,
         moving: Sequence[str] = (),
-        bake: Callable[[Surfaces, list[int]], BakedLight] | None = None,
+        bake: Callable[[Surfaces], BakedLight] | None = None,
     ) -> None:
         self.scene, self.shadows, self.moving = scene, shadows, list(moving)
         self._hides_lights = bool(getattr(scene.integrator(), "hide_emitters", False))
         if not any_integrator and bake is None:
             _check_integrator(scene.integrator())
         colours: list[FloatArray] = []
-        direct = [e for e in scene.emitters() if bake is None or e.class_name() in _SHARP]
+        direct = [e for e in scene.emitters() if bake is None or e.class_name() in SHARP]
         self.lights = [_light(emitter, mi, colours) for emitter in direct]
+        for shape in [] if bake is None else small_lamps(scene):
+            self.lights += _lamp_points(shape, mi, colours)
         group_weights = [np.asarray(LUMA_WEIGHTS) * colour for colour in colours]
         self.textures = TextureTable(mi, group_weights)
         corners, planes, normals, two_sided, frames = [], [], [], [], []
@@ -123,9 +135,10 @@ class SceneTable:
             at_corners += np.concatenate(normals)[:, None, :, 3]
             length = np.linalg.norm(at_corners, axis=-1, keepdims=True)
             unit = np.divide(at_corners, length, out=np.zeros_like(at_corners), where=length > 0)
-            self.baked = bake(Surfaces(self.corners, unit, self.two_sided == 1), self.counts)
+            self.baked = bake(Surfaces(self.corners, unit, self.two_sided == 1, self.counts))
             first = self._add_baked(self.baked, group_weights)
-            self.emission_lights = (first + self.baked.emitters * self._channels).astype(np.uint32)
+            self._first_baked = first
+            self.emission_lights = self.light_of_group(self.baked.emitters).astype(np.uint32)
 
     def _add_baked(self, baked: BakedLight, group_weights: list[FloatArray]) -> int:
         """Add baked light to the lights, one for each of its groups and colours; returns the number of the first."""
@@ -138,6 +151,10 @@ class SceneTable:
                 shown = background if channel == 0 else 0.0
                 self.lights.append(Light("baked", group + channel, 1.0, np.zeros(3), name, shown))
         return first
+
+    def light_of_group(self, group: Any) -> Any:
+        """The number of the first light of groups of baked lights."""
+        return self._first_baked + group * self._channels
 
     @property
     def irradiance(self) -> list[npt.NDArray[np.float32]]:
@@ -187,8 +204,8 @@ class SceneTable:
         return float(self.textures.group_weights[light.group].sum())
 
 
-_SHARP = ("PointLight", "DirectionalEmitter")
-"""Lights that are never baked: only what bounces of them is."""
+LAMP_POINTS = 16
+"""Places on a small lamp that stand for all of it, each with its exact shadow."""
 
 
 class _Mesh:
@@ -278,21 +295,50 @@ def _light(emitter: Any, mi: Any, colours: list[FloatArray]) -> Light:
     names = {
         "PointLight": ("point", "intensity.value"),
         "DirectionalEmitter": ("directional", "irradiance.value"),
+        "SpotLight": ("spot", "intensity.value"),
         "ConstantBackgroundEmitter": ("constant", "radiance.value"),
     }
     if kind not in names or names[kind][1] not in parameters:
-        raise Unsuitable(f"a light is a {kind}, not a point, directional or constant one of one colour")
+        raise Unsuitable(f"a light is a {kind}, not a point, spot, directional or constant one of one colour")
     kind, name = names[kind]
-    rgb = np.broadcast_to(np.array(parameters[name], np.float64).reshape(-1), (3,))
-    strength = float(rgb.max())
-    colour = rgb / strength if strength > 0 else np.ones(3)
-    group = next((i for i, known in enumerate(colours) if np.allclose(known, colour, atol=1e-6)), len(colours))
-    if group == len(colours):
-        colours.append(colour)
-    vector = np.zeros(3)
+    strength, group = _strength(parameters[name], colours)
+    vector, axis, angles = np.zeros(3), None, None
+    if kind == "spot":
+        if not np.array_equal(np.array(parameters.get("texture.value", 0.0)).reshape(-1), [1.0]):
+            raise Unsuitable(f"the spot light {emitter.id()!r} has a texture")
+        matrix = np.array(parameters["to_world"].matrix, np.float64).reshape(4, 4)
+        vector, axis = matrix[:3, 3], matrix[:3, 2] / np.linalg.norm(matrix[:3, 2])
+        full, cutoff = (float(np.array(parameters[key]).reshape(())) for key in ("beam_width", "cutoff_angle"))
+        angles = (float(np.radians(full)), float(np.radians(cutoff)))
     if kind == "point":
         vector = np.array(parameters["position"], np.float64).reshape(3)
     elif kind == "directional":
         vector = np.array(parameters["to_world"].matrix, np.float64).reshape(4, 4)[:3, 2]
         vector = vector / np.linalg.norm(vector)
-    return Light(kind, group, strength, vector, emitter.id())
+    return Light(kind, group, strength, vector, emitter.id(), axis=axis, angles=angles)
+
+
+def _strength(value: Any, colours: list[FloatArray]) -> tuple[float, int]:
+    """The strongest channel of a light, and the number of its colour, which joins ``colours`` unless it is there."""
+    rgb = np.broadcast_to(np.array(value, np.float64).reshape(-1), (3,))
+    strength = float(rgb.max())
+    colour = rgb / strength if strength > 0 else np.ones(3)
+    group = next((i for i, known in enumerate(colours) if np.allclose(known, colour, atol=1e-6)), len(colours))
+    if group == len(colours):
+        colours.append(colour)
+    return strength, group
+
+
+def _lamp_points(shape: Any, mi: Any, colours: list[FloatArray]) -> list[Light]:
+    """A small lamp as a lattice of places on it that shine with the cosine of the angle to their normals."""
+    parameters = mi.traverse(shape.emitter())
+    if "radiance.value" not in parameters:
+        raise Unsuitable(f"light {area_light_name(shape)!r} has a radiance that differs from place to place")
+    strength, group = _strength(parameters["radiance.value"], colours)
+    share = strength * float(np.array(shape.surface_area()).reshape(())) / LAMP_POINTS
+    lights = []
+    for x, y in rank1_lattice(LAMP_POINTS) + 0.5:
+        sample = shape.sample_position(0.0, mi.Point2f(float(x), float(y)))
+        place, normal = (np.array(one, np.float64).reshape(3) for one in (sample.p, sample.n))
+        lights.append(Light("lamp", group, share, place, area_light_name(shape), axis=normal))
+    return lights

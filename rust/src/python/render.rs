@@ -5,7 +5,9 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
 use super::arrays::column;
-use crate::render::{Emission, Light, LightKind, LightMapTables, PixelRays, Pose, Renderer, Scene, SceneTables, View};
+use crate::render::{
+    Beam, Emission, Light, LightKind, LightMapTables, PixelRays, Pose, Renderer, Scene, SceneTables, Sky, View,
+};
 
 /// The lattice rays of a sensor's pixels, as undistorted image coordinates.
 ///
@@ -50,14 +52,19 @@ impl PyPixelRays {
 ///     frame_count: frames in all, with the world's.
 ///     layouts: int64 (textures, 4): first texel, width, height, wrap mode (0 repeat, 1 clamp, 2 mirror).
 ///     texels: for each light colour float32, all texels as luma, with a frame of one texel around each texture.
-///     lights: of each light (kind, colour, strength, background luma per strength, vector). The kind is ``point``,
-///         whose vector is its place, ``directional``, whose vector is the unit vector along which it travels,
-///         ``constant``, or ``baked``: baked lights take the light maps' texels one after the other.
+///     lights: of each light (kind, colour, strength, background luma per strength, vector, beam). The kind is
+///         ``point``, whose vector is its place, ``directional``, whose vector is the unit vector along which it
+///         travels, ``constant``, or ``baked``: baked lights take the light maps' texels one after the other. The beam
+///         is that of a point: None where it shines alike to all sides; (unit vector, None) where it does with the
+///         cosine of the angle to it; (unit vector, (full, cutoff)) for a spot, with the angles from it up to which
+///         it shines fully, and at all.
 ///     light_maps: irradiance that was computed beforehand, None where there is none: u_maps and v_maps, float64
 ///         (t, 2 sides, 4), affine maps of a place to coordinates in the map of the triangle's front and back; layouts,
 ///         int64 (t, 2 sides, 4), as those of textures; for each baked light float32, all texels as irradiance / pi.
 ///     emissions: luma that each triangle emits from its front, and the number of its light: float64 (t) and uint32
 ///         (t); None where none does.
+///     sky: what rays see that hit nothing: the number of its light, the side of its octahedral map, and float32
+///         (side + 2, side + 2) luma with a frame of one texel; None where that is the lights' background alone.
 ///     shadows: whether point and directional lights throw shadows.
 ///     centre: (3), metres, the middle of the scene.
 ///     step, end: where shadow rays begin and end, see :mod:`davis_rs.rendering.shadow_rays`.
@@ -76,8 +83,8 @@ type Views<'py> =
 /// An array without its shape.
 type Flat<'py, T> = Bound<'py, PyArray1<T>>;
 
-/// Kind, group, strength, background and vector of a light.
-type LightTuple = (String, u32, f64, f64, [f64; 3]);
+/// Kind, group, strength, background, vector and beam of a light.
+type LightTuple = (String, u32, f64, f64, [f64; 3], Option<([f64; 3], Option<(f64, f64)>)>);
 
 /// `u_maps`, `v_maps`, layouts and texels of the light maps.
 type LightMapTuple<'py> = (Bound<'py, PyAny>, Bound<'py, PyAny>, Bound<'py, PyAny>, Vec<Bound<'py, PyAny>>);
@@ -101,6 +108,7 @@ impl PySceneRenderer {
         lights,
         light_maps=None,
         emissions=None,
+        sky=None,
         shadows,
         centre,
         step,
@@ -123,6 +131,7 @@ impl PySceneRenderer {
         lights: Vec<LightTuple>,
         light_maps: Option<LightMapTuple<'_>>,
         emissions: Option<(Bound<'_, PyAny>, Bound<'_, PyAny>)>,
+        sky: Option<(u32, usize, Bound<'_, PyAny>)>,
         shadows: bool,
         centre: [f64; 3],
         step: f64,
@@ -156,6 +165,11 @@ impl PySceneRenderer {
             lights: numbered(lights)?,
             light_maps: light_maps.map_or(Ok(LightMapTables::default()), light_map_tables)?,
             emissions: emissions.map_or(Ok(vec![]), emission_table)?,
+            sky: sky
+                .map(|(light, side, texels)| {
+                    PyResult::Ok(Sky { light, side, texels: column::<f32>(&texels, "sky")?.as_slice()?.to_vec() })
+                })
+                .transpose()?,
             shadows,
             centre,
             step,
@@ -336,7 +350,7 @@ fn emission_table((lumas, lights): (Bound<'_, PyAny>, Bound<'_, PyAny>)) -> PyRe
 }
 
 fn light(
-    (kind, group, strength, background, vector): LightTuple,
+    (kind, group, strength, background, vector, beam): LightTuple,
     baked: &mut impl Iterator<Item = u32>,
 ) -> PyResult<Light> {
     let kind = match kind.as_str() {
@@ -350,7 +364,11 @@ fn light(
             )));
         }
     };
-    Ok(Light { kind, group, strength, background })
+    let beam = beam.map(|(axis, angles)| match angles {
+        None => Beam::Cosine(axis),
+        Some((full, cutoff)) => Beam::Spot { axis, full, cutoff },
+    });
+    Ok(Light { kind, group, strength, background, beam })
 }
 
 /// A flat array as groups of N numbers.

@@ -1,5 +1,6 @@
 //! Lights as a camera has them around it at an instant.
 
+use super::beam::SeenBeam;
 use super::cone::FrameCones;
 use super::scene::{LightKind, Scene};
 use super::vector::{Vector, add, sub};
@@ -12,6 +13,7 @@ pub(super) struct SeenLight {
     pub(super) group: usize,
     pub(super) strength: f64,
     pub(super) strength_rate: f64,
+    pub(super) beam: Option<SeenBeam>,
 }
 
 /// Where it shines from.
@@ -61,6 +63,7 @@ pub(super) fn seen_lights(scene: &Scene, view: &View) -> Vec<SeenLight> {
             group: light.group as usize,
             strength: light.strength * factor[0],
             strength_rate: light.strength * factor[1],
+            beam: light.beam.map(|beam| beam.seen(camera)),
         })
         .collect();
     lights.sort_by_key(|light| light.group);

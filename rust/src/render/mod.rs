@@ -10,7 +10,7 @@
 //! [`scene`] holds what is rendered, [`hierarchy`] finds its triangles, [`pixel_rays`] holds the camera's rays by tiles,
 //! [`view`] says where the camera is and how it moves there. [`sorted`] finds the rays of one triangle, which are shaded side by
 //! side in [`lanes`]. [`linear`] makes a tile's decisions those of its rays,
-//! [`texture`], [`lights`], [`light_map`], [`shadows`] (what lies between, behind [`cone`]s) and [`cast`] (on which rays)
+//! [`texture`], [`lights`], [`beam`], [`light_map`], [`sky`], [`shadows`] (what lies between, behind [`cone`]s) and [`cast`] (on which rays)
 //! give what [`shade`] needs; [`tile`] is compiled for several processors, [`samples`] are single pixels, [`renderer`] is
 //! what the user sees.
 
@@ -18,6 +18,7 @@
 #![allow(clippy::needless_range_loop, reason = "loops over the lanes of several arrays become vector code")]
 #![allow(clippy::float_cmp, reason = "ties are exact")]
 
+mod beam;
 mod bins;
 mod cast;
 mod cone;
@@ -33,6 +34,7 @@ mod samples;
 mod scene;
 mod shade;
 mod shadows;
+mod sky;
 mod sorted;
 mod texture;
 mod tile;
@@ -40,8 +42,10 @@ mod vector;
 mod view;
 mod visibility;
 
+pub use beam::Beam;
 pub use light_map::{Emission, LightMapTables};
 pub use pixel_rays::PixelRays;
 pub use renderer::Renderer;
 pub use scene::{Light, LightKind, Scene, SceneTables};
+pub use sky::Sky;
 pub use view::{Pose, View};

@@ -2,8 +2,10 @@
 
 use std::ops::Range;
 
+use super::beam::Beam;
 use super::hierarchy::Hierarchy;
 use super::light_map::{Emission, LightMapTables, SideMap};
+use super::sky::Sky;
 use super::texture::{self, Texture};
 use super::vector::{Bounds, Vector, add, cross, dot, largest, sub};
 use super::view::View;
@@ -33,6 +35,8 @@ pub struct Light {
     pub strength: f64,
     /// Luma of a ray that hits nothing, for a strength of 1; 0 unless the light comes from there and is seen.
     pub background: f64,
+    /// To which sides a light in a place shines; None where to all alike.
+    pub beam: Option<Beam>,
 }
 
 /// A scene's tables, one entry a triangle where nothing else is said; each triangle in its own frame: that of the world,
@@ -65,6 +69,8 @@ pub struct SceneTables {
     pub emissions: Vec<Option<Emission>>,
     /// The lights.
     pub lights: Vec<Light>,
+    /// What rays see that hit nothing, in addition to the lights' backgrounds.
+    pub sky: Option<Sky>,
     /// Whether point and directional lights throw shadows.
     pub shadows: bool,
     /// The middle of what stands still: shadows are offset by the distance from it, see `step`.
@@ -114,6 +120,7 @@ pub struct Scene {
     /// Of the light maps, for each baked light.
     pub(super) irradiance: Vec<Vec<u64>>,
     pub(super) lights: Vec<Light>,
+    pub(super) sky: Option<Sky>,
     pub(super) shadows: bool,
     pub(super) step: f64,
     /// How many times farther from the surface than from the light an occluder may lie.
@@ -140,6 +147,7 @@ impl Scene {
             texels: tables.texels.iter().map(|group| texture::paired(group)).collect(),
             irradiance: tables.light_maps.texels.iter().map(|map| texture::paired(map)).collect(),
             lights: tables.lights.clone(),
+            sky: tables.sky.clone(),
             shadows: tables.shadows,
             step: tables.step,
             #[allow(clippy::cast_possible_truncation, reason = "float64 is rounded to float32")]
@@ -279,6 +287,15 @@ fn check(tables: &SceneTables) -> Result<()> {
         if light.group as usize >= tables.texels.len() || !finite {
             return refuse(format!("lights are finite and of one of {} colours, got {light:?}", tables.texels.len()));
         }
+        let in_a_place = matches!(light.kind, LightKind::Point(_));
+        if light.beam.is_some_and(|beam| !in_a_place || !beam.is_valid()) {
+            return refuse(format!(
+                "a beam is that of a light in a place, and 0 <= full < cutoff <= pi, got {light:?}"
+            ));
+        }
+    }
+    if let Some(sky) = &tables.sky {
+        sky.check(tables.lights.len())?;
     }
     for light in &tables.lights {
         if let LightKind::Baked(number) = light.kind

@@ -2,6 +2,7 @@
 
 use std::f64::consts::FRAC_1_PI;
 
+use super::beam::SeenBeam;
 use super::bins::Seen;
 use super::cast::Caster;
 use super::lanes::{Lanes, Rays};
@@ -43,12 +44,25 @@ enum Falls {
     Baked { texels: usize, strength: f32, rate: f32 },
 }
 
+impl Falls {
+    /// The place that it falls from, and its rate.
+    fn place(&self) -> Option<([f32; 3], [f32; 3])> {
+        match *self {
+            Self::From { place, place_rate, .. } | Self::FromOnSmooth { place, place_rate, .. } => {
+                Some((place, place_rate))
+            }
+            _ => None,
+        }
+    }
+}
+
 /// A light on a triangle: its colour, its number among the view's lights.
 #[derive(Clone, Copy, Debug)]
 struct Lit {
     falls: Falls,
     group: usize,
     light: usize,
+    beam: Option<SeenBeam>,
 }
 
 /// A triangle as a camera sees it.
@@ -122,7 +136,7 @@ impl<'a> Shader<'a> {
             let is_smooth = shader.smooth.is_some();
             shader.lit.extend(lights.iter().enumerate().filter_map(|(number, light)| {
                 let falls = if is_smooth { on_smooth(light) } else { plane.lit_by(light, facing) };
-                Some(Lit { falls: falls?, group: light.group, light: number })
+                Some(Lit { falls: falls?, group: light.group, light: number, beam: light.beam })
             }));
             shader.dark = shader.lit.is_empty() && surface.emission.is_none();
         }
@@ -308,6 +322,9 @@ impl Shader<'_> {
                     }
                     (falls, _) => falling::<RATE, FULL>(&falls, rays, &depth, &depth_rate, normal.as_ref()),
                 };
+                if let (Some(beam), Some(place)) = (&lit.beam, lit.falls.place()) {
+                    beam.take::<RATE, FULL>(place, rays, (&depth, &depth_rate), (&mut one, &mut one_rate));
+                }
                 if caster.hides(lit.light) {
                     caster.take((receiver, lit.light), rays, &depth, (&mut one, &mut one_rate));
                 }

@@ -11,6 +11,7 @@ use super::pixel_rays::{BLOCKS, LANES, PIXELS, Part, PixelRays};
 use super::samples::Pixels;
 use super::shade::Shader;
 use super::sorted::{Picked, Portion, Sorted};
+use super::vector::single;
 use super::visibility::{NOTHING, Nearest};
 
 /// What all tiles of a view share.
@@ -93,6 +94,20 @@ fn shade<'a, const RATE: bool>(of: &TileView<'a>, part: &Part, scratch: &mut Til
     if !list.is_empty() {
         nearest.find(of.bins, list, part);
         visible.extend((0..).take(list.len()).filter(|&place| nearest.sees(place)));
+    }
+    if let Some(sky) = &of.lit.scene.sky {
+        let (pose, [factor, factor_rate]) = (&of.lit.view.poses[0], of.lit.view.factors[sky.light as usize]);
+        let per_block = x.len() / part.blocks.len();
+        for ray in 0..x.len() {
+            let nothing = list.is_empty() || nearest.only[ray / per_block] == NOTHING && nearest.place[ray] == NOTHING;
+            if nothing {
+                let (one, one_rate) = sky.luma(pose, x[ray], y[ray]);
+                luma[ray] += single([factor])[0] * one;
+                if RATE {
+                    rate[ray] += single([factor])[0] * one_rate + single([factor_rate])[0] * one;
+                }
+            }
+        }
     }
     let seen = |place: u32| &of.bins.seen[list[place as usize].seen as usize];
     let shaders = shaders(of, visible.iter().map(|&place| seen(place)), before);

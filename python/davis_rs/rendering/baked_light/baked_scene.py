@@ -17,11 +17,21 @@ from ..matte import simplify_materials
 from ..scene_texture import Unsuitable
 from . import cache
 from .bake import LightMaps, Surfaces, bake
-from .lights import background_luma, check_lights, emissions, irradiance_of, light_groups, numbers, paths_of
+from .lights import (
+    SkyMap,
+    background_luma,
+    check_lights,
+    emissions,
+    irradiance_of,
+    light_groups,
+    numbers,
+    paths_of,
+    sky_map,
+)
 
 FloatArray = npt.NDArray[np.float64]
 
-VERSION = 1
+VERSION = 2
 """Of what is computed, so that light of older versions is not taken from the cache."""
 
 
@@ -40,6 +50,9 @@ class BakedLight:
         emitted: (t) luma that each triangle emits from its front.
         emitters: (t) the group that this belongs to.
         backgrounds: luma of a ray that hits nothing, by each group.
+        sky: what such a ray sees in addition; None where there is no environment map.
+        content: a hash of the scene's surfaces, materials and lights.
+        cached: whether it is in the cache now.
     """
 
     maps: LightMaps
@@ -47,6 +60,9 @@ class BakedLight:
     emitted: FloatArray
     emitters: npt.NDArray[np.int64]
     backgrounds: list[float]
+    sky: SkyMap | None
+    content: str
+    cached: bool
 
     @property
     def description(self) -> str:
@@ -56,13 +72,11 @@ class BakedLight:
         return f"baked light at {maps.points:,} points, whose error is estimated at {100 * maps.error:.2g} %{coarse}"
 
 
-def baked_light(
-    scene: Scene, surfaces: Surfaces, counts: Sequence[int], changing: Sequence[str], error: float
-) -> BakedLight:
+def baked_light(scene: Scene, surfaces: Surfaces, changing: Sequence[str], error: float) -> BakedLight:
     """Bake a scene's light, or take it from the cache.
 
     Args:
-        surfaces: of the scene, in the order of its shapes, which have so many triangles (``counts``).
+        surfaces: of the scene, in the order of its shapes.
         changing: names of the lights whose strength changes.
         error: that is allowed, relative.
 
@@ -81,14 +95,22 @@ def baked_light(
         paths = paths_of(loaded.integrator())
         check_lights(loaded, mi)
         names = light_groups(loaded, changing)
-        emitted, emitters = emissions(loaded, mi, counts, names)
+        emitted, emitters = emissions(loaded, mi, surfaces.counts, names)
         backgrounds = background_luma(loaded, mi, names)
-        key = _key(loaded, mi, surfaces, (VERSION, sorted(versions(FAST).items()), paths, names, error))
+        sky = sky_map(loaded, mi, names)
+        content = _content(loaded, mi, surfaces)
+        settings = (VERSION, sorted(versions(FAST).items()), paths, names, error, content)
+        key = hashlib.sha256(repr(settings).encode()).hexdigest()
         maps = _known.get(key)
         if maps is None and (maps := cache.load(key)) is not None:
             say(f"the scene's light was baked before, and comes from {cache.cache_folder()}")
         if maps is None:
-            with progress("baking light", 0, unit="points") as bar, irradiance_of(loaded, mi, names) as lights:
+            kept = cache.load_partial(key)
+            with (
+                progress("baking light", 0, unit="points") as bar,
+                cache.kept_if_stopped(key, kept),
+                irradiance_of(loaded, mi, names, kept) as lights,
+            ):
 
                 def seen(what: str, done: int, expected: int) -> None:
                     bar.total = max(bar.total, expected)
@@ -100,12 +122,12 @@ def baked_light(
         while len(_known) >= _MOST_KNOWN:
             del _known[next(iter(_known))]
         _known[key] = maps
-    return BakedLight(maps, names, emitted, emitters, backgrounds)
+    return BakedLight(maps, names, emitted, emitters, backgrounds, sky, content, cache.holds(key))
 
 
-def _key(scene: Any, mi: Any, surfaces: Surfaces, settings: object) -> str:
-    """A hash of all that the light follows from: surfaces, materials, lights and settings."""
-    digest = hashlib.sha256(repr(settings).encode())
+def _content(scene: Any, mi: Any, surfaces: Surfaces) -> str:
+    """A hash of surfaces, materials and lights."""
+    digest = hashlib.sha256()
     for array in (surfaces.corners, surfaces.normals, surfaces.two_sided):
         digest.update(repr(array.shape).encode())
         digest.update(np.ascontiguousarray(array).tobytes())

@@ -16,14 +16,22 @@ from ..scene_scale import scale_scene
 from ..scene_texture import Unsuitable
 from ..scene_updates import like, strength_key
 from .irradiance import Irradiance
+from .partial import PartialBake
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
-_SHARP = ("PointLight", "DirectionalEmitter")
-"""Their direct light is left to the renderer, with its exact shadows."""
+SHARP = ("PointLight", "SpotLight", "DirectionalEmitter")
+"""Their direct light is left to the renderer, with its exact shadows, and so is that of small lamps."""
 
-_SOFT = ("AreaLight", "ConstantBackgroundEmitter")
+_SKIES = ("ConstantBackgroundEmitter", "EnvironmentMapEmitter")
+_SOFT = ("AreaLight", *_SKIES)
+
+SMALL_LAMP = 4 / 512
+"""A lamp is small below this share of the scene's diagonal: light maps, whose finest points are 1 / 512 apart, would
+blur its shadows."""
+
+_LARGEST_SKY = 4096
 _PATH_DEPTH, _ROULETTE_DEPTH = -1, 5
 
 
@@ -70,8 +78,10 @@ def check_lights(scene: Any, mi: Any) -> None:
             wrong = ~(np.isfinite(values) & (values >= 0))
             if wrong.any():
                 raise ValueError(f"{name} has {key} {values[wrong][0]:g}; light is finite and not negative")
-        if kind not in (*_SHARP, *_SOFT):
-            raise Unsuitable(f"{name} is not baked: point, directional, area and constant lights are")
+        if kind not in (*SHARP, *_SOFT):
+            raise Unsuitable(
+                f"{name} is not baked: point, spot, directional, area and constant lights and environment maps are"
+            )
         if kind == "AreaLight":
             if "radiance.value" not in parameters:
                 raise Unsuitable(f"{name} has a radiance that differs from place to place")
@@ -91,7 +101,7 @@ def emissions(scene: Any, mi: Any, counts: Sequence[int], names: Sequence[str]) 
         radiance, number = 0.0, 0
         if shape.is_emitter():
             radiance = float(_rgb(mi.traverse(shape.emitter())["radiance.value"]) @ LUMA_WEIGHTS)
-            number = _group(_area_name(shape), names)
+            number = _group(area_light_name(shape), names)
         luma.append(np.full(count, radiance))
         group.append(np.full(count, number))
     return np.concatenate(luma), np.concatenate(group)
@@ -107,6 +117,71 @@ def background_luma(scene: Any, mi: Any, names: Sequence[str]) -> list[float]:
     return shown
 
 
+@dataclass(frozen=True)
+class SkyMap:
+    """What rays see that hit nothing: luma on an octahedral map of directions.
+
+    Attributes:
+        group: of lights that it belongs to.
+        side: texels along a side.
+        texels: float32 (side + 2, side + 2): around the map lies a frame of one texel.
+    """
+
+    group: int
+    side: int
+    texels: npt.NDArray[np.float32]
+
+
+def sky_map(scene: Any, mi: Any, names: Sequence[str]) -> SkyMap | None:
+    """The scene's environment map as it is seen; None where there is none, or the integrator hides it."""
+    if getattr(scene.integrator(), "hide_emitters", False):
+        return None
+    for name, emitter in named_emitters(scene):
+        if emitter.class_name() == "EnvironmentMapEmitter":
+            import drjit as dr
+
+            height = mi.traverse(emitter)["data"].shape[0]
+            side = min(2 * height, _LARGEST_SKY)
+            towards = _octahedral_directions(side)
+            seen = dr.zeros(mi.SurfaceInteraction3f, len(towards))
+            seen.wi = mi.Vector3f(*(mi.Float(np.ascontiguousarray(-column, np.float32)) for column in towards.T))
+            rgb = np.array(emitter.eval(seen), np.float64).reshape(3, -1)
+            texels = (np.asarray(LUMA_WEIGHTS) @ rgb).astype(np.float32)
+            return SkyMap(_group(name, names), side, texels.reshape(side + 2, side + 2))
+    return None
+
+
+def _octahedral_directions(side: int) -> FloatArray:
+    """Unit directions ((side + 2)^2, 3) of the texels' middles, row by row, those of the frame around them included."""
+    at = 2 * (np.arange(-1, side + 1) + 0.5) / side - 1
+    x, y = np.meshgrid(at, at)
+    # Beyond an edge lies what is on the other half of that edge.
+    for _ in range(2):
+        beyond = np.abs(x) > 1
+        x, y = np.where(beyond, np.sign(x) * 2 - x, x), np.where(beyond, -y, y)
+        x, y = y, x
+    z = 1 - np.abs(x) - np.abs(y)
+    below = z < 0
+    x, y = (np.where(below, (1 - np.abs(b)) * np.where(a < 0, -1, 1), a) for a, b in ((x, y), (y, x)))
+    directions = np.stack([x, y, z], -1).reshape(-1, 3)
+    return np.asarray(directions / np.linalg.norm(directions, axis=1, keepdims=True))
+
+
+def small_lamps(scene: Any) -> list[Any]:
+    """Shapes that shine and are small next to the scene."""
+
+    def diagonal(box: Any) -> float:
+        return float(np.linalg.norm(_flat(box.max) - _flat(box.min)))
+
+    limit = SMALL_LAMP * diagonal(scene.bbox())
+    return [shape for shape in scene.shapes() if shape.is_emitter() and diagonal(shape.bbox()) < limit]
+
+
+def area_light_name(shape: Any) -> str:
+    """The name by which a profile finds the light of a shape."""
+    return f"{shape.id()}.{shape.emitter().id()}"
+
+
 def light_groups(scene: Any, changing: Sequence[str]) -> list[str]:
     """Names of the lights that change, each of which is baked alone, and before them "" for all others."""
     known = [name for name, _ in named_emitters(scene)]
@@ -115,13 +190,9 @@ def light_groups(scene: Any, changing: Sequence[str]) -> list[str]:
 
 def named_emitters(scene: Any) -> list[tuple[str, Any]]:
     """The lights of a scene, each with the name by which a profile finds it."""
-    of_shapes = [(_area_name(shape), shape.emitter()) for shape in scene.shapes() if shape.is_emitter()]
+    of_shapes = [(area_light_name(shape), shape.emitter()) for shape in scene.shapes() if shape.is_emitter()]
     others = [(emitter.id(), emitter) for emitter in scene.emitters() if emitter.class_name() != "AreaLight"]
     return [*of_shapes, *others]
-
-
-def _area_name(shape: Any) -> str:
-    return f"{shape.id()}.{shape.emitter().id()}"
 
 
 def _group(name: str, names: Sequence[str]) -> int:
@@ -130,34 +201,49 @@ def _group(name: str, names: Sequence[str]) -> int:
 
 
 @contextmanager
-def irradiance_of(scene: Any, mi: Any, names: Sequence[str]) -> Iterator[list[Irradiance]]:
+def irradiance_of(scene: Any, mi: Any, names: Sequence[str], kept: PartialBake) -> Iterator[list[Irradiance]]:
     """The light of each group of lights, to be computed one group at a time.
 
     Args:
         scene: loaded under Mitsuba's LLVM variant, which is in use; it is scaled where its size asks for that.
         names: see :func:`light_groups`.
+        kept: what was computed before.
     """
     integrator = scene.integrator() or mi.load_dict({"type": "path"})
     paths = paths_of(scene.integrator())
     scale = scale_scene(scene, integrator, mi)
-    yield [_Group(scene, mi, paths, scale, name, names) for name in names]
+    yield [_Group(scene, mi, paths, scale, name, names, kept) for name in names]
 
 
 class _Group(Irradiance):
     """The light of some of a scene's emitters: the others are switched off while it is computed."""
 
-    def __init__(self, scene: Any, mi: Any, paths: Paths, scale: float, name: str, names: Sequence[str]) -> None:
-        own, self._others = list[Any](), list[Any]()
+    def __init__(
+        self, scene: Any, mi: Any, paths: Paths, scale: float, name: str, names: Sequence[str], kept: PartialBake
+    ) -> None:
+        self._own_name = name
+        own, self._others = list[tuple[str, Any]](), list[Any]()
         for its_name, emitter in named_emitters(scene):
             mine = its_name == name if name else its_name not in names
-            (own if mine else self._others).append(emitter)
-        soft = [emitter for emitter in own if emitter.class_name() in _SOFT]
-        super().__init__(scene, mi, soft, max_depth=paths.max_depth, rr_depth=paths.rr_depth, scale=scale)
+            if mine:
+                own.append((its_name, emitter))
+            else:
+                self._others.append(emitter)
+        small = {area_light_name(shape) for shape in small_lamps(scene)}
+        soft, sharp = list[Any](), list[Any]()
+        for its_name, emitter in own:
+            is_soft = emitter.class_name() in _SOFT and its_name not in small
+            (soft if is_soft else sharp).append(emitter)
+        depths = {"max_depth": paths.max_depth, "rr_depth": paths.rr_depth}
+        super().__init__(scene, mi, soft, sharp, **depths, scale=scale, kept=kept)
         self.bounces = self.bounces and bool(own)
 
-    def _mean(self, places: FloatArray, normals: FloatArray, samples: int, one: Any) -> FloatArray:
+    def _name(self) -> str:
+        return self._own_name
+
+    def _mean_of_part(self, *arguments: Any) -> FloatArray:
         if not self._others:
-            return super()._mean(places, normals, samples, one)
+            return super()._mean_of_part(*arguments)
         kept = []
         for emitter in self._others:
             parameters = self._mi.traverse(emitter)
@@ -167,7 +253,7 @@ class _Group(Irradiance):
             for parameters, key, values in kept:
                 parameters[key] = like(parameters[key], values * 0.0)
                 parameters.update()
-            return super()._mean(places, normals, samples, one)
+            return super()._mean_of_part(*arguments)
         finally:
             for parameters, key, values in kept:
                 parameters[key] = like(parameters[key], values)

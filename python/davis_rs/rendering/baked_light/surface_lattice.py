@@ -8,7 +8,7 @@ edge, as long as these have one normal there, so that what is interpolated has n
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -88,6 +88,9 @@ class SampledLight:
         middles: (e), the points in their middles.
         error: root mean square of how far the last middles were off, over 4: what interpolation errs, relative.
         complete: whether all edges were divided that should be.
+        places, normals: (n, 3), where the points' light was computed.
+        buried: bool (n), points that no light reaches: theirs is that of their neighbours.
+        levels: the cells before and after each division, vertices (c, 3) each.
     """
 
     faces: IntArray
@@ -96,6 +99,17 @@ class SampledLight:
     middles: IntArray
     error: float
     complete: bool
+    places: FloatArray
+    normals: FloatArray
+    buried: npt.NDArray[np.bool_]
+    levels: list[IntArray]
+
+    def with_light(self, light_at: Callable[[FloatArray, FloatArray], FloatArray]) -> SampledLight:
+        """Other light, RGB (k, 3) at places (k, 3) with normals (k, 3), at the same points."""
+        values = np.full_like(self.values, np.nan)
+        seen = ~self.buried
+        values[seen] = light_at(self.places[seen], self.normals[seen])
+        return replace(self, values=_without_buried(values, self.levels))
 
     def middle_of(self, a: IntArray, b: IntArray) -> IntArray:
         """The point in the middle of each edge, -1 where it was not divided or has an end of -1."""
@@ -165,7 +179,8 @@ def refine(
         seen: is told before each step how many points there are, and how many there will be.
     """
     positions, normals, cells = lattice.positions, lattice.normals, lattice.faces
-    values, others = light_at(*_inside(positions, normals, cells, np.arange(len(positions)), cells))
+    where = [_inside(positions, normals, cells, np.arange(len(positions)), cells)]
+    values, others = light_at(*where[0])
     keys, middles = [np.empty(0, np.int64)], [np.empty(0, np.int64)]
     levels, errors, complete = [cells], [np.zeros(1)], True
     failed = np.zeros(len(cells), bool)
@@ -194,7 +209,8 @@ def refine(
         sum_of_normals = normals[a] + normals[b]
         normals = np.concatenate([normals, _unit(sum_of_normals, normals[a])])
         middle = new[of_cell]
-        found, other = light_at(*_inside(positions, normals, cells, new, middle))
+        where.append(_inside(positions, normals, cells, new, middle))
+        found, other = light_at(*where[-1])
         values, others = np.concatenate([values, found]), np.concatenate([others, other])
         keys.append(key)
         middles.append(new)
@@ -210,10 +226,20 @@ def refine(
         failed = np.tile(near[cells].any(1), 4)
         errors.append(off[~failed_edge])
         cells = divided
-    values = _without_buried(values, levels)
+    buried = np.isnan(values[:, 0])
     order = np.argsort(every := np.concatenate(keys), kind="stable")
-    error = float(np.sqrt(np.mean(np.concatenate(errors) ** 2)) / 4)
-    return SampledLight(lattice.faces, values, every[order], np.concatenate(middles)[order], error, complete)
+    return SampledLight(
+        lattice.faces,
+        _without_buried(values, levels),
+        every[order],
+        np.concatenate(middles)[order],
+        float(np.sqrt(np.mean(np.concatenate(errors) ** 2)) / 4),
+        complete,
+        np.concatenate([places for places, _ in where]),
+        np.concatenate([facing for _, facing in where]),
+        buried,
+        levels,
+    )
 
 
 def _keys(low: IntArray, high: IntArray) -> IntArray:
