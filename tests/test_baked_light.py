@@ -219,6 +219,22 @@ def test_rates_of_skies_and_beams_are_the_changes_of_luma() -> None:
     assert np.quantile(off, 0.8) < 0.02 * np.abs(rate).max()
 
 
+def test_a_small_block_on_a_wide_ground_has_light_that_bounces() -> None:
+    """Its shaded side is lit by the sunny ground alone, and by less of it at its foot."""
+    scene = make_scene(
+        PATH | {"max_depth": 3},
+        floor=plate(0, 0, 0, (6, 6)),
+        block={"type": "cube", "to_world": np.diag([0.3, 0.3, 0.3, 1.0]) + _shift(0, 0.3, 0.3), "bsdf": diffuse(0.7)},
+        sun={"type": "directional", "direction": [0.0, -0.5, -1.0], "irradiance": 3.0},
+    )
+    pose = Pose([0.0, -0.45, 0.2], [-(0.5**0.5), 0.0, 0.0, 0.5**0.5])  # looks at the shaded side
+    baked = luma_of(scene, 0.03, pose, samples=16)
+    traced = luma_of(scene, pose=pose, kind="integrator", samples=512)
+    rows, true = baked.mean(1), traced.mean(1)
+    assert true.max() > 1.5 * true.min() > 0
+    assert rows == pytest.approx(true, rel=0.05)
+
+
 def test_a_small_lamp_has_sharp_shadows() -> None:
     """A lamp of 2 cm over a screen: the path tracer's luma, but for the lattice's steps in the shadow's edge."""
     scene = make_scene(

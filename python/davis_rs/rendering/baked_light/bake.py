@@ -28,7 +28,7 @@ _TRUE_SHIFT = 1000
 _PILOTS = 128
 _MEASURED = 256
 
-_DIRECT_SPACING, _INDIRECT_SPACING, _DIRECT_FINEST, _INDIRECT_FINEST = 1 / 96, 1 / 16, 1 / 512, 1 / 48
+_DIRECT_SPACING, _INDIRECT_SPACING, _DIRECT_FINEST, _INDIRECT_FINEST = 1 / 96, 1 / 16, 1 / 512, 1 / 256
 """How far apart points are at most and at least, shares of the scene's diagonal, for an error of :data:`BAKE_ERROR`."""
 
 _TWO_OF_THREE = 0.68
