@@ -123,7 +123,7 @@ mod tests {
 
     proptest! {
         /// A level triangle's box has no thickness but for roundings, so that a place which is off by more lies outside. Near
-        /// the horizon, and at the triangle's corners, places are off by most.
+        /// the horizon, at the triangle's corners and from far, places are off by most.
         #[test]
         #[allow(clippy::cast_possible_truncation, reason = "float64 is rounded to float32")]
         #[allow(clippy::cast_precision_loss, reason = "small numbers")]
@@ -144,8 +144,8 @@ mod tests {
             let position = std::array::from_fn(|i| middle[i] - scale * away * rotation[i][2]);
             let pose = Pose { position, rotation, velocity: [0.0; 3], angular_rate: [0.0; 3] };
             let view = View { poses: vec![pose], factors: vec![] };
-            // Below the horizon, or with it inside.
-            let at = [left, (below - pitch.tan()) as f32];
+            // Below the horizon, or with it inside; from far around the triangle.
+            let at = if away > 100.0 { [-0.5 * size; 2] } else { [left, (below - pitch.tan()) as f32] };
             let mut part = Rect::NONE;
             part.add(at[0], at[1]);
             part.add(at[0] + size, at[1] + size);
