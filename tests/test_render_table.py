@@ -562,7 +562,11 @@ UNSUITABLE: dict[str, tuple[Parts, dict[str, Any] | None, str]] = {
         "'shape' has two different sides",
     ),
     "sphere": ({"shape": {"type": "sphere", "bsdf": diffuse()}}, DIRECT, "'shape' is a Sphere, not made of triangles"),
-    "spot light": ({"lamp": {"type": "spot"}, "floor": FLOOR}, DIRECT, "a light is a SpotLight"),
+    "spot light": (
+        {"lamp": {"type": "spot", "texture": bitmap()}, "floor": FLOOR},
+        DIRECT,
+        "the spot light 'lamp' has a texture",
+    ),
     "nearest texel": (
         {"shape": rectangle(diffuse(bitmap(filter_type="nearest")))},
         DIRECT,

@@ -69,7 +69,7 @@ def add_accuracy(accuracy: argparse.ArgumentParser) -> None:
 def _accuracy(options: argparse.Namespace) -> int:
     if options.light is not None:
         return _light(options)
-    if options.bake_error is not None:
+    if "bake_error" in given_settings(options, ViewSettings):
         raise ValueError("--bake-error is for --light: what is compared without it renders alike")
     if options.frames:
         return _frame_rates(options)
@@ -104,6 +104,7 @@ def _light(options: argparse.Namespace) -> int:
     if options.frames or options.only is not None or options.rounds is not None or options.start is not None:
         raise ValueError("--light compares light alone: without --frames, --only, --rounds and --start")
     scene, camera = _judged_scene(options)
+    given = given_settings(options, ViewSettings)
     folder: Path = options.output
     comparison = LightComparison(
         scene,
@@ -111,7 +112,7 @@ def _light(options: argparse.Namespace) -> int:
         runs=options.light,
         folder=folder,
         **({} if options.duration is None else {"duration_s": options.duration}),
-        **({} if options.bake_error is None else {"bake_error": options.bake_error}),
+        **({"bake_error": given["bake_error"]} if "bake_error" in given else {}),
     )
     table = [f"| {' | '.join(HEADS)} |", "|---|" + "---:|" * (len(HEADS) - 1)]
     for errors in each(comparison.measure(), "light", 2 + len(LIGHT_SAMPLES), show=not options.quiet):
