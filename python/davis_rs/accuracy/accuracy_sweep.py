@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -20,7 +20,7 @@ from ..rendering.renderers import make_renderer
 from ..sampling.displacement import DisplacementClock
 from ..sampling.observe import CountedRenderer, LumaRecorder
 from ..sampling.rules import TimeSampling
-from ..scene.scene import Scene
+from ..scene.scene import Scene, SceneSource
 from ..simulator import Simulator
 from ..trajectory.trajectory import Trajectory
 from .reference_events import TICKS_PER_US, FineReference, Recipe, exact_crossings, fine_reference, in_ticks
@@ -89,7 +89,7 @@ class Sweep:
         scene: with its camera path, see :meth:`Scene.with_trajectory`.
         start_s: where the part begins; None: where the fastest pixel has gone half of its path.
         duration_s: of the judged part; None: until the fastest pixel has moved ``path_px`` pixels. The timed part is
-            four times as long, where the trajectory is.
+            ``timed_parts`` times as long, where the trajectory is.
         camera: None takes the scene's.
         folder: keeps the frames of the fine reference for another time.
         fine_rays: rays a pixel of the fine reference.
@@ -108,9 +108,9 @@ class Sweep:
         folder: str | Path,
         fine_rays: int = FINE_RAYS,
         path_px: float = _PATH_PX,
+        timed_parts: int = _TIMED_PARTS,
     ) -> None:
-        # Textures are made once, not for each setting.
-        self.scene = replace(scene, source=cache(scene.source))
+        self.scene = replace(scene, source=_made_once(scene.source))
         self.camera, self.folder, self.fine_rays = camera or scene.own_camera, Path(folder), fine_rays
         whole = self.scene.path
         renderer = make_renderer(self.scene, self.camera, samples=1)
@@ -131,7 +131,7 @@ class Sweep:
             raise ValueError(
                 f"nothing moves in the {duration_s} s from {start_s} s of the trajectory: nothing to judge"
             )
-        self._timed = rest.crop(0.0, min(_TIMED_PARTS * duration_s, rest_s))
+        self._timed = rest.crop(0.0, min(timed_parts * duration_s, rest_s))
         # One pixel's way: what lies further apart is not the same crossing.
         window_us = int(np.clip(duration_s * 1e6 / self.path_px, 1, _LONGEST_WINDOW_US))
         self.recipe = Recipe(judged, scene.contrast_threshold, 1e-3, window_us)
@@ -152,7 +152,7 @@ class Sweep:
         for _ in self._simulator(setting, setting.sampling, self._judged.crop(0, _WARM_UP * seconds)).run():
             pass
         recorder = LumaRecorder(setting.sampling, self._recorded_us, self.recipe.log_eps)
-        simulator = self._simulator(setting, recorder, self._judged)
+        simulator = self._ready(setting, recorder, self._judged)
         simulator.renderer = counted = CountedRenderer(simulator.renderer)
         started = time.perf_counter()
         events = concatenate_events([packet.events for packet in simulator.run()])
@@ -167,8 +167,7 @@ class Sweep:
 
     def time(self, setting: Setting) -> float:
         """Wall time per simulated second, of one run that keeps nothing."""
-        simulator = self._simulator(setting, setting.sampling, self._timed)
-        simulator.renderer.luma(self.recipe.views(np.zeros(1, np.int64)))  # what is made when it is first asked for
+        simulator = self._ready(setting, setting.sampling, self._timed)
         started = time.perf_counter()
         for _ in simulator.run():
             pass
@@ -206,6 +205,12 @@ class Sweep:
     def _renderer(self, samples: int) -> Renderer:
         return make_renderer(self._judged, self.camera, samples=samples)
 
+    def _ready(self, setting: Setting, sampling: TimeSampling, scene: Scene) -> Simulator:
+        """A simulator that has all of what a renderer makes when it is first asked for luma."""
+        simulator = self._simulator(setting, sampling, scene)
+        simulator.renderer.luma(self.recipe.views(np.zeros(1, np.int64)))
+        return simulator
+
     def _simulator(self, setting: Setting, sampling: TimeSampling, scene: Scene) -> Simulator:
         return Simulator(
             scene,
@@ -217,6 +222,21 @@ class Sweep:
             renderer=setting.renderer,
             refine=setting.refine,
         )
+
+
+def _made_once(source: Callable[[], SceneSource]) -> Callable[[], SceneSource]:
+    """The source, whose textures and meshes are made once for each of Mitsuba's variants, not for each setting."""
+
+    @cache
+    def made(_: str | None) -> SceneSource:
+        return source()
+
+    def of_this_variant() -> SceneSource:
+        import mitsuba as mi
+
+        return made(mi.variant())
+
+    return of_this_variant
 
 
 def sweep(prepared: Sweep, settings: Sequence[Setting], rounds: int) -> Iterator[list[Measurement]]:
