@@ -416,6 +416,20 @@ def test_rates_are_the_changes_of_luma() -> None:
     assert np.median(np.abs(rate[0] - (luma[1] - luma[0]) / (2 * step))) < 2e-3 * np.abs(rate).max()
 
 
+def test_the_rate_of_a_lamp_that_is_seen_is_that_of_its_flicker() -> None:
+    """A camera at rest looks up at a lamp that gets brighter: of its own light and of what it lights."""
+    profile = SampledProfile([0.0, 1.0], [0.5, 1.5])
+    pose = Pose([0.0, 0.0, 0.2], [0.0, 0.0, 0.0, 1.0])
+    wall = plate(0, 0, 3, (2, 2), up=False)
+    scene = make_scene(DIRECT, lights={"first.emitter": profile}, wall=wall, first=lamp(1.0, 3.0, (0.1, 0.1)))
+    renderer = build(scene, 0.2, samples=1)
+    path = SegmentTrajectory(pose, pose, 1.0)
+    luma = renderer.luma(Views.along(path, np.array([0.25, 0.75])))
+    _, rate = renderer.luma_and_rate(Views.along(path, np.array([0.5])))
+    assert rate.max() > 1.0
+    np.testing.assert_allclose(rate[0], (luma[1] - luma[0]) / 0.5, rtol=1e-3, atol=1e-5)
+
+
 def test_lights_flicker_one_by_one() -> None:
     """A lamp on a profile and one without: the first one's light and look change, the other's stay."""
     profile = SampledProfile([0.0, 1.0], [1.0, 0.25])
