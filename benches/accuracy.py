@@ -1,9 +1,9 @@
 """What a simulated second costs, and errs: python benches/accuracy.py [SCENE ...] [-o DIR]
 
-On each scene the presets and points around them take turns with the usual way, and are judged against 377 rays a
-pixel (davis_rs.accuracy says how). The usual way is Mitsuba's integrator with 16 rays and lines 1/3 px apart. Closed
-rooms are black for Mitsuba, because no integrator has their light from all sides: there it is the table kernel, with
-the same rays and lines.
+On each scene the presets, and points around them, are judged against 377 rays a pixel (davis_rs.accuracy says how),
+and timed. The usual way, `paper`, `fast` and `balanced` take turns in several rounds. The usual way is Mitsuba's
+integrator with 16 rays and lines 1/3 px apart. Closed rooms are black for Mitsuba, because no integrator has their
+light from all sides: there it is the table kernel, with the same rays and lines.
 
 ``workshop`` is the one scene that no preset was chosen by. Needs LLVM and matplotlib. With -o, the tables and the
 figure are written into DIR, as presets.md and presets.png.
@@ -25,7 +25,7 @@ from accuracy_workshop import workshop
 import davis_rs
 from davis_rs import ACCURACY, MaxDisplacement, Scene, Tolerance
 from davis_rs.accuracy.accuracy_sweep import Measurement, Sweep
-from davis_rs.accuracy.report import COLOURS, processor
+from davis_rs.accuracy.report import COLOURS, make_logarithmic, processor
 from davis_rs.accuracy.settings import Setting
 
 RAYS, PATH_PX, TIMED_PARTS, ROUNDS = 377, 2.0, 12, 3
@@ -156,7 +156,6 @@ def draw(results: list[Result], path: Path) -> None:
     """One panel a scene: missing and spurious events against wall time."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
-    from matplotlib.ticker import LogLocator, NullFormatter
 
     columns = min(3, len(results))
     rows = -(-len(results) // columns)
@@ -189,14 +188,8 @@ def draw(results: list[Result], path: Path) -> None:
                         textcoords="offset points",
                         fontsize=8,
                     )
-        axis.set_xscale("log")
-        axis.set_yscale("log")
-        for scale in (axis.xaxis, axis.yaxis):
-            scale.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0), numticks=9))
-            scale.set_major_formatter("{x:g}")
-            scale.set_minor_formatter(NullFormatter())
+        make_logarithmic(axis)
         axis.set_title(result.scene, fontsize=10)
-        axis.grid(True, which="both", lw=0.3, color="0.88")
     for axis in axes[len(results) :]:
         axis.set_visible(False)
     figure.supxlabel("wall time per simulated second (s)", fontsize=10)

@@ -122,10 +122,10 @@ def compare(name: str, rays: int) -> None:
     print("| " + " | ".join(row) + " |", flush=True)
 
 
-def step_latency(renderer: str) -> None:
+def step_latency(renderer: str, accuracy: str) -> None:
     """A controller's loop: a new pose each millisecond."""
     scene = davis_rs.load_scene("three_planes")
-    simulator = Simulator(scene, samples=8, renderer=renderer)
+    simulator = Simulator(scene, samples=8, renderer=renderer, accuracy=accuracy)
     poses = [scene.path.pose(0.3 + 1e-3 * i) for i in range(60)]
     walls, processors = [], []
     for i, pose in enumerate(poses):
@@ -134,7 +134,7 @@ def step_latency(renderer: str) -> None:
         walls.append(1e3 * (time.perf_counter() - wall))
         processors.append(1e3 * (time.process_time() - processor))
     print(
-        f"Simulator.step, {renderer}, three_planes, 8 rays, a pose each millisecond: "
+        f"Simulator.step, {renderer}, {accuracy}, three_planes, 8 rays, a pose each millisecond: "
         f"least {min(walls[5:]):.1f} ms, median {np.median(walls[5:]):.1f}, most {max(walls[5:]):.1f}; "
         f"processor time, least {min(processors[5:]):.1f} ms"
     )
@@ -152,8 +152,9 @@ def main() -> None:
         if name in (wanted or dict(CASES)):
             compare(name, rays)
     print()
-    for renderer in ("table", "native"):
-        step_latency(renderer)
+    for accuracy in ("paper", "balanced"):
+        for renderer in ("table", "native"):
+            step_latency(renderer, accuracy)
     print(f"most memory: {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024:.0f} MiB")
 
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import cache
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -52,7 +51,6 @@ def measure_hard_cases(cases: Sequence[HardCase]) -> Iterator[HardCaseResult]:
     """Case by case and preset by preset; the rays of brute force are those of the preset."""
     for case in cases:
         references: dict[int, DenseProbe] = {}
-        case = replace(case, scene=replace(case.scene, source=cache(case.scene.source)))
         for preset in ACCURACY:
             yield _measure(case, preset, references)
 

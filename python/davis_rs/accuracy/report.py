@@ -186,8 +186,6 @@ def draw(measured: Sequence[Measurement], path: Path, title: str) -> None:
 
 
 def _panel(axis: Axes, points: Sequence[tuple[Measurement, float, float]], families: Sequence[str]) -> None:
-    from matplotlib.ticker import LogLocator, NullFormatter
-
     front = [points[i] for i in pareto([(x, y) for _, x, y in points])]
     step_x = [x for _, x, _ in front]
     axis.step(step_x, [y for *_, y in front], where="post", color="0.75", lw=5, zorder=1, label="Pareto front")
@@ -213,6 +211,13 @@ def _panel(axis: Axes, points: Sequence[tuple[Measurement, float, float]], famil
             arrowprops={"arrowstyle": "-", "lw": 0.6},
             zorder=4,
         )
+    make_logarithmic(axis)
+
+
+def make_logarithmic(axis: Axes) -> None:
+    """Both scales of a panel, with numbers at 1, 2 and 5."""
+    from matplotlib.ticker import LogLocator, NullFormatter
+
     axis.set_xscale("log")
     axis.set_yscale("log")
     for scale in (axis.xaxis, axis.yaxis):

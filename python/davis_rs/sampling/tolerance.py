@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from ..rendering.swept import Counts
 from .breaks import Break, break_instants
 from .displacement import LARGEST_BEND, DisplacementClock
 from .keyframes import Keyframe, SparseSamples, Stretch, lagrange_weights, slopes
@@ -18,7 +19,6 @@ from .plausibility import probed
 from .rules import TimeSampling
 
 BoolFrames = npt.NDArray[np.bool_]
-Counts = npt.NDArray[np.uint8]
 IntArray = npt.NDArray[np.int64]
 LogLuma = npt.NDArray[np.float32]
 
