@@ -20,7 +20,7 @@ from ..event_matching import compare_events
 from ..events import EVENT_DTYPE, EventArray, concatenate_events
 from ..pose import FloatArray
 from ..rendering.render import Renderer
-from ..sampling.keyframes import exact_log_luma, slopes
+from ..sampling.keyframes import exact_log_luma, slope
 from ..sampling.rules import MaxDisplacement
 from ..trajectory.trajectory import Trajectory
 from ..trajectory.views import Views
@@ -229,14 +229,15 @@ def _cached_frames(cache: Path, key: str) -> dict[int, npt.NDArray[np.float32]]:
 
 
 def _cubic_events(renderer: Renderer, recipe: Recipe, t_us: IntArray, luma: npt.NDArray[np.float32]) -> EventArray:
-    """Events in ticks, along cubics whose slopes come from neighbouring frames."""
+    """Events in ticks, along cubics whose slope come from neighbouring frames."""
     engine = recipe.engine(renderer, "hermite")
     log = recipe.log_luma(luma)
-    rates = slopes(t_us * TICKS_PER_US, log.astype(np.float32))  # per second of the engine's, whose us is a tick
+    ticks, rounded = (t_us * TICKS_PER_US).tolist(), list(log.astype(np.float32))
     return concatenate_events(
         [
-            engine.push_log(tick, frame, rate.astype(np.float64))
-            for tick, frame, rate in zip((t_us * TICKS_PER_US).tolist(), log, rates, strict=True)
+            # The slope is per second of the engine's, whose microsecond is a tick.
+            engine.push_log(tick, log[k], slope(ticks, rounded, k).astype(np.float64))
+            for k, tick in enumerate(ticks)
         ]
     )
 

@@ -23,10 +23,12 @@ class OpticalFlow:
         jacobian = camera.distortion_jacobian(rays)
         still, one = np.zeros_like(x), np.ones_like(x)
         # A point of a scene at rest moves by -v - w x X in camera axes; its image (X, Y) / Z accordingly.
-        self._by_velocity = jacobian @ np.stack([np.stack([-one, still, x], -1), np.stack([still, -one, y], -1)], -2)
-        self._by_rate = jacobian @ np.stack(
+        by_velocity = jacobian @ np.stack([np.stack([-one, still, x], -1), np.stack([still, -one, y], -1)], -2)
+        by_rate = jacobian @ np.stack(
             [np.stack([x * y, -(1 + x * x), y], -1), np.stack([1 + y * y, -x * y, -x], -1)], -2
         )
+        # (3, 2 p), all x before all y: NumPy is ten times faster along p than along short axes.
+        self._by_velocity, self._by_rate = (part.transpose(2, 1, 0).reshape(3, -1) for part in (by_velocity, by_rate))
 
     def __call__(self, views: Views, depth: npt.ArrayLike) -> FloatArray:
         """Flow (n, p, 2) in pixels per second, of surfaces at ``depth`` (n, p) or (p,): z in metres, inf for none.
@@ -36,6 +38,8 @@ class OpticalFlow:
         Source: Longuet-Higgins, Prazdny, The interpretation of a moving retinal image, Proc. R. Soc. B 208, 1980.
         """
         velocities = np.einsum("nij,ni->nj", views.rotations, views.velocities)  # camera axes
-        translation = np.einsum("pik,nk->npi", self._by_velocity, velocities)
-        rotation = np.einsum("pik,nk->npi", self._by_rate, views.angular_rates)
-        return translation / np.asarray(depth, np.float64)[..., None] + rotation
+        shape = (len(views), 2, -1)
+        flow = (velocities @ self._by_velocity).reshape(shape)
+        flow /= np.asarray(depth, np.float64)[..., None, :]
+        flow += (views.angular_rates @ self._by_rate).reshape(shape)
+        return np.moveaxis(flow, 1, -1)

@@ -339,4 +339,5 @@ def _centres(camera: Camera, size: int) -> FloatArray:
 
 
 def _largest(flow: FloatArray) -> FloatArray:
-    return np.asarray(np.sqrt((flow**2).sum(-1).max(-1)))
+    x, y = flow[..., 0], flow[..., 1]
+    return np.asarray(np.sqrt((x * x + y * y).max(-1)))

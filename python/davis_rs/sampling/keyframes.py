@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import heapq
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from typing import Literal, NamedTuple
@@ -21,6 +21,7 @@ from .breaks import Break, break_instants, find_breaks
 
 BoolArray = npt.NDArray[np.bool_]
 IntArray = npt.NDArray[np.int64]
+LogLuma = npt.NDArray[np.float32]
 
 
 class SparseSamples(NamedTuple):
@@ -130,17 +131,28 @@ def exact_log_luma(luma: npt.NDArray[np.float32], log_eps: float) -> FloatArray:
     return np.asarray(log_intensity(padded.reshape(-1, columns), log_eps).ravel()[: len(luma)])
 
 
-def slopes(t_us: npt.ArrayLike, log_luma: LumaFrames) -> LumaFrames:
-    """Slopes dL/dt (n, H, W) in 1/s of frames at n >= 2 instants: those of parabolas through each and its neighbours.
+def slope(t_us: Sequence[int], log_luma: Sequence[LogLuma], k: int) -> LogLuma:
+    """Slope dL/dt (H, W) in 1/s at frame k of two or more: that of the parabola through it and its neighbours.
 
     The first and the last have one neighbour: there it is the chord's.
+
+    Args:
+        t_us: instants of the frames, increasing.
+        log_luma: (H, W), float32, each.
     """
-    t = np.asarray(t_us, np.float64) * 1e-6
-    chords = np.diff(log_luma, axis=0) / np.diff(t).astype(np.float32)[:, None, None]
-    result = np.empty_like(log_luma)
-    result[0], result[-1] = chords[0], chords[-1]
-    share = (np.diff(t)[1:] / (t[2:] - t[:-2])).astype(np.float32)[:, None, None]
-    result[1:-1] = share * chords[:-1] + (1 - share) * chords[1:]
+    if k in (0, len(t_us) - 1):
+        return _chord(t_us, log_luma, max(k - 1, 0))
+    share = np.float32((t_us[k + 1] - t_us[k]) / (t_us[k + 1] - t_us[k - 1]))
+    result = _chord(t_us, log_luma, k - 1)
+    result *= share
+    result += (1 - share) * _chord(t_us, log_luma, k)
+    return result
+
+
+def _chord(t_us: Sequence[int], log_luma: Sequence[LogLuma], k: int) -> LogLuma:
+    """Slope of the line from frame k to the next."""
+    result = log_luma[k + 1] - log_luma[k]
+    result /= np.float32((t_us[k + 1] - t_us[k]) * 1e-6)
     return result
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import heapq
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import groupby, pairwise
+from itertools import groupby, islice, pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -14,13 +14,12 @@ import numpy.typing as npt
 from ..rendering.swept import Counts
 from .breaks import Break, break_instants
 from .displacement import LARGEST_BEND, DisplacementClock
-from .keyframes import Keyframe, SparseSamples, Stretch, lagrange_weights, slopes
+from .keyframe_window import BoolFrame, KeyframeWindow
+from .keyframes import Keyframe, LogLuma, SparseSamples, Stretch
 from .plausibility import probed
 from .rules import TimeSampling
 
-BoolFrames = npt.NDArray[np.bool_]
 IntArray = npt.NDArray[np.int64]
-LogLuma = npt.NDArray[np.float32]
 
 
 @dataclass(frozen=True)
@@ -102,41 +101,37 @@ class _Control:
 
     def __init__(self, settings: Tolerance, stretch: Stretch) -> None:
         self._settings, self._stretch = settings, stretch
-        self._tolerated = np.float32(settings.contrast * stretch.contrast_threshold)
+        self._tolerated = float(np.float32(settings.contrast * stretch.contrast_threshold))
         self._pixels = min(settings.pixels, settings.longest)
-        camera = stretch.renderer.camera
-        shape = (0, camera.height, camera.width)
-        self._t_us = np.zeros(0, np.int64)
-        self._luma, self._log = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
-        self._cuts = set[int]()  # instants from which to the next microsecond nothing is interpolated
-        self._last = False  # whether the window ends where the stretch does
+        self._window = KeyframeWindow()
 
     def keyframes(self) -> Iterator[Keyframe]:
+        window = self._window
         given = 0  # of the window
         if not self._stretch.first:
             self._render([self._stretch.start_us])
             given = 1
         for times, last in self._steps():
-            self._last = last
+            window.complete = last
             self._render(times)
             untrusted, split = self._split(max(given - 1, 0))
             # The estimate of an interval looks two keyframes ahead.
-            ready = len(self._t_us) if last else max(len(self._t_us) - 2, given)
+            ready = len(window.t_us) if last else max(len(window.t_us) - 2, given)
             if given == 0 and ready > 0:
                 yield self._keyframe(0, None)
                 given = 1
             for k, sparse in zip(range(given, ready), self._sparse(untrusted, given - 1, ready - 1), strict=True):
                 yield self._keyframe(k, sparse)
             if ready > given and not split:
-                smooth = np.diff(self._part()[given - 1 : ready]) == 0
-                share = float(untrusted[given - 1 : ready - 1][smooth].mean()) if smooth.any() else _NARROW
+                same_part = np.diff(window.parts()[given - 1 : ready]) == 0
+                shares = [_share(found) for found in untrusted[given - 1 : ready - 1]]
+                share = float(np.mean(np.array(shares)[same_part])) if same_part.any() else _NARROW
                 stretched = self._pixels * np.clip((_NARROW / max(share, 1e-3)) ** (1 / 3), 0.6, 1.4)
                 self._pixels = float(min(stretched, self._settings.longest))
             self._pixels = max(self._pixels, _SHORTEST * min(self._settings.pixels, self._settings.longest))
             dropped = max(ready - 3, 0)
             given = ready - dropped
-            self._t_us, self._luma, self._log = self._t_us[dropped:], self._luma[dropped:], self._log[dropped:]
-            self._cuts = {t_us for t_us in self._cuts if t_us >= self._t_us[0]}
+            window.drop(dropped)
 
     def _steps(self) -> Iterator[tuple[list[int], bool]]:
         """Times to render next, and whether they are the last."""
@@ -163,7 +158,7 @@ class _Control:
                     break
                 yield from self._probed(last_us, next_us)
                 if next_us == last_us + 1:
-                    self._cuts.add(last_us)  # no motion is so fast: it jumps
+                    self._window.cuts.add(last_us)  # no motion is so fast: it jumps
                 yield next_us
                 last_us = next_us
             yield from self._probed(last_us, required_us)
@@ -177,7 +172,7 @@ class _Control:
         return (t_us for t_us, _ in groupby(heapq.merge(stretch.due, at_breaks)))
 
     def _cut(self, found: Break) -> Break:
-        self._cuts.add(found.before_us)
+        self._window.cuts.add(found.before_us)
         return found
 
     def _probed(self, start_us: int, end_us: int) -> Iterator[int]:
@@ -185,7 +180,7 @@ class _Control:
         last_us = start_us
         for t_us in [*probed(self._stretch, start_us, end_us), end_us]:
             if t_us == last_us + 1 and end_us > start_us + 1:
-                self._cuts.add(last_us)
+                self._window.cuts.add(last_us)
             if t_us < end_us:
                 yield t_us
             last_us = t_us
@@ -193,102 +188,37 @@ class _Control:
     def _render(self, times: list[int]) -> None:
         """Take up keyframes at ``times``, wherever they fall in the window."""
         stretch = self._stretch
-        at = np.asarray(times, np.int64)
-        batches = (at[i : i + stretch.batch] for i in range(0, len(at), stretch.batch))
-        luma = [stretch.renderer.luma(stretch.views(batch)) for batch in batches]
-        self._t_us = np.concatenate([self._t_us, at])
-        order = np.argsort(self._t_us, kind="stable")
-        self._t_us = self._t_us[order]
-        self._luma = np.concatenate([self._luma, *luma])[order]
-        self._log = np.concatenate([self._log, *map(stretch.log_luma, luma)])[order]
+        ahead = iter(times)
+        while batch := list(islice(ahead, stretch.batch)):
+            luma = stretch.renderer.luma(stretch.views(batch))
+            self._window.insert(batch, list(luma), list(stretch.log_luma(luma)))
 
-    def _split(self, first: int) -> tuple[BoolFrames, bool]:
+    def _split(self, first: int) -> tuple[list[BoolFrame], bool]:
         """Halve intervals from ``first`` on until few of their pixels are untrusted.
 
         Returns:
             What then is untrusted, and whether any interval was halved.
         """
-        untrusted, split = self._untrusted(), False
+        window, split = self._window, False
+        untrusted = window.untrusted(self._tolerated / _TRUST)
         for _ in range(self._settings.halvings + 1):
-            wide = (untrusted[first:].mean((1, 2)) > _WIDE) & (np.diff(self._t_us)[first:] > 1)
-            if not wide.any():
+            intervals = islice(zip(pairwise(window.t_us), untrusted, strict=True), first, None)
+            middles = [(t + end) // 2 for (t, end), found in intervals if _share(found) > _WIDE and end - t > 1]
+            if not middles:
                 break
-            middles = (self._t_us[first:-1] + self._t_us[first + 1 :])[wide] // 2
-            self._render(middles.tolist())
-            untrusted = self._untrusted()
+            self._render(middles)
+            untrusted = window.untrusted(self._tolerated / _TRUST)
             # From here on they come closer.
             self._pixels, split = self._pixels * (0.7 if not split else 1.0), True
         return untrusted, split
 
-    def _part(self) -> IntArray:
-        """(n,): a number for each keyframe, the same for those between which no cut lies."""
-        pairs = pairwise(self._t_us.tolist())
-        cut = [before_us in self._cuts and after_us == before_us + 1 for before_us, after_us in pairs]
-        return np.cumsum([False, *cut])
-
-    def _untrusted(self) -> BoolFrames:
-        """(n - 1, H, W): where the cubic of an interval cannot be trusted."""
-        missed = np.zeros((len(self._t_us) - 1, *self._log.shape[1:]), np.float32)
-        known: dict[tuple[int, ...], LogLuma] = {}
-        part = self._part()
-        for k, length_us in enumerate(np.diff(self._t_us).tolist()):
-            if part[k] != part[k + 1]:
-                continue
-            for end in (k, k + 1):
-                others = self._others(end, length_us, np.flatnonzero(part == part[end]))
-                key = (end, *others)
-                if key not in known:
-                    known[key] = self._missed(end, others, part)
-                np.maximum(missed[k], known[key], out=missed[k])
-        return np.asarray(np.float32(_TRUST) * missed > self._tolerated)
-
-    def _others(self, k: int, length_us: int, within: IntArray) -> list[int]:
-        """The keyframes on either side that predict keyframe k, at one end of an interval of this length.
-
-        They are of those ``within``, its own part between cuts. Those less than half an interval apart are passed over:
-        one close by would hide the error.
-        """
-        others: list[int] = []
-        for side in (range(k - 1, int(within[0]) - 1, -1), range(k + 1, int(within[-1]) + 1)):
-            chosen = [k]
-            for i in side:
-                if len(chosen) < 3 and 2 * abs(int(self._t_us[i] - self._t_us[chosen[-1]])) >= length_us:
-                    chosen.append(i)
-            others += chosen[1:]
-        return others
-
-    def _missed(self, k: int, others: list[int], part: IntArray) -> LogLuma:
-        """By how much a prediction from others misses keyframe k."""
-        if min(others) < k < max(others):
-            at_s = (self._t_us[others] - self._t_us[k]) * 1e-6
-            weights = lagrange_weights(at_s, 0.0).astype(np.float32)
-            return np.asarray(np.abs(self._log[k] - np.tensordot(weights, self._log[others], 1)))
-        # No prediction at the ends of the window or of a part, where it would be an extrapolation; a short part has
-        # nothing better than its change, unless more of it is still to come.
-        unfinished = part[k] == part[-1] and not self._last
-        if unfinished or np.count_nonzero(part == part[k]) >= 4:
-            return np.zeros_like(self._log[k])
-        nearest = min(others, key=lambda i: abs(i - k))
-        return np.asarray(np.abs(self._log[k] - self._log[nearest]))
-
-    def _sparse(self, untrusted: BoolFrames, first: int, end: int) -> Iterator[SparseSamples | None]:
+    def _sparse(self, untrusted: list[BoolFrame], first: int, end: int) -> Iterator[SparseSamples | None]:
         """The samples of untrusted pixels within each interval in first..end."""
-        flat = self._log.reshape(len(self._log), -1)
-        sweeps = self._sweeps(first, end)
-        most = self._settings.halvings
-        in_any_case = np.array([0, min(_FOR_ONE_EDGE, most), most])
-        interval, pixel = np.nonzero((untrusted[first:end] | (sweeps > 0)).reshape(end - first, flat.shape[1]))
-        pieces = _Pieces(
-            interval,
-            pixel,
-            self._t_us[first + interval],
-            self._t_us[first + interval + 1],
-            flat[first + interval, pixel],
-            flat[first + interval + 1, pixel],
-            in_any_case[np.minimum(sweeps, 2).reshape(end - first, flat.shape[1])[interval, pixel]],
-        )
+        if end <= first:
+            return
+        pieces = self._pieces(untrusted, first, end)
         found = []
-        for turn in range(most):
+        for turn in range(self._settings.halvings):
             pieces = pieces.of(pieces.end_us - pieces.start_us > 1)
             if len(pieces.pixel) == 0:
                 break
@@ -299,7 +229,8 @@ class _Control:
             log = self._stretch.log_luma(luma)
             remains = np.float32(_REMAINS) * np.abs(log - pieces.line(middle_us))
             again = (turn + 1 < pieces.halvings) | (remains > self._tolerated)
-            pieces = pieces.halves(middle_us, log).of(np.tile(again, 2))
+            if turn + 1 < self._settings.halvings:
+                pieces = pieces.halves(middle_us, log).of(np.tile(again, 2))
         if not found:
             yield from [None] * (end - first)
             return
@@ -308,12 +239,34 @@ class _Control:
         for chosen in np.split(order, np.searchsorted(interval[order], np.arange(1, end - first))):
             yield SparseSamples(pixel[chosen].astype(np.uint32), t_us[chosen], luma[chosen])
 
-    def _sweeps(self, first: int, end: int) -> Counts:
+    def _pieces(self, untrusted: list[BoolFrame], first: int, end: int) -> _Pieces:
+        """The intervals in first..end of the pixels that are untrusted there, or that edges sweep."""
+        window, sweeps, most = self._window, self._sweeps(first, end), self._settings.halvings
+        in_any_case = np.array([0, min(_FOR_ONE_EDGE, most), most])
+        columns = []
+        for i, k in enumerate(range(first, end)):
+            swept = None if sweeps is None else sweeps[i].ravel()
+            pixel = np.flatnonzero(untrusted[k].ravel() if swept is None else untrusted[k].ravel() | (swept > 0))
+            edges = np.zeros(len(pixel), np.int64) if swept is None else np.minimum(swept[pixel], 2)
+            columns.append(
+                (
+                    np.full(len(pixel), i),
+                    pixel,
+                    np.full(len(pixel), window.t_us[k]),
+                    np.full(len(pixel), window.t_us[k + 1]),
+                    window.log_luma[k].ravel()[pixel],
+                    window.log_luma[k + 1].ravel()[pixel],
+                    in_any_case[edges],
+                )
+            )
+        return _Pieces(*(np.concatenate(column) for column in zip(*columns, strict=True)))
+
+    def _sweeps(self, first: int, end: int) -> Counts | None:
         """(end - first, H, W): how many edges may pass over each pixel within each interval in first..end."""
         renderer = self._stretch.renderer
-        if renderer.silhouettes is None or end <= first or self._settings.halvings == 0:
-            return np.zeros((max(end - first, 0), *self._log.shape[1:]), np.uint8)
-        t_us = self._t_us[first : end + 1]
+        if renderer.silhouettes is None or self._settings.halvings == 0:
+            return None
+        t_us = np.array(self._window.t_us[first : end + 1])
         poses = [self._stretch.trajectory.pose((t - self._stretch.start_us) * 1e-6) for t in t_us.tolist()]
         return renderer.silhouettes.swept(
             renderer.camera,
@@ -325,13 +278,15 @@ class _Control:
         )
 
     def _keyframe(self, k: int, sparse: SparseSamples | None) -> Keyframe:
-        own = np.flatnonzero(self._part() == self._part()[k])  # slopes do not look across a cut
-        beside = slice(max(k - 1, int(own[0])), min(k + 1, int(own[-1])) + 1)
-        slope = np.zeros_like(self._log[k])
-        if len(own) > 1:
-            slope = slopes(self._t_us[beside], self._log[beside])[k - beside.start]
-        rate = slope * (self._luma[k] + np.float32(self._stretch.log_eps))
-        return Keyframe(int(self._t_us[k]), self._luma[k], rate, sparse)
+        luma = self._window.luma[k]
+        rate = self._window.slope(k)
+        rate *= luma + np.float32(self._stretch.log_eps)
+        return Keyframe(self._window.t_us[k], luma, rate, sparse)
+
+
+def _share(chosen: BoolFrame) -> float:
+    """Of the pixels."""
+    return np.count_nonzero(chosen) / chosen.size
 
 
 class _Pieces(NamedTuple):

@@ -1,0 +1,110 @@
+"""Keyframes that adaptive sampling still works on: how well cubics through them can be trusted, and their slopes."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import numpy.typing as npt
+
+from .keyframes import LogLuma, lagrange_weights, slope
+
+BoolFrame = npt.NDArray[np.bool_]
+IntArray = npt.NDArray[np.int64]
+
+
+class KeyframeWindow:
+    """Keyframes in order of time, those not handed on yet and a few before them.
+
+    Attributes:
+        t_us: instants, increasing.
+        luma, log_luma: a frame (H, W), float32, for each.
+        cuts: instants from which to the next microsecond nothing is interpolated: neither slopes nor predictions look
+            across. Those between two cuts are one part.
+        complete: whether no more keyframes come after the last.
+    """
+
+    def __init__(self) -> None:
+        self.t_us: list[int] = []
+        self.luma: list[LogLuma] = []
+        self.log_luma: list[LogLuma] = []
+        self.cuts = set[int]()
+        self.complete = False
+        self._missing: dict[tuple[int, ...], BoolFrame] = {}
+
+    def insert(self, t_us: list[int], luma: list[LogLuma], log_luma: list[LogLuma]) -> None:
+        """Take up keyframes, wherever they fall."""
+        columns = zip([*self.t_us, *t_us], [*self.luma, *luma], [*self.log_luma, *log_luma], strict=True)
+        ordered = sorted(columns, key=lambda keyframe: keyframe[0])
+        self.t_us, self.luma, self.log_luma = (list(column) for column in zip(*ordered, strict=True))
+
+    def drop(self, count: int) -> None:
+        """Forget the first ``count``."""
+        del self.t_us[:count], self.luma[:count], self.log_luma[:count]
+        start_us = self.t_us[0]
+        self.cuts = {t_us for t_us in self.cuts if t_us >= start_us}
+        self._missing = {times: found for times, found in self._missing.items() if min(times) >= start_us}
+
+    def parts(self) -> IntArray:
+        """(n,): a number for each keyframe, the same for those between which no cut lies."""
+        cut = [before_us in self.cuts and after_us == before_us + 1 for before_us, after_us in pairwise(self.t_us)]
+        return np.cumsum([False, *cut])
+
+    def slope(self, k: int) -> LogLuma:
+        """Slope of log luma (H, W), 1/s, at keyframe k, from it and its neighbours; 0 where it has none."""
+        part = self.parts()
+        own = [i for i in (k - 1, k, k + 1) if 0 <= i < len(part) and part[i] == part[k]]
+        if len(own) == 1:
+            return np.zeros_like(self.log_luma[k])
+        return slope([self.t_us[i] for i in own], [self.log_luma[i] for i in own], own.index(k))
+
+    def untrusted(self, tolerated: float) -> list[BoolFrame]:
+        """Of each of the n - 1 intervals, where its cubic may miss log luma by more than is tolerated (H, W).
+
+        An interval is trusted where each of its two ends is predicted from keyframes on either side.
+        """
+        part = self.parts()
+        result = []
+        for k, (before_us, after_us) in enumerate(pairwise(self.t_us)):
+            found = np.zeros(self.log_luma[k].shape, np.bool_)
+            if part[k] == part[k + 1]:
+                for end in (k, k + 1):
+                    others = self._others(end, after_us - before_us, np.flatnonzero(part == part[end]))
+                    found |= self._missed(end, others, part, tolerated)
+            result.append(found)
+        return result
+
+    def _others(self, k: int, length_us: int, within: IntArray) -> list[int]:
+        """The keyframes on either side that predict keyframe k, at one end of an interval of this length.
+
+        They are of those ``within``, its own part between cuts. Those less than half an interval apart are passed over:
+        one close by would hide the error.
+        """
+        others: list[int] = []
+        for side in (range(k - 1, int(within[0]) - 1, -1), range(k + 1, int(within[-1]) + 1)):
+            chosen = [k]
+            for i in side:
+                if len(chosen) < 3 and 2 * abs(self.t_us[i] - self.t_us[chosen[-1]]) >= length_us:
+                    chosen.append(i)
+            others += chosen[1:]
+        return others
+
+    def _missed(self, k: int, others: list[int], part: IntArray, tolerated: float) -> BoolFrame:
+        """Where a prediction from others misses keyframe k by more than is tolerated."""
+        log = self.log_luma
+        if min(others) < k < max(others):
+            times = (self.t_us[k], *(self.t_us[i] for i in others))
+            if times not in self._missing:
+                weights = lagrange_weights((np.array(times[1:]) - times[0]) * 1e-6, 0.0).astype(np.float32)
+                missed = -log[k]
+                for weight, i in zip(weights, others, strict=True):
+                    missed += weight * log[i]
+                self._missing[times] = np.abs(missed, out=missed) > tolerated
+            return self._missing[times]
+        # No prediction at the ends of the window or of a part, where it would be an extrapolation; a short part has
+        # nothing better than its change, unless more of it is still to come.
+        unfinished = part[k] == part[-1] and not self.complete
+        if unfinished or np.count_nonzero(part == part[k]) >= 4:
+            return np.zeros(log[k].shape, np.bool_)
+        nearest = min(others, key=lambda i: abs(i - k))
+        return np.asarray(np.abs(log[k] - log[nearest]) > tolerated)
