@@ -21,6 +21,7 @@ from davis_rs import (
     Scene,
     SegmentTrajectory,
     Simulator,
+    Tolerance,
     Trajectory,
     load_scene,
     log_intensity,
@@ -194,6 +195,8 @@ SETTINGS = [
     Setting("close", "lines", MaxDisplacement(1 / 6), 4, preset="paper"),
     Setting("wide", "lines", MaxDisplacement(1.0), 4),
     Setting("cubic", "cubics", MaxDisplacement(1.0, hermite=True), 4),
+    Setting("loose", "tolerance", Tolerance(0.4), 4),
+    Setting("unkept", "tolerance", Tolerance(0.02, pixels=1.0, halvings=0), 4),
     Setting("usual", "Mitsuba", MaxDisplacement(1.0), 4, "integrator"),
 ]
 
@@ -218,7 +221,7 @@ def measured(prepared: Sweep) -> list[Measurement]:
 
 def test_what_a_sweep_measures(prepared: Sweep, measured: list[Measurement]) -> None:
     """Close renders are better in time than wide ones, cubics than lines; random rays have no exact crossings."""
-    close, wide, cubic, usual = measured
+    close, wide, cubic, loose, unkept, usual = measured
     assert close.in_time is not None
     assert wide.in_time is not None
     assert cubic.in_time is not None
@@ -227,6 +230,10 @@ def test_what_a_sweep_measures(prepared: Sweep, measured: list[Measurement]) -> 
     assert cubic.in_time.median_us < wide.in_time.median_us
     assert cubic.in_time.log_rms < wide.in_time.log_rms
     assert usual.in_time is None
+    assert all(one.kept_percent is None for one in (close, wide, cubic, usual))
+    assert loose.kept_percent is not None
+    assert unkept.kept_percent is not None
+    assert unkept.kept_percent < 90 < 95 < loose.kept_percent
     for measurement in measured:
         assert len(measurement.wall_s) == (1 if measurement.slow else 2)
         assert measurement.median_wall_s > 0
@@ -308,12 +315,15 @@ def test_the_report(prepared: Sweep, measured: list[Measurement], tmp_path: Path
     facts = facts_of(prepared, measured, command="davis-rs accuracy three_planes", interrupted=True)
     page = markdown(measured, facts)
     rows = [line.split("|")[1:] for line in page.splitlines() if line.startswith("| ")][1:]
-    assert {row[0].strip() for row in rows} == {"close (paper)", "wide", "cubic", "usual"}
+    assert {row[0].strip() for row in rows} == {"close (paper)", "wide", "cubic", "loose", "unkept", "usual"}
     times = [float(row[1]) for row in rows]
     assert times == sorted(times)
     assert "davis-rs accuracy three_planes" in page
     assert "2 rounds" in page or all(measurement.slow for measurement in measured)
     assert "interrupted" in page
+    kept = {row[0].strip(): row[-2].strip() for row in rows}
+    assert kept["loose"] == f"0.4 C: {measured[3].kept_percent:.1f} %"
+    assert kept["wide"] == "-"
     assert page.count("**") >= 6
     draw(measured, tmp_path / "accuracy.png", "three_planes")
     assert (tmp_path / "accuracy.png").read_bytes().startswith(b"\x89PNG")

@@ -329,11 +329,14 @@ def test_threads_and_arrays_are_checked() -> None:
 
 
 def test_no_llvm_is_needed(run_python: Callable[..., str]) -> None:
-    """Without any libLLVM auto takes the native renderer too, with all of its rays; its frames have the same bits."""
+    """Without any libLLVM auto takes the native renderer too, with all of its rays; its frames have the same bits.
+
+    Presets do not make the scalar variant slower: it takes its own number of rays.
+    """
     program = """
 import hashlib
 import numpy as np
-from davis_rs import load_scene
+from davis_rs import Simulator, load_scene
 from davis_rs.rendering.renderers import make_renderer
 from davis_rs.trajectory.views import Views
 scene = load_scene("three_planes")
@@ -341,6 +344,9 @@ renderer = make_renderer(scene, scene.own_camera, samples=2)
 assert renderer.name == "native renderer", renderer.name
 assert renderer.rays == 2
 assert make_renderer(scene, scene.own_camera).rays == 8
+assert Simulator(scene).renderer.rays == 32
+assert Simulator(scene, accuracy="fast").renderer.rays == 8
+assert Simulator(scene, renderer="integrator").renderer.rays == 2
 print(hashlib.sha256(renderer.luma(Views.along(scene.path, [0.1])).tobytes()).hexdigest())
 """
     scene = load_scene("three_planes")

@@ -86,7 +86,7 @@ class Simulator:
         plain = make_renderer(
             self.scene,
             self.camera,
-            **{**renderer_settings(self.settings), "samples": chosen.samples},
+            **renderer_settings(self.settings),
             edges=self.sampling.edges,
             threads=self.settings["threads"],
         )

@@ -63,6 +63,8 @@ class Measurement:
         keyframes_per_s, rays_per_s: rendered per simulated second, rays for depth and for single pixels included.
         in_time: errors against the crossings of the same rays; None for random ones, and where nobody asks.
         in_all: errors against the fine reference.
+        kept_percent: share of pixels whose log luma errs no more than the setting promises, at the same instants as
+            ``log_rms`` and against the same rays; None where nothing is promised, and for random rays.
         slow: it takes so long that its run on the judged part is the only one timed.
         wall_s: of each timed round, wall time per simulated second.
     """
@@ -73,6 +75,7 @@ class Measurement:
     rays_per_s: float
     in_time: Errors | None
     in_all: Errors
+    kept_percent: float | None
     slow: bool
     wall_s: list[float]
 
@@ -134,7 +137,8 @@ class Sweep:
         # One pixel's way: what lies further apart is not the same crossing.
         window_us = int(np.clip(duration_s * 1e6 / self.path_px, 1, _LONGEST_WINDOW_US))
         self.recipe = Recipe(judged, scene.contrast_threshold, 1e-3, window_us)
-        self._same: dict[int, tuple[EventArray, FloatArray]] = {}
+        self._crossings: dict[int, EventArray] = {}
+        self._logs: dict[int, FloatArray] = {}
 
     @property
     def timed_s(self) -> float:
@@ -157,12 +161,18 @@ class Sweep:
         events = concatenate_events([packet.events for packet in simulator.run()])
         wall_s = time.perf_counter() - started
         log = np.stack(recorder.log)
-        compared = same_rays and not setting.random
-        in_time = self._errors(events, log, *self._same_rays(setting.samples)) if compared else None
+        same_log = None if setting.random else self._same_log(setting.samples)
+        in_time, kept_percent = None, None
+        if same_log is not None and same_rays:
+            in_time = self._errors(events, log, self._same_crossings(setting.samples), same_log)
+        if same_log is not None and setting.promised is not None:
+            kept = np.abs(log - same_log) <= setting.promised * self.recipe.contrast_threshold
+            kept_percent = 100 * float(kept.mean())
         in_all = self._errors(events, log, self.fine.events, self._fine_log)
         rates = recorder.keyframe_count / seconds, counted.count / seconds
         wall_s_per_s = wall_s / seconds if wall_s > SLOW_S else self.time(setting)
-        return Measurement(setting, len(events), *rates, in_time, in_all, wall_s > SLOW_S, [wall_s_per_s])
+        slow = wall_s > SLOW_S
+        return Measurement(setting, len(events), *rates, in_time, in_all, kept_percent, slow, [wall_s_per_s])
 
     def time(self, setting: Setting) -> float:
         """Wall time per simulated second, of one run that keeps nothing."""
@@ -186,13 +196,18 @@ class Sweep:
         self._recorded_us = self.fine.t_us[chosen]
         self._fine_log = self.recipe.log_luma(self.fine.luma[chosen])
 
-    def _same_rays(self, samples: int) -> tuple[EventArray, FloatArray]:
-        if samples not in self._same:
-            renderer = self._renderer(samples)
-            events = exact_crossings(renderer, self.recipe).events
-            luma = renderer.luma(self.recipe.views(self._recorded_us * TICKS_PER_US))
-            self._same[samples] = events, self.recipe.log_luma(luma)
-        return self._same[samples]
+    def _same_crossings(self, samples: int) -> EventArray:
+        """The exact crossings of the same rays."""
+        if samples not in self._crossings:
+            self._crossings[samples] = exact_crossings(self._renderer(samples), self.recipe).events
+        return self._crossings[samples]
+
+    def _same_log(self, samples: int) -> FloatArray:
+        """Log luma of the same rays, rendered at the recorded instants."""
+        if samples not in self._logs:
+            luma = self._renderer(samples).luma(self.recipe.views(self._recorded_us * TICKS_PER_US))
+            self._logs[samples] = self.recipe.log_luma(luma)
+        return self._logs[samples]
 
     def _errors(self, events: EventArray, log: FloatArray, reference: EventArray, reference_log: FloatArray) -> Errors:
         size, window = (self.camera.width, self.camera.height), self.recipe.window_us * TICKS_PER_US

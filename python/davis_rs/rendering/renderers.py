@@ -30,6 +30,7 @@ def make_renderer(
     camera: Camera,
     *,
     samples: int | None = None,
+    lattice_samples: int = 8,
     seed: int = 0,
     kind: str = "auto",
     blur: bool | None = None,
@@ -40,7 +41,8 @@ def make_renderer(
     """Choose and build the renderer for a scene.
 
     Args:
-        samples: rays a pixel; None means 8, or 2 for Mitsuba's integrators in the scalar variant.
+        samples: rays a pixel; None means ``lattice_samples``, and for Mitsuba's integrators, whose rays are random, 8,
+            or 2 in the scalar variant.
         seed: of Mitsuba's integrators; the others draw nothing at random.
         kind: ``table`` (the table kernel: diffuse meshes under point, directional and constant light, on Dr.Jit),
             ``native`` (the same scenes in the Rust core, without LLVM and faster), ``baked`` (the native renderer under
@@ -70,7 +72,14 @@ def make_renderer(
     for error in ways:
         try:
             return _make_from_table(
-                scene, camera, samples=samples, kind=kind, blur=blur, edges=edges, threads=threads, bake_error=error
+                scene,
+                camera,
+                samples=lattice_samples if samples is None else samples,
+                kind=kind,
+                blur=blur,
+                edges=edges,
+                threads=threads,
+                bake_error=error,
             )
         except Unsuitable as unsuitable:
             if kind != "auto":
@@ -94,7 +103,7 @@ def _make_from_table(
     scene: Scene,
     camera: Camera,
     *,
-    samples: int | None,
+    samples: int,
     kind: str,
     blur: bool,
     edges: bool,
@@ -112,7 +121,6 @@ def _make_from_table(
     variant_name, why_variant = default_variant() if kind == "table" else (SCALAR, "")
     if variant_name == SCALAR and kind == "table":
         raise ValueError(f"the table kernel needs Mitsuba's {FAST} variant: {why_variant}")
-    samples = 8 if samples is None else samples
     with variant(variant_name) as (mi, _):
         try:
             loaded = load_scene_source(scene.source(), mi)

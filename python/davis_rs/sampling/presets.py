@@ -14,17 +14,20 @@ class Accuracy:
 
     Attributes:
         sampling: in time.
-        samples: in space: rays a pixel; None leaves it to the renderer.
+        samples: in space: rays a pixel of renderers whose rays are a lattice. Mitsuba's integrators draw theirs at
+            random: their error is noise, which ``samples="auto"`` chooses a number for.
         refine: polish each event's time by asking the renderer itself.
     """
 
     sampling: TimeSampling
-    samples: int | None
+    samples: int
     refine: bool = False
 
 
+DEFAULT_ACCURACY = "balanced"
+
 ACCURACY = {
-    "paper": Accuracy(MaxDisplacement(), None),
+    "paper": Accuracy(MaxDisplacement(), 8),
     "fast": Accuracy(MaxDisplacement(2 / 3), 8),
     "balanced": Accuracy(Tolerance(0.5, pixels=1 / 2, longest=1 / 2, halvings=1, edges=False), 32),
     "exact": Accuracy(Tolerance(0.05, pixels=1 / 6, longest=1 / 6, halvings=6), 32, refine=True),

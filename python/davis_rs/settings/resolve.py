@@ -8,7 +8,7 @@ from typing import Any
 
 from ..camera import Camera
 from ..effects import Effects
-from ..sampling.presets import ACCURACY
+from ..sampling.presets import ACCURACY, DEFAULT_ACCURACY
 from ..sampling.rules import FixedRate, MaxDisplacement, TimeSampling
 from ..sampling.tolerance import Tolerance
 from ..scene.scene import Scene
@@ -67,10 +67,11 @@ def renderer_settings(settings: Mapping[str, Any]) -> dict[str, Any]:
     """What :func:`~davis_rs.rendering.renderers.make_renderer` takes of :class:`~davis_rs.settings.ViewSettings`.
 
     All that render a scene before its run take it from here, so that they render what the run does, and light is baked
-    once. Samples that are to be chosen are left to the renderer.
+    once. Samples that are to be chosen are left to the renderer. Without ``accuracy`` they are those of the default.
     """
     return {
         "samples": None if settings["samples"] == AUTO else settings["samples"],
+        "lattice_samples": ACCURACY[settings.get("accuracy", DEFAULT_ACCURACY)].samples,
         "seed": settings["seed"],
         "kind": settings["renderer"],
         "blur": settings["blur"],
@@ -80,16 +81,14 @@ def renderer_settings(settings: Mapping[str, Any]) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class TimeSamplingChoice:
-    """How finely a sequence is sampled.
+    """How finely a sequence is sampled in time.
 
     Attributes:
         sampling: in time.
-        samples: rays a pixel; None leaves it to the renderer. Where they are to be chosen, those to begin with.
         refine: polish event times, if the pixels are ideal.
     """
 
     sampling: TimeSampling
-    samples: int | None
     refine: bool
 
 
@@ -108,7 +107,6 @@ def chosen_sampling(settings: Mapping[str, Any]) -> TimeSamplingChoice:
         sampling = value if name == "sampling" else _RULES[name](value)
     return TimeSamplingChoice(
         sampling,
-        preset.samples if settings["samples"] in (None, AUTO) else settings["samples"],
         preset.refine if settings["refine"] is None else settings["refine"],
     )
 

@@ -15,7 +15,7 @@ from ..imu import IMU_EFFECTS, Imu
 from ..motion_capture import MotionCapture
 from ..rendering.baked_light.bake import BAKE_ERROR
 from ..rendering.renderers import RENDERERS
-from ..sampling.presets import ACCURACY
+from ..sampling.presets import ACCURACY, DEFAULT_ACCURACY
 from ..sampling.rules import TimeSampling
 from ..sensor_parameters import SENSORS, SensorParameters
 from .setting import Declared
@@ -107,7 +107,7 @@ class ViewSettings(PixelSettings, total=False):
         Declared(
             "rays a pixel; auto: as many as keep the noise of Mitsuba's integrators below the noise share, and the "
             "default where there is no noise",
-            default_help="those of the accuracy; by the paper's rule 8, or 2 for Mitsuba's integrators without LLVM",
+            default_help="those of the accuracy; for Mitsuba's integrators 8, or 2 without LLVM",
             low=1,
             high=1024,
             words=("auto",),
@@ -213,7 +213,7 @@ class SamplingSettings(ViewSettings, EngineSettings, total=False):
         str,
         Declared(
             "a point on the curve of docs/accuracy.md; sampling in time, samples and refine override their part of it",
-            "balanced",
+            DEFAULT_ACCURACY,
             choices=tuple(ACCURACY),
             group=_ACCURACY,
         ),
