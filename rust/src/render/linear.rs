@@ -1,5 +1,7 @@
 //! Linear functions over the image, and their bounds over a part of it.
 
+use super::pixel_rays::LANES;
+
 /// A part of the image in undistorted coordinates: the x and y of ray directions (x, y, 1) in camera axes.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Rect {
@@ -14,6 +16,21 @@ impl Rect {
     pub(super) fn add(&mut self, x: f32, y: f32) {
         self.low = [self.low[0].min(x), self.low[1].min(y)];
         self.high = [self.high[0].max(x), self.high[1].max(y)];
+    }
+
+    /// What holds some points; their number is a multiple of [`LANES`].
+    pub(super) fn around(x: &[f32], y: &[f32]) -> Self {
+        let [(left, right), (top, bottom)] = [x, y].map(|values| {
+            let (mut low, mut high) = ([f32::INFINITY; LANES], [f32::NEG_INFINITY; LANES]);
+            for values in values.chunks_exact(LANES) {
+                for lane in 0..LANES {
+                    low[lane] = if values[lane] < low[lane] { values[lane] } else { low[lane] };
+                    high[lane] = if values[lane] > high[lane] { values[lane] } else { high[lane] };
+                }
+            }
+            (low.into_iter().fold(f32::INFINITY, f32::min), high.into_iter().fold(f32::NEG_INFINITY, f32::max))
+        });
+        Self { low: [left, top], high: [right, bottom] }
     }
 
     pub(super) fn corners(&self) -> [[f32; 2]; 4] {

@@ -206,11 +206,14 @@ impl PixelRays {
         }
     }
 
-    /// The rays of a pixel of a tile, in the lattice's order.
-    pub(super) fn of_pixel(&self, tile: usize, place: usize) -> impl Iterator<Item = (f32, f32)> {
+    /// Copies the rays of a pixel of a tile, in the lattice's order.
+    pub(super) fn copy_pixel(&self, tile: usize, place: usize, x: &mut [f32], y: &mut [f32]) {
         let first = (tile * PIXELS + place / LANES * LANES) * self.rays + place % LANES;
-        let rays = self.x.values()[first..].iter().zip(&self.y.values()[first..]);
-        rays.step_by(LANES).take(self.rays).map(|(&x, &y)| (x, y))
+        for (values, copy) in [(self.x.values(), x), (self.y.values(), y)] {
+            for (to, from) in copy.iter_mut().zip(values[first..].iter().step_by(LANES)) {
+                *to = *from;
+            }
+        }
     }
 
     pub(super) fn tiles(&self) -> usize {

@@ -8,7 +8,7 @@ use super::bins::Bins;
 use super::cone::FrameCones;
 use super::lights::{SeenLight, Surroundings, background, seen_lights};
 use super::pixel_rays::{BLOCK, PIXELS, PixelRays, TILE};
-use super::samples::{Pixels, Sample, in_one_spot};
+use super::samples::{self, Pixels, Sample, in_one_spot};
 use super::scene::Scene;
 use super::shadows::{moving_cones, still_cones};
 use super::tile::{self, Shaders, TileImage, TileScratch, TileView};
@@ -121,15 +121,7 @@ impl Renderer {
         if let Some((view, pixel)) = pixels.iter().find(|(v, p)| *v as usize >= views.len() || *p as usize >= size) {
             return Err(Error::Argument(format!("pixel {pixel} of view {view}: there are {size} of {}", views.len())));
         }
-        let mut order: Vec<Sample> = pixels
-            .iter()
-            .enumerate()
-            .map(|(index, &(view, pixel))| {
-                let (tile, place) = rays.tile_of(pixel as usize);
-                Sample { view, tile, place, index }
-            })
-            .collect();
-        order.sort_unstable();
+        let order = samples::sorted(rays, views.len(), pixels);
         let of_views: Vec<&[Sample]> = order.chunk_by(|a, b| a.view == b.view).collect();
         let found: Vec<Vec<f32>> = self.install(|| {
             let of_thread = of_views.par_chunks(VIEWS_OF_SAMPLES).map(|some| {

@@ -17,6 +17,29 @@ pub(super) struct Sample {
     pub(super) index: usize,
 }
 
+/// Pixels, each of a view, view by view and each view's tile by tile.
+///
+/// Many views are asked for few pixels each: they are counted into their places, and only those of a view are compared.
+pub(super) fn sorted(rays: &PixelRays, views: usize, pixels: &[(u32, u32)]) -> Vec<Sample> {
+    let mut places = vec![0; views + 1];
+    for (view, _) in pixels {
+        places[*view as usize + 1] += 1;
+    }
+    for view in 0..views {
+        places[view + 1] += places[view];
+    }
+    let mut order = vec![Sample { view: 0, tile: 0, place: 0, index: 0 }; pixels.len()];
+    for (index, &(view, pixel)) in pixels.iter().enumerate() {
+        let (tile, place) = rays.tile_of(pixel as usize);
+        order[places[view as usize]] = Sample { view, tile, place, index };
+        places[view as usize] += 1;
+    }
+    for samples in order.chunk_by_mut(|a, b| a.view == b.view) {
+        samples.sort_unstable();
+    }
+    order
+}
+
 /// Whether pixels lie in one spot: in tiles that touch each other.
 pub(super) fn in_one_spot(rays: &PixelRays, samples: &[Sample]) -> bool {
     let (mut low, mut high) = ([usize::MAX; 2], [0; 2]);
@@ -48,22 +71,22 @@ impl Default for Pixels {
 impl Pixels {
     /// Takes the rays of other pixels.
     pub(super) fn gather(&mut self, rays: &PixelRays, samples: &[Sample]) {
-        self.x.clear();
-        self.y.clear();
-        self.around = Rect::NONE;
+        let rays_of_pixel = rays.rays();
+        let count = samples.len() * rays_of_pixel;
         self.count = samples.len();
-        for sample in samples {
-            for (x, y) in rays.of_pixel(sample.tile, sample.place) {
-                self.x.push(x);
-                self.y.push(y);
-                self.around.add(x, y);
-            }
+        for values in [&mut self.x, &mut self.y] {
+            values.resize(count.next_multiple_of(LANES), 0.0);
+        }
+        let pixels = self.x.chunks_exact_mut(rays_of_pixel).zip(self.y.chunks_exact_mut(rays_of_pixel));
+        for (sample, (x, y)) in samples.iter().zip(pixels) {
+            rays.copy_pixel(sample.tile, sample.place, x, y);
         }
         // Blocks have whole lanes: the last ray stands for what is missing.
         for values in [&mut self.x, &mut self.y] {
-            let last = values.last().copied().unwrap_or_default();
-            values.resize(values.len().next_multiple_of(LANES), last);
+            let last = count.checked_sub(1).map_or(0.0, |last| values[last]);
+            values[count..].fill(last);
         }
+        self.around = Rect::around(&self.x, &self.y);
     }
 
     pub(super) fn count(&self) -> usize {
