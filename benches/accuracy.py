@@ -47,7 +47,7 @@ SPACINGS = {"1/3": 1 / 3, "1/2": 1 / 2}
 OFTEN = ("paper", "fast", "balanced")
 """What is timed in several rounds, with the usual way."""
 
-LATTICES = (8, 13, 21, 32, 64)
+LATTICES = (8, 16, 32, 64)
 
 
 class Result(NamedTuple):
