@@ -184,7 +184,8 @@ def noisy_pixel(
     times, values = zip(*path, strict=True)
     tau_us = 1e6 / (2 * math.pi * noise.bandwidth_hz)
     left = (1 + period_us / tau_us) * math.exp(-min(period_us / tau_us, 700))
-    index, arrival_us, found = 0, -math.log(Draw(seed, SHOT_NOISE, pixel, 0).uniform) * 2e6 / noise.rate_hz, []
+    index, arrival_us = 0, -math.log(Draw(seed, SHOT_NOISE, pixel, 0).uniform) * 2e6 / noise.rate_hz
+    found: list[tuple[float, int]] = []
     now, reference = float(times[0]), values[0]
     noise_value, noise_ends_us, awaited = 0.0, math.inf, None
 

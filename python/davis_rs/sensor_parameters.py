@@ -287,7 +287,8 @@ _BANDWIDTH_HZ_PER_LUX = 3.0
 # 0.1 Hz (emulator.py; the effect is that of Nozaki, Delbruck 2017); shot noise, ON and OFF as one, of 5 Hz in the dark
 # (its "noisy" model) and of 1 mHz in good light (default of v2e_args.py). That good light is 1000 lux and that the rate
 # falls as 1 / (1 + lux / half_lux) are assumptions, from which half_lux follows. Graca, Delbruck, "Unraveling the
-# paradox of intensity-dependent DVS pixel noise", IISW 2021, explain why it falls.
+# paradox of intensity-dependent DVS pixel noise", IISW 2021, explain why it falls. That the noise has the source
+# follower's bandwidth, in any light, is an assumption.
 _LEAK_RATE_HZ = 0.1
 _SHOT_NOISE_DARK_HZ = 5.0
 _SHOT_NOISE_HALF_LUX = 1000.0 / (_SHOT_NOISE_DARK_HZ / 1e-3 - 1)
