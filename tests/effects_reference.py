@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from davis_rs import EVENT_DTYPE
-from davis_rs.effects import PhotoreceptorBandwidth
+from davis_rs.effects import PhotoreceptorBandwidth, ShotNoise
 from davis_rs.events import EventArray, concatenate_events
 
 Corner = Callable[[float, float], Any]
@@ -142,6 +142,102 @@ def _root(of: Callable[[Any], Any], slope: Callable[[Any], Any], low: Any, high:
             return newton
         at = newton if low < newton < high else (low + high) / 2
     return at
+
+
+def philox(key: tuple[int, int], counter: tuple[int, int, int, int]) -> tuple[int, int, int, int]:
+    """Philox 4x32 with ten rounds, by its definition (Salmon et al., SC 2011)."""
+    (k0, k1), (c0, c1, c2, c3) = key, counter
+    for _ in range(10):
+        p0, p2 = c0 * 0xD2511F53, c2 * 0xCD9E8D57
+        c0, c1, c2, c3 = p2 >> 32 ^ c1 ^ k0, p2 & 0xFFFFFFFF, p0 >> 32 ^ c3 ^ k1, p0 & 0xFFFFFFFF
+        k0, k1 = (k0 + 0x9E3779B9) & 0xFFFFFFFF, (k1 + 0xBB67AE85) & 0xFFFFFFFF
+    return c0, c1, c2, c3
+
+
+class Draw:
+    """The draw of (seed, purpose, pixel, index): two uniform numbers and a coin."""
+
+    def __init__(self, seed: int, purpose: int, pixel: int, index: int) -> None:
+        words = philox((seed, 0), (index, 0, pixel, purpose))
+        self.uniform = (words[0] * 2**20 + (words[1] >> 12) + 0.5) / 2**52
+        self.second_uniform = (words[2] + 0.5) / 2**32
+        self.coin = words[3] >> 31 == 1
+
+
+SHOT_NOISE, SHOT_NOISE_EXCURSION = 4, 7
+"""What draws are for."""
+
+
+def noisy_pixel(
+    path: list[tuple[int, float]],
+    noise: ShotNoise,
+    *,
+    pixel: int,
+    seed: int,
+    c: tuple[float, float],
+    period_us: float = 0.0,
+) -> list[tuple[float, int]]:
+    """Times and polarities of the events that a pixel makes along a path of (microseconds, log intensity), in the dark.
+
+    Crossings, resets and noise in the order of time, as :class:`~davis_rs.effects.ShotNoise` says.
+    """
+    times, values = zip(*path, strict=True)
+    tau_us = 1e6 / (2 * math.pi * noise.bandwidth_hz)
+    left = (1 + period_us / tau_us) * math.exp(-min(period_us / tau_us, 700))
+    index, arrival_us = 0, -math.log(Draw(seed, SHOT_NOISE, pixel, 0).uniform) * 2e6 / noise.rate_hz
+    found: list[tuple[float, int]] = []
+    now, reference = float(times[0]), values[0]
+    noise_value, noise_ends_us, awaited = 0.0, math.inf, None
+
+    def crossing() -> tuple[float, int]:
+        """The next one of the signal."""
+        for (start, low), (end, high) in pairwise(path):
+            if end > now:
+                for level, p in ((reference + c[0], 1), (reference - c[1], 0)):
+                    if high >= level if p else high <= level:
+                        return max(now, start + (level - low) / (high - low) * (end - start)), p
+        return math.inf, 0
+
+    while True:
+        cross_us, p = crossing()
+        kind = min((cross_us, 0), (noise_ends_us, 1), (arrival_us, 2))[1]
+        now = (cross_us, noise_ends_us, arrival_us)[kind]
+        if now > times[-1]:
+            return found
+        signal, lasts = float(np.interp(now, times, values)), None
+        if kind == 0:
+            level = reference + c[0] if p else reference - c[1]
+        elif kind == 1:
+            reference += noise_value
+            up, down = reference + c[0] - signal, signal - reference + c[1]
+            p = int(up <= (c[0] / 2 if awaited == 1 else 0))
+            noise_value, noise_ends_us = 0.0, math.inf
+            if not p and down > (c[1] / 2 if awaited == 0 else 0):
+                continue
+            level, awaited = reference + c[0] if p else reference - c[1], None
+            lasts = -math.log(Draw(seed, SHOT_NOISE_EXCURSION, pixel, index).second_uniform)
+        else:
+            this, index = index, index + 1
+            arrival_us -= math.log(Draw(seed, SHOT_NOISE, pixel, index).uniform) * 2e6 / noise.rate_hz
+            if noise_ends_us < math.inf:
+                continue
+            p = int(Draw(seed, SHOT_NOISE, pixel, this).coin)
+            level, awaited = reference + c[0] if p else reference - c[1], 1 - p
+            lasts = -math.log(Draw(seed, SHOT_NOISE_EXCURSION, pixel, this).uniform)
+        found.append((now, p))
+        if lasts is None:
+            reference = level
+        else:
+            noise_value, noise_ends_us = left * (level - signal), now + period_us + lasts * tau_us
+            reference = signal
+        if period_us:
+            now += period_us
+            reference = float(np.interp(now, times, values))
+            if noise_ends_us <= now:
+                noise_value, noise_ends_us = 0.0, math.inf
+            while arrival_us <= min(now, times[-1]):
+                index += 1
+                arrival_us -= math.log(Draw(seed, SHOT_NOISE, pixel, index).uniform) * 2e6 / noise.rate_hz
 
 
 def read_out(

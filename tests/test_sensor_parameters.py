@@ -322,6 +322,7 @@ def test_light_reaches_the_effects_in_lux(name: str) -> None:
         assert bandwidth.floor_hz == 0
         assert isinstance(noise, ShotNoise)
         assert noise.rate_hz == 5
+        assert noise.bandwidth_hz == pytest.approx(286, abs=0.5)
         assert noise.half_luma * lux_per_luma == pytest.approx(0.2, abs=1e-3)
     assert bright != dim
 
@@ -337,6 +338,7 @@ def test_every_quantity_reaches_its_effect() -> None:
         leak_rate_hz=0.3,
         shot_noise_rate_hz=2.0,
         shot_noise_half_lux=5.0,
+        shot_noise_bandwidth_hz=70.0,
         hot_pixel_fraction=0.01,
         hot_pixel_rate_hz=40.0,
         readout_events_per_s=1e6,
@@ -356,7 +358,7 @@ def test_every_quantity_reaches_its_effect() -> None:
         threshold_mismatch=0.1,
         refractory_period_us=12.0,
         leak_rate_hz=0.3,
-        shot_noise_rate_hz=ShotNoise(2.0, half_luma=0.025),
+        shot_noise_rate_hz=ShotNoise(2.0, half_luma=0.025, bandwidth_hz=70.0),
         hot_pixels=HotPixels(0.01, rate_hz=40.0),
         readout=Readout(1e6, latency_us=4.0, jitter_us=2.0),
         aps=Aps(3000.0, read_noise_dn=1.5, bits=8, full_scale_luma=2.0),

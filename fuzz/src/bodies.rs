@@ -145,7 +145,7 @@ fn stored(choice: u8) -> EngineState {
         },
         refractory_period_us: if bit(3) { 50.0 } else { 0.0 },
         leak_rate_hz: if bit(4) { 0.5 } else { 0.0 },
-        shot_noise: ShotNoise { rate_hz: if bit(5) { 1000.0 } else { 0.0 }, half_luma: 1.0 },
+        shot_noise: ShotNoise { rate_hz: if bit(5) { 1000.0 } else { 0.0 }, half_luma: 1.0, bandwidth_hz: 300.0 },
         hot_pixels: HotPixels { fraction: if bit(6) { 0.5 } else { 0.0 }, rate_hz: 1000.0 },
         readout: bit(7).then_some(ReadoutParameters {
             events_per_s: 1e6,

@@ -34,7 +34,14 @@ _POSITIVE = {
     *_SIZES,
     *["contrast_threshold", "contrast_threshold_off", "photoreceptor_bandwidth_hz", "photoreceptor_bandwidth_lux"],
     "photoreceptor_bandwidth_ceiling_hz",
-    *["shot_noise_half_lux", "readout_events_per_s", "aps_exposure_us", "aps_bits", "aps_full_scale_lux"],
+    *[
+        "shot_noise_half_lux",
+        "shot_noise_bandwidth_hz",
+        "readout_events_per_s",
+        "aps_exposure_us",
+        "aps_bits",
+        "aps_full_scale_lux",
+    ],
 }
 _SHARES = {"hot_pixel_fraction"}
 
@@ -59,6 +66,8 @@ class SensorParameters:
         leak_rate_hz: ON events of a pixel on a static scene.
         shot_noise_rate_hz: noise events of a pixel in the dark, of both polarities together.
         shot_noise_half_lux: where that rate is halved; None takes the effect's own value.
+        shot_noise_bandwidth_hz: of the noise, which says how soon a pair's second event follows; None takes the
+            effect's own value.
         hot_pixel_fraction: share of the pixels that fire on their own.
         hot_pixel_rate_hz: their rate; None takes the effect's own value.
         readout_events_per_s: throughput of the bus.
@@ -88,6 +97,7 @@ class SensorParameters:
     leak_rate_hz: float | None = None
     shot_noise_rate_hz: float | None = None
     shot_noise_half_lux: float | None = None
+    shot_noise_bandwidth_hz: float | None = None
     hot_pixel_fraction: float | None = None
     hot_pixel_rate_hz: float | None = None
     readout_events_per_s: float | None = None
@@ -167,7 +177,10 @@ class SensorParameters:
             refractory_period_us=self.refractory_period_us,
             leak_rate_hz=self.leak_rate_hz,
             shot_noise_rate_hz=_made(
-                ShotNoise, rate_hz=self.shot_noise_rate_hz, half_luma=half_lux and half_lux / lux_per_luma
+                ShotNoise,
+                rate_hz=self.shot_noise_rate_hz,
+                half_luma=half_lux and half_lux / lux_per_luma,
+                bandwidth_hz=self.shot_noise_bandwidth_hz,
             ),
             hot_pixels=_made(HotPixels, fraction=self.hot_pixel_fraction, rate_hz=self.hot_pixel_rate_hz),
             readout=_made(
@@ -274,7 +287,8 @@ _BANDWIDTH_HZ_PER_LUX = 3.0
 # 0.1 Hz (emulator.py; the effect is that of Nozaki, Delbruck 2017); shot noise, ON and OFF as one, of 5 Hz in the dark
 # (its "noisy" model) and of 1 mHz in good light (default of v2e_args.py). That good light is 1000 lux and that the rate
 # falls as 1 / (1 + lux / half_lux) are assumptions, from which half_lux follows. Graca, Delbruck, "Unraveling the
-# paradox of intensity-dependent DVS pixel noise", IISW 2021, explain why it falls.
+# paradox of intensity-dependent DVS pixel noise", IISW 2021, explain why it falls. That the noise has the source
+# follower's bandwidth, in any light, is an assumption.
 _LEAK_RATE_HZ = 0.1
 _SHOT_NOISE_DARK_HZ = 5.0
 _SHOT_NOISE_HALF_LUX = 1000.0 / (_SHOT_NOISE_DARK_HZ / 1e-3 - 1)
@@ -299,6 +313,7 @@ def _davis(chip: Mapping[str, ChipBias], threshold_deviation: float, **known: An
         leak_rate_hz=_LEAK_RATE_HZ,
         shot_noise_rate_hz=_SHOT_NOISE_DARK_HZ,
         shot_noise_half_lux=_SHOT_NOISE_HALF_LUX,
+        shot_noise_bandwidth_hz=bandwidth_hz,
         readout_events_per_s=12e6,
         aps_exposure_us=_APS_EXPOSURE_US,
         aps_bits=_APS_BITS,

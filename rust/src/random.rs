@@ -16,6 +16,7 @@ pub(crate) enum Purpose {
     ShotNoise = 4,
     HotPixels = 5,
     ReadoutJitter = 6,
+    ShotNoiseExcursion = 7,
 }
 
 /// 128 random bits, by their place.

@@ -13,7 +13,8 @@ from .engine_effect import EngineEffect
 class HotPixels(EngineEffect):
     """A share of the pixels fires by itself: a Poisson process of ON events in each, whatever it sees.
 
-    Which ones depends on the seed alone. A hot pixel sees the scene as well.
+    Which ones depends on the seed alone. A hot pixel sees the scene as well, but each of its own events resets it, so
+    that it sees little of what is slow.
 
     Args:
         fraction: the share of pixels, 0..1.

@@ -436,7 +436,7 @@ mod tests {
             photoreceptor_bandwidth: PhotoreceptorBandwidth { hz: 300.0, floor_hz: 1.0, ceiling_hz: 1e4 },
             refractory_period_us: 20.0,
             leak_rate_hz: 0.3,
-            shot_noise: ShotNoise { rate_hz: 30.0, half_luma: 0.5 },
+            shot_noise: ShotNoise { rate_hz: 30.0, half_luma: 0.5, bandwidth_hz: 50.0 },
             hot_pixels: HotPixels { fraction: 0.1, rate_hz: 200.0 },
             readout: Some(ReadoutParameters {
                 events_per_s: 1e6,

@@ -60,10 +60,10 @@ impl CrossingEngine {
                 state.size.pixels()
             )));
         }
-        // Behind a leak references lie wherever it has led them.
-        let leaks = state.effects.leak_rate_hz > 0.0;
-        if !(if leaks { state.base.iter().all(|base| base.is_finite()) } else { f64::all_valid(&state.base) }) {
-            let rule = if leaks { "be finite" } else { "lie within +-746" };
+        // Behind a leak references lie wherever it has led them, under noise a threshold or two away.
+        let wanders = state.effects.leak_rate_hz > 0.0 || state.effects.shot_noise.rate_hz > 0.0;
+        if !(if wanders { state.base.iter().all(|base| base.is_finite()) } else { f64::all_valid(&state.base) }) {
+            let rule = if wanders { "be finite" } else { "lie within +-746" };
             return Err(Error::Argument(format!("the base of a state must {rule} in all pixels")));
         }
         let rate: Vec<f32>;

@@ -57,6 +57,12 @@ pub struct EffectState {
     pub shot_wait_us: Vec<f64>,
     /// See `shot_wait_us`.
     pub shot_index: Vec<u64>,
+    /// Microseconds from the last frame until an excursion of the noise is over; not finite where there is none.
+    pub excursion_us: Vec<f64>,
+    /// The excursion's noise, in log intensity: a part of the reference, but not of `base`.
+    pub excursion_noise: Vec<f64>,
+    /// 1 where its end is to make an ON event, -1 an OFF event, 0 where neither is awaited.
+    pub excursion_awaits: Vec<i8>,
     /// Likewise of hot pixels, one after the other.
     pub hot_wait_us: Vec<f64>,
     /// See `hot_wait_us`.

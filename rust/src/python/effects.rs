@@ -62,7 +62,11 @@ pub(super) fn from_python(effects: Option<&Bound<'_, PyAny>>) -> PyResult<Effect
             "refractory_period_us" => all.refractory_period_us = number("period_us")?,
             "leak_rate_hz" => all.leak_rate_hz = number("rate_hz")?,
             "shot_noise_rate_hz" => {
-                all.shot_noise = ShotNoise { rate_hz: number("rate_hz")?, half_luma: number("half_luma")? };
+                all.shot_noise = ShotNoise {
+                    rate_hz: number("rate_hz")?,
+                    half_luma: number("half_luma")?,
+                    bandwidth_hz: number("bandwidth_hz")?,
+                };
             }
             "hot_pixels" => {
                 all.hot_pixels = HotPixels { fraction: number("fraction")?, rate_hz: number("rate_hz")? };
@@ -102,7 +106,8 @@ pub(super) fn to_dict<'py>(py: Python<'py>, effects: &Effects) -> PyResult<Bound
     )?;
     put("refractory_period_us", &[("period_us", effects.refractory_period_us)])?;
     put("leak_rate_hz", &[("rate_hz", effects.leak_rate_hz)])?;
-    put("shot_noise_rate_hz", &[("rate_hz", shot.rate_hz), ("half_luma", shot.half_luma)])?;
+    let noise = [("rate_hz", shot.rate_hz), ("half_luma", shot.half_luma), ("bandwidth_hz", shot.bandwidth_hz)];
+    put("shot_noise_rate_hz", &noise)?;
     put("hot_pixels", &[("fraction", hot.fraction), ("rate_hz", hot.rate_hz)])?;
     if let Some(bus) = effects.readout {
         let numbers =

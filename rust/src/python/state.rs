@@ -12,7 +12,7 @@ use crate::event::{Event, SensorSize};
 use crate::readout::ReadoutState;
 
 /// Raised when the meaning of an entry changes.
-const VERSION: u32 = 2;
+const VERSION: u32 = 3;
 
 pub(super) fn to_dict(py: Python<'_>, state: EngineState) -> PyResult<Bound<'_, PyDict>> {
     let dict = PyDict::new(py);
@@ -48,6 +48,9 @@ fn effect_state_to_dict(py: Python<'_>, state: EffectState) -> PyResult<Bound<'_
     dict.set_item("held_us", state.held_us.into_pyarray(py))?;
     dict.set_item("shot_wait_us", state.shot_wait_us.into_pyarray(py))?;
     dict.set_item("shot_index", state.shot_index.into_pyarray(py))?;
+    dict.set_item("excursion_us", state.excursion_us.into_pyarray(py))?;
+    dict.set_item("excursion_noise", state.excursion_noise.into_pyarray(py))?;
+    dict.set_item("excursion_awaits", state.excursion_awaits.into_pyarray(py))?;
     dict.set_item("hot_wait_us", state.hot_wait_us.into_pyarray(py))?;
     dict.set_item("hot_index", state.hot_index.into_pyarray(py))?;
     Ok(dict)
@@ -60,6 +63,9 @@ fn effect_state_from_dict(dict: &Bound<'_, PyDict>) -> PyResult<EffectState> {
         held_us: values(dict, "held_us")?,
         shot_wait_us: values(dict, "shot_wait_us")?,
         shot_index: values(dict, "shot_index")?,
+        excursion_us: values(dict, "excursion_us")?,
+        excursion_noise: values(dict, "excursion_noise")?,
+        excursion_awaits: values(dict, "excursion_awaits")?,
         hot_wait_us: values(dict, "hot_wait_us")?,
         hot_index: values(dict, "hot_index")?,
     })

@@ -6,7 +6,7 @@
 //! from the last frame, so that they keep their digits however long a run is.
 
 use super::input::{Input, LowPass, bend};
-use super::noise::Arrivals;
+use super::noise::{Arrivals, Excursion};
 use super::scan::{FilterStep, low_pass, mark_out_of_bounds, mark_sign_changes};
 use super::sensor::Sensor;
 use super::timeline::{FREE, Pixel};
@@ -47,6 +47,7 @@ pub(super) struct Band {
     /// Microseconds from the last frame until the pixel is released.
     pub(super) held_us: Vec<f64>,
     pub(super) shot: Vec<Arrivals>,
+    pub(super) excursions: Vec<Excursion>,
     pub(super) hot: Vec<(u32, Arrivals)>,
     /// How far references leak in a microsecond; zeros where only others need it.
     leak: Vec<f64>,
@@ -73,7 +74,7 @@ struct Before {
     reference: Level,
     last_event_us: i64,
     held_us: f64,
-    shot: Option<Arrivals>,
+    shot: Option<(Arrivals, Excursion)>,
     hot: Option<Arrivals>,
 }
 
@@ -130,6 +131,7 @@ impl Band {
             filtered,
             held_us: if effects.refractory_period_us > 0.0 { vec![FREE; n] } else { vec![] },
             shot: sensor.shot.iter().flat_map(|noise| (0..n).map(|i| noise.first(number(i)))).collect(),
+            excursions: vec![Excursion::NONE; if sensor.shot.is_some() { n } else { 0 }],
             hot: hot.collect(),
             leak: (0..if leaks || effects.filters() { n } else { 0 }).map(|i| sensor.leak(thresholds(i))).collect(),
             low: vec![0.0; n],
@@ -198,6 +200,12 @@ impl Band {
         // All waits are from the last frame on; a float minus an integer below it is exact.
         let ticks = ticks as f64;
         self.held_us.iter_mut().for_each(|held| *held -= ticks);
+        for excursion in &mut self.excursions {
+            excursion.until_us -= ticks;
+            if excursion.until_us <= 0.0 {
+                *excursion = Excursion::NONE; // it ended in a hold, at whose end nothing of it will be memorised
+            }
+        }
         self.shot.iter_mut().chain(self.hot.iter_mut().map(|hot| &mut hot.1)).for_each(|next| next.wait_us -= ticks);
     }
 
@@ -212,8 +220,9 @@ impl Band {
             if let Some(held_us) = self.held_us.get_mut(i) {
                 *held_us = before.held_us;
             }
-            if let (Some(shot), Some(stored)) = (self.shot.get_mut(i), before.shot) {
-                *shot = stored;
+            if let (Some(shot), Some((arrivals, excursion))) = (self.shot.get_mut(i), before.shot) {
+                *shot = arrivals;
+                self.excursions[i] = excursion;
             }
             if let (Some(place), Some(stored)) = (self.hot_place(i), before.hot) {
                 self.hot[place].1 = stored;
@@ -265,7 +274,8 @@ impl Band {
         let leak = sensor.leak(c);
         let seen = start + leak * sensor.elapsed(share.at.start_us);
         let held = self.held_us.get(i).is_some_and(|&held| held > FREE);
-        let behind = if held { 0.0 } else { (seen - self.references[i].value(c)).abs() };
+        let noise = self.excursions.get(i).map_or(0.0, |excursion| excursion.noise.abs());
+        let behind = if held { 0.0 } else { (seen - self.references[i].value(c)).abs() + noise };
         let way = way + behind + (start - from).abs() + leak * ticks;
         let (shot, hot) = (sensor.effects.shot_noise.rate_hz, sensor.effects.hot_pixels.rate_hz);
         let rate_hz = if self.shot.is_empty() { 0.0 } else { shot } + self.hot_place(i).map_or(0.0, |_| hot);
@@ -341,6 +351,9 @@ impl Band {
         for (marked, arrivals) in marked.iter_mut().zip(self.shot.get(start..end).unwrap_or_default()) {
             *marked |= arrivals.wait_us <= ticks;
         }
+        for (marked, excursion) in marked.iter_mut().zip(self.excursions.get(start..end).unwrap_or_default()) {
+            *marked |= excursion.is_on() && excursion.until_us <= ticks;
+        }
         let hot = self.hot.partition_point(|hot| (hot.0 as usize) < start);
         for (i, arrivals) in self.hot[hot..].iter().take_while(|hot| (hot.0 as usize) < end) {
             marked[*i as usize - start] |= arrivals.wait_us <= ticks;
@@ -375,7 +388,7 @@ impl Band {
             reference: self.references[i],
             last_event_us: self.last_event_us[i],
             held_us: self.held_us.get(i).copied().unwrap_or(FREE),
-            shot: self.shot.get(i).copied(),
+            shot: self.shot.get(i).copied().zip(self.excursions.get(i).copied()),
             hot: hot.map(|place| self.hot[place].1),
         });
         let (x, y) = sensor.size.xy(index);
@@ -384,13 +397,14 @@ impl Band {
             events.push(Event::new(at.start_us + tick, x, y, on));
             *last_event_us = at.start_us + tick;
         };
-        let mut free = FREE;
+        let (mut free, mut no_excursion) = (FREE, Excursion::NONE);
         let mut pixel = Pixel {
             number: index as u32,
             c: thresholds,
             reference: &mut self.references[i],
             held_until_us: self.held_us.get_mut(i).unwrap_or(&mut free),
             refractory_us: sensor.effects.refractory_period_us,
+            excursion: self.excursions.get_mut(i).unwrap_or(&mut no_excursion),
             noise: [
                 sensor.shot.zip(self.shot.get_mut(i)),
                 hot.and_then(|hot| sensor.hot.zip(self.hot.get_mut(hot).map(|hot| &mut hot.1))),

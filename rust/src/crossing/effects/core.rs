@@ -5,7 +5,7 @@
 use rayon::prelude::*;
 
 use super::band::Band;
-use super::noise::Arrivals;
+use super::noise::{Arrivals, Excursion};
 use super::parameters::Effects;
 use super::sensor::Sensor;
 use super::timeline::FREE;
@@ -63,10 +63,11 @@ impl EffectCore {
     /// The reference of each pixel in log intensity at `t_us`; NaN in those that are held.
     pub(crate) fn reference(&self, t_us: i64, p: &CrossingParameters) -> Vec<f64> {
         let elapsed_us = self.sensor.elapsed(t_us);
-        let held = self.joined(|band| &band.held_us);
+        let (held, excursions) = (self.joined(|band| &band.held_us), self.joined(|band| &band.excursions));
         let value = |(i, level): (usize, &Level)| {
             let c = p.thresholds(i);
-            let reference = level.exact(c).value() - self.sensor.leak(c) * elapsed_us;
+            let noise = excursions.get(i).map_or(0.0, |excursion| excursion.noise);
+            let reference = level.exact(c).value() + noise - self.sensor.leak(c) * elapsed_us;
             if held.get(i).is_some_and(|&held| held > FREE) { f64::NAN } else { reference }
         };
         self.references().enumerate().map(value).collect()
@@ -83,13 +84,16 @@ impl EffectCore {
 
     pub(crate) fn state(&self) -> EffectState {
         let hot: Vec<Arrivals> = self.bands.iter().flat_map(|band| band.hot.iter().map(|hot| hot.1)).collect();
-        let shot = self.joined(|band| &band.shot);
+        let (shot, excursions) = (self.joined(|band| &band.shot), self.joined(|band| &band.excursions));
         EffectState {
             started_us: self.sensor.started_us,
             filtered: self.joined(|band| &band.filtered),
             held_us: self.joined(|band| &band.held_us),
             shot_wait_us: shot.iter().map(|arrivals| arrivals.wait_us).collect(),
             shot_index: shot.iter().map(|arrivals| arrivals.index).collect(),
+            excursion_us: excursions.iter().map(|excursion| excursion.until_us).collect(),
+            excursion_noise: excursions.iter().map(|excursion| excursion.noise).collect(),
+            excursion_awaits: excursions.iter().map(|excursion| excursion.awaits).collect(),
             hot_wait_us: hot.iter().map(|arrivals| arrivals.wait_us).collect(),
             hot_index: hot.iter().map(|arrivals| arrivals.index).collect(),
         }
@@ -106,6 +110,9 @@ impl EffectCore {
             ("held_us", state.held_us.len(), expected(self.sensor.effects.refractory_period_us > 0.0)),
             ("shot_wait_us", state.shot_wait_us.len(), expected(self.sensor.effects.shot_noise.rate_hz > 0.0)),
             ("shot_index", state.shot_index.len(), state.shot_wait_us.len()),
+            ("excursion_us", state.excursion_us.len(), state.shot_wait_us.len()),
+            ("excursion_noise", state.excursion_noise.len(), state.shot_wait_us.len()),
+            ("excursion_awaits", state.excursion_awaits.len(), state.shot_wait_us.len()),
             ("hot_wait_us", state.hot_wait_us.len(), hot),
             ("hot_index", state.hot_index.len(), hot),
         ];
@@ -129,6 +136,9 @@ impl EffectCore {
             ("filtered", "within +-746", f64::all_valid(&state.filtered)),
             ("held_us", "> 0, or -inf where a pixel is free", state.held_us.iter().all(held)),
             ("shot_wait_us", "finite and > 0", waits(&state.shot_wait_us)),
+            ("excursion_us", "> 0, or -inf where there is none", state.excursion_us.iter().all(held)),
+            ("excursion_noise", "finite", state.excursion_noise.iter().all(|noise| noise.is_finite())),
+            ("excursion_awaits", "-1, 0 or 1", state.excursion_awaits.iter().all(|awaits| (-1..=1).contains(awaits))),
             ("hot_wait_us", "finite and > 0", waits(&state.hot_wait_us)),
         ];
         if let Some((name, rule, _)) = ranges.into_iter().find(|(_, _, valid)| !valid) {
@@ -146,7 +156,13 @@ impl EffectCore {
             band.filtered = state.filtered.get(part.clone()).unwrap_or_default().to_vec();
             band.held_us = state.held_us.get(part.clone()).unwrap_or_default().to_vec();
             let shot = state.shot_wait_us.get(part.clone()).unwrap_or_default();
-            band.shot = shot.iter().zip(state.shot_index.get(part).unwrap_or_default()).map(arrivals).collect();
+            band.shot = shot.iter().zip(state.shot_index.get(part.clone()).unwrap_or_default()).map(arrivals).collect();
+            let excursion = |at| Excursion {
+                until_us: state.excursion_us[at],
+                noise: state.excursion_noise[at],
+                awaits: state.excursion_awaits[at],
+            };
+            band.excursions = part.take_while(|at| *at < state.excursion_us.len()).map(excursion).collect();
             let waits = state.hot_wait_us[first_hot..].iter().zip(&state.hot_index[first_hot..]);
             band.hot.iter_mut().zip(waits).for_each(|(hot, stored)| hot.1 = arrivals(stored));
             first_hot += band.hot.len();

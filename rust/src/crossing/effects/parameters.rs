@@ -20,21 +20,24 @@ pub struct PhotoreceptorBandwidth {
     pub ceiling_hz: f64,
 }
 
-/// Events from noise alone: a Poisson process in each pixel, of both polarities alike.
+/// Events from noise alone: now and then noise takes the signal to a level, and back.
 ///
-/// Its rate falls with irradiance: `rate_hz` / (1 + luma / `half_luma`). It leaves the reference where it is (on average
-/// ON and OFF cancel), but a pixel with a refractory period is held after each such event as after any other.
-/// Source: Hu, Liu and Delbruck, "v2e", CVPR Workshops 2021 (rate falls with intensity); Graca and Delbruck,
-/// "Unraveling the paradox of intensity-dependent DVS pixel noise", IISW 2021.
+/// Both ways make an event, so noise events come in pairs of opposite polarity, and the reference follows as after any
+/// event. The rate of events falls with irradiance: `rate_hz` / (1 + luma / `half_luma`).
+/// Source: Graca, `McReynolds` and Delbruck, "Exploiting alternating DVS shot noise event pair statistics to reduce
+/// background activity", IISW 2023 (pairs, and that a reset memorises the noise); Hu, Liu and Delbruck, "v2e", CVPR
+/// Workshops 2021 (rate falls with intensity).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ShotNoise {
     /// Events per second of a pixel in the dark.
     pub rate_hz: f64,
     /// The luma at which the rate has halved.
     pub half_luma: f64,
+    /// Of the noise: an excursion lasts for 1 / (2 pi bandwidth) on average.
+    pub bandwidth_hz: f64,
 }
 
-/// Pixels that fire by themselves: a share of all, each a Poisson process of ON events.
+/// Pixels that fire by themselves: a share of all, each a Poisson process of ON events, which reset the pixel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HotPixels {
     /// The share of pixels.
@@ -85,7 +88,7 @@ impl Default for Effects {
             threshold_mismatch: 0.0,
             refractory_period_us: 0.0,
             leak_rate_hz: 0.0,
-            shot_noise: ShotNoise { rate_hz: 0.0, half_luma: 1.0 },
+            shot_noise: ShotNoise { rate_hz: 0.0, half_luma: 1.0, bandwidth_hz: 300.0 },
             hot_pixels: HotPixels { fraction: 0.0, rate_hz: 0.0 },
             readout: None,
         }
@@ -108,6 +111,7 @@ impl Effects {
             ("leak_rate_hz", self.leak_rate_hz, 0.0, 1e6, "Hz"),
             ("shot_noise_rate_hz", self.shot_noise.rate_hz, 0.0, 1e7, "Hz"),
             ("shot_noise_rate_hz: half_luma", self.shot_noise.half_luma, LEAST, 1e300, "units of luma"),
+            ("shot_noise_rate_hz: bandwidth_hz", self.shot_noise.bandwidth_hz, 1e-3, 1e12, "Hz"),
             ("hot_pixels: fraction", self.hot_pixels.fraction, 0.0, 1.0, "of the pixels"),
             ("hot_pixels: rate_hz", self.hot_pixels.rate_hz, 0.0, 1e7, "Hz"),
         ];

@@ -3,7 +3,7 @@
 //! What must not break: that order, also where a hold ends within a piece, and that arrivals of noise during a hold are
 //! drawn and dropped, so that later ones keep their numbers.
 
-use super::noise::{Arrivals, Noise};
+use super::noise::{Arrivals, Excursion, Noise};
 use crate::crossing::curve::{Curve, Piece, Timed};
 use crate::crossing::level::{Level, Thresholds};
 
@@ -18,7 +18,9 @@ pub(crate) struct Pixel<'a> {
     /// Until when it is held in reset, or [`FREE`].
     pub(crate) held_until_us: &'a mut f64,
     pub(crate) refractory_us: f64,
-    /// Its processes of noise.
+    /// The noise that is part of what its comparators see, but not of `reference`.
+    pub(crate) excursion: &'a mut Excursion,
+    /// Its processes of noise; shot noise is the first.
     pub(crate) noise: [Option<(Noise, &'a mut Arrivals)>; 2],
 }
 
@@ -47,19 +49,31 @@ impl Pixel<'_> {
                     if until > finish {
                         break;
                     }
-                    *self.reference = Level { base: piece.value(until - start), on: 0, off: 0 };
+                    *self.reference = memorised(piece.value(until - start));
                     *self.held_until_us = FREE;
                     now = until;
+                    if self.excursion.until_us <= until {
+                        *self.excursion = Excursion::NONE; // over before the reset was: nothing of it is memorised
+                    }
                 }
                 let crossing = self.crossing(&piece);
                 let noise = self.next_noise().filter(|&(_, at)| at <= finish);
+                // The end of an excursion is to noise what an arrival is.
+                let ends = self.excursion.until_us;
+                let ends_first = self.excursion.is_on() && ends <= finish && noise.is_none_or(|(_, at)| ends <= at);
+                let noise = if ends_first { Some((None, ends)) } else { noise.map(|(kind, at)| (Some(kind), at)) };
                 // When exactly it crosses matters to noise and to a hold, and costs as much as the rest together.
                 let moment = |(level, on)| (start + piece.moment(level, on, self.c)).clamp(now, finish.max(now));
                 match (crossing, noise) {
                     (crossing, Some((kind, at))) if crossing.is_none_or(|crossing| at < moment(crossing)) => {
                         now = at;
-                        if let Some(on) = self.take_noise(kind, luma(at - start)) {
-                            emit(at.ceil() as i64, on);
+                        let seen = piece.value(at - start);
+                        let mut emit = |on| emit(at.ceil() as i64, on);
+                        let fired = match kind {
+                            Some(kind) => self.take_noise(kind, at, luma(at - start), seen, &mut emit),
+                            None => self.end_excursion(at, seen, &mut emit),
+                        };
+                        if fired {
                             self.hold(at);
                         }
                     }
@@ -101,12 +115,50 @@ impl Pixel<'_> {
         waits.min_by(|a, b| a.1.total_cmp(&b.1))
     }
 
-    /// Takes the next arrival of a process: its event's polarity, if it makes one.
-    fn take_noise(&mut self, kind: usize, luma: f64) -> Option<bool> {
-        let (noise, arrivals) = self.noise[kind].as_mut()?;
-        let event = noise.event(self.number, arrivals.index, luma);
+    /// Takes the next arrival of a process, at a time at which the comparators see so much without noise; whether it
+    /// made an event.
+    ///
+    /// Each event resets the pixel. With shot noise the comparators see the very level that the event stands for, and
+    /// that is memorised.
+    fn take_noise(&mut self, kind: usize, at_us: f64, luma: f64, seen: f64, emit: &mut impl FnMut(bool)) -> bool {
+        let Some((noise, arrivals)) = self.noise[kind].as_mut() else { return false };
+        let index = arrivals.index;
         noise.advance(self.number, arrivals);
-        event
+        let Some(on) = noise.event(self.number, index, luma) else { return false };
+        let level = if on { self.reference.up() } else { self.reference.down() };
+        let distance = level.exact(self.c).value() - seen;
+        if let Some(excursion) = noise.excursion(self.number, index, at_us, distance, on) {
+            if self.excursion.is_on() {
+                return false; // noise is away already
+            }
+            *self.excursion = excursion;
+        }
+        *self.reference = memorised(seen);
+        emit(on);
+        true
+    }
+
+    /// Noise is gone, but not from what was memorised: where a level lies within reach, noise makes its event on the way;
+    /// whether it did.
+    fn end_excursion(&mut self, at_us: f64, seen: f64, emit: &mut impl FnMut(bool)) -> bool {
+        let excursion = std::mem::replace(self.excursion, Excursion::NONE);
+        self.reference.base += excursion.noise;
+        let (up, down) = (self.reference.up(), self.reference.down());
+        let (reach_up, reach_down) = (excursion.reach(true) * self.c.on, excursion.reach(false) * self.c.off);
+        let (on, level) = if up.sign_of_excess(seen + reach_up, self.c) >= 0 {
+            (true, up)
+        } else if down.sign_of_excess(seen - reach_down, self.c) <= 0 {
+            (false, down)
+        } else {
+            return false;
+        };
+        if let Some((noise, arrivals)) = &self.noise[0] {
+            let distance = level.exact(self.c).value() - seen;
+            *self.excursion = noise.excursion_back(self.number, arrivals.index, at_us, distance);
+        }
+        *self.reference = memorised(seen);
+        emit(on);
+        true
     }
 
     /// Arrivals while the pixel is held make no events.
@@ -117,4 +169,9 @@ impl Pixel<'_> {
             }
         }
     }
+}
+
+/// The reference of a pixel that has just been reset.
+fn memorised(log_intensity: f64) -> Level {
+    Level { base: log_intensity, on: 0, off: 0 }
 }
