@@ -98,6 +98,7 @@ class Irradiance:
         rr_depth: where paths begin to end at random.
         scale: how many times as large the scene is loaded as places are given.
         kept: what was computed before, and where more is kept.
+        poses: T_world_frame (k, 4, 4) of the frames of places, the world's own first; None where nothing moves.
     """
 
     def __init__(
@@ -111,7 +112,9 @@ class Irradiance:
         rr_depth: int,
         scale: float,
         kept: PartialBake,
+        poses: FloatArray | None = None,
     ) -> None:
+        self._poses = poses
         self._scene, self._scale, self._mi, self._kept = scene, scale, mi, kept
         self._lamps = [emitter for emitter in baked_emitters if not emitter.is_environment()]
         self._skies = [emitter for emitter in baked_emitters if emitter.is_environment()]
@@ -136,6 +139,33 @@ class Irradiance:
     ) -> Reflected:
         """See :class:`Reflected`."""
         return Reflected(self._scene, self._mi, counts, normals, layouts, texels)
+
+    def placed(
+        self, places: FloatArray, normals: FloatArray, frames: npt.NDArray[np.int64]
+    ) -> tuple[FloatArray, FloatArray]:
+        """Places and normals (n, 3) in the world, of those in frames (n), at this light's instant."""
+        if self._poses is None:
+            return places, normals
+        of = self._poses[frames]
+        at = np.einsum("nij,nj->ni", of[:, :3, :3], places) + of[:, :3, 3]
+        still = (frames == 0)[:, None]
+        return np.where(still, places, at), self.turned(normals, frames)
+
+    def turned(self, normals: FloatArray, frames: npt.NDArray[np.int64]) -> FloatArray:
+        """Normals (n, 3) in the world, of those in frames (n)."""
+        if self._poses is None:
+            return normals
+        turned = np.einsum("nij,nj->ni", self._poses[frames, :3, :3], normals)
+        return np.where((frames == 0)[:, None], normals, turned)
+
+    def glimpsed(self, places: FloatArray, normals: FloatArray, samples: int, shift: int = 0) -> FloatArray:
+        """All irradiance / pi, RGB (n, 3), as far as a few samples tell."""
+        glimpse = np.zeros((len(places), 3))
+        if self.has_direct:
+            glimpse += self.direct(places, normals, samples, shift)
+        if self.bounces:
+            glimpse += self.traced(places, normals, samples, shift)
+        return glimpse
 
     @property
     def has_direct(self) -> bool:
