@@ -14,11 +14,13 @@ from davis_rs import Pose, Scene, SegmentTrajectory
 from davis_rs.accuracy.light_accuracy import LightComparison, light_cost
 from davis_rs.rendering.baked_light import baked_scene
 from davis_rs.rendering.baked_light.baked_scene import BakedLight
-from davis_rs.rendering.baked_light.instants import MOST_INSTANTS, chosen, hats
+from davis_rs.rendering.baked_light.instants import MOST_INSTANTS, chosen, hats, motion_times
 from davis_rs.rendering.baked_light.irradiance import Irradiance
 from davis_rs.rendering.render import Renderer
 from davis_rs.rendering.render_native import NativeRenderer
+from davis_rs.rendering.scene_motion import SceneMotion, held
 from davis_rs.sampling.breaks import find_breaks
+from davis_rs.trajectory.trajectory import CallableTrajectory
 from davis_rs.trajectory.views import Views
 from lit_scenes import CAMERA, DOWN, PATH, FloatArray, Parts, build, diffuse, lamp, make_scene, plate, shift
 
@@ -203,6 +205,34 @@ def test_instants_are_where_light_bends() -> None:
     taken, error = chosen(lambda k: np.full((2, 5), jagged[k]), 65, 0.03)
     assert len(taken) == MOST_INSTANTS
     assert error > 0.1
+
+
+def test_light_is_looked_at_where_bodies_go() -> None:
+    """Evenly over the way, from when it begins to when it ends, however long a body rests."""
+    size = np.array([[-0.5, 0.0, 0.0], [0.5, 0.0, 0.0]])
+    stamps, away = [0.0, 5.0, 5.01, 5.11, 8.0, 9.0, 20.0], [0.0, 0.0, 0.01, 3.0, 3.0, 4.0, 4.0]
+
+    def unmoved(t_s: FloatArray) -> FloatArray:
+        return np.zeros((len(t_s), 3))
+
+    path = CallableTrajectory(
+        20.0,
+        position=lambda t_s: np.interp(t_s, stamps, away)[:, None] * [1.0, 0.0, 0.0],
+        quaternion=lambda t_s: np.tile(UPRIGHT, (len(t_s), 1)),
+        velocity=unmoved,
+        angular_rate=unmoved,
+        description={},
+    )
+    motion = SceneMotion({"body": path}, {}, {"body": size})
+    times = motion_times(motion, 30.0)
+    assert times.fine
+    assert (np.diff(times.tests) > 0).all()
+    assert times.tests[[0, -1]] == pytest.approx([5.0, 9.0], abs=0.03)
+    steps = np.diff(held(path, times.tests).positions[:, 0])
+    assert steps.max() < 0.2
+    assert len(times.tests) == 33
+    assert not motion_times(motion, 8.5).rests_after
+    assert len(motion_times(motion, 4.0).tests) == 1
 
 
 def test_light_of_instants_adds_up() -> None:

@@ -196,9 +196,7 @@ class _Job:
     def sampled(self, lights: Sequence[Irradiance]) -> tuple[list[list[SampledLight]], list[Gathered | None]]:
         """All parts of each light at one instant, and what gathers its bounces."""
         error = self._error
-        total = sum(
-            (light.glimpsed(*light.placed(*self._pilots), _GLIMPSE_SAMPLES) for light in lights), np.zeros((_PILOTS, 3))
-        )
+        total = sum((_all_light(light, *self._pilots) for light in lights), np.zeros((_PILOTS, 3)))
         sampled = list[list[SampledLight]]()
         gathered = list[Gathered | None]()
         for number, light in enumerate(lights):
@@ -255,7 +253,7 @@ class _Job:
         def bounced(*spots: Any) -> Known:
             at = light.placed(*spots)
             values = _unless_buried(light, *at, gather(*at, samples=rays))
-            return values, light.direct(*at, FEWEST_SAMPLES) @ LUMA_WEIGHTS
+            return values, (light.direct(*at, FEWEST_SAMPLES) + light.sharp(*at)) @ LUMA_WEIGHTS
 
         rule = self._rule((_INDIRECT_SPACING, _INDIRECT_FINEST), error, 4 * error + off)
         return self._refined("bounces", bounced, rule)
@@ -337,7 +335,7 @@ class _Job:
     ) -> float:
         """How much maps err: at places between their points, against light from many more samples.
 
-        The error, relative, than which two of three places err less. Those without light do not count.
+        The error, relative to all light, than which two of three places err less. Those without light do not count.
 
         Args:
             states: lights, what gathers their bounces, and their maps, at each instant, which has its share of the
@@ -347,7 +345,7 @@ class _Job:
         lattice = self._lattice
         spots = self._known_places(places, face, weight)
         of_face = layouts[lattice.triangles[face], _side(lattice)[face]]
-        truth, found = np.zeros((_MEASURED, 3)), np.zeros((_MEASURED, 3))
+        truth, found, others = (np.zeros((_MEASURED, 3)) for _ in range(3))
         for number, (lights, gathered, texels) in enumerate(states):
             mine = slice(number, None, len(states))
             for light, gather, maps in zip(lights, gathered, texels, strict=True):
@@ -357,11 +355,13 @@ class _Job:
                 if gather is not None:
                     truth[mine] += gather(*at, samples=TRUE_SAMPLES, shift=_TRUE_SHIFT)
                 found[mine] += looked_up(maps, of_face[mine], weight[mine])
-        luma = truth @ LUMA_WEIGHTS
+                others[mine] += light.sharp(*at)
+        luma = (truth + others) @ LUMA_WEIGHTS
         lit = luma > 1e-3 * (np.median(luma[luma > 0]) if (luma > 0).any() else 0.0)
         if not lit.any():
             return 0.0
-        return float(np.quantile(np.abs((found @ LUMA_WEIGHTS)[lit] / luma[lit] - 1), _TWO_OF_THREE))
+        off = (found - truth) @ LUMA_WEIGHTS
+        return float(np.quantile(np.abs(off)[lit] / luma[lit], _TWO_OF_THREE))
 
     def _rule(self, distances: tuple[float, float], error: float, tolerance: float) -> RefinementRule:
         # What linear interpolation errs grows with the square of the distance.
@@ -413,6 +413,12 @@ def _unless_buried(light: Irradiance, places: FloatArray, normals: FloatArray, v
 def _at_spots(light: Irradiance, lit: Gathered, *spots: Any) -> FloatArray:
     """Light at places in their own frames."""
     return lit(*light.placed(*spots))
+
+
+def _all_light(light: Irradiance, *spots: Any) -> FloatArray:
+    """A first idea of all light at places in their own frames, that which is not baked included."""
+    at = light.placed(*spots)
+    return light.glimpsed(*at, _GLIMPSE_SAMPLES) + light.sharp(*at)
 
 
 def _enough_samples(

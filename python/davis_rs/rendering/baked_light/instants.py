@@ -26,7 +26,7 @@ MOTION_TOLERANCE = 4.0
 
 _LEAST_TESTS, _MOST_TESTS = 5, 65
 _SIZES_PER_TEST = 0.125
-_LOOKS = 2000
+_LOOKS = 20_000
 
 _TOLERANCE_S = 1e-4
 """So little after the last instant a body is taken to stand still there."""
@@ -90,10 +90,8 @@ def motion_times(motion: SceneMotion, duration_s: float | None) -> MotionTimes:
         return MotionTimes(np.zeros(1), True, 0.0, end, True, after)
     count = int(np.clip(np.ceil(way[-1]) + 1, _LEAST_TESTS, _MOST_TESTS))
     # Evenly over the way, not over time: where bodies rest there is nothing to look at.
-    rising = np.concatenate([[True], np.diff(way) > 0])
-    tests = np.interp(np.linspace(0.0, way[-1], count), way[rising], looks[rising])
-    # The way begins where the last rest ends.
-    tests[0], tests[-1] = looks[max(int(np.argmax(way > 0)) - 1, 0)], looks[int(np.argmax(way >= way[-1]))]
+    tests = np.interp(np.linspace(0.0, way[-1], count), way, looks)
+    tests[0], tests[-1] = looks[int(np.argmax(way > 0)) - 1], looks[int(np.argmax(way >= way[-1]))]
     return MotionTimes(tests, bool(way[-1] <= _MOST_TESTS - 1), 0.0, end, True, after)
 
 

@@ -23,6 +23,9 @@ FloatArray = npt.NDArray[np.float64]
 _LANES = 1 << 20
 _GOLDEN = 0.6180339887498949
 
+_SHARP_SAMPLES = 16
+"""Of small lamps, as many as the renderer has."""
+
 _R2 = 0.7548776662, 0.5698402910
 
 _ALIKE_WITHIN = 1 / 24
@@ -180,6 +183,16 @@ class Irradiance:
     def direct(self, places: FloatArray, normals: FloatArray, samples: int, shift: int = 0) -> FloatArray:
         """Direct irradiance / pi, RGB (n, 3), of all that is baked, from so many samples of each kind."""
         return sum((part(places, normals, samples, shift) for part in self.direct_parts), np.zeros((len(places), 3)))
+
+    def sharp(self, places: FloatArray, normals: FloatArray) -> FloatArray:
+        """Direct irradiance / pi, RGB (n, 3), of those lights of which only what bounces is baked."""
+        if not self._sharp:
+            return np.zeros((len(places), 3))
+
+        def one(surface: Any, point: Any, _: Any) -> Any:
+            return sum((self._towards(emitter, surface, point) for emitter in self._sharp), self._mi.Color3f(0))
+
+        return self._mean("sharp", places, normals, _SHARP_SAMPLES, 0, one)
 
     def of_lamps(self, places: FloatArray, normals: FloatArray, samples: int, shift: int = 0) -> FloatArray:
         """Direct irradiance / pi, RGB (n, 3), from so many points on each lamp."""
