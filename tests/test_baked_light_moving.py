@@ -104,8 +104,9 @@ def test_a_body_that_moves_is_lit_as_by_the_path_tracer() -> None:
 def test_rates_between_instants_are_the_changes_of_luma() -> None:
     """And light bends at the instants, so that luma is not interpolated across them."""
     scene = crossing()
-    renderer = build(scene, 0.2, samples=1)
+    renderer = build(scene, 0.05, samples=1)
     instants = light_of(renderer).maps.instants
+    assert len(instants) > 2
     middle = (instants[0] + instants[1]) / 2
     step = 2e-3
     luma = renderer.luma(at(scene, np.array([middle - step, middle + step])))
@@ -230,7 +231,7 @@ def test_light_is_looked_at_where_bodies_go() -> None:
     assert times.tests[[0, -1]] == pytest.approx([5.0, 9.0], abs=0.03)
     steps = np.diff(held(path, times.tests).positions[:, 0])
     assert steps.max() < 0.2
-    assert len(times.tests) == 33
+    assert len(times.tests) in (33, 34)  # an eighth of a metre each, but for rounding
     assert not motion_times(motion, 8.5).rests_after
     assert len(motion_times(motion, 4.0).tests) == 1
 
