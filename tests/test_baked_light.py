@@ -23,8 +23,9 @@ from davis_rs._mitsuba import FAST, load_scene_source, variant
 from davis_rs.accuracy.light_accuracy import LightComparison, light_cost
 from davis_rs.cli import main
 from davis_rs.rendering.baked_light import bake, baked_scene, cache
-from davis_rs.rendering.baked_light.bake import LightMaps, Surfaces
+from davis_rs.rendering.baked_light.bake import Surfaces
 from davis_rs.rendering.baked_light.irradiance import Irradiance
+from davis_rs.rendering.baked_light.light_maps import LightMaps, looked_up
 from davis_rs.rendering.baked_light.lights import irradiance_of
 from davis_rs.rendering.baked_light.partial import PartialBake
 from davis_rs.rendering.baked_light.surface_lattice import RefinementRule, SurfaceLattice, refine
@@ -305,7 +306,7 @@ def test_the_error_that_is_told_is_that_of_the_path_tracer() -> None:
     with lit_by(scene) as (_, light):
         normals = surfaces.normals[triangle, 0]
         truth = light.direct(places, normals, 2048, 9) + light.traced(places, normals, 2048, 9)
-    found = bake.looked_up(maps.texels[0], maps.layouts[triangle, 0], weight)
+    found = looked_up(maps.texels[0], maps.layouts[triangle, 0], weight)
     lit = truth[:, 1] > 1e-3 * np.median(truth[:, 1])
     shares = found[lit, 1] / truth[lit, 1]
     off = np.quantile(np.abs(shares - 1), 0.68)

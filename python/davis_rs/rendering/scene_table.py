@@ -16,8 +16,9 @@ import numpy.typing as npt
 
 from ..lattice import rank1_lattice
 from ..luma import LUMA_WEIGHTS
-from .baked_light.bake import Surfaces, map_coordinates
+from .baked_light.bake import Surfaces
 from .baked_light.baked_scene import BakedLight
+from .baked_light.light_maps import map_coordinates
 from .baked_light.lights import SHARP, area_light_name, small_lamps
 from .scene_texture import TextureTable, Unsuitable
 from .shadow_rays import scene_centre

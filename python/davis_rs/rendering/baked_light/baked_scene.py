@@ -17,8 +17,9 @@ from ..matte import simplify_materials
 from ..scene_motion import SceneMotion
 from ..scene_texture import Unsuitable
 from . import cache
-from .bake import MOST_POINTS, LightMaps, Surfaces, bake
+from .bake import MOST_POINTS, Surfaces, bake
 from .instants import MOST_INSTANTS, MotionTimes, hats, motion_times
+from .light_maps import LightMaps
 from .lights import (
     SkyMap,
     background_luma,

@@ -16,7 +16,7 @@ import numpy as np
 import platformdirs
 
 from ...progress import say
-from .bake import LightMaps
+from .light_maps import LightMaps
 from .partial import PartialBake
 
 FOLDER_VARIABLE = "DAVIS_RS_CACHE_DIR"

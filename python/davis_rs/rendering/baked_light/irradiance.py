@@ -42,7 +42,7 @@ class Reflected:
         scene: whose shapes have as many triangles as ``counts`` says, in that order.
         normals: float64 (t, 3), on the fronts.
         layouts: (t, 2, 4): first texel, width, height of the map of each front and back.
-        texels: float32 (n, 3), irradiance / pi, of maps as :class:`~.bake.LightMaps` has them.
+        texels: float32 (n, 3), irradiance / pi, of maps as :class:`~.light_maps.LightMaps` has them.
     """
 
     def __init__(
