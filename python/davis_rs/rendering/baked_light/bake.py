@@ -162,7 +162,7 @@ class _Job:
     def sampled(self, lights: Sequence[Irradiance]) -> tuple[list[list[SampledLight]], list[Gathered | None]]:
         """All parts of each light at one instant, and what gathers its bounces."""
         error = self._error
-        total = sum((_all_light(light, *self._pilots) for light in lights), np.zeros((_PILOTS, 3)))
+        total = sum((_glimpse(light, *self._pilots) for light in lights), np.zeros((_PILOTS, 3)))
         sampled = list[list[SampledLight]]()
         gathered = list[Gathered | None]()
         for number, light in enumerate(lights):
@@ -219,7 +219,7 @@ class _Job:
         def bounced(*spots: Any) -> Known:
             at = light.placed(*spots)
             values = _unless_buried(light, *at, gather(*at, samples=rays))
-            return values, (light.direct(*at, FEWEST_SAMPLES) + light.sharp(*at)) @ LUMA_WEIGHTS
+            return values, light.direct(*at, FEWEST_SAMPLES) @ LUMA_WEIGHTS
 
         rule = self._rule((_INDIRECT_SPACING, _INDIRECT_FINEST), error, 4 * error + off)
         return self._refined("bounces", bounced, rule)
@@ -350,10 +350,9 @@ def _at_spots(light: Irradiance, lit: Gathered, *spots: Any) -> FloatArray:
     return lit(*light.placed(*spots))
 
 
-def _all_light(light: Irradiance, *spots: Any) -> FloatArray:
-    """A first idea of all light at places in their own frames, that which is not baked included."""
-    at = light.placed(*spots)
-    return light.glimpsed(*at, _GLIMPSE_SAMPLES) + light.sharp(*at)
+def _glimpse(light: Irradiance, *spots: Any) -> FloatArray:
+    """A first idea of a light at places in their own frames."""
+    return light.glimpsed(*light.placed(*spots), _GLIMPSE_SAMPLES)
 
 
 def _enough_samples(
