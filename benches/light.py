@@ -1,11 +1,12 @@
-"""Baked light against Mitsuba's path tracer: python benches/light.py [box room yard] [--pictures FOLDER]
+"""Baked light against Mitsuba's path tracer: python benches/light.py [box moving office room yard] [--pictures FOLDER]
 
 For each scene: how long the bake takes, and on a few instants of the first part of the camera's path how the events
 of baked light, and of the path tracer at several numbers of samples, differ from those of the reference: the mean luma
 of independent runs of the path tracer with 1,024 samples each. All see the same instants, between which log luma is
 linear, so that nothing but light is compared. Two halves of the reference, compared with each other, say how far it can
 be trusted; --kept keeps its runs, so that another time more may be added. --second: how long a simulated second takes
-with all its events, the bake apart. Needs LLVM. The tables of docs/light.md.
+with all its events, the bake apart; --coarse: the same, sampled as docs/sequences.md counts events. Needs LLVM. The
+tables of docs/light.md.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from light_scenes import SCENES
@@ -24,6 +26,7 @@ from light_scenes import SCENES
 from davis_rs import Camera, Scene, Simulator
 from davis_rs.accuracy.light_accuracy import HEADS, LightComparison
 from davis_rs.luma import LumaFrames
+from davis_rs.sampling.rules import MaxDisplacement
 
 
 def main() -> None:
@@ -40,6 +43,7 @@ def main() -> None:
     parser.add_argument("--pictures", type=Path, help="where pictures are written to")
     parser.add_argument("--kept", type=Path, help="where runs of the reference are kept")
     parser.add_argument("--second", action="store_true", help="only simulate: the camera's whole path, all events")
+    parser.add_argument("--coarse", action="store_true", help="--second with 2 pixels of motion a render and 5 rays")
     given = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         # A bake that comes from the user's own cache would measure an older one.
@@ -47,7 +51,7 @@ def main() -> None:
         for name in given.scenes:
             scene = SCENES[name]()
             camera = scene.own_camera if given.width is None else _resized(scene.own_camera, given.width)
-            (simulate if given.second else measure)(scene, camera, given)
+            (simulate if given.second or given.coarse else measure)(scene, camera, given)
 
 
 def measure(scene: Scene, camera: Camera, given: argparse.Namespace) -> None:
@@ -73,9 +77,10 @@ def measure(scene: Scene, camera: Camera, given: argparse.Namespace) -> None:
 
 
 def simulate(scene: Scene, camera: Camera, given: argparse.Namespace) -> None:
-    """The camera's whole path at the default preset."""
+    """The camera's whole path, at the default preset or as sequences are counted."""
     start = time.perf_counter()
-    simulator = Simulator(replace(scene, camera=camera), bake_error=given.error)
+    coarse: dict[str, Any] = {"sampling": MaxDisplacement(2.0), "samples": 5, "frame_rate_hz": 0, "depth_rate_hz": 0}
+    simulator = Simulator(replace(scene, camera=camera), bake_error=given.error, **(coarse if given.coarse else {}))
     made = time.perf_counter() - start
     start, events = time.perf_counter(), 0
     for packet in simulator.run():

@@ -1,7 +1,8 @@
-"""Scenes under lamps and skies, for benches/light.py: a box, a room and a yard, made in code."""
+"""Scenes under lamps and skies, for benches/light.py: boxes, a room, a yard and the office of the sequences."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from davis_rs import Camera, Pose, Scene, SegmentTrajectory
 from davis_rs.scene import meshes
 from davis_rs.scene.parts import look_at
 from davis_rs.scene.textures import patchwork
+from davis_rs.sequences import SEQUENCES
 
 FloatArray = npt.NDArray[np.float64]
 SWEEP_S = 0.2
@@ -45,6 +47,38 @@ def box() -> Scene:
     return _scene(
         "box", source, [0.0, -0.85, 1.1], [0.05, 0.4, 0.75], [0.04, 0.0, 0.0], Camera(96, 72, 70, 70, 47.5, 35.5)
     )
+
+
+def moving() -> Scene:
+    """The box, in which the lower block goes 30 cm to the side and turns by 30 degrees in 0.2 s."""
+    still = box()
+
+    def source() -> dict[str, Any]:
+        low = meshes.box([-0.3, -0.3, 0], [0.3, 0.3, 0.6])
+        tall = meshes.box([-0.25, -0.25, 0], [0.25, 0.25, 1.2]).moved([-0.4, 0.4, 0], -0.35)
+        blocks = {"blocks": meshes.shape(tall, _texture(7)), "low": meshes.shape(low, _texture(8))}
+        return {**dict(still.source()), **blocks}  # type: ignore[arg-type]
+
+    first, last = ([x, 0.1, 0.0] for x in (0.45, 0.15))
+    turns = [Rotation.from_rotvec([0, 0, angle]).as_quat() for angle in (0.5, 0.5 + np.pi / 6)]
+    path = SegmentTrajectory(Pose(first, turns[0]), Pose(last, turns[1]), SWEEP_S)
+    return replace(still, name="moving", source=source, objects={"low": path})
+
+
+def office() -> Scene:
+    """office_zigzag under four lamps below the ceiling and light that bounces, instead of light from all sides."""
+    ambient = SEQUENCES["office_zigzag"].scene()
+
+    def source() -> dict[str, Any]:
+        room = dict(ambient.source())  # type: ignore[arg-type]
+        for light in ("general", "lamp"):
+            del room[light]
+        for number, (x, y) in enumerate([(-1.2, 0.6), (1.2, 0.6), (-1.2, -1.5), (1.2, -1.5)]):
+            lamp = meshes.quad([x - 0.6, y + 0.15, 2.98], [1.2, 0, 0], [0, -0.3, 0])
+            room[f"ceiling_lamp_{number}"] = _lamp(lamp, 30.0)
+        return {**room, "integrator": {"type": "path", "max_depth": 5}}
+
+    return replace(ambient, name="office", source=source, ambient=False)
 
 
 def room() -> Scene:
@@ -146,7 +180,7 @@ def _clouds() -> npt.NDArray[np.float32]:
     return np.where(up > 0, sky, 0.15).astype(np.float32)
 
 
-SCENES = {"box": box, "room": room, "yard": yard}
+SCENES = {"box": box, "moving": moving, "office": office, "room": room, "yard": yard}
 
 
 def _texture(seed: int) -> npt.NDArray[np.float32]:

@@ -12,6 +12,7 @@ import pytest
 from hypothesis import settings
 
 from davis_rs._mitsuba import FAST, default_variant
+from davis_rs.rendering.baked_light import baked_scene, cache
 
 # The same examples in every run, and no time limit for one: kernels are compiled on first use.
 settings.register_profile("davis_rs", derandomize=True, deadline=None)
@@ -44,6 +45,14 @@ def baked_light_kept_apart(tmp_path_factory: pytest.TempPathFactory) -> Iterator
         del os.environ["DAVIS_RS_CACHE_DIR"]
     else:
         os.environ["DAVIS_RS_CACHE_DIR"] = before
+
+
+@pytest.fixture
+def light_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An empty cache of baked light, on disk and in memory."""
+    monkeypatch.setenv(cache.FOLDER_VARIABLE, str(tmp_path / "cache"))
+    monkeypatch.setattr(baked_scene, "_known", {})
+    return tmp_path / "cache"
 
 
 @pytest.fixture(params=["native", "table"])

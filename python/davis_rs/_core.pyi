@@ -652,10 +652,11 @@ class SceneRenderer:
         texels: for each light colour float32, all texels as luma, with a frame of one texel around each texture.
         lights: of each light (kind, colour, strength, background luma per strength, vector, beam). The kind is
             ``point``, whose vector is its place, ``directional``, whose vector is the unit vector along which it
-            travels, ``constant``, or ``baked``: baked lights take the light maps' texels one after the other. The beam
-            is that of a point: None where it shines alike to all sides; (unit vector, None) where it does with the
-            cosine of the angle to it; (unit vector, (full, cutoff)) for a spot, with the angles from it up to which
-            it shines fully, and at all.
+            travels, ``constant``, ``baked``, or ``visible``: baked lights take the light maps' texels one after the
+            other, and visible ones fall on nothing, but emissions and the sky are theirs. The beam is that of a point:
+            None where it shines alike to all sides; (unit vector, None) where it does with the cosine of the angle to
+            it; (unit vector, (full, cutoff)) for a spot, with the angles from it up to which it shines fully, and at
+            all.
         light_maps: irradiance that was computed beforehand, None where there is none: u_maps and v_maps, float64
             (t, 2 sides, 4), affine maps of a place to coordinates in the map of the triangle's front and back; layouts,
             int64 (t, 2 sides, 4), as those of textures; for each baked light float32, all texels as irradiance / pi.

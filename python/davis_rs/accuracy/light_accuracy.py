@@ -191,7 +191,7 @@ def light_cost(renderer: Renderer, scene: Scene) -> str | None:
     by_paths = ms[1] * _PLANNED_SAMPLES / _TRIED_SAMPLES
     maps = renderer.baked.maps
     return (
-        f"baked light: {maps.points:,} points, error {100 * maps.error:.2g} %, baked in {maps.seconds:.3g} s "
+        f"baked light: {maps.points:,} points, error {renderer.baked.errors}, baked in {maps.seconds:.3g} s "
         f"({'now in the cache' if renderer.baked.cached else 'not in a cache'}); a frame takes {ms[0]:.3g} ms, by the "
         f"path tracer at {_PLANNED_SAMPLES} samples about {by_paths:.3g} ms, with noise"
     )

@@ -55,11 +55,14 @@ class NativeRenderer(Renderer):
         motion: SceneMotion = STILL,
         threads: int | None = None,
     ) -> None:
+        if table.baked is not None:
+            motion = motion.with_bends(table.baked.maps.instants)
         super().__init__(camera, samples=samples, blur=blur, motion=motion)
         rank1_lattice(samples)  # refuses bad numbers
         self.reason, self.baked = table.description, table.baked
         columns = {name: column for column, name in enumerate(motion.lights)}
         self._profiles = [columns.get(light.name) for light in table.lights]
+        self._instants = [light.instant for light in table.lights]
         self.poses_per_launch = int(np.clip(_PIXELS_PER_LAUNCH // (camera.width * camera.height), 1, 64))
         self._pixel_rays = functools.lru_cache(maxsize=4)(self._make_pixel_rays)
         textures = table.textures
@@ -132,6 +135,13 @@ class NativeRenderer(Renderer):
             for light, column in enumerate(self._profiles):
                 if column is not None:
                     factors[:, light], rates[:, light] = state.factors[:, column], state.rates[:, column]
+        if self.baked is not None and len(self.baked.maps.instants) > 1:
+            weights, weight_rates = self.baked.at(views.t_s)
+            for light, instant in enumerate(self._instants):
+                if instant is not None:
+                    weight, weight_rate = weights[:, instant], weight_rates[:, instant]
+                    rates[:, light] = weight * rates[:, light] + weight_rate * factors[:, light]
+                    factors[:, light] *= weight
         poses = (
             np.stack([getattr(camera, name) for camera in cameras], 1).ravel()
             for name in ("positions", "rotations", "velocities", "angular_rates")

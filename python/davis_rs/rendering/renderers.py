@@ -133,13 +133,7 @@ def _make_from_table(
         moving = list(motion.objects)
         bake = None
         if bake_error is not None:
-            if moving:
-                raise Unsuitable(
-                    f"object {moving[0]!r} moves, and light is baked only where all surfaces stand still. Under point, "
-                    "spot and directional lights and the integrator 'direct' the native renderer takes it; else "
-                    "--samples auto keeps the noise of Mitsuba's integrators low"
-                )
-            bake = functools.partial(baked_light, scene, changing=list(motion.lights), error=bake_error)
+            bake = functools.partial(baked_light, scene, motion=motion, error=bake_error)
         try:
             table = SceneTable(
                 loaded, mi, shadows=scene.shadows, any_integrator=kind != "auto", moving=moving, bake=bake

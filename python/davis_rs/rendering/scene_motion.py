@@ -43,6 +43,7 @@ class SceneMotion:
 
     Args:
         boxes: for each object the lowest and highest corner (2, 3) around it in its own frame, metres.
+        bends_s: seconds, in addition to what paths and profiles say, when the rate of luma jumps.
     """
 
     def __init__(
@@ -50,13 +51,21 @@ class SceneMotion:
         objects: Mapping[str, Trajectory],
         lights: Mapping[str, LightProfile],
         boxes: Mapping[str, npt.ArrayLike],
+        bends_s: npt.ArrayLike = (),
     ) -> None:
+        self.bends_s = np.asarray(bends_s, np.float64)
         self.objects, self.lights = dict(objects), dict(lights)
         self.boxes = [np.asarray(boxes[name], np.float64) for name in self.objects]
 
     def __bool__(self) -> bool:
         """Whether anything changes."""
         return bool(self.objects or self.lights)
+
+    def with_bends(self, instants: npt.ArrayLike) -> SceneMotion:
+        """The same motion, in which light bends at these instants, if there is more than one."""
+        if np.size(instants) < 2:
+            return self
+        return SceneMotion(self.objects, self.lights, dict(zip(self.objects, self.boxes, strict=True)), instants)
 
     def at(self, t_s: FloatArray) -> SceneState:
         """The scene at times (n,) of the sequence.

@@ -16,8 +16,9 @@ import numpy.typing as npt
 
 from ..lattice import rank1_lattice
 from ..luma import LUMA_WEIGHTS
-from .baked_light.bake import Surfaces, map_coordinates
+from .baked_light.bake import Surfaces
 from .baked_light.baked_scene import BakedLight
+from .baked_light.light_maps import map_coordinates
 from .baked_light.lights import SHARP, area_light_name, small_lamps
 from .scene_texture import TextureTable, Unsuitable
 from .shadow_rays import scene_centre
@@ -32,9 +33,10 @@ class Light:
     """One light: its kind, colour group, strength and id.
 
     ``vector`` is the position (point, spot and lamp, metres) or the direction that light travels (directional, unit).
-    ``background`` is what a baked light of strength 1 adds to luma where nothing is hit. ``axis`` is the middle of a
+    ``background`` is what baked light of strength 1 adds to luma where nothing is hit. ``axis`` is the middle of a
     spot's beam, and the normal of a place on a small lamp; ``angles`` (radians) are those from a spot's axis up to
-    which it shines fully, and at all.
+    which it shines fully, and at all. ``instant`` is that of baked light, see :class:`BakedLight`; the light that is
+    itself seen of the same lamps and skies is one of kind ``visible``.
     """
 
     kind: str
@@ -45,6 +47,7 @@ class Light:
     background: float = 0.0
     axis: FloatArray | None = None
     angles: tuple[float, float] | None = None
+    instant: int | None = None
 
     @property
     def beam(self) -> tuple[list[float], tuple[float, float] | None] | None:
@@ -135,26 +138,32 @@ class SceneTable:
             at_corners += np.concatenate(normals)[:, None, :, 3]
             length = np.linalg.norm(at_corners, axis=-1, keepdims=True)
             unit = np.divide(at_corners, length, out=np.zeros_like(at_corners), where=length > 0)
-            self.baked = bake(Surfaces(self.corners, unit, self.two_sided == 1, self.counts))
+            self.baked = bake(
+                Surfaces(self.corners, unit, self.two_sided == 1, self.counts, self.frames.astype(np.int64))
+            )
             first = self._add_baked(self.baked, group_weights)
             self._first_baked = first
             self.emission_lights = self.light_of_group(self.baked.emitters).astype(np.uint32)
 
     def _add_baked(self, baked: BakedLight, group_weights: list[FloatArray]) -> int:
-        """Add baked light to the lights, one for each of its groups and colours; returns the number of the first."""
+        """Add baked light to the lights: one that is seen for each of its groups, and one that falls on surfaces for
+        each instant, group and colour. Returns the number of the first."""
         grey = self.textures.is_grey and all((texels == texels[:, :1]).all() for texels in baked.maps.texels)
         self._channels = 1 if grey else 3
         first, group = len(self.lights), len(group_weights)
         group_weights += [np.asarray(LUMA_WEIGHTS)] if grey else list(np.diag(LUMA_WEIGHTS))
+        nowhere = np.zeros(3)
         for name, background in zip(baked.names, baked.backgrounds, strict=True):
-            for channel in range(self._channels):
-                shown = background if channel == 0 else 0.0
-                self.lights.append(Light("baked", group + channel, 1.0, np.zeros(3), name, shown))
+            self.lights.append(Light("visible", group, 1.0, nowhere, name, background))
+        for instant in range(len(baked.maps.instants)):
+            for name in baked.names:
+                for channel in range(self._channels):
+                    self.lights.append(Light("baked", group + channel, 1.0, nowhere, name, instant=instant))
         return first
 
     def light_of_group(self, group: Any) -> Any:
-        """The number of the first light of groups of baked lights."""
-        return self._first_baked + group * self._channels
+        """The number of the light that is seen of groups of baked lights."""
+        return self._first_baked + group
 
     @property
     def irradiance(self) -> list[npt.NDArray[np.float32]]:
@@ -197,7 +206,7 @@ class SceneTable:
 
     def background_per_strength(self, light: Light) -> float:
         """What a light of strength 1 adds to :attr:`background_luma`."""
-        if light.kind == "baked":
+        if light.kind in ("baked", "visible"):
             return light.background
         if self._hides_lights or light.kind != "constant":
             return 0.0

@@ -59,6 +59,7 @@ def find_breaks(trajectory: Trajectory, motion: SceneMotion, start_us: int, end_
     paths = [_path_breaks(trajectory, trajectory.breaks_s(), start_us)]
     for path in motion.objects.values():
         paths.append(_path_breaks(path, _object_breaks(path), 0))
+    paths.append([Break(int(np.ceil(t_s * 1e6 - _ROUNDING_US)) - 1, False) for t_s in motion.bends_s.tolist()])
     found = heapq.merge(*paths, *(_light_breaks(light, start_us, end_us) for light in motion.lights.values()))
     for before_us, same in groupby(found, key=lambda item: item.before_us):
         if start_us <= before_us < end_us:

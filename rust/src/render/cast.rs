@@ -66,7 +66,7 @@ impl Caster {
             let side = match light.kind {
                 SeenKind::Point(place, _) => dot(normal, place) + height,
                 SeenKind::Directional(towards, _) => dot(normal, towards),
-                SeenKind::Constant | SeenKind::Baked(_) => 0.0,
+                SeenKind::Constant | SeenKind::Baked(_) | SeenKind::Visible => 0.0,
             };
             if side < 0.0 { -1.0 } else { 1.0 }
         }));

@@ -26,6 +26,7 @@ pub(super) enum SeenKind {
     Constant,
     /// The number of its texels in the light maps.
     Baked(usize),
+    Visible,
 }
 
 /// What surrounds all triangles of a view.
@@ -59,6 +60,7 @@ pub(super) fn seen_lights(scene: &Scene, view: &View) -> Vec<SeenLight> {
                 }
                 LightKind::Constant => SeenKind::Constant,
                 LightKind::Baked(number) => SeenKind::Baked(number as usize),
+                LightKind::Visible => SeenKind::Visible,
             },
             group: light.group as usize,
             strength: light.strength * factor[0],

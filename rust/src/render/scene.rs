@@ -22,6 +22,8 @@ pub enum LightKind {
     Constant,
     /// As the light maps have it, in whose `texels` this is the number of its own.
     Baked(u32),
+    /// On no surface: how bright baked lamps and skies look themselves.
+    Visible,
 }
 
 /// A light of one colour.
@@ -281,7 +283,7 @@ fn check(tables: &SceneTables) -> Result<()> {
     for light in &tables.lights {
         let vector = match light.kind {
             LightKind::Point(vector) | LightKind::Directional(vector) => vector,
-            LightKind::Constant | LightKind::Baked(_) => [0.0; 3],
+            LightKind::Constant | LightKind::Baked(_) | LightKind::Visible => [0.0; 3],
         };
         let finite = add(vector, [light.strength, light.background, 0.0]).iter().all(|x| x.is_finite());
         if light.group as usize >= tables.texels.len() || !finite {

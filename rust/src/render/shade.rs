@@ -165,7 +165,8 @@ impl Plane {
             SeenKind::Constant => {
                 Some(Falls::Evenly { amount: light.strength as f32, rate: light.strength_rate as f32 })
             }
-            SeenKind::Baked(texels) => Some(baked(texels, light)),
+            SeenKind::Baked(texels) => baked(texels, light),
+            SeenKind::Visible => None,
             SeenKind::Directional(towards, towards_rate) => {
                 let cosine = facing * dot(self.normal, towards);
                 let rate = facing * (dot(self.normal_rate, towards) + dot(self.normal, towards_rate));
@@ -189,12 +190,12 @@ impl Plane {
 }
 
 #[allow(clippy::cast_possible_truncation, reason = "float64 is rounded to float32")]
-#[allow(clippy::unnecessary_wraps, reason = "as for flat surfaces")]
 fn on_smooth(light: &SeenLight) -> Option<Falls> {
     let (strength, rate) = ((light.strength * FRAC_1_PI) as f32, (light.strength_rate * FRAC_1_PI) as f32);
     Some(match light.kind {
         SeenKind::Constant => Falls::Evenly { amount: light.strength as f32, rate: light.strength_rate as f32 },
-        SeenKind::Baked(texels) => baked(texels, light),
+        SeenKind::Baked(texels) => return baked(texels, light),
+        SeenKind::Visible => return None,
         SeenKind::Directional(towards, towards_rate) => {
             Falls::AlongOnSmooth { towards: single(towards), towards_rate: single(towards_rate), strength, rate }
         }
@@ -211,8 +212,10 @@ fn emitted(luma: f64, [factor, rate]: [f64; 2]) -> (f32, f32) {
 }
 
 #[allow(clippy::cast_possible_truncation, reason = "float64 is rounded to float32")]
-fn baked(texels: usize, light: &SeenLight) -> Falls {
-    Falls::Baked { texels, strength: light.strength as f32, rate: light.strength_rate as f32 }
+fn baked(texels: usize, light: &SeenLight) -> Option<Falls> {
+    // Of the light at all instants of a motion, few count at a time.
+    let counts = light.strength != 0.0 || light.strength_rate != 0.0;
+    counts.then_some(Falls::Baked { texels, strength: light.strength as f32, rate: light.strength_rate as f32 })
 }
 
 /// The map of irradiance on the side of a triangle that is seen.

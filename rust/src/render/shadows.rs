@@ -25,7 +25,7 @@ pub(super) fn still_cones(scene: &Scene) -> FrameCones {
             LightKind::Directional(along) => {
                 Packet::behind(still, &Source::Directional(along.map(|x| -x)), &mut packets);
             }
-            LightKind::Constant | LightKind::Baked(_) => {}
+            LightKind::Constant | LightKind::Baked(_) | LightKind::Visible => {}
         }
         packets
     };
@@ -53,7 +53,7 @@ fn source(light: &SeenLight, pose: &Pose) -> Option<Source> {
     match light.kind {
         SeenKind::Point(place, _) => Some(Source::Point(pose.place(place))),
         SeenKind::Directional(towards, _) => Some(Source::Directional(pose.vector(towards))),
-        SeenKind::Constant | SeenKind::Baked(_) => None,
+        SeenKind::Constant | SeenKind::Baked(_) | SeenKind::Visible => None,
     }
 }
 

@@ -6,17 +6,21 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from ...luma import LUMA_WEIGHTS
+from .instants import MOTION_TOLERANCE, MotionTimes, chosen
 from .irradiance import Irradiance, Reflected, relative_error
+from .light_maps import LightMaps, layouts_of, looked_up, side_of, texels_of
 from .surface_lattice import RefinementRule, SampledLight, SurfaceLattice, refine
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 Known = tuple[FloatArray, FloatArray]
+Places = tuple[FloatArray, FloatArray, IntArray]
 Gathered = Callable[..., FloatArray]
 
 BAKE_ERROR = 0.01
@@ -37,10 +41,14 @@ _SETTLED = 0.1
 
 _GLIMPSE_SAMPLES = 256
 
+_MOTION_PILOTS, _CANDIDATES, _MOTION_SAMPLES = 384, 4096, 256
+"""Where, and from how many samples, it is seen how light changes while bodies move."""
+
 _COARSE_ERROR = 0.04
 """Of light that bounces again before it is gathered: what it errs averages out."""
 
-_MOST_POINTS = 400_000
+MOST_POINTS = 400_000
+"""Of each part of the light, where nothing moves; fewer at each of several instants."""
 
 
 @dataclass(frozen=True)
@@ -52,97 +60,64 @@ class Surfaces:
         normals: float64 (t, 3, 3), unit shading normals of the front, at the corners.
         two_sided: bool (t).
         counts: how many of them each of the scene's shapes has.
+        frames: int64 (t), the frame that each is in: 0 for the world, 1, 2, ... for bodies that move.
     """
 
     corners: FloatArray
     normals: FloatArray
     two_sided: npt.NDArray[np.bool_]
     counts: Sequence[int]
-
-
-@dataclass(frozen=True)
-class LightMaps:
-    """Irradiance / pi of one or several lights on both sides of each triangle.
-
-    Attributes:
-        divisions: int64 (t, 2): a map has 2 to the power of this many cells along an edge; that of a back which does
-            not reflect is -1.
-        texels: for each light float32 (n, 3), RGB: all maps one after the other, triangle by triangle and front before
-            back, each with a frame of one texel around it, row by row.
-        error: how much the light errs, relative: measured, of three places two err less.
-        points: at how many places light was computed.
-        samples: points on each lamp, and rays that gather what bounces, for each place.
-        complete: whether the maps are as fine as the error asks for.
-        seconds: how long it took.
-    """
-
-    divisions: IntArray
-    texels: list[npt.NDArray[np.float32]]
-    error: float
-    points: int
-    samples: tuple[int, int]
-    complete: bool
-    seconds: float
-
-    @property
-    def layouts(self) -> IntArray:
-        """(t, 2, 4): first texel, width, height and wrap mode of each map; a back without one has the front's."""
-        return _layouts(self.divisions)
+    frames: IntArray
 
 
 def bake(
     surfaces: Surfaces,
-    lights: Sequence[Irradiance],
+    times: MotionTimes,
+    lights_at: Callable[[float], Sequence[Irradiance]],
     error: float,
     *,
     seen: Callable[[str, int, int], None] = lambda *_: None,
 ) -> LightMaps:
     """Compute light until it errs by no more than a share of itself.
 
-    Direct light is sampled first. It is then gathered as often as light bounces, coarsely but for the last time.
+    Where bodies move this is done at several instants. At each, direct light is sampled first. It is then gathered as
+    often as light bounces, coarsely but for the last time.
 
     Args:
-        lights: each is kept apart, so that its strength can change later.
+        times: at which of these light may be baked.
+        lights_at: the lights, while bodies are where they are at that time, in seconds. Each is kept apart, so that its
+            strength can change later.
         error: relative, of the sum of all lights.
         seen: is told what is computed, at how many points it is known by then, and at how many after the next step.
     """
     start = time.monotonic()
-    lattice = SurfaceLattice(surfaces.corners, surfaces.normals, surfaces.two_sided)
+    lattice = SurfaceLattice(surfaces.corners, surfaces.normals, surfaces.two_sided, surfaces.frames)
     job = _Job(surfaces, lattice, error, seen)
-    pilots = job.places(_PILOTS, 0)
-    total = sum((_glimpse(light, pilots) for light in lights), np.zeros((_PILOTS, 3)))
-    most = [0, 0]
-    sampled = list[list[SampledLight]]()
-    gathered = list[Gathered | None]()
-    for light in lights:
-        parts = list[SampledLight]()
-        for shining in light.direct_parts:
-            samples, off = _enough_samples(shining, pilots, total, error)
-            most[0] = max(most[0], samples)
-            parts.append(job.direct(light, partial(shining, samples=samples), off, total))
-        gathered.append(None)
-        if light.bounces:
-            of_light = job.reflected(light, parts)
-            gathered[-1] = of_light
-        sampled.append(parts)
-    for light, parts, gather in zip(lights, sampled, gathered, strict=True):
-        if gather is not None:
-            samples, off = _enough_samples(gather, pilots, total, error)
-            most[1] = max(most[1], samples)
-            parts.append(job.bounced(light, gather, samples, error, off))
-    every = [part for parts in sampled for part in parts]
+    taken, motion_error = job.instants(times, lights_at)
+    job.count = len(taken)
+    states = []
+    for number, which in enumerate(taken):
+        job.state = "" if len(taken) == 1 else f"instant {number + 1} of {len(taken)}: "
+        lights = lights_at(float(times.tests[which]))
+        states.append((lights, *job.sampled(lights)))
+    every = [part for _, sampled, _ in states for parts in sampled for part in parts]
     divisions = np.max([np.zeros(len(lattice.faces), np.int64), *(part.divisions() for part in every)], axis=0)
     of_sides = job.of_sides(divisions)
-    layouts = _layouts(of_sides)
-    texels = [_texels(lattice, parts, divisions, layouts) for parts in sampled]
+    layouts = layouts_of(of_sides)
+    texels = [[texels_of(lattice, parts, divisions, layouts) for parts in sampled] for _, sampled, _ in states]
+    job.state = ""
     seen("what it errs", job.points, job.points + _MEASURED)
+    found = [(lights, gathered, maps) for (lights, _, gathered), maps in zip(states, texels, strict=True)]
+    follows = len(taken) == 1 or (times.fine and motion_error <= MOTION_TOLERANCE * error)
     return LightMaps(
         of_sides,
-        texels,
-        job.measured(lights, gathered, layouts, texels),
+        [one for maps in texels for one in maps],
+        times.tests[taken],
+        job.measured(found, layouts),
+        motion_error,
         job.points,
-        (most[0], most[1]),
-        all(part.complete for part in every),
+        job.most_samples,
+        all(part.complete for part in every) and follows,
         time.monotonic() - start,
     )
 
@@ -155,13 +130,65 @@ class _Job:
     ) -> None:
         self._surfaces, self._lattice, self._error, self._seen = surfaces, lattice, error, seen
         self._diagonal = float(np.linalg.norm(np.ptp(surfaces.corners.reshape(-1, 3), axis=0)))
-        self.points = 0
+        self.points, self.count, self.state = 0, 1, ""
+        self.most_samples = (0, 0)
+        self._pilots = self.places(_PILOTS, 0)
+        self._least = dict[tuple[int, int], int]()
 
     def _told(self, what: str) -> Callable[[int, int], None]:
+        what = self.state + what
         return lambda done, expected: self._seen(what, self.points + done, self.points + expected)
 
+    def instants(
+        self, times: MotionTimes, lights_at: Callable[[float], Sequence[Irradiance]]
+    ) -> tuple[list[int], float]:
+        """At which of ``times.tests`` light is baked, and what it errs between them."""
+        tests = len(times.tests)
+        if tests == 1:
+            return [0], 0.0
+        spots = self._near_bodies(times, lights_at)
+
+        def luma_at(number: int) -> FloatArray:
+            self._seen("light while bodies move", number, tests)
+            luma = np.zeros((2, _MOTION_PILOTS))
+            for light in lights_at(float(times.tests[number])):
+                at = light.placed(*spots)
+                for shift in (0, 1):
+                    luma[shift] += light.glimpsed(*at, _MOTION_SAMPLES, shift) @ LUMA_WEIGHTS
+            return luma
+
+        return chosen(luma_at, tests, MOTION_TOLERANCE * self._error)
+
+    def sampled(self, lights: Sequence[Irradiance]) -> tuple[list[list[SampledLight]], list[Gathered | None]]:
+        """All parts of each light at one instant, and what gathers its bounces."""
+        error = self._error
+        total = sum((_glimpse(light, *self._pilots) for light in lights), np.zeros((_PILOTS, 3)))
+        sampled = list[list[SampledLight]]()
+        gathered = list[Gathered | None]()
+        for number, light in enumerate(lights):
+            parts = list[SampledLight]()
+            for kind, shining in enumerate(light.direct_parts):
+                samples, off = self._enough((number, kind), light, shining, total)
+                parts.append(self.direct(light, partial(shining, samples=samples), off, total))
+            gathered.append(self.reflected(light, parts) if light.bounces else None)
+            sampled.append(parts)
+        for number, (light, parts, gather) in enumerate(zip(lights, sampled, gathered, strict=True)):
+            if gather is not None:
+                samples, off = self._enough((number, -1), light, gather, total)
+                parts.append(self.bounced(light, gather, samples, error, off))
+        return sampled, gathered
+
+    def _enough(self, of: tuple[int, int], light: Irradiance, part: Gathered, total: FloatArray) -> tuple[int, float]:
+        """How many samples a place needs; not fewer than at the instant before, so that errors stay alike."""
+        least = self._least.get(of, FEWEST_SAMPLES)
+        samples, off = _enough_samples(part, light.placed(*self._pilots), total, self._error, least)
+        self._least[of] = samples
+        direct, bounced = self.most_samples
+        self.most_samples = (direct, max(bounced, samples)) if of[1] < 0 else (max(direct, samples), bounced)
+        return samples, off
+
     def _refined(
-        self, what: str, light_at: Callable[[FloatArray, FloatArray], Known], rule: RefinementRule
+        self, what: str, light_at: Callable[[FloatArray, FloatArray, IntArray], Known], rule: RefinementRule
     ) -> SampledLight:
         sampled = refine(self._lattice, light_at, rule, self._told(what))
         self.points += len(sampled.values)
@@ -177,22 +204,24 @@ class _Job:
         luma = total @ LUMA_WEIGHTS
         typical = float(np.quantile(luma[luma > 0], 0.1)) if (luma > 0).any() else 0.0
 
-        def lit(places: FloatArray, normals: FloatArray) -> Known:
-            values = _unless_buried(light, places, normals, shining(places, normals))
-            return values, np.full(len(places), typical)
+        def lit(*spots: Any) -> Known:
+            at = light.placed(*spots)
+            values = _unless_buried(light, *at, shining(*at))
+            return values, np.full(len(values), typical)
 
         error = self._error
-        rule = _rule(self._diagonal, (_DIRECT_SPACING, _DIRECT_FINEST), error, 2 * error + off)
+        rule = self._rule((_DIRECT_SPACING, _DIRECT_FINEST), error, 2 * error + off)
         return self._refined("direct light", lit, rule)
 
     def bounced(self, light: Irradiance, gather: Gathered, rays: int, error: float, off: float = 0.0) -> SampledLight:
         """What surfaces reflect; ``off``: what it errs at each place."""
 
-        def bounced(places: FloatArray, normals: FloatArray) -> Known:
-            values = _unless_buried(light, places, normals, gather(places, normals, samples=rays))
-            return values, light.direct(places, normals, FEWEST_SAMPLES) @ LUMA_WEIGHTS
+        def bounced(*spots: Any) -> Known:
+            at = light.placed(*spots)
+            values = _unless_buried(light, *at, gather(*at, samples=rays))
+            return values, light.direct(*at, FEWEST_SAMPLES) @ LUMA_WEIGHTS
 
-        rule = _rule(self._diagonal, (_INDIRECT_SPACING, _INDIRECT_FINEST), error, 4 * error + off)
+        rule = self._rule((_INDIRECT_SPACING, _INDIRECT_FINEST), error, 4 * error + off)
         return self._refined("bounces", bounced, rule)
 
     def reflected(self, light: Irradiance, direct: list[SampledLight]) -> Gathered:
@@ -206,7 +235,7 @@ class _Job:
             else:
                 told = self._told(f"bounce {bounce}")
                 told(0, len(bounced.values))
-                more = bounced.with_light(partial(gather, samples=COARSE_SAMPLES))
+                more = bounced.with_light(partial(_at_spots, light, partial(gather, samples=COARSE_SAMPLES)))
                 was, now = (part.values.sum() for part in (bounced, more))
                 bounced, change = more, (now - was) / now if now > 0 else 0.0
             gather = partial(light.gathered, reflected=[*of_direct, self._reflected(light, bounced)])
@@ -216,24 +245,50 @@ class _Job:
 
     def _reflected(self, light: Irradiance, part: SampledLight) -> Reflected:
         divisions = part.divisions()
-        layouts = _layouts(self.of_sides(divisions))
-        texels = _texels(self._lattice, [part], divisions, layouts)
-        return light.reflected(self._surfaces.counts, self._surfaces.normals.mean(1), layouts, texels)
+        layouts = layouts_of(self.of_sides(divisions))
+        texels = texels_of(self._lattice, [part], divisions, layouts)
+        normals = light.turned(self._surfaces.normals.mean(1), self._surfaces.frames)
+        return light.reflected(self._surfaces.counts, normals, layouts, texels)
 
     def of_sides(self, divisions: IntArray) -> IntArray:
         """Divisions (t, 2) of fronts and backs, -1 for backs that do not reflect, from those of the lattice's sides."""
         of_sides = np.full((len(self._surfaces.corners), 2), -1, np.int64)
-        of_sides[self._lattice.triangles, _side(self._lattice)] = divisions
+        of_sides[self._lattice.triangles, side_of(self._lattice)] = divisions
         return of_sides
 
-    def places(self, count: int, seed: int) -> tuple[FloatArray, FloatArray]:
-        """Places spread over the surfaces, by area, and their normals."""
+    def places(self, count: int, seed: int) -> Places:
+        """Places spread over the surfaces, by area, their normals and frames."""
         places, face, _ = self._spread(count, seed)
-        return places, self._lattice.normals[self._lattice.faces[face, 0]]
+        vertex = self._lattice.faces[face, 0]
+        return places, self._lattice.normals[vertex], self._lattice.frames[vertex]
 
-    def _spread(self, count: int, seed: int) -> tuple[FloatArray, IntArray, FloatArray]:
+    def _near_bodies(self, times: MotionTimes, lights_at: Callable[[float], Sequence[Irradiance]]) -> Places:
+        """As :meth:`places`: half of them on bodies that move, the others on what stands still, most of them near."""
+        half, moving = _MOTION_PILOTS // 2, self._lattice.frames[self._lattice.faces[:, 0]] > 0
+        own = self._known_places(*self._spread(half, 2, moving))
+        still = self._known_places(*self._spread(_CANDIDATES, 3, ~moving))
+        passed = [lights_at(float(t_s))[0].placed(*own)[0] for t_s in times.tests[:: max(len(times.tests) // 8, 1)]]
+        size = float(np.linalg.norm(np.ptp(passed[0], axis=0)))
+        away = np.min([np.linalg.norm(still[0][:, None] - at[None, ::8], axis=-1).min(1) for at in passed], axis=0)
+        weight = 1 / (away**2 + size**2)
+        near = np.random.RandomState(4).choice(_CANDIDATES, half, replace=False, p=weight / weight.sum())
+        places, normals, frames = (np.concatenate([mine, other[near]]) for mine, other in zip(own, still, strict=True))
+        return places, normals, frames
+
+    def _known_places(self, places: FloatArray, face: IntArray, weight: FloatArray) -> Places:
+        vertex = self._lattice.faces[face]
+        normals = np.einsum("nk,nkd->nd", weight, self._lattice.normals[vertex])
+        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+        return places, normals, self._lattice.frames[vertex[:, 0]]
+
+    def _spread(
+        self, count: int, seed: int, among: npt.NDArray[np.bool_] | None = None
+    ) -> tuple[FloatArray, IntArray, FloatArray]:
+        """Places by area, the sides they are on, and shares of the corners."""
         corners = self._lattice.positions[self._lattice.faces]
         area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+        if among is not None and area[among].any():
+            area = np.where(among, area, 0.0)
         random = np.random.RandomState(seed)
         face = random.choice(len(area), count, p=area / area.sum())
         weight = random.dirichlet(np.ones(3), count)
@@ -241,71 +296,45 @@ class _Job:
 
     def measured(
         self,
-        lights: Sequence[Irradiance],
-        gathered: Sequence[Gathered | None],
+        states: Sequence[tuple[Sequence[Irradiance], Sequence[Gathered | None], Sequence[npt.NDArray[np.float32]]]],
         layouts: IntArray,
-        texels: Sequence[npt.NDArray[np.float32]],
     ) -> float:
         """How much maps err: at places between their points, against light from many more samples.
 
-        The error, relative, than which two of three places err less. Those without light do not count.
+        The error, relative to all light, than which two of three places err less. Those without light do not count.
+
+        Args:
+            states: lights, what gathers their bounces, and their maps, at each instant, which has its share of the
+                places.
         """
         places, face, weight = self._spread(_MEASURED, 1)
         lattice = self._lattice
-        normals = np.einsum("nk,nkd->nd", weight, lattice.normals[lattice.faces[face]])
-        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-        truth, found = np.zeros((_MEASURED, 3)), np.zeros((_MEASURED, 3))
-        of_face = layouts[lattice.triangles[face], _side(lattice)[face]]
-        for light, gather, maps in zip(lights, gathered, texels, strict=True):
-            if light.has_direct:
-                truth += light.direct(places, normals, samples=TRUE_SAMPLES, shift=_TRUE_SHIFT)
-            if gather is not None:
-                truth += gather(places, normals, samples=TRUE_SAMPLES, shift=_TRUE_SHIFT)
-            found += looked_up(maps, of_face, weight)
-        luma = truth @ LUMA_WEIGHTS
+        spots = self._known_places(places, face, weight)
+        of_face = layouts[lattice.triangles[face], side_of(lattice)[face]]
+        truth, found, others = (np.zeros((_MEASURED, 3)) for _ in range(3))
+        for number, (lights, gathered, texels) in enumerate(states):
+            mine = slice(number, None, len(states))
+            for light, gather, maps in zip(lights, gathered, texels, strict=True):
+                at = light.placed(spots[0][mine], spots[1][mine], spots[2][mine])
+                if light.has_direct:
+                    truth[mine] += light.direct(*at, samples=TRUE_SAMPLES, shift=_TRUE_SHIFT)
+                if gather is not None:
+                    truth[mine] += gather(*at, samples=TRUE_SAMPLES, shift=_TRUE_SHIFT)
+                found[mine] += looked_up(maps, of_face[mine], weight[mine])
+                others[mine] += light.sharp(*at)
+        luma = (truth + others) @ LUMA_WEIGHTS
         lit = luma > 1e-3 * (np.median(luma[luma > 0]) if (luma > 0).any() else 0.0)
         if not lit.any():
             return 0.0
-        return float(np.quantile(np.abs((found @ LUMA_WEIGHTS)[lit] / luma[lit] - 1), _TWO_OF_THREE))
+        off = (found - truth) @ LUMA_WEIGHTS
+        return float(np.quantile(np.abs(off)[lit] / luma[lit], _TWO_OF_THREE))
 
-
-def looked_up(texels: npt.NDArray[np.float32], layouts: IntArray, weight: FloatArray) -> FloatArray:
-    """Light (n, 3) of maps with layouts (n, 4), at places with these shares (n, 3) of their triangles' corners."""
-    first, side = layouts[:, 0], layouts[:, 1]
-    place = weight[:, 1:] * (side - 1)[:, None]
-    cell = np.minimum(place.astype(np.int64), (side - 2).clip(min=0)[:, None])
-    x, y = (place - cell).T[..., None]
-    stride = side + 2
-    at = first + (cell[:, 1] + 1) * stride + cell[:, 0] + 1
-    above = (1 - x) * texels[at] + x * texels[at + 1]
-    below = (1 - x) * texels[at + stride] + x * texels[at + stride + 1]
-    return np.asarray((1 - y) * above + y * below, np.float64)
-
-
-def _rule(diagonal: float, distances: tuple[float, float], error: float, tolerance: float) -> RefinementRule:
-    # What linear interpolation errs grows with the square of the distance.
-    wider = float(np.clip(np.sqrt(error / BAKE_ERROR), 0.25, 4.0))
-    spacing, finest = (share * diagonal * wider for share in distances)
-    # Once its middle is known, an edge errs by a quarter of what it did before.
-    return RefinementRule(spacing, finest, tolerance, _MOST_POINTS)
-
-
-def _layouts(divisions: IntArray) -> IntArray:
-    sides = 2 ** divisions.clip(min=0) + 1
-    sizes = np.where(divisions >= 0, (sides + 2) ** 2, 0).ravel()
-    first = np.cumsum([0, *sizes])[:-1].reshape(-1, 2)
-    layouts = np.stack([first, sides, sides, np.ones_like(sides)], -1)
-    none = divisions[:, 1] < 0
-    layouts[none, 1] = layouts[none, 0]
-    return np.asarray(layouts)
-
-
-def _side(lattice: SurfaceLattice) -> IntArray:
-    """0 for fronts, 1 for backs: those after all fronts."""
-    side = np.zeros(len(lattice.triangles), np.int64)
-    fronts = int(lattice.triangles.max()) + 1
-    side[fronts:] = 1
-    return side
+    def _rule(self, distances: tuple[float, float], error: float, tolerance: float) -> RefinementRule:
+        # What linear interpolation errs grows with the square of the distance.
+        wider = float(np.clip(np.sqrt(error / BAKE_ERROR), 0.25, 4.0))
+        spacing, finest = (share * self._diagonal * wider for share in distances)
+        # Once its middle is known, an edge errs by a quarter of what it did before.
+        return RefinementRule(spacing, finest, tolerance, 4 * MOST_POINTS // (3 + self.count))
 
 
 def _unless_buried(light: Irradiance, places: FloatArray, normals: FloatArray, values: FloatArray) -> FloatArray:
@@ -316,61 +345,23 @@ def _unless_buried(light: Irradiance, places: FloatArray, normals: FloatArray, v
     return values
 
 
-def _glimpse(light: Irradiance, pilots: tuple[FloatArray, FloatArray]) -> FloatArray:
-    """A first idea of a light."""
-    glimpse = np.zeros((len(pilots[0]), 3))
-    if light.has_direct:
-        glimpse += light.direct(*pilots, _GLIMPSE_SAMPLES)
-    if light.bounces:
-        glimpse += light.traced(*pilots, _GLIMPSE_SAMPLES)
-    return glimpse
+def _at_spots(light: Irradiance, lit: Gathered, *spots: Any) -> FloatArray:
+    """Light at places in their own frames."""
+    return lit(*light.placed(*spots))
+
+
+def _glimpse(light: Irradiance, *spots: Any) -> FloatArray:
+    """A first idea of a light at places in their own frames."""
+    return light.glimpsed(*light.placed(*spots), _GLIMPSE_SAMPLES)
 
 
 def _enough_samples(
-    light: Gathered, pilots: tuple[FloatArray, FloatArray], total: FloatArray, error: float
+    light: Gathered, pilots: tuple[FloatArray, FloatArray], total: FloatArray, error: float, samples: int
 ) -> tuple[int, float]:
-    """How many samples a place needs, and what it errs with so many, as a share of all light."""
-    samples = FEWEST_SAMPLES
+    """How many samples a place needs, ``samples`` at least, and what it errs with so many, as a share of all light."""
     while True:
         batches = np.array([light(*pilots, samples=samples, shift=shift) for shift in range(_SHIFTS)])
         off = relative_error(batches, total)
         if off <= error / 2 or samples >= MOST_SAMPLES:
             return samples, off
         samples *= 2
-
-
-def _texels(
-    lattice: SurfaceLattice, parts: Sequence[SampledLight], divisions: IntArray, layouts: IntArray
-) -> npt.NDArray[np.float32]:
-    size = int((layouts[..., 0] + (layouts[..., 1] + 2) ** 2).max())
-    texels = np.zeros((size, 3), np.float32)
-    sides = _side(lattice)
-    for part in parts:
-        for faces, grids in part.grids(divisions):
-            # Rows are along the second coordinate.
-            framed = np.pad(grids.swapaxes(1, 2), ((0, 0), (1, 1), (1, 1), (0, 0)), mode="edge")
-            first = layouts[lattice.triangles[faces], sides[faces], 0]
-            at = first[:, None] + np.arange(framed.shape[1] ** 2)
-            texels[at] += framed.reshape(len(faces), -1, 3).astype(np.float32)
-    return texels
-
-
-def map_coordinates(corners: FloatArray, divisions: IntArray) -> tuple[FloatArray, FloatArray]:
-    """Affine maps of a place to the coordinates u and v in a triangle's light maps, (t, 2, 4) each.
-
-    Args:
-        corners: (t, 3, 3).
-        divisions: (t, 2), see :class:`LightMaps`.
-    """
-    edges = corners[:, 1:] - corners[:, :1]
-    cross = np.cross(edges[:, 0], edges[:, 1])
-    squared = np.einsum("ij,ij->i", cross, cross)
-    squared = np.where(squared > 0, squared, 1.0)[:, None]
-    gradients = (np.cross(edges[:, 1], cross) / squared, np.cross(cross, edges[:, 0]) / squared)
-    divisions = np.where(divisions < 0, divisions[:, :1], divisions)
-    cells = (2.0**divisions)[..., None]
-    maps = []
-    for gradient in gradients:
-        barycentric = np.concatenate([gradient, -np.einsum("ij,ij->i", gradient, corners[:, 0])[:, None]], 1)[:, None]
-        maps.append((barycentric * cells + np.array([0, 0, 0, 0.5])) / (cells + 1))
-    return maps[0], maps[1]

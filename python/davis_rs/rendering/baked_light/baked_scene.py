@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,9 +14,12 @@ from ..._mitsuba import FAST, default_variant, load_scene_source, variant, versi
 from ...progress import progress, say
 from ...scene.scene import Scene
 from ..matte import simplify_materials
+from ..scene_motion import SceneMotion
 from ..scene_texture import Unsuitable
 from . import cache
-from .bake import LightMaps, Surfaces, bake
+from .bake import MOST_POINTS, Surfaces, bake
+from .instants import MOST_INSTANTS, MotionTimes, hats, motion_times
+from .light_maps import LightMaps
 from .lights import (
     SkyMap,
     background_luma,
@@ -27,11 +30,12 @@ from .lights import (
     numbers,
     paths_of,
     sky_map,
+    small_lamps,
 )
 
 FloatArray = npt.NDArray[np.float64]
 
-VERSION = 2
+VERSION = 3
 """Of what is computed, so that light of older versions is not taken from the cache."""
 
 
@@ -45,7 +49,8 @@ class BakedLight:
     """Light on the surfaces of a scene, and what its lamps and its sky look like themselves.
 
     Attributes:
-        maps: irradiance, for each group of lights.
+        maps: irradiance, for each instant and group of lights.
+        times: when bodies are where, of the scene.
         names: of the groups: "" for all lights that do not change, and the names of those that do.
         emitted: (t) luma that each triangle emits from its front.
         emitters: (t) the group that this belongs to.
@@ -56,6 +61,7 @@ class BakedLight:
     """
 
     maps: LightMaps
+    times: MotionTimes
     names: list[str]
     emitted: FloatArray
     emitters: npt.NDArray[np.int64]
@@ -68,16 +74,41 @@ class BakedLight:
     def description(self) -> str:
         """What it is, for people."""
         maps = self.maps
-        coarse = "" if maps.complete else ", coarser than asked for: that would take too much memory"
-        return f"baked light at {maps.points:,} points, whose error is estimated at {100 * maps.error:.2g} %{coarse}"
+        coarse = "" if maps.complete else f", coarser than asked for: {self._limits} at most"
+        return f"baked light at {maps.points:,} points, whose error is estimated at {self.errors}{coarse}"
+
+    @property
+    def errors(self) -> str:
+        """How much it errs, for people."""
+        maps, count = self.maps, len(self.maps.instants)
+        error = f"{100 * maps.error:.2g} %"
+        if count == 1:
+            return error
+        return (
+            f"{error}, and at up to {100 * maps.motion_error:.2g} % between its {count} instants where bodies change it"
+        )
+
+    @property
+    def _limits(self) -> str:
+        instants = f", and {MOST_INSTANTS} instants of the motion," if len(self.maps.instants) > 1 else ""
+        return f"there are {MOST_POINTS:,} points for each part of the light{instants}"
+
+    def at(self, t_s: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """How much the light of each instant (k) counts at times (n,), and its rates per second, (n, k) each.
+
+        Raises:
+            ValueError: for times that it is not baked for.
+        """
+        self.times.check(t_s)
+        return hats(self.maps.instants, t_s)
 
 
-def baked_light(scene: Scene, surfaces: Surfaces, changing: Sequence[str], error: float) -> BakedLight:
+def baked_light(scene: Scene, surfaces: Surfaces, motion: SceneMotion, error: float) -> BakedLight:
     """Bake a scene's light, or take it from the cache.
 
     Args:
         surfaces: of the scene, in the order of its shapes.
-        changing: names of the lights whose strength changes.
+        motion: of the scene's objects, whose light is baked at several instants of it, and of its lights.
         error: that is allowed, relative.
 
     Raises:
@@ -94,11 +125,16 @@ def baked_light(scene: Scene, surfaces: Surfaces, changing: Sequence[str], error
             raise Unsuitable("it has no lights")
         paths = paths_of(loaded.integrator())
         check_lights(loaded, mi)
-        names = light_groups(loaded, changing)
+        names = light_groups(loaded, list(motion.lights))
+        for shape in small_lamps(loaded):
+            if shape.id() in motion.objects:
+                raise Unsuitable(f"the small lamp {shape.id()!r} moves: its sharp shadows would have to move with it")
+        duration_s = None if scene.trajectory is None else scene.trajectory.duration_s
+        times = motion_times(motion, duration_s)
         emitted, emitters = emissions(loaded, mi, surfaces.counts, names)
         backgrounds = background_luma(loaded, mi, names)
         sky = sky_map(loaded, mi, names)
-        content = _content(loaded, mi, surfaces)
+        content = _content(loaded, mi, surfaces, _poses(motion, times))
         settings = (VERSION, sorted(versions(FAST).items()), paths, names, error, content)
         key = hashlib.sha256(repr(settings).encode()).hexdigest()
         maps = _known.get(key)
@@ -109,26 +145,33 @@ def baked_light(scene: Scene, surfaces: Surfaces, changing: Sequence[str], error
             with (
                 progress("baking light", 0, unit="points") as bar,
                 cache.kept_if_stopped(key, kept),
-                irradiance_of(loaded, mi, names, kept) as lights,
+                irradiance_of(loaded, mi, names, kept, motion) as lights_at,
             ):
 
                 def seen(what: str, done: int, expected: int) -> None:
                     bar.total = max(bar.total, expected)
                     bar.to(done, what)
 
-                maps = bake(surfaces, lights, error, seen=seen)
+                maps = bake(surfaces, times, lights_at, error, seen=seen)
             say(f"the scene's light was baked in {maps.seconds:.3g} s, at {maps.points:,} points")
             cache.store(key, maps)
         while len(_known) >= _MOST_KNOWN:
             del _known[next(iter(_known))]
         _known[key] = maps
-    return BakedLight(maps, names, emitted, emitters, backgrounds, sky, content, cache.holds(key))
+    return BakedLight(maps, times, names, emitted, emitters, backgrounds, sky, content, cache.holds(key))
 
 
-def _content(scene: Any, mi: Any, surfaces: Surfaces) -> str:
-    """A hash of surfaces, materials and lights."""
+def _poses(motion: SceneMotion, times: MotionTimes) -> FloatArray:
+    """Where objects are at all instants that light may be baked at, (instants, 1 + 12 objects): time and poses."""
+    poses = motion.at(times.tests).objects
+    places = [np.hstack([pose.positions, pose.rotations.reshape(-1, 9)]) for pose in poses]
+    return np.hstack([times.tests[:, None], *places])
+
+
+def _content(scene: Any, mi: Any, surfaces: Surfaces, poses: FloatArray) -> str:
+    """A hash of surfaces, materials and lights, and of how they move."""
     digest = hashlib.sha256()
-    for array in (surfaces.corners, surfaces.normals, surfaces.two_sided):
+    for array in (surfaces.corners, surfaces.normals, surfaces.two_sided, surfaces.frames, poses):
         digest.update(repr(array.shape).encode())
         digest.update(np.ascontiguousarray(array).tobytes())
     for part in _parts(scene):

@@ -16,7 +16,7 @@ import numpy as np
 import platformdirs
 
 from ...progress import say
-from .bake import LightMaps
+from .light_maps import LightMaps
 from .partial import PartialBake
 
 FOLDER_VARIABLE = "DAVIS_RS_CACHE_DIR"
@@ -131,9 +131,11 @@ def _write(folder: Path, name: str, data: bytes, otherwise: str) -> bool:
 
 def _packed(maps: LightMaps) -> bytes:
     buffer = io.BytesIO()
-    numbers = np.array([maps.error, maps.points, *maps.samples, maps.complete, maps.seconds], np.float64)
+    numbers = np.array(
+        [maps.error, maps.motion_error, maps.points, *maps.samples, maps.complete, maps.seconds], np.float64
+    )
     texels: dict[str, Any] = {f"texels_{i}": one for i, one in enumerate(maps.texels)}
-    np.savez(buffer, divisions=maps.divisions, numbers=numbers, **texels)
+    np.savez(buffer, divisions=maps.divisions, instants=maps.instants, numbers=numbers, **texels)
     data = buffer.getvalue()
     return hashlib.sha256(data).digest() + data
 
@@ -142,10 +144,19 @@ def _unpacked(data: bytes) -> LightMaps:
     if hashlib.sha256(data[_HASH_BYTES:]).digest() != data[:_HASH_BYTES]:
         raise ValueError("its checksum is wrong")
     with np.load(io.BytesIO(data[_HASH_BYTES:]), allow_pickle=False) as arrays:
-        error, points, lamp, paths, complete, seconds = arrays["numbers"].tolist()
-        texels = [arrays[f"texels_{i}"] for i in range(len(arrays.files) - 2)]
-        samples = int(lamp), int(paths)
-        return LightMaps(arrays["divisions"], texels, error, int(points), samples, bool(complete), seconds)
+        error, motion_error, points, lamp, paths, complete, seconds = arrays["numbers"].tolist()
+        texels = [arrays[f"texels_{i}"] for i in range(len(arrays.files) - 3)]
+        return LightMaps(
+            arrays["divisions"],
+            texels,
+            arrays["instants"],
+            error,
+            motion_error,
+            int(points),
+            (int(lamp), int(paths)),
+            bool(complete),
+            seconds,
+        )
 
 
 def _delete_oldest(folder: Path, name: str) -> None:

@@ -23,6 +23,9 @@ FloatArray = npt.NDArray[np.float64]
 _LANES = 1 << 20
 _GOLDEN = 0.6180339887498949
 
+_SHARP_SAMPLES = 16
+"""Of small lamps, as many as the renderer has."""
+
 _R2 = 0.7548776662, 0.5698402910
 
 _ALIKE_WITHIN = 1 / 24
@@ -39,7 +42,7 @@ class Reflected:
         scene: whose shapes have as many triangles as ``counts`` says, in that order.
         normals: float64 (t, 3), on the fronts.
         layouts: (t, 2, 4): first texel, width, height of the map of each front and back.
-        texels: float32 (n, 3), irradiance / pi, of maps as :class:`~.bake.LightMaps` has them.
+        texels: float32 (n, 3), irradiance / pi, of maps as :class:`~.light_maps.LightMaps` has them.
     """
 
     def __init__(
@@ -98,6 +101,7 @@ class Irradiance:
         rr_depth: where paths begin to end at random.
         scale: how many times as large the scene is loaded as places are given.
         kept: what was computed before, and where more is kept.
+        poses: T_world_frame (k, 4, 4) of the frames of places, the world's own first; None where nothing moves.
     """
 
     def __init__(
@@ -111,7 +115,9 @@ class Irradiance:
         rr_depth: int,
         scale: float,
         kept: PartialBake,
+        poses: FloatArray | None = None,
     ) -> None:
+        self._poses = poses
         self._scene, self._scale, self._mi, self._kept = scene, scale, mi, kept
         self._lamps = [emitter for emitter in baked_emitters if not emitter.is_environment()]
         self._skies = [emitter for emitter in baked_emitters if emitter.is_environment()]
@@ -137,6 +143,33 @@ class Irradiance:
         """See :class:`Reflected`."""
         return Reflected(self._scene, self._mi, counts, normals, layouts, texels)
 
+    def placed(
+        self, places: FloatArray, normals: FloatArray, frames: npt.NDArray[np.int64]
+    ) -> tuple[FloatArray, FloatArray]:
+        """Places and normals (n, 3) in the world, of those in frames (n), at this light's instant."""
+        if self._poses is None:
+            return places, normals
+        of = self._poses[frames]
+        at = np.einsum("nij,nj->ni", of[:, :3, :3], places) + of[:, :3, 3]
+        still = (frames == 0)[:, None]
+        return np.where(still, places, at), self.turned(normals, frames)
+
+    def turned(self, normals: FloatArray, frames: npt.NDArray[np.int64]) -> FloatArray:
+        """Normals (n, 3) in the world, of those in frames (n)."""
+        if self._poses is None:
+            return normals
+        turned = np.einsum("nij,nj->ni", self._poses[frames, :3, :3], normals)
+        return np.where((frames == 0)[:, None], normals, turned)
+
+    def glimpsed(self, places: FloatArray, normals: FloatArray, samples: int, shift: int = 0) -> FloatArray:
+        """All irradiance / pi, RGB (n, 3), as far as a few samples tell."""
+        glimpse = np.zeros((len(places), 3))
+        if self.has_direct:
+            glimpse += self.direct(places, normals, samples, shift)
+        if self.bounces:
+            glimpse += self.traced(places, normals, samples, shift)
+        return glimpse
+
     @property
     def has_direct(self) -> bool:
         """Whether any light shines directly that is baked."""
@@ -150,6 +183,16 @@ class Irradiance:
     def direct(self, places: FloatArray, normals: FloatArray, samples: int, shift: int = 0) -> FloatArray:
         """Direct irradiance / pi, RGB (n, 3), of all that is baked, from so many samples of each kind."""
         return sum((part(places, normals, samples, shift) for part in self.direct_parts), np.zeros((len(places), 3)))
+
+    def sharp(self, places: FloatArray, normals: FloatArray) -> FloatArray:
+        """Direct irradiance / pi, RGB (n, 3), of those lights of which only what bounces is baked."""
+        if not self._sharp:
+            return np.zeros((len(places), 3))
+
+        def one(surface: Any, point: Any, _: Any) -> Any:
+            return sum((self._towards(emitter, surface, point) for emitter in self._sharp), self._mi.Color3f(0))
+
+        return self._mean("sharp", places, normals, _SHARP_SAMPLES, 0, one)
 
     def of_lamps(self, places: FloatArray, normals: FloatArray, samples: int, shift: int = 0) -> FloatArray:
         """Direct irradiance / pi, RGB (n, 3), from so many points on each lamp."""

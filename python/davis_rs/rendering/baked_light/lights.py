@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
@@ -12,9 +12,10 @@ import numpy as np
 import numpy.typing as npt
 
 from ...luma import LUMA_WEIGHTS
+from ..scene_motion import STILL, SceneMotion
 from ..scene_scale import scale_scene
 from ..scene_texture import Unsuitable
-from ..scene_updates import like, strength_key
+from ..scene_updates import SceneUpdates, like, strength_key
 from .irradiance import Irradiance
 from .partial import PartialBake
 
@@ -201,27 +202,68 @@ def _group(name: str, names: Sequence[str]) -> int:
 
 
 @contextmanager
-def irradiance_of(scene: Any, mi: Any, names: Sequence[str], kept: PartialBake) -> Iterator[list[Irradiance]]:
-    """The light of each group of lights, to be computed one group at a time.
+def irradiance_of(
+    scene: Any, mi: Any, names: Sequence[str], kept: PartialBake, motion: SceneMotion = STILL
+) -> Iterator[Callable[[float], list[Irradiance]]]:
+    """A function that gives the light of each group of lights at a time in seconds, to be computed one group at a time.
 
     Args:
-        scene: loaded under Mitsuba's LLVM variant, which is in use; it is scaled where its size asks for that.
+        scene: loaded under Mitsuba's LLVM variant, which is in use; it is scaled where its size asks for that, and its
+            objects are moved.
         names: see :func:`light_groups`.
         kept: what was computed before.
+        motion: of the scene's objects.
     """
     integrator = scene.integrator() or mi.load_dict({"type": "path"})
     paths = paths_of(scene.integrator())
     scale = scale_scene(scene, integrator, mi)
-    yield [_Group(scene, mi, paths, scale, name, names, kept) for name in names]
+    placing = _Placing(scene, motion, scale, mi) if motion.objects else None
+
+    def at(t_s: float) -> list[Irradiance]:
+        return [_Group(scene, mi, paths, scale, name, names, kept, placing, t_s) for name in names]
+
+    yield at
+
+
+class _Placing:
+    """Puts a scene's objects where they are at a time."""
+
+    def __init__(self, scene: Any, motion: SceneMotion, scale: float, mi: Any) -> None:
+        boxes = dict(zip(motion.objects, motion.boxes, strict=True))
+        self._motion, self._scale = SceneMotion(motion.objects, {}, boxes), scale
+        self._updates = SceneUpdates(scene, self._motion, mi)
+        self._t_s: float | None = None
+
+    def poses(self, t_s: float) -> FloatArray:
+        """T_world_frame (k, 4, 4), the world's own first."""
+        found = np.tile(np.eye(4), (1 + len(self._motion.objects), 1, 1))
+        for pose, views in zip(found[1:], self._motion.at(np.array([t_s])).objects, strict=True):
+            pose[:3, :3], pose[:3, 3] = views.rotations[0], views.positions[0]
+        return found
+
+    def put(self, t_s: float) -> None:
+        """Move what is not there yet."""
+        if t_s != self._t_s:
+            self._updates.set(self._motion.at(np.array([t_s])).scaled(self._scale), 0)
+            self._t_s = t_s
 
 
 class _Group(Irradiance):
     """The light of some of a scene's emitters: the others are switched off while it is computed."""
 
     def __init__(
-        self, scene: Any, mi: Any, paths: Paths, scale: float, name: str, names: Sequence[str], kept: PartialBake
+        self,
+        scene: Any,
+        mi: Any,
+        paths: Paths,
+        scale: float,
+        name: str,
+        names: Sequence[str],
+        kept: PartialBake,
+        placing: _Placing | None,
+        t_s: float,
     ) -> None:
-        self._own_name = name
+        self._own_name, self._placing, self._t_s = name, placing, t_s
         own, self._others = list[tuple[str, Any]](), list[Any]()
         for its_name, emitter in named_emitters(scene):
             mine = its_name == name if name else its_name not in names
@@ -235,13 +277,16 @@ class _Group(Irradiance):
             is_soft = emitter.class_name() in _SOFT and its_name not in small
             (soft if is_soft else sharp).append(emitter)
         depths = {"max_depth": paths.max_depth, "rr_depth": paths.rr_depth}
-        super().__init__(scene, mi, soft, sharp, **depths, scale=scale, kept=kept)
+        poses = None if placing is None else placing.poses(t_s)
+        super().__init__(scene, mi, soft, sharp, **depths, scale=scale, kept=kept, poses=poses)
         self.bounces = self.bounces and bool(own)
 
     def _name(self) -> str:
-        return self._own_name
+        return self._own_name if self._placing is None else f"{self._own_name} at {self._t_s!r} s"
 
     def _mean_of_part(self, *arguments: Any) -> FloatArray:
+        if self._placing is not None:
+            self._placing.put(self._t_s)
         if not self._others:
             return super()._mean_of_part(*arguments)
         kept = []

@@ -40,22 +40,28 @@ class SurfaceLattice:
         corners: float64 (t, 3, 3), of the triangles, metres.
         normals: float64 (t, 3, 3), unit shading normals of the front at the corners.
         two_sided: (t), whether the back reflects too.
+        frames: (t), the frame that each is in: 0 for the world, 1, 2, ... for bodies that move.
 
     Attributes:
         positions, normals: (v, 3), of the vertices.
+        frames: (v), of the vertices.
         faces: (f, 3), the vertices of each side: the fronts of all triangles, then the backs of those that have one.
         triangles: (f), the triangle of each side.
     """
 
-    def __init__(self, corners: FloatArray, normals: FloatArray, two_sided: npt.NDArray[np.bool_]) -> None:
+    def __init__(
+        self, corners: FloatArray, normals: FloatArray, two_sided: npt.NDArray[np.bool_], frames: IntArray
+    ) -> None:
         backs = np.flatnonzero(two_sided)
         self.triangles = np.concatenate([np.arange(len(corners)), backs])
         places = corners[self.triangles].reshape(-1, 3)
         facing = np.concatenate([normals, -normals[backs]]).reshape(-1, 3)
         # Not at a multiple of what normals are rounded to: those of flat walls lie there.
         rounded = np.floor(facing * 10.0**_NORMAL_DIGITS + 0.377)
-        _, first, vertex = np.unique(np.hstack([places, rounded]), axis=0, return_index=True, return_inverse=True)
-        self.positions, self.normals = places[first], facing[first]
+        owners = np.repeat(frames[self.triangles], 3)
+        alike = np.hstack([places, rounded, owners[:, None]])
+        _, first, vertex = np.unique(alike, axis=0, return_index=True, return_inverse=True)
+        self.positions, self.normals, self.frames = places[first], facing[first], owners[first]
         self.faces = vertex.reshape(-1, 3).astype(np.int64)
 
 
@@ -88,7 +94,7 @@ class SampledLight:
         middles: (e), the points in their middles.
         error: root mean square of how far the last middles were off, over 4: what interpolation errs, relative.
         complete: whether all edges were divided that should be.
-        places, normals: (n, 3), where the points' light was computed.
+        places, normals, frames: (n, 3) and (n), where the points' light was computed.
         buried: bool (n), points that no light reaches: theirs is that of their neighbours.
         levels: the cells before and after each division, vertices (c, 3) each.
     """
@@ -101,14 +107,15 @@ class SampledLight:
     complete: bool
     places: FloatArray
     normals: FloatArray
+    frames: IntArray
     buried: npt.NDArray[np.bool_]
     levels: list[IntArray]
 
-    def with_light(self, light_at: Callable[[FloatArray, FloatArray], FloatArray]) -> SampledLight:
-        """Other light, RGB (k, 3) at places (k, 3) with normals (k, 3), at the same points."""
+    def with_light(self, light_at: Callable[[FloatArray, FloatArray, IntArray], FloatArray]) -> SampledLight:
+        """Other light, RGB (k, 3) at places (k, 3) with normals (k, 3) in frames (k), at the same points."""
         values = np.full_like(self.values, np.nan)
         seen = ~self.buried
-        values[seen] = light_at(self.places[seen], self.normals[seen])
+        values[seen] = light_at(self.places[seen], self.normals[seen], self.frames[seen])
         return replace(self, values=_without_buried(values, self.levels))
 
     def middle_of(self, a: IntArray, b: IntArray) -> IntArray:
@@ -167,20 +174,21 @@ class SampledLight:
 
 def refine(
     lattice: SurfaceLattice,
-    light_at: Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray]],
+    light_at: Callable[[FloatArray, FloatArray, IntArray], tuple[FloatArray, FloatArray]],
     rule: RefinementRule,
     seen: Callable[[int, int], None] = lambda *_: None,
 ) -> SampledLight:
     """Sample light on a lattice, and divide triangles where it bends.
 
     Args:
-        light_at: RGB (k, 3) at places (k, 3) with unit normals (k, 3), or NaN where no light can come: within a solid;
-            and luma (k) of what other light there is: an error is small or large in relation to all of it.
+        light_at: RGB (k, 3) at places (k, 3) with unit normals (k, 3) in frames (k), or NaN where no light can come:
+            within a solid; and luma (k) of what other light there is: an error is small or large in relation to all of
+            it.
         seen: is told before each step how many points there are, and how many there will be.
     """
-    positions, normals, cells = lattice.positions, lattice.normals, lattice.faces
+    positions, normals, frames, cells = lattice.positions, lattice.normals, lattice.frames, lattice.faces
     where = [_inside(positions, normals, cells, np.arange(len(positions)), cells)]
-    values, others = light_at(*where[0])
+    values, others = light_at(*where[0], frames)
     keys, middles = [np.empty(0, np.int64)], [np.empty(0, np.int64)]
     levels, errors, complete = [cells], [np.zeros(1)], True
     failed = np.zeros(len(cells), bool)
@@ -209,8 +217,9 @@ def refine(
         sum_of_normals = normals[a] + normals[b]
         normals = np.concatenate([normals, _unit(sum_of_normals, normals[a])])
         middle = new[of_cell]
+        frames = np.concatenate([frames, frames[a]])
         where.append(_inside(positions, normals, cells, new, middle))
-        found, other = light_at(*where[-1])
+        found, other = light_at(*where[-1], frames[new])
         values, others = np.concatenate([values, found]), np.concatenate([others, other])
         keys.append(key)
         middles.append(new)
@@ -237,6 +246,7 @@ def refine(
         complete,
         np.concatenate([places for places, _ in where]),
         np.concatenate([facing for _, facing in where]),
+        frames,
         buried,
         levels,
     )

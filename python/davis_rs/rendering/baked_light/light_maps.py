@@ -1,0 +1,117 @@
+"""Maps of irradiance on both sides of a scene's triangles, and how they are looked up."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from .surface_lattice import SampledLight, SurfaceLattice
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class LightMaps:
+    """Irradiance / pi of one or several lights on both sides of each triangle.
+
+    Attributes:
+        divisions: int64 (t, 2): a map has 2 to the power of this many cells along an edge; that of a back which does
+            not reflect is -1.
+        texels: for each instant and each light of it float32 (n, 3), RGB: all maps one after the other, triangle by
+            triangle and front before back, each with a frame of one texel around it, row by row.
+        instants: seconds (k), when bodies are where the light has them; one where nothing moves.
+        error: how much the light errs, relative: measured, of three places two err less.
+        motion_error: how much more it errs between instants, relative: root mean square where light changes, in the
+            worst of the instants that were looked at.
+        points: at how many places light was computed.
+        samples: points on each lamp, and rays that gather what bounces, for each place.
+        complete: whether the maps are as fine as the error asks for.
+        seconds: how long it took.
+    """
+
+    divisions: IntArray
+    texels: list[npt.NDArray[np.float32]]
+    instants: FloatArray
+    error: float
+    motion_error: float
+    points: int
+    samples: tuple[int, int]
+    complete: bool
+    seconds: float
+
+    @property
+    def layouts(self) -> IntArray:
+        """(t, 2, 4): first texel, width, height and wrap mode of each map; a back without one has the front's."""
+        return layouts_of(self.divisions)
+
+
+def layouts_of(divisions: IntArray) -> IntArray:
+    sides = 2 ** divisions.clip(min=0) + 1
+    sizes = np.where(divisions >= 0, (sides + 2) ** 2, 0).ravel()
+    first = np.cumsum([0, *sizes])[:-1].reshape(-1, 2)
+    layouts = np.stack([first, sides, sides, np.ones_like(sides)], -1)
+    none = divisions[:, 1] < 0
+    layouts[none, 1] = layouts[none, 0]
+    return np.asarray(layouts)
+
+
+def side_of(lattice: SurfaceLattice) -> IntArray:
+    """0 for fronts, 1 for backs: those after all fronts."""
+    side = np.zeros(len(lattice.triangles), np.int64)
+    fronts = int(lattice.triangles.max()) + 1
+    side[fronts:] = 1
+    return side
+
+
+def looked_up(texels: npt.NDArray[np.float32], layouts: IntArray, weight: FloatArray) -> FloatArray:
+    """Light (n, 3) of maps with layouts (n, 4), at places with these shares (n, 3) of their triangles' corners."""
+    first, side = layouts[:, 0], layouts[:, 1]
+    place = weight[:, 1:] * (side - 1)[:, None]
+    cell = np.minimum(place.astype(np.int64), (side - 2).clip(min=0)[:, None])
+    x, y = (place - cell).T[..., None]
+    stride = side + 2
+    at = first + (cell[:, 1] + 1) * stride + cell[:, 0] + 1
+    above = (1 - x) * texels[at] + x * texels[at + 1]
+    below = (1 - x) * texels[at + stride] + x * texels[at + stride + 1]
+    return np.asarray((1 - y) * above + y * below, np.float64)
+
+
+def texels_of(
+    lattice: SurfaceLattice, parts: Sequence[SampledLight], divisions: IntArray, layouts: IntArray
+) -> npt.NDArray[np.float32]:
+    size = int((layouts[..., 0] + (layouts[..., 1] + 2) ** 2).max())
+    texels = np.zeros((size, 3), np.float32)
+    sides = side_of(lattice)
+    for part in parts:
+        for faces, grids in part.grids(divisions):
+            # Rows are along the second coordinate.
+            framed = np.pad(grids.swapaxes(1, 2), ((0, 0), (1, 1), (1, 1), (0, 0)), mode="edge")
+            first = layouts[lattice.triangles[faces], sides[faces], 0]
+            at = first[:, None] + np.arange(framed.shape[1] ** 2)
+            texels[at] += framed.reshape(len(faces), -1, 3).astype(np.float32)
+    return texels
+
+
+def map_coordinates(corners: FloatArray, divisions: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Affine maps of a place to the coordinates u and v in a triangle's light maps, (t, 2, 4) each.
+
+    Args:
+        corners: (t, 3, 3).
+        divisions: (t, 2), see :class:`LightMaps`.
+    """
+    edges = corners[:, 1:] - corners[:, :1]
+    cross = np.cross(edges[:, 0], edges[:, 1])
+    squared = np.einsum("ij,ij->i", cross, cross)
+    squared = np.where(squared > 0, squared, 1.0)[:, None]
+    gradients = (np.cross(edges[:, 1], cross) / squared, np.cross(cross, edges[:, 0]) / squared)
+    divisions = np.where(divisions < 0, divisions[:, :1], divisions)
+    cells = (2.0**divisions)[..., None]
+    maps = []
+    for gradient in gradients:
+        barycentric = np.concatenate([gradient, -np.einsum("ij,ij->i", gradient, corners[:, 0])[:, None]], 1)[:, None]
+        maps.append((barycentric * cells + np.array([0, 0, 0, 0.5])) / (cells + 1))
+    return maps[0], maps[1]
