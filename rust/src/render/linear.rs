@@ -1,7 +1,5 @@
 //! Linear functions over the image, and their bounds over a part of it.
 
-use super::pixel_rays::LANES;
-
 /// A part of the image in undistorted coordinates: the x and y of ray directions (x, y, 1) in camera axes.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Rect {
@@ -18,8 +16,8 @@ impl Rect {
         self.high = [self.high[0].max(x), self.high[1].max(y)];
     }
 
-    /// What holds some points; their number is a multiple of [`LANES`].
-    pub(super) fn around(x: &[f32], y: &[f32]) -> Self {
+    /// What holds some points, `LANES` of which are looked at together; their number is a multiple of it.
+    pub(super) fn around<const LANES: usize>(x: &[f32], y: &[f32]) -> Self {
         let [(left, right), (top, bottom)] = [x, y].map(|values| {
             let (mut low, mut high) = ([f32::INFINITY; LANES], [f32::NEG_INFINITY; LANES]);
             for values in values.chunks_exact(LANES) {

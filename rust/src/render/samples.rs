@@ -86,7 +86,7 @@ impl Pixels {
             let last = count.checked_sub(1).map_or(0.0, |last| values[last]);
             values[count..].fill(last);
         }
-        self.around = Rect::around(&self.x, &self.y);
+        self.around = Rect::around::<LANES>(&self.x, &self.y);
     }
 
     pub(super) fn count(&self) -> usize {
