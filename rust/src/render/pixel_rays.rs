@@ -250,7 +250,9 @@ mod tests {
                 let at = place / LANES * LANES * rays + ray * LANES + place % LANES;
                 let (x, y) = (all.of_tile(tile).x[at], all.of_tile(tile).y[at]);
                 assert_eq!([x, y], table[(ray * width * height + pixel) * 2..][..2]);
-                assert_eq!(all.of_pixel(tile, place).nth(ray), Some((x, y)));
+                let (mut own_x, mut own_y) = (vec![0.0; all.rays], vec![0.0; all.rays]);
+                all.copy_pixel(tile, place, &mut own_x, &mut own_y);
+                assert_eq!((own_x[ray], own_y[ray]), (x, y));
                 for part in [all.tile(tile), &all.of_tile(tile).blocks[place / LANES], &all.all] {
                     assert!(part.low[0] <= x && x <= part.high[0] && part.low[1] <= y && y <= part.high[1]);
                 }
