@@ -129,7 +129,11 @@ def page(results: list[Result], command: str, minutes: float) -> str:
         f" least of {ROUNDS} rounds in which they take turns",
         "- the usual way: Mitsuba's integrator, 16 rays a pixel, lines between renders 1/3 px apart; in closed rooms,",
         "  which only our own renderers light, the table kernel with the same rays and lines",
-        "- `workshop` (benches/accuracy_workshop.py) was never used to choose a preset",
+        *[
+            "- `workshop` (benches/accuracy_workshop.py) was never used to choose a preset"
+            for r in results
+            if r.scene == "workshop"
+        ],
         "",
         "Errors of time are in microseconds, missing and spurious events in per cent of the reference's.",
         "",
