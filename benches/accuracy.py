@@ -129,11 +129,11 @@ def page(results: list[Result], command: str, minutes: float) -> str:
         f" least of {ROUNDS} rounds in which they take turns",
         "- the usual way: Mitsuba's integrator, 16 rays a pixel, lines between renders 1/3 px apart; in closed rooms,",
         "  which only our own renderers light, the table kernel with the same rays and lines",
-        *[
-            "- `workshop` (benches/accuracy_workshop.py) was never used to choose a preset"
-            for r in results
-            if r.scene == "workshop"
-        ],
+        *(
+            ["- `workshop` (benches/accuracy_workshop.py) was never used to choose a preset"]
+            if any(result.scene == "workshop" for result in results)
+            else []
+        ),
         "",
         "Errors of time are in microseconds, missing and spurious events in per cent of the reference's.",
         "",
@@ -159,8 +159,10 @@ def page(results: list[Result], command: str, minutes: float) -> str:
         "| scene | setting | promised: pixels that keep it |",
         "|---|---|---:|",
     ]
-    presets = [(r.scene, one) for r in results for one in r.measured if one.setting.preset and one.kept_percent]
-    lines += [f"| {scene} | {one.setting.name} | {kept_text(one)} |" for scene, one in presets]
+    presets = [(r.scene, one) for r in results for one in r.measured if one.setting.preset]
+    lines += [
+        f"| {scene} | {one.setting.name} | {kept_text(one)} |" for scene, one in presets if one.kept_percent is not None
+    ]
     lines += ["", "Points around the presets:", "", *HEADER]
     lines += [row(r, one) for r in results for one in r.measured if one.setting.family not in ("usual", "presets")]
     return "\n".join(lines) + "\n"

@@ -27,6 +27,7 @@ from davis_rs import Camera, Scene, Simulator
 from davis_rs.accuracy.light_accuracy import HEADS, LightComparison
 from davis_rs.luma import LumaFrames
 from davis_rs.sampling.rules import MaxDisplacement
+from davis_rs.sequence_report.count import COARSE_PX, COARSE_SAMPLES
 
 
 def main() -> None:
@@ -43,7 +44,7 @@ def main() -> None:
     parser.add_argument("--pictures", type=Path, help="where pictures are written to")
     parser.add_argument("--kept", type=Path, help="where runs of the reference are kept")
     parser.add_argument("--second", action="store_true", help="only simulate: the camera's whole path, all events")
-    parser.add_argument("--coarse", action="store_true", help="--second with 2 pixels of motion a render and 5 rays")
+    parser.add_argument("--coarse", action="store_true", help="--second, sampled as docs/sequences.md counts events")
     given = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         # A bake that comes from the user's own cache would measure an older one.
@@ -79,7 +80,12 @@ def measure(scene: Scene, camera: Camera, given: argparse.Namespace) -> None:
 def simulate(scene: Scene, camera: Camera, given: argparse.Namespace) -> None:
     """The camera's whole path, at the default preset or as sequences are counted."""
     start = time.perf_counter()
-    coarse: dict[str, Any] = {"sampling": MaxDisplacement(2.0), "samples": 5, "frame_rate_hz": 0, "depth_rate_hz": 0}
+    coarse: dict[str, Any] = {
+        "sampling": MaxDisplacement(COARSE_PX),
+        "samples": COARSE_SAMPLES,
+        "frame_rate_hz": 0,
+        "depth_rate_hz": 0,
+    }
     simulator = Simulator(replace(scene, camera=camera), bake_error=given.error, **(coarse if given.coarse else {}))
     made = time.perf_counter() - start
     start, events = time.perf_counter(), 0

@@ -161,12 +161,13 @@ class Sweep:
         events = concatenate_events([packet.events for packet in simulator.run()])
         wall_s = time.perf_counter() - started
         log = np.stack(recorder.log)
-        same_log = None if setting.random else self._same_log(setting.samples)
         in_time, kept_percent = None, None
-        if same_log is not None and same_rays:
-            in_time = self._errors(events, log, self._same_crossings(setting.samples), same_log)
-        if same_log is not None and setting.promised is not None:
-            kept = np.abs(log - same_log) <= setting.promised * self.recipe.contrast_threshold
+        if same_rays and not setting.random:
+            crossings = self._same_crossings(setting.samples)
+            in_time = self._errors(events, log, crossings, self._same_log(setting.samples))
+        if setting.promised is not None and not setting.random:
+            errors = np.abs(log - self._same_log(setting.samples))
+            kept = errors <= setting.promised * self.recipe.contrast_threshold
             kept_percent = 100 * float(kept.mean())
         in_all = self._errors(events, log, self.fine.events, self._fine_log)
         rates = recorder.keyframe_count / seconds, counted.count / seconds

@@ -229,7 +229,7 @@ def _cached_frames(cache: Path, key: str) -> dict[int, npt.NDArray[np.float32]]:
 
 
 def _cubic_events(renderer: Renderer, recipe: Recipe, t_us: IntArray, luma: npt.NDArray[np.float32]) -> EventArray:
-    """Events in ticks, along cubics whose slope come from neighbouring frames."""
+    """Events in ticks, along cubics whose slopes come from neighbouring frames."""
     engine = recipe.engine(renderer, "hermite")
     log = recipe.log_luma(luma)
     ticks, rounded = (t_us * TICKS_PER_US).tolist(), list(log.astype(np.float32))

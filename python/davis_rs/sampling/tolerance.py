@@ -101,7 +101,7 @@ class _Control:
 
     def __init__(self, settings: Tolerance, stretch: Stretch) -> None:
         self._settings, self._stretch = settings, stretch
-        self._tolerated = float(np.float32(settings.contrast * stretch.contrast_threshold))
+        self._tolerated = float(settings.contrast * stretch.contrast_threshold)
         self._pixels = min(settings.pixels, settings.longest)
         self._window = KeyframeWindow()
 

@@ -19,6 +19,10 @@ from ..trajectory.views import Views
 MEASURED = Path(__file__).with_name("measured.csv")
 """The counts that ``davis-rs sequences`` shows: what :func:`count_events` found with the defaults."""
 
+COARSE_PX, COARSE_SAMPLES = 2.0, 5
+"""A render for so much motion, and rays a pixel: a third of a pixel and 8 rays find 3 to 10 % more events, for eight
+times the work (docs/sequences.md)."""
+
 _LOOK = 0.7
 
 
@@ -56,16 +60,15 @@ def count_events(
     sequence: Sequence,
     *,
     duration_s: float | None = None,
-    max_displacement_px: float = 2.0,
-    samples: int = 5,
+    max_displacement_px: float = COARSE_PX,
+    samples: int = COARSE_SAMPLES,
     progress: Callable[[float], object] | None = None,
 ) -> EventCount:
     """Simulate a sequence with ideal pixels and count its events.
 
     Args:
         duration_s: from its start; all of it by default.
-        max_displacement_px, samples: a render for so much motion, and rays a pixel. The defaults are coarse: a third of
-            a pixel and 8 rays find 3 to 10 % more, for eight times the work (docs/sequences.md).
+        max_displacement_px, samples: a render for so much motion, and rays a pixel; see :data:`COARSE_PX`.
         progress: called with the simulated seconds since the call before.
     """
     scene = sequence.scene().crop(0.0, duration_s)

@@ -39,15 +39,13 @@ class MotionTimes:
     Attributes:
         tests: seconds (k), instants at which light is compared, as many as the bodies go far; (1) if all stand still.
         fine: whether no corner of a box around a body goes farther than an eighth of its size between two.
-        start_s, end_s: of the motion that light is baked for.
-        rests_before, rests_after: whether all bodies stand still before and after it.
+        end_s: of the motion that light is baked for; it begins at 0.
+        rests_after: whether all bodies stand still after it.
     """
 
     tests: FloatArray
     fine: bool
-    start_s: float
     end_s: float
-    rests_before: bool
     rests_after: bool
 
     def check(self, t_s: FloatArray) -> None:
@@ -56,12 +54,11 @@ class MotionTimes:
         Raises:
             ValueError: where a body has gone on since the last instant.
         """
-        early, late = t_s < self.start_s - _TOLERANCE_S, t_s > self.end_s + _TOLERANCE_S
-        wrong = t_s[(early & (not self.rests_before)) | (late & (not self.rests_after))]
-        if len(wrong):
+        late = t_s[t_s > self.end_s + _TOLERANCE_S]
+        if len(late) and not self.rests_after:
             raise ValueError(
-                f"the scene's light is baked for the time of its camera path, {self.start_s:g} to {self.end_s:g} s, "
-                f"and its objects move on after that; it was asked for at {wrong[0]:g} s. Give the scene a camera path "
+                f"the scene's light is baked for the time of its camera path, 0 to {self.end_s:g} s, "
+                f"and its objects move on after that; it was asked for at {late[0]:g} s. Give the scene a camera path "
                 "that is as long as what is rendered"
             )
 
@@ -87,12 +84,12 @@ def motion_times(motion: SceneMotion, duration_s: float | None) -> MotionTimes:
     way = np.concatenate([[0.0], np.cumsum(gone)])
     after = last <= end
     if way[-1] < 1e-9:
-        return MotionTimes(np.zeros(1), True, 0.0, end, True, after)
+        return MotionTimes(np.zeros(1), True, end, after)
     count = int(np.clip(np.ceil(way[-1]) + 1, _LEAST_TESTS, _MOST_TESTS))
     # Evenly over the way, not over time: where bodies rest there is nothing to look at.
     tests = np.interp(np.linspace(0.0, way[-1], count), way, looks)
     tests[0], tests[-1] = looks[int(np.argmax(way > 0)) - 1], looks[int(np.argmax(way >= way[-1]))]
-    return MotionTimes(tests, bool(way[-1] <= _MOST_TESTS - 1), 0.0, end, True, after)
+    return MotionTimes(tests, bool(way[-1] <= _MOST_TESTS - 1), end, after)
 
 
 def chosen(
@@ -102,15 +99,13 @@ def chosen(
 
     Args:
         luma_at: two estimates of light at n places (2, n) at one of the instants.
-        tests: how many instants there are.
+        tests: how many instants there are, at least 2.
         tolerance: root mean square of what straight lines may err at the others, relative, over places where light
             changes by more than this.
 
     Returns:
         Their numbers, and the largest root mean square between two of them.
     """
-    if tests == 1:
-        return [0], 0.0
     luma = np.array([luma_at(number) for number in range(tests)])
     mean = luma.mean((0, 1))
     shares = np.divide(luma, mean, out=np.ones_like(luma), where=mean > 0)
