@@ -77,6 +77,19 @@ def test_slopes_do_not_look_across_a_cut() -> None:
     assert not alone.slope(1).any()
 
 
+def test_slopes_are_those_of_the_longer_interval() -> None:
+    """A keyframe close by, as one that a frame wants, does not decide the slope in the long interval next to it."""
+    times = [0, 1000, 2000, 2001, 3000, 4000]
+    frames = [np.array([[level]], np.float32) for level in (0.0, 0.3, -0.2, -0.1, 0.4, 0.0)]
+    window = KeyframeWindow()
+    window.insert(times, frames, frames)
+    assert np.array_equal(window.slope(2), slope([1000, 2000, 3000], [frames[i] for i in (1, 2, 4)], 1))
+    assert np.array_equal(window.slope(3), slope([1000, 2001, 3000], [frames[i] for i in (1, 3, 4)], 1))
+    window = KeyframeWindow()
+    window.insert(times[:4], frames[:4], frames[:4])
+    assert np.array_equal(window.slope(2), slope([1000, 2000], frames[1:3], 1))  # nothing comes that is far enough
+
+
 def test_too_few_keyframes_are_judged_by_their_change() -> None:
     """Nothing can be predicted from two keyframes: where they differ by more than is tolerated nothing is trusted."""
     window = filled([0, 1000], set())

@@ -51,9 +51,15 @@ class KeyframeWindow:
         return np.cumsum([False, *cut])
 
     def slope(self, k: int) -> LogLuma:
-        """Slope of log luma (H, W), 1/s, at keyframe k, from it and its neighbours; 0 where it has none."""
+        """Slope of log luma (H, W), 1/s, at keyframe k, from it and one on either side; 0 where it has none.
+
+        Both intervals around the keyframe have it. It is measured at the scale of the longer one: in noise, as which
+        textures finer than a pixel come, the slope towards a keyframe close by says nothing about that.
+        """
         part = self.parts()
-        own = [i for i in (k - 1, k, k + 1) if 0 <= i < len(part) and part[i] == part[k]]
+        within = np.flatnonzero(part == part[k])
+        around = self.t_us[max(k - 1, int(within[0])) : min(k + 1, int(within[-1])) + 1]
+        own = sorted([k, *self._others(k, max(np.diff(around).tolist(), default=0), within, 1)])
         if len(own) == 1:
             return np.zeros_like(self.log_luma[k])
         return slope([self.t_us[i] for i in own], [self.log_luma[i] for i in own], own.index(k))
@@ -69,22 +75,22 @@ class KeyframeWindow:
             found = np.zeros(self.log_luma[k].shape, np.bool_)
             if part[k] == part[k + 1]:
                 for end in (k, k + 1):
-                    others = self._others(end, after_us - before_us, np.flatnonzero(part == part[end]))
+                    others = self._others(end, after_us - before_us, np.flatnonzero(part == part[end]), 2)
                     found |= self._missed(end, others, part, tolerated)
             result.append(found)
         return result
 
-    def _others(self, k: int, length_us: int, within: IntArray) -> list[int]:
-        """The keyframes on either side that predict keyframe k, at one end of an interval of this length.
+    def _others(self, k: int, length_us: int, within: IntArray, most: int) -> list[int]:
+        """Up to so many keyframes on either side of keyframe k, at one end of an interval of this length.
 
         They are of those ``within``, its own part between cuts. Those less than half an interval apart are passed over:
-        one close by would hide the error.
+        one close by would hide how the interval bends.
         """
         others: list[int] = []
         for side in (range(k - 1, int(within[0]) - 1, -1), range(k + 1, int(within[-1]) + 1)):
             chosen = [k]
             for i in side:
-                if len(chosen) < 3 and 2 * abs(self.t_us[i] - self.t_us[chosen[-1]]) >= length_us:
+                if len(chosen) <= most and 2 * abs(self.t_us[i] - self.t_us[chosen[-1]]) >= length_us:
                     chosen.append(i)
             others += chosen[1:]
         return others
