@@ -299,13 +299,15 @@ def floor(motion: Trajectory, light: LightProfile) -> Scene:
 
 
 @pytest.mark.parametrize("shadows", [True, False], ids=["shadows", "no-shadows"])
-@pytest.mark.xfail(strict=True, reason="what crosses a pixel, or a level, between two samples leaves no trace in them")
 @pytest.mark.usefixtures("llvm")
 def test_wires_thinner_than_a_pixel(shadows: bool) -> None:
-    """The preset exact misses no more than 0.1 % of the events of wires of 0.3 to 1 pixel, none 20 us off."""
+    """The preset exact has all events of wires of 0.3 to 1 pixel, to the microsecond.
+
+    Of their shadows, whose edges are not followed, it misses dips that last for few microseconds.
+    """
     made = simulator(wires(sideways(0.006, 1.0), shadows=shadows), "exact")
     events = events_of(made)
-    probe = dense_probe(made.renderer, made.scene.path, step_us=4, contrast_threshold=0.15)
+    probe = dense_probe(made.renderer, made.scene.path, step_us=1, contrast_threshold=0.15)
     compared = compare_events(events, probe.events, size=(32, 24), window_us=8_000)
-    assert compared.missing_percent + compared.spurious_percent < 0.1
-    assert compared.p99_us < 20
+    assert compared.missing_percent + compared.spurious_percent < (0.3 if shadows else 0.05)
+    assert compared.p99_us <= 2

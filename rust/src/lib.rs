@@ -43,7 +43,8 @@ pub use read::{
 };
 pub use readout::{ReadoutParameters, ReadoutState};
 pub use render::{
-    Beam, Emission, Light, LightKind, LightMapTables, PixelRays, Pose, Renderer, Scene, SceneTables, Sky, View,
+    Beam, EdgeTracks, Emission, Light, LightKind, LightMapTables, PixelRays, Pose, Renderer, Scene, SceneTables, Sky,
+    TrackSettings, View,
 };
 pub use represent::{TimeBins, count_events, latest_times, voxel_grid};
 pub use ros::{EventMessage, LATEST_US as ROS_LATEST_US, pack_events, packed_size, unpack_events};

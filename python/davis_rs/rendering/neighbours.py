@@ -40,6 +40,7 @@ class Neighbours:
     """The squares of pixels within ``reach`` around m pixels, mirrored at the frame's edge.
 
     Attributes:
+        wanted: int64 (2 reach + 1, 2 reach + 1, m), by y and x: view H W + pixel of all in the squares.
         view, pixel: int64, all pixels to render: each once where many of a view are asked for, else a square for each.
     """
 
@@ -50,13 +51,13 @@ class Neighbours:
         around = np.arange(-reach, reach + 1)[:, None]
         rows = view * size + mirrored(y + around, height) * width
         columns = mirrored(x + around, width)
-        self._wanted = rows[:, None] + columns[None]
-        if self._wanted.size < _FEWEST_A_VIEW * views * size:
+        self.wanted = rows[:, None] + columns[None]
+        if self.wanted.size < _FEWEST_A_VIEW * views * size:
             self._place: npt.NDArray[np.int64] | None = None
-            self.view, self.pixel = np.divmod(self._wanted.ravel(), size)
+            self.view, self.pixel = np.divmod(self.wanted.ravel(), size)
         else:
             mask = np.zeros(views * size, np.bool_)
-            mask[self._wanted] = True
+            mask[self.wanted] = True
             self._place = np.flatnonzero(mask)
             self.view, self.pixel = np.divmod(self._place, size)
         self._size = views * size
@@ -64,10 +65,10 @@ class Neighbours:
     def squares(self, luma: LumaFrames) -> LumaFrames:
         """(2 reach + 1, 2 reach + 1, m), by y and x, from the luma of those to render."""
         if self._place is None:
-            return luma.reshape(self._wanted.shape)
+            return luma.reshape(self.wanted.shape)
         frames = np.empty(self._size, np.float32)
         frames[self._place] = luma
-        return frames[self._wanted]
+        return frames[self.wanted]
 
 
 def mirrored(i: Indices, size: int) -> Indices:

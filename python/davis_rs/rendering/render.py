@@ -15,6 +15,7 @@ from ..luma import LumaFrames, blur_3x3, blur_neighbourhoods
 from ..pose import FloatArray
 from ..trajectory.views import Views
 from .camera_rays import pixel_centres
+from .edge_tracks import EdgeTracks, composed_tracks
 from .flow import OpticalFlow
 from .neighbours import ImageMap, Neighbours
 from .rate_difference import rate_by_differences
@@ -119,6 +120,32 @@ class Renderer(ABC):
             squares = neighbours.squares(self._samples(views, neighbours.view, neighbours.pixel, rays))
         else:
             squares = self._samples(views, view, pixel, rays).reshape(1, 1, -1)
+        return self._composed(squares, pixel)
+
+    def edge_tracks(self, views: Views, t_us: Indices, *, tolerated: float, log_eps: float) -> list[EdgeTracks] | None:
+        """Luma of the pixels that edges of the geometry pass, through each of n spans of time.
+
+        Of a span's pixels some rays see one surface all the time, and change evenly. The others jump, at the instants
+        at which an edge passes them; these follow from the geometry. What the rays see is rendered at three instants,
+        or at five where luma bends or where a ray is passed twice between two of them.
+
+        Args:
+            views: five of each span (5 n), at the instants of
+                :func:`~davis_rs.rendering.edge_tracks.instants_of_spans`; the fastest pixel may go half a pixel.
+            t_us: int64 (n, 5): these instants, microseconds of the sequence.
+            tolerated: change of log luma that is tolerated.
+            log_eps: dark level in units of luma.
+
+        Returns:
+            None where the renderer does not know its rays' surfaces.
+        """
+        found = self._edge_tracks(views, t_us, tolerated, log_eps)
+        if found is None:
+            return None
+        return [composed_tracks(tracks, self.camera, self.reach_px, self._composed) for tracks in found]
+
+    def _composed(self, squares: LumaFrames, pixel: Indices) -> LumaFrames:
+        """What the blur and the lens make of the squares around pixels."""
         if self.blur:
             squares = blur_neighbourhoods(squares)
         return squares[0, 0] if self.optics is None else self.optics.pixels(squares, pixel)
@@ -187,6 +214,10 @@ class Renderer(ABC):
     def _owners(self, views: Views) -> npt.NDArray[np.uint32]:
         """(n, H, W): what a pixel's centre sees: object 1, 2, ... of ``motion``, or 0 for all else."""
         return np.zeros((len(views), self.camera.height, self.camera.width), np.uint32)
+
+    def _edge_tracks(self, views: Views, t_us: Indices, tolerated: float, log_eps: float) -> list[EdgeTracks] | None:
+        """As :meth:`edge_tracks`; with samples of all pixels that luma is taken from, at the spans' ends too."""
+        return None
 
     def _luma_and_rate(self, views: Views) -> tuple[LumaFrames, LumaFrames]:
         # What is infinitely far counts too: it may be a background that a rotation carries past.

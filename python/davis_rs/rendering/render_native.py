@@ -15,6 +15,7 @@ from ..luma import LumaFrames
 from ..pose import FloatArray
 from ..trajectory.views import Views
 from .camera_rays import ray_table
+from .edge_tracks import EdgeTracks
 from .render import Indices, Renderer
 from .scene_motion import STILL, SceneMotion, seen_from
 from .scene_table import SceneTable
@@ -110,6 +111,22 @@ class NativeRenderer(Renderer):
 
     def _samples(self, views: Views, view: Indices, pixel: Indices, rays: int) -> LumaFrames:
         return self._core.samples(self._pixel_rays(rays), self._arrays(views), view, pixel)
+
+    def _edge_tracks(self, views: Views, t_us: Indices, tolerated: float, log_eps: float) -> list[EdgeTracks]:
+        found = self._core.edge_tracks(
+            self._pixel_rays(self.rays),
+            self._arrays(views),
+            t_us.ravel(),
+            reach=self.reach_px,
+            tolerated=tolerated,
+            log_eps=log_eps,
+        )
+        return [
+            EdgeTracks(
+                pixels.astype(np.int64), unknown.astype(np.int64), pixel.astype(np.int64), sample_us, luma, rendered
+            )
+            for pixels, unknown, pixel, sample_us, luma, rendered in found
+        ]
 
     def _depth(self, views: Views) -> npt.NDArray[np.float32]:
         return self._core.depth(self._pixel_rays(1), self._arrays(views))[0].reshape(self._shape(views))

@@ -49,7 +49,7 @@ def make_renderer(
             light from lamps, from all sides and from other surfaces, which is computed once and kept), ``integrator``
             (Mitsuba's own, for everything else) or ``auto``: the native renderer where it computes what the scene asks
             for, else under baked light where that is possible, and else Mitsuba's integrators.
-        edges: prepare :attr:`Renderer.silhouettes`.
+        edges: prepare :attr:`Renderer.silhouettes` where the renderer does not track edges itself.
         blur: the 3 x 3 blur of luma; None leaves it to the scene.
         threads: of the native renderer; None for all that there are.
         bake_error: how much baked light may err, relative.
@@ -145,10 +145,10 @@ def _make_from_table(
             if any(light.kind == "spot" for light in table.lights):
                 raise Unsuitable("a light is a spot light, which only the native renderer has")
             renderer = TableRenderer(table, camera, samples=samples, blur=blur, motion=motion)
+            renderer.silhouettes = MovingSilhouettes(loaded, motion) if edges else None
         else:
             renderer = NativeRenderer(table, camera, samples=samples, blur=blur, motion=motion, threads=threads)
         renderer.reason += _replaced(scene, materials)
-        renderer.silhouettes = MovingSilhouettes(loaded, motion) if edges else None
     return renderer
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..pose import FloatArray
+from ..rendering.edge_tracks import EdgeTracks
 from ..rendering.render import Indices, Renderer
 from ..trajectory.views import Views
 from .interpolate import interpolated
@@ -79,3 +80,8 @@ class CountedRenderer(Renderer):
     def _samples(self, views: Views, view: Indices, pixel: Indices, rays: int) -> npt.NDArray[np.float32]:
         self.count += len(pixel) * rays
         return self._renderer._samples(views, view, pixel, rays)
+
+    def _edge_tracks(self, views: Views, t_us: Indices, tolerated: float, log_eps: float) -> list[EdgeTracks] | None:
+        found = self._renderer._edge_tracks(views, t_us, tolerated, log_eps)
+        self.count += sum(tracks.rendered for tracks in found or []) * self.rays
+        return found

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from ..rendering.edge_tracks import NO_TRACKS, SHORTEST_US, EdgeTracks, instants_of_spans
 from ..rendering.swept import Counts
 from .breaks import Break, break_instants
 from .displacement import LARGEST_BEND, DisplacementClock
@@ -34,10 +35,12 @@ class Tolerance(TimeSampling):
     alone at the middle of their interval, and again at the middles of its halves, until a sample lies where the line
     between its neighbours predicted it.
 
-    What happens and vanishes between two samples leaves no trace in either: no estimate can see it. Where an edge of
-    the geometry passes over a pixel that may be so, and its interval is halved whatever the samples say: twice for one
-    edge, to the end for two, because there may be something thin between them. A thin line of a texture has no such
-    protection.
+    What happens and vanishes between two samples leaves no trace in either: no estimate can see it. Where edges of the
+    geometry pass over a pixel that may be so. The native renderer tells at which instants an edge passes each ray, so
+    that such pixels are sampled where their luma jumps, and between (:mod:`~davis_rs.rendering.edge_tracks`). With
+    other renderers, and where rays do what neither edges nor their rates tell (shadows), the pixel's interval is halved
+    whatever the samples say: twice for one edge, to the end for two, because there may be something thin between them.
+    A thin line of a texture has no such protection.
 
     Where motion or light breaks there are keyframes on both sides; neither slopes nor estimates look across.
 
@@ -45,7 +48,7 @@ class Tolerance(TimeSampling):
         contrast: tolerated error, as a share of the contrast threshold.
         pixels: displacement between keyframes at the start, and ``longest`` at the most.
         halvings: how often a pixel's interval is halved at the most.
-        edges: halve it so often where two edges of the geometry may pass, and twice where one may.
+        edges: follow the geometry's edges, see above.
 
     Raises:
         ValueError: for a value out of range.
@@ -216,8 +219,13 @@ class _Control:
         """The samples of untrusted pixels within each interval in first..end."""
         if end <= first:
             return
-        pieces = self._pieces(untrusted, first, end)
+        tracks = self._tracks(first, end)
+        pieces = self._pieces(untrusted, tracks, first, end)
         found = []
+        for i, tracked in enumerate(tracks or ()):
+            known = ~np.isin(tracked.pixel, tracked.unknown)
+            pixel = tracked.pixel[known]
+            found.append((np.full(len(pixel), i), pixel, tracked.t_us[known], tracked.luma[known]))
         for turn in range(self._settings.halvings):
             pieces = pieces.of(pieces.end_us - pieces.start_us > 1)
             if len(pieces.pixel) == 0:
@@ -239,15 +247,37 @@ class _Control:
         for chosen in np.split(order, np.searchsorted(interval[order], np.arange(1, end - first))):
             yield SparseSamples(pixel[chosen].astype(np.uint32), t_us[chosen], luma[chosen])
 
-    def _pieces(self, untrusted: list[BoolFrame], first: int, end: int) -> _Pieces:
-        """The intervals in first..end of the pixels that are untrusted there, or that edges sweep."""
-        window, sweeps, most = self._window, self._sweeps(first, end), self._settings.halvings
+    def _tracks(self, first: int, end: int) -> list[EdgeTracks] | None:
+        """Luma of the pixels that edges pass within each interval in first..end; None where nobody can tell."""
+        if not self._settings.edges:
+            return None
+        t_us = np.array(self._window.t_us[first : end + 1])
+        long = np.flatnonzero(np.diff(t_us) >= SHORTEST_US)
+        instants = instants_of_spans(t_us[long], t_us[long + 1])
+        found = self._stretch.renderer.edge_tracks(
+            self._stretch.views(instants.ravel()), instants, tolerated=self._tolerated, log_eps=self._stretch.log_eps
+        )
+        if found is None:
+            return None
+        tracks = [NO_TRACKS] * (end - first)
+        for i, tracked in zip(long.tolist(), found, strict=True):
+            tracks[i] = tracked
+        return tracks
+
+    def _pieces(self, untrusted: list[BoolFrame], tracks: list[EdgeTracks] | None, first: int, end: int) -> _Pieces:
+        """The intervals in first..end of the pixels that are untrusted there, or that edges sweep, but for tracks."""
+        window, most = self._window, self._settings.halvings
+        sweeps = self._sweeps(first, end) if tracks is None else None
         in_any_case = np.array([0, min(_FOR_ONE_EDGE, most), most])
         columns = []
         for i, k in enumerate(range(first, end)):
-            swept = None if sweeps is None else sweeps[i].ravel()
-            pixel = np.flatnonzero(untrusted[k].ravel() if swept is None else untrusted[k].ravel() | (swept > 0))
-            edges = np.zeros(len(pixel), np.int64) if swept is None else np.minimum(swept[pixel], 2)
+            swept = np.zeros(untrusted[k].size, np.uint8) if sweeps is None else sweeps[i].ravel()
+            wanted = untrusted[k].ravel() | (swept > 0)
+            if tracks is not None:
+                wanted[tracks[i].pixels] = False
+                wanted[tracks[i].unknown], swept[tracks[i].unknown] = True, 2
+            pixel = np.flatnonzero(wanted)
+            edges = np.minimum(swept[pixel], 2)
             columns.append(
                 (
                     np.full(len(pixel), i),

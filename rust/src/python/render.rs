@@ -6,7 +6,8 @@ use pyo3::prelude::*;
 
 use super::arrays::column;
 use crate::render::{
-    Beam, Emission, Light, LightKind, LightMapTables, PixelRays, Pose, Renderer, Scene, SceneTables, Sky, View,
+    Beam, EdgeTracks, Emission, Light, LightKind, LightMapTables, PixelRays, Pose, Renderer, Scene, SceneTables, Sky,
+    TrackSettings, View,
 };
 
 /// The lattice rays of a sensor's pixels, as undistorted image coordinates.
@@ -83,6 +84,9 @@ type Views<'py> =
 
 /// An array without its shape.
 type Flat<'py, T> = Bound<'py, PyArray1<T>>;
+
+/// Pixels, those with something unseen, the samples' pixels, instants and luma, and how much was rendered.
+type TrackTuple<'py> = (Flat<'py, u32>, Flat<'py, u32>, Flat<'py, u32>, Flat<'py, i64>, Flat<'py, f32>, usize);
 
 /// Kind, group, strength, background, vector and beam of a light.
 type LightTuple = (String, u32, f64, f64, [f64; 3], Option<([f64; 3], Option<(f64, f64)>)>);
@@ -236,6 +240,52 @@ impl PySceneRenderer {
         let mut luma = vec![0f32; pixels.len()];
         py.detach(|| self.0.samples(&rays.0, &views, &pixels, &mut luma))?;
         Ok(luma.into_pyarray(py))
+    }
+
+    /// Luma of the pixels that edges pass, through spans of time.
+    ///
+    /// Args:
+    ///     rays: of the sensor.
+    ///     views: as in :meth:`luma`, five of each of n spans: at its ends, its middle, and about half way between.
+    ///     t_us: int64 (n * 5), flat: when these are, in whole microseconds.
+    ///     reach: how many pixels away, in x or y, the farthest one lies whose luma a pixel takes.
+    ///     tolerated: change of log luma that is tolerated.
+    ///     log_eps: the dark level, in luma.
+    ///
+    /// Returns:
+    ///     Of each span: uint32 (p), increasing, the pixels that edges pass, and those that take luma from them; uint32,
+    ///     those of them in which something passes that was not seen; and samples by pixel and time, between which luma
+    ///     changes evenly: uint32 (m), the pixel; int64 (m), microseconds within the span; float32 (m), luma; and how
+    ///     many pixels were rendered, one at several instants counted so often. With a reach the samples are those of all pixels that luma is taken from, the span's ends among them.
+    ///
+    /// Raises:
+    ///     ValueError: for views that do not fit the scene or the instants, or instants that do not increase in a span.
+    #[pyo3(signature = (rays, views, t_us, *, reach, tolerated, log_eps))]
+    #[allow(clippy::too_many_arguments, reason = "keywords in Python")]
+    fn edge_tracks<'py>(
+        &self,
+        py: Python<'py>,
+        rays: &PyPixelRays,
+        views: Views<'py>,
+        t_us: &Bound<'py, PyAny>,
+        reach: usize,
+        tolerated: f32,
+        log_eps: f32,
+    ) -> PyResult<Vec<TrackTuple<'py>>> {
+        let (views, t_us) = (self.views(&views)?, column::<i64>(t_us, "t_us")?.as_slice()?.to_vec());
+        let settings = TrackSettings { reach, tolerated, log_eps };
+        let tracks = py.detach(|| self.0.edge_tracks(&rays.0, &views, &t_us, settings))?;
+        let tuple = |tracks: EdgeTracks| {
+            (
+                tracks.pixels.into_pyarray(py),
+                tracks.unknown.into_pyarray(py),
+                tracks.sample_pixel.into_pyarray(py),
+                tracks.sample_t_us.into_pyarray(py),
+                tracks.sample_luma.into_pyarray(py),
+                tracks.rendered,
+            )
+        };
+        Ok(tracks.into_iter().map(tuple).collect())
     }
 
     /// What single rays hit.

@@ -12,7 +12,9 @@
 //! side in [`lanes`]. [`linear`] makes a tile's decisions those of its rays,
 //! [`texture`], [`lights`], [`beam`], [`light_map`], [`sky`], [`shadows`] (what lies between, behind [`cone`]s) and [`cast`] (on which rays)
 //! give what [`shade`] needs; [`tile`] is compiled for several processors, [`samples`] are single pixels, [`renderer`] is
-//! what the user sees.
+//! what the user sees. [`edges`] tells when edges pass rays, [`tracks`] what luma does meanwhile
+//! ([`smooth_motion`] says how all moves),
+//! [`edge_tracks`] which pixels that concerns.
 
 #![allow(clippy::many_single_char_names, reason = "coordinates and corners have such names")]
 #![allow(clippy::needless_range_loop, reason = "loops over the lanes of several arrays become vector code")]
@@ -22,6 +24,8 @@ mod beam;
 mod bins;
 mod cast;
 mod cone;
+mod edge_tracks;
+mod edges;
 mod hierarchy;
 mod lanes;
 mod light_map;
@@ -35,14 +39,17 @@ mod scene;
 mod shade;
 mod shadows;
 mod sky;
+mod smooth_motion;
 mod sorted;
 mod texture;
 mod tile;
+mod tracks;
 mod vector;
 mod view;
 mod visibility;
 
 pub use beam::Beam;
+pub use edge_tracks::{EdgeTracks, TrackSettings};
 pub use light_map::{Emission, LightMapTables};
 pub use pixel_rays::PixelRays;
 pub use renderer::Renderer;

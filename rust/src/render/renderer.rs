@@ -1,17 +1,19 @@
 //! Frames, single pixels, depths and owners of many views, on threads.
 
-use std::sync::Mutex;
+use std::sync::{Mutex, OnceLock};
 
 use rayon::prelude::*;
 
 use super::bins::Bins;
 use super::cone::FrameCones;
+use super::edges::Edges;
 use super::lights::{SeenLight, Surroundings, background, seen_lights};
 use super::pixel_rays::{BLOCK, PIXELS, PixelRays, TILE};
 use super::samples::{self, Pixels, Sample, in_one_spot};
 use super::scene::Scene;
 use super::shadows::{moving_cones, still_cones};
 use super::tile::{self, Shaders, TileImage, TileScratch, TileView};
+use super::tracks::Sight;
 use super::view::View;
 use crate::error::{Error, Result};
 
@@ -20,12 +22,14 @@ use crate::error::{Error, Result};
 /// A pixel depends on its view and its rays alone: not on the other views or pixels, the threads or the processor.
 #[derive(Debug)]
 pub struct Renderer {
-    scene: Scene,
+    pub(super) scene: Scene,
     still: FrameCones,
     pool: Option<rayon::ThreadPool>,
     rooms: Spares<Room>,
     scratch: Spares<TileScratch>,
     pixels: Spares<Pixels>,
+    /// Of the scene, once somebody wants to know them.
+    pub(super) edges: OnceLock<Edges>,
 }
 
 /// How many views are done band by band together, at most, and how many triangles they may have in all.
@@ -68,7 +72,7 @@ impl Renderer {
         let pool = threads.map(new_pool).transpose()?;
         let still = still_cones(&scene);
         let (rooms, scratch, pixels) = (Spares::default(), Spares::default(), Spares::default());
-        Ok(Self { scene, still, pool, rooms, scratch, pixels })
+        Ok(Self { scene, still, pool, rooms, scratch, pixels, edges: OnceLock::new() })
     }
 
     /// The scene.
@@ -165,7 +169,7 @@ impl Renderer {
         Ok(())
     }
 
-    fn centred(&self, views: &[View]) -> Result<Vec<View>> {
+    pub(super) fn centred(&self, views: &[View]) -> Result<Vec<View>> {
         let (frames, lights) = (self.scene.frames(), self.scene.lights());
         match views.iter().find(|view| view.poses.len() != frames || view.factors.len() != lights) {
             None => Ok(views.iter().map(|view| self.scene.centred(view)).collect()),
@@ -177,7 +181,7 @@ impl Renderer {
         }
     }
 
-    fn install<R: Send>(&self, work: impl FnOnce() -> R + Send) -> R {
+    pub(super) fn install<R: Send>(&self, work: impl FnOnce() -> R + Send) -> R {
         match &self.pool {
             Some(pool) => pool.install(work),
             None => work(),
@@ -273,6 +277,32 @@ impl Renderer {
 
     /// Luma of pixels of one view, sorted by tile.
     fn samples_of(&self, rays: &PixelRays, view: &View, samples: &[Sample], found: &mut Vec<f32>) {
+        self.each_of(rays, view, samples, |of, tile, pixels, scratch| tile::samples(of, tile, pixels, scratch, found));
+    }
+
+    /// What each ray of pixels of one view sees, pixel by pixel; gives the order in which the pixels were found.
+    pub(super) fn sights(
+        &self,
+        rays: &PixelRays,
+        view: &View,
+        pixels: &[u32],
+        found: &mut Vec<Sight>,
+    ) -> impl Iterator<Item = usize> + use<> {
+        let of_view: Vec<(u32, u32)> = pixels.iter().map(|&pixel| (0, pixel)).collect();
+        let order = samples::sorted(rays, 1, &of_view);
+        found.reserve(pixels.len() * rays.rays);
+        self.each_of(rays, view, &order, |of, tile, some, scratch| tile::sights(of, tile, some, scratch, found));
+        order.into_iter().map(|sample| sample.index)
+    }
+
+    /// Does the tiles that hold pixels of one view, sorted by tile; a tile's pixels are gathered.
+    fn each_of(
+        &self,
+        rays: &PixelRays,
+        view: &View,
+        samples: &[Sample],
+        mut work: impl FnMut(&TileView, usize, &Pixels, &mut TileScratch),
+    ) {
         let lights = seen_lights(&self.scene, view);
         let (mut room, mut scratch, mut pixels) = (self.rooms.take(), self.scratch.take(), self.pixels.take());
         let Room { bins, cones } = &mut room;
@@ -280,7 +310,7 @@ impl Renderer {
             pixels.gather(rays, samples);
             bins.fill_part(&self.scene, view, pixels.around());
             let of = self.tile_view(rays, view, &lights, bins, cones);
-            tile::samples(&of, 0, &pixels, &mut scratch, found);
+            work(&of, 0, &pixels, &mut scratch);
         } else {
             let mut wanted = vec![false; rays.tiles()];
             for sample in samples {
@@ -290,7 +320,7 @@ impl Renderer {
             let of = self.tile_view(rays, view, &lights, bins, cones);
             for tile in samples.chunk_by(|a, b| a.tile == b.tile) {
                 pixels.gather(rays, tile);
-                tile::samples(&of, tile[0].tile, &pixels, &mut scratch, found);
+                work(&of, tile[0].tile, &pixels, &mut scratch);
             }
         }
         self.rooms.give(room);
@@ -318,7 +348,7 @@ fn put<T: Copy>(rays: &PixelRays, tile: usize, pixels: &[T; PIXELS], band: &mut 
     }
 }
 
-fn check_room(expected: usize, got: usize) -> Result<()> {
+pub(super) fn check_room(expected: usize, got: usize) -> Result<()> {
     if expected == got { Ok(()) } else { Err(Error::Argument(format!("there must be room for {expected}, got {got}"))) }
 }
 

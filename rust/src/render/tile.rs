@@ -11,6 +11,7 @@ use super::pixel_rays::{BLOCKS, LANES, PIXELS, Part, PixelRays};
 use super::samples::Pixels;
 use super::shade::Shader;
 use super::sorted::{Picked, Portion, Sorted};
+use super::tracks::Sight;
 use super::vector::single;
 use super::visibility::{NOTHING, Nearest};
 
@@ -78,6 +79,30 @@ pub(super) fn samples(of: &TileView, number: usize, pixels: &Pixels, scratch: &m
     of.bins.of_tile(number, part.around, &mut scratch.list);
     shade::<false>(of, &part, scratch, &mut vec![]);
     found.extend(scratch.luma.chunks_exact(of.rays.rays()).take(pixels.count()).map(pixel_mean));
+}
+
+/// What each ray of single pixels sees, one pixel after the other; the mean of a pixel's luma has the bits of [`samples`].
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
+pub(super) fn sights(of: &TileView, number: usize, pixels: &Pixels, scratch: &mut TileScratch, found: &mut Vec<Sight>) {
+    let part = pixels.part();
+    of.bins.of_tile(number, part.around, &mut scratch.list);
+    shade::<true>(of, &part, scratch, &mut vec![]);
+    let nearest = &scratch.nearest;
+    let seen = |place: u32| &of.bins.seen[scratch.list[place as usize].seen as usize];
+    for ray in 0..pixels.count() * of.rays.rays() {
+        let (luma, rate) = (scratch.luma[ray], scratch.rate[ray]);
+        let place = match nearest.only[0] {
+            _ if scratch.list.is_empty() => NOTHING,
+            NOTHING => nearest.place[ray],
+            only => only,
+        };
+        found.push(if place == NOTHING {
+            Sight { luma, rate, triangle: NOTHING, inverse_depth: 0.0 }
+        } else {
+            let Seen { triangle, inverse_depth, .. } = seen(place);
+            Sight { luma, rate, triangle: *triangle, inverse_depth: inverse_depth.at(part.x[ray], part.y[ray]) }
+        });
+    }
 }
 
 /// Luma of rays, and its rate. `before` are the shaders of the tile before, and then those of this one.
