@@ -68,7 +68,7 @@ SENSOR = Effects(
     refractory_period_us=5.0,
     leak_rate_hz=0.2,
     shot_noise_rms=ShotNoise.of_rate(20.0, C, half_luma=1e-4),
-    hot_pixels=HotPixels(0.002, 200.0),
+    hot_pixels=HotPixels(0.002, 200.0, 0.0),
     readout=Readout(30e6),
     aps=Aps(400.0, read_noise_dn=0.1, full_scale_luma=1.0),
 )

@@ -380,29 +380,67 @@ def test_a_megahertz_of_noise_has_all_its_events() -> None:
 # Hot pixels.
 
 
-def hot(fraction: float, rate_hz: float = 10.0) -> Effects:
-    return Effects(hot_pixels=HotPixels(fraction, rate_hz))
+def hot(
+    fraction: float, rate_hz: float = 10.0, spread: float = 0.0, *, cv: tuple[float, float] = (0.1, 0.1)
+) -> Effects:
+    return Effects(hot_pixels=HotPixels(fraction, rate_hz, spread, *cv))
+
+
+def waits_of(events: EventArray) -> list[npt.NDArray[np.float64]]:
+    """Microseconds between events, pixel by pixel."""
+    own = by_pixel(events)
+    pixel = own["y"].astype(np.int64) << 16 | own["x"]
+    return [np.diff(t).astype(float) for t in np.split(own["t"], np.flatnonzero(np.diff(pixel)) + 1)]
 
 
 @pytest.mark.parametrize("fraction", [0.001, 0.05, 0.5])
 def test_hot_pixels_are_a_binomial_share_and_fire_on_events(fraction: float) -> None:
-    """Of 65,536 pixels (1e-6), each a Poisson process of mean 30 (chi-square); all others are silent."""
+    """Of 65,536 pixels (1e-6), each nearly 30 times a second; all others are silent."""
     events = static(noisy(hot(fraction, 30.0), side=256), [0, SECOND_US], side=256)
     counts = counts_of(events, 256)
     chosen = int((counts > 0).sum())
     assert stats.binomtest(chosen, counts.size, fraction).pvalue > UNLIKELY
     assert all(events["p"] == 1)
-    assert counts.sum() == pytest.approx(30.0 * chosen, abs=SIGMAS * math.sqrt(30.0 * chosen))
-    if chosen > 1_000:
-        assert_poisson(counts[counts > 0], 30.0)
+    assert np.abs(counts[counts > 0] - 30).max() <= 5
+    assert counts.sum() == pytest.approx(30.0 * chosen, abs=SIGMAS * math.sqrt(0.5 * chosen))
 
 
-def test_waits_of_hot_pixels_are_exponential() -> None:
-    """All pixels hot: chi-square of waits, in black and in bright light alike."""
-    streams = [static(noisy(hot(1.0, 40.0)), [0, SECOND_US], luma) for luma in (0.0, 1e6)]
+@pytest.mark.parametrize("cv", [0.0, 0.05, 0.2, 0.5])
+def test_intervals_of_hot_pixels_are_regular(cv: float) -> None:
+    """Log-normal about their mean (Kolmogorov and Smirnov, 1e-6), one not following from the other, in any light."""
+    streams = [static(noisy(hot(1.0, 40.0, cv=(cv, cv)), side=32), [0, 5 * SECOND_US], luma, 32) for luma in (0.0, 1e6)]
     assert streams[0].tobytes() == streams[1].tobytes()
-    assert_poisson(counts_of(streams[0]), 40.0)
-    assert_exponential(streams[0], SECOND_US / 40, 10, 64)
+    waits = np.stack([own[:150] for own in waits_of(streams[0])])
+    assert waits.mean() == pytest.approx(25_000, rel=1e-6 + SIGMAS * cv / math.sqrt(waits.size))
+    assert waits.std() == pytest.approx(25_000 * cv, rel=0.02, abs=1)
+    if cv:
+        deviation = math.sqrt(math.log1p(cv**2))
+        scaled = np.log(waits / 25_000) / deviation + deviation / 2
+        assert stats.kstest(scaled.ravel()[:20_000], "norm").pvalue > UNLIKELY
+        assert stats.pearsonr(scaled[:, 1:].ravel(), scaled[:, :-1].ravel()).pvalue > UNLIKELY
+
+
+def test_each_hot_pixel_has_its_own_rate_and_regularity() -> None:
+    """Rates log-normal about their median, CV even in its logarithm, neither depends on the other (1e-6)."""
+    events = static(noisy(hot(1.0, 20.0, 0.8, cv=(0.05, 0.5))), [0, 100 * SECOND_US])
+    waits = [own for own in waits_of(events) if len(own) > 200]
+    rates = np.array([1e6 / own.mean() for own in waits])
+    log_rates = np.log(rates / 20) / 0.8
+    assert len(waits) > 4_000
+    assert stats.kstest(log_rates, "norm").pvalue > UNLIKELY
+    cv = np.array([own.std() / own.mean() for own in waits])
+    share = np.log(cv / 0.05) / math.log(10)
+    assert stats.kstest(share, "uniform").statistic < 0.04
+    assert stats.spearmanr(share, log_rates).pvalue > UNLIKELY
+    assert stats.pearsonr(share[1:], share[:-1]).pvalue > UNLIKELY
+
+
+@pytest.mark.parametrize("cv", [0.05, 0.5])
+def test_hot_pixels_have_fired_for_long(cv: float) -> None:
+    """From the first frame on there are as many in every stretch: within five standard errors at most."""
+    events = static(noisy(hot(1.0, 10.0, cv=(cv, cv)), side=128), [0, SECOND_US], side=128)
+    made = np.histogram(events["t"], 40, (0, SECOND_US))[0]
+    assert np.abs(made / (128**2 * 0.25) - 1).max() < SIGMAS / math.sqrt(128**2 * 0.25)
 
 
 def test_which_pixels_are_hot_depends_on_the_seed_alone() -> None:
@@ -414,7 +452,7 @@ def test_which_pixels_are_hot_depends_on_the_seed_alone() -> None:
 
     first = chosen(hot(0.05, 10.0))
     np.testing.assert_array_equal(chosen(hot(0.05, 300.0), 5.0), first)
-    others = Effects(hot_pixels=HotPixels(0.05, 10.0), threshold_mismatch=0.3, photoreceptor_bandwidth_hz=10.0)
+    others = Effects(hot_pixels=hot(0.05, 10.0).hot_pixels, threshold_mismatch=0.3, photoreceptor_bandwidth_hz=10.0)
     np.testing.assert_array_equal(chosen(others, c=1.0, threads=2), first)
     assert np.all(chosen(hot(0.2, 10.0))[first])
     assert stats.fisher_exact(_table(chosen(hot(0.05), seed=1), first)).pvalue > UNLIKELY
@@ -437,7 +475,7 @@ def test_a_hot_pixel_is_reset_by_its_own_events() -> None:
 
 def test_shot_noise_and_hot_pixels_do_not_know_of_each_other() -> None:
     """Pixels that are not hot have the shot noise's events, hot ones their own among all."""
-    both = Effects(shot_noise_rms=shot(100.0).shot_noise_rms, hot_pixels=HotPixels(0.2, 150.0))
+    both = Effects(shot_noise_rms=shot(100.0).shot_noise_rms, hot_pixels=hot(0.2, 150.0).hot_pixels)
     one, two, joined = (static(noisy(effects), [0, SECOND_US], 0.0) for effects in (shot(100.0), hot(0.2, 150.0), both))
     chosen = counts_of(two) > 0
     cold = [events[~chosen[events["y"], events["x"]]] for events in (one, joined)]

@@ -199,9 +199,18 @@ def test_words_are_effects(text: str, effect: Effect) -> None:
         ("leak_rate_hz", "effect leak_rate_hz needs a value: leak_rate_hz=RATE_HZ"),
         ("leak_rate_hz=", "effect leak_rate_hz needs a value: leak_rate_hz=RATE_HZ"),
         ("hot_pixels=rate_hz=3", "effect hot_pixels needs a value: hot_pixels=FRACTION"),
-        ("hot_pixels=0.1,rate=3", "effect hot_pixels has the parameters fraction, rate_hz, got 'rate=3'"),
-        ("hot_pixels=0.1,3", "effect hot_pixels has the parameters fraction, rate_hz, got '3'"),
-        ("hot_pixels=0.1,", "effect hot_pixels has the parameters fraction, rate_hz, got ''"),
+        (
+            "hot_pixels=0.1,rate=3",
+            "effect hot_pixels has the parameters fraction, rate_hz, rate_spread, least_cv, most_cv, got 'rate=3'",
+        ),
+        (
+            "hot_pixels=0.1,3",
+            "effect hot_pixels has the parameters fraction, rate_hz, rate_spread, least_cv, most_cv, got '3'",
+        ),
+        (
+            "hot_pixels=0.1,",
+            "effect hot_pixels has the parameters fraction, rate_hz, rate_spread, least_cv, most_cv, got ''",
+        ),
         ("leak_rate_hz=fast", "leak_rate_hz rate_hz must be a number or none, got 'fast'"),
         ("leak_rate_hz=1Hz", "leak_rate_hz rate_hz must be a number or none, got '1Hz'"),
         ("leak_rate_hz=rate_hz=", "leak_rate_hz rate_hz must be a number or none, got ''"),

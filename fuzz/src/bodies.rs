@@ -152,7 +152,13 @@ fn stored(choice: u8) -> EngineState {
             ..Effects::default().leak
         },
         shot_noise: ShotNoise { rms: if bit(5) { 0.2 } else { 0.0 }, half_luma: 1.0, bandwidth_hz: 1e4 },
-        hot_pixels: HotPixels { fraction: if bit(6) { 0.5 } else { 0.0 }, rate_hz: 1000.0 },
+        hot_pixels: HotPixels {
+            fraction: if bit(6) { 0.5 } else { 0.0 },
+            rate_hz: 1000.0,
+            rate_spread: 0.5,
+            least_cv: 0.05,
+            most_cv: 0.5,
+        },
         readout: bit(7).then_some(ReadoutParameters {
             events_per_s: 1e6,
             latency_us: 1.0,

@@ -73,7 +73,8 @@ class SensorParameters:
         shot_noise_half_lux: where its square is halved; None takes the effect's own value.
         shot_noise_bandwidth_hz: of the noise; None takes the effect's own value.
         hot_pixel_fraction: share of the pixels that fire on their own.
-        hot_pixel_rate_hz: their rate; None takes the effect's own value.
+        hot_pixel_rate_hz: the median of their rates; None takes the effect's own value. Their spread and
+            regularity are the effect's own.
         readout_events_per_s: throughput of the bus.
         readout_latency_us: delay of every event; None takes 0.
         readout_jitter_us: scatter of the stamps; None takes 0.
@@ -311,6 +312,8 @@ _LEAK_RATE_HZ = 0.1
 # ON less OFF events of a pixel in the part of a public recording of a DAVIS240C where nothing moves: 0.019 Hz of which
 # 79 % are ON. Its light and temperature are not known.
 _LEAK_RATE_DAVIS240C_HZ = 0.011
+# The mean of two public recordings of a DAVIS240C, 0.019 and 0.009 %; the effect's own rates are theirs.
+_HOT_PIXELS_DAVIS240C = 1.4e-4
 _SHOT_NOISE_DARK_HZ = 5.0
 
 # libcaer's default exposure, and the converter's bits in its stream.
@@ -354,6 +357,7 @@ SENSORS: Mapping[str, SensorParameters] = MappingProxyType(
             width=240,
             height=180,
             contrast_threshold_off=None,
+            hot_pixel_fraction=_HOT_PIXELS_DAVIS240C,
             readout_latency_us=3.0,
             aps_read_noise_dn=1023 / 10 ** (51 / 20),
         ),
@@ -377,10 +381,10 @@ driver sends:
 - davis346: thresholds scatter by 0.03 in log units (v2e's default) at the ON threshold, by the same share at others.
 - Both: a bus of 12 million events a second (iniVation's specifications); leak, noise and the photoreceptor's part of
   the bandwidth as in the comments above; 10-bit frames of 4 ms (libcaer's default).
-- Left open for want of a source: hot pixels, jitter, the bandwidth's floor, what saturates the frames, the DAVIS346's
+- Left open for want of a source: jitter, the bandwidth's floor, what saturates the frames, the DAVIS346's hot pixels,
   latency and read noise. Taverni et al., "Front and back illuminated dynamic and active pixel vision sensors
-  comparison", IEEE TCAS-II 2018, compare its quantum efficiency, leak under bright light and crosstalk, none of which
-  is a parameter here. Vignetting and blur belong to the lens.
+  comparison", IEEE TCAS-II 2018, compare its quantum efficiency, leak under bright light and crosstalk; only the leak
+  is a parameter here, and it is left open, too. Vignetting and blur belong to the lens.
 """
 
 

@@ -19,6 +19,7 @@ pub(crate) enum Purpose {
     ShotNoiseExcursion = 7,
     LeakSpread = 8,
     LeakJitter = 9,
+    HotPixelKind = 10,
 }
 
 /// 128 random bits, by their place.

@@ -68,7 +68,7 @@ class Costs:
                 sample = self._sequence.frames
                 return float(effect.rate_hz(sample.contrast_threshold, sample.contrast_threshold_off)) * pixel_s
             case HotPixels():
-                return effect.fraction * effect.rate_hz * pixel_s
+                return effect.fraction * effect.mean_rate_hz() * pixel_s
         return 0.0
 
 

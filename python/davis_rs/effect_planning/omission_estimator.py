@@ -173,9 +173,9 @@ def _shot_noise(estimator: OmissionEstimator, effect: ShotNoise) -> tuple[Omissi
 
 
 def _hot_pixels(estimator: OmissionEstimator, effect: HotPixels) -> tuple[OmissionError, str]:
-    camera, hz = estimator.sequence.camera, effect.fraction * effect.rate_hz
+    camera, hz = estimator.sequence.camera, effect.fraction * effect.mean_rate_hz()
     seen = (
-        f"{effect.fraction * camera.width * camera.height:.3g} pixels of {effect.rate_hz:.3g} Hz: "
+        f"{effect.fraction * camera.width * camera.height:.3g} pixels of {effect.mean_rate_hz():.3g} Hz: "
         f"{estimator.of_rate(hz):.3g} events next to {estimator.scene_events:.3g} of the scene"
     )
     return estimator.added(hz), seen

@@ -437,7 +437,7 @@ mod tests {
             refractory_period_us: 20.0,
             leak: Leak { rate_hz: 0.3, double_luma: 0.5, ..Effects::default().leak },
             shot_noise: ShotNoise { rms: 0.1, half_luma: 0.5, bandwidth_hz: 50.0 },
-            hot_pixels: HotPixels { fraction: 0.1, rate_hz: 200.0 },
+            hot_pixels: HotPixels { fraction: 0.1, rate_hz: 200.0, rate_spread: 0.5, least_cv: 0.05, most_cv: 0.5 },
             readout: Some(ReadoutParameters {
                 events_per_s: 1e6,
                 latency_us: 1.0,

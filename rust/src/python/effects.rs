@@ -78,7 +78,13 @@ pub(super) fn from_python(effects: Option<&Bound<'_, PyAny>>) -> PyResult<Effect
                 };
             }
             "hot_pixels" => {
-                all.hot_pixels = HotPixels { fraction: number("fraction")?, rate_hz: number("rate_hz")? };
+                all.hot_pixels = HotPixels {
+                    fraction: number("fraction")?,
+                    rate_hz: number("rate_hz")?,
+                    rate_spread: number("rate_spread")?,
+                    least_cv: number("least_cv")?,
+                    most_cv: number("most_cv")?,
+                };
             }
             "readout" => {
                 all.readout = Some(ReadoutParameters {
@@ -128,7 +134,16 @@ pub(super) fn to_dict<'py>(py: Python<'py>, effects: &Effects) -> PyResult<Bound
     )?;
     let noise = [("rms", shot.rms), ("half_luma", shot.half_luma), ("bandwidth_hz", shot.bandwidth_hz)];
     put("shot_noise_rms", &noise)?;
-    put("hot_pixels", &[("fraction", hot.fraction), ("rate_hz", hot.rate_hz)])?;
+    put(
+        "hot_pixels",
+        &[
+            ("fraction", hot.fraction),
+            ("rate_hz", hot.rate_hz),
+            ("rate_spread", hot.rate_spread),
+            ("least_cv", hot.least_cv),
+            ("most_cv", hot.most_cv),
+        ],
+    )?;
     if let Some(bus) = effects.readout {
         let numbers =
             [("events_per_s", bus.events_per_s), ("latency_us", bus.latency_us), ("jitter_us", bus.jitter_us)];
@@ -145,7 +160,7 @@ pub(super) fn active(effects: &Effects) -> Vec<&'static str> {
         ("refractory_period_us", effects.refractory_period_us > 0.0),
         ("leak_rate_hz", effects.leak.is_on()),
         ("shot_noise_rms", effects.shot_noise.rms > 0.0),
-        ("hot_pixels", hot.fraction > 0.0 && hot.rate_hz > 0.0),
+        ("hot_pixels", hot.are_on()),
         ("readout", effects.readout.is_some_and(|bus| !bus.is_neutral())),
     ];
     all.into_iter().filter(|(_, on)| *on).map(|(name, _)| name).collect()

@@ -27,6 +27,7 @@ impl Band {
     /// How many events at most one pixel's signal makes over a frame that comes to this log intensity and its slope, and
     /// how many noise makes on average.
     #[allow(clippy::cast_precision_loss, reason = "intervals are shorter than 2^53 us")]
+    #[allow(clippy::cast_possible_truncation, reason = "no sensor has 2^32 pixels")]
     pub(super) fn expected<S: Sample>(
         &self,
         i: usize,
@@ -58,7 +59,7 @@ impl Band {
         let noise = self.excursions.get(i).map_or(0.0, |excursion| excursion.noise.abs());
         let behind = if held { 0.0 } else { (seen - self.references[i].value(c)).abs() + noise };
         let way = way + behind + (start - from).abs() + drift.rate() * ticks;
-        let hot = self.hot_place(i).map_or(0.0, |_| sensor.effects.hot_pixels.rate_hz);
+        let hot = self.hot_place(i).and(sensor.hot.as_ref()).map_or(0.0, |hot| hot.pixel(index as u32).rate_hz);
         let rate_hz = hot + sensor.shot.as_ref().map_or(0.0, |shot| 2.0 * shot.arrivals_hz(c));
         // Each event holds the pixel.
         let most = ticks / sensor.effects.refractory_period_us + 1.0;

@@ -58,13 +58,26 @@ pub struct Leak {
     pub double_luma: f64,
 }
 
-/// Pixels that fire by themselves: a share of all, each a Poisson process of ON events, which reset the pixel.
+/// Pixels that fire by themselves: a share of all, each with nearly periodic ON events, which reset the pixel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HotPixels {
     /// The share of pixels.
     pub fraction: f64,
-    /// Events per second of each.
+    /// Events per second of each: the median, from which each differs.
     pub rate_hz: f64,
+    /// Standard deviation of the natural logarithm of the rate from pixel to pixel.
+    pub rate_spread: f64,
+    /// Standard deviation of a pixel's intervals over their mean: at least this, and at most the next, evenly in its logarithm.
+    pub least_cv: f64,
+    /// See `least_cv`.
+    pub most_cv: f64,
+}
+
+impl HotPixels {
+    /// Whether any fires.
+    pub(crate) fn are_on(&self) -> bool {
+        self.fraction > 0.0 && self.rate_hz > 0.0
+    }
 }
 
 /// What makes a sensor differ from ideal pixels. The default is none of it.
@@ -117,7 +130,7 @@ impl Default for Effects {
                 double_luma: f64::INFINITY,
             },
             shot_noise: ShotNoise { rms: 0.0, half_luma: 1.0, bandwidth_hz: 300.0 },
-            hot_pixels: HotPixels { fraction: 0.0, rate_hz: 0.0 },
+            hot_pixels: HotPixels { fraction: 0.0, rate_hz: 0.0, rate_spread: 0.0, least_cv: 0.1, most_cv: 0.1 },
             readout: None,
         }
     }
@@ -147,6 +160,9 @@ impl Effects {
             ("shot_noise_rms: bandwidth_hz", self.shot_noise.bandwidth_hz, 1e-3, 1e7, "Hz"),
             ("hot_pixels: fraction", self.hot_pixels.fraction, 0.0, 1.0, "of the pixels"),
             ("hot_pixels: rate_hz", self.hot_pixels.rate_hz, 0.0, 1e7, "Hz"),
+            ("hot_pixels: rate_spread", self.hot_pixels.rate_spread, 0.0, 3.0, "of ln rate"),
+            ("hot_pixels: most_cv", self.hot_pixels.most_cv, 0.0, 1.0, "of an interval"),
+            ("hot_pixels: least_cv", self.hot_pixels.least_cv, 0.0, self.hot_pixels.most_cv, "of an interval"),
         ];
         for (name, value, low, high, unit) in ranges {
             if !(low..=high).contains(&value) {
@@ -174,6 +190,6 @@ impl Effects {
             || self.refractory_period_us > 0.0
             || self.leak.is_on()
             || self.shot_noise.rms > 0.0
-            || (self.hot_pixels.fraction > 0.0 && self.hot_pixels.rate_hz > 0.0)
+            || self.hot_pixels.are_on()
     }
 }
