@@ -5,7 +5,7 @@ use std::hint::black_box;
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use davis_rs::{
     CrossingEngine, CrossingParameters, Effects, Event, Frame, HotPixels, Leak, PhotoreceptorBandwidth,
-    ReadoutParameters, SensorSize, ShotNoise,
+    ReadoutParameters, SensorSize, ShotNoise, ThresholdMismatch,
 };
 
 mod common;
@@ -20,11 +20,18 @@ fn cases() -> Vec<(&'static str, Effects)> {
     let shot_noise = ShotNoise { rms: 0.05, half_luma: 1.0, bandwidth_hz: 300.0 };
     let hot_pixels = HotPixels { fraction: 1e-3, rate_hz: 10.0, ..none().hot_pixels };
     let leak = Leak { rate_hz: 0.1, spread: 0.23, jitter: 0.1, ..none().leak };
-    let readout = Some(ReadoutParameters { events_per_s: 12e6, latency_us: 3.0, jitter_us: 1.0, drop_after_us: None });
+    let threshold_mismatch = ThresholdMismatch { sigma: 0.05, ..none().threshold_mismatch };
+    let readout = Some(ReadoutParameters {
+        events_per_s: 12e6,
+        row_us: 0.55,
+        latency_us: 3.0,
+        jitter_us: 1.0,
+        drop_after_us: None,
+    });
     vec![
         ("none", none()),
         ("photoreceptor_bandwidth_hz", Effects { photoreceptor_bandwidth: bandwidth, ..none() }),
-        ("threshold_mismatch", Effects { threshold_mismatch: 0.05, ..none() }),
+        ("threshold_mismatch", Effects { threshold_mismatch, ..none() }),
         ("refractory_period_us", Effects { refractory_period_us: 100.0, ..none() }),
         ("leak_rate_hz", Effects { leak, ..none() }),
         ("shot_noise_rms", Effects { shot_noise, ..none() }),
@@ -34,7 +41,7 @@ fn cases() -> Vec<(&'static str, Effects)> {
             "all",
             Effects {
                 photoreceptor_bandwidth: bandwidth,
-                threshold_mismatch: 0.05,
+                threshold_mismatch,
                 refractory_period_us: 100.0,
                 leak,
                 shot_noise,

@@ -304,7 +304,12 @@ def leaky_pixel(
 
 
 def read_out(
-    events: EventArray, *, events_per_s: float, latency_us: float = 0.0, drop_after_us: float = math.inf
+    events: EventArray,
+    *,
+    events_per_s: float,
+    row_us: float = 0.0,
+    latency_us: float = 0.0,
+    drop_after_us: float = math.inf,
 ) -> tuple[EventArray, int]:
     """What a bus makes of events, and how many it drops: grants the row with the oldest request, carries all of it."""
     pending = [(int(e["t"]), int(e["y"]), int(e["x"]), int(e["p"])) for e in events]
@@ -320,6 +325,6 @@ def read_out(
         if in_time:
             stamp_us = math.ceil(now_us + latency_us)
             carried += [(stamp_us, x, y, p) for _, y, x, p in in_time]
-            free_us = now_us + len(in_time) * (1e6 / events_per_s)
+            free_us = now_us + row_us + len(in_time) * (1e6 / events_per_s)
     carried.sort(key=lambda event: (event[0], event[2], event[1]))
     return np.array(carried, EVENT_DTYPE), dropped

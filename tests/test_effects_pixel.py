@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from davis_rs import CrossingEngine, Effects
-from davis_rs.effects import LeakRate
+from davis_rs.effects import LeakRate, ThresholdMismatch
 from davis_rs.events import EventArray
 from effects_reference import FIRST, collect, constant_corner, leaky_pixel, may_be_tick, of_pixel, scene
 from strategies import EPOCH_US, EXAMPLES, random_paths
@@ -88,6 +88,40 @@ def test_thresholds_are_a_fixed_pattern_for_a_seed() -> None:
     # Neither does the pattern depend on sigma, but for its scale.
     wide = mismatched(0.4, size=8).contrast_threshold
     assert stats.spearmanr(np.ravel(wide), drawn[0].ravel()).statistic == pytest.approx(1.0)
+
+
+def test_columns_differ_alternately_and_columns_and_rows_each_from_the_others() -> None:
+    """Each part by itself: the pattern, its moments, and that ON and OFF have it in common."""
+    size = 1000
+
+    def thresholds(**parts: float) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+        effects = Effects(threshold_mismatch=ThresholdMismatch(0.0, **parts))
+        engine = CrossingEngine(size, size, contrast_threshold=0.2, contrast_threshold_off=0.3, effects=effects)
+        return np.asarray(engine.contrast_threshold) / 0.2, np.asarray(engine.contrast_threshold_off) / 0.3
+
+    on, off = thresholds(column_parity=0.06)
+    np.testing.assert_allclose(on, np.where(np.arange(size) % 2 == 0, 0.94, 1.06) * np.ones((size, 1)), rtol=1e-12)
+    np.testing.assert_allclose(off, on, rtol=1e-12)
+    for part, line in (("columns", np.s_[0]), ("rows", np.s_[:, 0])):
+        on, off = thresholds(**{part: 0.1})
+        np.testing.assert_allclose(off, on, rtol=1e-12)
+        along, deviation = on[line], math.sqrt(math.log1p(0.01))
+        np.testing.assert_array_equal(on, np.broadcast_to(along if part == "columns" else along[:, None], on.shape))
+        assert stats.kstest(np.log(along) / deviation + deviation / 2, "norm").pvalue > UNLIKELY
+        assert stats.pearsonr(along[1:], along[:-1]).pvalue > UNLIKELY
+    assert Effects(threshold_mismatch=ThresholdMismatch(0.0, columns=0.1)).threshold_mismatch is not None
+
+
+def test_even_and_odd_columns_have_events_by_their_parity() -> None:
+    """With the davis240c preset's parity 1.127 times as many in even columns where light goes far, as recorded."""
+    effects = Effects(threshold_mismatch=ThresholdMismatch(0.1085, 0.06))
+    engine = CrossingEngine(240, 180, contrast_threshold=0.283, effects=effects)
+    far = np.random.default_rng(1).uniform(10, 20, (180, 240))
+    frames = [(k % 2) * far for k in range(5)]
+    events = collect(engine.push_log(k * 1_000, frame) for k, frame in enumerate(frames))
+    for p in (0, 1):
+        even = (events["x"][events["p"] == p] % 2 == 0).mean()
+        assert even / (1 - even) == pytest.approx(1.127, rel=0.01)
 
 
 @pytest.mark.parametrize("sigma", [0.1, 0.5])

@@ -282,12 +282,13 @@ def test_an_effect_without_consequence_changes_no_bit(
         Effects.of([PhotoreceptorBandwidth(math.inf), HotPixels(0.5, 0.0), Readout(math.inf)]),
         {
             "photoreceptor_bandwidth_hz": {"hz": math.inf, "floor_hz": 0.0, "ceiling_hz": math.inf},
-            "threshold_mismatch": {"sigma": 0.0},
+            "threshold_mismatch": ThresholdMismatch(0.0).settings(),
             "refractory_period_us": {"period_us": 0.0},
             "leak_rate_hz": LeakRate(0.0).settings(),
             "shot_noise_rms": {"rms": 0.0, "half_luma": 1.0, "bandwidth_hz": 300.0},
             "hot_pixels": HotPixels(0.5, 0.0).settings(),
-            "readout": {"events_per_s": math.inf, "latency_us": 0.0, "jitter_us": 0.0, "drop_after_us": 1.0},
+            "readout": {"events_per_s": math.inf, "latency_us": 0.0, "jitter_us": 0.0}
+            | {"drop_after_us": 1.0, "row_us": 0.0},
         },
     ],
 )

@@ -20,7 +20,16 @@ from davis_rs.biases import (
     as_biases,
     bias_of_word,
 )
-from davis_rs.effects import Aps, Effects, HotPixels, LeakRate, PhotoreceptorBandwidth, Readout, ShotNoise
+from davis_rs.effects import (
+    Aps,
+    Effects,
+    HotPixels,
+    LeakRate,
+    PhotoreceptorBandwidth,
+    Readout,
+    ShotNoise,
+    ThresholdMismatch,
+)
 from davis_rs.sensor_parameters import SENSORS, SensorParameters
 
 COARSE, FINE = st.integers(0, 7), st.integers(0, 255)
@@ -258,14 +267,23 @@ NAMES = [field.name for field in fields(SensorParameters)]
 ZERO_IS_OFF = {
     *["threshold_mismatch", "photoreceptor_bandwidth_floor_hz", "refractory_period_us", "leak_rate_hz"],
     *["shot_noise_rms", "hot_pixel_fraction", "hot_pixel_rate_hz", "readout_latency_us", "readout_jitter_us"],
-    *["leak_spread", "leak_jitter", "temperature_c", "aps_read_noise_dn", "vignetting", "lens_blur_px"],
+    *[
+        "leak_spread",
+        "leak_jitter",
+        "temperature_c",
+        "threshold_column_parity",
+        "readout_row_us",
+        "aps_read_noise_dn",
+        "vignetting",
+        "lens_blur_px",
+    ],
 }
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_nonsense_is_refused_by_name(name: str) -> None:
     """Every quantity refuses what is negative, infinite, not a number at all, or zero where zero means nothing."""
-    negative = [] if name == "temperature_c" else [-1e-9]
+    negative = [] if name in ("temperature_c", "threshold_column_parity") else [-1e-9]
     for value in (*negative, math.inf, -math.inf, math.nan, True, "1"):
         with pytest.raises(ValueError, match=rf"^{name} must .*, got {re.escape(repr(value))}$"):
             SensorParameters(**{name: value})  # type: ignore[arg-type]
@@ -305,7 +323,10 @@ def test_the_presets_have_the_published_figures(name: str, on: float, off: float
     assert sensor.contrast_threshold == pytest.approx(on, abs=5e-4)
     assert sensor.contrast_threshold_off == (off and pytest.approx(off, abs=5e-4))
     assert sensor.threshold_mismatch is not None
-    assert sensor.threshold_mismatch * on == pytest.approx(deviation, rel=2e-3)
+    assert sensor.threshold_column_parity is not None
+    assert math.hypot(sensor.threshold_mismatch, sensor.threshold_column_parity) * on == pytest.approx(
+        deviation, rel=2e-3
+    )
     assert sensor.refractory_period_us == pytest.approx(3.37, abs=5e-3)
     assert sensor.photoreceptor_bandwidth_hz == pytest.approx(286, abs=0.5)
     assert sensor.readout_events_per_s == 12e6
@@ -335,6 +356,7 @@ def test_every_quantity_reaches_its_effect() -> None:
     """No parameter of a sensor is forgotten on its way."""
     effects = SensorParameters(
         threshold_mismatch=0.1,
+        threshold_column_parity=-0.05,
         photoreceptor_bandwidth_hz=200.0,
         photoreceptor_bandwidth_lux=50.0,
         photoreceptor_bandwidth_floor_hz=7.0,
@@ -350,6 +372,7 @@ def test_every_quantity_reaches_its_effect() -> None:
         hot_pixel_fraction=0.01,
         hot_pixel_rate_hz=40.0,
         readout_events_per_s=1e6,
+        readout_row_us=0.4,
         readout_latency_us=4.0,
         readout_jitter_us=2.0,
         aps_exposure_us=3000.0,
@@ -363,12 +386,12 @@ def test_every_quantity_reaches_its_effect() -> None:
         vignetting=4.0,
         lens_blur_px=0.6,
         photoreceptor_bandwidth_hz=PhotoreceptorBandwidth(800.0, floor_hz=7.0),
-        threshold_mismatch=0.1,
+        threshold_mismatch=ThresholdMismatch(0.1, -0.05),
         refractory_period_us=12.0,
         leak_rate_hz=LeakRate(0.3, 0.2, 0.05, 40.0, double_luma=0.25),
         shot_noise_rms=ShotNoise(0.04, half_luma=0.025, bandwidth_hz=70.0),
         hot_pixels=HotPixels(0.01, rate_hz=40.0),
-        readout=Readout(1e6, latency_us=4.0, jitter_us=2.0),
+        readout=Readout(1e6, row_us=0.4, latency_us=4.0, jitter_us=2.0),
         aps=Aps(3000.0, read_noise_dn=1.5, bits=8, full_scale_luma=2.0),
     )
 

@@ -161,6 +161,7 @@ fn stored(choice: u8) -> EngineState {
         },
         readout: bit(7).then_some(ReadoutParameters {
             events_per_s: 1e6,
+            row_us: 0.5,
             latency_us: 1.0,
             jitter_us: 1.0,
             drop_after_us: None,

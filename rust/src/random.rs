@@ -20,6 +20,8 @@ pub(crate) enum Purpose {
     LeakSpread = 8,
     LeakJitter = 9,
     HotPixelKind = 10,
+    ThresholdColumn = 11,
+    ThresholdRow = 12,
 }
 
 /// 128 random bits, by their place.

@@ -190,7 +190,7 @@ def _gaps_us(events: EventArray) -> npt.NDArray[np.int64]:
 
 
 def _readout(estimator: OmissionEstimator, effect: Readout) -> tuple[OmissionError, str]:
-    return through_bus(estimator.sequence.pixels, effect, estimator.shift_us)
+    return through_bus(estimator.sequence.pixels, effect, estimator.shift_us, estimator.sequence.camera.height)
 
 
 _ESTIMATORS: dict[type[Effect], Callable[[OmissionEstimator, Any], tuple[OmissionError, str]]] = {

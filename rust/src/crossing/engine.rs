@@ -9,7 +9,7 @@ use rayon::prelude::*;
 
 use super::band::Interval;
 use super::core::{Core, NEVER, Pixels, Push};
-use super::effects::{EffectCore, Effects, mismatched};
+use super::effects::{EffectCore, Effects, ThresholdMismatch, mismatched};
 use super::frame::Frame;
 use super::level::Level;
 use super::parameters::{CrossingParameters, Interpolation};
@@ -136,7 +136,7 @@ impl CrossingEngine {
         parameters.check(size)?;
         let parameters = mismatched(parameters, effects.threshold_mismatch, seed, size);
         parameters.check(size)?;
-        let effects = Effects { threshold_mismatch: 0.0, ..effects.clone() };
+        let effects = Effects { threshold_mismatch: ThresholdMismatch::NONE, ..effects.clone() };
         if let Some(threads) = threads.filter(|threads| !(1..=MOST_THREADS).contains(threads)) {
             return Err(Error::Argument(format!("threads must lie in 1..{MOST_THREADS}, got {threads}")));
         }
@@ -440,6 +440,7 @@ mod tests {
             hot_pixels: HotPixels { fraction: 0.1, rate_hz: 200.0, rate_spread: 0.5, least_cv: 0.05, most_cv: 0.5 },
             readout: Some(ReadoutParameters {
                 events_per_s: 1e6,
+                row_us: 0.5,
                 latency_us: 1.0,
                 jitter_us: 1.0,
                 drop_after_us: None,

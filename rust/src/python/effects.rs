@@ -4,7 +4,7 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-use crate::crossing::{Effects, HotPixels, Leak, PhotoreceptorBandwidth, ShotNoise};
+use crate::crossing::{Effects, HotPixels, Leak, PhotoreceptorBandwidth, ShotNoise, ThresholdMismatch};
 use crate::readout::ReadoutParameters;
 
 /// Refuse settings of effects that are out of range.
@@ -58,7 +58,14 @@ pub(super) fn from_python(effects: Option<&Bound<'_, PyAny>>) -> PyResult<Effect
                     ceiling_hz: number("ceiling_hz")?,
                 };
             }
-            "threshold_mismatch" => all.threshold_mismatch = number("sigma")?,
+            "threshold_mismatch" => {
+                all.threshold_mismatch = ThresholdMismatch {
+                    sigma: number("sigma")?,
+                    column_parity: number("column_parity")?,
+                    columns: number("columns")?,
+                    rows: number("rows")?,
+                };
+            }
             "refractory_period_us" => all.refractory_period_us = number("period_us")?,
             "leak_rate_hz" => {
                 all.leak = Leak {
@@ -89,6 +96,7 @@ pub(super) fn from_python(effects: Option<&Bound<'_, PyAny>>) -> PyResult<Effect
             "readout" => {
                 all.readout = Some(ReadoutParameters {
                     events_per_s: number("events_per_s")?,
+                    row_us: number("row_us")?,
                     latency_us: number("latency_us")?,
                     jitter_us: number("jitter_us")?,
                     drop_after_us: match parameter_of(&name, &values, "drop_after_us")? {
@@ -145,8 +153,12 @@ pub(super) fn to_dict<'py>(py: Python<'py>, effects: &Effects) -> PyResult<Bound
         ],
     )?;
     if let Some(bus) = effects.readout {
-        let numbers =
-            [("events_per_s", bus.events_per_s), ("latency_us", bus.latency_us), ("jitter_us", bus.jitter_us)];
+        let numbers = [
+            ("events_per_s", bus.events_per_s),
+            ("row_us", bus.row_us),
+            ("latency_us", bus.latency_us),
+            ("jitter_us", bus.jitter_us),
+        ];
         put("readout", &numbers)?.set_item("drop_after_us", bus.drop_after_us)?;
     }
     Ok(all)

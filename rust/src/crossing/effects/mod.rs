@@ -34,4 +34,4 @@ mod timeline;
 
 pub(crate) use self::core::EffectCore;
 pub(crate) use mismatch::mismatched;
-pub use parameters::{Effects, HotPixels, Leak, PhotoreceptorBandwidth, ShotNoise};
+pub use parameters::{Effects, HotPixels, Leak, PhotoreceptorBandwidth, ShotNoise, ThresholdMismatch};

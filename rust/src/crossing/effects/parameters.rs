@@ -38,6 +38,28 @@ pub struct ShotNoise {
     pub bandwidth_hz: f64,
 }
 
+/// Thresholds that differ from pixel to pixel: log-normal factors, whose mean is 1.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ThresholdMismatch {
+    /// Relative standard deviation of what each pixel has of its own.
+    pub sigma: f64,
+    /// Thresholds of even columns are lower by this share, those of odd ones higher; negative the other way round.
+    pub column_parity: f64,
+    /// Relative standard deviation of what the pixels of a column have in common.
+    pub columns: f64,
+    /// Likewise of a row.
+    pub rows: f64,
+}
+
+impl ThresholdMismatch {
+    /// All pixels are alike.
+    pub(crate) const NONE: Self = Self { sigma: 0.0, column_parity: 0.0, columns: 0.0, rows: 0.0 };
+
+    pub(crate) fn is_neutral(&self) -> bool {
+        *self == Self::NONE
+    }
+}
+
 /// Leak of the memorised reference, so that a static scene makes ON events.
 ///
 /// Source: Nozaki and Delbruck, "Temperature and parasitic photocurrent effects in dynamic vision sensors", IEEE Trans.
@@ -85,8 +107,8 @@ impl HotPixels {
 pub struct Effects {
     /// The photoreceptor's low-pass.
     pub photoreceptor_bandwidth: PhotoreceptorBandwidth,
-    /// Relative standard deviation of the thresholds from pixel to pixel, each log-normal about its nominal value as mean.
-    pub threshold_mismatch: f64,
+    /// Differences of the thresholds from pixel to pixel.
+    pub threshold_mismatch: ThresholdMismatch,
     /// A pixel is held in reset for so long after each event, and memorises log intensity anew at its end.
     pub refractory_period_us: f64,
     /// Drift of the reference.
@@ -104,7 +126,7 @@ const LEAST: f64 = 1e-300;
 
 /// A bound as people write it.
 fn plain(bound: f64) -> String {
-    if bound == 0.0 || (1e-3..1e5).contains(&bound) || bound.is_infinite() {
+    if bound == 0.0 || (1e-3..1e5).contains(&bound.abs()) || bound.is_infinite() {
         format!("{bound}")
     } else {
         format!("{bound:e}")
@@ -119,7 +141,7 @@ impl Default for Effects {
                 floor_hz: 0.0,
                 ceiling_hz: f64::INFINITY,
             },
-            threshold_mismatch: 0.0,
+            threshold_mismatch: ThresholdMismatch::NONE,
             refractory_period_us: 0.0,
             leak: Leak {
                 rate_hz: 0.0,
@@ -147,7 +169,10 @@ impl Effects {
             ("photoreceptor_bandwidth_hz", hz, LEAST, f64::INFINITY, "Hz"),
             ("photoreceptor_bandwidth_hz: ceiling_hz", ceiling_hz, LEAST, f64::INFINITY, "Hz"),
             ("photoreceptor_bandwidth_hz: floor_hz", floor_hz, 0.0, ceiling_hz, "Hz"),
-            ("threshold_mismatch", self.threshold_mismatch, 0.0, 1.0, "of the threshold"),
+            ("threshold_mismatch", self.threshold_mismatch.sigma, 0.0, 1.0, "of the threshold"),
+            ("threshold_mismatch: column_parity", self.threshold_mismatch.column_parity, -0.5, 0.5, "of the threshold"),
+            ("threshold_mismatch: columns", self.threshold_mismatch.columns, 0.0, 1.0, "of the threshold"),
+            ("threshold_mismatch: rows", self.threshold_mismatch.rows, 0.0, 1.0, "of the threshold"),
             ("refractory_period_us", self.refractory_period_us, 0.0, 1e15, "us"),
             ("leak_rate_hz", self.leak.rate_hz, 0.0, 1e6, "Hz"),
             ("leak_rate_hz: spread", self.leak.spread, 0.0, 1.0, "of the rate"),
