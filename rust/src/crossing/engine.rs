@@ -61,7 +61,7 @@ pub(super) enum Samples {
     None,
     Luma(Core<f32>),
     Log(Core<f64>),
-    Effects(EffectCore, &'static str),
+    Effects(Box<EffectCore>, &'static str),
 }
 
 /// A kind of sample, and where its pixels are kept.
@@ -76,7 +76,7 @@ pub(super) trait Feed: Sample {
     /// The pixels, if they are fed with this.
     fn pixels(samples: &mut Samples) -> Option<&mut dyn Pixels<Self>> {
         match samples {
-            Samples::Effects(core, name) => (*name == Self::NAME).then_some(core),
+            Samples::Effects(core, name) => (*name == Self::NAME).then_some(&mut **core),
             samples => Self::core(samples).map(|core| core as _),
         }
     }
@@ -247,7 +247,7 @@ impl CrossingEngine {
         } else if self.t_us.is_none() {
             self.samples = if self.effects.change_the_pixel() {
                 let core = EffectCore::new(&frame, self.size, push.p, &self.effects, self.seed, push.pool);
-                Samples::Effects(core, S::NAME)
+                Samples::Effects(Box::new(core), S::NAME)
             } else {
                 S::wrap(Core::new(frame.samples, frame.rate, push.p, push.pool))
             };

@@ -25,7 +25,7 @@ pub(crate) fn mismatched(
     let factors = |n: u16, sigma, purpose| (0..n).map(|i| factor(sigma, purpose, i.into())).collect::<Vec<f64>>();
     let columns = factors(size.width, mismatch.columns, Purpose::ThresholdColumn);
     let rows = factors(size.height, mismatch.rows, Purpose::ThresholdRow);
-    let parity = |x: u16| if x % 2 == 0 { 1.0 - mismatch.column_parity } else { 1.0 + mismatch.column_parity };
+    let parity = |x: u16| if x.is_multiple_of(2) { 1.0 - mismatch.column_parity } else { 1.0 + mismatch.column_parity };
     let draw = |nominal: &Threshold, purpose| {
         let threshold = |i: usize| {
             let (x, y) = size.xy(i);
