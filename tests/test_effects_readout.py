@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from davis_rs import CrossingEngine, Effects
-from davis_rs.effects import Readout, ShotNoise
+from davis_rs.effects import HotPixels, Readout, ShotNoise
 from davis_rs.events import EventArray, concatenate_events
 from effects_reference import collect, read_out, scene
 from strategies import EPOCH_US, EXAMPLES, random_paths
@@ -67,17 +67,25 @@ def assert_in_order(events: EventArray) -> None:
     st.sampled_from([1.0, 1e4, 2.5e5, 1e6, 8e6, math.inf]),
     eighths,
     st.one_of(st.none(), eighths),
+    st.sampled_from([0.0, 0.5, 12.25]),
 )
 def test_the_stream_is_that_of_a_plain_bus(
-    seed: int, size: tuple[int, int], gap_us: int, rate: float, latency_us: float, drop_after_us: float | None
+    seed: int,
+    size: tuple[int, int],
+    gap_us: int,
+    rate: float,
+    latency_us: float,
+    drop_after_us: float | None,
+    row_us: float,
 ) -> None:
     """Every stamp and every drop, against a bus that looks through all requests at each grant; no number rounds."""
-    bus = Readout(rate, latency_us, drop_after_us=drop_after_us)
+    bus = Readout(rate, latency_us, drop_after_us=drop_after_us, row_us=row_us)
     plain, read = engines(*size, bus)
     frames = texture(30, 6, 6)[seed : seed + 12, : size[0], : size[1]]
     expected, dropped = read_out(
         collect(run(plain, frames, gap_us)[0]),
         events_per_s=rate,
+        row_us=row_us,
         latency_us=latency_us,
         drop_after_us=math.inf if drop_after_us is None else drop_after_us,
     )
@@ -123,8 +131,8 @@ def test_a_megahertz_of_noise_leaves_at_the_pace_of_the_bus(rate: float) -> None
 
     From any stamp to any other there are no more events than the bus carries in that time, and one burst.
     """
-    _, read = engines(8, 8, Readout(rate), shot_noise_rate_hz=ShotNoise(1e6, bandwidth_hz=1e9))
-    plain, _ = engines(8, 8, Readout(rate), shot_noise_rate_hz=ShotNoise(1e6, bandwidth_hz=1e9))
+    _, read = engines(8, 8, Readout(rate), shot_noise_rms=ShotNoise.of_rate(1e6, 0.2, bandwidth_hz=1e7))
+    plain, _ = engines(8, 8, Readout(rate), shot_noise_rms=ShotNoise.of_rate(1e6, 0.2, bandwidth_hz=1e7))
     packets = [read.push_log(t, scene(-50, 8, 8)) for t in range(0, 1_001, 50)]
     came = collect(plain.push_log(t, scene(-50, 8, 8)) for t in range(0, 1_001, 50))
     during, rest = collect(packets), read.flush()
@@ -235,7 +243,7 @@ def test_at_a_unix_time_it_is_the_same(rate: float) -> None:
     early, late = (
         concatenate_events([*(read.push_log(start + t, scene(0, 8, 8)) for t in range(0, 1_001, 50)), read.flush()])
         for start in (0, EPOCH_US)
-        for read in [engines(8, 8, Readout(rate, 0.3), shot_noise_rate_hz=ShotNoise(1e6, bandwidth_hz=1e9))[1]]
+        for read in [engines(8, 8, Readout(rate, 0.3), shot_noise_rms=ShotNoise.of_rate(1e6, 0.2, bandwidth_hz=1e7))[1]]
     )
     late["t"] -= EPOCH_US
     np.testing.assert_array_equal(late, early)
@@ -246,3 +254,36 @@ def test_an_engine_without_a_bus_holds_nothing_back() -> None:
     plain = CrossingEngine(6, 6, effects=Effects(leak_rate_hz=1.0))
     run(plain, texture(10, 6, 6), 100)
     assert len(plain.flush()) == plain.dropped_events == 0
+
+
+def most_bursts(events: EventArray, window_us: int) -> int:
+    """Rows of one stamp, at most, in a window of so many microseconds."""
+    bursts = np.unique(events[["t", "y"]])["t"].astype(np.int64)
+    return int((np.searchsorted(bursts, bursts + window_us) - np.arange(len(bursts))).max())
+
+
+def test_the_address_of_a_row_costs_time() -> None:
+    """Rows of a DAVIS240C all of which ask at once: with its preset's bus at most 16 bursts leave in ten microseconds.
+
+    Without the cost of rows there are as many as the columns' pace allows: 12 events in a microsecond.
+    """
+    made = {}
+    for row_us in (0.0, 0.55):
+        plain, read = engines(180, 240, Readout(12e6, row_us=row_us), hot_pixels=HotPixels(0.02, 3e4))
+        came = collect(plain.push_log(t, scene(0, 180, 240)) for t in (0, 2_000))
+        left = collect([*(read.push_log(t, scene(0, 180, 240)) for t in (0, 2_000)), read.flush()])
+        assert without_stamps(left) == without_stamps(came)
+        made[row_us] = most_bursts(left, 1), most_bursts(left, 10)
+    assert made[0.55][0] <= 3
+    assert made[0.55][1] in (14, 15, 16)
+    assert made[0.0][0] >= 10
+
+
+def test_a_whole_row_costs_its_address_once() -> None:
+    """Two rows of 240 events: the second's stamp comes after the first's address and its columns."""
+    for row_us in (0.0, 30.0):
+        _, read = engines(2, 240, Readout(1e6, row_us=row_us))
+        read.push_log(0, scene(0, 2, 240))
+        events = collect([read.push_log(10, scene(0.15, 2, 240)), read.flush()])
+        first, second = np.unique(events["t"])
+        assert second - first == pytest.approx(240 + row_us, abs=1)

@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 
 from .biases import DAVIS240C_BIASES, DAVIS346_BIASES, BiasValues, ChipBias, CoarseFineBias, as_biases
 from .close_names import did_you_mean
-from .effects import Aps, Effects, HotPixels, PhotoreceptorBandwidth, Readout, ShotNoise
+from .effects import Aps, Effects, HotPixels, LeakRate, PhotoreceptorBandwidth, Readout, ShotNoise, ThresholdMismatch
 from .effects.effect import check_range
 
 # Of the event pixel of the DAVIS240 and DAVIS346, by Nozaki, Delbruck, "Temperature and Parasitic Photocurrent Effects
@@ -35,6 +35,7 @@ _POSITIVE = {
     *["contrast_threshold", "contrast_threshold_off", "photoreceptor_bandwidth_hz", "photoreceptor_bandwidth_lux"],
     "photoreceptor_bandwidth_ceiling_hz",
     *[
+        "leak_double_lux",
         "shot_noise_half_lux",
         "shot_noise_bandwidth_hz",
         "readout_events_per_s",
@@ -43,7 +44,8 @@ _POSITIVE = {
         "aps_full_scale_lux",
     ],
 }
-_SHARES = {"hot_pixel_fraction"}
+_SIGNED = {"temperature_c", "threshold_column_parity"}
+_SHARES = {"threshold_column_parity", "hot_pixel_fraction", "leak_spread", "leak_jitter"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,20 +59,26 @@ class SensorParameters:
         contrast_threshold: C_on in natural-log units; None leaves it to the scene.
         contrast_threshold_off: C_off, positive; None takes C_on.
         threshold_mismatch: standard deviation of the thresholds from pixel to pixel, as a share of the threshold.
+        threshold_column_parity: share by which thresholds of even columns are lower, and those of odd ones higher.
         photoreceptor_bandwidth_hz: corner frequency of the photoreceptor at ``photoreceptor_bandwidth_lux``; it is
             proportional to the illuminance. Without that illuminance it holds in any light up to luma 1.
         photoreceptor_bandwidth_lux: see there.
         photoreceptor_bandwidth_floor_hz: corner frequency in the dark; None takes 0.
         photoreceptor_bandwidth_ceiling_hz: that in bright light, where the source follower limits it; None for none.
         refractory_period_us: how long a pixel is held in reset after each event.
-        leak_rate_hz: ON events of a pixel on a static scene.
-        shot_noise_rate_hz: noise events of a pixel in the dark, of both polarities together.
-        shot_noise_half_lux: where that rate is halved; None takes the effect's own value.
-        shot_noise_bandwidth_hz: of the noise, which says how soon a pair's second event follows; None takes the
-            effect's own value.
+        leak_rate_hz: ON events of a pixel on a static scene in the dark at 25 degrees Celsius.
+        leak_spread: standard deviation of that rate from pixel to pixel, as a share; None takes the effect's own value.
+        leak_jitter: standard deviation of a pixel's intervals, as a share; None takes the effect's own value.
+        leak_double_lux: where light doubles the rate; None for nowhere.
+        temperature_c: of the sensor, for the leak; None takes 25.
+        shot_noise_rms: standard deviation of log intensity in the dark, from noise.
+        shot_noise_half_lux: where its square is halved; None takes the effect's own value.
+        shot_noise_bandwidth_hz: of the noise; None takes the effect's own value.
         hot_pixel_fraction: share of the pixels that fire on their own.
-        hot_pixel_rate_hz: their rate; None takes the effect's own value.
+        hot_pixel_rate_hz: the median of their rates; None takes the effect's own value. Their spread and
+            regularity are the effect's own.
         readout_events_per_s: throughput of the bus.
+        readout_row_us: what a row's address costs on it; None takes 0.
         readout_latency_us: delay of every event; None takes 0.
         readout_jitter_us: scatter of the stamps; None takes 0.
         aps_exposure_us: exposure of the intensity frames.
@@ -89,18 +97,24 @@ class SensorParameters:
     contrast_threshold: float | None = None
     contrast_threshold_off: float | None = None
     threshold_mismatch: float | None = None
+    threshold_column_parity: float | None = None
     photoreceptor_bandwidth_hz: float | None = None
     photoreceptor_bandwidth_lux: float | None = None
     photoreceptor_bandwidth_floor_hz: float | None = None
     photoreceptor_bandwidth_ceiling_hz: float | None = None
     refractory_period_us: float | None = None
     leak_rate_hz: float | None = None
-    shot_noise_rate_hz: float | None = None
+    leak_spread: float | None = None
+    leak_jitter: float | None = None
+    leak_double_lux: float | None = None
+    temperature_c: float | None = None
+    shot_noise_rms: float | None = None
     shot_noise_half_lux: float | None = None
     shot_noise_bandwidth_hz: float | None = None
     hot_pixel_fraction: float | None = None
     hot_pixel_rate_hz: float | None = None
     readout_events_per_s: float | None = None
+    readout_row_us: float | None = None
     readout_latency_us: float | None = None
     readout_jitter_us: float | None = None
     aps_exposure_us: float | None = None
@@ -117,7 +131,8 @@ class SensorParameters:
                 continue
             if name in _POSITIVE and value == 0:
                 raise ValueError(f"{name} must be finite and > 0, got {value!r}")
-            check_range(name, value, 0.0, 1.0 if name in _SHARES else _LARGEST_SIZE if name in _SIZES else math.inf)
+            least = -math.inf if name in _SIGNED else 0.0
+            check_range(name, value, least, 1.0 if name in _SHARES else _LARGEST_SIZE if name in _SIZES else math.inf)
             if name in _SIZES and value != int(value):
                 raise ValueError(f"{name} must be an integer number of pixels, got {value!r}")
 
@@ -173,12 +188,21 @@ class SensorParameters:
             vignetting=self.vignetting,
             lens_blur_px=self.lens_blur_px,
             photoreceptor_bandwidth_hz=_made(PhotoreceptorBandwidth, hz=hz, floor_hz=floor_hz, ceiling_hz=ceiling_hz),
-            threshold_mismatch=self.threshold_mismatch,
+            threshold_mismatch=ThresholdMismatch(
+                _first(self.threshold_mismatch, 0.0), column_parity=_first(self.threshold_column_parity, 0.0)
+            ),
             refractory_period_us=self.refractory_period_us,
-            leak_rate_hz=self.leak_rate_hz,
-            shot_noise_rate_hz=_made(
+            leak_rate_hz=_made(
+                LeakRate,
+                rate_hz=self.leak_rate_hz,
+                spread=self.leak_spread,
+                jitter=self.leak_jitter,
+                temperature_c=self.temperature_c,
+                double_luma=self.leak_double_lux and self.leak_double_lux / lux_per_luma,
+            ),
+            shot_noise_rms=_made(
                 ShotNoise,
-                rate_hz=self.shot_noise_rate_hz,
+                rms=self.shot_noise_rms,
                 half_luma=half_lux and half_lux / lux_per_luma,
                 bandwidth_hz=self.shot_noise_bandwidth_hz,
             ),
@@ -186,6 +210,7 @@ class SensorParameters:
             readout=_made(
                 Readout,
                 events_per_s=self.readout_events_per_s,
+                row_us=self.readout_row_us,
                 latency_us=self.readout_latency_us,
                 jitter_us=self.readout_jitter_us,
             ),
@@ -285,36 +310,59 @@ _BANDWIDTH_HZ_PER_LUX = 3.0
 
 # Noise by Hu, Liu, Delbruck, "v2e: From Video Frames to Realistic DVS Events", CVPRW 2021, and its code (v2ecore): leak
 # 0.1 Hz (emulator.py; the effect is that of Nozaki, Delbruck 2017); shot noise, ON and OFF as one, of 5 Hz in the dark
-# (its "noisy" model) and of 1 mHz in good light (default of v2e_args.py). That good light is 1000 lux and that the rate
-# falls as 1 / (1 + lux / half_lux) are assumptions, from which half_lux follows. Graca, Delbruck, "Unraveling the
-# paradox of intensity-dependent DVS pixel noise", IISW 2021, explain why it falls. That the noise has the source
-# follower's bandwidth, in any light, is an assumption.
+# (its "noisy" model): the rms is the one that makes 5 Hz of them at the nominal ON threshold. Under mismatch the mean
+# over pixels is about twice that. The rms falls with light as Graca, Delbruck, "Unraveling the paradox of
+# intensity-dependent DVS pixel noise", IISW 2021, explain: shot noise behind the photoreceptor's pole, which is
+# proportional to light, and the source follower's has half of its variance in the dark where both poles are alike.
+# v2e's 1 mHz in good light (default of v2e_args.py) comes about at 1.6 times that illuminance. That the noise has the
+# source follower's bandwidth, in any light, is an assumption.
 _LEAK_RATE_HZ = 0.1
+# ON less OFF events of a pixel in the part of a public recording of a DAVIS240C where nothing moves: 0.019 Hz of which
+# 79 % are ON. Its light and temperature are not known.
+_LEAK_RATE_DAVIS240C_HZ = 0.011
+# The mean of two public recordings of a DAVIS240C, 0.019 and 0.009 %; the effect's own rates are theirs.
+_HOT_PIXELS_DAVIS240C = 1.4e-4
+# Events a pixel of even over odd columns in the same two recordings, ON and OFF: 1.145, 1.176, 1.097, 1.090. Their
+# geometric mean is 1.127; that events go by 1 / C is an assumption.
+_COLUMN_PARITY_DAVIS240C = 0.06
+# At most 14 to 16 bursts of rows in ten microseconds in the same two recordings: with a column's 1/12 us, one in 0.63
+# us.
+# That the DAVIS346's bus is as fast is an assumption.
+_READOUT_ROW_US = 0.55
 _SHOT_NOISE_DARK_HZ = 5.0
-_SHOT_NOISE_HALF_LUX = 1000.0 / (_SHOT_NOISE_DARK_HZ / 1e-3 - 1)
 
 # libcaer's default exposure, and the converter's bits in its stream.
 _APS_EXPOSURE_US = 4000.0
 _APS_BITS = 10
 
 
-def _davis(chip: Mapping[str, ChipBias], threshold_deviation: float, **known: Any) -> SensorParameters:
+def _davis(
+    chip: Mapping[str, ChipBias],
+    threshold_deviation: float,
+    leak_rate_hz: float,
+    *,
+    column_parity: float = 0.0,
+    **known: Any,
+) -> SensorParameters:
     """A DAVIS with the biases that its driver sets, and thresholds that scatter by so much in natural-log units."""
     biases = _defaults(chip)
     on = _on_threshold("contrast_threshold", biases)
     bandwidth_hz = _follower_bandwidth_hz("photoreceptor_bandwidth_hz", biases)
+    poles_meet_lux = bandwidth_hz / _BANDWIDTH_HZ_PER_LUX
     return SensorParameters.from_biases(
         biases,
         contrast_threshold=on,
-        threshold_mismatch=threshold_deviation / on,
+        threshold_mismatch=math.sqrt((threshold_deviation / on) ** 2 - column_parity**2),
+        threshold_column_parity=column_parity,
         photoreceptor_bandwidth_hz=bandwidth_hz,
-        photoreceptor_bandwidth_lux=bandwidth_hz / _BANDWIDTH_HZ_PER_LUX,
+        photoreceptor_bandwidth_lux=poles_meet_lux,
         photoreceptor_bandwidth_ceiling_hz=bandwidth_hz,
-        leak_rate_hz=_LEAK_RATE_HZ,
-        shot_noise_rate_hz=_SHOT_NOISE_DARK_HZ,
-        shot_noise_half_lux=_SHOT_NOISE_HALF_LUX,
+        leak_rate_hz=leak_rate_hz,
+        shot_noise_rms=ShotNoise.of_rate(_SHOT_NOISE_DARK_HZ, on, bandwidth_hz=bandwidth_hz).rms,
+        shot_noise_half_lux=poles_meet_lux,
         shot_noise_bandwidth_hz=bandwidth_hz,
         readout_events_per_s=12e6,
+        readout_row_us=_READOUT_ROW_US,
         aps_exposure_us=_APS_EXPOSURE_US,
         aps_bits=_APS_BITS,
         **known,
@@ -327,13 +375,16 @@ SENSORS: Mapping[str, SensorParameters] = MappingProxyType(
         "davis240c": _davis(
             DAVIS240C_BIASES,
             0.035,
+            _LEAK_RATE_DAVIS240C_HZ,
             width=240,
             height=180,
             contrast_threshold_off=None,
+            column_parity=_COLUMN_PARITY_DAVIS240C,
+            hot_pixel_fraction=_HOT_PIXELS_DAVIS240C,
             readout_latency_us=3.0,
             aps_read_noise_dn=1023 / 10 ** (51 / 20),
         ),
-        "davis346": _davis(DAVIS346_BIASES, 0.03, width=346, height=260),
+        "davis346": _davis(DAVIS346_BIASES, 0.03, _LEAK_RATE_HZ, width=346, height=260),
     }
 )
 """Sensors by name.
@@ -348,15 +399,16 @@ driver sends:
   (DAVIS240, Brandli et al.), and of 14.3 % ON, 22.5 % OFF (DAVIS346, iniVation's specifications).
 - davis240c, by Brandli, Berner, Yang, Liu, Delbruck, "A 240 x 180 130 dB 3 us latency global shutter spatiotemporal
   vision sensor", IEEE JSSC 2014 (abstract): thresholds match to 3.5 % contrast (taken as 0.035 in log units at the
-  threshold above, and as the same share of any other: an assumption), least latency 3 us (all of it taken as the
-  readout's: an assumption), dynamic range of the frames 51 dB (taken as full scale over read noise).
+  threshold above, and as the same share of any other: an assumption; the parity of columns is a part of it), least
+  latency 3 us (all of it taken as the readout's: an assumption), dynamic range of the frames 51 dB (taken as full
+  scale over read noise).
 - davis346: thresholds scatter by 0.03 in log units (v2e's default) at the ON threshold, by the same share at others.
 - Both: a bus of 12 million events a second (iniVation's specifications); leak, noise and the photoreceptor's part of
   the bandwidth as in the comments above; 10-bit frames of 4 ms (libcaer's default).
-- Left open for want of a source: hot pixels, jitter, the bandwidth's floor, what saturates the frames, the DAVIS346's
+- Left open for want of a source: jitter, the bandwidth's floor, what saturates the frames, the DAVIS346's hot pixels,
   latency and read noise. Taverni et al., "Front and back illuminated dynamic and active pixel vision sensors
-  comparison", IEEE TCAS-II 2018, compare its quantum efficiency, leak under bright light and crosstalk, none of which
-  is a parameter here. Vignetting and blur belong to the lens.
+  comparison", IEEE TCAS-II 2018, compare its quantum efficiency, leak under bright light and crosstalk; only the leak
+  is a parameter here, and it is left open, too. Vignetting and blur belong to the lens.
 """
 
 

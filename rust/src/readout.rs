@@ -17,12 +17,14 @@ use crate::random::{Draw, Purpose};
 /// The parameters of a row-wise arbiter (address-event representation).
 ///
 /// Pixels ask for their row. The bus grants the row whose oldest request came first, and reads all of its requests in
-/// one burst: one stamp, then a column a turn. Source: Brandli, Berner, Yang, Liu and Delbruck, "A 240 x 180 130 dB 3 us
+/// one burst: one stamp, the row's address, then a column a turn. Source: Brandli, Berner, Yang, Liu and Delbruck, "A 240 x 180 130 dB 3 us
 /// latency global shutter spatiotemporal vision sensor", IEEE JSSC 49(10), 2014 (word-serial burst mode).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ReadoutParameters {
     /// Events that the bus carries in a second, > 0; infinite for any number at once.
     pub events_per_s: f64,
+    /// What a row's address costs on top, in microseconds, >= 0.
+    pub row_us: f64,
     /// From the grant of a row to its stamp, in microseconds, >= 0.
     pub latency_us: f64,
     /// Standard deviation of a stamp's normal jitter in microseconds, >= 0; never earlier than its grant or the stamp
@@ -36,7 +38,7 @@ impl ReadoutParameters {
     /// Whether events leave as they come.
     #[must_use]
     pub fn is_neutral(&self) -> bool {
-        self.events_per_s.is_infinite() && self.latency_us == 0.0 && self.jitter_us == 0.0
+        self.events_per_s.is_infinite() && self.row_us == 0.0 && self.latency_us == 0.0 && self.jitter_us == 0.0
     }
 
     pub(crate) fn check(&self) -> Result<()> {
@@ -47,6 +49,7 @@ impl ReadoutParameters {
             return rule("events_per_s", "be at least 1 per second", self.events_per_s);
         }
         let waits = [
+            ("row_us", Some(self.row_us)),
             ("latency_us", Some(self.latency_us)),
             ("jitter_us", Some(self.jitter_us)),
             ("drop_after_us", self.drop_after_us),
@@ -222,7 +225,7 @@ impl Readout {
                 self.stamped.make_contiguous()[first..].sort_by_key(|event| event.x);
                 self.last_stamp_us = stamp_us;
                 self.bursts += 1;
-                let free = share + burst as f64 * us_per_event;
+                let free = share + self.parameters.row_us + burst as f64 * us_per_event;
                 (self.free_us, self.free_share) = (now_us + free.floor() as i64, free.fract());
             }
             if let Some(next) = queue.front() {
@@ -254,7 +257,7 @@ mod tests {
 
     const SIZE: SensorSize = SensorSize { width: 16, height: 8 };
     const BUS: ReadoutParameters =
-        ReadoutParameters { events_per_s: 1e6, latency_us: 0.0, jitter_us: 0.0, drop_after_us: None };
+        ReadoutParameters { events_per_s: 1e6, row_us: 0.0, latency_us: 0.0, jitter_us: 0.0, drop_after_us: None };
 
     fn readout(parameters: ReadoutParameters) -> Readout {
         Readout::new(SIZE, parameters, 1)
@@ -285,8 +288,8 @@ mod tests {
 
     proptest! {
         #[test]
-        fn every_event_leaves_once_in_order_and_not_before_it_came(requests in requests(), rate in 1e4f64..1e8, latency_us in 0.0f64..50.0, jitter_us in 0.0f64..20.0, cut in 0i64..300) {
-            let parameters = ReadoutParameters { events_per_s: rate, latency_us, jitter_us, drop_after_us: None };
+        fn every_event_leaves_once_in_order_and_not_before_it_came(requests in requests(), rate in 1e4f64..1e8, row_us in 0.0f64..20.0, latency_us in 0.0f64..50.0, jitter_us in 0.0f64..20.0, cut in 0i64..300) {
+            let parameters = ReadoutParameters { events_per_s: rate, row_us, latency_us, jitter_us, drop_after_us: None };
             let mut whole = requests.clone();
             let mut bus = readout(parameters);
             bus.pass(&mut whole, 300);
@@ -330,6 +333,23 @@ mod tests {
                     let burst = events.iter().filter(|e| e.t == last.t).count();
                     let allowed = (us + 1.0) * rate * 1e-6 + f64::from(u32::try_from(burst).unwrap()) + 1.0;
                     prop_assert!(f64::from(n) <= allowed, "{n} events in {us} us");
+                }
+            }
+        }
+
+        #[test]
+        fn no_more_bursts_leave_than_rows_can_be_addressed(requests in requests(), row_us in 0.1f64..20.0) {
+            let mut bus = readout(ReadoutParameters { events_per_s: f64::INFINITY, row_us, ..BUS });
+            let mut events = requests.clone();
+            bus.pass(&mut events, 300);
+            events.extend(bus.flush());
+            // Rows of one stamp, in a stretch of so many microseconds; a stamp is rounded up.
+            let mut bursts: Vec<(i64, u16)> = events.iter().map(|e| (e.t, e.y)).collect();
+            bursts.dedup();
+            for (i, first) in bursts.iter().enumerate() {
+                for (n, last) in (0u32..).zip(&bursts[i..]) {
+                    let us = f64::from(u32::try_from(last.0 - first.0).unwrap());
+                    prop_assert!(f64::from(n) * row_us <= us + 1.0, "{n} bursts in {us} us");
                 }
             }
         }

@@ -15,14 +15,16 @@ _PEAK_EVENTS = 50
 """A peak rate is that of so many consecutive events of the pixels looked at: good to a seventh."""
 
 
-def through_bus(sample: LumaSample, effect: Readout, shift_us: float) -> tuple[OmissionError, str]:
-    waits = [_waits_us(events["t"], effect, sample.sensor_share) for events in sample.ideal_parts]
+def through_bus(sample: LumaSample, effect: Readout, shift_us: float, rows: int) -> tuple[OmissionError, str]:
+    """What leaving the bus out does, on a sensor of so many rows."""
+    waits = [_waits_us(events["t"], effect, sample.sensor_share, rows) for events in sample.ideal_parts]
     wait_us = np.concatenate(waits)
     carried = wait_us[~np.isnan(wait_us)]
     peak = _peak_rate(sample)
     rate = "too few events for a peak rate" if math.isnan(peak) else f"events come at up to {peak / 1e6:.3g} Mev/s"
     seen = (
-        f"{rate}, the bus takes {effect.events_per_s / 1e6:.3g} Mev/s; longest wait "
+        f"{rate}, the bus takes {effect.events_per_s / 1e6:.3g} Mev/s and "
+        f"{effect.row_us:.3g} us a row; longest wait "
         f"{carried.max(initial=0.0):.3g} us, latency {effect.latency_us:.3g} us, jitter {effect.jitter_us:.3g} us"
     )
     if not len(wait_us):
@@ -41,18 +43,28 @@ def through_bus(sample: LumaSample, effect: Readout, shift_us: float) -> tuple[O
     return found, seen
 
 
-def _waits_us(t_us: npt.NDArray[np.int64], effect: Readout, sensor_share: float) -> npt.NDArray[np.float64]:
+def _waits_us(t_us: npt.NDArray[np.int64], effect: Readout, sensor_share: float, rows: int) -> npt.NDArray[np.float64]:
     """How long events wait for the bus, NaN for those dropped, if each one seen stands for others.
 
     Those are taken to come evenly since the event before, so that a few pixels tell of a queue of all: it grows where
-    the rate exceeds the bus's, and shrinks where it does not.
+    the rate exceeds the bus's, and shrinks where it does not. Events that wait lie in as many rows as there can be:
+    few of them in a row each, many in all rows.
     """
-    service_us = 1e6 / effect.events_per_s
-    work_us, longest = service_us / sensor_share, math.inf if effect.drop_after_us is None else effect.drop_after_us
+    column_us, longest = 1e6 / effect.events_per_s, math.inf if effect.drop_after_us is None else effect.drop_after_us
+    service_us, all_rows_us = column_us + effect.row_us, rows * effect.row_us
+
+    def queue_us(events: float) -> float:
+        return events * column_us + min(events, rows) * effect.row_us
+
+    def queued(wait_us: float) -> float:
+        if wait_us <= rows * service_us:
+            return wait_us / service_us if service_us else 0.0
+        return (wait_us - all_rows_us) / column_us
+
     waits = np.empty(len(t_us))
     wait = 0.0
     for i, gap in enumerate(np.diff(t_us, prepend=t_us[:1]).tolist()):
-        ahead = max(wait + work_us - gap, 0.0) if i else 0.0
+        ahead = max(queue_us(queued(wait) + 1 / sensor_share) - gap, 0.0) if i else 0.0
         if ahead > longest:
             waits[i], wait = math.nan, max(wait - gap, 0.0)
         else:

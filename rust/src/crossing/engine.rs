@@ -9,7 +9,7 @@ use rayon::prelude::*;
 
 use super::band::Interval;
 use super::core::{Core, NEVER, Pixels, Push};
-use super::effects::{EffectCore, Effects, mismatched};
+use super::effects::{EffectCore, Effects, ThresholdMismatch, mismatched};
 use super::frame::Frame;
 use super::level::Level;
 use super::parameters::{CrossingParameters, Interpolation};
@@ -61,7 +61,7 @@ pub(super) enum Samples {
     None,
     Luma(Core<f32>),
     Log(Core<f64>),
-    Effects(EffectCore, &'static str),
+    Effects(Box<EffectCore>, &'static str),
 }
 
 /// A kind of sample, and where its pixels are kept.
@@ -76,7 +76,7 @@ pub(super) trait Feed: Sample {
     /// The pixels, if they are fed with this.
     fn pixels(samples: &mut Samples) -> Option<&mut dyn Pixels<Self>> {
         match samples {
-            Samples::Effects(core, name) => (*name == Self::NAME).then_some(core),
+            Samples::Effects(core, name) => (*name == Self::NAME).then_some(&mut **core),
             samples => Self::core(samples).map(|core| core as _),
         }
     }
@@ -136,7 +136,7 @@ impl CrossingEngine {
         parameters.check(size)?;
         let parameters = mismatched(parameters, effects.threshold_mismatch, seed, size);
         parameters.check(size)?;
-        let effects = Effects { threshold_mismatch: 0.0, ..effects.clone() };
+        let effects = Effects { threshold_mismatch: ThresholdMismatch::NONE, ..effects.clone() };
         if let Some(threads) = threads.filter(|threads| !(1..=MOST_THREADS).contains(threads)) {
             return Err(Error::Argument(format!("threads must lie in 1..{MOST_THREADS}, got {threads}")));
         }
@@ -247,7 +247,7 @@ impl CrossingEngine {
         } else if self.t_us.is_none() {
             self.samples = if self.effects.change_the_pixel() {
                 let core = EffectCore::new(&frame, self.size, push.p, &self.effects, self.seed, push.pool);
-                Samples::Effects(core, S::NAME)
+                Samples::Effects(Box::new(core), S::NAME)
             } else {
                 S::wrap(Core::new(frame.samples, frame.rate, push.p, push.pool))
             };
@@ -358,7 +358,7 @@ impl CrossingEngine {
     fn make_room(&mut self, sparse: usize, ticks: i64) -> Result<()> {
         // Log intensity spans less than 1500; a Hermite curve goes there and back, and so may each sparse sample.
         let ways = 2.0 + sparse as f64;
-        let leaked = self.effects.leak_rate_hz * 1e-6 * ticks as f64;
+        let leaked = self.effects.leak.most_hz() * 1e-6 * ticks as f64;
         let most = (ways * 1500.0 / self.parameters.least_threshold() + leaked) as u64 + 2;
         if self.largest_counter + most > u32::MAX.into() {
             self.largest_counter = self.count_largest();
@@ -424,7 +424,7 @@ fn new_pool(threads: usize) -> Result<rayon::ThreadPool> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::crossing::effects::{HotPixels, PhotoreceptorBandwidth, ShotNoise};
+    use crate::crossing::effects::{HotPixels, Leak, PhotoreceptorBandwidth, ShotNoise};
     use crate::crossing::frame::SparseSamples;
     use crate::crossing::parameters::Threshold;
     use crate::readout::ReadoutParameters;
@@ -435,11 +435,12 @@ mod tests {
         Effects {
             photoreceptor_bandwidth: PhotoreceptorBandwidth { hz: 300.0, floor_hz: 1.0, ceiling_hz: 1e4 },
             refractory_period_us: 20.0,
-            leak_rate_hz: 0.3,
-            shot_noise: ShotNoise { rate_hz: 30.0, half_luma: 0.5, bandwidth_hz: 50.0 },
-            hot_pixels: HotPixels { fraction: 0.1, rate_hz: 200.0 },
+            leak: Leak { rate_hz: 0.3, double_luma: 0.5, ..Effects::default().leak },
+            shot_noise: ShotNoise { rms: 0.1, half_luma: 0.5, bandwidth_hz: 50.0 },
+            hot_pixels: HotPixels { fraction: 0.1, rate_hz: 200.0, rate_spread: 0.5, least_cv: 0.05, most_cv: 0.5 },
             readout: Some(ReadoutParameters {
                 events_per_s: 1e6,
+                row_us: 0.5,
                 latency_us: 1.0,
                 jitter_us: 1.0,
                 drop_after_us: None,

@@ -1,20 +1,38 @@
 //! Threshold mismatch: a fixed pattern of thresholds over the pixels, drawn once when the engine is made.
 
+use super::parameters::ThresholdMismatch;
 use crate::crossing::parameters::{CrossingParameters, Threshold};
 use crate::event::SensorSize;
 use crate::random::{Draw, Purpose};
 
-/// The parameters with both thresholds drawn for each pixel: log-normal, so never zero or negative, with the nominal
-/// value as mean and `sigma` times it as standard deviation; ON and OFF independently.
+/// The parameters with both thresholds drawn for each pixel, the nominal value being their mean.
+///
+/// What each pixel has of its own is drawn for ON and OFF independently; its column and row move both alike.
 #[allow(clippy::cast_possible_truncation, reason = "no sensor has 2^32 pixels")]
-pub(crate) fn mismatched(p: CrossingParameters, sigma: f64, seed: u64, size: SensorSize) -> CrossingParameters {
-    if sigma == 0.0 {
+pub(crate) fn mismatched(
+    p: CrossingParameters,
+    mismatch: ThresholdMismatch,
+    seed: u64,
+    size: SensorSize,
+) -> CrossingParameters {
+    if mismatch.is_neutral() {
         return p;
     }
-    let variance = libm::log1p(sigma * sigma);
+    let factor = |sigma: f64, purpose, i| {
+        let variance = libm::log1p(sigma * sigma);
+        libm::exp(variance.sqrt() * Draw::at(seed, purpose, i, 0).normal() - 0.5 * variance)
+    };
+    let factors = |n: u16, sigma, purpose| (0..n).map(|i| factor(sigma, purpose, i.into())).collect::<Vec<f64>>();
+    let columns = factors(size.width, mismatch.columns, Purpose::ThresholdColumn);
+    let rows = factors(size.height, mismatch.rows, Purpose::ThresholdRow);
+    let parity = |x: u16| if x.is_multiple_of(2) { 1.0 - mismatch.column_parity } else { 1.0 + mismatch.column_parity };
     let draw = |nominal: &Threshold, purpose| {
-        let factor = |i| libm::exp(variance.sqrt() * Draw::at(seed, purpose, i as u32, 0).normal() - 0.5 * variance);
-        Threshold::PerPixel((0..size.pixels()).map(|i| nominal.at(i) * factor(i)).collect())
+        let threshold = |i: usize| {
+            let (x, y) = size.xy(i);
+            let common = parity(x) * columns[usize::from(x)] * rows[usize::from(y)];
+            nominal.at(i) * factor(mismatch.sigma, purpose, i as u32) * common
+        };
+        Threshold::PerPixel((0..size.pixels()).map(threshold).collect())
     };
     CrossingParameters {
         contrast_threshold: draw(&p.contrast_threshold, Purpose::ThresholdOn),
