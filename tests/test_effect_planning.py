@@ -44,7 +44,7 @@ from davis_rs.rendering.render import Renderer
 from davis_rs.rendering.renderers import make_renderer
 from davis_rs.sampling.exposure import expose
 from davis_rs.sampling.keyframes import Keyframe
-from davis_rs.sensor_parameters import SENSORS
+from davis_rs.sensors import SENSORS
 from stretches import shift, stretch
 
 C = 0.1

@@ -29,7 +29,7 @@ from davis_rs.effects import Aps, Readout
 from davis_rs.events import concatenate_events
 from davis_rs.packet import Packet
 from davis_rs.scene.scene import Scene
-from davis_rs.sensor_parameters import SENSORS
+from davis_rs.sensors import SENSORS
 from effects_reference import scene
 
 pytestmark = pytest.mark.usefixtures("llvm")

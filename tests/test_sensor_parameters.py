@@ -21,7 +21,8 @@ from davis_rs.biases import (
     bias_of_word,
 )
 from davis_rs.effects import Aps, Effects, HotPixels, PhotoreceptorBandwidth, Readout, ShotNoise
-from davis_rs.sensor_parameters import SENSORS, SensorParameters
+from davis_rs.sensor_parameters import SensorParameters
+from davis_rs.sensors import SENSORS
 
 COARSE, FINE = st.integers(0, 7), st.integers(0, 255)
 BIASES = st.builds(CoarseFineBias, COARSE, FINE)

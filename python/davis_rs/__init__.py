@@ -40,7 +40,8 @@ if TYPE_CHECKING:
     from .scene.light_profile import Flicker, LightProfile, SampledProfile
     from .scene.scene import Scene
     from .scenes import load_scene, start_pose
-    from .sensor_parameters import SENSORS, SensorParameters
+    from .sensor_parameters import SensorParameters
+    from .sensors import SENSORS, load_sensor, save_sensor
     from .simulation import simulate
     from .simulation_folder import SimulationReport, simulate_to_folder
     from .simulator import Simulator
@@ -99,7 +100,7 @@ _MODULES = {
     "RawWriter": "usb.raw_file",
     "Recording": "recordings",
     "RecordingWarning": "recordings",
-    "SENSORS": "sensor_parameters",
+    "SENSORS": "sensors",
     "SampledProfile": "scene.light_profile",
     "SampledTrajectory": "trajectory.sampled_trajectory",
     "Scene": "scene.scene",
@@ -127,6 +128,7 @@ _MODULES = {
     "iter_events": "event_files.read",
     "load_camera": "camera",
     "load_scene": "scenes",
+    "load_sensor": "sensors",
     "log_intensity": "_core",
     "make_video": "inspection.video",
     "open_frames": "frames_to_events.open_frames",
@@ -137,6 +139,7 @@ _MODULES = {
     "read_recording": "recordings",
     "read_trajectory": "trajectory.trajectory_file",
     "reconstruct": "_core",
+    "save_sensor": "sensors",
     "simulate": "simulation",
     "simulate_imu": "imu",
     "simulate_to_folder": "simulation_folder",
@@ -223,6 +226,7 @@ __all__ = [
     "iter_events",
     "load_camera",
     "load_scene",
+    "load_sensor",
     "log_intensity",
     "make_video",
     "open_frames",
@@ -234,6 +238,7 @@ __all__ = [
     "read_trajectory",
     "reconstruct",
     "represent",
+    "save_sensor",
     "simulate",
     "simulate_imu",
     "simulate_to_folder",

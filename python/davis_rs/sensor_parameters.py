@@ -5,11 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
-from types import MappingProxyType
 from typing import Any, TypeVar
 
-from .biases import DAVIS240C_BIASES, DAVIS346_BIASES, BiasValues, ChipBias, CoarseFineBias, as_biases
-from .close_names import did_you_mean
+from .biases import BiasValues, CoarseFineBias, as_biases
 from .effects import Aps, Effects, HotPixels, PhotoreceptorBandwidth, Readout, ShotNoise
 from .effects.effect import check_range
 
@@ -272,103 +270,3 @@ _FORMULAS: dict[str, Callable[[str, _Biases], float]] = {
     "photoreceptor_bandwidth_hz": _follower_bandwidth_hz,
     "refractory_period_us": _refractory_period_us,
 }
-
-
-def _defaults(chip: Mapping[str, ChipBias]) -> dict[str, CoarseFineBias]:
-    return {name: bias.default for name, bias in chip.items()}
-
-
-# Hz of bandwidth a lux of scene illuminance, while the photoreceptor is the slower stage: 3 kHz at 1 klux by
-# Lichtsteiner, Posch, Delbruck, "A 128 x 128 120 dB 15 us latency asynchronous temporal contrast vision sensor", IEEE
-# JSSC 2008 (abstract). Measured on the DVS128; that it holds for the DAVIS, of the same circuit, is an assumption.
-_BANDWIDTH_HZ_PER_LUX = 3.0
-
-# Noise by Hu, Liu, Delbruck, "v2e: From Video Frames to Realistic DVS Events", CVPRW 2021, and its code (v2ecore): leak
-# 0.1 Hz (emulator.py; the effect is that of Nozaki, Delbruck 2017); shot noise, ON and OFF as one, of 5 Hz in the dark
-# (its "noisy" model) and of 1 mHz in good light (default of v2e_args.py). That good light is 1000 lux and that the rate
-# falls as 1 / (1 + lux / half_lux) are assumptions, from which half_lux follows. Graca, Delbruck, "Unraveling the
-# paradox of intensity-dependent DVS pixel noise", IISW 2021, explain why it falls. That the noise has the source
-# follower's bandwidth, in any light, is an assumption.
-_LEAK_RATE_HZ = 0.1
-_SHOT_NOISE_DARK_HZ = 5.0
-_SHOT_NOISE_HALF_LUX = 1000.0 / (_SHOT_NOISE_DARK_HZ / 1e-3 - 1)
-
-# libcaer's default exposure, and the converter's bits in its stream.
-_APS_EXPOSURE_US = 4000.0
-_APS_BITS = 10
-
-
-def _davis(chip: Mapping[str, ChipBias], threshold_deviation: float, **known: Any) -> SensorParameters:
-    """A DAVIS with the biases that its driver sets, and thresholds that scatter by so much in natural-log units."""
-    biases = _defaults(chip)
-    on = _on_threshold("contrast_threshold", biases)
-    bandwidth_hz = _follower_bandwidth_hz("photoreceptor_bandwidth_hz", biases)
-    return SensorParameters.from_biases(
-        biases,
-        contrast_threshold=on,
-        threshold_mismatch=threshold_deviation / on,
-        photoreceptor_bandwidth_hz=bandwidth_hz,
-        photoreceptor_bandwidth_lux=bandwidth_hz / _BANDWIDTH_HZ_PER_LUX,
-        photoreceptor_bandwidth_ceiling_hz=bandwidth_hz,
-        leak_rate_hz=_LEAK_RATE_HZ,
-        shot_noise_rate_hz=_SHOT_NOISE_DARK_HZ,
-        shot_noise_half_lux=_SHOT_NOISE_HALF_LUX,
-        shot_noise_bandwidth_hz=bandwidth_hz,
-        readout_events_per_s=12e6,
-        aps_exposure_us=_APS_EXPOSURE_US,
-        aps_bits=_APS_BITS,
-        **known,
-    )
-
-
-SENSORS: Mapping[str, SensorParameters] = MappingProxyType(
-    {
-        "ideal": SensorParameters(),
-        "davis240c": _davis(
-            DAVIS240C_BIASES,
-            0.035,
-            width=240,
-            height=180,
-            contrast_threshold_off=None,
-            readout_latency_us=3.0,
-            aps_read_noise_dn=1023 / 10 ** (51 / 20),
-        ),
-        "davis346": _davis(DAVIS346_BIASES, 0.03, width=346, height=260),
-    }
-)
-"""Sensors by name.
-
-``ideal`` has no imperfection at all. ``davis240c`` and ``davis346`` are those cameras with the biases that the vendor's
-driver sends:
-
-- From the biases (:meth:`SensorParameters.from_biases`): threshold 0.283 ON for both, 0.262 OFF for the DAVIS346;
-  refractory period 3.37 us; the source follower's bandwidth of 286 Hz, to which the photoreceptor rises at 95 lux,
-  and which is the limit in more light. The DAVIS240C's OffBn has no
-  nominal current (4/0): its OFF threshold is assumed to be the ON threshold. Other biases go down to contrasts of 11 %
-  (DAVIS240, Brandli et al.), and of 14.3 % ON, 22.5 % OFF (DAVIS346, iniVation's specifications).
-- davis240c, by Brandli, Berner, Yang, Liu, Delbruck, "A 240 x 180 130 dB 3 us latency global shutter spatiotemporal
-  vision sensor", IEEE JSSC 2014 (abstract): thresholds match to 3.5 % contrast (taken as 0.035 in log units at the
-  threshold above, and as the same share of any other: an assumption), least latency 3 us (all of it taken as the
-  readout's: an assumption), dynamic range of the frames 51 dB (taken as full scale over read noise).
-- davis346: thresholds scatter by 0.03 in log units (v2e's default) at the ON threshold, by the same share at others.
-- Both: a bus of 12 million events a second (iniVation's specifications); leak, noise and the photoreceptor's part of
-  the bandwidth as in the comments above; 10-bit frames of 4 ms (libcaer's default).
-- Left open for want of a source: hot pixels, jitter, the bandwidth's floor, what saturates the frames, the DAVIS346's
-  latency and read noise. Taverni et al., "Front and back illuminated dynamic and active pixel vision sensors
-  comparison", IEEE TCAS-II 2018, compare its quantum efficiency, leak under bright light and crosstalk, none of which
-  is a parameter here. Vignetting and blur belong to the lens.
-"""
-
-
-def sensor_parameters(sensor: str | SensorParameters | None) -> SensorParameters:
-    """A sensor by its name; None is the ideal one.
-
-    Raises:
-        ValueError: for another name.
-    """
-    if isinstance(sensor, SensorParameters):
-        return sensor
-    name = "ideal" if sensor is None else sensor
-    if name not in SENSORS:
-        raise ValueError(f"sensor must be one of {', '.join(SENSORS)}, got {name!r}{did_you_mean(name, SENSORS)}")
-    return SENSORS[name]

@@ -12,7 +12,7 @@ from .effects import Effects, parse_effect
 from .monte_carlo_noise import NoiseEstimate, NoiseWarning, estimate_noise_of
 from .packet import Packet
 from .scene.scene import Scene
-from .sensor_parameters import SENSORS
+from .sensors import SENSORS, read_once
 from .settings import AUTO, SimulationSettings, SimulatorSettings, ViewSettings, complete, only, takes_settings
 from .simulator import Simulator
 
@@ -105,6 +105,7 @@ def make_simulator(scene: Scene, settings: Mapping[str, Any]) -> MadeSimulator:
         TypeError, ValueError, OSError: as :func:`simulate`.
     """
     given = complete(SimulationSettings, settings, of="simulate")
+    given["sensor"] = read_once(given["sensor"])
     named, planned = read_effects(given["effects"])
     plan: EffectPlan | None = None
     if planned:

@@ -22,6 +22,7 @@ from .sampling.event_refinement import EventRefinement
 from .sampling.exposure import expose
 from .sampling.keyframes import Keyframe, Stretch
 from .scene.scene import Scene
+from .sensors import read_once
 from .settings import (
     AUTO,
     SimulatorSettings,
@@ -70,6 +71,7 @@ class Simulator:
         _require_effects(settings.get("effects"))
         _require_samples(settings.get("samples"))
         self.settings: dict[str, Any] = complete(SimulatorSettings, settings, of="Simulator")
+        self.settings["sensor"] = read_once(self.settings["sensor"])
         viewed, chosen = view_scene(scene, self.settings), chosen_sampling(self.settings)
         self.scene, self.camera = viewed.scene, viewed.camera
         self.contrast_threshold = viewed.contrast_threshold

@@ -24,6 +24,7 @@ COMMANDS = {
     "sequences-sheet": ("sequences", "draw a frame and events of each sequence"),
     "sequences-count": ("sequences", "simulate sequences whole and count their events"),
     "settings": ("settings_table", "list all settings of a simulation as a table of Markdown"),
+    "sensors": ("sensors", "list the sensors that are known, or show one as a file"),
     "plan": ("plan", "say which effects of a sensor a sequence calls for"),
     "generate": ("generate", "simulate many sequences with randomised parameters"),
     "verify": ("generate", "compare generated sequences with their manifest"),

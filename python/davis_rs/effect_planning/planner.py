@@ -12,7 +12,7 @@ from ..rendering.render import Renderer
 from ..rendering.renderers import make_renderer
 from ..sampling.keyframes import Stretch
 from ..scene.scene import Scene
-from ..sensor_parameters import SENSORS
+from ..sensors import SENSORS
 from ..settings import ViewSettings, complete, renderer_settings, takes_settings, view_scene
 from ..trajectory.trajectory import Trajectory
 from .aps import frame_change

@@ -12,7 +12,8 @@ from ..sampling.presets import ACCURACY, DEFAULT_ACCURACY
 from ..sampling.rules import FixedRate, MaxDisplacement, TimeSampling
 from ..sampling.tolerance import Tolerance
 from ..scene.scene import Scene
-from ..sensor_parameters import SensorParameters, sensor_parameters
+from ..sensor_parameters import SensorParameters
+from ..sensors import sensor_parameters
 from .image_camera import image_camera
 
 AUTO = "auto"
@@ -50,7 +51,7 @@ def view_scene(scene: Scene, settings: Mapping[str, Any]) -> ViewedScene:
     """Decide what :class:`~davis_rs.settings.ViewSettings` leave open.
 
     Raises:
-        ValueError, OSError: as :func:`~davis_rs.settings.image_camera.image_camera`, or for an unknown sensor.
+        ValueError, OSError: as :func:`~davis_rs.settings.image_camera.image_camera` and :func:`~davis_rs.load_sensor`.
     """
     if settings["lux_per_luma"] is not None:
         scene = replace(scene, lux_per_luma=settings["lux_per_luma"])

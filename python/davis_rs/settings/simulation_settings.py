@@ -17,7 +17,8 @@ from ..rendering.baked_light.bake import BAKE_ERROR
 from ..rendering.renderers import RENDERERS
 from ..sampling.presets import ACCURACY, DEFAULT_ACCURACY
 from ..sampling.rules import TimeSampling
-from ..sensor_parameters import SENSORS, SensorParameters
+from ..sensor_parameters import SensorParameters
+from ..sensors import SENSOR_SUFFIXES, SENSORS
 from .setting import Declared
 
 _ACCURACY = "accuracy and cost"
@@ -57,9 +58,10 @@ class PixelSettings(TypedDict, total=False):
     sensor: Annotated[
         SensorParameters | str | None,
         Declared(
-            "size, thresholds and effects of a sensor",
+            "size, thresholds and effects of a sensor (docs/sensor.md)",
             default_help="ideal pixels",
             choices=tuple(SENSORS),
+            file_suffixes=SENSOR_SUFFIXES,
             group=EFFECTS,
             text=str,
         ),
