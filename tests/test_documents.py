@@ -188,6 +188,7 @@ def example_files(tmp_path_factory: pytest.TempPathFactory) -> Path:
     np.save(folder / "times.npy", np.array(stamps_ms) / 1000)
     (folder / "PLAN.yaml").write_text("scene: three_planes\nduration: 0.02\naccuracy: fast\n")
     (folder / "example.yaml").write_text(YAML[0].text)
+    (folder / "my_effects.py").write_text(next(one.text for one in PYTHON if "class Crosstalk" in one.text))
     return folder
 
 

@@ -24,8 +24,8 @@ from .parse import Parser, Where, effects, imu_effects, motion, value_of
 
 _RULES: Mapping[type | None, str] = {float: "a number", int: "an integer", str: "a text", bool: "true or false"}
 _NAMES: Mapping[str, Collection[str]] = {"scene": {*BUILTIN_SCENES, *SEQUENCES}, "camera": PRESETS, "sensor": SENSORS}
-_NOT_KEYS = {"seed", "threads"}
-"""The seed is the plan's, and drawn for each sequence; threads are those of the workers."""
+_NOT_KEYS = {"seed", "threads", "custom_effects"}
+"""The seed is the plan's, and drawn for each sequence; threads are those of the workers; a plan runs nobody's code."""
 
 SETTINGS: dict[str, Setting] = {
     setting.key: setting

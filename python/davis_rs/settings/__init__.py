@@ -3,7 +3,7 @@
 from .frame_settings import INTERPOLATIONS, FrameFolderSettings, FrameSettings
 from .image_camera import camera_of_size, parse_size
 from .inertial import make_imu, make_motion_capture
-from .resolve import AUTO, ViewedScene, chosen_sampling, renderer_settings, view_scene
+from .resolve import AUTO, ViewedScene, chosen_sampling, renderer_settings, view_scene, whole_frame_sampling
 from .setting import Declared, Setting, complete, only, settings_of, takes_settings
 from .simulation_settings import FolderSettings, SimulationSettings, SimulatorSettings, ViewSettings
 
@@ -30,4 +30,5 @@ __all__ = [
     "settings_of",
     "takes_settings",
     "view_scene",
+    "whole_frame_sampling",
 ]

@@ -112,6 +112,26 @@ def chosen_sampling(settings: Mapping[str, Any]) -> TimeSamplingChoice:
     )
 
 
+def whole_frame_sampling(settings: Mapping[str, Any]) -> TimeSampling:
+    """A rule that renders whole frames, between which light runs straight, as effects of a user's own on light need.
+
+    It is the one that is asked for if it is such a one, or else as many renders as keep the image within a third of a
+    pixel from one to the next; half of that with ``exact``.
+
+    Raises:
+        ValueError: where another rule is asked for by name.
+    """
+    sampling = chosen_sampling(settings).sampling
+    if sampling.interpolation == "linear":
+        return sampling
+    if settings["sampling"] is not None or settings["tolerance"] is not None:
+        raise ValueError(
+            f"custom effects on light need whole frames, between which light runs straight: give render_rate_hz or "
+            f"max_displacement_px, got {sampling!r}"
+        )
+    return MaxDisplacement(1 / 6 if settings["accuracy"] == "exact" else 1 / 3)
+
+
 def _first(*values: float | None) -> float:
     """The first that is given."""
     return next(value for value in values if value is not None)

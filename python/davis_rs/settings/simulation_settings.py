@@ -278,7 +278,22 @@ class SamplingSettings(ViewSettings, EngineSettings, total=False):
     ]
 
 
-class SimulatorSettings(SamplingSettings, total=False):
+class CustomSettings(SamplingSettings, total=False):
+    """What a user adds of their own."""
+
+    custom_effects: Annotated[
+        object | None,
+        Declared(
+            "an effect of your own, in Python (docs/effects.md): MODULE:NAME or FILE.py:NAME; from Python also objects",
+            default_help="none",
+            metavar="MODULE:NAME",
+            text=list,
+            group=EFFECTS,
+        ),
+    ]
+
+
+class SimulatorSettings(CustomSettings, total=False):
     """The settings of :class:`~davis_rs.Simulator`."""
 
     effects: Annotated[
@@ -292,7 +307,7 @@ class SimulatorSettings(SamplingSettings, total=False):
     ]
 
 
-class SimulationSettings(SamplingSettings, total=False):
+class SimulationSettings(CustomSettings, total=False):
     """The settings of :func:`~davis_rs.simulate`: a simulator's, with effects that may be planned first."""
 
     effects: Annotated[
