@@ -24,7 +24,7 @@ LAYERS = [
     ["settings"],
     ["sensors"],
     ["sensor_parameters"],
-    ["calibrate", "inspection"],
+    ["calibrate", "inspection", "stream_statistics"],
     ["event_files", "dataset", "formats"],
     ["clocks", "imu", "motion_capture"],
     ["sampling", "effects", "differentiable", "rendering"],

@@ -94,6 +94,8 @@ PLACEHOLDERS = {
     "KIND": "intrinsics",
     "IN": "IN.aedat4",
     "OUT": "OUT.txt",
+    "REAL": "FILE",
+    "SIMULATED": "DIR",
 }
 """Words in capitals that a user replaces; DIR, PATH, IN, FILE and PLAN.yaml are files of the test (``folder``)."""
 

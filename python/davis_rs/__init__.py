@@ -45,6 +45,7 @@ if TYPE_CHECKING:
     from .simulation import simulate
     from .simulation_folder import SimulationReport, simulate_to_folder
     from .simulator import Simulator
+    from .stream_statistics import StreamStatistics, compare_streams, measure_stream
     from .trajectory.sampled_trajectory import SampledTrajectory
     from .trajectory.trajectory import CallableTrajectory, SegmentTrajectory, Trajectory, align
     from .trajectory.trajectory_file import read_trajectory
@@ -108,6 +109,7 @@ _MODULES = {
     "SensorParameters": "sensor_parameters",
     "SimulationReport": "simulation_folder",
     "Simulator": "simulator",
+    "StreamStatistics": "stream_statistics",
     "TRIGGER_DTYPE": "decoded",
     "Tolerance": "sampling.tolerance",
     "Trajectory": "trajectory.trajectory",
@@ -120,6 +122,7 @@ _MODULES = {
     "as_events": "events",
     "check_dataset": "inspection.check",
     "compare_events": "event_matching",
+    "compare_streams": "stream_statistics",
     "convert": "event_files.conversion",
     "estimate_noise": "monte_carlo_noise",
     "events_from_frames": "frames_to_events.events_from_frames",
@@ -131,6 +134,7 @@ _MODULES = {
     "load_sensor": "sensors",
     "log_intensity": "_core",
     "make_video": "inspection.video",
+    "measure_stream": "stream_statistics",
     "open_frames": "frames_to_events.open_frames",
     "open_reader": "event_files.read",
     "open_writer": "event_files.write",
@@ -207,6 +211,7 @@ __all__ = [
     "SensorParameters",
     "SimulationReport",
     "Simulator",
+    "StreamStatistics",
     "Tolerance",
     "Trajectory",
     "TriggerKind",
@@ -218,6 +223,7 @@ __all__ = [
     "as_events",
     "check_dataset",
     "compare_events",
+    "compare_streams",
     "convert",
     "estimate_noise",
     "events_from_frames",
@@ -229,6 +235,7 @@ __all__ = [
     "load_sensor",
     "log_intensity",
     "make_video",
+    "measure_stream",
     "open_frames",
     "open_reader",
     "open_writer",

@@ -35,6 +35,7 @@ COMMANDS = {
     "decode": ("usb", "decode a recording: of record, or AEDAT 2.0, 3.1, 4"),
     "convert": ("files", "convert events from one file format to another"),
     "info": ("files", "sum up an event file or a dataset folder"),
+    "compare": ("compare", "print the statistics of two streams side by side, such as a recording and a simulation"),
     "calibrate": ("calibrate", "calibrate a camera, a hand-eye transform, or a camera and an IMU"),
     "check": ("look", "check a dataset: do its events explain its images?"),
     "view": ("look", "draw a dataset, an event file or a recording, as a picture or a video"),
