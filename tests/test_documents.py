@@ -95,6 +95,7 @@ PLACEHOLDERS = {
     "IN": "IN.aedat4",
     "OUT": "OUT.txt",
     "REAL": "FILE",
+    "RECORDING": "FILE",
     "SIMULATED": "DIR",
 }
 """Words in capitals that a user replaces; DIR, PATH, IN, FILE and PLAN.yaml are files of the test (``folder``)."""

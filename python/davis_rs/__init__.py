@@ -42,6 +42,7 @@ if TYPE_CHECKING:
     from .scenes import load_scene, start_pose
     from .sensor_parameters import SensorParameters
     from .sensors import SENSORS, load_sensor, save_sensor
+    from .sensors.sensor_fit import SensorFit, fit_sensor
     from .simulation import simulate
     from .simulation_folder import SimulationReport, simulate_to_folder
     from .simulator import Simulator
@@ -106,6 +107,7 @@ _MODULES = {
     "SampledTrajectory": "trajectory.sampled_trajectory",
     "Scene": "scene.scene",
     "SegmentTrajectory": "trajectory.trajectory",
+    "SensorFit": "sensors.sensor_fit",
     "SensorParameters": "sensor_parameters",
     "SimulationReport": "simulation_folder",
     "Simulator": "simulator",
@@ -126,6 +128,7 @@ _MODULES = {
     "convert": "event_files.conversion",
     "estimate_noise": "monte_carlo_noise",
     "events_from_frames": "frames_to_events.events_from_frames",
+    "fit_sensor": "sensors.sensor_fit",
     "frames_to_folder": "frames_to_events.frames_folder",
     "from_structured": "dtypes",
     "iter_events": "event_files.read",
@@ -208,6 +211,7 @@ __all__ = [
     "SampledTrajectory",
     "Scene",
     "SegmentTrajectory",
+    "SensorFit",
     "SensorParameters",
     "SimulationReport",
     "Simulator",
@@ -227,6 +231,7 @@ __all__ = [
     "convert",
     "estimate_noise",
     "events_from_frames",
+    "fit_sensor",
     "frames_to_folder",
     "from_structured",
     "iter_events",

@@ -36,7 +36,7 @@ COMMANDS = {
     "convert": ("files", "convert events from one file format to another"),
     "info": ("files", "sum up an event file or a dataset folder"),
     "compare": ("compare", "print the statistics of two streams side by side, such as a recording and a simulation"),
-    "calibrate": ("calibrate", "calibrate a camera, a hand-eye transform, or a camera and an IMU"),
+    "calibrate": ("calibrate", "calibrate a camera, a hand-eye transform, a camera and an IMU, or a sensor"),
     "check": ("look", "check a dataset: do its events explain its images?"),
     "view": ("look", "draw a dataset, an event file or a recording, as a picture or a video"),
 }

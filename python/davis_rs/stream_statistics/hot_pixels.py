@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from .pixel_sums import PixelSums
 
-_LEAST_EVENTS = 10
+LEAST_EVENTS = 10
 _TIMES_ITS_NEIGHBOURS = 5.0
 _MOST_VARIATION = 2.0
 """A pixel that a passing edge makes fire has its events in clusters; the intervals of one that fires on its own are
@@ -50,7 +50,7 @@ def find_hot_pixels(pixels: PixelSums, duration_s: float) -> HotPixels:
     variation = _variation(pixels)
     for counts, scatter in zip(events, variation, strict=True):
         usual = median_filter(counts, size=5, mode="mirror")
-        many = (counts >= _LEAST_EVENTS) & (counts >= _TIMES_ITS_NEIGHBOURS * (usual + 1))
+        many = (counts >= LEAST_EVENTS) & (counts >= _TIMES_ITS_NEIGHBOURS * (usual + 1))
         hot |= many & (scatter < _MOST_VARIATION)
     y, x = np.nonzero(hot)
     off, on = events[0, y, x], events[1, y, x]
