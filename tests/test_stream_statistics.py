@@ -226,6 +226,18 @@ def test_what_is_out_of_order_or_outside_is_counted_and_left_out() -> None:
     assert "2 / 1" in str(compare_streams(events, events, size=(4, 3)))
 
 
+def test_a_part_of_a_stream_is_measured() -> None:
+    """From an instant after the first event up to another one, which belongs to what follows."""
+    events = events_of(1000 + 500_000 * np.arange(9), np.arange(9) % 4, np.zeros(9), np.ones(9))
+    parts = [measure_stream(events, size=(4, 3), start_s=a, stop_s=b) for a, b in ((0, 1), (1, 2.5), (2.5, None))]
+    assert [part.events for part in parts] == [2, 3, 4]
+    assert [part.first_us for part in parts] == [1000, 1_001_000, 2_501_000]
+    assert measure_stream(events, size=(4, 3), start_s=50).events == 0
+    for start_s, stop_s in ((-1.0, None), (2.0, 2.0), (math.nan, None)):
+        with pytest.raises(ValueError, match=r"a part must have 0 <= start_s < stop_s, got"):
+            measure_stream(events, size=(4, 3), start_s=start_s, stop_s=stop_s)
+
+
 def test_no_events_are_no_error() -> None:
     """Every number is absent, and the table says so."""
     nothing = np.zeros(0, EVENT_DTYPE)
@@ -315,6 +327,9 @@ def test_the_command_prints_writes_and_draws(tmp_path: Path, noisy: tuple[EventA
     assert both["simulated"]["events"] < both["real"]["events"] / 3
     picture = (tmp_path / "page.png").read_bytes()
     assert picture.startswith(b"\x89PNG")
+    half = command("compare", *files, "--size", "160x120", "--quiet", "--stop", "2.5", "--json", tmp_path / "half.json")
+    assert half.returncode == 0
+    assert json.loads((tmp_path / "half.json").read_text())["real"]["duration_s"] == pytest.approx(2.5, abs=0.01)
     refused = command("compare", *files, "--size", "160x120", "--quiet", "--quiet-region", 0, 0, 500, 1)
     assert refused.returncode == 1
     assert "must lie in the sensor's 160 x 120 pixels" in refused.stderr

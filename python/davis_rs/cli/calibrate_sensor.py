@@ -7,7 +7,7 @@ from pathlib import Path
 
 from ..progress import progress
 from ..sensors import SENSORS
-from .common import sensor_size
+from .common import add_part, sensor_size
 
 
 def add_sensor(parser: argparse.ArgumentParser) -> None:
@@ -31,6 +31,7 @@ def add_sensor(parser: argparse.ArgumentParser) -> None:
         metavar=("X0", "Y0", "X1", "Y1"),
         help="pixels X0 <= x < X1, Y0 <= y < Y1 that see no signal; the quietest tiles if not given",
     )
+    add_part(parser)
     parser.add_argument("--quiet", action="store_true", help="no progress bar")
 
 
@@ -44,7 +45,14 @@ def _sensor(options: argparse.Namespace) -> int:
 
     def measured(path: str) -> StreamStatistics:
         with progress(f"reading {path}", 100.0, unit="%", show=not options.quiet) as bar:
-            return measure_stream(path, size=options.size, quiet=region, progress=lambda share: bar.to(100.0 * share))
+            return measure_stream(
+                path,
+                size=options.size,
+                quiet=region,
+                start_s=options.start,
+                stop_s=options.stop,
+                progress=lambda share: bar.to(100.0 * share),
+            )
 
     fit = fit_sensor([measured(path) for path in options.recordings])
     text = sensor_yaml(fit.file(base))

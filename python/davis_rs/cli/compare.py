@@ -7,7 +7,7 @@ import json
 from pathlib import Path
 
 from ..progress import progress
-from .common import figure_file, sensor_size
+from .common import add_part, figure_file, sensor_size
 
 
 def add_compare(parser: argparse.ArgumentParser) -> None:
@@ -34,6 +34,7 @@ def add_compare(parser: argparse.ArgumentParser) -> None:
         metavar=("X0", "Y0", "X1", "Y1"),
         help="pixels X0 <= x < X1, Y0 <= y < Y1 that see no signal in either; the quietest tiles of each if not given",
     )
+    add_part(parser)
     parser.add_argument("--quiet", action="store_true", help="no progress bar")
 
 
@@ -45,7 +46,14 @@ def _compare(options: argparse.Namespace) -> int:
 
     def measured(path: str) -> StreamStatistics:
         with progress(f"reading {path}", 100.0, unit="%", show=not options.quiet) as bar:
-            return measure_stream(path, size=options.size, quiet=region, progress=lambda share: bar.to(100.0 * share))
+            return measure_stream(
+                path,
+                size=options.size,
+                quiet=region,
+                start_s=options.start,
+                stop_s=options.stop,
+                progress=lambda share: bar.to(100.0 * share),
+            )
 
     comparison = StreamComparison(measured(options.real), measured(options.simulated))
     print(comparison)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import numpy as np
 
@@ -96,6 +97,8 @@ def measure_stream(
     *,
     size: tuple[int, int] | None = None,
     quiet: Region | None = None,
+    start_s: float = 0.0,
+    stop_s: float | None = None,
     progress: Callable[[float], object] | None = None,
 ) -> StreamStatistics:
     """Measure a stream: rates, intervals, bursts, hot and quiet pixels, parity.
@@ -107,13 +110,16 @@ def measure_stream(
             events.
         size: (width, height) of the sensor in pixels, where the source does not say.
         quiet: (x0, y0, x1, y1) of pixels that see no signal; if not given, the quietest are looked for.
+        start_s, stop_s: only events with start_s <= t < stop_s, in seconds after the first event; by default all.
         progress: is told the share that is read, 0..1.
 
     Raises:
         OSError, DecodeError: if it cannot be read.
-        ValueError: if nothing says how large the sensor is, for one of more than 4,194,304 pixels, or a region that is
-            not in it.
+        ValueError: if nothing says how large the sensor is, for one of more than 4,194,304 pixels, a region that is not
+            in it, or a part that does not begin before it ends.
     """
+    if not 0 <= start_s < (math.inf if stop_s is None else stop_s):
+        raise ValueError(f"a part must have 0 <= start_s < stop_s, got {start_s!r} and {stop_s!r}")
     if isinstance(source, np.ndarray):
         if size is None:
             raise ValueError("an array does not say the sensor's size: give it (size=)")
@@ -121,6 +127,25 @@ def measure_stream(
         source = EventStream("events", "array", size, lambda told: cut(events, told))
     stream = source if isinstance(source, EventStream) else open_event_stream(source, size=size)
     meter = StreamMeter(*stream.size)
-    for piece in stream.pieces(progress or (lambda _: None)):
+    for piece in _between(stream.pieces(progress or (lambda _: None)), start_s, stop_s):
         meter.add(piece)
     return meter.finish(stream.name, stream.kind, quiet=quiet)
+
+
+def _between(pieces: Iterator[EventArray], start_s: float, stop_s: float | None) -> Iterator[EventArray]:
+    """The events of a part, in seconds after the first event."""
+    if start_s == 0 and stop_s is None:
+        yield from pieces
+        return
+    first_us: int | None = None
+    for piece in pieces:
+        if not len(piece):
+            continue
+        first_us = int(piece["t"][0]) if first_us is None else first_us
+        after_us = piece["t"] - first_us
+        inside = after_us >= start_s * 1e6
+        if stop_s is not None:
+            if (after_us >= stop_s * 1e6).all():
+                return
+            inside &= after_us < stop_s * 1e6
+        yield piece[inside]
