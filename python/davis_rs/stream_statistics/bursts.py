@@ -61,7 +61,8 @@ class Bursts:
         starts = np.append(0, np.flatnonzero(anew | (y[1:] != y[:-1])) + 1)
         sizes = np.diff(np.append(starts, len(t)))
         self.events_per_row.add(sizes)
-        self.rows_per_us.add(np.unique(t[starts], return_counts=True)[1])
+        stamps = np.append(0, np.flatnonzero(np.diff(t[starts])) + 1)
+        self.rows_per_us.add(np.diff(np.append(stamps, len(starts))))
         self._count_orders(x, starts, sizes)
         self._rows = np.append(self._rows, t[starts])
         # Of a window that ends behind the last stamp not all bursts are known.

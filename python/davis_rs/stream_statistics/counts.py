@@ -31,12 +31,16 @@ class Histogram:
         """Count these values, int64 (n,), >= 0."""
         if not len(values):
             return
-        exponents = np.maximum(np.frexp(values.astype(np.float64))[1] - _EXACT_BITS, 0)
-        # A large integer may round up to a power of two: its mantissa then lies in the octave above.
-        exponents -= (values >> exponents) < np.where(exponents > 0, _HALF, 0)
-        bins = exponents * _HALF + (values >> exponents)
-        self.counts += np.bincount(bins, minlength=len(self.counts))
         low, high = int(values.min()), int(values.max())
+        bins = values
+        if high >= _EXACT:
+            bits = values.astype(np.float64).view(np.int64) >> 52  # of the exponent, which is 1023 for 1
+            exponents = np.maximum(bits - 1022 - _EXACT_BITS, 0)
+            # A large integer may round up to a power of two: its mantissa then lies in the octave above.
+            exponents -= (values >> exponents) < np.where(exponents > 0, _HALF, 0)
+            bins = exponents * _HALF + (values >> exponents)
+        found = np.bincount(bins)
+        self.counts[: len(found)] += found
         self.least = low if self.least is None else min(self.least, low)
         self.most = high if self.most is None else max(self.most, high)
 

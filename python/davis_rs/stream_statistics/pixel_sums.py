@@ -36,11 +36,10 @@ class PixelSums:
         pixel = events["y"].astype(np.int64) * self._width + events["x"]
         polarity, t = events["p"].astype(np.int64), events["t"]
         key = polarity * len(self._last_any) + pixel
-        found, counts = np.unique(key, return_counts=True)
-        self.events.reshape(-1)[found] += counts
         self.any.add(_Groups(pixel, t, self._last_any).intervals)
         groups = _Groups(key, t, self._last_same)
         self.same.add(groups.intervals)
+        self.events.reshape(-1)[groups.keys] += groups.counts
         keys, counts, sums, squares = groups.moments()
         self.intervals.reshape(-1)[keys] += counts
         self.interval_sum.reshape(-1)[keys] += sums
@@ -56,16 +55,20 @@ class _Groups:
     """
 
     def __init__(self, key: IntArray, t: IntArray, last: IntArray) -> None:
-        order = np.argsort(key, kind="stable")
-        key, t = key[order], t[order]
-        before = np.empty_like(t)
-        before[1:] = t[:-1]
+        # Sorting one number of both is several times as fast as an argsort, and as stable.
+        bits = max(len(key) - 1, 1).bit_length()
+        packed = np.sort(key << bits | np.arange(len(key)))
+        key, t = packed >> bits, t[packed & ((1 << bits) - 1)]
         first = np.ones(len(key), np.bool_)
         first[1:] = key[1:] != key[:-1]
-        before[first] = last[key[first]]
-        ends = np.ones(len(key), np.bool_)
-        ends[:-1] = first[1:]
-        last[key[ends]] = t[ends]
+        starts = np.flatnonzero(first)
+        self.keys: IntArray = key[starts]
+        """The pixels that have events, and how many."""
+        self.counts: IntArray = np.diff(np.append(starts, len(key)))
+        before = np.empty_like(t)
+        before[1:] = t[:-1]
+        before[starts] = last[self.keys]
+        last[self.keys] = t[starts + self.counts - 1]
         known = before != _NEVER
         self._key = key[known]
         self.intervals: IntArray = t[known] - before[known]
