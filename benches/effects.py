@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from davis_rs import SENSORS, Effects, Simulator, compare_events, load_scene
-from davis_rs.effects import Aps, HotPixels, PhotoreceptorBandwidth, Readout, ShotNoise
+from davis_rs.effects import Aps, HotPixels, PhotoreceptorBandwidth, Readout
 from davis_rs.events import EventArray, concatenate_events
 from davis_rs.inspection.figure import OFF_RGB, ON_RGB
 from davis_rs.inspection.visual_sequence import display_grey
@@ -36,7 +36,7 @@ CASES: dict[str, dict[str, Any]] = {
     "threshold_mismatch=0.3": {"effects": Effects(threshold_mismatch=0.3)},
     "refractory_period_us=5000": {"effects": Effects(refractory_period_us=5000)},
     "leak_rate_hz=1": {"effects": Effects(leak_rate_hz=1)},
-    "shot_noise_rate_hz=5": {"effects": Effects(shot_noise_rate_hz=ShotNoise(5))},
+    "shot_noise_rms=0.05": {"effects": Effects(shot_noise_rms=0.05)},
     "hot_pixels=0.005,rate_hz=500": {"effects": Effects(hot_pixels=HotPixels(0.005, 500))},
     "readout=1e6,drop_after_us=1000": {"effects": Effects(readout=Readout(1e6, drop_after_us=1000))},
     "aps=25000": {"effects": Effects(aps=Aps(25_000))},
@@ -50,7 +50,7 @@ DRAWN = (
     "photoreceptor_bandwidth_hz=100",
     "threshold_mismatch=0.3",
     "refractory_period_us=5000",
-    "shot_noise_rate_hz=5",
+    "shot_noise_rms=0.05",
     "hot_pixels=0.005,rate_hz=500",
     "readout=1e6,drop_after_us=1000",
     "aps=25000",

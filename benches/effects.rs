@@ -4,8 +4,8 @@ use std::hint::black_box;
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use davis_rs::{
-    CrossingEngine, CrossingParameters, Effects, Event, Frame, HotPixels, PhotoreceptorBandwidth, ReadoutParameters,
-    SensorSize, ShotNoise,
+    CrossingEngine, CrossingParameters, Effects, Event, Frame, HotPixels, Leak, PhotoreceptorBandwidth,
+    ReadoutParameters, SensorSize, ShotNoise,
 };
 
 mod common;
@@ -17,16 +17,17 @@ const SIZE: SensorSize = SensorSize { width: 240, height: 180 };
 fn cases() -> Vec<(&'static str, Effects)> {
     let none = Effects::default;
     let bandwidth = PhotoreceptorBandwidth { hz: 1000.0, floor_hz: 20.0, ceiling_hz: f64::INFINITY };
-    let shot_noise = ShotNoise { rate_hz: 1.0, half_luma: 1.0, bandwidth_hz: 300.0 };
-    let hot_pixels = HotPixels { fraction: 1e-3, rate_hz: 10.0 };
+    let shot_noise = ShotNoise { rms: 0.05, half_luma: 1.0, bandwidth_hz: 300.0 };
+    let hot_pixels = HotPixels { fraction: 1e-3, rate_hz: 10.0, ..none().hot_pixels };
+    let leak = Leak { rate_hz: 0.1, spread: 0.23, jitter: 0.1, ..none().leak };
     let readout = Some(ReadoutParameters { events_per_s: 12e6, latency_us: 3.0, jitter_us: 1.0, drop_after_us: None });
     vec![
         ("none", none()),
         ("photoreceptor_bandwidth_hz", Effects { photoreceptor_bandwidth: bandwidth, ..none() }),
         ("threshold_mismatch", Effects { threshold_mismatch: 0.05, ..none() }),
         ("refractory_period_us", Effects { refractory_period_us: 100.0, ..none() }),
-        ("leak_rate_hz", Effects { leak_rate_hz: 0.1, ..none() }),
-        ("shot_noise_rate_hz", Effects { shot_noise, ..none() }),
+        ("leak_rate_hz", Effects { leak, ..none() }),
+        ("shot_noise_rms", Effects { shot_noise, ..none() }),
         ("hot_pixels", Effects { hot_pixels, ..none() }),
         ("readout", Effects { readout, ..none() }),
         (
@@ -35,7 +36,7 @@ fn cases() -> Vec<(&'static str, Effects)> {
                 photoreceptor_bandwidth: bandwidth,
                 threshold_mismatch: 0.05,
                 refractory_period_us: 100.0,
-                leak_rate_hz: 0.1,
+                leak,
                 shot_noise,
                 hot_pixels,
                 readout,

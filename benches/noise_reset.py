@@ -15,7 +15,7 @@ from davis_rs.effects import ShotNoise
 from davis_rs.events import EventArray, concatenate_events
 
 SIDE, SECONDS, C, SLOPE = 64, 60, 0.2, 0.02
-NOISE = ShotNoise(5.0, half_luma=1e9)
+NOISE = ShotNoise.of_rate(5.0, C, half_luma=1e9)
 PERIODS_US = None, 3.37, 100.0, 530.0, 10_000.0
 
 
@@ -40,7 +40,7 @@ def main() -> None:
     t_s = np.linspace(0, SECONDS, 601)
     left.plot(t_s, SLOPE * t_s / C, "k:", label="ramp / C")
     for period_us in PERIODS_US:
-        events = ramp(SLOPE, Effects(shot_noise_rate_hz=NOISE, refractory_period_us=period_us))
+        events = ramp(SLOPE, Effects(shot_noise_rms=NOISE, refractory_period_us=period_us))
         steps = np.concatenate([[0], np.cumsum(np.where(events["p"] == 1, 1, -1))]) / SIDE**2
         net = steps[np.searchsorted(events["t"], t_s * 1e6, side="right")]
         name = "no refractory period" if period_us is None else f"T = {period_us:g} us"
@@ -48,7 +48,7 @@ def main() -> None:
         print(f"{name}: {len(events) / SIDE**2 / SECONDS:.2f} events a second, ON - OFF {net[-1]:.2f} in {SECONDS} s")
     left.set(xlabel="time (s)", ylabel="ON - OFF events a pixel")
     left.legend(fontsize=6)
-    events = ramp(0.0, Effects(shot_noise_rate_hz=NOISE))
+    events = ramp(0.0, Effects(shot_noise_rms=NOISE))
     own = events[np.lexsort((events["t"], events["x"], events["y"]))]
     same = (np.diff(own["x"].astype(int)) == 0) & (np.diff(own["y"].astype(int)) == 0)
     opposite = np.diff(own["p"].astype(int)) != 0

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from davis_rs import EVENT_DTYPE
-from davis_rs.effects import PhotoreceptorBandwidth, ShotNoise
+from davis_rs.effects import LeakRate, PhotoreceptorBandwidth, ShotNoise
 from davis_rs.events import EventArray, concatenate_events
 
 Corner = Callable[[float, float], Any]
@@ -161,7 +161,7 @@ class Draw:
         words = philox((seed, 0), (index, 0, pixel, purpose))
         self.uniform = (words[0] * 2**20 + (words[1] >> 12) + 0.5) / 2**52
         self.second_uniform = (words[2] + 0.5) / 2**32
-        self.coin = words[3] >> 31 == 1
+        self.normal = math.sqrt(-2 * math.log(self.uniform)) * math.cos(2 * math.pi * self.second_uniform)
 
 
 SHOT_NOISE, SHOT_NOISE_EXCURSION = 4, 7
@@ -177,14 +177,24 @@ def noisy_pixel(
     c: tuple[float, float],
     period_us: float = 0.0,
 ) -> list[tuple[float, int]]:
-    """Times and polarities of the events that a pixel makes along a path of (microseconds, log intensity), in the dark.
+    """Times and polarities of the events that a pixel makes along a path of (microseconds, log intensity).
 
-    Crossings, resets and noise in the order of time, as :class:`~davis_rs.effects.ShotNoise` says.
+    Crossings, resets and noise in the order of time, as :class:`~davis_rs.effects.ShotNoise` says: arrivals at Rice's
+    rate in the dark, of which a share is kept that falls with exp(log intensity).
     """
     times, values = zip(*path, strict=True)
     tau_us = 1e6 / (2 * math.pi * noise.bandwidth_hz)
     left = (1 + period_us / tau_us) * math.exp(-min(period_us / tau_us, 700))
-    index, arrival_us = 0, -math.log(Draw(seed, SHOT_NOISE, pixel, 0).uniform) * 2e6 / noise.rate_hz
+
+    def rates_hz(light: float) -> tuple[float, float]:
+        variance = noise.rms**2 / (1 + light / noise.half_luma)
+        on, off = (noise.bandwidth_hz * math.exp(-(distance**2) / 2 / variance) for distance in c)
+        return on, off
+
+    def wait_us(index: int) -> float:
+        return -math.log(Draw(seed, SHOT_NOISE, pixel, index).uniform) * 1e6 / sum(rates_hz(0.0))
+
+    index, arrival_us = 0, wait_us(0)
     found: list[tuple[float, int]] = []
     now, reference = float(times[0]), values[0]
     noise_value, noise_ends_us, awaited = 0.0, math.inf, None
@@ -218,10 +228,14 @@ def noisy_pixel(
             lasts = -math.log(Draw(seed, SHOT_NOISE_EXCURSION, pixel, index).second_uniform)
         else:
             this, index = index, index + 1
-            arrival_us -= math.log(Draw(seed, SHOT_NOISE, pixel, index).uniform) * 2e6 / noise.rate_hz
+            arrival_us += wait_us(index)
             if noise_ends_us < math.inf:
                 continue
-            p = int(Draw(seed, SHOT_NOISE, pixel, this).coin)
+            on, off = rates_hz(math.exp(signal))
+            share = Draw(seed, SHOT_NOISE, pixel, this).second_uniform * sum(rates_hz(0.0))
+            if on <= share < sum(rates_hz(0.0)) - off:
+                continue
+            p = int(share < on)
             level, awaited = reference + c[0] if p else reference - c[1], 1 - p
             lasts = -math.log(Draw(seed, SHOT_NOISE_EXCURSION, pixel, this).uniform)
         found.append((now, p))
@@ -237,7 +251,56 @@ def noisy_pixel(
                 noise_value, noise_ends_us = 0.0, math.inf
             while arrival_us <= min(now, times[-1]):
                 index += 1
-                arrival_us -= math.log(Draw(seed, SHOT_NOISE, pixel, index).uniform) * 2e6 / noise.rate_hz
+                arrival_us += wait_us(index)
+
+
+LEAK_PHASE, LEAK_SPREAD, LEAK_JITTER = 3, 8, 9
+
+
+def leaky_pixel(
+    path: list[tuple[int, float]],
+    leak: LeakRate,
+    stamps: list[int],
+    *,
+    pixel: int,
+    seed: int,
+    c: tuple[float, float],
+    period_us: float = 0.0,
+) -> list[tuple[float, int]]:
+    """Times and polarities of the events that a leaking pixel makes along a path of (microseconds, log intensity).
+
+    As :class:`~davis_rs.effects.LeakRate` says. ``stamps`` are those of the engine, which name the draws of jitter.
+    """
+    deviation = math.sqrt(math.log1p(leak.spread**2))
+    factor = math.exp(deviation * Draw(seed, LEAK_SPREAD, pixel, 0).normal - deviation**2 / 2)
+    per_us = c[0] * leak.rate_hz * factor * 1e-6
+    seen, rates = [path[0][1]], []
+    for (start, low), (end, high) in pairwise(path):
+        light = (math.exp(low) + math.exp(high)) / 2
+        rates.append(per_us * (2 ** ((leak.temperature_c - 25) / leak.doubling_c) + light / leak.double_luma))
+        seen.append(seen[-1] + high - low + rates[-1] * (end - start))
+    times = [t for t, _ in path]
+    now, last = 0.0, 0
+    reference = seen[0] - c[0] * Draw(seed, LEAK_PHASE, pixel, 0).uniform
+    found: list[tuple[float, int]] = []
+    while True:
+        crossing = None
+        for k, (start, end) in enumerate(pairwise(times)):
+            for level, p in ((reference + c[0], 1), (reference - c[1], 0)):
+                if end > now and crossing is None and (seen[k + 1] >= level if p else seen[k + 1] <= level):
+                    at = start + (level - seen[k]) / (seen[k + 1] - seen[k]) * (end - start)
+                    crossing = max(now, at), p, level, rates[k]
+        if crossing is None:
+            return found
+        now, p, reference, rate = crossing
+        found.append((now, p))
+        tick = stamps[len(found) - 1] if len(found) <= len(stamps) else math.ceil(now)
+        error = leak.jitter * rate * (tick - last) * Draw(seed, LEAK_JITTER, pixel, tick).normal
+        last = tick
+        if period_us:
+            now += period_us
+            reference = float(np.interp(now, times, seen))
+        reference += min(max(error, -min(c) / 2), min(c) / 2)
 
 
 def read_out(

@@ -38,7 +38,7 @@ PLAN: dict[str, Any] = {
     "start": {"uniform": [0.0, 0.1]},
     "duration": {"uniform": [0.02, 0.03]},
     "contrast_threshold": {"log_uniform": [0.3, 0.6]},
-    "effects": {"threshold_mismatch": {"uniform": [0, 0.05]}, "shot_noise_rate_hz": {"choice": [0, 5]}},
+    "effects": {"threshold_mismatch": {"uniform": [0, 0.05]}, "shot_noise_rms": {"choice": [0, 0.06]}},
     "imu": {"choice": [None, "mpu6150"]},
     "samples": 1,
     "max_displacement": 2,

@@ -67,8 +67,8 @@ SENSOR = Effects(
     threshold_mismatch=0.004,
     refractory_period_us=5.0,
     leak_rate_hz=0.2,
-    shot_noise_rate_hz=ShotNoise(20.0, half_luma=1e-8),
-    hot_pixels=HotPixels(0.002, 200.0),
+    shot_noise_rms=ShotNoise.of_rate(20.0, C, half_luma=1e-4),
+    hot_pixels=HotPixels(0.002, 200.0, 0.0),
     readout=Readout(30e6),
     aps=Aps(400.0, read_noise_dn=0.1, full_scale_luma=1.0),
 )
@@ -148,7 +148,7 @@ SEQUENCES: dict[str, Sequence] = {
     "flash": flickering({"readout"}, GREY, 3.0, 500, 2, 2_000, camera=LARGE),
     "steep flash": flickering({"refractory_period_us", "aps"}, GREY, 9.0, 60, 1, 500, camera=SMALL),
     "dim": flickering({"photoreceptor_bandwidth_hz"}, GREY, 3.0, 500, 2, 5_000, luma=2e-3, log_eps=1e-7),
-    "dark half": flickering({"shot_noise_rate_hz", "lens_blur_px"}, HALF_BLACK, 3.0, 500, 2, 2_000),
+    "dark half": flickering({"shot_noise_rms", "lens_blur_px"}, HALF_BLACK, 3.0, 500, 2, 2_000, log_eps=1e-5),
     "near the dark level": flickering(
         {"vignetting", "refractory_period_us", "aps"}, waves(40.0, 6.0), 9.0, 500, 1, 2_000, luma=0.3, log_eps=0.1
     ),
@@ -321,13 +321,13 @@ def test_readout_that_drops_and_noise_that_buries_are_foreseen() -> None:
     sequence, (renderer, _) = SEQUENCES["flash"], rendered("flash")
     effects = Effects(
         leak_rate_hz=1e5,
-        shot_noise_rate_hz=1e6,
+        shot_noise_rms=ShotNoise.of_rate(1e6, C, bandwidth_hz=1e7),
         hot_pixels=HotPixels(1.0, 1e6),
         readout=Readout(1e7, drop_after_us=100),
     )
     plan = plan_effects_of(renderer, sequence.path, effects, contrast_threshold=C, log_eps=sequence.log_eps)
     assert plan.effects == effects
-    for name in ("leak_rate_hz", "shot_noise_rate_hz", "hot_pixels"):
+    for name in ("leak_rate_hz", "shot_noise_rms", "hot_pixels"):
         assert item_of(plan, name).missing_percent > 99
         assert math.isnan(item_of(plan, name).cost_ns_per_pixel)
     frames = keyframes(renderer, sequence)

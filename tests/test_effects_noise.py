@@ -28,17 +28,24 @@ SECOND_US = 1_000_000
 SILENT = 1e3
 """A threshold that no signal here reaches: what comes is noise."""
 
+LOG_EPS = 1e-3
+"""The engine's own."""
+
+DARK = 1e12
+"""A ``half_luma`` next to which all light here is dark."""
+
 
 def noisy(effects: Effects, *, side: int = 64, seed: int = 0, c: float = SILENT, **settings: Any) -> CrossingEngine:
     return CrossingEngine(side, side, contrast_threshold=c, effects=effects, seed=seed, **settings)
 
 
-BRIEF_HZ = 1e9
+BRIEF_HZ = 1e7
 """A bandwidth at which both events of a pair have one stamp, or the next."""
 
 
-def shot(rate_hz: float, half_luma: float = 1.0, bandwidth_hz: float = BRIEF_HZ) -> Effects:
-    return Effects(shot_noise_rate_hz=ShotNoise(rate_hz, half_luma, bandwidth_hz))
+def shot(rate_hz: float, half_luma: float = DARK, bandwidth_hz: float = BRIEF_HZ, c: float = SILENT) -> Effects:
+    """Noise that makes so many events a second in the dark, at a threshold."""
+    return Effects(shot_noise_rms=ShotNoise.of_rate(rate_hz, c, half_luma=half_luma, bandwidth_hz=bandwidth_hz))
 
 
 def by_pixel(events: EventArray) -> EventArray:
@@ -106,8 +113,10 @@ def test_pairs_of_shot_noise_are_a_poisson_process_in_each_pixel(luma: float) ->
 
     Thinned by light it is one as well.
     """
-    rate_hz = 40.0 * (1 + luma)
-    events, _ = pairs_of(static(noisy(shot(rate_hz)), [0, 2 * SECOND_US], luma))
+    # What light leaves of rate / 4 B is its power of 1 + x, with x = 1/10 here.
+    rate_hz = 4 * BRIEF_HZ * (40.0 / (4 * BRIEF_HZ)) ** (1 / 1.1) if luma else 40.0
+    effects = shot(rate_hz, 10 * luma) if luma else shot(rate_hz)
+    events, _ = pairs_of(static(noisy(effects, log_eps=1e-9), [0, 2 * SECOND_US], luma))
     counts = counts_of(events)
     assert_poisson(counts, 40.0)
     assert counts.min() >= 10
@@ -121,7 +130,7 @@ def test_noise_comes_in_pairs_of_opposite_polarity(c_off: float, period_us: floa
 
     Where the pixel's thresholds differ, as they do under mismatch, nearly all pairs are such as well.
     """
-    noise = Effects(shot_noise_rate_hz=ShotNoise(4.0, 1.0, 200.0), refractory_period_us=period_us)
+    noise = Effects(shot_noise_rms=ShotNoise.of_rate(4.0, 0.2, bandwidth_hz=200.0), refractory_period_us=period_us)
     engine = CrossingEngine(64, 64, contrast_threshold=0.2, contrast_threshold_off=c_off, effects=noise)
     events = static(engine, [0, 2 * SECOND_US])
     if c_off == 0.2:
@@ -146,13 +155,15 @@ def test_noise_comes_in_pairs_of_opposite_polarity(c_off: float, period_us: floa
     st.sampled_from([0.0, 1e-3, 3.37, 400.0, 30_000.0, 1e15]),
     st.sampled_from([(0.15, 0.15), (0.1, 0.23), (0.3, 0.07)]),
     st.sampled_from([30.0, 300.0, 1e4]),
+    st.sampled_from([3.0, 1.5]),
+    st.sampled_from([DARK, 0.7]),
 )
 def test_events_are_those_of_a_pixel_followed_in_time(
-    seed: int, period_us: float, c: tuple[float, float], bandwidth_hz: float
+    seed: int, period_us: float, c: tuple[float, float], bandwidth_hz: float, rms_in_c: float, half_luma: float
 ) -> None:
     """Six pixels of a moving scene, noise and signal mixed: each event of the oracle, its polarity and its tick."""
-    noise = ShotNoise(200.0, 1e12, bandwidth_hz)
-    effects = Effects(shot_noise_rate_hz=noise, refractory_period_us=period_us)
+    noise = ShotNoise(c[0] / rms_in_c, half_luma, bandwidth_hz)
+    effects = Effects(shot_noise_rms=noise, refractory_period_us=period_us)
     engine = CrossingEngine(3, 2, contrast_threshold=c[0], contrast_threshold_off=c[1], effects=effects, seed=seed)
     frames = 0.3 * np.random.default_rng(seed).normal(size=(30, 2, 3)).cumsum(0)
     events = collect(engine.push_log(k * 7_001, frame) for k, frame in enumerate(frames))
@@ -173,31 +184,94 @@ def test_noise_does_not_hide_slow_contrast(c_off: float) -> None:
     """
     net = {}
     for period_us in (None, 1e-6, 1.0, 3.37, 50_000.0):
-        noise = Effects(shot_noise_rate_hz=ShotNoise(5.0, 1e9), refractory_period_us=period_us)
+        noise = Effects(shot_noise_rms=ShotNoise.of_rate(5.0, 0.2, half_luma=DARK), refractory_period_us=period_us)
         engine = CrossingEngine(32, 32, contrast_threshold=0.2, contrast_threshold_off=c_off, effects=noise)
         events = collect(engine.push_log(t * SECOND_US, scene(0.02 * t, 32, 32)) for t in range(61))
         on = int((events["p"] == 1).sum())
         net[period_us] = (0.2 * on - c_off * (len(events) - on)) / 1024
-        assert len(events) / 1024 / 60 > (2 if period_us == 50_000.0 else 4.5)
+        assert len(events) / 1024 / 60 > (4.5 if c_off == 0.2 else 2) * (0.4 if period_us == 50_000.0 else 1)
     assert 1.0 < net[None] <= 1.2
     assert net[1e-6] == pytest.approx(net[None], abs=0.01)
     assert net[1.0] == pytest.approx(net[None], abs=0.01)
     assert net[3.37] == pytest.approx(net[None], abs=0.02)
-    assert net[50_000.0] < 0.2
+    if c_off == 0.2:  # else noise of one polarity is the more frequent, and no pair makes up for it
+        assert net[50_000.0] < 0.2
 
 
 @pytest.mark.parametrize("half_luma", [1.0, 0.05])
 def test_the_rate_falls_with_luma(half_luma: float) -> None:
-    """rate / (1 + luma / half_luma), black included: counts of a second within five standard errors."""
-    lumas = np.array([0.0, 0.01, 0.1, 1.0, 10.0, 1000.0], np.float32)
-    engine = CrossingEngine(6, 500, contrast_threshold=SILENT, effects=shot(300.0, half_luma))
-    frame = np.broadcast_to(lumas, (500, 6))
+    """By Rice with rms^2 / (1 + x), black included: counts of a second within five standard errors."""
+    lumas = np.array([0.0, 0.01, 0.03, 0.1, 0.3, 1.0, 1000.0], np.float32)
+    effects = shot(300.0, half_luma)
+    engine = CrossingEngine(7, 500, contrast_threshold=SILENT, effects=effects)
+    frame = np.broadcast_to(lumas, (500, 7))
     engine.push(0, frame)
     events = engine.push(SECOND_US, frame)
     first, _ = pairs_of(events)
     for x, luma in enumerate(lumas):
-        expected = 500 * 150.0 / (1 + luma / half_luma)
-        assert abs((first["x"] == x).sum() - expected) < SIGMAS * math.sqrt(expected)
+        x_of_light = (luma + LOG_EPS) / half_luma
+        expected = 500 * 2 * BRIEF_HZ * math.exp(-math.log(4 * BRIEF_HZ / 300.0) * (1 + x_of_light))
+        assert abs((first["x"] == x).sum() - expected) < SIGMAS * math.sqrt(expected) + 1
+    assert (first["x"] == 1).sum() > 10 * (first["x"] == 5).sum()
+
+
+@pytest.mark.parametrize("bandwidth_hz", [30.0, 300.0, 3e3])
+@pytest.mark.parametrize(("c", "c_off"), [(0.1, 0.1), (0.15, 0.15), (0.2, 0.2), (0.2, 0.17), (0.4, 0.3)])
+@pytest.mark.parametrize("light", [0.0, 0.3, 1.0])
+def test_the_rate_is_that_of_rice(c: float, c_off: float, bandwidth_hz: float, light: float) -> None:
+    """Noise of one rms, 0.05: its rate over thresholds, light and bandwidth, each polarity first by its own threshold.
+
+    Counts of 4,096 pixels, some 20,000 events, within five standard errors and what overlaps: the share of the time in
+    which a pixel's noise is away already.
+    """
+    noise = ShotNoise(0.05, half_luma=1.0, bandwidth_hz=bandwidth_hz)
+    settings: dict[str, Any] = {"contrast_threshold_off": c_off, "log_eps": 1e-9}
+    variance = 0.05**2 / (1 + light)
+    rates = [bandwidth_hz * math.exp(-(d**2) / (2 * variance)) for d in (c, c_off)]
+    assert noise.rate_hz(c, c_off, light) == pytest.approx(2 * sum(rates), rel=1e-9)
+    seconds = min(20_000 / (2 * sum(rates) * 4096), 1e4)
+    events = static(noisy(Effects(shot_noise_rms=noise), c=c, **settings), [0, int(seconds * 1e6)], light)
+    expected = 2 * sum(rates) * seconds * 4096
+    overlap = sum(rates) * 2 / (2 * math.pi * bandwidth_hz)
+    if c == c_off:
+        assert abs(len(events) - expected) < SIGMAS * math.sqrt(2 * expected) + 2 * overlap * expected + 1
+    # A pair's first is the event that no opposite one went before within the noise's time; of two alike it is either.
+    if c == c_off and expected > 1e4:
+        first, second = pairs_of(events)
+        assert np.mean(first["p"] != second["p"]) == pytest.approx(1, abs=2 * overlap + 1e-3)
+        assert np.mean(first["p"]) == pytest.approx(0.5, abs=SIGMAS / math.sqrt(expected) + overlap)
+    if c > c_off:
+        own = by_pixel(events)
+        pixel = own["y"].astype(np.int64) << 16 | own["x"]
+        alone = np.diff(own["t"], prepend=-SECOND_US).astype(float) > 30e6 / (2 * math.pi * bandwidth_hz)
+        begins = own[alone | (np.diff(pixel, prepend=-1) != 0)]
+        on, away = int(begins["p"].sum()), SIGMAS * math.sqrt(len(begins)) + 35 * overlap * len(begins)
+        assert abs(on - rates[0] * seconds * 4096) < away + 1
+        assert abs(len(begins) - expected / 2) < away + 1
+
+
+def test_each_pixel_has_the_rate_of_its_own_thresholds() -> None:
+    """Mismatch of a tenth spreads rates over more than a decade: those of groups of like pixels.
+
+    Within five standard errors, and a tenth less where a pixel's thresholds differ: a second event now and then stays
+    out.
+    """
+    noise = ShotNoise(0.04, half_luma=1.0, bandwidth_hz=300.0)
+    effects = Effects(shot_noise_rms=noise, threshold_mismatch=0.1)
+    engine = noisy(effects, side=128, c=0.15)
+    counts = counts_of(static(engine, [0, 60 * SECOND_US], side=128), 128)
+    expected = 60 * noise.rate_hz(engine.contrast_threshold, engine.contrast_threshold_off, LOG_EPS)
+    assert np.percentile(expected, 95) > 20 * np.percentile(expected, 5)
+    for group in np.array_split(np.argsort(expected, axis=None), 32):
+        made, mean = counts.ravel()[group].sum(), expected.ravel()[group].sum()
+        assert 0.9 * mean - SIGMAS * math.sqrt(2 * mean) < made < mean + SIGMAS * math.sqrt(2 * mean)
+
+
+def test_no_threshold_is_too_high_for_noise() -> None:
+    """Where the formula underflows there is none, and nothing else breaks."""
+    engine = noisy(Effects(shot_noise_rms=ShotNoise(1e-9)), side=8, c=10.0)
+    assert len(static(engine, [0, SECOND_US, 10**12], side=8)) == 0
+    assert CrossingEngine.from_state(engine.state()).state()["t_us"] == 10**12
 
 
 @pytest.mark.parametrize("rate_hz", [1e-3, 0.1, 0.4])
@@ -211,12 +285,14 @@ def test_a_rate_far_below_one_event_a_second_is_on(rate_hz: float) -> None:
 def test_the_rate_follows_luma_within_an_interval() -> None:
     """Along a line of log intensity over one second the events of each tenth have the rate of their own luma."""
     low, high = math.log(0.01), math.log(10.0)
-    engine = noisy(shot(400.0), log_eps=1e-12)
+    effects = shot(4_000.0, 10.0)
+    engine = noisy(effects, log_eps=1e-12)
     engine.push_log(0, scene(low, 64, 64))
     events = engine.push_log(SECOND_US, scene(high, 64, 64))
     observed = np.histogram(pairs_of(events)[0]["t"], 10, (0, SECOND_US))[0]
     s = (np.arange(10_000) + 0.5) / 10_000
-    expected = 200.0 * 4096 * (1 / (1 + np.exp(low + (high - low) * s))).reshape(10, 1_000).mean(1) / 10
+    rate = 2_000.0 * np.exp(-math.log(4 * BRIEF_HZ / 4_000.0) * np.exp(low + (high - low) * s) / 10.0)
+    expected = 4096 * rate.reshape(10, 1_000).mean(1) / 10
     assert np.all(np.abs(observed - expected) < SIGMAS * np.sqrt(expected))
     assert observed[0] > 5 * observed[-1]
 
@@ -224,7 +300,7 @@ def test_the_rate_follows_luma_within_an_interval() -> None:
 @pytest.mark.parametrize("luma", [0.0, 1.0, 99.0])
 def test_both_polarities_are_alike(luma: float) -> None:
     """A pair's first is ON with 1/2 (binomial, 1e-6), in any light, and independent of the pair before."""
-    first, second = pairs_of(static(noisy(shot(20.0 * (1 + luma))), [0, SECOND_US], luma))
+    first, second = pairs_of(static(noisy(shot(20.0 * 4 ** min(luma, 1), 10.0 * max(luma, 1))), [0, SECOND_US], luma))
     on = int(first["p"].sum())
     assert stats.binomtest(on, len(first), 0.5).pvalue > UNLIKELY
     assert np.all(second["p"] != first["p"])
@@ -234,7 +310,7 @@ def test_both_polarities_are_alike(luma: float) -> None:
 
 def test_noise_of_a_static_scene_does_not_depend_on_its_frames() -> None:
     """One interval, many, and irregular ones, on any number of threads: the same bytes."""
-    effects = Effects(shot_noise_rate_hz=200.0, hot_pixels=HotPixels(0.1, 300.0))
+    effects = Effects(shot_noise_rms=shot(400.0, half_luma=8.0).shot_noise_rms, hot_pixels=HotPixels(0.1, 300.0))
     ends = [0, SECOND_US]
     random = np.random.default_rng(3)
     times = [ends, range(0, SECOND_US + 1, 1_000), sorted({*ends, *random.integers(0, SECOND_US, 300).tolist()})]
@@ -264,7 +340,7 @@ def test_another_seed_is_other_noise() -> None:
 
 def test_each_event_moves_the_reference_by_its_threshold() -> None:
     """In a moving scene with noise: B + C_on n_on - C_off n_off, and within C of the signal where noise is not away."""
-    side, effects = 16, shot(500.0, half_luma=1e12, bandwidth_hz=2_000.0)
+    side, effects = 16, shot(500.0, bandwidth_hz=2_000.0, c=0.15)
     frames = random_paths(side * side, 40).reshape(40, side, side)
     engine = CrossingEngine(side, side, contrast_threshold=0.15, contrast_threshold_off=0.2, effects=effects)
     reference, away, total = frames[0].copy(), 0, 0
@@ -285,7 +361,7 @@ def test_the_rate_is_that_of_the_light_not_of_the_photoreceptor() -> None:
     """Behind a slow photoreceptor a moving scene has the same noise."""
     frames = random_paths(16 * 16, 40).reshape(40, 16, 16)
     fast, slow = (
-        noisy(Effects(shot_noise_rate_hz=ShotNoise(500.0, 0.5), photoreceptor_bandwidth_hz=hz), side=16)
+        noisy(Effects(shot_noise_rms=shot(5_000.0, 4.0).shot_noise_rms, photoreceptor_bandwidth_hz=hz), side=16)
         for hz in (None, 0.1)
     )
     streams = [collect(each.push_log(k * 10_000, frame) for k, frame in enumerate(frames)) for each in (fast, slow)]
@@ -296,36 +372,75 @@ def test_the_rate_is_that_of_the_light_not_of_the_photoreceptor() -> None:
 def test_a_megahertz_of_noise_has_all_its_events() -> None:
     """A microsecond apart on average, several on a tick: none is lost, each tick in raster order."""
     events = static(noisy(shot(1e6), side=4), range(0, 20_001, 500), side=4)
-    assert abs(len(events) - 16 * 20_000) < SIGMAS * math.sqrt(2 * 16 * 20_000)
+    overlap = 1e6 / (2 * math.pi * BRIEF_HZ)
+    assert -2 * overlap < len(events) / (16 * 20_000) - 1 < SIGMAS * math.sqrt(2 / (16 * 20_000))
     assert np.all(np.diff(events["t"].astype(np.int64) * 100 + events["y"] * 10 + events["x"]) >= 0)
 
 
 # Hot pixels.
 
 
-def hot(fraction: float, rate_hz: float = 10.0) -> Effects:
-    return Effects(hot_pixels=HotPixels(fraction, rate_hz))
+def hot(
+    fraction: float, rate_hz: float = 10.0, spread: float = 0.0, *, cv: tuple[float, float] = (0.1, 0.1)
+) -> Effects:
+    return Effects(hot_pixels=HotPixels(fraction, rate_hz, spread, *cv))
+
+
+def waits_of(events: EventArray) -> list[npt.NDArray[np.float64]]:
+    """Microseconds between events, pixel by pixel."""
+    own = by_pixel(events)
+    pixel = own["y"].astype(np.int64) << 16 | own["x"]
+    return [np.diff(t).astype(float) for t in np.split(own["t"], np.flatnonzero(np.diff(pixel)) + 1)]
 
 
 @pytest.mark.parametrize("fraction", [0.001, 0.05, 0.5])
 def test_hot_pixels_are_a_binomial_share_and_fire_on_events(fraction: float) -> None:
-    """Of 65,536 pixels (1e-6), each a Poisson process of mean 30 (chi-square); all others are silent."""
+    """Of 65,536 pixels (1e-6), each nearly 30 times a second; all others are silent."""
     events = static(noisy(hot(fraction, 30.0), side=256), [0, SECOND_US], side=256)
     counts = counts_of(events, 256)
     chosen = int((counts > 0).sum())
     assert stats.binomtest(chosen, counts.size, fraction).pvalue > UNLIKELY
     assert all(events["p"] == 1)
-    assert counts.sum() == pytest.approx(30.0 * chosen, abs=SIGMAS * math.sqrt(30.0 * chosen))
-    if chosen > 1_000:
-        assert_poisson(counts[counts > 0], 30.0)
+    assert np.abs(counts[counts > 0] - 30).max() <= 5
+    assert counts.sum() == pytest.approx(30.0 * chosen, abs=SIGMAS * math.sqrt(0.5 * chosen))
 
 
-def test_waits_of_hot_pixels_are_exponential() -> None:
-    """All pixels hot: chi-square of waits, in black and in bright light alike."""
-    streams = [static(noisy(hot(1.0, 40.0)), [0, SECOND_US], luma) for luma in (0.0, 1e6)]
+@pytest.mark.parametrize("cv", [0.0, 0.05, 0.2, 0.5])
+def test_intervals_of_hot_pixels_are_regular(cv: float) -> None:
+    """Log-normal about their mean (Kolmogorov and Smirnov, 1e-6), one not following from the other, in any light."""
+    streams = [static(noisy(hot(1.0, 40.0, cv=(cv, cv)), side=32), [0, 5 * SECOND_US], luma, 32) for luma in (0.0, 1e6)]
     assert streams[0].tobytes() == streams[1].tobytes()
-    assert_poisson(counts_of(streams[0]), 40.0)
-    assert_exponential(streams[0], SECOND_US / 40, 10, 64)
+    waits = np.stack([own[:150] for own in waits_of(streams[0])])
+    assert waits.mean() == pytest.approx(25_000, rel=1e-6 + SIGMAS * cv / math.sqrt(waits.size))
+    assert waits.std() == pytest.approx(25_000 * cv, rel=0.02, abs=1)
+    if cv:
+        deviation = math.sqrt(math.log1p(cv**2))
+        scaled = np.log(waits / 25_000) / deviation + deviation / 2
+        assert stats.kstest(scaled.ravel()[:20_000], "norm").pvalue > UNLIKELY
+        assert stats.pearsonr(scaled[:, 1:].ravel(), scaled[:, :-1].ravel()).pvalue > UNLIKELY
+
+
+def test_each_hot_pixel_has_its_own_rate_and_regularity() -> None:
+    """Rates log-normal about their median, CV even in its logarithm, neither depends on the other (1e-6)."""
+    events = static(noisy(hot(1.0, 20.0, 0.8, cv=(0.05, 0.5))), [0, 100 * SECOND_US])
+    waits = [own for own in waits_of(events) if len(own) > 200]
+    rates = np.array([1e6 / own.mean() for own in waits])
+    log_rates = np.log(rates / 20) / 0.8
+    assert len(waits) > 4_000
+    assert stats.kstest(log_rates, "norm").pvalue > UNLIKELY
+    cv = np.array([own.std() / own.mean() for own in waits])
+    share = np.log(cv / 0.05) / math.log(10)
+    assert stats.kstest(share, "uniform").statistic < 0.04
+    assert stats.spearmanr(share, log_rates).pvalue > UNLIKELY
+    assert stats.pearsonr(share[1:], share[:-1]).pvalue > UNLIKELY
+
+
+@pytest.mark.parametrize("cv", [0.05, 0.5])
+def test_hot_pixels_have_fired_for_long(cv: float) -> None:
+    """From the first frame on there are as many in every stretch: within five standard errors at most."""
+    events = static(noisy(hot(1.0, 10.0, cv=(cv, cv)), side=128), [0, SECOND_US], side=128)
+    made = np.histogram(events["t"], 40, (0, SECOND_US))[0]
+    assert np.abs(made / (128**2 * 0.25) - 1).max() < SIGMAS / math.sqrt(128**2 * 0.25)
 
 
 def test_which_pixels_are_hot_depends_on_the_seed_alone() -> None:
@@ -337,7 +452,7 @@ def test_which_pixels_are_hot_depends_on_the_seed_alone() -> None:
 
     first = chosen(hot(0.05, 10.0))
     np.testing.assert_array_equal(chosen(hot(0.05, 300.0), 5.0), first)
-    others = Effects(hot_pixels=HotPixels(0.05, 10.0), threshold_mismatch=0.3, photoreceptor_bandwidth_hz=10.0)
+    others = Effects(hot_pixels=hot(0.05, 10.0).hot_pixels, threshold_mismatch=0.3, photoreceptor_bandwidth_hz=10.0)
     np.testing.assert_array_equal(chosen(others, c=1.0, threads=2), first)
     assert np.all(chosen(hot(0.2, 10.0))[first])
     assert stats.fisher_exact(_table(chosen(hot(0.05), seed=1), first)).pvalue > UNLIKELY
@@ -360,7 +475,7 @@ def test_a_hot_pixel_is_reset_by_its_own_events() -> None:
 
 def test_shot_noise_and_hot_pixels_do_not_know_of_each_other() -> None:
     """Pixels that are not hot have the shot noise's events, hot ones their own among all."""
-    both = Effects(shot_noise_rate_hz=shot(100.0).shot_noise_rate_hz, hot_pixels=HotPixels(0.2, 150.0))
+    both = Effects(shot_noise_rms=shot(100.0).shot_noise_rms, hot_pixels=hot(0.2, 150.0).hot_pixels)
     one, two, joined = (static(noisy(effects), [0, SECOND_US], 0.0) for effects in (shot(100.0), hot(0.2, 150.0), both))
     chosen = counts_of(two) > 0
     cold = [events[~chosen[events["y"], events["x"]]] for events in (one, joined)]

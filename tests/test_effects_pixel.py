@@ -14,8 +14,9 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from davis_rs import CrossingEngine, Effects
+from davis_rs.effects import LeakRate
 from davis_rs.events import EventArray
-from effects_reference import FIRST, collect, constant_corner, may_be_tick, of_pixel, scene
+from effects_reference import FIRST, collect, constant_corner, leaky_pixel, may_be_tick, of_pixel, scene
 from strategies import EPOCH_US, EXAMPLES, random_paths
 
 UNLIKELY = 1e-6
@@ -260,7 +261,7 @@ def test_a_period_longer_than_the_recording_leaves_one_event_a_pixel() -> None:
 
 
 def leaking(rate_hz: float, *, c_on: float = 0.2, c_off: float = 0.2, side: int = 8, seed: int = 0) -> CrossingEngine:
-    effects = Effects(leak_rate_hz=rate_hz)
+    effects = Effects(leak_rate_hz=LeakRate(rate_hz, spread=0, jitter=0))
     return CrossingEngine(side, side, contrast_threshold=c_on, contrast_threshold_off=c_off, effects=effects, seed=seed)
 
 
@@ -381,8 +382,10 @@ def test_a_leak_between_two_hermite_samples_turns_with_the_curve() -> None:
     Events are those of 10,000 lines along the cubic, within what these are off.
     """
     c, slopes, change = 0.02, (0.8, -1.3), -0.1
-    coarse = CrossingEngine(4, 4, contrast_threshold=c, interpolation="hermite", effects=Effects(leak_rate_hz=6.0))
-    fine = CrossingEngine(4, 4, contrast_threshold=c, effects=Effects(leak_rate_hz=6.0))
+    coarse = CrossingEngine(
+        4, 4, contrast_threshold=c, interpolation="hermite", effects=Effects(leak_rate_hz=LeakRate(6.0))
+    )
+    fine = CrossingEngine(4, 4, contrast_threshold=c, effects=Effects(leak_rate_hz=LeakRate(6.0)))
     coarse.push_log(0, scene(0, 4, 4), scene(slopes[0], 4, 4))
     events = coarse.push_log(1_000_000, scene(change, 4, 4), scene(slopes[1], 4, 4))
     s = np.linspace(0, 1, 10_001)
@@ -397,10 +400,114 @@ def test_a_leak_between_two_hermite_samples_turns_with_the_curve() -> None:
 
 def test_leak_and_refractory_period_make_longer_intervals() -> None:
     """On a static scene each pixel's events are 1 / rate + T apart."""
-    effects = Effects(leak_rate_hz=100.0, refractory_period_us=2_500.5)
+    effects = Effects(leak_rate_hz=LeakRate(100.0, spread=0, jitter=0), refractory_period_us=2_500.5)
     engine = CrossingEngine(4, 4, effects=effects)
     events = collect(engine.push_log(t, scene(0, 4, 4)) for t in range(0, 10_000_001, 7_777))
     for y, x in np.ndindex(4, 4):
         own = of_pixel(events, x, y)["t"]
         assert np.abs(own - (own[0] + np.arange(len(own)) * 12_500.5)).max() <= 1
         assert len(own) >= 799
+
+
+def static_leak(leak: LeakRate, seconds: int, *, luma: float = 0.0, side: int = 64, **settings: Any) -> Any:
+    """Stamps of a static scene's events, pixel by pixel."""
+    effects = Effects(leak_rate_hz=leak)
+    engine = CrossingEngine(side, side, contrast_threshold=0.2, log_eps=1e-9, effects=effects, **settings)
+    events = collect(engine.push(t * 1_000_000, np.full((side, side), luma, np.float32)) for t in (0, seconds))
+    assert all(events["p"] == 1)
+    order = np.lexsort((events["t"], events["x"], events["y"]))
+    places = events["y"][order].astype(int) * side + events["x"][order]
+    return np.split(events["t"][order].astype(float), np.flatnonzero(np.diff(places)) + 1)
+
+
+@pytest.mark.parametrize("spread", [0.1, 0.23, 0.8])
+def test_each_pixel_leaks_at_a_rate_of_its_own(spread: float) -> None:
+    """Log-normal (Kolmogorov and Smirnov, 1e-6), the mean of all is the rate, neighbours do not correlate."""
+    stamps = static_leak(LeakRate(10.0, spread=spread, jitter=0), 60)
+    assert len(stamps) == 4096
+    rates = np.array([(len(own) - 1) / (own[-1] - own[0]) * 1e6 for own in stamps])
+    assert rates.mean() == pytest.approx(10.0, abs=5 * 10 * spread / 64)
+    deviation = math.sqrt(math.log1p(spread**2))
+    scaled = (np.log(rates / 10) + deviation**2 / 2) / deviation
+    assert stats.kstest(scaled, "norm").pvalue > UNLIKELY
+    assert stats.pearsonr(scaled[1:], scaled[:-1]).pvalue > UNLIKELY
+    assert all(np.abs(np.diff(own) - np.diff(own).mean()).max() <= 1.001 for own in stamps)
+
+
+@pytest.mark.parametrize("jitter", [0.02, 0.1, 0.25])
+@pytest.mark.parametrize("period_us", [None, 1_000.0])
+def test_intervals_of_a_leak_jitter(jitter: float, period_us: float | None) -> None:
+    """Normal with this share of their mean (KS, 1e-6), cut off at a half, each by itself; T comes on top."""
+    effects = Effects(leak_rate_hz=LeakRate(10.0, spread=0, jitter=jitter), refractory_period_us=period_us)
+    engine = CrossingEngine(32, 32, contrast_threshold=0.2, effects=effects)
+    events = collect(engine.push_log(t, scene(0, 32, 32)) for t in (0, 12_345_678, 30_000_000))
+    events = events[np.lexsort((events["t"], events["x"], events["y"]))]
+    waits = np.concatenate([np.diff(of_pixel(events, x, y)["t"])[:250] for y, x in np.ndindex(8, 32)]).reshape(256, -1)
+    since, waits = waits, waits - (period_us or 0.0)
+    # What is uncertain is what has leaked since the event before, and that is an interval that jittered, too.
+    share = (waits[:, 1:] - 1e5) / since[:, :-1]
+    inside = np.abs(share) < 0.45
+    assert inside.mean() > (0.999 if jitter < 0.2 else 0.9)
+    if jitter < 0.2:
+        assert stats.kstest(share.ravel() / jitter, "norm").pvalue > UNLIKELY
+        assert waits.std() == pytest.approx(1e5 * jitter, rel=0.03)
+    assert waits.mean() == pytest.approx(1e5, rel=0.01)
+    assert stats.pearsonr(share[:, 1:].ravel(), share[:, :-1].ravel()).pvalue > UNLIKELY
+
+
+@pytest.mark.parametrize(("temperature_c", "factor"), [(25.0, 1.0), (33.0, 2.0), (9.0, 0.25), (65.0, 32.0)])
+@pytest.mark.parametrize("luma", [0.0, 0.1, 2.0])
+def test_a_leak_doubles_with_warmth_and_with_light(temperature_c: float, factor: float, luma: float) -> None:
+    """Light's part does not depend on temperature; the plan's formula is the same."""
+    leak = LeakRate(2.0, spread=0, jitter=0, temperature_c=temperature_c, double_luma=0.5)
+    stamps = static_leak(leak, 60, luma=luma, side=16)
+    expected = 2.0 * (factor + luma / 0.5)
+    rates = [(len(own) - 1) / (own[-1] - own[0]) * 1e6 for own in stamps]
+    np.testing.assert_allclose(rates, expected, rtol=1e-6)
+    assert leak.mean_rate_hz(luma) == pytest.approx(expected)
+
+
+def test_a_leak_by_light_follows_light_and_is_kept_in_a_state() -> None:
+    """Luma that runs straight between frames: what has leaked is the integral of the rate, to rounding."""
+    leak = LeakRate(2.0, spread=0, jitter=0, double_luma=0.5)
+    engine = CrossingEngine(4, 4, contrast_threshold=0.2, log_eps=1e-9, effects=Effects(leak_rate_hz=leak))
+    lumas = np.random.default_rng(5).uniform(0.1, 2.0, 30).astype(np.float32)
+    leaked, net, before = 0.0, np.zeros((4, 4)), None
+    for k, luma in enumerate(lumas):
+        events = engine.push(k * 500_000, np.full((4, 4), luma, np.float32))
+        np.add.at(net, (events["y"], events["x"]), np.where(events["p"] == 1, 0.2, -0.2))
+        if before is None:
+            first = engine.reference.copy()
+        else:
+            leaked += 0.2 * 2.0 * 0.5 * (1 + (float(before) + float(luma) + 2e-9) / 2 / 0.5)
+        np.testing.assert_allclose(engine.reference, first + net - leaked, rtol=0, atol=1e-9)
+        before = luma
+        engine = CrossingEngine.from_state(engine.state())
+    assert leaked > 1
+    assert np.all(net > 1)
+
+
+@EXAMPLES
+@given(
+    st.integers(0, 2**32 - 1),
+    st.sampled_from([0.0, 3.37, 4_000.5]),
+    st.sampled_from([0.0, 0.1, 0.4]),
+    st.sampled_from([0.0, 0.3]),
+    st.sampled_from([math.inf, 0.7]),
+)
+def test_events_are_those_of_a_pixel_that_leaks(
+    seed: int, period_us: float, jitter: float, spread: float, double_luma: float
+) -> None:
+    """Six pixels of a scene that moves slowly: each event of the oracle, its polarity and its tick."""
+    leak = LeakRate(80.0, spread, jitter, 30.0, double_luma=double_luma)
+    effects = Effects(leak_rate_hz=leak, refractory_period_us=period_us)
+    engine = CrossingEngine(3, 2, contrast_threshold=0.15, contrast_threshold_off=0.1, effects=effects, seed=seed)
+    frames = 0.1 * np.random.default_rng(seed).normal(size=(30, 2, 3)).cumsum(0)
+    events = collect(engine.push_log(5 + k * 7_001, frame) for k, frame in enumerate(frames))
+    for y, x in np.ndindex(2, 3):
+        path = [(k * 7_001, float(frame[y, x])) for k, frame in enumerate(frames)]
+        own = of_pixel(events, x, y)
+        stamps = (own["t"] - 5).tolist()
+        expected = leaky_pixel(path, leak, stamps, pixel=3 * y + x, seed=seed, c=(0.15, 0.1), period_us=period_us)
+        assert own["p"].tolist() == [p for _, p in expected]
+        assert all(may_be_tick(t, at, 1e-3) for t, (at, _) in zip(stamps, expected, strict=True))

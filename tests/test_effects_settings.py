@@ -109,7 +109,7 @@ def test_a_number_is_the_first_parameter() -> None:
         LeakRate(0.2),
         Readout(1e6),
     ]
-    others = Effects(vignetting=2.0, lens_blur_px=0.5, shot_noise_rate_hz=3.0, hot_pixels=0.1, aps=5_000)
+    others = Effects(vignetting=2.0, lens_blur_px=0.5, shot_noise_rms=3.0, hot_pixels=0.1, aps=5_000)
     assert list(others) == [Vignetting(2.0), LensBlur(0.5), ShotNoise(3.0), HotPixels(0.1), Aps(5_000)]
     assert Effects(leak_rate_hz=0, readout=math.inf) == Effects()
 
@@ -174,8 +174,8 @@ def test_an_effect_that_is_not_there_is_refused() -> None:
         ("leak_rate_hz=rate_hz=0.1", LeakRate(0.1)),
         ("leak_rate_hz=1e-1", LeakRate(0.1)),
         ("refractory_period_us=100", RefractoryPeriod(100)),
-        ("shot_noise_rate_hz=5,half_luma=0.2", ShotNoise(5, 0.2)),
-        ("shot_noise_rate_hz=half_luma=0.2,rate_hz=5", ShotNoise(5, 0.2)),
+        ("shot_noise_rms=5,half_luma=0.2", ShotNoise(5, 0.2)),
+        ("shot_noise_rms=half_luma=0.2,rms=5", ShotNoise(5, 0.2)),
         ("hot_pixels=0.01,rate_hz=200", HotPixels(0.01, 200)),
         ("readout=latency_us=3", Readout(latency_us=3)),
         ("readout=1e6,drop_after_us=50,jitter_us=.5", Readout(1e6, 0.0, 0.5, 50)),
@@ -199,9 +199,18 @@ def test_words_are_effects(text: str, effect: Effect) -> None:
         ("leak_rate_hz", "effect leak_rate_hz needs a value: leak_rate_hz=RATE_HZ"),
         ("leak_rate_hz=", "effect leak_rate_hz needs a value: leak_rate_hz=RATE_HZ"),
         ("hot_pixels=rate_hz=3", "effect hot_pixels needs a value: hot_pixels=FRACTION"),
-        ("hot_pixels=0.1,rate=3", "effect hot_pixels has the parameters fraction, rate_hz, got 'rate=3'"),
-        ("hot_pixels=0.1,3", "effect hot_pixels has the parameters fraction, rate_hz, got '3'"),
-        ("hot_pixels=0.1,", "effect hot_pixels has the parameters fraction, rate_hz, got ''"),
+        (
+            "hot_pixels=0.1,rate=3",
+            "effect hot_pixels has the parameters fraction, rate_hz, rate_spread, least_cv, most_cv, got 'rate=3'",
+        ),
+        (
+            "hot_pixels=0.1,3",
+            "effect hot_pixels has the parameters fraction, rate_hz, rate_spread, least_cv, most_cv, got '3'",
+        ),
+        (
+            "hot_pixels=0.1,",
+            "effect hot_pixels has the parameters fraction, rate_hz, rate_spread, least_cv, most_cv, got ''",
+        ),
         ("leak_rate_hz=fast", "leak_rate_hz rate_hz must be a number or none, got 'fast'"),
         ("leak_rate_hz=1Hz", "leak_rate_hz rate_hz must be a number or none, got '1Hz'"),
         ("leak_rate_hz=rate_hz=", "leak_rate_hz rate_hz must be a number or none, got ''"),
@@ -231,10 +240,10 @@ NONSENSE: list[tuple[type[Effect], dict[str, Any], str]] = [
     (RefractoryPeriod, {"period_us": -1}, "refractory_period_us must lie in 0..1e15 us, got -1"),
     (RefractoryPeriod, {"period_us": math.inf}, "refractory_period_us must lie in 0..1e15 us, got inf"),
     (RefractoryPeriod, {"period_us": math.nan}, "refractory_period_us must lie in 0..1e15 us, got NaN"),
-    (ShotNoise, {"rate_hz": -5}, "shot_noise_rate_hz must lie in 0..1e7 Hz, got -5"),
-    (ShotNoise, {"rate_hz": math.inf}, "shot_noise_rate_hz must lie in 0..1e7 Hz, got inf"),
-    (ShotNoise, {"rate_hz": 1, "half_luma": 0}, "shot_noise_rate_hz: half_luma must be > 0 and at most "),
-    (ShotNoise, {"rate_hz": 1, "half_luma": math.nan}, "shot_noise_rate_hz: half_luma must be > 0 and at most "),
+    (ShotNoise, {"rms": -5}, "shot_noise_rms must lie in 0..1e6 of log intensity, got -5"),
+    (ShotNoise, {"rms": math.inf}, "shot_noise_rms must lie in 0..1e6 of log intensity, got inf"),
+    (ShotNoise, {"rms": 1, "half_luma": 0}, "shot_noise_rms: half_luma must be > 0 and at most "),
+    (ShotNoise, {"rms": 1, "half_luma": math.nan}, "shot_noise_rms: half_luma must be > 0 and at most "),
     (HotPixels, {"fraction": -0.1}, "hot_pixels: fraction must lie in 0..1 of the pixels, got -0.1"),
     (HotPixels, {"fraction": 1.5}, "hot_pixels: fraction must lie in 0..1 of the pixels, got 1.5"),
     (HotPixels, {"fraction": math.nan}, "hot_pixels: fraction must lie in 0..1 of the pixels, got NaN"),
@@ -290,7 +299,7 @@ def test_what_is_no_number_is_refused(kind: type[Any], value: Any) -> None:
 @pytest.mark.parametrize("values", [(0.0,), (1e6,), (1e-300,)])
 def test_ends_of_a_range_belong_to_it(values: tuple[float]) -> None:
     """Zero, the largest, and what is next to nothing."""
-    assert LeakRate(*values).settings() == {"rate_hz": values[0]}
+    assert LeakRate(*values).settings()["rate_hz"] == values[0]
     assert ThresholdMismatch(1.0).sigma == 1.0
     assert RefractoryPeriod(1e15).period_us == 1e15
     assert PhotoreceptorBandwidth(9.0, 4.0, 4.0).ceiling_hz == 4.0

@@ -25,7 +25,7 @@ from davis_rs import (
     simulate_to_folder,
 )
 from davis_rs.cli.main import main
-from davis_rs.effects import Aps, Readout
+from davis_rs.effects import Aps, LeakRate, Readout
 from davis_rs.events import concatenate_events
 from davis_rs.packet import Packet
 from davis_rs.scene.scene import Scene
@@ -51,7 +51,7 @@ def test_what_is_given_stands_over_the_sensor_and_neutral_switches_off() -> None
     assert effects.aps is None
     assert effects.refractory_period_us is not None
     assert effects.refractory_period_us.period_us == 50
-    assert effects.shot_noise_rate_hz is not None
+    assert effects.shot_noise_rms is not None
 
 
 def test_thresholds_are_given_then_the_sensors_then_the_scenes() -> None:
@@ -158,7 +158,7 @@ def test_what_is_named_beside_auto_is_kept_and_the_rest_is_planned(tmp_path: Pat
     command = ["simulate", "three_planes", "-o", out, "--duration", "0.1", "--camera", calibration(tmp_path)]
     assert main([*command, "--size", "40x30", "--depth-rate", "0", "--quiet", *options]) == 0
     meta = json.loads((tmp_path / "out" / "meta.json").read_text())
-    assert meta["effects"]["leak_rate_hz"] == {"rate_hz": 7.0}
+    assert meta["effects"]["leak_rate_hz"] == LeakRate(7.0).settings() | {"double_luma": "inf"}
     assert "photoreceptor_bandwidth_hz" not in meta["effects"]
     assert "threshold_mismatch" in meta["effects"]
     candidates = {item["effect"] for item in meta["effect_plan"]["effects"]}
@@ -305,7 +305,7 @@ def everything() -> CrossingEngine:
         photoreceptor_bandwidth_hz=1e4,
         refractory_period_us=20,
         leak_rate_hz=1,
-        shot_noise_rate_hz=100,
+        shot_noise_rms=0.1,
         hot_pixels=1.0,
         readout=Readout(5e3, latency_us=5_000),
     )

@@ -37,13 +37,19 @@ STRONG: list[Effect] = [
     ThresholdMismatch(0.3),
     RefractoryPeriod(1_700.3),
     LeakRate(40.0),
-    ShotNoise(150.0, 0.7),
+    ShotNoise(0.06, 0.7, 1e3),
     HotPixels(0.2, 250.0),
     Readout(3e5, 4.5, 20.0, drop_after_us=900.0),
 ]
 """One of each that the engine carries out, so strong that all of them matter on a scene of 20 ms."""
 
-STEADY: list[Effect] = [constant_corner(60.0), RefractoryPeriod(1_700.3), LeakRate(40.0), ShotNoise(150.0), STRONG[5]]
+STEADY: list[Effect] = [
+    constant_corner(60.0),
+    RefractoryPeriod(1_700.3),
+    LeakRate(40.0),
+    ShotNoise(0.06, 1e9, 1e3),
+    STRONG[5],
+]
 """Effects in the pixel that do not depend on how a straight interval is sampled."""
 
 IDLE = Effects(hot_pixels=HotPixels(1e-15, 1.0))
@@ -150,7 +156,7 @@ def some_effects(draw: st.DrawFn) -> Effects:
         st.builds(ThresholdMismatch, st.floats(0.01, 0.8)),
         st.builds(RefractoryPeriod, st.one_of(st.floats(0.1, 5_000), st.sampled_from([1.0, 100.0, 1e15]))),
         st.builds(LeakRate, rates),
-        st.builds(ShotNoise, rates, st.floats(0.1, 100)),
+        st.builds(ShotNoise, st.floats(0.02, 0.3), st.floats(0.1, 100), st.floats(10, 3e3)),
         st.builds(HotPixels, st.floats(0, 1), rates),
         st.builds(
             Readout,
@@ -278,9 +284,9 @@ def test_an_effect_without_consequence_changes_no_bit(
             "photoreceptor_bandwidth_hz": {"hz": math.inf, "floor_hz": 0.0, "ceiling_hz": math.inf},
             "threshold_mismatch": {"sigma": 0.0},
             "refractory_period_us": {"period_us": 0.0},
-            "leak_rate_hz": {"rate_hz": 0.0},
-            "shot_noise_rate_hz": {"rate_hz": 0.0, "half_luma": 1.0, "bandwidth_hz": 300.0},
-            "hot_pixels": {"fraction": 0.5, "rate_hz": 0.0},
+            "leak_rate_hz": LeakRate(0.0).settings(),
+            "shot_noise_rms": {"rms": 0.0, "half_luma": 1.0, "bandwidth_hz": 300.0},
+            "hot_pixels": HotPixels(0.5, 0.0).settings(),
             "readout": {"events_per_s": math.inf, "latency_us": 0.0, "jitter_us": 0.0, "drop_after_us": 1.0},
         },
     ],
@@ -331,15 +337,14 @@ def test_thresholds_are_the_same_whatever_else_is_on(other: Effect) -> None:
 @pytest.mark.parametrize(
     "others",
     [
-        [ThresholdMismatch(1e-3)],
         [PhotoreceptorBandwidth(30.0)],
-        [ThresholdMismatch(1e-3), PhotoreceptorBandwidth(30.0)],
+        [constant_corner(60.0)],
     ],
     ids=repr,
 )
 def test_noise_of_a_static_scene_is_the_same_with_others(others: list[Effect]) -> None:
-    """The same events: others draw from it nothing, and add nothing where nothing moves."""
-    noise: list[Effect] = [ShotNoise(90.0, 0.7), HotPixels(0.3, 120.0)]
+    """The same events: others draw nothing from it, and add nothing where nothing moves (mismatch changes the rate)."""
+    noise: list[Effect] = [ShotNoise(0.07, 0.7), HotPixels(0.3, 120.0)]
     footage = Footage.random(7, 12, 12, 30, gap_us=20_000).still()
     streams = [collect(footage.run(Effects.of(on), seed=2)) for on in (noise, [*noise, *others])]
     np.testing.assert_array_equal(*streams)  # type: ignore[arg-type]
@@ -458,7 +463,10 @@ def test_states_without_what_effects_need_are_refused(entry: str) -> None:
 def test_noise_and_crossings_of_a_pixel_come_in_their_order(bandwidth: Any, hermite: bool) -> None:
     """Noise among turning curves: each event moves the reference by its threshold, and the last one is the latest."""
     footage = Footage.random(12, 20, 20, 15, gap_us=20_000)
-    effects = Effects(photoreceptor_bandwidth_hz=bandwidth, shot_noise_rate_hz=ShotNoise(800.0, 1e9, 1e3))
+    effects = Effects(
+        photoreceptor_bandwidth_hz=bandwidth,
+        shot_noise_rms=ShotNoise.of_rate(800.0, 0.15, half_luma=1e9, bandwidth_hz=1e3),
+    )
     engine, reference, made = footage.engine(effects, hermite=hermite), footage.frames[0].astype(np.float64), 0
     for k in range(len(footage.frames)):
         events = footage.push(engine, k, log=True, hermite=hermite, sparse=False)

@@ -87,7 +87,7 @@ def by_hand(luma: npt.NDArray[np.float32], **settings: Any) -> EventArray:
     "effects",
     [
         Effects(refractory_period_us=5000, leak_rate_hz=20.0),
-        Effects(threshold_mismatch=0.1, shot_noise_rate_hz=200.0),
+        Effects(threshold_mismatch=0.1, shot_noise_rms=0.1),
         Effects(photoreceptor_bandwidth_hz=50.0),
         Effects(readout=1e5),
     ],

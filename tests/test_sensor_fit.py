@@ -37,6 +37,11 @@ def static_scene(effects: Effects, duration_s: float, seed: int, *, before_s: fl
     return events[events["t"] > before_s * 1e6]
 
 
+def noise(rate_hz: float) -> ShotNoise:
+    """Noise events of both polarities together, in any light of these tests."""
+    return ShotNoise.of_rate(rate_hz, 0.2, half_luma=1e6)
+
+
 def found(fit: SensorFit, parameter: str) -> Measured | None:
     [value] = [one.value for one in fit.findings if one.parameter == parameter]
     return value
@@ -55,7 +60,7 @@ def test_hidden_parameters_are_found_within_their_errors() -> None:
         share, hot_hz = math.exp(rng.uniform(math.log(3e-4), math.log(5e-3))), rng.uniform(4, 40)
         effects = Effects(
             leak_rate_hz=leak_hz,
-            shot_noise_rate_hz=ShotNoise(rng.uniform(0.05, 0.3), half_luma=1e6),
+            shot_noise_rms=noise(rng.uniform(0.05, 0.3)),
             hot_pixels=HotPixels(share, rate_hz=hot_hz),
         )
         fit = fitted(static_scene(effects, 15.0, draw, before_s=40.0))
@@ -71,14 +76,13 @@ def test_hidden_parameters_are_found_within_their_errors() -> None:
 
 def test_a_leak_is_told_from_noise() -> None:
     """Noise comes in pairs: without a leak none is found, and its rate in this light is reported, not fitted."""
-    noise = Effects(shot_noise_rate_hz=ShotNoise(0.4, half_luma=1e6))
-    fit = fitted(static_scene(noise, 20.0, 3))
+    fit = fitted(static_scene(Effects(shot_noise_rms=noise(0.4)), 20.0, 3))
     leak = found(fit, "leak_rate_hz")
     assert leak is not None
     assert leak.value < 3 * leak.sigma < 0.05
-    assert found(fit, "shot_noise_rate_hz") is None
-    [said] = [one.note for one in fit.findings if one.parameter == "shot_noise_rate_hz"]
-    rate = re.search(r"here ([\d.]+) \+- ([\d.]+) Hz", said)
+    assert found(fit, "shot_noise_rms") is None
+    [said] = [one.note for one in fit.findings if one.parameter == "shot_noise_rms"]
+    rate = re.search(r"it makes ([\d.]+) \+- ([\d.]+) Hz here", said)
     assert rate is not None
     assert abs(float(rate[1]) - 0.4) < 4 * float(rate[2])
 
@@ -152,7 +156,7 @@ def test_what_is_not_found_comes_from_the_base() -> None:
 
 def test_a_refractory_period_above_the_bound_is_left_out() -> None:
     """A recording that contradicts the base wins; one that allows it changes nothing."""
-    fit = fitted(static_scene(Effects(shot_noise_rate_hz=ShotNoise(20.0, half_luma=1e6)), 5.0, 0))
+    fit = fitted(static_scene(Effects(shot_noise_rms=noise(20.0)), 5.0, 0))
     bound = fit.refractory_bound_us
     assert bound is not None
     assert f"at most {bound:,} us" in str(fit)

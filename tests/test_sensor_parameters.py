@@ -20,7 +20,7 @@ from davis_rs.biases import (
     as_biases,
     bias_of_word,
 )
-from davis_rs.effects import Aps, Effects, HotPixels, PhotoreceptorBandwidth, Readout, ShotNoise
+from davis_rs.effects import Aps, Effects, HotPixels, LeakRate, PhotoreceptorBandwidth, Readout, ShotNoise
 from davis_rs.sensor_parameters import SensorParameters
 from davis_rs.sensors import SENSORS
 
@@ -258,15 +258,16 @@ def test_more_current_is_a_faster_pixel(one: CoarseFineBias, other: CoarseFineBi
 NAMES = [field.name for field in fields(SensorParameters)]
 ZERO_IS_OFF = {
     *["threshold_mismatch", "photoreceptor_bandwidth_floor_hz", "refractory_period_us", "leak_rate_hz"],
-    *["shot_noise_rate_hz", "hot_pixel_fraction", "hot_pixel_rate_hz", "readout_latency_us", "readout_jitter_us"],
-    *["aps_read_noise_dn", "vignetting", "lens_blur_px"],
+    *["shot_noise_rms", "hot_pixel_fraction", "hot_pixel_rate_hz", "readout_latency_us", "readout_jitter_us"],
+    *["leak_spread", "leak_jitter", "temperature_c", "aps_read_noise_dn", "vignetting", "lens_blur_px"],
 }
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_nonsense_is_refused_by_name(name: str) -> None:
     """Every quantity refuses what is negative, infinite, not a number at all, or zero where zero means nothing."""
-    for value in (-1e-9, math.inf, math.nan, True, "1"):
+    negative = [] if name == "temperature_c" else [-1e-9]
+    for value in (*negative, math.inf, -math.inf, math.nan, True, "1"):
         with pytest.raises(ValueError, match=rf"^{name} must .*, got {re.escape(repr(value))}$"):
             SensorParameters(**{name: value})  # type: ignore[arg-type]
     if name in ZERO_IS_OFF:
@@ -309,7 +310,7 @@ def test_the_presets_have_the_published_figures(name: str, on: float, off: float
     assert sensor.refractory_period_us == pytest.approx(3.37, abs=5e-3)
     assert sensor.photoreceptor_bandwidth_hz == pytest.approx(286, abs=0.5)
     assert sensor.readout_events_per_s == 12e6
-    assert sensor.leak_rate_hz == 0.1
+    assert sensor.leak_rate_hz == (0.011 if name == "davis240c" else 0.1)
 
 
 @pytest.mark.parametrize("name", ["davis240c", "davis346"])
@@ -317,14 +318,17 @@ def test_light_reaches_the_effects_in_lux(name: str) -> None:
     """At 1000 lux a luma the photoreceptor has its 3 kHz at luma 1, at 100 lux a tenth; noise falls by lux, too."""
     bright, dim = (SENSORS[name].effects(lux_per_luma) for lux_per_luma in (1000.0, 100.0))
     for effects, lux_per_luma in ((bright, 1000.0), (dim, 100.0)):
-        bandwidth, noise = effects.photoreceptor_bandwidth_hz, effects.shot_noise_rate_hz
+        bandwidth, noise = effects.photoreceptor_bandwidth_hz, effects.shot_noise_rms
         assert isinstance(bandwidth, PhotoreceptorBandwidth)
         assert bandwidth.hz == pytest.approx(3 * lux_per_luma)
         assert bandwidth.floor_hz == 0
         assert isinstance(noise, ShotNoise)
-        assert noise.rate_hz == 5
+        on = SENSORS[name].contrast_threshold
+        assert on is not None
+        assert noise.rate_hz(on, on) == pytest.approx(5)
+        assert noise.rate_hz(on, on, 150 / lux_per_luma) == pytest.approx(1e-3, rel=0.2)
         assert noise.bandwidth_hz == pytest.approx(286, abs=0.5)
-        assert noise.half_luma * lux_per_luma == pytest.approx(0.2, abs=1e-3)
+        assert noise.half_luma * lux_per_luma == pytest.approx(286 / 3, abs=0.2)
     assert bright != dim
 
 
@@ -337,7 +341,11 @@ def test_every_quantity_reaches_its_effect() -> None:
         photoreceptor_bandwidth_floor_hz=7.0,
         refractory_period_us=12.0,
         leak_rate_hz=0.3,
-        shot_noise_rate_hz=2.0,
+        leak_spread=0.2,
+        leak_jitter=0.05,
+        leak_double_lux=50.0,
+        temperature_c=40.0,
+        shot_noise_rms=0.04,
         shot_noise_half_lux=5.0,
         shot_noise_bandwidth_hz=70.0,
         hot_pixel_fraction=0.01,
@@ -358,8 +366,8 @@ def test_every_quantity_reaches_its_effect() -> None:
         photoreceptor_bandwidth_hz=PhotoreceptorBandwidth(800.0, floor_hz=7.0),
         threshold_mismatch=0.1,
         refractory_period_us=12.0,
-        leak_rate_hz=0.3,
-        shot_noise_rate_hz=ShotNoise(2.0, half_luma=0.025, bandwidth_hz=70.0),
+        leak_rate_hz=LeakRate(0.3, 0.2, 0.05, 40.0, double_luma=0.25),
+        shot_noise_rms=ShotNoise(0.04, half_luma=0.025, bandwidth_hz=70.0),
         hot_pixels=HotPixels(0.01, rate_hz=40.0),
         readout=Readout(1e6, latency_us=4.0, jitter_us=2.0),
         aps=Aps(3000.0, read_noise_dn=1.5, bits=8, full_scale_luma=2.0),

@@ -8,8 +8,8 @@ use std::io::Read;
 use davis_rs::aer::{Chip, Decoded, Decoder, Device};
 use davis_rs::{
     Aedat4Decoder, CrossingEngine, CrossingParameters, Decode, Effects, EngineState, Event, EventReader, Evt2Decoder,
-    Evt3Decoder, Frame, HotPixels, Interpolation, PhotoreceptorBandwidth, ReadoutParameters, SensorSize, ShotNoise,
-    TextDecoder, Threshold,
+    Evt3Decoder, Frame, HotPixels, Interpolation, Leak, PhotoreceptorBandwidth, ReadoutParameters, SensorSize,
+    ShotNoise, TextDecoder, Threshold,
 };
 
 /// The stream of a camera: the first byte says which, the second one where it is cut.
@@ -126,7 +126,7 @@ fn calls_for_many_events(state: &EngineState) -> bool {
         on.min(off) < 0.05 || reference.abs() > 1e3
     });
     // References that have leaked for hours are far from a state that has not.
-    far || state.effects.leak_rate_hz > 0.0 && state.t_us.is_some_and(|t_us| t_us > 10_000_000_000)
+    far || state.effects.leak.rate_hz > 0.0 && state.t_us.is_some_and(|t_us| t_us > 10_000_000_000)
 }
 
 /// Equal, NaN being equal to itself.
@@ -144,9 +144,21 @@ fn stored(choice: u8) -> EngineState {
             ceiling_hz: f64::INFINITY,
         },
         refractory_period_us: if bit(3) { 50.0 } else { 0.0 },
-        leak_rate_hz: if bit(4) { 0.5 } else { 0.0 },
-        shot_noise: ShotNoise { rate_hz: if bit(5) { 1000.0 } else { 0.0 }, half_luma: 1.0, bandwidth_hz: 300.0 },
-        hot_pixels: HotPixels { fraction: if bit(6) { 0.5 } else { 0.0 }, rate_hz: 1000.0 },
+        leak: Leak {
+            rate_hz: if bit(4) { 0.5 } else { 0.0 },
+            spread: 0.2,
+            jitter: 0.1,
+            double_luma: 1.0,
+            ..Effects::default().leak
+        },
+        shot_noise: ShotNoise { rms: if bit(5) { 0.2 } else { 0.0 }, half_luma: 1.0, bandwidth_hz: 1e4 },
+        hot_pixels: HotPixels {
+            fraction: if bit(6) { 0.5 } else { 0.0 },
+            rate_hz: 1000.0,
+            rate_spread: 0.5,
+            least_cv: 0.05,
+            most_cv: 0.5,
+        },
         readout: bit(7).then_some(ReadoutParameters {
             events_per_s: 1e6,
             latency_us: 1.0,

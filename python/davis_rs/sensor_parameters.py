@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields, replace
 from typing import Any, TypeVar
 
 from .biases import BiasValues, CoarseFineBias, as_biases
-from .effects import Aps, Effects, HotPixels, PhotoreceptorBandwidth, Readout, ShotNoise
+from .effects import Aps, Effects, HotPixels, LeakRate, PhotoreceptorBandwidth, Readout, ShotNoise
 from .effects.effect import check_range
 
 # Of the event pixel of the DAVIS240 and DAVIS346, by Nozaki, Delbruck, "Temperature and Parasitic Photocurrent Effects
@@ -33,6 +33,7 @@ _POSITIVE = {
     *["contrast_threshold", "contrast_threshold_off", "photoreceptor_bandwidth_hz", "photoreceptor_bandwidth_lux"],
     "photoreceptor_bandwidth_ceiling_hz",
     *[
+        "leak_double_lux",
         "shot_noise_half_lux",
         "shot_noise_bandwidth_hz",
         "readout_events_per_s",
@@ -41,7 +42,7 @@ _POSITIVE = {
         "aps_full_scale_lux",
     ],
 }
-_SHARES = {"hot_pixel_fraction"}
+_SHARES = {"hot_pixel_fraction", "leak_spread", "leak_jitter"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,13 +62,17 @@ class SensorParameters:
         photoreceptor_bandwidth_floor_hz: corner frequency in the dark; None takes 0.
         photoreceptor_bandwidth_ceiling_hz: that in bright light, where the source follower limits it; None for none.
         refractory_period_us: how long a pixel is held in reset after each event.
-        leak_rate_hz: ON events of a pixel on a static scene.
-        shot_noise_rate_hz: noise events of a pixel in the dark, of both polarities together.
-        shot_noise_half_lux: where that rate is halved; None takes the effect's own value.
-        shot_noise_bandwidth_hz: of the noise, which says how soon a pair's second event follows; None takes the
-            effect's own value.
+        leak_rate_hz: ON events of a pixel on a static scene in the dark at 25 degrees Celsius.
+        leak_spread: standard deviation of that rate from pixel to pixel, as a share; None takes the effect's own value.
+        leak_jitter: standard deviation of a pixel's intervals, as a share; None takes the effect's own value.
+        leak_double_lux: where light doubles the rate; None for nowhere.
+        temperature_c: of the sensor, for the leak; None takes 25.
+        shot_noise_rms: standard deviation of log intensity in the dark, from noise.
+        shot_noise_half_lux: where its square is halved; None takes the effect's own value.
+        shot_noise_bandwidth_hz: of the noise; None takes the effect's own value.
         hot_pixel_fraction: share of the pixels that fire on their own.
-        hot_pixel_rate_hz: their rate; None takes the effect's own value.
+        hot_pixel_rate_hz: the median of their rates; None takes the effect's own value. Their spread and
+            regularity are the effect's own.
         readout_events_per_s: throughput of the bus.
         readout_latency_us: delay of every event; None takes 0.
         readout_jitter_us: scatter of the stamps; None takes 0.
@@ -93,7 +98,11 @@ class SensorParameters:
     photoreceptor_bandwidth_ceiling_hz: float | None = None
     refractory_period_us: float | None = None
     leak_rate_hz: float | None = None
-    shot_noise_rate_hz: float | None = None
+    leak_spread: float | None = None
+    leak_jitter: float | None = None
+    leak_double_lux: float | None = None
+    temperature_c: float | None = None
+    shot_noise_rms: float | None = None
     shot_noise_half_lux: float | None = None
     shot_noise_bandwidth_hz: float | None = None
     hot_pixel_fraction: float | None = None
@@ -115,7 +124,8 @@ class SensorParameters:
                 continue
             if name in _POSITIVE and value == 0:
                 raise ValueError(f"{name} must be finite and > 0, got {value!r}")
-            check_range(name, value, 0.0, 1.0 if name in _SHARES else _LARGEST_SIZE if name in _SIZES else math.inf)
+            least = -math.inf if name == "temperature_c" else 0.0
+            check_range(name, value, least, 1.0 if name in _SHARES else _LARGEST_SIZE if name in _SIZES else math.inf)
             if name in _SIZES and value != int(value):
                 raise ValueError(f"{name} must be an integer number of pixels, got {value!r}")
 
@@ -173,10 +183,17 @@ class SensorParameters:
             photoreceptor_bandwidth_hz=_made(PhotoreceptorBandwidth, hz=hz, floor_hz=floor_hz, ceiling_hz=ceiling_hz),
             threshold_mismatch=self.threshold_mismatch,
             refractory_period_us=self.refractory_period_us,
-            leak_rate_hz=self.leak_rate_hz,
-            shot_noise_rate_hz=_made(
+            leak_rate_hz=_made(
+                LeakRate,
+                rate_hz=self.leak_rate_hz,
+                spread=self.leak_spread,
+                jitter=self.leak_jitter,
+                temperature_c=self.temperature_c,
+                double_luma=self.leak_double_lux and self.leak_double_lux / lux_per_luma,
+            ),
+            shot_noise_rms=_made(
                 ShotNoise,
-                rate_hz=self.shot_noise_rate_hz,
+                rms=self.shot_noise_rms,
                 half_luma=half_lux and half_lux / lux_per_luma,
                 bandwidth_hz=self.shot_noise_bandwidth_hz,
             ),

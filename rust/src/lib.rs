@@ -31,7 +31,7 @@ mod python;
 
 pub use columns::fill_events;
 pub use crossing::{
-    CrossingEngine, CrossingParameters, EffectState, Effects, EngineState, Frame, HotPixels, Interpolation,
+    CrossingEngine, CrossingParameters, EffectState, Effects, EngineState, Frame, HotPixels, Interpolation, Leak,
     MOST_THREADS, PhotoreceptorBandwidth, ShotNoise, SparseSamples, Threshold, reconstruct,
 };
 pub use error::{Error, Result};

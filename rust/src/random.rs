@@ -17,6 +17,9 @@ pub(crate) enum Purpose {
     HotPixels = 5,
     ReadoutJitter = 6,
     ShotNoiseExcursion = 7,
+    LeakSpread = 8,
+    LeakJitter = 9,
+    HotPixelKind = 10,
 }
 
 /// 128 random bits, by their place.
@@ -39,11 +42,6 @@ impl Draw {
     /// Uniform in (0, 1), 32 bits: from the third quarter.
     pub(crate) fn second_uniform(self) -> f64 {
         (f64::from(self.0[2]) + 0.5) / 4_294_967_296.0
-    }
-
-    /// A fair coin: from the last quarter.
-    pub(crate) fn coin(self) -> bool {
-        self.0[3] >> 31 == 1
     }
 
     /// Exponential with mean 1.
@@ -100,7 +98,6 @@ mod tests {
         check("second uniform", Draw::second_uniform, 0.5, 1.0 / 12.0, 1.8);
         check("exponential", Draw::exponential, 1.0, 1.0, 9.0);
         check("normal", Draw::normal, 0.0, 1.0, 3.0);
-        check("coin", |d| f64::from(u8::from(d.coin())), 0.5, 0.25, 1.01);
     }
 
     #[test]

@@ -62,10 +62,13 @@ class Costs:
         """At most so many events of noise, on the way to the windows and in them."""
         pixel_s = self._sequence.frames.pixels * len(self._sequence.frames.parts) * self._sequence.duration_us * 1e-6
         match effect:
-            case LeakRate() | ShotNoise():
-                return effect.rate_hz * pixel_s
+            case LeakRate():
+                return float(effect.mean_rate_hz()) * pixel_s
+            case ShotNoise():
+                sample = self._sequence.frames
+                return float(effect.rate_hz(sample.contrast_threshold, sample.contrast_threshold_off)) * pixel_s
             case HotPixels():
-                return effect.fraction * effect.rate_hz * pixel_s
+                return effect.fraction * effect.mean_rate_hz() * pixel_s
         return 0.0
 
 

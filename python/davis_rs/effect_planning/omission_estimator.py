@@ -140,12 +140,14 @@ def _leak(estimator: OmissionEstimator, effect: LeakRate) -> tuple[OmissionError
     Else every event would count as shifted, by the part of C that each pixel has leaked before the first frame.
     """
     sample, duration_s = estimator.sequence.pixels, estimator.sequence.duration_us * 1e-6
+    steps = sample.steps()
+    hz = float(np.average(effect.mean_rate_hz(steps.luma + sample.log_eps).mean(1), weights=steps.length_s))
     seen = (
-        f"{estimator.of_rate(effect.rate_hz):.3g} events expected of {effect.rate_hz:.3g} Hz a pixel, next to "
-        f"{estimator.scene_events:.3g} of the scene; levels drift by {effect.rate_hz * duration_s:.2g} C"
+        f"{estimator.of_rate(hz):.3g} events expected of {hz:.3g} Hz a pixel, next to "
+        f"{estimator.scene_events:.3g} of the scene; levels drift by {hz * duration_s:.2g} C"
     )
-    counted = estimator.added(effect.rate_hz)
-    made = effect.rate_hz * sample.pixels * duration_s
+    counted = estimator.added(hz)
+    made = hz * sample.pixels * duration_s
     if made > _FLOOD:
         return counted, seen
     still = sample.events(Effects(leak_rate_hz=_NO_LEAK / duration_s))
@@ -157,21 +159,23 @@ def _leak(estimator: OmissionEstimator, effect: LeakRate) -> tuple[OmissionError
 
 
 def _shot_noise(estimator: OmissionEstimator, effect: ShotNoise) -> tuple[OmissionError, str]:
-    steps = estimator.sequence.pixels.steps()
-    rate = effect.rate_hz / (1 + steps.luma.astype(np.float64) / effect.half_luma)
+    sample = estimator.sequence.pixels
+    steps = sample.steps()
+    rate = effect.rate_hz(sample.contrast_threshold, sample.contrast_threshold_off, np.exp(steps.log))
     hz = float(np.average(rate.mean(1), weights=steps.length_s))
     dark, bright = np.percentile(steps.luma, (1, 99))
     seen = (
-        f"luma {dark:.3g}..{bright:.3g} (1 % to 99 %) against the {effect.half_luma:.3g} that halves the rate: "
+        f"luma {dark:.3g}..{bright:.3g} (1 % to 99 %) against the {effect.half_luma:.3g} that halves the "
+        f"noise's variance, which has rms {effect.rms / sample.contrast_threshold:.3g} C in the dark: "
         f"{hz:.3g} Hz a pixel, so {estimator.of_rate(hz):.3g} events next to {estimator.scene_events:.3g} of the scene"
     )
     return estimator.added(hz), seen
 
 
 def _hot_pixels(estimator: OmissionEstimator, effect: HotPixels) -> tuple[OmissionError, str]:
-    camera, hz = estimator.sequence.camera, effect.fraction * effect.rate_hz
+    camera, hz = estimator.sequence.camera, effect.fraction * effect.mean_rate_hz()
     seen = (
-        f"{effect.fraction * camera.width * camera.height:.3g} pixels of {effect.rate_hz:.3g} Hz: "
+        f"{effect.fraction * camera.width * camera.height:.3g} pixels of {effect.mean_rate_hz():.3g} Hz: "
         f"{estimator.of_rate(hz):.3g} events next to {estimator.scene_events:.3g} of the scene"
     )
     return estimator.added(hz), seen

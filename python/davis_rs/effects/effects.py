@@ -59,7 +59,7 @@ class Effects:
     threshold_mismatch: ThresholdMismatch | None
     refractory_period_us: RefractoryPeriod | None
     leak_rate_hz: LeakRate | None
-    shot_noise_rate_hz: ShotNoise | None
+    shot_noise_rms: ShotNoise | None
     hot_pixels: HotPixels | None
     readout: Readout | None
     aps: Aps | None
@@ -75,7 +75,7 @@ class Effects:
         threshold_mismatch: ThresholdMismatch | float | None = None,
         refractory_period_us: RefractoryPeriod | float | None = None,
         leak_rate_hz: LeakRate | float | None = None,
-        shot_noise_rate_hz: ShotNoise | float | None = None,
+        shot_noise_rms: ShotNoise | float | None = None,
         hot_pixels: HotPixels | float | None = None,
         readout: Readout | float | None = None,
         aps: Aps | float | None = None,

@@ -94,7 +94,7 @@ class SensorFit:
 def fit_sensor(recordings: Sequence[StreamStatistics]) -> SensorFit:
     """Fit what events alone can tell of the sensor that they come from.
 
-    - Hot pixels: their share, and their mean rate.
+    - Hot pixels: their share, and the median of their rates.
     - Leak: ON less OFF events of quiet pixels, because events of noise come in pairs of both polarities. Its standard
       deviation is that of the pixels' scatter. It is not identifiable where quiet pixels fire together with their
       neighbours.
@@ -140,16 +140,16 @@ def _hot_pixels(recordings: Sequence[StreamStatistics]) -> tuple[Finding, ...]:
         return fraction, Finding("rate of hot pixels", "hot_pixel_rate_hz", None, "there are none")
     rates = np.concatenate([one.hot_pixels.rate_hz for one in recordings])
     variation = np.concatenate([one.hot_pixels.variation for one in recordings])
-    events = sum(float(one.hot_pixels.rate_hz.sum()) * one.duration_s for one in recordings)
-    watched_s = sum(len(one.hot_pixels) * one.duration_s for one in recordings)
-    mean = events / watched_s
-    scatter = float(rates.std(ddof=1)) / math.sqrt(len(rates)) if len(rates) > 1 else math.inf
-    sigma = max(math.sqrt(events) / watched_s, scatter) if math.isfinite(scatter) else mean
+    # Rates are log-normal: the median is the geometric mean. Of one pixel alone it is as uncertain as the rate itself.
+    logs = np.log(rates)
+    spread = float(logs.std(ddof=1)) if len(logs) > 1 else 1.0
+    median = float(np.exp(logs.mean()))
+    sigma = median * spread / math.sqrt(len(logs))
     regular = (
-        f"{rates.min():.3g} to {rates.max():.3g} Hz; variation of intervals {np.median(variation):.2g} (median), "
-        "1 for a Poisson process"
+        f"the median; {rates.min():.3g} to {rates.max():.3g} Hz; variation of intervals {np.median(variation):.2g} "
+        "(median), 1 for a Poisson process"
     )
-    return fraction, Finding("rate of hot pixels", "hot_pixel_rate_hz", Measured(mean, sigma), regular)
+    return fraction, Finding("rate of hot pixels", "hot_pixel_rate_hz", Measured(median, sigma), regular)
 
 
 def _leak(recordings: Sequence[StreamStatistics]) -> tuple[Finding, ...]:
@@ -172,7 +172,7 @@ def _leak(recordings: Sequence[StreamStatistics]) -> tuple[Finding, ...]:
         scatter.append(float(events[one.quiet].var() / max(events[one.quiet].mean(), 1e-300)))
     if not leaks:
         return tuple(Finding(*names, None, "no pixel is quiet") for names in (_LEAK, _NOISE))
-    pairs = f"its rate in the dark needs recordings of known light; here {combined(noise)} Hz"
+    pairs = f"its rms needs thresholds and recordings of known light; it makes {combined(noise)} Hz here"
     leak = combined(leaks)
     if leak.value < -3 * leak.sigma:
         said = f"ON less OFF events of quiet pixels are {leak} Hz, and a leak makes ON events"
@@ -184,7 +184,7 @@ def _leak(recordings: Sequence[StreamStatistics]) -> tuple[Finding, ...]:
     return Finding(*_LEAK, Measured(max(leak.value, 0.0), leak.sigma), note), Finding(*_NOISE, None, pairs)
 
 
-_LEAK, _NOISE = ("leak", "leak_rate_hz"), ("shot noise", "shot_noise_rate_hz")
+_LEAK, _NOISE = ("leak", "leak_rate_hz"), ("shot noise", "shot_noise_rms")
 
 
 class Pairs(NamedTuple):

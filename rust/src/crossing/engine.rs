@@ -358,7 +358,7 @@ impl CrossingEngine {
     fn make_room(&mut self, sparse: usize, ticks: i64) -> Result<()> {
         // Log intensity spans less than 1500; a Hermite curve goes there and back, and so may each sparse sample.
         let ways = 2.0 + sparse as f64;
-        let leaked = self.effects.leak_rate_hz * 1e-6 * ticks as f64;
+        let leaked = self.effects.leak.most_hz() * 1e-6 * ticks as f64;
         let most = (ways * 1500.0 / self.parameters.least_threshold() + leaked) as u64 + 2;
         if self.largest_counter + most > u32::MAX.into() {
             self.largest_counter = self.count_largest();
@@ -424,7 +424,7 @@ fn new_pool(threads: usize) -> Result<rayon::ThreadPool> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::crossing::effects::{HotPixels, PhotoreceptorBandwidth, ShotNoise};
+    use crate::crossing::effects::{HotPixels, Leak, PhotoreceptorBandwidth, ShotNoise};
     use crate::crossing::frame::SparseSamples;
     use crate::crossing::parameters::Threshold;
     use crate::readout::ReadoutParameters;
@@ -435,9 +435,9 @@ mod tests {
         Effects {
             photoreceptor_bandwidth: PhotoreceptorBandwidth { hz: 300.0, floor_hz: 1.0, ceiling_hz: 1e4 },
             refractory_period_us: 20.0,
-            leak_rate_hz: 0.3,
-            shot_noise: ShotNoise { rate_hz: 30.0, half_luma: 0.5, bandwidth_hz: 50.0 },
-            hot_pixels: HotPixels { fraction: 0.1, rate_hz: 200.0 },
+            leak: Leak { rate_hz: 0.3, double_luma: 0.5, ..Effects::default().leak },
+            shot_noise: ShotNoise { rms: 0.1, half_luma: 0.5, bandwidth_hz: 50.0 },
+            hot_pixels: HotPixels { fraction: 0.1, rate_hz: 200.0, rate_spread: 0.5, least_cv: 0.05, most_cv: 0.5 },
             readout: Some(ReadoutParameters {
                 events_per_s: 1e6,
                 latency_us: 1.0,

@@ -40,7 +40,7 @@ mod scan;
 mod state;
 mod steps;
 
-pub use effects::{Effects, HotPixels, PhotoreceptorBandwidth, ShotNoise};
+pub use effects::{Effects, HotPixels, Leak, PhotoreceptorBandwidth, ShotNoise};
 pub use engine::{CrossingEngine, MOST_THREADS};
 pub use frame::{Frame, SparseSamples};
 pub use parameters::{CrossingParameters, Interpolation, Threshold};

@@ -61,7 +61,7 @@ impl CrossingEngine {
             )));
         }
         // Behind a leak references lie wherever it has led them, under noise a threshold or two away.
-        let wanders = state.effects.leak_rate_hz > 0.0 || state.effects.shot_noise.rate_hz > 0.0;
+        let wanders = state.effects.leak.is_on() || state.effects.shot_noise.rms > 0.0;
         if !(if wanders { state.base.iter().all(|base| base.is_finite()) } else { f64::all_valid(&state.base) }) {
             let rule = if wanders { "be finite" } else { "lie within +-746" };
             return Err(Error::Argument(format!("the base of a state must {rule} in all pixels")));

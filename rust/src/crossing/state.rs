@@ -63,6 +63,10 @@ pub struct EffectState {
     pub excursion_noise: Vec<f64>,
     /// 1 where its end is to make an ON event, -1 an OFF event, 0 where neither is awaited.
     pub excursion_awaits: Vec<i8>,
+    /// How far references have leaked by light, in log intensity.
+    pub leaked: Vec<f64>,
+    /// What the leak's jitter adds to a held pixel's reference at the end of its hold.
+    pub leak_error: Vec<f64>,
     /// Likewise of hot pixels, one after the other.
     pub hot_wait_us: Vec<f64>,
     /// See `hot_wait_us`.

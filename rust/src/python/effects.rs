@@ -4,7 +4,7 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-use crate::crossing::{Effects, HotPixels, PhotoreceptorBandwidth, ShotNoise};
+use crate::crossing::{Effects, HotPixels, Leak, PhotoreceptorBandwidth, ShotNoise};
 use crate::readout::ReadoutParameters;
 
 /// Refuse settings of effects that are out of range.
@@ -60,16 +60,31 @@ pub(super) fn from_python(effects: Option<&Bound<'_, PyAny>>) -> PyResult<Effect
             }
             "threshold_mismatch" => all.threshold_mismatch = number("sigma")?,
             "refractory_period_us" => all.refractory_period_us = number("period_us")?,
-            "leak_rate_hz" => all.leak_rate_hz = number("rate_hz")?,
-            "shot_noise_rate_hz" => {
-                all.shot_noise = ShotNoise {
+            "leak_rate_hz" => {
+                all.leak = Leak {
                     rate_hz: number("rate_hz")?,
+                    spread: number("spread")?,
+                    jitter: number("jitter")?,
+                    temperature_c: number("temperature_c")?,
+                    doubling_c: number("doubling_c")?,
+                    double_luma: number("double_luma")?,
+                };
+            }
+            "shot_noise_rms" => {
+                all.shot_noise = ShotNoise {
+                    rms: number("rms")?,
                     half_luma: number("half_luma")?,
                     bandwidth_hz: number("bandwidth_hz")?,
                 };
             }
             "hot_pixels" => {
-                all.hot_pixels = HotPixels { fraction: number("fraction")?, rate_hz: number("rate_hz")? };
+                all.hot_pixels = HotPixels {
+                    fraction: number("fraction")?,
+                    rate_hz: number("rate_hz")?,
+                    rate_spread: number("rate_spread")?,
+                    least_cv: number("least_cv")?,
+                    most_cv: number("most_cv")?,
+                };
             }
             "readout" => {
                 all.readout = Some(ReadoutParameters {
@@ -105,10 +120,30 @@ pub(super) fn to_dict<'py>(py: Python<'py>, effects: &Effects) -> PyResult<Bound
         &[("hz", bandwidth.hz), ("floor_hz", bandwidth.floor_hz), ("ceiling_hz", bandwidth.ceiling_hz)],
     )?;
     put("refractory_period_us", &[("period_us", effects.refractory_period_us)])?;
-    put("leak_rate_hz", &[("rate_hz", effects.leak_rate_hz)])?;
-    let noise = [("rate_hz", shot.rate_hz), ("half_luma", shot.half_luma), ("bandwidth_hz", shot.bandwidth_hz)];
-    put("shot_noise_rate_hz", &noise)?;
-    put("hot_pixels", &[("fraction", hot.fraction), ("rate_hz", hot.rate_hz)])?;
+    let leak = effects.leak;
+    put(
+        "leak_rate_hz",
+        &[
+            ("rate_hz", leak.rate_hz),
+            ("spread", leak.spread),
+            ("jitter", leak.jitter),
+            ("temperature_c", leak.temperature_c),
+            ("doubling_c", leak.doubling_c),
+            ("double_luma", leak.double_luma),
+        ],
+    )?;
+    let noise = [("rms", shot.rms), ("half_luma", shot.half_luma), ("bandwidth_hz", shot.bandwidth_hz)];
+    put("shot_noise_rms", &noise)?;
+    put(
+        "hot_pixels",
+        &[
+            ("fraction", hot.fraction),
+            ("rate_hz", hot.rate_hz),
+            ("rate_spread", hot.rate_spread),
+            ("least_cv", hot.least_cv),
+            ("most_cv", hot.most_cv),
+        ],
+    )?;
     if let Some(bus) = effects.readout {
         let numbers =
             [("events_per_s", bus.events_per_s), ("latency_us", bus.latency_us), ("jitter_us", bus.jitter_us)];
@@ -123,9 +158,9 @@ pub(super) fn active(effects: &Effects) -> Vec<&'static str> {
     let all = [
         ("photoreceptor_bandwidth_hz", effects.filters()),
         ("refractory_period_us", effects.refractory_period_us > 0.0),
-        ("leak_rate_hz", effects.leak_rate_hz > 0.0),
-        ("shot_noise_rate_hz", effects.shot_noise.rate_hz > 0.0),
-        ("hot_pixels", hot.fraction > 0.0 && hot.rate_hz > 0.0),
+        ("leak_rate_hz", effects.leak.is_on()),
+        ("shot_noise_rms", effects.shot_noise.rms > 0.0),
+        ("hot_pixels", hot.are_on()),
         ("readout", effects.readout.is_some_and(|bus| !bus.is_neutral())),
     ];
     all.into_iter().filter(|(_, on)| *on).map(|(name, _)| name).collect()

@@ -51,6 +51,8 @@ fn effect_state_to_dict(py: Python<'_>, state: EffectState) -> PyResult<Bound<'_
     dict.set_item("excursion_us", state.excursion_us.into_pyarray(py))?;
     dict.set_item("excursion_noise", state.excursion_noise.into_pyarray(py))?;
     dict.set_item("excursion_awaits", state.excursion_awaits.into_pyarray(py))?;
+    dict.set_item("leaked", state.leaked.into_pyarray(py))?;
+    dict.set_item("leak_error", state.leak_error.into_pyarray(py))?;
     dict.set_item("hot_wait_us", state.hot_wait_us.into_pyarray(py))?;
     dict.set_item("hot_index", state.hot_index.into_pyarray(py))?;
     Ok(dict)
@@ -66,6 +68,8 @@ fn effect_state_from_dict(dict: &Bound<'_, PyDict>) -> PyResult<EffectState> {
         excursion_us: values(dict, "excursion_us")?,
         excursion_noise: values(dict, "excursion_noise")?,
         excursion_awaits: values(dict, "excursion_awaits")?,
+        leaked: values(dict, "leaked")?,
+        leak_error: values(dict, "leak_error")?,
         hot_wait_us: values(dict, "hot_wait_us")?,
         hot_index: values(dict, "hot_index")?,
     })

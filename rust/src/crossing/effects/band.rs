@@ -5,18 +5,17 @@
 //! What must not break: a pixel that is not marked has no event and changes no state but its samples. Waits are counted
 //! from the last frame, so that they keep their digits however long a run is.
 
+use super::excursion::Excursion;
 use super::input::{Input, LowPass, bend};
-use super::noise::{Arrivals, Excursion};
+use super::leak::{LeakJitter, Leaks};
+use super::noise::{Arrivals, Noise};
 use super::scan::{FilterStep, low_pass, mark_out_of_bounds, mark_sign_changes};
 use super::sensor::Sensor;
 use super::timeline::{FREE, Pixel};
 use crate::crossing::band::Interval;
 use crate::crossing::core::{NEVER, Push};
-use crate::crossing::cubic::Cubic;
-use crate::crossing::curve::{Curve, Piece};
 use crate::crossing::frame::SparseSamples;
 use crate::crossing::level::{Level, Thresholds};
-use crate::crossing::line::Line;
 use crate::crossing::parameters::CrossingParameters;
 use crate::crossing::room::{Allowance, Full, Room};
 use crate::crossing::sample::Sample;
@@ -49,8 +48,7 @@ pub(super) struct Band {
     pub(super) shot: Vec<Arrivals>,
     pub(super) excursions: Vec<Excursion>,
     pub(super) hot: Vec<(u32, Arrivals)>,
-    /// How far references leak in a microsecond; zeros where only others need it.
-    leak: Vec<f64>,
+    pub(super) leaks: Leaks,
     /// What a comparator sees strictly between has reached no level.
     low: Vec<f64>,
     high: Vec<f64>,
@@ -76,6 +74,7 @@ struct Before {
     held_us: f64,
     shot: Option<(Arrivals, Excursion)>,
     hot: Option<Arrivals>,
+    leak_error: f64,
 }
 
 /// What a tile's pixels come to at a frame.
@@ -85,6 +84,9 @@ struct Tile {
     decay: Vec<f64>,
     filtered: Vec<f64>,
     seen: Vec<f64>,
+    /// How far references have leaked at both ends of the interval.
+    leaked: Vec<f64>,
+    will_leak: Vec<f64>,
     marked: Vec<bool>,
     /// Of one pixel.
     sparse: Vec<f64>,
@@ -92,8 +94,8 @@ struct Tile {
 
 impl Tile {
     fn new() -> Self {
-        let [logs, slopes, decay, filtered, seen] = std::array::from_fn(|_| vec![0.0; TILE]);
-        Self { logs, slopes, decay, filtered, seen, marked: vec![false; TILE], sparse: vec![] }
+        let [logs, slopes, decay, filtered, seen, leaked, will_leak] = std::array::from_fn(|_| vec![0.0; TILE]);
+        Self { logs, slopes, decay, filtered, seen, leaked, will_leak, marked: vec![false; TILE], sparse: vec![] }
     }
 }
 
@@ -110,12 +112,12 @@ impl Band {
         let (n, effects) = (logs.len(), &sensor.effects);
         let number = |i: usize| (first_pixel + i) as u32;
         let thresholds = |i: usize| p.thresholds(first_pixel + i);
-        let leaks = effects.leak_rate_hz > 0.0;
+        let leaks = effects.leak.is_on();
         // A leaking pixel has leaked before: by a part of C_on that differs from pixel to pixel.
         let phase = |i| if leaks { Draw::at(sensor.seed, Purpose::LeakPhase, number(i), 0).uniform() } else { 0.0 };
         let base = |(i, log): (usize, &f64)| log - phase(i) * thresholds(i).on;
         let hot = sensor.hot.iter().flat_map(|noise| {
-            let chosen = (0..n).filter(|&i| noise.chosen(number(i), effects.hot_pixels.fraction));
+            let chosen = (0..n).filter(|&i| noise.chosen(number(i)));
             chosen.map(|i| (i as u32, noise.first(number(i))))
         });
         let filtered = if effects.filters() { logs.to_vec() } else { vec![] };
@@ -130,10 +132,16 @@ impl Band {
             last_event_us: vec![NEVER; n],
             filtered,
             held_us: if effects.refractory_period_us > 0.0 { vec![FREE; n] } else { vec![] },
-            shot: sensor.shot.iter().flat_map(|noise| (0..n).map(|i| noise.first(number(i)))).collect(),
+            shot: sensor.shot.iter().flat_map(|noise| (0..n).map(|i| noise.first(number(i), thresholds(i)))).collect(),
             excursions: vec![Excursion::NONE; if sensor.shot.is_some() { n } else { 0 }],
             hot: hot.collect(),
-            leak: (0..if leaks || effects.filters() { n } else { 0 }).map(|i| sensor.leak(thresholds(i))).collect(),
+            leaks: Leaks::new(
+                effects.leak,
+                sensor.seed,
+                effects.filters(),
+                first_pixel,
+                &(0..n).map(thresholds).collect::<Vec<_>>(),
+            ),
             low: vec![0.0; n],
             high: vec![0.0; n],
             tile: Tile::new(),
@@ -197,6 +205,7 @@ impl Band {
         std::mem::swap(&mut self.logs, &mut self.next.logs);
         std::mem::swap(&mut self.slopes, &mut self.next.slopes);
         std::mem::swap(&mut self.filtered, &mut self.next.filtered);
+        self.leaks.settle();
         // All waits are from the last frame on; a float minus an integer below it is exact.
         let ticks = ticks as f64;
         self.held_us.iter_mut().for_each(|held| *held -= ticks);
@@ -227,66 +236,16 @@ impl Band {
             if let (Some(place), Some(stored)) = (self.hot_place(i), before.hot) {
                 self.hot[place].1 = stored;
             }
+            if let Some(error) = self.leaks.error.get_mut(i) {
+                *error = before.leak_error;
+            }
             self.set_bounds(i, p.thresholds(self.first_pixel + i));
         }
     }
 
-    /// About how many events a frame will make.
-    #[cold]
-    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "an estimate, >= 0, saturating")]
-    pub(super) fn count<S: Sample>(&self, share: &Share<'_, S>, p: &CrossingParameters, sensor: &Sensor) -> u64 {
-        let count = |(i, &sample): (usize, &S)| {
-            let slope = share.rates.map_or(0.0, |rates| sample.log_rate(rates[i], p.log_eps));
-            let (crossings, noise) = self.expected(i, (log(sample, p), slope), share, p, sensor);
-            (crossings + noise) as u64
-        };
-        share.new.iter().enumerate().map(count).fold(0, u64::saturating_add)
-    }
-
-    /// How many events at most one pixel's signal makes over a frame that comes to this log intensity and its slope, and
-    /// how many noise makes on average.
-    #[allow(clippy::cast_precision_loss, reason = "intervals are shorter than 2^53 us")]
-    fn expected<S: Sample>(
-        &self,
-        i: usize,
-        (to, slope_to): (f64, f64),
-        share: &Share<'_, S>,
-        p: &CrossingParameters,
-        sensor: &Sensor,
-    ) -> (f64, f64) {
-        let (index, ticks, from) = (self.first_pixel + i, share.at.ticks as f64, self.logs[i]);
-        let (c, sparse) = (p.thresholds(index), share.sparse.of(index, index + 1));
-        let (mut last, mut way) = (from, 0.0);
-        let mut go = |to: f64| {
-            way += (to - last).abs();
-            last = to;
-        };
-        if share.rates.is_some() && sparse.is_empty() {
-            let (line, seconds) = (Line { from, to, ticks: share.at.ticks }, ticks * 1e-6);
-            let cubic = Cubic::new(line, self.slopes[i] * seconds, slope_to * seconds);
-            cubic.pieces().for_each(|piece| go(piece.end()));
-        } else {
-            sparse.samples.iter().for_each(|&sample| go(log(sample, p)));
-            go(to);
-        }
-        // What leaves a low-pass moves no further than to its input and with it.
-        let start = self.filtered.get(i).copied().unwrap_or(from);
-        let leak = sensor.leak(c);
-        let seen = start + leak * sensor.elapsed(share.at.start_us);
-        let held = self.held_us.get(i).is_some_and(|&held| held > FREE);
-        let noise = self.excursions.get(i).map_or(0.0, |excursion| excursion.noise.abs());
-        let behind = if held { 0.0 } else { (seen - self.references[i].value(c)).abs() + noise };
-        let way = way + behind + (start - from).abs() + leak * ticks;
-        let (shot, hot) = (sensor.effects.shot_noise.rate_hz, sensor.effects.hot_pixels.rate_hz);
-        let rate_hz = if self.shot.is_empty() { 0.0 } else { shot } + self.hot_place(i).map_or(0.0, |_| hot);
-        // Each event holds the pixel.
-        let most = ticks / sensor.effects.refractory_period_us + 1.0;
-        ((way / c.on.min(c.off)).floor().min(most), (rate_hz * ticks * 1e-6).min(most))
-    }
-
     /// Where a pixel's hot noise is kept, if it is hot.
     #[allow(clippy::cast_possible_truncation, reason = "no sensor has 2^32 pixels")]
-    fn hot_place(&self, i: usize) -> Option<usize> {
+    pub(super) fn hot_place(&self, i: usize) -> Option<usize> {
         self.hot.binary_search_by_key(&(i as u32), |hot| hot.0).ok()
     }
 
@@ -315,9 +274,14 @@ impl Band {
         } else {
             tile.seen[..n].copy_from_slice(&tile.logs[..n]);
         }
-        let elapsed_us = sensor.elapsed(at.start_us + at.ticks);
-        for (seen, leak) in tile.seen.iter_mut().zip(self.leak.get(start..end).unwrap_or_default()) {
-            *seen += leak * elapsed_us;
+        if !self.leaks.dark.is_empty() {
+            let (elapsed_us, ticks) = (sensor.elapsed(at.start_us), at.ticks as f64);
+            for k in 0..n {
+                let drift = self.leaks.drift(start + k, elapsed_us, (self.logs[start + k], tile.logs[k]));
+                (tile.leaked[k], tile.will_leak[k]) = (drift.at(0.0), drift.at(ticks));
+                tile.seen[k] += tile.will_leak[k];
+                self.leaks.note(start + k, &drift, ticks);
+            }
         }
     }
 
@@ -330,14 +294,13 @@ impl Band {
         let from = &self.logs[start..end];
         if let Some(before) = self.filtered.get(start..end) {
             let filter_step = FilterStep { from, to: &tile.logs, before, output: &tile.filtered, decay: &tile.decay };
-            let since = sensor.elapsed(share.at.start_us);
-            mark_sign_changes(&filter_step, &self.leak[start..end], (since, since + ticks), bounds, marked);
+            mark_sign_changes(&filter_step, (&tile.leaked, &tile.will_leak), bounds, marked);
         }
         if share.rates.is_some() {
             let seconds = ticks * 1e-6;
             for i in 0..n {
                 let slopes = (self.slopes[start + i] * seconds, tile.slopes[i] * seconds);
-                let leaked = self.leak.get(start + i).map_or(0.0, |leak| leak * ticks);
+                let leaked = if self.leaks.dark.is_empty() { 0.0 } else { tile.will_leak[i] - tile.leaked[i] };
                 marked[i] |= if self.filtered.is_empty() {
                     (slopes.0 + leaked) * (slopes.1 + leaked) < 0.0
                 } else {
@@ -390,14 +353,25 @@ impl Band {
             held_us: self.held_us.get(i).copied().unwrap_or(FREE),
             shot: self.shot.get(i).copied().zip(self.excursions.get(i).copied()),
             hot: hot.map(|place| self.hot[place].1),
+            leak_error: self.leaks.error.get(i).copied().unwrap_or_default(),
         });
         let (x, y) = sensor.size.xy(index);
+        let last_us = self.last_event_us[i];
         let (events, last_event_us) = (&mut self.events, &mut self.last_event_us[i]);
         let emit = |tick, on| {
             events.push(Event::new(at.start_us + tick, x, y, on));
             *last_event_us = at.start_us + tick;
         };
         let (mut free, mut no_excursion) = (FREE, Excursion::NONE);
+        let drift = self.leaks.drift(i, sensor.elapsed(at.start_us), (self.logs[i], self.tile.logs[in_tile]));
+        let leak_jitter = self.leaks.error.get_mut(i).map(|error| LeakJitter {
+            share: sensor.effects.leak.jitter,
+            seed: sensor.seed,
+            rate: drift.rate(),
+            elapsed_us: at.start_us - sensor.started_us,
+            last_us: last_us.max(sensor.started_us) - sensor.started_us,
+            error,
+        });
         let mut pixel = Pixel {
             number: index as u32,
             c: thresholds,
@@ -405,19 +379,13 @@ impl Band {
             held_until_us: self.held_us.get_mut(i).unwrap_or(&mut free),
             refractory_us: sensor.effects.refractory_period_us,
             excursion: self.excursions.get_mut(i).unwrap_or(&mut no_excursion),
+            leak_jitter,
             noise: [
-                sensor.shot.zip(self.shot.get_mut(i)),
-                hot.and_then(|hot| sensor.hot.zip(self.hot.get_mut(hot).map(|hot| &mut hot.1))),
+                sensor.shot.map(Noise::Shot).zip(self.shot.get_mut(i)),
+                hot.and_then(|hot| sensor.hot.map(Noise::Hot).zip(self.hot.get_mut(hot).map(|hot| &mut hot.1))),
             ],
         };
-        let input = Input {
-            log_eps: p.log_eps,
-            leak: sensor.leak(thresholds),
-            elapsed_us: sensor.elapsed(at.start_us),
-            from: self.logs[i],
-            to: self.tile.logs[in_tile],
-            ticks: at.ticks,
-        };
+        let input = Input { drift, from: self.logs[i], to: self.tile.logs[in_tile], ticks: at.ticks };
         let low_pass = self.filtered.get(i).map(|&before| {
             self.tile.filtered[in_tile] = before;
             LowPass { bandwidth: sensor.effects.photoreceptor_bandwidth, output: &mut self.tile.filtered[in_tile] }
@@ -436,13 +404,6 @@ impl Band {
         self.set_bounds(i, thresholds);
         Ok(())
     }
-}
-
-/// Log intensity of one sample.
-fn log<S: Sample>(sample: S, p: &CrossingParameters) -> f64 {
-    let mut log = [0.0];
-    S::logs(&[sample], p.log_eps, &mut log);
-    log[0]
 }
 
 /// Keeps a tile's values, of an effect that is on.

@@ -5,7 +5,8 @@
 use rayon::prelude::*;
 
 use super::band::Band;
-use super::noise::{Arrivals, Excursion};
+use super::excursion::Excursion;
+use super::noise::Arrivals;
 use super::parameters::Effects;
 use super::sensor::Sensor;
 use super::timeline::FREE;
@@ -63,11 +64,14 @@ impl EffectCore {
     /// The reference of each pixel in log intensity at `t_us`; NaN in those that are held.
     pub(crate) fn reference(&self, t_us: i64, p: &CrossingParameters) -> Vec<f64> {
         let elapsed_us = self.sensor.elapsed(t_us);
+        let leaked = |(i, band): (usize, &Band)| band.leaks.drift(i, elapsed_us, (0.0, 0.0)).at(0.0);
+        let leaked: Vec<f64> =
+            self.bands.iter().flat_map(|band| (0..band.logs.len()).map(move |i| leaked((i, band)))).collect();
         let (held, excursions) = (self.joined(|band| &band.held_us), self.joined(|band| &band.excursions));
         let value = |(i, level): (usize, &Level)| {
             let c = p.thresholds(i);
             let noise = excursions.get(i).map_or(0.0, |excursion| excursion.noise);
-            let reference = level.exact(c).value() + noise - self.sensor.leak(c) * elapsed_us;
+            let reference = level.exact(c).value() + noise - leaked[i];
             if held.get(i).is_some_and(|&held| held > FREE) { f64::NAN } else { reference }
         };
         self.references().enumerate().map(value).collect()
@@ -94,6 +98,8 @@ impl EffectCore {
             excursion_us: excursions.iter().map(|excursion| excursion.until_us).collect(),
             excursion_noise: excursions.iter().map(|excursion| excursion.noise).collect(),
             excursion_awaits: excursions.iter().map(|excursion| excursion.awaits).collect(),
+            leaked: self.joined(|band| &band.leaks.leaked),
+            leak_error: self.joined(|band| &band.leaks.error),
             hot_wait_us: hot.iter().map(|arrivals| arrivals.wait_us).collect(),
             hot_index: hot.iter().map(|arrivals| arrivals.index).collect(),
         }
@@ -104,15 +110,18 @@ impl EffectCore {
         self.sensor.started_us = state.started_us;
         let hot = self.bands.iter().map(|band| band.hot.len()).sum::<usize>();
         let (n, filtered) = (self.sensor.size.pixels(), self.sensor.effects.filters());
+        let leak = self.sensor.effects.leak;
         let expected = |on: bool| if on { n } else { 0 };
         let lengths = [
             ("filtered", state.filtered.len(), expected(filtered)),
             ("held_us", state.held_us.len(), expected(self.sensor.effects.refractory_period_us > 0.0)),
-            ("shot_wait_us", state.shot_wait_us.len(), expected(self.sensor.effects.shot_noise.rate_hz > 0.0)),
+            ("shot_wait_us", state.shot_wait_us.len(), expected(self.sensor.effects.shot_noise.rms > 0.0)),
             ("shot_index", state.shot_index.len(), state.shot_wait_us.len()),
             ("excursion_us", state.excursion_us.len(), state.shot_wait_us.len()),
             ("excursion_noise", state.excursion_noise.len(), state.shot_wait_us.len()),
             ("excursion_awaits", state.excursion_awaits.len(), state.shot_wait_us.len()),
+            ("leaked", state.leaked.len(), expected(leak.by_light())),
+            ("leak_error", state.leak_error.len(), expected(leak.jitters())),
             ("hot_wait_us", state.hot_wait_us.len(), hot),
             ("hot_index", state.hot_index.len(), hot),
         ];
@@ -139,6 +148,8 @@ impl EffectCore {
             ("excursion_us", "> 0, or -inf where there is none", state.excursion_us.iter().all(held)),
             ("excursion_noise", "finite", state.excursion_noise.iter().all(|noise| noise.is_finite())),
             ("excursion_awaits", "-1, 0 or 1", state.excursion_awaits.iter().all(|awaits| (-1..=1).contains(awaits))),
+            ("leaked", "finite", state.leaked.iter().all(|leaked| leaked.is_finite())),
+            ("leak_error", "finite", state.leak_error.iter().all(|error| error.is_finite())),
             ("hot_wait_us", "finite and > 0", waits(&state.hot_wait_us)),
         ];
         if let Some((name, rule, _)) = ranges.into_iter().find(|(_, _, valid)| !valid) {
@@ -157,6 +168,8 @@ impl EffectCore {
             band.held_us = state.held_us.get(part.clone()).unwrap_or_default().to_vec();
             let shot = state.shot_wait_us.get(part.clone()).unwrap_or_default();
             band.shot = shot.iter().zip(state.shot_index.get(part.clone()).unwrap_or_default()).map(arrivals).collect();
+            band.leaks.leaked = state.leaked.get(part.clone()).unwrap_or_default().to_vec();
+            band.leaks.error = state.leak_error.get(part.clone()).unwrap_or_default().to_vec();
             let excursion = |at| Excursion {
                 until_us: state.excursion_us[at],
                 noise: state.excursion_noise[at],

@@ -1,9 +1,10 @@
 //! What a pixel's comparator sees over an interval: straight lines or a cubic, low-passed, with the leak's drift.
 //!
-//! A low-pass has a closed form for straight input only, so it takes a cubic as chords. What must not break: the leak
-//! counts from the first frame on, so that it does not depend on the split into frames.
+//! A low-pass has a closed form for straight input only, so it takes a cubic as chords. What must not break: the drift
+//! is straight over the interval, also where samples lie between its ends.
 
 use super::filtered::{Filtered, filter};
+use super::leak::Drift;
 use super::parameters::PhotoreceptorBandwidth;
 use super::timeline::Pixel;
 use crate::crossing::cubic::Cubic;
@@ -11,11 +12,7 @@ use crate::crossing::line::Line;
 
 /// A pixel's input over an interval of so many ticks.
 pub(super) struct Input {
-    pub(super) log_eps: f64,
-    /// How far the reference leaks in a microsecond.
-    pub(super) leak: f64,
-    /// Microseconds from the first frame to the interval's start.
-    pub(super) elapsed_us: f64,
+    pub(super) drift: Drift,
     /// Log intensity at both ends.
     pub(super) from: f64,
     pub(super) to: f64,
@@ -41,7 +38,7 @@ impl Input {
         let (mut start, mut from) = (0, self.from);
         for (tick, to) in between.chain([(self.ticks, self.to)]) {
             let ticks = tick - start;
-            let luma_at = |t: f64| self.luma(from + (to - from) * (t / ticks as f64));
+            let light_at = |t: f64| libm::exp(from + (to - from) * (t / ticks as f64));
             let (leaked, will_leak) = (self.leaked(start as f64), self.leaked(tick as f64));
             if let Some(LowPass { bandwidth, output }) = &mut low_pass {
                 let decay = bandwidth.decay(from, to, ticks as f64);
@@ -56,10 +53,10 @@ impl Input {
                     decay,
                     ticks,
                 };
-                pixel.follow(&curve, start, luma_at, &mut emit);
+                pixel.follow(&curve, start, light_at, &mut emit);
             } else {
                 let curve = Line { from: from + leaked, to: to + will_leak, ticks };
-                pixel.follow(&curve, start, luma_at, &mut emit);
+                pixel.follow(&curve, start, light_at, &mut emit);
             }
             (start, from) = (tick, to);
         }
@@ -91,17 +88,13 @@ impl Input {
             let line = Line { from: self.from + leaked, to: self.to + will_leak, ticks: self.ticks };
             let drift = will_leak - leaked;
             let curve = Cubic::new(line, slopes.0 + drift, slopes.1 + drift);
-            pixel.follow(&curve, 0, |t| self.luma(log_at(t)), emit);
+            pixel.follow(&curve, 0, |t| libm::exp(log_at(t)), emit);
         }
     }
 
     /// How far the reference has leaked at a tick of the interval.
     fn leaked(&self, tick: f64) -> f64 {
-        self.leak * (self.elapsed_us + tick)
-    }
-
-    fn luma(&self, log_intensity: f64) -> f64 {
-        libm::exp(log_intensity) - self.log_eps
+        self.drift.at(tick)
     }
 }
 

@@ -23,27 +23,61 @@ pub struct PhotoreceptorBandwidth {
 /// Events from noise alone: now and then noise takes the signal to a level, and back.
 ///
 /// Both ways make an event, so noise events come in pairs of opposite polarity, and the reference follows as after any
-/// event. The rate of events falls with irradiance: `rate_hz` / (1 + luma / `half_luma`).
-/// Source: Graca, `McReynolds` and Delbruck, "Exploiting alternating DVS shot noise event pair statistics to reduce
+/// event. Noise is Gaussian, of variance `rms`^2 / (1 + (luma + `log_eps`) / `half_luma`), and pairs are as many as its
+/// crossings of a pixel's own thresholds.
+/// Source: Rice, "Mathematical analysis of random noise", Bell System Technical Journal 24, 1945 (rate of crossings); Graca, `McReynolds` and Delbruck, "Exploiting alternating DVS shot noise event pair statistics to reduce
 /// background activity", IISW 2023 (pairs, and that a reset memorises the noise); Hu, Liu and Delbruck, "v2e", CVPR
-/// Workshops 2021 (rate falls with intensity).
+/// Workshops 2021 (noise events get fewer with intensity).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ShotNoise {
-    /// Events per second of a pixel in the dark.
-    pub rate_hz: f64,
-    /// The luma at which the rate has halved.
+    /// Standard deviation of log intensity in the dark.
+    pub rms: f64,
+    /// The luma + `log_eps` at which the variance has halved.
     pub half_luma: f64,
-    /// Of the noise: an excursion lasts for 1 / (2 pi bandwidth) on average.
+    /// Corner frequency of the two poles behind which noise is white: it is at zero so often a second, upwards.
     pub bandwidth_hz: f64,
 }
 
-/// Pixels that fire by themselves: a share of all, each a Poisson process of ON events, which reset the pixel.
+/// Leak of the memorised reference, so that a static scene makes ON events.
+///
+/// Source: Nozaki and Delbruck, "Temperature and parasitic photocurrent effects in dynamic vision sensors", IEEE Trans.
+/// Electron Devices 64(8), 2017 (junction leakage in the reset switch follows Arrhenius' law; light adds to it).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Leak {
+    /// The reference drifts down by so many ON thresholds a second, on the mean of all pixels, at 25 degrees in the dark.
+    pub rate_hz: f64,
+    /// Standard deviation of the rate from pixel to pixel, as a share of its mean; log-normal.
+    pub spread: f64,
+    /// Standard deviation of what leaks from one event to the next, as a share of it.
+    pub jitter: f64,
+    /// Of the junctions, in degrees Celsius.
+    pub temperature_c: f64,
+    /// The rate doubles in so many degrees.
+    pub doubling_c: f64,
+    /// The luma whose parasitic photocurrent leaks as much as the rate at 25 degrees in the dark; infinite for none.
+    pub double_luma: f64,
+}
+
+/// Pixels that fire by themselves: a share of all, each with nearly periodic ON events, which reset the pixel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HotPixels {
     /// The share of pixels.
     pub fraction: f64,
-    /// Events per second of each.
+    /// Events per second of each: the median, from which each differs.
     pub rate_hz: f64,
+    /// Standard deviation of the natural logarithm of the rate from pixel to pixel.
+    pub rate_spread: f64,
+    /// Standard deviation of a pixel's intervals over their mean: at least this, and at most the next, evenly in its logarithm.
+    pub least_cv: f64,
+    /// See `least_cv`.
+    pub most_cv: f64,
+}
+
+impl HotPixels {
+    /// Whether any fires.
+    pub(crate) fn are_on(&self) -> bool {
+        self.fraction > 0.0 && self.rate_hz > 0.0
+    }
 }
 
 /// What makes a sensor differ from ideal pixels. The default is none of it.
@@ -55,8 +89,8 @@ pub struct Effects {
     pub threshold_mismatch: f64,
     /// A pixel is held in reset for so long after each event, and memorises log intensity anew at its end.
     pub refractory_period_us: f64,
-    /// The reference drifts down by so many ON thresholds a second.
-    pub leak_rate_hz: f64,
+    /// Drift of the reference.
+    pub leak: Leak,
     /// Noise in all pixels.
     pub shot_noise: ShotNoise,
     /// Noise in a few.
@@ -87,9 +121,16 @@ impl Default for Effects {
             },
             threshold_mismatch: 0.0,
             refractory_period_us: 0.0,
-            leak_rate_hz: 0.0,
-            shot_noise: ShotNoise { rate_hz: 0.0, half_luma: 1.0, bandwidth_hz: 300.0 },
-            hot_pixels: HotPixels { fraction: 0.0, rate_hz: 0.0 },
+            leak: Leak {
+                rate_hz: 0.0,
+                spread: 0.0,
+                jitter: 0.0,
+                temperature_c: 25.0,
+                doubling_c: 8.0,
+                double_luma: f64::INFINITY,
+            },
+            shot_noise: ShotNoise { rms: 0.0, half_luma: 1.0, bandwidth_hz: 300.0 },
+            hot_pixels: HotPixels { fraction: 0.0, rate_hz: 0.0, rate_spread: 0.0, least_cv: 0.1, most_cv: 0.1 },
             readout: None,
         }
     }
@@ -108,12 +149,20 @@ impl Effects {
             ("photoreceptor_bandwidth_hz: floor_hz", floor_hz, 0.0, ceiling_hz, "Hz"),
             ("threshold_mismatch", self.threshold_mismatch, 0.0, 1.0, "of the threshold"),
             ("refractory_period_us", self.refractory_period_us, 0.0, 1e15, "us"),
-            ("leak_rate_hz", self.leak_rate_hz, 0.0, 1e6, "Hz"),
-            ("shot_noise_rate_hz", self.shot_noise.rate_hz, 0.0, 1e7, "Hz"),
-            ("shot_noise_rate_hz: half_luma", self.shot_noise.half_luma, LEAST, 1e300, "units of luma"),
-            ("shot_noise_rate_hz: bandwidth_hz", self.shot_noise.bandwidth_hz, 1e-3, 1e12, "Hz"),
+            ("leak_rate_hz", self.leak.rate_hz, 0.0, 1e6, "Hz"),
+            ("leak_rate_hz: spread", self.leak.spread, 0.0, 1.0, "of the rate"),
+            ("leak_rate_hz: jitter", self.leak.jitter, 0.0, 1.0, "of an interval"),
+            ("leak_rate_hz: temperature_c", self.leak.temperature_c, -100.0, 200.0, "degrees Celsius"),
+            ("leak_rate_hz: doubling_c", self.leak.doubling_c, 1.0, 1e6, "degrees"),
+            ("leak_rate_hz: double_luma", self.leak.double_luma, LEAST, f64::INFINITY, "units of luma"),
+            ("shot_noise_rms", self.shot_noise.rms, 0.0, 1e6, "of log intensity"),
+            ("shot_noise_rms: half_luma", self.shot_noise.half_luma, LEAST, 1e300, "units of luma"),
+            ("shot_noise_rms: bandwidth_hz", self.shot_noise.bandwidth_hz, 1e-3, 1e7, "Hz"),
             ("hot_pixels: fraction", self.hot_pixels.fraction, 0.0, 1.0, "of the pixels"),
             ("hot_pixels: rate_hz", self.hot_pixels.rate_hz, 0.0, 1e7, "Hz"),
+            ("hot_pixels: rate_spread", self.hot_pixels.rate_spread, 0.0, 3.0, "of ln rate"),
+            ("hot_pixels: most_cv", self.hot_pixels.most_cv, 0.0, 1.0, "of an interval"),
+            ("hot_pixels: least_cv", self.hot_pixels.least_cv, 0.0, self.hot_pixels.most_cv, "of an interval"),
         ];
         for (name, value, low, high, unit) in ranges {
             if !(low..=high).contains(&value) {
@@ -139,8 +188,8 @@ impl Effects {
     pub(crate) fn change_the_pixel(&self) -> bool {
         self.filters()
             || self.refractory_period_us > 0.0
-            || self.leak_rate_hz > 0.0
-            || self.shot_noise.rate_hz > 0.0
-            || (self.hot_pixels.fraction > 0.0 && self.hot_pixels.rate_hz > 0.0)
+            || self.leak.is_on()
+            || self.shot_noise.rms > 0.0
+            || self.hot_pixels.are_on()
     }
 }

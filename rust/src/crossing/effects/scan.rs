@@ -49,26 +49,26 @@ pub(super) struct FilterStep<'a> {
 /// Marks pixels in which the slope of the low-pass's output changes its sign within the interval, and whose output may
 /// have been beyond its bounds at the extremum between.
 ///
-/// The output stays between its value at the start and its input's two ends, which bounds the extremum. Each pixel leaks
-/// by `leak` a microsecond: what a comparator sees has drifted by that times `since` at both ends.
+/// The output stays between its value at the start and its input's two ends, which bounds the extremum. What a
+/// comparator sees has leaked so much at both ends.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
 #[allow(clippy::needless_bitwise_bool, reason = "a lazy operator is a branch, which vectors cannot take")]
 pub(super) fn mark_sign_changes(
     step: &FilterStep<'_>,
-    leak: &[f64],
-    since: (f64, f64),
+    (leaked, will_leak): (&[f64], &[f64]),
     (low, high): (&[f64], &[f64]),
     marked: &mut [bool],
 ) {
     let n = marked.len();
     let FilterStep { from, to, before, output, decay } = step;
     let (from, to, before, output, decay) = (&from[..n], &to[..n], &before[..n], &output[..n], &decay[..n]);
-    let (leak, low, high) = (&leak[..n], &low[..n], &high[..n]);
+    let (leaked, will_leak) = (&leaked[..n], &will_leak[..n]);
+    let (low, high) = (&low[..n], &high[..n]);
     for i in 0..n {
-        let leaked = leak[i] * (since.1 - since.0);
-        let slopes = (decay[i] * (from[i] - before[i]) + leaked, decay[i] * (to[i] - output[i]) + leaked);
+        let drift = will_leak[i] - leaked[i];
+        let slopes = (decay[i] * (from[i] - before[i]) + drift, decay[i] * (to[i] - output[i]) + drift);
         let (least, most) = (from[i].min(before[i]).min(to[i]), from[i].max(before[i]).max(to[i]));
-        let may_leave = (most + leak[i] * since.1 >= high[i]) | (least + leak[i] * since.0 <= low[i]);
+        let may_leave = (most + will_leak[i] >= high[i]) | (least + leaked[i] <= low[i]);
         marked[i] |= (slopes.0 * slopes.1 < 0.0) & may_leave;
     }
 }

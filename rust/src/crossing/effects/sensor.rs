@@ -1,8 +1,8 @@
 //! A sensor under effects: what is the same for all of its pixels.
 
-use super::noise::Noise;
+use super::hot_pixels::HotPixelNoise;
 use super::parameters::Effects;
-use crate::crossing::level::Thresholds;
+use super::shot_noise::ShotNoiseLaw;
 use crate::crossing::parameters::CrossingParameters;
 use crate::event::SensorSize;
 
@@ -13,21 +13,16 @@ pub(super) struct Sensor {
     pub(super) seed: u64,
     /// The time of the first frame: leaks drift from there.
     pub(super) started_us: i64,
-    pub(super) shot: Option<Noise>,
-    pub(super) hot: Option<Noise>,
+    pub(super) shot: Option<ShotNoiseLaw>,
+    pub(super) hot: Option<HotPixelNoise>,
     /// A change of log intensity that does not count: a hundredth of the least threshold.
     pub(super) tolerance: f64,
 }
 
 impl Sensor {
     pub(super) fn new(size: SensorSize, p: &CrossingParameters, effects: &Effects, seed: u64, started_us: i64) -> Self {
-        let (shot, hot) = (Noise::shot(effects, seed), Noise::hot(effects, seed));
+        let (shot, hot) = (ShotNoiseLaw::new(effects, seed), HotPixelNoise::new(effects, seed));
         Self { size, effects: effects.clone(), seed, started_us, shot, hot, tolerance: 0.01 * p.least_threshold() }
-    }
-
-    /// How far a pixel's reference leaks in a microsecond.
-    pub(super) fn leak(&self, c: Thresholds) -> f64 {
-        c.on * self.effects.leak_rate_hz * 1e-6
     }
 
     /// Microseconds since the first frame.

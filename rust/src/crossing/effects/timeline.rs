@@ -3,7 +3,9 @@
 //! What must not break: that order, also where a hold ends within a piece, and that arrivals of noise during a hold are
 //! drawn and dropped, so that later ones keep their numbers.
 
-use super::noise::{Arrivals, Excursion, Noise};
+use super::excursion::Excursion;
+use super::leak::LeakJitter;
+use super::noise::{Arrivals, Noise};
 use crate::crossing::curve::{Curve, Piece, Timed};
 use crate::crossing::level::{Level, Thresholds};
 
@@ -20,6 +22,8 @@ pub(crate) struct Pixel<'a> {
     pub(crate) refractory_us: f64,
     /// The noise that is part of what its comparators see, but not of `reference`.
     pub(crate) excursion: &'a mut Excursion,
+    /// How uncertain it is what has leaked; None for not at all.
+    pub(crate) leak_jitter: Option<LeakJitter<'a>>,
     /// Its processes of noise; shot noise is the first.
     pub(crate) noise: [Option<(Noise, &'a mut Arrivals)>; 2],
 }
@@ -28,14 +32,14 @@ impl Pixel<'_> {
     /// Follows a curve that begins at `offset` of the interval; calls `emit(tick, on)` for each event, ticks counted
     /// from the interval's start.
     ///
-    /// `luma` gives the input's luma at a time of the curve.
+    /// `light` gives luma + `log_eps` of the input at a time of the curve.
     #[allow(clippy::cast_precision_loss, reason = "intervals are shorter than 2^53 us")]
     #[allow(clippy::cast_possible_truncation, reason = "within the interval")]
     pub(crate) fn follow<C: Curve<Piece: Timed>>(
         &mut self,
         curve: &C,
         offset: i64,
-        luma: impl Fn(f64) -> f64,
+        light: impl Fn(f64) -> f64,
         mut emit: impl FnMut(i64, bool),
     ) {
         let start = offset as f64;
@@ -50,6 +54,7 @@ impl Pixel<'_> {
                         break;
                     }
                     *self.reference = memorised(piece.value(until - start));
+                    self.book_leak();
                     *self.held_until_us = FREE;
                     now = until;
                     if self.excursion.until_us <= until {
@@ -70,20 +75,21 @@ impl Pixel<'_> {
                         let seen = piece.value(at - start);
                         let mut emit = |on| emit(at.ceil() as i64, on);
                         let fired = match kind {
-                            Some(kind) => self.take_noise(kind, at, luma(at - start), seen, &mut emit),
+                            Some(kind) => self.take_noise(kind, at, light(at - start), seen, &mut emit),
                             None => self.end_excursion(at, seen, &mut emit),
                         };
                         if fired {
-                            self.hold(at);
+                            self.reset(at.ceil() as i64, at);
                         }
                     }
                     (Some((level, on)), _) => {
                         if self.refractory_us > 0.0 {
                             now = moment((level, on));
                         }
-                        emit(offset + piece.first_tick(level, on, self.c), on);
+                        let tick = offset + piece.first_tick(level, on, self.c);
+                        emit(tick, on);
                         *self.reference = level;
-                        self.hold(now);
+                        self.reset(tick, now);
                     }
                     (None, _) => break,
                 }
@@ -103,9 +109,22 @@ impl Pixel<'_> {
         }
     }
 
-    fn hold(&mut self, since_us: f64) {
+    /// After an event, which has a tick: the pixel is held, or its reset is over at once.
+    fn reset(&mut self, tick: i64, at_us: f64) {
+        if let Some(jitter) = &mut self.leak_jitter {
+            jitter.book(self.number, self.c, tick);
+        }
         if self.refractory_us > 0.0 {
-            *self.held_until_us = since_us + self.refractory_us;
+            *self.held_until_us = at_us + self.refractory_us;
+        } else {
+            self.book_leak();
+        }
+    }
+
+    /// At the end of a reset: what has leaked is off by an error.
+    fn book_leak(&mut self) {
+        if let Some(jitter) = &mut self.leak_jitter {
+            self.reference.base += std::mem::take(jitter.error);
         }
     }
 
@@ -120,19 +139,21 @@ impl Pixel<'_> {
     ///
     /// Each event resets the pixel. With shot noise the comparators see the very level that the event stands for, and
     /// that is memorised.
-    fn take_noise(&mut self, kind: usize, at_us: f64, luma: f64, seen: f64, emit: &mut impl FnMut(bool)) -> bool {
+    fn take_noise(&mut self, kind: usize, at_us: f64, light: f64, seen: f64, emit: &mut impl FnMut(bool)) -> bool {
         let Some((noise, arrivals)) = self.noise[kind].as_mut() else { return false };
         let index = arrivals.index;
-        noise.advance(self.number, arrivals);
-        let Some(on) = noise.event(self.number, index, luma) else { return false };
-        let level = if on { self.reference.up() } else { self.reference.down() };
-        let distance = level.exact(self.c).value() - seen;
-        if let Some(excursion) = noise.excursion(self.number, index, at_us, distance, on) {
-            if self.excursion.is_on() {
-                return false; // noise is away already
+        noise.advance(self.number, self.c, arrivals);
+        let on = match noise {
+            Noise::Hot(_) => true,
+            Noise::Shot(_) if self.excursion.is_on() => return false, // noise is away already
+            Noise::Shot(shot) => {
+                let Some(on) = shot.event(self.number, index, self.c, light) else { return false };
+                let level = if on { self.reference.up() } else { self.reference.down() };
+                let distance = level.exact(self.c).value() - seen;
+                *self.excursion = shot.excursion(self.number, index, at_us, distance, on);
+                on
             }
-            *self.excursion = excursion;
-        }
+        };
         *self.reference = memorised(seen);
         emit(on);
         true
@@ -152,9 +173,9 @@ impl Pixel<'_> {
         } else {
             return false;
         };
-        if let Some((noise, arrivals)) = &self.noise[0] {
+        if let Some((Noise::Shot(shot), arrivals)) = &self.noise[0] {
             let distance = level.exact(self.c).value() - seen;
-            *self.excursion = noise.excursion_back(self.number, arrivals.index, at_us, distance);
+            *self.excursion = shot.excursion_back(self.number, arrivals.index, at_us, distance);
         }
         *self.reference = memorised(seen);
         emit(on);
@@ -165,7 +186,7 @@ impl Pixel<'_> {
     fn skip_noise(&mut self, until_us: f64) {
         for (noise, arrivals) in self.noise.iter_mut().flatten() {
             while arrivals.wait_us <= until_us {
-                noise.advance(self.number, arrivals);
+                noise.advance(self.number, self.c, arrivals);
             }
         }
     }
