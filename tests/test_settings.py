@@ -22,6 +22,7 @@ from davis_rs.settings import (
     FolderSettings,
     FrameFolderSettings,
     FrameSettings,
+    PlanSettings,
     SimulationSettings,
     SimulatorSettings,
     ViewSettings,
@@ -33,7 +34,7 @@ TAKERS: list[tuple[Any, type]] = [
     (Simulator, SimulatorSettings),
     (davis_rs.simulate, SimulationSettings),
     (simulate_to_folder, FolderSettings),
-    (plan_effects, ViewSettings),
+    (plan_effects, PlanSettings),
     (davis_rs.events_from_frames, FrameSettings),
     (davis_rs.frames_to_folder, FrameFolderSettings),
 ]

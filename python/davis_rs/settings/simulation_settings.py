@@ -24,6 +24,9 @@ from .setting import Declared
 _ACCURACY = "accuracy and cost"
 _INERTIAL = "IMU and ground truth (docs/trajectories_and_imu.md)"
 EFFECTS = "effects (docs/effects.md)"
+EFFECTS_TOLERANCE = 0.01
+"""Where no tolerance is given."""
+
 EFFECT_FORM = "NAME[=VALUE[,PARAMETER=VALUE...]]"
 
 
@@ -163,6 +166,27 @@ class ViewSettings(PixelSettings, total=False):
         ),
     ]
     blur: Annotated[bool | None, Declared("3 x 3 blur of luma", default_help="as the scene has it", group=_ACCURACY)]
+
+
+class EffectsToleranceSettings(TypedDict, total=False):
+    """How effects are planned."""
+
+    effects_tolerance: Annotated[
+        float | None,
+        Declared(
+            "with effects that are planned: how much leaving one out may err in event count, rate or time, as a share "
+            "(docs/effects.md)",
+            default_help=str(EFFECTS_TOLERANCE),
+            low=0,
+            high=1,
+            metavar="SHARE",
+            group=EFFECTS,
+        ),
+    ]
+
+
+class PlanSettings(ViewSettings, EffectsToleranceSettings, total=False):
+    """The settings of :func:`~davis_rs.plan_effects`."""
 
 
 class EngineSettings(TypedDict, total=False):
@@ -307,7 +331,7 @@ class SimulatorSettings(CustomSettings, total=False):
     ]
 
 
-class SimulationSettings(CustomSettings, total=False):
+class SimulationSettings(CustomSettings, EffectsToleranceSettings, total=False):
     """The settings of :func:`~davis_rs.simulate`: a simulator's, with effects that may be planned first."""
 
     effects: Annotated[
