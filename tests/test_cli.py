@@ -155,7 +155,11 @@ def test_errors_are_one_sentence(tmp_path: Path, arguments: list[str], message: 
         (["--contrast-threshold", "low"], "argument --contrast-threshold: must be a number, got 'low'"),
         (["--render-rate", "0"], "argument --render-rate: must be > 0 and <= 1000000 Hz, got 0.0"),
         (["--max-displacement", "nan"], "argument --max-displacement: must be finite, got nan"),
-        (["--sensor", "davis24"], "must be one of ideal, davis240c, davis346, got 'davis24'; did you mean davis240c?"),
+        (
+            ["--sensor", "davis24"],
+            "must be one of ideal, davis240c, davis346, or a file (.yaml, .yml, .json), got 'davis24'; "
+            "did you mean davis240c?",
+        ),
         (["--samples", "1.5"], "argument --samples: must be an integer, or auto, got '1.5'"),
         (["--no-such-option"], "unrecognized arguments: --no-such-option"),
     ],

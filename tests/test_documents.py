@@ -16,7 +16,7 @@ import subprocess
 import sys
 import warnings
 from collections.abc import Iterator
-from contextlib import redirect_stdout
+from contextlib import ExitStack, redirect_stdout
 from dataclasses import dataclass
 from importlib import import_module
 from io import StringIO
@@ -26,6 +26,7 @@ import numpy as np
 import pytest
 
 from clips import moving_bars, write_images, write_video
+from davis_rs import load_sensor
 from davis_rs.cli.main import COMMANDS, main, make_parser
 from davis_rs.cli.parser import Parser
 from davis_rs.cli.settings_table import settings_markdown
@@ -93,6 +94,9 @@ PLACEHOLDERS = {
     "KIND": "intrinsics",
     "IN": "IN.aedat4",
     "OUT": "OUT.txt",
+    "REAL": "FILE",
+    "RECORDING": "FILE",
+    "SIMULATED": "DIR",
 }
 """Words in capitals that a user replaces; DIR, PATH, IN, FILE and PLAN.yaml are files of the test (``folder``)."""
 
@@ -154,7 +158,8 @@ def snippets() -> Iterator[Snippet]:
 ALL = list(snippets())
 IN_BLOCKS = {command for one in ALL if one.kind != "inline" for command in one.commands}
 PYTHON = [one for one in ALL if one.kind in ("python", "py")]
-YAML = [one for one in ALL if one.kind == "yaml"]
+YAML = [one for one in ALL if one.kind == "yaml" and not one.where.startswith("docs/sensor.md")]
+SENSOR_FILES = [one for one in ALL if one.kind == "yaml" and one not in YAML]
 
 
 def with_commands() -> list[Snippet]:
@@ -186,6 +191,7 @@ def example_files(tmp_path_factory: pytest.TempPathFactory) -> Path:
     np.save(folder / "times.npy", np.array(stamps_ms) / 1000)
     (folder / "PLAN.yaml").write_text("scene: three_planes\nduration: 0.02\naccuracy: fast\n")
     (folder / "example.yaml").write_text(YAML[0].text)
+    (folder / "my_effects.py").write_text(next(one.text for one in PYTHON if "class Crosstalk" in one.text))
     return folder
 
 
@@ -199,8 +205,8 @@ def folder(example_files: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
 
 
 def words_of(command: str) -> list[str]:
-    """The arguments of davis-rs, placeholders replaced."""
-    return [PLACEHOLDERS.get(word, word) for word in shlex.split(command)[1:]]
+    """The arguments of davis-rs, placeholders replaced, without the file that the shell writes (``> FILE``)."""
+    return [PLACEHOLDERS.get(word, word) for word in shlex.split(command.partition(" > ")[0])[1:]]
 
 
 def alternatives(command: str) -> list[str]:
@@ -226,7 +232,11 @@ def test_commands_run(snippet: Snippet, folder: Path) -> None:
             words = words_of(RUN_INSTEAD.get(command, f"{command} {SHORTENED.get(command.split()[1], '')}"))
             if "-o" in words:
                 make_way(folder / words[words.index("-o") + 1])
-            assert main(words) == 0, command
+            with ExitStack() as stack:
+                if " > " in command:
+                    written = (folder / command.partition(" > ")[2]).open("w")
+                    stack.enter_context(redirect_stdout(stack.enter_context(written)))
+                assert main(words) == 0, command
     for command in snippet.with_options:
         make_parser().parse_args(words_of(command))
 
@@ -340,6 +350,13 @@ def test_plans_are_plans(snippet: Snippet, folder: Path) -> None:
         )
         load_sequence_plan("plan.yaml")
         assert main(["generate", "plan.yaml", "--dry-run"]) == 0
+
+
+@pytest.mark.parametrize("snippet", SENSOR_FILES, ids=lambda one: one.where)
+def test_sensor_files_are_sensors(snippet: Snippet, folder: Path) -> None:
+    """Each block of docs/sensor.md that is YAML."""
+    (folder / "mine.yaml").write_text(snippet.text)
+    assert load_sensor("mine.yaml") != load_sensor("ideal")
 
 
 def test_the_plan_draws_what_is_printed(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

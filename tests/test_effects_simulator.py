@@ -22,6 +22,7 @@ from davis_rs import (
     check_dataset,
     load_scene,
     plan_effects,
+    simulate,
     simulate_to_folder,
 )
 from davis_rs.cli.main import main
@@ -29,7 +30,7 @@ from davis_rs.effects import Aps, LeakRate, Readout
 from davis_rs.events import concatenate_events
 from davis_rs.packet import Packet
 from davis_rs.scene.scene import Scene
-from davis_rs.sensor_parameters import SENSORS
+from davis_rs.sensors import SENSORS
 from effects_reference import scene
 
 pytestmark = pytest.mark.usefixtures("llvm")
@@ -148,21 +149,36 @@ def test_auto_takes_what_the_plan_calls_for(tmp_path: Path) -> None:
     assert "photoreceptor_bandwidth_hz" in meta["effects"]
 
 
+def test_the_tolerance_of_the_plan_is_a_setting(tmp_path: Path) -> None:
+    """It reaches the plan from Python and the command line; without a plan it would be ignored, which is refused."""
+    report = simulate_to_folder(planes(0.05), tmp_path / "out", effects="auto", effects_tolerance=1.0, quiet=True)
+    assert report.plan is not None
+    assert report.plan.effects_tolerance == 1.0
+    assert not report.plan.effects
+    command = ["simulate", "three_planes", "-o", str(tmp_path / "other"), "--duration", "0.05", "--quiet"]
+    small = ["--camera", calibration(tmp_path), "--size", "40x30", "--effects-tolerance", "0.5"]
+    assert main([*command, *small, "--effects", "auto"]) == 0
+    meta = json.loads((tmp_path / "other" / "meta.json").read_text())
+    assert meta["effect_plan"]["effects_tolerance"] == 0.5
+    with pytest.raises(ValueError, match=r"effects_tolerance is 0\.5, but no effects are planned"):
+        simulate(planes(0.05), effects_tolerance=0.5)
+
+
 def test_what_is_named_beside_auto_is_kept_and_the_rest_is_planned(tmp_path: Path) -> None:
     """A value that is given stands, a neutral one keeps its effect off; neither is a candidate."""
     called_for = plan_effects(planes(0.1), camera=SMALL).effects
-    assert called_for.photoreceptor_bandwidth_hz is not None
+    assert called_for.shot_noise_rms is not None
     assert called_for.threshold_mismatch is not None
     out = str(tmp_path / "out")
-    options = ["--effects", "auto", "--effect", "leak_rate_hz=7", "--effect", "photoreceptor_bandwidth_hz=inf"]
+    options = ["--effects", "auto", "--effect", "leak_rate_hz=7", "--effect", "shot_noise_rms=0"]
     command = ["simulate", "three_planes", "-o", out, "--duration", "0.1", "--camera", calibration(tmp_path)]
     assert main([*command, "--size", "40x30", "--depth-rate", "0", "--quiet", *options]) == 0
     meta = json.loads((tmp_path / "out" / "meta.json").read_text())
     assert meta["effects"]["leak_rate_hz"] == LeakRate(7.0).settings() | {"double_luma": "inf"}
-    assert "photoreceptor_bandwidth_hz" not in meta["effects"]
+    assert "shot_noise_rms" not in meta["effects"]
     assert "threshold_mismatch" in meta["effects"]
     candidates = {item["effect"] for item in meta["effect_plan"]["effects"]}
-    assert candidates == {effect.name for effect in davis240c()} - {"leak_rate_hz", "photoreceptor_bandwidth_hz"}
+    assert candidates == {effect.name for effect in davis240c()} - {"leak_rate_hz", "shot_noise_rms"}
 
 
 def test_a_sensor_brings_back_nothing_that_the_plan_left_out() -> None:

@@ -14,7 +14,7 @@ from PIL import Image
 from davis_rs import Camera, Dataset, Scene, SegmentTrajectory, SensorParameters, Simulator, load_scene, start_pose
 from davis_rs._mitsuba import SCALAR, variant
 from davis_rs.cli.main import main
-from davis_rs.sensor_parameters import SENSORS
+from davis_rs.sensors import SENSORS
 
 PLANES = load_scene("three_planes")
 CALIBRATION_346 = "250 251 172 129 -0.3 0.1 0.001 -0.0005 0\n"

@@ -22,6 +22,7 @@ from davis_rs.settings import (
     FolderSettings,
     FrameFolderSettings,
     FrameSettings,
+    PlanSettings,
     SimulationSettings,
     SimulatorSettings,
     ViewSettings,
@@ -33,7 +34,7 @@ TAKERS: list[tuple[Any, type]] = [
     (Simulator, SimulatorSettings),
     (davis_rs.simulate, SimulationSettings),
     (simulate_to_folder, FolderSettings),
-    (plan_effects, ViewSettings),
+    (plan_effects, PlanSettings),
     (davis_rs.events_from_frames, FrameSettings),
     (davis_rs.frames_to_folder, FrameFolderSettings),
 ]
@@ -109,6 +110,7 @@ VALUES: dict[str, tuple[str, Any]] = {
     "samples": ("3", 3),
     "seed": ("18446744073709551615", 2**64 - 1),
     "threads": ("2", 2),
+    "custom_effects": ("math:pi", ["math:pi"]),
 }
 
 
@@ -127,7 +129,7 @@ def test_every_setting_has_an_option_and_a_key(name: str, monkeypatch: pytest.Mo
     given = [option] if setting.kind is bool else [option, text]
     expected = True if setting.kind is bool else value
     assert command_line(monkeypatch, *given) == {name: expected}
-    if name in {"seed", "threads"}:  # drawn, and the workers'
+    if name in {"seed", "threads", "custom_effects"}:  # drawn, the workers', and code that no plan runs
         assert setting.key not in SETTINGS
         return
     in_plan = {"leak_rate_hz": 1} if name == "effects" else {"lag": 0.003} if name == "imu_effects" else expected
@@ -237,8 +239,8 @@ OTHER: dict[str, Any] = {
     "sensor": "ideal",
 }
 """For each setting of a simulator a value that is not its default."""
-ELSEWHERE = {"camera", "size", "effects", "threads", "poses_per_launch"}
-"""In ``camera`` and ``effects`` of meta.json, or without any part in the results."""
+ELSEWHERE = {"camera", "size", "effects", "custom_effects", "threads", "poses_per_launch"}
+"""In ``camera``, ``effects`` and ``custom_effects`` of meta.json, or without any part in the results."""
 
 
 @pytest.mark.usefixtures("llvm")

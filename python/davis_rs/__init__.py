@@ -40,10 +40,13 @@ if TYPE_CHECKING:
     from .scene.light_profile import Flicker, LightProfile, SampledProfile
     from .scene.scene import Scene
     from .scenes import load_scene, start_pose
-    from .sensor_parameters import SENSORS, SensorParameters
+    from .sensor_parameters import SensorParameters
+    from .sensors import SENSORS, load_sensor, save_sensor
+    from .sensors.sensor_fit import SensorFit, fit_sensor
     from .simulation import simulate
     from .simulation_folder import SimulationReport, simulate_to_folder
     from .simulator import Simulator
+    from .stream_statistics import StreamStatistics, compare_streams, measure_stream
     from .trajectory.sampled_trajectory import SampledTrajectory
     from .trajectory.trajectory import CallableTrajectory, SegmentTrajectory, Trajectory, align
     from .trajectory.trajectory_file import read_trajectory
@@ -99,14 +102,16 @@ _MODULES = {
     "RawWriter": "usb.raw_file",
     "Recording": "recordings",
     "RecordingWarning": "recordings",
-    "SENSORS": "sensor_parameters",
+    "SENSORS": "sensors",
     "SampledProfile": "scene.light_profile",
     "SampledTrajectory": "trajectory.sampled_trajectory",
     "Scene": "scene.scene",
     "SegmentTrajectory": "trajectory.trajectory",
+    "SensorFit": "sensors.sensor_fit",
     "SensorParameters": "sensor_parameters",
     "SimulationReport": "simulation_folder",
     "Simulator": "simulator",
+    "StreamStatistics": "stream_statistics",
     "TRIGGER_DTYPE": "decoded",
     "Tolerance": "sampling.tolerance",
     "Trajectory": "trajectory.trajectory",
@@ -119,16 +124,20 @@ _MODULES = {
     "as_events": "events",
     "check_dataset": "inspection.check",
     "compare_events": "event_matching",
+    "compare_streams": "stream_statistics",
     "convert": "event_files.conversion",
     "estimate_noise": "monte_carlo_noise",
     "events_from_frames": "frames_to_events.events_from_frames",
+    "fit_sensor": "sensors.sensor_fit",
     "frames_to_folder": "frames_to_events.frames_folder",
     "from_structured": "dtypes",
     "iter_events": "event_files.read",
     "load_camera": "camera",
     "load_scene": "scenes",
+    "load_sensor": "sensors",
     "log_intensity": "_core",
     "make_video": "inspection.video",
+    "measure_stream": "stream_statistics",
     "open_frames": "frames_to_events.open_frames",
     "open_reader": "event_files.read",
     "open_writer": "event_files.write",
@@ -137,6 +146,7 @@ _MODULES = {
     "read_recording": "recordings",
     "read_trajectory": "trajectory.trajectory_file",
     "reconstruct": "_core",
+    "save_sensor": "sensors",
     "simulate": "simulation",
     "simulate_imu": "imu",
     "simulate_to_folder": "simulation_folder",
@@ -201,9 +211,11 @@ __all__ = [
     "SampledTrajectory",
     "Scene",
     "SegmentTrajectory",
+    "SensorFit",
     "SensorParameters",
     "SimulationReport",
     "Simulator",
+    "StreamStatistics",
     "Tolerance",
     "Trajectory",
     "TriggerKind",
@@ -215,16 +227,20 @@ __all__ = [
     "as_events",
     "check_dataset",
     "compare_events",
+    "compare_streams",
     "convert",
     "estimate_noise",
     "events_from_frames",
+    "fit_sensor",
     "frames_to_folder",
     "from_structured",
     "iter_events",
     "load_camera",
     "load_scene",
+    "load_sensor",
     "log_intensity",
     "make_video",
+    "measure_stream",
     "open_frames",
     "open_reader",
     "open_writer",
@@ -234,6 +250,7 @@ __all__ = [
     "read_trajectory",
     "reconstruct",
     "represent",
+    "save_sensor",
     "simulate",
     "simulate_imu",
     "simulate_to_folder",

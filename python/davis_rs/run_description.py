@@ -18,7 +18,7 @@ from .effects import Effects
 from .rendering.render import Renderer
 from .scene.scene import Scene
 
-_LEFT_OUT = {"camera", "size", "effects", "poses_per_launch", "threads"}
+_LEFT_OUT = {"camera", "size", "effects", "custom_effects", "poses_per_launch", "threads"}
 
 
 def describe_run(

@@ -12,8 +12,8 @@ from .effects import Effects, parse_effect
 from .monte_carlo_noise import NoiseEstimate, NoiseWarning, estimate_noise_of
 from .packet import Packet
 from .scene.scene import Scene
-from .sensor_parameters import SENSORS
-from .settings import AUTO, SimulationSettings, SimulatorSettings, ViewSettings, complete, only, takes_settings
+from .sensors import SENSORS, read_once
+from .settings import AUTO, PlanSettings, SimulationSettings, SimulatorSettings, complete, only, takes_settings
 from .simulator import Simulator
 
 if TYPE_CHECKING:
@@ -105,14 +105,19 @@ def make_simulator(scene: Scene, settings: Mapping[str, Any]) -> MadeSimulator:
         TypeError, ValueError, OSError: as :func:`simulate`.
     """
     given = complete(SimulationSettings, settings, of="simulate")
+    given["sensor"] = read_once(given["sensor"])
     named, planned = read_effects(given["effects"])
     plan: EffectPlan | None = None
     if planned:
         if given["sensor"] is None:
             # Its thresholds and effects are the default; the size stays the camera's.
             given["sensor"] = replace(SENSORS["davis240c"], width=None, height=None)
-        plan = plan_effects(scene, keep=named, **only(ViewSettings, given))
+        plan = plan_effects(scene, keep=named, **only(PlanSettings, given))
         named = plan.effects
+    elif given["effects_tolerance"] is not None:
+        raise ValueError(
+            f"effects_tolerance is {given['effects_tolerance']:g}, but no effects are planned: it is for effects auto"
+        )
     chosen = only(SimulatorSettings, {**given, "effects": named})
     chose_samples = given["samples"] == AUTO
     if chose_samples:

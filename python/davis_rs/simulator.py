@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from ._core import CrossingEngine
 from .due_instants import due_instants
-from .effects import Effects, with_optics
+from .effects import CustomEffects, Effects, with_optics
 from .events import EventArray, concatenate_events
 from .packet import Packet
 from .pose import Pose
@@ -19,9 +19,10 @@ from .read_ahead import read_ahead
 from .rendering.renderers import make_renderer
 from .run_description import describe_run
 from .sampling.event_refinement import EventRefinement
-from .sampling.exposure import expose
+from .sampling.exposure import KeyframeExposure, expose
 from .sampling.keyframes import Keyframe, Stretch
 from .scene.scene import Scene
+from .sensors import read_once
 from .settings import (
     AUTO,
     SimulatorSettings,
@@ -30,6 +31,7 @@ from .settings import (
     renderer_settings,
     takes_settings,
     view_scene,
+    whole_frame_sampling,
 )
 from .trajectory.trajectory import SegmentTrajectory, Trajectory
 from .trajectory.views import Views
@@ -56,6 +58,7 @@ class Simulator:
         contrast_threshold, contrast_threshold_off: C_on and C_off, from settings, sensor or scene.
         sampling: when luma is rendered.
         effects: those of the pixels, readout and frames.
+        custom_effects: those of the user's own.
         refine: whether event times are polished.
         renderer: what renders, behind the lens.
 
@@ -70,11 +73,16 @@ class Simulator:
         _require_effects(settings.get("effects"))
         _require_samples(settings.get("samples"))
         self.settings: dict[str, Any] = complete(SimulatorSettings, settings, of="Simulator")
+        self.settings["sensor"] = read_once(self.settings["sensor"])
         viewed, chosen = view_scene(scene, self.settings), chosen_sampling(self.settings)
         self.scene, self.camera = viewed.scene, viewed.camera
         self.contrast_threshold = viewed.contrast_threshold
         self.contrast_threshold_off = viewed.contrast_threshold_off
-        self.sampling = chosen.sampling
+        self.custom_effects = CustomEffects(
+            self.settings["custom_effects"], self.camera.width, self.camera.height, self.settings["seed"]
+        )
+        self._on_light = self.custom_effects.on_luma or self.custom_effects.on_log_intensity
+        self.sampling = whole_frame_sampling(self.settings) if self._on_light else chosen.sampling
         self.effects = (self.settings["effects"] or Effects()).with_defaults(viewed.sensor_effects)
         in_engine = self.effects.engine_settings()
         _check_exposure(self.effects, self.settings["frame_rate_hz"])
@@ -82,7 +90,9 @@ class Simulator:
             raise ValueError(
                 f"refine finds the times of ideal pixels: it cannot be combined with {', '.join(in_engine)}"
             )
-        self.refine = chosen.refine and not in_engine
+        if self.settings["refine"] and self._on_light:
+            raise ValueError("refine asks the renderer for times: it cannot be combined with custom effects on light")
+        self.refine = chosen.refine and not in_engine and not self._on_light
         plain = make_renderer(
             self.scene,
             self.camera,
@@ -106,6 +116,9 @@ class Simulator:
         self._last: Keyframe | None = None
         self._t_us = 0
         self._exposed: list[Stretch] = []
+        exposure_us = 0 if self.effects.aps is None else round(self.effects.aps.exposure_us)
+        # The renderer's sub-frames would lack what an effect of the user's own does to luma.
+        self._exposure = KeyframeExposure(exposure_us) if self.custom_effects.on_luma else None
         self._frames = 0
 
     def __repr__(self) -> str:
@@ -165,8 +178,10 @@ class Simulator:
 
         :meth:`run` ends with it by itself; after :meth:`step` it is the caller's to ask for.
         """
-        late = self._engine.flush()
-        if not len(late) or self._pose is None:
+        if self._pose is None:
+            return []
+        late = self.custom_effects.events(self._t_us, None, self._engine.flush())
+        if not len(late):
             return []
         return [Packet(self._t_us, int(late["t"][-1]), late, self._pose)]
 
@@ -186,7 +201,8 @@ class Simulator:
             "sampling": repr(self.sampling),
             "refine": self.refine,
         }
-        return describe_run(self.scene, self.camera, self.renderer, self.effects, {**self.settings, **resolved})
+        described = describe_run(self.scene, self.camera, self.renderer, self.effects, {**self.settings, **resolved})
+        return {**described, "custom_effects": self.custom_effects.describe()}
 
     def _packets(self, trajectory: Trajectory, start_us: int, end_us: int, *, ahead: bool = False) -> Iterator[Packet]:
         """Packets of (start_us, end_us], or of the very first instant too; the trajectory starts at ``start_us``.
@@ -222,7 +238,8 @@ class Simulator:
         instants = due_between()
         due = next(instants)
         keyframes = self.sampling.keyframes(stretch)
-        for keyframe in read_ahead(keyframes, most=stretch.batch) if ahead else keyframes:
+        for rendered in read_ahead(keyframes, most=stretch.batch) if ahead else keyframes:
+            keyframe = self._lit(rendered)
             pending.append(self._take(keyframe, refinement, due=keyframe.t_us >= due.t_us))
             if keyframe.t_us < due.t_us:
                 continue
@@ -231,6 +248,8 @@ class Simulator:
             packet_start, self._t_us, self._pose = self._t_us, due.t_us, pose
             events = concatenate_events(pending)
             pending.clear()
+            if self.custom_effects and due.t_us > packet_start:
+                events = self.custom_effects.events(packet_start, due.t_us, events)
             luma = keyframe.luma.copy() if due.frame else None
             frame = None if luma is None else self._frame(luma, due.t_us)
             yield Packet(packet_start, due.t_us, events, pose, luma, depth, frame)
@@ -241,9 +260,20 @@ class Simulator:
         aps = self.effects.aps
         if aps is None:
             return None
-        exposed = expose(luma, self._exposed, t_us, round(aps.exposure_us))
+        if self._exposure is not None:
+            exposed = self._exposure.mean(t_us)
+        else:
+            exposed = expose(luma, self._exposed, t_us, round(aps.exposure_us))
         number, self._frames = self._frames, self._frames + 1
         return aps.read_out(exposed, frame=number, seed=self.settings["seed"])
+
+    def _lit(self, keyframe: Keyframe) -> Keyframe:
+        """The keyframe as the pixels see it."""
+        if self._exposure is None:
+            return keyframe
+        keyframe = keyframe._replace(luma=self.custom_effects.luma(keyframe.t_us, keyframe.luma))
+        self._exposure.add(keyframe.t_us, keyframe.luma)
+        return keyframe
 
     def _take(self, keyframe: Keyframe, refinement: EventRefinement | None, *, due: bool) -> EventArray:
         """Feed the crossing engine; return the events since the last keyframe.
@@ -251,6 +281,9 @@ class Simulator:
         Events that are refined come together where a packet falls ``due``.
         """
         last, self._last = self._last, keyframe
+        if self.custom_effects.on_log_intensity:
+            logs = self.custom_effects.log_intensity(keyframe.t_us, keyframe.luma, self.settings["log_eps"])
+            return self._engine.push_log(keyframe.t_us, logs)
         if refinement is None or last is None:
             return self._engine.push(keyframe.t_us, keyframe.luma, keyframe.rate, sparse=keyframe.sparse)
         reference = self._engine.reference

@@ -16,6 +16,7 @@ import davis_rs
 from davis_rs.generate import load_sequence_plan
 from davis_rs.inspection.check import check_dataset
 from davis_rs.inspection.summary import summarize_events
+from davis_rs.sensors import preset_file, read_sensor_file, sensor_yaml
 from davis_rs.usb.description import DavisDescription
 from davis_rs.usb.raw_file import RawRecording, RawWriter
 from gltf_files import CORNERS, UV, Gltf, quad
@@ -219,6 +220,20 @@ def read_plan(path: Path, _: random.Random) -> None:
         plan.parameters(index)
 
 
+def _sensor(folder: Path) -> list[Path]:
+    path = folder / "sensor.yaml"
+    path.write_text(sensor_yaml(preset_file("davis240c")))
+    return [path]
+
+
+def read_sensor(path: Path, _: random.Random) -> None:
+    """What is taken has effects, and is written and read back alike."""
+    sensor = read_sensor_file(path)
+    sensor.parameters.effects(1000.0)
+    path.write_text(sensor_yaml(sensor))
+    assert read_sensor_file(path) == sensor
+
+
 def _davis(folder: Path) -> list[Path]:
     path = folder / "seed.davis"
     with RawWriter(path, _description(), started=datetime(2026, 1, 1, tzinfo=timezone.utc)) as writer:
@@ -341,6 +356,7 @@ TARGETS: dict[str, Target] = {
     "recording-aedat4": Target(_aedat4, read_recording),
     "trajectory": Target(_trajectory, read_trajectory, warns=("bridged ",)),
     "calibration": Target(_calibration, read_calibration),
+    "sensor": Target(_sensor, read_sensor),
     "plan": Target(_plan, read_plan, allowed=(ValueError, FileNotFoundError)),
     "davis": Target(_davis, read_davis),
     "gltf": Target(_gltf, read_scene, allowed=_OF_SCENES, warns=_SCENE_WARNINGS),

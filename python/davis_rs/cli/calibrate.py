@@ -26,16 +26,18 @@ from ..camera import Camera, load_camera
 from ..dataset.reader import Dataset
 from ..imu import ImuNoise
 from ..scene.checkerboard import DATASET_BOARD, Checkerboard
+from .calibrate_sensor import add_sensor
 from .common import figure_file
 
 
 def add_calibrate(calibrate: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
     calibrate.description = (
-        "Calibrate from a sequence before a checkerboard, such as the scene 'checkerboard'. "
-        "Needs OpenCV 4: pip install 'davis_rs[calibrate]'."
+        "Calibrate a lens, a hand-eye transform or an IMU from a sequence before a checkerboard, such as the scene "
+        "'checkerboard', which needs OpenCV 4: pip install 'davis_rs[calibrate]'; or a sensor from its events."
     )
     kinds = calibrate.add_subparsers(required=True, metavar="WHAT")
+    add_sensor(kinds.add_parser("sensor", help="hot pixels, leak and bounds on the readout, from events alone"))
 
     intrinsics = kinds.add_parser("intrinsics", help="focal lengths, principal point and distortion, k3 = 0")
     intrinsics.set_defaults(run=_intrinsics)

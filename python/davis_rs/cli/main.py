@@ -24,6 +24,7 @@ COMMANDS = {
     "sequences-sheet": ("sequences", "draw a frame and events of each sequence"),
     "sequences-count": ("sequences", "simulate sequences whole and count their events"),
     "settings": ("settings_table", "list all settings of a simulation as a table of Markdown"),
+    "sensors": ("sensors", "list the sensors that are known, or show one as a file"),
     "plan": ("plan", "say which effects of a sensor a sequence calls for"),
     "generate": ("generate", "simulate many sequences with randomised parameters"),
     "verify": ("generate", "compare generated sequences with their manifest"),
@@ -34,7 +35,8 @@ COMMANDS = {
     "decode": ("usb", "decode a recording: of record, or AEDAT 2.0, 3.1, 4"),
     "convert": ("files", "convert events from one file format to another"),
     "info": ("files", "sum up an event file or a dataset folder"),
-    "calibrate": ("calibrate", "calibrate a camera, a hand-eye transform, or a camera and an IMU"),
+    "compare": ("compare", "print the statistics of two streams side by side, such as a recording and a simulation"),
+    "calibrate": ("calibrate", "calibrate a camera, a hand-eye transform, a camera and an IMU, or a sensor"),
     "check": ("look", "check a dataset: do its events explain its images?"),
     "view": ("look", "draw a dataset, an event file or a recording, as a picture or a video"),
 }

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from ..settings import ViewSettings, complete, view_scene
+from ..settings import PlanSettings, ViewSettings, complete, view_scene
 from .common import add_path, add_scene, on_path, scene_of
 from .settings_options import add_settings, given_settings
 
@@ -25,17 +25,9 @@ def add_plan(plan: argparse.ArgumentParser) -> None:
         help="a candidate, over those of --sensor; may be given several times; where neither is given, the effects of "
         "the davis240c are the candidates",
     )
-    plan.add_argument(
-        "--share",
-        type=float,
-        default=0.01,
-        help="of events that must be missing, spurious or shifted without an effect that is called for (default: 0.01)",
-    )
-    plan.add_argument(
-        "--shift-us", type=float, default=100.0, metavar="US", help="what counts as shifted (default: 100)"
-    )
+    plan.add_argument("--explain", action="store_true", help="say of each effect what was seen, and what it costs")
     add_path(plan.add_argument_group("camera path"))
-    add_settings(plan, ViewSettings)
+    add_settings(plan, PlanSettings)
 
 
 def _plan(options: argparse.Namespace) -> int:
@@ -50,11 +42,9 @@ def _plan(options: argparse.Namespace) -> int:
     plan = plan_effects(
         scene,
         Effects.of(map(parse_effect, options.effect)) if options.effect else None,
-        share=options.share,
-        shift_us=options.shift_us,
-        **given_settings(options, ViewSettings),
+        **given_settings(options, PlanSettings),
     )
-    print(plan)
+    print(plan.explain() if options.explain else plan)
     noise = estimate_noise(scene, **given_settings(options, ViewSettings))
     if noise is not None:
         print(noise)

@@ -8,15 +8,16 @@ import numpy as np
 import numpy.typing as npt
 
 from ..effects import Readout
+from ..events import EventArray
 from .luma_sample import LumaSample
-from .omission_error import NO_ERROR, OmissionError
+from .omission_error import NO_ERROR, OmissionError, TimeScale
 
 _PEAK_EVENTS = 50
 """A peak rate is that of so many consecutive events of the pixels looked at: good to a seventh."""
 
 
-def through_bus(sample: LumaSample, effect: Readout, shift_us: float, rows: int) -> tuple[OmissionError, str]:
-    """What leaving the bus out does, on a sensor of so many rows."""
+def through_bus(sample: LumaSample, effect: Readout, scale: TimeScale, rows: int) -> tuple[OmissionError, str]:
+    """What leaving out the bus does to the events of ideal pixels, and what was seen of them, in words."""
     waits = [_waits_us(events["t"], effect, sample.sensor_share, rows) for events in sample.ideal_parts]
     wait_us = np.concatenate(waits)
     carried = wait_us[~np.isnan(wait_us)]
@@ -29,18 +30,32 @@ def through_bus(sample: LumaSample, effect: Readout, shift_us: float, rows: int)
     )
     if not len(wait_us):
         return NO_ERROR, seen
-    random = np.random.Generator(np.random.Philox(sample.seed))
-    error_us = carried + effect.latency_us + np.abs(effect.jitter_us * random.standard_normal(len(carried)))
+    error_us = _delays_us(carried, effect, sample.seed)
     dropped = 100 * float(np.isnan(wait_us).mean())
     found = OmissionError(
-        0.0,
         dropped,
-        100 * float((error_us > shift_us).sum()) / len(wait_us),
+        dropped,
+        scale.error_percent(error_us, 0, len(wait_us)),
+        0.0,
         dropped,
         float(np.median(error_us)) if len(carried) else math.nan,
         float(np.percentile(error_us, 99)) if len(carried) else math.nan,
     )
     return found, seen
+
+
+def carried_events(events: EventArray, effect: Readout, sensor_share: float, rows: int, seed: int) -> EventArray:
+    """A part's events with the stamps that the bus gives them, without those that it drops."""
+    wait_us = _waits_us(events["t"], effect, sensor_share, rows)
+    carried, kept = events[~np.isnan(wait_us)].copy(), wait_us[~np.isnan(wait_us)]
+    carried["t"] += np.rint(_delays_us(kept, effect, seed)).astype(np.int64)
+    return carried[np.argsort(carried["t"], kind="stable")]
+
+
+def _delays_us(wait_us: npt.NDArray[np.float64], effect: Readout, seed: int) -> npt.NDArray[np.float64]:
+    """Waits with latency and jitter."""
+    random = np.random.Generator(np.random.Philox(seed))
+    return wait_us + effect.latency_us + np.abs(effect.jitter_us * random.standard_normal(len(wait_us)))
 
 
 def _waits_us(t_us: npt.NDArray[np.int64], effect: Readout, sensor_share: float, rows: int) -> npt.NDArray[np.float64]:

@@ -9,8 +9,11 @@ from textwrap import wrap
 from typing import Any
 
 from ..effects import Effect, Effects
+from .effects_together import SetForecast
+from .omission_error import OmissionError, TimeScale
 
-_HEADS = ("effect", "called for", "missing", "spurious", "shifted", "events", "off by: median / p99", "cost")
+_HEADS = ("effect", "called for", "count", "rate", "time")
+_MORE_HEADS = ("missing", "spurious", "shift: median / p99", "cost")
 _WIDTH = 118
 
 
@@ -18,17 +21,11 @@ _WIDTH = 118
 class PlannedEffect:
     """What leaving out an effect would do, and what having it costs.
 
-    Shares are of the larger one of both streams, with and without the effect.
-
     Attributes:
         effect: with its values.
         called_for: whether the plan switches it on.
         observation: what was seen of the sequence.
-        missing_percent: events that would be missing without it.
-        spurious_percent: events that would be there though they should not.
-        shifted_percent: events that would be off by more than the plan's ``shift_us``.
-        event_change_percent: events without it minus those with it.
-        median_us, p99_us: of how far events would be off; NaN where there are none.
+        omission: what leaving it out does to events; no error for APS.
         frame_change_percent: pixels of 8-bit frames that would be off by more than one grey value; NaN but for APS.
         cost_ns_per_pixel: of a keyframe, or of an intensity frame for APS; NaN where it costs none or was not measured.
         cost_ns_per_event: likewise, of what acts on the stream.
@@ -37,12 +34,7 @@ class PlannedEffect:
     effect: Effect
     called_for: bool
     observation: str
-    missing_percent: float
-    spurious_percent: float
-    shifted_percent: float
-    event_change_percent: float
-    median_us: float
-    p99_us: float
+    omission: OmissionError
     frame_change_percent: float
     cost_ns_per_pixel: float
     cost_ns_per_event: float
@@ -50,25 +42,26 @@ class PlannedEffect:
 
 @dataclass(frozen=True)
 class EffectPlan:
-    """Which effects a sequence calls for; its string is a table for people.
+    """Which effects a sequence calls for; its string is a short table for people, :meth:`explain` a long one.
 
     Attributes:
         items: one for each candidate, in the order in which light and events meet them.
-        share: of events (for APS, of pixels) that an effect must change to be called for.
-        shift_us: by how much an event must be off to count as shifted.
-        window_us: how far apart two events may be that count as the same.
+        effects_tolerance: by how much leaving out an effect may err in event count, rate or time, as a share.
+        scale: what times of events were compared with.
         events: of ideal pixels, estimated for the whole sequence.
         duration_s: of the sequence.
+        together: the chosen set at once; None where no candidate acts on events, or where noise would make more events
+            than are worth simulating.
         kept: effects that were given by name and so are no candidates.
     """
 
     items: tuple[PlannedEffect, ...]
-    share: float
-    shift_us: float
-    window_us: int
+    effects_tolerance: float
+    scale: TimeScale
     events: float
     duration_s: float
-    kept: Effects = Effects()  # noqa: RUF009 (it is immutable)
+    together: SetForecast | None
+    kept: Effects
 
     @property
     def effects(self) -> Effects:
@@ -78,40 +71,100 @@ class EffectPlan:
         return self.kept.with_defaults(Effects.of(chosen.values())).without(off)
 
     def describe(self) -> dict[str, Any]:
-        """The plan in JSON's types, for meta.json: what was found of each effect."""
+        """The plan in JSON's types, for meta.json: what was found of each effect and of the set."""
         items = [{**asdict(item), "effect": item.effect.name} for item in self.items]
-        found = [{name: None if value != value else value for name, value in item.items()} for item in items]  # NaN
         return {
-            "share": self.share,
-            "shift_us": self.shift_us,
-            "window_us": self.window_us,
+            "effects_tolerance": self.effects_tolerance,
+            **asdict(self.scale),
             "events": self.events,
             "kept": self.kept.describe(),
-            "effects": found,
+            "effects": [_without_nan({**item, **item.pop("omission")}) for item in items],
+            "together": None if self.together is None else _without_nan(asdict(self.together)),
         }
 
+    def explain(self) -> str:
+        """The table with all that was found and seen, and what its columns mean."""
+        return "\n".join([*_table(self, long=True), "", *_wrapped(_summary(self)), "", *_wrapped(_notes(self))])
+
     def __str__(self) -> str:
-        return _table(self)
+        return "\n".join([*_table(self, long=False), "", *_wrapped(_summary(self))])
 
 
-def _table(plan: EffectPlan) -> str:
-    """One row an effect, what was seen of the sequence below it, and what the columns mean at the end."""
-    rows = [_HEADS, *(_cells(item) for item in plan.items)]
+def _without_nan(item: dict[str, Any]) -> dict[str, Any]:
+    """The same with None for NaN, which JSON lacks."""
+    return {
+        name: _without_nan(value) if isinstance(value, dict) else None if value != value else value
+        for name, value in item.items()
+    }
+
+
+def _table(plan: EffectPlan, *, long: bool) -> list[str]:
+    """One row an effect, and in the long table what was seen of the sequence below it."""
+    rows = [_HEADS + (_MORE_HEADS if long else ()), *(_cells(item, long=long) for item in plan.items)]
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     lines = [_line(rows[0], widths)]
     for item, row in zip(plan.items, rows[1:], strict=True):
-        lines += [_line(row, widths), *wrap(item.observation, _WIDTH, initial_indent="    ", subsequent_indent="    ")]
-    called = ", ".join(effect.name for effect in plan.effects) or "none"
-    share = f"{100 * plan.share:g} %"
-    notes = (
-        f"Called for: {called}.",
-        f"Of each effect left out alone, compared with ideal pixels, in {plan.duration_s:g} s with about "
-        f"{plan.events:,.0f} events: events that would be missing, spurious, or off by more than {plan.shift_us:g} us, "
-        f"in percent of the larger one of both streams; called for above {share} of any. Events: without it minus with "
-        f"it. Two events within {plan.window_us:,} us may be the same. Of frames, pixels off by more than one grey "
-        f"value of 8 bits: called for above {share}, or where so many pixels move by half a pixel in the exposure.",
+        lines.append(_line(row, widths))
+        if long:
+            lines += wrap(item.observation, _WIDTH, initial_indent="    ", subsequent_indent="    ")
+    return lines
+
+
+def _summary(plan: EffectPlan) -> list[str]:
+    """What is called for, and what the set does."""
+    called = [item.effect.name for item in plan.items if item.called_for]
+    kept = f", next to what was given: {', '.join(effect.name for effect in plan.kept)}" if plan.kept else ""
+    lines = [
+        f"Called for at a tolerance of {100 * plan.effects_tolerance:g} %: {', '.join(called) or 'none'}{kept}.",
+    ]
+    found = plan.together
+    if found is None:
+        if any(item.effect.name != "aps" for item in plan.items):
+            lines.append("The set was not run as a whole: its noise would make too many events.")
+        return lines
+    lines.append(f"Together: about {found.events:,.0f} events; ideal pixels: {plan.events:,.0f}.")
+    where = f"{found.held_out:,} other pixels" if found.held_out else "the same pixels (the sensor has too few others)"
+    if found.chosen == found.candidates:
+        lines.append("These are all of the candidates that act on events.")
+        return lines
+    share = "there is no difference" if math.isnan(found.explained_percent) else _share_of(found.explained_percent)
+    cost = "" if math.isnan(found.cost_percent) else f" at {found.cost_percent:.0f} % of the cost"
+    left = found.omission
+    lines.append(
+        f"These {found.chosen} of {found.candidates} effects on events: {share}{cost}. "
+        f"Compared with all of them on {where}, the events err by {_percent(left.count_percent)} in count, "
+        f"{_percent(left.rate_percent)} in rate and {_percent(left.time_percent)} in time."
     )
-    return "\n".join([*lines, "", *(line for note in notes for line in wrap(note, _WIDTH))])
+    if left.worst_percent > 100 * plan.effects_tolerance:
+        lines.append("That is above the tolerance: what is left out adds up. A lower tolerance takes more effects.")
+    return lines
+
+
+def _share_of(percent: float) -> str:
+    return f"{percent:.1f} % of the difference"
+
+
+def _notes(plan: EffectPlan) -> list[str]:
+    """What the columns mean."""
+    tolerance, scale = f"{100 * plan.effects_tolerance:g} %", plan.scale
+    return [
+        f"Of each effect left out alone, compared with ideal pixels, in {plan.duration_s:g} s with about "
+        f"{plan.events:,.0f} events; called for above {tolerance} of count, rate or time. All shares are of the larger "
+        "one of both streams.",
+        "Count: events without the effect minus those with it. Rate: the same of each pixel and polarity, added up "
+        "without signs. Time: the mean shift of an event, as a share of the median interval between events of a pixel, "
+        f"{_time(scale.interval_us)}; shifts below {_time(scale.sampling_error_us)} count as none, because the "
+        "sampling in time errs as much.",
+        f"Missing, spurious: events without a partner within {_time(scale.window_us)}. Cost: of a pixel of a keyframe, "
+        f"of an event, or of a pixel of an intensity frame. Frames: pixels off by more than one grey value of 8 bits; "
+        f"called for above {tolerance}, or where so many pixels move by half a pixel in the exposure.",
+        "Difference: Victor and Purpura's distance between the events with all candidates and those with none, or with "
+        "the set. Neither it nor its cost has frames in it.",
+    ]
+
+
+def _wrapped(paragraphs: Sequence[str]) -> list[str]:
+    return [line for paragraph in paragraphs for line in wrap(paragraph, _WIDTH)]
 
 
 def _line(cells: Sequence[str], widths: Sequence[int]) -> str:
@@ -121,22 +174,44 @@ def _line(cells: Sequence[str], widths: Sequence[int]) -> str:
     return "  ".join([name, called, *numbers]).rstrip()
 
 
-def _cells(item: PlannedEffect) -> tuple[str, ...]:
-    called = "yes" if item.called_for else "no"
-    cost = _cost(item)
+def _cells(item: PlannedEffect, *, long: bool) -> tuple[str, ...]:
+    start = (item.effect.name, "yes" if item.called_for else "no")
+    found, cost = item.omission, _cost(item)
     if not math.isnan(item.frame_change_percent):
-        return (item.effect.name, called, "-", "-", f"{_percent(item.frame_change_percent)} of frames", "-", "-", cost)
-    shares = (item.missing_percent, item.spurious_percent, item.shifted_percent)
-    off = "-" if math.isnan(item.median_us) else f"{item.median_us:.3g} / {item.p99_us:.3g} us"
-    change = f"{item.event_change_percent:+.2g} %" if item.event_change_percent else "0 %"
-    return (item.effect.name, called, *map(_percent, shares), change, off, cost)
+        frames = (*start, "-", "-", f"{_percent(item.frame_change_percent)} of frames")
+        return (*frames, "-", "-", "-", cost) if long else frames
+    errors = (*start, *map(_percent, (found.count_percent, found.rate_percent, found.time_percent)))
+    if not long:
+        return errors
+    shift = "-" if math.isnan(found.median_us) else f"{_time(found.median_us)} / {_time(found.p99_us)}"
+    sign = ("-" if found.count_percent < 0 else "+") if abs(found.count_percent) >= 0.01 else ""
+    signed = (*start, sign + errors[2], *errors[3:])
+    return (*signed, _percent(found.missing_percent), _percent(found.spurious_percent), shift, cost)
 
 
 def _percent(value: float) -> str:
-    return f"{value:.2g} %" if value < 99.5 else "100 %"
+    """Without a sign."""
+    size = abs(value)
+    if 0 < size < 0.01:
+        return "< 0.01 %"
+    return f"{size:.0f} %" if size >= 9.95 or size == 0 else f"{size:.2g} %"
+
+
+def _time(us: float) -> str:
+    for factor, unit in ((1e6, "s"), (1e3, "ms")):
+        if us >= factor:
+            return f"{_three_digits(us / factor)} {unit}"
+    return f"{_three_digits(us)} us"
+
+
+def _three_digits(value: float) -> str:
+    return f"{value:.0f}" if value >= 99.5 else f"{value:.3g}"
 
 
 def _cost(item: PlannedEffect) -> str:
-    if not math.isnan(item.cost_ns_per_event):
-        return f"{item.cost_ns_per_event:.2g} ns/event"
-    return "-" if math.isnan(item.cost_ns_per_pixel) else f"{item.cost_ns_per_pixel:.2g} ns/pixel"
+    ns, of = item.cost_ns_per_event, "event"
+    if math.isnan(ns):
+        ns, of = item.cost_ns_per_pixel, "pixel"
+    if math.isnan(ns):
+        return "-"
+    return f"{_time(ns * 1e-3)}/{of}" if ns >= 1000 else f"{_three_digits(ns)} ns/{of}"

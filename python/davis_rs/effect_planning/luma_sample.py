@@ -125,6 +125,14 @@ def push_all(engine: CrossingEngine, part: LumaSegment) -> list[EventArray]:
     return [engine.push(t_us, luma) for t_us, luma in zip(part.t_us[1:].tolist(), part.luma[1:], strict=True)]
 
 
+def event_intervals_us(events: EventArray) -> IntArray:
+    """Times between consecutive events of a pixel."""
+    order = np.lexsort((events["t"], events["x"], events["y"]))
+    ordered = events[order]
+    same = (np.diff(ordered["x"].astype(int)) == 0) & (np.diff(ordered["y"].astype(int)) == 0)
+    return np.asarray(np.diff(ordered["t"])[same])
+
+
 class Steps(NamedTuple):
     """What lies between consecutive keyframes.
 

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from ..effects import (
     Effect,
@@ -26,17 +25,17 @@ from ..effects import (
 from ..effects.optics import Optics
 from ..events import EventArray
 from .bus import through_bus
-from .luma_sample import LumaSample
-from .omission_error import OmissionError, omission_error, omission_error_of_added
+from .luma_sample import LumaSample, event_intervals_us
+from .omission_error import OmissionError, TimeScale, omission_error, omission_error_of_added
 from .sequence_sample import SequenceSample
 
-_FLOOD = 3_000_000
+FLOOD = 3_000_000
 """Above this count the known rate is used instead of simulating."""
 
 _FEW = 30
 """Below this count of leak events the known rate says more than the sample."""
 
-_NO_LEAK = 1e-9
+NO_LEAK = 1e-9
 """Leak events of a pixel in the whole sequence that stand for no leak."""
 
 
@@ -45,8 +44,7 @@ class OmissionEstimator:
     """Estimates what leaving effects out does to the events of a sampled sequence."""
 
     sequence: SequenceSample
-    window_us: int
-    shift_us: float
+    scale: TimeScale
 
     def __call__(self, effect: Effect) -> tuple[OmissionError, str]:
         """What leaving out an effect on events does, and what was seen of the sequence, in words."""
@@ -54,7 +52,7 @@ class OmissionEstimator:
         return estimator(self, effect)
 
     def compare(self, sample: LumaSample, without: EventArray, with_effect: EventArray) -> OmissionError:
-        return omission_error(without, with_effect, size=sample.size, window_us=self.window_us, shift_us=self.shift_us)
+        return omission_error(without, with_effect, size=sample.size, scale=self.scale)[0]
 
     def in_engine(self, effect: Effect) -> OmissionError:
         """By the engine's own run on the scattered pixels."""
@@ -64,9 +62,13 @@ class OmissionEstimator:
     @property
     def scene_events(self) -> float:
         """Of ideal pixels, for the whole sensor and sequence: events go by motion, as keyframes do."""
+        return self.whole(len(self.sequence.pixels.ideal))
+
+    def whole(self, events: float) -> float:
+        """So many events of the sampled pixels, scaled up to the whole sensor and sequence."""
         sample = self.sequence.pixels
         seen = sum(len(part.t_us) - 1 for part in sample.parts)
-        return len(sample.ideal) / sample.sensor_share * ((len(self.sequence.t_us) - 1) / seen)
+        return events / sample.sensor_share * ((len(self.sequence.t_us) - 1) / seen)
 
     def of_rate(self, hz: float) -> float:
         """How many events so many a pixel and second come to."""
@@ -116,14 +118,14 @@ def _bandwidth(estimator: OmissionEstimator, effect: PhotoreceptorBandwidth) -> 
 
 
 def _mismatch(estimator: OmissionEstimator, effect: ThresholdMismatch) -> tuple[OmissionError, str]:
-    gaps_us = _gaps_us(estimator.sequence.pixels.ideal)
+    gaps_us = event_intervals_us(estimator.sequence.pixels.ideal)
     gap = f"events of a pixel follow each other after {np.median(gaps_us):.3g} us (median)" if len(gaps_us) else ""
     seen = f"thresholds scatter by {100 * effect.sigma:.3g} %; " + (gap or "no pixel has two events")
     return estimator.in_engine(effect), seen
 
 
 def _refractory(estimator: OmissionEstimator, effect: RefractoryPeriod) -> tuple[OmissionError, str]:
-    gaps_us = _gaps_us(estimator.sequence.pixels.ideal)
+    gaps_us = event_intervals_us(estimator.sequence.pixels.ideal)
     seen = f"held for {effect.period_us:.3g} us; no pixel has two events"
     if len(gaps_us):
         held = 100 * float((gaps_us < effect.period_us).mean())
@@ -148,14 +150,18 @@ def _leak(estimator: OmissionEstimator, effect: LeakRate) -> tuple[OmissionError
     )
     counted = estimator.added(hz)
     made = hz * sample.pixels * duration_s
-    if made > _FLOOD:
+    if made > FLOOD:
         return counted, seen
-    still = sample.events(Effects(leak_rate_hz=_NO_LEAK / duration_s))
+    still = sample.events(Effects(leak_rate_hz=NO_LEAK / duration_s))
     found = estimator.compare(sample, still, sample.events(Effects.of([effect])))
     # What little the sample shows of few events is left to the rate, and so is what falls between the sample's parts.
-    missing = max(found.missing_percent, counted.missing_percent)
-    change = counted.event_change_percent if made < _FEW else found.event_change_percent
-    return replace(found, missing_percent=missing, event_change_percent=change), seen
+    seen_or_known = replace(
+        found,
+        missing_percent=max(found.missing_percent, counted.missing_percent),
+        rate_percent=max(found.rate_percent, counted.rate_percent),
+        count_percent=counted.count_percent if made < _FEW else found.count_percent,
+    )
+    return seen_or_known, seen
 
 
 def _shot_noise(estimator: OmissionEstimator, effect: ShotNoise) -> tuple[OmissionError, str]:
@@ -181,16 +187,8 @@ def _hot_pixels(estimator: OmissionEstimator, effect: HotPixels) -> tuple[Omissi
     return estimator.added(hz), seen
 
 
-def _gaps_us(events: EventArray) -> npt.NDArray[np.int64]:
-    """Times between consecutive events of a pixel."""
-    order = np.lexsort((events["t"], events["x"], events["y"]))
-    ordered = events[order]
-    same = (np.diff(ordered["x"].astype(int)) == 0) & (np.diff(ordered["y"].astype(int)) == 0)
-    return np.asarray(np.diff(ordered["t"])[same])
-
-
 def _readout(estimator: OmissionEstimator, effect: Readout) -> tuple[OmissionError, str]:
-    return through_bus(estimator.sequence.pixels, effect, estimator.shift_us, estimator.sequence.camera.height)
+    return through_bus(estimator.sequence.pixels, effect, estimator.scale, estimator.sequence.camera.height)
 
 
 _ESTIMATORS: dict[type[Effect], Callable[[OmissionEstimator, Any], tuple[OmissionError, str]]] = {

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from typing import TYPE_CHECKING
+
+import numpy as np
 
 from ..effects import Aps, Effect, Effects
 from ..effects.effect import check_range
@@ -12,13 +13,15 @@ from ..rendering.render import Renderer
 from ..rendering.renderers import make_renderer
 from ..sampling.keyframes import Stretch
 from ..scene.scene import Scene
-from ..sensor_parameters import SENSORS
-from ..settings import ViewSettings, complete, renderer_settings, takes_settings, view_scene
+from ..sensors import SENSORS
+from ..settings import EFFECTS_TOLERANCE, PlanSettings, complete, renderer_settings, takes_settings, view_scene
 from ..trajectory.trajectory import Trajectory
 from .aps import frame_change
 from .cost import Costs
 from .effect_plan import EffectPlan, PlannedEffect
-from .omission_error import NO_ERROR, OmissionError
+from .effects_together import forecast_set
+from .luma_sample import event_intervals_us
+from .omission_error import NO_ERROR, OmissionError, TimeScale
 from .omission_estimator import OmissionEstimator
 from .sequence_sample import SequenceSample
 
@@ -26,15 +29,13 @@ if TYPE_CHECKING:
     from typing_extensions import Unpack
 
 
-@takes_settings(ViewSettings)
+@takes_settings(PlanSettings)
 def plan_effects(
     scene: Scene,
     effects: Effects | None = None,
     *,
     keep: Effects | None = None,
-    share: float = 0.01,
-    shift_us: float = 100.0,
-    **settings: Unpack[ViewSettings],
+    **settings: Unpack[PlanSettings],
 ) -> EffectPlan:
     """Find out which effects a scene calls for along its camera path, from a cheap sample of it.
 
@@ -46,7 +47,6 @@ def plan_effects(
         scene: with the camera path.
         effects: the candidates, over those of ``sensor``; where neither is given, those of the DAVIS240C.
         keep: effects that are on (or, with neutral values, off) whatever the plan says; they are no candidates.
-        share, shift_us: see :func:`plan_effects_of`.
         {settings}
 
     Raises:
@@ -54,8 +54,7 @@ def plan_effects(
         ValueError: for a value out of range, a scene without a camera path, or one that cannot be rendered.
         OSError: if a scene file or a calibration cannot be read.
     """
-    _check(share, shift_us)
-    given = complete(ViewSettings, settings, of="plan_effects")
+    given = complete(PlanSettings, settings, of="plan_effects")
     viewed = view_scene(scene, given)
     candidates = viewed.sensor_effects
     if effects is None and given["sensor"] is None:
@@ -64,7 +63,7 @@ def plan_effects(
     kept = keep or Effects()
     named = {effect.name for effect in kept} | kept.switched_off
     made = make_renderer(viewed.scene, viewed.camera, **renderer_settings(given))
-    plan = plan_effects_of(
+    return plan_effects_of(
         made,
         viewed.scene.path,
         Effects.of(effect for effect in candidates if effect.name not in named),
@@ -72,10 +71,9 @@ def plan_effects(
         contrast_threshold_off=viewed.contrast_threshold_off,
         log_eps=viewed.log_eps,
         seed=given["seed"],
-        share=share,
-        shift_us=shift_us,
+        keep=kept,
+        effects_tolerance=given["effects_tolerance"],
     )
-    return replace(plan, kept=kept)
 
 
 def plan_effects_of(
@@ -87,26 +85,37 @@ def plan_effects_of(
     contrast_threshold_off: float | None = None,
     log_eps: float = 1e-3,
     seed: int = 0,
-    share: float = 0.01,
-    shift_us: float = 100.0,
+    keep: Effects | None = None,
+    effects_tolerance: float | None = None,
 ) -> EffectPlan:
     """As :func:`plan_effects`, with a renderer that there is already, one without a lens.
 
-    An effect is called for where leaving it out would make more than ``share`` of the events missing, spurious or
-    shifted by more than ``shift_us``. Each is judged alone, against ideal pixels. An APS changes no events: it is
-    called for where more than ``share`` of the pixels move by more than half a pixel in the exposure, or of the pixels
-    of 8-bit frames change by more than one grey value.
+    An effect is called for where leaving it out errs by more than ``effects_tolerance`` (by default
+    :data:`EFFECTS_TOLERANCE`) in any of three, compared with ideal pixels (see :class:`OmissionError`):
+
+    - count: the number of all events, as a share of it;
+    - rate: the number of events of each pixel and polarity, the differences added up, as a share of all events;
+    - time: the mean shift of an event, as a share of the median interval between events of a pixel. Shifts below the
+      stream's own sampling error count as none.
+
+    An APS changes no events: it is called for where more than the tolerance's share of the pixels move by more than
+    half a pixel in the exposure, or of the pixels of 8-bit frames change by more than one grey value.
+
+    Each effect is judged alone. Then the engine runs with all of the chosen set on, and it is compared with all
+    candidates on pixels that the choice was not made on: :class:`~davis_rs.effect_planning.SetForecast`.
 
     What an effect in the pixel or on the stream does is seen on a few pixels that are followed all the time (see
     :class:`~davis_rs.effect_planning.sequence_sample.SequenceSample`), by the crossing engine itself or, of noise, from
-    its known rate. Because these pixels are a sample, a result that is close to ``share`` may fall on either side of
-    it. Of a sequence of more than 4096 keyframes only parts are seen: what mismatch and refractory period add up to
-    over more than 170 px is left out.
+    its known rate. Because these pixels are a sample, a result that is close to the tolerance may fall on either side
+    of it. Of a sequence of more than 4096 keyframes only parts are seen: what mismatch and refractory period add up
+    to over more than 170 px is left out.
 
     Raises:
         ValueError: for a value out of range, or a renderer with a lens.
     """
-    _check(share, shift_us)
+    tolerance = EFFECTS_TOLERANCE if effects_tolerance is None else effects_tolerance
+    check_range("effects_tolerance", tolerance, 0.0, 1.0)
+    kept = keep or Effects()
     if renderer.optics is not None:
         raise ValueError(f"{renderer.name} renders through a lens; plan with the renderer without it")
     end_us = round(trajectory.duration_s * 1e6)
@@ -123,9 +132,15 @@ def plan_effects_of(
         batch=renderer.poses_per_launch,
     )
     sequence = SequenceSample(stretch, contrast_threshold=contrast_threshold, contrast_threshold_off=off, seed=seed)
-    estimator, costs = OmissionEstimator(sequence, sequence.window_us(shift_us), shift_us), Costs(sequence)
-    items = tuple(_planned(effect, estimator, costs, 100 * share) for effect in effects)
-    return EffectPlan(items, share, shift_us, estimator.window_us, estimator.scene_events, trajectory.duration_s)
+    window_us = sequence.window_us
+    intervals_us = event_intervals_us(sequence.pixels.ideal)
+    interval_us = max(float(np.median(intervals_us)), 1.0) if len(intervals_us) else float(sequence.duration_us)
+    scale = TimeScale(window_us, interval_us, sequence.sampling_error_us(window_us))
+    estimator, costs = OmissionEstimator(sequence, scale), Costs(sequence)
+    items = tuple(_planned(effect, estimator, costs, 100 * tolerance) for effect in effects)
+    chosen = Effects.of(item.effect for item in items if item.called_for)
+    together = forecast_set(estimator, costs, kept=kept, chosen=chosen, candidates=effects)
+    return EffectPlan(items, tolerance, scale, estimator.scene_events, trajectory.duration_s, together, kept)
 
 
 def _planned(effect: Effect, estimator: OmissionEstimator, costs: Costs, percent: float) -> PlannedEffect:
@@ -137,23 +152,4 @@ def _planned(effect: Effect, estimator: OmissionEstimator, costs: Costs, percent
     else:
         found, observation = estimator(effect)
         called_for = found.worst_percent > percent
-    ns_per_pixel, ns_per_event = costs(effect)
-    return PlannedEffect(
-        effect,
-        called_for,
-        observation,
-        found.missing_percent,
-        found.spurious_percent,
-        found.shifted_percent,
-        found.event_change_percent,
-        found.median_us,
-        found.p99_us,
-        frame_percent,
-        ns_per_pixel,
-        ns_per_event,
-    )
-
-
-def _check(share: float, shift_us: float) -> None:
-    check_range("share", share, 0.0, 1.0)
-    check_range("shift_us", shift_us, 0.0, 1e6, "us")
+    return PlannedEffect(effect, called_for, observation, found, frame_percent, *costs(effect))

@@ -7,7 +7,9 @@ from functools import cached_property
 
 import numpy as np
 
+from ..event_matching import compare_events
 from ..luma import LumaFrames
+from ..rendering.render import Renderer
 from ..sampling.keyframes import Stretch
 from ..sampling.rules import MaxDisplacement
 from ..trajectory.views import Views
@@ -27,8 +29,11 @@ MOST_KEYFRAMES, PARTS = 4096, 8
 WHOLE_FRAMES, WINDOWS = 16, 4
 """So many consecutive keyframes of all pixels in each of so many windows."""
 
+SAMPLING_KEYFRAMES = 512
+"""So many keyframes tell of the error of the sampling in time."""
+
 _SAMPLES_A_CALL = 1 << 16
-_LONGEST_WINDOW_US = 10_000
+_SHORTEST_WINDOW_US, _LONGEST_WINDOW_US = 200, 10_000
 
 
 class SequenceSample:
@@ -63,11 +68,36 @@ class SequenceSample:
     @cached_property
     def pixels(self) -> LumaSample:
         """A few pixels all the time; of a long sequence in some parts."""
+        return self.sample(self.pixel, self.renderer)
+
+    @cached_property
+    def held_out(self) -> IntArray:
+        """Other pixels than those of :attr:`pixels`, for a test of what was found on these; none of a tiny sensor."""
+        return np.setdiff1d(_scattered(self.camera.width, self.camera.height, self.seed + 1), self.pixel)
+
+    def sample(self, pixel: IntArray, renderer: Renderer) -> LumaSample:
+        """Pixels y W + x all the time, as a renderer sees them; of a long sequence in some parts."""
         chosen = [self.t_us]
         if len(self.t_us) > MOST_KEYFRAMES:
             chosen = _spread(self.t_us, PARTS, MOST_KEYFRAMES // PARTS)
-        parts = [LumaSegment(t_us, self._samples(t_us)) for t_us in chosen]
-        return LumaSample(self._samples(self.t_us[:1]), parts, *self._engine, len(self.pixel) / self._size)
+        return self._sample_at(chosen, pixel, renderer)
+
+    def sampling_error_us(self, window_us: int) -> float:
+        """The median error of the times of events by the sampling in time, at least the 1 us of stamps.
+
+        Found by rendering instants between the keyframes as well. Lines between keyframes err by the square of their
+        distance, so the difference is three quarters of the error.
+        """
+        chosen = _spread(self.t_us, PARTS, SAMPLING_KEYFRAMES // PARTS)
+        finer = [np.unique(np.concatenate([t_us, (t_us[1:] + t_us[:-1]) // 2])) for t_us in chosen]
+        coarse, fine = (self._sample_at(parts, self.pixel, self.renderer) for parts in (chosen, finer))
+        found = compare_events(coarse.ideal, fine.ideal, size=coarse.size, window_us=window_us)
+        return max(4 / 3 * found.median_us, 1.0) if found.matched else 1.0
+
+    def _sample_at(self, chosen: list[IntArray], pixel: IntArray, renderer: Renderer) -> LumaSample:
+        parts = [LumaSegment(t_us, self._samples(t_us, pixel, renderer)) for t_us in chosen]
+        origin = self._samples(self.t_us[:1], pixel, renderer)
+        return LumaSample(origin, parts, *self._engine, len(pixel) / self._size)
 
     @cached_property
     def frames(self) -> LumaSample:
@@ -82,13 +112,14 @@ class SequenceSample:
         parts = [self.renderer.luma(self._views(t_us[i : i + batch])) for i in range(0, len(t_us), batch)]
         return np.concatenate(parts)
 
-    def window_us(self, shift_us: float) -> int:
+    @property
+    def window_us(self) -> int:
         """How far apart events of the same crossing may be: the time of one pixel of motion, as it is on the average.
 
-        At least twice ``shift_us``, so that a shift can be seen, and 10 ms where nothing moves.
+        At least 0.2 ms, so that common delays can be seen, and 10 ms where nothing moves.
         """
         pixel_us = self.duration_us / self.path_px if self.path_px > 0 else math.inf
-        return math.ceil(max(min(pixel_us, _LONGEST_WINDOW_US), 2 * shift_us, 1))
+        return math.ceil(np.clip(pixel_us, _SHORTEST_WINDOW_US, _LONGEST_WINDOW_US))
 
     @property
     def _size(self) -> int:
@@ -97,14 +128,14 @@ class SequenceSample:
     def _views(self, t_us: IntArray) -> Views:
         return self.stretch.views(self.stretch.start_us + t_us)
 
-    def _samples(self, t_us: IntArray) -> LumaFrames:
-        """The scattered pixels as frames (k, 1, n)."""
-        count, batch = len(self.pixel), max(1, _SAMPLES_A_CALL // len(self.pixel))
+    def _samples(self, t_us: IntArray, pixel: IntArray, renderer: Renderer) -> LumaFrames:
+        """Single pixels as frames (k, 1, n)."""
+        count, batch = len(pixel), max(1, _SAMPLES_A_CALL // len(pixel))
         parts = []
         for i in range(0, len(t_us), batch):
             views = self._views(t_us[i : i + batch])
             view = np.repeat(np.arange(len(views)), count)
-            parts.append(self.renderer.samples(views, view, np.tile(self.pixel, len(views))).reshape(-1, 1, count))
+            parts.append(renderer.samples(views, view, np.tile(pixel, len(views))).reshape(-1, 1, count))
         return np.concatenate(parts)
 
 

@@ -1,8 +1,10 @@
 """A real sensor's imperfections, each off unless asked for."""
 
 from .aps import Aps
+from .custom_effects import CustomEffects
 from .effect import Effect
 from .effects import EFFECTS, Effects, parse_effect
+from .event_draws import event_draws
 from .hot_pixels import HotPixels
 from .leak_rate import LeakRate
 from .lens_blur import LensBlur
@@ -17,6 +19,7 @@ from .vignetting import Vignetting
 __all__ = [
     "EFFECTS",
     "Aps",
+    "CustomEffects",
     "Effect",
     "Effects",
     "HotPixels",
@@ -29,6 +32,7 @@ __all__ = [
     "ShotNoise",
     "ThresholdMismatch",
     "Vignetting",
+    "event_draws",
     "parse_effect",
     "with_optics",
 ]

@@ -15,7 +15,8 @@ from ..effects import Effects, Optics, parse_effect
 from ..events import EventArray, concatenate_events
 from ..packet import Packet
 from ..read_ahead import read_ahead
-from ..sensor_parameters import SensorParameters, sensor_parameters
+from ..sensor_parameters import SensorParameters
+from ..sensors import read_once, sensor_parameters
 from ..settings import FrameSettings, camera_of_size, complete
 from .frame_part import FramePart, frame_part
 from .frame_source import FrameSource, StampedFrame
@@ -60,6 +61,7 @@ class FrameRun:
 
     def __init__(self, source: FrameSource, settings: Mapping[str, Any], *, from_zero: bool = False) -> None:
         self.settings = complete(FrameSettings, settings, of="events_from_frames")
+        self.settings["sensor"] = read_once(self.settings["sensor"])
         self.source = source
         _check_times(self.settings)
         self._taken = self._frames_between()

@@ -51,8 +51,9 @@ class DrawnSequence:
     def settings(self) -> dict[str, Any]:
         """What belongs neither to the scene nor to the path: settings of :func:`~davis_rs.simulate_to_folder`."""
         given = {SETTINGS[key].name: value for key, value in self.parameters.items() if key in SETTINGS}
-        if given.get("camera") is not None:
-            given["camera"] = resolve("camera", given["camera"], self.base)
+        for name in ("camera", "sensor"):
+            if given.get(name) is not None:
+                given[name] = resolve(name, given[name], self.base)
         for name in ("effects", "imu_effects"):
             if isinstance(given.get(name), Mapping):
                 given[name] = effect_texts(given[name])

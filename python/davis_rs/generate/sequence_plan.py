@@ -15,16 +15,17 @@ from typing import Any
 from ..camera import PRESETS
 from ..scene.mesh_scene import READERS as MESH_READERS
 from ..scenes import BUILTIN_SCENES, GLTF, load_scene
+from ..sensors import SENSOR_SUFFIXES, SENSORS
 from ..sequences import SEQUENCES
 from ..settings import FolderSettings, Setting, settings_of
+from ..yaml_file import read_yaml
 from .distributions import Choice, Distribution, Words, draw
 from .parse import Parser, Where, effects, imu_effects, motion, value_of
-from .yaml_file import read_yaml
 
 _RULES: Mapping[type | None, str] = {float: "a number", int: "an integer", str: "a text", bool: "true or false"}
-_NAMES: Mapping[str, Collection[str]] = {"scene": {*BUILTIN_SCENES, *SEQUENCES}, "camera": PRESETS}
-_NOT_KEYS = {"seed", "threads"}
-"""The seed is the plan's, and drawn for each sequence; threads are those of the workers."""
+_NAMES: Mapping[str, Collection[str]] = {"scene": {*BUILTIN_SCENES, *SEQUENCES}, "camera": PRESETS, "sensor": SENSORS}
+_NOT_KEYS = {"seed", "threads", "custom_effects"}
+"""The seed is the plan's, and drawn for each sequence; threads are those of the workers; a plan runs nobody's code."""
 
 SETTINGS: dict[str, Setting] = {
     setting.key: setting
@@ -59,7 +60,8 @@ class SequencePlan:
     """A plan that was read.
 
     Attributes:
-        file: where it came from; scenes, calibrations and trajectories that are files are relative to its folder.
+        file: where it came from; scenes, calibrations, sensors and trajectories that are files are relative to its
+            folder.
         seed: of all draws, >= 0.
         sequences: how many.
         tree: for each key a value or a distribution.
@@ -138,11 +140,13 @@ def load_sequence_plan(path: str | Path) -> SequencePlan:
 
 
 def resolve(key: str, text: str, base: Path) -> str:
-    """What ``scene`` or ``camera`` stands for: a name that is known, or where the file lies, relative to ``base``.
+    """What ``scene``, ``camera`` or ``sensor`` stands for: a name that is known, or where the file lies under ``base``.
 
-    A known name is never a file's, as in :func:`~davis_rs.load_scene` and :func:`~davis_rs.load_camera`.
+    A known name is never a file's, as in :func:`~davis_rs.load_scene`, :func:`~davis_rs.load_camera` and
+    :func:`~davis_rs.load_sensor`.
     """
-    return text if text in _NAMES[key] else str(base / text)
+    no_file = key == "sensor" and not text.lower().endswith(SENSOR_SUFFIXES)
+    return text if no_file or text in _NAMES[key] else str(base / text)
 
 
 def _digests(tree: Mapping[str, Any], base: Path) -> dict[str, str]:

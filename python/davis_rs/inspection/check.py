@@ -145,10 +145,18 @@ def check_dataset(path: str | Path) -> CheckReport:
     if ground_truth is not None:
         problems += _pose_problems(ground_truth)
     report.void = [name for name in meta.get("effects") or {} if name in _VOIDING]
+    report.void += _voiding_custom_effects(meta)
     if meta and not report.void and events is not None and not event_problems and not luma_problems:
         report.instants, comparison_problems = _compare(dataset, events, parameters)
         problems += comparison_problems
     return report
+
+
+def _voiding_custom_effects(meta: dict[str, Any]) -> list[str]:
+    """Those of a user's own that act behind luma."""
+    listed = meta.get("custom_effects")
+    effects = [one for one in listed if isinstance(one, dict)] if isinstance(listed, list) else []
+    return [str(one.get("class")) for one in effects if one.get("acts_on") != ["luma"]]
 
 
 def _sensor_size(dataset: Dataset, meta: dict[str, Any]) -> tuple[int, int] | None:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Mapping, Sequence
 from copy import copy
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -65,6 +67,39 @@ def expose(
             for frame in renderer.luma(stretch.views(instants[first : first + stretch.batch])):
                 total += weight * frame.astype(np.float64)
     return total
+
+
+class KeyframeExposure:
+    """The mean luma while the shutter is open, from keyframes between which luma runs straight.
+
+    It holds the keyframes of one exposure, and one before.
+
+    Args:
+        exposure_us: how long the shutter is open, >= 0.
+    """
+
+    def __init__(self, exposure_us: int) -> None:
+        self._exposure_us = exposure_us
+        self._seen: deque[tuple[int, npt.NDArray[np.float32]]] = deque()
+
+    def add(self, t_us: int, luma: npt.NDArray[np.float32]) -> None:
+        """The next keyframe."""
+        self._seen.append((t_us, luma))
+        while len(self._seen) > 1 and self._seen[1][0] <= t_us - self._exposure_us:
+            self._seen.popleft()
+
+    def mean(self, t_us: int) -> npt.NDArray[np.float64]:
+        """Mean luma (H, W) over the exposure that ends at ``t_us``, the last keyframe; shorter at the very start."""
+        open_us = max(t_us - self._exposure_us, self._seen[0][0])
+        last = self._seen[-1][1].astype(np.float64)
+        if open_us >= t_us:
+            return last
+        total = np.zeros_like(last)
+        for (begin_us, before), (end_us, after) in pairwise(self._seen):
+            first_us = max(begin_us, open_us)
+            share = 0.5 * (first_us + end_us - 2 * begin_us) / (end_us - begin_us)  # the middle of the part that counts
+            total += (end_us - first_us) * (before + share * (after.astype(np.float64) - before))
+        return total / (t_us - open_us)
 
 
 def subframe_instants(stretch: Stretch, start_us: int, end_us: int) -> IntArray:

@@ -3,17 +3,26 @@
 from .frame_settings import INTERPOLATIONS, FrameFolderSettings, FrameSettings
 from .image_camera import camera_of_size, parse_size
 from .inertial import make_imu, make_motion_capture
-from .resolve import AUTO, ViewedScene, chosen_sampling, renderer_settings, view_scene
+from .resolve import AUTO, ViewedScene, chosen_sampling, renderer_settings, view_scene, whole_frame_sampling
 from .setting import Declared, Setting, complete, only, settings_of, takes_settings
-from .simulation_settings import FolderSettings, SimulationSettings, SimulatorSettings, ViewSettings
+from .simulation_settings import (
+    EFFECTS_TOLERANCE,
+    FolderSettings,
+    PlanSettings,
+    SimulationSettings,
+    SimulatorSettings,
+    ViewSettings,
+)
 
 __all__ = [
     "AUTO",
+    "EFFECTS_TOLERANCE",
     "INTERPOLATIONS",
     "Declared",
     "FolderSettings",
     "FrameFolderSettings",
     "FrameSettings",
+    "PlanSettings",
     "Setting",
     "SimulationSettings",
     "SimulatorSettings",
@@ -30,4 +39,5 @@ __all__ = [
     "settings_of",
     "takes_settings",
     "view_scene",
+    "whole_frame_sampling",
 ]

@@ -12,7 +12,8 @@ from ..sampling.presets import ACCURACY, DEFAULT_ACCURACY
 from ..sampling.rules import FixedRate, MaxDisplacement, TimeSampling
 from ..sampling.tolerance import Tolerance
 from ..scene.scene import Scene
-from ..sensor_parameters import SensorParameters, sensor_parameters
+from ..sensor_parameters import SensorParameters
+from ..sensors import sensor_parameters
 from .image_camera import image_camera
 
 AUTO = "auto"
@@ -50,7 +51,7 @@ def view_scene(scene: Scene, settings: Mapping[str, Any]) -> ViewedScene:
     """Decide what :class:`~davis_rs.settings.ViewSettings` leave open.
 
     Raises:
-        ValueError, OSError: as :func:`~davis_rs.settings.image_camera.image_camera`, or for an unknown sensor.
+        ValueError, OSError: as :func:`~davis_rs.settings.image_camera.image_camera` and :func:`~davis_rs.load_sensor`.
     """
     if settings["lux_per_luma"] is not None:
         scene = replace(scene, lux_per_luma=settings["lux_per_luma"])
@@ -109,6 +110,26 @@ def chosen_sampling(settings: Mapping[str, Any]) -> TimeSamplingChoice:
         sampling,
         preset.refine if settings["refine"] is None else settings["refine"],
     )
+
+
+def whole_frame_sampling(settings: Mapping[str, Any]) -> TimeSampling:
+    """A rule that renders whole frames, between which light runs straight, as effects of a user's own on light need.
+
+    It is the one that is asked for if it is such a one, or else as many renders as keep the image within a third of a
+    pixel from one to the next; half of that with ``exact``.
+
+    Raises:
+        ValueError: where another rule is asked for by name.
+    """
+    sampling = chosen_sampling(settings).sampling
+    if sampling.interpolation == "linear":
+        return sampling
+    if settings["sampling"] is not None or settings["tolerance"] is not None:
+        raise ValueError(
+            f"custom effects on light need whole frames, between which light runs straight: give render_rate_hz or "
+            f"max_displacement_px, got {sampling!r}"
+        )
+    return MaxDisplacement(1 / 6 if settings["accuracy"] == "exact" else 1 / 3)
 
 
 def _first(*values: float | None) -> float:

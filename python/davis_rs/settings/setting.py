@@ -29,6 +29,7 @@ class Declared:
         low, high: the smallest and largest value that is allowed.
         above_low: ``low`` itself is not allowed.
         choices: the texts that are allowed; () for any.
+        file_suffixes: a text that ends so names a file, which is allowed next to the choices.
         words: texts that may stand in the place of a number.
         metavar: how ``--help`` names the value.
         group: under which heading it stands.
@@ -44,6 +45,7 @@ class Declared:
     high: float = math.inf
     above_low: bool = False
     choices: tuple[str, ...] = ()
+    file_suffixes: tuple[str, ...] = ()
     words: tuple[str, ...] = ()
     metavar: str | None = None
     group: str = "camera and pixel"
@@ -84,7 +86,8 @@ class Setting:
         """The allowed values in words; "" where any value of the type is allowed."""
         one = self.declared
         if one.choices:
-            return ", ".join(one.choices)
+            file = (f"a file ({', '.join(one.file_suffixes)})",) if one.file_suffixes else ()
+            return ", or ".join([", ".join(one.choices), *file])
         if one.low == -math.inf and one.high == math.inf:
             return ""
         low, high = _number(one.low), _number(one.high)
@@ -110,9 +113,9 @@ class Setting:
             return
         if isinstance(value, str) and value in one.words:
             return
-        if one.choices and isinstance(value, str) and value not in one.choices:
+        if one.choices and isinstance(value, str) and not self._is_choice(value):
             near = did_you_mean(value, one.choices)
-            raise ValueError(f"{name} must be one of {', '.join(one.choices)}, got {value!r}{near}")
+            raise ValueError(f"{name} must be one of {self.range_text}, got {value!r}{near}")
         if self.types not in ((int,), (float,)):
             if not isinstance(value, self.types):
                 raise ValueError(f"{name} must be {self.annotation.removesuffix(' | None')}, got {value!r}")
@@ -126,6 +129,10 @@ class Setting:
             raise ValueError(f"{name} must be finite, got {value!r}")
         if not one.low <= value <= one.high or (one.above_low and value == one.low):
             raise ValueError(f"{name} must be {self.range_text}{unit}, got {value!r}")
+
+    def _is_choice(self, text: str) -> bool:
+        suffixes = self.declared.file_suffixes
+        return text in self.declared.choices or bool(suffixes and text.lower().endswith(suffixes))
 
 
 @cache

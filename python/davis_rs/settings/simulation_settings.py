@@ -17,12 +17,16 @@ from ..rendering.baked_light.bake import BAKE_ERROR
 from ..rendering.renderers import RENDERERS
 from ..sampling.presets import ACCURACY, DEFAULT_ACCURACY
 from ..sampling.rules import TimeSampling
-from ..sensor_parameters import SENSORS, SensorParameters
+from ..sensor_parameters import SensorParameters
+from ..sensors import SENSOR_SUFFIXES, SENSORS
 from .setting import Declared
 
 _ACCURACY = "accuracy and cost"
 _INERTIAL = "IMU and ground truth (docs/trajectories_and_imu.md)"
 EFFECTS = "effects (docs/effects.md)"
+EFFECTS_TOLERANCE = 0.01
+"""Where no tolerance is given."""
+
 EFFECT_FORM = "NAME[=VALUE[,PARAMETER=VALUE...]]"
 
 
@@ -57,9 +61,10 @@ class PixelSettings(TypedDict, total=False):
     sensor: Annotated[
         SensorParameters | str | None,
         Declared(
-            "size, thresholds and effects of a sensor",
+            "size, thresholds and effects of a sensor (docs/sensor.md)",
             default_help="ideal pixels",
             choices=tuple(SENSORS),
+            file_suffixes=SENSOR_SUFFIXES,
             group=EFFECTS,
             text=str,
         ),
@@ -161,6 +166,27 @@ class ViewSettings(PixelSettings, total=False):
         ),
     ]
     blur: Annotated[bool | None, Declared("3 x 3 blur of luma", default_help="as the scene has it", group=_ACCURACY)]
+
+
+class EffectsToleranceSettings(TypedDict, total=False):
+    """How effects are planned."""
+
+    effects_tolerance: Annotated[
+        float | None,
+        Declared(
+            "with effects that are planned: how much leaving one out may err in event count, rate or time, as a share "
+            "(docs/effects.md)",
+            default_help=str(EFFECTS_TOLERANCE),
+            low=0,
+            high=1,
+            metavar="SHARE",
+            group=EFFECTS,
+        ),
+    ]
+
+
+class PlanSettings(ViewSettings, EffectsToleranceSettings, total=False):
+    """The settings of :func:`~davis_rs.plan_effects`."""
 
 
 class EngineSettings(TypedDict, total=False):
@@ -276,7 +302,22 @@ class SamplingSettings(ViewSettings, EngineSettings, total=False):
     ]
 
 
-class SimulatorSettings(SamplingSettings, total=False):
+class CustomSettings(SamplingSettings, total=False):
+    """What a user adds of their own."""
+
+    custom_effects: Annotated[
+        object | None,
+        Declared(
+            "an effect of your own, in Python (docs/effects.md): MODULE:NAME or FILE.py:NAME; from Python also objects",
+            default_help="none",
+            metavar="MODULE:NAME",
+            text=list,
+            group=EFFECTS,
+        ),
+    ]
+
+
+class SimulatorSettings(CustomSettings, total=False):
     """The settings of :class:`~davis_rs.Simulator`."""
 
     effects: Annotated[
@@ -290,7 +331,7 @@ class SimulatorSettings(SamplingSettings, total=False):
     ]
 
 
-class SimulationSettings(SamplingSettings, total=False):
+class SimulationSettings(CustomSettings, EffectsToleranceSettings, total=False):
     """The settings of :func:`~davis_rs.simulate`: a simulator's, with effects that may be planned first."""
 
     effects: Annotated[

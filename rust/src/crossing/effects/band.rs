@@ -5,10 +5,11 @@
 //! What must not break: a pixel that is not marked has no event and changes no state but its samples. Waits are counted
 //! from the last frame, so that they keep their digits however long a run is.
 
+use super::arrivals::Arrivals;
 use super::excursion::Excursion;
 use super::input::{Input, LowPass, bend};
 use super::leak::{LeakJitter, Leaks};
-use super::noise::{Arrivals, Noise};
+use super::noise::Noise;
 use super::scan::{FilterStep, low_pass, mark_out_of_bounds, mark_sign_changes};
 use super::sensor::Sensor;
 use super::timeline::{FREE, Pixel};

@@ -4,9 +4,9 @@
 
 use rayon::prelude::*;
 
+use super::arrivals::Arrivals;
 use super::band::Band;
 use super::excursion::Excursion;
-use super::noise::Arrivals;
 use super::parameters::Effects;
 use super::sensor::Sensor;
 use super::timeline::FREE;

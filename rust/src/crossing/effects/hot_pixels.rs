@@ -2,7 +2,7 @@
 //!
 //! Each has a rate and a regularity of its own. Its intervals are log-normal, so never negative however irregular they are.
 
-use super::noise::Arrivals;
+use super::arrivals::Arrivals;
 use super::parameters::{Effects, HotPixels};
 use crate::random::{Draw, Purpose};
 

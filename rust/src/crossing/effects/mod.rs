@@ -16,6 +16,7 @@
 //! An engine without effects uses none of this, so that an effect that is off costs nothing. What must not break: every
 //! draw is a function of (seed, purpose, pixel, index), so draws depend neither on threads nor on when frames come.
 
+mod arrivals;
 mod band;
 mod core;
 mod estimate;

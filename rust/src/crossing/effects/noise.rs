@@ -1,21 +1,9 @@
-//! Noise events: arrivals of processes of their own in each pixel, each a function of (seed, purpose, pixel, number of the
-//! arrival).
-//!
-//! What must not break: arrivals depend neither on how the signal is sampled in time nor on what the pixel sees. The
-//! pixel may drop an arrival, and the next one comes when it would have come.
+//! Noise events: which process their arrivals are of.
 
+use super::arrivals::Arrivals;
 use super::hot_pixels::HotPixelNoise;
 use super::shot_noise::ShotNoiseLaw;
 use crate::crossing::level::Thresholds;
-
-/// Where a pixel's process stands.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Arrivals {
-    /// Microseconds from the interval's start to the next arrival.
-    pub(crate) wait_us: f64,
-    /// Its number.
-    pub(crate) index: u64,
-}
 
 /// A kind of noise, the same in every pixel that has it.
 #[derive(Clone, Copy, Debug)]

@@ -4,8 +4,8 @@
 //! second, and `nu` is its bandwidth where it is white noise behind two poles of one corner frequency. Arrivals are
 //! drawn at the rate in the dark, which is the highest, and kept by the light at their very instant.
 
+use super::arrivals::Arrivals;
 use super::excursion::{Excursion, polarity};
-use super::noise::Arrivals;
 use super::parameters::{Effects, ShotNoise};
 use crate::crossing::level::Thresholds;
 use crate::log_intensity::ln;

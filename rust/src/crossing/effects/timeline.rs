@@ -3,9 +3,10 @@
 //! What must not break: that order, also where a hold ends within a piece, and that arrivals of noise during a hold are
 //! drawn and dropped, so that later ones keep their numbers.
 
+use super::arrivals::Arrivals;
 use super::excursion::Excursion;
 use super::leak::LeakJitter;
-use super::noise::{Arrivals, Noise};
+use super::noise::Noise;
 use crate::crossing::curve::{Curve, Piece, Timed};
 use crate::crossing::level::{Level, Thresholds};
 

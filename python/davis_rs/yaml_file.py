@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 from typing import Any
 
-from ..untrusted import read_text
+from .untrusted import read_text
 
 MOST_BYTES = 1 << 17
 MOST_NODES = 20_000

@@ -1,0 +1,28 @@
+"""Sensors as files: what is known of each, with units and sources, and those that come with the package."""
+
+from .presets import SENSORS, load_sensor, load_sensor_file, preset_file, read_once, sensor_parameters
+from .sensor_file import (
+    SENSOR_SUFFIXES,
+    SensorFile,
+    parameter_names,
+    read_sensor_file,
+    save_sensor,
+    sensor_yaml,
+    unit_of,
+)
+
+__all__ = [
+    "SENSORS",
+    "SENSOR_SUFFIXES",
+    "SensorFile",
+    "load_sensor",
+    "load_sensor_file",
+    "parameter_names",
+    "preset_file",
+    "read_once",
+    "read_sensor_file",
+    "save_sensor",
+    "sensor_parameters",
+    "sensor_yaml",
+    "unit_of",
+]

@@ -1,0 +1,14 @@
+//! Arrivals of noise events: those of processes of their own in each pixel, each a function of (seed, purpose, pixel, number
+//! of the arrival).
+//!
+//! What must not break: arrivals depend neither on how the signal is sampled in time nor on what the pixel sees. The
+//! pixel may drop an arrival, and the next one comes when it would have come.
+
+/// Where a pixel's process stands.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Arrivals {
+    /// Microseconds from the interval's start to the next arrival.
+    pub(crate) wait_us: f64,
+    /// Its number.
+    pub(crate) index: u64,
+}

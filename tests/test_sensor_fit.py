@@ -1,0 +1,191 @@
+"""Sensors fitted to events: hidden parameters are found within their errors, and what is not told is said so."""
+
+from __future__ import annotations
+
+import math
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from command_line import davis_rs as command
+from davis_rs import CrossingEngine, SensorParameters, load_sensor, measure_stream, open_writer, save_sensor
+from davis_rs.effects import Effects, HotPixels, ShotNoise
+from davis_rs.events import EVENT_DTYPE, EventArray, concatenate_events
+from davis_rs.sensors import SENSORS, SensorFile, read_sensor_file
+from davis_rs.sensors.sensor_fit import SensorFit, fit_sensor, neighbours_with_events
+from davis_rs.stream_statistics.stream_statistics import Measured
+
+WIDTH, HEIGHT = 120, 90
+
+
+def static_scene(effects: Effects, duration_s: float, seed: int, *, before_s: float = 0.0) -> EventArray:
+    """What pixels make of light that does not change.
+
+    Args:
+        before_s: what comes before is left out. With noise a leak's first event of each pixel comes early, because
+            references begin anywhere below a level, and not where noise would have brought them.
+    """
+    engine = CrossingEngine(
+        WIDTH, HEIGHT, contrast_threshold=0.2, effects=effects.engine_settings(), seed=seed, interpolation="linear"
+    )
+    luma = np.full((HEIGHT, WIDTH), 0.2, np.float32)
+    steps = np.linspace(0, (before_s + duration_s) * 1e6, 12).astype(np.int64).tolist()
+    events = concatenate_events([engine.push(t_us, luma) for t_us in steps])
+    return events[events["t"] > before_s * 1e6]
+
+
+def noise(rate_hz: float) -> ShotNoise:
+    """Noise events of both polarities together, in any light of these tests."""
+    return ShotNoise.of_rate(rate_hz, 0.2, half_luma=1e6)
+
+
+def found(fit: SensorFit, parameter: str) -> Measured | None:
+    [value] = [one.value for one in fit.findings if one.parameter == parameter]
+    return value
+
+
+def fitted(*streams: EventArray) -> SensorFit:
+    return fit_sensor([measure_stream(events, size=(WIDTH, HEIGHT)) for events in streams])
+
+
+def test_hidden_parameters_are_found_within_their_errors() -> None:
+    """16 sensors with leak, noise and hot pixels drawn from a seed: chi^2 / 16 in 0.3..2.2, none beyond 4 sigma."""
+    rng = np.random.default_rng(2026)
+    pulls: dict[str, list[float]] = {"leak_rate_hz": [], "hot_pixel_fraction": [], "hot_pixel_rate_hz": []}
+    for draw in range(16):
+        leak_hz = math.exp(rng.uniform(math.log(0.01), math.log(0.2)))
+        share, hot_hz = math.exp(rng.uniform(math.log(3e-4), math.log(5e-3))), rng.uniform(4, 40)
+        effects = Effects(
+            leak_rate_hz=leak_hz,
+            shot_noise_rms=noise(rng.uniform(0.05, 0.3)),
+            hot_pixels=HotPixels(share, rate_hz=hot_hz),
+        )
+        fit = fitted(static_scene(effects, 15.0, draw, before_s=40.0))
+        for name, truth in (("leak_rate_hz", leak_hz), ("hot_pixel_fraction", share), ("hot_pixel_rate_hz", hot_hz)):
+            value = found(fit, name)
+            if value is not None:
+                pulls[name].append((value.value - truth) / value.sigma)
+    for name, listed in pulls.items():
+        assert len(listed) >= 13, name
+        assert 0.3 < np.mean(np.square(listed)) < 2.2, (name, listed)
+        assert np.abs(listed).max() < 4, name
+
+
+def test_a_leak_is_told_from_noise() -> None:
+    """Noise comes in pairs: without a leak none is found, and its rate in this light is reported, not fitted."""
+    fit = fitted(static_scene(Effects(shot_noise_rms=noise(0.4)), 20.0, 3))
+    leak = found(fit, "leak_rate_hz")
+    assert leak is not None
+    assert leak.value < 3 * leak.sigma < 0.05
+    assert found(fit, "shot_noise_rms") is None
+    [said] = [one.note for one in fit.findings if one.parameter == "shot_noise_rms"]
+    rate = re.search(r"it makes ([\d.]+) \+- ([\d.]+) Hz here", said)
+    assert rate is not None
+    assert abs(float(rate[1]) - 0.4) < 4 * float(rate[2])
+
+
+def test_quiet_pixels_that_see_signal_give_no_leak() -> None:
+    """Edges everywhere: neighbours fire together, and it is said."""
+    rng = np.random.default_rng(1)
+    sweeps = []
+    for k in range(20):
+        y, x = np.nonzero(np.kron(rng.random((23, 30)) < 0.1, np.ones((4, 4)))[:HEIGHT])
+        sweep = np.zeros(len(x), EVENT_DTYPE)
+        sweep["t"], sweep["x"], sweep["y"], sweep["p"] = 50_000 * k, x, y, k % 3 > 0
+        sweeps.append(sweep)
+    events = concatenate_events(sweeps)
+    fit = fitted(events)
+    assert found(fit, "leak_rate_hz") is None
+    assert "not identifiable from these recordings; the quietest pixels of events see signal" in str(fit)
+
+
+def test_pairs_of_neighbours_are_counted() -> None:
+    """Against the chance of independent pixels, on which a pixel with many events has no weight."""
+    rng = np.random.default_rng(0)
+    counts, quiet = rng.poisson(0.1, (200, 200)), np.ones((200, 200), np.bool_)
+    counts[50, 50] = 10_000
+    pairs = neighbours_with_events(counts, quiet)
+    assert abs(pairs.observed - pairs.expected) < 4 * math.sqrt(pairs.expected)
+    assert pairs.expected == pytest.approx(2 * 199**2 * (1 - math.exp(-0.1)) ** 2, rel=0.05)
+    together = np.kron(rng.poisson(0.1, (50, 50)), np.ones((4, 4), np.int64))
+    assert neighbours_with_events(together, quiet).observed > 4 * neighbours_with_events(together, quiet).expected
+
+
+def test_several_recordings_tell_more_than_one() -> None:
+    """The error shrinks; bounds are the tightest; another size is another sensor."""
+    effects = Effects(leak_rate_hz=0.15)
+    streams = [static_scene(effects, 10.0, seed) for seed in range(3)]
+    one, three = fitted(streams[0]), fitted(*streams)
+    alone, together = found(one, "leak_rate_hz"), found(three, "leak_rate_hz")
+    assert alone is not None
+    assert together is not None
+    assert together.sigma < 0.75 * alone.sigma
+    assert abs(together.value - 0.15) < 4 * together.sigma
+    bounds = [fitted(stream).refractory_bound_us for stream in streams]
+    assert three.refractory_bound_us == min(bound for bound in bounds if bound is not None)
+    with pytest.raises(ValueError, match="the recordings must be of one sensor: their sizes are 120 x 90, 240 x 180"):
+        fit_sensor([measure_stream(streams[0], size=size) for size in ((WIDTH, HEIGHT), (240, 180))])
+    with pytest.raises(ValueError, match="events: there are no two events at different times"):
+        fitted(streams[0][:1])
+    with pytest.raises(ValueError, match="at least one recording is needed"):
+        fit_sensor([])
+
+
+def test_what_is_not_found_comes_from_the_base() -> None:
+    """With its sources; what was found has the recordings as its source, and its error."""
+    fit = fitted(static_scene(Effects(leak_rate_hz=0.05), 10.0, 0))
+    base = SensorFile(
+        SensorParameters(vignetting=4.0, leak_rate_hz=1.0), "mine", {"vignetting": "a", "leak_rate_hz": "b"}
+    )
+    made = fit.file(base)
+    assert (made.parameters.width, made.parameters.height) == (WIDTH, HEIGHT)
+    assert (made.parameters.vignetting, made.sources["vignetting"]) == (4.0, "a")
+    assert made.parameters.leak_rate_hz == pytest.approx(0.05, rel=0.2)
+    assert made.sources["leak_rate_hz"].startswith("fitted to events; ON less OFF")
+    assert 0 < made.uncertainties["leak_rate_hz"] < 0.01
+    assert made.description == "Fitted to events. mine"
+    assert fit.file().parameters.vignetting is None
+    with pytest.raises(
+        ValueError, match="the recordings have 120 x 90 pixels, the sensor that gives all else has 240 x"
+    ):
+        fit.file(SensorFile(SENSORS["davis240c"]))
+
+
+def test_a_refractory_period_above_the_bound_is_left_out() -> None:
+    """A recording that contradicts the base wins; one that allows it changes nothing."""
+    fit = fitted(static_scene(Effects(shot_noise_rms=noise(20.0)), 5.0, 0))
+    bound = fit.refractory_bound_us
+    assert bound is not None
+    assert f"at most {bound:,} us" in str(fit)
+    held = SensorFile(SensorParameters(refractory_period_us=bound + 1.0), "", {"refractory_period_us": "a"})
+    assert fit.file(held).parameters.refractory_period_us is None
+    assert "refractory_period_us" not in fit.file(held).sources
+    allowed = SensorFile(SensorParameters(refractory_period_us=float(bound)))
+    assert fit.file(allowed).parameters.refractory_period_us == bound
+
+
+def test_the_command_writes_a_sensor_that_simulates_alike(tmp_path: Path) -> None:
+    """The circle: a recording, its sensor, a simulation with it, and the same quiet rate."""
+    path = tmp_path / "one.npy"
+    with open_writer(path, (WIDTH, HEIGHT)) as writer:
+        writer.write(static_scene(Effects(leak_rate_hz=0.1, hot_pixels=HotPixels(2e-3, rate_hz=20)), 15.0, 1))
+    save_sensor(tmp_path / "base.yaml", SensorParameters(contrast_threshold=0.3), sources={"contrast_threshold": "x"})
+    words: list[Any] = ["calibrate", "sensor", path, "--size", f"{WIDTH}x{HEIGHT}", "--quiet"]
+    done = command(*words, "-o", tmp_path / "fit.yaml", "--base", tmp_path / "base.yaml")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert re.search(r"^leak +0\.\d+ \+- 0\.\d+ Hz; ON less OFF", done.stdout, re.MULTILINE)
+    assert re.search(r"^refractory period +not identifiable from these recordings; at most", done.stdout, re.MULTILINE)
+    sensor = load_sensor(tmp_path / "fit.yaml")
+    assert sensor.contrast_threshold == 0.3
+    assert read_sensor_file(tmp_path / "fit.yaml").sources["hot_pixel_fraction"].startswith("fitted to one.npy; ")
+    again = static_scene(sensor.effects(1000.0), 15.0, 9)
+    before, after = (measure_stream(one, size=(WIDTH, HEIGHT)) for one in (path, again))
+    sigma = math.hypot(before.quiet_rate_hz.sigma, after.quiet_rate_hz.sigma)
+    assert abs(before.quiet_rate_hz.value - after.quiet_rate_hz.value) < 4 * sigma
+    assert len(after.hot_pixels) == pytest.approx(len(before.hot_pixels), abs=4 * math.sqrt(2 * len(before.hot_pixels)))
+    failed = command(*words, "--base", "davis24")
+    assert failed.returncode == 1
+    assert "did you mean davis240c?" in failed.stderr
