@@ -259,6 +259,8 @@ def test_the_set_does_together_what_was_forecast(name: str) -> None:
     assert together is not None
     leak = Effects(leak_rate_hz=1e-12)  # the same references at the start
     none, chosen, everything = (together_stream(renderer, sequence, of) for of in (leak, plan.effects, SENSOR))
+    # What has leaked before the first frame is arbitrary: it must not look as if the leak mattered.
+    assert (plan.effects.leak_rate_hz is not None) == (name in {"static", "slow light"})
     size = sequence.camera.width, sequence.camera.height
     hot = SENSOR.hot_pixels
     assert hot is not None
@@ -280,16 +282,16 @@ def test_the_set_does_together_what_was_forecast(name: str) -> None:
 
 @pytest.mark.usefixtures("llvm")
 def test_what_matters_only_with_others_joins_the_set() -> None:
-    """Where nothing moves, thresholds that differ change nothing but how often pixels leak."""
+    """Where nothing moves, thresholds that differ change nothing but how often noise crosses them."""
     sequence, (renderer, _) = SEQUENCES["static"], rendered("static")
     plan = partial(plan_effects_of, renderer, sequence.path, contrast_threshold=C, log_eps=sequence.log_eps)
-    mismatch = Effects(threshold_mismatch=0.2)
+    mismatch, noise = Effects(threshold_mismatch=0.2), Effects(shot_noise_rms=ShotNoise.of_rate(20.0, C))
     assert not plan(mismatch).effects
-    found = plan(mismatch.with_defaults(Effects(leak_rate_hz=20.0)))
+    found = plan(mismatch.with_defaults(noise))
     item = item_of(found, "threshold_mismatch")
     assert (item.called_for, item.with_others, item.omission.worst_percent) == (True, True, 0.0)
     assert "threshold_mismatch  with others" in str(found)
-    kept = plan(mismatch, keep=Effects(leak_rate_hz=20.0))
+    kept = plan(mismatch, keep=noise)
     assert item_of(kept, "threshold_mismatch").with_others
 
 
@@ -378,6 +380,9 @@ def test_pixels_of_a_part_go_straight_to_it() -> None:
     sequence, (renderer, _) = SEQUENCES["fine texture"], rendered("fine texture")
     part = stretch(renderer, sequence.path, contrast_threshold=C)
     sample: LumaSample = SequenceSample(part, contrast_threshold=C, contrast_threshold_off=C, seed=0).frames
+    looked_at = SequenceSample(part, contrast_threshold=C, contrast_threshold_off=C, seed=0)
+    assert len(looked_at.held_out) > 100
+    assert not set(looked_at.held_out.tolist()) & set(looked_at.pixel.tolist())
     frames = keyframes(renderer, sequence)
     assert sample.pixel_frames == (len(frames) - 1) * 48 * 36
     late = sample.parts[0]._replace(t_us=sample.parts[0].t_us[10:], luma=sample.parts[0].luma[10:])
