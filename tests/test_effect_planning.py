@@ -224,9 +224,8 @@ def test_a_sequence_calls_for_what_it_was_built_for(name: str) -> None:
     """By the same sensor: each effect in some of the sequences and not in the others, as their light and motion ask."""
     _, plan = rendered(name)
     assert [item.effect for item in plan.items] == list(SENSOR)
-    called_for = {
-        item.effect.name for item in plan.items if item.called_for and not near_the_limit(item.omission.worst_percent)
-    }
+    alone = [item for item in plan.items if item.called_for and not item.with_others]
+    called_for = {item.effect.name for item in alone if not near_the_limit(item.omission.worst_percent)}
     assert called_for == SEQUENCES[name].called_for
     assert not any(getattr(plan.effects, item.effect.name) for item in plan.items if not item.called_for)
 
@@ -248,7 +247,7 @@ def test_the_plan_is_right(name: str) -> None:
             one, other = (getattr(found, f"{what}_percent") for found in (item.omission, came))
             assert close(one, other), f"{what}: {said}"
         if not near_the_limit(came.worst_percent):
-            assert item.called_for == (came.worst_percent > 1), said
+            assert (item.called_for and not item.with_others) == (came.worst_percent > 1), said
 
 
 @pytest.mark.usefixtures("llvm")
@@ -260,6 +259,8 @@ def test_the_set_does_together_what_was_forecast(name: str) -> None:
     assert together is not None
     leak = Effects(leak_rate_hz=1e-12)  # the same references at the start
     none, chosen, everything = (together_stream(renderer, sequence, of) for of in (leak, plan.effects, SENSOR))
+    # What has leaked before the first frame is arbitrary: it must not look as if the leak mattered.
+    assert (plan.effects.leak_rate_hz is not None) == (name in {"static", "slow light"})
     size = sequence.camera.width, sequence.camera.height
     hot = SENSOR.hot_pixels
     assert hot is not None
@@ -269,13 +270,29 @@ def test_the_set_does_together_what_was_forecast(name: str) -> None:
     came, left_us = omission_error(chosen, everything, size=size, scale=plan.scale)
     _, all_us = omission_error(none, everything, size=size, scale=plan.scale)
     # Who waits for whom in a bus's queue is decided by all pixels: of that the sample knows too little.
-    for what in ("count", "rate") if plan.effects.readout else ("count", "rate", "time"):
+    for what in ("count", "rate") if name in {"flash", "steep flash"} else ("count", "rate", "time"):
         one, other = (getattr(found, f"{what}_percent") for found in (together.omission, came))
-        assert close(one, other), f"{what}: {came} against {together}"
-    if not plan.effects.readout:
+        assert abs(one - other) <= 1.5 or close(one, other), f"{what}: {came} against {together}"
+    if name != "flash":
+        assert came.worst_percent < 2, came  # the tolerance is 1 %; the plan knows a sample only
         assert together.explained_percent == pytest.approx(100 * (1 - left_us / all_us), abs=12)  # of 200 pixels
     assert (together.chosen, together.candidates) == (len([e for e in plan.effects if e.name != "aps"]), 9)
     assert 0 <= together.cost_percent <= 100
+
+
+@pytest.mark.usefixtures("llvm")
+def test_what_matters_only_with_others_joins_the_set() -> None:
+    """Where nothing moves, thresholds that differ change nothing but how often noise crosses them."""
+    sequence, (renderer, _) = SEQUENCES["static"], rendered("static")
+    plan = partial(plan_effects_of, renderer, sequence.path, contrast_threshold=C, log_eps=sequence.log_eps)
+    mismatch, noise = Effects(threshold_mismatch=0.2), Effects(shot_noise_rms=ShotNoise.of_rate(20.0, C))
+    assert not plan(mismatch).effects
+    found = plan(mismatch.with_defaults(noise))
+    item = item_of(found, "threshold_mismatch")
+    assert (item.called_for, item.with_others, item.omission.worst_percent) == (True, True, 0.0)
+    assert "threshold_mismatch  with others" in str(found)
+    kept = plan(mismatch, keep=noise)
+    assert item_of(kept, "threshold_mismatch").with_others
 
 
 def together_stream(renderer: Renderer, sequence: Sequence, effects: Effects) -> EventArray:
@@ -354,7 +371,7 @@ def test_a_long_sequence_is_seen_in_parts(monkeypatch: pytest.MonkeyPatch) -> No
     frames = keyframes(renderer, sequence)
     for item in parts.items:
         came = real(frames, sequence, item.effect, parts, renderer)
-        assert item.called_for == (came.worst_percent > 1), f"{came} against {item}"
+        assert (item.called_for and not item.with_others) == (came.worst_percent > 1), f"{came} against {item}"
 
 
 @pytest.mark.usefixtures("llvm")
@@ -363,6 +380,9 @@ def test_pixels_of_a_part_go_straight_to_it() -> None:
     sequence, (renderer, _) = SEQUENCES["fine texture"], rendered("fine texture")
     part = stretch(renderer, sequence.path, contrast_threshold=C)
     sample: LumaSample = SequenceSample(part, contrast_threshold=C, contrast_threshold_off=C, seed=0).frames
+    looked_at = SequenceSample(part, contrast_threshold=C, contrast_threshold_off=C, seed=0)
+    assert len(looked_at.held_out) > 100
+    assert not set(looked_at.held_out.tolist()) & set(looked_at.pixel.tolist())
     frames = keyframes(renderer, sequence)
     assert sample.pixel_frames == (len(frames) - 1) * 48 * 36
     late = sample.parts[0]._replace(t_us=sample.parts[0].t_us[10:], luma=sample.parts[0].luma[10:])

@@ -13,7 +13,7 @@ def add_plan(plan: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
     plan.description = (
         "Look at a sequence, and say of each effect of a sensor what leaving it out would do to the "
-        "events (or frames), and what having it costs."
+        "events (or frames); and of those called for, how much of the difference they make at which cost."
     )
     plan.set_defaults(run=_plan)
     add_scene(plan)

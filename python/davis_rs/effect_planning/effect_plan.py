@@ -24,6 +24,7 @@ class PlannedEffect:
     Attributes:
         effect: with its values.
         called_for: whether the plan switches it on.
+        with_others: whether that is only because of what it does together with others, and not alone.
         observation: what was seen of the sequence.
         omission: what leaving it out does to events; no error for APS.
         frame_change_percent: pixels of 8-bit frames that would be off by more than one grey value; NaN but for APS.
@@ -33,6 +34,7 @@ class PlannedEffect:
 
     effect: Effect
     called_for: bool
+    with_others: bool
     observation: str
     omission: OmissionError
     frame_change_percent: float
@@ -136,7 +138,7 @@ def _summary(plan: EffectPlan) -> list[str]:
         f"{_percent(left.rate_percent)} in rate and {_percent(left.time_percent)} in time."
     )
     if left.worst_percent > 100 * plan.effects_tolerance:
-        lines.append("That is above the tolerance: what is left out adds up. A lower tolerance takes more effects.")
+        lines.append("That is above the tolerance, though on the pixels of the choice it was not: they are a sample.")
     return lines
 
 
@@ -149,7 +151,8 @@ def _notes(plan: EffectPlan) -> list[str]:
     tolerance, scale = f"{100 * plan.effects_tolerance:g} %", plan.scale
     return [
         f"Of each effect left out alone, compared with ideal pixels, in {plan.duration_s:g} s with about "
-        f"{plan.events:,.0f} events; called for above {tolerance} of count, rate or time. All shares are of the larger "
+        f"{plan.events:,.0f} events; called for above {tolerance} of count, rate or time, or (with others) "
+        f"where the set would else err by more, compared with all candidates. All shares are of the larger "
         "one of both streams.",
         "Count: events without the effect minus those with it. Rate: the same of each pixel and polarity, added up "
         "without signs. Time: the mean shift of an event, as a share of the median interval between events of a pixel, "
@@ -175,7 +178,7 @@ def _line(cells: Sequence[str], widths: Sequence[int]) -> str:
 
 
 def _cells(item: PlannedEffect, *, long: bool) -> tuple[str, ...]:
-    start = (item.effect.name, "yes" if item.called_for else "no")
+    start = (item.effect.name, _called(item))
     found, cost = item.omission, _cost(item)
     if not math.isnan(item.frame_change_percent):
         frames = (*start, "-", "-", f"{_percent(item.frame_change_percent)} of frames")
@@ -187,6 +190,12 @@ def _cells(item: PlannedEffect, *, long: bool) -> tuple[str, ...]:
     sign = ("-" if found.count_percent < 0 else "+") if abs(found.count_percent) >= 0.01 else ""
     signed = (*start, sign + errors[2], *errors[3:])
     return (*signed, _percent(found.missing_percent), _percent(found.spurious_percent), shift, cost)
+
+
+def _called(item: PlannedEffect) -> str:
+    if item.with_others:
+        return "with others"
+    return "yes" if item.called_for else "no"
 
 
 def _percent(value: float) -> str:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 
-from ..effects import Effects, HotPixels, LensBlur, Vignetting, with_optics
+from ..effects import Effect, Effects, LensBlur, Vignetting, with_optics
 from ..events import EventArray, concatenate_events
 from .bus import carried_events
 from .cost import Costs, most_noise_hz
@@ -41,41 +42,69 @@ class SetForecast:
     candidates: int
 
 
-def forecast_set(
-    estimator: OmissionEstimator, costs: Costs, *, kept: Effects, chosen: Effects, candidates: Effects
-) -> SetForecast | None:
-    """Run the engine with all of a set on, with all candidates, and with none of them.
+class EffectsTogether:
+    """Runs of the engine with several effects on at once: sets of candidates, and all of them.
 
     Hot pixels are so few that a sample says nothing of them: their known rate is added.
 
     Args:
-        kept: effects that are on in each.
-        chosen: the set, a part of ``candidates``.
-
-    Returns:
-        None where no candidate acts on events, or where noise would make more events than are worth simulating.
+        kept: effects that are on in each run.
+        candidates: of the plan.
     """
-    kept, chosen, candidates = (effects.without(["aps"]) for effects in (kept, chosen, candidates))
-    sequence = estimator.sequence
-    everything = candidates.with_defaults(kept)
-    sample = sequence.pixels
-    noise_hz = sum(most_noise_hz(effect, sample) for effect in everything if not isinstance(effect, HotPixels))
-    if not candidates or noise_hz * sample.pixels * sequence.duration_us * 1e-6 > FLOOD:
-        return None
-    with_set = chosen.with_defaults(kept)
-    seen = _Pixels(estimator, sequence.pixel, everything)
-    other = _Pixels(estimator, sequence.held_out if len(sequence.held_out) else sequence.pixel, everything)
-    omission, left_us = other.omission(with_set, everything)
-    _, all_us = other.omission(kept, everything)
-    return SetForecast(
-        events=estimator.whole(len(seen.events(with_set))) + estimator.of_rate(_hot_hz(with_set)),
-        omission=omission,
-        explained_percent=100 * (1 - left_us / all_us) if all_us else np.nan,
-        cost_percent=costs.share_percent(with_set, everything, kept),
-        held_out=len(sequence.held_out),
-        chosen=sum(1 for _ in chosen),
-        candidates=sum(1 for _ in candidates),
-    )
+
+    def __init__(self, estimator: OmissionEstimator, *, kept: Effects, candidates: Effects) -> None:
+        self._estimator, sequence = estimator, estimator.sequence
+        self._kept, self._candidates = (Effects.of(e for e in of if e.name != "aps") for of in (kept, candidates))
+        self._everything = self._candidates.with_defaults(self._kept)
+        self._seen = _Pixels(estimator, sequence.pixel, self._everything)
+
+    @property
+    def worth_running(self) -> bool:
+        """Whether a candidate acts on events, and noise does not make more events than are worth simulating."""
+        sample, in_pixels = self._estimator.sequence.pixels, [e for e in self._everything if e.name != "hot_pixels"]
+        pixel_s = sample.pixels * self._estimator.sequence.duration_us * 1e-6
+        return bool(self._candidates) and sum(most_noise_hz(e, sample) for e in in_pixels) * pixel_s <= FLOOD
+
+    def called_for(self, chosen: Effects, tolerance_percent: float) -> set[str]:
+        """What must join a set so that it errs by no more than the tolerance, compared with all candidates.
+
+        Some effects matter only with others: a mismatch of thresholds changes the rate of noise, but nothing in a
+        scene without noise and motion. The next to join is the one that errs most when it alone is left out of all.
+        """
+        out = [effect for effect in self._candidates if getattr(chosen, effect.name) is None]
+        joined: set[str] = set()
+        if not out or self._error(self._seen, out) <= tolerance_percent:
+            return joined
+        out.sort(key=lambda effect: self._error(self._seen, [effect]))
+        while out and self._error(self._seen, out) > tolerance_percent:
+            joined.add(out.pop().name)
+        return joined
+
+    def forecast(self, costs: Costs, chosen: Effects) -> SetForecast:
+        """What a set does on the pixels of the sample, and how it compares with all candidates on held-out ones."""
+        estimator, sequence = self._estimator, self._estimator.sequence
+        chosen = Effects.of(effect for effect in chosen if effect.name != "aps")
+        with_set = chosen.with_defaults(self._kept)
+        other = self._seen
+        if len(sequence.held_out):
+            other = _Pixels(estimator, sequence.held_out, self._everything)
+        omission, left_us = other.omission(with_set, self._everything)
+        _, all_us = other.omission(self._kept, self._everything)
+        return SetForecast(
+            events=estimator.whole(len(self._seen.events(with_set))) + estimator.of_rate(_hot_hz(with_set)),
+            omission=omission,
+            explained_percent=100 * (1 - left_us / all_us) if all_us else np.nan,
+            cost_percent=costs.share_percent(with_set, self._everything, self._kept),
+            held_out=len(sequence.held_out),
+            chosen=len(list(chosen)),
+            candidates=len(list(self._candidates)),
+        )
+
+    def _error(self, pixels: _Pixels, out: Sequence[Effect]) -> float:
+        """Of leaving these out of everything."""
+        names = {effect.name for effect in out}
+        rest = Effects.of(effect for effect in self._everything if effect.name not in names)
+        return pixels.omission(rest, self._everything)[0].worst_percent
 
 
 class _Pixels:
@@ -93,8 +122,9 @@ class _Pixels:
         leaks = everything.leak_rate_hz is not None
         self._floor = Effects(leak_rate_hz=NO_LEAK / duration_s) if leaks else Effects()
         self._through = lru_cache(self._sample)
+        self.events = lru_cache(maxsize=4)(self._events)
 
-    def events(self, effects: Effects) -> EventArray:
+    def _events(self, effects: Effects) -> EventArray:
         """All events but those of hot pixels."""
         sample = self._through(effects.vignetting, effects.lens_blur_px)
         in_pixels = Effects.of(effect for effect in effects if effect.name not in _NOT_IN_PIXELS)

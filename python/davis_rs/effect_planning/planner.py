@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,7 +20,7 @@ from ..trajectory.trajectory import Trajectory
 from .aps import frame_change
 from .cost import Costs
 from .effect_plan import EffectPlan, PlannedEffect
-from .effects_together import forecast_set
+from .effects_together import EffectsTogether
 from .luma_sample import event_intervals_us
 from .omission_error import NO_ERROR, OmissionError, TimeScale
 from .omission_estimator import OmissionEstimator
@@ -101,8 +102,9 @@ def plan_effects_of(
     An APS changes no events: it is called for where more than the tolerance's share of the pixels move by more than
     half a pixel in the exposure, or of the pixels of 8-bit frames change by more than one grey value.
 
-    Each effect is judged alone. Then the engine runs with all of the chosen set on, and it is compared with all
-    candidates on pixels that the choice was not made on: :class:`~davis_rs.effect_planning.SetForecast`.
+    Each effect is judged alone. Then the set of them is compared with all candidates at once; while it errs by more
+    than the tolerance, others join it, those first that err most when they alone are left out of all. At last the
+    comparison is made on pixels that the choice was not made on: :class:`~davis_rs.effect_planning.SetForecast`.
 
     What an effect in the pixel or on the stream does is seen on a few pixels that are followed all the time (see
     :class:`~davis_rs.effect_planning.sequence_sample.SequenceSample`), by the crossing engine itself or, of noise, from
@@ -139,7 +141,14 @@ def plan_effects_of(
     estimator, costs = OmissionEstimator(sequence, scale), Costs(sequence)
     items = tuple(_planned(effect, estimator, costs, 100 * tolerance) for effect in effects)
     chosen = Effects.of(item.effect for item in items if item.called_for)
-    together = forecast_set(estimator, costs, kept=kept, chosen=chosen, candidates=effects)
+    runs = EffectsTogether(estimator, kept=kept, candidates=effects)
+    together = None
+    if runs.worth_running:
+        joined = runs.called_for(chosen, 100 * tolerance)
+        items = tuple(
+            replace(item, called_for=True, with_others=True) if item.effect.name in joined else item for item in items
+        )
+        together = runs.forecast(costs, Effects.of(item.effect for item in items if item.called_for))
     return EffectPlan(items, tolerance, scale, estimator.scene_events, trajectory.duration_s, together, kept)
 
 
@@ -152,4 +161,4 @@ def _planned(effect: Effect, estimator: OmissionEstimator, costs: Costs, percent
     else:
         found, observation = estimator(effect)
         called_for = found.worst_percent > percent
-    return PlannedEffect(effect, called_for, observation, found, frame_percent, *costs(effect))
+    return PlannedEffect(effect, called_for, False, observation, found, frame_percent, *costs(effect))
