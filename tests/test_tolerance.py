@@ -128,7 +128,7 @@ def test_sparse_samples_are_pixels_rendered_between_keyframes() -> None:
     """Sorted by pixel and time, within their interval, each pixel's middle first among them, luma of the renderer."""
     renderer, trajectory = built_in()
     part = stretch(renderer, trajectory.crop(0, 0.1))
-    keyframes = list(Tolerance(0.1).keyframes(part))
+    keyframes = list(Tolerance(0.1, edges=False).keyframes(part))
     assert sparse_count(keyframes) > 1000
     most = 0
     for last, new in pairwise(keyframes):
@@ -151,7 +151,9 @@ def test_sparse_samples_are_pixels_rendered_between_keyframes() -> None:
 def test_halvings_bound_the_samples_of_a_pixel(halvings: int) -> None:
     """2^halvings - 1 in an interval at the most; none at all for 0."""
     renderer, trajectory = built_in()
-    keyframes = list(Tolerance(0.02, halvings=halvings).keyframes(stretch(renderer, trajectory.crop(0, 0.05))))
+    keyframes = list(
+        Tolerance(0.02, halvings=halvings, edges=False).keyframes(stretch(renderer, trajectory.crop(0, 0.05)))
+    )
     counts = [np.bincount(k.sparse.pixel).max() for k in keyframes if k.sparse is not None and len(k.sparse.pixel)]
     assert max(counts, default=0) == 2**halvings - 1
 

@@ -769,10 +769,10 @@ class SceneRenderer:
 
         Returns:
             Of each span: uint32 (p), increasing, the pixels that edges pass, and those that take luma from them;
-            uint32, those of them in which something passes that was not seen; samples by pixel and time, between which
-            luma changes evenly: uint32 (m), the pixel; int64 (m), microseconds within the span; float32 (m), luma; and
-            how many pixels were rendered, one at several instants counted so often. With a reach the samples are those
-            of all pixels that luma is taken from, the span's ends among them.
+            uint32, those of them that do what neither edges nor their rates tell; samples by pixel and time,
+            between which luma changes evenly: uint32 (m), the pixel; int64 (m), microseconds within the span;
+            float32 (m), luma; and how many pixels were rendered, one at several instants counted so often. With a
+            reach the samples are those of all pixels that luma is taken from, the span's ends among them.
 
         Raises:
             ValueError: for views that do not fit the scene or the instants, or instants that do not increase in a span.

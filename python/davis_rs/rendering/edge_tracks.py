@@ -29,7 +29,7 @@ class EdgeTracks(NamedTuple):
 
     Attributes:
         pixels: (p,), increasing, all of them, y W + x.
-        unknown: (u,), those in which something passes that was not seen.
+        unknown: (u,), those that do what neither edges nor their rates tell, as at a shadow's edge.
         pixel, t_us, luma: (m,) samples by pixel and time, strictly within the span; log luma is a line between them.
         rendered: how many pixels were rendered, one at several instants counted so often.
     """

@@ -253,6 +253,8 @@ class _Control:
             return None
         t_us = np.array(self._window.t_us[first : end + 1])
         long = np.flatnonzero(np.diff(t_us) >= SHORTEST_US)
+        if not len(long):
+            return [NO_TRACKS] * (end - first)
         instants = instants_of_spans(t_us[long], t_us[long + 1])
         found = self._stretch.renderer.edge_tracks(
             self._stretch.views(instants.ravel()), instants, tolerated=self._tolerated, log_eps=self._stretch.log_eps

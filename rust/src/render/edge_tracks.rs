@@ -26,7 +26,7 @@ pub struct TrackSettings {
 pub struct EdgeTracks {
     /// The pixels whose luma jumps, row by row, and those that take luma from them; increasing.
     pub pixels: Vec<u32>,
-    /// Those in whose luma something passes that was not seen.
+    /// Those that do what neither edges nor their rates tell.
     pub unknown: Vec<u32>,
     /// Samples by pixel and time: which pixel.
     pub sample_pixel: Vec<u32>,

@@ -30,7 +30,7 @@ const REMAINS: f32 = 1.0 / 3.0;
 /// A microsecond, in seconds.
 const TICK_S: f64 = 1e-6;
 
-/// A jump of less than this share of what is tolerated is drawn out over the time around it.
+/// Jumps of less than this share of what is tolerated, together, are drawn out over the time around them.
 const SIGNIFICANT: f32 = 0.1;
 
 /// What one ray does between two instants.
@@ -330,11 +330,13 @@ impl Pixel<'_> {
             f64::from(luma) + share * piece.even + jumped
         };
         let significant = f64::from(SIGNIFICANT * tolerated.luma(luma));
-        let mut last_us = ends[0];
+        let (mut last_us, mut left_out) = (ends[0], 0.0);
         for jumps in piece.jumps.chunk_by(|a, b| a.after_us == b.after_us) {
             let after_us = jumps[0].after_us;
             let [before, after] = [at(after_us - 1), at(after_us)];
-            if (after - before).abs() > significant {
+            left_out += (after - before).abs();
+            if left_out > significant {
+                left_out = 0.0;
                 for (t_us, luma) in [(after_us - 1, before), (after_us, after)] {
                     if t_us > last_us && t_us < ends[1] {
                         #[allow(clippy::cast_possible_truncation, reason = "luma is float32")]
