@@ -11,7 +11,7 @@ from typing import Any, get_type_hints
 
 import numpy as np
 import pytest
-from hypothesis import given, reject, settings
+from hypothesis import example, given, reject, settings
 from hypothesis import strategies as st
 
 import davis_rs
@@ -113,6 +113,7 @@ SENSORS_OF_ANY_VALUES = st.fixed_dictionaries({}, optional={name: values(name) f
 
 @settings(max_examples=60)
 @given(parameters=SENSORS_OF_ANY_VALUES, description=TEXTS, source=TEXTS, sigma=st.floats(0, 1e9))
+@example(parameters={"width": 3}, description="\x85", source="a\u2028b", sigma=0.0)
 def test_what_is_written_is_read_back_exactly(
     tmp_path_factory: pytest.TempPathFactory, parameters: dict[str, Any], description: str, source: str, sigma: float
 ) -> None:

@@ -24,6 +24,7 @@ _DESCRIPTION = "description"
 _ENTRY = ("value", "unit", "uncertainty", "source")
 _HEADING = "# A sensor of davis-rs: --sensor FILE.yaml, or davis_rs.load_sensor. docs/sensor.md has the keys.\n"
 _WIDTH = 110
+_LINE_SEPARATORS = frozenset("\x85\u2028\u2029")
 
 _UNITS = {
     "events_per_s": "events/s",
@@ -182,8 +183,11 @@ def sensor_yaml(sensor: SensorFile) -> str:
     """The text of a sensor file: each value that is given, with its unit, its uncertainty and its source."""
     import yaml
 
+    # YAML reads other line separators than its own back as spaces, unless they are escaped.
+    plain = _LINE_SEPARATORS.isdisjoint("".join([sensor.description, *sensor.sources.values()]))
+
     def dumped(key: str, value: Any) -> str:
-        return yaml.safe_dump({key: value}, sort_keys=False, allow_unicode=True, width=_WIDTH)
+        return yaml.safe_dump({key: value}, sort_keys=False, allow_unicode=plain, width=_WIDTH)
 
     parts = [_HEADING]
     if sensor.description:
