@@ -108,14 +108,6 @@ def on_trajectory(options: argparse.Namespace, scene: Scene, *, at_s: float = 0.
     return scene.with_trajectory(trajectory)
 
 
-def add_part(parser: argparse.ArgumentParser) -> None:
-    """Add ``--start`` and ``--stop`` of a stream that is measured."""
-    parser.add_argument(
-        "--start", type=float, default=0.0, metavar="S", help="only events from here on, after the first"
-    )
-    parser.add_argument("--stop", type=float, metavar="S", help="only events before this time after the first")
-
-
 def figure_file(text: str) -> Path:
     """A file that a picture can be written to, told by its suffix."""
     from ..inspection.figure import check_figure_path

@@ -6,8 +6,8 @@ import argparse
 import json
 from pathlib import Path
 
-from ..progress import progress
-from .common import add_part, figure_file, sensor_size
+from .common import figure_file
+from .measured import RECORDING, add_measured, measured
 
 
 def add_compare(parser: argparse.ArgumentParser) -> None:
@@ -17,45 +17,20 @@ def add_compare(parser: argparse.ArgumentParser) -> None:
         "quiet pixels, parity of columns and rows. docs/sensor.md says what each means."
     )
     parser.set_defaults(run=_compare)
-    what = "a dataset folder, an event file of any format, a camera's bytes, or an AEDAT recording"
-    parser.add_argument("real", metavar="REAL", help=what)
+    parser.add_argument("real", metavar="REAL", help=RECORDING)
     parser.add_argument("simulated", metavar="SIMULATED", help="likewise")
     parser.add_argument(
         "--figure", type=figure_file, metavar="FILE", help="draw both on one page: .png, .pdf, .svg ..."
     )
     parser.add_argument("--json", type=Path, metavar="FILE", help="write all numbers of both")
-    parser.add_argument(
-        "--size", type=sensor_size, metavar="WxH", help="sensor size of both, where a file does not say"
-    )
-    parser.add_argument(
-        "--quiet-region",
-        type=int,
-        nargs=4,
-        metavar=("X0", "Y0", "X1", "Y1"),
-        help="pixels X0 <= x < X1, Y0 <= y < Y1 that see no signal in either; the quietest tiles of each if not given",
-    )
-    add_part(parser)
-    parser.add_argument("--quiet", action="store_true", help="no progress bar")
+    add_measured(parser)
 
 
 def _compare(options: argparse.Namespace) -> int:
-    from ..stream_statistics import StreamComparison, StreamStatistics, measure_stream
+    from ..stream_statistics import StreamComparison
     from ..stream_statistics.comparison_figure import draw_comparison
 
-    region = None if options.quiet_region is None else tuple(options.quiet_region)
-
-    def measured(path: str) -> StreamStatistics:
-        with progress(f"reading {path}", 100.0, unit="%", show=not options.quiet) as bar:
-            return measure_stream(
-                path,
-                size=options.size,
-                quiet=region,
-                start_s=options.start,
-                stop_s=options.stop,
-                progress=lambda share: bar.to(100.0 * share),
-            )
-
-    comparison = StreamComparison(measured(options.real), measured(options.simulated))
+    comparison = StreamComparison(measured(options.real, options), measured(options.simulated, options))
     print(comparison)
     if options.json is not None:
         found = {"real": comparison.real.describe(), "simulated": comparison.simulated.describe()}

@@ -266,8 +266,7 @@ fn of_tile(edge: &MovingEdge, rays: &PixelRays, tile: usize, found: &mut Vec<Pas
         if !edge.may_meet(around) {
             continue;
         }
-        let [(far_x, far_y)] =
-            [(around.low[0].abs().max(around.high[0].abs()), around.low[1].abs().max(around.high[1].abs()))];
+        let [far_x, far_y] = [0, 1].map(|axis| around.low[axis].abs().max(around.high[axis].abs()));
         let uncertain = lines
             .map(|Linear([a, b, c])| UNCERTAIN * (a.abs() * far_x + b.abs() * far_y + c.abs()))
             .into_iter()

@@ -1,0 +1,48 @@
+"""The command line: streams whose statistics are measured, as ``compare`` and ``calibrate sensor`` do."""
+
+from __future__ import annotations
+
+import argparse
+from typing import TYPE_CHECKING
+
+from ..progress import progress
+from .common import sensor_size
+
+if TYPE_CHECKING:
+    from ..stream_statistics import StreamStatistics
+
+RECORDING = "a dataset folder, an event file of any format, a camera's bytes, or an AEDAT recording"
+"""What can be measured."""
+
+
+def add_measured(parser: argparse.ArgumentParser) -> None:
+    """Add what all streams of a command have in common."""
+    parser.add_argument("--size", type=sensor_size, metavar="WxH", help="sensor size, where a file does not say")
+    parser.add_argument(
+        "--quiet-region",
+        type=int,
+        nargs=4,
+        metavar=("X0", "Y0", "X1", "Y1"),
+        help="pixels X0 <= x < X1, Y0 <= y < Y1 that see no signal; the quietest tiles of each stream if not given",
+    )
+    parser.add_argument(
+        "--start", type=float, default=0.0, metavar="S", help="only events from here on, after the first"
+    )
+    parser.add_argument("--stop", type=float, metavar="S", help="only events before this time after the first")
+    parser.add_argument("--quiet", action="store_true", help="no progress bar")
+
+
+def measured(path: str, options: argparse.Namespace) -> StreamStatistics:
+    """The statistics of a stream, with a progress bar."""
+    from ..stream_statistics import measure_stream
+
+    region = None if options.quiet_region is None else tuple(options.quiet_region)
+    with progress(f"reading {path}", 100.0, unit="%", show=not options.quiet) as bar:
+        return measure_stream(
+            path,
+            size=options.size,
+            quiet=region,
+            start_s=options.start,
+            stop_s=options.stop,
+            progress=lambda share: bar.to(100.0 * share),
+        )
