@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from functools import lru_cache, partial
 from pathlib import Path
 
@@ -26,7 +27,13 @@ from calibration_views import (
     write_folder,
 )
 from davis_rs.calibrate import BoardPose, board_pose, board_poses, calibrate_hand_eye, report, tracked_poses
-from davis_rs.calibrate.hand_eye import HandEyePoses, Reprojection, check_motion, linear_hand_eye
+from davis_rs.calibrate.hand_eye import (
+    HandEyePoses,
+    Reprojection,
+    check_motion,
+    covariance_of_sum,
+    linear_hand_eye,
+)
 from davis_rs.calibrate.levenberg_marquardt import levenberg_marquardt
 from davis_rs.calibrate.reprojection import inverse, rotation_of, transform
 from davis_rs.cli.main import main
@@ -90,6 +97,41 @@ def test_the_covariance_tells_the_scatter() -> None:
     ratio = np.sqrt(np.mean(np.square(errors), 0) / np.mean(variances, 0))
     np.testing.assert_array_less(ratio, 1.35)
     np.testing.assert_array_less(0.7, ratio)
+
+
+@pytest.mark.parametrize("likeness", [0.0, 0.3, 0.6])
+def test_the_covariance_of_a_sum_counts_neighbours_that_are_alike(likeness: float) -> None:
+    """Of a series whose next term is ``likeness`` of the last, the sum varies (1 + likeness) / (1 - likeness) as much.
+
+    Of 400 terms the rule finds it within 6 % without likeness, and 20 % less at most with much of it.
+    """
+    random = np.random.default_rng(9)
+    found = []
+    for _ in range(100):
+        drawn = random.standard_normal((460, 2))
+        for k in range(1, len(drawn)):
+            drawn[k] += likeness * drawn[k - 1]
+        found.append(np.diag(covariance_of_sum(drawn[60:])))
+    truth = 400 / (1 - likeness) ** 2
+    ratio = np.mean(found) / truth
+    assert (0.94 if likeness == 0 else 0.78) < ratio < 1.06
+
+
+def test_views_close_in_time_have_a_larger_covariance_than_scattered_ones() -> None:
+    """Smoothed poses err alike from one view to the next: the order of the views' errors matters, not that of the views."""
+    t = np.arange(1.0, 19.0, 1 / 15)
+    views = [board_pose(exact_view(board_camera(s)), BOARD, CAMERA) for s in t]
+    views = [replace(v, view=replace(v.view, t_us=round(1e6 * s))) for v, s in zip(views, t, strict=True)]
+    poses = MotionCapture().poses(path())
+    noisy = MocapNoise().apply(ground_truth(poses.t_us, matrices(poses) @ inverse(X)), seed=2)
+    hands, _ = tracked_poses(noisy, t)
+    in_time = calibrate_hand_eye(hands, views, BOARD, CAMERA).covariance
+    drawn = np.random.default_rng(4).permutation(len(t))
+    again = calibrate_hand_eye(hands[drawn], [views[k] for k in drawn], BOARD, CAMERA).covariance
+    np.testing.assert_allclose(again, in_time, rtol=1e-4)
+    stamped = [replace(v, view=replace(v.view, t_us=k)) for k, v in enumerate(views[j] for j in drawn)]
+    scattered = calibrate_hand_eye(hands[drawn], stamped, BOARD, CAMERA).covariance
+    assert np.median(np.diag(in_time) / np.diag(scattered)) > 1.3
 
 
 @given(st.lists(st.floats(-3, 3), min_size=3, max_size=3))

@@ -20,7 +20,6 @@ MPU6150_NOISE = ImuNoise(accelerometer_noise_density=3.9e-3, gyroscope_noise_den
 """White noise of the dataset's IMU by its data sheet: 400 ug/sqrt(Hz) and 0.005 degrees/s/sqrt(Hz)."""
 
 _LEAST_VIEWS = 10
-_LONGEST_GAP_S = 0.5
 _LEAST_SAMPLES = 50
 
 
@@ -38,6 +37,7 @@ class CameraImu:
         rate_rms, acceleration_rms, corner_rms_px: what is left, root mean square of an axis: of the (averaged)
             readings, rad/s and m/s^2, and of the board's poses in pixels of corner noise.
         views, samples: number of board poses and of (averaged) readings used.
+        unseen_s: seconds in which the board was out of sight for more than half a second; readings there are not used.
     """
 
     imu_camera: FloatArray
@@ -51,6 +51,7 @@ class CameraImu:
     corner_rms_px: float
     views: int
     samples: int
+    unseen_s: float
 
     @property
     def deviations(self) -> FloatArray:
@@ -74,20 +75,22 @@ def calibrate_camera_imu(
     beforehand but that the lag is below 50 ms.
 
     Args:
-        camera_poses: of at least ten frames, in any order.
+        camera_poses: of at least ten frames, in any order. Where the board is out of sight for more than half a second
+            the readings are left out, and both sides are fitted together.
         imu: ``IMU_DTYPE``.
         noise: white noise of the IMU, which weighs readings against corners.
         knot_rate_hz: knots of the splines a second; the motion must have nothing faster than about a third of that.
         reading_rate_hz: readings are averaged to about this rate.
 
     Raises:
-        ValueError: for too few views or readings, more than half a second without a view, or a motion that does not
-            turn about two axes, or measurements that do not fit together.
+        ValueError: for too few views or readings, a motion that does not turn about two axes, or measurements that do
+            not fit together.
 
     Source: Furgale, Rehder and Siegwart, IROS 2013 (continuous-time estimation).
     """
+    if len(camera_poses) < _LEAST_VIEWS:
+        raise ValueError(f"camera and IMU need at least {_LEAST_VIEWS} views of the board, got {len(camera_poses)}")
     poses = sorted(camera_poses, key=lambda pose: pose.view.t_us)
-    _check_views(poses)
     problem = InertialProblem(poses, _averaged(as_imu(imu), reading_rate_hz), noise, knot_rate_hz)
     found = levenberg_marquardt(
         problem.start(), problem.residuals, problem.jacobian, problem.moved, iterations=30, tolerance=1e-9
@@ -111,19 +114,8 @@ def calibrate_camera_imu(
         corner_rms_px=corner,
         views=len(poses),
         samples=problem.samples,
+        unseen_s=problem.unseen_s,
     )
-
-
-def _check_views(poses: Sequence[BoardPose]) -> None:
-    if len(poses) < _LEAST_VIEWS:
-        raise ValueError(f"camera and IMU need at least {_LEAST_VIEWS} views of the board, got {len(poses)}")
-    t = np.array([pose.view.t_us for pose in poses]) * 1e-6
-    gap = np.diff(t).argmax()
-    if t[gap + 1] - t[gap] > _LONGEST_GAP_S:
-        raise ValueError(
-            f"between two views of the board may lie at most {_LONGEST_GAP_S} s, but it is out of sight from "
-            f"{t[gap]} s to {t[gap + 1]} s"
-        )
 
 
 def _averaged(imu: ImuArray, rate_hz: float) -> Readings:

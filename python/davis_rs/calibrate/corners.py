@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -74,22 +75,36 @@ def find_corners(image: npt.NDArray[np.uint8], board: Checkerboard) -> FloatArra
     return np.asarray(refined, np.float64).reshape(-1, 2)
 
 
-def find_board(dataset: Dataset, board: Checkerboard) -> list[BoardView]:
+def find_board(
+    dataset: Dataset, board: Checkerboard, *, start_s: float = 0.0, stop_s: float | None = None
+) -> list[BoardView]:
     """The board in every frame of a dataset in which all of it is found.
 
+    Args:
+        start_s, stop_s: only frames from ``start_s`` on and before ``stop_s`` (None: to the end), in seconds after the
+            first frame.
+
     Raises:
-        ValueError: if it is in none.
+        ValueError: if it is in none, or there are no frames in that part.
         OSError, DecodeError: if a frame cannot be read.
         ImportError: without OpenCV 4.
     """
+    first_us = dataset.frames[0].t_us if len(dataset.frames) else 0
+    part = list(range(len(dataset.frames)))
+    if start_s or stop_s is not None:
+        last_s = math.inf if stop_s is None else stop_s
+        part = [k for k in part if start_s <= 1e-6 * (dataset.frames[k].t_us - first_us) < last_s]
+        if not part:
+            raise ValueError(f"{dataset.path} has no frame from {start_s:g} s to {last_s:g} s after the first one")
     views = []
-    for number, frame in enumerate(dataset.frames):
+    for number in part:
+        frame = dataset.frames[number]
         corners = find_corners(dataset.read_image(number), board)
         if corners is not None:
             views.append(BoardView(frame.t_us, number, corners))
     if not views:
         raise ValueError(
-            f"none of the {len(dataset.frames)} frames of {dataset.path} shows all of a checkerboard of "
+            f"none of the {len(part)} frames of {dataset.path} shows all of a checkerboard of "
             f"{board.rows} x {board.columns} tiles"
         )
     return views

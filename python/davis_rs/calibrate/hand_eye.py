@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -35,8 +36,9 @@ class HandEye:
         hand_camera: X = T_hand_camera, (4, 4), metres: where the camera is on the tracked body.
         world_board: Z = T_world_board, (4, 4): where the board is in the tracker's world.
         covariance: (12, 12) of small motions of X and of Z in their own axes, each a rotation vector (rad) and a
-            translation (m). It is made of how the views scatter as wholes, since what is wrong with one pose of the
-            tracker moves all the corners of its view.
+            translation (m). It is made of how the views scatter as wholes, because what is wrong with one pose of the
+            tracker moves all the corners of its view; and of how neighbouring views err alike, because smoothed poses
+            do.
         rms_px: root mean square distance of corners from where X and Z have them.
         views: number of views.
         linear: X of the linear solution alone.
@@ -95,6 +97,9 @@ def calibrate_hand_eye(
         raise ValueError(f"each view needs one pose of the hand, got {len(hand_poses)} for {len(camera_poses)} views")
     b = np.stack([pose.matrix for pose in camera_poses]) if camera_poses else np.empty((0, 4, 4))
     check_motion(hand_poses)
+    in_time = np.argsort([pose.view.t_us for pose in camera_poses], kind="stable")
+    hand_poses, camera_poses = hand_poses[in_time], [camera_poses[k] for k in in_time]
+    b = b[in_time]
     _check_agreement(hand_poses, b)
     x = linear_hand_eye(hand_poses, b)
     start = HandEyePoses(x, hand_poses[0] @ x @ inverse(b[0]))
@@ -199,11 +204,32 @@ def _disagreement(a: FloatArray, x: FloatArray, b: FloatArray) -> float:
     return float(np.linalg.norm(vector_of(z[0].T @ z), axis=1).sum())
 
 
+def covariance_of_sum(terms: FloatArray) -> FloatArray:
+    """The covariance (p, p) of the sum of a series of p-vectors (n, p) of mean 0 that may depend on their neighbours.
+
+    Products of terms up to some distance in the series are added, with weights that fall to 0 there (Bartlett's). The
+    distance follows from how much a term resembles the next one; it is 0 where that is no more than chance would give.
+
+    Source: Newey and West, Econometrica 1987; the distance by Andrews, Econometrica 1991, equations 6.2 and 6.4.
+    """
+    n = len(terms)
+    squares = (terms**2).sum(0)
+    likeness = np.clip((terms[1:] * terms[:-1]).sum(0) / squares, -0.97, 0.97)
+    likeness[np.abs(likeness) < 2 / np.sqrt(n)] = 0.0
+    spread = (4 * likeness**2 / ((1 - likeness) ** 6 * (1 + likeness) ** 2)).sum() / ((1 - likeness) ** -4.0).sum()
+    reach = 1.1447 * np.cbrt(spread * n)
+    total = terms.T @ terms
+    for distance in range(1, min(math.ceil(reach), n)):
+        products = terms[distance:].T @ terms[:-distance]
+        total += (1 - distance / reach) * (products + products.T)
+    return np.asarray(total)
+
+
 class Reprojection:
     """Where the corners of the board are seen if X and Z are such and such, against where they were found.
 
     Args:
-        hand_poses: A', (n, 4, 4).
+        hand_poses: A', (n, 4, 4), in the order of time.
         corners: (n, m, 2) pixels.
     """
 
@@ -231,14 +257,17 @@ class Reprojection:
         return float(np.sqrt(np.square(self.residuals(poses)).reshape(-1, 2).sum(1).mean()))
 
     def covariance(self, poses: HandEyePoses) -> FloatArray:
-        """(12, 12), from how the views' gradients scatter (White, Econometrica 1980, a cluster for each view)."""
+        """(12, 12), from how the views' gradients scatter, each view with its neighbours in time.
+
+        Source: Newey and West, Econometrica 1987, with the bandwidth of Andrews, Econometrica 1991.
+        """
         derivative, residuals = self.jacobian(poses), self.residuals(poses)
         n = len(self._corners)
         inverse_normal = np.linalg.inv(derivative.T @ derivative)
         gradients = np.einsum("nij,ni->nj", derivative.reshape(n, -1, 12), residuals.reshape(n, -1))
         # Each view's gradient has as many degrees of freedom as a pose; X and Z use up two poses of n.
         correction = n / max(n - 2, 1)
-        return np.asarray(correction * inverse_normal @ (gradients.T @ gradients) @ inverse_normal)
+        return correction * covariance_of_sum(gradients @ inverse_normal)
 
     def _from_board(self, poses: HandEyePoses) -> FloatArray:
         return np.asarray(inverse(poses.x) @ self._hand_world @ poses.z)

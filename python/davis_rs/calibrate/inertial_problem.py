@@ -28,6 +28,9 @@ _TURN_DEVIATION, _PLACE_DEVIATION = 1.0, 100.0
 """Likewise of the splines' coefficients, rad and m: it settles those that no measurement reaches, and no more."""
 
 _LONGEST_LAG_S = 0.05
+_LONGEST_GAP_S = 0.5
+"""Between two views that are farther apart than this, readings are left out: the path there is not known."""
+
 _STEP_S = 1e-4
 """For the derivative by time of what the IMU sees."""
 
@@ -97,9 +100,7 @@ class InertialProblem:
         information = np.stack([pose.information for pose in poses]) / self._pixel**2
         self._whiten = np.swapaxes(np.linalg.cholesky(information), 1, 2)
         lag = self._first_lag(readings)
-        inside = (readings.t_s - lag > self._t[0] + _LONGEST_LAG_S) & (
-            readings.t_s - lag < self._t[-1] - _LONGEST_LAG_S
-        )
+        inside = self._seen(readings.t_s - lag, _LONGEST_LAG_S)
         if np.count_nonzero(inside) < 50:
             raise ValueError(
                 f"the IMU's samples, from {readings.t_s[0]} s to {readings.t_s[-1]} s, hardly overlap the views of the "
@@ -110,6 +111,12 @@ class InertialProblem:
         root_rate = np.sqrt(readings.rate_hz)
         self._gyroscope = noise.gyroscope_noise_density * root_rate
         self._accelerometer = noise.accelerometer_noise_density * root_rate
+
+    @property
+    def unseen_s(self) -> float:
+        """Seconds between the first and the last view in which readings are left out, because no view is near."""
+        gaps = np.diff(self._t)
+        return float(gaps[gaps > _LONGEST_GAP_S].sum())
 
     @property
     def samples(self) -> int:
@@ -261,11 +268,19 @@ class InertialProblem:
         turns = self._spline.rotations(s.turns, t)
         return self._spline.rates(s.turns, t), np.einsum("nji,nj->ni", turns, acceleration - s.gravity)
 
+    def _seen(self, t_s: FloatArray, margin_s: float) -> npt.NDArray[np.bool_]:
+        """Which times lie between two views close to each other, and at least the margin from where no views are."""
+        gap = np.flatnonzero(np.diff(self._t) > _LONGEST_GAP_S)
+        begins = self._t[np.concatenate([[0], gap + 1])] + margin_s
+        ends = self._t[np.concatenate([gap, [-1]])] - margin_s
+        stretch = np.searchsorted(begins, t_s) - 1
+        return np.asarray((stretch >= 0) & (t_s < ends[stretch]))
+
     def _first_lag(self, readings: Readings) -> float:
         """To a few milliseconds, from how fast either turns: that does not depend on the axes."""
         zero = np.zeros((self._spline.basis.size, 3))
         lags = np.linspace(-_LONGEST_LAG_S, _LONGEST_LAG_S, 41)
-        inside = (readings.t_s > self._t[0] + 2 * _LONGEST_LAG_S) & (readings.t_s < self._t[-1] - 2 * _LONGEST_LAG_S)
+        inside = self._seen(readings.t_s, 2 * _LONGEST_LAG_S)
         t, speed = readings.t_s[inside], np.linalg.norm(readings.rate[inside], axis=1)
         if len(t) < 50:
             return 0.0  # refused where the overlap is looked at

@@ -103,6 +103,7 @@ def _(result: CameraImu) -> str:
             f"accelerometer {_three(result.accelerometer_bias)} m/s^2",
             f"left: {result.rate_rms:.2g} rad/s, {result.acceleration_rms:.2g} m/s^2, "
             f"{result.corner_rms_px:.2g} px rms",
+            *([f"left out: {result.unseen_s:.2f} s in which the board is not seen"] if result.unseen_s else []),
         ]
     )
 
@@ -121,6 +122,7 @@ def _(result: CameraImu) -> dict[str, Any]:
         "corner_rms_px": result.corner_rms_px,
         "views": result.views,
         "samples": result.samples,
+        "unseen_s": result.unseen_s,
     }
 
 

@@ -86,6 +86,10 @@ def _add_common(parser: argparse.ArgumentParser, *, camera: bool = False) -> Non
         "--tile-size", type=float, default=DATASET_BOARD.tile_m, metavar="M", help="metres (default: %(default)s)"
     )
     parser.add_argument("-o", "--output", type=Path, metavar="JSON", help="write the result, with covariances")
+    parser.add_argument(
+        "--start", type=float, default=0.0, metavar="S", help="only frames from here on, after the first"
+    )
+    parser.add_argument("--stop", type=float, metavar="S", help="only frames before this time after the first")
     if camera:
         parser.add_argument("--camera", metavar="CAMERA", help="a preset or a calib.txt; the dataset's if not given")
 
@@ -130,7 +134,7 @@ def _views(options: argparse.Namespace) -> tuple[Dataset, Checkerboard, list[Boa
         raise ValueError(f"--tiles must be ROWSxCOLUMNS, such as 6x7, got {options.tiles!r}") from None
     board = Checkerboard(rows, columns, options.tile_size)
     dataset = Dataset(options.dataset)
-    views = find_board(dataset, board)
+    views = find_board(dataset, board, start_s=options.start, stop_s=options.stop)
     print(f"all {len(board.corners)} corners found in {len(views)} of {len(dataset.frames)} frames", file=sys.stderr)
     return dataset, board, views
 
