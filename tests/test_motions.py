@@ -91,12 +91,16 @@ def test_hand_held_motion_grows_as_in_the_paper(kind: str) -> None:
     rates = path.angular_rates(t)
     moving = {"rotation": rates, "translation": body, "6dof": np.concatenate([rates, body], 1)}[kind]
     count = moving.shape[1]
-    for slot in range(count):  # the middle of each slot has that degree of freedom alone
+    usual = moving[t > 52].std(0)
+    for slot in range(count):  # in its middle that degree of freedom swings, and the others wander a little
         middle = (t > 30 * (slot + 0.3) / count) & (t < 30 * (slot + 0.7) / count)
-        speeds = np.abs(moving[middle]).max(0)
+        speeds = np.abs(moving[middle]).max(0) / usual
         assert speeds.argmax() == slot
-        assert np.delete(speeds, slot).max() < 1e-6 * speeds[slot]
-    together = [np.abs(moving[(t > a) & (t < a + 7)]).max(0) for a in (31, 38, 45, 52)]
+        assert np.delete(speeds, slot).max() < 0.8 * speeds[slot]
+    half_second = np.ones(250) / 250
+    calmest = np.convolve((np.abs(moving) / usual).max(1), half_second, "valid")[500:]
+    assert calmest.min() > 0.05  # a hand is never still: not between two slots, and not before all swing
+    together = [moving[(t > a) & (t < a + 7)].std(0) for a in (31, 38, 45, 52)]
     assert (np.diff(together, axis=0) > 0).all()
     for speeds in np.split(together[-1], count // 3):  # rotations, translations
         assert speeds.min() > 0.5 * speeds.max()

@@ -25,15 +25,15 @@ poster_rotation 59.8 0.84 884 169350136
 poster_translation 59.8 2.58 240 100033286
 poster_6dof 59.8 2.51 937 133464530
 boxes_rotation 59.8 0.85 669 185688947
-boxes_translation 59.7 3.43 319 112388307
+boxes_translation 59.8 3.43 319 112388307
 boxes_6dof 59.8 3.84 509 133085511
 hdr_poster 59.8 2.28 597 102910720
 hdr_boxes 59.8 2.94 592 118499744
 outdoors_walking 133.4 - - 64517638
 outdoors_running 87.6 - - 98572164
 dynamic_rotation 59.8 0.45 542 71324510
-dynamic_translation 59.8 1.91 227 35809924
-dynamic_6dof 59.7 1.72 627 57174637
+dynamic_translation 59.8 1.86 227 35809924
+dynamic_6dof 59.7 2.91 627 57174637
 calibration 59.8 0.32 67 21340629
 office_zigzag 10.9 - - 7735308
 office_spiral 11.2 - - 6254774
@@ -123,14 +123,14 @@ def test_counts_are_read_back_and_what_is_no_count_is_named(tmp_path: Path) -> N
 
 @pytest.mark.usefixtures("llvm")
 def test_a_sequence_is_a_whole_dataset(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Events, frames, depth, IMU, ground truth and lens as the dataset's, and a check that holds."""
+    """Events, frames, depth, ground truth and lens as the dataset's, and a check that holds; the slider had no IMU."""
     out = tmp_path / "out"
     options = ["--duration", "0.1", "--start", "1", "--samples", "2", "--quiet"]
     assert main(["sequence", "slider_depth", "-o", str(out), *options]) == 0
     dataset = davis_rs.Dataset(out)
     assert [frame.t_us for frame in dataset.frames] == [0, 41_667, 83_333]
     assert len(dataset.depth_maps) == 3
-    assert len(dataset.imu) == 101
+    assert len(dataset.imu) == 0
     assert len(dataset.groundtruth.t_us) == 21
     assert dataset.camera == davis_rs.load_camera("davis240c")
     assert check_dataset(out).ok
@@ -144,22 +144,56 @@ def test_a_sequence_is_a_whole_dataset(tmp_path: Path, capsys: pytest.CaptureFix
 
 @pytest.mark.usefixtures("llvm")
 def test_simulate_and_sequence_make_the_same_of_a_sequence(tmp_path: Path) -> None:
-    """Its IMU and its 24 frames a second come with its name; options still go before them."""
+    """Its 24 frames a second come with its name, and so does that it has no IMU; options still go before them."""
     options = ["--start", "1", "--duration", "0.05", "--samples", "1", "--quiet"]
-    written = ["events.txt", "imu.txt", "images.txt", "depthmaps.txt", "groundtruth.txt", "calib.txt"]
+    written = ["events.txt", "images.txt", "depthmaps.txt", "groundtruth.txt", "calib.txt"]
     for command in ("sequence", "simulate"):
         assert main([command, "slider_depth", "-o", str(tmp_path / command), *options]) == 0
     for name in written:
         assert (tmp_path / "sequence" / name).read_bytes() == (tmp_path / "simulate" / name).read_bytes(), name
     dataset = davis_rs.Dataset(tmp_path / "simulate")
-    assert len(dataset.imu) == 51
+    assert not (tmp_path / "simulate" / "imu.txt").exists()
     assert [frame.t_us for frame in dataset.frames] == [0, 41_667]
     metas = [json.loads((tmp_path / command / "meta.json").read_text()) for command in ("sequence", "simulate")]
     assert metas[0]["sequence"] == metas[1]["sequence"]
-    own = ["--imu", "none", "--frame-rate", "100"]
+    own = ["--imu", "mpu6150", "--frame-rate", "100"]
     assert main(["simulate", "slider_depth", "-o", str(tmp_path / "own"), *options, *own]) == 0
-    assert not (tmp_path / "own" / "imu.txt").exists()
+    assert len(davis_rs.Dataset(tmp_path / "own").imu) == 51
     assert len(davis_rs.Dataset(tmp_path / "own").frames) == 6
+
+
+def test_frames_and_imu_are_those_of_the_dataset() -> None:
+    """24 frames a second where it was recorded, 40 where it was simulated; no IMU on the slider and in simulation."""
+    for name, sequence in SEQUENCES.items():
+        simulated = name.startswith("simulation")
+        assert sequence.settings["frame_rate_hz"] == sequence.settings["depth_rate_hz"] == (40 if simulated else 24)
+        assert sequence.settings["imu"] == (None if simulated or name.startswith("slider") else "mpu6150")
+
+
+def test_the_recorded_sensor_is_a_name_that_only_recorded_sequences_know(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Its thresholds follow from the biases of the recording, and meta.json has them; other scenes refuse the name."""
+    options = ["--duration", "0.02", "--samples", "1", "--quiet", "--size", "240x180", "--sensor", "recorded"]
+    assert main(["sequence", "slider_depth", "-o", str(tmp_path / "slider"), *options]) == 0
+    sensor = json.loads((tmp_path / "slider" / "meta.json").read_text())["parameters"]["sensor"]
+    assert sensor["contrast_threshold"] == pytest.approx(0.4139, abs=1e-4)
+    assert sensor["contrast_threshold_off"] == pytest.approx(0.1158, abs=1e-4)
+    assert sensor["refractory_period_us"] == pytest.approx(12.96, abs=0.01)
+    assert sensor["hot_pixel_fraction"] == davis_rs.SENSORS["davis240c"].hot_pixel_fraction
+    assert main(["simulate", "three_planes", "-o", str(tmp_path / "planes"), "--sensor", "recorded"]) == 1
+    assert "scene 'three_planes' has no recording" in capsys.readouterr().err
+    for name in ("simulation_3planes", "urban"):
+        scene = SEQUENCES[name].scene()
+        if name == "urban":
+            assert davis_rs.Simulator(scene, sensor="recorded").contrast_threshold_off == pytest.approx(
+                0.4138, abs=1e-4
+            )
+        else:
+            with pytest.raises(ValueError, match="has no recording"):
+                davis_rs.Simulator(scene, sensor="recorded")
+    with pytest.raises(ValueError, match="sensor must be one of ideal, davis240c, davis346"):
+        next(iter(davis_rs.events_from_frames(np.zeros((2, 8, 8)), fps=10, sensor="recorded")))
 
 
 def test_the_list_has_the_paper_beside_ours(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -12,8 +12,17 @@ from .effects import Effects, parse_effect
 from .monte_carlo_noise import NoiseEstimate, NoiseWarning, estimate_noise_of
 from .packet import Packet
 from .scene.scene import Scene
-from .sensors import SENSORS, read_once
-from .settings import AUTO, PlanSettings, SimulationSettings, SimulatorSettings, complete, only, takes_settings
+from .sensors import SENSORS
+from .settings import (
+    AUTO,
+    PlanSettings,
+    SimulationSettings,
+    SimulatorSettings,
+    complete,
+    fixed_sensor,
+    only,
+    takes_settings,
+)
 from .simulator import Simulator
 
 if TYPE_CHECKING:
@@ -105,7 +114,7 @@ def make_simulator(scene: Scene, settings: Mapping[str, Any]) -> MadeSimulator:
         TypeError, ValueError, OSError: as :func:`simulate`.
     """
     given = complete(SimulationSettings, settings, of="simulate")
-    given["sensor"] = read_once(given["sensor"])
+    given["sensor"] = fixed_sensor(scene, given["sensor"])
     named, planned = read_effects(given["effects"])
     plan: EffectPlan | None = None
     if planned:

@@ -22,12 +22,12 @@ from .sampling.event_refinement import EventRefinement
 from .sampling.exposure import KeyframeExposure, expose
 from .sampling.keyframes import Keyframe, Stretch
 from .scene.scene import Scene
-from .sensors import read_once
 from .settings import (
     AUTO,
     SimulatorSettings,
     chosen_sampling,
     complete,
+    fixed_sensor,
     renderer_settings,
     takes_settings,
     view_scene,
@@ -73,7 +73,7 @@ class Simulator:
         _require_effects(settings.get("effects"))
         _require_samples(settings.get("samples"))
         self.settings: dict[str, Any] = complete(SimulatorSettings, settings, of="Simulator")
-        self.settings["sensor"] = read_once(self.settings["sensor"])
+        self.settings["sensor"] = fixed_sensor(scene, self.settings["sensor"])
         viewed, chosen = view_scene(scene, self.settings), chosen_sampling(self.settings)
         self.scene, self.camera = viewed.scene, viewed.camera
         self.contrast_threshold = viewed.contrast_threshold

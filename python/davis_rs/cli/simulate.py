@@ -25,8 +25,8 @@ def add_simulate(simulate: argparse.ArgumentParser) -> None:
 def add_sequence(sequence: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
     sequence.description = (
-        "Simulate a synthetic counterpart of one of the public dataset's sequences into a dataset folder, with IMU and "
-        "24 frames a second: the same as davis-rs simulate NAME. davis-rs sequences lists them."
+        "Simulate a synthetic counterpart of one of the public dataset's sequences into a dataset folder, with the IMU "
+        "and the frames that the recording has: the same as davis-rs simulate NAME. davis-rs sequences lists them."
     )
     sequence.set_defaults(run=_sequence)
     sequence.add_argument("name", metavar="NAME", help="such as poster_6dof or slider_depth")

@@ -43,6 +43,8 @@ class Scene:
             and the native renderer show it so.
         matte: materials that have a diffuse colour and more (``principled``, ``plastic``, ``roughplastic``, bumps) are
             rendered by that colour alone. Those without one (metal, glass) stay what they are.
+        biases: of a sequence of the public dataset: the set of biases, a key of :data:`~davis_rs.BIAS_SETS`, that its
+            recording was made with. ``sensor="recorded"`` takes the sensor that follows from it.
         note: one line about the file that whoever simulates it should see, such as the size of a mesh in metres.
     """
 
@@ -62,6 +64,7 @@ class Scene:
     lux_per_luma: float = 1000.0
     ambient: bool = False
     matte: bool = False
+    biases: str | None = None
     note: str = ""
 
     def __repr__(self) -> str:

@@ -1,6 +1,7 @@
 """Sensors as files: what is known of each, with units and sources, and those that come with the package."""
 
 from .presets import SENSORS, load_sensor, load_sensor_file, preset_file, read_once, sensor_parameters
+from .recorded_sensor import RECORDED, recorded_sensor
 from .sensor_file import (
     SENSOR_SUFFIXES,
     SensorFile,
@@ -12,6 +13,7 @@ from .sensor_file import (
 )
 
 __all__ = [
+    "RECORDED",
     "SENSORS",
     "SENSOR_SUFFIXES",
     "SensorFile",
@@ -21,6 +23,7 @@ __all__ = [
     "preset_file",
     "read_once",
     "read_sensor_file",
+    "recorded_sensor",
     "save_sensor",
     "sensor_parameters",
     "sensor_yaml",

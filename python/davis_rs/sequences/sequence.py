@@ -24,10 +24,6 @@ class PaperRow(NamedTuple):
     events: int
 
 
-FRAME_RATE_HZ = 24.0
-"""Of the dataset's recordings."""
-
-
 @dataclass(frozen=True)
 class Sequence:
     """One of the dataset's sequences: a synthetic counterpart by kind of motion and texture, not a copy.
@@ -41,6 +37,8 @@ class Sequence:
         camera: the lens: a key of :data:`~davis_rs.PRESETS`.
         biases: the set of biases it was recorded with, a key of :data:`~davis_rs.BIAS_SETS`; None where it was
             simulated.
+        frame_rate_hz: of its frames: about 24 Hz where it was recorded, 40 Hz where it was simulated.
+        imu: whether it has an IMU: neither the slider's sequences nor the simulated ones have.
         differs: what it is not.
     """
 
@@ -51,12 +49,18 @@ class Sequence:
     make_motion: Callable[[Scene], Trajectory] | None
     camera: str
     biases: str | None
+    frame_rate_hz: float
+    imu: bool
     differs: str
 
     @property
     def settings(self) -> dict[str, Any]:
-        """What its recording has: settings of :func:`~davis_rs.simulate_to_folder`, IMU and 24 frames a second."""
-        return {"imu": "mpu6150", "frame_rate_hz": FRAME_RATE_HZ, "depth_rate_hz": FRAME_RATE_HZ}
+        """What the dataset's has: frames, depth maps and IMU, as settings of :func:`~davis_rs.simulate_to_folder`."""
+        return {
+            "imu": "mpu6150" if self.imu else None,
+            "frame_rate_hz": self.frame_rate_hz,
+            "depth_rate_hz": self.frame_rate_hz,
+        }
 
     def scene(self) -> Scene:
         """The scene under the sequence's name, with its lens and its trajectory."""
@@ -68,4 +72,10 @@ def _scene(sequence: Sequence) -> Scene:
     """Kept, because a trajectory of 60 s takes a second to be made."""
     scene = sequence.make_scene()
     trajectory = scene.trajectory if sequence.make_motion is None else sequence.make_motion(scene)
-    return replace(scene, name=sequence.name, camera=PRESETS[sequence.camera], trajectory=trajectory)
+    return replace(
+        scene,
+        name=sequence.name,
+        camera=PRESETS[sequence.camera],
+        trajectory=trajectory,
+        biases=sequence.biases,
+    )

@@ -79,6 +79,7 @@ def _slider(name: str, make_scene: Callable[[], Scene], differs: str, paper: Pap
         "motorized slider",
         lambda scene: slider(_start(scene), speed_m_s * paper.duration_s, speed_m_s),
         paper,
+        imu=False,
     )
 
 
@@ -105,12 +106,13 @@ def _recorded(
     paper: PaperRow,
     *,
     biases: str = "indoors",
+    imu: bool = True,
 ) -> Sequence:
-    return Sequence(name, paper, make_scene, motion, make_motion, _LENS, biases, differs)
+    return Sequence(name, paper, make_scene, motion, make_motion, _LENS, biases, 24.0, imu, differs)
 
 
 def _simulated(name: str, make_scene: Callable[[], Scene], paper: PaperRow) -> Sequence:
-    return Sequence(name, paper, make_scene, "path of the scene", None, "ideal", None, _LOST)
+    return Sequence(name, paper, make_scene, "path of the scene", None, "ideal", None, 40.0, False, _LOST)
 
 
 _ROWS = (
@@ -121,7 +123,7 @@ _ROWS = (
     _hand("poster_translation", poster, _POSTER, "translation", PaperRow(59.8, 2.58, 240, 100_033_286)),
     _hand("poster_6dof", poster, _POSTER, "6dof", PaperRow(59.8, 2.51, 937, 133_464_530)),
     _hand("boxes_rotation", boxes, _BOXES, "rotation", PaperRow(59.8, 0.85, 669, 185_688_947)),
-    _hand("boxes_translation", boxes, _BOXES, "translation", PaperRow(59.7, 3.43, 319, 112_388_307)),
+    _hand("boxes_translation", boxes, _BOXES, "translation", PaperRow(59.8, 3.43, 319, 112_388_307)),
     _hand("boxes_6dof", boxes, _BOXES, "6dof", PaperRow(59.8, 3.84, 509, 133_085_511)),
     _hand("hdr_poster", partial(poster, hdr=True), _POSTER, "6dof", PaperRow(59.8, 2.28, 597, 102_910_720)),
     _hand("hdr_boxes", partial(boxes, hdr=True), _BOXES, "6dof", PaperRow(59.8, 2.94, 592, 118_499_744)),
@@ -144,8 +146,8 @@ _ROWS = (
         biases="outdoors",
     ),
     _hand("dynamic_rotation", dynamic, _DYNAMIC, "rotation", PaperRow(59.8, 0.45, 542, 71_324_510)),
-    _hand("dynamic_translation", dynamic, _DYNAMIC, "translation", PaperRow(59.8, 1.91, 227, 35_809_924)),
-    _hand("dynamic_6dof", dynamic, _DYNAMIC, "6dof", PaperRow(59.7, 1.72, 627, 57_174_637)),
+    _hand("dynamic_translation", dynamic, _DYNAMIC, "translation", PaperRow(59.8, 1.86, 227, 35_809_924)),
+    _hand("dynamic_6dof", dynamic, _DYNAMIC, "6dof", PaperRow(59.7, 2.91, 627, 57_174_637)),
     _recorded(
         "calibration",
         _board,

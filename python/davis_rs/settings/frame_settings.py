@@ -7,8 +7,9 @@ from typing import Annotated, Any, TypedDict
 
 from ..camera import PRESETS, Camera
 from ..effects import Effects
+from ..sensor_parameters import SensorParameters
 from .setting import Declared
-from .simulation_settings import EFFECT_FORM, EFFECTS, EngineSettings, ImageSettings, PixelSettings
+from .simulation_settings import EFFECT_FORM, EFFECTS, SENSOR, EngineSettings, ImageSettings, PixelSettings
 
 _LIGHT, _PART, _BETWEEN = "light", "which part", "between frames"
 
@@ -142,6 +143,7 @@ class _BetweenSettings(TypedDict, total=False):
 class FrameSettings(_LightSettings, _PartSettings, _BetweenSettings, PixelSettings, EngineSettings, total=False):
     """The settings of :func:`~davis_rs.events_from_frames`."""
 
+    sensor: Annotated[SensorParameters | str | None, SENSOR]
     effects: Annotated[
         Effects | str | Sequence[str] | None,
         Declared(

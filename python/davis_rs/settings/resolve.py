@@ -13,7 +13,7 @@ from ..sampling.rules import FixedRate, MaxDisplacement, TimeSampling
 from ..sampling.tolerance import Tolerance
 from ..scene.scene import Scene
 from ..sensor_parameters import SensorParameters
-from ..sensors import sensor_parameters
+from ..sensors import RECORDED, read_once, recorded_sensor, sensor_parameters
 from .image_camera import image_camera
 
 AUTO = "auto"
@@ -57,11 +57,30 @@ def view_scene(scene: Scene, settings: Mapping[str, Any]) -> ViewedScene:
         scene = replace(scene, lux_per_luma=settings["lux_per_luma"])
     if settings["matte"]:
         scene = replace(scene, matte=True)
-    sensor = sensor_parameters(settings["sensor"])
+    sensor = sensor_parameters(fixed_sensor(scene, settings["sensor"]))
     camera = image_camera(scene, settings["camera"], settings["size"], sensor)
     on = _first(settings["contrast_threshold"], sensor.contrast_threshold, scene.contrast_threshold)
     off = _first(settings["contrast_threshold_off"], sensor.contrast_threshold_off, on)
     return ViewedScene(scene, camera, sensor, on, off, settings["log_eps"])
+
+
+def fixed_sensor(scene: Scene, sensor: str | SensorParameters | None) -> str | SensorParameters | None:
+    """A sensor that depends neither on a file nor on the scene: its parameters where it does, else as it is given.
+
+    A run decides it once, so that all of its parts, and its record, have the same one.
+
+    Raises:
+        ValueError: for the recorded sensor of a scene without a recording; else as :func:`~davis_rs.load_sensor`.
+        OSError: as there.
+    """
+    if sensor != RECORDED:
+        return read_once(sensor)
+    if scene.biases is None:
+        raise ValueError(
+            f"sensor {RECORDED!r} is that of a recorded sequence of the dataset (davis-rs sequences), "
+            f"but scene {scene.name!r} has no recording"
+        )
+    return recorded_sensor(scene.biases)
 
 
 def renderer_settings(settings: Mapping[str, Any]) -> dict[str, Any]:

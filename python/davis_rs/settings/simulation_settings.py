@@ -7,6 +7,7 @@ these declarations.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Annotated, TypedDict
 
 from ..camera import PRESETS, Camera
@@ -18,7 +19,7 @@ from ..rendering.renderers import RENDERERS
 from ..sampling.presets import ACCURACY, DEFAULT_ACCURACY
 from ..sampling.rules import TimeSampling
 from ..sensor_parameters import SensorParameters
-from ..sensors import SENSOR_SUFFIXES, SENSORS
+from ..sensors import RECORDED, SENSOR_SUFFIXES, SENSORS
 from .setting import Declared
 
 _ACCURACY = "accuracy and cost"
@@ -26,6 +27,15 @@ _INERTIAL = "IMU and ground truth (docs/trajectories_and_imu.md)"
 EFFECTS = "effects (docs/effects.md)"
 EFFECTS_TOLERANCE = 0.01
 """Where no tolerance is given."""
+
+SENSOR = Declared(
+    "size, thresholds and effects of a sensor (docs/sensor.md)",
+    default_help="ideal pixels",
+    choices=tuple(SENSORS),
+    file_suffixes=SENSOR_SUFFIXES,
+    group=EFFECTS,
+    text=str,
+)
 
 EFFECT_FORM = "NAME[=VALUE[,PARAMETER=VALUE...]]"
 
@@ -58,17 +68,6 @@ class PixelSettings(TypedDict, total=False):
             metavar="LUX",
         ),
     ]
-    sensor: Annotated[
-        SensorParameters | str | None,
-        Declared(
-            "size, thresholds and effects of a sensor (docs/sensor.md)",
-            default_help="ideal pixels",
-            choices=tuple(SENSORS),
-            file_suffixes=SENSOR_SUFFIXES,
-            group=EFFECTS,
-            text=str,
-        ),
-    ]
     seed: Annotated[
         int,
         Declared(
@@ -85,6 +84,14 @@ class PixelSettings(TypedDict, total=False):
 class ViewSettings(PixelSettings, total=False):
     """How the sensor sees the scene: what the planner of effects needs as well."""
 
+    sensor: Annotated[
+        SensorParameters | str | None,
+        replace(
+            SENSOR,
+            help=f"{SENSOR.help}; {RECORDED}: of a sequence of the dataset, that of its recording",
+            choices=(*SENSORS, RECORDED),
+        ),
+    ]
     camera: Annotated[
         Camera | str | None,
         Declared(

@@ -16,6 +16,9 @@ _SAMPLE_RATE_HZ = 400.0
 _WHOLE_S = 2.0
 """A motion by hand that is shorter than a second is the end of one of this length."""
 
+_WANDER = 0.2
+"""How much a degree of freedom of the motion's own kind wanders, next to another one."""
+
 _UP = np.array([0.0, 0.0, 1.0])
 
 Kind = Literal["rotation", "translation", "6dof"]
@@ -54,8 +57,8 @@ def hand_held(
     """Motion by hand as in the paper: each degree of freedom alone first, then together, faster and faster.
 
     In the first half each degree of freedom of ``kind`` (three rotations, three translations, or all six) swings alone
-    for an equal time; in the second half they all swing, at frequencies of their own that grow to the end. The
-    others wander along, as a hand's do. All is scaled to reach the two top speeds exactly, in the mean over 100
+    for an equal time; in the second half they all swing, at frequencies of their own that grow to the end. All the time
+    every degree of freedom wanders a little, and those that are not of ``kind`` more, because a hand is never still. All is scaled to reach the two top speeds exactly, in the mean over 100
     ms (:meth:`Trajectory.top_speeds`).
 
     Args:
@@ -224,10 +227,11 @@ def _swing(
 ) -> FloatArray:
     """One degree of freedom over the share of the time, from rest: alone in its slot first, then with all."""
     own = random.uniform(0.8, 1.2)
-    if slot is None:  # a wandering that grows
-        hz = random.uniform(0.5, 1.0, 2) * fastest_hz
-        wander = np.sin(2 * np.pi * np.outer(share * duration_s, hz) + random.uniform(0, 2 * np.pi, 2)).sum(1)
-        return (0.4 + 0.6 * share) * _bump(share, 0.0, 2.0, 0.05) * wander
+    hz = random.uniform(0.5, 1.0, 2) * fastest_hz
+    wander = np.sin(2 * np.pi * np.outer(share * duration_s, hz) + random.uniform(0, 2 * np.pi, 2)).sum(1)
+    wander *= (0.4 + 0.6 * share) * _bump(share, 0.0, 2.0, 0.05)
+    if slot is None:
+        return wander
     index, slots = slot
     alone_at, alone_for = 0.5 * index / slots, 0.5 / slots
     alone_hz = max(0.4 * fastest_hz, 2 / (alone_for * duration_s))
@@ -236,8 +240,10 @@ def _swing(
     later = np.maximum(share - 0.5, 0.0)
     cycles = own * fastest_hz * duration_s * (0.4 * later + 0.6 * later**2)
     together = (0.6 + 0.8 * later) * np.sin(2 * np.pi * cycles + random.uniform(0, 2 * np.pi))
-    return 0.8 * _bump(share, alone_at, alone_at + alone_for, 0.2 * alone_for) * alone + (
-        _bump(share, 0.5, 2.0, 0.05) * together
+    return (
+        _WANDER * wander
+        + 0.8 * _bump(share, alone_at, alone_at + alone_for, 0.2 * alone_for) * alone
+        + _bump(share, 0.5, 2.0, 0.05) * together
     )
 
 
