@@ -157,7 +157,7 @@ def test_errors_are_one_sentence(tmp_path: Path, arguments: list[str], message: 
         (["--max-displacement", "nan"], "argument --max-displacement: must be finite, got nan"),
         (
             ["--sensor", "davis24"],
-            "must be one of ideal, davis240c, davis346, or a file (.yaml, .yml, .json), got 'davis24'; "
+            "must be one of ideal, davis240c, davis346, recorded, or a file (.yaml, .yml, .json), got 'davis24'; "
             "did you mean davis240c?",
         ),
         (["--samples", "1.5"], "argument --samples: must be an integer, or auto, got '1.5'"),

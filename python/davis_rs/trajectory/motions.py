@@ -58,8 +58,8 @@ def hand_held(
 
     In the first half each degree of freedom of ``kind`` (three rotations, three translations, or all six) swings alone
     for an equal time; in the second half they all swing, at frequencies of their own that grow to the end. All the time
-    every degree of freedom wanders a little, and those that are not of ``kind`` more, because a hand is never still. All is scaled to reach the two top speeds exactly, in the mean over 100
-    ms (:meth:`Trajectory.top_speeds`).
+    every degree of freedom wanders a little, and those that are not of ``kind`` more, because a hand is never still.
+    All is scaled to reach the two top speeds exactly, in the mean over 100 ms (:meth:`Trajectory.top_speeds`).
 
     Args:
         start: the pose at t = 0, about which it moves.
