@@ -118,7 +118,7 @@ def test_the_covariance_of_a_sum_counts_neighbours_that_are_alike(likeness: floa
 
 
 def test_views_close_in_time_have_a_larger_covariance_than_scattered_ones() -> None:
-    """Smoothed poses err alike from one view to the next: the order of the views' errors matters, not that of the views."""
+    """Smoothed poses err alike from one view to the next: what counts is the order of their stamps."""
     t = np.arange(1.0, 19.0, 1 / 15)
     views = [board_pose(exact_view(board_camera(s)), BOARD, CAMERA) for s in t]
     views = [replace(v, view=replace(v.view, t_us=round(1e6 * s))) for v, s in zip(views, t, strict=True)]
