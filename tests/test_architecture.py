@@ -27,7 +27,7 @@ LAYERS = [
     ["calibrate", "inspection", "stream_statistics"],
     ["event_files", "dataset", "formats"],
     ["clocks", "imu", "motion_capture"],
-    ["sampling", "effects", "differentiable", "rendering"],
+    ["ground_truth", "sampling", "effects", "differentiable", "rendering"],
     ["scenes", "sequences", "scene"],
     ["trajectory", "packet", "pose"],
     ["recordings", "camera", "lattice", "luma"],

@@ -25,14 +25,15 @@ if TYPE_CHECKING:
     from .frames_to_events.events_from_frames import events_from_frames
     from .frames_to_events.frames_folder import FramesReport, frames_to_folder
     from .frames_to_events.open_frames import open_frames
+    from .ground_truth import EVENT_TRUTH_DTYPE, EventTruth, SceneSurfaces, event_truth
     from .imu import Imu, simulate_imu
     from .inspection.check import check_dataset
     from .inspection.figure import view
     from .inspection.video import make_video
     from .monte_carlo_noise import NoiseEstimate, NoiseWarning, estimate_noise
     from .motion_capture import MocapClock, MocapNoise, MotionCapture
-    from .packet import Packet
-    from .pose import GroundTruth, Pose
+    from .packet import Displacement, Packet
+    from .pose import GroundTruth, Pose, Velocities
     from .recordings import Recording, RecordingWarning, read_recording
     from .sampling.presets import ACCURACY, Accuracy
     from .sampling.rules import FixedRate, MaxDisplacement
@@ -74,12 +75,15 @@ _MODULES = {
     "Decoded": "decoded",
     "Decoder": "_core",
     "Device": "_core",
+    "Displacement": "packet",
     "EVENT_DTYPE": "events",
+    "EVENT_TRUTH_DTYPE": "ground_truth",
     "EffectPlan": "effect_planning",
     "Effects": "effects",
     "Encoder": "_core",
     "EventComparison": "event_matching",
     "EventReader": "formats",
+    "EventTruth": "ground_truth",
     "EventWriter": "formats",
     "FixedRate": "sampling.rules",
     "Flicker": "scene.light_profile",
@@ -106,6 +110,7 @@ _MODULES = {
     "SampledProfile": "scene.light_profile",
     "SampledTrajectory": "trajectory.sampled_trajectory",
     "Scene": "scene.scene",
+    "SceneSurfaces": "ground_truth",
     "SegmentTrajectory": "trajectory.trajectory",
     "SensorFit": "sensors.sensor_fit",
     "SensorParameters": "sensor_parameters",
@@ -117,6 +122,7 @@ _MODULES = {
     "Trajectory": "trajectory.trajectory",
     "TriggerKind": "decoded",
     "TruncatedFileWarning": "formats",
+    "Velocities": "pose",
     "WriteReport": "formats",
     "__version__": "_core",
     "align": "trajectory.trajectory",
@@ -127,6 +133,7 @@ _MODULES = {
     "compare_streams": "stream_statistics",
     "convert": "event_files.conversion",
     "estimate_noise": "monte_carlo_noise",
+    "event_truth": "ground_truth",
     "events_from_frames": "frames_to_events.events_from_frames",
     "fit_sensor": "sensors.sensor_fit",
     "frames_to_folder": "frames_to_events.frames_folder",
@@ -163,6 +170,7 @@ __all__ = [
     "ACCURACY",
     "BIAS_SETS",
     "EVENT_DTYPE",
+    "EVENT_TRUTH_DTYPE",
     "IMU_COUNTS_DTYPE",
     "IMU_DTYPE",
     "SENSORS",
@@ -182,11 +190,13 @@ __all__ = [
     "Decoded",
     "Decoder",
     "Device",
+    "Displacement",
     "EffectPlan",
     "Effects",
     "Encoder",
     "EventComparison",
     "EventReader",
+    "EventTruth",
     "EventWriter",
     "FixedRate",
     "Flicker",
@@ -210,6 +220,7 @@ __all__ = [
     "SampledProfile",
     "SampledTrajectory",
     "Scene",
+    "SceneSurfaces",
     "SegmentTrajectory",
     "SensorFit",
     "SensorParameters",
@@ -220,6 +231,7 @@ __all__ = [
     "Trajectory",
     "TriggerKind",
     "TruncatedFileWarning",
+    "Velocities",
     "WriteReport",
     "__version__",
     "align",
@@ -230,6 +242,7 @@ __all__ = [
     "compare_streams",
     "convert",
     "estimate_noise",
+    "event_truth",
     "events_from_frames",
     "fit_sensor",
     "frames_to_folder",

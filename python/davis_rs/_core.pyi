@@ -779,18 +779,36 @@ class SceneRenderer:
         """
 
     def depth(self, rays: PixelRays, views: _Views) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.uint32]]:
-        """What single rays hit.
+        """What the pixels' rays hit.
 
         Args:
             rays: of the sensor, one ray a pixel.
             views: as in :meth:`luma`.
 
         Returns:
-            Depth, float32, flat (n, height, width): z in camera axes, metres, inf where nothing is hit; and the frame
-            of what is hit, uint32 in the same shape, 0 where nothing is.
+            Depth, float32, flat (n, height, width): z in camera axes, metres, inf where nothing is hit; and the number
+            of the triangle that is hit, uint32 in the same shape, 2^32 - 1 where none is.
 
         Raises:
             ValueError: for views that do not fit the scene, or more than one ray a pixel.
+        """
+
+    def hits(
+        self, rays: PixelRays, views: _Views, view: npt.NDArray[np.integer], pixel: npt.NDArray[np.integer]
+    ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.uint32]]:
+        """What the rays of single pixels hit, the bits of :meth:`depth`.
+
+        Args:
+            rays: of the sensor, one ray a pixel.
+            views: as in :meth:`luma`.
+            view, pixel: uint32 (k), the number of the view, and of the pixel, row by row.
+
+        Returns:
+            Depth, float32 (k), and the number of the triangle, uint32 (k), as in :meth:`depth`.
+
+        Raises:
+            ValueError: for views that do not fit the scene, a view or pixel that is not there, or more than one ray a
+                pixel.
         """
 
 def count_events(events: npt.NDArray[np.void], size: tuple[int, int]) -> npt.NDArray[np.uint32]:

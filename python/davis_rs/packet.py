@@ -3,12 +3,27 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from .events import EventArray
 from .pose import Pose
+
+
+class Displacement(NamedTuple):
+    """Where the points that a frame's pixels see are some time later.
+
+    Attributes:
+        pixels: float32 (H, W, 2), how far each goes in the image, pixels (x right, y down), through the lens. NaN where
+            nothing is seen, and where the point ends behind the camera.
+        occluded: bool (H, W), True where at the end another surface hides the point, or it lies behind the camera. A
+            point that has left the image is not occluded by that.
+    """
+
+    pixels: npt.NDArray[np.float32]
+    occluded: npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,6 +42,14 @@ class Packet:
             due at ``end_us``, else None.
         frame: the intensity frame as active pixels made it (exposed, noisy, digitised), float32 (H, W), in units of
             luma, where one fell due and :class:`~davis_rs.effects.Aps` is on; else None, and ``luma`` is the frame.
+        flow: optical flow in pixels per second (x right, y down), float32 (H, W, 2), NaN where nothing is hit, where it
+            fell due at ``end_us``, else None.
+        displacement: where the points that the pixels see at ``end_us`` are some time later, where flow fell due and
+            the simulator has a ``flow_interval_s`` that ends before its path does, else None.
+        shapes: uint16 (H, W), the number of the shape that each pixel sees, 1 for the first of
+            :attr:`Simulator.shape_names` and 0 for nothing, where a mask fell due, else None.
+        normals: float32 (H, W, 3), unit normals of the surfaces in camera axes (x right, y down, z ahead), on the side
+            that is seen, NaN where nothing is hit, where a map fell due, else None.
     """
 
     start_us: int
@@ -36,3 +59,7 @@ class Packet:
     luma: npt.NDArray[np.float32] | None = None
     depth: npt.NDArray[np.float32] | None = None
     frame: npt.NDArray[np.float32] | None = None
+    flow: npt.NDArray[np.float32] | None = None
+    displacement: Displacement | None = None
+    shapes: npt.NDArray[np.uint16] | None = None
+    normals: npt.NDArray[np.float32] | None = None

@@ -93,6 +93,25 @@ class GroundTruth(NamedTuple):
     quaternions: FloatArray
 
 
+class Velocities(NamedTuple):
+    """How the camera moves, in its own axes (x right, y down, z ahead).
+
+    ``t_us`` int64 (n,); the others float64 (n, 3): ``linear`` velocity of its centre (m/s), ``angular`` rate (rad/s),
+    and their rates of change in the world, turned into camera axes: ``linear_acceleration`` (m/s^2, without gravity)
+    and ``angular_acceleration`` (rad/s^2).
+    """
+
+    t_us: npt.NDArray[np.int64]
+    linear: FloatArray
+    angular: FloatArray
+    linear_acceleration: FloatArray
+    angular_acceleration: FloatArray
+
+    def part(self, which: slice) -> Velocities:
+        """Some of them."""
+        return Velocities(self.t_us[which], *(values[which] for values in self[1:]))
+
+
 def describe_pose(pose: Pose) -> dict[str, object]:
     return {"position": pose.position.tolist(), "quaternion": pose.quaternion.tolist()}
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
@@ -13,14 +14,18 @@ import numpy as np
 import numpy.typing as npt
 
 from ._mitsuba import FAST, default_variant
+from .dataset.event_truth_file import open_event_truth
 from .dataset.writer import DatasetWriter
 from .effect_planning import EffectPlan
+from .events import EventArray
 from .folder_report import FolderReport
+from .ground_truth import EventTruth, camera_velocities
 from .imu import IMU_DTYPE, ImuArray, simulate_imu
 from .packet import Packet
-from .pose import GroundTruth, Pose
+from .pose import GroundTruth, Pose, Velocities
 from .progress import Progress, progress, say
 from .rendering.render import Renderer
+from .sampling.rules import periodic_instants
 from .scene.scene import Scene
 from .settings import FolderSettings, SimulationSettings, complete, make_imu, make_motion_capture, only, takes_settings
 from .simulation import make_simulator
@@ -93,6 +98,12 @@ def simulate_to_folder(
             say(made.noise_line)
     truth = motion_capture.poses(scene.path, seed=given["seed"])
     inertial = np.zeros(0, IMU_DTYPE) if imu is None else simulate_imu(scene.path, imu, seed=given["seed"])
+    end_us = round(1e6 * scene.path.duration_s)
+    moving_us = np.fromiter(periodic_instants(given["velocity_rate_hz"], 0, end_us), np.int64)
+    moving = camera_velocities(scene.path, moving_us)
+    event_truth = None
+    if given["event_truth"] is not None:
+        event_truth = EventTruth(simulator.scene, simulator.camera, threads=given["threads"])
     packets = simulator.run()
     # Whatever is wrong with the scene shows before the folder is touched.
     first = next(packets)
@@ -109,11 +120,20 @@ def simulate_to_folder(
     with (
         stop_requests() as stop_requested,  # before the folder is made: a signal must not leave an empty one
         DatasetWriter(
-            path, simulator.camera, image_gain=given["image_gain"], overwrite=overwrite, imu=imu, meta=described
+            path,
+            simulator.camera,
+            image_gain=given["image_gain"],
+            overwrite=overwrite,
+            shape_names=simulator.shape_names,
+            flow_png=given["flow_png"],
+            imu=imu,
+            meta=described,
         ) as writer,
+        _truth_file(writer.path, given["event_truth"], event_truth) as add_truth,
         progress("simulating", scene.path.duration_s, unit="s", show=not quiet) as bar,
     ):
-        written = _write_all(writer, chain([first], packets), simulator, truth, inertial, bar, stop_requested)
+        sequence = _Sequence(chain([first], packets), truth, inertial, moving)
+        written = _write_all(writer, sequence, simulator, add_truth, bar, stop_requested)
     wall_s = time.perf_counter() - started
     return SimulationReport(
         path=Path(path),
@@ -134,31 +154,58 @@ class _Written(NamedTuple):
     interrupted: bool
 
 
+class _Sequence(NamedTuple):
+    """What is to be written: packets, and what has stamps of its own."""
+
+    packets: Iterator[Packet]
+    truth: GroundTruth
+    inertial: ImuArray
+    velocities: Velocities
+
+
+@contextmanager
+def _truth_file(
+    folder: Path, kind: str | None, event_truth: EventTruth | None
+) -> Iterator[Callable[[EventArray], None]]:
+    """What adds events to the folder's file of their truth, if there shall be one."""
+    if kind is None or event_truth is None:
+        yield lambda _: None
+        return
+    file = open_event_truth(folder, kind, event_truth.shape_names)
+    try:
+        yield lambda events: file.write(events, event_truth(events))
+    finally:
+        file.close()
+
+
 def _write_all(
     writer: DatasetWriter,
-    packets: Iterator[Packet],
+    sequence: _Sequence,
     simulator: Simulator,
-    truth: GroundTruth,
-    inertial: ImuArray,
+    add_truth: Callable[[EventArray], None],
     bar: Progress,
     stop_requested: Callable[[], bool],
 ) -> _Written:
     """Write packets, with the poses and samples that fall due until their ends, until they or the user end it."""
+    packets, truth, inertial, velocities = sequence
     total_us = round(simulator.scene.path.duration_s * 1e6)
-    events = end_us = posed = sampled = 0
+    events = end_us = posed = sampled = moved = 0
     for packet in packets:
         last_us = min(packet.end_us, total_us)
         # Stamps of another clock may lie beyond the end: the last packet takes them all.
         pose_end = _up_to(truth.t_us, last_us, total_us)
         sample_end = _up_to(inertial["t"], last_us, total_us)
         poses = [(int(truth.t_us[i]), Pose(truth.positions[i], truth.quaternions[i])) for i in range(posed, pose_end)]
-        writer.write(packet, poses, inertial[sampled:sample_end])
-        posed, sampled = pose_end, sample_end
+        moved_end = _up_to(velocities.t_us, last_us, total_us)
+        writer.write(packet, poses, inertial[sampled:sample_end], velocities.part(slice(moved, moved_end)))
+        add_truth(packet.events)
+        posed, sampled, moved = pose_end, sample_end, moved_end
         events, end_us = events + len(packet.events), packet.end_us
         bar.to(last_us * 1e-6, f"{events:,} events")
         if stop_requested() and end_us > 0:  # with the first frame alone the dataset could not be checked
             for late in simulator.flush():
                 writer.write(late)
+                add_truth(late.events)
                 events += len(late.events)
             break
     interrupted = end_us < total_us

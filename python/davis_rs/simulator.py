@@ -10,9 +10,10 @@ import numpy as np
 import numpy.typing as npt
 
 from ._core import CrossingEngine
-from .due_instants import due_instants
+from .due_instants import DueInstant, due_instants
 from .effects import CustomEffects, Effects, with_optics
 from .events import EventArray, concatenate_events
+from .ground_truth import SceneSurfaces
 from .packet import Packet
 from .pose import Pose
 from .read_ahead import read_ahead
@@ -39,6 +40,9 @@ from .trajectory.views import Views
 if TYPE_CHECKING:
     from typing_extensions import Unpack
 
+TRUTH_MAPS = ("flow", "mask", "normal")
+"""Maps of the ground truth that fall due at rates of their own."""
+
 
 @takes_settings(SimulatorSettings)
 class Simulator:
@@ -61,6 +65,7 @@ class Simulator:
         custom_effects: those of the user's own.
         refine: whether event times are polished.
         renderer: what renders, behind the lens.
+        surfaces: what gives flow, masks and normals; None where none of them is asked for.
 
     Raises:
         TypeError: for a setting that does not exist.
@@ -112,6 +117,10 @@ class Simulator:
             seed=self.settings["seed"],
             threads=self.settings["threads"],
         )
+        asked = any(self.settings[f"{name}_rate_hz"] > 0 for name in TRUTH_MAPS)
+        self.surfaces = SceneSurfaces(self.scene, self.camera, threads=self.settings["threads"]) if asked else None
+        if self.settings["flow_interval_s"] is not None and self.settings["flow_rate_hz"] == 0:
+            raise ValueError("flow_interval_s is that of maps of flow: give flow_rate_hz")
         self._pose: Pose | None = None
         self._last: Keyframe | None = None
         self._t_us = 0
@@ -126,6 +135,11 @@ class Simulator:
         return (
             f"<Simulator of {self.scene.name!r}, {size}, C = {self.contrast_threshold:g}, at {self._t_us / 1e6:.6g} s>"
         )
+
+    @property
+    def shape_names(self) -> tuple[str, ...]:
+        """The ids of the shapes in masks: number 1 is the first; () where no map of the ground truth is asked for."""
+        return () if self.surfaces is None else self.surfaces.names
 
     def run(self) -> Iterator[Packet]:
         """Simulate the scene's camera path from its start to its end; memory stays bounded, however long it is.
@@ -161,8 +175,11 @@ class Simulator:
         nearer the truth. docs/accuracy.md says by how much.
 
         Raises:
-            ValueError: for a first step that is not at 0, or a time that does not increase.
+            ValueError: for a first step that is not at 0, a time that does not increase, or a ``flow_interval_s``,
+                because nobody knows yet where the camera goes.
         """
+        if self.settings["flow_interval_s"] is not None:
+            raise ValueError("flow_interval_s looks ahead along a path: it is for run, not for step")
         if self._pose is None:
             if t_us != 0:
                 raise ValueError(f"the first step must be at t = 0 us, got {t_us} us")
@@ -210,14 +227,8 @@ class Simulator:
         Args:
             ahead: render in a thread of its own, while the crossing engine works on the keyframes before.
         """
-        due_between = partial(
-            due_instants,
-            start_us,
-            end_us,
-            frame_rate_hz=self.settings["frame_rate_hz"],
-            depth_rate_hz=self.settings["depth_rate_hz"],
-            first=self._pose is None,
-        )
+        rates_hz = {name: self.settings[f"{name}_rate_hz"] for name in ("frame", "depth", *TRUTH_MAPS)}
+        due_between = partial(due_instants, start_us, end_us, rates_hz, first=self._pose is None)
         stretch = Stretch(
             renderer=self.renderer,
             trajectory=trajectory,
@@ -243,17 +254,36 @@ class Simulator:
             pending.append(self._take(keyframe, refinement, due=keyframe.t_us >= due.t_us))
             if keyframe.t_us < due.t_us:
                 continue
-            depth = self.renderer.depth(stretch.views([due.t_us]))[0] if due.depth else None
+            depth = self.renderer.depth(stretch.views([due.t_us]))[0] if "depth" in due.due else None
+            truth = self._truth(stretch, due)
             pose = trajectory.pose((due.t_us - start_us) * 1e-6)
             packet_start, self._t_us, self._pose = self._t_us, due.t_us, pose
             events = concatenate_events(pending)
             pending.clear()
             if self.custom_effects and due.t_us > packet_start:
                 events = self.custom_effects.events(packet_start, due.t_us, events)
-            luma = keyframe.luma.copy() if due.frame else None
+            luma = keyframe.luma.copy() if "frame" in due.due else None
             frame = None if luma is None else self._frame(luma, due.t_us)
-            yield Packet(packet_start, due.t_us, events, pose, luma, depth, frame)
+            yield Packet(packet_start, due.t_us, events, pose, luma, depth, frame, **truth)
             due = next(instants, due)
+
+    def _truth(self, stretch: Stretch, due: DueInstant) -> dict[str, Any]:
+        """The packet's maps of the ground truth that fall due."""
+        maps: dict[str, Any] = {}
+        if self.surfaces is None or due.due.isdisjoint(TRUTH_MAPS):
+            return maps
+        size = self.camera.height, self.camera.width
+        seen = self.surfaces.frame(stretch.views([due.t_us]))
+        if "flow" in due.due:
+            maps["flow"] = seen.flow.reshape(*size, 2)
+            later_us = due.t_us + round(1e6 * (self.settings["flow_interval_s"] or 0.0))
+            if due.t_us < later_us <= stretch.end_us:
+                maps["displacement"] = self.surfaces.displacement(stretch.views([due.t_us, later_us]))
+        if "mask" in due.due:
+            maps["shapes"] = seen.shape.reshape(size)
+        if "normal" in due.due:
+            maps["normals"] = seen.normal.reshape(*size, 3)
+        return maps
 
     def _frame(self, luma: npt.NDArray[np.float32], t_us: int) -> npt.NDArray[np.float32] | None:
         """The frame that active pixels make, where they are not ideal."""

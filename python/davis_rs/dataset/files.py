@@ -39,6 +39,14 @@ class ImageSeries:
 FRAMES = ImageSeries("images.txt", "images", ".png")
 DEPTH_MAPS = ImageSeries("depthmaps.txt", "depthmaps", ".exr")
 LUMA_MAPS = ImageSeries("luma.txt", "luma", ".exr")
+FLOW_MAPS = ImageSeries("flow.txt", "flow", ".exr")
+DISPLACEMENTS = ImageSeries("displacement.txt", "displacement", ".exr")
+DISPLACEMENT_PNGS = ImageSeries("displacement_png.txt", "displacement_png", ".png")
+MASKS = ImageSeries("masks.txt", "masks", ".png")
+NORMAL_MAPS = ImageSeries("normals.txt", "normals", ".exr")
+IMAGE_SERIES = (FRAMES, DEPTH_MAPS, LUMA_MAPS, FLOW_MAPS, DISPLACEMENTS, DISPLACEMENT_PNGS, MASKS, NORMAL_MAPS)
+VELOCITY, SHAPE_NAMES = "velocity.txt", "shapes.json"
+EVENT_TRUTH = {"h5": "event_truth.h5", "npz": "event_truth.npz"}
 EVENTS, GROUND_TRUTH, INERTIAL = "events.txt", "groundtruth.txt", "imu.txt"
 CALIBRATION, META = "calib.txt", "meta.json"
 KALIBR_IMU, KALIBR_CAMERA_CHAIN = "imu.yaml", "camchain.yaml"
@@ -96,8 +104,8 @@ def pose_line(t_us: int, pose: Pose) -> str:
     return " ".join([stamp(t_us), *(repr(float(v)) for v in (*pose.position, *pose.quaternion))]) + "\n"
 
 
-def imu_line(t_us: int, values: npt.NDArray[np.float64]) -> str:
-    """One sample: ``values`` (6,) are accelerometer x y z in m/s^2 and gyroscope x y z in rad/s, written exactly."""
+def stamped_line(t_us: int, values: npt.NDArray[np.float64]) -> str:
+    """A time and values (n,), written exactly."""
     return " ".join([stamp(t_us), *map(repr, values.tolist())]) + "\n"
 
 
@@ -106,7 +114,8 @@ def as_grey(frame: npt.NDArray[np.float32], image_gain: float) -> npt.NDArray[np
     return np.rint(np.minimum(255 * image_gain * frame.astype(np.float64), 255)).astype(np.uint8)
 
 
-def encode_png(grey: npt.NDArray[np.uint8]) -> bytes:
+def encode_png(grey: npt.NDArray[np.uint8 | np.uint16]) -> bytes:
+    """A grey image (H, W) of 8 or 16 bits."""
     from PIL import Image
 
     stream = io.BytesIO()
@@ -114,13 +123,14 @@ def encode_png(grey: npt.NDArray[np.uint8]) -> bytes:
     return stream.getvalue()
 
 
-def encode_exr(channel: str, image: npt.NDArray[np.float32]) -> bytes:
+def encode_exr(channels: Mapping[str, npt.NDArray[np.float32]]) -> bytes:
+    """Images (H, W) by the names of their channels."""
     import OpenEXR
 
     # Into memory: OpenEXR's own file errors have no errno.
     stream = io.BytesIO()
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
-    OpenEXR.File(header, {channel: image}).write(stream)
+    OpenEXR.File(header, {name: np.ascontiguousarray(image) for name, image in channels.items()}).write(stream)
     return stream.getvalue()
 
 
@@ -181,7 +191,7 @@ def claim_folder(path: Path, *, overwrite: bool) -> Hold:
 
 def _remove_dataset(path: Path) -> None:
     """Remove the files that a dataset consists of, and nothing else."""
-    for series in (FRAMES, DEPTH_MAPS, LUMA_MAPS):
+    for series in IMAGE_SERIES:
         folder = path / series.folder
         if folder.is_symlink():  # the link is the dataset's, what it leads to is not
             folder.unlink()
@@ -193,5 +203,6 @@ def _remove_dataset(path: Path) -> None:
                 folder.rmdir()
         (path / series.list_name).unlink(missing_ok=True)
     # What marks the folder as a dataset goes last, so that an overwrite that was cut short can be repeated.
-    for name in (GROUND_TRUTH, INERTIAL, KALIBR_IMU, KALIBR_CAMERA_CHAIN, CALIBRATION, META_PART, EVENTS, META):
+    texts = (GROUND_TRUTH, INERTIAL, VELOCITY, SHAPE_NAMES, KALIBR_IMU, KALIBR_CAMERA_CHAIN, CALIBRATION)
+    for name in (*texts, *EVENT_TRUTH.values(), META_PART, EVENTS, META):
         (path / name).unlink(missing_ok=True)

@@ -21,17 +21,24 @@ from ..events import EventArray
 from ..formats.interface import TruncatedFileWarning
 from ..formats.text import TextFormat
 from ..imu import IMU_DTYPE, ImuArray
-from ..pose import GroundTruth
+from ..packet import Displacement
+from ..pose import GroundTruth, Velocities
 from ..untrusted import decoding, read_limited, read_text
 from .files import (
     CALIBRATION,
     DEPTH_MAPS,
+    DISPLACEMENTS,
     EVENTS,
+    FLOW_MAPS,
     FRAMES,
     GROUND_TRUTH,
     INERTIAL,
     LUMA_MAPS,
+    MASKS,
     META,
+    NORMAL_MAPS,
+    SHAPE_NAMES,
+    VELOCITY,
     ImageSeries,
 )
 
@@ -146,6 +153,45 @@ class Dataset:
         return self._series(DEPTH_MAPS)
 
     @cached_property
+    def flow_maps(self) -> list[StampedImage]:
+        """The maps of optical flow (the public dataset has none)."""
+        return self._series(FLOW_MAPS)
+
+    @cached_property
+    def displacements(self) -> list[StampedImage]:
+        """The maps of how far points go in the image (likewise)."""
+        return self._series(DISPLACEMENTS)
+
+    @cached_property
+    def masks(self) -> list[StampedImage]:
+        """The maps of shapes (likewise)."""
+        return self._series(MASKS)
+
+    @cached_property
+    def normal_maps(self) -> list[StampedImage]:
+        """The maps of surface normals (likewise)."""
+        return self._series(NORMAL_MAPS)
+
+    @cached_property
+    def shape_names(self) -> tuple[str, ...]:
+        """The names of the shapes in :attr:`masks`: number 1 is the first."""
+        path = self.path / SHAPE_NAMES
+        if not path.exists():
+            return ()
+        with decoding(path):
+            names = json.loads(read_text(path))
+        if not isinstance(names, dict) or list(names) != [str(k + 1) for k in range(len(names))]:
+            raise DecodeError(f"{path}: expected names by the numbers 1, 2, ...")
+        return tuple(map(str, names.values()))
+
+    @cached_property
+    def velocities(self) -> Velocities:
+        """How the camera moves, in its own axes (the public dataset does not say)."""
+        layout = "timestamp vx vy vz wx wy wz ax ay az dwx dwy dwz"
+        t_us, values = self._stamped_rows(VELOCITY, layout, "velocities")
+        return Velocities(t_us, *np.split(values, 4, axis=1))
+
+    @cached_property
     def luma(self) -> list[StampedImage]:
         """The maps of exact linear luma (the public dataset has none)."""
         return self._series(LUMA_MAPS)
@@ -166,21 +212,42 @@ class Dataset:
 
     def read_image(self, index: int) -> npt.NDArray[np.uint8]:
         """Intensity frame ``index``: uint8 (H, W)."""
+        return self._read_png(self.frames[index].path, "L", "an 8-bit")
+
+    def _read_png(self, path: Path, mode: str, what: str) -> npt.NDArray[Any]:
+        """A grey image of a mode of Pillow."""
         from PIL import Image
 
-        path = self.frames[index].path
         data = read_limited(path)
         with decoding(path), Image.open(io.BytesIO(data)) as image:
             if image.width * image.height > _MOST_PIXELS:
                 raise DecodeError(f"{path}: an image may have {_MOST_PIXELS} pixels, found {image.size}")
-            mode, pixels = image.mode, np.array(image)
-        if mode != "L":
-            raise DecodeError(f"{path}: expected an 8-bit grey image, found mode {mode}")
+            found, pixels = image.mode, np.array(image)
+        if found != mode:
+            raise DecodeError(f"{path}: expected {what} grey image, found mode {found}")
         return pixels
 
     def read_depth(self, index: int) -> npt.NDArray[np.float32]:
         """Depth map ``index``: z along the optical axis in metres, float32 (H, W), inf where nothing is hit."""
         return _read_exr(self.depth_maps[index].path, "Z")
+
+    def read_flow(self, index: int) -> npt.NDArray[np.float32]:
+        """Flow map ``index``: pixels per second (x right, y down), float32 (H, W, 2), NaN where nothing is hit."""
+        return _read_exr(self.flow_maps[index].path, "U", "V")
+
+    def read_displacement(self, index: int) -> Displacement:
+        """Displacement ``index``."""
+        path = self.displacements[index].path
+        channels = _read_exr(path, "U", "V", "occluded")
+        return Displacement(channels[..., :2], channels[..., 2] > 0)
+
+    def read_mask(self, index: int) -> npt.NDArray[np.uint16]:
+        """Mask ``index``: the number of the shape that each pixel sees, uint16 (H, W), 0 for nothing."""
+        return self._read_png(self.masks[index].path, "I;16", "a 16-bit").astype(np.uint16)
+
+    def read_normals(self, index: int) -> npt.NDArray[np.float32]:
+        """Normals ``index``: unit vectors in camera axes, float32 (H, W, 3), NaN where nothing is hit."""
+        return _read_exr(self.normal_maps[index].path, "X", "Y", "Z")
 
     def read_luma(self, index: int) -> npt.NDArray[np.float32]:
         """Luma map ``index``: linear luma, float32 (H, W)."""
@@ -283,7 +350,8 @@ def _parse_stamp(word: str, path: Path, number: int) -> int:
     return int(seconds + decimals[:6]) + (decimals[6] >= "5")
 
 
-def _read_exr(path: Path, channel: str) -> npt.NDArray[np.float32]:
+def _read_exr(path: Path, *names: str) -> npt.NDArray[np.float32]:
+    """Channels of an image, float32: (H, W) of one, (H, W, k) of several."""
     import OpenEXR
 
     data = read_limited(path)
@@ -295,7 +363,8 @@ def _read_exr(path: Path, channel: str) -> npt.NDArray[np.float32]:
             raise DecodeError(f"{path}: an image may have {_MOST_PIXELS} pixels, found a window of {low} to {high}")
         with OpenEXR.File(io.BytesIO(data)) as file:
             channels = dict(file.channels())
-            pixels = channels[channel].pixels if channel in channels else None
-    if pixels is None or pixels.dtype != np.float32:
-        raise DecodeError(f"{path}: expected a float32 channel {channel!r}, found {sorted(channels)}")
-    return np.asarray(pixels, np.float32)
+            pixels = [np.asarray(channels[name].pixels) for name in names if name in channels]
+    if len(pixels) != len(names) or any(found.dtype != np.float32 for found in pixels):
+        asked = f"a float32 channel {names[0]!r}" if len(names) == 1 else f"float32 channels {', '.join(names)}"
+        raise DecodeError(f"{path}: expected {asked}, found {sorted(channels)}")
+    return pixels[0] if len(names) == 1 else np.stack(pixels, -1)

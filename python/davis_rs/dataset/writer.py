@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
@@ -17,19 +17,27 @@ from ..camera import Camera
 from ..events import EventArray, as_events
 from ..imu import IMU_DTYPE, Imu, ImuArray, as_imu, kalibr_camera_chain, kalibr_imu
 from ..packet import Packet
-from ..pose import Pose
+from ..pose import Pose, Velocities
+from .displacement_png import encode_displacement
 from .files import (
     CALIBRATION,
     DEPTH_MAPS,
+    DISPLACEMENT_PNGS,
+    DISPLACEMENTS,
     EVENTS,
+    FLOW_MAPS,
     FRAMES,
     GROUND_TRUTH,
     INERTIAL,
     KALIBR_CAMERA_CHAIN,
     KALIBR_IMU,
     LUMA_MAPS,
+    MASKS,
     META,
     META_PART,
+    NORMAL_MAPS,
+    SHAPE_NAMES,
+    VELOCITY,
     EventFile,
     ImageFiles,
     append_lines,
@@ -38,8 +46,8 @@ from .files import (
     claim_folder,
     encode_exr,
     encode_png,
-    imu_line,
     pose_line,
+    stamped_line,
     write_file,
 )
 
@@ -67,7 +75,10 @@ class DatasetWriter:
     ``depthmaps.txt`` with ``depthmaps/``, ``groundtruth.txt``, ``imu.txt`` and ``calib.txt``; beside it stand
     ``luma.txt`` with ``luma/`` (exact linear luma, OpenEXR channel ``Y``, of the first frame, every ``check_frames``-th
     and the last: what :func:`~davis_rs.inspection.check.check_dataset` compares the events with) and ``meta.json``;
-    with an IMU, Kalibr's ``imu.yaml`` and ``camchain.yaml``. A list that would be empty is not written.
+    with an IMU, Kalibr's ``imu.yaml`` and ``camchain.yaml``. Maps of the ground truth have lists and folders likewise:
+    ``flow`` (OpenEXR channels ``U`` and ``V``, pixels per second), ``displacement`` (``U`` and ``V``, pixels, and
+    ``occluded``, 0 or 1), ``displacement_png`` (the same as 16-bit PNG), ``masks`` (16-bit PNG, with the shapes' names
+    in ``shapes.json``) and ``normals`` (``X``, ``Y``, ``Z``). A list that would be empty is not written.
 
     Every packet is on disk, as far as the operating system is concerned, when :meth:`write` returns, and an image is
     listed only once it is whole: a process that is killed leaves a folder that can be read up to its last packet,
@@ -84,6 +95,8 @@ class DatasetWriter:
         overwrite: replace a dataset that is already there. Only the files of a dataset are removed; any others in the
             folder stay.
         check_frames: every how many frames the linear luma is stored too; 0 stores only the first and the last.
+        shape_names: of the shapes in masks; number 1 is the first.
+        flow_png: write displacements as PNG too: the encoding, ``kitti`` or ``dsec``.
         imu: the IMU whose samples will be written: Kalibr's ``imu.yaml`` and ``camchain.yaml`` tell of it.
         meta: what is already known of the sequence, for ``meta.json``, so that a folder that is never finished has it.
 
@@ -105,6 +118,8 @@ class DatasetWriter:
         image_gain: float | None = None,
         overwrite: bool = False,
         check_frames: int = 8,
+        shape_names: Sequence[str] = (),
+        flow_png: str | None = None,
         imu: Imu | None = None,
         meta: Mapping[str, Any] | None = None,
     ) -> None:
@@ -132,14 +147,30 @@ class DatasetWriter:
         self._frames = ImageFiles(self.path, FRAMES)
         self._depth_maps = ImageFiles(self.path, DEPTH_MAPS)
         self._luma_maps = ImageFiles(self.path, LUMA_MAPS)
+        self._flow_maps, self._displacements = ImageFiles(self.path, FLOW_MAPS), ImageFiles(self.path, DISPLACEMENTS)
+        self._flow_png = flow_png
+        self._displacement_pngs = ImageFiles(self.path, DISPLACEMENT_PNGS)
+        self._masks, self._normal_maps = ImageFiles(self.path, MASKS), ImageFiles(self.path, NORMAL_MAPS)
+        self._velocity_count, self._last_velocity_us = 0, -1
+        if shape_names:
+            names = {str(number): name for number, name in enumerate(shape_names, 1)}
+            texts[SHAPE_NAMES] = json.dumps(names, indent=2) + "\n"
         for name, text in texts.items():
             write_file(self.path / name, text.encode())
         self._write_meta(complete=False)
 
-    def write(self, packet: Packet, poses: Iterable[tuple[int, Pose]] = (), imu: ImuArray | None = None) -> None:
-        """Append one packet, ``poses`` as (t_us, T_world_camera) to ``groundtruth.txt``, ``imu`` to ``imu.txt``.
+    def write(
+        self,
+        packet: Packet,
+        poses: Iterable[tuple[int, Pose]] = (),
+        imu: ImuArray | None = None,
+        velocities: Velocities | None = None,
+    ) -> None:
+        """Append one packet, ``poses`` as (t_us, T_world_camera) to ``groundtruth.txt``, ``imu`` to ``imu.txt``,
+        ``velocities`` to ``velocity.txt``.
 
-        ``imu`` is (n,) of :data:`~davis_rs.IMU_DTYPE`. Poses and samples may be of other times than the packet.
+        ``imu`` is (n,) of :data:`~davis_rs.IMU_DTYPE`. Poses, samples and velocities may be of other times than
+        the packet.
 
         Raises:
             ValueError: if times go back or leave the packet's interval, or an array does not fit the sensor. Nothing
@@ -154,20 +185,47 @@ class DatasetWriter:
         depth = self._checked_image(packet.depth, "depth", packet.end_us, largest=math.inf)
         pose_list = self._checked_poses(poses)
         samples = self._checked_imu(imu)
+        moving = self._checked_velocities(velocities)
+        flow = self._checked_map(packet.flow, "flow", packet.end_us, 2)
+        normals = self._checked_map(packet.normals, "normals", packet.end_us, 3)
+        displacement, occluded = packet.displacement or (None, None)
+        displacement = self._checked_map(displacement, "displacement", packet.end_us, 2)
         try:
             self._end_us = packet.end_us
             self._events.write(events)
             if luma is not None:
                 self._write_frame(packet.end_us, luma, luma if frame is None else frame)
             if depth is not None:
-                self._depth_maps.write(packet.end_us, encode_exr("Z", depth))
+                self._depth_maps.write(packet.end_us, encode_exr({"Z": depth}))
+            if flow is not None:
+                self._flow_maps.write(packet.end_us, encode_exr({"U": flow[..., 0], "V": flow[..., 1]}))
+            if displacement is not None and occluded is not None:
+                channels = {
+                    "U": displacement[..., 0],
+                    "V": displacement[..., 1],
+                    "occluded": occluded.astype(np.float32),
+                }
+                self._displacements.write(packet.end_us, encode_exr(channels))
+                if self._flow_png is not None:
+                    self._displacement_pngs.write(packet.end_us, encode_displacement(displacement, self._flow_png))
+            if packet.shapes is not None:
+                self._masks.write(packet.end_us, encode_png(np.ascontiguousarray(packet.shapes, np.uint16)))
+            if normals is not None:
+                self._normal_maps.write(
+                    packet.end_us, encode_exr(dict(zip("XYZ", np.moveaxis(normals, -1, 0), strict=True)))
+                )
+            if len(moving.t_us):
+                lines = map(stamped_line, moving.t_us.tolist(), np.concatenate(moving[1:], 1))
+                append_lines(self.path / VELOCITY, "".join(lines))
+                self._velocity_count += len(moving.t_us)
+                self._last_velocity_us = int(moving.t_us[-1])
             if pose_list:
                 append_lines(self.path / GROUND_TRUTH, "".join(pose_line(t_us, pose) for t_us, pose in pose_list))
                 self._pose_count += len(pose_list)
                 self._last_pose_us = pose_list[-1][0]
             if len(samples):
                 values = np.concatenate([samples["accel"], samples["gyro"]], axis=1)
-                lines = map(imu_line, samples["t"].tolist(), values)
+                lines = map(stamped_line, samples["t"].tolist(), values)
                 append_lines(self.path / INERTIAL, "".join(lines))
                 self._imu_count += len(samples)
                 self._last_imu_us = int(samples["t"][-1])
@@ -259,6 +317,26 @@ class DatasetWriter:
             )
         return samples
 
+    def _checked_velocities(self, velocities: Velocities | None) -> Velocities:
+        if velocities is None:
+            none = np.empty((0, 3))
+            return Velocities(np.empty(0, np.int64), none, none, none, none)
+        t_us = velocities.t_us
+        if len(t_us) and (t_us[0] <= self._last_velocity_us or (np.diff(t_us) <= 0).any()):
+            raise ValueError(f"times of velocities must be >= 0 and increase, got {t_us[0]} us and later")
+        return velocities
+
+    def _checked_map(
+        self, image: npt.ArrayLike | None, what: str, t_us: int, channels: int
+    ) -> npt.NDArray[np.float32] | None:
+        if image is None:
+            return None
+        array = np.asarray(image, np.float32)
+        shape = (self.size[1], self.size[0], channels)
+        if array.shape != shape:
+            raise ValueError(f"the {what} at {t_us} us must have shape {shape}, got {array.shape}")
+        return array
+
     def _checked_image(
         self, image: npt.ArrayLike | None, what: str, t_us: int, *, largest: float
     ) -> npt.NDArray[np.float32] | None:
@@ -289,7 +367,7 @@ class DatasetWriter:
     def _write_luma(self) -> None:
         if self._pending_luma is not None:
             t_us, luma = self._pending_luma
-            self._luma_maps.write(t_us, encode_exr("Y", luma))
+            self._luma_maps.write(t_us, encode_exr({"Y": luma}))
             self._pending_luma = None
 
     def _require_open(self) -> None:
@@ -318,6 +396,11 @@ class DatasetWriter:
                 "frames": self._frames.count,
                 "depth_maps": self._depth_maps.count,
                 "luma_maps": self._luma_maps.count,
+                "flow_maps": self._flow_maps.count,
+                "displacements": self._displacements.count,
+                "masks": self._masks.count,
+                "normal_maps": self._normal_maps.count,
+                "velocities": self._velocity_count,
                 "poses": self._pose_count,
                 "imu_samples": self._imu_count,
             },

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import math
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ..events import EventArray
-from .visual_sequence import VisualSequence, display_grey, open_visual_sequence
+from .truth_panels import truth_panels
+from .visual_sequence import VisualSequence, display_grey, nearest, open_visual_sequence
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -46,11 +46,12 @@ def view(
     window_s: float | None = None,
     size: tuple[int, int] | None = None,
 ) -> Figure:
-    """Draw one moment of a sequence as a figure of four panels, 7.2 inches wide; in a notebook it shows itself.
+    """Draw one moment of a sequence as a figure of four panels or more, 7.2 inches wide; in a notebook it shows itself.
 
     The intensity frame; the events of a short window around it, ON red and OFF blue, over the faded frame; the depth
-    map (grey where nothing is hit); and column over time of the events of a few middle rows, in a longer window. Frames
-    hold linear light, so they are drawn with sRGB's transfer curve. What the source does not have is left empty, and
+    map (grey where nothing is hit); and column over time of the events of a few middle rows, in a longer window. Where
+    a folder has them, below: optical flow as the usual colour wheel, shapes, and surface normals. Frames hold linear
+    light, so they are drawn with sRGB's transfer curve. What the source does not have is left empty, and
     the title says so. ``savefig`` of the figure writes PNG, PDF, SVG and others, by the suffix.
 
     Args:
@@ -96,13 +97,17 @@ def view(
     with mpl.rc_context(_STYLE):
         # The three pictures have one size, whatever stands next to them.
         panel_in = _PANEL_WIDTH * _WIDTH_IN * height / width
-        height_in = 2 * (_TITLE_IN + panel_in + _TICKS_IN) + _LABEL_IN
+        more = truth_panels(sequence, t_us)
+        rows_of_panels = 2 + (len(more) + 1) // 2
+        height_in = rows_of_panels * (_TITLE_IN + panel_in + _TICKS_IN) + _LABEL_IN
         figure = _make_figure((_WIDTH_IN, height_in))
         row = (_TITLE_IN + panel_in + _TICKS_IN) / height_in
-        axes = [
-            figure.add_axes((left, bottom + _TICKS_IN / height_in, _PANEL_WIDTH, panel_in / height_in))
-            for left, bottom in ((_LEFT, row), (_RIGHT, row), (_LEFT, 0.0))
-        ]
+
+        def panel(number: int) -> Axes:
+            left, bottom = (_LEFT, _RIGHT)[number % 2], (rows_of_panels - 1 - number // 2) * row
+            return figure.add_axes((left, bottom + _TICKS_IN / height_in, _PANEL_WIDTH, panel_in / height_in))
+
+        axes = [panel(number) for number in (0, 1, 2, *range(4, 4 + len(more)))]
         figure.text(0.5, 1 - 0.6 * _LABEL_IN / height_in, sequence.label, ha="center", va="center", fontsize=9)
         for ax in axes:
             ax.set_xticks(_ticks(width))
@@ -114,8 +119,9 @@ def view(
         counted = f"{len(shown):,} events in {shown_ms:.3g} ms: ON red, OFF blue"
         axes[1].set_title("(b) " + (counted if len(shown) else "no events in this window"))
         _draw_depth(axes[2], sequence, depth)
-        over_time = figure.add_axes((_RIGHT, _TICKS_IN / height_in, _PANEL_WIDTH, panel_in / height_in))
-        _draw_band(over_time, band, rows, t_us, band_ms, width)
+        for ax, draw, letter in zip(axes[3:], more, "efg", strict=False):
+            draw(ax, letter)
+        _draw_band(panel(3), band, rows, t_us, band_ms, width)
     return figure
 
 
@@ -153,11 +159,6 @@ def _make_figure(inches: tuple[float, float]) -> Figure:
     figure = NotebookFigure(figsize=inches, dpi=200)
     FigureCanvasAgg(figure)
     return figure
-
-
-def nearest(times_us: Sequence[int], t_us: int) -> int | None:
-    """The index of the time that is nearest, None where there is none."""
-    return min(range(len(times_us)), key=lambda i: abs(times_us[i] - t_us), default=None)
 
 
 def event_picture(grey: npt.NDArray[np.float64], events: EventArray) -> npt.NDArray[np.uint8]:

@@ -37,6 +37,9 @@ class VisualSequence:
         frame_times, depth_times: in microseconds.
         read_frame: the frame of a number as linear light, float64 (height, width) in 0..1.
         read_depth: the depth map of a number in metres, float32 (height, width), inf where nothing is hit.
+        flow_times, read_flow: likewise maps of optical flow, pixels per second, float32 (height, width, 2).
+        mask_times, read_mask: likewise maps of shapes, uint16 (height, width), by numbers from 1 on in ``shape_names``.
+        normal_times, read_normals: likewise surface normals, float32 (height, width, 3), in camera axes.
     """
 
     label: str
@@ -48,6 +51,13 @@ class VisualSequence:
     depth_times: Sequence[int] = ()
     read_frame: Callable[[int], GreyImage] = field(default=lambda _: np.ones((1, 1)))
     read_depth: Callable[[int], npt.NDArray[np.float32]] = field(default=lambda _: np.ones((1, 1), np.float32))
+    flow_times: Sequence[int] = ()
+    read_flow: Callable[[int], npt.NDArray[np.float32]] = field(default=lambda _: np.ones((1, 1, 2), np.float32))
+    mask_times: Sequence[int] = ()
+    read_mask: Callable[[int], npt.NDArray[np.uint16]] = field(default=lambda _: np.ones((1, 1), np.uint16))
+    shape_names: Sequence[str] = ()
+    normal_times: Sequence[int] = ()
+    read_normals: Callable[[int], npt.NDArray[np.float32]] = field(default=lambda _: np.ones((1, 1, 3), np.float32))
 
 
 def open_visual_sequence(path: str | Path, *, size: tuple[int, int] | None = None) -> VisualSequence:
@@ -79,6 +89,11 @@ def open_visual_sequence(path: str | Path, *, size: tuple[int, int] | None = Non
     if known is None:
         raise ValueError(f"{path} does not say the sensor's size: give it (size=, --size)")
     return _of_events(path, f"{path.name}, sensor {known[0]} x {known[1]}", known, events)
+
+
+def nearest(times_us: Sequence[int], t_us: int) -> int | None:
+    """The index of the time that is nearest, None where there is none."""
+    return min(range(len(times_us)), key=lambda i: abs(times_us[i] - t_us), default=None)
 
 
 def display_grey(linear: npt.NDArray[np.floating[Any]]) -> GreyImage:
@@ -115,6 +130,13 @@ def _of_dataset(dataset: Dataset, size: tuple[int, int] | None) -> VisualSequenc
         depth_times,
         lambda number: dataset.read_image(number) / 255.0,
         dataset.read_depth,
+        [image.t_us for image in dataset.flow_maps],
+        dataset.read_flow,
+        [image.t_us for image in dataset.masks],
+        dataset.read_mask,
+        dataset.shape_names,
+        [image.t_us for image in dataset.normal_maps],
+        dataset.read_normals,
     )
 
 

@@ -30,6 +30,18 @@ class OpticalFlow:
         # (3, 2 p), all x before all y: NumPy is ten times faster along p than along short axes.
         self._by_velocity, self._by_rate = (part.transpose(2, 1, 0).reshape(3, -1) for part in (by_velocity, by_rate))
 
+    def of_pixels(
+        self, views: Views, view: npt.NDArray[np.int64], pixel: npt.NDArray[np.int64], depth: npt.ArrayLike
+    ) -> FloatArray:
+        """Flow (m, 2) in pixels per second, at points ``pixel`` (m,) of views ``view`` (m,), ``depth`` (m,) away.
+
+        As :meth:`__call__` gives it.
+        """
+        velocities = np.einsum("nij,ni->nj", views.rotations, views.velocities)[view]  # camera axes
+        by_velocity, by_rate = (part.reshape(3, 2, -1)[:, :, pixel] for part in (self._by_velocity, self._by_rate))
+        moved = np.einsum("mk,kcm->mc", velocities, by_velocity) / np.asarray(depth, np.float64)[:, None]
+        return np.asarray(moved + np.einsum("mk,kcm->mc", views.angular_rates[view], by_rate))
+
     def __call__(self, views: Views, depth: npt.ArrayLike) -> FloatArray:
         """Flow (n, p, 2) in pixels per second, of surfaces at ``depth`` (n, p) or (p,): z in metres, inf for none.
 

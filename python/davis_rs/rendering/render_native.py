@@ -17,7 +17,7 @@ from ..trajectory.views import Views
 from .camera_rays import ray_table
 from .edge_tracks import EdgeTracks
 from .render import Indices, Renderer
-from .scene_motion import STILL, SceneMotion, seen_from
+from .scene_motion import STILL, SceneMotion, pose_arrays, seen_from
 from .scene_table import SceneTable
 from .shadow_rays import END, STEP
 
@@ -67,6 +67,8 @@ class NativeRenderer(Renderer):
         self.poses_per_launch = int(np.clip(_PIXELS_PER_LAUNCH // (camera.width * camera.height), 1, 64))
         self._pixel_rays = functools.lru_cache(maxsize=4)(self._make_pixel_rays)
         textures = table.textures
+        # The last one is that of a ray that hits nothing.
+        self._frame_of_triangle = np.append(table.frames, np.uint32(0))
         self._core = SceneRenderer(
             corners=table.corners.ravel(),
             planes=table.planes.ravel(),
@@ -132,7 +134,8 @@ class NativeRenderer(Renderer):
         return self._core.depth(self._pixel_rays(1), self._arrays(views))[0].reshape(self._shape(views))
 
     def _owners(self, views: Views) -> npt.NDArray[np.uint32]:
-        return self._core.depth(self._pixel_rays(1), self._arrays(views))[1].reshape(self._shape(views))
+        triangles = self._core.depth(self._pixel_rays(1), self._arrays(views))[1].reshape(self._shape(views))
+        return self._frame_of_triangle[np.minimum(triangles, len(self._frame_of_triangle) - 1)]
 
     def _shape(self, views: Views) -> tuple[int, int, int]:
         return len(views), self.camera.height, self.camera.width
@@ -159,12 +162,7 @@ class NativeRenderer(Renderer):
                     weight, weight_rate = weights[:, instant], weight_rates[:, instant]
                     rates[:, light] = weight * rates[:, light] + weight_rate * factors[:, light]
                     factors[:, light] *= weight
-        poses = (
-            np.stack([getattr(camera, name) for camera in cameras], 1).ravel()
-            for name in ("positions", "rotations", "velocities", "angular_rates")
-        )
-        positions, rotations, velocities, angular_rates = poses
-        return positions, rotations, velocities, angular_rates, factors.ravel(), rates.ravel()
+        return *pose_arrays(cameras), factors.ravel(), rates.ravel()
 
 
 def _sky(table: SceneTable) -> tuple[int, int, npt.NDArray[np.float32]] | None:

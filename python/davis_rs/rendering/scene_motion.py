@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -94,6 +94,16 @@ def held(trajectory: Trajectory, t_s: FloatArray) -> Views:
     moves = (np.abs(t_s - inside) <= TIME_TOLERANCE_S)[:, None]
     velocities, rates = (np.where(moves, twist, 0.0) for twist in (path.velocities, path.angular_rates))
     return Views(t_s, path.positions, path.rotations, velocities, rates)
+
+
+def pose_arrays(cameras: Sequence[Views]) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Cameras in f frames, n views each, as the Rust core takes them, flat: places (n, f, 3), rotations (n, f, 3, 3),
+    velocities (n, f, 3) and angular rates (n, f, 3)."""
+    positions, rotations, velocities, angular_rates = (
+        np.stack([getattr(camera, name) for camera in cameras], 1).ravel()
+        for name in ("positions", "rotations", "velocities", "angular_rates")
+    )
+    return positions, rotations, velocities, angular_rates
 
 
 def seen_from(cameras: Views, objects: Views) -> Views:

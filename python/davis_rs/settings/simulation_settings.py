@@ -23,6 +23,7 @@ from ..sensors import RECORDED, SENSOR_SUFFIXES, SENSORS
 from .setting import Declared
 
 _ACCURACY = "accuracy and cost"
+_TRUTH = "ground truth (docs/ground_truth.md)"
 _INERTIAL = "IMU and ground truth (docs/trajectories_and_imu.md)"
 EFFECTS = "effects (docs/effects.md)"
 EFFECTS_TOLERANCE = 0.01
@@ -242,6 +243,40 @@ class SamplingSettings(ViewSettings, EngineSettings, total=False):
         ),
     ]
     depth_rate_hz: Annotated[float, Declared("depth maps, likewise", 40.0, unit="Hz", low=0, high=1e6, metavar="HZ")]
+    flow_rate_hz: Annotated[
+        float,
+        Declared("maps of optical flow, likewise", 0.0, unit="Hz", low=0, high=1e6, metavar="HZ", group=_TRUTH),
+    ]
+    flow_interval_s: Annotated[
+        float | None,
+        Declared(
+            "with each map of flow also how far the points go in the image in this time, and which are then hidden",
+            default_help="none",
+            unit="s",
+            low=1e-6,
+            high=1e3,
+            metavar="S",
+            group=_TRUTH,
+        ),
+    ]
+    mask_rate_hz: Annotated[
+        float,
+        Declared(
+            "maps of the shapes that the pixels see, likewise",
+            0.0,
+            unit="Hz",
+            low=0,
+            high=1e6,
+            metavar="HZ",
+            group=_TRUTH,
+        ),
+    ]
+    normal_rate_hz: Annotated[
+        float,
+        Declared(
+            "maps of the surfaces' normals, likewise", 0.0, unit="Hz", low=0, high=1e6, metavar="HZ", group=_TRUTH
+        ),
+    ]
     accuracy: Annotated[
         str,
         Declared(
@@ -381,6 +416,37 @@ class FolderSettings(SimulationSettings, ImageSettings, total=False):
             metavar=EFFECT_FORM,
             text=list,
             group=_INERTIAL,
+        ),
+    ]
+    flow_png: Annotated[
+        str | None,
+        Declared(
+            "write displacements (flow_interval) as 16-bit PNG too: kitti (steps of 1/64 px, up to 512 px) or dsec "
+            "(1/128 px, up to 256 px)",
+            default_help="none",
+            choices=("kitti", "dsec"),
+            group=_TRUTH,
+        ),
+    ]
+    event_truth: Annotated[
+        str | None,
+        Declared(
+            "write depth, flow and shape at each event's own pixel and time: into event_truth.h5 or event_truth.npz",
+            default_help="none",
+            choices=("h5", "npz"),
+            group=_TRUTH,
+        ),
+    ]
+    velocity_rate_hz: Annotated[
+        float,
+        Declared(
+            "write velocity.txt: the camera's velocities and accelerations; 0 for none",
+            0.0,
+            unit="Hz",
+            low=0,
+            high=1e6,
+            metavar="HZ",
+            group=_TRUTH,
         ),
     ]
     pose_rate_hz: Annotated[

@@ -234,9 +234,7 @@ impl PySceneRenderer {
         view: &Bound<'py, PyAny>,
         pixel: &Bound<'py, PyAny>,
     ) -> PyResult<Flat<'py, f32>> {
-        let (view, pixel) = (column::<u32>(view, "view")?, column::<u32>(pixel, "pixel")?);
-        let pixels: Vec<(u32, u32)> = view.as_slice()?.iter().copied().zip(pixel.as_slice()?.iter().copied()).collect();
-        let views = self.views(&views)?;
+        let (pixels, views) = (view_pixels(view, pixel)?, self.views(&views)?);
         let mut luma = vec![0f32; pixels.len()];
         py.detach(|| self.0.samples(&rays.0, &views, &pixels, &mut luma))?;
         Ok(luma.into_pyarray(py))
@@ -289,15 +287,15 @@ impl PySceneRenderer {
         Ok(tracks.into_iter().map(tuple).collect())
     }
 
-    /// What single rays hit.
+    /// What the pixels' rays hit.
     ///
     /// Args:
     ///     rays: of the sensor, one ray a pixel.
     ///     views: as in :meth:`luma`.
     ///
     /// Returns:
-    ///     Depth, float32, flat (n, height, width): z in camera axes, metres, inf where nothing is hit; and the frame
-    ///     of what is hit, uint32 in the same shape, 0 where nothing is.
+    ///     Depth, float32, flat (n, height, width): z in camera axes, metres, inf where nothing is hit; and the number
+    ///     of the triangle that is hit, uint32 in the same shape, 2^32 - 1 where none is.
     ///
     /// Raises:
     ///     ValueError: for views that do not fit the scene, or more than one ray a pixel.
@@ -309,9 +307,37 @@ impl PySceneRenderer {
     ) -> PyResult<(Flat<'py, f32>, Flat<'py, u32>)> {
         let views = self.views(&views)?;
         let size = views.len() * rays.0.pixels();
-        let (mut depth, mut owners) = (vec![0f32; size], vec![0u32; size]);
-        py.detach(|| self.0.depth(&rays.0, &views, &mut depth, &mut owners))?;
-        Ok((depth.into_pyarray(py), owners.into_pyarray(py)))
+        let (mut depth, mut triangles) = (vec![0f32; size], vec![0u32; size]);
+        py.detach(|| self.0.depth(&rays.0, &views, &mut depth, &mut triangles))?;
+        Ok((depth.into_pyarray(py), triangles.into_pyarray(py)))
+    }
+
+    /// What the rays of single pixels hit, the bits of :meth:`depth`.
+    ///
+    /// Args:
+    ///     rays: of the sensor, one ray a pixel.
+    ///     views: as in :meth:`luma`.
+    ///     view, pixel: uint32 (k), the number of the view, and of the pixel, row by row.
+    ///
+    /// Returns:
+    ///     Depth, float32 (k), and the number of the triangle, uint32 (k), as in :meth:`depth`.
+    ///
+    /// Raises:
+    ///     ValueError: for views that do not fit the scene, a view or pixel that is not there, or more than one ray a
+    ///         pixel.
+    fn hits<'py>(
+        &self,
+        py: Python<'py>,
+        rays: &PyPixelRays,
+        views: Views<'py>,
+        view: &Bound<'py, PyAny>,
+        pixel: &Bound<'py, PyAny>,
+    ) -> PyResult<(Flat<'py, f32>, Flat<'py, u32>)> {
+        let (pixels, views) = (view_pixels(view, pixel)?, self.views(&views)?);
+        let mut found = vec![(0f32, 0u32); pixels.len()];
+        py.detach(|| self.0.hits(&rays.0, &views, &pixels, &mut found))?;
+        let (depth, triangles): (Vec<f32>, Vec<u32>) = found.into_iter().unzip();
+        Ok((depth.into_pyarray(py), triangles.into_pyarray(py)))
     }
 
     fn __repr__(&self) -> String {
@@ -360,6 +386,20 @@ impl PySceneRenderer {
             })
             .collect()
     }
+}
+
+/// Pixels as a view and a pixel in it.
+fn view_pixels(view: &Bound<'_, PyAny>, pixel: &Bound<'_, PyAny>) -> PyResult<Vec<(u32, u32)>> {
+    let (view, pixel) = (column::<u32>(view, "view")?, column::<u32>(pixel, "pixel")?);
+    let (view, pixel) = (view.as_slice()?, pixel.as_slice()?);
+    if view.len() != pixel.len() {
+        return Err(PyValueError::new_err(format!(
+            "view and pixel must be of one length, got {} and {}",
+            view.len(),
+            pixel.len()
+        )));
+    }
+    Ok(view.iter().copied().zip(pixel.iter().copied()).collect())
 }
 
 /// Lights, of which those that are baked are numbered.

@@ -1,4 +1,4 @@
-//! Frames, single pixels, depths and owners of many views, on threads.
+//! Frames, single pixels, depths and triangles of many views, on threads.
 
 use std::sync::{Mutex, OnceLock};
 
@@ -15,7 +15,11 @@ use super::shadows::{moving_cones, still_cones};
 use super::tile::{self, Shaders, TileImage, TileScratch, TileView};
 use super::tracks::Sight;
 use super::view::View;
+use super::visibility::NOTHING;
 use crate::error::{Error, Result};
+
+/// Of a ray that hits nothing.
+pub const NO_TRIANGLE: u32 = NOTHING;
 
 /// Renders a scene through any camera's rays.
 ///
@@ -119,52 +123,82 @@ impl Renderer {
     ///
     /// [`Error::Argument`] for views of another scene, pixels or views that are not there, or other room.
     pub fn samples(&self, rays: &PixelRays, views: &[View], pixels: &[(u32, u32)], luma: &mut [f32]) -> Result<()> {
+        self.each_pixel(rays, views, pixels, luma, |view, samples, found| {
+            self.each_of(rays, view, samples, |of, tile, some, scratch| tile::samples(of, tile, some, scratch, found));
+        })
+    }
+
+    /// What single rays hit: of each pixel, a view and a pixel in it as in [`Self::samples`], the depth and the triangle
+    /// as in [`Self::depth`].
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Argument`] as for [`Self::samples`], or for another number of rays a pixel than one.
+    pub fn hits(&self, rays: &PixelRays, views: &[View], pixels: &[(u32, u32)], hits: &mut [(f32, u32)]) -> Result<()> {
+        check_one_ray(rays)?;
+        self.each_pixel(rays, views, pixels, hits, |view, samples, found| {
+            let mut seen = vec![];
+            self.each_of(rays, view, samples, |of, tile, some, scratch| tile::sights(of, tile, some, scratch, &mut seen));
+            found.extend(seen.iter().map(|sight| match sight.triangle {
+                NOTHING => (f32::INFINITY, NO_TRIANGLE),
+                triangle => (1.0 / sight.inverse_depth, triangle),
+            }));
+        })
+    }
+
+    /// Does single pixels view by view, and puts what is found in the order of the pixels.
+    fn each_pixel<T: Copy + Send>(
+        &self,
+        rays: &PixelRays,
+        views: &[View],
+        pixels: &[(u32, u32)],
+        found: &mut [T],
+        work: impl Fn(&View, &[Sample], &mut Vec<T>) + Sync,
+    ) -> Result<()> {
         let views = &self.centred(views)?;
-        check_room(pixels.len(), luma.len())?;
+        check_room(pixels.len(), found.len())?;
         let size = rays.width * rays.height;
         if let Some((view, pixel)) = pixels.iter().find(|(v, p)| *v as usize >= views.len() || *p as usize >= size) {
             return Err(Error::Argument(format!("pixel {pixel} of view {view}: there are {size} of {}", views.len())));
         }
         let order = samples::sorted(rays, views.len(), pixels);
         let of_views: Vec<&[Sample]> = order.chunk_by(|a, b| a.view == b.view).collect();
-        let found: Vec<Vec<f32>> = self.install(|| {
+        let in_order: Vec<Vec<T>> = self.install(|| {
             let of_thread = of_views.par_chunks(VIEWS_OF_SAMPLES).map(|some| {
                 let mut found = vec![];
                 for samples in some {
-                    self.samples_of(rays, &views[samples[0].view as usize], samples, &mut found);
+                    work(&views[samples[0].view as usize], samples, &mut found);
                 }
                 found
             });
             of_thread.collect()
         });
-        for (sample, value) in order.iter().zip(found.iter().flatten()) {
-            luma[sample.index] = *value;
+        for (sample, value) in order.iter().zip(in_order.iter().flatten()) {
+            found[sample.index] = *value;
         }
         Ok(())
     }
 
-    /// Of each ray of one a pixel: its depth, inf where it hits nothing; and the frame (the body) of what it sees, 0
-    /// where that stands still or is nothing.
+    /// Of each ray of one a pixel: its depth, inf where it hits nothing; and the triangle that it hits, [`NO_TRIANGLE`]
+    /// for none.
     ///
     /// # Errors
     ///
     /// [`Error::Argument`] as for [`Self::luma`], or for another number of rays a pixel than one.
-    pub fn depth(&self, rays: &PixelRays, views: &[View], depth: &mut [f32], owners: &mut [u32]) -> Result<()> {
+    pub fn depth(&self, rays: &PixelRays, views: &[View], depth: &mut [f32], triangles: &mut [u32]) -> Result<()> {
         let views = &self.centred(views)?;
         check_room(views.len() * rays.pixels(), depth.len())?;
-        check_room(depth.len(), owners.len())?;
-        if rays.rays != 1 {
-            return Err(Error::Argument(format!("depth is that of one ray a pixel, got {}", rays.rays)));
-        }
-        let both = bands(rays, depth).into_iter().zip(bands(rays, owners)).collect();
-        self.each_tile(rays, views, both, |of, tile, (scratch, _), _, (depth, owners)| {
-            let (mut depths, mut frames) = ([f32::INFINITY; PIXELS], [0; PIXELS]);
+        check_room(depth.len(), triangles.len())?;
+        check_one_ray(rays)?;
+        let both = bands(rays, depth).into_iter().zip(bands(rays, triangles)).collect();
+        self.each_tile(rays, views, both, |of, tile, (scratch, _), _, (depth, triangles)| {
+            let (mut depths, mut hit) = ([f32::INFINITY; PIXELS], [NO_TRIANGLE; PIXELS]);
             tile::nearest(of.bins, rays, tile, scratch, |ray, inverse, triangle| {
                 depths[ray] = 1.0 / inverse;
-                frames[ray] = self.scene.surfaces[triangle as usize].frame;
+                hit[ray] = triangle;
             });
             put(rays, tile, &depths, depth);
-            put(rays, tile, &frames, owners);
+            put(rays, tile, &hit, triangles);
         });
         Ok(())
     }
@@ -275,11 +309,6 @@ impl Renderer {
         TileView { rays, lit, background: background(&self.scene, view), bins }
     }
 
-    /// Luma of pixels of one view, sorted by tile.
-    fn samples_of(&self, rays: &PixelRays, view: &View, samples: &[Sample], found: &mut Vec<f32>) {
-        self.each_of(rays, view, samples, |of, tile, pixels, scratch| tile::samples(of, tile, pixels, scratch, found));
-    }
-
     /// What each ray of pixels of one view sees, pixel by pixel; gives the order in which the pixels were found.
     pub(super) fn sights(
         &self,
@@ -332,6 +361,13 @@ impl Renderer {
 /// The bands of frames that lie one after the other: rows of tiles.
 fn bands<'a, T>(rays: &PixelRays, frames: &'a mut [T]) -> Vec<&'a mut [T]> {
     frames.chunks_mut(rays.pixels()).flat_map(|frame| frame.chunks_mut(rays.width * TILE)).collect()
+}
+
+fn check_one_ray(rays: &PixelRays) -> Result<()> {
+    if rays.rays == 1 {
+        return Ok(());
+    }
+    Err(Error::Argument(format!("what a ray hits is asked of one ray a pixel, got {}", rays.rays)))
 }
 
 /// Puts a tile's pixels where they belong in its band of rows.

@@ -1,0 +1,86 @@
+"""Panels of a figure with what a camera cannot give: optical flow, shapes and surface normals."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .flow_picture import flow_picture, flow_wheel
+from .visual_sequence import VisualSequence, nearest
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+_MOST_NAMES = 8
+_GREY = 0.82
+
+Panel = Callable[["Axes", str], None]
+"""Draws into axes, with a title that begins with a letter."""
+
+
+def truth_panels(sequence: VisualSequence, t_us: int) -> list[Panel]:
+    """What there is to draw of a sequence's ground truth, nearest to an instant."""
+    panels: list[Panel] = []
+    for times, draw in (
+        (sequence.flow_times, _draw_flow),
+        (sequence.mask_times, _draw_shapes),
+        (sequence.normal_times, _draw_normals),
+    ):
+        index = nearest(times, t_us)
+        if index is not None:
+            panels.append(_bound(draw, sequence, index, f"t = {times[index] / 1e6:.3f} s"))
+    return panels
+
+
+def _bound(
+    draw: Callable[[Axes, str, VisualSequence, int], None], sequence: VisualSequence, index: int, time: str
+) -> Panel:
+    return lambda ax, letter: draw(ax, f"({letter}) {{}}, {time}", sequence, index)
+
+
+def _draw_flow(ax: Axes, title: str, sequence: VisualSequence, index: int) -> None:
+    flow = sequence.read_flow(index)
+    speed = np.hypot(flow[..., 0], flow[..., 1])
+    most = float(np.nanpercentile(speed, 99)) if np.isfinite(speed).any() else 1.0
+    ax.imshow(flow_picture(flow, most), interpolation="nearest")
+    ax.set_title(title.format("optical flow"))
+    wheel = ax.inset_axes((1.02, 0.0, 0.13, 0.2))
+    wheel.imshow(flow_wheel(61))
+    wheel.set_axis_off()
+    wheel.set_title(f"rim: {most:.3g}\npx/s", fontsize=6, pad=2)
+
+
+def _draw_shapes(ax: Axes, title: str, sequence: VisualSequence, index: int) -> None:
+    import matplotlib as mpl
+    from matplotlib.patches import Patch
+
+    mask = sequence.read_mask(index)
+    shown, counts = np.unique(mask, return_counts=True)
+    colours = np.asarray(mpl.colormaps["tab20"](np.arange(20)))[:, :3]
+    table = np.full((int(mask.max()) + 1, 3), _GREY)
+    table[1:] = colours[np.arange(len(table) - 1) % len(colours)]
+    ax.imshow(table[mask], interpolation="nearest")
+    ax.set_title(title.format(f"{np.count_nonzero(shown)} shapes"))
+    largest = [int(k) for k in shown[np.argsort(-counts)] if k > 0][:_MOST_NAMES]
+    names = sequence.shape_names
+    labels = {k: names[k - 1] if k <= len(names) else str(k) for k in sorted(largest)}
+    handles = [Patch(color=table[k].tolist(), label=label) for k, label in labels.items()]
+    ax.legend(
+        handles=handles,
+        fontsize=5,
+        loc="lower left",
+        framealpha=0.85,
+        handlelength=1.0,
+        borderpad=0.3,
+        labelspacing=0.3,
+    )
+
+
+def _draw_normals(ax: Axes, title: str, sequence: VisualSequence, index: int) -> None:
+    normals = sequence.read_normals(index)
+    # Towards the camera is -z: so x, -y, -z in 0..1 give the usual light blue for what faces it.
+    picture = np.where(np.isfinite(normals), (1 + normals * (1, -1, -1)) / 2, _GREY)
+    ax.imshow(np.clip(picture, 0, 1), interpolation="nearest")
+    ax.set_title(title.format("normals (right, up, to the camera)"))
