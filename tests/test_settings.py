@@ -111,6 +111,8 @@ VALUES: dict[str, tuple[str, Any]] = {
     "seed": ("18446744073709551615", 2**64 - 1),
     "threads": ("2", 2),
     "custom_effects": ("math:pi", ["math:pi"]),
+    "flow_png": ("dsec", "dsec"),
+    "event_truth": ("npz", "npz"),
 }
 
 
@@ -237,6 +239,10 @@ OTHER: dict[str, Any] = {
     "sampling": FixedRate(200.0),
     "refine": True,
     "sensor": "ideal",
+    "flow_rate_hz": 20.0,
+    "flow_interval_s": 0.05,
+    "mask_rate_hz": 20.0,
+    "normal_rate_hz": 20.0,
 }
 """For each setting of a simulator a value that is not its default."""
 ELSEWHERE = {"camera", "size", "effects", "custom_effects", "threads", "poses_per_launch"}
@@ -252,6 +258,8 @@ def test_the_record_has_every_setting_that_results_depend_on() -> None:
     json.dumps(plain)
     for name, value in OTHER.items():
         given = {**({"camera": SMALL} if name != "sensor" else {}), name: value}
+        if name == "flow_interval_s":
+            given["flow_rate_hz"] = 20.0
         found = Simulator(PLANES, **given).describe()["parameters"]
         assert found[name] == (value if name != "sampling" else repr(value)), name
         assert found[name] != plain["parameters"][name], name

@@ -385,6 +385,15 @@ class DatasetWriter:
             self._write_meta(complete=False, interrupted=interrupted)
         self._hold.release()
 
+    def _truth_counts(self) -> dict[str, int]:
+        return {
+            "flow_maps": self._flow_maps.count,
+            "displacements": self._displacements.count,
+            "masks": self._masks.count,
+            "normal_maps": self._normal_maps.count,
+            "velocities": self._velocity_count,
+        }
+
     def _write_meta(self, *, complete: bool, interrupted: bool = False) -> dict[str, Any]:
         meta = self._meta | {
             "sensor": {"width": self.size[0], "height": self.size[1]},
@@ -396,11 +405,7 @@ class DatasetWriter:
                 "frames": self._frames.count,
                 "depth_maps": self._depth_maps.count,
                 "luma_maps": self._luma_maps.count,
-                "flow_maps": self._flow_maps.count,
-                "displacements": self._displacements.count,
-                "masks": self._masks.count,
-                "normal_maps": self._normal_maps.count,
-                "velocities": self._velocity_count,
+                **{name: count for name, count in self._truth_counts().items() if count},
                 "poses": self._pose_count,
                 "imu_samples": self._imu_count,
             },

@@ -15,6 +15,9 @@ def camera_velocities(trajectory: Trajectory, t_us: npt.NDArray[np.int64]) -> Ve
     Raises:
         ValueError: for a time outside of the trajectory.
     """
+    if not len(t_us):
+        none = np.empty((0, 3))
+        return Velocities(t_us, none, none, none, none)
     t = t_us * 1e-6
     to_camera = np.swapaxes(trajectory.rotations(t), 1, 2)
     linear, acceleration = (

@@ -138,10 +138,12 @@ impl Renderer {
         check_one_ray(rays)?;
         self.each_pixel(rays, views, pixels, hits, |view, samples, found| {
             let mut seen = vec![];
-            self.each_of(rays, view, samples, |of, tile, some, scratch| tile::sights(of, tile, some, scratch, &mut seen));
+            self.each_of(rays, view, samples, |of, tile, some, scratch| {
+                tile::sights(of, tile, some, scratch, &mut seen)
+            });
             found.extend(seen.iter().map(|sight| match sight.triangle {
                 NOTHING => (f32::INFINITY, NO_TRIANGLE),
-                triangle => (1.0 / sight.inverse_depth, triangle),
+                triangle => (1.0 / sight.inverse_depth, self.scene.surfaces[triangle as usize].number),
             }));
         })
     }
@@ -179,8 +181,8 @@ impl Renderer {
         Ok(())
     }
 
-    /// Of each ray of one a pixel: its depth, inf where it hits nothing; and the triangle that it hits, [`NO_TRIANGLE`]
-    /// for none.
+    /// Of each ray of one a pixel: its depth, inf where it hits nothing; and the number in its tables of the triangle
+    /// that it hits, [`NO_TRIANGLE`] for none.
     ///
     /// # Errors
     ///
@@ -195,7 +197,7 @@ impl Renderer {
             let (mut depths, mut hit) = ([f32::INFINITY; PIXELS], [NO_TRIANGLE; PIXELS]);
             tile::nearest(of.bins, rays, tile, scratch, |ray, inverse, triangle| {
                 depths[ray] = 1.0 / inverse;
-                hit[ray] = triangle;
+                hit[ray] = self.scene.surfaces[triangle as usize].number;
             });
             put(rays, tile, &depths, depth);
             put(rays, tile, &hit, triangles);

@@ -87,6 +87,8 @@ pub struct SceneTables {
 /// How a triangle's surface reflects.
 #[derive(Clone, Debug)]
 pub(super) struct Surface {
+    /// In the tables that the scene was made of.
+    pub(super) number: u32,
     pub(super) plane: [f64; 4],
     pub(super) u: [f64; 4],
     pub(super) v: [f64; 4],
@@ -190,6 +192,8 @@ impl Scene {
             let normal = tables.normal_maps.get(i).map(|maps| maps.map(moved)).filter(|maps| is_smooth(maps, &plane));
             self.corners.push(tables.corners[i].map(|corner| sub(corner, centre)));
             self.surfaces.push(Surface {
+                #[allow(clippy::cast_possible_truncation, reason = "there are fewer triangles than 2^32")]
+                number: i as u32,
                 plane,
                 u: moved(tables.uv_maps[i][0]),
                 v: moved(tables.uv_maps[i][1]),
