@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from functools import lru_cache, partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -22,6 +23,7 @@ from davis_rs.trajectory.views import Views
 from test_moving_objects import BOX, DIRECT, FLOOR, LAMP, OTHER, PATH, diffuse, placed, write_ball
 
 FloatArray = npt.NDArray[np.float64]
+Map = npt.NDArray[Any]
 
 CAMERA = Camera(40, 30, 34.0, 33.0, 19.2, 15.9, k1=-0.2, k2=0.05, p1=0.004, p2=-0.006)
 LOOK = Pose([0.5, -0.9, 1.8], [0.965061, 0.0517277, -0.1125492, -0.2308985])
@@ -42,9 +44,7 @@ def moving_scene() -> Scene:
     return Scene("test", partial(dict, source), camera=CAMERA, trajectory=FLIGHT, objects=OBJECTS, shadows=False)
 
 
-def follow(
-    scene: Scene, names: tuple[str, ...], depth: FloatArray, shapes: FloatArray, t: float, later: float
-) -> FloatArray:
+def follow(scene: Scene, names: tuple[str, ...], depth: Map, shapes: Map, t: float, later: float) -> FloatArray:
     """Where the points that pixels see at ``t`` are in the image ``later``, (H, W, 2), by poses alone."""
     rays = np.concatenate([CAMERA.rays(PIXELS.reshape(-1, 2)), np.ones((1200, 1))], 1).reshape(30, 40, 3)
     camera, after = (scene.path.pose(s).matrix for s in (t, later))
@@ -58,7 +58,7 @@ def follow(
     return CAMERA.project(seen.reshape(-1, 3)).reshape(30, 40, 2)
 
 
-def maps(scene: Scene, t: float) -> tuple[SceneSurfaces, FloatArray, FloatArray, FloatArray, FloatArray]:
+def maps(scene: Scene, t: float) -> tuple[SceneSurfaces, Map, Map, Map, Map]:
     surfaces = SceneSurfaces(scene, CAMERA)
     seen = surfaces.frame(Views.along(scene.path, [t]))
     shape = (30, 40)
