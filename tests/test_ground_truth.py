@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from scipy.spatial.transform import Rotation
 import davis_rs
 from davis_rs import Camera, Dataset, Pose, Scene, SegmentTrajectory, Simulator, Trajectory, Velocities, load_scene
 from davis_rs._core import DecodeError
+from davis_rs.dataset.event_truth_file import open_event_truth
 from davis_rs.dataset.files import EVENT_TRUTH
 from davis_rs.ground_truth import EVENT_TRUTH_DTYPE, EventTruth, SceneSurfaces, camera_velocities, event_truth
 from davis_rs.inspection.check import check_dataset
@@ -284,6 +286,28 @@ def test_truth_next_to_events_is_that_of_the_events(folder: Path, tmp_path: Path
     assert np.array_equal(columns["shape"], expected["shape"])
     flow = np.stack([columns["flow_x"], columns["flow_y"]], 1)
     np.testing.assert_array_equal(flow, expected["flow"])
+
+
+def test_truth_of_a_run_that_was_killed_is_there_up_to_its_last_packet(tmp_path: Path) -> None:
+    """HDF5 can be opened as it is after each packet, unclosed; what is left of an archive goes with an overwrite."""
+    h5py = pytest.importorskip("h5py")
+    events = np.zeros(3, davis_rs.EVENT_DTYPE)
+    events["t"] = 1, 5, 9
+    truth = np.zeros(3, EVENT_TRUTH_DTYPE)
+    truth["depth"], truth["shape"] = (1.0, 2.0, np.inf), (1, 2, 0)
+    file = open_event_truth(tmp_path, "h5", ["a", "b"])
+    file.write(events, truth)
+    shutil.copy(tmp_path / "event_truth.h5", tmp_path / "copy.h5")
+    with h5py.File(tmp_path / "copy.h5") as copy:
+        assert copy["t"][:].tolist() == [1, 5, 9]
+        assert copy["depth"][:].tolist() == [1.0, 2.0, np.inf]
+    file.close()
+    path = tmp_path / "out"
+    davis_rs.simulate_to_folder(moving_scene().crop(0.0, 0.05), path, quiet=True)
+    open_event_truth(path, "npz", ["a"]).write(events, truth)
+    assert (path / "event_truth.npz.part.depth").exists()
+    davis_rs.simulate_to_folder(moving_scene().crop(0.0, 0.05), path, overwrite=True, quiet=True)
+    assert not list(path.glob("event_truth*"))
 
 
 def test_a_folder_that_is_overwritten_keeps_nothing_of_the_truth(folder: Path, tmp_path: Path) -> None:

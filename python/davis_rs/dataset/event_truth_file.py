@@ -73,7 +73,7 @@ class Hdf5Truth(EventTruthFile):
             import h5py
         except ImportError as error:
             raise ImportError("event_truth h5 needs h5py: pip install 'davis_rs[hdf5]'") from error
-        self._file = h5py.File(path, "x", libver="latest")
+        self._file = h5py.File(path, "x")
         for name, kind in COLUMNS.items():
             self._file.create_dataset(
                 name,

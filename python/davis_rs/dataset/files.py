@@ -202,6 +202,8 @@ def _remove_dataset(path: Path) -> None:
             with suppress(OSError):  # other files in it: it stays, with them
                 folder.rmdir()
         (path / series.list_name).unlink(missing_ok=True)
+    for part in path.glob(f"{EVENT_TRUTH['npz']}.part*"):  # of a run that was killed
+        part.unlink()
     # What marks the folder as a dataset goes last, so that an overwrite that was cut short can be repeated.
     texts = (GROUND_TRUTH, INERTIAL, VELOCITY, SHAPE_NAMES, KALIBR_IMU, KALIBR_CAMERA_CHAIN, CALIBRATION)
     for name in (*texts, *EVENT_TRUTH.values(), META_PART, EVENTS, META):
