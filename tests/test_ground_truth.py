@@ -304,8 +304,10 @@ def test_truth_of_a_run_that_was_killed_is_there_up_to_its_last_packet(tmp_path:
     file.close()
     path = tmp_path / "out"
     davis_rs.simulate_to_folder(moving_scene().crop(0.0, 0.05), path, quiet=True)
-    open_event_truth(path, "npz", ["a"]).write(events, truth)
-    assert (path / "event_truth.npz.part.depth").exists()
+    killed = open_event_truth(path, "npz", ["a"])
+    killed.write(events, truth)
+    killed._open.close()  # type: ignore[attr-defined]  # as the end of a process does
+    assert np.fromfile(path / "event_truth.npz.part.depth", "<f4").tolist() == [1.0, 2.0, np.inf]
     davis_rs.simulate_to_folder(moving_scene().crop(0.0, 0.05), path, overwrite=True, quiet=True)
     assert not list(path.glob("event_truth*"))
 

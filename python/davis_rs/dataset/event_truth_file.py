@@ -109,7 +109,9 @@ class NpzTruth(EventTruthFile):
         self._path, self._names = path, np.array(list(shape_names))
         self._parts = {name: path.with_name(f"{path.name}.part.{name}") for name in COLUMNS}
         self._open = ExitStack()
-        self._files = {name: self._open.enter_context(part.open("wb")) for name, part in self._parts.items()}
+        self._files = {
+            name: self._open.enter_context(part.open("wb", buffering=0)) for name, part in self._parts.items()
+        }
         self._count = 0
 
     def _append(self, columns: Mapping[str, npt.NDArray[Any]]) -> None:
