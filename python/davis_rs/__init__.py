@@ -40,9 +40,9 @@ if TYPE_CHECKING:
     from .scene.light_profile import Flicker, LightProfile, SampledProfile
     from .scene.scene import Scene
     from .scenes import load_scene, start_pose
+    from .sensor_fit import FrameSource, MeasuredRecording, SensorFit, StampedFrame, fit_sensor, measure_recording
     from .sensor_parameters import SensorParameters
     from .sensors import SENSORS, load_sensor, save_sensor
-    from .sensors.sensor_fit import SensorFit, fit_sensor
     from .simulation import simulate
     from .simulation_folder import SimulationReport, simulate_to_folder
     from .simulator import Simulator
@@ -84,6 +84,7 @@ _MODULES = {
     "FixedRate": "sampling.rules",
     "Flicker": "scene.light_profile",
     "Frame": "decoded",
+    "FrameSource": "sensor_fit",
     "FramesReport": "frames_to_events.frames_folder",
     "GroundTruth": "pose",
     "IMU_COUNTS_DTYPE": "decoded",
@@ -91,6 +92,7 @@ _MODULES = {
     "Imu": "imu",
     "LightProfile": "scene.light_profile",
     "MaxDisplacement": "sampling.rules",
+    "MeasuredRecording": "sensor_fit",
     "MocapClock": "motion_capture",
     "MocapNoise": "motion_capture",
     "MotionCapture": "motion_capture",
@@ -107,10 +109,11 @@ _MODULES = {
     "SampledTrajectory": "trajectory.sampled_trajectory",
     "Scene": "scene.scene",
     "SegmentTrajectory": "trajectory.trajectory",
-    "SensorFit": "sensors.sensor_fit",
+    "SensorFit": "sensor_fit",
     "SensorParameters": "sensor_parameters",
     "SimulationReport": "simulation_folder",
     "Simulator": "simulator",
+    "StampedFrame": "sensor_fit",
     "StreamStatistics": "stream_statistics",
     "TRIGGER_DTYPE": "decoded",
     "Tolerance": "sampling.tolerance",
@@ -128,7 +131,7 @@ _MODULES = {
     "convert": "event_files.conversion",
     "estimate_noise": "monte_carlo_noise",
     "events_from_frames": "frames_to_events.events_from_frames",
-    "fit_sensor": "sensors.sensor_fit",
+    "fit_sensor": "sensor_fit",
     "frames_to_folder": "frames_to_events.frames_folder",
     "from_structured": "dtypes",
     "iter_events": "event_files.read",
@@ -137,6 +140,7 @@ _MODULES = {
     "load_sensor": "sensors",
     "log_intensity": "_core",
     "make_video": "inspection.video",
+    "measure_recording": "sensor_fit",
     "measure_stream": "stream_statistics",
     "open_frames": "frames_to_events.open_frames",
     "open_reader": "event_files.read",
@@ -191,11 +195,13 @@ __all__ = [
     "FixedRate",
     "Flicker",
     "Frame",
+    "FrameSource",
     "FramesReport",
     "GroundTruth",
     "Imu",
     "LightProfile",
     "MaxDisplacement",
+    "MeasuredRecording",
     "MocapClock",
     "MocapNoise",
     "MotionCapture",
@@ -215,6 +221,7 @@ __all__ = [
     "SensorParameters",
     "SimulationReport",
     "Simulator",
+    "StampedFrame",
     "StreamStatistics",
     "Tolerance",
     "Trajectory",
@@ -240,6 +247,7 @@ __all__ = [
     "load_sensor",
     "log_intensity",
     "make_video",
+    "measure_recording",
     "measure_stream",
     "open_frames",
     "open_reader",

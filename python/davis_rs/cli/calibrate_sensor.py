@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from ..sensors import SENSORS
-from .measured import RECORDING, add_measured, measured
+from .measured import RECORDING, add_measured, measured_with_frames
 
 
 def add_sensor(parser: argparse.ArgumentParser) -> None:
@@ -26,11 +26,11 @@ def add_sensor(parser: argparse.ArgumentParser) -> None:
 
 
 def _sensor(options: argparse.Namespace) -> int:
+    from ..sensor_fit import fit_sensor
     from ..sensors import load_sensor_file, sensor_yaml
-    from ..sensors.sensor_fit import fit_sensor
 
     base = None if options.base is None else load_sensor_file(options.base)
-    fit = fit_sensor([measured(path, options) for path in options.recordings])
+    fit = fit_sensor([measured_with_frames(path, options) for path in options.recordings])
     text = sensor_yaml(fit.file(base))
     print(fit)
     if options.output is not None:
