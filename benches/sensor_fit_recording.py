@@ -2,9 +2,10 @@
 
 python benches/sensor_fit_recording.py RECORDING [PRESET]
 
-Fits the first half (all that it does not tell from the preset), then simulates the preset and the fitted sensor: a static
-scene for what pixels do that see no signal, and the sequence slider_close for bursts and parity. The scenes are not the
-recording's, so bursts and rates compare only roughly.
+Fits the first half (all that it does not tell comes from the preset), then simulates the preset and the fitted
+sensor: a static scene for what pixels do that see no signal, and the sequence slider_close for bursts and parity. The
+scenes are not the recording's, so bursts and parity compare only roughly. Hot pixels count from the rate on at which
+half of the recording shows them.
 """
 
 from __future__ import annotations
@@ -15,7 +16,6 @@ from pathlib import Path
 import numpy as np
 
 from davis_rs import (
-    CrossingEngine,
     SensorParameters,
     StreamStatistics,
     fit_sensor,
@@ -25,26 +25,16 @@ from davis_rs import (
     simulate,
 )
 from davis_rs.events import concatenate_events
+from davis_rs.sensor_fit.static_scene import static_events
 from davis_rs.sensors import load_sensor_file
+from davis_rs.stream_statistics.hot_pixels import LEAST_EVENTS
 
-LIGHT, LUX, SETTLED_S, STATIC_S, MOVING_S = 0.2, 1000.0, 60, 20, 0.5
+STATIC_S, MOVING_S = 20.0, 0.5
 
 
 def static(sensor: SensorParameters, size: tuple[int, int]) -> StreamStatistics:
-    """Of a scene in which nothing moves, after a minute."""
-    width, height = size
-    engine = CrossingEngine(
-        width,
-        height,
-        contrast_threshold=sensor.contrast_threshold or 0.15,
-        contrast_threshold_off=sensor.contrast_threshold_off,
-        effects=sensor.effects(LUX).engine_settings(),
-    )
-    frame = np.full((height, width), LIGHT, np.float32)
-    end_s = SETTLED_S + STATIC_S
-    events = concatenate_events([engine.push(t_s * 1_000_000, frame) for t_s in (*range(0, end_s, 5), end_s)])
-    events = events[events["t"] > SETTLED_S * 1e6]
-    return measure_stream(events, size=size, quiet=(0, 0, width, height))
+    """Of a scene in which nothing moves."""
+    return measure_stream(static_events(sensor, size, STATIC_S), size=size, quiet=(0, 0, *size))
 
 
 def moving(sensor: SensorParameters, size: tuple[int, int]) -> StreamStatistics:
@@ -53,15 +43,15 @@ def moving(sensor: SensorParameters, size: tuple[int, int]) -> StreamStatistics:
     return measure_stream(concatenate_events([packet.events for packet in packets]), size=size)
 
 
-def rows(quiet: StreamStatistics, busy: StreamStatistics) -> dict[str, str]:
+def rows(quiet: StreamStatistics, busy: StreamStatistics, least_hz: float) -> dict[str, str]:
     """What is compared: of pixels without signal in one stream, of the others in the other."""
     hot, pixels = quiet.hot_pixels, quiet.counts[0].size
-    periodic = int(np.count_nonzero((hot.variation < 0.7) & (hot.on_share > 0.8)))
+    periodic = int(np.count_nonzero((hot.variation < 0.7) & (hot.on_share > 0.8) & (hot.rate_hz >= least_hz)))
     windows, columns = busy.bursts.rows_per_window, busy.column_parity
     return {
         "events of a quiet pixel [Hz]": str(quiet.quiet_rate_hz),
         "their ON share": str(quiet.quiet_on_share),
-        "hot pixels, periodic and ON": f"{periodic} +- {max(periodic, 1) ** 0.5:.1f} of {pixels:,}",
+        f"hot pixels of at least {least_hz:.2g} Hz": f"{periodic} +- {max(periodic, 1) ** 0.5:.1f} of {pixels:,}",
         "row bursts in 10 us: mean / most": f"{windows.mean or 0:.2f} / {windows.most}",
         "even / odd columns, ON": str(columns[1]),
         "even / odd columns, OFF": str(columns[0]),
@@ -76,10 +66,11 @@ def main() -> None:
     fit = fit_sensor([measure_recording(path, stop_s=half_s)])
     print(fit)
     second = measure_stream(path, start_s=half_s)
+    least_hz = LEAST_EVENTS / half_s
     base = load_sensor_file(preset)
-    columns = {f"{Path(path).name}, second half": rows(second, second)}
+    columns = {f"{Path(path).name}, second half": rows(second, second, least_hz)}
     for name, sensor in ((preset, base.parameters), ("fitted to the first half", fit.file(base).parameters)):
-        columns[name] = rows(static(sensor, whole.size), moving(sensor, whole.size))
+        columns[name] = rows(static(sensor, whole.size), moving(sensor, whole.size), least_hz)
     print(f"| | {' | '.join(columns)} |")
     print("|---" * (len(columns) + 1) + "|")
     for row in next(iter(columns.values())):

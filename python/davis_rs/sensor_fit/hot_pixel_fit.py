@@ -42,10 +42,10 @@ def find_hot_pixels(recordings: Sequence[StreamStatistics]) -> tuple[Finding, ..
     if others:
         unseen += f"; {others} more fire often, but at random or with both polarities, as noise does"
     if not seen:
-        share = Measured(0.0, 1 / pixels)
+        share = Measured(0.0, math.sqrt(2) / pixels)
         return Finding("hot pixels", "hot_pixel_fraction", share, unseen), Finding(*_RATE, None, "there are none")
     median, above = _log_normal(rates, least_hz)
-    share = Measured(min(seen / pixels / above, 1.0), math.sqrt(seen + 1) / pixels / above)
+    share = Measured(min(seen / pixels / above, 1.0), math.sqrt(seen + 2) / pixels / above)
     regular = (
         f"the median; {rates.min():.3g} to {rates.max():.3g} Hz; variation of intervals {np.median(variation):.2g} "
         "(median), 1 for a Poisson process"
@@ -77,12 +77,15 @@ def _of_calm(
 
 
 def _log_normal(rates: npt.NDArray[np.float64], least_hz: float) -> tuple[Measured, float]:
-    """The median of a log-normal law of known spread that is cut off below, and the share that lies above."""
+    """The median of a log-normal law of known spread that is cut off below, and the share that lies above.
+
+    The error is that upwards, which is the larger one.
+    """
     from scipy.special import log_ndtr, ndtr
 
     spread = HotPixels(0.0).rate_spread
     logs, cut = np.log(np.maximum(rates, least_hz)), math.log(least_hz)
-    centre = np.linspace(cut - 3 * spread, float(logs.max()) + 3 * spread, 4001)
+    centre = np.linspace(cut - spread, float(logs.max()) + 3 * spread, 4001)
     likelihood = -((logs[:, None] - centre) ** 2).sum(axis=0) / (2 * spread**2) - len(logs) * log_ndtr(
         (centre - cut) / spread
     )
@@ -90,4 +93,4 @@ def _log_normal(rates: npt.NDArray[np.float64], least_hz: float) -> tuple[Measur
     best = float(np.average(centre, weights=weight))
     sigma = math.sqrt(float(np.average((centre - best) ** 2, weights=weight)))
     median = math.exp(best)
-    return Measured(median, median * sigma), float(ndtr((best - cut) / spread))
+    return Measured(median, median * math.expm1(sigma)), float(ndtr((best - cut) / spread))

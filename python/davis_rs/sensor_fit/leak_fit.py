@@ -45,13 +45,16 @@ def find_leak(recordings: Sequence[StreamStatistics]) -> tuple[Finding, ...]:
         f"ON less OFF events of {sum(int(one.quiet.sum()) for one in recordings):,} quiet pixels, whose counts scatter "
         f"{max(scatter):.2g} times as much as those of a Poisson process"
     )
-    return Finding(*_LEAK, Measured(max(leak.value, 0.0), leak.sigma), note), Finding(*_NOISE, None, pairs)
+    sigma = math.hypot(leak.sigma, _MODEL_SHARE * leak.value)
+    return Finding(*_LEAK, Measured(max(leak.value, 0.0), sigma), note), Finding(*_NOISE, None, pairs)
 
 
 _LEAK, _NOISE = ("leak", "leak_rate_hz"), ("shot noise", "shot_noise_rms")
 
 
 _CALM_SHARE = 0.3
+_MODEL_SHARE = 0.025
+"""What leaks of simulated streams with noise are off, however long they are."""
 
 
 class Pairs(NamedTuple):

@@ -24,7 +24,7 @@ _ROUNDS = 12
 _LEAST_SIGNIFICANCE = 10.0
 _SHARES = (0.01, 0.5)
 _LAG_SIGMA_S = 0.01
-_CURVATURE = 0.0009
+_CURVATURE = 0.0014
 """Where a signal turns often compared with thresholds, curves between events err, and pixels with low thresholds are
 preferred. Thresholds of simulated streams err by up to this share over the square of the share of samples around which
 the signal does not turn, with any number of events; it is added to all errors."""
@@ -32,8 +32,10 @@ _LEAST_STRAIGHT = 0.3
 """With a smaller share of such samples no mismatch is told."""
 _COMMON_ERROR = 0.15
 """Which share of a pixel's errors its two halves may have in common."""
-_LAG_SHARE, _MISMATCH_SHARE = 0.04, 0.01
-"""Likewise, as a share of the lag and of the mismatch."""
+_LAG_SHARE, _MISMATCH_SHARE, _PARITY = 0.045, 0.015, 0.0007
+"""Likewise, as a share of the lag and of the mismatch, and as the parity itself."""
+_JACKKNIFE = 1.15
+"""By how much errors of the jackknife are too small, because groups of tiles are few and light is common to them."""
 
 
 @dataclass(frozen=True)
@@ -301,7 +303,7 @@ class _Regression:
                                        self.pairs.group != g) for g in groups])  # fmt: skip
         found = np.array(self.summary(self.solved(whole_normal, whole_right), np.ones(len(self.pairs.pixel), np.bool_)))
         n = len(groups)
-        sigma = np.sqrt((n - 1) / n * ((table - table.mean(axis=0)) ** 2).sum(axis=0))
+        sigma = _JACKKNIFE * np.sqrt((n - 1) / n * ((table - table.mean(axis=0)) ** 2).sum(axis=0))
         # What is known beforehand is the same for all groups; its error is that of the solution.
         for k, known in ((_OTHERS + _BLACK, self.black_known), (_OTHERS + _LEAK, self.leak_known)):
             if known is not None:
@@ -313,7 +315,8 @@ class _Regression:
         curvature = _CURVATURE / max(self.pairs.straight_share, 0.01) ** 2
         sigma[:2] = np.hypot(sigma[:2], found[:2] * math.hypot(curvature, preferred))
         sigma[3] = math.hypot(sigma[3], 2 * _MISMATCH_SHARE * found[3], _COMMON_ERROR * self.error2)
-        sigma[4] = math.hypot(sigma[4], _LAG_SHARE * found[4])
+        sigma[2] = math.hypot(sigma[2], _PARITY)
+        sigma[4] = math.hypot(sigma[4], math.hypot(_LAG_SHARE, 3 * curvature) * found[4])
         sigma[5] = math.hypot(sigma[5], curvature * float(np.median(self.middle)))
         on, off, parity, mismatch2, lag, black = (
             Measured(float(a), float(b)) for a, b in zip(found, sigma, strict=True)
