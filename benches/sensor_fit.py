@@ -20,7 +20,7 @@ from hidden_sensors import HiddenSensor, pulls
 
 def main() -> None:
     """Draw, fit, print."""
-    recordings, seed = (int(word) for word in (sys.argv[1:] + ["48", "20261122"][len(sys.argv) - 1 :]))
+    recordings, seed = (int(word) for word in (sys.argv[1:] + ["48", "7001"][len(sys.argv) - 1 :]))
     found: dict[str, list[float]] = {}
     for number in range(recordings):
         for name, pull in pulls(seed, number).items():

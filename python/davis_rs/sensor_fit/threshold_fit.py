@@ -24,7 +24,7 @@ _ROUNDS = 12
 _LEAST_SIGNIFICANCE = 10.0
 _SHARES = (0.01, 0.5)
 _LAG_SIGMA_S = 0.01
-_CURVATURE = 0.0014
+_CURVATURE = 0.0012
 """Where a signal turns often compared with thresholds, curves between events err, and pixels with low thresholds are
 preferred. Thresholds of simulated streams err by up to this share over the square of the share of samples around which
 the signal does not turn, with any number of events; it is added to all errors."""
@@ -34,7 +34,7 @@ _COMMON_ERROR = 0.15
 """Which share of a pixel's errors its two halves may have in common."""
 _LAG_SHARE, _MISMATCH_SHARE, _PARITY = 0.045, 0.015, 0.0007
 """Likewise, as a share of the lag and of the mismatch, and as the parity itself."""
-_JACKKNIFE = 1.15
+_JACKKNIFE = 1.1
 """By how much errors of the jackknife are too small, because groups of tiles are few and light is common to them."""
 
 
