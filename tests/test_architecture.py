@@ -22,6 +22,7 @@ LAYERS = [
     ["simulator", "effect_planning", "monte_carlo_noise"],
     ["due_instants", "run_description"],
     ["settings"],
+    ["sensor_fit"],
     ["sensors"],
     ["sensor_parameters"],
     ["calibrate", "inspection", "stream_statistics"],

@@ -41,9 +41,9 @@ if TYPE_CHECKING:
     from .scene.light_profile import Flicker, LightProfile, SampledProfile
     from .scene.scene import Scene
     from .scenes import load_scene, start_pose
+    from .sensor_fit import FrameSource, MeasuredRecording, SensorFit, StampedFrame, fit_sensor, measure_recording
     from .sensor_parameters import SensorParameters
     from .sensors import SENSORS, load_sensor, save_sensor
-    from .sensors.sensor_fit import SensorFit, fit_sensor
     from .simulation import simulate
     from .simulation_folder import SimulationReport, simulate_to_folder
     from .simulator import Simulator
@@ -88,6 +88,7 @@ _MODULES = {
     "FixedRate": "sampling.rules",
     "Flicker": "scene.light_profile",
     "Frame": "decoded",
+    "FrameSource": "sensor_fit",
     "FramesReport": "frames_to_events.frames_folder",
     "GroundTruth": "pose",
     "IMU_COUNTS_DTYPE": "decoded",
@@ -95,6 +96,7 @@ _MODULES = {
     "Imu": "imu",
     "LightProfile": "scene.light_profile",
     "MaxDisplacement": "sampling.rules",
+    "MeasuredRecording": "sensor_fit",
     "MocapClock": "motion_capture",
     "MocapNoise": "motion_capture",
     "MotionCapture": "motion_capture",
@@ -112,10 +114,11 @@ _MODULES = {
     "Scene": "scene.scene",
     "SceneSurfaces": "ground_truth",
     "SegmentTrajectory": "trajectory.trajectory",
-    "SensorFit": "sensors.sensor_fit",
+    "SensorFit": "sensor_fit",
     "SensorParameters": "sensor_parameters",
     "SimulationReport": "simulation_folder",
     "Simulator": "simulator",
+    "StampedFrame": "sensor_fit",
     "StreamStatistics": "stream_statistics",
     "TRIGGER_DTYPE": "decoded",
     "Tolerance": "sampling.tolerance",
@@ -135,7 +138,7 @@ _MODULES = {
     "estimate_noise": "monte_carlo_noise",
     "event_truth": "ground_truth",
     "events_from_frames": "frames_to_events.events_from_frames",
-    "fit_sensor": "sensors.sensor_fit",
+    "fit_sensor": "sensor_fit",
     "frames_to_folder": "frames_to_events.frames_folder",
     "from_structured": "dtypes",
     "iter_events": "event_files.read",
@@ -144,6 +147,7 @@ _MODULES = {
     "load_sensor": "sensors",
     "log_intensity": "_core",
     "make_video": "inspection.video",
+    "measure_recording": "sensor_fit",
     "measure_stream": "stream_statistics",
     "open_frames": "frames_to_events.open_frames",
     "open_reader": "event_files.read",
@@ -201,11 +205,13 @@ __all__ = [
     "FixedRate",
     "Flicker",
     "Frame",
+    "FrameSource",
     "FramesReport",
     "GroundTruth",
     "Imu",
     "LightProfile",
     "MaxDisplacement",
+    "MeasuredRecording",
     "MocapClock",
     "MocapNoise",
     "MotionCapture",
@@ -226,6 +232,7 @@ __all__ = [
     "SensorParameters",
     "SimulationReport",
     "Simulator",
+    "StampedFrame",
     "StreamStatistics",
     "Tolerance",
     "Trajectory",
@@ -253,6 +260,7 @@ __all__ = [
     "load_sensor",
     "log_intensity",
     "make_video",
+    "measure_recording",
     "measure_stream",
     "open_frames",
     "open_reader",

@@ -6,7 +6,11 @@ import argparse
 from pathlib import Path
 
 from ..sensors import SENSORS
-from .measured import RECORDING, add_measured, measured
+from .common import figure_file
+from .measured import RECORDING, add_measured, measured_with_frames
+
+_LONGEST_S = 60.0
+"""Of the static scene that is drawn."""
 
 
 def add_sensor(parser: argparse.ArgumentParser) -> None:
@@ -22,18 +26,37 @@ def add_sensor(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--base", metavar="SENSOR", help=f"where all else comes from: {', '.join(SENSORS)}, or a sensor file"
     )
+    parser.add_argument(
+        "--figure",
+        type=figure_file,
+        metavar="FILE",
+        help="draw the first recording next to a static scene that the fitted sensor sees: .png, .pdf, .svg ...",
+    )
     add_measured(parser)
 
 
 def _sensor(options: argparse.Namespace) -> int:
+    from ..sensor_fit import fit_sensor
+    from ..sensor_fit.static_scene import static_events
     from ..sensors import load_sensor_file, sensor_yaml
-    from ..sensors.sensor_fit import fit_sensor
+    from ..stream_statistics import EventStream, StreamComparison, measure_stream
+    from ..stream_statistics.comparison_figure import draw_comparison
+    from ..stream_statistics.event_stream import cut
 
     base = None if options.base is None else load_sensor_file(options.base)
-    fit = fit_sensor([measured(path, options) for path in options.recordings])
-    text = sensor_yaml(fit.file(base))
+    recordings = [measured_with_frames(path, options) for path in options.recordings]
+    fit = fit_sensor(recordings)
+    fitted = fit.file(base)
+    text = sensor_yaml(fitted)
     print(fit)
     if options.output is not None:
         options.output.write_text(text, encoding="utf-8")
         print(f"{options.output}: --sensor {options.output} simulates it")
+    if options.figure is not None:
+        real = recordings[0].statistics
+        events = static_events(fitted.parameters, real.size, min(real.duration_s, _LONGEST_S))
+        simulated = measure_stream(
+            EventStream("static scene, fitted sensor", "simulated", real.size, lambda told: cut(events, told))
+        )
+        print(draw_comparison(StreamComparison(real, simulated), options.figure))
     return 0

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import argparse
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from ..progress import progress
 from .common import sensor_size
 
 if TYPE_CHECKING:
+    from ..sensor_fit import MeasuredRecording
     from ..stream_statistics import StreamStatistics
 
 RECORDING = "a dataset folder, an event file of any format, a camera's bytes, or an AEDAT recording"
@@ -36,13 +37,18 @@ def measured(path: str, options: argparse.Namespace) -> StreamStatistics:
     """The statistics of a stream, with a progress bar."""
     from ..stream_statistics import measure_stream
 
-    region = None if options.quiet_region is None else tuple(options.quiet_region)
     with progress(f"reading {path}", 100.0, unit="%", show=not options.quiet) as bar:
-        return measure_stream(
-            path,
-            size=options.size,
-            quiet=region,
-            start_s=options.start,
-            stop_s=options.stop,
-            progress=lambda share: bar.to(100.0 * share),
-        )
+        return measure_stream(path, progress=lambda share: bar.to(100.0 * share), **_part(options))
+
+
+def measured_with_frames(path: str, options: argparse.Namespace) -> MeasuredRecording:
+    """The same, and the recording's frames."""
+    from ..sensor_fit import measure_recording
+
+    with progress(f"reading {path}", 100.0, unit="%", show=not options.quiet) as bar:
+        return measure_recording(path, progress=lambda share: bar.to(100.0 * share), **_part(options))
+
+
+def _part(options: argparse.Namespace) -> dict[str, Any]:
+    region = None if options.quiet_region is None else tuple(options.quiet_region)
+    return {"size": options.size, "quiet": region, "start_s": options.start, "stop_s": options.stop}

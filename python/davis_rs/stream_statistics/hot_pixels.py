@@ -10,10 +10,12 @@ import numpy.typing as npt
 from .pixel_sums import PixelSums
 
 LEAST_EVENTS = 10
-_TIMES_ITS_NEIGHBOURS = 5.0
+TIMES_ITS_NEIGHBOURS = 5.0
 _MOST_VARIATION = 2.0
 """A pixel that a passing edge makes fire has its events in clusters; the intervals of one that fires on its own are
 regular (0), or those of a Poisson process (1)."""
+_LEAST_SPAN = 0.5
+"""Its events last for so much of the stream: what moves for a while makes others fire."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,7 +23,8 @@ class HotPixels:
     """Pixels with far more events of a polarity than their neighbours, all the time.
 
     A pixel is hot if it has at least 10 events of a polarity, 5 times as many as the median of the 5 x 5 pixels around
-    it (plus one), and the coefficient of variation of its intervals is below 2.
+    it (plus one), the coefficient of variation of its intervals is below 2, and from the first of them to the last it
+    is at least half of the stream.
 
     Attributes:
         x, y: int64 (n,), in rows.
@@ -48,10 +51,11 @@ def find_hot_pixels(pixels: PixelSums, duration_s: float) -> HotPixels:
     events = pixels.events
     hot = np.zeros(events.shape[1:], np.bool_)
     variation = _variation(pixels)
-    for counts, scatter in zip(events, variation, strict=True):
+    lasting = pixels.interval_sum * 1e-6 >= _LEAST_SPAN * duration_s
+    for counts, scatter, long in zip(events, variation, lasting, strict=True):
         usual = median_filter(counts, size=5, mode="mirror")
-        many = (counts >= LEAST_EVENTS) & (counts >= _TIMES_ITS_NEIGHBOURS * (usual + 1))
-        hot |= many & (scatter < _MOST_VARIATION)
+        many = (counts >= LEAST_EVENTS) & (counts >= TIMES_ITS_NEIGHBOURS * (usual + 1))
+        hot |= many & (scatter < _MOST_VARIATION) & long
     y, x = np.nonzero(hot)
     off, on = events[0, y, x], events[1, y, x]
     mostly = (on >= off).astype(np.int64)

@@ -39,8 +39,8 @@ class StreamMeter:
         self._last_us = 0
         self._backward = self._outside = 0
 
-    def add(self, events: EventArray) -> None:
-        """Add the next events of the stream, :data:`davis_rs.EVENT_DTYPE`.
+    def add(self, events: EventArray) -> EventArray:
+        """Add the next events of the stream, :data:`davis_rs.EVENT_DTYPE`; returns those that were not left out.
 
         Raises:
             ValueError: for an array of another kind.
@@ -51,7 +51,7 @@ class StreamMeter:
             self._outside += int(len(events) - np.count_nonzero(inside))
             events = events[inside]
         if not len(events):
-            return
+            return events
         latest = np.maximum.accumulate(events["t"])
         if self._first_us is not None:
             latest = np.maximum(latest, self._last_us)
@@ -60,12 +60,13 @@ class StreamMeter:
             self._backward += int(len(events) - np.count_nonzero(in_order))
             events = events[in_order]
         if not len(events):
-            return
+            return events
         if self._first_us is None:
             self._first_us = int(events["t"][0])
         self._last_us = int(events["t"][-1])
         self._pixels.add(events)
         self._bursts.add(events)
+        return events
 
     def finish(self, name: str = "", kind: str = "", *, quiet: Region | None = None) -> StreamStatistics:
         """What was found; the meter takes no more events then.
@@ -100,6 +101,7 @@ def measure_stream(
     start_s: float = 0.0,
     stop_s: float | None = None,
     progress: Callable[[float], object] | None = None,
+    also: Callable[[EventArray], object] | None = None,
 ) -> StreamStatistics:
     """Measure a stream: rates, intervals, bursts, hot and quiet pixels, parity.
 
@@ -112,6 +114,7 @@ def measure_stream(
         quiet: (x0, y0, x1, y1) of pixels that see no signal; if not given, the quietest are looked for.
         start_s, stop_s: only events with start_s <= t < stop_s, in seconds after the first event; by default all.
         progress: is told the share that is read, 0..1.
+        also: is given the events that are measured, piece by piece.
 
     Raises:
         OSError, DecodeError: if it cannot be read.
@@ -128,7 +131,9 @@ def measure_stream(
     stream = source if isinstance(source, EventStream) else open_event_stream(source, size=size)
     meter = StreamMeter(*stream.size)
     for piece in _between(stream.pieces(progress or (lambda _: None)), start_s, stop_s):
-        meter.add(piece)
+        measured = meter.add(piece)
+        if also is not None:
+            also(measured)
     return meter.finish(stream.name, stream.kind, quiet=quiet)
 
 

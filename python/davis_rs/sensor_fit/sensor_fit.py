@@ -1,0 +1,123 @@
+"""What recordings tell of a sensor, and what they do not."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from ..sensor_parameters import SensorParameters
+from ..sensors.sensor_file import SensorFile
+from ..stream_statistics import StreamStatistics
+from .finding import Finding
+from .frame_fit import find_of_frames
+from .hot_pixel_fit import find_hot_pixels
+from .leak_fit import find_leak
+from .measured_recording import MeasuredRecording
+from .readout_fit import COLUMN_PARITY, find_parity, find_readout, find_refractory_period
+
+
+@dataclass(frozen=True)
+class SensorFit:
+    """What recordings of one sensor tell of it.
+
+    Attributes:
+        size: (width, height) in pixels.
+        recordings: their names.
+        findings: one by one.
+        refractory_bound_us: the refractory period is at most as long; None without two events of a pixel.
+    """
+
+    size: tuple[int, int]
+    recordings: tuple[str, ...]
+    findings: tuple[Finding, ...]
+    refractory_bound_us: int | None
+
+    def __str__(self) -> str:
+        return "\n".join(map(str, self.findings))
+
+    def file(self, base: SensorFile | None = None) -> SensorFile:
+        """The sensor: what was found, and all else from ``base``.
+
+        Where the base has a refractory period above the bound it is left out.
+
+        Raises:
+            ValueError: for a base of another size.
+        """
+        start = base or SensorFile(SensorParameters())
+        own = (start.parameters.width, start.parameters.height)
+        if None not in own and own != self.size:
+            raise ValueError(
+                f"the recordings have {self.size[0]} x {self.size[1]} pixels, "
+                f"the sensor that gives all else has {own[0]} x {own[1]}"
+            )
+        source = f"fitted to {', '.join(self.recordings)}"
+        values: dict[str, Any] = {"width": self.size[0], "height": self.size[1]}
+        sources = dict(start.sources) | {"width": source, "height": source}
+        sigmas = dict(start.uncertainties)
+        for _, parameter, value, note in self.findings:
+            if parameter is not None and value is not None:
+                values[parameter] = value.value
+                sigmas.pop(parameter, None)
+                if math.isfinite(value.sigma):
+                    sigmas[parameter] = value.sigma
+                sources[parameter] = f"{source}{f'; {note}' if note else ''}"
+        held_us, bound_us = start.parameters.refractory_period_us, self.refractory_bound_us
+        if held_us is not None and bound_us is not None and held_us > bound_us:
+            values["refractory_period_us"] = None
+            sources.pop("refractory_period_us", None)
+            sigmas.pop("refractory_period_us", None)
+        description = f"Fitted to {', '.join(self.recordings)}. {start.description}".strip()
+        return SensorFile(replace(start.parameters, **values), description, sources, sigmas)
+
+
+def fit_sensor(recordings: Sequence[StreamStatistics | MeasuredRecording]) -> SensorFit:
+    """Fit what recordings can tell of the sensor that they come from.
+
+    From events alone:
+
+    - Hot pixels: their share, and the median of their rates.
+    - Leak: ON less OFF events of quiet pixels, because events of noise come in pairs of both polarities. Its standard
+      deviation is that of the pixels' scatter. It is not identifiable where quiet pixels fire together with their
+      neighbours.
+    - Refractory period: at most the shortest interval of any pixel.
+    - Readout: at least as many row bursts as were seen.
+    - Parity of columns and rows; that of columns as a share of thresholds.
+
+    With frames, too, see :func:`~davis_rs.sensor_fit.threshold_fit.fit_thresholds`: thresholds, their mismatch and
+    parity, the photoreceptor's bandwidth by the lag of events behind frames, exposure and noise of frames.
+
+    Args:
+        recordings: of one sensor with the same biases, measured by :func:`~davis_rs.measure_recording`, or their events
+            alone by :func:`~davis_rs.measure_stream`.
+
+    Raises:
+        ValueError: for none, for recordings of different sizes, or without events.
+    """
+    if not recordings:
+        raise ValueError("at least one recording is needed")
+    measured = [one if isinstance(one, MeasuredRecording) else MeasuredRecording(one) for one in recordings]
+    streams = [one.statistics for one in measured]
+    sizes = {one.size for one in streams}
+    if len(sizes) > 1:
+        listed = ", ".join(f"{width} x {height}" for width, height in sorted(sizes))
+        raise ValueError(f"the recordings must be of one sensor: their sizes are {listed}")
+    for one in streams:
+        if one.duration_s <= 0:
+            raise ValueError(f"{one.name}: there are no two events at different times, nothing can be fitted")
+    shortest = min((one.any.least for one in streams if one.any.least is not None), default=None)
+    leak = find_leak(streams)
+    parity = list(find_parity(streams))
+    with_frames = list(find_of_frames(measured, leak[0].value))
+    if any(one.parameter == COLUMN_PARITY[1] for one in with_frames):
+        parity = [one for one in parity if one.parameter is None]
+    findings = (
+        *find_hot_pixels(streams),
+        *leak,
+        find_refractory_period(shortest),
+        *find_readout(streams),
+        *parity,
+        *with_frames,
+    )
+    return SensorFit(streams[0].size, tuple(one.name for one in streams), findings, shortest)

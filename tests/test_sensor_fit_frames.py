@@ -1,0 +1,181 @@
+"""What a fit takes from frames: instants, values, and what there is to say where they do not tell."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from command_line import davis_rs as command
+from davis_rs import CrossingEngine, FrameSource, StampedFrame, measure_stream, open_writer, read_events
+from davis_rs.events import EVENT_DTYPE, EventArray
+from davis_rs.sensor_fit import fit_sensor, measure_recording
+from davis_rs.sensor_fit.frame_noise import FrameNoise, NoiseSampler, fit_frame_noise
+from davis_rs.sensor_fit.frame_source import open_frames
+from davis_rs.sensor_fit.signal_samples import SignalSampler
+from davis_rs.sensor_fit.static_scene import static_events
+from davis_rs.sensor_fit.threshold_fit import ThresholdFit, fit_thresholds
+from davis_rs.sensor_parameters import SensorParameters
+from davis_rs.stream_statistics.stream_statistics import Measured
+from hidden_sensors import HEIGHT, WIDTH, draw, record
+
+ON, OFF = 0.13, 0.17
+
+
+def waves(t_s: float) -> npt.NDArray[np.float64]:
+    """Log intensity of 40 x 32 pixels: waves of their own phases, brightness and speed."""
+    rng = np.random.default_rng(4)
+    phase, mean, hz = rng.uniform(0, 6.28, (32, 40)), rng.uniform(-2.5, -1, (32, 40)), rng.uniform(1, 3, (32, 40))
+    return mean + np.sin(2 * np.pi * hz * t_s + phase)
+
+
+@pytest.fixture(scope="module")
+def ideal() -> EventArray:
+    """Events of ideal pixels."""
+    engine = CrossingEngine(40, 32, contrast_threshold=ON, contrast_threshold_off=OFF)
+    pieces = [engine.push_log(t_us, waves(t_us * 1e-6)) for t_us in range(0, 2_000_001, 1000)]
+    return np.concatenate(pieces)
+
+
+def frames(*, lag_us: float = 0.0, black: float = 0.0, noise: float = 0.0) -> list[StampedFrame]:
+    rng = np.random.default_rng(1)
+    made = []
+    for t_us in range(5_000, 2_000_000, 30_000):
+        values = 1000 * np.exp(waves((t_us + lag_us) * 1e-6)) + black
+        made.append(StampedFrame(float(t_us), 0.0, values + noise * rng.standard_normal(values.shape)))
+    return made
+
+
+def thresholds(events: EventArray, images: list[StampedFrame], cuts: int = 1) -> ThresholdFit:
+    sampler = SignalSampler(40, 32, images)
+    for piece in np.array_split(events, cuts):
+        sampler.add(piece)
+    return fit_thresholds(sampler.finish(), 40, leak_hz=Measured(0.0, 1e-4))
+
+
+def test_samples_of_ideal_pixels_have_the_signal(ideal: EventArray) -> None:
+    """Events with their fractions are the signal itself, far closer than what whole counts leave of a level."""
+    sampler = SignalSampler(40, 32, frames())
+    sampler.add(ideal)
+    samples = sampler.finish().samples
+    assert len(samples) > 20_000
+    t_s, pixel = samples["t_s"], samples["pixel"]
+    truth = np.array([waves(t).ravel() for t in np.unique(t_s)])[np.searchsorted(np.unique(t_s), t_s), pixel]
+    found = waves(0.0).ravel()[pixel] + ON * samples["on"] - OFF * samples["off"]
+    straight = samples["turns"] == 0
+    assert np.sqrt(np.mean((found - truth)[straight] ** 2)) < 0.03 * ON
+    whole = waves(0.0).ravel()[pixel] + ON * np.floor(samples["on"]) - OFF * np.floor(samples["off"])
+    assert np.sqrt(np.mean((whole - truth)[straight] ** 2)) > 0.4 * ON
+
+
+def test_thresholds_of_ideal_pixels_are_exact_however_the_stream_is_cut(ideal: EventArray) -> None:
+    """With noise of frames, which is no bias: it is in the response alone."""
+    found = thresholds(ideal, frames(noise=3.0))
+    assert found.on.value == pytest.approx(ON, rel=0.005)
+    assert found.off.value == pytest.approx(OFF, rel=0.005)
+    assert found.mismatch is None or found.mismatch.value < 0.02
+    again = thresholds(ideal, frames(noise=3.0), cuts=37)
+    assert again.on.value == pytest.approx(found.on.value, rel=1e-6)
+
+
+def test_lag_and_black_level_are_found_with_the_thresholds(ideal: EventArray) -> None:
+    """Frames that are stamped 2 ms late, over a black level of 25 values, leave thresholds as they are."""
+    found = thresholds(ideal, frames(lag_us=-2_000.0, black=25.0, noise=2.0))
+    assert found.lag_s.value == pytest.approx(-2e-3, abs=1e-4)
+    assert found.black.value == pytest.approx(25, abs=2)
+    assert found.on.value == pytest.approx(ON, rel=0.01)
+    assert found.off.value == pytest.approx(OFF, rel=0.01)
+
+
+def test_frames_that_are_not_of_these_events_give_no_thresholds(ideal: EventArray) -> None:
+    """Mirrored ones change, but not as events say."""
+    mirrored = [one._replace(values=one.values[::-1, ::-1]) for one in frames(noise=3.0)]
+    source = FrameSource(lambda: iter(mirrored), "DN")
+    found = str(fit_sensor([measure_recording(ideal, size=(40, 32), frames=source)]))
+    assert re.search(r"^threshold ON +not identifiable from these recordings; log intensity of frames", found, re.M)
+    few = FrameSource(lambda: iter(frames()[:2]), "DN")
+    found = str(fit_sensor([measure_recording(ideal[:8000], size=(40, 32), frames=few)]))
+    assert "2 frames make" in found, found
+    alone = str(fit_sensor([measure_stream(ideal, size=(40, 32))]))
+    assert re.search(r"^threshold mismatch +not identifiable from these recordings; there are no frames", alone, re.M)
+
+
+def test_noise_of_frames_is_found_and_light_that_changes_is_not_taken_for_it() -> None:
+    """Read noise and gain of frames of a static scene; a scene that flickers is refused."""
+    rng = np.random.default_rng(3)
+    level = np.linspace(50, 900, 60 * 80).reshape(60, 80)
+    nothing, pattern = np.zeros((60, 80)), rng.standard_normal((60, 80))
+
+    def fitted(flicker: float) -> FrameNoise | str:
+        sampler = NoiseSampler()
+        for k in range(30):
+            light = level * (1 + flicker * (k % 3) * pattern)
+            noisy = light + np.sqrt(2.0**2 + 0.05 * light) * rng.standard_normal(light.shape)
+            sampler.add(np.rint(noisy).astype(np.float32), nothing)
+        return fit_frame_noise(sampler.finish(), 0.0, 1000.0, 0.0)
+
+    found = fitted(0.0)
+    assert isinstance(found, FrameNoise)
+    assert abs(found.read.value - 2.0) < 4 * found.read.sigma < 0.4
+    assert abs(found.gain.value - 0.05) < 4 * found.gain.sigma < 0.01
+    assert fitted(0.02) == "the light of pixels without events changes by more than the noise of frames"
+
+
+def test_a_folder_with_frames_gives_thresholds(tmp_path: Path) -> None:
+    """As a user does it: events.txt and grey frames in, stamped at the exposure's end, a sensor file out."""
+    from PIL import Image
+
+    sensor, rng = draw(1, 3)
+    events, images = record(sensor, rng, 3)
+    folder = tmp_path / "one"
+    (folder / "images").mkdir(parents=True)
+    with open_writer(folder / "events.txt", (WIDTH, HEIGHT)) as writer:
+        writer.write(events)
+    lines = []
+    for k, image in enumerate(images):
+        Image.fromarray(np.rint(image.values / 4).astype(np.uint8)).save(folder / f"images/{k}.png")
+        lines.append(f"{(image.t_us + sensor.exposure_us / 2) * 1e-6:.6f} images/{k}.png\n")
+    (folder / "images.txt").write_text("".join(lines))
+    meta = {
+        "sensor": {"width": WIDTH, "height": HEIGHT},
+        "effects": {"aps": {"exposure_us": sensor.exposure_us}},
+    }
+    (folder / "meta.json").write_text(json.dumps(meta))
+    source = open_frames(folder, (WIDTH, HEIGHT))
+    assert source is not None
+    assert next(source.frames()).t_us == pytest.approx(images[0].t_us, abs=1)
+    done = command(
+        "calibrate", "sensor", folder, "--quiet", "-o", tmp_path / "fit.yaml", "--figure", tmp_path / "fit.png"
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    assert (tmp_path / "fit.png").stat().st_size > 20_000
+    for words, truth in (("threshold ON", sensor.contrast_threshold), ("bandwidth", sensor.photoreceptor_bandwidth_hz)):
+        found = re.search(rf"^{words} +([\d.]+) \+- ([\d.e+-]+)", done.stdout, re.M)
+        assert found is not None
+        assert abs(float(found[1]) - truth) < 4 * float(found[2])
+    assert "in grey values of the frames" in done.stdout
+
+
+def test_a_static_scene_has_no_events_of_its_beginning() -> None:
+    """Rates are those of the effects from the first second on; times count from 0."""
+    sensor = SensorParameters(contrast_threshold=0.2, leak_rate_hz=0.5, leak_spread=0.0)
+    events = static_events(sensor, (40, 30), 10.0)
+    assert 0 < events["t"][0] < events["t"][-1] <= 10_000_000
+    assert len(events) == pytest.approx(40 * 30 * 5, rel=0.02)
+    assert (events["p"] == 1).all()
+    with pytest.raises(ValueError, match="duration_s must be > 0"):
+        static_events(sensor, (40, 30), 0.0)
+
+
+def test_event_files_have_no_frames(tmp_path: Path) -> None:
+    """Nothing is made up for them."""
+    path = tmp_path / "one.npy"
+    with open_writer(path, (4, 3)) as writer:
+        writer.write(np.array([(1, 2, 1, 1), (5, 3, 2, 0)], EVENT_DTYPE))
+    assert open_frames(path, (4, 3)) is None
+    assert measure_recording(path, size=(4, 3)).samples is None
+    assert len(read_events(path)) == 2
