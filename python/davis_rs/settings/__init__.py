@@ -3,7 +3,7 @@
 from .frame_settings import INTERPOLATIONS, FrameFolderSettings, FrameSettings
 from .image_camera import camera_of_size, parse_size
 from .inertial import make_imu, make_motion_capture
-from .resolve import AUTO, ViewedScene, chosen_sampling, renderer_settings, view_scene, whole_frame_sampling
+from .resolve import AUTO, LOG_EPS, ViewedScene, chosen_sampling, renderer_settings, view_scene, whole_frame_sampling
 from .setting import Declared, Setting, complete, only, settings_of, takes_settings
 from .simulation_settings import (
     EFFECTS_TOLERANCE,
@@ -18,6 +18,7 @@ __all__ = [
     "AUTO",
     "EFFECTS_TOLERANCE",
     "INTERPOLATIONS",
+    "LOG_EPS",
     "Declared",
     "FolderSettings",
     "FrameFolderSettings",
