@@ -16,7 +16,8 @@ const SIZE: SensorSize = SensorSize { width: 240, height: 180 };
 /// Every effect alone at a usual strength, and all of them.
 fn cases() -> Vec<(&'static str, Effects)> {
     let none = Effects::default;
-    let bandwidth = PhotoreceptorBandwidth { hz: 1000.0, floor_hz: 20.0, ceiling_hz: f64::INFINITY };
+    let bandwidth = PhotoreceptorBandwidth { hz: 1000.0, source_follower_hz: f64::INFINITY };
+    let both = PhotoreceptorBandwidth { source_follower_hz: 300.0, ..bandwidth };
     let shot_noise = ShotNoise { rms: 0.05, half_luma: 1.0, bandwidth_hz: 300.0 };
     let hot_pixels = HotPixels { fraction: 1e-3, rate_hz: 10.0, ..none().hot_pixels };
     let leak = Leak { rate_hz: 0.1, spread: 0.23, jitter: 0.1, ..none().leak };
@@ -31,6 +32,7 @@ fn cases() -> Vec<(&'static str, Effects)> {
     vec![
         ("none", none()),
         ("photoreceptor_bandwidth_hz", Effects { photoreceptor_bandwidth: bandwidth, ..none() }),
+        ("with a source follower", Effects { photoreceptor_bandwidth: both, ..none() }),
         ("threshold_mismatch", Effects { threshold_mismatch, ..none() }),
         ("refractory_period_us", Effects { refractory_period_us: 100.0, ..none() }),
         ("leak_rate_hz", Effects { leak, ..none() }),
@@ -40,7 +42,7 @@ fn cases() -> Vec<(&'static str, Effects)> {
         (
             "all",
             Effects {
-                photoreceptor_bandwidth: bandwidth,
+                photoreceptor_bandwidth: both,
                 threshold_mismatch,
                 refractory_period_us: 100.0,
                 leak,

@@ -5,9 +5,8 @@ python benches/mismatch.py [-o docs/mismatch.png]
 
 from __future__ import annotations
 
-import argparse
-
 import numpy as np
+from effect_figure import picture
 
 from davis_rs import CrossingEngine, Effects
 from davis_rs.effects import ThresholdMismatch
@@ -17,38 +16,27 @@ WIDTH, HEIGHT = 240, 180
 
 def main() -> None:
     """Run, print, draw."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("-o", "--output", help="the picture")
-    options = parser.parse_args()
-    import matplotlib
-
-    matplotlib.use("agg")
-    import matplotlib.pyplot as plt
-
-    figure, axes = plt.subplots(1, 3, figsize=(8.4, 2.5), layout="constrained")
-    parity = ThresholdMismatch(0.108, column_parity=0.06)
-    for axis, mismatch, name in (
-        (axes[0], parity, "davis240c: column_parity=0.06"),
-        (axes[1], ThresholdMismatch(0.05, columns=0.1, rows=0.1), "columns=0.1, rows=0.1"),
-    ):
-        engine = CrossingEngine(WIDTH, HEIGHT, effects=Effects(threshold_mismatch=mismatch))
-        axis.imshow(np.asarray(engine.contrast_threshold)[:40, :60], cmap="gray")
-        axis.set_title(name, fontsize=7)
-        axis.axis("off")
-    engine = CrossingEngine(WIDTH, HEIGHT, contrast_threshold=0.283, effects=Effects(threshold_mismatch=parity))
-    columns = np.zeros((2, WIDTH))
-    for k in range(9):
-        events = engine.push_log(k * 100_000, np.full((HEIGHT, WIDTH), 4.0 * (k % 2)))
-        np.add.at(columns, (events["p"], events["x"]), 1 / HEIGHT)
-    for p, name in ((1, "ON"), (0, "OFF")):
-        axes[2].plot(columns[p, :60], ".-", linewidth=0.5, markersize=3, label=name)
-        print(
-            f"{name}: {columns[p, ::2].mean():.2f} events a pixel in even columns, {columns[p, 1::2].mean():.2f} in odd"
-        )
-    axes[2].set(xlabel="column", ylabel="events a pixel")
-    axes[2].legend(fontsize=6)
-    if options.output:
-        figure.savefig(options.output, dpi=200)
+    with picture(__doc__, panels=3, size=(8.4, 2.5)) as axes:
+        parity = ThresholdMismatch(0.108, column_parity=0.06)
+        for axis, mismatch, name in (
+            (axes[0], parity, "davis240c: column_parity=0.06"),
+            (axes[1], ThresholdMismatch(0.05, columns=0.1, rows=0.1), "columns=0.1, rows=0.1"),
+        ):
+            engine = CrossingEngine(WIDTH, HEIGHT, effects=Effects(threshold_mismatch=mismatch))
+            axis.imshow(np.asarray(engine.contrast_threshold)[:40, :60], cmap="gray")
+            axis.set_title(name, fontsize=7)
+            axis.axis("off")
+        engine = CrossingEngine(WIDTH, HEIGHT, contrast_threshold=0.283, effects=Effects(threshold_mismatch=parity))
+        columns = np.zeros((2, WIDTH))
+        for k in range(9):
+            events = engine.push_log(k * 100_000, np.full((HEIGHT, WIDTH), 4.0 * (k % 2)))
+            np.add.at(columns, (events["p"], events["x"]), 1 / HEIGHT)
+        for p, name in ((1, "ON"), (0, "OFF")):
+            axes[2].plot(columns[p, :60], ".-", linewidth=0.5, markersize=3, label=name)
+            even, odd = columns[p, ::2].mean(), columns[p, 1::2].mean()
+            print(f"{name}: {even:.2f} events a pixel in even columns, {odd:.2f} in odd")
+        axes[2].set(xlabel="column", ylabel="events a pixel")
+        axes[2].legend(fontsize=6)
 
 
 if __name__ == "__main__":

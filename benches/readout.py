@@ -5,9 +5,8 @@ python benches/readout.py [-o docs/readout.png]
 
 from __future__ import annotations
 
-import argparse
-
 import numpy as np
+from effect_figure import picture
 
 from davis_rs import CrossingEngine, Effects
 from davis_rs.effects import Readout
@@ -38,28 +37,18 @@ def bursts_in(events: EventArray, window_us: int) -> FloatArray:
 
 def main() -> None:
     """Run, print, draw."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("-o", "--output", help="the picture")
-    options = parser.parse_args()
-    import matplotlib
-
-    matplotlib.use("agg")
-    import matplotlib.pyplot as plt
-
-    figure, axes = plt.subplots(1, 2, figsize=(7.2, 2.7), layout="constrained")
-    for row_us in ROWS_US:
-        events = edge(4_000, row_us)
-        for axis, window_us in zip(axes, (1, 10), strict=True):
-            made = bursts_in(events, window_us)
-            axis.hist(made, np.arange(0.5, 90), histtype="step", density=True, label=f"row_us = {row_us:g}")
-            axis.set(xlabel=f"bursts of rows in {window_us} us", ylabel="share", yscale="log")
-            print(f"row_us {row_us:g}: at most {made.max():.0f} bursts in {window_us} us, of {len(events)} events")
-    axes[0].set_xlim(0, 15)
-    for axis, most in zip(axes, (3, 16), strict=True):
-        axis.axvline(most, color="k", linestyle=":", label="most in two recordings")
-        axis.legend(fontsize=6)
-    if options.output:
-        figure.savefig(options.output, dpi=200)
+    with picture(__doc__, panels=2, size=(7.2, 2.7)) as axes:
+        for row_us in ROWS_US:
+            events = edge(4_000, row_us)
+            for axis, window_us in zip(axes, (1, 10), strict=True):
+                made = bursts_in(events, window_us)
+                axis.hist(made, np.arange(0.5, 90), histtype="step", density=True, label=f"row_us = {row_us:g}")
+                axis.set(xlabel=f"bursts of rows in {window_us} us", ylabel="share", yscale="log")
+                print(f"row_us {row_us:g}: at most {made.max():.0f} bursts in {window_us} us, of {len(events)} events")
+        axes[0].set_xlim(0, 15)
+        for axis, most in zip(axes, (3, 16), strict=True):
+            axis.axvline(most, color="k", linestyle=":", label="most in two recordings")
+            axis.legend(fontsize=6)
 
 
 if __name__ == "__main__":

@@ -50,15 +50,16 @@ def may_be_tick(stamp_us: int, at_us: Any, doubt_us: Any = FIRST) -> bool:
 
 def constant_corner(hz: float) -> PhotoreceptorBandwidth:
     """A low-pass whose corner does not depend on irradiance."""
-    return PhotoreceptorBandwidth(hz, floor_hz=hz, ceiling_hz=hz)
+    return PhotoreceptorBandwidth(math.inf, source_follower_hz=hz)
 
 
 def corner_of(bandwidth: PhotoreceptorBandwidth) -> Corner:
-    """The documented rule: proportional to exp(mean log intensity), within floor and ceiling."""
+    """The documented rule: proportional to exp(mean log intensity), or the source follower's where that is alone."""
 
     def corner_hz(start: float, end: float) -> Any:
-        proportional = _mp.mpf(bandwidth.hz) * _mp.exp((_mp.mpf(start) + _mp.mpf(end)) / 2)
-        return min(max(proportional, bandwidth.floor_hz), bandwidth.ceiling_hz)
+        if math.isinf(bandwidth.hz):
+            return _mp.mpf(bandwidth.source_follower_hz)
+        return _mp.mpf(bandwidth.hz) * _mp.exp((_mp.mpf(start) + _mp.mpf(end)) / 2)
 
     return corner_hz
 
@@ -78,13 +79,18 @@ class Crossing(NamedTuple):
 class FilteredPixel:
     """A pixel behind dy/dt = w (x - y), solved in 40 digits for x that runs straight; otherwise ideal.
 
+    With a source follower it is behind dv/dt = w2 (y - v) as well.
+
     Attributes:
         nearest: how near an end of a monotone piece came to a level; a float64 cannot tell on which side much less is.
     """
 
-    def __init__(self, t_us: int, log_intensity: float, c_on: float, c_off: float, corner: Corner) -> None:
+    def __init__(
+        self, t_us: int, log_intensity: float, c_on: float, c_off: float, corner: Corner, follower_hz: float = math.inf
+    ) -> None:
         self.t_us, self.input = t_us, log_intensity
-        self.base = self.output = _mp.mpf(log_intensity)
+        self.base = self.output = self.photoreceptor = _mp.mpf(log_intensity)
+        self.follower_hz = follower_hz
         self.c_on, self.c_off = _mp.mpf(c_on), _mp.mpf(c_off)
         self.corner = corner
         self.n_on = self.n_off = 0
@@ -99,16 +105,29 @@ class FilteredPixel:
         start_us, ticks = self.t_us, t_us - self.t_us
         w = 2 * _mp.pi * self.corner(self.input, log_intensity) * _mp.mpf("1e-6")
         x, rate = _mp.mpf(self.input), (_mp.mpf(log_intensity) - _mp.mpf(self.input)) / ticks
-        transient = self.output - x + rate / w
+        first = self.output if math.isinf(self.follower_hz) else self.photoreceptor
+        transient = first - x + rate / w
 
-        def value(u: Any) -> Any:
+        def photoreceptor(u: Any) -> Any:
             return x + rate * u - rate / w + transient * _mp.exp(-w * u)
 
-        def slope(u: Any) -> Any:
-            return rate - w * transient * _mp.exp(-w * u)
+        if math.isinf(self.follower_hz):
+            value, slopes = photoreceptor, [(_mp.zero, rate), (w, -w * transient)]
+        else:
+            w2 = 2 * _mp.pi * _mp.mpf(self.follower_hz) * _mp.mpf("1e-6")
+            w2 *= 1 + _mp.mpf("1e-18") * (abs(w2 / w - 1) < _mp.mpf("1e-18"))  # not a double root
+            passed = transient * w2 / (w2 - w)
+            own = self.output - x + rate / w + rate / w2 - passed
+            slopes = [(_mp.zero, rate), (w, -w * passed), (w2, -w2 * own)]
 
-        turn = _mp.log(w * transient / rate) / w if rate * transient > 0 else _mp.zero
-        ends = [_mp.zero, *([turn] if 0 < turn < ticks else []), _mp.mpf(ticks)]
+            def value(u: Any) -> Any:
+                late = x + rate * u - rate / w - rate / w2
+                return late + passed * _mp.exp(-w * u) + own * _mp.exp(-w2 * u)
+
+        def slope(u: Any) -> Any:
+            return sum(size * _mp.exp(-decay * u) for decay, size in slopes)
+
+        ends = [_mp.zero, *_turns(slopes, ticks), _mp.mpf(ticks)]
         found: list[Crossing] = []
         for start, end in pairwise(ends):
             last = value(end)
@@ -124,7 +143,30 @@ class FilteredPixel:
                 at = _root(lambda u: value(u) - self.reference, slope, start, end)
                 found.append(Crossing(start_us + at, int(last >= up), abs(slope(at))))
         self.t_us, self.input, self.output = t_us, log_intensity, value(ticks)
+        self.photoreceptor = photoreceptor(ticks)
         return found
+
+
+def _turns(slopes: list[tuple[Any, Any]], ticks: int) -> list[Any]:
+    """Where a sum of exponentials (decay, size) changes its sign in (0, ticks): between the zeros of its derivative.
+
+    Times exp(a u), a being the smallest decay, the sum has one exponential less in its derivative, and so on: by Rolle
+    it has one zero at most between two zeros of that.
+    """
+    slopes = [(decay, size) for decay, size in slopes if size != 0]
+    if len(slopes) < 2:
+        return []
+    least = min(decay for decay, _ in slopes)
+    inner = _turns([(decay - least, -(decay - least) * size) for decay, size in slopes], ticks)
+
+    def total(u: Any) -> Any:
+        return sum(size * _mp.exp(-(decay - least) * u) for decay, size in slopes)
+
+    def rate(u: Any) -> Any:
+        return sum(-(decay - least) * size * _mp.exp(-(decay - least) * u) for decay, size in slopes)
+
+    ends = [_mp.zero, *inner, _mp.mpf(ticks)]
+    return [_root(total, rate, low, high) for low, high in pairwise(ends) if total(low) * total(high) < 0]
 
 
 def _root(of: Callable[[Any], Any], slope: Callable[[Any], Any], low: Any, high: Any) -> Any:
@@ -180,19 +222,43 @@ def noisy_pixel(
     """Times and polarities of the events that a pixel makes along a path of (microseconds, log intensity).
 
     Crossings, resets and noise in the order of time, as :class:`~davis_rs.effects.ShotNoise` says: arrivals at Rice's
-    rate in the dark, of which a share is kept that falls with exp(log intensity).
+    rate in the light in which there are most, of which a share is kept by the light at their instant.
     """
     times, values = zip(*path, strict=True)
-    tau_us = 1e6 / (2 * math.pi * noise.bandwidth_hz)
-    left = (1 + period_us / tau_us) * math.exp(-min(period_us / tau_us, 700))
+    in_any_light = math.isinf(noise.half_luma)
+
+    def ratio(light: float) -> float:
+        return 1.0 if in_any_light else min(max(light / noise.half_luma, 1e-12), 100.0)
+
+    def rate_hz(light: float, distance: float) -> float:
+        variance = noise.rms**2 / (1 + light / noise.half_luma)
+        return noise.bandwidth_hz * math.sqrt(ratio(light)) * math.exp(-(distance**2) / 2 / variance)
 
     def rates_hz(light: float) -> tuple[float, float]:
-        variance = noise.rms**2 / (1 + light / noise.half_luma)
-        on, off = (noise.bandwidth_hz * math.exp(-(distance**2) / 2 / variance) for distance in c)
-        return on, off
+        return rate_hz(light, c[0]), rate_hz(light, c[1])
+
+    def most_hz() -> float:
+        """Of both polarities, each where it has most."""
+        if in_any_light:
+            return sum(rates_hz(0.0))
+        worst = [noise.half_luma * min((noise.rms / distance) ** 2, 100.0) for distance in c]
+        return 1.000000001 * sum(rate_hz(light, distance) for light, distance in zip(worst, c, strict=True))
+
+    def poles_hz(light: float) -> tuple[float, float]:
+        return noise.bandwidth_hz * ratio(light), noise.bandwidth_hz
+
+    def left(light: float) -> float:
+        """Of the noise at the end of a hold: the autocorrelation of white noise behind both poles."""
+        a, b = (min(2e-6 * math.pi * hz * period_us, 1e4) for hz in poles_hz(light))
+        if abs(a - b) <= 1e-6 * b:
+            return (1 + b) * math.exp(-min(b, 700))
+        return (b * math.exp(-min(a, 700)) - a * math.exp(-min(b, 700))) / (b - a)
+
+    def tau_us(light: float) -> float:
+        return sum(1e6 / (2 * math.pi * hz) for hz in poles_hz(light)) / 2
 
     def wait_us(index: int) -> float:
-        return -math.log(Draw(seed, SHOT_NOISE, pixel, index).uniform) * 1e6 / sum(rates_hz(0.0))
+        return -math.log(Draw(seed, SHOT_NOISE, pixel, index).uniform) * 1e6 / most_hz()
 
     index, arrival_us = 0, wait_us(0)
     found: list[tuple[float, int]] = []
@@ -232,8 +298,8 @@ def noisy_pixel(
             if noise_ends_us < math.inf:
                 continue
             on, off = rates_hz(math.exp(signal))
-            share = Draw(seed, SHOT_NOISE, pixel, this).second_uniform * sum(rates_hz(0.0))
-            if on <= share < sum(rates_hz(0.0)) - off:
+            share = Draw(seed, SHOT_NOISE, pixel, this).second_uniform * most_hz()
+            if on <= share < most_hz() - off:
                 continue
             p = int(share < on)
             level, awaited = reference + c[0] if p else reference - c[1], 1 - p
@@ -242,7 +308,8 @@ def noisy_pixel(
         if lasts is None:
             reference = level
         else:
-            noise_value, noise_ends_us = left * (level - signal), now + period_us + lasts * tau_us
+            light = math.exp(signal)
+            noise_value, noise_ends_us = left(light) * (level - signal), now + period_us + lasts * tau_us(light)
             reference = signal
         if period_us:
             now += period_us

@@ -14,7 +14,7 @@ from davis_rs import Flicker, LightProfile, SampledProfile, Scene, SegmentTrajec
 from davis_rs.effects.aps import Aps
 from davis_rs.pose import Pose
 from davis_rs.rendering.renderers import make_renderer
-from davis_rs.sampling.exposure import SUBFRAME_PX, expose, subframe_instants
+from davis_rs.sampling.exposure import SUBFRAME_PX, KeyframeExposure, expose, subframe_instants
 from davis_rs.sampling.keyframes import Stretch
 from stretches import CAMERA, DOWN, NARROW, built_in, shift, stretch
 
@@ -232,7 +232,7 @@ def test_an_adc_saturates() -> None:
     assert (clipped[0, 3:] == 1.0).all()
     unlimited = Aps(0, read_noise_dn=0, full_scale_luma=None).read_out(luma, frame=0)
     np.testing.assert_allclose(unlimited, luma, atol=0.5 / 1023, rtol=1e-6)
-    noisy = Aps(0, read_noise_dn=50.0, full_well_e=1_000.0, full_scale_luma=1.0)
+    noisy = Aps(0, read_noise_dn=50.0, full_well_e=2_000.0, electrons_per_dn=1_000 / 1023, full_scale_luma=1.0)
     frame = noisy.read_out(np.tile(luma, (2_000, 1)), frame=0)
     assert frame.min() == 0.0
     assert frame.max() == 1.0
@@ -281,6 +281,167 @@ def test_shot_noise_is_poisson_of_electrons() -> None:
         found, wanted = np.append(counts[often], rest[0]), np.append(expected[often], rest[1])
         assert stats.chisquare(found, wanted).pvalue > SIGNIFICANCE
     assert np.isfinite(Aps(full_well_e=1e9, full_scale_luma=None).read_out([[1e30]], frame=0)).all()
+
+
+QUIET = {"read_noise_dn": 0.0, "bits": None, "full_scale_luma": None}
+"""Nothing but what is named besides."""
+
+
+def frames_of(aps: Aps, level: float, count: int, *, size: tuple[int, int] = SIZE, seed: int = 3) -> Any:
+    """So many frames of an even grey, in DN."""
+    grey = np.full(size, level)
+    return np.stack([aps.read_out(grey, frame=k, seed=seed) for k in range(count)]).astype(np.float64) * 1023
+
+
+def test_the_photon_transfer_curve_is_that_of_the_linear_model() -> None:
+    """Variance in time = read noise^2 + mean / K, K electrons a DN, up to the full well, where shot noise ends (1e-6).
+
+    By pairs of frames, as EMVA 1288 has it, so that fixed patterns do not count.
+    """
+    per_dn, well, read = 20.0, 14_000.0, 3.0
+    aps = Aps(0, read, None, None, full_well_e=well, electrons_per_dn=per_dn, prnu=0.02, dsnu_dn=5.0)
+    z, levels = stats.norm.isf(SIGNIFICANCE / 2), (0.05, 0.1, 0.3, 0.6)
+    for level in levels:
+        first, second = frames_of(aps, level, 2)
+        mean, variance = (first + second).mean() / 2, np.var(first - second) / 2
+        expected = read**2 + mean / per_dn
+        assert mean == pytest.approx(level * 1023, rel=0.002, abs=0.1)
+        assert abs(variance / expected - 1) < z * np.sqrt(2 / first.size)
+    full = frames_of(aps, 1.0, 2)  # 1,023 DN of light, of which the well holds 700
+    assert full.mean() == pytest.approx(well / per_dn, rel=1e-4)
+    assert np.var(full[0] - full[1]) / 2 == pytest.approx(read**2, rel=0.05)
+
+
+def test_a_full_well_saturates_before_the_adc_or_after_it() -> None:
+    """Whichever is lower: 500 DN of electrons, or full scale; read noise is there in the one, and cut in the other."""
+    below = Aps(0, 0, 10, 1.0, full_well_e=5_000.0, electrons_per_dn=10.0)
+    assert np.all(below.read_out([[0.9, 5.0]], frame=0) == np.float32(500 / 1023))
+    above = Aps(0, 0, 10, 1.0, full_well_e=50_000.0, electrons_per_dn=10.0)
+    assert np.all(above.read_out([[1.5, 5.0]], frame=0) == 1.0)
+    # Without electrons per DN a full well is full scale; without a full well nothing is cut.
+    assert np.all(Aps(0, 0, 10, 1.0, full_well_e=100.0).read_out(np.full((20, 20), 3.0), frame=0) == 1.0)
+    free = Aps(0, 0, None, None, electrons_per_dn=1e6).read_out(np.full((20, 20), 30.0), frame=0)
+    assert free.mean() == pytest.approx(30.0, rel=1e-3)
+
+
+@pytest.mark.parametrize("share", [0.01, 0.2])
+def test_prnu_is_a_gain_of_each_pixel(share: float) -> None:
+    """Its standard deviation is that share of the signal, at any signal; pixel by pixel the same in each frame."""
+    aps = Aps(0, prnu=share, **QUIET)  # type: ignore[arg-type]
+    dim, bright = (frames_of(aps, level, 2) for level in (0.05, 0.8))
+    assert np.array_equal(dim[0], dim[1])
+    np.testing.assert_allclose(bright[0] / dim[0], 16, rtol=1e-5)
+    gain = bright[0] / (0.8 * 1023)
+    z = stats.norm.isf(SIGNIFICANCE / 2)
+    assert abs(gain.mean() - 1) < z * share / np.sqrt(gain.size)
+    assert gain.std() == pytest.approx(share, rel=0.03)
+    assert np.all(gain > 0)
+    assert abs(stats.pearsonr(gain[:, 1:].ravel(), gain[:, :-1].ravel())[0]) < z / np.sqrt(gain.size)
+
+
+def test_dsnu_is_an_offset_of_each_pixel() -> None:
+    """Its standard deviation is the same in any light, and it stays from frame to frame."""
+    aps = Aps(0, dsnu_dn=4.0, **QUIET)  # type: ignore[arg-type]
+    dim, bright = (frames_of(aps, level, 2) - level * 1023 for level in (0.1, 0.8))
+    np.testing.assert_allclose(dim[0], bright[1], atol=1e-3)
+    z = stats.norm.isf(SIGNIFICANCE / 2)
+    assert abs(dim[0].mean()) < z * 4 / np.sqrt(dim[0].size)
+    assert abs(dim[0].std() / 4 - 1) < z / np.sqrt(2 * dim[0].size)
+    assert stats.kstest(dim[0].ravel() / 4, "norm").pvalue > SIGNIFICANCE
+
+
+def test_columns_have_offsets_that_stay_and_noise_that_does_not() -> None:
+    """All rows alike; the fixed ones alike in all frames, the others independent from frame to frame."""
+    aps = Aps(0, column_offset_dn=3.0, column_noise_dn=1.5, **QUIET)  # type: ignore[arg-type]
+    frames = frames_of(aps, 0.5, 200) - 0.5 * 1023
+    np.testing.assert_allclose(frames - frames[:, :1], 0, atol=1e-3)
+    columns = frames[:, 0]
+    fixed = columns.mean(0)
+    z = stats.norm.isf(SIGNIFICANCE / 2)
+    assert abs(fixed.std() / np.hypot(3.0, 1.5 / np.sqrt(200)) - 1) < z / np.sqrt(2 * fixed.size)
+    moving = columns - fixed
+    assert abs(moving.std() / (1.5 * np.sqrt(1 - 1 / 200)) - 1) < z / np.sqrt(2 * moving.size)
+    assert abs(stats.pearsonr(columns[0] - fixed, columns[1] - fixed)[0]) < z / np.sqrt(fixed.size)
+
+
+def test_fixed_patterns_are_of_seed_and_pixel() -> None:
+    """Another seed is another sensor; a row's pixels are those of their number, whatever comes below them."""
+    aps = Aps(0, prnu=0.1, dsnu_dn=3.0, column_offset_dn=3.0, **QUIET)  # type: ignore[arg-type]
+    one, again, other = (frames_of(aps, 0.5, 1, seed=seed)[0] for seed in (5, 5, 6))
+    assert np.array_equal(one, again)
+    assert abs(stats.pearsonr(one.ravel(), other.ravel())[0]) < 0.05
+    assert np.array_equal(frames_of(aps, 0.5, 1, size=(40, SIZE[1]), seed=5)[0], one[:40])
+
+
+@pytest.mark.usefixtures("llvm")
+@pytest.mark.parametrize("exposure_us", [0, 4_000])
+@pytest.mark.parametrize("speed_px_s", [500.0, -300.0])
+def test_a_rolling_shutter_skews_a_moving_line(speed_px_s: float, exposure_us: int) -> None:
+    """Row y shows the line where it was at the middle of its own exposure: within a tenth of a pixel, row by row."""
+    row_us, t_us, height = 100.0, 20_000, NARROW.height
+    part = stretch(make_renderer(line(), NARROW, samples=64), across(speed_px_s * 0.02, 0.02))
+    frame = expose(seen(part, t_us), [part], t_us, exposure_us, row_us)
+    place = (frame @ np.arange(NARROW.width)) / frame.sum(1)
+    middle_us = t_us - row_us * np.arange(height - 1, -1, -1) - exposure_us / 2
+    # The camera's way is that of its x axis, so the line goes the other way.
+    expected = NARROW.cx - speed_px_s * (middle_us - 10_000) * 1e-6
+    slope = np.polyfit(np.arange(height), place, 1)[0]
+    assert slope == pytest.approx(-speed_px_s * row_us * 1e-6, rel=0.01)
+    np.testing.assert_allclose(place, expected, atol=0.05)
+
+
+@pytest.mark.usefixtures("llvm")
+def test_each_row_is_what_a_global_shutter_gathers_at_its_time() -> None:
+    """Of a textured scene: rows of global frames that close when the row does; a slow row time is a global shutter."""
+    renderer, path = built_in("three_planes", NARROW)
+    part = stretch(renderer, path)
+    t_us, exposure_us, row_us = 150_000, 20_000, 500
+    rolling = expose(seen(part, t_us), [part], t_us, exposure_us, row_us)
+    closed = t_us - row_us * np.arange(NARROW.height - 1, -1, -1)
+    frames = [expose(seen(part, int(t)), [part], int(t), exposure_us) for t in closed]
+    rows = np.stack([frame[y] for y, frame in enumerate(frames)])
+    wrong = np.abs(rolling - rows)
+    one_time = np.abs(expose(seen(part, t_us), [part], t_us, exposure_us) - rows)
+    assert wrong.max() < 0.02 * rows.max()
+    assert wrong.mean() < 0.05 * one_time.mean()
+    almost = expose(seen(part, t_us), [part], t_us, exposure_us, 1e-3)
+    assert np.abs(almost - expose(seen(part, t_us), [part], t_us, exposure_us)).max() < 0.01 * rows.max()
+
+
+@pytest.mark.usefixtures("llvm")
+def test_a_rolling_shutter_shows_flicker_as_bands() -> None:
+    """At rest each row has the mean light of its own exposure; at the sequence's start what there is of it."""
+    renderer = make_renderer(line({"sun": Flicker(100.0, modulation=0.8)}), NARROW, samples=4)
+    still = make_renderer(line(), NARROW, samples=4)
+    part, steady = stretch(renderer, across(0.0, 0.05)), stretch(still, across(0.0, 0.05))
+    profile, row_us, exposure_us = Flicker(100.0, modulation=0.8), 400.0, 3_000
+    for t_us in (40_000, 5_000):
+        frame = expose(seen(part, t_us), [part], t_us, exposure_us, row_us)
+        lit = seen(steady, t_us)[:, 19].astype(np.float64)
+        for y in range(0, NARROW.height, 3):
+            close = max(t_us - row_us * (NARROW.height - 1 - y), 0.0)
+            fine = np.linspace(max(close - exposure_us, 0.0), close, 2_001)
+            mean = profile.factor(fine * 1e-6).mean()
+            assert frame[y, 19] == pytest.approx(mean * lit[y], rel=0.03)
+
+
+def test_keyframes_under_a_rolling_shutter() -> None:
+    """Each row is the mean of the straight line between keyframes over its own time, or its instant."""
+    times, values = [0, 100, 250, 400], [1.0, 3.0, 2.0, 6.0]
+    for exposure_us, row_us in ((0, 40.0), (60, 40.0), (300, 15.5)):
+        shutter = KeyframeExposure(exposure_us, row_us, height=5)
+        for t_us, value in zip(times, values, strict=True):
+            shutter.add(t_us, np.full((5, 2), value, np.float32))
+        found = shutter.mean(400)
+        for y in range(5):
+            close = 400 - row_us * (4 - y)
+            fine = np.linspace(max(close - exposure_us, 0), close, 100_001)
+            np.testing.assert_allclose(found[y], np.interp(fine, times, values).mean(), rtol=1e-4)
+    early = KeyframeExposure(10, 100.0, height=5)
+    early.add(0, np.full((5, 2), 1.0, np.float32))
+    np.testing.assert_array_equal(early.mean(0), 1.0)
+    early.add(100, np.full((5, 2), 3.0, np.float32))
+    np.testing.assert_allclose(early.mean(100)[:, 0], [1.0, 1.0, 1.0, 1.0, 2.9])
 
 
 def test_noise_is_of_seed_and_frame_alone() -> None:
@@ -332,6 +493,12 @@ def test_neutral_is_off() -> None:
         {"bits": 16},
         {"full_scale_luma": 1e6},
         {"full_well_e": 1e9},
+        {"electrons_per_dn": 3.0},
+        {"prnu": 0.01},
+        {"dsnu_dn": 0.1},
+        {"column_offset_dn": 0.1},
+        {"column_noise_dn": 0.1},
+        {"row_readout_us": 1.0},
     ):
         assert not Aps(**{**IDEAL.settings(), **change}).neutral
     assert Aps(5_000).settings() == {
@@ -340,6 +507,12 @@ def test_neutral_is_off() -> None:
         "bits": 10,
         "full_scale_luma": 1.0,
         "full_well_e": None,
+        "electrons_per_dn": None,
+        "prnu": 0.0,
+        "dsnu_dn": 0.0,
+        "column_offset_dn": 0.0,
+        "column_noise_dn": 0.0,
+        "row_readout_us": 0.0,
     }
     assert (Aps.name, Aps.acts_on) == ("aps", "frames")
 
@@ -360,6 +533,12 @@ def test_neutral_is_off() -> None:
         ({"full_scale_luma": float("nan")}, "full_scale_luma .* got nan"),
         ({"full_well_e": 0.5}, r"full_well_e must lie in 1\.\.1e\+09 electrons, got 0\.5"),
         ({"full_well_e": "many"}, "full_well_e .* got 'many'"),
+        ({"electrons_per_dn": 0.0}, r"electrons_per_dn must lie in 1e-06\.\.1e\+09 electrons, got 0\.0"),
+        ({"prnu": 1.5}, r"prnu must lie in 0\.\.1, got 1\.5"),
+        ({"dsnu_dn": -1.0}, r"dsnu_dn must be finite and >= 0 DN, got -1\.0"),
+        ({"column_offset_dn": float("inf")}, "column_offset_dn must .* got inf"),
+        ({"column_noise_dn": float("nan")}, "column_noise_dn must .* got nan"),
+        ({"row_readout_us": 1e6}, r"row_readout_us must lie in 0\.\.100000 us, got 1000000\.0"),
     ],
 )
 def test_nonsense_is_refused(values: dict[str, Any], message: str) -> None:

@@ -42,48 +42,135 @@ def assert_are(events: EventArray, crossings: list[Crossing]) -> None:
 # The law.
 
 
-@pytest.mark.parametrize("ratio", [0.1, 0.3, 1.0, 3.0, 10.0])
-def test_gain_and_phase_of_a_sine_are_those_of_a_first_order_low_pass(ratio: float) -> None:
-    """1 / sqrt(1 + r^2) and -atan(r) at r times the corner, both within 1 %: amplitude and phase by least squares."""
-    corner_hz, samples = 1.0, 200
-    w = 2 * math.pi * corner_hz * ratio * 1e-6
-    gain, phase = 1 / math.sqrt(1 + ratio**2), -math.atan(ratio)
-    c = gain / 40
-    engine = CrossingEngine(1, 1, contrast_threshold=c, effects=behind(constant_corner(corner_hz)))
-    settled_us, period_us = 3_000_000, 1e6 / (corner_hz * ratio)
+def sine_response(bandwidth: PhotoreceptorBandwidth, frequency_hz: float, gain: float) -> complex:
+    """Complex gain of a sine of log intensity, from events of a pixel: amplitude and phase by least squares.
+
+    ``gain`` is about what is expected: it sets the threshold. The sine's mean is 0, so its light is 1, and small.
+    """
+    samples, size = 200, 2e-3
+    w = 2e-6 * math.pi * frequency_hz
+    c = size * gain / 40
+    engine = CrossingEngine(1, 1, contrast_threshold=c, effects=behind(bandwidth))
+    period_us = 1e6 / frequency_hz
+    settled_us = period_us * math.ceil(5e6 / min(bandwidth.hz, bandwidth.source_follower_hz) / period_us)
     times = np.arange(0, settled_us + 2 * period_us, period_us / samples).round().astype(np.int64)
-    events = collect(engine.push_log(int(t), scene(math.sin(w * t))) for t in times)
+    events = collect(engine.push_log(int(t), scene(size * math.sin(w * t))) for t in times)
     level, kept = levels(events, 0.0, c), events["t"] > settled_us
     at = w * (events["t"][kept] - 0.5)  # a stamp is half a tick late on average
     in_phase, quadrature, _ = np.linalg.lstsq(np.stack([np.sin(at), np.cos(at), np.ones_like(at)], 1), level[kept])[0]
     assert kept.sum() >= 300
-    assert math.hypot(in_phase, quadrature) == pytest.approx(gain, rel=0.01)
-    assert math.atan2(quadrature, in_phase) == pytest.approx(phase, rel=0.01)
+    return complex(in_phase, quadrature) / size
 
 
-@pytest.mark.parametrize(
-    ("hz", "floor_hz", "ceiling_hz"),
-    [(0.1, 0.0, math.inf), (0.1, 0.003, math.inf), (0.1, 0.0, 0.04), (0.1, 0.003, 0.04), (math.inf, 0.0, 0.04)],
-)
-def test_the_corner_is_proportional_to_irradiance_from_floor_to_ceiling(
-    hz: float, floor_hz: float, ceiling_hz: float
-) -> None:
-    """After a step to each luma, black among them, the way there is exponential with that luma's corner, to 1e-3."""
+@pytest.mark.parametrize("ratio", [0.1, 0.3, 1.0, 3.0, 10.0])
+@pytest.mark.parametrize("hz", [1.0, math.inf])
+def test_gain_and_phase_of_a_sine_are_those_of_a_first_order_low_pass(hz: float, ratio: float) -> None:
+    """1 / sqrt(1 + r^2) and -atan(r) at r times the corner, both within 1 %, of either pole alone."""
+    bandwidth = PhotoreceptorBandwidth(hz, source_follower_hz=math.inf if hz == 1.0 else 1.0)
+    expected = 1 / (1 + 1j * ratio)
+    found = sine_response(bandwidth, ratio, abs(expected))
+    assert abs(found) == pytest.approx(abs(expected), rel=0.01)
+    assert np.angle(found) == pytest.approx(np.angle(expected), rel=0.01)
+    assert bandwidth.response(ratio, 1.0) == pytest.approx(expected, rel=1e-12)
+
+
+@pytest.mark.parametrize("frequency_hz", [0.1, 0.5, 1.0, 2.0, 6.0])
+@pytest.mark.parametrize("corners_hz", [(1.0, 1.0), (1.0, 4.0), (4.0, 1.0), (0.5, 50.0)])
+def test_gain_and_phase_of_a_sine_are_those_of_two_poles(corners_hz: tuple[float, float], frequency_hz: float) -> None:
+    """The product of both first-order responses, within 1 %, also where -3 dB of the two together lie."""
+    first, second = corners_hz
+    expected = 1 / ((1 + 1j * frequency_hz / first) * (1 + 1j * frequency_hz / second))
+    bandwidth = PhotoreceptorBandwidth(first, source_follower_hz=second)
+    found = sine_response(bandwidth, frequency_hz, abs(expected))
+    assert abs(found) == pytest.approx(abs(expected), rel=0.01)
+    assert np.angle(found) == pytest.approx(np.angle(expected), rel=0.01)
+    assert bandwidth.response(frequency_hz, 1.0) == pytest.approx(expected, rel=1e-12)
+
+
+def test_both_poles_lose_three_decibel_where_the_closed_form_says() -> None:
+    """Poles alike at 1 Hz: half of the power is left at sqrt(sqrt(2) - 1) = 0.644 Hz."""
+    corner_hz = math.sqrt(math.sqrt(2) - 1)
+    found = sine_response(PhotoreceptorBandwidth(1.0, source_follower_hz=1.0), corner_hz, math.sqrt(0.5))
+    assert abs(found) == pytest.approx(math.sqrt(0.5), rel=0.01)
+
+
+@pytest.mark.parametrize("corners_hz", [(3.0, 3.0), (3.0, 20.0), (20.0, 3.0), (1e3, 3.0), (3.0, 1e3)])
+def test_the_way_to_a_step_is_that_of_two_poles(corners_hz: tuple[float, float]) -> None:
+    """1 - (f2 exp(-w1 t) - f1 exp(-w2 t)) / (f2 - f1), or (1 + w t) exp(-w t): every stamp within a tick."""
+    first, second = (2e-6 * math.pi * hz for hz in corners_hz)
+
+    def response(t: FloatArray) -> FloatArray:
+        if first == second:
+            return 1 - (1 + first * t) * np.exp(-first * t)
+        return 1 - (second * np.exp(-first * t) - first * np.exp(-second * t)) / (second - first)
+
+    size, c = 1e-3, 1e-5  # so small that the light, and so the first corner, stays as it is
+    engine = CrossingEngine(1, 1, contrast_threshold=c, effects=behind(PhotoreceptorBandwidth(*corners_hz)))
+    engine.push_log(0, scene(0))
+    engine.push_log(1, scene(size))
+    events = collect(engine.push_log(t, scene(size)) for t in (200_000, 2_000_000))
+    assert len(events) == 99
+    t = events["t"] - 0.5  # the step takes the first microsecond
+    reached = c * np.arange(1, 100) / size
+    assert np.all(response(t - 1.0) < reached * (1 + 1e-3))
+    assert np.all(response(t + 1.0) > reached * (1 - 1e-3))
+
+
+def test_a_source_follower_that_follows_at_once_changes_nothing() -> None:
+    """Continuous as its corner goes to infinity: the same events as without, and nearly so a little below."""
+    random = np.random.default_rng(2)
+    frames = np.cumsum(random.normal(0, 0.3, (40, 20, 20)), 0)
+
+    def events(follower_hz: float) -> EventArray:
+        effects = behind(PhotoreceptorBandwidth(50.0, source_follower_hz=follower_hz))
+        engine = CrossingEngine(20, 20, contrast_threshold=0.1, effects=effects)
+        return collect(engine.push_log(k * 5_000, frame) for k, frame in enumerate(frames))
+
+    without = events(math.inf)
+    assert len(without) > 2_000
+    for follower_hz in (1e12, 1e15, 1e300):
+        np.testing.assert_array_equal(events(follower_hz), without)
+    near = events(1e7)  # 0.016 us late
+    assert len(near) == len(without)
+    assert np.abs(near["t"] - without["t"]).max() <= 1
+    assert len(events(100.0)) < 0.95 * len(without)
+
+
+def test_the_corner_is_proportional_to_the_photocurrent() -> None:
+    """After a step to each luma, black among them, the way there is exponential with the corner of light plus dark."""
     luma = np.array([[0.0, 1e-3, 0.01, 0.1, 1.0, 5.0]], np.float32)
-    irradiance = np.exp(log_intensity(luma, LOG_EPS))[0]
-    before = (irradiance * 2 - LOG_EPS).astype(np.float32)[None]
-    bandwidth = PhotoreceptorBandwidth(hz, floor_hz=floor_hz, ceiling_hz=ceiling_hz)
-    engine = CrossingEngine(6, 1, contrast_threshold=0.1, log_eps=LOG_EPS, effects=behind(bandwidth))
+    photocurrent = np.exp(log_intensity(luma, LOG_EPS))[0]
+    before = (photocurrent * 2 - LOG_EPS).astype(np.float32)[None]
+    hz = 0.1
+    engine = CrossingEngine(6, 1, contrast_threshold=0.1, log_eps=LOG_EPS, effects=behind(PhotoreceptorBandwidth(hz)))
     engine.push(0, before)
     times = np.unique(np.geomspace(1, 1e12, 500).astype(np.int64))
     events = collect(engine.push(int(t), luma) for t in times)
     step = log_intensity(before, LOG_EPS)[0] - log_intensity(luma, LOG_EPS)[0]
-    for x, (size, irradiated) in enumerate(zip(step, irradiance, strict=True)):
+    for x, (size, current) in enumerate(zip(step, photocurrent, strict=True)):
         own = of_pixel(events, x)
         assert own["p"].tolist() == [0] * 6  # of ln 2 = 0.693
-        corner_hz = min(max(hz * irradiated, floor_hz), ceiling_hz)
         time_constants = -np.log(1 - 0.1 * np.arange(1, 7) / size)
-        np.testing.assert_allclose(own["t"] * 2e-6 * math.pi * corner_hz, time_constants, rtol=1e-3)
+        np.testing.assert_allclose(own["t"] * 2e-6 * math.pi * hz * current, time_constants, rtol=1e-3)
+
+
+@pytest.mark.parametrize("dark", [1e-3, 0.05, 0.5])
+def test_the_dark_current_is_the_floor_of_bandwidth_and_contrast(dark: float) -> None:
+    """In the dark the corner is hz * dark, and light twice as bright is less than twice the photocurrent."""
+    bandwidth = PhotoreceptorBandwidth(100.0)
+    engine = CrossingEngine(2, 1, contrast_threshold=1e-3, log_eps=dark, effects=behind(bandwidth))
+    engine.push(0, np.array([[0.02, 20.0]], np.float32))
+    luma = np.array([[0.01, 10.0]], np.float32)
+    events = collect(engine.push(int(t), luma) for t in np.unique(np.geomspace(1, 1e10, 300).astype(np.int64)))
+    for x, light in enumerate(luma[0].astype(np.float64)):
+        own = of_pixel(events, x)
+        contrast = math.log((2 * light + dark) / (light + dark))
+        assert len(own) == math.floor(contrast / 1e-3 - 1e-6)
+        events_to_half = len(own) // 2
+        way = -math.log(1 - events_to_half * 1e-3 / contrast)
+        corner_hz = way / (2e-6 * math.pi * own["t"][events_to_half - 1])
+        assert corner_hz == pytest.approx(100 * (light + dark), rel=0.02)
+        assert corner_hz > 100 * dark
 
 
 def test_a_pixel_begins_settled() -> None:
@@ -109,8 +196,11 @@ class Course:
     samples: list[float]
 
     def oracle(self) -> FilteredPixel:
-        corner = corner_of(self.bandwidth)
-        return FilteredPixel(self.times_us[0], self.samples[0], self.c_on, self.c_off, corner)
+        both = math.isfinite(self.bandwidth.hz)
+        follower_hz = self.bandwidth.source_follower_hz if both else math.inf
+        return FilteredPixel(
+            self.times_us[0], self.samples[0], self.c_on, self.c_off, corner_of(self.bandwidth), follower_hz
+        )
 
     def engine(self) -> CrossingEngine:
         return CrossingEngine(
@@ -124,10 +214,10 @@ gaps = st.one_of(st.sampled_from([1, 2, 3, 1_000, 33_333, 10_000_000]), st.integ
 
 @st.composite
 def bandwidths(draw: st.DrawFn) -> PhotoreceptorBandwidth:
-    """Corners from far below to far above the rate of samples; floors and ceilings that act, and that do not."""
-    floor_hz = draw(st.one_of(st.just(0.0), st.floats(0.01, 1e4)))
-    ceiling_hz = draw(st.one_of(st.just(math.inf), st.floats(1.0, 1e3).map(lambda ratio: max(floor_hz, 1e-3) * ratio)))
-    return PhotoreceptorBandwidth(10 ** draw(st.floats(-1, 6)), floor_hz=floor_hz, ceiling_hz=ceiling_hz)
+    """Corners from far below to far above the rate of samples; the photoreceptor's, the source follower's, or both."""
+    hz, follower_hz = (10 ** draw(st.floats(-1, 6)) for _ in range(2))
+    hz, follower_hz = draw(st.sampled_from([(hz, math.inf), (math.inf, follower_hz), (hz, follower_hz)]))
+    return PhotoreceptorBandwidth(hz, source_follower_hz=follower_hz)
 
 
 @st.composite
@@ -217,10 +307,14 @@ def test_a_corner_in_the_deepest_dark_is_proportional_still() -> None:
 
 
 @pytest.mark.parametrize("threads", [1, 2])
-def test_no_event_is_lost_on_a_dense_texture(threads: int) -> None:
-    """After every frame the filtered signal, from a model of its own, lies between the levels of all 5,000 pixels."""
+@pytest.mark.parametrize("follower_hz", [math.inf, 20.0, 300.0])
+def test_no_event_is_lost_on_a_dense_texture(threads: int, follower_hz: float) -> None:
+    """After every frame the filtered signal, from a model of its own, lies between the levels of all 5,000 pixels.
+
+    That of one low-pass, and that of two.
+    """
     random = np.random.default_rng(5)
-    width, height, bandwidth = 100, 50, PhotoreceptorBandwidth(30.0, floor_hz=2.0, ceiling_hz=400.0)
+    width, height, bandwidth = 100, 50, PhotoreceptorBandwidth(30.0, source_follower_hz=follower_hz)
     c_on, c_off = random.uniform(0.05, 0.4, (2, height, width))
     engine = CrossingEngine(
         width,
@@ -230,20 +324,28 @@ def test_no_event_is_lost_on_a_dense_texture(threads: int) -> None:
         effects=behind(bandwidth),
         threads=threads,
     )
-    sample = output = random.normal(0, 2, (height, width))
+    sample = output = follower = random.normal(0, 2, (height, width))
     engine.push_log(0, sample)
     t_us, count = 0, 0
     for gap_us in [1_000] * 20 + [30_000] * 10 + [1] * 5:
         before, sample = sample, sample + random.normal(0, 0.3, sample.shape)
-        z = bandwidth.hz * np.exp((before + sample) / 2)
-        z = 2e-6 * np.pi * gap_us * np.clip(z, bandwidth.floor_hz, bandwidth.ceiling_hz)
+        w = 2e-6 * np.pi * bandwidth.hz * np.exp((before + sample) / 2)
         t_us += gap_us
         count += len(engine.push_log(t_us, sample))
-        settled = -np.expm1(-z)
-        output = output + (before - output) * settled + (sample - before) * (1 - settled / z)
-        away = output - engine.reference
+        rate = (sample - before) / gap_us
+        transient = output - before + rate / w
+        output = sample - rate / w + transient * np.exp(-w * gap_us)
+        if math.isinf(follower_hz):
+            follower = output
+        else:
+            w2 = 2e-6 * np.pi * follower_hz
+            passed = transient * w2 / (w2 - w)
+            own = follower - before + rate / w + rate / w2 - passed
+            late = sample - rate / w - rate / w2
+            follower = late + passed * np.exp(-w * gap_us) + own * np.exp(-w2 * gap_us)
+        away = follower - engine.reference
         assert np.all((away > -c_off - 1e-7) & (away < c_on + 1e-7))
-    assert count > 20_000
+    assert count > 10_000
 
 
 # Hermite input.

@@ -131,8 +131,12 @@ def test_a_megahertz_of_noise_leaves_at_the_pace_of_the_bus(rate: float) -> None
 
     From any stamp to any other there are no more events than the bus carries in that time, and one burst.
     """
-    _, read = engines(8, 8, Readout(rate), shot_noise_rms=ShotNoise.of_rate(1e6, 0.2, bandwidth_hz=1e7))
-    plain, _ = engines(8, 8, Readout(rate), shot_noise_rms=ShotNoise.of_rate(1e6, 0.2, bandwidth_hz=1e7))
+    _, read = engines(
+        8, 8, Readout(rate), shot_noise_rms=ShotNoise.of_rate(1e6, 0.2, half_luma=math.inf, bandwidth_hz=1e7)
+    )
+    plain, _ = engines(
+        8, 8, Readout(rate), shot_noise_rms=ShotNoise.of_rate(1e6, 0.2, half_luma=math.inf, bandwidth_hz=1e7)
+    )
     packets = [read.push_log(t, scene(-50, 8, 8)) for t in range(0, 1_001, 50)]
     came = collect(plain.push_log(t, scene(-50, 8, 8)) for t in range(0, 1_001, 50))
     during, rest = collect(packets), read.flush()
@@ -243,7 +247,14 @@ def test_at_a_unix_time_it_is_the_same(rate: float) -> None:
     early, late = (
         concatenate_events([*(read.push_log(start + t, scene(0, 8, 8)) for t in range(0, 1_001, 50)), read.flush()])
         for start in (0, EPOCH_US)
-        for read in [engines(8, 8, Readout(rate, 0.3), shot_noise_rms=ShotNoise.of_rate(1e6, 0.2, bandwidth_hz=1e7))[1]]
+        for read in [
+            engines(
+                8,
+                8,
+                Readout(rate, 0.3),
+                shot_noise_rms=ShotNoise.of_rate(1e6, 0.2, half_luma=math.inf, bandwidth_hz=1e7),
+            )[1]
+        ]
     )
     late["t"] -= EPOCH_US
     np.testing.assert_array_equal(late, early)

@@ -69,6 +69,19 @@ def test_thresholds_are_given_then_the_sensors_then_the_scenes() -> None:
         assert (simulator.contrast_threshold, simulator.contrast_threshold_off) == expected
 
 
+def test_the_dark_level_is_given_then_the_sensors_dark_current() -> None:
+    """In this order, the dark current by the scene's light; a run records what it took."""
+    for settings, expected in (
+        ({}, 1e-3),
+        ({"sensor": "davis240c"}, 0.5 / 1000),
+        ({"sensor": "davis240c", "lux_per_luma": 2.0}, 0.25),
+        ({"sensor": "davis240c", "log_eps": 0.01}, 0.01),
+    ):
+        simulator = Simulator(PLANES, **settings)
+        assert simulator.describe()["parameters"]["log_eps"] == pytest.approx(expected)
+        assert simulator.settings["log_eps"] == pytest.approx(expected)
+
+
 def test_no_event_of_a_slow_bus_is_lost_in_a_closed_loop() -> None:
     """Steps and a flush bring as many events as pixels without a bus make; run() flushes by itself."""
     steps = [(t_us, PLANES.path.pose(t_us * 1e-6)) for t_us in range(0, 20_001, 5_000)]

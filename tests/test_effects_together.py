@@ -33,7 +33,7 @@ from strategies import EPOCH_US, EXAMPLES
 FEW = settings(EXAMPLES, max_examples=max(EXAMPLES.max_examples // 2, 1))
 
 STRONG: list[Effect] = [
-    PhotoreceptorBandwidth(60.0, floor_hz=5.0, ceiling_hz=900.0),
+    PhotoreceptorBandwidth(60.0, source_follower_hz=900.0),
     ThresholdMismatch(0.3),
     RefractoryPeriod(1_700.3),
     LeakRate(40.0),
@@ -47,7 +47,7 @@ STEADY: list[Effect] = [
     constant_corner(60.0),
     RefractoryPeriod(1_700.3),
     LeakRate(40.0),
-    ShotNoise(0.06, 1e9, 1e3),
+    ShotNoise(0.06, math.inf, 1e3),
     STRONG[5],
 ]
 """Effects in the pixel that do not depend on how a straight interval is sampled."""
@@ -150,8 +150,7 @@ def some_effects(draw: st.DrawFn) -> Effects:
         st.builds(
             PhotoreceptorBandwidth,
             st.floats(1, 1e5),
-            floor_hz=st.sampled_from([0.0, 0.5, 30.0]),
-            ceiling_hz=st.sampled_from([50.0, 3e3, math.inf]),
+            source_follower_hz=st.sampled_from([50.0, 3e3, math.inf]),
         ),
         st.builds(ThresholdMismatch, st.floats(0.01, 0.8)),
         st.builds(RefractoryPeriod, st.one_of(st.floats(0.1, 5_000), st.sampled_from([1.0, 100.0, 1e15]))),
@@ -281,7 +280,7 @@ def test_an_effect_without_consequence_changes_no_bit(
         Effects.of([ThresholdMismatch(0), RefractoryPeriod(0), LeakRate(0), ShotNoise(0), HotPixels(0)]),
         Effects.of([PhotoreceptorBandwidth(math.inf), HotPixels(0.5, 0.0), Readout(math.inf)]),
         {
-            "photoreceptor_bandwidth_hz": {"hz": math.inf, "floor_hz": 0.0, "ceiling_hz": math.inf},
+            "photoreceptor_bandwidth_hz": {"hz": math.inf, "source_follower_hz": math.inf},
             "threshold_mismatch": ThresholdMismatch(0.0).settings(),
             "refractory_period_us": {"period_us": 0.0},
             "leak_rate_hz": LeakRate(0.0).settings(),
@@ -442,7 +441,16 @@ def test_an_engine_under_effects_takes_one_kind_of_frames() -> None:
 @pytest.mark.parametrize(
     "entry",
     [
-        *["filtered", "held_us", "shot_wait_us", "shot_index", "excursion_us", "excursion_noise", "excursion_awaits"],
+        *[
+            "photoreceptor",
+            "filtered",
+            "held_us",
+            "shot_wait_us",
+            "shot_index",
+            "excursion_us",
+            "excursion_noise",
+            "excursion_awaits",
+        ],
         *["hot_wait_us", "hot_index"],
     ],
 )
@@ -459,14 +467,16 @@ def test_states_without_what_effects_need_are_refused(entry: str) -> None:
         CrossingEngine.from_state(state)
 
 
-@pytest.mark.parametrize("bandwidth", [None, PhotoreceptorBandwidth(60.0, floor_hz=5.0)])
+@pytest.mark.parametrize(
+    "bandwidth", [None, PhotoreceptorBandwidth(60.0), PhotoreceptorBandwidth(60.0, source_follower_hz=90.0)]
+)
 @pytest.mark.parametrize("hermite", [False, True])
 def test_noise_and_crossings_of_a_pixel_come_in_their_order(bandwidth: Any, hermite: bool) -> None:
     """Noise among turning curves: each event moves the reference by its threshold, and the last one is the latest."""
     footage = Footage.random(12, 20, 20, 15, gap_us=20_000)
     effects = Effects(
         photoreceptor_bandwidth_hz=bandwidth,
-        shot_noise_rms=ShotNoise.of_rate(800.0, 0.15, half_luma=1e9, bandwidth_hz=1e3),
+        shot_noise_rms=ShotNoise.of_rate(800.0, 0.15, half_luma=math.inf, bandwidth_hz=1e3),
     )
     engine, reference, made = footage.engine(effects, hermite=hermite), footage.frames[0].astype(np.float64), 0
     for k in range(len(footage.frames)):

@@ -68,11 +68,11 @@ def test_sixteen_bits_float_and_white_levels() -> None:
 def test_with_the_default_dark_level_no_grey_level_is_as_much_as_c(transfer: str, c: float, dtype: Any) -> None:
     levels = light(dtype, transfer).levels
     assert levels is not None
-    eps = dark_level(levels, c)
+    eps = dark_level(levels, c, 1e-3)
     assert np.diff(np.log(levels + eps)).max() < c
     if eps > 1e-3:  # and it is the least: a hundredth less would let one through
         assert np.diff(np.log(levels + 0.97 * eps)).max() > c * 0.98
-    assert dark_level(None, c) == 1e-3
+    assert dark_level(None, c, 1e-3) == 1e-3
 
 
 def test_flicker_of_one_grey_level_in_the_dark_makes_no_events() -> None:
@@ -103,4 +103,4 @@ def test_events_of_one_grey_level_are_counted() -> None:
 
 
 def test_a_large_threshold_needs_no_more() -> None:
-    assert math.isclose(dark_level(light(np.uint8).levels, 900.0), 1e-3)
+    assert math.isclose(dark_level(light(np.uint8).levels, 900.0, 1e-3), 1e-3)

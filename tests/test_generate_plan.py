@@ -128,7 +128,7 @@ def test_numbers_are_read_as_in_json(tmp_path: Path) -> None:
         ("scene: fence\nlog_eps: text", "log_eps: must be a number or a distribution"),
         ("scene: fence\nlog_eps: true", "log_eps: must be a number or a distribution"),
         ("scene: fence\nlog_eps: .nan", "log_eps: must be a number or a distribution"),
-        ("scene: fence\nlog_eps: null", "log_eps: must be a number or a distribution"),
+        ("scene: fence\nframe_rate: null", "frame_rate: must be a number or a distribution"),
         ("scene: fence\nsamples: 1.5", "samples: must be an integer or a distribution"),
         ("scene: fence\nsamples: {uniform: [1, 4]}", "samples: must be an integer, or a distribution of such"),
         ("scene: fence\nrefine: 1", "refine: must be true or false or a distribution"),

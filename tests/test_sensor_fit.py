@@ -41,7 +41,7 @@ def static_scene(effects: Effects, duration_s: float, seed: int, *, before_s: fl
 
 def noise(rate_hz: float) -> ShotNoise:
     """Noise events of both polarities together, in any light of these tests."""
-    return ShotNoise.of_rate(rate_hz, 0.2, half_luma=1e6)
+    return ShotNoise.of_rate(rate_hz, 0.2, half_luma=math.inf)
 
 
 def found(fit: SensorFit, parameter: str) -> Measured | None:

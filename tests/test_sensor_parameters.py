@@ -7,6 +7,7 @@ import re
 from dataclasses import FrozenInstanceError, fields, replace
 from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
@@ -133,11 +134,12 @@ def test_biases_that_do_not_exist_are_refused(biases: Any, message: str) -> None
 
 
 def test_the_indoor_biases() -> None:
-    """Thresholds and refractory period of the paper's set; its fast follower leaves the bandwidth open."""
-    sensor = SensorParameters.from_biases("indoors", photoreceptor_bandwidth_hz=None)
+    """Thresholds, refractory period and the fast source follower of the paper's set."""
+    sensor = SensorParameters.from_biases("indoors")
     assert sensor.contrast_threshold == pytest.approx(0.414, abs=5e-4)
     assert sensor.contrast_threshold_off == pytest.approx(0.116, abs=5e-4)
     assert sensor.refractory_period_us == pytest.approx(12.96, abs=5e-3)
+    assert sensor.source_follower_bandwidth_hz == pytest.approx(110_700, rel=1e-3)
     assert sensor.photoreceptor_bandwidth_hz is None
 
 
@@ -145,7 +147,7 @@ def test_the_outdoor_biases() -> None:
     """Its OFF threshold is given, the rest follows; what is given goes in unchanged, whatever it is."""
     sensor = SensorParameters.from_biases("outdoors", contrast_threshold_off=0.2, leak_rate_hz=0.1)
     assert sensor.contrast_threshold == pytest.approx(0.414, abs=5e-4)
-    assert sensor.photoreceptor_bandwidth_hz == pytest.approx(590, abs=1)
+    assert sensor.source_follower_bandwidth_hz == pytest.approx(590, abs=1)
     assert sensor.refractory_period_us == pytest.approx(3.37, abs=5e-3)
     assert (sensor.contrast_threshold_off, sensor.leak_rate_hz) == (0.2, 0.1)
     assert sensor == replace(
@@ -157,13 +159,6 @@ def test_the_outdoor_biases() -> None:
     ("biases", "known", "message"),
     [
         (
-            "indoors",
-            {},
-            "photoreceptor_bandwidth_hz does not follow from these biases: the source follower alone sets it only up "
-            "to half of the photoreceptor's current, and PrSFBp 3/96 is 2.28e-09 A, PrBp 3/72 1.71e-09 A; give it, as "
-            "in from_biases(..., photoreceptor_bandwidth_hz=...), or None to leave it open",
-        ),
-        (
             "outdoors",
             {},
             "contrast_threshold_off does not follow from these biases: OffBn is 4/0, for which the table of currents "
@@ -171,13 +166,13 @@ def test_the_outdoor_biases() -> None:
         ),
         (
             {**BIAS_SETS["indoors"], "OnBn": (1, 255)},
-            {"photoreceptor_bandwidth_hz": 1e3},
+            {},
             "contrast_threshold does not follow from these biases: OnBn 1/255 (9.4e-11 A) must be more than "
             "DiffBn 2/39 (1.16e-10 A)",
         ),
         (
             {**BIAS_SETS["indoors"], "OffBn": (2, 39)},
-            {"photoreceptor_bandwidth_hz": 1e3},
+            {},
             "contrast_threshold_off does not follow from these biases: OffBn 2/39 (1.16e-10 A) must be less than "
             "DiffBn 2/39 (1.16e-10 A)",
         ),
@@ -192,7 +187,7 @@ def test_the_outdoor_biases() -> None:
             "contrast_threshold does not follow from these biases: it needs DiffBn, which is not among them",
         ),
     ],
-    ids=["fast follower", "no OFF current", "ON below the amplifier", "OFF not below", "no reset current", "missing"],
+    ids=["no OFF current", "ON below the amplifier", "OFF not below", "no reset current", "missing"],
 )
 def test_what_the_formulas_do_not_cover_is_refused(biases: Any, known: dict[str, float], message: str) -> None:
     """The error says which quantity, why, and what to do, where the formula would give NaN or nonsense."""
@@ -203,7 +198,7 @@ def test_what_the_formulas_do_not_cover_is_refused(biases: Any, known: dict[str,
 def test_no_bias_is_needed_for_what_is_known() -> None:
     """A set of one bias gives the one quantity that depends on it."""
     sensor = SensorParameters.from_biases(
-        {"RefrBp": (3, 52)}, contrast_threshold=0.3, contrast_threshold_off=None, photoreceptor_bandwidth_hz=None
+        {"RefrBp": (3, 52)}, contrast_threshold=0.3, contrast_threshold_off=None, source_follower_bandwidth_hz=None
     )
     assert sensor.refractory_period_us == pytest.approx(12.96, abs=5e-3)
     with pytest.raises(TypeError, match="bandwith"):
@@ -215,7 +210,7 @@ def off_threshold(bias: CoarseFineBias) -> float:
     sensor = SensorParameters.from_biases(
         {"DiffBn": (7, 255), "OffBn": bias},
         contrast_threshold=0.3,
-        photoreceptor_bandwidth_hz=None,
+        source_follower_bandwidth_hz=None,
         refractory_period_us=None,
     )
     assert sensor.contrast_threshold_off is not None
@@ -227,7 +222,7 @@ def on_threshold(bias: CoarseFineBias) -> float:
     sensor = SensorParameters.from_biases(
         {"DiffBn": (0, 1), "OnBn": bias},
         contrast_threshold_off=0.3,
-        photoreceptor_bandwidth_hz=None,
+        source_follower_bandwidth_hz=None,
         refractory_period_us=None,
     )
     assert sensor.contrast_threshold is not None
@@ -249,15 +244,14 @@ def test_thresholds_grow_with_the_distance_from_the_amplifier(one: CoarseFineBia
 @given(one=LIT, other=LIT)
 def test_more_current_is_a_faster_pixel(one: CoarseFineBias, other: CoarseFineBias) -> None:
     """The bandwidth is proportional to the follower's current, the refractory period goes with one over RefrBp."""
-    assume(max(one.current_a, other.current_a) <= CoarseFineBias(7, 255).current_a / 2)
     bandwidths, periods = [], []
     for bias in (one, other):
         sensor = SensorParameters.from_biases(
-            {"PrBp": (7, 255), "PrSFBp": bias, "RefrBp": bias}, contrast_threshold=0.3, contrast_threshold_off=0.3
+            {"PrSFBp": bias, "RefrBp": bias}, contrast_threshold=0.3, contrast_threshold_off=0.3
         )
-        assert sensor.photoreceptor_bandwidth_hz is not None
+        assert sensor.source_follower_bandwidth_hz is not None
         assert sensor.refractory_period_us is not None
-        bandwidths.append(sensor.photoreceptor_bandwidth_hz)
+        bandwidths.append(sensor.source_follower_bandwidth_hz)
         periods.append(sensor.refractory_period_us)
     ratio = one.current_a / other.current_a
     assert bandwidths[0] / bandwidths[1] == pytest.approx(ratio, rel=1e-9)
@@ -266,7 +260,7 @@ def test_more_current_is_a_faster_pixel(one: CoarseFineBias, other: CoarseFineBi
 
 NAMES = [field.name for field in fields(SensorParameters)]
 ZERO_IS_OFF = {
-    *["threshold_mismatch", "photoreceptor_bandwidth_floor_hz", "refractory_period_us", "leak_rate_hz"],
+    *["threshold_mismatch", "refractory_period_us", "leak_rate_hz"],
     *["shot_noise_rms", "hot_pixel_fraction", "hot_pixel_rate_hz", "readout_latency_us", "readout_jitter_us"],
     *[
         "leak_spread",
@@ -275,6 +269,7 @@ ZERO_IS_OFF = {
         "threshold_column_parity",
         "readout_row_us",
         "aps_read_noise_dn",
+        *["aps_prnu", "aps_dsnu_dn", "aps_column_offset_dn", "aps_column_noise_dn", "aps_row_readout_us"],
         "vignetting",
         "lens_blur_px",
     ],
@@ -327,28 +322,45 @@ def test_the_presets_have_the_published_figures(name: str, on: float, off: float
     parity = sensor.threshold_column_parity or 0.0
     assert math.hypot(sensor.threshold_mismatch, parity) * on == pytest.approx(deviation, rel=2e-3)
     assert sensor.refractory_period_us == pytest.approx(3.37, abs=5e-3)
-    assert sensor.photoreceptor_bandwidth_hz == pytest.approx(286, abs=0.5)
+    assert sensor.source_follower_bandwidth_hz == pytest.approx(286, abs=0.5)
     assert sensor.readout_events_per_s == 12e6
     assert sensor.leak_rate_hz == (0.011 if name == "davis240c" else 0.1)
 
 
 @pytest.mark.parametrize("name", ["davis240c", "davis346"])
 def test_light_reaches_the_effects_in_lux(name: str) -> None:
-    """At 1000 lux a luma the photoreceptor has its 3 kHz at luma 1, at 100 lux a tenth; noise falls by lux, too."""
+    """At 1000 lux a luma the photoreceptor has its 3 kHz at luma 1, at 100 lux a tenth; noise goes by lux, too."""
     bright, dim = (SENSORS[name].effects(lux_per_luma) for lux_per_luma in (1000.0, 100.0))
     for effects, lux_per_luma in ((bright, 1000.0), (dim, 100.0)):
         bandwidth, noise = effects.photoreceptor_bandwidth_hz, effects.shot_noise_rms
         assert isinstance(bandwidth, PhotoreceptorBandwidth)
         assert bandwidth.hz == pytest.approx(3 * lux_per_luma)
-        assert bandwidth.floor_hz == 0
+        assert bandwidth.source_follower_hz == pytest.approx(286, abs=0.5)
         assert isinstance(noise, ShotNoise)
         on = SENSORS[name].contrast_threshold
         assert on is not None
-        assert noise.rate_hz(on, on) == pytest.approx(5)
-        assert noise.rate_hz(on, on, 150 / lux_per_luma) == pytest.approx(1e-3, rel=0.2)
-        assert noise.bandwidth_hz == pytest.approx(286, abs=0.5)
-        assert noise.half_luma * lux_per_luma == pytest.approx(286 / 3, abs=0.2)
+        rates = noise.rate_hz(on, on, np.geomspace(0.1, 1000, 2000) / lux_per_luma)
+        assert rates.max() == pytest.approx(5, rel=1e-4)
+        assert 0.2 < noise.rate_hz(on, on, 0.5 / lux_per_luma) < 2
+        assert noise.rate_hz(on, on, 300 / lux_per_luma) < 1e-3
+        assert noise.bandwidth_hz == bandwidth.source_follower_hz
+        # Where both poles are alike.
+        assert bandwidth.hz * noise.half_luma == pytest.approx(bandwidth.source_follower_hz)
     assert bright != dim
+
+
+@pytest.mark.parametrize("name", ["davis240c", "davis346"])
+def test_the_photoreceptor_is_never_slower_than_its_dark_current(name: str) -> None:
+    """Half a lux of dark current is 1.5 Hz, whatever the scene's scale; at 33 degrees twice as much."""
+    for lux_per_luma in (0.1, 2.0, 1e4):
+        sensor = SENSORS[name]
+        dark = sensor.dark_luma(lux_per_luma)
+        bandwidth = sensor.effects(lux_per_luma).photoreceptor_bandwidth_hz
+        assert dark is not None
+        assert bandwidth is not None
+        assert bandwidth.hz * dark == pytest.approx(1.5)
+        assert replace(sensor, temperature_c=33.0).dark_luma(lux_per_luma) == pytest.approx(2 * dark)
+    assert SensorParameters().dark_luma(1.0) is None
 
 
 def test_every_quantity_reaches_its_effect() -> None:
@@ -358,7 +370,7 @@ def test_every_quantity_reaches_its_effect() -> None:
         threshold_column_parity=-0.05,
         photoreceptor_bandwidth_hz=200.0,
         photoreceptor_bandwidth_lux=50.0,
-        photoreceptor_bandwidth_floor_hz=7.0,
+        source_follower_bandwidth_hz=7.0,
         refractory_period_us=12.0,
         leak_rate_hz=0.3,
         leak_spread=0.2,
@@ -378,47 +390,65 @@ def test_every_quantity_reaches_its_effect() -> None:
         aps_read_noise_dn=1.5,
         aps_bits=8,
         aps_full_scale_lux=400.0,
+        aps_full_well_e=9_000.0,
+        aps_electrons_per_dn=30.0,
+        aps_prnu=0.01,
+        aps_dsnu_dn=2.0,
+        aps_column_offset_dn=3.0,
+        aps_column_noise_dn=0.5,
+        aps_row_readout_us=12.0,
         vignetting=4.0,
         lens_blur_px=0.6,
     ).effects(200.0)
     assert effects == Effects(
         vignetting=4.0,
         lens_blur_px=0.6,
-        photoreceptor_bandwidth_hz=PhotoreceptorBandwidth(800.0, floor_hz=7.0),
+        photoreceptor_bandwidth_hz=PhotoreceptorBandwidth(800.0, source_follower_hz=7.0),
         threshold_mismatch=ThresholdMismatch(0.1, -0.05),
         refractory_period_us=12.0,
         leak_rate_hz=LeakRate(0.3, 0.2, 0.05, 40.0, double_luma=0.25),
         shot_noise_rms=ShotNoise(0.04, half_luma=0.025, bandwidth_hz=70.0),
         hot_pixels=HotPixels(0.01, rate_hz=40.0),
         readout=Readout(1e6, row_us=0.4, latency_us=4.0, jitter_us=2.0),
-        aps=Aps(3000.0, read_noise_dn=1.5, bits=8, full_scale_luma=2.0),
+        aps=Aps(3000.0, 1.5, 8, 2.0, 9_000.0, 30.0, 0.01, 2.0, 3.0, 0.5, 12.0),
     )
 
 
-def test_a_bandwidth_from_biases_holds_in_any_light() -> None:
-    """The formula knows no light: the corner is floor and ceiling as well, whatever the scene's scale."""
+def test_a_source_follower_from_biases_holds_in_any_light() -> None:
+    """The formula knows no light: the only corner, whatever the scene's scale."""
     sensor = SensorParameters.from_biases("outdoors", contrast_threshold_off=0.2)
     for lux_per_luma in (1.0, 1e5):
         bandwidth = sensor.effects(lux_per_luma).photoreceptor_bandwidth_hz
         assert isinstance(bandwidth, PhotoreceptorBandwidth)
-        assert bandwidth.hz == bandwidth.floor_hz == bandwidth.ceiling_hz == pytest.approx(590, abs=1)
+        assert bandwidth.hz == math.inf
+        assert bandwidth.source_follower_hz == pytest.approx(590, abs=1)
 
 
 def test_sensors_work_by_starlight_and_in_the_sun() -> None:
     """No scale of light makes parameters that the effects refuse."""
     for lux_per_luma in (1e-6, 1e-4, 1e17):
         assert SENSORS["davis240c"].effects(lux_per_luma).photoreceptor_bandwidth_hz is not None
-    limited = SensorParameters(photoreceptor_bandwidth_hz=1000, photoreceptor_bandwidth_ceiling_hz=500)
-    assert limited.effects(100.0).photoreceptor_bandwidth_hz == PhotoreceptorBandwidth(1000, 500, 500)
 
 
-def test_the_floor_holds_in_a_dark_scene() -> None:
-    """Where all of the scene lies below the floor's illuminance the corner is the floor, no contradiction."""
+def test_noise_has_the_poles_of_the_photoreceptor_unless_it_is_told_others() -> None:
+    """Both from the sensor's corners, each replaced by its own value; the effect's own where nothing is known."""
     sensor = SensorParameters(
-        photoreceptor_bandwidth_hz=300.0, photoreceptor_bandwidth_lux=100.0, photoreceptor_bandwidth_floor_hz=30.0
+        photoreceptor_bandwidth_hz=30.0,
+        photoreceptor_bandwidth_lux=10.0,
+        source_follower_bandwidth_hz=600.0,
+        shot_noise_rms=0.1,
     )
-    assert sensor.effects(100.0).photoreceptor_bandwidth_hz == PhotoreceptorBandwidth(300.0, floor_hz=30.0)
-    assert sensor.effects(1.0).photoreceptor_bandwidth_hz == PhotoreceptorBandwidth(3.0, floor_hz=30.0)
+    assert sensor.effects(100.0).shot_noise_rms == ShotNoise(0.1, half_luma=2.0, bandwidth_hz=600.0)
+    told = replace(sensor, shot_noise_half_lux=50.0, shot_noise_bandwidth_hz=70.0)
+    assert told.effects(100.0).shot_noise_rms == ShotNoise(0.1, half_luma=0.5, bandwidth_hz=70.0)
+    assert SensorParameters(shot_noise_rms=0.1).effects(100.0).shot_noise_rms == ShotNoise(0.1)
+
+
+@pytest.mark.parametrize("name", ["photoreceptor_bandwidth_hz", "photoreceptor_bandwidth_lux"])
+def test_a_corner_belongs_to_an_illuminance(name: str) -> None:
+    """One without the other is refused, and the source follower named, which depends on no light."""
+    with pytest.raises(ValueError, match=r"belong together, got .*; a corner that does not depend on light is source_"):
+        SensorParameters(**{name: 3.0})  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("lux_per_luma", [0.0, -1.0, math.inf, math.nan])

@@ -74,15 +74,13 @@ def test_presets_are_what_formulas_and_papers_give() -> None:
         assert sensor.contrast_threshold == derived.contrast_threshold
         assert sensor.contrast_threshold_off == derived.contrast_threshold_off
         assert sensor.refractory_period_us == derived.refractory_period_us
-        corner_hz = derived.photoreceptor_bandwidth_hz
+        corner_hz = derived.source_follower_bandwidth_hz
         assert corner_hz is not None
-        assert sensor.photoreceptor_bandwidth_hz == sensor.photoreceptor_bandwidth_ceiling_hz == corner_hz
-        assert sensor.shot_noise_bandwidth_hz == corner_hz
-        assert sensor.photoreceptor_bandwidth_lux == corner_hz / 3.0  # 3 kHz at 1 klux
+        assert sensor.source_follower_bandwidth_hz == corner_hz
+        assert (sensor.photoreceptor_bandwidth_hz, sensor.photoreceptor_bandwidth_lux) == (3000.0, 1000.0)
         assert sensor.threshold_mismatch is not None
         whole = math.hypot(sensor.threshold_mismatch, sensor.threshold_column_parity or 0.0)
         assert whole == pytest.approx(scatter / derived.contrast_threshold, rel=1e-15)
-        assert sensor.shot_noise_half_lux == sensor.photoreceptor_bandwidth_lux
         noise = ShotNoise.of_rate(5.0, derived.contrast_threshold, bandwidth_hz=corner_hz)
         assert sensor.shot_noise_rms == noise.rms
     assert SENSORS["davis240c"].aps_read_noise_dn == pytest.approx(1023 / 10 ** (51 / 20), rel=1e-15)
@@ -102,6 +100,7 @@ def values(name: str) -> st.SearchStrategy[Any]:
         "vignetting": (0, 8),
         "lens_blur_px": (0, 5),
         "readout_events_per_s": (1, 1e9),
+        "aps_full_well_e": (1, 1e9),
     }
     low, high = ranges.get(name, (1e-3, 1.0))  # which all others allow
     return st.floats(low, high)
@@ -119,8 +118,8 @@ def test_what_is_written_is_read_back_exactly(
 ) -> None:
     """Every number to its last bit, and every text."""
     path = tmp_path_factory.mktemp("sensor") / "one.yaml"
-    sensor = SensorParameters(**parameters)
     try:
+        sensor = SensorParameters(**parameters)
         sensor.effects(1000.0)
     except ValueError:
         reject()  # a combination that no effect takes

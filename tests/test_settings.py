@@ -161,7 +161,7 @@ def test_a_name_that_is_no_setting_is_told_with_the_nearest(taker: Any) -> None:
         ({"contrast_threshold": 0}, "contrast_threshold must be > 0, got 0"),
         ({"contrast_threshold": True}, "contrast_threshold must be a number, got True"),
         ({"contrast_threshold": "0.2"}, "contrast_threshold must be a number, got '0.2'"),
-        ({"log_eps": None}, "log_eps must be given, got None"),
+        ({"frame_rate_hz": None}, "frame_rate_hz must be given, got None"),
         ({"frame_rate_hz": 2e6}, r"frame_rate_hz must be 0\.\.1000000 Hz, got 2000000\.0"),
         ({"depth_rate_hz": float("nan")}, "depth_rate_hz must be finite, got nan"),
         ({"render_rate_hz": 0.0}, r"render_rate_hz must be > 0 and <= 1000000 Hz, got 0\.0"),

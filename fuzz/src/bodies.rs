@@ -140,8 +140,7 @@ fn stored(choice: u8) -> EngineState {
     let effects = Effects {
         photoreceptor_bandwidth: PhotoreceptorBandwidth {
             hz: if bit(2) { 300.0 } else { f64::INFINITY },
-            floor_hz: 0.0,
-            ceiling_hz: f64::INFINITY,
+            source_follower_hz: if bit(3) { 200.0 } else { f64::INFINITY },
         },
         refractory_period_us: if bit(3) { 50.0 } else { 0.0 },
         leak: Leak {

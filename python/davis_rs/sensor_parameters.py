@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 from .biases import BiasValues, CoarseFineBias, as_biases
 from .effects import Aps, Effects, HotPixels, LeakRate, PhotoreceptorBandwidth, Readout, ShotNoise, ThresholdMismatch
 from .effects.effect import check_range
+from .effects.leak_rate import REFERENCE_C, warmth
 
 # Of the event pixel of the DAVIS240 and DAVIS346, by Nozaki, Delbruck, "Temperature and Parasitic Photocurrent Effects
 # in Dynamic Vision Sensors", IEEE Trans. Electron Devices 2017, fig. 1, with the capacitances that jAER's DavisConfig
@@ -24,14 +25,12 @@ THERMAL_VOLTAGE_V = 25e-3  # kT/q at room temperature
 THRESHOLD_GAIN = KAPPA_N / KAPPA_P**2 / CAPACITANCE_RATIO
 """Change of log intensity for a change of 1 in the logarithm of the comparator's current ratio."""
 
-LARGEST_FOLLOWER_SHARE = 0.5
-"""Share of the photoreceptor's current from which on the follower's alone does not set the bandwidth."""
-
 _SIZES, _LARGEST_SIZE = {"width", "height"}, 65535
 _POSITIVE = {
     *_SIZES,
     *["contrast_threshold", "contrast_threshold_off", "photoreceptor_bandwidth_hz", "photoreceptor_bandwidth_lux"],
-    "photoreceptor_bandwidth_ceiling_hz",
+    "source_follower_bandwidth_hz",
+    "dark_current_lux",
     *[
         "leak_double_lux",
         "shot_noise_half_lux",
@@ -40,10 +39,12 @@ _POSITIVE = {
         "aps_exposure_us",
         "aps_bits",
         "aps_full_scale_lux",
+        "aps_full_well_e",
+        "aps_electrons_per_dn",
     ],
 }
 _SIGNED = {"temperature_c", "threshold_column_parity"}
-_SHARES = {"threshold_column_parity", "hot_pixel_fraction", "leak_spread", "leak_jitter"}
+_SHARES = {"threshold_column_parity", "hot_pixel_fraction", "leak_spread", "leak_jitter", "aps_prnu"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,19 +60,23 @@ class SensorParameters:
         threshold_mismatch: standard deviation of the thresholds from pixel to pixel, as a share of the threshold.
         threshold_column_parity: share by which thresholds of even columns are lower, and those of odd ones higher.
         photoreceptor_bandwidth_hz: corner frequency of the photoreceptor at ``photoreceptor_bandwidth_lux``; it is
-            proportional to the illuminance. Without that illuminance it holds in any light up to luma 1.
+            proportional to the photocurrent, dark current included. Both are given or neither.
         photoreceptor_bandwidth_lux: see there.
-        photoreceptor_bandwidth_floor_hz: corner frequency in the dark; None takes 0.
-        photoreceptor_bandwidth_ceiling_hz: that in bright light, where the source follower limits it; None for none.
+        source_follower_bandwidth_hz: corner frequency of the source follower behind it, in any light.
+        dark_current_lux: the illuminance whose photocurrent is as large as the photodiode's dark current at 25 degrees
+            Celsius. It doubles in 8 degrees, as the leak does (:class:`~davis_rs.effects.LeakRate`). It is the dark
+            level ``log_eps`` of a simulation, unless that is given.
         refractory_period_us: how long a pixel is held in reset after each event.
         leak_rate_hz: ON events of a pixel on a static scene in the dark at 25 degrees Celsius.
         leak_spread: standard deviation of that rate from pixel to pixel, as a share; None takes the effect's own value.
         leak_jitter: standard deviation of a pixel's intervals, as a share; None takes the effect's own value.
         leak_double_lux: where light doubles the rate; None for nowhere.
-        temperature_c: of the sensor, for the leak; None takes 25.
+        temperature_c: of the sensor, for leak and dark current; None takes 25.
         shot_noise_rms: standard deviation of log intensity in the dark, from noise.
-        shot_noise_half_lux: where its square is halved; None takes the effect's own value.
-        shot_noise_bandwidth_hz: of the noise; None takes the effect's own value.
+        shot_noise_half_lux: where its square is halved; None takes the illuminance at which photoreceptor and source
+            follower have the same corner, or the effect's own value where these are not known.
+        shot_noise_bandwidth_hz: the noise's pole that does not depend on light; None takes the source follower's, or
+            the effect's own value.
         hot_pixel_fraction: share of the pixels that fire on their own.
         hot_pixel_rate_hz: the median of their rates; None takes the effect's own value. Their spread and
             regularity are the effect's own.
@@ -83,6 +88,13 @@ class SensorParameters:
         aps_read_noise_dn: their read noise in counts of the converter; None takes the effect's own value.
         aps_bits: bits of the converter; None takes the effect's own value.
         aps_full_scale_lux: illuminance that saturates it at that exposure; None takes the effect's own value.
+        aps_full_well_e: electrons that a pixel holds; None for no limit.
+        aps_electrons_per_dn: electrons of a count of the converter; None makes a full well full scale.
+        aps_prnu: standard deviation of the pixels' gains as a share (PRNU); None takes 0.
+        aps_dsnu_dn: standard deviation of the pixels' offsets in counts (DSNU); None takes 0.
+        aps_column_offset_dn: of each column's own offset, the same in each frame; None takes 0.
+        aps_column_noise_dn: of one that is another in each frame; None takes 0.
+        aps_row_readout_us: from a row's closing to the next one's, of a rolling shutter; None for a global one.
         vignetting: exponent of the cosine by which the lens darkens away from its axis; 4 is natural vignetting.
         lens_blur_px: standard deviation of the lens's point spread.
 
@@ -98,8 +110,8 @@ class SensorParameters:
     threshold_column_parity: float | None = None
     photoreceptor_bandwidth_hz: float | None = None
     photoreceptor_bandwidth_lux: float | None = None
-    photoreceptor_bandwidth_floor_hz: float | None = None
-    photoreceptor_bandwidth_ceiling_hz: float | None = None
+    source_follower_bandwidth_hz: float | None = None
+    dark_current_lux: float | None = None
     refractory_period_us: float | None = None
     leak_rate_hz: float | None = None
     leak_spread: float | None = None
@@ -119,6 +131,13 @@ class SensorParameters:
     aps_read_noise_dn: float | None = None
     aps_bits: int | None = None
     aps_full_scale_lux: float | None = None
+    aps_full_well_e: float | None = None
+    aps_electrons_per_dn: float | None = None
+    aps_prnu: float | None = None
+    aps_dsnu_dn: float | None = None
+    aps_column_offset_dn: float | None = None
+    aps_column_noise_dn: float | None = None
+    aps_row_readout_us: float | None = None
     vignetting: float | None = None
     lens_blur_px: float | None = None
 
@@ -133,14 +152,19 @@ class SensorParameters:
             check_range(name, value, least, 1.0 if name in _SHARES else _LARGEST_SIZE if name in _SIZES else math.inf)
             if name in _SIZES and value != int(value):
                 raise ValueError(f"{name} must be an integer number of pixels, got {value!r}")
+        hz, lux = self.photoreceptor_bandwidth_hz, self.photoreceptor_bandwidth_lux
+        if (hz is None) != (lux is None):
+            raise ValueError(
+                "photoreceptor_bandwidth_hz and photoreceptor_bandwidth_lux belong together, got "
+                f"{hz!r} and {lux!r}; a corner that does not depend on light is source_follower_bandwidth_hz"
+            )
 
     @classmethod
     def from_biases(cls, biases: str | BiasValues, **known: Any) -> SensorParameters:
-        """Thresholds, bandwidth and refractory period that a DAVIS240 or DAVIS346 has with these biases.
+        """Thresholds, source follower and refractory period that a DAVIS240 or DAVIS346 has with these biases.
 
         - thresholds: (kappa_n / kappa_p^2) (C2 / C1) ln(I / I_DiffBn) with I of OnBn, and of OffBn (negative there);
-        - photoreceptor bandwidth: I_PrSFBp / (2 pi U_T C1), the source follower's, where I_PrSFBp <= I_PrBp / 2: in any
-          light, since the formula knows none;
+        - source follower's bandwidth: I_PrSFBp / (2 pi U_T C1), in any light;
         - refractory period: 20 fF x 0.8 V / I_RefrBp.
 
         They are nominal: mismatch and temperature move them.
@@ -175,17 +199,15 @@ class SensorParameters:
         if lux_per_luma == 0:
             raise ValueError(f"lux_per_luma must be finite and > 0 lux, got {lux_per_luma!r}")
         hz, lux = self.photoreceptor_bandwidth_hz, self.photoreceptor_bandwidth_lux
-        ceiling_hz = _first(self.photoreceptor_bandwidth_ceiling_hz, math.inf)
-        floor_hz = min(_first(self.photoreceptor_bandwidth_floor_hz, 0.0), ceiling_hz)
-        if hz is not None and lux is None:  # in any light
-            floor_hz = ceiling_hz = min(max(hz, floor_hz), ceiling_hz)
-        elif hz is not None and lux is not None:
-            hz = hz * lux_per_luma / lux
+        follower_hz = self.source_follower_bandwidth_hz
+        receptor_hz = hz * lux_per_luma / lux if hz is not None and lux is not None else math.inf
         half_lux, full_scale_lux = self.shot_noise_half_lux, self.aps_full_scale_lux
+        if half_lux is None and follower_hz is not None and hz is not None and lux is not None:
+            half_lux = follower_hz / hz * lux
         return Effects(
             vignetting=self.vignetting,
             lens_blur_px=self.lens_blur_px,
-            photoreceptor_bandwidth_hz=_made(PhotoreceptorBandwidth, hz=hz, floor_hz=floor_hz, ceiling_hz=ceiling_hz),
+            photoreceptor_bandwidth_hz=PhotoreceptorBandwidth(receptor_hz, _first(follower_hz, math.inf)),
             threshold_mismatch=ThresholdMismatch(
                 _first(self.threshold_mismatch, 0.0), column_parity=_first(self.threshold_column_parity, 0.0)
             ),
@@ -202,7 +224,7 @@ class SensorParameters:
                 ShotNoise,
                 rms=self.shot_noise_rms,
                 half_luma=half_lux and half_lux / lux_per_luma,
-                bandwidth_hz=self.shot_noise_bandwidth_hz,
+                bandwidth_hz=follower_hz if self.shot_noise_bandwidth_hz is None else self.shot_noise_bandwidth_hz,
             ),
             hot_pixels=_made(HotPixels, fraction=self.hot_pixel_fraction, rate_hz=self.hot_pixel_rate_hz),
             readout=_made(
@@ -218,8 +240,25 @@ class SensorParameters:
                 read_noise_dn=self.aps_read_noise_dn,
                 bits=self.aps_bits,
                 full_scale_luma=full_scale_lux and full_scale_lux / lux_per_luma,
+                full_well_e=self.aps_full_well_e,
+                electrons_per_dn=self.aps_electrons_per_dn,
+                prnu=self.aps_prnu,
+                dsnu_dn=self.aps_dsnu_dn,
+                column_offset_dn=self.aps_column_offset_dn,
+                column_noise_dn=self.aps_column_noise_dn,
+                row_readout_us=self.aps_row_readout_us,
             ),
         )
+
+    def dark_luma(self, lux_per_luma: float) -> float | None:
+        """The dark current in units of luma, at the sensor's temperature; None where it is not known.
+
+        It is the ``log_eps`` of L = ln(luma + log_eps), because the photoreceptor sees light and dark current.
+        """
+        if self.dark_current_lux is None:
+            return None
+        doublings = warmth(_first(self.temperature_c, REFERENCE_C), LeakRate.doubling_c)
+        return self.dark_current_lux * doublings / lux_per_luma
 
 
 def _first(given: float | None, otherwise: float) -> float:
@@ -275,14 +314,7 @@ def _off_threshold(quantity: str, biases: _Biases) -> float:
 
 
 def _follower_bandwidth_hz(quantity: str, biases: _Biases) -> float:
-    follower, photoreceptor = (_current_a(quantity, name, biases) for name in ("PrSFBp", "PrBp"))
-    if follower > LARGEST_FOLLOWER_SHARE * photoreceptor:
-        raise _uncovered(
-            quantity,
-            f"the source follower alone sets it only up to half of the photoreceptor's current, and "
-            f"PrSFBp {biases['PrSFBp']} is {follower:.3g} A, PrBp {biases['PrBp']} {photoreceptor:.3g} A",
-        )
-    return follower / (2 * math.pi * THERMAL_VOLTAGE_V * INPUT_CAPACITANCE_F)
+    return _current_a(quantity, "PrSFBp", biases) / (2 * math.pi * THERMAL_VOLTAGE_V * INPUT_CAPACITANCE_F)
 
 
 def _refractory_period_us(quantity: str, biases: _Biases) -> float:
@@ -292,6 +324,6 @@ def _refractory_period_us(quantity: str, biases: _Biases) -> float:
 _FORMULAS: dict[str, Callable[[str, _Biases], float]] = {
     "contrast_threshold": _on_threshold,
     "contrast_threshold_off": _off_threshold,
-    "photoreceptor_bandwidth_hz": _follower_bandwidth_hz,
+    "source_follower_bandwidth_hz": _follower_bandwidth_hz,
     "refractory_period_us": _refractory_period_us,
 }

@@ -137,7 +137,7 @@ def make_simulator(scene: Scene, settings: Mapping[str, Any]) -> MadeSimulator:
         simulator.scene.path,
         contrast_threshold=simulator.contrast_threshold,
         contrast_threshold_off=simulator.contrast_threshold_off,
-        log_eps=given["log_eps"],
+        log_eps=simulator.settings["log_eps"],
         sampling=simulator.sampling,
     )
     if chose_samples and noise is not None:

@@ -81,6 +81,7 @@ class Simulator:
         self.settings["sensor"] = fixed_sensor(scene, self.settings["sensor"])
         viewed, chosen = view_scene(scene, self.settings), chosen_sampling(self.settings)
         self.scene, self.camera = viewed.scene, viewed.camera
+        self.settings["log_eps"] = viewed.log_eps
         self.contrast_threshold = viewed.contrast_threshold
         self.contrast_threshold_off = viewed.contrast_threshold_off
         self.custom_effects = CustomEffects(
@@ -90,7 +91,7 @@ class Simulator:
         self.sampling = whole_frame_sampling(self.settings) if self._on_light else chosen.sampling
         self.effects = (self.settings["effects"] or Effects()).with_defaults(viewed.sensor_effects)
         in_engine = self.effects.engine_settings()
-        _check_exposure(self.effects, self.settings["frame_rate_hz"])
+        _check_exposure(self.effects, self.settings["frame_rate_hz"], self.camera.height)
         if self.settings["refine"] and in_engine:
             raise ValueError(
                 f"refine finds the times of ideal pixels: it cannot be combined with {', '.join(in_engine)}"
@@ -125,9 +126,12 @@ class Simulator:
         self._last: Keyframe | None = None
         self._t_us = 0
         self._exposed: list[Stretch] = []
-        exposure_us = 0 if self.effects.aps is None else round(self.effects.aps.exposure_us)
+        aps = self.effects.aps
+        exposure_us, row_readout_us = (0, 0.0) if aps is None else (round(aps.exposure_us), aps.row_readout_us)
+        self._shutter_us = 0.0 if aps is None else exposure_us + aps.readout_us(self.camera.height)
         # The renderer's sub-frames would lack what an effect of the user's own does to luma.
-        self._exposure = KeyframeExposure(exposure_us) if self.custom_effects.on_luma else None
+        on_luma = self.custom_effects.on_luma
+        self._exposure = KeyframeExposure(exposure_us, row_readout_us, self.camera.height) if on_luma else None
         self._frames = 0
 
     def __repr__(self) -> str:
@@ -241,7 +245,7 @@ class Simulator:
             batch=self.settings["poses_per_launch"] or self.renderer.poses_per_launch,
         )
         # A shutter that is open now may have opened some stretches ago.
-        open_us = start_us - (0 if self.effects.aps is None else round(self.effects.aps.exposure_us))
+        open_us = start_us - self._shutter_us
         self._exposed = [*(before for before in self._exposed if before.end_us > open_us), stretch]
         thresholds = self.contrast_threshold, self.contrast_threshold_off
         refinement = EventRefinement(stretch, thresholds) if self.refine else None
@@ -293,7 +297,7 @@ class Simulator:
         if self._exposure is not None:
             exposed = self._exposure.mean(t_us)
         else:
-            exposed = expose(luma, self._exposed, t_us, round(aps.exposure_us))
+            exposed = expose(luma, self._exposed, t_us, round(aps.exposure_us), aps.row_readout_us)
         number, self._frames = self._frames, self._frames + 1
         return aps.read_out(exposed, frame=number, seed=self.settings["seed"])
 
@@ -353,10 +357,13 @@ def _require_samples(samples: int | str | None) -> None:
         )
 
 
-def _check_exposure(effects: Effects, frame_rate_hz: float) -> None:
-    """Refuse frames whose exposure takes longer than the time between them."""
-    if effects.aps is not None and effects.aps.exposure_us * frame_rate_hz > 1e6:
-        raise ValueError(
-            f"the exposure of {effects.aps.exposure_us:g} us must not exceed the frames' period of "
-            f"{1e6 / frame_rate_hz:g} us"
-        )
+def _check_exposure(effects: Effects, frame_rate_hz: float, height: int) -> None:
+    """Refuse frames whose exposure, or whose readout row by row, takes longer than the time between them."""
+    if effects.aps is None:
+        return
+    readout_us = effects.aps.readout_us(height)
+    for what, length_us in (("exposure", effects.aps.exposure_us), (f"readout of {height} rows", readout_us)):
+        if length_us * frame_rate_hz > 1e6:
+            raise ValueError(
+                f"the {what} of {length_us:g} us must not exceed the frames' period of {1e6 / frame_rate_hz:g} us"
+            )

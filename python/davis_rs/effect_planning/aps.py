@@ -24,7 +24,7 @@ class FrameChange(NamedTuple):
 
     Attributes:
         percent: of the pixels of 8-bit frames that change by more than one grey value.
-        blurred_percent: of the pixels whose image moves by more than :data:`BLUR_PX` in the exposure.
+        blurred_percent: of the pixels whose image moves by more than :data:`BLUR_PX` while the shutter is open.
         observation: in words.
     """
 
@@ -42,12 +42,16 @@ def frame_change(sequence: SequenceSample, aps: Aps) -> FrameChange:
     grey = [np.rint(np.clip(255 / white * frames.astype(np.float64), 0, 255)) for frames in (exact, read)]
     changed = 100 * float((np.abs(grey[0] - grey[1]) > 1).mean())
     flow = np.nan_to_num(sequence.renderer.flow(sequence.stretch.views(sequence.stretch.start_us + t_us)))
-    moved_px = np.linalg.norm(flow, axis=-1) * aps.exposure_us * 1e-6
+    # What moves while a row is exposed is blurred, what moves while rows are read is skewed.
+    open_us = aps.exposure_us + aps.readout_us(sequence.camera.height)
+    moved_px = np.linalg.norm(flow, axis=-1) * open_us * 1e-6
     saturated = 100 * float((exact >= white).mean()) if aps.full_scale_luma else 0.0
-    noise = aps.read_noise_dn * 255 / (2.0 ** (aps.bits or 10) - 1)
+    in_the_dark = (aps.read_noise_dn, aps.dsnu_dn, aps.column_offset_dn, aps.column_noise_dn)
+    noise = float(np.linalg.norm(in_the_dark)) * 255 / (2.0 ** (aps.bits or 10) - 1)
     observation = (
-        f"exposure x flow up to {moved_px.max():.3g} px (median {np.median(moved_px):.2g}); read noise {noise:.2g} "
-        f"grey values of 8 bits; {saturated:.3g} % saturated; {changed:.3g} % of pixels change by more than one of them"
+        f"time the shutter takes x flow up to {moved_px.max():.3g} px (median {np.median(moved_px):.2g}); noise in the "
+        f"dark {noise:.2g} grey values of 8 bits; {saturated:.3g} % saturated; {changed:.3g} % of pixels change by "
+        f"more than one of them"
     )
     return FrameChange(changed, 100 * float((moved_px > BLUR_PX).mean()), observation)
 
@@ -57,5 +61,5 @@ def aps_frame(
 ) -> npt.NDArray[np.float32]:
     """The frame at ``t_us`` of the sequence, where ``luma`` is seen, as the active pixels have it."""
     at_us = sequence.stretch.start_us + int(t_us)
-    exposed = expose(luma, [sequence.stretch], at_us, round(aps.exposure_us))
+    exposed = expose(luma, [sequence.stretch], at_us, round(aps.exposure_us), aps.row_readout_us)
     return aps.read_out(exposed, frame=number, seed=sequence.seed)

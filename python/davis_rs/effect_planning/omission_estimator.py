@@ -105,7 +105,8 @@ def _lens_blur(estimator: OmissionEstimator, effect: LensBlur) -> tuple[Omission
 def _bandwidth(estimator: OmissionEstimator, effect: PhotoreceptorBandwidth) -> tuple[OmissionError, str]:
     sample = estimator.sequence.pixels
     steps = sample.steps()
-    corner_hz = np.clip(effect.hz * np.exp(steps.log), effect.floor_hz, effect.ceiling_hz)
+    # Of both low-passes together: slow signals are late by the sum of their time constants.
+    corner_hz = 1 / (np.exp(-steps.log) / effect.hz + 1 / effect.source_follower_hz)
     slope = np.abs(steps.change) / steps.length_s[:, None].astype(np.float32)
     quick = slope > 2 * np.pi * corner_hz * sample.contrast_threshold
     moved = float(np.abs(steps.change).sum(dtype=np.float64))

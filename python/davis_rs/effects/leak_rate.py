@@ -16,6 +16,11 @@ REFERENCE_C = 25.0
 """The temperature at which a leak's rate is the given one."""
 
 
+def warmth(temperature_c: float, doubling_c: float) -> float:
+    """How much more a junction leaks than at 25 degrees."""
+    return float(2 ** ((temperature_c - REFERENCE_C) / doubling_c))
+
+
 @dataclass(frozen=True)
 class LeakRate(EngineEffect):
     """The memorised reference drifts down, so that a static scene makes ON events.
@@ -66,8 +71,8 @@ class LeakRate(EngineEffect):
 
     def mean_rate_hz(self, light: npt.ArrayLike = 0.0) -> npt.NDArray[np.float64]:
         """The rate at this sensor's temperature, the mean of all pixels, in light of this luma + log_eps."""
-        warmth = 2 ** ((self.temperature_c - REFERENCE_C) / self.doubling_c)
-        return np.asarray(self.rate_hz * (warmth + np.asarray(light, np.float64) / self.double_luma))
+        dark = warmth(self.temperature_c, self.doubling_c)
+        return np.asarray(self.rate_hz * (dark + np.asarray(light, np.float64) / self.double_luma))
 
     @property
     def neutral(self) -> bool:

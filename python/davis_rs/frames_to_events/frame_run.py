@@ -17,13 +17,13 @@ from ..packet import Packet
 from ..read_ahead import read_ahead
 from ..sensor_parameters import SensorParameters
 from ..sensors import read_once, sensor_parameters
-from ..settings import FrameSettings, camera_of_size, complete
+from ..settings import LOG_EPS, FrameSettings, camera_of_size, complete
 from .frame_part import FramePart, frame_part
 from .frame_source import FrameSource, StampedFrame
 from .frames_between import Auto, FramesBetween
 from .interpolation import Cubic, Interpolation, Linear, SensorFrame
 from .light import Light
-from .quantisation import LOG_EPS, QuantisationCount, dark_level
+from .quantisation import QuantisationCount, dark_level
 
 CONTRAST_THRESHOLD = 0.15
 LUX_PER_LUMA = 1000.0
@@ -82,7 +82,8 @@ class FrameRun:
         self.lux_per_luma = _first(self.settings["lux_per_luma"], LUX_PER_LUMA)
         self.effects, self.left_out = self._effects(sensor)
         self._optics = self._lens()
-        self.log_eps = _first(self.settings["log_eps"], dark_level(self.light.levels, min(on, off)))
+        self._dark_luma = _first(sensor.dark_luma(self.lux_per_luma), LOG_EPS)
+        self.log_eps = _first(self.settings["log_eps"], dark_level(self.light.levels, min(on, off), self._dark_luma))
         # What is averaged over areas or blurred has finer levels than the frames, and rounding shows less.
         plain = self._optics is None and self.size == (self._part.width, self._part.height)
         self.quantisation = QuantisationCount(self.light.levels if plain else None)
@@ -174,10 +175,10 @@ class FrameRun:
             stated = "as it says" if about["range_stated"] else "which it does not say"
             encoded = f"{about['codec']}, {about['pixel_format']}, {about['range']} range ({stated}{matrix}), {encoded}"
         yield f"{self.source.name}: {encoded}"
-        if self.settings["log_eps"] is None and self.log_eps > LOG_EPS:
+        if self.settings["log_eps"] is None and self.log_eps > self._dark_luma:
             yield (
-                f"log_eps {self.log_eps:.3g}: with {LOG_EPS:g} one grey level in the dark would be more than C = "
-                f"{min(self.contrast_threshold, self.contrast_threshold_off):g} (--log-eps)"
+                f"log_eps {self.log_eps:.3g}: with {self._dark_luma:.3g} one grey level in the dark would be more than "
+                f"C = {min(self.contrast_threshold, self.contrast_threshold_off):g} (--log-eps)"
             )
         if self.left_out:
             names = ", ".join(self.left_out)

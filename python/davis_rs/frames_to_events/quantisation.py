@@ -9,15 +9,12 @@ import numpy.typing as npt
 
 from ..events import EventArray
 
-LOG_EPS = 1e-3
-"""The dark level of a simulation, which frames without visible grey levels have too."""
-
 _BELOW = 0.99
 """A step of one grey level is at most this share of C, so that it is below C whatever rounding does."""
 
 
-def dark_level(levels: npt.NDArray[np.float64] | None, contrast_threshold: float) -> float:
-    """The least log_eps, and at least :data:`LOG_EPS`, at which no step of one grey level comes to C in log intensity.
+def dark_level(levels: npt.NDArray[np.float64] | None, contrast_threshold: float, least: float) -> float:
+    """The least log_eps, and at least ``least``, at which no step of one grey level comes to C in log intensity.
 
     From ln((Y_k+1 + e) / (Y_k + e)) <= c follows e >= (Y_k+1 - Y_k exp(c)) / (exp(c) - 1), for each step k. The
     largest is nearly always that above black. A pixel that flickers between two levels then makes no events.
@@ -25,14 +22,15 @@ def dark_level(levels: npt.NDArray[np.float64] | None, contrast_threshold: float
     Args:
         levels: luma of the grey levels; None for floating point.
         contrast_threshold: the smaller of C_on and C_off.
+        least: the dark level of a simulation, which frames without visible grey levels have too.
     """
     if levels is None:
-        return LOG_EPS
+        return least
     c = _BELOW * contrast_threshold
     if c > 700:
-        return LOG_EPS
+        return least
     needed = float(np.max((levels[1:] - levels[:-1] * math.exp(c)) / math.expm1(c)))
-    return max(LOG_EPS, needed)
+    return max(least, needed)
 
 
 class QuantisationCount:

@@ -1,7 +1,11 @@
-"""The shutter: what pixels that integrate light gather while it is open, as the mean of sub-frames."""
+"""The shutter: what pixels that integrate light gather while it is open, as the mean of sub-frames.
+
+A global shutter opens and closes for all rows at once; a rolling one does so row by row, from the first to the last.
+"""
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Mapping, Sequence
 from copy import copy
@@ -23,6 +27,13 @@ SUBFRAME_PX = 0.5
 """The fastest pixel moves by no more than this from one sub-frame to the next: less than the pixel's own width, so
 that sub-frames overlap and a blurred edge has no steps."""
 
+ROLLING_PX = 0.25
+"""Likewise under a rolling shutter. Rows open and close within a part of the time, which is a single render: so each
+shows its own time within half of a part, an eighth of a pixel of motion."""
+
+_ROLLING_LIGHT_US = 100
+"""Under a rolling shutter, sub-frames are no further apart where lights change: rows show them at their own time."""
+
 _SPEED_STEP_US = 1_000
 """Speed is looked at this often, which is as often as the displacement clock does."""
 
@@ -33,8 +44,12 @@ _STEADY = SampledProfile([0.0, 1.0], [1.0, 1.0])
 
 
 def expose(
-    luma: npt.NDArray[np.float32], stretches: Sequence[Stretch], t_us: int, exposure_us: int
-) -> npt.NDArray[np.float64]:
+    luma: npt.NDArray[np.float32],
+    stretches: Sequence[Stretch],
+    t_us: int,
+    exposure_us: int,
+    row_readout_us: float = 0.0,
+) -> FloatArray:
     """Mean luma (H, W), float64, over the time (t_us - exposure_us, t_us] in which the shutter is open.
 
     The shutter closes at the frame's own instant, so that a frame needs nothing of the future. It cannot open before
@@ -46,12 +61,20 @@ def expose(
     once, at the microsecond in its middle, in the mean light of the part: flicker costs no sub-frames. What the clock
     does not see, the shadow of a moving object, is blurred only as finely as the rest of the image moves.
 
+    Under a rolling shutter row y of H closes (H - 1 - y) row_readout_us before ``t_us``. The parts then tile the time
+    of all rows, and a row is the mean of those that it is open in, each weighted by how long. Parts are shorter
+    (:data:`ROLLING_PX`, and 100 us where lights change), because a row takes a part's light at its edges, too, as that
+    of the part's middle. A row without an exposure lies between two renders so far apart, and is interpolated.
+
     Args:
         luma: what is seen at ``t_us``.
         stretches: without a gap between them, in order; the last one holds ``t_us``. Those that end before the
             shutter opens are ignored.
         exposure_us: >= 0.
+        row_readout_us: from a row's closing to that of the next one below, >= 0; 0 is a global shutter.
     """
+    if row_readout_us > 0:
+        return _expose_rows(luma, stretches, _RowTimes(len(luma), t_us, exposure_us, row_readout_us))
     open_us = t_us - exposure_us
     bounds = [(stretch, max(stretch.start_us, open_us), min(stretch.end_us, t_us)) for stretch in stretches]
     parts = [(*bound, _fastest(*bound)) for bound in bounds if bound[1] < bound[2]]
@@ -60,7 +83,7 @@ def expose(
     # A running sum in order: the same bits, however many sub-frames are rendered in one call.
     total, duration_us = np.zeros(luma.shape), sum(end_us - start_us for _, start_us, end_us, _ in parts)
     for stretch, start_us, end_us, speed in parts:
-        instants = _middles(start_us, end_us, speed)
+        instants = _middles(start_us, end_us, speed, SUBFRAME_PX)
         part_us = (end_us - start_us) / len(instants)
         renderer, weight = _in_mean_light(stretch.renderer, part_us), part_us / duration_us
         for first in range(0, len(instants), stretch.batch):
@@ -69,27 +92,94 @@ def expose(
     return total
 
 
+class _RowTimes:
+    """When the rows of a rolling shutter open and close, float64 (H,)."""
+
+    def __init__(self, height: int, t_us: int, exposure_us: int, row_readout_us: float) -> None:
+        self.t_us = t_us
+        self.close_us: FloatArray = t_us - row_readout_us * np.arange(height - 1, -1, -1.0)
+        self.open_us: FloatArray = self.close_us - exposure_us
+
+    @property
+    def instant(self) -> bool:
+        """Whether the shutter is open for no time."""
+        return bool(np.all(self.open_us == self.close_us))
+
+    def shares(self, edges_us: FloatArray) -> FloatArray:
+        """Of each row's exposure the share (n, H) that lies in each part (n + 1 edges); parts tile the time of all.
+
+        What lies before the first edge is left out: the exposure is shorter. A row that closes there has the first.
+        """
+        close = np.maximum(self.close_us, edges_us[0])
+        opened = np.maximum(self.open_us, edges_us[0])
+        length, start, end = close - opened, edges_us[:-1, None], edges_us[1:, None]
+        within = np.clip(np.minimum(end, close) - np.maximum(start, opened), 0.0, None)
+        first = np.arange(len(start))[:, None] == 0
+        return np.asarray(np.where(length > 0, within / np.where(length > 0, length, 1.0), first))
+
+    def between(self, nodes_us: FloatArray) -> FloatArray:
+        """Of each row's closing the weight (n, H) of each instant (n,): linear between the two around it."""
+        at = np.interp(self.close_us, nodes_us, np.arange(len(nodes_us)))
+        weights: FloatArray = np.clip(1 - np.abs(at - np.arange(len(nodes_us))[:, None]), 0.0, None)
+        return weights
+
+
+def _expose_rows(luma: npt.NDArray[np.float32], stretches: Sequence[Stretch], rows: _RowTimes) -> FloatArray:
+    """As :func:`expose`, of a rolling shutter."""
+    first_us = math.floor(rows.open_us[0])
+    bounds = [(stretch, max(stretch.start_us, first_us), min(stretch.end_us, rows.t_us)) for stretch in stretches]
+    parts = [(*bound, _fastest(*bound)) for bound in bounds if bound[1] < bound[2]]
+    if all(speed == 0 and not stretch.renderer.motion.lights for stretch, _, _, speed in parts):
+        return luma.astype(np.float64)
+    renders: list[tuple[Stretch, Renderer, IntArray]] = []
+    edges = [np.array([parts[0][1]], np.float64)]
+    for stretch, start_us, end_us, speed in parts:
+        longest_us = _ROLLING_LIGHT_US if stretch.renderer.motion.lights else math.inf
+        middles = _middles(start_us, end_us, max(speed / ROLLING_PX, 1 / longest_us), 1.0)
+        ends = start_us + (end_us - start_us) * np.arange(1, len(middles) + 1) / len(middles)
+        if rows.instant:
+            ends = np.rint(ends)
+            nodes = ends.astype(np.int64) if renders else np.append(start_us, ends.astype(np.int64))
+            renders.append((stretch, stretch.renderer, nodes))
+        else:
+            renders.append((stretch, _in_mean_light(stretch.renderer, (end_us - start_us) / len(middles)), middles))
+        edges.append(ends)
+    tiled = np.concatenate(edges)
+    weights = iter(rows.between(tiled) if rows.instant else rows.shares(tiled))
+    total = np.zeros(luma.shape)
+    for stretch, renderer, instants in renders:
+        for first in range(0, len(instants), stretch.batch):
+            for frame in renderer.luma(stretch.views(instants[first : first + stretch.batch])):
+                total += next(weights)[:, None] * frame.astype(np.float64)
+    return total
+
+
 class KeyframeExposure:
     """The mean luma while the shutter is open, from keyframes between which luma runs straight.
 
-    It holds the keyframes of one exposure, and one before.
+    It holds the keyframes of one frame's exposure, and one before.
 
     Args:
         exposure_us: how long the shutter is open, >= 0.
+        row_readout_us: as of :func:`expose`.
+        height: rows of the sensor; needed for a rolling shutter.
     """
 
-    def __init__(self, exposure_us: int) -> None:
-        self._exposure_us = exposure_us
+    def __init__(self, exposure_us: int, row_readout_us: float = 0.0, height: int = 1) -> None:
+        self._exposure_us, self._row_readout_us = exposure_us, row_readout_us
+        self._reach_us = exposure_us + row_readout_us * (height - 1)
         self._seen: deque[tuple[int, npt.NDArray[np.float32]]] = deque()
 
     def add(self, t_us: int, luma: npt.NDArray[np.float32]) -> None:
         """The next keyframe."""
         self._seen.append((t_us, luma))
-        while len(self._seen) > 1 and self._seen[1][0] <= t_us - self._exposure_us:
+        while len(self._seen) > 1 and self._seen[1][0] <= t_us - self._reach_us:
             self._seen.popleft()
 
     def mean(self, t_us: int) -> npt.NDArray[np.float64]:
         """Mean luma (H, W) over the exposure that ends at ``t_us``, the last keyframe; shorter at the very start."""
+        if self._row_readout_us > 0:
+            return self._mean_of_rows(t_us)
         open_us = max(t_us - self._exposure_us, self._seen[0][0])
         last = self._seen[-1][1].astype(np.float64)
         if open_us >= t_us:
@@ -101,16 +191,32 @@ class KeyframeExposure:
             total += (end_us - first_us) * (before + share * (after.astype(np.float64) - before))
         return total / (t_us - open_us)
 
+    def _mean_of_rows(self, t_us: int) -> FloatArray:
+        """As :meth:`mean`, each row over its own time; one without an exposure shows the instant at which it closes."""
+        first, last = self._seen[0], self._seen[-1]
+        rows = _RowTimes(len(last[1]), t_us, self._exposure_us, self._row_readout_us)
+        close = np.maximum(rows.close_us, first[0])
+        opened = np.clip(rows.open_us, first[0], close)
+        instant = close == opened
+        total = np.where(close[:, None] == first[0], first[1].astype(np.float64), 0.0)
+        for (begin_us, before), (end_us, after) in pairwise(self._seen):
+            since, until = np.maximum(opened, begin_us), np.minimum(close, end_us)
+            # Of a row that shows an instant that one, else the middle of the part that counts.
+            length = np.where(instant, (close > begin_us) & (close <= end_us), np.clip(until - since, 0.0, None))
+            share = (0.5 * (since + until) - begin_us) / (end_us - begin_us)
+            total += length[:, None] * (before + share[:, None] * (after.astype(np.float64) - before))
+        return np.asarray(total / np.where(instant, 1.0, close - opened)[:, None])
+
 
 def subframe_instants(stretch: Stretch, start_us: int, end_us: int) -> IntArray:
-    """When sub-frames are rendered for a shutter that is open in (start_us, end_us] of a stretch, start_us < end_us."""
-    return _middles(start_us, end_us, _fastest(stretch, start_us, end_us))
+    """When sub-frames are rendered for a global shutter that is open in (start_us, end_us] of a stretch."""
+    return _middles(start_us, end_us, _fastest(stretch, start_us, end_us), SUBFRAME_PX)
 
 
-def _middles(start_us: int, end_us: int, speed: float) -> IntArray:
-    """The middles of equal parts in which no pixel of that speed, in pixels per microsecond, moves too far."""
+def _middles(start_us: int, end_us: int, speed: float, step: float) -> IntArray:
+    """The middles of equal parts, start_us < end_us, in which what has that speed a microsecond moves no further."""
     length_us = end_us - start_us
-    count = int(np.clip(np.ceil(length_us * speed / SUBFRAME_PX), 1, length_us))
+    count = int(np.clip(np.ceil(length_us * speed / step), 1, length_us))
     return start_us + ((2 * np.arange(count) + 1) * length_us + count) // (2 * count)
 
 

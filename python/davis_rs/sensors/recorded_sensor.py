@@ -15,11 +15,8 @@ def recorded_sensor(biases: str) -> SensorParameters:
     """The DAVIS240C with the biases of the dataset's recordings.
 
     Both thresholds, the source follower's corner and the refractory period follow from the biases
-    (:meth:`~davis_rs.SensorParameters.from_biases`), all else is that of the preset ``davis240c``. Two values do not
-    follow from them:
-
-    - outdoors, OffBn 4/0 has no nominal current: the OFF threshold is taken to be the ON threshold;
-    - indoors, PrSFBp is larger than PrBp, so that light alone sets the bandwidth: 3 Hz a lux, as in the preset.
+    (:meth:`~davis_rs.SensorParameters.from_biases`), all else is that of the preset ``davis240c``. One value does not
+    follow from them: outdoors, OffBn 4/0 has no nominal current, and the OFF threshold is taken to be the ON threshold.
 
     Args:
         biases: ``indoors`` or ``outdoors``, a key of :data:`~davis_rs.BIAS_SETS`.
@@ -29,14 +26,12 @@ def recorded_sensor(biases: str) -> SensorParameters:
 
     Source: Mueggler et al., IJRR 2017, the table of bias settings.
     """
-    if biases == "outdoors":
-        derived = SensorParameters.from_biases(biases, contrast_threshold_off=None)
-    else:
-        derived = SensorParameters.from_biases(biases, photoreceptor_bandwidth_hz=None)
+    known = {"contrast_threshold_off": None} if biases == "outdoors" else {}
+    derived = SensorParameters.from_biases(biases, **known)
     return replace(
         SENSORS["davis240c"],
         contrast_threshold=derived.contrast_threshold,
         contrast_threshold_off=derived.contrast_threshold_off,
-        photoreceptor_bandwidth_ceiling_hz=derived.photoreceptor_bandwidth_hz,
+        source_follower_bandwidth_hz=derived.source_follower_bandwidth_hz,
         refractory_period_us=derived.refractory_period_us,
     )

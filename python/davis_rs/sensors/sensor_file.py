@@ -51,6 +51,8 @@ _UNITS_OF_NAMES = {
     "threshold_mismatch": "share of the threshold",
     "hot_pixel_fraction": "share of the pixels",
     "vignetting": "exponent of the cosine",
+    "aps_electrons_per_dn": "electrons a DN",
+    "aps_prnu": "share of the gain",
 }
 
 

@@ -5,6 +5,7 @@ from .image_camera import camera_of_size, parse_size
 from .inertial import make_imu, make_motion_capture
 from .resolve import (
     AUTO,
+    LOG_EPS,
     ViewedScene,
     chosen_sampling,
     fixed_sensor,
@@ -26,6 +27,7 @@ __all__ = [
     "AUTO",
     "EFFECTS_TOLERANCE",
     "INTERPOLATIONS",
+    "LOG_EPS",
     "Declared",
     "FolderSettings",
     "FrameFolderSettings",

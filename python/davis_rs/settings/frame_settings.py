@@ -44,7 +44,7 @@ class _LightSettings(TypedDict, total=False):
         float | None,
         Declared(
             "dark level: L = ln(luma + log_eps)",
-            default_help="0.001, or as much more as keeps one grey level below C",
+            default_help="the sensor's dark current, or 0.001; or as much more as keeps one grey level below C",
             unit="luma",
             low=0,
             high=1000,

@@ -19,6 +19,9 @@ from .image_camera import image_camera
 AUTO = "auto"
 """In place of a number of samples: chosen by the noise, see :mod:`~davis_rs.monte_carlo_noise`."""
 
+LOG_EPS = 1e-3
+"""The dark level in units of luma where neither settings nor sensor say it."""
+
 _RULES = {"render_rate_hz": FixedRate, "max_displacement_px": MaxDisplacement, "tolerance": Tolerance}
 
 
@@ -59,9 +62,10 @@ def view_scene(scene: Scene, settings: Mapping[str, Any]) -> ViewedScene:
         scene = replace(scene, matte=True)
     sensor = sensor_parameters(fixed_sensor(scene, settings["sensor"]))
     camera = image_camera(scene, settings["camera"], settings["size"], sensor)
+    log_eps = _first(settings["log_eps"], sensor.dark_luma(scene.lux_per_luma), LOG_EPS)
     on = _first(settings["contrast_threshold"], sensor.contrast_threshold, scene.contrast_threshold)
     off = _first(settings["contrast_threshold_off"], sensor.contrast_threshold_off, on)
-    return ViewedScene(scene, camera, sensor, on, off, settings["log_eps"])
+    return ViewedScene(scene, camera, sensor, on, off, log_eps)
 
 
 def fixed_sensor(scene: Scene, sensor: str | SensorParameters | None) -> str | SensorParameters | None:

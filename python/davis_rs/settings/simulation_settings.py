@@ -112,8 +112,16 @@ class ViewSettings(PixelSettings, total=False):
         ),
     ]
     log_eps: Annotated[
-        float,
-        Declared("dark level: L = ln(luma + log_eps)", 1e-3, unit="luma", low=0, high=1e3, above_low=True, metavar="Y"),
+        float | None,
+        Declared(
+            "dark level: L = ln(luma + log_eps)",
+            default_help="the sensor's dark current, or 0.001",
+            unit="luma",
+            low=0,
+            high=1e3,
+            above_low=True,
+            metavar="Y",
+        ),
     ]
     samples: Annotated[
         int | str | None,

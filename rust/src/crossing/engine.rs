@@ -214,7 +214,7 @@ impl CrossingEngine {
     }
 
     /// The reference `R` of each pixel in log intensity, row by row; NaN before the first frame, and where a refractory
-    /// pixel is held. Under a limited bandwidth it is to be compared with the photoreceptor's output.
+    /// pixel is held. Under a limited bandwidth it is to be compared with the last low-pass's output.
     #[must_use]
     pub fn reference(&self) -> Vec<f64> {
         let value = |(i, level): (usize, &Level)| level.exact(self.parameters.thresholds(i)).value();
@@ -433,7 +433,7 @@ mod tests {
 
     fn effects() -> Effects {
         Effects {
-            photoreceptor_bandwidth: PhotoreceptorBandwidth { hz: 300.0, floor_hz: 1.0, ceiling_hz: 1e4 },
+            photoreceptor_bandwidth: PhotoreceptorBandwidth { hz: 300.0, source_follower_hz: 1e4 },
             refractory_period_us: 20.0,
             leak: Leak { rate_hz: 0.3, double_luma: 0.5, ..Effects::default().leak },
             shot_noise: ShotNoise { rms: 0.1, half_luma: 0.5, bandwidth_hz: 50.0 },

@@ -49,7 +49,9 @@ pub struct EngineState {
 pub struct EffectState {
     /// The time of the first frame.
     pub started_us: i64,
-    /// What leaves the photoreceptors.
+    /// What leaves the photoreceptors, where source followers filter that.
+    pub photoreceptor: Vec<f64>,
+    /// What leaves the last low-pass of each pixel.
     pub filtered: Vec<f64>,
     /// Microseconds from the last frame until the pixel is released; not finite where it is not held.
     pub held_us: Vec<f64>,

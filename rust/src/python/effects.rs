@@ -52,11 +52,8 @@ pub(super) fn from_python(effects: Option<&Bound<'_, PyAny>>) -> PyResult<Effect
         };
         match name.as_str() {
             "photoreceptor_bandwidth_hz" => {
-                all.photoreceptor_bandwidth = PhotoreceptorBandwidth {
-                    hz: number("hz")?,
-                    floor_hz: number("floor_hz")?,
-                    ceiling_hz: number("ceiling_hz")?,
-                };
+                all.photoreceptor_bandwidth =
+                    PhotoreceptorBandwidth { hz: number("hz")?, source_follower_hz: number("source_follower_hz")? };
             }
             "threshold_mismatch" => {
                 all.threshold_mismatch = ThresholdMismatch {
@@ -123,10 +120,7 @@ pub(super) fn to_dict<'py>(py: Python<'py>, effects: &Effects) -> PyResult<Bound
         Ok(dict)
     };
     let (bandwidth, shot, hot) = (effects.photoreceptor_bandwidth, effects.shot_noise, effects.hot_pixels);
-    put(
-        "photoreceptor_bandwidth_hz",
-        &[("hz", bandwidth.hz), ("floor_hz", bandwidth.floor_hz), ("ceiling_hz", bandwidth.ceiling_hz)],
-    )?;
+    put("photoreceptor_bandwidth_hz", &[("hz", bandwidth.hz), ("source_follower_hz", bandwidth.source_follower_hz)])?;
     put("refractory_period_us", &[("period_us", effects.refractory_period_us)])?;
     let leak = effects.leak;
     put(

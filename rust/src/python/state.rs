@@ -12,7 +12,7 @@ use crate::event::{Event, SensorSize};
 use crate::readout::ReadoutState;
 
 /// Raised when the meaning of an entry changes.
-const VERSION: u32 = 3;
+const VERSION: u32 = 4;
 
 pub(super) fn to_dict(py: Python<'_>, state: EngineState) -> PyResult<Bound<'_, PyDict>> {
     let dict = PyDict::new(py);
@@ -44,6 +44,7 @@ pub(super) fn to_dict(py: Python<'_>, state: EngineState) -> PyResult<Bound<'_, 
 fn effect_state_to_dict(py: Python<'_>, state: EffectState) -> PyResult<Bound<'_, PyDict>> {
     let dict = PyDict::new(py);
     dict.set_item("started_us", state.started_us)?;
+    dict.set_item("photoreceptor", state.photoreceptor.into_pyarray(py))?;
     dict.set_item("filtered", state.filtered.into_pyarray(py))?;
     dict.set_item("held_us", state.held_us.into_pyarray(py))?;
     dict.set_item("shot_wait_us", state.shot_wait_us.into_pyarray(py))?;
@@ -61,6 +62,7 @@ fn effect_state_to_dict(py: Python<'_>, state: EffectState) -> PyResult<Bound<'_
 fn effect_state_from_dict(dict: &Bound<'_, PyDict>) -> PyResult<EffectState> {
     Ok(EffectState {
         started_us: item(dict, "started_us")?.extract()?,
+        photoreceptor: values(dict, "photoreceptor")?,
         filtered: values(dict, "filtered")?,
         held_us: values(dict, "held_us")?,
         shot_wait_us: values(dict, "shot_wait_us")?,

@@ -10,7 +10,9 @@ use super::excursion::Excursion;
 use super::input::{Input, LowPass, bend};
 use super::leak::{LeakJitter, Leaks};
 use super::noise::Noise;
-use super::scan::{FilterStep, low_pass, mark_out_of_bounds, mark_sign_changes};
+use super::scan::{
+    FilterStep, TwoOutputs, TwoSteps, low_pass, mark_out_of_bounds, mark_sign_changes, mark_turns, two_low_passes,
+};
 use super::sensor::Sensor;
 use super::timeline::{FREE, Pixel};
 use crate::crossing::band::Interval;
@@ -42,7 +44,9 @@ pub(super) struct Band {
     pub(super) slopes: Vec<f64>,
     pub(super) references: Vec<Level>,
     pub(super) last_event_us: Vec<i64>,
-    /// What leaves the photoreceptor.
+    /// What leaves the photoreceptor, where a source follower filters that.
+    pub(super) photoreceptor: Vec<f64>,
+    /// What leaves the last low-pass.
     pub(super) filtered: Vec<f64>,
     /// Microseconds from the last frame until the pixel is released.
     pub(super) held_us: Vec<f64>,
@@ -64,6 +68,7 @@ pub(super) struct Band {
 struct Signals {
     logs: Vec<f64>,
     slopes: Vec<f64>,
+    photoreceptor: Vec<f64>,
     filtered: Vec<f64>,
 }
 
@@ -83,7 +88,11 @@ struct Tile {
     logs: Vec<f64>,
     slopes: Vec<f64>,
     decay: Vec<f64>,
+    photoreceptor: Vec<f64>,
     filtered: Vec<f64>,
+    /// Of two low-passes the derivatives at the interval's end, by the share of the interval.
+    photoreceptor_slope: Vec<f64>,
+    filtered_slope: Vec<f64>,
     seen: Vec<f64>,
     /// How far references have leaked at both ends of the interval.
     leaked: Vec<f64>,
@@ -95,8 +104,22 @@ struct Tile {
 
 impl Tile {
     fn new() -> Self {
-        let [logs, slopes, decay, filtered, seen, leaked, will_leak] = std::array::from_fn(|_| vec![0.0; TILE]);
-        Self { logs, slopes, decay, filtered, seen, leaked, will_leak, marked: vec![false; TILE], sparse: vec![] }
+        let [logs, slopes, decay, seen, leaked, will_leak] = std::array::from_fn(|_| vec![0.0; TILE]);
+        let [photoreceptor, filtered, photoreceptor_slope, filtered_slope] = std::array::from_fn(|_| vec![0.0; TILE]);
+        Self {
+            logs,
+            slopes,
+            decay,
+            photoreceptor,
+            filtered,
+            photoreceptor_slope,
+            filtered_slope,
+            seen,
+            leaked,
+            will_leak,
+            marked: vec![false; TILE],
+            sparse: vec![],
+        }
     }
 }
 
@@ -121,16 +144,23 @@ impl Band {
             let chosen = (0..n).filter(|&i| noise.chosen(number(i)));
             chosen.map(|i| (i as u32, noise.first(number(i))))
         });
-        let filtered = if effects.filters() { logs.to_vec() } else { vec![] };
+        let settled = |on: bool| if on { logs.to_vec() } else { vec![] };
+        let (photoreceptor, filtered) = (settled(effects.filters_twice()), settled(effects.filters()));
         let mut band = Self {
             first_pixel,
             events: Room::default(),
             logs: logs.to_vec(),
             slopes: slopes.to_vec(),
-            next: Signals { logs: logs.to_vec(), slopes: slopes.to_vec(), filtered: filtered.clone() },
+            next: Signals {
+                logs: logs.to_vec(),
+                slopes: slopes.to_vec(),
+                photoreceptor: photoreceptor.clone(),
+                filtered: filtered.clone(),
+            },
             before: vec![],
             references: logs.iter().enumerate().map(|item| Level { base: base(item), on: 0, off: 0 }).collect(),
             last_event_us: vec![NEVER; n],
+            photoreceptor,
             filtered,
             held_us: if effects.refractory_period_us > 0.0 { vec![FREE; n] } else { vec![] },
             shot: sensor.shot.iter().flat_map(|noise| (0..n).map(|i| noise.first(number(i), thresholds(i)))).collect(),
@@ -194,6 +224,7 @@ impl Band {
                 }
             }
             self.next.logs[start..end].copy_from_slice(&self.tile.logs[..end - start]);
+            keep(&mut self.next.photoreceptor, start, end, &self.tile.photoreceptor);
             keep(&mut self.next.filtered, start, end, &self.tile.filtered);
             keep(&mut self.next.slopes, start, end, &self.tile.slopes);
         }
@@ -205,6 +236,7 @@ impl Band {
     pub(super) fn settle(&mut self, ticks: i64) {
         std::mem::swap(&mut self.logs, &mut self.next.logs);
         std::mem::swap(&mut self.slopes, &mut self.next.slopes);
+        std::mem::swap(&mut self.photoreceptor, &mut self.next.photoreceptor);
         std::mem::swap(&mut self.filtered, &mut self.next.filtered);
         self.leaks.settle();
         // All waits are from the last frame on; a float minus an integer below it is exact.
@@ -268,9 +300,20 @@ impl Band {
             tile.slopes.iter_mut().zip(slopes).for_each(|(to, slope)| *to = slope);
         }
         if let Some(before) = self.filtered.get(start..end) {
+            let (bandwidth, ticks) = (sensor.effects.photoreceptor_bandwidth, at.ticks as f64);
             let input = (&self.logs[start..end], &tile.logs[..n]);
-            let output = (&mut tile.decay[..n], &mut tile.filtered[..n]);
-            low_pass(sensor.effects.photoreceptor_bandwidth, at.ticks as f64, before, input, output);
+            let (decay, output) = (&mut tile.decay[..n], &mut tile.filtered[..n]);
+            if let Some(first) = self.photoreceptor.get(start..end) {
+                let outputs = TwoOutputs {
+                    first: &mut tile.photoreceptor[..n],
+                    second: output,
+                    first_slope: &mut tile.photoreceptor_slope[..n],
+                    second_slope: &mut tile.filtered_slope[..n],
+                };
+                two_low_passes(bandwidth, ticks, (first, before), input, decay, outputs);
+            } else {
+                low_pass(bandwidth, ticks, before, input, (decay, output));
+            }
             tile.seen[..n].copy_from_slice(&tile.filtered[..n]);
         } else {
             tile.seen[..n].copy_from_slice(&tile.logs[..n]);
@@ -294,8 +337,23 @@ impl Band {
         mark_out_of_bounds(&tile.seen, bounds, marked);
         let from = &self.logs[start..end];
         if let Some(before) = self.filtered.get(start..end) {
-            let filter_step = FilterStep { from, to: &tile.logs, before, output: &tile.filtered, decay: &tile.decay };
-            mark_sign_changes(&filter_step, (&tile.leaked, &tile.will_leak), bounds, marked);
+            let (to, leaked) = (&*tile.logs, (&*tile.leaked, &*tile.will_leak));
+            if let Some(first) = self.photoreceptor.get(start..end) {
+                let steps = TwoSteps {
+                    from,
+                    to,
+                    first,
+                    second: before,
+                    first_decay: &tile.decay,
+                    second_decay: sensor.effects.photoreceptor_bandwidth.follower_decay(ticks),
+                    first_slope: &tile.photoreceptor_slope,
+                    second_slope: &tile.filtered_slope,
+                };
+                mark_turns(&steps, leaked, bounds, marked);
+            } else {
+                let filter_step = FilterStep { from, to, before, output: &tile.filtered, decay: &tile.decay };
+                mark_sign_changes(&filter_step, leaked, bounds, marked);
+            }
         }
         if share.rates.is_some() {
             let seconds = ticks * 1e-6;
@@ -389,7 +447,12 @@ impl Band {
         let input = Input { drift, from: self.logs[i], to: self.tile.logs[in_tile], ticks: at.ticks };
         let low_pass = self.filtered.get(i).map(|&before| {
             self.tile.filtered[in_tile] = before;
-            LowPass { bandwidth: sensor.effects.photoreceptor_bandwidth, output: &mut self.tile.filtered[in_tile] }
+            let photoreceptor = self.photoreceptor.get(i).map(|&before| {
+                self.tile.photoreceptor[in_tile] = before;
+                &mut self.tile.photoreceptor[in_tile]
+            });
+            let bandwidth = sensor.effects.photoreceptor_bandwidth;
+            LowPass { bandwidth, photoreceptor, output: &mut self.tile.filtered[in_tile] }
         });
         let sparse = share.sparse.of(index, index + 1);
         if share.rates.is_some() && sparse.is_empty() {

@@ -91,6 +91,7 @@ impl EffectCore {
         let (shot, excursions) = (self.joined(|band| &band.shot), self.joined(|band| &band.excursions));
         EffectState {
             started_us: self.sensor.started_us,
+            photoreceptor: self.joined(|band| &band.photoreceptor),
             filtered: self.joined(|band| &band.filtered),
             held_us: self.joined(|band| &band.held_us),
             shot_wait_us: shot.iter().map(|arrivals| arrivals.wait_us).collect(),
@@ -113,6 +114,7 @@ impl EffectCore {
         let leak = self.sensor.effects.leak;
         let expected = |on: bool| if on { n } else { 0 };
         let lengths = [
+            ("photoreceptor", state.photoreceptor.len(), expected(self.sensor.effects.filters_twice())),
             ("filtered", state.filtered.len(), expected(filtered)),
             ("held_us", state.held_us.len(), expected(self.sensor.effects.refractory_period_us > 0.0)),
             ("shot_wait_us", state.shot_wait_us.len(), expected(self.sensor.effects.shot_noise.rms > 0.0)),
@@ -142,6 +144,7 @@ impl EffectCore {
         let waits = |waits: &[f64]| waits.iter().all(ahead);
         let held = |held: &f64| *held == FREE || ahead(held);
         let ranges = [
+            ("photoreceptor", "within +-746", f64::all_valid(&state.photoreceptor)),
             ("filtered", "within +-746", f64::all_valid(&state.filtered)),
             ("held_us", "> 0, or -inf where a pixel is free", state.held_us.iter().all(held)),
             ("shot_wait_us", "finite and > 0", waits(&state.shot_wait_us)),
@@ -164,6 +167,7 @@ impl EffectCore {
                 *reference = Level { base: engine.base[at], on: engine.on[at], off: engine.off[at] };
             }
             band.last_event_us.copy_from_slice(&engine.last_event_us[part.clone()]);
+            band.photoreceptor = state.photoreceptor.get(part.clone()).unwrap_or_default().to_vec();
             band.filtered = state.filtered.get(part.clone()).unwrap_or_default().to_vec();
             band.held_us = state.held_us.get(part.clone()).unwrap_or_default().to_vec();
             let shot = state.shot_wait_us.get(part.clone()).unwrap_or_default();

@@ -51,14 +51,15 @@ impl Band {
             sparse.samples.iter().for_each(|&sample| go(log(sample, p)));
             go(to);
         }
-        // What leaves a low-pass moves no further than to its input and with it.
+        // What leaves a low-pass moves no further than to its input and with it, and so does what leaves a second one.
         let start = self.filtered.get(i).copied().unwrap_or(from);
+        let between = self.photoreceptor.get(i).copied().unwrap_or(start);
         let drift = self.leaks.drift(i, sensor.elapsed(share.at.start_us), (from, to));
         let seen = start + drift.at(0.0);
         let held = self.held_us.get(i).is_some_and(|&held| held > FREE);
         let noise = self.excursions.get(i).map_or(0.0, |excursion| excursion.noise.abs());
         let behind = if held { 0.0 } else { (seen - self.references[i].value(c)).abs() + noise };
-        let way = way + behind + (start - from).abs() + drift.rate() * ticks;
+        let way = way + behind + (start - between).abs() + (between - from).abs() + drift.rate() * ticks;
         let hot = self.hot_place(i).and(sensor.hot.as_ref()).map_or(0.0, |hot| hot.pixel(index as u32).rate_hz);
         let rate_hz = hot + sensor.shot.as_ref().map_or(0.0, |shot| 2.0 * shot.arrivals_hz(c));
         // Each event holds the pixel.

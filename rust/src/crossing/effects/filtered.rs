@@ -1,5 +1,5 @@
 //! The output of a first-order low-pass whose input runs straight: a curve in closed form, with its pieces and
-//! crossings.
+//! crossings. What [`super::two_poles`] needs of it as well is here: responses, and the pieces of such curves.
 //!
 //! In closed form, so that the result does not depend on a step size. What must not break: it turns at most once,
 //! pieces are monotone, and the output at an interval's end is that at the start of the next one, to the bit.
@@ -11,20 +11,45 @@ use crate::crossing::level::{Level, Thresholds};
 use crate::log_intensity::ln;
 
 impl PhotoreceptorBandwidth {
-    /// The low-pass's time constants in an interval of so many microseconds, over which log intensity runs from one value
-    /// to another: 2 pi f T, f being the corner frequency at their mean.
+    /// Time constants in an interval of so many microseconds, over which log intensity runs from one value to another,
+    /// where there is one low-pass: 2 pi f T, f being the photoreceptor's corner frequency at their mean, or the source
+    /// follower's.
     #[inline(always)]
     #[allow(clippy::inline_always, reason = "vectorised into its caller's loop")]
     pub(crate) fn decay(&self, from: f64, to: f64, ticks: f64) -> f64 {
-        let corner_hz = (self.hz * exp_precise(0.5 * (from + to))).max(self.floor_hz).min(self.ceiling_hz);
-        std::f64::consts::TAU * 1e-6 * corner_hz * ticks
+        // One of the two is infinite.
+        let corner_hz = (self.hz * exp_precise(0.5 * (from + to))).min(self.source_follower_hz);
+        time_constants(corner_hz, ticks)
     }
+
+    /// Those of the photoreceptor, where the source follower is a second low-pass.
+    #[inline(always)]
+    #[allow(clippy::inline_always, reason = "vectorised into its caller's loop")]
+    pub(crate) fn photoreceptor_decay(&self, from: f64, to: f64, ticks: f64) -> f64 {
+        time_constants(self.hz * exp_precise(0.5 * (from + to)), ticks).min(MOST_OF_TWO)
+    }
+
+    /// And those of the source follower.
+    pub(crate) fn follower_decay(&self, ticks: f64) -> f64 {
+        time_constants(self.source_follower_hz, ticks).min(MOST_OF_TWO)
+    }
+}
+
+/// Of two low-passes none counts as faster than so many time constants in an interval: it is late by a part in as many of
+/// the interval, and its second derivative keeps its sign through all rounding.
+const MOST_OF_TWO: f64 = 1e12;
+
+/// 2 pi f T, finite.
+#[inline(always)]
+#[allow(clippy::inline_always, reason = "vectorised into its caller's loop")]
+fn time_constants(corner_hz: f64, ticks: f64) -> f64 {
+    (std::f64::consts::TAU * 1e-6 * corner_hz * ticks).min(f64::MAX)
 }
 
 /// The response to a unit step `z` time constants after it: 1 - exp(-z).
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "vectorised into its caller's loop")]
-fn step_response(z: f64) -> f64 {
+pub(super) fn step_response(z: f64) -> f64 {
     -exp_m1(-z)
 }
 
@@ -32,7 +57,7 @@ fn step_response(z: f64) -> f64 {
 /// `step` being the response to a step.
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "vectorised into its caller's loop")]
-fn ramp_response(z: f64, s: f64, step: f64) -> f64 {
+pub(super) fn ramp_response(z: f64, s: f64, step: f64) -> f64 {
     // Below, the difference cancels, and the series' next term is z^3 s^4 / 24.
     let series = z * s * s * (0.5 - z * s / 6.0);
     if z < 1e-5 { series } else { s - step / z }
@@ -65,12 +90,22 @@ pub(crate) struct Filtered {
     pub(crate) ticks: i64,
 }
 
-impl Filtered {
+/// A curve over the shares from 0 to 1 of an interval that is known with its derivative.
+pub(super) trait Smooth: Copy {
+    /// Its value and its derivative at the share `s` of the interval.
+    fn at_and_slope(&self, s: f64) -> (f64, f64);
+
+    /// Its value at the interval's end, as the next interval will have it as start.
+    fn end(&self) -> f64;
+
+    fn ticks(&self) -> i64;
+
     fn at(&self, s: f64) -> f64 {
         self.at_and_slope(s).0
     }
+}
 
-    /// Its value and its derivative at the share `s` of the interval.
+impl Smooth for Filtered {
     #[inline]
     fn at_and_slope(&self, s: f64) -> (f64, f64) {
         let step = step_response(self.decay * s);
@@ -78,6 +113,16 @@ impl Filtered {
         (value, self.decay * self.gap * (1.0 - step) + self.change * step + self.drift)
     }
 
+    fn end(&self) -> f64 {
+        self.end
+    }
+
+    fn ticks(&self) -> i64 {
+        self.ticks
+    }
+}
+
+impl Filtered {
     /// Where it turns, strictly inside of (0, 1).
     fn turn(&self) -> Option<f64> {
         let final_slope = self.change + self.drift; // what the slope tends to
@@ -91,52 +136,59 @@ impl Filtered {
 }
 
 impl Curve for Filtered {
-    type Piece = FilteredPiece;
+    type Piece = SmoothPiece<Filtered>;
 
-    fn pieces(&self) -> impl Iterator<Item = FilteredPiece> {
-        let piece = |from: f64, to: f64| FilteredPiece { curve: *self, from, to };
-        let turn = self.turn();
-        turn.map(|turn| piece(0.0, turn)).into_iter().chain([piece(turn.unwrap_or(0.0), 1.0)])
+    fn pieces(&self) -> impl Iterator<Item = Self::Piece> {
+        between_turns(*self, self.turn().into_iter())
     }
 }
 
-/// A monotone piece of it.
-pub(crate) struct FilteredPiece {
-    curve: Filtered,
-    from: f64,
-    to: f64,
+/// A monotone piece of a curve.
+pub(crate) struct SmoothPiece<C> {
+    pub(super) curve: C,
+    pub(super) from: f64,
+    pub(super) to: f64,
+}
+
+/// The pieces of a curve that turns at these shares of the interval, in their order.
+pub(super) fn between_turns<C: Smooth>(
+    curve: C,
+    turns: impl Iterator<Item = f64>,
+) -> impl Iterator<Item = SmoothPiece<C>> {
+    let mut from = 0.0;
+    turns.chain([1.0]).map(move |to| SmoothPiece { curve, from: std::mem::replace(&mut from, to), to })
 }
 
 #[allow(clippy::cast_precision_loss, reason = "ticks < 2^53")]
-impl Piece for FilteredPiece {
+impl<C: Smooth> Piece for SmoothPiece<C> {
     fn end(&self) -> f64 {
-        if self.to < 1.0 { self.curve.at(self.to) } else { self.curve.end }
+        if self.to < 1.0 { self.curve.at(self.to) } else { self.curve.end() }
     }
 
     fn first_tick(&self, level: Level, up: bool, c: Thresholds) -> i64 {
         let likely = self.near(level, up, c, ROUGH);
-        first_tick_on((self.from, self.to), self.curve.ticks as f64, likely, up, |s| {
+        first_tick_on((self.from, self.to), self.curve.ticks() as f64, likely, up, |s| {
             level.sign_of_excess(self.curve.at(s), c)
         })
     }
 }
 
 #[allow(clippy::cast_precision_loss, reason = "ticks < 2^53")]
-impl Timed for FilteredPiece {
+impl<C: Smooth> Timed for SmoothPiece<C> {
     fn finish(&self) -> f64 {
-        self.to * self.curve.ticks as f64
+        self.to * self.curve.ticks() as f64
     }
 
     fn value(&self, at: f64) -> f64 {
-        self.curve.at(at / self.curve.ticks as f64)
+        self.curve.at(at / self.curve.ticks() as f64)
     }
 
     fn moment(&self, level: Level, up: bool, c: Thresholds) -> f64 {
-        self.near(level, up, c, FINE) * self.curve.ticks as f64
+        self.near(level, up, c, FINE) * self.curve.ticks() as f64
     }
 }
 
-impl FilteredPiece {
+impl<C: Smooth> SmoothPiece<C> {
     fn near(&self, level: Level, up: bool, c: Thresholds, search: Search) -> f64 {
         let value = level.approximate(c).0;
         let missing = |s| {

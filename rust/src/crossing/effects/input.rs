@@ -1,4 +1,5 @@
-//! What a pixel's comparator sees over an interval: straight lines or a cubic, low-passed, with the leak's drift.
+//! What a pixel's comparator sees over an interval: straight lines or a cubic, low-passed once or twice, with the leak's
+//! drift.
 //!
 //! A low-pass has a closed form for straight input only, so it takes a cubic as chords. What must not break: the drift
 //! is straight over the interval, also where samples lie between its ends.
@@ -7,6 +8,7 @@ use super::filtered::{Filtered, filter};
 use super::leak::Drift;
 use super::parameters::PhotoreceptorBandwidth;
 use super::timeline::Pixel;
+use super::two_poles::{Decays, FilteredTwice, filter_twice};
 use crate::crossing::cubic::Cubic;
 use crate::crossing::line::Line;
 
@@ -19,9 +21,11 @@ pub(super) struct Input {
     pub(super) ticks: i64,
 }
 
-/// A low-pass, and its output at the start, then at the end.
+/// A low-pass, or two, and their outputs at the start, then at the end.
 pub(super) struct LowPass<'a> {
     pub(super) bandwidth: PhotoreceptorBandwidth,
+    /// What leaves the photoreceptor, where the source follower is a second low-pass.
+    pub(super) photoreceptor: Option<&'a mut f64>,
     pub(super) output: &'a mut f64,
 }
 
@@ -40,7 +44,27 @@ impl Input {
             let ticks = tick - start;
             let light_at = |t: f64| libm::exp(from + (to - from) * (t / ticks as f64));
             let (leaked, will_leak) = (self.leaked(start as f64), self.leaked(tick as f64));
-            if let Some(LowPass { bandwidth, output }) = &mut low_pass {
+            let drift = will_leak - leaked;
+            if let Some(LowPass { bandwidth, photoreceptor: Some(first), output }) = &mut low_pass {
+                let decays = Decays {
+                    first: bandwidth.photoreceptor_decay(from, to, ticks as f64),
+                    second: bandwidth.follower_decay(ticks as f64),
+                };
+                let before = (**first, **output);
+                let ends = filter_twice(before, from, to, decays);
+                (**first, **output) = (ends.first, ends.second);
+                let curve = FilteredTwice {
+                    start: before.1 + leaked,
+                    end: **output + will_leak,
+                    lag: before.0 - before.1,
+                    gap: from - before.0,
+                    change: to - from,
+                    drift,
+                    decays,
+                    ticks,
+                };
+                pixel.follow(&curve, start, light_at, &mut emit);
+            } else if let Some(LowPass { bandwidth, output, .. }) = &mut low_pass {
                 let decay = bandwidth.decay(from, to, ticks as f64);
                 let before = **output;
                 **output = filter(before, from, to, decay);
@@ -49,7 +73,7 @@ impl Input {
                     end: **output + will_leak,
                     gap: from - before,
                     change: to - from,
-                    drift: will_leak - leaked,
+                    drift,
                     decay,
                     ticks,
                 };

@@ -5,36 +5,38 @@
 use crate::error::{Error, Result};
 use crate::readout::ReadoutParameters;
 
-/// The photoreceptor as a first-order low-pass of log intensity.
+/// The photoreceptor and the source follower behind it: two first-order low-passes of log intensity, one after the other.
 ///
-/// Its corner frequency is proportional to irradiance, down to a floor and up to a ceiling (where the source follower
-/// behind it is the slower one). It is frozen for each interval, at that of the mean log intensity of both ends.
-/// Source: Lichtsteiner, Posch and Delbruck, IEEE JSSC 43(2), 2008, section III.
+/// The photoreceptor's corner frequency is proportional to the photocurrent, luma + `log_eps`, of which `log_eps` is the
+/// dark current. It is frozen for each interval, at that of the mean log intensity of both ends. The source follower's
+/// is set by its bias.
+/// Source: Lichtsteiner, Posch and Delbruck, IEEE JSSC 43(2), 2008, section III; Graca and Delbruck, "Unraveling the
+/// paradox of intensity-dependent DVS pixel noise", IISW 2021 (both poles).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PhotoreceptorBandwidth {
-    /// The corner frequency where luma + `log_eps` = 1; infinite for no low-pass.
+    /// The photoreceptor's corner frequency where luma + `log_eps` = 1; infinite for one that follows at once.
     pub hz: f64,
-    /// The corner frequency never falls below.
-    pub floor_hz: f64,
-    /// The corner frequency never rises above.
-    pub ceiling_hz: f64,
+    /// The source follower's, in any light; infinite likewise.
+    pub source_follower_hz: f64,
 }
 
 /// Events from noise alone: now and then noise takes the signal to a level, and back.
 ///
 /// Both ways make an event, so noise events come in pairs of opposite polarity, and the reference follows as after any
-/// event. Noise is Gaussian, of variance `rms`^2 / (1 + (luma + `log_eps`) / `half_luma`), and pairs are as many as its
-/// crossings of a pixel's own thresholds.
-/// Source: Rice, "Mathematical analysis of random noise", Bell System Technical Journal 24, 1945 (rate of crossings); Graca, `McReynolds` and Delbruck, "Exploiting alternating DVS shot noise event pair statistics to reduce
-/// background activity", IISW 2023 (pairs, and that a reset memorises the noise); Hu, Liu and Delbruck, "v2e", CVPR
+/// event. Noise is Gaussian, white behind two poles: one at `bandwidth_hz`, and one that is proportional to light, at
+/// x `bandwidth_hz` with x = (luma + `log_eps`) / `half_luma`. So its variance is `rms`^2 / (1 + x), and pairs are as many
+/// as its crossings of a pixel's own thresholds.
+/// Source: Rice, "Mathematical analysis of random noise", Bell System Technical Journal 24, 1945 (rate of crossings); Graca, `McReynolds`
+/// and Delbruck, "Exploiting alternating DVS shot noise event pair statistics to reduce background activity", IISW 2023 (pairs, and that a reset memorises the noise); Hu, Liu and Delbruck, "v2e", CVPR
 /// Workshops 2021 (noise events get fewer with intensity).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ShotNoise {
     /// Standard deviation of log intensity in the dark.
     pub rms: f64,
-    /// The luma + `log_eps` at which the variance has halved.
+    /// The luma + `log_eps` at which the variance has halved, both poles being alike there; infinite for noise that is the
+    /// same in any light, of variance `rms`^2 and with both poles at `bandwidth_hz`.
     pub half_luma: f64,
-    /// Corner frequency of the two poles behind which noise is white: it is at zero so often a second, upwards.
+    /// Corner frequency of the pole that does not depend on light.
     pub bandwidth_hz: f64,
 }
 
@@ -136,11 +138,7 @@ fn plain(bound: f64) -> String {
 impl Default for Effects {
     fn default() -> Self {
         Self {
-            photoreceptor_bandwidth: PhotoreceptorBandwidth {
-                hz: f64::INFINITY,
-                floor_hz: 0.0,
-                ceiling_hz: f64::INFINITY,
-            },
+            photoreceptor_bandwidth: PhotoreceptorBandwidth { hz: f64::INFINITY, source_follower_hz: f64::INFINITY },
             threshold_mismatch: ThresholdMismatch::NONE,
             refractory_period_us: 0.0,
             leak: Leak {
@@ -164,11 +162,10 @@ impl Effects {
     /// # Errors
     /// [`Error::Argument`] naming the effect, the value and the range.
     pub fn check(&self) -> Result<()> {
-        let PhotoreceptorBandwidth { hz, floor_hz, ceiling_hz } = self.photoreceptor_bandwidth;
+        let PhotoreceptorBandwidth { hz, source_follower_hz } = self.photoreceptor_bandwidth;
         let ranges = [
             ("photoreceptor_bandwidth_hz", hz, LEAST, f64::INFINITY, "Hz"),
-            ("photoreceptor_bandwidth_hz: ceiling_hz", ceiling_hz, LEAST, f64::INFINITY, "Hz"),
-            ("photoreceptor_bandwidth_hz: floor_hz", floor_hz, 0.0, ceiling_hz, "Hz"),
+            ("photoreceptor_bandwidth_hz: source_follower_hz", source_follower_hz, 1e-3, f64::INFINITY, "Hz"),
             ("threshold_mismatch", self.threshold_mismatch.sigma, 0.0, 1.0, "of the threshold"),
             ("threshold_mismatch: column_parity", self.threshold_mismatch.column_parity, -0.5, 0.5, "of the threshold"),
             ("threshold_mismatch: columns", self.threshold_mismatch.columns, 0.0, 1.0, "of the threshold"),
@@ -181,7 +178,7 @@ impl Effects {
             ("leak_rate_hz: doubling_c", self.leak.doubling_c, 1.0, 1e6, "degrees"),
             ("leak_rate_hz: double_luma", self.leak.double_luma, LEAST, f64::INFINITY, "units of luma"),
             ("shot_noise_rms", self.shot_noise.rms, 0.0, 1e6, "of log intensity"),
-            ("shot_noise_rms: half_luma", self.shot_noise.half_luma, LEAST, 1e300, "units of luma"),
+            ("shot_noise_rms: half_luma", self.shot_noise.half_luma, LEAST, f64::INFINITY, "units of luma"),
             ("shot_noise_rms: bandwidth_hz", self.shot_noise.bandwidth_hz, 1e-3, 1e7, "Hz"),
             ("hot_pixels: fraction", self.hot_pixels.fraction, 0.0, 1.0, "of the pixels"),
             ("hot_pixels: rate_hz", self.hot_pixels.rate_hz, 0.0, 1e7, "Hz"),
@@ -204,9 +201,16 @@ impl Effects {
         self.readout.as_ref().map_or(Ok(()), ReadoutParameters::check)
     }
 
-    /// Whether the photoreceptor's low-pass is on.
+    /// Whether there is a low-pass: the photoreceptor's, the source follower's, or both.
     pub(crate) fn filters(&self) -> bool {
-        self.photoreceptor_bandwidth.hz.min(self.photoreceptor_bandwidth.ceiling_hz).is_finite()
+        let PhotoreceptorBandwidth { hz, source_follower_hz } = self.photoreceptor_bandwidth;
+        hz.min(source_follower_hz).is_finite()
+    }
+
+    /// Whether there are two low-passes one after the other.
+    pub(crate) fn filters_twice(&self) -> bool {
+        let PhotoreceptorBandwidth { hz, source_follower_hz } = self.photoreceptor_bandwidth;
+        hz.max(source_follower_hz).is_finite()
     }
 
     /// Whether any of them acts inside of the pixel, where thresholds of its own are no reason to leave the ideal one.

@@ -7,6 +7,7 @@ use multiversion::multiversion;
 
 use super::filtered::filter;
 use super::parameters::PhotoreceptorBandwidth;
+use super::two_poles::{Decays, filter_twice};
 
 /// Of each pixel the low-pass's time constants in an interval, and its output at the end.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
@@ -23,6 +24,39 @@ pub(super) fn low_pass(
         let z = bandwidth.decay(from[i], to[i], ticks);
         decay[i] = z;
         output[i] = filter(before[i], from[i], to[i], z);
+    }
+}
+
+/// Of each pixel two low-passes, one after the other, at the end of an interval.
+pub(super) struct TwoOutputs<'a> {
+    pub(super) first: &'a mut [f64],
+    pub(super) second: &'a mut [f64],
+    /// Their derivatives by the share of the interval.
+    pub(super) first_slope: &'a mut [f64],
+    pub(super) second_slope: &'a mut [f64],
+}
+
+/// As [`low_pass`], of two low-passes: the first one's time constants, and what both come to.
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
+pub(super) fn two_low_passes(
+    bandwidth: PhotoreceptorBandwidth,
+    ticks: f64,
+    (photoreceptor, follower): (&[f64], &[f64]),
+    (from, to): (&[f64], &[f64]),
+    decay: &mut [f64],
+    outputs: TwoOutputs<'_>,
+) {
+    let n = follower.len();
+    let (photoreceptor, from, to) = (&photoreceptor[..n], &from[..n], &to[..n]);
+    let (decay, first, second) = (&mut decay[..n], &mut outputs.first[..n], &mut outputs.second[..n]);
+    let (first_slope, second_slope) = (&mut outputs.first_slope[..n], &mut outputs.second_slope[..n]);
+    let follower_decay = bandwidth.follower_decay(ticks);
+    for i in 0..n {
+        let decays = Decays { first: bandwidth.photoreceptor_decay(from[i], to[i], ticks), second: follower_decay };
+        let ends = filter_twice((photoreceptor[i], follower[i]), from[i], to[i], decays);
+        decay[i] = decays.first;
+        (first[i], second[i]) = (ends.first, ends.second);
+        (first_slope[i], second_slope[i]) = (ends.first_slope, ends.second_slope);
     }
 }
 
@@ -70,5 +104,50 @@ pub(super) fn mark_sign_changes(
         let (least, most) = (from[i].min(before[i]).min(to[i]), from[i].max(before[i]).max(to[i]));
         let may_leave = (most + will_leak[i] >= high[i]) | (least + leaked[i] <= low[i]);
         marked[i] |= (slopes.0 * slopes.1 < 0.0) & may_leave;
+    }
+}
+
+/// Two low-passes over an interval, pixel by pixel.
+pub(super) struct TwoSteps<'a> {
+    pub(super) from: &'a [f64],
+    pub(super) to: &'a [f64],
+    /// What left both at the start.
+    pub(super) first: &'a [f64],
+    pub(super) second: &'a [f64],
+    /// Time constants.
+    pub(super) first_decay: &'a [f64],
+    pub(super) second_decay: f64,
+    /// Derivatives at the end.
+    pub(super) first_slope: &'a [f64],
+    pub(super) second_slope: &'a [f64],
+}
+
+/// As [`mark_sign_changes`], for what leaves the second of two low-passes, which may turn twice in an interval.
+///
+/// It turns where its slope changes its sign between both ends, or where the slope is not monotone, which the second
+/// derivative at both ends tells: that has one zero at most. The output stays between both outputs at the start and the
+/// input's two ends.
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
+#[allow(clippy::needless_bitwise_bool, reason = "a lazy operator is a branch, which vectors cannot take")]
+pub(super) fn mark_turns(
+    step: &TwoSteps<'_>,
+    (leaked, will_leak): (&[f64], &[f64]),
+    (low, high): (&[f64], &[f64]),
+    marked: &mut [bool],
+) {
+    let n = marked.len();
+    let (from, to, first, second) = (&step.from[..n], &step.to[..n], &step.first[..n], &step.second[..n]);
+    let (decay, first_slope, second_slope) = (&step.first_decay[..n], &step.first_slope[..n], &step.second_slope[..n]);
+    let (leaked, will_leak) = (&leaked[..n], &will_leak[..n]);
+    let (low, high) = (&low[..n], &high[..n]);
+    for i in 0..n {
+        let drift = will_leak[i] - leaked[i];
+        let slope = step.second_decay * (first[i] - second[i]);
+        let bends = (decay[i] * (from[i] - first[i]) - slope, first_slope[i] - second_slope[i]);
+        let slopes = (slope + drift, second_slope[i] + drift);
+        let least = from[i].min(to[i]).min(first[i]).min(second[i]);
+        let most = from[i].max(to[i]).max(first[i]).max(second[i]);
+        let may_leave = (most + will_leak[i] >= high[i]) | (least + leaked[i] <= low[i]);
+        marked[i] |= ((slopes.0 * slopes.1 < 0.0) | (bends.0 * bends.1 < 0.0)) & may_leave;
     }
 }

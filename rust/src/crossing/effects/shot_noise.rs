@@ -1,12 +1,14 @@
 //! Shot noise: a Gaussian process, of which only its crossings of a pixel's levels are drawn.
 //!
 //! Rice: a stationary Gaussian process of standard deviation s crosses the level d upwards `nu exp(-d^2 / (2 s^2))` times a
-//! second, and `nu` is its bandwidth where it is white noise behind two poles of one corner frequency. Arrivals are
-//! drawn at the rate in the dark, which is the highest, and kept by the light at their very instant.
+//! second, and `nu` is the root of `f1 f2` where it is white noise behind two poles of these corner frequencies. One is
+//! fixed, the other proportional to light, so `nu` grows with light while s falls. Arrivals are drawn at the highest
+//! rate, each polarity in the light where it has that, and kept by the light at their very instant.
 
 use super::arrivals::Arrivals;
 use super::excursion::{Excursion, polarity};
 use super::parameters::{Effects, ShotNoise};
+use super::two_poles::Decays;
 use crate::crossing::level::Thresholds;
 use crate::log_intensity::ln;
 use crate::random::{Draw, Purpose};
@@ -16,33 +18,60 @@ use crate::random::{Draw, Purpose};
 pub(crate) struct ShotNoiseLaw {
     seed: u64,
     noise: ShotNoise,
-    correlation: Correlation,
+    refractory_us: f64,
 }
 
 /// Pairs a second that come at least: no pixel lives long enough to see one, and waits stay finite.
 const LEAST_RATE_HZ: f64 = 1e-10;
 
+/// The pole that is proportional to light is taken to be at most so many times the other one, and at least so many:
+/// rates and times stay finite for any noise and light.
+const MOST_RATIO: f64 = 100.0;
+const LEAST_RATIO: f64 = 1e-12;
+
 impl ShotNoiseLaw {
     /// None where there is no noise.
     pub(super) fn new(effects: &Effects, seed: u64) -> Option<Self> {
         let noise = effects.shot_noise;
-        let correlation = Correlation::new(noise.bandwidth_hz, effects.refractory_period_us);
-        (noise.rms > 0.0).then_some(Self { seed, noise, correlation })
+        (noise.rms > 0.0).then_some(Self { seed, noise, refractory_us: effects.refractory_period_us })
+    }
+
+    /// The pole that depends on light over the one that does not, where luma + `log_eps` is `light`.
+    fn ratio(&self, light: f64) -> f64 {
+        if self.noise.half_luma.is_finite() {
+            (light / self.noise.half_luma).clamp(LEAST_RATIO, MOST_RATIO)
+        } else {
+            1.0
+        }
+    }
+
+    /// The rate of crossings of a level at a distance from zero, at a ratio of the poles and a variance.
+    fn crossings_hz(&self, distance: f64, ratio: f64, variance: f64) -> f64 {
+        self.noise.bandwidth_hz * ratio.sqrt() * libm::exp(-distance * distance / (2.0 * variance))
     }
 
     /// Pairs a second that begin with an ON event, and those that begin with an OFF event, where luma + `log_eps` is
     /// `light`.
     fn rates_hz(&self, c: Thresholds, light: f64) -> (f64, f64) {
-        let ShotNoise { rms, half_luma, bandwidth_hz } = self.noise;
-        let twice_variance = 2.0 * rms * rms / (1.0 + light / half_luma);
-        let rate = |distance: f64| bandwidth_hz * libm::exp(-distance * distance / twice_variance);
+        let ShotNoise { rms, half_luma, .. } = self.noise;
+        let variance = rms * rms / (1.0 + light / half_luma);
+        let rate = |distance: f64| self.crossings_hz(distance, self.ratio(light), variance);
         (rate(c.on), rate(c.off))
     }
 
-    /// Arrivals a second: the pairs in the dark.
+    /// Arrivals a second: the pairs of each polarity in the light where they are the most.
     pub(super) fn arrivals_hz(&self, c: Thresholds) -> f64 {
-        let (on, off) = self.rates_hz(c, 0.0);
-        (on + off).max(LEAST_RATE_HZ)
+        let ShotNoise { rms, half_luma, .. } = self.noise;
+        let most = |distance: f64| {
+            if half_luma.is_infinite() {
+                return self.crossings_hz(distance, 1.0, rms * rms);
+            }
+            // The root of x exp(-d^2 (1 + x) / (2 rms^2)) is largest there.
+            let ratio = (rms * rms / (distance * distance)).clamp(LEAST_RATIO, MOST_RATIO);
+            // A little above, for rounding.
+            1.000_000_001 * self.crossings_hz(distance, ratio, rms * rms / (1.0 + ratio))
+        };
+        (most(c.on) + most(c.off)).max(LEAST_RATE_HZ)
     }
 
     /// The process at its beginning.
@@ -72,16 +101,28 @@ impl ShotNoiseLaw {
         }
     }
 
-    /// The excursion that begins with an arrival's event, noise being so much.
-    pub(super) fn excursion(&self, pixel: u32, index: u64, at_us: f64, noise: f64, on: bool) -> Excursion {
+    /// The excursion that begins with an arrival's event of this polarity.
+    pub(super) fn excursion(&self, pixel: u32, index: u64, away: Away, on: bool) -> Excursion {
         let lasts = Draw::at(self.seed, Purpose::ShotNoiseExcursion, pixel, index).exponential();
-        self.correlation.excursion(at_us, lasts, noise, -polarity(on))
+        self.lasting(away, lasts, -polarity(on))
     }
 
     /// The one that begins with the second event of a pair, `index` being the number of the next arrival.
-    pub(super) fn excursion_back(&self, pixel: u32, index: u64, at_us: f64, noise: f64) -> Excursion {
+    pub(super) fn excursion_back(&self, pixel: u32, index: u64, away: Away) -> Excursion {
         let lasts = -ln(Draw::at(self.seed, Purpose::ShotNoiseExcursion, pixel, index).second_uniform());
-        self.correlation.excursion(at_us, lasts, noise, 0)
+        self.lasting(away, lasts, 0)
+    }
+
+    /// One that lasts so many times the mean of both poles' time constants.
+    ///
+    /// At the end of the refractory period, when noise is memorised, of it is left what its autocorrelation says.
+    fn lasting(&self, away: Away, lasts: f64, awaits: i8) -> Excursion {
+        let Away { at_us, light, noise } = away;
+        let (fixed_us, ratio) = (1e6 / (std::f64::consts::TAU * self.noise.bandwidth_hz), self.ratio(light));
+        let of_light_us = fixed_us / ratio;
+        let until_us = at_us + self.refractory_us + (lasts * 0.5 * (fixed_us + of_light_us)).min(LONGEST_US);
+        let decays = Decays { first: self.refractory_us / of_light_us, second: self.refractory_us / fixed_us };
+        Excursion { until_us, noise: noise * decays.left(), awaits }
     }
 
     fn draw(&self, pixel: u32, index: u64) -> Draw {
@@ -89,26 +130,13 @@ impl ShotNoiseLaw {
     }
 }
 
-/// How noise changes with time: as white noise behind two poles of one bandwidth.
+/// Noise that has just made an event: when, in which light (luma + `log_eps`), and how much noise there is.
 #[derive(Clone, Copy, Debug)]
-struct Correlation {
-    time_us: f64,
-    refractory_us: f64,
-    /// What is left of an event's noise at the end of the refractory period, when it is memorised.
-    left: f64,
+pub(crate) struct Away {
+    pub(crate) at_us: f64,
+    pub(crate) light: f64,
+    pub(crate) noise: f64,
 }
 
-impl Correlation {
-    fn new(bandwidth_hz: f64, refractory_us: f64) -> Self {
-        let time_us = 1e6 / (std::f64::consts::TAU * bandwidth_hz);
-        let times = refractory_us / time_us;
-        // Of two poles, so that next to nothing is lost in a short time.
-        let left = if times < 700.0 { (1.0 + times) * libm::exp(-times) } else { 0.0 };
-        Self { time_us, refractory_us, left }
-    }
-
-    fn excursion(&self, at_us: f64, lasts: f64, noise: f64, awaits: i8) -> Excursion {
-        let until_us = at_us + self.refractory_us + lasts * self.time_us;
-        Excursion { until_us, noise: noise * self.left, awaits }
-    }
-}
+/// No excursion lasts longer, so that a stored state has finite times.
+const LONGEST_US: f64 = 1e16;

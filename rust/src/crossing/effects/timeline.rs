@@ -7,6 +7,7 @@ use super::arrivals::Arrivals;
 use super::excursion::Excursion;
 use super::leak::LeakJitter;
 use super::noise::Noise;
+use super::shot_noise::Away;
 use crate::crossing::curve::{Curve, Piece, Timed};
 use crate::crossing::level::{Level, Thresholds};
 
@@ -77,7 +78,7 @@ impl Pixel<'_> {
                         let mut emit = |on| emit(at.ceil() as i64, on);
                         let fired = match kind {
                             Some(kind) => self.take_noise(kind, at, light(at - start), seen, &mut emit),
-                            None => self.end_excursion(at, seen, &mut emit),
+                            None => self.end_excursion(at, light(at - start), seen, &mut emit),
                         };
                         if fired {
                             self.reset(at.ceil() as i64, at);
@@ -150,8 +151,8 @@ impl Pixel<'_> {
             Noise::Shot(shot) => {
                 let Some(on) = shot.event(self.number, index, self.c, light) else { return false };
                 let level = if on { self.reference.up() } else { self.reference.down() };
-                let distance = level.exact(self.c).value() - seen;
-                *self.excursion = shot.excursion(self.number, index, at_us, distance, on);
+                let away = Away { at_us, light, noise: level.exact(self.c).value() - seen };
+                *self.excursion = shot.excursion(self.number, index, away, on);
                 on
             }
         };
@@ -162,7 +163,7 @@ impl Pixel<'_> {
 
     /// Noise is gone, but not from what was memorised: where a level lies within reach, noise makes its event on the way;
     /// whether it did.
-    fn end_excursion(&mut self, at_us: f64, seen: f64, emit: &mut impl FnMut(bool)) -> bool {
+    fn end_excursion(&mut self, at_us: f64, light: f64, seen: f64, emit: &mut impl FnMut(bool)) -> bool {
         let excursion = std::mem::replace(self.excursion, Excursion::NONE);
         self.reference.base += excursion.noise;
         let (up, down) = (self.reference.up(), self.reference.down());
@@ -175,8 +176,8 @@ impl Pixel<'_> {
             return false;
         };
         if let Some((Noise::Shot(shot), arrivals)) = &self.noise[0] {
-            let distance = level.exact(self.c).value() - seen;
-            *self.excursion = shot.excursion_back(self.number, arrivals.index, at_us, distance);
+            let away = Away { at_us, light, noise: level.exact(self.c).value() - seen };
+            *self.excursion = shot.excursion_back(self.number, arrivals.index, away);
         }
         *self.reference = memorised(seen);
         emit(on);
