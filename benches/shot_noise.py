@@ -35,7 +35,7 @@ def engine_rates_hz(c: float, luma: float, mismatch: float | None = None) -> tup
     return counts / seconds, np.broadcast_to(law, counts.shape)
 
 
-def followed_rate_hz(c: float, luma: float, *, pixels: int = 4000, seconds: float = 12.0) -> float:
+def followed_rate_hz(c: float, luma: float, *, pixels: int = 2000, seconds: float = 6.0) -> float:
     """Events a second of pixels whose signal is the noise itself: white noise behind two poles, step by step."""
     random = np.random.default_rng(1)
     ratio = luma / NOISE.half_luma
@@ -45,7 +45,7 @@ def followed_rate_hz(c: float, luma: float, *, pixels: int = 4000, seconds: floa
     both = of_light * decay
     gain = rms / math.sqrt((1 + both) / ((1 - both) * (1 - of_light**2) * (1 - decay**2)))
     first, noise, reference = np.zeros(pixels), np.zeros(pixels), np.zeros(pixels)
-    made, settle = 0, int(20 * STEPS_A_PERIOD * max(1.0, 1 / ratio))
+    made, settle = 0, int(3 * STEPS_A_PERIOD * max(1.0, 1 / ratio))
     for step in range(settle + int(seconds * NOISE.bandwidth_hz * STEPS_A_PERIOD)):
         first = of_light * first + gain * random.standard_normal(pixels)
         noise = decay * noise + first

@@ -50,8 +50,9 @@ class ShotNoise(EngineEffect):
     Where the formula ends: there is one pair at a time, so rates are lower where pairs would overlap (with poles alike
     by 1 % at a rate of bandwidth_hz / 16). A pixel whose thresholds differ from each other makes some events without a
     second one. The distance d is that of a pixel that has just been reset: a signal between two levels does not change
-    the rate. Noise followed step by step makes fewer events than the formula where C is not far above the noise
-    (docs/effects.md). The photoreceptor's pole counts as at most 100 times the other one.
+    the rate. Noise followed step by step makes fewer events than the formula where C is not far above the noise,
+    and where one pole is far slower than the other (docs/effects.md). The photoreceptor's pole
+    counts as at most 100 times the other one.
 
     Args:
         rms: standard deviation of log intensity in the dark, 0..1e6; 0 is neutral.
