@@ -12,10 +12,12 @@ import pytest
 
 from command_line import davis_rs as command
 from davis_rs import CrossingEngine, FrameSource, StampedFrame, measure_stream, open_writer, read_events
+from davis_rs.decoded import Frame
 from davis_rs.events import EVENT_DTYPE, EventArray
+from davis_rs.formats.bag import BagWriter
 from davis_rs.sensor_fit import fit_sensor, measure_recording
 from davis_rs.sensor_fit.frame_noise import FrameNoise, NoiseSampler, fit_frame_noise
-from davis_rs.sensor_fit.frame_source import open_frames
+from davis_rs.sensor_fit.frame_source import of_camera, open_frames
 from davis_rs.sensor_fit.signal_samples import SignalSampler
 from davis_rs.sensor_fit.static_scene import static_events
 from davis_rs.sensor_fit.threshold_fit import ThresholdFit, fit_thresholds
@@ -179,3 +181,23 @@ def test_event_files_have_no_frames(tmp_path: Path) -> None:
     assert open_frames(path, (4, 3)) is None
     assert measure_recording(path, size=(4, 3)).samples is None
     assert len(read_events(path)) == 2
+
+
+def test_frames_of_a_bag_and_of_a_camera_lie_where_and_when_they_were_exposed(tmp_path: Path) -> None:
+    """Bags have a stamp alone; a camera's frame stands for its exposure's middle, and may be a part of the sensor."""
+    pytest.importorskip("rosbags")
+    path = tmp_path / "one.bag"
+    with open_writer(path, (4, 3)) as writer:
+        assert isinstance(writer, BagWriter)
+        writer.write(np.array([(1, 2, 1, 1), (900, 3, 2, 0)], EVENT_DTYPE))
+        writer.write_image(500, np.arange(12, dtype=np.uint8).reshape(3, 4))
+    source = open_frames(path, (4, 3))
+    assert source is not None
+    [frame] = source.frames()
+    assert (frame.t_us, frame.exposure_us, source.of_camera) == (500.0, 0.0, False)
+    np.testing.assert_array_equal(frame.values, np.arange(12).reshape(3, 4))
+    exposed = Frame(100, 110, 150, 170, 1, 2, np.full((1, 2), 64 * 7, np.uint16))
+    [frame] = of_camera(iter([exposed]), (4, 3))
+    assert (frame.t_us, frame.exposure_us) == (130.0, 40.0)
+    assert frame.values[2].tolist()[1:3] == [7.0, 7.0]
+    assert np.isfinite(frame.values).sum() == 2
