@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ import numpy.typing as npt
 import pytest
 
 from command_line import davis_rs as command
-from davis_rs import CrossingEngine, FrameSource, StampedFrame, measure_stream, open_writer, read_events
+from davis_rs import CrossingEngine, FrameSource, StampedFrame, load_sensor, measure_stream, open_writer, read_events
 from davis_rs.decoded import Frame
 from davis_rs.events import EVENT_DTYPE, EventArray
 from davis_rs.formats.bag import BagWriter
@@ -22,6 +23,7 @@ from davis_rs.sensor_fit.signal_samples import SignalSampler
 from davis_rs.sensor_fit.static_scene import static_events
 from davis_rs.sensor_fit.threshold_fit import ThresholdFit, fit_thresholds
 from davis_rs.sensor_parameters import SensorParameters
+from davis_rs.sensors import SensorFile
 from davis_rs.stream_statistics.stream_statistics import Measured
 from hidden_sensors import HEIGHT, WIDTH, draw, record
 
@@ -160,6 +162,21 @@ def test_a_folder_with_frames_gives_thresholds(tmp_path: Path) -> None:
         assert found is not None
         assert abs(float(found[1]) - truth) < 4 * float(found[2])
     assert "in grey values of the frames" in done.stdout
+    fitted = load_sensor(tmp_path / "fit.yaml")
+    assert fitted.threshold_column_parity == pytest.approx(sensor.threshold_column_parity, abs=0.02)
+    assert fitted.photoreceptor_bandwidth_hz == pytest.approx(sensor.photoreceptor_bandwidth_hz, rel=0.3)
+
+
+def test_a_bandwidth_that_is_found_replaces_what_the_base_has_over_light(ideal: EventArray) -> None:
+    """It holds in the recordings' light: next to the base's illuminance it would mean something else."""
+    source = FrameSource(lambda: iter(frames(lag_us=1_000.0)), "DN")
+    fit = fit_sensor([measure_recording(ideal, size=(40, 32), frames=source)])
+    base = replace(load_sensor("davis240c"), width=None, height=None)
+    assert base.photoreceptor_bandwidth_lux is not None
+    made = fit.file(SensorFile(base, "", {"photoreceptor_bandwidth_lux": "a"})).parameters
+    assert made.photoreceptor_bandwidth_hz == pytest.approx(1000 / (2 * np.pi), rel=0.1)
+    assert made.photoreceptor_bandwidth_lux is made.photoreceptor_bandwidth_ceiling_hz is None
+    assert made.contrast_threshold == pytest.approx(ON, rel=0.01)
 
 
 def test_a_static_scene_has_no_events_of_its_beginning() -> None:
