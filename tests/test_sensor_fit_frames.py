@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,15 +12,18 @@ import numpy.typing as npt
 import pytest
 
 from command_line import davis_rs as command
-from davis_rs import CrossingEngine, FrameSource, StampedFrame, measure_stream, open_writer, read_events
+from davis_rs import CrossingEngine, FrameSource, StampedFrame, load_sensor, measure_stream, open_writer, read_events
+from davis_rs.decoded import Frame
 from davis_rs.events import EVENT_DTYPE, EventArray
+from davis_rs.formats.bag import BagWriter
 from davis_rs.sensor_fit import fit_sensor, measure_recording
 from davis_rs.sensor_fit.frame_noise import FrameNoise, NoiseSampler, fit_frame_noise
-from davis_rs.sensor_fit.frame_source import open_frames
+from davis_rs.sensor_fit.frame_source import of_camera, open_frames
 from davis_rs.sensor_fit.signal_samples import SignalSampler
 from davis_rs.sensor_fit.static_scene import static_events
 from davis_rs.sensor_fit.threshold_fit import ThresholdFit, fit_thresholds
 from davis_rs.sensor_parameters import SensorParameters
+from davis_rs.sensors import SensorFile
 from davis_rs.stream_statistics.stream_statistics import Measured
 from hidden_sensors import HEIGHT, WIDTH, draw, record
 
@@ -158,6 +162,21 @@ def test_a_folder_with_frames_gives_thresholds(tmp_path: Path) -> None:
         assert found is not None
         assert abs(float(found[1]) - truth) < 4 * float(found[2])
     assert "in grey values of the frames" in done.stdout
+    fitted = load_sensor(tmp_path / "fit.yaml")
+    assert fitted.threshold_column_parity == pytest.approx(sensor.threshold_column_parity, abs=0.02)
+    assert fitted.photoreceptor_bandwidth_hz == pytest.approx(sensor.photoreceptor_bandwidth_hz, rel=0.3)
+
+
+def test_a_bandwidth_that_is_found_replaces_what_the_base_has_over_light(ideal: EventArray) -> None:
+    """It holds in the recordings' light: next to the base's illuminance it would mean something else."""
+    source = FrameSource(lambda: iter(frames(lag_us=1_000.0)), "DN")
+    fit = fit_sensor([measure_recording(ideal, size=(40, 32), frames=source)])
+    base = replace(load_sensor("davis240c"), width=None, height=None)
+    assert base.photoreceptor_bandwidth_lux is not None
+    made = fit.file(SensorFile(base, "", {"photoreceptor_bandwidth_lux": "a"})).parameters
+    assert made.photoreceptor_bandwidth_hz == pytest.approx(1000 / (2 * np.pi), rel=0.1)
+    assert made.photoreceptor_bandwidth_lux is made.photoreceptor_bandwidth_ceiling_hz is None
+    assert made.contrast_threshold == pytest.approx(ON, rel=0.01)
 
 
 def test_a_static_scene_has_no_events_of_its_beginning() -> None:
@@ -179,3 +198,23 @@ def test_event_files_have_no_frames(tmp_path: Path) -> None:
     assert open_frames(path, (4, 3)) is None
     assert measure_recording(path, size=(4, 3)).samples is None
     assert len(read_events(path)) == 2
+
+
+def test_frames_of_a_bag_and_of_a_camera_lie_where_and_when_they_were_exposed(tmp_path: Path) -> None:
+    """Bags have a stamp alone; a camera's frame stands for its exposure's middle, and may be a part of the sensor."""
+    pytest.importorskip("rosbags")
+    path = tmp_path / "one.bag"
+    with open_writer(path, (4, 3)) as writer:
+        assert isinstance(writer, BagWriter)
+        writer.write(np.array([(1, 2, 1, 1), (900, 3, 2, 0)], EVENT_DTYPE))
+        writer.write_image(500, np.arange(12, dtype=np.uint8).reshape(3, 4))
+    source = open_frames(path, (4, 3))
+    assert source is not None
+    [frame] = source.frames()
+    assert (frame.t_us, frame.exposure_us, source.of_camera) == (500.0, 0.0, False)
+    np.testing.assert_array_equal(frame.values, np.arange(12).reshape(3, 4))
+    exposed = Frame(100, 110, 150, 170, 1, 2, np.full((1, 2), 64 * 7, np.uint16))
+    [frame] = of_camera(iter([exposed]), (4, 3))
+    assert (frame.t_us, frame.exposure_us) == (130.0, 40.0)
+    assert frame.values[2].tolist()[1:3] == [7.0, 7.0]
+    assert np.isfinite(frame.values).sum() == 2

@@ -61,7 +61,7 @@ def _of_thresholds(fits: Sequence[ThresholdFit]) -> Iterator[Finding]:
         f"{noise:.2g}, {100 * outliers:.2g} % outliers"
     )
     yield Finding(*_ON, combined([one.on for one in fits]), said)
-    yield Finding(*_OFF, combined([one.off for one in fits]), "likewise")
+    yield Finding(*_OFF, combined([one.off for one in fits]), said)
     mismatch = [one.mismatch for one in fits if one.mismatch is not None]
     if mismatch:
         yield Finding(*_MISMATCH, combined(mismatch), "what both halves of a pixel's pairs have in common")

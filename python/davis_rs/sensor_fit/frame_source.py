@@ -66,10 +66,10 @@ def open_frames(path: str | os.PathLike[str], size: tuple[int, int]) -> FrameSou
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RecordingWarning)  # who read the events has told it
             frames = read_recording(file).frames
-        return FrameSource(lambda: _of_camera(iter(frames), size), "DN", of_camera=True) if frames else None
+        return FrameSource(lambda: of_camera(iter(frames), size), "DN", of_camera=True) if frames else None
     if is_raw(file):
         raw = RawRecording(file)
-        return FrameSource(lambda: _of_camera(_decoded(raw), size), "DN", of_camera=True)
+        return FrameSource(lambda: of_camera(_decoded(raw), size), "DN", of_camera=True)
     with open_reader(file) as reader:
         if not isinstance(reader, BagReader):
             return None
@@ -101,7 +101,8 @@ def _decoded(raw: RawRecording) -> Iterator[Frame]:
         yield from decoder.push(chunk).frames
 
 
-def _of_camera(frames: Iterator[Frame], size: tuple[int, int]) -> Iterator[StampedFrame]:
+def of_camera(frames: Iterator[Frame], size: tuple[int, int]) -> Iterator[StampedFrame]:
+    """Where they lie on the sensor, at the middle of their exposure."""
     for frame in frames:
         middle_us = (frame.t_exposure_start + frame.t_exposure_end) / 2
         exposure_us = float(frame.t_exposure_end - frame.t_exposure_start)

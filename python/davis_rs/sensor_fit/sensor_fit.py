@@ -17,6 +17,24 @@ from .leak_fit import find_leak
 from .measured_recording import MeasuredRecording
 from .readout_fit import COLUMN_PARITY, find_parity, find_readout, find_refractory_period
 
+_NOT_FITTED = (
+    Finding(
+        "leak's spread", "leak_spread", None, "it needs minutes of a static scene: noise and counts scatter as much"
+    ),
+    Finding("leak's jitter", "leak_jitter", None, "likewise"),
+    Finding("bandwidth over light", "photoreceptor_bandwidth_lux", None, "recordings do not tell their light in lux"),
+    Finding("noise over light", "shot_noise_half_lux", None, "likewise"),
+    Finding("mismatch of rows", None, None, "but for parity: what is the scene's cannot be told from it"),
+    Finding("mismatch of columns", None, None, "likewise"),
+)
+"""What no recording is asked for, and why."""
+
+_BANDWIDTH_OVER_LIGHT = (
+    "photoreceptor_bandwidth_lux",
+    "photoreceptor_bandwidth_floor_hz",
+    "photoreceptor_bandwidth_ceiling_hz",
+)
+
 
 @dataclass(frozen=True)
 class SensorFit:
@@ -40,7 +58,8 @@ class SensorFit:
     def file(self, base: SensorFile | None = None) -> SensorFile:
         """The sensor: what was found, and all else from ``base``.
 
-        Where the base has a refractory period above the bound it is left out.
+        Where the base has a refractory period above the bound it is left out. A bandwidth that was found holds in the
+        recordings' light, so what the base has on bandwidth over light is left out, too.
 
         Raises:
             ValueError: for a base of another size.
@@ -63,11 +82,14 @@ class SensorFit:
                 if math.isfinite(value.sigma):
                     sigmas[parameter] = value.sigma
                 sources[parameter] = f"{source}{f'; {note}' if note else ''}"
+        left_out = _BANDWIDTH_OVER_LIGHT if "photoreceptor_bandwidth_hz" in values else ()
         held_us, bound_us = start.parameters.refractory_period_us, self.refractory_bound_us
         if held_us is not None and bound_us is not None and held_us > bound_us:
-            values["refractory_period_us"] = None
-            sources.pop("refractory_period_us", None)
-            sigmas.pop("refractory_period_us", None)
+            left_out = (*left_out, "refractory_period_us")
+        for name in left_out:
+            values[name] = None
+            sources.pop(name, None)
+            sigmas.pop(name, None)
         description = f"Fitted to {', '.join(self.recordings)}. {start.description}".strip()
         return SensorFile(replace(start.parameters, **values), description, sources, sigmas)
 
@@ -119,5 +141,6 @@ def fit_sensor(recordings: Sequence[StreamStatistics | MeasuredRecording]) -> Se
         *find_readout(streams),
         *parity,
         *with_frames,
+        *_NOT_FITTED,
     )
     return SensorFit(streams[0].size, tuple(one.name for one in streams), findings, shortest)
