@@ -26,7 +26,7 @@ class HiddenSensor(NamedTuple):
     contrast_threshold_off: float
     threshold_mismatch: float
     threshold_column_parity: float
-    photoreceptor_bandwidth_hz: float
+    source_follower_bandwidth_hz: float
     leak_rate_hz: float
     hot_pixel_fraction: float
     hot_pixel_rate_hz: float
@@ -57,7 +57,7 @@ def draw(seed: int, number: int) -> tuple[HiddenSensor, np.random.Generator]:
         contrast_threshold_off=on * ratio(0.7, 1.4),
         threshold_mismatch=even(0.03, 0.15),
         threshold_column_parity=even(-0.08, 0.08),
-        photoreceptor_bandwidth_hz=ratio(80, 600),
+        source_follower_bandwidth_hz=ratio(80, 600),
         leak_rate_hz=ratio(0.02, 0.3),
         hot_pixel_fraction=ratio(1e-3, 5e-3),
         hot_pixel_rate_hz=ratio(5, 40),
@@ -98,14 +98,14 @@ class _Light:
 
 def effects_of(sensor: HiddenSensor) -> Effects:
     """The effects on its events."""
-    hz = sensor.photoreceptor_bandwidth_hz
+    hz = sensor.source_follower_bandwidth_hz
     low = min(sensor.contrast_threshold, sensor.contrast_threshold_off)
     return Effects(
-        photoreceptor_bandwidth_hz=PhotoreceptorBandwidth(hz, floor_hz=hz, ceiling_hz=hz),
+        photoreceptor_bandwidth_hz=PhotoreceptorBandwidth(math.inf, hz),
         threshold_mismatch=ThresholdMismatch(sensor.threshold_mismatch, column_parity=sensor.threshold_column_parity),
         refractory_period_us=sensor.refractory_us,
         leak_rate_hz=LeakRate(sensor.leak_rate_hz),
-        shot_noise_rms=ShotNoise.of_rate(sensor.noise_hz, low, half_luma=1e6),
+        shot_noise_rms=ShotNoise.of_rate(sensor.noise_hz, low, half_luma=math.inf),
         hot_pixels=HotPixels(sensor.hot_pixel_fraction, rate_hz=sensor.hot_pixel_rate_hz),
     )
 

@@ -157,14 +157,14 @@ def test_a_folder_with_frames_gives_thresholds(tmp_path: Path) -> None:
     )
     assert (done.returncode, done.stderr) == (0, "")
     assert (tmp_path / "fit.png").stat().st_size > 20_000
-    for words, truth in (("threshold ON", sensor.contrast_threshold), ("bandwidth", sensor.photoreceptor_bandwidth_hz)):
+    for words, truth in (("threshold ON", sensor.contrast_threshold), ("bandwidth", sensor.source_follower_bandwidth_hz)):
         found = re.search(rf"^{words} +([\d.]+) \+- ([\d.e+-]+)", done.stdout, re.M)
         assert found is not None
         assert abs(float(found[1]) - truth) < 4 * float(found[2])
     assert "in grey values of the frames" in done.stdout
     fitted = load_sensor(tmp_path / "fit.yaml")
     assert fitted.threshold_column_parity == pytest.approx(sensor.threshold_column_parity, abs=0.02)
-    assert fitted.photoreceptor_bandwidth_hz == pytest.approx(sensor.photoreceptor_bandwidth_hz, rel=0.3)
+    assert fitted.source_follower_bandwidth_hz == pytest.approx(sensor.source_follower_bandwidth_hz, rel=0.3)
 
 
 def test_a_bandwidth_that_is_found_replaces_what_the_base_has_over_light(ideal: EventArray) -> None:
@@ -174,8 +174,8 @@ def test_a_bandwidth_that_is_found_replaces_what_the_base_has_over_light(ideal: 
     base = replace(load_sensor("davis240c"), width=None, height=None)
     assert base.photoreceptor_bandwidth_lux is not None
     made = fit.file(SensorFile(base, "", {"photoreceptor_bandwidth_lux": "a"})).parameters
-    assert made.photoreceptor_bandwidth_hz == pytest.approx(1000 / (2 * np.pi), rel=0.1)
-    assert made.photoreceptor_bandwidth_lux is made.photoreceptor_bandwidth_ceiling_hz is None
+    assert made.source_follower_bandwidth_hz == pytest.approx(1000 / (2 * np.pi), rel=0.1)
+    assert made.photoreceptor_bandwidth_lux is made.photoreceptor_bandwidth_hz is None
     assert made.contrast_threshold == pytest.approx(ON, rel=0.01)
 
 

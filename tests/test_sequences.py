@@ -15,6 +15,8 @@ from davis_rs.sequence_report import EventCount, count_events, mean_luma, read_c
 from davis_rs.sequences import SEQUENCES
 
 NAMES = list(SEQUENCES)
+COUNTED = list(read_counts())
+"""What is on record; the table has a dash for what is not."""
 
 
 PAPER = """
@@ -81,7 +83,7 @@ def test_duration_and_top_speeds_are_the_tables(name: str) -> None:
     assert momentary.rate_rad_s < 1.5 * top.rate_rad_s + 1e-9
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", COUNTED)
 def test_the_counts_on_record_are_within_a_factor_of_three(name: str) -> None:
     """Of the whole sequence, as davis-rs sequences-count found them."""
     count = read_counts()[name]
@@ -92,7 +94,7 @@ def test_the_counts_on_record_are_within_a_factor_of_three(name: str) -> None:
 
 
 @pytest.mark.usefixtures("llvm")
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", COUNTED)
 def test_the_counts_on_record_are_of_these_scenes(name: str) -> None:
     """Threshold and a view are as they were then: what has changed since must be counted again."""
     count = read_counts()[name]

@@ -16,7 +16,7 @@ from .threshold_fit import NotIdentifiable, ThresholdFit, fit_thresholds
 
 _ON, _OFF = ("threshold ON", "contrast_threshold"), ("threshold OFF", "contrast_threshold_off")
 _MISMATCH = ("threshold mismatch", "threshold_mismatch")
-_BANDWIDTH = ("bandwidth", "photoreceptor_bandwidth_hz")
+_BANDWIDTH = ("bandwidth", "source_follower_bandwidth_hz")
 _EXPOSURE, _READ = ("exposure of frames", "aps_exposure_us"), ("read noise of frames", "aps_read_noise_dn")
 
 

@@ -29,11 +29,7 @@ _NOT_FITTED = (
 )
 """What no recording is asked for, and why."""
 
-_BANDWIDTH_OVER_LIGHT = (
-    "photoreceptor_bandwidth_lux",
-    "photoreceptor_bandwidth_floor_hz",
-    "photoreceptor_bandwidth_ceiling_hz",
-)
+_BANDWIDTH_OVER_LIGHT = ("photoreceptor_bandwidth_hz", "photoreceptor_bandwidth_lux")
 
 
 @dataclass(frozen=True)
@@ -59,7 +55,8 @@ class SensorFit:
         """The sensor: what was found, and all else from ``base``.
 
         Where the base has a refractory period above the bound it is left out. A bandwidth that was found holds in the
-        recordings' light, so what the base has on bandwidth over light is left out, too.
+        recordings' light: it becomes the one corner that does not depend on light, and the base's photoreceptor is left
+        out.
 
         Raises:
             ValueError: for a base of another size.
@@ -82,7 +79,7 @@ class SensorFit:
                 if math.isfinite(value.sigma):
                     sigmas[parameter] = value.sigma
                 sources[parameter] = f"{source}{f'; {note}' if note else ''}"
-        left_out = _BANDWIDTH_OVER_LIGHT if "photoreceptor_bandwidth_hz" in values else ()
+        left_out = _BANDWIDTH_OVER_LIGHT if "source_follower_bandwidth_hz" in values else ()
         held_us, bound_us = start.parameters.refractory_period_us, self.refractory_bound_us
         if held_us is not None and bound_us is not None and held_us > bound_us:
             left_out = (*left_out, "refractory_period_us")
