@@ -157,7 +157,10 @@ def test_a_folder_with_frames_gives_thresholds(tmp_path: Path) -> None:
     )
     assert (done.returncode, done.stderr) == (0, "")
     assert (tmp_path / "fit.png").stat().st_size > 20_000
-    for words, truth in (("threshold ON", sensor.contrast_threshold), ("bandwidth", sensor.source_follower_bandwidth_hz)):
+    for words, truth in (
+        ("threshold ON", sensor.contrast_threshold),
+        ("bandwidth", sensor.source_follower_bandwidth_hz),
+    ):
         found = re.search(rf"^{words} +([\d.]+) \+- ([\d.e+-]+)", done.stdout, re.M)
         assert found is not None
         assert abs(float(found[1]) - truth) < 4 * float(found[2])

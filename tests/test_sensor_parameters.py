@@ -340,7 +340,7 @@ def test_light_reaches_the_effects_in_lux(name: str) -> None:
         on = SENSORS[name].contrast_threshold
         assert on is not None
         rates = noise.rate_hz(on, on, np.geomspace(0.1, 1000, 2000) / lux_per_luma)
-        assert rates.max() == pytest.approx(5, rel=1e-4)
+        assert 0.8 < rates.max() < 1.1
         assert 0.2 < noise.rate_hz(on, on, 0.5 / lux_per_luma) < 2
         assert noise.rate_hz(on, on, 300 / lux_per_luma) < 1e-3
         assert noise.bandwidth_hz == bandwidth.source_follower_hz

