@@ -139,7 +139,7 @@ impl Renderer {
         self.each_pixel(rays, views, pixels, hits, |view, samples, found| {
             let mut seen = vec![];
             self.each_of(rays, view, samples, |of, tile, some, scratch| {
-                tile::sights(of, tile, some, scratch, &mut seen)
+                tile::sights(of, tile, some, scratch, &mut seen);
             });
             found.extend(seen.iter().map(|sight| match sight.triangle {
                 NOTHING => (f32::INFINITY, NO_TRIANGLE),
