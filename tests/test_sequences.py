@@ -12,6 +12,7 @@ import davis_rs
 from davis_rs.cli.main import main
 from davis_rs.inspection.check import check_dataset
 from davis_rs.sequence_report import EventCount, count_events, mean_luma, read_counts, write_counts
+from davis_rs.sensors import recorded_sensor
 from davis_rs.sequences import SEQUENCES
 
 NAMES = list(SEQUENCES)
@@ -185,15 +186,11 @@ def test_the_recorded_sensor_is_a_name_that_only_recorded_sequences_know(
     assert sensor["hot_pixel_fraction"] == davis_rs.SENSORS["davis240c"].hot_pixel_fraction
     assert main(["simulate", "three_planes", "-o", str(tmp_path / "planes"), "--sensor", "recorded"]) == 1
     assert "scene 'three_planes' has no recording" in capsys.readouterr().err
-    for name in ("simulation_3planes", "urban"):
-        scene = SEQUENCES[name].scene()
-        if name == "urban":
-            assert davis_rs.Simulator(scene, sensor="recorded").contrast_threshold_off == pytest.approx(
-                0.4138, abs=1e-4
-            )
-        else:
-            with pytest.raises(ValueError, match="has no recording"):
-                davis_rs.Simulator(scene, sensor="recorded")
+    with pytest.raises(ValueError, match="has no recording"):
+        davis_rs.Simulator(SEQUENCES["simulation_3planes"].scene(), sensor="recorded")
+    outdoors = recorded_sensor("outdoors")
+    assert outdoors.contrast_threshold == pytest.approx(0.4138, abs=1e-4)
+    assert outdoors.contrast_threshold_off is None  # that of ON
     with pytest.raises(ValueError, match="sensor must be one of ideal, davis240c, davis346"):
         next(iter(davis_rs.events_from_frames(np.zeros((2, 8, 8)), fps=10, sensor="recorded")))
 
