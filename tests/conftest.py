@@ -14,7 +14,7 @@ from hypothesis import settings
 from davis_rs._mitsuba import FAST, default_variant
 from davis_rs.rendering.baked_light import baked_scene, cache
 
-# The same examples in every run, and no time limit for one: kernels are compiled on first use. More examples than these:
+# The same examples in every run, and no time limit for one: kernels are compiled on first use. For more of them:
 # pytest --hypothesis-profile=long
 settings.register_profile("davis_rs", derandomize=True, deadline=None, max_examples=60)
 settings.register_profile("long", derandomize=True, deadline=None, max_examples=300)
