@@ -112,6 +112,10 @@ class Velocities(NamedTuple):
         return Velocities(self.t_us[which], *(values[which] for values in self[1:]))
 
 
+NO_VELOCITIES = Velocities(np.empty(0, np.int64), *[np.empty((0, 3))] * 4)
+"""At no time."""
+
+
 def describe_pose(pose: Pose) -> dict[str, object]:
     return {"position": pose.position.tolist(), "quaternion": pose.quaternion.tolist()}
 

@@ -103,7 +103,9 @@ def simulate_to_folder(
     moving = camera_velocities(scene.path, moving_us)
     event_truth = None
     if given["event_truth"] is not None:
-        event_truth = EventTruth(simulator.scene, simulator.camera, threads=given["threads"])
+        event_truth = EventTruth(
+            simulator.scene, simulator.camera, surfaces=simulator.surfaces, threads=given["threads"]
+        )
     packets = simulator.run()
     # Whatever is wrong with the scene shows before the folder is touched.
     first = next(packets)

@@ -17,7 +17,7 @@ from ..camera import Camera
 from ..events import EventArray, as_events
 from ..imu import IMU_DTYPE, Imu, ImuArray, as_imu, kalibr_camera_chain, kalibr_imu
 from ..packet import Packet
-from ..pose import Pose, Velocities
+from ..pose import NO_VELOCITIES, Pose, Velocities
 from .displacement_png import encode_displacement
 from .files import (
     CALIBRATION,
@@ -319,8 +319,7 @@ class DatasetWriter:
 
     def _checked_velocities(self, velocities: Velocities | None) -> Velocities:
         if velocities is None:
-            none = np.empty((0, 3))
-            return Velocities(np.empty(0, np.int64), none, none, none, none)
+            return NO_VELOCITIES
         t_us = velocities.t_us
         if len(t_us) and (t_us[0] <= self._last_velocity_us or (np.diff(t_us) <= 0).any()):
             raise ValueError(f"times of velocities must be >= 0 and increase, got {t_us[0]} us and later")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from ..pose import Velocities
+from ..pose import NO_VELOCITIES, Velocities
 from ..trajectory.trajectory import Trajectory
 
 
@@ -16,8 +16,7 @@ def camera_velocities(trajectory: Trajectory, t_us: npt.NDArray[np.int64]) -> Ve
         ValueError: for a time outside of the trajectory.
     """
     if not len(t_us):
-        none = np.empty((0, 3))
-        return Velocities(t_us, none, none, none, none)
+        return NO_VELOCITIES
     t = t_us * 1e-6
     to_camera = np.swapaxes(trajectory.rotations(t), 1, 2)
     linear, acceleration = (

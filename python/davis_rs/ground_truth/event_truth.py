@@ -30,6 +30,7 @@ class EventTruth:
     Args:
         scene: with its camera path, made of triangles alone.
         camera: its lens and size; None takes the scene's.
+        surfaces: those of the scene and the camera, where they are there already; None makes them.
 
     Attributes:
         shape_names: the ids of the scene's shapes; shape number 1 is the first.
@@ -39,9 +40,16 @@ class EventTruth:
         OSError: as there.
     """
 
-    def __init__(self, scene: Scene, camera: Camera | None = None, *, threads: int | None = None) -> None:
+    def __init__(
+        self,
+        scene: Scene,
+        camera: Camera | None = None,
+        *,
+        surfaces: SceneSurfaces | None = None,
+        threads: int | None = None,
+    ) -> None:
         self._camera, self._path = scene.own_camera if camera is None else camera, scene.path
-        self._surfaces = SceneSurfaces(scene, self._camera, threads=threads)
+        self._surfaces = surfaces or SceneSurfaces(scene, self._camera, threads=threads)
         self.shape_names = self._surfaces.names
         self._end_us = round(1e6 * self._path.duration_s)
 
