@@ -6,8 +6,8 @@ use pyo3::prelude::*;
 
 use super::arrays::column;
 use crate::render::{
-    Beam, EdgeTracks, Emission, Light, LightKind, LightMapTables, PixelRays, Pose, Renderer, Scene, SceneTables, Sky,
-    TrackSettings, View,
+    BEFORE_LIGHTS, Beam, EdgeTracks, Emission, Light, LightKind, LightMapTables, PixelRays, Pose, RaySight, Renderer,
+    Scene, SceneTables, Sky, TrackSettings, View,
 };
 
 /// The lattice rays of a sensor's pixels, as undistorted image coordinates.
@@ -338,6 +338,75 @@ impl PySceneRenderer {
         py.detach(|| self.0.hits(&rays.0, &views, &pixels, &mut found))?;
         let (depth, triangles): (Vec<f32>, Vec<u32>) = found.into_iter().unzip();
         Ok((depth.into_pyarray(py), triangles.into_pyarray(py)))
+    }
+
+    /// Luma of single pixels in float64, or of weighted sums of pixels, each with its derivatives.
+    ///
+    /// Which surface a ray meets, and whether a light is hidden from it, is taken as fixed.
+    ///
+    /// Args:
+    ///     rays: of the sensor.
+    ///     views: as in :meth:`luma`.
+    ///     view: uint32 (k), the number of the view.
+    ///     pixel: uint32 (k * m), flat: the pixels that are added up, row by row.
+    ///     weights: float64 (m), by which they are multiplied before.
+    ///
+    /// Returns:
+    ///     float64, flat (k, 8 + l): luma; its rate per second; its derivatives by the camera's position in world axes
+    ///     (3, per metre), and by a rotation vector in camera axes (3, per radian); and the part of each of l lights in
+    ///     it, which is the derivative by the logarithm of the light's strength.
+    ///
+    /// Raises:
+    ///     ValueError: for views that do not fit the scene, a view or pixel that is not there, or another number of
+    ///         pixels.
+    fn gradients<'py>(
+        &self,
+        py: Python<'py>,
+        rays: &PyPixelRays,
+        views: Views<'py>,
+        view: &Bound<'py, PyAny>,
+        pixel: &Bound<'py, PyAny>,
+        weights: &Bound<'py, PyAny>,
+    ) -> PyResult<Flat<'py, f64>> {
+        let views = self.views(&views)?;
+        let view = column::<u32>(view, "view")?.as_slice()?.to_vec();
+        let pixel = column::<u32>(pixel, "pixel")?.as_slice()?.to_vec();
+        let weights = column::<f64>(weights, "weights")?.as_slice()?.to_vec();
+        let mut gradients = vec![0.0; view.len() * (BEFORE_LIGHTS + self.0.scene().lights())];
+        py.detach(|| self.0.gradients(&rays.0, &views, &view, &pixel, &weights, &mut gradients))?;
+        Ok(gradients.into_pyarray(py))
+    }
+
+    /// What each ray of single pixels sees, in float64.
+    ///
+    /// Args:
+    ///     rays: of the sensor, r rays a pixel.
+    ///     views: as in :meth:`luma`.
+    ///     view, pixel: uint32 (k), the number of the view, and of the pixel, row by row.
+    ///
+    /// Returns:
+    ///     The number of the triangle that is hit, uint32, flat (k, r), 2^32 - 1 where none is; which lights are hidden
+    ///     from the place, uint64 in the same shape: bit n mod 64 is turned over for each light n that something hides;
+    ///     and luma, float64 in the same shape.
+    ///
+    /// Raises:
+    ///     ValueError: for views that do not fit the scene, or a view or pixel that is not there.
+    fn ray_sights<'py>(
+        &self,
+        py: Python<'py>,
+        rays: &PyPixelRays,
+        views: Views<'py>,
+        view: &Bound<'py, PyAny>,
+        pixel: &Bound<'py, PyAny>,
+    ) -> PyResult<(Flat<'py, u32>, Flat<'py, u64>, Flat<'py, f64>)> {
+        let views = self.views(&views)?;
+        let (view, pixel): (Vec<u32>, Vec<u32>) = view_pixels(view, pixel)?.into_iter().unzip();
+        let mut sights = vec![RaySight::default(); pixel.len() * rays.0.rays()];
+        py.detach(|| self.0.ray_sights(&rays.0, &views, &view, &pixel, &mut sights))?;
+        let triangles: Vec<u32> = sights.iter().map(|sight| sight.triangle).collect();
+        let hidden: Vec<u64> = sights.iter().map(|sight| sight.hidden).collect();
+        let luma: Vec<f64> = sights.iter().map(|sight| sight.luma).collect();
+        Ok((triangles.into_pyarray(py), hidden.into_pyarray(py), luma.into_pyarray(py)))
     }
 
     fn __repr__(&self) -> String {

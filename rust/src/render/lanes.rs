@@ -2,7 +2,7 @@
 
 use std::ops::{Deref, DerefMut};
 
-/// So many at most. Fixed lengths, with loops over those that are there, become vector code.
+/// The most lanes. Arrays have this fixed length and loops run over the lanes in use, so that they become vector code.
 pub(super) const MOST: usize = 64;
 
 /// How many values make up the widest vector: arrays are worked on in multiples of it.

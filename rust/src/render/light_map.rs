@@ -33,7 +33,7 @@ pub(super) struct SideMap {
 }
 
 impl LightMapTables {
-    /// The maps of the front and the back of each of so many triangles; none where there are no tables.
+    /// The maps of the front and the back of each of `triangles` triangles; none where there are no tables.
     pub(super) fn checked(&self, triangles: usize) -> Result<Vec<[SideMap; 2]>> {
         if self.layouts.is_empty() && self.uv_maps.is_empty() && self.texels.is_empty() {
             return Ok(vec![]);

@@ -14,7 +14,8 @@
 //! give what [`shade`] needs; [`tile`] is compiled for several processors, [`samples`] are single pixels, [`renderer`] is
 //! what the user sees. [`edges`] tells when edges pass rays, [`tracks`] what luma does meanwhile
 //! ([`smooth_motion`] says how all moves),
-//! [`edge_tracks`] which pixels that concerns.
+//! [`edge_tracks`] which pixels that concerns. [`gradients`] are derivatives of single pixels in float64: what their rays meet
+//! ([`first_hit`]), and how it changes with the place ([`slopes`], [`framed_lights`]).
 
 #![allow(clippy::many_single_char_names, reason = "coordinates and corners have such names")]
 #![allow(clippy::needless_range_loop, reason = "loops over the lanes of several arrays become vector code")]
@@ -26,6 +27,9 @@ mod cast;
 mod cone;
 mod edge_tracks;
 mod edges;
+mod first_hit;
+mod framed_lights;
+mod gradients;
 mod hierarchy;
 mod lanes;
 mod light_map;
@@ -39,6 +43,7 @@ mod scene;
 mod shade;
 mod shadows;
 mod sky;
+mod slopes;
 mod smooth_motion;
 mod sorted;
 mod texture;
@@ -50,6 +55,8 @@ mod visibility;
 
 pub use beam::Beam;
 pub use edge_tracks::{EdgeTracks, TrackSettings};
+#[cfg(feature = "python")]
+pub use gradients::{BEFORE_LIGHTS, RaySight};
 pub use light_map::{Emission, LightMapTables};
 pub use pixel_rays::PixelRays;
 pub use renderer::Renderer;

@@ -71,7 +71,7 @@ impl Renderer {
     ///
     /// # Errors
     ///
-    /// [`Error::Argument`] for no threads, or where the system refuses so many.
+    /// [`Error::Argument`] for 0 threads, or for more than the system allows.
     pub fn new(scene: Scene, threads: Option<usize>) -> Result<Self> {
         let pool = threads.map(new_pool).transpose()?;
         let still = still_cones(&scene);
@@ -369,7 +369,7 @@ fn check_one_ray(rays: &PixelRays) -> Result<()> {
     if rays.rays == 1 {
         return Ok(());
     }
-    Err(Error::Argument(format!("what a ray hits is asked of one ray a pixel, got {}", rays.rays)))
+    Err(Error::Argument(format!("triangle hits need exactly one ray a pixel, got {}", rays.rays)))
 }
 
 /// Puts a tile's pixels where they belong in its band of rows.

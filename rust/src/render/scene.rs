@@ -314,7 +314,7 @@ fn check(tables: &SceneTables) -> Result<()> {
         return refuse(format!("a triangle emits light {} of {}", one.light, tables.lights.len()));
     }
     if let Some(one) = tables.emissions.iter().flatten().find(|one| !(one.luma >= 0.0 && one.luma.is_finite())) {
-        return refuse(format!("what a triangle emits must be finite and not negative, got {}", one.luma));
+        return refuse(format!("the emission of a triangle must be finite and not negative, got {}", one.luma));
     }
     if !(tables.step >= 0.0 && tables.end > 0.0 && tables.end < 1.0 && largest(tables.centre).is_finite()) {
         return refuse(format!(

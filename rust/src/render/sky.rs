@@ -36,9 +36,16 @@ impl Sky {
     }
 
     /// Luma along the ray (x, y, 1) in camera axes, and its rate.
-    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, clippy::cast_precision_loss, reason = "in range")]
+    #[allow(clippy::cast_possible_truncation, reason = "float64 is rounded to float32")]
     pub(super) fn luma(&self, pose: &Pose, x: f32, y: f32) -> (f32, f32) {
-        let ray: Vector = [f64::from(x), f64::from(y), 1.0];
+        let (luma, rate) = self.along(pose, f64::from(x), f64::from(y));
+        (luma as f32, rate as f32)
+    }
+
+    /// The same in float64.
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, clippy::cast_precision_loss, reason = "in range")]
+    pub(super) fn along(&self, pose: &Pose, x: f64, y: f64) -> (f64, f64) {
+        let ray: Vector = [x, y, 1.0];
         let (at, at_rate) = octahedral(pose.vector(ray), pose.vector(cross(pose.angular_rate, ray)));
         let (mut cell, mut past) = ([0; 2], [0.0; 2]);
         let side = self.side as f64;
@@ -53,7 +60,7 @@ impl Sky {
         let (upper, lower) = (q - p, s - r);
         let (a, b) = (p + upper * past[0], r + lower * past[0]);
         let rate = side * ((upper + (lower - upper) * past[1]) * at_rate[0] + (b - a) * at_rate[1]);
-        ((a + (b - a) * past[1]) as f32, rate as f32)
+        (a + (b - a) * past[1], rate)
     }
 }
 

@@ -13,7 +13,7 @@ const LONG: usize = 8;
 /// Where a tile has more triangles than this, they are ordered once for all of its blocks.
 const MANY: usize = 24;
 
-/// So many triangles are looked at before it is seen whether a block is closed.
+/// A block is checked for being closed after this many triangles.
 const BETWEEN: usize = 4;
 
 /// The nearest triangle of each ray: its place in the tile's list, and its inverse depth there, 0 for nothing.

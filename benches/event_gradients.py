@@ -1,0 +1,182 @@
+"""Derivatives of event times against crossings that are searched again: python benches/event_gradients.py [SCENE ...]
+
+Each unknown is shifted so that the event moves by 0.1 us, to both sides, and the crossing is found again by bisection
+of log luma in float64: no derivative is used. Of each kind of event 600 are drawn at random. An event is within 1 %
+where the error of its row is no more than that share of the row, both as norms over columns, each in units of its
+median. Speed is in processor time: events a second on two cores, with the start of the run and the search for jumps.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial.transform import Rotation
+
+import davis_rs
+from davis_rs.differentiable.event_jacobian import EventTimeModel, LinearisedEvents
+from davis_rs.events import concatenate_events
+from davis_rs.trajectory.views import Views
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+
+STRETCHES = {
+    "three_planes": (0.1003, 0.05),
+    "three_walls": (0.1003, 0.05),
+    "office_zigzag": (2.0003, 0.05),
+    "fence": (0.1003, 0.02),
+}
+"""Start and length, seconds: at rest, or where rays start on borders of texels, there is no derivative."""
+
+SAMPLES, DRAWN = 8, 600
+MOVED_US = 0.1
+WINDOWS_US = (4.0, 40.0, 300.0)
+HALVINGS = 50
+UNKNOWNS = ("pose", "contrast_threshold", "log_eps", "light")
+
+
+@dataclass(frozen=True)
+class Shift:
+    """What is changed for each of n events: the path, the thresholds, the dark level, the lights."""
+
+    pose: FloatArray
+    on: FloatArray
+    off: FloatArray
+    log_eps: FloatArray
+    lights: FloatArray
+
+
+def shifted(column: int, by: FloatArray, lights: int) -> Shift:
+    columns = np.zeros((len(by), 9 + lights))
+    columns[:, column] = by
+    return Shift(columns[:, :6], columns[:, 6], columns[:, 7], columns[:, 8], columns[:, 9:])
+
+
+class Reference:
+    """Crossings of a run's levels, found by bisection."""
+
+    def __init__(self, model: EventTimeModel, at: LinearisedEvents, index: IntArray) -> None:
+        self.model, self.levels = model, at.levels
+        self.t_us, self.pixel = at.levels.t_us[index], at.levels.pixel[index]
+        self.sign, self.on, self.off = at.levels.sign[index], at.levels.on[index], at.levels.off[index]
+        names = [light.name for light in model.field.renderer.table.lights]
+        self.of_name = np.array([[name == one for one in model.light_names] for name in names], np.float64)
+
+    def log_luma(self, t_us: FloatArray, shift: Shift, which: IntArray) -> FloatArray:
+        """Of events ``which``, at times of their own."""
+        field = self.model.field
+        views = field.views(t_us)
+        turns = Rotation.from_rotvec(shift.pose[which, 3:]).as_matrix()
+        moved = Views(
+            views.t_s,
+            views.positions + shift.pose[which, :3],
+            views.rotations @ turns,
+            views.velocities,
+            views.angular_rates,
+        )
+        around = field.neighbours(self.pixel[which]).astype(np.uint32)
+        table = field.renderer.gradients(moved, np.arange(len(which), dtype=np.uint32), around, field.weights)
+        factors = np.expm1(shift.lights[which] @ self.of_name.T)
+        luma = table[:, 0] + (table[:, 8:] * factors).sum(1)
+        return np.asarray(np.log(luma + field.log_eps + shift.log_eps[which]))
+
+    def crossings(self, shift: Shift) -> FloatArray:
+        """(n,) microseconds; NaN where none is near."""
+        simulator, everyone = self.model.simulator, np.arange(len(self.t_us))
+        level = self.log_luma(np.zeros(len(everyone)), shift, everyone)
+        level += self.on * (simulator.contrast_threshold + shift.on)
+        level -= self.off * (simulator.contrast_threshold_off + shift.off)
+
+        def above(t_us: FloatArray, which: IntArray) -> FloatArray:
+            return np.asarray(self.sign[which] * (self.log_luma(t_us, shift, which) - level[which]))
+
+        last_us = self.model.path.duration_s * 1e6
+        low, high = np.full(len(level), np.nan), np.full(len(level), np.nan)
+        for window in WINDOWS_US:
+            which = np.flatnonzero(np.isnan(low))
+            if len(which) == 0:
+                break
+            begin = np.clip(self.t_us[which] - 0.5 - window, 0, last_us)
+            end = np.clip(self.t_us[which] - 0.5 + window, 0, last_us)
+            enclosed = (above(begin, which) < 0) & (above(end, which) >= 0)
+            low[which[enclosed]], high[which[enclosed]] = begin[enclosed], end[enclosed]
+        which = np.flatnonzero(np.isfinite(low))
+        for _ in range(HALVINGS):
+            middle = (low[which] + high[which]) / 2
+            reached = above(middle, which) >= 0
+            high[which[reached]], low[which[~reached]] = middle[reached], middle[~reached]
+        return (low + high) / 2
+
+
+def differences(reference: Reference, jacobian: FloatArray, typical: FloatArray, lights: int) -> FloatArray:
+    """``typical``: how much each column is, so that where it is 0 shifts are small too."""
+    found = np.full_like(jacobian, np.nan)
+    for column in range(jacobian.shape[1]):
+        by = MOVED_US / np.maximum(np.abs(jacobian[:, column]), 0.1 * typical[column])
+        ahead, behind = (reference.crossings(shifted(column, sign * by, lights)) for sign in (1, -1))
+        found[:, column] = (ahead - behind) / (2 * by)
+    return found
+
+
+def within(jacobian: FloatArray, truth: FloatArray, shares: tuple[float, float] = (0.01, 0.05)) -> str:
+    known = np.isfinite(truth).all(1)
+    if not known.any():
+        return "-"
+    truth, error = truth[known], jacobian[known] - truth[known]
+    unit = np.maximum(np.median(np.abs(truth), axis=0), 1e-3)
+    size, off = (np.linalg.norm(one / unit, axis=1) for one in (truth, error))
+    return ", ".join(f"{100 * (off <= share * size + 1e-3).mean():.1f}" for share in shares)
+
+
+def rows(name: str) -> list[str]:
+    start_s, duration_s = STRETCHES[name]
+    scene = davis_rs.load_scene(name).crop(start_s, duration_s)
+    settings: dict[str, Any] = {"accuracy": "exact", "samples": SAMPLES}
+    packets = davis_rs.simulate(scene, frame_rate_hz=0, depth_rate_hz=0, **settings)
+    events = concatenate_events([packet.events for packet in packets])
+    model = EventTimeModel(scene, **settings)
+    seconds = []
+    for _ in range(2):
+        begin = time.process_time()
+        at = model.linearise(model.levels(events))
+        model.columns(at, ("pose",))
+        seconds.append(time.process_time() - begin)
+    lights = len(model.light_names)
+    jacobian = model.columns(at, UNKNOWNS)
+    typical = np.median(np.abs(jacobian[at.smooth & (at.levels.on > 0) & (at.levels.off > 0)]), axis=0)
+    typical = np.maximum(typical, np.median(np.abs(jacobian[at.smooth]), axis=0)) + 1.0
+    draw = np.random.RandomState(0)
+    kinds = {"light runs smoothly": at.smooth, "a ray jumps": at.jump}
+    lines = []
+    for kind, flags in kinds.items():
+        index = np.flatnonzero(flags)
+        index = np.sort(draw.permutation(index)[:DRAWN])
+        cells = [name, kind, f"{len(events):,}", f"{100 * flags.mean():.1f}"]
+        if len(index) >= 20:
+            truth = differences(Reference(model, at, index), jacobian[index], typical, lights)
+            for part in (slice(0, 6), slice(6, 8), slice(8, None)):
+                cells.append(within(jacobian[index][:, part], truth[:, part]))
+        else:
+            cells += ["-"] * 3
+        masked = 100 * (1 - (at.smooth | at.jump).mean())
+        cells += [f"{masked:.1f}", f"{2 * len(events) / min(seconds):,.0f}"]
+        lines.append("| " + " | ".join(cells) + " |")
+    return lines
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("scenes", nargs="*", default=list(STRETCHES), metavar="SCENE", help=", ".join(STRETCHES))
+    print("| scene | where | events | share (%) | poses | thresholds | dark level, light | masked (%) | a second |")
+    print("|---|---|---:|---:|---:|---:|---:|---:|---:|")
+    for name in parser.parse_args().scenes:
+        print(*rows(name), sep="\n", flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,104 @@
+"""Log luma of single pixels at single instants, in float64, with its derivatives."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from ..rendering.neighbours import mirrored
+from ..rendering.render_native import NativeRenderer
+from ..trajectory.trajectory import Trajectory
+from ..trajectory.views import Views
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+
+_TOGETHER = 1 << 15
+"""Pixels that are asked for in one call: more would cost memory."""
+
+_BLUR = np.array([0.25, 0.5, 0.25])
+
+
+class LogLuma(NamedTuple):
+    """L = ln(Y + log_eps) of n pixels, each at its own instant.
+
+    Attributes:
+        value: (n,) L.
+        rate: (n,) dL/dt, per second: of the camera, of all that moves, and of the lights.
+        pose: (n, 6) dL by an increment of the camera's pose: position in world axes, per metre, then a rotation vector
+            in camera axes, per radian.
+        lights: (n, l) dL by the logarithm of each light's strength.
+        log_eps: (n,) dL by the dark level.
+    """
+
+    value: FloatArray
+    rate: FloatArray
+    pose: FloatArray
+    lights: FloatArray
+    log_eps: FloatArray
+
+    def take(self, index: IntArray) -> LogLuma:
+        """Those of some pixels, in the order of their numbers."""
+        return LogLuma(*(column[index] for column in self))
+
+    def put(self, index: IntArray, other: LogLuma) -> None:
+        """Replace those of some pixels."""
+        for column, values in zip(self, other, strict=True):
+            column[index] = values
+
+
+class LogLumaField:
+    """Log luma along a camera path, as a native renderer's own rays see it, without the rounding of float32.
+
+    Which surface a ray meets, and whether a light is hidden from it, is taken as fixed in the derivatives.
+
+    Args:
+        renderer: without effects of the lens.
+        trajectory: the camera's path.
+        log_eps: dark level, in luma.
+    """
+
+    def __init__(self, renderer: NativeRenderer, trajectory: Trajectory, log_eps: float) -> None:
+        self.renderer, self.log_eps = renderer, log_eps
+        self._trajectory = trajectory
+        around = np.arange(-1, 2) if renderer.blur else np.zeros(1, np.int64)
+        self._rows, self._columns = (part.ravel() for part in np.meshgrid(around, around, indexing="ij"))
+        kernel = np.outer(_BLUR, _BLUR) if renderer.blur else np.ones((1, 1))
+        self.weights = kernel.ravel()
+
+    def views(self, t_us: FloatArray) -> Views:
+        """The camera at instants (n,), microseconds; those that rounding puts just before 0 are at 0."""
+        return Views.along(self._trajectory, np.clip(t_us * 1e-6, 0.0, self._trajectory.duration_s))
+
+    def neighbours(self, pixel: IntArray) -> IntArray:
+        """(n, m) the pixels whose luma, times :attr:`weights` (m,), is that of pixels (n,)."""
+        camera = self.renderer.camera
+        y, x = np.divmod(pixel, camera.width)
+        rows = mirrored(y[:, None] + self._rows, camera.height)
+        return rows * camera.width + mirrored(x[:, None] + self._columns, camera.width)
+
+    def at(self, t_us: FloatArray, pixel: IntArray) -> LogLuma:
+        """Log luma of pixels (n,), y W + x, each at its own instant (n,), microseconds from the path's start."""
+        # Pixel after pixel: what they see of textures is then still at hand.
+        order = np.argsort(pixel, kind="stable")
+        chunks = [order[first : first + _TOGETHER] for first in range(0, max(len(order), 1), _TOGETHER)]
+        parts = [self._at(self.views(t_us[chunk]), pixel[chunk]) for chunk in chunks]
+        back = np.empty_like(order)
+        back[order] = np.arange(len(order))
+        return LogLuma(*(np.concatenate(columns)[back] for columns in zip(*parts, strict=True)))
+
+    def at_start(self, pixel: IntArray) -> LogLuma:
+        """Log luma of pixels (n,) at the path's first instant."""
+        return self._of_view(self.views(np.zeros(1)), np.zeros(len(pixel), np.uint32), pixel)
+
+    def _at(self, views: Views, pixel: IntArray) -> LogLuma:
+        return self._of_view(views, np.arange(len(pixel), dtype=np.uint32), pixel)
+
+    def _of_view(self, views: Views, view: npt.NDArray[np.uint32], pixel: IntArray) -> LogLuma:
+        around = self.neighbours(pixel).astype(np.uint32)
+        table = self.renderer.gradients(views, view, around, self.weights)
+        dark = 1 / (table[:, 0] + self.log_eps)
+        slopes = table[:, 1:] * dark[:, None]
+        return LogLuma(np.log(table[:, 0] + self.log_eps), slopes[:, 0], slopes[:, 1:7], slopes[:, 7:], dark)

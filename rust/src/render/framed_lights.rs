@@ -1,0 +1,70 @@
+//! Lights as each frame of a scene has them around it at an instant, in float64.
+
+use super::beam::Beam;
+use super::scene::{Light, LightKind, Scene};
+use super::vector::{Vector, add, cross, scale, sub};
+use super::view::{Pose, View};
+
+/// A light in the axes of a frame, and how it changes there.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct FramedLight {
+    pub(super) kind: FramedKind,
+    pub(super) group: usize,
+    /// Strength under its factor, and its rate.
+    pub(super) strength: [f64; 2],
+    /// The beam, its axis turned into the frame, and the axis's rate.
+    pub(super) beam: Option<(Beam, Vector)>,
+}
+
+#[derive(Clone, Copy, Debug)]
+pub(super) enum FramedKind {
+    /// A place, and its rate.
+    Point(Vector, Vector),
+    /// The unit vector towards the light, and its rate.
+    Directional(Vector, Vector),
+    Constant,
+    /// The number of its texels in the light maps.
+    Baked(usize),
+    Visible,
+}
+
+/// The lights of a view in one of its frames.
+pub(super) fn framed_lights(scene: &Scene, view: &View, frame: usize) -> Vec<FramedLight> {
+    let (camera, own) = (&view.poses[0], &view.poses[frame]);
+    let of_light = |(light, factor): (&Light, &[f64; 2])| FramedLight {
+        kind: match light.kind {
+            LightKind::Point(place) => {
+                let seen = camera.turned(sub(place, camera.position));
+                let change = add(camera.turning(seen), camera.drift());
+                let rate = add(own.vector(add(cross(own.angular_rate, seen), change)), own.velocity);
+                FramedKind::Point(own.place(seen), rate)
+            }
+            LightKind::Directional(along) => {
+                let [towards, rate] = turned(camera, own, scale(along, -1.0));
+                FramedKind::Directional(towards, rate)
+            }
+            LightKind::Constant => FramedKind::Constant,
+            LightKind::Baked(number) => FramedKind::Baked(number as usize),
+            LightKind::Visible => FramedKind::Visible,
+        },
+        group: light.group as usize,
+        strength: factor.map(|factor| factor * light.strength),
+        beam: light.beam.map(|beam| match beam {
+            Beam::Cosine(axis) => {
+                let [axis, rate] = turned(camera, own, axis);
+                (Beam::Cosine(axis), rate)
+            }
+            Beam::Spot { axis, full, cutoff } => {
+                let [axis, rate] = turned(camera, own, axis);
+                (Beam::Spot { axis, full, cutoff }, rate)
+            }
+        }),
+    };
+    scene.lights.iter().zip(&view.factors).map(of_light).collect()
+}
+
+/// A vector that stands still in the world, in a frame, and its rate there.
+fn turned(camera: &Pose, own: &Pose, vector: Vector) -> [Vector; 2] {
+    let seen = camera.turned(vector);
+    [own.vector(seen), own.vector(add(cross(own.angular_rate, seen), camera.turning(seen)))]
+}
