@@ -3,16 +3,24 @@
 from __future__ import annotations
 
 import math
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from davis_rs.dtypes import LAYOUTS, from_structured, to_structured, to_tonic
 from davis_rs.events import EVENT_DTYPE, EventArray
-from davis_rs.represent import count_image, event_frame, time_surface, voxel_grid
+from davis_rs.represent import (
+    count_image,
+    event_frame,
+    event_spike_tensor,
+    last_event_times,
+    time_surface,
+    voxel_grid,
+)
 from strategies import EPOCH_US, EXAMPLES
 
 WIDTH, HEIGHT = SIZE = (5, 4)
@@ -102,15 +110,76 @@ def test_all_polarity_is_in_the_grid() -> None:
     assert grid.sum(dtype=np.float64) == pytest.approx(event_frame(events, SIZE).sum(), rel=1e-6)
 
 
+@settings(EXAMPLES, max_examples=60)
+@given(streams(), st.integers(1, 4), st.sampled_from(["time", "count"]), st.booleans())
+def test_spike_tensors_are_the_definitions(
+    events: EventArray, bins: int, measurement: Literal["time", "count"], window: bool
+) -> None:
+    """Gehrig et al.'s trilinear kernel, each polarity by itself; packets add up to the whole."""
+    first, last = (int(events["t"][0]), int(events["t"][-1])) if len(events) else (0, 0)
+    start, stop = (first + 3, first + 1003) if window else (first, last)
+    expected = np.zeros((2 * bins, HEIGHT, WIDTH))
+    for t, x, y, p in events.tolist():
+        if start <= t <= stop:
+            place = (t - start) / max(1, stop - start)
+            for plane in range(bins):
+                share = max(0.0, 1 - abs(place * (bins - 1) - plane))
+                expected[p * bins + plane, y, x] += share * (place if measurement == "time" else 1)
+
+    def tensor(part: EventArray) -> npt.NDArray[np.float64]:
+        return event_spike_tensor(
+            part, SIZE, bins, start_us=start, stop_us=stop, measurement=measurement, dtype=np.float64
+        )
+
+    np.testing.assert_allclose(tensor(events), expected, atol=1e-12)
+    np.testing.assert_allclose(tensor(events[:7]) + tensor(events[7:]), expected, atol=1e-12)
+    if not window:
+        own = event_spike_tensor(events, SIZE, bins, measurement=measurement)
+        assert own.dtype == np.float32
+        np.testing.assert_allclose(own, expected, atol=1e-5)
+
+
+@settings(EXAMPLES, max_examples=60)
+@given(streams(), st.integers(1, 3), st.booleans())
+def test_last_times_are_those_of_a_loop(events: EventArray, count: int, window: bool) -> None:
+    """The last few of each pixel and polarity within the window, the latest first."""
+    first, last = (int(events["t"][0]), int(events["t"][-1])) if len(events) else (0, 0)
+    start, stop = (first + 3, first + 1003) if window else (first, last)
+    expected = np.zeros((2, count, HEIGHT, WIDTH))
+    for p, y, x in np.ndindex(2, HEIGHT, WIDTH):
+        times = [t for t, *rest in events.tolist() if rest == [x, y, p] and start <= t <= stop]
+        for rank, t in enumerate(sorted(times, reverse=True)[:count]):
+            expected[p, rank, y, x] = (t - start) / max(1, stop - start)
+    limits: dict[str, Any] = {"start_us": start, "stop_us": stop} if window else {}
+    found = last_event_times(events, SIZE, count, **limits)
+    assert found.dtype == np.float32
+    np.testing.assert_allclose(found, expected.reshape(2 * count, HEIGHT, WIDTH), atol=1e-6)
+
+
 def test_strangers_and_impossible_arguments_are_refused() -> None:
     """With the rule, the value and the event's index."""
     outside = np.array([(0, 0, 0, 1), (1, 5, 0, 1)], EVENT_DTYPE)
-    for represent in (event_frame, count_image, lambda e, s: time_surface(e, s, 1.0), lambda e, s: voxel_grid(e, s, 3)):
+    for represent in (
+        event_frame,
+        count_image,
+        lambda e, s: time_surface(e, s, 1.0),
+        lambda e, s: voxel_grid(e, s, 3),
+        lambda e, s: event_spike_tensor(e, s, 3),
+        last_event_times,
+    ):
         with pytest.raises(ValueError, match=r"5 x 4 sensor: event 1 is at \(5, 0\)"):
             represent(outside, SIZE)
     inside = outside[:1]
     with pytest.raises(ValueError, match="at least 1 bin, got 0"):
         voxel_grid(inside, SIZE, 0)
+    with pytest.raises(ValueError, match="at least 1 bin, got 0"):
+        event_spike_tensor(inside, SIZE, 0)
+    with pytest.raises(ValueError, match="must be time or count, got 'polarity'"):
+        event_spike_tensor(inside, SIZE, 1, measurement="polarity")  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="at least 1 event of each pixel is needed, got 0"):
+        last_event_times(inside, SIZE, 0)
+    with pytest.raises(ValueError, match=r"must not end before it starts: got 5\.\.4"):
+        last_event_times(inside, SIZE, start_us=5, stop_us=4)
     with pytest.raises(ValueError, match=r"window that does not end before it starts: got 2 bins in 5\.\.4"):
         voxel_grid(inside, SIZE, 2, start_us=5, stop_us=4)
     with pytest.raises(ValueError, match="> 0 us, got 0"):

@@ -1,1 +1,6 @@
-"""Event files of any format: read, written, converted."""
+"""Event files of any format: read, written, converted. Dataset folders are one of the formats here."""
+
+from ..dataset.folder_format import FolderFormat
+from ..formats.registry import register
+
+register(FolderFormat())

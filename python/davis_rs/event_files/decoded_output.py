@@ -31,8 +31,8 @@ class EventsOutput:
     """A file of events alone, in time order, of any format that :func:`~davis_rs.open_writer` writes.
 
     Args:
-        path: a file that does not exist yet. With ``backward="split"`` the next runs go to files beside it: events.txt,
-            events-1.txt, events-2.txt ...
+        path: a file that does not exist yet. With ``backward="split"`` the next runs go to files next to it:
+            events.txt, events-1.txt, events-2.txt ...
         size: (width, height) of the sensor.
         backward: what to do where times go back.
 

@@ -6,7 +6,6 @@ import os
 from collections.abc import Iterator
 from pathlib import Path
 
-from ..dataset.files import EVENTS
 from ..events import EventArray
 from ..formats.interface import CHUNK, EventReader, Roi
 from ..formats.reading import Breach, ReadRules
@@ -21,7 +20,7 @@ def open_reader(
     outside: Breach = "refuse",
     max_packet_bytes: int = MAX_PACKET_BYTES,
 ) -> EventReader:
-    """A reader of an event file, or of the events of a dataset folder.
+    """A reader of an event file, of a dataset folder or of a rosbag2.
 
     Args:
         path: a file of any format in docs/formats.md, recognised by its content, or a dataset folder.
@@ -38,9 +37,8 @@ def open_reader(
     """
     rules = ReadRules(backward, outside, max_packet_bytes)
     file = Path(path)
-    if file.is_dir():
-        file /= EVENTS
-    regular_file(file)
+    if not file.is_dir():
+        regular_file(file)
     with decoding(file):
         return format_of_content(file).open_reader(file, rules)
 

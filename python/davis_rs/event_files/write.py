@@ -6,6 +6,7 @@ import os
 from typing import Any
 
 from ..close_names import did_you_mean
+from ..dataset.folder_format import FolderFormat
 from ..formats.interface import EventWriter, Target
 from ..formats.registry import format_named, format_of_suffix
 from ..holding import FileHold
@@ -45,7 +46,7 @@ def open_writer(
             raise TypeError(
                 f"the format {chosen.name} has no option {name!r}{did_you_mean(name, chosen.options)}; {has}"
             )
-    if not isinstance(path, str | os.PathLike):
+    if not isinstance(path, str | os.PathLike) or isinstance(chosen, FolderFormat):  # which holds its folder itself
         return chosen.open_writer(path, size, overwrite=overwrite, **options)
     hold = FileHold(path)  # before a file that is there is emptied
     writer = chosen.open_writer(path, size, overwrite=overwrite, **options)

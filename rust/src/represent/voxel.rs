@@ -1,21 +1,8 @@
 //! Voxel grids: polarities spread over planes in time.
 
-use super::cell::misplaced;
-use crate::error::{Error, Result};
+use super::time_bins::{TimeBins, spread};
+use crate::error::Result;
 use crate::event::{Event, SensorSize};
-
-/// The planes of a voxel grid in time.
-#[derive(Clone, Copy, Debug)]
-pub struct TimeBins {
-    /// When the first plane is.
-    pub start_us: i64,
-    /// The end of the window, inclusive.
-    pub stop_us: i64,
-    /// The number of planes.
-    pub count: usize,
-    /// Whether the last plane is at the window's end (Zhu et al.) or one step before it.
-    pub endpoint: bool,
-}
 
 /// Sums polarities (+1 ON, -1 OFF) into `bins.count` planes, each event shared by the two planes around it in the
 /// measure of its nearness in time.
@@ -23,54 +10,17 @@ pub struct TimeBins {
 /// Events outside of the window count nowhere. The window may be an instant: all its events are then in the first plane.
 ///
 /// # Errors
-/// [`Error::Argument`] if there is no plane, the window's end lies before its start, or an event of it lies outside of
-/// the sensor or has a polarity other than 0 or 1.
+/// [`crate::Error::Argument`] if there is no plane, the window's end lies before its start, or an event of it lies
+/// outside of the sensor or has a polarity other than 0 or 1.
 pub fn voxel_grid(events: &[Event], size: SensorSize, bins: TimeBins) -> Result<Vec<f64>> {
-    let TimeBins { start_us, stop_us, count, endpoint } = bins;
-    if count == 0 || stop_us < start_us {
-        return Err(Error::Argument(format!(
-            "a voxel grid needs at least 1 bin and a window that does not end before it starts: got {count} bins in \
-             {start_us}..{stop_us} us"
-        )));
-    }
-    let pixels = size.pixels();
-    // What would fall past the last plane falls into two more, which are cut off again: no test per event.
-    let length = count.checked_add(2).and_then(|n| n.checked_mul(pixels)).filter(|&n| n <= isize::MAX as usize / 8);
-    let mut grid = vec![
-        0.0;
-        length.ok_or_else(|| {
-            Error::Argument(format!("{count} bins of {} x {} do not fit into memory", size.width, size.height))
-        })?
-    ];
-    #[allow(clippy::cast_precision_loss, reason = "times are shorter than 2^53 us, or the share is rounded")]
-    let (steps, span) =
-        ((if endpoint { count - 1 } else { count }) as f64, ((stop_us.abs_diff(start_us)).max(1)) as f64);
-    for (index, event) in events.iter().enumerate() {
-        if event.t < start_us || event.t > stop_us {
-            continue;
-        }
-        if event.x >= size.width || event.y >= size.height || event.p > 1 {
-            return Err(misplaced(index, event, size));
-        }
-        #[allow(clippy::cast_precision_loss, reason = "as above")]
-        let position = steps * (event.t.abs_diff(start_us) as f64) / span;
-        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "0 <= position <= count")]
-        let plane = position as usize;
-        #[allow(clippy::cast_precision_loss, reason = "a number of planes")]
-        let late = position - plane as f64;
-        let polarity = f64::from(event.p) * 2.0 - 1.0;
-        let cell = plane * pixels + event.pixel(size);
-        grid[cell] += polarity * (1.0 - late);
-        grid[cell + pixels] += polarity * late;
-    }
-    grid.truncate(count * pixels);
-    Ok(grid)
+    spread(events, size, bins, 1, |_| 0, |event, _| f64::from(event.p) * 2.0 - 1.0)
 }
 
 #[cfg(test)]
 #[allow(clippy::float_cmp, reason = "sums of dyadic fractions are exact")]
 mod tests {
     use super::*;
+    use crate::error::Error;
 
     const SIZE: SensorSize = SensorSize { width: 1, height: 1 };
 

@@ -1,0 +1,1 @@
+"""Event files and dataset folders as windows, for training."""
