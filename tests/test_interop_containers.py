@@ -254,7 +254,7 @@ def test_all_topics_of_the_public_bags(tmp_path: Path) -> None:
 def test_bags_of_others_are_read(tmp_path: Path) -> None:
     """A bag of message objects in wall-clock nanoseconds, as the public ones are, on a topic of another name."""
     rosbag1 = pytest.importorskip("rosbags.rosbag1")
-    from davis_rs.formats.bag_messages import header, typestore
+    from davis_rs.formats.ros_messages import header, typestore
 
     store, path = typestore(), tmp_path / "theirs.bag"
     event = store.types["dvs_msgs/msg/Event"]
@@ -264,7 +264,7 @@ def test_bags_of_others_are_read(tmp_path: Path) -> None:
         for number in range(3):
             stamps = [time(1_468_940_293, 840_156_238 + 1_000 * number), time(1_468_940_294, 999_999_500)]
             message = store.types["dvs_msgs/msg/EventArray"](
-                header=header(number, 0, "cam0"),
+                header=header(store, number, 0, "cam0"),
                 height=180,
                 width=240,
                 events=[event(number, 7, stamp, bool(number % 2)) for stamp in stamps[: 1 + (number == 2)]],

@@ -17,8 +17,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ..events import EventArray
+from ..formats import FORMATS
 from ..formats.system import naming
-from ..formats.text import TextFormat
 from ..holding import Hold
 from ..pose import Pose
 
@@ -53,17 +53,50 @@ KALIBR_IMU, KALIBR_CAMERA_CHAIN = "imu.yaml", "camchain.yaml"
 META_PART = META + ".part"
 
 
-class EventFile:
-    """``events.txt``, cut back on closing to the last packet that was written whole."""
+EVENT_FILES = {
+    "text": EVENTS,
+    "npy": "events.npy",
+    "npz": "events.npz",
+    "evt2": "events.evt2.raw",
+    "evt3": "events.raw",
+    "aedat4": "events.aedat4",
+    "dsec": "events.h5",
+    "e2vid": "events.e2vid.h5",
+    "parquet": "events.parquet",
+}
+"""The event file of a folder, by its format; the first one that is there is read."""
 
-    def __init__(self, path: Path) -> None:
+
+def check_event_format(format: str, size: tuple[int, int]) -> None:
+    """Refuse, by a ValueError, what is no format of a folder's event file, and one that cannot hold the sensor."""
+    if format not in EVENT_FILES:
+        raise ValueError(f"events_format must be one of {', '.join(EVENT_FILES)}: got {format!r}")
+    FORMATS[format].limits.check_size(format, size)
+
+
+def event_file(folder: Path) -> Path:
+    """The folder's event file; ``events.txt`` where there is none at all."""
+    return next((folder / name for name in EVENT_FILES.values() if (folder / name).is_file()), folder / EVENTS)
+
+
+class EventFile:
+    """The events of a folder: a file of one format, ``events.txt`` for text.
+
+    Text is cut back on closing to the last packet that was written whole. The other formats keep their own promises
+    (docs/formats.md): a packet that is refused leaves nothing.
+    """
+
+    def __init__(self, folder: Path, format: str, size: tuple[int, int]) -> None:
         self.count = self.on_count = self._size = 0
-        self._path = path
-        self._writer = TextFormat().open_writer(path, (65_535, 65_535), overwrite=False)
+        self.path = folder / EVENT_FILES[format]
+        self._is_text = format == "text"
+        self._writer = FORMATS[format].open_writer(
+            self.path, (65_535, 65_535) if self._is_text else size, overwrite=False
+        )
 
     def write(self, events: EventArray) -> None:
         self._writer.write(events)
-        size = self._path.stat().st_size
+        size = self.path.stat().st_size if self._is_text else 0
         # One assignment, so that an interrupt finds the three numbers of one packet.
         self.count, self.on_count, self._size = (
             self.count + len(events),
@@ -71,11 +104,15 @@ class EventFile:
             size,
         )
 
+    def flush(self) -> None:
+        self._writer.flush()
+
     def close(self) -> None:
         try:
             self._writer.finish()
         finally:
-            os.truncate(self._path, self._size)
+            if self._is_text:
+                os.truncate(self.path, self._size)
 
 
 class ImageFiles:
@@ -181,7 +218,7 @@ def claim_folder(path: Path, *, overwrite: bool) -> Hold:
             raise FileExistsError(
                 errno.EEXIST, "the folder is not empty; overwrite=True replaces a dataset in it", str(path)
             )
-        if not ((path / EVENTS).is_file() and (path / META).is_file()):
+        if not (event_file(path).is_file() and (path / META).is_file()):
             raise FileExistsError(
                 errno.EEXIST, f"will not overwrite: no dataset in it (no {EVENTS} and {META})", str(path)
             )
@@ -204,7 +241,9 @@ def _remove_dataset(path: Path) -> None:
         (path / series.list_name).unlink(missing_ok=True)
     for part in path.glob(f"{EVENT_TRUTH['npz']}.part*"):  # of a run that was killed
         part.unlink()
+    for name in EVENT_FILES.values():
+        (path / f"{name}.part").unlink(missing_ok=True)
     # What marks the folder as a dataset goes last, so that an overwrite that was cut short can be repeated.
     texts = (GROUND_TRUTH, INERTIAL, VELOCITY, SHAPE_NAMES, KALIBR_IMU, KALIBR_CAMERA_CHAIN, CALIBRATION)
-    for name in (*texts, *EVENT_TRUTH.values(), META_PART, EVENTS, META):
+    for name in (*texts, *EVENT_TRUTH.values(), META_PART, *EVENT_FILES.values(), META):
         (path / name).unlink(missing_ok=True)

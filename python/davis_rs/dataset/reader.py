@@ -19,7 +19,7 @@ from .._core import DecodeError
 from ..camera import Camera
 from ..events import EventArray
 from ..formats.interface import TruncatedFileWarning
-from ..formats.text import TextFormat
+from ..formats.registry import format_of_content
 from ..imu import IMU_DTYPE, ImuArray
 from ..packet import Displacement
 from ..pose import GroundTruth, Velocities
@@ -28,6 +28,7 @@ from .files import (
     CALIBRATION,
     DEPTH_MAPS,
     DISPLACEMENTS,
+    EVENT_FILES,
     EVENTS,
     FLOW_MAPS,
     FRAMES,
@@ -40,6 +41,7 @@ from .files import (
     SHAPE_NAMES,
     VELOCITY,
     ImageSeries,
+    event_file,
 )
 
 _MOST_PIXELS = 1 << 26
@@ -73,7 +75,7 @@ class Dataset:
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
         names = {entry.name for entry in self.path.iterdir()}
-        if names.isdisjoint({EVENTS, META, CALIBRATION, GROUND_TRUTH, FRAMES.list_name}):
+        if names.isdisjoint({*EVENT_FILES.values(), META, CALIBRATION, GROUND_TRUTH, FRAMES.list_name}):
             raise FileNotFoundError(f"{self.path} is not a dataset: none of {EVENTS}, {META}, {CALIBRATION}, ... in it")
 
     @property
@@ -135,7 +137,8 @@ class Dataset:
     @cached_property
     def events(self) -> EventArray:
         """All events, ``EVENT_DTYPE``."""
-        with warnings.catch_warnings(), TextFormat().open_reader(self.path / EVENTS) as reader:
+        path = event_file(self.path)
+        with warnings.catch_warnings(), format_of_content(path).open_reader(path) as reader:
             warnings.simplefilter("ignore" if self._unfinished else "error", TruncatedFileWarning)
             try:
                 return reader.read()

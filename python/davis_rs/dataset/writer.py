@@ -24,7 +24,6 @@ from .files import (
     DEPTH_MAPS,
     DISPLACEMENT_PNGS,
     DISPLACEMENTS,
-    EVENTS,
     FLOW_MAPS,
     FRAMES,
     GROUND_TRUTH,
@@ -43,6 +42,7 @@ from .files import (
     append_lines,
     as_grey,
     as_json,
+    check_event_format,
     claim_folder,
     encode_exr,
     encode_png,
@@ -72,7 +72,7 @@ class DatasetWriter:
     """Writes packets, as they come, into a dataset folder; a context manager.
 
     The folder has the layout of the public Event-Camera Dataset: ``events.txt``, ``images.txt`` with ``images/``,
-    ``depthmaps.txt`` with ``depthmaps/``, ``groundtruth.txt``, ``imu.txt`` and ``calib.txt``; beside it stand
+    ``depthmaps.txt`` with ``depthmaps/``, ``groundtruth.txt``, ``imu.txt`` and ``calib.txt``. In addition there are
     ``luma.txt`` with ``luma/`` (exact linear luma, OpenEXR channel ``Y``, of the first frame, every ``check_frames``-th
     and the last: what :func:`~davis_rs.inspection.check.check_dataset` compares the events with) and ``meta.json``;
     with an IMU, Kalibr's ``imu.yaml`` and ``camchain.yaml``. Maps of the ground truth have lists and folders likewise:
@@ -97,6 +97,8 @@ class DatasetWriter:
         check_frames: every how many frames the linear luma is stored too; 0 stores only the first and the last.
         shape_names: of the shapes in masks; number 1 is the first.
         flow_png: write displacements as PNG too: the encoding, ``kitti`` or ``dsec``.
+        events_format: of the event file: "text" (``events.txt``), or another one (docs/formats.md), whose file then
+            stands in its place. What a killed process leaves of it is told there.
         imu: the IMU whose samples will be written: Kalibr's ``imu.yaml`` and ``camchain.yaml`` tell of it.
         meta: what is already known of the sequence, for ``meta.json``, so that a folder that is never finished has it.
 
@@ -104,7 +106,7 @@ class DatasetWriter:
         FileExistsError: if ``path`` is a file, or a folder that is not empty (with ``overwrite``: one that does not
             hold both ``events.txt`` and ``meta.json``, so that no other folder can be overwritten by mistake).
         OSError: if the folder cannot be written, here or later, naming the file; EBUSY if another writer has it.
-        ValueError: for an image gain that is not positive and finite, a negative ``check_frames``, or an IMU beside a
+        ValueError: for an image gain that is not positive and finite, a negative ``check_frames``, or an IMU with a
             camera with k3, for which Kalibr has no model, or without a camera.
 
     Source: Mueggler et al., "The Event-Camera Dataset and Simulator", IJRR 2017, section 5 (file formats).
@@ -120,6 +122,7 @@ class DatasetWriter:
         check_frames: int = 8,
         shape_names: Sequence[str] = (),
         flow_png: str | None = None,
+        events_format: str = "text",
         imu: Imu | None = None,
         meta: Mapping[str, Any] | None = None,
     ) -> None:
@@ -129,6 +132,7 @@ class DatasetWriter:
         self.path = Path(path)
         self.camera = camera if isinstance(camera, Camera) else None
         self.size = (camera.width, camera.height) if isinstance(camera, Camera) else camera
+        check_event_format(events_format, self.size)
         self.image_gain = image_gain
         self._check_frames = check_frames
         self._meta = as_json(meta or {})
@@ -138,12 +142,12 @@ class DatasetWriter:
         texts = {} if self.camera is None else {CALIBRATION: self.camera.to_calib()}
         if imu is not None:
             if self.camera is None:
-                raise ValueError("the IMU's place is told from the camera: give one")
+                raise ValueError("the IMU's pose is relative to the camera: give a camera")
             texts |= {KALIBR_IMU: kalibr_imu(imu), KALIBR_CAMERA_CHAIN: kalibr_camera_chain(self.camera, imu)}
         self._pending_luma: tuple[int, npt.NDArray[np.float32]] | None = None
         self._hold = claim_folder(self.path, overwrite=overwrite)
         self._open = True
-        self._events = EventFile(self.path / EVENTS)
+        self._events = EventFile(self.path, events_format, self.size)
         self._frames = ImageFiles(self.path, FRAMES)
         self._depth_maps = ImageFiles(self.path, DEPTH_MAPS)
         self._luma_maps = ImageFiles(self.path, LUMA_MAPS)
@@ -412,7 +416,7 @@ class DatasetWriter:
             "complete": complete,
             "interrupted": interrupted,
         }
-        # Beside it and then in its place: at no instant is there half a meta.json.
+        # Written under another name and then renamed, so that there is never half a meta.json.
         part = self.path / META_PART
         write_file(part, (json.dumps(meta, indent=2) + "\n").encode())
         part.replace(self.path / META)

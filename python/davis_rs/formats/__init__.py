@@ -6,10 +6,12 @@ from .dsec import DsecFormat
 from .e2vid import E2vidFormat
 from .evt import EVT2, EVT3
 from .interface import EventReader, EventWriter, Format, Limits, TruncatedFileWarning, WriteReport
+from .mvsec import MvsecFormat
 from .npy import NpyFormat
 from .npz import NpzFormat
 from .parquet import ParquetFormat
 from .registry import FORMATS, register
+from .ros2 import Ros2Format
 from .text import TextFormat
 
 __all__ = [
@@ -31,7 +33,9 @@ register(
     NpzFormat(),
     DsecFormat(),
     E2vidFormat(),
+    MvsecFormat(),
     ParquetFormat(),
     BagFormat(),
+    Ros2Format(),
     TextFormat(),
 )

@@ -29,7 +29,7 @@ class Aedat4Format(Format):
       they stand in the file.
 
     Each packet that is written is a packet of the file, or several of 8192 events at most. On finishing, a table of
-    contents is added where the file can be gone back in; a file without one is whole as well.
+    contents is added where the file is seekable; a file without one is whole as well.
 
     Source: iniVation, AEDAT 4.0 file format.
     """

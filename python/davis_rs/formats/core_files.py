@@ -7,12 +7,17 @@ import sys
 from collections.abc import Iterator
 from typing import Any
 
+import numpy as np
+
 from .._core import EventFileReader, EventFileWriter
 from ..events import EventArray
+from .blocks import Blocks, Place, blocks_of
 from .interface import EventReader, EventWriter, Failing, Limits, Target, warn_truncated
 from .reading import ReadRules
 
 _STEP = 1 << 13
+_SCANNED = 1 << 10
+"""Blocks between two looks at whether Ctrl-C was pressed."""
 
 
 class CoreWriter(EventWriter):
@@ -70,8 +75,26 @@ class CoreReader(EventReader):
             yield packet
             if self._past(packet, stop_us):
                 return
-        if core.left_over:
-            warn_truncated(self.path, f"the last {core.left_over} bytes, from byte {core.bytes}, are no whole record")
+        self._warn_left_over()
+
+    def blocks(self) -> Blocks:
+        core = self._core = self._open()
+        tables = [np.empty((0, 9), np.int64)]
+        while not core.over:
+            tables.append(core.scan(_SCANNED))
+        self._warn_left_over()
+        byte, events, first_us, last_us, *state = np.concatenate(tables).T
+        places = np.stack([byte, np.append(byte[1:], core.file_size)[: len(byte)], *state], axis=1)
+        return blocks_of(events, first_us, places, *last_us[-1:].tolist())
+
+    def read_block(self, place: Place, events: int) -> EventArray:
+        byte, end, *state = place.tolist()
+        return self._core.read_block(byte, state, end)
+
+    def _warn_left_over(self) -> None:
+        if left_over := self._core.left_over:
+            byte = self._core.bytes
+            warn_truncated(self.path, f"the last {left_over} bytes, from byte {byte}, are no whole record")
 
     def _past(self, packet: EventArray, stop_us: int | None) -> bool:
         """Whether nothing before ``stop_us`` can follow, since the format keeps times in order."""

@@ -1,4 +1,4 @@
-"""HDF5 in the layout of DSEC: events/{t, x, y, p}, ms_to_idx, t_offset."""
+"""HDF5 in the layout of DSEC: events/{t, x, y, p}, ms_to_idx, t_offset; and what DSEC has in other files, in groups."""
 
 from __future__ import annotations
 
@@ -11,8 +11,10 @@ import numpy.typing as npt
 from .._core import DecodeError, check_events
 from ..events import EventArray
 from ..untrusted import decoding
-from .hdf5 import Hdf5Format, Hdf5Reader, Hdf5Writer
+from .hdf5 import Hdf5Format
+from .hdf5_parts import Hdf5PartsReader, Hdf5PartsWriter, Series
 from .interface import Limits
+from .parts import ALL_PARTS, DEPTH, FLOW, FRAMES, IMU, POSES
 from .reading import ReadRules
 
 _SPAN_US = 2**32
@@ -20,8 +22,18 @@ _SPAN_US = 2**32
 _LATEST_US = 2**62
 
 
-class DsecWriter(Hdf5Writer):
-    """Writes events in DSEC's layout.
+SERIES = {
+    FRAMES.name: Series("images/data", "images/t", "u1"),
+    DEPTH.name: Series("depth/data", "depth/t", "<f4"),
+    FLOW.name: Series("flow/data", "flow/t", "<f4"),
+    IMU.name: Series("imu/data", "imu/t", "<f8"),
+    POSES.name: Series("poses/data", "poses/t", "<f8"),
+}
+"""Ours: DSEC's HDF5 holds events alone. Times are those of ``t + t_offset``."""
+
+
+class DsecWriter(Hdf5PartsWriter):
+    """Writes events in DSEC's layout, and the other parts next to them.
 
     ``t_offset`` is 0 where the first event comes within 2^32 us (71 minutes), else that event's millisecond; a later
     event 2^32 us or more after it is refused. ``ms_to_idx`` has an entry for each millisecond up to the last event's.
@@ -29,7 +41,11 @@ class DsecWriter(Hdf5Writer):
     Source: Gehrig et al., "DSEC", RA-L 2021; https://dsec.ifi.uzh.ch/data-format.
     """
 
+    series = SERIES
+    seconds = False
+
     def _create(self) -> None:
+        super()._create()
         for name, dtype, bits in (("t", "<u4", True), ("x", "<u2", False), ("y", "<u2", False), ("p", "u1", True)):
             self._columns[name] = self._column(f"events/{name}", dtype, bits=bits)
         self._milliseconds = self._column("ms_to_idx", "<u8", chunk=1 << 12)
@@ -60,13 +76,15 @@ class DsecWriter(Hdf5Writer):
             self._columns[name].append(packet[name])
 
     def _settle(self) -> None:
+        super()._settle()
         for column in (*self._columns.values(), self._milliseconds):
             column.settle()
 
 
-class DsecReader(Hdf5Reader):
+class DsecReader(Hdf5PartsReader):
     """Reads DSEC's layout; ``t_offset`` is added to the times, and may be missing."""
 
+    series = SERIES
     names = ("events/t", "events/x", "events/y", "events/p")
 
     def __init__(self, path: str | os.PathLike[str], *, format: str, rules: ReadRules) -> None:
@@ -92,6 +110,7 @@ class DsecFormat(Hdf5Format):
     """DSEC's HDF5."""
 
     name = "dsec"
+    holds = ALL_PARTS
     limits = Limits()
     marks = ("events/t",)
     default_compression = "zstd"

@@ -13,6 +13,7 @@ from ..events import EventArray
 from ..untrusted import decoding
 from .hdf5 import Hdf5Format, Hdf5Reader, Hdf5Writer
 from .interface import Failing, Limits
+from .parts import FRAMES
 
 
 class E2vidWriter(Hdf5Writer):
@@ -114,6 +115,7 @@ class E2vidFormat(Hdf5Format):
     """e2vid's HDF5. It holds what float64 seconds and int16 coordinates do."""
 
     name = "e2vid"
+    holds = (FRAMES.name,)
     limits = Limits(latest_us=2**31 * 1_000_000 - 1, width=32_768, height=32_768)
     marks = ("events/ts",)
     default_compression = "none"

@@ -1,4 +1,5 @@
-"""Making files: never over one that exists unless told so, and beside the path where a format must be whole at once."""
+"""Makes files. An existing file is only replaced on request. A format that is unreadable in part is first written under
+another name."""
 
 from __future__ import annotations
 
@@ -27,11 +28,11 @@ def claim(path: str | os.PathLike[str], *, overwrite: bool) -> Path:
 
 
 class PartFile:
-    """A file that is written beside its path, as ``NAME.part``, and takes its name when it is whole.
+    """A file that is written next to its path, as ``NAME.part``, and takes its name when it is whole.
 
     Raises:
         FileExistsError: if the path exists and ``overwrite`` is not set, now or at the end.
-        OSError: if the file beside it cannot be made.
+        OSError: if ``NAME.part`` cannot be made.
     """
 
     def __init__(self, path: str | os.PathLike[str], *, overwrite: bool) -> None:

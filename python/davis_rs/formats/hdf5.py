@@ -16,6 +16,7 @@ import numpy.typing as npt
 from .._core import DecodeError, fill_events
 from ..events import EVENT_DTYPE, EventArray
 from ..untrusted import decoding
+from .blocks import BLOCK, Blocks, Place, equal_blocks
 from .extras import from_extra
 from .files import claim
 from .hdf5_chunks import check_chunks, check_dataset
@@ -142,8 +143,10 @@ class Hdf5Reader(EventReader):
         DecodeError: if columns are missing, or differ in length in a file that was finished.
     """
 
-    names: ClassVar[tuple[str, str, str, str]]
-    """The datasets of t, x, y and p."""
+    names: ClassVar[tuple[str, ...]]
+    """The datasets of t, x, y and p; or the one of all."""
+    row: ClassVar[tuple[int, ...]] = ()
+    """The shape of their values."""
 
     def __init__(self, path: str | os.PathLike[str], *, format: str, rules: ReadRules) -> None:
         self._file = open_hdf5(path)
@@ -158,7 +161,7 @@ class Hdf5Reader(EventReader):
                 lengths = {dataset.name: len(dataset) for dataset in self._datasets}
                 self._count = min(lengths.values())
                 for dataset in self._datasets:
-                    check_dataset(path, dataset, self._count, rules.max_packet_bytes)
+                    check_dataset(path, dataset, self._count, rules.max_packet_bytes, self.row)
                 finished = self._file.attrs.get(COMPLETE, 1) != 0
                 if finished and len(set(lengths.values())) > 1:
                     raise DecodeError(f"{path}: datasets of events differ in length: {lengths}")
@@ -204,6 +207,13 @@ class Hdf5Reader(EventReader):
     def _read(self, start_us: int | None, stop_us: int | None) -> EventArray:
         return self._slice(self._place(start_us, 0), self._place(stop_us, self._count))
 
+    def blocks(self) -> Blocks:
+        chunks = self._datasets[0].chunks
+        return equal_blocks(self._count, BLOCK if chunks is None else max(chunks[0], BLOCK // 4))
+
+    def read_block(self, place: Place, events: int) -> EventArray:
+        return self._slice(int(place[0]), int(place[1]))
+
     def _place(self, t_us: int | None, default: int) -> int:
         if t_us is None:
             return default
@@ -228,7 +238,7 @@ class Hdf5Reader(EventReader):
         for dataset in self._datasets:
             check_chunks(self.path, dataset, start, end, self.rules.max_packet_bytes)
         with decoding(self.path, f"events {start}..{end}"):  # a filter that fails on what it is given, or is missing
-            t, x, y, p = (dataset[start:end] for dataset in self._datasets)
+            t, x, y, p = self._columns(start, end)
         x, y = self._coordinate("x", x, start), self._coordinate("y", y, start)
         # Some have -1 for 0.
         wrong = ~((p == 0) | (p == 1) | (p == -1))
@@ -236,6 +246,10 @@ class Hdf5Reader(EventReader):
             at = int(wrong.argmax())
             raise DecodeError(f"{self.path}: p of event {start + at} is {p[at]}, not 0 or 1")
         fill_events(events, self._times(t), x, y, (p > 0).view(np.uint8))
+
+    def _columns(self, start: int, end: int) -> tuple[npt.NDArray[Any], ...]:
+        """t, x, y and p of some events, as the file has them."""
+        return tuple(dataset[start:end] for dataset in self._datasets)
 
     def _coordinate(self, name: str, column: npt.NDArray[Any], start: int) -> npt.NDArray[np.uint16]:
         if column.dtype == np.uint16:

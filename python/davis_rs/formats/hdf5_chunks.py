@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+import math
 import os
 import zlib
 from typing import TYPE_CHECKING
@@ -19,26 +21,34 @@ _LONGEST_RATIO = {_DEFLATE: 1032, _LZF: 88}
 """What a byte can become, of formats that do not state what they unpack to."""
 
 
-def check_dataset(path: str | os.PathLike[str], dataset: h5py.Dataset, rows: int, limit: int) -> None:
+def check_dataset(
+    path: str | os.PathLike[str], dataset: h5py.Dataset, rows: int, limit: int, row: tuple[int | None, ...] = ()
+) -> None:
     """Refuse a dataset that does not hold its first ``rows`` values in the file itself, one by one in chunks that are
-    within the limit.
+    within the limit. ``row`` is the shape that a value must have, None for any number.
 
     Raises:
         DecodeError: for the first rule that is broken.
     """
     name, file = dataset.name, os.fspath(path)
-    if dataset.ndim != 1 or dataset.dtype.kind not in "biuf":
-        raise DecodeError(f"{file}: {name} must be one-dimensional, of numbers: found {dataset.shape}, {dataset.dtype}")
+    found = dataset.shape[1:]
+    fits = dataset.ndim == 1 + len(row) and all(want in (None, side) for want, side in zip(row, found, strict=True))
+    if not fits or dataset.dtype.kind not in "biuf":
+        form = f"of rows {row}".replace("None", "any") if row else "one-dimensional"
+        raise DecodeError(f"{file}: {name} must be {form}, of numbers: found {dataset.shape}, {dataset.dtype}")
+    size = math.prod(found) * dataset.dtype.itemsize
+    if row and size > limit:
+        raise above_limit(path, f"a row of {name}", limit)
     if dataset.is_virtual or dataset.external or not os.path.samefile(dataset.file.filename, path):
         raise DecodeError(f"{file}: {name} lies in another file: it must be in this one")
     if dataset.chunks is None:
-        if dataset.id.get_storage_size() < rows * dataset.dtype.itemsize:
+        if dataset.id.get_storage_size() < rows * size:
             raise DecodeError(f"{file}: {name} says {rows} values, and does not hold them")
         return
-    in_chunk = dataset.chunks[0]
-    if in_chunk * dataset.dtype.itemsize > limit:
+    if math.prod(dataset.chunks) * dataset.dtype.itemsize > limit:
         raise above_limit(path, f"a chunk of {name}", limit)
-    if dataset.id.get_num_chunks() < -(-rows // in_chunk):
+    chunks = math.prod(-(-side // step) for side, step in zip((rows, *found), dataset.chunks, strict=True))
+    if dataset.id.get_num_chunks() < chunks:
         raise DecodeError(f"{file}: {name} says {rows} values, and does not hold all of their chunks")
 
 
@@ -59,8 +69,9 @@ def check_chunks(path: str | os.PathLike[str], dataset: h5py.Dataset, start: int
             "Blosc, LZ4, bitshuffle and Zstandard"
         )
     in_chunk = dataset.chunks[0]
-    for first in range(start - start % in_chunk, end, in_chunk):
-        _, data = dataset.id.read_direct_chunk((first,))
+    rest = [range(0, side, step) for side, step in zip(dataset.shape[1:], dataset.chunks[1:], strict=True)]
+    for first, *others in itertools.product(range(start - start % in_chunk, end, in_chunk), *rest):
+        _, data = dataset.id.read_direct_chunk((first, *others))
         if _unpacked(packing[0], data, limit) > limit:
             raise above_limit(path, f"the chunk of {dataset.name} at {first}", limit)
 

@@ -19,13 +19,14 @@ COMPRESSIONS = ("none", "lz4", "zstd")
 
 
 class GrowingDataset:
-    """A one-dimensional dataset that rows are appended to.
+    """A dataset that rows are appended to: numbers, or arrays of one shape.
 
     Rows wait until a chunk is full; :meth:`settle` writes those that wait as well, as a chunk that will be replaced.
 
     Args:
         compression: one of :data:`COMPRESSIONS`, as Blosc with byte or, for ``bits``, bit shuffle before it.
         level: of the compression, 1..9.
+        row: the shape of a row, () for numbers.
         bits: whether single bits of the rows vary slowly, as those of times and polarities do.
 
     Source: HDF5 direct chunk write, https://docs.h5py.org/en/stable/high/dataset.html; the registered filter 32001
@@ -40,6 +41,7 @@ class GrowingDataset:
         *,
         compression: str = "zstd",
         level: int = 1,
+        row: tuple[int, ...] = (),
         bits: bool = False,
         chunk: int = CHUNK,
     ) -> None:
@@ -57,9 +59,11 @@ class GrowingDataset:
             shuffle = Blosc.BITSHUFFLE if bits else Blosc.SHUFFLE
             self._codec = Blosc(compression, level, shuffle)
             filters = hdf5plugin.Blosc(compression, level, shuffle)
-        self.dataset = hdf5.file.create_dataset(name, (0,), dtype, maxshape=(None,), chunks=(chunk,), **filters)
+        self.dataset = hdf5.file.create_dataset(
+            name, (0, *row), dtype, maxshape=(None, *row), chunks=(chunk, *row), **filters
+        )
         hdf5.watch(self.dataset)
-        self._rows: npt.NDArray[Any] = np.zeros(chunk, dtype)
+        self._rows: npt.NDArray[Any] = np.zeros((chunk, *row), dtype)
         self._start = self._filled = 0
 
     def __len__(self) -> int:
@@ -84,10 +88,11 @@ class GrowingDataset:
         if self._filled:
             self._rows[self._filled :] = 0
             self._write()
-        self.dataset.resize((len(self),))
+        self.dataset.resize(len(self), axis=0)
 
     def _write(self) -> None:
-        self.dataset.resize((self._start + len(self._rows),))
+        self.dataset.resize(self._start + len(self._rows), axis=0)
         data = self._rows if self._codec is None else self._codec.encode(self._rows)
-        self.dataset.id.write_direct_chunk((self._start,), bytes(data) if self._codec is None else data)
+        place = (self._start, *[0] * (self._rows.ndim - 1))
+        self.dataset.id.write_direct_chunk(place, bytes(data) if self._codec is None else data)
         self._hdf5.check()

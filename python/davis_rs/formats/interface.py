@@ -17,6 +17,7 @@ import numpy as np
 from .._core import check_events
 from ..events import EVENT_DTYPE, EventArray, as_events, concatenate_events
 from ..untrusted import decoding, guarded
+from .blocks import Blocks, Place, refuse
 from .reading import ANY_SIZE, EventCheck, ReadRules
 
 CHUNK = 1 << 20
@@ -263,7 +264,8 @@ class EventReader(ABC):
         self.size = size
         """(width, height) of the sensor in pixels, None where the file does not say."""
         self.rules = rules
-        self._extent = extent
+        self.extent = extent
+        """Width and height that the format can hold, where the file does not state a size."""
         self.check = self._new_check()
 
     def __repr__(self) -> str:
@@ -330,7 +332,7 @@ class EventReader(ABC):
             yield check.take(packet)
 
     def _new_check(self) -> EventCheck:
-        return EventCheck(self.path, self.rules, self.size or self._extent)
+        return EventCheck(self.path, self.rules, self.size or self.extent)
 
     @abstractmethod
     def _packets(self, chunk: int, start_us: int | None, stop_us: int | None) -> Iterator[EventArray]:
@@ -341,6 +343,24 @@ class EventReader(ABC):
         """All events with start_us <= t < stop_us, and perhaps others, as one array of the caller's."""
         parts = (select(packet, start_us, stop_us, None) for packet in self._packets(CHUNK, start_us, stop_us))
         return concatenate_events(list(parts))
+
+    def blocks(self) -> Blocks:
+        """Where the file's events are, such that parts of it can be read by :meth:`read_block`; reads the whole file
+        once where it does not say that itself.
+
+        Raises:
+            ValueError: if the file can only be read from its beginning.
+            OSError, DecodeError: if it cannot be read, or is malformed.
+        """
+        refuse(self.path, f"{self.format} holds nothing to find a place by")
+
+    def read_block(self, place: Place, events: int) -> EventArray:
+        """The events of a block, of which :meth:`blocks` has said where it is and how many there are; unchecked.
+
+        Raises:
+            OSError, DecodeError: if it cannot be read, or is malformed.
+        """
+        raise NotImplementedError
 
     def close(self) -> None:  # noqa: B027 - most formats open the file for an iteration only
         """Let go of the file."""
@@ -363,10 +383,17 @@ class Format(ABC):
     """What it can hold."""
     options: tuple[str, ...] = ()
     """The names of its writer's own options."""
+    holds: tuple[str, ...] = ()
+    """What it holds next to events, by the names of :data:`~davis_rs.formats.parts.PARTS`: its writers and readers have
+    the methods of these parts."""
 
     @abstractmethod
     def sniff(self, head: bytes, path: Path) -> bool:
         """Whether a file with these first bytes (4 KiB, or all of it) is one of this format."""
+
+    def sniff_folder(self, path: Path) -> bool:
+        """Whether a folder is one of this format."""
+        return False
 
     open_writer: Callable[..., EventWriter]
     """``open_writer(target, size, *, overwrite, **options)``: a writer into a new file, with the format's own options;

@@ -14,6 +14,7 @@ import numpy as np
 from .._core import DecodeError
 from ..events import EVENT_DTYPE, EventArray, as_events
 from ..untrusted import above_limit, decoding
+from .blocks import BLOCK, Blocks, Place, equal_blocks
 from .files import claim
 from .interface import EventReader, EventWriter, Format, Limits, Target, warn_truncated
 from .reading import ReadRules
@@ -46,7 +47,7 @@ class NpyWriter(EventWriter):
             self._file = self._open(target, overwrite=overwrite)
             if not self._file.seekable():
                 raise ValueError(
-                    f"{format} tells the number of events at its beginning: {self.path} cannot be gone back in"
+                    f"{format} states the number of events at its beginning, but {self.path} is not seekable"
                 )
             self._start = self._file.tell()
             self._begin()
@@ -145,13 +146,26 @@ class NpyReader(EventReader):
                 first += len(packet)
                 self._done = first
                 yield to_events(packet, self.path)
-        if self._events < self._count and last == self._events:
-            missing = self._count - self._events
-            warn_truncated(self.path, f"the last {missing} of {self._count} events, from byte {self._end}, are missing")
+        if last == self._events:
+            self._warn_missing()
 
     def _read(self, start_us: int | None, stop_us: int | None) -> EventArray:
         packets = list(self._packets(max(self._events, 1), start_us, stop_us))
         return packets[0] if packets else np.zeros(0, EVENT_DTYPE)
+
+    def blocks(self) -> Blocks:
+        self._warn_missing()
+        return equal_blocks(self._events, BLOCK)
+
+    def read_block(self, place: Place, events: int) -> EventArray:
+        with self.path.open("rb") as file:
+            file.seek(self._offset + int(place[0]) * self._dtype.itemsize)
+            return to_events(np.fromfile(file, self._dtype, events), self.path)
+
+    def _warn_missing(self) -> None:
+        if self._events < self._count:
+            missing = self._count - self._events
+            warn_truncated(self.path, f"the last {missing} of {self._count} events, from byte {self._end}, are missing")
 
     @property
     def _end(self) -> int:

@@ -15,6 +15,7 @@ import numpy as np
 from .._core import DecodeError, crc32, crc32_combine
 from ..events import EventArray
 from ..untrusted import decoding
+from .blocks import BLOCK, Blocks, equal_blocks, refuse
 from .files import PartFile
 from .interface import EventReader, EventWriter, Format, Target, warn_truncated
 from .npy import HEADER, NpyReader, NpyWriter, npy_header, read_header, to_events
@@ -30,9 +31,8 @@ _LATER = 0xFFFFFFFF
 
 
 class NpzWriter(NpyWriter):
-    """Writes the archive beside its path, as ``NAME.npz.part``, and gives it its name on finishing: an archive without
-    its directory could not be opened by others. What a killed process leaves there is read by
-    :func:`davis_rs.read_events`."""
+    """Writes the archive next to its path, as ``NAME.npz.part``, and renames it on finishing, because other programs
+    cannot open an unfinished archive. :func:`davis_rs.read_events` reads what a killed process has left in it."""
 
     _part: PartFile | None = None
     _crc = 0
@@ -83,6 +83,9 @@ class DeflatedReader(EventReader):
     def progress(self) -> float:
         return self._done / max(self._count, 1)
 
+    def blocks(self) -> Blocks:
+        refuse(self.path, "the archive is compressed")
+
     def _packets(self, chunk: int, start_us: int | None, stop_us: int | None) -> Iterator[EventArray]:
         self._done = 0
         with zipfile.ZipFile(self.path) as archive, archive.open(self._member) as file:
@@ -106,6 +109,13 @@ class CutReader(NpyReader):
 
     def _packets(self, chunk: int, start_us: int | None, stop_us: int | None) -> Iterator[EventArray]:
         yield from super()._packets(chunk, start_us, stop_us)
+        self._warn_cut()
+
+    def blocks(self) -> Blocks:
+        self._warn_cut()
+        return equal_blocks(self.events, BLOCK)
+
+    def _warn_cut(self) -> None:
         warn_truncated(self.path, f"the archive was cut, or never finished; {self.events} events are left")
 
 

@@ -14,6 +14,7 @@ import numpy.typing as npt
 from .._core import DecodeError, fill_events
 from ..events import EVENT_DTYPE, EventArray
 from ..untrusted import decoding
+from .blocks import UNKNOWN_US, Blocks, Place, blocks_of
 from .extras import from_extra
 from .files import PartFile
 from .interface import CHUNK, EventReader, EventWriter, Format, Limits, Target
@@ -31,7 +32,7 @@ SIZE_KEY = b"davis_rs.size"
 class ParquetWriter(EventWriter):
     """Writes columns t (int64, us), x, y (uint16) and p (bool).
 
-    Parquet is unreadable without its end. So a file is written beside its path, as NAME.part, and takes its name when
+    Parquet is unreadable without its end. So a file is written next to its path, as NAME.part, and takes its name when
     it is finished: a killed process leaves the path as it was. A stream gets the same bytes in order.
 
     Args:
@@ -167,7 +168,9 @@ class ParquetReader(EventReader):
             yield events
 
     def _read(self, start_us: int | None, stop_us: int | None) -> EventArray:
-        groups = self._groups(start_us, stop_us)
+        return self._read_groups(self._groups(start_us, stop_us))
+
+    def _read_groups(self, groups: list[int]) -> EventArray:
         rows = sum(self._row_groups[group].rows for group in groups)
         try:
             events = np.empty(rows, EVENT_DTYPE)
@@ -180,6 +183,14 @@ class ParquetReader(EventReader):
         if filled != rows:
             raise DecodeError(f"{self.path}: it says {rows} events, and holds {filled}")
         return events
+
+    def blocks(self) -> Blocks:
+        groups = [(number, group) for number, group in enumerate(self._row_groups) if group.rows]
+        first_us = [_least_us(group) for _, group in groups]
+        return blocks_of([group.rows for _, group in groups], first_us, [number for number, _ in groups])
+
+    def read_block(self, place: Place, events: int) -> EventArray:
+        return self._read_groups([int(place[0])])
 
     def _groups(self, start_us: int | None, stop_us: int | None) -> list[int]:
         groups = enumerate(self._row_groups)
@@ -243,6 +254,12 @@ def _touches(group: RowGroup, start_us: int | None, stop_us: int | None) -> bool
     if t.least is None or t.largest is None:
         return True
     return (start_us is None or t.largest >= start_us) and (stop_us is None or t.least < stop_us)
+
+
+def _least_us(group: RowGroup) -> int:
+    """The time of a row group's first event, where its statistics tell."""
+    least = next(column for column in group.columns if column.name == "t").least
+    return UNKNOWN_US if least is None else least
 
 
 def _size(text: bytes) -> tuple[int, int] | None:

@@ -59,15 +59,20 @@ class EventCheck:
     A time below 0 and a polarity above 1 are always an error. Times that go back and pixels outside are what
     :class:`ReadRules` say.
 
+    Args:
+        first: the number of the first event that comes.
+
     Attributes:
         dropped_backward, dropped_outside: events that were left out.
     """
 
-    def __init__(self, path: str | os.PathLike[str], rules: ReadRules, size: tuple[int, int]) -> None:
+    def __init__(
+        self, path: str | os.PathLike[str], rules: ReadRules, size: tuple[int, int], *, first: int = 0
+    ) -> None:
         self._path = os.fspath(path)
         self._rules, self._size = rules, size
         self._last_us = 0
-        self._seen = 0
+        self._seen = first
         self.dropped_backward = 0
         self.dropped_outside = 0
 

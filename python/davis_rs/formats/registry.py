@@ -46,13 +46,18 @@ def format_of_suffix(path: str | os.PathLike[str]) -> Format:
 
 
 def format_of_content(path: str | os.PathLike[str]) -> Format:
-    """The format of an existing file, by its first bytes; an empty file is that of its suffix.
+    """The format of an existing file, by its first bytes, or of a folder; an empty file is that of its suffix.
 
     Raises:
         OSError: if it cannot be read.
         DecodeError: if no format knows it.
     """
     file = Path(path)
+    if file.is_dir():
+        for format in FORMATS.values():
+            if format.sniff_folder(file):
+                return format
+        raise DecodeError(f"{file} is a folder of no known format: neither a dataset nor a rosbag2")
     with file.open("rb") as stream:
         head = stream.read(HEAD)
     if not head:

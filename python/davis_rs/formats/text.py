@@ -13,7 +13,7 @@ from .interface import EventWriter, Format, Limits, Target
 from .reading import ANY_SIZE, ReadRules
 
 _SEARCHED = 1 << 16
-"""Where a slice begins is searched to so many bytes."""
+"""The search for the start of a slice stops at a range of this many bytes."""
 
 
 class TextReader(CoreReader):

@@ -1,9 +1,10 @@
-"""Compressed chunks of bags, with a limit on what they unpack to."""
+"""Compressed chunks and messages of bags, with a limit on what they unpack to."""
 
 from __future__ import annotations
 
 import bz2
 import os
+import sys
 from collections.abc import Callable
 from typing import Any
 
@@ -31,6 +32,20 @@ def unpack_lz4(path: str | os.PathLike[str], data: bytes, limit: int) -> bytes:
     import lz4.frame
 
     return _unpack(path, data, limit, lz4.frame.LZ4FrameDecompressor)
+
+
+def unpack_zstd(path: str | os.PathLike[str], data: bytes, limit: int) -> bytes:
+    """What a Zstandard frame unpacks to.
+
+    Raises:
+        DecodeError: if it is malformed, or has more than ``limit`` bytes.
+    """
+    if sys.version_info >= (3, 14):
+        from compression import zstd
+    else:
+        from backports import zstd  # which rosbags brings
+
+    return _unpack(path, data, limit, zstd.ZstdDecompressor)
 
 
 def _unpack(path: str | os.PathLike[str], data: bytes, limit: int, decompressor: Callable[[], Any]) -> bytes:

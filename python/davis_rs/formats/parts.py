@@ -1,0 +1,104 @@
+"""What a recording may have next to its events: the parts, how each is handed on, and which writers take them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import NamedTuple, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+
+class Part(NamedTuple):
+    """One kind of data next to the events.
+
+    A reader that has it offers a method ``read``, which gives tuples (t_us, ...) in order of time; a writer that takes
+    it offers a method ``write``, which takes what such a tuple holds.
+    """
+
+    name: str
+    """As :attr:`Format.holds` and ``parts=`` name it."""
+    read: str
+    write: str
+    counted: str
+    """What messages call several of them."""
+
+
+CAMERA = Part("camera", "cameras", "write_camera", "calibration")
+FRAMES = Part("frames", "images", "write_image", "frames")
+DEPTH = Part("depth", "depth_maps", "write_depth", "depth maps")
+FLOW = Part("flow", "flow_maps", "write_flow", "maps of optical flow")
+IMU = Part("imu", "imu", "write_imu", "IMU samples")
+POSES = Part("poses", "poses", "write_pose", "poses")
+
+PARTS = (CAMERA, FRAMES, DEPTH, FLOW, IMU, POSES)
+"""All of them, in the order in which those of one time are written."""
+
+ALL_PARTS = tuple(part.name for part in PARTS)
+
+
+class CameraLike(Protocol):
+    """What a calibration has: OpenCV's pinhole camera with radial-tangential distortion, in pixels."""
+
+    @property
+    def width(self) -> int: ...
+    @property
+    def height(self) -> int: ...
+    @property
+    def fx(self) -> float: ...
+    @property
+    def fy(self) -> float: ...
+    @property
+    def cx(self) -> float: ...
+    @property
+    def cy(self) -> float: ...
+    @property
+    def distortion(self) -> tuple[float, float, float, float, float]:
+        """k1, k2, p1, p2, k3."""
+
+
+class Calibration(NamedTuple):
+    """A calibration as a container has it; ``davis_rs.Camera(*calibration)`` is the camera."""
+
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    k1: float = 0.0
+    k2: float = 0.0
+    p1: float = 0.0
+    p2: float = 0.0
+    k3: float = 0.0
+
+    @property
+    def distortion(self) -> tuple[float, float, float, float, float]:
+        """k1, k2, p1, p2, k3."""
+        return self.k1, self.k2, self.p1, self.p2, self.k3
+
+
+class ImuSample(NamedTuple):
+    """One IMU sample: ``acceleration`` in m/s^2 and ``angular_velocity`` in rad/s, float64 (3,)."""
+
+    t_us: int
+    acceleration: npt.NDArray[np.float64]
+    angular_velocity: npt.NDArray[np.float64]
+
+
+class PoseSample(NamedTuple):
+    """One pose: ``position`` in metres, float64 (3,), ``quaternion`` (x, y, z, w), float64 (4,)."""
+
+    t_us: int
+    position: npt.NDArray[np.float64]
+    quaternion: npt.NDArray[np.float64]
+
+
+def check_map(what: str, image: npt.NDArray[np.generic], shape: Iterable[int], dtype: npt.DTypeLike) -> None:
+    """Refuse an image that is not of the sensor's shape or of another type.
+
+    Raises:
+        ValueError: with what it should be and what it is.
+    """
+    if image.shape != tuple(shape) or image.dtype != np.dtype(dtype):
+        raise ValueError(f"{what} must be {np.dtype(dtype)} of shape {tuple(shape)}: got {image.dtype}, {image.shape}")

@@ -1,0 +1,420 @@
+"""davis_rs.convert: a dataset folder into every container that holds its parts, and back."""
+
+from __future__ import annotations
+
+import shutil
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from davis_rs import DecodeError, open_writer, read_events
+from davis_rs.cli.main import main
+from davis_rs.dataset.reader import Dataset
+from davis_rs.event_files.conversion import LeftOutWarning, convert
+from davis_rs.event_files.read import open_reader
+from davis_rs.events import EVENT_DTYPE, EventArray
+from davis_rs.formats import FORMATS, TruncatedFileWarning
+from davis_rs.formats.parts import ALL_PARTS, PARTS
+from davis_rs.inspection.check import check_dataset
+from event_files import assert_same, events_of, many
+from recording_folder import SIZE, complete_folder, quietly
+
+for module in ("h5py", "hdf5plugin", "numcodecs", "rosbags"):
+    pytest.importorskip(module)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return complete_folder(tmp_path_factory.mktemp("source") / "planes")
+
+
+CONTAINERS: dict[str, tuple[str, dict[str, Any]]] = {
+    "bag": ("a.bag", {}),
+    "bag lz4": ("a.bag", {"compression": "lz4", "message_us": 1000}),
+    "ros2 sqlite3": ("a", {"format": "ros2"}),
+    "ros2 mcap": ("a", {"format": "ros2", "storage": "mcap", "message_events": 50}),
+    "mcap file": ("a.mcap", {}),
+    "evt3 packets": ("a", {"format": "ros2", "messages": "event_camera_msgs"}),
+    "dsec": ("a.h5", {}),
+    "mvsec": ("a.h5", {"format": "mvsec"}),
+    "folder": ("a", {"events": "aedat4"}),
+}
+
+
+@pytest.mark.parametrize("kind", CONTAINERS)
+def test_a_folder_comes_back(folder: Path, tmp_path: Path, kind: str) -> None:
+    """Folder, container, folder: the same events, frames, depth, IMU samples and calibration, bit by bit.
+
+    Flow and poses too, but for MVSEC, whose displacements round to 1e-6 and whose poses are matrices.
+    """
+    name, options = CONTAINERS[kind]
+    report = quietly(folder, tmp_path / name, **options)
+    source = Dataset(folder)
+    assert report.parts == {
+        "camera": 1,
+        "frames": len(source.frames),
+        "depth": len(source.depth_maps),
+        "flow": len(source.flow_maps),
+        "imu": len(source.imu),
+        "poses": len(source.groundtruth.t_us),
+    }
+    convert(tmp_path / name, tmp_path / "back")
+    back = Dataset(tmp_path / "back")
+    assert len(source.events) > 500
+    assert_same(back.events, source.events)
+    assert back.camera == source.camera
+    np.testing.assert_array_equal(back.imu, source.imu)
+    for part in ("frames", "depth_maps", "flow_maps"):
+        assert [image.t_us for image in getattr(back, part)] == [image.t_us for image in getattr(source, part)]
+    exact = kind != "mvsec"
+    for index in range(len(source.frames)):
+        np.testing.assert_array_equal(back.read_image(index), source.read_image(index))
+    for index in range(len(source.depth_maps)):
+        np.testing.assert_array_equal(back.read_depth(index), source.read_depth(index))
+    for index in range(len(source.flow_maps)):
+        np.testing.assert_allclose(back.read_flow(index), source.read_flow(index), rtol=0 if exact else 1e-6)
+    np.testing.assert_array_equal(back.groundtruth.t_us, source.groundtruth.t_us)
+    np.testing.assert_array_equal(back.groundtruth.positions, source.groundtruth.positions)
+    signs = np.sign((back.groundtruth.quaternions * source.groundtruth.quaternions).sum(1, keepdims=True))
+    np.testing.assert_allclose(
+        signs * back.groundtruth.quaternions, source.groundtruth.quaternions, atol=0 if exact else 1e-14
+    )
+    checked = check_dataset(tmp_path / "back")
+    assert checked.ok, checked
+    assert checked.converted
+
+
+def test_formats_have_the_methods_of_what_they_hold(folder: Path, tmp_path: Path) -> None:
+    """`holds` names parts that there are; writers and readers have each part's method, and no others claim it."""
+    for name, format in FORMATS.items():
+        assert set(format.holds) <= set(ALL_PARTS)
+        with open_writer(tmp_path / name, SIZE, name) as writer:
+            writer.write(events_of((5, 1, 2, 1)))
+        with open_reader(tmp_path / name) as reader:
+            for part in PARTS:
+                assert hasattr(writer, part.write) == (part.name in format.holds), (name, part)
+                assert hasattr(reader, part.read) == (part.name in format.holds), (name, part)
+
+
+def test_what_is_left_out_is_one_warning_and_one_line(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """With counts from a folder; without, from other containers; nothing where parts are chosen."""
+    with pytest.warns(LeftOutWarning, match=r"a\.bag \(bag\) cannot hold, and leaves out: 3 masks, 2 luma maps"):
+        report = convert(folder, tmp_path / "a.bag")
+    assert report.left_out == "3 masks, 2 luma maps"
+    with pytest.warns(LeftOutWarning, match="leaves out: calibration, frames, depth maps, maps of optical flow, IMU"):
+        convert(tmp_path / "a.bag", tmp_path / "a.npy")
+    assert main(["convert", str(folder), str(tmp_path / "b.npy"), "--parts", "none", "--quiet"]) == 0
+    assert not capsys.readouterr().err
+    with pytest.raises(ValueError, match=r"parts are camera, .*'depths'; did you mean"):
+        convert(folder, tmp_path / "c.bag", parts=("depths",))
+    assert not (tmp_path / "c.bag").exists()
+
+
+def test_a_slice_that_begins_at_zero(folder: Path, tmp_path: Path) -> None:
+    """start and stop hold for all parts; from_zero takes the first time off all of them."""
+    report = quietly(
+        folder, tmp_path / "part", start_us=30_000, stop_us=80_000, from_zero=True, parts=("frames", "imu")
+    )
+    source, part = Dataset(folder), Dataset(tmp_path / "part")
+    events = source.events[(source.events["t"] >= 30_000) & (source.events["t"] < 80_000)].copy()
+    samples = source.imu[(source.imu["t"] >= 30_000) & (source.imu["t"] < 80_000)]
+    first = min(int(events["t"][0]), int(samples["t"][0]))
+    events["t"] -= first
+    assert_same(part.events, events)
+    assert part.imu["t"].tolist() == (samples["t"] - first).tolist()
+    assert [frame.t_us for frame in part.frames] == [f.t_us - first for f in source.frames if 30_000 <= f.t_us < 80_000]
+    assert set(report.parts) == {"frames", "imu"}
+
+
+@pytest.mark.parametrize("kind", ["bag", "ros2 sqlite3", "mcap file"])
+def test_messages_stand_in_order_of_time(folder: Path, tmp_path: Path, kind: str) -> None:
+    """In the file itself, at the time of their stamp (1 ns for 0); with each frame comes its calibration."""
+    from davis_rs.formats.bag_records import scan_messages
+    from davis_rs.formats.mcap_records import McapScan
+    from davis_rs.formats.sqlite_records import SqliteScan
+
+    name, options = CONTAINERS[kind]
+    quietly(folder, tmp_path / name, **options)
+    path = tmp_path / name
+    if kind == "bag":
+        found = list(scan_messages(path, 1 << 26))
+    elif kind == "mcap file":
+        found = list(McapScan(path, 1 << 26).messages())
+    else:
+        found = list(SqliteScan(path / "a.db3", 1 << 26).messages())
+    times = [message.t_ns for message in found]
+    assert times == sorted(times)
+    at = {topic: [m.t_ns for m in found if m.topic == topic] for topic in {m.topic for m in found}}
+    assert set(at) == {
+        "/dvs/events", "/dvs/image_raw", "/dvs/imu", "/dvs/camera_info", "/optitrack/davis", "/dvs/depthmap",
+        "/dvs/optic_flow",
+    }  # fmt: skip
+    assert at["/dvs/image_raw"] == at["/dvs/camera_info"] == [max(1, f.t_us * 1000) for f in Dataset(folder).frames]
+    assert len(at["/dvs/events"]) > 5
+
+
+def test_a_sample_waits_for_the_events_before_it(tmp_path: Path) -> None:
+    """Events that are still gathered when a later sample comes stand before it."""
+    from davis_rs.formats.bag_records import scan_messages
+
+    writer: Any = open_writer(tmp_path / "a.bag", SIZE, message_us=10_000)
+    writer.write(events_of((1_000, 1, 2, 1)))
+    writer.write_imu(2_000, [0.0, 0.0, 0.0], [0.0, 0.0, 0.0])
+    writer.write(events_of((20_000, 1, 2, 1)))
+    writer.finish()
+    found = scan_messages(tmp_path / "a.bag", 1 << 26)
+    assert [message.t_ns for message in found] == [1_000_000, 2_000_000, 20_000_000]
+
+
+def test_the_index_of_an_image_is_of_the_last_event_before_it(tmp_path: Path) -> None:
+    """As MVSEC's converter has it: an event at the image's own time is not before it; -1 where there is none."""
+    import h5py
+
+    writer: Any = open_writer(tmp_path / "a.h5", SIZE, "mvsec")
+    image = np.zeros(SIZE[::-1], np.uint8)
+    writer.write_image(0, image)
+    writer.write(events_of((5, 1, 2, 1), (7, 1, 2, 0), (7, 3, 2, 0)))
+    writer.write_image(7, image)
+    writer.write_image(8, image)
+    writer.finish()
+    with h5py.File(tmp_path / "a.h5") as file:
+        assert file["davis/left/image_raw_event_inds"][:].tolist() == [-1, 0, 2]
+
+
+@st.composite
+def streams(draw: st.DrawFn) -> EventArray:
+    """Events with ties, and with silences of many rounds of EVT 3.0's clock, from 0 or in Unix time."""
+    steps = draw(
+        st.lists(
+            st.tuples(
+                st.sampled_from([0, 1, 4095, 9_999, 16_777_216, 100_000_000]),
+                st.integers(0, 2047),
+                st.integers(0, 2047),
+                st.integers(0, 1),
+            ),
+            min_size=1,
+            max_size=30,
+        )
+    )
+    events = np.array(steps, EVENT_DTYPE)
+    events["t"] = draw(st.sampled_from([0, 16_777_215, 1_700_000_000_123_456])) + np.cumsum(events["t"])
+    return events
+
+
+@settings(max_examples=40)
+@given(events=streams(), name=st.sampled_from(["dvs", "", "camera_1", "ab"]))
+def test_event_arrays_are_those_of_rosbags(events: EventArray, name: str) -> None:
+    """Packed by us, bytes are those of rosbags' own serializer; what it packs (in either byte order) is read by us."""
+    from davis_rs.formats.ros_events import pack_event_array, unpack_event_array
+    from davis_rs.formats.ros_messages import header, typestore
+
+    store = typestore(2)
+    types = store.types
+    time = types["builtin_interfaces/msg/Time"]
+    message = types["dvs_msgs/msg/EventArray"](
+        header=header(store, 0, int(events["t"][-1]), name),
+        height=2048,
+        width=2048,
+        events=[
+            types["dvs_msgs/msg/Event"](int(x), int(y), time(int(t) // 10**6, int(t) % 10**6 * 1000), bool(p))
+            for t, x, y, p in events.tolist()
+        ],
+    )
+    theirs = bytes(store.serialize_cdr(message, "dvs_msgs/msg/EventArray"))
+    assert theirs.rstrip(b"\0") == pack_event_array(events, (2048, 2048), name).rstrip(b"\0")
+    for data in (theirs, bytes(store.serialize_cdr(message, "dvs_msgs/msg/EventArray", little_endian=False))):
+        found, size = unpack_event_array(Path("a"), data)
+        assert_same(found, events)
+        assert size == (2048, 2048)
+
+
+@settings(max_examples=40)
+@given(events=streams())
+def test_event_packets_can_be_read_from_any_one_on(events: EventArray) -> None:
+    """Each begins with its own time: all together, and the later half by itself, give the events that were packed."""
+    from davis_rs.formats.ros_events import PacketDecoder, packet_message
+    from davis_rs.formats.ros_messages import typestore
+
+    parts = np.array_split(events, min(len(events), 4))
+    packets = [packet_message(typestore(2), part, (2048, 2048), number, "dvs") for number, part in enumerate(parts)]
+    assert all(packet.events.view("<u2")[0] >> 12 == 8 for packet in packets)
+    for first in (0, len(packets) // 2):
+        decoder = PacketDecoder(Path("a"))
+        found = np.concatenate([decoder.unpack(packet)[0] for packet in packets[first:]])
+        assert_same(found, np.concatenate(parts[first:]))
+
+
+@pytest.mark.parametrize("kind", ["mcap file", "ros2 sqlite3", "ros2 mcap", "mvsec", "dsec", "bag", "folder"])
+def test_what_was_flushed_is_there(tmp_path: Path, kind: str) -> None:
+    """What lies on the disk after a flush, as if the process had been killed then: it reads with a warning."""
+    name, options = CONTAINERS[kind]
+    left = tmp_path / "left" / name
+    left.parent.mkdir()
+    options = {name: value for name, value in options.items() if name != "message_events"}
+    events = many(50_000)
+    writer: Any = open_writer(
+        tmp_path / name, (240, 180), options.pop("format", None) or ("folder" if kind == "folder" else None), **options
+    )
+    writer.write(events[:30_000])
+    writer.write_imu(5, [1.0, 2.0, 3.0], [4.0, 5.0, 6.0])
+    writer.write_image(7, np.full((180, 240), 9, np.uint8))
+    writer.flush()
+    writer.write(events[30_000:])
+    (shutil.copytree if (tmp_path / name).is_dir() else shutil.copy)(tmp_path / name, left)
+    writer.finish()
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always", TruncatedFileWarning)
+        with open_reader(left) as reader:
+            found = reader.read()
+            samples, images = list(reader.imu()), list(reader.images())  # type: ignore[attr-defined]
+    assert told or kind == "folder"  # whose meta.json says it
+    assert len(found) >= 30_000
+    assert_same(found, events[: len(found)])
+    assert [sample.t_us for sample in samples] == [5]
+    assert [t_us for t_us, _ in images] == [7]
+    with open_reader(tmp_path / name) as reader:
+        assert_same(reader.read(), events)
+
+
+def test_ros2_paths_are_replaced_only_where_a_bag_is(tmp_path: Path) -> None:
+    """A folder that holds anything else stays as it is; so does a bag without overwrite."""
+    for _ in range(2):
+        with open_writer(tmp_path / "a", SIZE, "ros2", overwrite=True) as writer:
+            writer.write(events_of((1, 2, 3, 1)))
+    with pytest.raises(FileExistsError, match="overwrite=True"):
+        open_writer(tmp_path / "a", SIZE, "ros2")
+    (tmp_path / "a" / "notes.txt").write_text("mine")
+    with pytest.raises(FileExistsError, match="no rosbag2"):
+        open_writer(tmp_path / "a", SIZE, "ros2", overwrite=True)
+    assert (tmp_path / "a" / "notes.txt").read_text() == "mine"
+    assert len(read_events(tmp_path / "a")) == 1
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"storage": "lmdb"}, "sqlite3, mcap"),
+        ({"messages": "dvs"}, "event_camera_msgs"),
+        ({"message_us": 0}, "at least"),
+    ],
+)
+def test_wrong_options_of_ros2_are_told(tmp_path: Path, options: dict[str, Any], words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        open_writer(tmp_path / "a", SIZE, "ros2", **options)
+    assert not (tmp_path / "a").exists()
+
+
+# ---- bytes of others ----
+
+
+def mcap_bomb(path: Path) -> None:
+    import struct
+
+    record = struct.pack("<QQQII", 0, 0, 1 << 40, 0, 4) + b"zstd" + struct.pack("<Q", 0)
+    path.write_bytes(b"\x89MCAP0\r\n" + struct.pack("<BQ", 6, len(record)) + record)
+
+
+def event_array_that_counts_too_many(path: Path) -> None:
+    from davis_rs.formats.ros_events import pack_event_array
+
+    data = pack_event_array(events_of((1, 2, 3, 1)), SIZE, "dvs")
+    place = data.index(b"\x01\x00\x00\x00\x02\x00\x03\x00")
+    writer: Any = open_writer(path, SIZE)
+    writer._put(writer._events_topic, 1, data[:place] + b"\xff\xff\xff\xff" + data[place + 4 :])
+    writer.finish()
+
+
+def packet_of_another_encoding(path: Path) -> None:
+    writer: Any = open_writer(path, SIZE, messages="event_camera_msgs")
+    writer.write(events_of((1, 2, 3, 1)))
+    writer.finish()
+    path.write_bytes(path.read_bytes().replace(b"evt3", b"mono"))
+
+
+def mvsec_events_of_three_columns(path: Path) -> None:
+    import h5py
+
+    with h5py.File(path, "w") as file:
+        file["davis/left/events"] = np.zeros((5, 3))
+
+
+def mvsec_event_between_pixels(path: Path) -> None:
+    import h5py
+
+    with h5py.File(path, "w") as file:
+        file["davis/left/events"] = np.array([[1.0, 2.0, 0.1, 1.0], [np.nan, 2.0, 0.1, 1.0]])
+
+
+@pytest.mark.parametrize(
+    ("make", "name", "words"),
+    [
+        (mcap_bomb, "a.mcap", "max_packet_bytes"),
+        (event_array_that_counts_too_many, "a.mcap", "events need"),
+        (packet_of_another_encoding, "a.mcap", "'mono'"),
+        (mvsec_events_of_three_columns, "a.h5", "davis/left/events must be of rows"),
+        (mvsec_event_between_pixels, "a.h5", "event 1 is at"),
+    ],
+)
+def test_malformed_containers_are_refused(tmp_path: Path, make: Callable[[Path], None], name: str, words: str) -> None:
+    make(tmp_path / name)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", TruncatedFileWarning)
+        with pytest.raises(DecodeError, match=words):
+            read_events(tmp_path / name)
+
+
+@pytest.mark.parametrize("kind", ["mcap file", "ros2 sqlite3", "mvsec", "dsec"])
+def test_mutants_are_read_or_refused(folder: Path, tmp_path: Path, kind: str) -> None:
+    """Any bytes changed: a reader gives what it finds, or a DecodeError, from events and from all parts."""
+    name, options = CONTAINERS[kind]
+    quietly(folder, tmp_path / name, **options)
+    path = tmp_path / name / f"{name}.db3" if kind == "ros2 sqlite3" else tmp_path / name
+    whole, rng, refused = path.read_bytes(), np.random.default_rng(3), 0
+    for _ in range(40):
+        data = bytearray(whole)
+        for place in rng.integers(0, len(data), 3) if rng.random() < 0.5 else rng.integers(0, 4000, 3):
+            data[place] = rng.integers(0, 256)
+        path.write_bytes(data[: len(data) - int(rng.integers(0, 2) * rng.integers(0, 5000))])
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                with open_reader(path, max_packet_bytes=1 << 24) as reader:
+                    reader.read()
+                    for part in PARTS:
+                        list(getattr(reader, part.read)())
+        except DecodeError:
+            refused += 1
+    assert refused > 3
+
+
+# ---- the event file of a folder ----
+
+
+@pytest.mark.parametrize("format", ["text", "npy", "evt3", "aedat4", "dsec", "parquet"])
+def test_a_folder_gets_the_event_file_that_was_asked_for(tmp_path: Path, format: str) -> None:
+    """One file in place of events.txt; everything that reads a folder reads it, and overwriting removes it."""
+    from davis_rs.dataset.files import EVENT_FILES
+    from davis_rs.dataset.writer import DatasetWriter
+    from davis_rs.packet import Packet
+
+    events = events_of((10, 1, 2, 1), (20, 3, 4, 0), (20, 5, 6, 1))
+    for _ in range(2):
+        with DatasetWriter(tmp_path / "d", SIZE, events_format=format, overwrite=True) as writer:
+            writer.write(Packet(0, 30, events, None))
+        assert [path.name for path in (tmp_path / "d").iterdir() if path.name != "meta.json"] == [EVENT_FILES[format]]
+        assert_same(Dataset(tmp_path / "d").events, events)
+        assert_same(read_events(tmp_path / "d"), events)
+    with DatasetWriter(tmp_path / "d", SIZE, overwrite=True) as writer:
+        writer.write(Packet(0, 30, events[:1], None))
+    assert (tmp_path / "d" / EVENT_FILES[format]).exists() == (format == "text")
+    assert len(read_events(tmp_path / "d")) == 1
+    with pytest.raises(ValueError, match="events_format must be one of text, npy"):
+        DatasetWriter(tmp_path / "e", SIZE, events_format="csv")
