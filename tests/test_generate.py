@@ -60,7 +60,7 @@ def wait_until(condition: Callable[[], object]) -> None:
 
 @pytest.fixture(scope="module")
 def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Eight sequences that one worker made, and the plan beside them."""
+    """Eight sequences that one worker made, and their plan."""
     folder = tmp_path_factory.mktemp("undisturbed")
     with running(write_plan(folder, sequences=8), folder / "root", 1) as process:
         out, err = process.communicate(timeout=PATIENCE_S)
@@ -86,7 +86,7 @@ def test_a_killed_worker_costs_nothing(undisturbed: Path, tmp_path: Path) -> Non
     assert verify_sequences(root) == {}
 
 
-@pytest.mark.parametrize("what", ["all", "parent"])
+@pytest.mark.parametrize("what", [pytest.param("all", marks=pytest.mark.long), "parent"])
 def test_a_killed_run_is_gone_on_with(undisturbed: Path, tmp_path: Path, what: str) -> None:
     """SIGKILL of all processes, or of the one that the user sees: its workers end by themselves. What has its name by
     then is whole, and is not made again."""
@@ -192,7 +192,7 @@ def test_moving_scenes_are_the_same_with_any_workers(tmp_path: Path) -> None:
 
 @pytest.fixture
 def root(undisturbed: Path, tmp_path: Path) -> Path:
-    """A copy of three of the sequences, that a test may spoil, with a plan of three beside it."""
+    """A copy of three of the sequences, which a test may spoil, and a plan of these three."""
     write_plan(tmp_path, sequences=3)
     copy = tmp_path / "root"
     copy.mkdir()
@@ -318,7 +318,7 @@ def test_files_of_others_are_kept(root: Path, capsys: pytest.CaptureFixture[str]
     aside = root / "damaged_sequence_00001_0"
     assert told == [
         "sequence_00001 is made again: events.txt is missing; "
-        f"what it was is kept, for labels.txt was added to it: {aside}"
+        f"the old folder is kept as {aside}, because labels.txt was added to it"
     ]
     kept = {f"{aside.name}/{name}": data for name, data in files_of(aside).items()}
     assert kept[f"{aside.name}/labels.txt"] == b"car"

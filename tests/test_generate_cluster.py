@@ -33,7 +33,7 @@ def cluster() -> Iterator[Any]:
 
 @contextmanager
 def killing(cluster: Any, root: Path, *, workers: int) -> Iterator[None]:
-    """Kill so many of the workers once one is at a sequence."""
+    """Kill ``workers`` of the workers once one is at a sequence."""
 
     def kill() -> None:
         while not any(root.glob(".sequence_*.part/events.txt")):

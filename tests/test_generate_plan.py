@@ -80,7 +80,7 @@ def test_a_mesh_has_its_axis_its_unit_and_its_files(tmp_path: Path) -> None:
 
 
 def test_a_known_name_is_no_file(tmp_path: Path) -> None:
-    """As for davis-rs simulate: what lies beside the plan under a scene's or a camera's name is something else."""
+    """As in davis-rs simulate, a file next to the plan that has a scene's or a camera's name is not taken for it."""
     path = write_plan(tmp_path, scene={"choice": ["fence", "slider_far"]}, camera="ideal", sequences=1)
     before = load_sequence_plan(path).sha256
     for name in ("fence", "slider_far", "ideal"):
@@ -118,7 +118,7 @@ def test_numbers_are_read_as_in_json(tmp_path: Path) -> None:
         ("scene: [", "plan.yaml, line 1, column 9: expected the node content"),
         ("seed: 1\nscene: fence\nseed: 2", "plan.yaml, line 3, column 1: the key 'seed' stands here a second time"),
         ("seed: 1", "a plan needs a scene"),
-        ("scene: fence\nspeed: 3", "speed: there is no such key; there are seed, sequences, scene,"),
+        ("scene: fence\nspeed: 3", "speed: there is no such key; there are seed, sequences, shards, scene,"),
         ("scene: fence\n3: 4", "must be a mapping whose keys are texts, got 3"),
         ("scene: 4", "scene: must be a text or a distribution"),
         ("scene: null", "scene: must be a text or a distribution"),
@@ -288,7 +288,7 @@ junk = st.recursive(
 )
 
 
-@settings(max_examples=200, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=100, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     key=st.sampled_from(["scene", "seed", "motion", "effects", "duration", "samples", "refine"]),
     value=junk | distributions | parameters,

@@ -1,8 +1,7 @@
-"""Laws that values are drawn from, and the words that they are drawn with."""
+"""Laws that values are drawn from."""
 
 from __future__ import annotations
 
-import hashlib
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -11,27 +10,7 @@ from itertools import accumulate
 from statistics import NormalDist
 from typing import Any
 
-
-class Words:
-    """Random words that are a function of (seed, index, path) alone, the same on every machine.
-
-    Word k is the first eight bytes of SHA-256 of the text ``seed/index/path/k``: no library's generator, whose stream
-    may change, and no state that one value would leave to the next.
-    """
-
-    def __init__(self, seed: int, index: int, path: str) -> None:
-        self._of = f"{seed}/{index}/{path}"
-        self._taken = 0
-
-    def word(self) -> int:
-        """Uniform in 0..2^64 - 1."""
-        digest = hashlib.sha256(f"{self._of}/{self._taken}".encode()).digest()
-        self._taken += 1
-        return int.from_bytes(digest[:8], "big")
-
-    def unit(self) -> float:
-        """Uniform in the open interval (0, 1), in steps of 2^-52."""
-        return ((self.word() >> 12) + 0.5) * 2.0**-52
+from ..random_words import Words
 
 
 class Distribution(ABC):
@@ -53,7 +32,7 @@ class Uniform(Distribution):
         _check_bounds(self.low, self.high)
 
     def draw(self, words: Words) -> float:
-        return _within(self.low + words.unit() * (self.high - self.low), self.low, self.high)
+        return words.uniform(self.low, self.high)
 
 
 @dataclass(frozen=True)
@@ -84,7 +63,7 @@ class Integers(Distribution):
         _check_bounds(self.low, self.high)
 
     def draw(self, words: Words) -> int:
-        return self.low + (words.word() * (self.high - self.low + 1) >> 64)
+        return self.low + words.below(self.high - self.low + 1)
 
 
 @dataclass(frozen=True)
@@ -142,7 +121,7 @@ class Choice(Distribution):
 
     def draw(self, words: Words) -> Any:
         if not self.weights:
-            return self.options[words.word() * len(self.options) >> 64]
+            return self.options[words.below(len(self.options))]
         sums: Sequence[float] = list(accumulate(self.weights))
         aim = words.unit() * sums[-1]
         # The last one with a weight, where rounding leads to the very end.
@@ -172,7 +151,8 @@ def _check_bounds(low: float, high: float) -> None:
 
 
 def _share_below(x: float) -> float:
-    """Of the standard normal distribution; far below 0 too, where 1 + erf has no digits left."""
+    """The cumulative distribution of the standard normal. It keeps its digits far below 0, where 1 + erf has none
+    left."""
     return 0.5 * math.erfc(-x / math.sqrt(2))
 
 

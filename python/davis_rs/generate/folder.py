@@ -13,11 +13,11 @@ from uuid import uuid4
 CHECKSUMS = "sha256sums.txt"
 """In every folder, of all other files that it is made with, by name and as ``sha256sum --check`` reads it."""
 
-_HIDDEN = re.compile(r"\.sequence_\d{5,}\.[0-9a-f]{32}\.(part|gone)")
+_HIDDEN = re.compile(r"\.sequence_\d{5,}\.[0-9a-f]{32}\.(part|gone)|\.shard_\d{5,}\.\w+\.[0-9a-f]{32}\.part")
 
 
 def working_folder(root: Path, name: str) -> Path:
-    """A hidden path beside ``name`` that nobody else takes: not even one who makes the same sequence."""
+    """A hidden path next to ``name``. It is unique, even if another process makes the same sequence."""
     return root / f".{name}.{uuid4().hex}.part"
 
 
@@ -80,7 +80,9 @@ def discard_hidden(root: Path) -> None:
     """Remove what killed processes left behind."""
     for path in root.iterdir():
         if _HIDDEN.fullmatch(path.name):
-            if path.name.endswith(".gone"):
+            if path.is_file():
+                path.unlink()
+            elif path.name.endswith(".gone"):
                 shutil.rmtree(path, ignore_errors=True)
             else:
                 discard(path)

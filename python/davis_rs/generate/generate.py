@@ -17,9 +17,10 @@ from ..scene.scene import Scene
 from ..scenes import load_scene
 from .folder import discard_hidden
 from .job import begin_worker, make_sequence, noise_of
-from .manifest import Manifest, claim_root, describe_folder, write_plan
+from .manifest import Manifest, claim_root, describe_folder, read_manifest, write_plan
 from .sequence import DrawnSequence
 from .sequence_plan import SequencePlan, sequence_name
+from .shards import Packing
 from .verify import taken_up
 
 if TYPE_CHECKING:
@@ -31,7 +32,8 @@ MOST_WORKERS = 1024
 """More processes than a machine has cores."""
 
 CHECKED_FIRST = 200
-"""So many sequences are checked before the first one is made: one process does it, and a hand's path takes 0.1 s."""
+"""The most sequences that are checked before the first one is made. One process does it, and a hand-held path takes
+0.1 s."""
 
 
 @dataclass(frozen=True)
@@ -70,6 +72,9 @@ def generate_sequences(
     ``sha256sums.txt``; ``manifest.jsonl`` has a line for each. A folder with such a name is whole. However often a run
     or one of its workers is killed, and with however many workers, what is there in the end is the same, byte by byte.
 
+    Where the plan asks for ``shards``, the folders of a shard's sequences become one file (``shard_00000.h5`` or
+    ``.tar``) once all of them are whole, and are then removed; the manifest's lines name it, with its SHA-256.
+
     Args:
         plan: see :func:`load_sequence_plan`.
         root: made if it does not exist; that of the same plan, perhaps of fewer sequences, is gone on with.
@@ -95,31 +100,43 @@ def generate_sequences(
     say = report or (lambda text: say_above(f"davis-rs: warning: {text}"))
     folder = Path(root).absolute()
     sequences = draw_sequences(plan)
+    names = [sequence_name(k) for k in range(plan.sequences)]
     with claim_root(folder, plan):
-        absent = (k for k in range(plan.sequences) if not (folder / sequence_name(k)).is_dir())
+        there = {name for name, line in read_manifest(folder).items() if "shard" in line}
+        absent = (k for k, name in enumerate(names) if name not in there and not (folder / name).is_dir())
         check_sequences(plan, DrawnSequences(plan, [*islice(absent, CHECKED_FIRST)]), quiet=quiet)
         write_plan(folder, plan)
         discard_hidden(folder)
-        manifest = Manifest(folder, taken_up(sequences, folder, say))
+        manifest = Manifest(folder, taken_up(sequences, folder, say, plan.shards))
         lines = manifest.lines
         kept, failed = len(lines), dict[str, str]()
-        missing = DrawnSequences(plan, [k for k in range(plan.sequences) if sequence_name(k) not in lines])
+        missing = DrawnSequences(plan, [k for k, name in enumerate(names) if name not in lines])
         if missing and not quiet and (noise := noise_of(missing[0])) is not None and noise.noisy:
             say_above(f"{missing[0]}: {noise}")
+        packing = None if plan.shards is None else Packing(folder, plan.shards, names)
+        if packing is not None and plan.shards is not None:
+            for k in range(0, plan.sequences, plan.shards.sequences):
+                packing.offer(k, lines)
         outcomes = _outcomes(missing, folder, workers, cluster, say)
         try:
             with progress("simulating", len(sequences), unit="sequences", start=kept, show=not quiet) as bar:
                 for outcome in outcomes:
                     if outcome.result is not None:
                         manifest.add(outcome.result)
+                        if packing is not None:
+                            packing.offer(outcome.task.index, lines)
+                            packing.take(lines, manifest.write)
                     else:
                         failed[outcome.task.name] = str(outcome.error)
                     bar.advance()
+            if packing is not None:
+                packing.take(lines, manifest.write, wait=True)
         finally:
             outcomes.close()
+            if packing is not None:
+                packing.close()
             discard_hidden(folder)
             # Some may have got their names without a word: Ctrl-C, or a worker's death, came in between.
-            names = map(sequence_name, range(plan.sequences))
             unsaid = [name for name in names if name not in lines and (folder / name).is_dir()]
             lines |= {name: describe_folder(folder / name) for name in unsaid}
             manifest.write()
@@ -172,7 +189,7 @@ def check_sequences(plan: SequencePlan, sequences: Sequence[DrawnSequence], *, q
         return load_scene(name, up=up, scale=scale)
 
     def scene_of(one: DrawnSequence) -> Scene:
-        return scene_at(one.scene_name, one.parameters.get("up"), one.parameters.get("scale"))
+        return one.scene() if one.scene_key is None else scene_at(*one.scene_key)
 
     try:
         for sequence in each(sequences, "checking", len(sequences), unit="sequences", show=not quiet):

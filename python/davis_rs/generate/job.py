@@ -4,11 +4,16 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 from .._mitsuba import default_variant, variant
 from ..monte_carlo_noise import NoiseEstimate, NoiseWarning, estimate_noise
+from ..rendering.kept_scenes import keep_scenes
+from ..scene.mesh_scene import Axis
+from ..scene.scene import Scene
+from ..scenes import load_scene
 from ..settings import ViewSettings, only
 from ..simulation_folder import simulate_to_folder
 from .folder import discard, publish, working_folder
@@ -43,7 +48,11 @@ def make_sequence(sequence: DrawnSequence, root: Path, threads: int) -> dict[str
 
 
 def begin_worker(threads: int) -> None:
-    """What a process does before its first sequence: Dr.Jit gets so many threads; results do not depend on it."""
+    """Prepares a worker process. Results do not depend on it.
+
+    Dr.Jit gets ``threads`` threads, and what is made of a scene is kept for the next sequence that has the same one.
+    """
+    keep_scenes()
     with variant(default_variant()[0]) as (_, dr):
         dr.set_thread_count(threads)
 
@@ -63,8 +72,15 @@ def noise_of(sequence: DrawnSequence) -> NoiseEstimate | None:
     return estimate_noise(sequence.on_path(sequence.scene()), **only(ViewSettings, given))
 
 
+@lru_cache(maxsize=4)
+def _scene_at(name: str, up: Axis | None, scale: float | None) -> Scene:
+    """A scene that sequences share: the same object each time, by which what is made of it is known again."""
+    return load_scene(name, up=up, scale=scale)
+
+
 def _simulate(sequence: DrawnSequence, folder: Path, threads: int) -> None:
-    scene = sequence.on_path(sequence.scene())
+    key = sequence.scene_key
+    scene = sequence.on_path(sequence.scene() if key is None else _scene_at(*key))
     meta: dict[str, Any] = {"generated": origin(sequence)}
     if scene.file is not None:  # by its name in the plan: where it lies differs from machine to machine
         scene = replace(scene, file_name=sequence.parameters["scene"])

@@ -20,7 +20,7 @@ Task = TypeVar("Task")
 Result = TypeVar("Result")
 
 ATTEMPTS = 3
-"""A task that kills so many workers is given up."""
+"""A task is given up after this many workers died on it."""
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,7 @@ def run_locally(
 
     Args:
         function, begin, tasks: to be pickled, as are results; ``begin`` is called in each worker first.
-        workers: so many at most.
+        workers: the most worker processes at a time.
         report: is told of workers that died.
     """
     context = multiprocessing.get_context("spawn")

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
-import inspect
 import math
 from collections.abc import Callable, Mapping
 from functools import cache
+from inspect import signature
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from ..pose import Pose, hamilton
 from ..scene.scene import Scene
 from ..scenes import start_pose
 from ..trajectory import motions
 from ..trajectory.trajectory import Trajectory, align
 from ..trajectory.trajectory_file import read_trajectory
+from .kinds import Key, called_with, keys_of
 
 MOTIONS: dict[str, Callable[..., Trajectory]] = {
     "slider": motions.slider,
@@ -24,47 +28,28 @@ MOTIONS: dict[str, Callable[..., Trajectory]] = {
     "running": motions.running,
     "file": read_trajectory,
 }
-"""What ``kind`` may be; other keys of a motion are the function's own arguments, but for those of :func:`arguments`."""
+"""What ``kind`` may be; its other keys are those of :func:`motion_keys`."""
 
 _RENAMED = {"degrees_of_freedom": "kind", "file": "path"}
-_DEGREES = {"_deg": "_rad", "_deg_s": "_rad_s"}
 
 
 @cache
-def arguments(kind: str) -> Mapping[str, tuple[str, bool]]:
-    """The keys of a motion, for each the type (as the function's annotation) and whether it must be given.
+def motion_keys(kind: str) -> Mapping[str, Key]:
+    """The keys of a motion.
 
-    They are the function's arguments without ``start``, which is where the scene's camera starts. ``kind`` of
-    ``hand_held`` is called ``degrees_of_freedom``, ``path`` of a file ``file``; beside each angle in ``_rad`` or
-    ``_rad_s`` there is one in ``_deg`` or ``_deg_s``; a file may say ``align``.
+    They are the function's arguments without ``start``, which is where the camera starts. The argument ``kind`` of
+    ``hand_held`` has the key ``degrees_of_freedom``, and ``path`` of a file has the key ``file``. A file may have
+    ``align``.
     """
-    parameters = inspect.signature(MOTIONS[kind]).parameters
-    back = {name: key for key, name in _RENAMED.items()}
-    found: dict[str, tuple[str, bool]] = {}
-    for name, parameter in parameters.items():
-        if name == "start":
-            continue
-        # The sequence's own end is that of a motion for which nothing else is said; a seed is drawn.
-        needed = parameter.default is inspect.Parameter.empty and name != "duration_s"
-        found[back.get(name, name)] = (str(parameter.annotation), needed)
-        for degrees, radians in _DEGREES.items():
-            if name.endswith(radians):
-                found[name.removesuffix(radians) + degrees] = (str(parameter.annotation), False)
-    if kind == "file":
-        found["align"] = ("bool", False)
-    return found
+    # The sequence's own end is that of a motion for which nothing else is said.
+    renamed = {key: name for key, name in _RENAMED.items() if name in signature(MOTIONS[kind]).parameters}
+    found = keys_of(MOTIONS[kind], left_out=("start",), renamed=renamed, optional=("duration_s",))
+    return {**found, "align": Key("align", "bool")} if kind == "file" else found
 
 
-def in_radians(kind: str, key: str) -> str:
-    """The argument that a key sets: of an angle in degrees, that in radians."""
-    for degrees, radians in _DEGREES.items():
-        name = key.removesuffix(degrees) + radians
-        if key.endswith(degrees) and name in arguments(kind):
-            return name
-    return key
-
-
-def make_motion(motion: Mapping[str, Any], scene: Scene, end_s: float | None, base: Path) -> Trajectory:
+def make_motion(
+    motion: Mapping[str, Any], scene: Scene, end_s: float | None, base: Path, start: Pose | None = None
+) -> Trajectory:
     """The path that a drawn motion stands for.
 
     Args:
@@ -72,6 +57,7 @@ def make_motion(motion: Mapping[str, Any], scene: Scene, end_s: float | None, ba
         scene: whose camera's start it starts at.
         end_s: where on the path the sequence ends: the length of motions that have no end of their own.
         base: the folder that a file is relative to.
+        start: where the path starts; None for the start of the scene's camera.
 
     Raises:
         ValueError: for what the motion refuses, or a motion without an end.
@@ -79,19 +65,28 @@ def make_motion(motion: Mapping[str, Any], scene: Scene, end_s: float | None, ba
     """
     given = dict(motion)
     kind = given.pop("kind")
-    called: dict[str, Any] = {}
-    for key, value in given.items():
-        name = in_radians(kind, key)
-        called[_RENAMED.get(name, name)] = value if name == key else math.radians(value)
+    called = called_with(motion_keys(kind), given)
     if kind == "file":
         # A scene that has a path shares no world with a file's, one without may.
-        moved = called.pop("align", scene.trajectory is not None)
+        moved = called.pop("align", scene.trajectory is not None or start is not None)
+        if start is not None and not moved:
+            raise ValueError("start_pose moves the path, and align: false would not")
         trajectory = read_trajectory(base / called.pop("path"), **called)
-        return align(trajectory, start_pose(scene)) if moved else trajectory
-    if "duration_s" in arguments(kind) and "duration_s" not in called:
+        return align(trajectory, start or start_pose(scene)) if moved else trajectory
+    if "duration_s" in motion_keys(kind) and "duration_s" not in called:
         if end_s is None:
             raise ValueError(
                 f"a motion of kind {kind} has no end of its own: duration or motion.duration_s must be given"
             )
         called["duration_s"] = end_s
-    return MOTIONS[kind](start_pose(scene), **called)
+    return MOTIONS[kind](start or start_pose(scene), **called)
+
+
+def moved(pose: Pose, offset: Mapping[str, Any]) -> Pose:
+    """A pose moved in its own axes: by ``position_m`` (3,), and by the rotation vector ``rotation_deg`` (3,)."""
+    turn = np.radians(offset.get("rotation_deg", (0.0, 0.0, 0.0)))
+    angle = float(np.linalg.norm(turn))
+    axis = turn / angle if angle > 0 else turn
+    quaternion = np.array([*(axis * math.sin(angle / 2)), math.cos(angle / 2)])
+    position = pose.position + pose.rotation @ np.array(offset.get("position_m", (0.0, 0.0, 0.0)))
+    return Pose(position, hamilton(pose.quaternion, quaternion))

@@ -1,4 +1,4 @@
-"""From what YAML holds to the nodes of a plan: values of the right type, or distributions that give such."""
+"""Turns what YAML holds into the nodes of a plan: values of the right type, or distributions that give such values."""
 
 from __future__ import annotations
 
@@ -10,7 +10,9 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from .distributions import Choice, Distribution, Integers, LogUniform, Normal, Uniform
-from .motion import MOTIONS, arguments, in_radians
+from .kinds import Key
+from .motion import MOTIONS, motion_keys
+from .random_scene import RANDOM_SCENES, scene_keys
 
 DISTRIBUTIONS = {
     "uniform": "a number",
@@ -78,22 +80,60 @@ def motion(value: Any, where: Where) -> Any:
     given = where.mapping(value, "a mapping with the motion's kind")
     if "choice" in given:
         return _distribution(given, where, motion, "a motion")
+    return _of_kind(given, where, {kind: motion_keys(kind) for kind in MOTIONS}, "motion")
+
+
+def scene(value: Any, where: Where) -> Any:
+    """The parser of a scene: a name or a file, a mapping with the kind of one that is drawn, or a choice of such."""
+    if isinstance(value, dict) and "choice" in value:
+        return _distribution(value, where, scene, "a scene")
+    if isinstance(value, dict) and "kind" in value:
+        given = where.mapping(value, "a mapping with the scene's kind")
+        return _of_kind(given, where, {kind: scene_keys(kind) for kind in RANDOM_SCENES}, "scene")
+    if isinstance(value, dict) and not value.keys() & DISTRIBUTIONS.keys():
+        where.refuse("a name or a file, a mapping with the scene's kind, or a choice of such", value)
+    return value_of("a text", none=False)(value, where)
+
+
+def start_pose(value: Any, where: Where) -> Any:
+    """The parser of where a camera's path starts."""
+    if value is None:
+        return None
+    given = where.mapping(value, f"a mapping of {', '.join(START_POSE)}")
+    if "choice" in given:
+        return _distribution(given, where, start_pose, "a start")
+    for key, node in given.items():
+        if key not in START_POSE:
+            where.unknown(key, START_POSE)
+        if key != "time" and not (isinstance(node, list) and len(node) == 3):
+            where.at(key).refuse("a list of three numbers: right, down, ahead", node)
+    number = value_of("a number", none=False)
+    return {key: (number if key == "time" else _numbers)(node, where.at(key)) for key, node in given.items()}
+
+
+START_POSE = ("time", "position_m", "rotation_deg")
+"""Where on the scene's own path, and how far from it: in camera axes, rotation as a rotation vector."""
+
+
+def _of_kind(given: dict[str, Any], where: Where, kinds: Mapping[str, Mapping[str, Key]], what: str) -> dict[str, Any]:
+    """A mapping that names a function by its kind, and has its arguments."""
     kind = given.get("kind")
-    if not isinstance(kind, str) or kind not in MOTIONS:
-        where.at("kind").refuse(f"one of {', '.join(MOTIONS)}", kind)
-    known = arguments(kind)
+    if not isinstance(kind, str) or kind not in kinds:
+        where.at("kind").refuse(f"one of {', '.join(kinds)}", kind)
+    known = kinds[kind]
     parsed: dict[str, Any] = {"kind": kind}
     for key, node in given.items():
         if key == "kind":
             continue
         if key not in known:
             where.unknown(key, ("kind", *known))
-        if (other := in_radians(kind, key)) != key and other in given:
+        if known[key].degrees and (other := known[key].argument) in given:
             where.at(key).refuse(f"the only one, but {other} is given as well", node)
-        parsed[key] = _ARGUMENTS.get(known[key][0], value_of("a text", none=False))(node, where.at(key))
-    for name, (_, needed) in known.items():
-        if needed and not any(in_radians(kind, key) == name for key in given):
-            raise ValueError(f"{where.file}: {where.path}: a motion of kind {kind} needs {name}")
+        parsed[key] = _ARGUMENTS.get(known[key].annotation, value_of("a text", none=False))(node, where.at(key))
+    arguments = {known[key].argument for key in parsed if key != "kind"}
+    for name, one in known.items():
+        if one.needed and one.argument not in arguments:
+            raise ValueError(f"{where.file}: {where.path}: a {what} of kind {kind} needs {name}")
     return parsed
 
 
@@ -148,10 +188,11 @@ _ARGUMENTS: dict[str, Parser] = {
     "float": value_of("a number", none=False),
     "float | None": value_of("a number"),
     "int": value_of("an integer", none=False),
+    "int | None": value_of("an integer"),
     "bool": value_of("true or false", none=False),
     "npt.ArrayLike": _numbers,
 }
-"""The parsers of a motion's arguments, by their annotations; texts for all others."""
+"""The parsers of arguments, by their annotations; texts for all others."""
 
 
 def _distribution(value: dict[Any, Any], where: Where, parse: Parser, rule: str) -> Distribution:

@@ -9,8 +9,10 @@ from pathlib import Path
 from typing import Any
 
 from .._core import CrossingEngine
+from ..pose import Pose
+from ..scene.mesh_scene import Axis
 from ..scene.scene import Scene
-from ..scenes import load_scene
+from ..scenes import load_scene, start_pose
 from ..settings import (
     FolderSettings,
     chosen_sampling,
@@ -21,8 +23,10 @@ from ..settings import (
     view_scene,
 )
 from ..simulation import read_effects
-from .motion import make_motion
+from ..trajectory.trajectory import align
+from .motion import make_motion, moved
 from .parse import effect_texts
+from .random_scene import make_random_scene
 from .sequence_plan import SETTINGS, resolve
 
 
@@ -60,13 +64,27 @@ class DrawnSequence:
         return given
 
     @property
-    def scene_name(self) -> str:
-        """The scene as :func:`~davis_rs.load_scene` takes it."""
-        return resolve("scene", self.parameters["scene"], self.base)
+    def scene_key(self) -> tuple[str, Axis | None, float | None] | None:
+        """What :func:`~davis_rs.load_scene` makes the scene from; None for a scene that is drawn for this sequence."""
+        named = self.parameters["scene"]
+        if not isinstance(named, str):
+            return None
+        return resolve("scene", named, self.base), self.parameters.get("up"), self.parameters.get("scale")
 
     def scene(self) -> Scene:
         """The scene, without the settings' light."""
-        return load_scene(self.scene_name, up=self.parameters.get("up"), scale=self.parameters.get("scale"))
+        if self.scene_key is not None:
+            name, up, scale = self.scene_key
+            return load_scene(name, up=up, scale=scale)
+        if given := [key for key in ("up", "scale") if self.parameters.get(key) is not None]:
+            raise ValueError(f"{' and '.join(given)}: for a mesh or a glTF file, not for a scene that is drawn")
+        return make_random_scene(self.parameters["scene"], self._end_s, self.base)
+
+    @property
+    def _end_s(self) -> float | None:
+        """Where on the camera's path the sequence ends, if the plan says so."""
+        duration_s: float | None = self.parameters.get("duration")
+        return None if duration_s is None else (self.parameters.get("start") or 0.0) + duration_s
 
     def on_path(self, scene: Scene) -> Scene:
         """The scene with the part of the camera's path that is simulated, from t = 0.
@@ -77,10 +95,29 @@ class DrawnSequence:
         """
         start_s = self.parameters.get("start") or 0.0
         duration_s, motion = self.parameters.get("duration"), self.parameters.get("motion")
-        if motion is None:
-            return scene.crop(start_s, duration_s)
-        end_s = None if duration_s is None else start_s + duration_s
-        return scene.with_trajectory(make_motion(motion, scene, end_s, self.base)).crop(start_s, duration_s)
+        start = self._start_pose(scene, start_s)
+        if motion is not None:
+            scene = scene.with_trajectory(make_motion(motion, scene, self._end_s, self.base, start))
+        elif start is not None:
+            scene = scene.with_trajectory(align(scene.path, start, start_s))
+        return scene.crop(start_s, duration_s)
+
+    def _start_pose(self, scene: Scene, start_s: float) -> Pose | None:
+        """Where the camera's path shall start; None: where it does anyway."""
+        given = self.parameters.get("start_pose")
+        if given is None:
+            return None
+        if "time" in given and self.parameters.get("motion") is None:
+            raise ValueError("time is where on the scene's own path a motion starts; without a motion give start")
+        if scene.trajectory is None and "time" in given:
+            raise ValueError(f"scene {scene.name!r} has no path of its own: time must not be given")
+        if scene.trajectory is None:
+            return moved(start_pose(scene), given)
+        if "time" not in given:
+            return moved(scene.path.pose(start_s if self.parameters.get("motion") is None else 0.0), given)
+        if not 0 <= given["time"] <= scene.path.duration_s:
+            raise ValueError(f"time must lie on the scene's path, 0..{scene.path.duration_s:g} s, got {given['time']}")
+        return moved(scene.path.pose(given["time"]), given)
 
     def check(self, scene_of: Callable[[DrawnSequence], Scene] = scene) -> None:
         """Refuse what can be refused without rendering; the rest shows when the simulator is made.
@@ -92,7 +129,7 @@ class DrawnSequence:
             ValueError: naming sequence, keys, values and rule.
         """
         scene = self._named(lambda: scene_of(self), "scene", "up", "scale")
-        self._named(lambda: self.on_path(scene), "motion", "start", "duration")
+        self._named(lambda: self.on_path(scene), "motion", "start_pose", "start", "duration")
         declared = settings_of(FolderSettings)
         for name, value in self.settings.items():
             key = declared[name].key

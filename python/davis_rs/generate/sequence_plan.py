@@ -13,14 +13,17 @@ from pathlib import Path
 from typing import Any
 
 from ..camera import PRESETS
+from ..random_words import Words
 from ..scene.mesh_scene import READERS as MESH_READERS
 from ..scenes import BUILTIN_SCENES, GLTF, load_scene
 from ..sensors import SENSOR_SUFFIXES, SENSORS
 from ..sequences import SEQUENCES
 from ..settings import FolderSettings, Setting, settings_of
 from ..yaml_file import read_yaml
-from .distributions import Choice, Distribution, Words, draw
-from .parse import Parser, Where, effects, imu_effects, motion, value_of
+from .distributions import Choice, Distribution, draw
+from .parse import Parser, Where, effects, imu_effects, motion, scene, start_pose, value_of
+from .random_scene import FOLDERS
+from .shards import MOST_IN_A_SHARD, WRITERS, Shards
 
 _RULES: Mapping[type | None, str] = {float: "a number", int: "an integer", str: "a text", bool: "true or false"}
 _NAMES: Mapping[str, Collection[str]] = {"scene": {*BUILTIN_SCENES, *SEQUENCES}, "camera": PRESETS, "sensor": SENSORS}
@@ -34,14 +37,18 @@ SETTINGS: dict[str, Setting] = {
 }
 """The settings of a simulation that a plan may give or draw, by key."""
 
+_OF_PLAN = ("seed", "sequences", "shards")
+"""Keys of the plan, not of a sequence: they take no distributions."""
+
 MOST_SEQUENCES = 1_000_000
 """Of a plan: a manifest of more is no longer handled by any program."""
 
 KEYS: dict[str, Parser] = {
-    "scene": value_of("a text", none=False),
+    "scene": scene,
     "up": value_of("a text"),
     "scale": value_of("a number"),
     "motion": motion,
+    "start_pose": start_pose,
     "start": value_of("a number"),
     "duration": value_of("a number"),
     "effects": effects,
@@ -66,8 +73,9 @@ class SequencePlan:
         sequences: how many.
         tree: for each key a value or a distribution.
         identity: the plan in JSON's types, without the number of sequences: this one can grow.
-        digests: SHA-256 of each file that the plan names, by the name that it has there, and of materials and textures
-            of meshes.
+        digests: SHA-256 of each file that the plan names, by the name that it has there, of materials and textures of
+            meshes, and of the list of names and sizes of a folder's files.
+        shards: how sequences are put together into files; None: each is a folder.
     """
 
     file: Path
@@ -76,10 +84,11 @@ class SequencePlan:
     tree: Mapping[str, Any]
     identity: Mapping[str, Any]
     digests: Mapping[str, str]
+    shards: Shards | None = None
 
     @property
     def sha256(self) -> str:
-        """Of the identity and the files: two plans with the same one draw and make the same sequences."""
+        """A hash of the identity and the files. Two plans with the same hash draw and make the same sequences."""
         text = json.dumps([self.identity, self.digests], sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()
 
@@ -87,14 +96,16 @@ class SequencePlan:
         """What is drawn for a sequence, in JSON's types and the order of the keys' names.
 
         A value is a function of (the plan's seed, ``index``, its key path), so that another key, another order of keys
-        or more sequences change none. The seeds that are not given are drawn as well: ``seed`` of the simulation, and
-        a motion's own.
+        or more sequences change none. The seeds that are not given are drawn as well: ``seed`` of the simulation, a
+        motion's own, and that of a scene that is drawn.
         """
         drawn: dict[str, Any] = draw(self.tree, self.seed, index)
         drawn["seed"] = self._drawn_seed(index, "seed")
         path = drawn.get("motion")
         if path is not None and path["kind"] in _SEEDED_MOTIONS and "seed" not in path:
             path["seed"] = self._drawn_seed(index, "motion.seed")
+        if isinstance(drawn["scene"], dict) and "seed" not in drawn["scene"]:
+            drawn["scene"]["seed"] = self._drawn_seed(index, "scene.seed")
         in_order: dict[str, Any] = json.loads(json.dumps(drawn, sort_keys=True))
         return in_order
 
@@ -122,10 +133,10 @@ def load_sequence_plan(path: str | Path) -> SequencePlan:
     given = where.mapping(read_yaml(file), "a mapping of keys to values")
     tree: dict[str, Any] = {}
     for key, value in given.items():
-        if key in ("seed", "sequences"):
+        if key in _OF_PLAN:
             continue
         if key not in KEYS:
-            where.unknown(key, ("seed", "sequences", *KEYS))
+            where.unknown(key, (*_OF_PLAN, *KEYS))
         tree[key] = KEYS[key](value, where.at(key))
     if "scene" not in tree:
         raise ValueError(f"{file}: a plan needs a scene")
@@ -135,8 +146,24 @@ def load_sequence_plan(path: str | Path) -> SequencePlan:
             where.at(key).refuse(f"an integer >= {least}", value)
     if sequences > MOST_SEQUENCES:
         where.at("sequences").refuse(f"at most {MOST_SEQUENCES}", sequences)
+    shards = _shards(given.get("shards"), where.at("shards"))
     identity = {key: value for key, value in given.items() if key != "sequences"} | {"seed": seed}
-    return SequencePlan(file, seed, sequences, tree, identity, _digests(tree, file.parent))
+    return SequencePlan(file, seed, sequences, tree, identity, _digests(tree, file.parent), shards)
+
+
+def _shards(value: Any, where: Where) -> Shards | None:
+    if value is None:
+        return None
+    given = where.mapping(value, "a mapping with format and sequences")
+    for key in given:
+        if key not in ("format", "sequences"):
+            where.unknown(key, ("format", "sequences"))
+    kind, count = given.get("format"), given.get("sequences")
+    if not isinstance(kind, str) or kind not in WRITERS:
+        where.at("format").refuse(f"one of {', '.join(WRITERS)}", kind)
+    if not isinstance(count, int) or isinstance(count, bool) or not 1 <= count <= MOST_IN_A_SHARD:
+        where.at("sequences").refuse(f"an integer in 1..{MOST_IN_A_SHARD}", count)
+    return Shards(kind, count)
 
 
 def resolve(key: str, text: str, base: Path) -> str:
@@ -156,7 +183,22 @@ def _digests(tree: Mapping[str, Any], base: Path) -> dict[str, str]:
     for text in _texts(tree.get("scene")):
         if text in files and files[text].suffix.lower() in (*MESH_READERS, *GLTF):
             files |= {os.path.relpath(file, base): file for file in _mesh_files(files[text])}
-    return {text: hashlib.sha256(path.read_bytes()).hexdigest() for text, path in files.items()}
+    digests = {text: hashlib.sha256(path.read_bytes()).hexdigest() for text, path in files.items()}
+    drawn = [one for one in _options(tree.get("scene")) if isinstance(one, dict)]
+    folders = {(key, text) for one in drawn for key in FOLDERS for text in _texts(one.get(key))}
+    return digests | {
+        text: _listing_sha256(key, base / text) for key, text in sorted(folders) if (base / text).is_dir()
+    }
+
+
+def _listing_sha256(key: str, folder: Path) -> str:
+    """Of the names and sizes of what is drawn from in a folder: to read all of a large one would take too long."""
+    try:
+        files = FOLDERS[key](folder)
+    except ValueError:  # it has none: refused where it is needed
+        files = ()
+    lines = (f"{path.relative_to(folder).as_posix()} {path.stat().st_size}" for path in files)
+    return hashlib.sha256("\n".join(lines).encode()).hexdigest()
 
 
 def _mesh_files(mesh: Path) -> tuple[Path, ...]:

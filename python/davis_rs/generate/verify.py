@@ -13,6 +13,7 @@ from .job import origin
 from .manifest import MANIFEST, describe_folder, read_manifest, read_plan
 from .sequence import DrawnSequence
 from .sequence_plan import sequence_name
+from .shards import Shards, shard_fault, shard_names, taken_from_shards
 
 
 def verify_sequences(root: str | Path) -> dict[str, str]:
@@ -30,7 +31,15 @@ def verify_sequences(root: str | Path) -> dict[str, str]:
     if not (folder / MANIFEST).exists():
         raise FileNotFoundError(f"{folder / MANIFEST}: there is no manifest to compare the sequences with")
     lines = read_manifest(folder)
-    wrong = {name: fault for name, line in lines.items() if (fault := _fault(folder / name, line)) is not None}
+    faults = {name: shard_fault(folder, shard) for name, shard in shard_names(lines.values()).items()}
+    wrong: dict[str, str] = {}
+    for name, line in lines.items():
+        fault = faults[line["shard"]["name"]] if "shard" in line else _fault(folder / name, line)
+        if fault is not None:
+            wrong[name] = fault
+    for path in folder.glob("shard_*"):
+        if path.name not in faults:
+            wrong[path.name] = "the manifest does not have it"
     for path in folder.glob("sequence_*"):
         if path.name not in lines:
             wrong[path.name] = "the manifest does not have it"
@@ -41,20 +50,27 @@ def verify_sequences(root: str | Path) -> dict[str, str]:
 
 
 def added_files(root: Path) -> dict[str, list[str]]:
-    """The files beside those that it was made with, by the names of the manifest's sequences that have some."""
-    return {name: added for name in read_manifest(root) if (added := unlisted_files(root / name))}
+    """Files that were added to sequences after they were made, by the sequence's name in the manifest."""
+    folders = (name for name, line in read_manifest(root).items() if "shard" not in line)
+    return {name: added for name in folders if (added := unlisted_files(root / name))}
 
 
-def taken_up(sequences: Sequence[DrawnSequence], root: Path, say: Callable[[str], None]) -> dict[str, dict[str, Any]]:
+def taken_up(
+    sequences: Sequence[DrawnSequence], root: Path, say: Callable[[str], None], shards: Shards | None = None
+) -> dict[str, dict[str, Any]]:
     """The lines of those that are there already.
 
     One that the manifest knows is looked at, one that it does not know (a run was killed in between) is read. Where a
     folder is not what it was, it goes, and will be made again; one with files that somebody added gets another name.
+    Sequences that are in a shard are taken from the manifest.
     """
     known, lines = read_manifest(root), dict[str, dict[str, Any]]()
+    if shards is not None:
+        lines = taken_from_shards(root, shards, [one.name for one in sequences], known, say)
+        known = {name: {key: value for key, value in line.items() if key != "shard"} for name, line in known.items()}
     for sequence in sequences:
         folder = root / sequence.name
-        if not folder.exists():
+        if sequence.name in lines or not folder.exists():
             continue
         try:
             generated = json.loads((folder / META).read_text())["generated"]
@@ -72,7 +88,10 @@ def taken_up(sequences: Sequence[DrawnSequence], root: Path, say: Callable[[str]
             raise FileExistsError(f"{folder} is in the way: no sequence of {root} that is whole ({fault})")
         if added := unlisted_files(folder):
             aside = set_aside(folder)
-            say(f"{sequence.name} is made again: {fault}; what it was is kept, for {added[0]} was added to it: {aside}")
+            say(
+                f"{sequence.name} is made again: {fault}; the old folder is kept as {aside}, "
+                f"because {added[0]} was added to it"
+            )
         else:
             say(f"{sequence.name} is made again: {fault}")
             withdraw(folder)

@@ -26,8 +26,8 @@ from .parts import DIRECT
 from .scene import Scene
 
 LUMENS_PER_WATT = 683.0
-"""glTF's lights are in lux and candela; one unit of Mitsuba's linear light stands for so many of either. That is the
-luminous efficacy which Blender's exporter takes, so the numbers are Blender's again: watts by 4 pi for lamps."""
+"""Lux or candela for one unit of Mitsuba's linear light, because glTF gives lights in these. Blender's exporter uses
+the same luminous efficacy, so the resulting numbers are those in Blender: watts divided by 4 pi for lamps."""
 
 WHITE_LUX = LUMENS_PER_WATT * np.pi
 """Illuminance of a white surface of luma 1 under such lights."""

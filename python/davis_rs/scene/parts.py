@@ -45,7 +45,7 @@ def textured_rectangle(
 ) -> dict[str, Any]:
     """A :func:`rectangle` whose texture repeats every ``period`` metres.
 
-    It reflects at least ``darkest`` and has so many hard-edged shapes.
+    Its reflectance is at least ``darkest``, and it shows ``shapes`` hard-edged shapes.
     """
     texture = {
         "type": "bitmap",

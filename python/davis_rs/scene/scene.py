@@ -80,7 +80,7 @@ class Scene:
             ValueError: if it has none.
         """
         if self.trajectory is None:
-            raise ValueError(f"scene {self.name!r} has no trajectory of its own: one must be given")
+            raise ValueError(f"scene {self.name!r} has no trajectory of its own: give one")
         return self.trajectory
 
     @property

@@ -25,7 +25,7 @@ def from_srgb(encoded: npt.ArrayLike) -> FloatArray:
 
 
 def bitmap(data: Any, *, repeats: tuple[float, float] | None = None, wrap: str = "repeat") -> dict[str, Any]:
-    """A texture for a surface: by the surface's own coordinates, or so many times over its width and height.
+    """A texture for a surface, placed by the surface's own coordinates or repeated over its width and height.
 
     Args:
         data: a :data:`Texture`, or a tensor of it for Mitsuba.
