@@ -23,7 +23,8 @@ TOLERANCE = 1e-9
 _SHOWN = 20
 
 _VOIDING = {name for name, effect in EFFECTS.items() if effect.acts_on not in ("luma", "frames")}
-"""Optics act before log intensity, frames beside it."""
+"""Effects that make the check void. Optics are not among them, because they act before log intensity. Neither are
+effects on frames, because they do not change events."""
 _T = TypeVar("_T")
 
 
@@ -51,6 +52,7 @@ class CheckReport:
         counts: how many ``events``, ``frames``, ``depth_maps`` and ``luma_maps`` were found.
         instants: the comparison at each instant whose luma is stored, after the first.
         void: effects of the sensor under which events need not explain log intensity, so that nothing was compared.
+        converted: whether the folder was converted from another container: it has no luma to compare with.
     """
 
     path: Path
@@ -58,6 +60,7 @@ class CheckReport:
     counts: dict[str, int] = field(default_factory=dict)
     instants: list[InstantError] = field(default_factory=list)
     void: list[str] = field(default_factory=list)
+    converted: bool = False
 
     @property
     def ok(self) -> bool:
@@ -81,11 +84,13 @@ class CheckReport:
             lines.append(
                 f"log intensity is not compared with the events, which need not explain it under {_and(self.void)}"
             )
+        if self.converted:
+            lines.append("log intensity is not compared with the events: a folder that was converted has none")
         lines += [f"problem: {problem}" for problem in self.problems[:_SHOWN]]
         if len(self.problems) > _SHOWN:
             lines.append(f"... and {len(self.problems) - _SHOWN} more")
         if self.ok:
-            lines.append("the check of its structure holds" if self.void else "the check holds")
+            lines.append("the check of its structure holds" if self.void or self.converted else "the check holds")
         else:
             lines.append(f"the check fails: {len(self.problems)} problem{'s' * (len(self.problems) > 1)}")
         return "\n".join(lines)
@@ -146,14 +151,22 @@ def check_dataset(path: str | Path) -> CheckReport:
         problems += _pose_problems(ground_truth)
     report.void = [name for name in meta.get("effects") or {} if name in _VOIDING]
     report.void += _voiding_custom_effects(meta)
-    if meta and not report.void and events is not None and not event_problems and not luma_problems:
+    report.converted = "converted_from" in meta and not luma
+    if (
+        meta
+        and not report.void
+        and not report.converted
+        and events is not None
+        and not event_problems
+        and not luma_problems
+    ):
         report.instants, comparison_problems = _compare(dataset, events, parameters)
         problems += comparison_problems
     return report
 
 
 def _voiding_custom_effects(meta: dict[str, Any]) -> list[str]:
-    """Those of a user's own that act behind luma."""
+    """The user's own effects that act behind luma."""
     listed = meta.get("custom_effects")
     effects = [one for one in listed if isinstance(one, dict)] if isinstance(listed, list) else []
     return [str(one.get("class")) for one in effects if one.get("acts_on") != ["luma"]]

@@ -13,7 +13,7 @@ _ARCS = (
     ((0, 0, 255), (255, 0, 255), 13),
     ((255, 0, 255), (255, 0, 0), 6),
 )
-"""From one colour to the next in so many steps: as many as the eye tells apart."""
+"""(From this colour, to this colour, in this many steps). The steps are as many as the eye can tell apart."""
 
 _MISSING = 209
 """Grey where there is no flow."""

@@ -12,8 +12,8 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from ..dataset.folder_format import part_counts
 from ..dataset.reader import Dataset
-from ..event_files.conversion import left_out
 from ..event_files.read import open_reader
 from ..formats.interface import EventReader
 from ..pose import GroundTruth
@@ -84,7 +84,7 @@ class EventSummary:
 
     @property
     def duration_s(self) -> float:
-        """From the first event to the last."""
+        """The time from the first event to the last."""
         return 0.0 if self.first_us is None or self.last_us is None else (self.last_us - self.first_us) / 1e6
 
     @property
@@ -220,7 +220,8 @@ def dataset_contents(dataset: Dataset) -> str:
         lines.append(f"threshold   {said.threshold}")
     if said.effects is not None:
         lines.append(f"effects     {', '.join(said.effects) or 'none: ideal pixels'}")
-    lines.append(f"also        {left_out(dataset.path) or 'nothing'}")
+    also = ", ".join(f"{count:,} {what}" for what, count in part_counts(dataset).items())
+    lines.append(f"also        {also or 'nothing'}")
     if dataset.meta.get("complete") is False:
         lines.append("warning: the folder was never finished: its writer was stopped")
     return "\n".join(lines)

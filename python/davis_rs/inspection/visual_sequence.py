@@ -10,10 +10,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ..camera import Camera
+from ..dataset.files import CALIBRATION
 from ..dataset.reader import Dataset
-from ..decoded import Decoded, Frame
+from ..decoded import IMU_DTYPE, Decoded, Frame
 from ..event_files.read import open_reader
 from ..events import EventArray, concatenate_events
+from ..pose import GroundTruth
 from ..recordings import read_recording
 from ..usb.raw_file import RawRecording, is_raw
 from .dataset_description import describe_dataset
@@ -22,6 +25,14 @@ _AEDAT = b"#!AER-DAT"
 _FRAME_WHITE = 65_535  # frames of a camera have 16 bits
 
 GreyImage = npt.NDArray[np.float64]
+
+
+def _no_poses() -> GroundTruth:
+    return GroundTruth(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 4)))
+
+
+def _no_imu() -> npt.NDArray[Any]:
+    return np.zeros(0, IMU_DTYPE)
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +51,9 @@ class VisualSequence:
         flow_times, read_flow: likewise maps of optical flow, pixels per second, float32 (height, width, 2).
         mask_times, read_mask: likewise maps of shapes, uint16 (height, width), by numbers from 1 on in ``shape_names``.
         normal_times, read_normals: likewise surface normals, float32 (height, width, 3), in camera axes.
+        read_imu: the inertial samples, :data:`davis_rs.IMU_DTYPE`; empty if there are none.
+        read_poses: the camera's poses; empty if there are none.
+        read_camera: the lens, None if the source does not say it.
     """
 
     label: str
@@ -58,6 +72,9 @@ class VisualSequence:
     shape_names: Sequence[str] = ()
     normal_times: Sequence[int] = ()
     read_normals: Callable[[int], npt.NDArray[np.float32]] = field(default=lambda _: np.ones((1, 1, 3), np.float32))
+    read_imu: Callable[[], npt.NDArray[Any]] = _no_imu
+    read_poses: Callable[[], GroundTruth] = _no_poses
+    read_camera: Callable[[], Camera | None] = field(default=lambda: None)
 
 
 def open_visual_sequence(path: str | Path, *, size: tuple[int, int] | None = None) -> VisualSequence:
@@ -137,6 +154,9 @@ def _of_dataset(dataset: Dataset, size: tuple[int, int] | None) -> VisualSequenc
         dataset.shape_names,
         [image.t_us for image in dataset.normal_maps],
         dataset.read_normals,
+        lambda: dataset.imu,
+        lambda: dataset.groundtruth,
+        lambda: dataset.camera if (dataset.path / CALIBRATION).exists() else None,
     )
 
 
@@ -145,7 +165,8 @@ def _of_decoded(path: Path, camera: str, size: tuple[int, int], parts: list[Deco
     events = concatenate_events([part.events for part in parts])
     label = f"{path.name}, {camera}, sensor {size[0]} x {size[1]}"
     times = [frame.t for frame in frames]
-    return _of_events(path, label, size, events, times, lambda number: _whole(frames[number], size))
+    imu = np.concatenate([_no_imu(), *(part.imu for part in parts)])
+    return _of_events(path, label, size, events, times, lambda number: _whole(frames[number], size), lambda: imu)
 
 
 def _of_events(
@@ -155,6 +176,7 @@ def _of_events(
     events: EventArray,
     frame_times: Sequence[int] = (),
     read_frame: Callable[[int], GreyImage] = lambda _: np.ones((1, 1)),
+    read_imu: Callable[[], npt.NDArray[Any]] = _no_imu,
 ) -> VisualSequence:
     _check_inside(events, size, path)
     back = events["t"][1:] < events["t"][:-1]
@@ -163,7 +185,7 @@ def _of_events(
         raise ValueError(f"{path}: event {at} is earlier than the one before it: such times cannot be drawn")
     times = [*frame_times, *events["t"][:1].tolist(), *events["t"][-1:].tolist()]
     start_us, end_us = min(times, default=0), max(times, default=0)
-    return VisualSequence(label, size, events, start_us, end_us, frame_times, (), read_frame)
+    return VisualSequence(label, size, events, start_us, end_us, frame_times, (), read_frame, read_imu=read_imu)
 
 
 def _whole(frame: Frame, size: tuple[int, int]) -> GreyImage:

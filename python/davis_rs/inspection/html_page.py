@@ -1,0 +1,275 @@
+"""A sequence as one HTML file, which any browser shows without a server and without a network."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import html
+import io
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+from string import Template
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..pose import GroundTruth
+from ..progress import progress
+from .sampling_for_display import evenly_spaced, event_counts, sample_events
+from .visual_sequence import VisualSequence, display_grey, open_visual_sequence
+
+MAX_EVENTS = 400_000
+"""Events that a page keeps by default: 8 bytes each, 4.3 MB in base64."""
+
+_FRAME_BYTES = 3_000_000
+_MOST_IMU_SAMPLES, _MOST_POSES = 4_000, 2_000
+_MOST_RATE_BINS, _EVENTS_A_RATE_BIN = 500, 50
+_LARGEST_TICK = 2**31 - 1  # a time and a polarity share 32 bits
+_EVENTS_A_PIXEL = 0.1
+_SPEEDS = (1.0, 0.5, 0.2, 0.1, 0.05, 0.02, 0.01, 0.005, 0.002, 0.001)
+_PLAYING_TIME_S = 20.0
+
+_SCRIPTS = ("data", "turning", "sensor_panel", "event_cloud", "camera_path", "plots", "viewer")
+"""Parts of the page's program, in the order in which they use each other."""
+
+
+@dataclass(frozen=True)
+class HtmlPage:
+    """A page that was written; ``str()`` of it is one line: the file, what it keeps, and its size.
+
+    Attributes:
+        path: the file.
+        kept: for ``events``, ``frames``, ``IMU samples`` and ``poses``: how many the page holds, and how many there
+            are. What the source does not have is not listed.
+        size_bytes: of the file.
+    """
+
+    path: Path
+    kept: dict[str, tuple[int, int]]
+    size_bytes: int
+
+    def __str__(self) -> str:
+        return f"{self.path}: {_kept_text(self.kept)}; {self.size_bytes / 1e6:.1f} MB"
+
+
+def view_html(
+    source: str | Path,
+    output: str | Path,
+    *,
+    t_s: float | None = None,
+    window_s: float | None = None,
+    speed: float | None = None,
+    size: tuple[int, int] | None = None,
+    max_events: int = MAX_EVENTS,
+    max_frames: int | None = None,
+    show_progress: bool = False,
+) -> HtmlPage:
+    """Write a page that plays a sequence: events over frames, a space-time cloud, rates, IMU and camera path.
+
+    The page is one file: program and data are in it, and its content security policy allows neither other scripts nor
+    any access to a network. Its size is bounded, because long sequences are sampled; the page says how much is kept.
+    The plot of event rates is made from all events. Frames hold linear light and are shown with sRGB's transfer curve.
+
+    Args:
+        source: a dataset folder, an event file of any format, or a recording (AEDAT, or a camera's bytes).
+        output: the file to write: ``.html`` or ``.htm``.
+        t_s: the moment that is shown first, in seconds; by default the middle. Times are those of the file; those of a
+            recording count from its start.
+        window_s: length of the window of events at first; by default such that it holds about 0.1 events a pixel.
+        speed: seconds of the sequence in a second of playing, at first; by default such that all of it takes about
+            20 s, at most 1.
+        size: (width, height) of the sensor in pixels, where the source does not say.
+        max_events: events that are kept, at least 1. Each takes 11 bytes of the file.
+        max_frames: frames that are kept, at least 1; by default as many as fit 4 MB of the file.
+        show_progress: how far it is, on standard error.
+
+    Returns:
+        What was written.
+
+    Raises:
+        ValueError: for another suffix; a time outside of the sequence; a window, a speed or a number that is not
+            positive; a size that nobody knows, or a sequence in which nothing has a time.
+        DecodeError, OSError: if the source cannot be read or the page cannot be written.
+    """
+    output = Path(output)
+    if output.suffix.lower() not in (".html", ".htm"):
+        raise ValueError(f"a page's name must end in .html or .htm, got {output}")
+    for name, value in (("window_s", window_s), ("speed", speed)):
+        if value is not None and not 0 < value < math.inf:
+            raise ValueError(f"{name} must be positive and finite, got {value}")
+    for name, number in (("max_events", max_events), ("max_frames", max_frames)):
+        if number is not None and number < 1:
+            raise ValueError(f"{name} must be at least 1, got {number}")
+    sequence = open_visual_sequence(source, size=size)
+    if not len(sequence.events) and not sequence.frame_times:
+        raise ValueError(f"{source} has neither events nor frames: there is nothing to show in a page")
+    start_us, end_us = sequence.start_us, sequence.end_us
+    if t_s is not None and not start_us <= t_s * 1e6 <= end_us:
+        raise ValueError(f"t_s must lie in the sequence, {start_us / 1e6:g}..{end_us / 1e6:g} s, got {t_s}")
+
+    duration_us = max(1, end_us - start_us)
+    events = sample_events(sequence.events, max_events)
+    data: dict[str, Any] = {
+        "width": sequence.size[0],
+        "height": sequence.size[1],
+        "start_us": start_us,
+        "duration_us": duration_us,
+        "t_us": (duration_us // 2) if t_s is None else round(t_s * 1e6) - start_us,
+        "window_us": round(window_s * 1e6) if window_s is not None else _window_us(sequence, len(events), duration_us),
+        "speed": speed or min(_SPEEDS, key=lambda one: abs(math.log(one * _PLAYING_TIME_S * 1e6 / duration_us))),
+        "speeds": sorted({*_SPEEDS, *([speed] if speed else [])}, reverse=True),
+        "events": _packed_events(sequence, events, duration_us),
+        "rate": _packed_rates(sequence),
+        "frames": _packed_frames(sequence, max_frames, show_progress),
+        "imu": _packed_imu(sequence),
+        "path": _packed_path(sequence),
+    }
+    kept = {"events": (len(events), len(sequence.events))}
+    kept |= {"frames": (len(data["frames"]["t"]), len(sequence.frame_times))} if sequence.frame_times else {}
+    kept |= {
+        name: (part["kept"], part["total"])
+        for name, part in (("IMU samples", data["imu"]), ("poses", data["path"]))
+        if part
+    }
+    text = _page(sequence.label, kept, data)
+    output.write_bytes(text)
+    return HtmlPage(output, kept, len(text))
+
+
+def _kept_text(kept: dict[str, tuple[int, int]]) -> str:
+    return ", ".join(f"{some:,} of {total:,} {name}" for name, (some, total) in kept.items())
+
+
+def _page(label: str, kept: dict[str, tuple[int, int]], data: dict[str, Any]) -> bytes:
+    """The whole page. What comes from files is escaped, and the policy lets only the script of this hash run."""
+    parts = files(__package__) / "web"
+    script = (
+        '"use strict";\n(() => {\n'
+        + "".join((parts / f"{name}.js").read_text("utf-8") for name in _SCRIPTS)
+        + "})();\n"
+    )
+    style = (parts / "style.css").read_text("utf-8")
+    # Numbers and base64 alone: nothing in it can end the element.
+    json_text = json.dumps(data, separators=(",", ":"), allow_nan=False)
+    page = Template((parts / "page.html").read_text("utf-8")).substitute(
+        label=html.escape(label),
+        kept=html.escape(_kept_text(kept)),
+        script=script,
+        style=style,
+        script_hash=_hash(script),
+        style_hash=_hash(style),
+        data=json_text,
+    )
+    return page.encode("utf-8")
+
+
+def _hash(text: str) -> str:
+    """As a content security policy names an inline script (W3C, CSP Level 3, section 2.3.1)."""
+    return "sha256-" + base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
+
+
+def _base64(array: npt.NDArray[Any], dtype: str) -> str:
+    return base64.b64encode(np.ascontiguousarray(array, dtype).tobytes()).decode()
+
+
+def _window_us(sequence: VisualSequence, kept: int, duration_us: int) -> int:
+    """As long as it takes for the kept events to cover a share of the pixels."""
+    pixels = sequence.size[0] * sequence.size[1]
+    window = _EVENTS_A_PIXEL * pixels * duration_us / max(1, kept)
+    return max(1, round(min(max(window, duration_us / 1000), duration_us / 4)))
+
+
+def _packed_events(sequence: VisualSequence, events: npt.NDArray[Any], duration_us: int) -> dict[str, Any]:
+    """Times in ticks with the polarity in the lowest bit, uint32; x and y alternating, uint16."""
+    tick_us = -(-duration_us // _LARGEST_TICK)
+    ticks = (events["t"] - sequence.start_us) // tick_us
+    times = (ticks.astype(np.uint32) << np.uint32(1)) | events["p"].astype(np.uint32)
+    return {
+        "total": len(sequence.events),
+        "tick_us": tick_us,
+        "t": _base64(times, "<u4"),
+        "xy": _base64(np.stack([events["x"], events["y"]], -1), "<u2"),
+    }
+
+
+def _packed_rates(sequence: VisualSequence) -> dict[str, Any]:
+    bins = max(20, min(_MOST_RATE_BINS, len(sequence.events) // _EVENTS_A_RATE_BIN))
+    bin_us, on, off = event_counts(sequence.events, sequence.start_us, sequence.end_us, bins)
+    return {"bin_us": bin_us, "on": _base64(on, "<u4"), "off": _base64(off, "<u4")}
+
+
+def _packed_frames(sequence: VisualSequence, most: int | None, show: bool) -> dict[str, Any]:
+    """Frames as PNG: those asked for, or as many as fit the share of the file that is theirs."""
+    total = len(sequence.frame_times)
+    encoded: dict[int, bytes] = {}
+
+    def encode(chosen: Sequence[int]) -> int:
+        """Their bytes, all together."""
+        with progress("frames", len(chosen), unit="frames", show=show and len(chosen) > 8) as bar:
+            for number in chosen:
+                if number not in encoded:
+                    encoded[number] = _png(display_grey(sequence.read_frame(number)))
+                bar.advance()
+        return sum(len(encoded[number]) for number in chosen)
+
+    if most is None and total:
+        few = evenly_spaced(total, 4).tolist()
+        most = max(1, _FRAME_BYTES * len(few) // encode(few))
+        while (taken := encode(evenly_spaced(total, most).tolist())) > _FRAME_BYTES and most > 1:
+            most = max(1, min(most, total) * _FRAME_BYTES // taken)
+    chosen = evenly_spaced(total, most or 0).tolist()
+    encode(chosen)
+    return {
+        "total": total,
+        "t": [sequence.frame_times[number] - sequence.start_us for number in chosen],
+        "png": [base64.b64encode(encoded[number]).decode() for number in chosen],
+    }
+
+
+def _png(grey: npt.NDArray[np.float64]) -> bytes:
+    from PIL import Image
+
+    stream = io.BytesIO()
+    Image.fromarray(np.rint(255 * np.clip(grey, 0, 1)).astype(np.uint8)).save(stream, "PNG", optimize=True)
+    return stream.getvalue()
+
+
+def _packed_imu(sequence: VisualSequence) -> dict[str, Any] | None:
+    """Acceleration (m/s^2) and rotation (rad/s) of the samples in the sequence's time."""
+    imu = sequence.read_imu()
+    if not len(imu):
+        return None
+    inside = imu[_in_time(sequence, imu["t"])]
+    kept = inside[evenly_spaced(len(inside), _MOST_IMU_SAMPLES)]
+    values = np.concatenate([kept["accel"], kept["gyro"]], -1)
+    return {
+        "total": len(imu),
+        "kept": len(kept),
+        "t": _base64(kept["t"] - sequence.start_us, "<f8"),
+        "values": _base64(values, "<f4"),
+    }
+
+
+def _packed_path(sequence: VisualSequence) -> dict[str, Any] | None:
+    """Positions (m) and quaternions (x, y, z, w) of the poses in the sequence's time."""
+    poses: GroundTruth = sequence.read_poses()
+    if not len(poses.t_us):
+        return None
+    inside = np.flatnonzero(_in_time(sequence, poses.t_us))
+    kept = inside[evenly_spaced(len(inside), _MOST_POSES)]
+    values = np.concatenate([poses.positions[kept], poses.quaternions[kept]], -1)
+    return {
+        "total": len(poses.t_us),
+        "kept": len(kept),
+        "t": _base64(poses.t_us[kept] - sequence.start_us, "<f8"),
+        "values": _base64(values, "<f4"),
+    }
+
+
+def _in_time(sequence: VisualSequence, t_us: npt.NDArray[Any]) -> npt.NDArray[np.bool_]:
+    return np.asarray((t_us >= sequence.start_us) & (t_us <= sequence.end_us))

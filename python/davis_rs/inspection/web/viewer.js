@@ -1,0 +1,131 @@
+// Time, the controls, and what is drawn when one of them changes.
+
+const state = { t: data.t_us, playing: false, speed: data.speed, window: data.window_us, length: 0, dirty: true };
+// The cloud is longer than the window, and has some thousands of events where there are as many.
+state.length = Math.min(data.duration_us, Math.max(5 * state.window, 5000 / Math.max(1, events.count) * data.duration_us));
+
+const fromAddress = () => {
+  const found = /(?:^#|&)t=([0-9.]+)/.exec(window.location.hash);
+  if (found && Number.isFinite(Number(found[1]))) seek(1e6 * Number(found[1]) - data.start_us);
+};
+const redraw = () => { state.dirty = true; };
+const seek = (t) => {
+  state.t = Math.max(0, Math.min(data.duration_us, t));
+  redraw();
+};
+const play = (playing) => {
+  if (playing && state.t >= data.duration_us) seek(0);
+  state.playing = playing;
+  element("play").textContent = playing ? "\u275a\u275a" : "\u25b6";
+  element("play").setAttribute("aria-label", playing ? "stop" : "play");
+};
+
+// Lengths have sliders of their logarithm, from a ten-thousandth of the sequence to all of it.
+const bindLength = (id, key) => {
+  const slider = element(id), least = Math.min(Math.max(10, data.duration_us / 1e4), data.duration_us / 2);
+  const range = Math.log(data.duration_us / least);
+  slider.value = Math.log(Math.max(least, state[key]) / least) / range;
+  const says = () => { element(`${id}-says`).textContent = lengthText(state[key]); };
+  slider.addEventListener("input", () => {
+    state[key] = least * Math.exp(range * Number(slider.value));
+    says();
+    redraw();
+  });
+  says();
+};
+bindLength("window", "window");
+bindLength("length", "length");
+
+for (const speed of data.speeds) {
+  const option = document.createElement("option");
+  option.value = speed;
+  option.textContent = speed === 1 ? "real time" : `${speed} \u00d7`;
+  element("speed").append(option);
+}
+element("speed").value = data.speed;
+element("speed").addEventListener("change", (event) => { state.speed = Number(event.target.value); });
+element("play").addEventListener("click", () => play(!state.playing));
+element("time").addEventListener("input", (event) => seek(Number(event.target.value) * data.duration_us));
+for (const id of ["show-frame", "show-on", "show-off"]) element(id).addEventListener("change", redraw);
+element("show-frame").disabled = !data.frames.t.length;
+window.addEventListener("resize", redraw);
+window.addEventListener("hashchange", fromAddress);
+window.addEventListener("keydown", (event) => {
+  if (["INPUT", "SELECT", "BUTTON"].includes(event.target.tagName)) return;
+  if (event.key === " ") play(!state.playing);
+  else if (event.key === "ArrowLeft") seek(state.t - state.window);
+  else if (event.key === "ArrowRight") seek(state.t + state.window);
+  else return;
+  event.preventDefault();
+});
+
+const cloudView = turning(element("cloud"), cloudStart, redraw);
+const pathView = pathScene && turning(element("path"), pathScene.start, redraw);
+
+const plots = (() => {
+  const on = new Uint32Array(bytesOf(data.rate.on)), off = new Uint32Array(bytesOf(data.rate.off));
+  const times = Float64Array.from(on, (_, i) => i * data.rate.bin_us);
+  const most = Math.max(1, on.reduce((a, b) => Math.max(a, b), 0), off.reduce((a, b) => Math.max(a, b), 0)) * 1e6 / data.rate.bin_us;
+  const [unit, name] = most >= 1e6 ? [1e6, "Mev/s"] : most >= 1e3 ? [1e3, "kev/s"] : [1, "ev/s"];
+  const rate = (counts) => Float64Array.from(counts, (count) => count * 1e6 / data.rate.bin_us / unit);
+  const colour = ([r, g, b]) => `rgb(${r}, ${g}, ${b})`;
+  const made = [makePlot("rate", [
+    { name: `ON (${name})`, colour: colour(ON), t: times, values: rate(on) },
+    { name: `OFF (${name})`, colour: colour(OFF), t: times, values: rate(off) },
+  ], { steps: true, fromZero: true, seek })];
+  if (imu && imu.t.length) {
+    const axis = (k) => Float64Array.from(imu.t, (_, i) => imu.values[6 * i + k]);
+    for (const [id, first] of [["accel", 0], ["gyro", 3]]) {
+      made.push(makePlot(id, ["x", "y", "z"].map((name, k) => (
+        { name, colour: PLOT_COLOURS[k], t: imu.t, values: axis(first + k) })), { seek }));
+    }
+  }
+  return made;
+})();
+const hasImu = Boolean(imu && imu.t.length);
+element("imu").hidden = !hasImu;
+element("path-figure").hidden = !pathScene;
+element("motion").hidden = !hasImu && !pathScene;
+element("motion").classList.toggle("single", !hasImu || !pathScene);
+
+element("notes").textContent = [
+  events.count < data.events.total
+    ? `Events shown are ${number(events.count)} drawn evenly from ${number(data.events.total)}; the event rate counts all of them.`
+    : "All events are shown.",
+  data.frames.t.length < data.frames.total ? `Frames: ${data.frames.t.length} of ${data.frames.total}, evenly spaced.` : "",
+].join(" ");
+
+const draw = () => {
+  const show = { frame: element("show-frame").checked, on: element("show-on").checked, off: element("show-off").checked };
+  sensorPanel(state.t, state.window, show);
+  drawCloud(element("cloud"), cloudView, state.t, state.length, show);
+  if (pathScene) drawPath(element("path"), pathView, state.t);
+  for (const plot of plots) plot(state.t);
+  element("time").value = state.t / data.duration_us;
+  const digits = data.duration_us < 1e5 ? 6 : 4;
+  element("clock").textContent = `${((state.t + data.start_us) / 1e6).toFixed(digits)} s of ${((data.duration_us + data.start_us) / 1e6).toFixed(digits)} s`;
+};
+
+let before = null;
+const tick = (now) => {
+  if (state.playing && before !== null) {
+    seek(state.t + (now - before) * 1e3 * state.speed);
+    if (state.t >= data.duration_us) play(false);
+  }
+  before = now;
+  if (state.dirty) {
+    state.dirty = false;
+    draw();
+  }
+  window.requestAnimationFrame(tick);
+};
+
+framesLoaded.then(() => {
+  fromAddress();
+  draw();
+  document.documentElement.dataset.state = "ready";
+  window.requestAnimationFrame(tick);
+}).catch((error) => {
+  console.error(error);
+  problem(`The data of this page could not be shown: ${error}`);
+});
