@@ -38,14 +38,14 @@ pub use error::{Error, Result};
 pub use event::{Event, SensorSize};
 pub use log_intensity::{log_intensity, log_intensity_frame};
 pub use read::{
-    Aedat4Decoder, Aedat4Frame, Aedat4Imu, Aedat4Recording, Aedat4Trigger, Decode, EventReader, Evt2Decoder,
-    Evt3Decoder, MAX_PACKET_BYTES, TextDecoder,
+    Aedat4Decoder, Aedat4Frame, Aedat4Imu, Aedat4Recording, Aedat4Trigger, Block, Decode, DecoderState, EventReader,
+    Evt2Decoder, Evt3Decoder, MAX_PACKET_BYTES, TextDecoder,
 };
 pub use readout::{ReadoutParameters, ReadoutState};
 pub use render::{
     Beam, EdgeTracks, Emission, Light, LightKind, LightMapTables, PixelRays, Pose, Renderer, Scene, SceneTables, Sky,
     TrackSettings, View,
 };
-pub use represent::{TimeBins, count_events, latest_times, voxel_grid};
+pub use represent::{Measurement, TimeBins, count_events, latest_times, spike_tensor, voxel_grid};
 pub use ros::{EventMessage, LATEST_US as ROS_LATEST_US, pack_events, packed_size, unpack_events};
 pub use write::{Aedat4Encoder, Compression, Encode, EventWriter, Evt2Encoder, Evt3Encoder, Limits, TextEncoder};

@@ -4,12 +4,12 @@ use std::collections::TryReserveError;
 
 use crate::event::Event;
 
-/// Time is sorted into buckets by so many leading bits; where it has no more, each tick has its own.
+/// Times are sorted into buckets by this many leading bits. In a short interval, each tick has a bucket of its own.
 const BUCKET_BITS: u32 = 12;
 
 /// Sorts the events of an interval by time: stably, from raster order (y, x, order of crossing).
 ///
-/// So the result depends on nothing but the events, whatever threads made them. The memory for counting is kept.
+/// The result depends only on the events, not on the threads that made them. The memory for counting is kept.
 #[derive(Default)]
 pub(crate) struct TimeSort {
     starts: Vec<usize>,

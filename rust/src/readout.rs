@@ -1,7 +1,7 @@
 //! The readout bus (the effect `readout`): events wait for a shared bus, which reads them out row by row.
 //!
-//! A pixel that fires only requests its row. The bus grants one row after the other and can carry so many events a second,
-//! so a burst of events leaves late and with few distinct stamps. (The frames of the active pixels have a readout of
+//! A pixel that fires only requests its row. The bus grants one row after the other and carries a limited number of events
+//! a second, so a burst of events leaves late and with few distinct stamps. (The frames of the active pixels have a readout of
 //! their own, which is in `aer::frame_assembler`.)
 //!
 //! What must not break: every event leaves once or is counted as dropped, stamps never decrease, and the result does not
@@ -235,7 +235,7 @@ impl Readout {
     }
 }
 
-/// From a burst's grant to its stamp, in microseconds: never negative, however the jitter falls.
+/// The time from a burst's grant to its stamp, in microseconds. It is never negative, whatever the jitter is.
 fn delay(p: &ReadoutParameters, seed: u64, row: u16, burst: u64) -> f64 {
     let jitter_us = if p.jitter_us > 0.0 {
         p.jitter_us * Draw::at(seed, Purpose::ReadoutJitter, row.into(), burst).normal()
@@ -343,7 +343,7 @@ mod tests {
             let mut events = requests.clone();
             bus.pass(&mut events, 300);
             events.extend(bus.flush());
-            // Rows of one stamp, in a stretch of so many microseconds; a stamp is rounded up.
+            // Rows of one stamp that lie within one window; a stamp is rounded up.
             let mut bursts: Vec<(i64, u16)> = events.iter().map(|e| (e.t, e.y)).collect();
             bursts.dedup();
             for (i, first) in bursts.iter().enumerate() {

@@ -1,10 +1,11 @@
-//! Row and column addresses to events.
+//! Turns row and column addresses into events.
 //!
-//! The camera sends a row, then the columns of that row that fired, each of which is an event at the time now. Which of
-//! row and column is x and which is y depends on the chip's orientation, so it is settled once, in [`Addresses::new`], as
-//! places of bits in an event, and no word needs a branch for it.
+//! The camera sends a row, then the columns of that row that fired. Each column is an event at the present time. Which
+//! of row and column is x and which is y depends on the chip's orientation. [`Addresses::new`] settles this once, as
+//! places of bits in an event, so that no word needs a branch for it.
 //!
-//! What must not break: addresses outside of the array make no event and are counted, as are columns before any row.
+//! What must not break: addresses outside of the array make no event and are counted, and so are columns before any
+//! row. [`super::block`] makes the same events from the same bits.
 
 use super::device::Device;
 use super::stats::Stats;

@@ -1,13 +1,18 @@
 //! Decodes the timestamps, wraps and addresses of a block of 64 words without a branch at each word.
 //!
-//! Whether a word is a time, a row or a column is as good as random, and a mispredicted branch costs more than all the
-//! work on a word. So what each word would do is computed for all of them at once, in plain loops that the compiler
-//! turns into vector code. [`without_wraps`] is the common case and needs no order between words. [`with_wraps`] goes
-//! word by word, because a wrap moves the base of all times after it.
+//! Whether a word is a time, a row or a column is hard to predict, and a mispredicted branch costs more than all the
+//! work on a word. So what each word would do is computed for all words at once, in plain loops that the compiler turns
+//! into vector code. The events that words would make are then kept or dropped by a mask.
 //!
-//! What must not break: both do exactly what [`Clock::advance`] and [`Addresses::address`] do word by word. The
-//! decoder's tests compare the two on random streams. The caller has made sure that all words are plain ones (see
-//! [`super::fast_path`]), that a row is known, and that the clock does not overflow.
+//! [`without_wraps`] is the common case. It fills times and rows forward across the block ([`super::lanes`]), so no
+//! word has to wait for the one before. [`with_wraps`] goes word by word, because a wrap moves the base of all times
+//! after it. Its loop has no branches either.
+//!
+//! What must not break:
+//! - Both do exactly what [`Clock::advance`] and [`Addresses::address`] do word by word. The decoder's tests compare
+//!   them on random streams.
+//! - The caller has made sure that all words are plain (see [`super::fast_path`]), that a row is known, and that the
+//!   clock does not overflow. Nothing is checked again here.
 
 use super::addresses::Addresses;
 use super::clock::{Clock, WRAP_BITS};

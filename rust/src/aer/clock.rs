@@ -1,8 +1,16 @@
-//! Unwraps the camera's time: 15 bits in timestamps and a base that wraps move on, to microseconds in 64 bits.
+//! Unwraps the camera's time to microseconds in 64 bits.
 //!
-//! What must not break: time never overflows, whatever a stream says. A time that goes back is obeyed and counted, because
-//! the vendor's drivers do so. The drivers count in 31 bits and drop what is open when these overflow, so the clock tells
-//! when that happens.
+//! A timestamp on the wire has 15 bits. A wrap word moves a base on by 2^15 us, times its payload. The time is the sum
+//! of the two.
+//!
+//! A time that goes back is obeyed and counted, because the vendor's drivers do so. The drivers count in 31 bits and
+//! drop an open frame or inertial sample when these overflow. [`Clock::advance`] tells when that happens, so that the
+//! decoder can do the same.
+//!
+//! What must not break:
+//! - Time never overflows, whatever a stream says: the base stops at [`LAST_BASE`].
+//! - [`super::block`] repeats [`Clock::advance`] without its checks. [`Clock::has_room_for`] and
+//!   [`Clock::overflows_within`] must therefore rule out every case in which these checks would act.
 
 use super::stats::Stats;
 use super::word::{LOW_12, LOW_15, TIMESTAMP, WRAP};
@@ -48,7 +56,7 @@ impl Clock {
         self.base >> EPOCH_BITS
     }
 
-    /// Whether the base stays below its last value even if all of so many words are the largest wraps.
+    /// Whether the base stays below its last value even if all of the next `words` words are the largest wraps.
     pub(super) fn has_room_for(&self, words: usize) -> bool {
         i64::try_from(words).is_ok_and(|words| self.base < LAST_BASE.saturating_sub(words.saturating_mul(LARGEST_WRAP)))
     }

@@ -1,7 +1,7 @@
-//! The packet that a decoder fills and an encoder takes: plain vectors, one for each kind.
+//! The packet that a decoder fills and an encoder takes: one plain vector for each kind of data.
 //!
-//! Vectors rather than a callback for each kind, because a reader clears and refills them, and Python takes them as
-//! arrays without a copy.
+//! These are vectors rather than a callback for each kind, because a reader clears and refills them, and Python takes
+//! them as arrays without a copy.
 
 use super::frame::Frame;
 use super::imu::ImuReading;

@@ -1,11 +1,19 @@
-//! Decodes the camera's bytes word by word: the whole format is here.
+//! Decodes the camera's bytes word by word. The whole format is in this file.
 //!
-//! Each word goes to the module that it acts upon: clock, addresses, inertial sample or frame. Runs of plain words take the
-//! [`fast_path`](super::fast_path), which gives the same result sooner.
+//! The upper bits of a word say what kind it is. [`Decoder::word`] sends each word to the module that keeps the state
+//! of its kind: the clock, the addresses, the open inertial sample or the open frame. Words without a payload go to
+//! [`Decoder::mark`], words with a byte as payload to [`Decoder::byte`]. The state is split in this way because each
+//! kind has its own rules for malformed streams, which can then be read in one place.
 //!
-//! What must not break: no input makes it fail or panic, any split of the bytes decodes alike, and the fast path and
-//! [`Decoder::word`] agree on every stream, counters included (the property test below). A chunk boundary may lie within
-//! a word, so half a word is kept.
+//! Runs of plain words (times, addresses, frame samples) are nearly all of a stream. They take the
+//! [`fast_path`](super::fast_path), which gives the same result sooner. [`Decoder::word`] is the definition that it is
+//! tested against.
+//!
+//! What must not break:
+//! - No input makes the decoder fail or panic. Between two pieces it keeps at most one frame and one inertial sample.
+//! - Any split of the bytes decodes alike. A piece may end within a word, so half a word is kept.
+//! - The fast path and [`Decoder::word`] agree on every stream, counters included. The property test below checks this.
+//! - Where the vendor's drivers overflow their 31-bit time, they drop what is open. So does this decoder.
 
 use super::addresses::Addresses;
 use super::clock::Clock;

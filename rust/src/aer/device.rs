@@ -1,8 +1,10 @@
 //! What decoder and encoder have to know of a camera: chip, sizes, orientation, inertial sensor, converter clock.
 //!
-//! Fields are in the terms of the camera's registers, so that a live camera's registers can be copied unchanged. Numbers
-//! in parentheses are (module, parameter) of the camera's configuration. On chips with x and y swapped on the wire,
-//! columns and rows are those of the wire; only [`Device::size`] and [`Device::frame_size`] speak of the image.
+//! Fields are in the terms of the camera's registers, so that a live camera's registers can be copied unchanged.
+//! Numbers in parentheses are (module, parameter) of the camera's configuration.
+//!
+//! What must not break: on chips with x and y swapped on the wire, columns and rows are those of the wire. Only
+//! [`Device::size`] and [`Device::frame_size`] are in terms of the image.
 
 use super::imu::ImuType;
 use crate::error::{Error, Result};

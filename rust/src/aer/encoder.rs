@@ -1,10 +1,12 @@
 //! Encodes events, inertial samples, frames and triggers as the camera's words: the inverse of the decoder.
 //!
-//! It exists so that tests, recordings and a camera in software have streams whose contents are known. It sends what the
-//! camera's logic sends and in that order, because other people's drivers read it too.
+//! Tests, recordings and the camera in software need streams whose contents are known. The encoder sends what the
+//! camera's logic sends, in the same order, because other people's drivers read it too.
 //!
-//! What must not break: decoding gives back what was encoded, but for what [`Encoder`] lists. A packet is checked as a
-//! whole ([`packet_check`]) before its first word, so that an error leaves the clock where it was.
+//! What must not break:
+//! - Decoding gives back what was encoded, except for what [`Encoder`] lists.
+//! - A packet is checked as a whole ([`packet_check`]) before its first word, so that an error leaves the clock as it
+//!   was and no word is sent.
 
 use super::clock::WRAP_BITS;
 use super::decoded::Decoded;

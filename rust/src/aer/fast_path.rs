@@ -1,13 +1,22 @@
-//! The fast path: timestamps, wraps, addresses and frame samples, many words at a time.
+//! The fast path: decodes timestamps, wraps, addresses and frame samples, many words at a time.
 //!
-//! Nearly all words of a stream are of these kinds ("plain" words) and act only on [`State`]. The fast path takes them in
-//! blocks, because deciding word by word costs a mispredicted branch at nearly every word. It stops before the first
-//! word of another kind, which [`Decoder`](super::Decoder) then decodes on its own.
+//! Nearly all words of a stream are of these kinds, which are called plain here. They act only on [`State`]. Which kind
+//! comes next is hard to predict, so a decision at each word costs a mispredicted branch at nearly every word.
+//! Therefore a block of 64 words is classified at once in vector code, and then decoded in runs:
+//! - A run of frame samples is copied into the open frame.
+//! - A long run of other words goes to [`super::block`], which has no branch at each word.
+//! - A short run between samples is decoded word by word, because preparing a block would cost more.
 //!
-//! What must not break: the result is exactly that of the decoder word by word, counters included, which the decoder's
-//! tests check on random streams. A word outside of the array, or one that would overflow the drivers' 31-bit time, is
-//! left to the decoder. Code is compiled for three processor levels (`multiversion`), so what is called in a loop must be
-//! inlined.
+//! Decoding stops before the first word that is not plain. [`Decoder`](super::Decoder) then decodes that word by
+//! itself.
+//!
+//! What must not break:
+//! - The result is exactly that of the decoder word by word, counters included. The decoder's tests check this on
+//!   random streams.
+//! - Whatever needs a decision is left to the decoder: an address outside of the array, samples that no open frame
+//!   takes, columns before any row, and wraps that overflow the drivers' 31-bit time or come near the end of the clock.
+//! - The code is compiled for three processor levels (`multiversion`). What is called in a loop must be inlined, or it
+//!   is compiled for the lowest level only.
 
 use multiversion::multiversion;
 

@@ -1,4 +1,7 @@
-//! A frame of the active pixels (APS), as the decoder gives it and the encoder takes it, and how its values are scaled.
+//! A frame of the active pixels (APS), as the decoder gives it and the encoder takes it.
+//!
+//! A pixel has ten bits, which lie in the upper bits of 16 ([`PIXEL_SHIFT`]). Decoder and encoder share the constants
+//! here, so that decoding an encoded frame gives back its ten bits.
 
 /// A part of the image: of columns `x..x + width` and rows `y..y + height`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

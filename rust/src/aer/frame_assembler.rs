@@ -1,13 +1,16 @@
 //! Assembles frames of the active pixels (APS) from the samples of their two reads.
 //!
 //! Each pixel is read twice, after its reset and after the exposure. The difference is its intensity (correlated double
-//! sampling). A read goes column by column: start, samples from the first row on, end. Samples are gathered in the
-//! order of the wire and put into rows once, at the frame's end, because that is one pass over memory instead of a
-//! scattered write for each sample.
+//! sampling). A read goes column by column: a start mark, samples from the first row on, an end mark.
 //!
-//! What must not break: a malformed frame is dropped and counted, and never makes an index go out of range. A frame comes
-//! out only if its region came whole, once and before the samples, and if both reads saw every column. Memory grows only
-//! with a region that lies on the sensor.
+//! Samples are gathered in the order of the wire. At the frame's end they are subtracted and put into the rows of the
+//! image, in the chip's orientation. This is one pass over memory instead of a scattered write for each sample.
+//!
+//! What must not break:
+//! - A malformed frame is dropped and counted. Samples that a column lacks read 0 and are counted.
+//! - A frame comes out only if its region came whole, once and before the samples, and if both reads saw every column
+//!   once.
+//! - No word makes an index go out of range, and memory grows only with a region that lies on the sensor.
 
 use super::device::Device;
 use super::frame::{Frame, MIN_RESET, PIXEL_SHIFT, Region, WHITE};
@@ -15,7 +18,7 @@ use super::stats::Stats;
 use super::word::{LOW_10, LOW_12};
 use crate::event::SensorSize;
 
-/// A frame's exposure comes in so many words of ten bits.
+/// The number of ten-bit words that carry a frame's exposure.
 pub(super) const EXPOSURE_WORDS: u32 = 3;
 
 /// The two reads of a frame.

@@ -1,10 +1,13 @@
 //! Inertial samples (IMU): their raw and SI forms, and their assembly from bytes of the wire.
 //!
-//! A sample is up to seven 16-bit numbers, high byte first: acceleration, temperature and rotation, each group of which
-//! may be absent. Both raw counts and SI units are there, because counts are exact and can be sent again.
+//! A sample is up to seven 16-bit numbers, high byte first: acceleration, temperature and rotation. Each of these
+//! groups may be absent. Raw counts ([`ImuReading`]) and SI units ([`ImuSample`]) are both available, because counts
+//! are exact and can be sent again.
 //!
-//! What must not break: a sample of the wrong length or without a scale is dropped and counted, never guessed. A reading
-//! converted to SI units and back is the same reading.
+//! What must not break:
+//! - A sample of the wrong length or without a scale is dropped and counted, never guessed.
+//! - A reading that is converted to SI units and back is the same reading.
+//! - The layouts are those of Python's dtypes, which read these arrays in place.
 
 use super::stats::Stats;
 
@@ -117,7 +120,7 @@ fn gyro_unit(range: u8) -> f64 {
     (f64::from(500u32 << (range & 3)) / 65_536.0).to_radians()
 }
 
-/// To the nearest count that there is.
+/// Rounds to the nearest count; beyond the range it saturates.
 #[allow(clippy::cast_possible_truncation, reason = "saturating is what a sensor does")]
 fn counts(value: f64) -> i16 {
     value.round_ties_even() as i16

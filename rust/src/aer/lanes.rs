@@ -4,8 +4,9 @@
 //! would branch at every word. Here a lane without a value takes it from the lane before by a shift and a mask, four
 //! lanes at a time.
 //!
-//! What must not break: a value has its top bit ([`TOP`]) set and no value is 0, because that bit is all that tells the
-//! two apart. The functions are `inline(always)`, because they must become vector code of the caller's processor level.
+//! What must not break:
+//! - A value has its top bit ([`TOP`]) set, and "no value" is 0. Only that bit tells the two apart.
+//! - The functions are `inline(always)`, because they must become vector code of the caller's processor level.
 
 /// Words that are decoded together: as many as a `u64` has bits, so that a flag of each fits into one number.
 pub(super) const BLOCK: usize = u64::BITS as usize;

@@ -1,7 +1,10 @@
 //! Checks a packet before the encoder sends any of it.
 //!
-//! All of it is checked first, so that a refused packet leaves the encoder as it was. Errors name the kind, the index and
-//! the value. The encoder relies on what is checked here: it casts times, addresses and sizes to their bits unchecked.
+//! All of it is checked first, so that a refused packet leaves the encoder as it was. Errors name the kind, the index
+//! and the value.
+//!
+//! What must not break: the encoder relies on what is checked here. It casts times, addresses and sizes to their bits
+//! without a check of its own.
 
 use super::decoded::Decoded;
 use super::device::Device;
@@ -12,7 +15,7 @@ use super::trigger::TriggerKind;
 use crate::error::{Error, Result};
 use crate::event::{Event, SensorSize};
 
-/// Times must lie below this, 8.9 years. A longer gap would need so many wrap words that memory could not hold them.
+/// Times must lie below this, 8.9 years. A longer gap would need more wrap words than memory can hold.
 const TIME_LIMIT_US: i64 = 1 << 48;
 
 /// Refuses what cannot follow the time `now`; the first `resets` triggers are resets of the clock.

@@ -1,7 +1,9 @@
 //! What the decoder knows between two words, apart from inertial samples.
 //!
-//! The decoder changes it word by word, [`super::fast_path`] and [`super::block`] many words at a time. It is a module of
-//! its own so that these three need not import each other.
+//! The decoder changes it word by word, [`super::fast_path`] and [`super::block`] many words at a time. It is a module
+//! of its own so that these three need not import each other.
+//!
+//! What must not break: everything that plain words can change is here, because the fast path sees nothing else.
 
 use super::addresses::Addresses;
 use super::clock::Clock;

@@ -1,7 +1,9 @@
-//! Counters of what a malformed stream had, by kind.
+//! Counters of everything in a stream that a camera does not send, by kind.
 //!
-//! Names and descriptions are written once, in the macro call below; Python's dictionary of them is made from it. The
-//! docstring of `Decoder.stats` lists them too, and a test compares the names.
+//! Names and descriptions are written once, in the macro call below. Python's dictionary of the counters is made from
+//! it.
+//!
+//! What must not break: the docstring of `Decoder.stats` lists the same names, and a test compares them.
 
 /// Defines the counters once, for the fields and for their names.
 macro_rules! counters {

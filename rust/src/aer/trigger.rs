@@ -1,6 +1,6 @@
 //! Triggers: edges at the camera's external input and generator, and resets of its clock.
 //!
-//! A trigger's layout is that of Python's `TRIGGER_DTYPE`, which reads these arrays in place.
+//! What must not break: a trigger's layout is that of Python's `TRIGGER_DTYPE`, which reads these arrays in place.
 
 use super::word;
 

@@ -1,8 +1,9 @@
 //! The 16-bit words of the wire: what their upper bits say and where their payload is.
 //!
-//! Numbers are those of logic version 18 (libcaer 3.3, jAER, the logic's VHDL). All other modules take them from here.
+//! The numbers are those of logic version 18 (libcaer 3.3, jAER, the logic's VHDL). All other modules take them from
+//! here, so that each number is written once.
 
-/// From here on a word carries a time: the low 15 bits of it, above the wrap offset.
+/// Words from here on carry a time: its low 15 bits, above the wrap offset.
 pub(super) const TIMESTAMP: u16 = 0x8000;
 /// A wrap: the wrap offset grows by 2^15 us, times the low 12 bits.
 pub(super) const WRAP: u16 = 0x7000;

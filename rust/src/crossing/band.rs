@@ -1,10 +1,17 @@
-//! A band of rows: the pixels that one thread takes at a time, through scan, candidates and the exact rule.
+//! A band of rows: runs its pixels through the scan, the candidates and the exact rule.
 //!
-//! A band keeps its buffers from frame to frame, because allocating them anew for each frame costs more than a quiet
-//! frame does. Candidates are decided in batches that fit into the first-level cache.
+//! A thread takes one band at a time. A band keeps its buffers from frame to frame, because allocating them for each
+//! frame would cost more than a quiet frame does. Candidates are decided in batches that fit into the first-level
+//! cache.
 //!
-//! What must not break: events leave in raster order and, within a pixel, in the order of crossing, because the sort by
-//! time is stable and relies on it. A pixel's bounds are set again whenever its reference moved.
+//! Pixels with sparse samples always take the exact rule, because no single curve describes their interval.
+//!
+//! What must not break:
+//! - Events leave in raster order and, within a pixel, in the order of crossing. The sort by time is stable and relies
+//!   on it.
+//! - Whenever a pixel's reference moves, its bounds are set again. Bounds that are out of date would hide events.
+//! - Times of last events are written to the state one frame late. Until then the events themselves hold them, so that
+//!   a push can be undone.
 
 use super::candidates::Candidates;
 use super::cubic::Cubic;
@@ -40,7 +47,7 @@ pub(crate) struct Share<'a, S> {
     pub(crate) new: &'a [S],
     /// Rates of change at the interval's start and end.
     pub(crate) rates: Option<(&'a [S], &'a [S])>,
-    /// Of these pixels, numbered as in the sensor.
+    /// Sparse samples of these pixels, numbered as in the sensor.
     pub(crate) sparse: SparseSamples<'a, S>,
 }
 

@@ -1,11 +1,17 @@
-//! Pixels that left their bounds, decided many at a time in vector registers where there is no doubt: straight lines.
+//! Decides pixels that left their bounds, many at a time in vector registers, where there is no doubt: straight lines.
 //!
-//! Nearly all of them reach exactly one level, clearly, at a moment clearly between two ticks. What is not clear within
-//! the bounds of float64 rounding is left to [`super::pixel`], which decides exactly.
+//! Nearly all of these candidates reach exactly one level, clearly, at a moment clearly between two ticks. The loop in
+//! [`decide`] computes for each the level, the tick and a bound of the rounding errors. If the bound leaves any doubt,
+//! the verdict is `Unclear`, and [`super::pixel`] decides exactly. [`super::cubic_candidates`] does the same for
+//! cubics.
 //!
-//! What must not break: a verdict other than `Unclear` is what the exact rule says, so the error bounds must cover
-//! every rounding. The loop in `decide` must stay free of branches and of calls that are not inlined, or it is no
-//! vector code.
+//! [`Candidates`] keeps each quantity in an array of its own, padded to whole vectors, because the loops need that to
+//! become vector code. It also computes the bounds that a pixel has after its event.
+//!
+//! What must not break:
+//! - A verdict other than `Unclear` is what the exact rule says. So the error bounds must cover every rounding. The
+//!   tests below compare with the exact rule, also as near to levels and ticks as floats can lie.
+//! - The loop in [`decide`] has no branches and no calls that are not inlined, or it is no longer vector code.
 
 use multiversion::multiversion;
 
@@ -69,8 +75,9 @@ impl<S: Sample> Candidates<S> {
         S::logs(&found.to[..count], log_eps, &mut self.to[..count]);
     }
 
-    /// Decides all candidates found over an interval of so many ticks; `references` begin at pixel `first_pixel`, as do
-    /// the rates of change at the interval's ends, where there are any.
+    /// Decides all candidates that were found, over an interval of `ticks` ticks.
+    ///
+    /// `references` begin at pixel `first_pixel`. So do `rates`, the rates of change at the interval's ends, if given.
     pub(crate) fn decide(
         &mut self,
         found: &Found<S>,

@@ -1,9 +1,14 @@
-//! The pixels of a sensor as arrays, cut into bands for threads, and a frame's way through them.
+//! The pixels of a sensor as arrays, cut into bands for threads, and how a frame passes through them.
 //!
-//! Arrays for each quantity instead of a struct for each pixel, because a quiet frame then reads only samples and
-//! bounds.
+//! There is an array for each quantity instead of a struct for each pixel, because a quiet frame then reads only
+//! samples and bounds. There are several bands for each thread, because some bands have many more events than others.
 //!
-//! What must not break: the cut into bands changes no event, and bands begin at whole tiles.
+//! A push works on copies where it can: the new frame goes into `next`. [`Pixels::settle`] then makes it the last one.
+//! If the frame makes too many events, [`Pixels::undo`] takes the counters back by the events that were made.
+//!
+//! What must not break:
+//! - The cut into bands changes no event. Bands begin at whole tiles.
+//! - After [`Pixels::undo`], the state is that before the push.
 
 use rayon::prelude::*;
 
@@ -41,7 +46,7 @@ pub(crate) trait Pixels<S> {
     fn count(&self, push: &Push<'_, S>) -> u64;
 }
 
-/// A checked frame, and what pixels need beside it.
+/// A checked frame, and what else pixels need.
 pub(crate) struct Push<'a, S> {
     pub(crate) frame: Frame<'a, S>,
     pub(crate) at: Interval,

@@ -1,8 +1,13 @@
 //! Cubic Hermite interpolation: log intensity from samples and slopes at both ends, in at most two monotone pieces.
 //!
-//! What must not break: [`Cubic::new`] limits slopes so that a cubic has no extremum that the samples do not support,
-//! and `cubic_candidates` repeats these limits in vector code: change both. Stamps come from the cubic's value in
-//! float64, so they do not depend on how the root was found.
+//! [`Cubic::new`] first limits the slopes, so that a cubic has no extremum that the samples do not support. If the
+//! slopes differ in sign, the cubic turns once and is cut there. Newton's steps then find where a piece is likely to
+//! reach a level. The stamp is the first tick at which the cubic's value in float64 has reached it, so it does not
+//! depend on how the root was found.
+//!
+//! What must not break:
+//! - Pieces are monotone, and the last one ends exactly at the end sample.
+//! - [`super::cubic_candidates`] repeats the limits of the slopes in vector code. Change both.
 
 use super::curve::{Curve, FINE, Piece, ROUGH, Search, Timed, bracketed_newton, first_tick_on};
 use super::level::{Level, Thresholds};

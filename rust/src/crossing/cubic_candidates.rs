@@ -1,11 +1,13 @@
-//! [`super::candidates`] for cubics: decides monotone ones that reach one level, and those that stay between their
-//! levels.
+//! [`super::candidates`] for cubics: decides those that reach one level and are monotone, and those that reach none.
 //!
-//! A root found by Newton's steps is only a guess here. It counts where the cubic has clearly reached the level at its
-//! tick and clearly not at the tick before, so the search may be as rough as it likes.
+//! A cubic reaches no level if the hull of its Bezier points lies between the levels. For one that reaches a level, a
+//! few of Newton's steps find a likely tick. The tick counts only if the cubic has clearly reached the level there and
+//! clearly not at the tick before. So the search may be rough: a poor guess makes the verdict `Unclear`, never wrong.
 //!
-//! What must not break: the limits of slopes are those of `Cubic::new`, the error bound covers every rounding, and the
-//! loop has neither branches nor calls that are not inlined.
+//! What must not break:
+//! - Slopes are limited exactly as in `Cubic::new`.
+//! - The error bound covers every rounding.
+//! - The loop has no branches and no calls that are not inlined, or it is no longer vector code.
 
 use multiversion::multiversion;
 

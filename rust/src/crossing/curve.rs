@@ -1,11 +1,11 @@
 //! How log intensity runs between two samples: in monotone pieces, each of which tells when it reaches a level.
 //!
-//! The rule of [`super::pixel`] is written for any such curve; [`super::line`], [`super::cubic`] and the low-pass of
-//! [`super::effects`] are the three that there are. The search for roots and ticks that the last two share is here,
-//! too.
+//! The rule of [`super::pixel`] is written for any such curve. There are straight lines ([`super::line`]), cubics
+//! ([`super::cubic`]) and the outputs of low-passes ([`super::effects`]). Cubics and low-passes have no closed form for
+//! their crossings, so they share the search for roots and ticks that is here.
 //!
 //! What must not break: pieces are monotone and come in order, and the last one ends exactly at the interval's end
-//! sample, because whether a level was reached depends on where a piece ends and on nothing else.
+//! sample. Whether a level was reached depends on where a piece ends and on nothing else.
 
 use super::level::{Level, Thresholds};
 
@@ -53,7 +53,7 @@ pub(crate) struct Search {
 /// Enough to guess a tick, which is checked afterwards.
 pub(crate) const ROUGH: Search = Search { steps: 6, within: 1e-9 };
 
-/// To the last bits.
+/// Converges to the last bits.
 pub(crate) const FINE: Search = Search { steps: 119, within: 1e-16 };
 
 /// The place, about, at which a monotone piece has a value: by Newton's steps within a bracket that each step narrows.

@@ -1,8 +1,10 @@
-//! What the deciders of lines and of cubics share: what they take, what they give, and their arithmetic.
+//! What the deciders of lines and of cubics share: their input, their output and their arithmetic.
 //!
-//! [`super::candidates`] decides straight lines and [`super::cubic_candidates`] cubics, both many at a time. Their common
-//! types are here so that neither needs the other to be read. [`ceiling`] and [`integer`] use only operations that every
-//! vector unit has, because a call or a branch would keep the loops around them from becoming vector code.
+//! [`super::candidates`] decides straight lines and [`super::cubic_candidates`] cubics, both many at a time. Their
+//! common types are here so that either can be read without the other.
+//!
+//! What must not break: [`ceiling`] and [`integer`] use only operations that every vector unit has. A call or a branch
+//! would keep the loops around them from becoming vector code.
 
 use super::exponential::ROUND;
 

@@ -1,9 +1,15 @@
 //! The engine that users see: it checks a frame, runs the pixels over it and sorts the events.
 //!
-//! Everything that can be wrong with a frame is checked before any state changes, so that a refused frame leaves the
-//! engine as it was and the code behind the check cannot fail.
+//! Everything that can be wrong with a frame is checked before any state changes. So a refused frame leaves the engine
+//! as it was, and the code behind the check need not handle errors. The one exception is the memory for events, whose
+//! number is not known before: see [`super::room`].
 //!
-//! What must not break: that order, and that the same input gives the same bytes on any number of threads.
+//! Pixels are kept in one of three forms: for luma, for log intensity, and under effects. The first frame decides
+//! which. Ideal pixels fed with luma need no logarithm for samples within their bounds.
+//!
+//! What must not break:
+//! - Checks come before changes.
+//! - The same input gives the same bytes on any number of threads.
 
 use rayon::prelude::*;
 
@@ -118,7 +124,7 @@ impl CrossingEngine {
     /// [`Self::new`] for a sensor that is not ideal. The same seed draws the same thresholds and the same noise.
     ///
     /// # Errors
-    /// As [`Self::new`], and for effects out of range.
+    /// The same as for [`Self::new`], and [`Error::Argument`] for effects out of range.
     pub fn with_effects(
         size: SensorSize,
         parameters: CrossingParameters,
@@ -197,7 +203,7 @@ impl CrossingEngine {
     /// [`Self::push`] of log intensity itself.
     ///
     /// # Errors
-    /// As [`Self::push`]; log intensity must lie within +-746, the logarithms of all positive finite floats.
+    /// The same as for [`Self::push`]. Log intensity must lie within +-746, the logarithms of all positive finite floats.
     pub fn push_log(&mut self, frame: Frame<'_, f64>, events: &mut Vec<Event>) -> Result<()> {
         self.take(frame, events)
     }
@@ -254,7 +260,7 @@ impl CrossingEngine {
             events.clear();
         } else {
             return Err(Error::Argument(format!(
-                "this engine has been fed otherwise: it cannot take {} as well",
+                "the first frame of this engine was of another kind: it cannot take {} now",
                 S::NAME
             )));
         }

@@ -1,7 +1,10 @@
-//! Exponentials in plain arithmetic, the same bits on every processor: one within 1e-9 for bounds, one within 2 ulp.
+//! Exponentials in plain arithmetic that give the same bits on every processor: one within 1e-9 for bounds, two within
+//! 2 ulp.
 //!
-//! The C library's differ between processors and cannot become vector code. What must not break: no branches, and the
-//! stated accuracy, on which the margin of bounds rests (`sample`).
+//! The C library's exponentials differ between processors and cannot become vector code.
+//!
+//! What must not break: there are no branches, and the stated accuracy holds. The margin of bounds (`sample`) rests on
+//! it.
 
 /// 1.5 * 2^52: adding it rounds to an integer, in the low bits; subtracting it again gives that as a float.
 pub(crate) const ROUND: f64 = 6_755_399_441_055_744.0;

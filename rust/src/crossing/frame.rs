@@ -1,7 +1,7 @@
 //! The input of an engine: a frame, its rates of change, and samples that some pixels have between two frames.
 //!
-//! What must not break: sparse samples are sorted by pixel and time, which [`SparseSamples::check`] makes sure of,
-//! because bands find theirs by bisection.
+//! What must not break: sparse samples are sorted by pixel and time, because bands find theirs by bisection.
+//! [`SparseSamples::check`] makes sure of it.
 
 use crate::error::{Error, Result};
 use crate::event::SensorSize;
@@ -37,7 +37,7 @@ pub struct SparseSamples<'a, S> {
     pub pixel: &'a [u32],
     /// Microseconds, strictly between the frames.
     pub t_us: &'a [i64],
-    /// As those of the frame.
+    /// Luma or log intensity, as in the frame.
     pub samples: &'a [S],
 }
 
@@ -47,7 +47,7 @@ impl<S: Sample> SparseSamples<'_, S> {
         self.pixel.is_empty()
     }
 
-    /// Those of the pixels in `first..end`.
+    /// The samples of the pixels in `first..end`.
     pub(crate) fn of(&self, first: usize, end: usize) -> Self {
         let place = |bound| self.pixel.partition_point(|&pixel| (pixel as usize) < bound);
         let range = place(first)..place(end);

@@ -1,10 +1,13 @@
 //! Levels of a pixel: points of the grid `B + n_on C_on - n_off C_off`, compared without rounding error.
 //!
-//! A level is kept as what defines it, never as a float, so that nothing drifts however long a pixel runs. A comparison
-//! is made in floats with a bound of their error, and again by exact expansions where the bound cannot tell.
+//! A level is kept as the numbers that define it, `B` and two counters, never as its value. So nothing drifts, however
+//! long a pixel runs. A comparison is made in floats first, with a bound of their error. Exact expansions
+//! ([`crate::exact`]) are slower, so they are used only where the bound cannot tell.
 //!
-//! What must not break: [`Level::approximate`]'s bound covers all of its roundings, and a return to the first value is
-//! recognised as a tie.
+//! What must not break:
+//! - The bound of [`Level::approximate`] covers all of its roundings. If it were too small, some decisions would be
+//!   wrong.
+//! - A return to the first value has no error at all. It is a tie that real signals meet.
 
 use crate::exact::Expansion;
 

@@ -1,8 +1,10 @@
-//! Linear interpolation: the exact first microsecond tick at or after a crossing.
+//! Linear interpolation: the first microsecond tick at or after a straight line reaches a level.
 //!
-//! An estimate in floats decides where it is clear of a tick by more than its error; exact arithmetic decides the rest.
+//! The tick is first estimated in floats. If the estimate is farther from any tick than its error, it decides.
+//! Otherwise exact arithmetic decides: at the line's ends, then at the likely tick, then by bisection over all ticks.
 //!
-//! What must not break: the tick is that of real arithmetic on the given samples, on both ways.
+//! What must not break: on both ways the tick is that of real arithmetic on the given samples. [`super::candidates`]
+//! makes the same estimate in vector code, with the same terms in its error. Look at both when one changes.
 
 use std::iter;
 

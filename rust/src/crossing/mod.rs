@@ -1,4 +1,4 @@
-//! The crossing engine: an event falls wherever the log intensity of a pixel reaches one of its levels.
+//! The crossing engine: an event occurs wherever the log intensity of a pixel reaches one of its levels.
 //!
 //! ```text
 //! frame -> scan        which samples left their pixel's bounds?
@@ -7,15 +7,17 @@
 //!       -> order       all events by time
 //! ```
 //!
-//! [`level`] says where the levels lie. [`curve`], [`mod@line`] and [`cubic`] say when log intensity reaches one. [`pixel`]
-//! says which events one new sample makes: it is the whole rule. [`sample`], [`steps`], [`scan`], [`decision`],
-//! [`candidates`] and [`cubic_candidates`] only spare nearly all pixels that work, and leave to it what they cannot
-//! decide beyond doubt. [`band`] does all of it for a band of rows ([`room`] keeps its events), [`core`] runs the bands
-//! on threads, [`engine`] is what the user sees, [`restore`] stores and restores it. Pixels under [`effects`] take
-//! another way from frame to events.
+//! [`pixel`] is the whole rule: it says which events one new sample makes. [`level`] says where the levels lie.
+//! [`curve`], [`mod@line`] and [`cubic`] say when log intensity reaches one.
+//!
+//! Running that rule on every pixel would be slow. So [`sample`], [`steps`], [`scan`], [`decision`], [`candidates`] and
+//! [`cubic_candidates`] decide nearly all pixels in vector code, and leave to [`pixel`] what they cannot decide beyond
+//! doubt. [`band`] does all of it for a band of rows ([`room`] keeps its events), and [`core`] runs the bands on
+//! threads. [`engine`] is what the user sees, and [`restore`] stores and restores it. Pixels under [`effects`] take a
+//! different way from frame to events.
 //!
 //! What must not break: the events are those of [`pixel`] alone, the same on any number of threads and for any split of
-//! the pixels into bands, and an error changes no state.
+//! the pixels into bands. An error changes no state.
 
 mod band;
 mod candidates;

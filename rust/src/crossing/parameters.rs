@@ -1,4 +1,4 @@
-//! The parameters of the ideal pixel, and the ranges that they may have.
+//! The parameters of the ideal pixel, and their allowed ranges.
 //!
 //! What must not break: the ranges. The error bounds of the engine are derived for thresholds in 1e-6..1e3.
 

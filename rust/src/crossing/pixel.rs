@@ -1,8 +1,15 @@
-//! The crossing rule of one ideal pixel: from its state and a curve to the events between.
+//! The crossing rule of one ideal pixel: from its reference and a curve of log intensity to its events.
 //!
-//! It is the reference for everything else in this module: slow, exact, and short enough to be read as the definition.
-//! What must not break: whether a level was reached depends on counters and on where pieces end, never on where they
-//! began.
+//! [`follow`] is the definition of the engine: slow, exact, and short enough to be read as such. Everything else in
+//! this module decides the same in a faster way, or leaves the decision to it.
+//!
+//! A curve is taken in monotone pieces. If the end of a piece lies at or beyond the next level above or below the
+//! reference, that level was reached: the reference moves there, an event is emitted, and the question is asked again.
+//!
+//! What must not break:
+//! - Whether a level was reached depends on the counters and on where a piece ends, never on where it began. So no
+//!   step, however small, passes a level unnoticed.
+//! - Comparisons are exact ([`Level::sign_of_excess`]), because a rounded one could lose an event or make one twice.
 
 use super::curve::{Curve, Piece};
 use super::level::{Level, Thresholds};

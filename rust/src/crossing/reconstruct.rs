@@ -1,4 +1,7 @@
-//! Log intensity from events, by the paper's formula: the engine's reference, bit for bit.
+//! Log intensity from events, by the paper's formula.
+//!
+//! What must not break: the result equals the engine's reference to the bit, because both count events in integers and
+//! round once.
 
 use super::level::{Level, Thresholds};
 use super::parameters::Threshold;

@@ -1,4 +1,4 @@
-//! Storing an engine's state, and an engine from a stored state.
+//! Stores an engine's state, and makes an engine from a stored state.
 //!
 //! What must not break: a restored engine gives the same events as the one that was stored. A stored state may come
 //! from anywhere, so each entry is checked before it is used.
@@ -87,7 +87,9 @@ impl CrossingEngine {
             Samples::Log(core) => core.restore(state),
             Samples::Effects(core, name) => {
                 let Some(effects) = &state.effect_state else {
-                    return Err(Error::Argument("a state of pixels under effects must have theirs".into()));
+                    return Err(Error::Argument(
+                        "a state of pixels under effects must have the state of their effects".into(),
+                    ));
                 };
                 core.restore(state, effects)?;
                 *name = if state.takes_luma { <f32 as Feed>::NAME } else { <f64 as Feed>::NAME };
@@ -96,7 +98,11 @@ impl CrossingEngine {
         engine.readout = match (&engine.readout, &state.readout) {
             (None, None) => None,
             (Some(readout), Some(stored)) => Some(readout.restored(state.size, stored, t_us)?),
-            _ => return Err(Error::Argument("a state must have a readout where its effects have one".into())),
+            _ => {
+                return Err(Error::Argument(
+                    "a state must have a readout if its effects have one, and only then".into(),
+                ));
+            }
         };
         engine.largest_counter = engine.count_largest();
         Ok(engine)

@@ -1,15 +1,21 @@
-//! Room for the events of a push: memory is asked for before it is used, so that a threshold far below what the frames
-//! call for is an error rather than the end of the process.
+//! Room for the events of a push: memory is taken before events are made.
 //!
-//! Every band first works within an allowance. A band that needs more stops; all pixels go back to where they were, the
-//! events of the whole frame are counted, and the push is refused or made again without an allowance.
+//! A threshold far below what the frames call for can make more events than memory holds. That must be an error, not
+//! the end of the process.
+//!
+//! Every band first works within an allowance that is ample for usual frames, because counting events beforehand costs
+//! time. If a band needs more, it stops with [`Full`]. All pixels then go back to where they were, and the events of
+//! the whole frame are counted. The push is refused, or made again without an allowance.
+//!
+//! What must not break: [`most_events`] is never less than the events that [`super::pixel::follow`] makes, because
+//! [`Room::push`] takes an event without a check.
 
 use super::curve::{Curve, Piece};
 use super::level::{Level, Thresholds};
 use crate::error::Error;
 use crate::event::Event;
 
-/// A push makes at most so many events: 2 GiB of them, and as much again while they are sorted.
+/// The most events of one push: 2 GiB of them, and as much again while they are sorted.
 pub(crate) const MOST_EVENTS: u64 = 1 << 27;
 
 /// A band needs more room than it is allowed, or than there is.
@@ -19,14 +25,14 @@ pub(crate) struct Full;
 /// How many events a band may make.
 #[derive(Clone, Copy)]
 pub(crate) enum Allowance {
-    /// As many as frames usually make, and more.
+    /// Ample for usual frames.
     Usual,
-    /// As many as memory holds: they have been counted.
+    /// Limited by memory only, because the events have been counted.
     Counted,
 }
 
 impl Allowance {
-    /// What a band of so many pixels may make.
+    /// The most events that a band of `pixels` pixels may make.
     fn of(self, pixels: usize) -> usize {
         match self {
             Self::Usual => (1 << 20) + 16 * pixels,
@@ -43,7 +49,7 @@ pub(crate) struct Room {
 }
 
 impl Room {
-    /// Lets go of the last frame's events; of so many pixels it takes the next one's.
+    /// Drops the last frame's events and sets the allowance for the next frame, of `pixels` pixels.
     pub(crate) fn begin(&mut self, allowance: Allowance, pixels: usize) {
         self.events.clear();
         self.most = allowance.of(pixels);
@@ -57,7 +63,7 @@ impl Room {
         &self.events
     }
 
-    /// Room for so many more.
+    /// Makes room for `more` events.
     #[inline]
     pub(crate) fn reserve(&mut self, more: usize) -> Result<(), Full> {
         if more <= self.events.capacity() - self.events.len() { Ok(()) } else { self.grow(more) }
@@ -135,7 +141,7 @@ pub(crate) fn refuse(events: u64, most: u64, pixels: usize, least_threshold: f64
 /// What is told where memory does not suffice.
 pub(crate) fn out_of_memory(events: u64, pixels: usize, least_threshold: f64, t_us: i64) -> Error {
     Error::Memory(format!(
-        "there is no memory for the about {events} events that the frame at {t_us} us makes in {pixels} pixels at a \
-         least contrast threshold of {least_threshold}"
+        "there is not enough memory for the events that the frame at {t_us} us makes: about {events} in {pixels} pixels, at \
+         a least contrast threshold of {least_threshold}"
     ))
 }

@@ -1,8 +1,8 @@
 //! What a frame is made of: linear luma (float32) or log intensity (float64), and bounds in the same terms.
 //!
 //! A sample strictly between its pixel's bounds has reached no level, so a quiet pixel costs two comparisons and no
-//! logarithm. Bounds are rounded inward; a sample between a bound and its level is decided exactly, which costs time
-//! only.
+//! logarithm. Bounds are rounded inward. A sample between a bound and its level becomes a candidate, which costs only
+//! time.
 //!
 //! What must not break: no sample that has reached a level lies within its bounds. [`MARGIN`] covers the errors of the
 //! reference, of the exponential and of rounding to float32.

@@ -1,10 +1,16 @@
 //! The common path: compares new samples with their pixel's bounds, stores them, and notes those that are out of
 //! bounds.
 //!
-//! Most samples of a frame end here, so it is written for memory speed: whole blocks without a single sample out of
-//! bounds are passed over together, and places are written without a branch.
+//! Most samples of a frame end here, so this is written for memory speed. It runs in vector code over tiles of [`TILE`]
+//! pixels. A block of 64 pixels with no sample out of bounds is skipped at once. In other blocks, places are written by
+//! a table of bit positions, without a branch.
 //!
-//! What must not break: places come in raster order, and no sample at or beyond a bound is passed over.
+//! With rates of change, a pixel is also noted where the rates at both ends differ in sign, because its curve may leave
+//! the bounds in between. Pixels with sparse samples are always noted.
+//!
+//! What must not break:
+//! - No sample at or beyond a bound is passed over. Noting one too many costs only time.
+//! - Places come in raster order, because events must leave a band in that order.
 
 use multiversion::multiversion;
 
@@ -16,7 +22,7 @@ pub(crate) const TILE: usize = 1024;
 /// Pixels that are skipped together when none of them is out of bounds.
 const BLOCK: usize = 64;
 
-/// Places are written so many at a time.
+/// Places are written in groups of this many.
 const GROUP: usize = 8;
 
 /// Samples out of bounds, of one or more tiles: their place in the band's share, and the samples before and now, of which
@@ -30,7 +36,7 @@ pub(crate) struct Found<S> {
     in_tile: Vec<u16>,
 }
 
-/// Candidates are decided when there are so many: enough to fill vectors, few enough for the first-level cache.
+/// Candidates are decided once there are this many: enough to fill vectors, few enough for the first-level cache.
 const BATCH: usize = 256;
 
 /// The most candidates that there can be before they are decided: a batch less one, and all of another tile.
@@ -157,7 +163,7 @@ fn add(places: &mut [u16], count: usize, also: impl Iterator<Item = usize>) -> u
     places.iter_mut().zip(all).map(|(to, place)| *to = place).count()
 }
 
-/// For eight bits, the positions of those that are set, in order, and their number.
+/// The positions of the set bits of each byte, in order, and their number.
 static POSITIONS: [([u16; GROUP], u32); 256] = {
     let mut table = [([0; GROUP], 0); 256];
     let mut bits = 0;

@@ -1,7 +1,7 @@
 //! The engine's state as plain data, to be stored and restored.
 //!
 //! What must not break: it holds everything that decides which events come next. Python stores it with a version
-//! number.
+//! number, so a change of its fields needs a new version.
 
 use super::effects::Effects;
 use super::parameters::CrossingParameters;
@@ -17,7 +17,7 @@ pub struct EngineState {
     pub parameters: CrossingParameters,
     /// The effects that act beyond the thresholds.
     pub effects: Effects,
-    /// Of all draws.
+    /// The seed of all draws.
     pub seed: u64,
     /// The time of the last frame.
     pub t_us: Option<i64>,
@@ -38,7 +38,7 @@ pub struct EngineState {
     pub off: Vec<u32>,
     /// The time of the last event; -1 = none yet.
     pub last_event_us: Vec<i64>,
-    /// Of pixels under effects.
+    /// What effects add, if the pixels are under effects.
     pub effect_state: Option<EffectState>,
     /// What the readout holds, where there is one.
     pub readout: Option<ReadoutState>,
@@ -55,9 +55,9 @@ pub struct EffectState {
     pub filtered: Vec<f64>,
     /// Microseconds from the last frame until the pixel is released; not finite where it is not held.
     pub held_us: Vec<f64>,
-    /// Microseconds from the last frame to the next arrival of shot noise, and its number.
+    /// Microseconds from the last frame to the next arrival of shot noise.
     pub shot_wait_us: Vec<f64>,
-    /// See `shot_wait_us`.
+    /// The number of that arrival.
     pub shot_index: Vec<u64>,
     /// Microseconds from the last frame until an excursion of the noise is over; not finite where there is none.
     pub excursion_us: Vec<f64>,
@@ -69,8 +69,8 @@ pub struct EffectState {
     pub leaked: Vec<f64>,
     /// What the leak's jitter adds to a held pixel's reference at the end of its hold.
     pub leak_error: Vec<f64>,
-    /// Likewise of hot pixels, one after the other.
+    /// Microseconds from the last frame to the next event of each hot pixel, in raster order.
     pub hot_wait_us: Vec<f64>,
-    /// See `hot_wait_us`.
+    /// The number of that event.
     pub hot_index: Vec<u64>,
 }

@@ -1,6 +1,7 @@
 //! Thresholds in the two forms that the engine needs: as steps of log intensity and as factors of luma.
 //!
-//! With one threshold for all pixels they are computed once; with a threshold for each pixel, for each batch.
+//! If all pixels have the same thresholds, the steps are computed once. If each pixel has its own, they are computed
+//! for each batch.
 
 use super::exponential::exp;
 use super::level::Thresholds;
@@ -27,7 +28,7 @@ impl Steps<f64> {
 pub(crate) struct StepArrays(Steps<Vec<f64>>);
 
 impl StepArrays {
-    /// Room for so many, filled where all pixels have the same thresholds.
+    /// Room for `length` steps, filled where all pixels have the same thresholds.
     pub(crate) fn new(length: usize, p: &CrossingParameters) -> Self {
         let Steps { on, off, rise, fall } = Steps::new(p.thresholds(0));
         let filled = |value| vec![value; length];

@@ -1,10 +1,9 @@
 //! `EventFileWriter` and `EventFileReader` for Python: events to and from the formats of the core.
 
 use std::fs::{File, OpenOptions};
-use std::io::{Seek, SeekFrom};
 use std::path::PathBuf;
 
-use numpy::{IntoPyArray, PyArray1, PyReadonlyArray1};
+use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
@@ -12,7 +11,7 @@ use super::arrays::events;
 use super::sink::Sink;
 use crate::error::{Error, Result};
 use crate::event::Event;
-use crate::read::{Aedat4Decoder, EventReader, Evt2Decoder, Evt3Decoder, MAX_PACKET_BYTES, TextDecoder};
+use crate::read::{Aedat4Decoder, DecoderState, EventReader, Evt2Decoder, Evt3Decoder, MAX_PACKET_BYTES, TextDecoder};
 use crate::write::{Aedat4Encoder, Compression, Encode, EventWriter, Evt2Encoder, Evt3Encoder, Limits, TextEncoder};
 
 /// Encodes events in a format of the core and writes them; :func:`davis_rs.open_writer` is made of it.
@@ -206,7 +205,7 @@ impl PyEventFileReader {
     fn new(
         path: PathBuf,
         format: &str,
-        from_byte: usize,
+        from_byte: u64,
         start_us: Option<i64>,
         stop_us: Option<i64>,
         max_packet_bytes: usize,
@@ -215,10 +214,9 @@ impl PyEventFileReader {
         let name = path.display().to_string();
         let mut file = OpenOptions::new().read(true).open(&path).map_err(Error::io(&name))?;
         let file_size = file.metadata().map_err(Error::io(&name))?.len();
-        file.seek(SeekFrom::Start(from_byte as u64)).map_err(Error::io(&name))?;
-        let reader = match format {
+        let mut reader = match format {
             "text" => {
-                let decoder = if from_byte == 0 { TextDecoder::new() } else { TextDecoder::from_byte(from_byte) };
+                let decoder = TextDecoder::new();
                 EventReader::new(file, if in_order { decoder } else { decoder.in_any_order() })
             }
             "aedat4" if start_us.is_some() || stop_us.is_some() => {
@@ -232,6 +230,9 @@ impl PyEventFileReader {
             "evt3" => EventReader::new(file, Evt3Decoder::new()),
             _ => return Err(PyValueError::new_err(format!("the core has no format {format:?}"))),
         };
+        if from_byte > 0 {
+            reader.go_to(from_byte).map_err(|error| naming(error, &name))?;
+        }
         Ok(Self { name, format: format.to_owned(), reader, events: 0, file_size, over: false })
     }
 
@@ -259,6 +260,61 @@ impl PyEventFileReader {
             Result::Ok(events)
         })?;
         self.events += events.len() as u64;
+        Ok(events.into_pyarray(py))
+    }
+
+    /// Find the blocks that can be read by themselves: the next ones, from where the reader is; the GIL is released.
+    ///
+    /// Args:
+    ///     enough: how many blocks, fewer at the end of the file.
+    ///
+    /// Returns:
+    ///     int64, shape (blocks, 9): the byte where a block begins, the number of events, the times of the first and
+    ///     last one in microseconds, and five numbers that the decoder carries.
+    ///
+    /// Raises:
+    ///     DecodeError: where the file breaks its format, or for a time that is below 0 or goes back, with the place.
+    ///     OSError: if the file refuses.
+    fn scan<'py>(&mut self, py: Python<'py>, enough: usize) -> PyResult<Bound<'py, PyArray2<i64>>> {
+        let blocks = py.detach(|| {
+            let mut blocks = Vec::new();
+            self.over = !self.reader.scan(enough, &mut blocks).map_err(|error| naming(error, &self.name))?;
+            Result::Ok(blocks)
+        })?;
+        let mut rows = Vec::with_capacity(9 * blocks.len());
+        for block in &blocks {
+            let events = i64::try_from(block.events).unwrap_or(i64::MAX);
+            rows.extend([block.byte.cast_signed(), events, block.first_us, block.last_us]);
+            rows.extend(block.state);
+        }
+        rows.into_pyarray(py).reshape([blocks.len(), 9])
+    }
+
+    /// The events of a block that :meth:`scan` has found in this file; the GIL is released.
+    ///
+    /// Args:
+    ///     byte: where it begins.
+    ///     state: what the decoder carries there, five numbers.
+    ///     end: where the next one begins, or the file ends.
+    ///
+    /// Returns:
+    ///     Events (:data:`davis_rs.EVENT_DTYPE`), in the file's order.
+    ///
+    /// Raises:
+    ///     DecodeError: where the file breaks its format, with the place.
+    ///     OSError: if the file refuses.
+    ///     ValueError: for a state that no decoder has.
+    fn read_block<'py>(
+        &mut self,
+        py: Python<'py>,
+        byte: u64,
+        state: DecoderState,
+        end: u64,
+    ) -> PyResult<Bound<'py, PyArray1<Event>>> {
+        let events = py.detach(|| {
+            let end = end.min(self.file_size);
+            self.reader.read_block(byte, state, end).map_err(|error| naming(error, &self.name))
+        })?;
         Ok(events.into_pyarray(py))
     }
 

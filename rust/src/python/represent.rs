@@ -1,4 +1,4 @@
-//! `count_events`, `latest_times` and `voxel_grid` for Python.
+//! `count_events`, `latest_times`, `voxel_grid` and `spike_tensor` for Python.
 
 use numpy::{Element, IntoPyArray, PyArray3, PyArrayMethods, PyReadonlyArray1};
 use pyo3::prelude::*;
@@ -6,7 +6,7 @@ use pyo3::prelude::*;
 use super::arrays::{events, microseconds};
 use crate::error::Error;
 use crate::event::{Event, SensorSize};
-use crate::represent::{self, TimeBins};
+use crate::represent::{self, Measurement, TimeBins};
 
 /// Count events by polarity and pixel.
 ///
@@ -29,27 +29,30 @@ pub(super) fn count_events<'py>(
     planes(py, py.detach(|| represent::count_events(events, size))?, size)
 }
 
-/// The time in microseconds of the last event up to ``until_us`` by polarity and pixel, -1 where there was none.
+/// The times in microseconds of the last events up to ``until_us`` by polarity and pixel, -1 where there were fewer.
 ///
 /// Args:
 ///     events: anything with the fields t, x, y, p, in any order.
 ///     size: (width, height) of the sensor.
 ///     until_us: later events are left out.
+///     depth: how many events of a pixel and polarity, >= 1.
 ///
 /// Returns:
-///     int64, shape (2, height, width), OFF before ON.
+///     int64, shape (2 * depth, height, width), OFF before ON, of each the latest first.
 ///
 /// Raises:
-///     ValueError: as :func:`count_events`.
+///     ValueError: as :func:`count_events`, or for ``depth`` < 1.
 #[pyfunction]
+#[pyo3(signature = (events, size, until_us, depth = 1))]
 pub(super) fn latest_times<'py>(
     py: Python<'py>,
     #[pyo3(from_py_with = events)] events: PyReadonlyArray1<'py, Event>,
     size: (u16, u16),
     #[pyo3(from_py_with = microseconds)] until_us: i64,
+    depth: usize,
 ) -> PyResult<Bound<'py, PyArray3<i64>>> {
     let (events, size) = (events.as_slice()?, sensor(size));
-    planes(py, py.detach(|| represent::latest_times(events, size, until_us))?, size)
+    planes(py, py.detach(|| represent::latest_times(events, size, until_us, depth))?, size)
 }
 
 /// Sum polarities (+1 ON, -1 OFF) in planes of time; :func:`davis_rs.represent.voxel_grid` is made of it.
@@ -82,6 +85,40 @@ pub(super) fn voxel_grid<'py>(
     let (events, size) = (events.as_slice()?, sensor(size));
     let bins = TimeBins { start_us, stop_us, count: bins, endpoint };
     planes(py, py.detach(|| represent::voxel_grid(events, size, bins))?, size)
+}
+
+/// Sum measurements of events in planes of time, by polarity: :func:`davis_rs.represent.event_spike_tensor`.
+///
+/// Each event is shared by the two planes around it, in proportion to how near it is to each.
+///
+/// Args:
+///     events: anything with the fields t, x, y, p; those outside of the window are left out.
+///     size: (width, height) of the sensor.
+///     bins: number of planes of each polarity, >= 1.
+///     start_us, stop_us: the window in microseconds, both ends included; planes go from ``start_us`` to
+///         ``stop_us``.
+///     times: whether an event adds its place in the window (0 at the start, 1 at the end), or one.
+///
+/// Returns:
+///     float64, shape (2 * bins, height, width), OFF before ON.
+///
+/// Raises:
+///     ValueError: as :func:`voxel_grid`.
+#[pyfunction]
+#[pyo3(signature = (events, size, bins, start_us, stop_us, times))]
+pub(super) fn spike_tensor<'py>(
+    py: Python<'py>,
+    #[pyo3(from_py_with = events)] events: PyReadonlyArray1<'py, Event>,
+    size: (u16, u16),
+    bins: usize,
+    #[pyo3(from_py_with = microseconds)] start_us: i64,
+    #[pyo3(from_py_with = microseconds)] stop_us: i64,
+    times: bool,
+) -> PyResult<Bound<'py, PyArray3<f64>>> {
+    let (events, size) = (events.as_slice()?, sensor(size));
+    let bins = TimeBins { start_us, stop_us, count: bins, endpoint: true };
+    let measurement = if times { Measurement::Time } else { Measurement::Count };
+    planes(py, py.detach(|| represent::spike_tensor(events, size, bins, measurement))?, size)
 }
 
 fn sensor((width, height): (u16, u16)) -> SensorSize {

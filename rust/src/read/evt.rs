@@ -64,6 +64,11 @@ struct Header {
 pub(super) struct Preamble(Option<Header>);
 
 impl Preamble {
+    /// Of a stream that has no header.
+    pub(super) fn none() -> Self {
+        Self(Some(Header { length: 0, size: None, start_us: 0 }))
+    }
+
     /// How many of the bytes lie before the words; None until all of the header is there.
     pub(super) fn pass(&mut self, bytes: &[u8]) -> Result<Option<usize>> {
         if self.0.is_some() {
@@ -86,6 +91,12 @@ impl Preamble {
     pub(super) fn start_us(&self) -> i64 {
         self.0.as_ref().map_or(0, |header| header.start_us)
     }
+}
+
+/// A number of a decoder's state, which must lie in `0..end`.
+pub(super) fn part<T: TryFrom<i64>>(value: i64, end: i64) -> Result<T> {
+    let number = (0..end).contains(&value).then(|| T::try_from(value).ok()).flatten();
+    number.ok_or_else(|| Error::Argument(format!("a decoder's state must lie in 0..{end}: got {value}")))
 }
 
 #[cfg(test)]

@@ -1,7 +1,7 @@
 //! EVT 2.0 to events; the words are described in `write::evt2`.
 
-use super::evt::Preamble;
-use super::reader::Decode;
+use super::evt::{Preamble, part};
+use super::reader::{Decode, DecoderState};
 use crate::error::Result;
 use crate::event::Event;
 
@@ -66,6 +66,19 @@ impl Decode for Evt2Decoder {
 
     fn size(&self) -> Option<(u32, u32)> {
         self.preamble.size()
+    }
+
+    fn state(&self) -> DecoderState {
+        [self.high.map_or(0, |high| high + 1), 0, 0, 0, 0]
+    }
+
+    fn resume(&mut self, byte: usize, [high, ..]: DecoderState) -> Result<()> {
+        if byte == 0 {
+            self.preamble = Preamble::default();
+        }
+        let high: i64 = part(high, 1 << 55)?;
+        self.high = (high > 0).then(|| high - 1);
+        Ok(())
     }
 }
 

@@ -1,8 +1,8 @@
 //! EVT 3.0 to events; the words are described in `write::evt3`.
 
-use super::evt::Preamble;
+use super::evt::{Preamble, part};
 use super::evt2::unwrapped;
-use super::reader::Decode;
+use super::reader::{Decode, DecoderState};
 use crate::error::Result;
 use crate::event::Event;
 
@@ -29,6 +29,12 @@ impl Evt3Decoder {
     #[must_use]
     pub fn new() -> Self {
         Self::default()
+    }
+
+    /// A decoder of words alone, without a header before them: those of packets of a stream.
+    #[must_use]
+    pub fn of_words() -> Self {
+        Self { preamble: Preamble::none(), ..Self::default() }
     }
 
     fn words(&mut self, bytes: &[u8], events: &mut Vec<Event>) -> usize {
@@ -92,6 +98,22 @@ impl Decode for Evt3Decoder {
 
     fn size(&self) -> Option<(u32, u32)> {
         self.preamble.size()
+    }
+
+    fn state(&self) -> DecoderState {
+        [self.high.map_or(0, |high| high + 1), self.low, self.y.into(), self.base_x.into(), self.base_on.into()]
+    }
+
+    fn resume(&mut self, byte: usize, [high, low, y, base_x, base_on]: DecoderState) -> Result<()> {
+        if byte == 0 {
+            self.preamble = Preamble::default();
+        }
+        let high: i64 = part(high, 1 << 49)?;
+        self.high = (high > 0).then(|| high - 1);
+        self.low = part(low, ROUND)?;
+        (self.y, self.base_x) = (part(y, 1 << 16)?, part(base_x, 1 << 16)?);
+        self.base_on = part::<i64>(base_on, 2)? == 1;
+        Ok(())
     }
 }
 

@@ -12,5 +12,5 @@ mod text;
 pub use aedat4::{Aedat4Decoder, Aedat4Frame, Aedat4Imu, Aedat4Recording, Aedat4Trigger, MAX_PACKET_BYTES};
 pub use evt2::Evt2Decoder;
 pub use evt3::Evt3Decoder;
-pub use reader::{Decode, EventReader};
+pub use reader::{Block, Decode, DecoderState, EventReader};
 pub use text::TextDecoder;

@@ -1,6 +1,6 @@
 //! The streaming reader that all formats share.
 
-use std::io::Read;
+use std::io::{Read, Seek, SeekFrom};
 
 use crate::error::{Error, Result};
 use crate::event::Event;
@@ -10,6 +10,27 @@ const AT_ONCE: usize = 1 << 18;
 
 /// Bytes asked of it for a first look.
 const LOOK: usize = 1 << 12;
+
+/// Bytes of the file in a block of [`EventReader::scan`], or one record if that is longer.
+const BLOCK: usize = 1 << 15;
+
+/// What a decoder carries from record to record, apart from the file's header; zeros where it carries less.
+pub type DecoderState = [i64; 5];
+
+/// Bytes of a file that can be decoded without those before them, but for its header.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Block {
+    /// Where it begins.
+    pub byte: u64,
+    /// What the decoder carries there.
+    pub state: DecoderState,
+    /// The number of its events, at least 1.
+    pub events: usize,
+    /// The time of its first event in microseconds.
+    pub first_us: i64,
+    /// The time of its last event in microseconds.
+    pub last_us: i64,
+}
 
 /// A format: how bytes become events. It does no I/O; any split of the bytes decodes alike.
 pub trait Decode: Send + Sync {
@@ -37,6 +58,18 @@ pub trait Decode: Send + Sync {
     fn size(&self) -> Option<(u32, u32)> {
         None
     }
+
+    /// What it carries from the records behind it to the next one.
+    fn state(&self) -> DecoderState {
+        DecoderState::default()
+    }
+
+    /// Goes on at another byte of the same file, where a decoder that had come so far carried `state`. It has read the
+    /// file's header before; at byte 0 it begins anew.
+    ///
+    /// # Errors
+    /// [`Error::Argument`] for a state that no decoder of the format has.
+    fn resume(&mut self, byte: usize, state: DecoderState) -> Result<()>;
 }
 
 /// Reads events in any format from any byte source, in constant memory.
@@ -49,13 +82,17 @@ pub struct EventReader<R: Read> {
     bytes: u64,
     left_over: u64,
     over: bool,
+    looked: bool,
+    /// Of what [`Self::scan`] has met: the last time, and the number of events.
+    scanned: (i64, u64),
 }
 
 impl<R: Read> EventReader<R> {
     /// A reader of `source`.
     pub fn new(source: R, decoder: impl Decode + 'static) -> Self {
         let (decoder, buffer) = (Box::new(decoder), vec![0; 2 * AT_ONCE]);
-        Self { source, decoder, buffer, waiting: 0..0, bytes: 0, left_over: 0, over: false }
+        let (bytes, left_over, scanned) = (0, 0, (0, 0));
+        Self { source, decoder, buffer, waiting: 0..0, bytes, left_over, over: false, looked: false, scanned }
     }
 
     /// The number of bytes that have become events.
@@ -96,7 +133,37 @@ impl<R: Read> EventReader<R> {
         Ok(())
     }
 
+    /// Goes on from where the reader is, and appends blocks until there are `enough`; false once the source is over.
+    ///
+    /// # Errors
+    /// As [`Self::read`]; [`Error::Format`] for an event before 0, or earlier than the one before it.
+    pub fn scan(&mut self, enough: usize, blocks: &mut Vec<Block>) -> Result<bool> {
+        let mut events = Vec::new();
+        while !self.over && blocks.len() < enough {
+            let (byte, state) = (self.bytes, self.decoder.state());
+            self.step(BLOCK, &mut events)?;
+            if let (Some(first), Some(last)) = (events.first(), events.last()) {
+                blocks.push(Block { byte, state, events: events.len(), first_us: first.t, last_us: last.t });
+            }
+            let (mut last_us, mut number) = self.scanned;
+            for event in events.drain(..) {
+                if event.t < last_us {
+                    let message = format!(
+                        "times may not lie before 0, nor go back: event {number} is at {} us, after {last_us} us",
+                        event.t
+                    );
+                    let byte = usize::try_from(byte).unwrap_or(usize::MAX);
+                    return Err(Error::Format { message, line: None, byte });
+                }
+                (last_us, number) = (event.t, number + 1);
+            }
+            self.scanned = (last_us, number);
+        }
+        Ok(!self.over)
+    }
+
     fn step(&mut self, at_once: usize, events: &mut Vec<Event>) -> Result<()> {
+        self.looked = true;
         self.fill(at_once)?;
         let bytes = &self.buffer[self.waiting.clone()];
         let mut used = self.decoder.decode(bytes, events)?;
@@ -129,5 +196,81 @@ impl<R: Read> EventReader<R> {
             }
             return Ok(());
         }
+    }
+}
+
+impl<R: Read + Seek> EventReader<R> {
+    /// Goes to where a line of text or a packet of events begins.
+    ///
+    /// # Errors
+    /// [`Error::Io`] if the source refuses.
+    pub fn go_to(&mut self, byte: u64) -> Result<()> {
+        self.resume(byte, DecoderState::default())
+    }
+
+    /// The events of a block that [`Self::scan`] has found in the same file, which ends where the next one begins (`end`).
+    ///
+    /// # Errors
+    /// [`Error::Io`] if the source refuses; [`Error::Format`] from the decoder; [`Error::Argument`] for a `state` that no
+    /// decoder has.
+    pub fn read_block(&mut self, byte: u64, state: DecoderState, end: u64) -> Result<Vec<Event>> {
+        self.resume(byte, state)?;
+        let mut bytes = Vec::new();
+        self.source
+            .by_ref()
+            .take(end.saturating_sub(byte))
+            .read_to_end(&mut bytes)
+            .map_err(Error::io("reading events"))?;
+        let mut events = Vec::new();
+        let used = self.decoder.decode(&bytes, &mut events)?;
+        if used < bytes.len() {
+            self.decoder.end(&bytes[used..], &mut events)?;
+        }
+        Ok(events)
+    }
+
+    fn resume(&mut self, byte: u64, state: DecoderState) -> Result<()> {
+        if !self.looked {
+            self.look()?;
+        }
+        self.source.seek(SeekFrom::Start(byte)).map_err(Error::io("reading events"))?;
+        self.decoder.resume(usize::try_from(byte).unwrap_or(usize::MAX), state)?;
+        (self.waiting, self.bytes, self.over) = (0..0, byte, false);
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::read::Evt3Decoder;
+    use std::io::Cursor;
+
+    #[test]
+    fn blocks_are_read_by_themselves_in_any_order() {
+        // Times, rows, and vectors that go on from one to the next: all that EVT 3.0 carries changes on the way.
+        let mut words = vec![0x8001u16, 0x6000, 0x0007];
+        for k in 0u16..30_000 {
+            words.extend([0x3000 | (k & 0x800) | (k % 700), 0x4fff, 0x5081, 0x6000 | (k / 10)]);
+            words.extend((k % 500 == 0).then_some(k % 2048));
+            words.push(0x4801);
+        }
+        let mut bytes = b"% geometry 2048x2048\n% end\n".to_vec();
+        bytes.extend(words.into_iter().flat_map(u16::to_le_bytes));
+        let mut whole = Vec::new();
+        EventReader::new(&bytes[..], Evt3Decoder::new()).read(usize::MAX, &mut whole).unwrap();
+        let reader = || EventReader::new(Cursor::new(&bytes), Evt3Decoder::new());
+        let (mut blocks, mut scanned) = (Vec::new(), reader());
+        while scanned.scan(blocks.len() + 2, &mut blocks).unwrap() {}
+        assert!(blocks.len() > 5);
+        assert_eq!(blocks.iter().map(|block| block.events).sum::<usize>(), whole.len());
+        let (mut end, mut end_byte, mut fresh) = (whole.len(), bytes.len() as u64, reader());
+        for block in blocks.iter().rev() {
+            let expected = &whole[end - block.events..end];
+            assert_eq!((block.first_us, block.last_us), (expected[0].t, expected[block.events - 1].t));
+            assert_eq!(fresh.read_block(block.byte, block.state, end_byte).unwrap(), expected);
+            (end, end_byte) = (end - block.events, block.byte);
+        }
+        assert!(matches!(fresh.read_block(100, [-1; 5], 200), Err(Error::Argument(_))));
     }
 }

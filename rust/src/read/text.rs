@@ -1,6 +1,6 @@
 //! events.txt to events, strictly.
 
-use super::reader::Decode;
+use super::reader::{Decode, DecoderState};
 use crate::error::{Error, Result};
 use crate::event::Event;
 
@@ -24,13 +24,7 @@ impl TextDecoder {
     /// A decoder of bytes that begin a line.
     #[must_use]
     pub fn new() -> Self {
-        Self { lines: Some(0), ..Self::from_byte(0) }
-    }
-
-    /// A decoder of the line that begins at `byte` of a text, and those after it.
-    #[must_use]
-    pub fn from_byte(byte: usize) -> Self {
-        Self { lines: None, bytes: byte, last_us: 0, in_order: true, size: None }
+        Self { lines: Some(0), bytes: 0, last_us: 0, in_order: true, size: None }
     }
 
     /// The same, which also takes times that go back.
@@ -117,6 +111,11 @@ impl Decode for TextDecoder {
 
     fn size(&self) -> Option<(u32, u32)> {
         self.size
+    }
+
+    fn resume(&mut self, byte: usize, _state: DecoderState) -> Result<()> {
+        (self.lines, self.bytes, self.last_us) = ((byte == 0).then_some(0), byte, 0);
+        Ok(())
     }
 }
 

@@ -38,6 +38,13 @@ impl Evt3Encoder {
         Self { limits, high: -1, low: u16::MAX, y: u16::MAX, words: Vec::new() }
     }
 
+    /// An encoder of words alone that begins at a time of its own: what it writes first is that time's high part, so
+    /// that a packet can be read without those before it.
+    #[must_use]
+    pub fn starting_at(t_us: i64, width: u32, height: u32) -> Self {
+        Self { high: (t_us >> 12) - 1, ..Self::new(width, height) }
+    }
+
     /// The high times between the last one and `high`. A round ends with 0xfff and begins with 0: some readers count it
     /// by nothing else.
     #[cold]
@@ -127,6 +134,16 @@ mod tests {
                 0x8002, 0x6004, 0x2001, // the low time comes again with the high one
             ]
         );
+    }
+
+    #[test]
+    fn a_packet_begins_with_its_own_time() {
+        let mut out = Vec::new();
+        let t = 1_700_000_000_000_000;
+        Evt3Encoder::starting_at(t, 1280, 720).encode(&[Event::new(t, 3, 7, true)], &mut out);
+        let words: Vec<u16> = out.chunks(2).map(|w| u16::from_le_bytes(w.try_into().unwrap())).collect();
+        assert_eq!((i64::from(words[0]), i64::from(words[1])), (0x8000 | (t >> 12 & 0xfff), 0x6000 | (t & 0xfff)));
+        assert_eq!(words[2..], [7, 0x2803]);
     }
 
     #[test]

@@ -23,7 +23,7 @@ pub trait Encode: Send + Sync {
     /// Appends what was kept back.
     fn flush(&mut self, _out: &mut Vec<u8>) {}
 
-    /// Appends a table of contents, for a sink that can be gone back in; returns bytes that are to replace some written
+    /// Appends a table of contents, for a sink that is seekable; returns bytes that are to replace some written
     /// before, and their place.
     fn contents(&mut self, _out: &mut Vec<u8>) -> Option<(u64, Vec<u8>)> {
         None
@@ -163,7 +163,7 @@ mod tests {
         assert_eq!(writer.finish().unwrap(), b"0.000005000 0 0 1\n");
     }
 
-    /// A sink with room for so many bytes, as a disk that fills up.
+    /// A sink with room for a number of bytes, like a disk that fills up.
     struct Disk(usize);
 
     impl Write for Disk {

@@ -1,8 +1,8 @@
-//! Arrivals of noise events: those of processes of their own in each pixel, each a function of (seed, purpose, pixel, number
-//! of the arrival).
+//! Arrivals of noise events. Each pixel has processes of its own, and each arrival is a function of (seed, purpose,
+//! pixel, number of the arrival).
 //!
 //! What must not break: arrivals depend neither on how the signal is sampled in time nor on what the pixel sees. The
-//! pixel may drop an arrival, and the next one comes when it would have come.
+//! pixel may drop an arrival, and the next one comes when it would have come anyway.
 
 /// Where a pixel's process stands.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -1,9 +1,15 @@
-//! A band of rows under effects: the state of its pixels, and a frame's way through them.
+//! A band of rows under effects: the state of its pixels, and how a frame passes through them.
 //!
-//! Each tile is first marked in vector code for pixels to which something may happen; only these are followed in time.
+//! Each tile of pixels is first marked in vector code ([`super::scan`]): a pixel is marked if it may have an event, or
+//! if a hold, an arrival of noise or an excursion ends in the interval. Only marked pixels are followed in time
+//! ([`super::timeline`]), because that is many times slower. What a pixel was before is kept, so that a push of too
+//! many events can be undone.
 //!
-//! What must not break: a pixel that is not marked has no event and changes no state but its samples. Waits are counted
-//! from the last frame, so that they keep their digits however long a run is.
+//! What must not break:
+//! - A pixel that is not marked has no event and changes no state but its signals.
+//! - Waits are counted from the last frame, not from the start of the run. So they keep their digits, however long a
+//!   run is.
+//! - [`Band::undo`] restores everything that [`Band::advance`] changes.
 
 use super::arrivals::Arrivals;
 use super::excursion::Excursion;
@@ -90,7 +96,7 @@ struct Tile {
     decay: Vec<f64>,
     photoreceptor: Vec<f64>,
     filtered: Vec<f64>,
-    /// Of two low-passes the derivatives at the interval's end, by the share of the interval.
+    /// Derivatives of two low-passes at the interval's end, by the share of the interval.
     photoreceptor_slope: Vec<f64>,
     filtered_slope: Vec<f64>,
     seen: Vec<f64>,
@@ -98,7 +104,7 @@ struct Tile {
     leaked: Vec<f64>,
     will_leak: Vec<f64>,
     marked: Vec<bool>,
-    /// Of one pixel.
+    /// Log intensity of one pixel's sparse samples.
     sparse: Vec<f64>,
 }
 
@@ -231,7 +237,7 @@ impl Band {
         Ok(())
     }
 
-    /// Keeps what [`Self::advance`] has found, over an interval of so many ticks.
+    /// Keeps what [`Self::advance`] has found over an interval of `ticks` ticks.
     #[allow(clippy::cast_precision_loss, reason = "intervals are shorter than 2^53 us")]
     pub(super) fn settle(&mut self, ticks: i64) {
         std::mem::swap(&mut self.logs, &mut self.next.logs);

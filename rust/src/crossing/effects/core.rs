@@ -1,6 +1,9 @@
-//! The pixels of a sensor under effects, cut into bands for threads; their state, stored and restored.
+//! The pixels of a sensor under effects: cuts them into bands for threads, and stores and restores their state.
 //!
-//! What must not break: the cut into bands changes no event, and a stored state is checked before any of it is used.
+//! Unlike the ideal [`crate::crossing::core::Core`], it keeps log intensity whatever it is fed with, because effects
+//! act on that.
+//!
+//! What must not break: the cut into bands changes no event. A stored state is checked before any of it is used.
 
 use rayon::prelude::*;
 
@@ -21,7 +24,7 @@ use crate::crossing::state::{EffectState, EngineState};
 use crate::error::{Error, Result};
 use crate::event::{Event, SensorSize};
 
-/// As [`crate::crossing::core::Core`], for pixels that are not ideal. Whatever it is fed with, it keeps log intensity.
+/// The counterpart of [`crate::crossing::core::Core`] for pixels under effects. It always keeps log intensity.
 pub(crate) struct EffectCore {
     sensor: Sensor,
     bands: Vec<Band>,

@@ -1,6 +1,7 @@
-//! How many events a frame will make in pixels under effects: memory is taken before they are made.
+//! How many events a frame will make in pixels under effects. Memory is taken for them before they are made.
 //!
-//! What must not break: the estimate for the signal is from above, so that a push that does not fit is refused before it runs.
+//! What must not break: the estimate for the signal is an upper bound, so that a push that does not fit is refused
+//! before it runs.
 
 use super::band::{Band, Share};
 use super::sensor::Sensor;

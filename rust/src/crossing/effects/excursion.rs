@@ -1,7 +1,8 @@
-//! An excursion of the noise: from the event that noise makes to its way back.
+//! An excursion of the noise: the time from the event that noise makes until the noise is gone again.
 //!
-//! Noise takes what the comparators see to a level, which makes an event, and the reset memorises the noise with the
-//! signal. Once the noise is gone, the pixel finds the opposite level crossed: so noise events come in pairs.
+//! Noise takes what the comparators see to a level, which makes an event. The reset memorises the noise together with
+//! the signal. Once the noise is gone, the pixel finds the opposite level crossed. So noise events come in pairs of
+//! opposite polarity.
 
 /// Noise that is away from zero for a while: a part of what the comparators see, and so of what a reset memorises.
 ///
@@ -10,7 +11,7 @@
 pub(crate) struct Excursion {
     /// Microseconds from the interval's start until it is over; not finite where there is none.
     pub(crate) until_us: f64,
-    /// In log intensity.
+    /// The noise in log intensity.
     pub(crate) noise: f64,
     /// 1 where an ON event is awaited when it is over, -1 an OFF event, 0 neither.
     pub(crate) awaits: i8,
@@ -34,7 +35,7 @@ pub(super) fn polarity(on: bool) -> i8 {
     if on { 1 } else { -1 }
 }
 
-/// On its way back noise soon gets as far beyond zero as this share of a threshold, and makes its second event there.
+/// On its way back, noise soon goes this share of a threshold beyond zero, and makes its second event there.
 ///
 /// Noise that has just come as far as a whole threshold is often as far as half of one. What a mismatch of the pixel's
 /// two thresholds leaves between its reference and its signal is less.

@@ -1,8 +1,11 @@
-//! The output of a first-order low-pass whose input runs straight: a curve in closed form, with its pieces and
-//! crossings. What [`super::two_poles`] needs of it as well is here: responses, and the pieces of such curves.
+//! The output of a first-order low-pass whose input is a straight line: the curve, its monotone pieces and its
+//! crossings.
 //!
-//! In closed form, so that the result does not depend on a step size. What must not break: it turns at most once,
-//! pieces are monotone, and the output at an interval's end is that at the start of the next one, to the bit.
+//! The curve is in closed form, so that the result does not depend on a step size. What [`super::two_poles`] needs as
+//! well is here: responses, and the pieces of such curves.
+//!
+//! What must not break: the curve turns at most once and its pieces are monotone. The output at an interval's end is
+//! that at the start of the next one, to the bit.
 
 use super::parameters::PhotoreceptorBandwidth;
 use crate::crossing::curve::{Curve, FINE, Piece, ROUGH, Search, Timed, bracketed_newton, first_tick_on};
@@ -11,9 +14,10 @@ use crate::crossing::level::{Level, Thresholds};
 use crate::log_intensity::ln;
 
 impl PhotoreceptorBandwidth {
-    /// Time constants in an interval of so many microseconds, over which log intensity runs from one value to another,
-    /// where there is one low-pass: 2 pi f T, f being the photoreceptor's corner frequency at their mean, or the source
-    /// follower's.
+    /// The number of time constants in an interval of `ticks` microseconds, for a single low-pass: 2 pi f T.
+    ///
+    /// f is the corner frequency of the source follower, or of the photoreceptor at the mean of the log intensities
+    /// `from` and `to` at the interval's ends.
     #[inline(always)]
     #[allow(clippy::inline_always, reason = "vectorised into its caller's loop")]
     pub(crate) fn decay(&self, from: f64, to: f64, ticks: f64) -> f64 {
@@ -22,21 +26,21 @@ impl PhotoreceptorBandwidth {
         time_constants(corner_hz, ticks)
     }
 
-    /// Those of the photoreceptor, where the source follower is a second low-pass.
+    /// The time constants of the photoreceptor, if the source follower is a second low-pass.
     #[inline(always)]
     #[allow(clippy::inline_always, reason = "vectorised into its caller's loop")]
     pub(crate) fn photoreceptor_decay(&self, from: f64, to: f64, ticks: f64) -> f64 {
         time_constants(self.hz * exp_precise(0.5 * (from + to)), ticks).min(MOST_OF_TWO)
     }
 
-    /// And those of the source follower.
+    /// The time constants of the source follower, if it is a second low-pass.
     pub(crate) fn follower_decay(&self, ticks: f64) -> f64 {
         time_constants(self.source_follower_hz, ticks).min(MOST_OF_TWO)
     }
 }
 
-/// Of two low-passes none counts as faster than so many time constants in an interval: it is late by a part in as many of
-/// the interval, and its second derivative keeps its sign through all rounding.
+/// The most time constants in an interval for each of two low-passes. A faster one is treated as this fast, which delays it
+/// by 1e-12 of the interval. The limit keeps the sign of the second derivative right through all rounding.
 const MOST_OF_TWO: f64 = 1e12;
 
 /// 2 pi f T, finite.
@@ -77,7 +81,7 @@ pub(crate) fn filter(output: f64, from: f64, to: f64, z: f64) -> f64 {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Filtered {
     pub(crate) start: f64,
-    /// As the next interval will have it as start.
+    /// The output at the end. The next interval has the same bits as its start.
     pub(crate) end: f64,
     /// Input minus output at the start.
     pub(crate) gap: f64,

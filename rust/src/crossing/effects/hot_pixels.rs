@@ -1,6 +1,7 @@
-//! Hot pixels: a few that fire by themselves, nearly periodically, whatever they see.
+//! Hot pixels: a few pixels that fire by themselves, nearly periodically, whatever they see.
 //!
-//! Each has a rate and a regularity of its own. Its intervals are log-normal, so never negative however irregular they are.
+//! Each has a rate and a regularity of its own. Intervals are log-normal, so they are never negative, however irregular
+//! they are.
 
 use super::arrivals::Arrivals;
 use super::parameters::{Effects, HotPixels};

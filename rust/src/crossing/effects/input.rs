@@ -1,8 +1,9 @@
-//! What a pixel's comparator sees over an interval: straight lines or a cubic, low-passed once or twice, with the leak's
-//! drift.
+//! What a pixel's comparator sees over an interval: straight lines or a cubic, low-passed once or twice, plus the leak.
 //!
-//! A low-pass has a closed form for straight input only, so it takes a cubic as chords. What must not break: the drift
-//! is straight over the interval, also where samples lie between its ends.
+//! A low-pass has a closed form only for straight input, so it takes a cubic as chords.
+//!
+//! What must not break: the drift of the leak is straight over the whole interval, also if samples lie between its
+//! ends.
 
 use super::filtered::{Filtered, filter};
 use super::leak::Drift;
@@ -12,7 +13,7 @@ use super::two_poles::{Decays, FilteredTwice, filter_twice};
 use crate::crossing::cubic::Cubic;
 use crate::crossing::line::Line;
 
-/// A pixel's input over an interval of so many ticks.
+/// A pixel's input over an interval of `ticks` ticks.
 pub(super) struct Input {
     pub(super) drift: Drift,
     /// Log intensity at both ends.
@@ -86,9 +87,9 @@ impl Input {
         }
     }
 
-    /// Along the cubic with these slopes (log intensity over the whole interval).
+    /// Follows the cubic with these slopes (log intensity over the whole interval).
     ///
-    /// A low-pass takes it as chords, so many that they stray from it by no more than `tolerance`, 16 at most.
+    /// A low-pass takes the cubic as chords: enough for them to lie within `tolerance` of it, but at most 16.
     pub(super) fn follow_cubic(
         &self,
         pixel: &mut Pixel<'_>,

@@ -1,10 +1,12 @@
-//! Leak: the memorised reference drifts down, at a rate of each pixel's own, more in warmth and in light.
+//! Leak: the memorised reference drifts down. Each pixel has its own rate, which grows with temperature and light.
 //!
-//! What leaks in the dark is a function of the time since the first frame, so it does not depend on frames. What light
-//! adds is a sum over the intervals between samples, each with the mean light of its ends. What must not break: both are
-//! straight within an interval, as curves and the search for crossings take them.
+//! What leaks in the dark is a function of the time since the first frame, so it does not depend on when frames come.
+//! What light adds is a sum over the intervals between samples, each with the mean light of its ends.
 //!
 //! Jitter is booked at events: how much has leaked since the event before is uncertain by a share.
+//!
+//! What must not break: both parts are straight lines within an interval, because curves and the search for crossings
+//! take them as such.
 
 use super::parameters::Leak;
 use crate::crossing::level::Thresholds;
@@ -33,7 +35,7 @@ impl Leak {
         libm::exp2((self.temperature_c - REFERENCE_C) / self.doubling_c)
     }
 
-    /// From above, the rate of any pixel.
+    /// An upper bound of the rate of any pixel.
     pub(crate) fn most_hz(&self) -> f64 {
         if !self.is_on() {
             0.0
@@ -60,14 +62,14 @@ impl Leak {
     }
 }
 
-/// At this temperature the rate is the given one.
+/// The temperature at which the rate is `rate_hz`.
 const REFERENCE_C: f64 = 25.0;
 
 /// What has leaked of a band's pixels. What belongs to something that is off is empty.
 pub(super) struct Leaks {
-    /// In the dark, in a microsecond; zeros where only others need it.
+    /// The drift in the dark, in log intensity per microsecond; zeros if only other effects need it.
     pub(super) dark: Vec<f64>,
-    /// In addition where luma + `log_eps` is 1.
+    /// The drift that light adds where luma + `log_eps` is 1.
     lit: Vec<f64>,
     /// No light makes it leak faster.
     fastest: Vec<f64>,
@@ -79,7 +81,7 @@ pub(super) struct Leaks {
 }
 
 impl Leaks {
-    /// Of pixels whose leak is on, or that something else needs to know it of.
+    /// The leaks of a band's pixels; `needed` if another effect needs them although the leak is off.
     pub(super) fn new(leak: Leak, seed: u64, needed: bool, first: usize, thresholds: &[Thresholds]) -> Self {
         let n = thresholds.len();
         #[allow(clippy::cast_possible_truncation, reason = "no sensor has 2^32 pixels")]
@@ -134,7 +136,7 @@ impl Drift {
         self.dark * (self.elapsed_us + tick) + (self.leaked + self.lit * tick)
     }
 
-    /// In a microsecond.
+    /// The drift in log intensity per microsecond.
     pub(super) fn rate(&self) -> f64 {
         self.dark + self.lit
     }
@@ -154,10 +156,10 @@ pub(crate) struct LeakJitter<'a> {
 }
 
 impl LeakJitter<'_> {
-    /// By how much the reference is off after an event at a tick.
+    /// Sets the error of the reference after an event at a tick.
     ///
-    /// A share of what has leaked since the event before, and at most half a threshold. Its draw goes by the time: two
-    /// events on one tick have nothing leaked between them.
+    /// It is a share of what has leaked since the event before, and at most half a threshold. Its draw depends on the
+    /// time. Two events on one tick need no draws of their own, because nothing leaks between them.
     #[allow(clippy::cast_precision_loss, reason = "times of interest lie below 2^53 us")]
     #[allow(clippy::cast_sign_loss, reason = "events come after the first frame")]
     pub(crate) fn book(&mut self, pixel: u32, c: Thresholds, tick: i64) {

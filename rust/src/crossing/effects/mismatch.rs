@@ -1,4 +1,6 @@
 //! Threshold mismatch: a fixed pattern of thresholds over the pixels, drawn once when the engine is made.
+//!
+//! Thresholds are drawn before everything else, so the engine itself only knows thresholds for each pixel.
 
 use super::parameters::ThresholdMismatch;
 use crate::crossing::parameters::{CrossingParameters, Threshold};

@@ -1,4 +1,4 @@
-//! Effects of a real sensor on the signal, the reference and the thresholds of its pixels, each off unless asked for.
+//! Effects of a real sensor on the signal, the reference and the thresholds of its pixels. Each is off by default.
 //!
 //! ```text
 //! log intensity -> filtered (photoreceptor, source follower) -> plus the leak's drift -> levels -> events
@@ -6,15 +6,19 @@
 //!                                                       noise events -> ^
 //! ```
 //!
-//! [`parameters`] says which effects there are, [`mismatch`] draws thresholds, [`shot_noise`] and [`hot_pixels`] the
-//! arrivals of [`noise`], and an [`excursion`] is what follows one. [`leak`] is the
-//! drift of references. [`filtered`] is the curve that leaves one low-pass, [`two_poles`] the one that leaves two,
-//! [`input`] what a pixel sees over an interval, [`timeline`] what happens to it on the way. [`scan`] finds the pixels to which something may happen, [`band`] takes a band of rows (with
-//! an [`estimate`] of how many events that makes), [`core`] runs
-//! the bands on threads, and [`sensor`] holds what is the same for all pixels.
+//! - [`parameters`] says which effects there are. [`mismatch`] draws thresholds.
+//! - [`shot_noise`] and [`hot_pixels`] draw the arrivals of [`noise`]. An [`excursion`] is what follows an arrival of
+//!   shot noise.
+//! - [`leak`] is the drift of references. [`filtered`] is the output curve of one low-pass, [`two_poles`] that of two.
+//! - [`input`] is what a pixel sees over an interval, and [`timeline`] what happens to the pixel on the way.
+//! - [`scan`] finds the pixels to which something may happen. [`band`] takes a band of rows, with an [`estimate`] of
+//!   the events that it makes. [`core`] runs the bands on threads, and [`sensor`] holds what is the same for all
+//!   pixels.
 //!
-//! An engine without effects uses none of this, so that an effect that is off costs nothing. What must not break: every
-//! draw is a function of (seed, purpose, pixel, index), so draws depend neither on threads nor on when frames come.
+//! An engine without effects uses none of this, so that an effect that is off costs nothing.
+//!
+//! What must not break: every draw is a function of (seed, purpose, pixel, index). So draws depend neither on threads
+//! nor on when frames come.
 
 mod arrivals;
 mod band;

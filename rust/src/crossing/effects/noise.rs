@@ -1,4 +1,4 @@
-//! Noise events: which process their arrivals are of.
+//! Noise events: says which process an arrival belongs to, so that [`super::timeline`] treats all kinds alike.
 
 use super::arrivals::Arrivals;
 use super::hot_pixels::HotPixelNoise;
@@ -8,9 +8,9 @@ use crate::crossing::level::Thresholds;
 /// A kind of noise, the same in every pixel that has it.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Noise {
-    /// In all pixels: [`super::shot_noise`].
+    /// Noise of all pixels: [`super::shot_noise`].
     Shot(ShotNoiseLaw),
-    /// In a few: [`super::hot_pixels`].
+    /// Noise of a few pixels: [`super::hot_pixels`].
     Hot(HotPixelNoise),
 }
 

@@ -1,6 +1,6 @@
-//! Which effects there are, their parameters, and the ranges that these may have.
+//! Which effects there are, their parameters, and the allowed ranges of these.
 //!
-//! The default of each means that it is off. Names in errors are those that Python uses.
+//! The default of each effect means that it is off. Names in errors are those that Python uses.
 
 use crate::error::{Error, Result};
 use crate::readout::ReadoutParameters;
@@ -68,7 +68,7 @@ impl ThresholdMismatch {
 /// Electron Devices 64(8), 2017 (junction leakage in the reset switch follows Arrhenius' law; light adds to it).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Leak {
-    /// The reference drifts down by so many ON thresholds a second, on the mean of all pixels, at 25 degrees in the dark.
+    /// Drift of the reference in ON thresholds per second, downwards: the mean of all pixels at 25 degrees in the dark.
     pub rate_hz: f64,
     /// Standard deviation of the rate from pixel to pixel, as a share of its mean; log-normal.
     pub spread: f64,
@@ -76,7 +76,7 @@ pub struct Leak {
     pub jitter: f64,
     /// Of the junctions, in degrees Celsius.
     pub temperature_c: f64,
-    /// The rate doubles in so many degrees.
+    /// The warming in degrees that doubles the rate.
     pub doubling_c: f64,
     /// The luma whose parasitic photocurrent leaks as much as the rate at 25 degrees in the dark; infinite for none.
     pub double_luma: f64,
@@ -123,7 +123,7 @@ pub struct Effects {
     pub readout: Option<ReadoutParameters>,
 }
 
-/// So little, of what must be more than nothing.
+/// The least value of parameters that must be above 0.
 const LEAST: f64 = 1e-300;
 
 /// A bound as people write it.

@@ -1,7 +1,10 @@
-//! The common path under effects: what comparators see at a frame, and which pixels need a look, many at a time.
+//! The common path under effects: what comparators see at a frame, and which pixels need a closer look, many at a time.
 //!
-//! What must not break: a pixel is marked wherever it may have had an event since the last frame. One that is marked
-//! without need costs time only.
+//! It computes low-passes for all pixels in vector code, because every pixel's output changes with every frame. It then
+//! marks the pixels whose signal left its bounds, or may have done so between two frames because it turned.
+//!
+//! What must not break: a pixel is marked wherever it may have had an event since the last frame. Marking one without
+//! need costs only time.
 
 use multiversion::multiversion;
 
@@ -9,7 +12,7 @@ use super::filtered::filter;
 use super::parameters::PhotoreceptorBandwidth;
 use super::two_poles::{Decays, filter_twice};
 
-/// Of each pixel the low-pass's time constants in an interval, and its output at the end.
+/// Computes the low-pass's time constants in an interval and its output at the end, for each pixel.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
 pub(super) fn low_pass(
     bandwidth: PhotoreceptorBandwidth,
@@ -27,7 +30,7 @@ pub(super) fn low_pass(
     }
 }
 
-/// Of each pixel two low-passes, one after the other, at the end of an interval.
+/// The outputs of two low-passes in a row at the end of an interval, for each pixel.
 pub(super) struct TwoOutputs<'a> {
     pub(super) first: &'a mut [f64],
     pub(super) second: &'a mut [f64],
@@ -36,7 +39,7 @@ pub(super) struct TwoOutputs<'a> {
     pub(super) second_slope: &'a mut [f64],
 }
 
-/// As [`low_pass`], of two low-passes: the first one's time constants, and what both come to.
+/// The same as [`low_pass`] for two low-passes: the first one's time constants, and the outputs of both.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
 pub(super) fn two_low_passes(
     bandwidth: PhotoreceptorBandwidth,
@@ -122,7 +125,7 @@ pub(super) struct TwoSteps<'a> {
     pub(super) second_slope: &'a [f64],
 }
 
-/// As [`mark_sign_changes`], for what leaves the second of two low-passes, which may turn twice in an interval.
+/// The same as [`mark_sign_changes`] for the output of the second of two low-passes, which may turn twice in an interval.
 ///
 /// It turns where its slope changes its sign between both ends, or where the slope is not monotone, which the second
 /// derivative at both ends tells: that has one zero at most. The output stays between both outputs at the start and the

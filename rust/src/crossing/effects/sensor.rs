@@ -1,4 +1,4 @@
-//! A sensor under effects: what is the same for all of its pixels.
+//! A sensor under effects: what is the same for all of its pixels, and computed once.
 
 use super::hot_pixels::HotPixelNoise;
 use super::parameters::Effects;

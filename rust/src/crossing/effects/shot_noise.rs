@@ -1,9 +1,14 @@
 //! Shot noise: a Gaussian process, of which only its crossings of a pixel's levels are drawn.
 //!
-//! Rice: a stationary Gaussian process of standard deviation s crosses the level d upwards `nu exp(-d^2 / (2 s^2))` times a
-//! second, and `nu` is the root of `f1 f2` where it is white noise behind two poles of these corner frequencies. One is
-//! fixed, the other proportional to light, so `nu` grows with light while s falls. Arrivals are drawn at the highest
-//! rate, each polarity in the light where it has that, and kept by the light at their very instant.
+//! By Rice's formula, a stationary Gaussian process of standard deviation s crosses the level d upwards `nu exp(-d^2 /
+//! (2 s^2))` times a second. For white noise behind two poles, `nu` is the root of `f1 f2`, their corner frequencies.
+//! One pole is fixed, the other is proportional to light, so `nu` grows with light while s falls.
+//!
+//! Each polarity has a light in which its rate is highest. Arrivals are drawn at these highest rates, and each is kept
+//! or dropped by the light at its very instant (thinning).
+//!
+//! What must not break: [`ShotNoiseLaw::arrivals_hz`] is at least the rate in any light, or events would be missing.
+//! Draws do not depend on the signal.
 
 use super::arrivals::Arrivals;
 use super::excursion::{Excursion, polarity};
@@ -24,8 +29,8 @@ pub(crate) struct ShotNoiseLaw {
 /// Pairs a second that come at least: no pixel lives long enough to see one, and waits stay finite.
 const LEAST_RATE_HZ: f64 = 1e-10;
 
-/// The pole that is proportional to light is taken to be at most so many times the other one, and at least so many:
-/// rates and times stay finite for any noise and light.
+/// Limits of the ratio of the pole that is proportional to light to the other pole. They keep rates and times finite for
+/// any noise and light.
 const MOST_RATIO: f64 = 100.0;
 const LEAST_RATIO: f64 = 1e-12;
 
@@ -113,9 +118,9 @@ impl ShotNoiseLaw {
         self.lasting(away, lasts, 0)
     }
 
-    /// One that lasts so many times the mean of both poles' time constants.
+    /// An excursion that lasts `lasts` times the mean of both poles' time constants.
     ///
-    /// At the end of the refractory period, when noise is memorised, of it is left what its autocorrelation says.
+    /// Noise is memorised at the end of the refractory period. What is left of it then follows its autocorrelation.
     fn lasting(&self, away: Away, lasts: f64, awaits: i8) -> Excursion {
         let Away { at_us, light, noise } = away;
         let (fixed_us, ratio) = (1e6 / (std::f64::consts::TAU * self.noise.bandwidth_hz), self.ratio(light));

@@ -1,7 +1,12 @@
-//! One pixel's time under effects: crossings, holds and noise along a curve, in the order in which they happen.
+//! Follows one pixel under effects in time: crossings, holds and noise, in the order in which they happen.
 //!
-//! What must not break: that order, also where a hold ends within a piece, and that arrivals of noise during a hold are
-//! drawn and dropped, so that later ones keep their numbers.
+//! Along each monotone piece of the curve, [`Pixel::follow`] finds what comes first: the end of a hold, a crossing, an
+//! arrival of noise or the end of an excursion. It acts on that and goes on from there. The exact moment of a crossing
+//! is only computed if a hold or noise needs it, because that costs as much as all the rest.
+//!
+//! What must not break:
+//! - The order in time, also where a hold ends within a piece.
+//! - Arrivals of noise during a hold are drawn and dropped, so that later ones keep their numbers.
 
 use super::arrivals::Arrivals;
 use super::excursion::Excursion;
@@ -111,7 +116,7 @@ impl Pixel<'_> {
         }
     }
 
-    /// After an event, which has a tick: the pixel is held, or its reset is over at once.
+    /// Resets the pixel after an event at `tick`: it is held, or the reset is over at once.
     fn reset(&mut self, tick: i64, at_us: f64) {
         if let Some(jitter) = &mut self.leak_jitter {
             jitter.book(self.number, self.c, tick);
@@ -123,7 +128,7 @@ impl Pixel<'_> {
         }
     }
 
-    /// At the end of a reset: what has leaked is off by an error.
+    /// Adds the error of what has leaked to the reference, at the end of a reset.
     fn book_leak(&mut self) {
         if let Some(jitter) = &mut self.leak_jitter {
             self.reference.base += std::mem::take(jitter.error);

@@ -1,9 +1,12 @@
-//! The output of two first-order low-passes one after the other, whose input runs straight: photoreceptor and source
-//! follower. A curve in closed form, as [`super::filtered`] is for one.
+//! The output of two first-order low-passes in a row (photoreceptor and source follower) whose input is a straight
+//! line.
 //!
-//! All is written for the slower and the faster pole, whichever comes first, and in differences that do not cancel where
-//! both are alike, where one is next to infinite, or where an interval is short. What must not break: the curve turns
-//! at most twice, and the outputs at an interval's end are those at the start of the next one, to the bit.
+//! The curve is in closed form, as [`super::filtered`] is for one low-pass. All is written for the slower and the
+//! faster pole, whichever comes first. The differences are arranged so that nothing cancels where both poles are alike,
+//! where one is nearly infinite, or where an interval is short.
+//!
+//! What must not break: the curve turns at most twice. The outputs at an interval's end are those at the start of the
+//! next one, to the bit.
 
 use super::filtered::{Smooth, SmoothPiece, between_turns, ramp_response, step_response};
 use crate::crossing::curve::{Curve, FINE, bracketed_newton};
@@ -19,7 +22,7 @@ pub(crate) struct Decays {
 struct Responses {
     first: f64,
     second: f64,
-    /// Of both to a step, its derivative, and of both to a ramp.
+    /// The response of both to a step, its derivative, and the response of both to a ramp.
     step: f64,
     step_slope: f64,
     ramp: f64,
@@ -62,8 +65,8 @@ pub(crate) struct Ends {
     /// Both outputs.
     pub(crate) first: f64,
     pub(crate) second: f64,
-    /// Their derivatives by the share of the interval. Not made of differences of the outputs, which are all rounding
-    /// where a pole is fast.
+    /// Their derivatives by the share of the interval. Not computed from differences of the outputs, which are
+    /// mostly rounding error where a pole is fast.
     pub(crate) first_slope: f64,
     pub(crate) second_slope: f64,
 }
@@ -95,7 +98,7 @@ impl Responses {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct FilteredTwice {
     pub(crate) start: f64,
-    /// As the next interval will have it as start.
+    /// The output at the end. The next interval has the same bits as its start.
     pub(crate) end: f64,
     /// First output minus second at the start.
     pub(crate) lag: f64,

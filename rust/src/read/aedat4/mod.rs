@@ -16,7 +16,7 @@ pub use unpack::MAX_PACKET_BYTES;
 
 use self::header::Kind;
 use self::packets::Packets;
-use super::reader::Decode;
+use super::reader::{Decode, DecoderState};
 use crate::error::{Error, Result};
 use crate::event::Event;
 
@@ -64,6 +64,14 @@ impl Decode for Aedat4Decoder {
 
     fn size(&self) -> Option<(u32, u32)> {
         self.0.header.as_ref()?.stream(Kind::Events)?.size
+    }
+
+    fn resume(&mut self, byte: usize, _state: DecoderState) -> Result<()> {
+        (self.0.place, self.0.over) = (byte, false);
+        if byte == 0 {
+            self.0.header = None;
+        }
+        Ok(())
     }
 }
 

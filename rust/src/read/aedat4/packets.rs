@@ -4,7 +4,7 @@ use super::header::{Header, Kind, MAGIC};
 use super::unpack::{above, unpack};
 use crate::error::{Error, Result};
 
-/// Compressors add less than so many bytes to what they cannot compress (LZ4: a 255th).
+/// Compressors add less than this many bytes to data that they cannot compress (LZ4: a 255th).
 const OVERHEAD: usize = 64;
 
 /// Takes bytes in any split, and hands out packet by packet.
