@@ -1,4 +1,4 @@
-//! The camera's stream: words a second, beside a copy of as many bytes as are read and written.
+//! The camera's stream: words a second, compared with a copy of as many bytes as are read and written.
 
 use std::hint::black_box;
 use std::time::Instant;

@@ -56,7 +56,7 @@ def last_frame(aps: Aps) -> FloatArray:
 
 
 def edge_places(frame: FloatArray) -> FloatArray:
-    """Where each row passes from dark to light first, right of its middle: between the two pixels around it."""
+    """The place right of its middle where each row first passes from dark to light, between two pixels."""
     middle = (frame.max() + frame.min()) / 2
     places = []
     for row in frame:

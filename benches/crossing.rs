@@ -1,4 +1,4 @@
-//! The crossing engine on moving textures, beside what memory alone would cost: pixels a second, and ratios.
+//! The crossing engine on moving textures, compared with what memory alone would cost: pixels a second, and ratios.
 
 use std::hint::black_box;
 use std::time::{Duration, Instant};
@@ -61,7 +61,7 @@ fn bare_pass(size: SensorSize, frames: &[Vec<f32>]) -> Case<'_> {
     Case { name: "bare pass over the same bytes".into(), size, pass: Box::new(pass) }
 }
 
-/// Copying 16 bytes a pixel, half read and half written: all that so many threads can do at the most.
+/// Copies 16 bytes a pixel, half read and half written: the most that `threads` threads can do.
 fn copy<'a>(name: &str, size: SensorSize, threads: usize) -> Case<'a> {
     let from = vec![1u64; size.pixels()];
     let mut to = vec![0u64; size.pixels()];

@@ -15,7 +15,7 @@ from davis_rs.events import EventArray
 
 @contextmanager
 def picture(description: str | None, *, panels: int, size: tuple[float, float]) -> Iterator[Any]:
-    """The axes (panels,) of a figure of so many inches, side by side; it is written where ``-o FILE`` asks for it."""
+    """The axes (panels,) of a figure, side by side. ``size`` is in inches. ``-o FILE`` says where it is written."""
     parser = argparse.ArgumentParser(description=description)
     parser.add_argument("-o", "--output", help="the picture")
     options = parser.parse_args()

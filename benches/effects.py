@@ -55,7 +55,7 @@ DRAWN = (
     "readout=1e6,drop_after_us=1000",
     "aps=25000",
 )
-"""Those whose difference shows in 10 ms."""
+"""The effects whose difference shows in 10 ms."""
 
 
 def run(settings: dict[str, Any], start_s: float, stop_s: float) -> tuple[float, EventArray, Any]:

@@ -22,7 +22,7 @@ def told(what: str) -> None:
 
 
 def objects(count: int) -> None:
-    """So many simulators in one process."""
+    """The number of simulators in one process."""
     scene = davis_rs.load_scene("three_planes")
     for number in range(1, count + 1):
         simulator = davis_rs.Simulator(scene.crop(0.0, 0.05), **SMALL)

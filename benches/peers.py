@@ -1,4 +1,4 @@
-"""Event files beside other programs in one run: ``python benches/peers.py EVENTS.npy [WORD ...]``.
+"""Event files compared with other programs in one run: ``python benches/peers.py EVENTS.npy [WORD ...]``.
 
 EVENTS.npy holds an array of ``davis_rs.EVENT_DTYPE``. Each row is measured in a process of its own, on one thread, the
 file in the page cache without fsync; the best of three. What is not installed (extra ``interop``) is left out.

@@ -10,7 +10,7 @@ from peers_row import SIZE, EventArray, Row, ours, packets
 
 
 def _h5py_write(path: Path, events: EventArray, **filters: Any) -> None:
-    """As most converters do it: append to resizable datasets, packet by packet."""
+    """Appends to resizable datasets, packet by packet, as most converters do."""
     import h5py
 
     with h5py.File(path, "w") as file:
@@ -61,7 +61,7 @@ def _rosbags_write(path: Path, events: EventArray) -> None:
     """Message bytes packed by NumPy."""
     from rosbags.rosbag1 import Writer
 
-    from davis_rs.formats.bag_messages import EVENTS, typestore
+    from davis_rs.formats.ros_messages import EVENTS, typestore
 
     path.unlink(missing_ok=True)
     with Writer(path) as bag:

@@ -1,4 +1,4 @@
-"""A row of the bench beside other programs, and our own ones."""
+"""A row of the bench that compares with other programs, and our own rows."""
 
 from __future__ import annotations
 

@@ -31,7 +31,7 @@ from davis_rs.trajectory.views import Views
 
 VIEWS = 16
 ROUNDS, ROUNDS_S, MOST_ROUNDS = 3, 6.0, 40
-"""At least ROUNDS, then more for so many seconds: short work too shall have a round that nobody disturbs."""
+"""At least ROUNDS, then more until ROUNDS_S have passed, so that short work also has an undisturbed round."""
 
 CASES = [
     *((scene, rays) for scene in ("three_planes", "three_walls") for rays in (8, 32)),
@@ -44,7 +44,7 @@ Job = Callable[[], object]
 
 
 def mesh(triangles: int) -> Scene:
-    """A ball of about so many triangles under a lamp, with shadows."""
+    """A ball of about ``triangles`` triangles under a lamp, with shadows."""
     rings = 1 + round((triangles / 2) ** 0.5)
 
     def source() -> dict[str, object]:

@@ -16,9 +16,21 @@ from davis_rs.rendering.baked_light import baked_scene, cache
 
 # The same examples in every run, and no time limit for one: kernels are compiled on first use. For more of them:
 # pytest --hypothesis-profile=long
-settings.register_profile("davis_rs", derandomize=True, deadline=None, max_examples=60)
+settings.register_profile("davis_rs", derandomize=True, deadline=None, max_examples=50)
 settings.register_profile("long", derandomize=True, deadline=None, max_examples=300)
 settings.load_profile("davis_rs")
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--long", action="store_true", help="run tests marked long, too")
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Without ``--long``, tests marked long are skipped: others test the same promise in a cheaper way."""
+    if not config.getoption("long"):
+        for item in items:
+            if item.get_closest_marker("long") is not None:
+                item.add_marker(pytest.mark.skip(reason="long: run with --long"))
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -39,9 +51,11 @@ def llvm() -> str:
 
 @pytest.fixture(scope="session", autouse=True)
 def baked_light_kept_apart(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Light is baked once in a run of the tests, and not taken from the user's own cache."""
+    """Light is baked once in a run of the tests, by whichever worker, and not taken from the user's own cache."""
     before = os.environ.get("DAVIS_RS_CACHE_DIR")
-    os.environ["DAVIS_RS_CACHE_DIR"] = str(tmp_path_factory.mktemp("baked_light"))
+    base = tmp_path_factory.getbasetemp()
+    shared = base.parent if "PYTEST_XDIST_WORKER" in os.environ else base
+    os.environ["DAVIS_RS_CACHE_DIR"] = str(shared / "baked_light")
     yield
     if before is None:
         del os.environ["DAVIS_RS_CACHE_DIR"]

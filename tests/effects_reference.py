@@ -22,7 +22,7 @@ Corner = Callable[[float, float], Any]
 """The corner frequency in Hz of an interval, by log intensity at both its ends."""
 
 FIRST = 1e-6
-"""Within so many microseconds of a tick a crossing may have that tick or the next, or the one before."""
+"""A crossing within this many microseconds of a tick may be stamped with that tick, the next or the one before."""
 
 _mp = mpmath.MPContext()
 _mp.dps = 40

@@ -21,7 +21,7 @@ from reference import LogFrame
 _RANDOM_EXAMPLES = os.environ.get("DAVIS_RS_EXAMPLES")
 
 EXAMPLES = settings(
-    max_examples=int(_RANDOM_EXAMPLES or 200),
+    max_examples=int(_RANDOM_EXAMPLES or 100),
     derandomize=_RANDOM_EXAMPLES is None,
     database=None,
     deadline=None,
@@ -60,7 +60,7 @@ class Sequence:
 
 
 def nudged(value: float, ulps: int) -> float:
-    """``value`` moved by so many floats up or down."""
+    """``value`` moved by ``ulps`` floats up or down."""
     for _ in range(abs(ulps)):
         value = math.nextafter(value, math.copysign(math.inf, ulps))
     return value

@@ -131,7 +131,7 @@ def test_a_body_that_stands_still_is_baked_once(folder: Path) -> None:
 def test_the_same_bits_with_and_without_cache(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """And after a bake that was stopped; another motion is another bake."""
+    """A cached bake is used, also after one that was stopped. Another motion is baked anew."""
     scene = crossing()
     views = at(scene, np.array([0.0, 0.11, 0.4]))
     first = build(scene, 0.2).luma(views)
@@ -183,6 +183,7 @@ def test_a_lamp_that_moves_takes_its_light_with_it() -> None:
     assert seen.max((1, 2)) == pytest.approx([3.0, 3.0, 3.0], rel=1e-5)
 
 
+@pytest.mark.long
 def test_what_baking_saves_and_errs_with_bodies_that_move(folder: Path) -> None:
     scene = crossing()
     line = light_cost(build(scene, 0.2), scene)

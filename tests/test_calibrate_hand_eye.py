@@ -44,7 +44,7 @@ from davis_rs.trajectory.sample_noise import pose_noise
 FloatArray = npt.NDArray[np.float64]
 
 X = transform(rotation_of([1.2, -1.1, 1.3]), [0.05, -0.03, 0.08])
-"""T_hand_camera: a camera that looks along the body's x, beside its origin."""
+"""T_hand_camera: a camera that looks along the body's x, away from its origin."""
 
 
 @lru_cache

@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -211,6 +212,30 @@ def test_ctrl_c_while_it_imports_prints_no_traceback() -> None:
         _, told = process.communicate(timeout=60)
         assert "Traceback" not in told
         assert process.returncode in (130, -signal.SIGINT, 1)
+
+
+def test_ctrl_c_in_a_finaliser_is_not_lost(run_python: Callable[..., str]) -> None:
+    """Python only prints what a finaliser raises; the command must end all the same, and print nothing of it."""
+    program = """
+import os, signal, sys, time
+from davis_rs.cli import main as cli
+
+class Finalised:
+    def __del__(self):
+        os.kill(os.getpid(), signal.SIGINT)
+        time.sleep(0.2)
+
+def run(arguments, options):
+    Finalised()
+    time.sleep(30)
+    return 0
+
+main = sys.modules["davis_rs.cli.main"]
+main._run = run
+sys.stderr = sys.stdout
+print(main.main([]))
+"""
+    assert run_python(program) == "130\n"
 
 
 def test_a_signal_at_the_very_start_leaves_a_dataset_that_holds(tmp_path: Path) -> None:

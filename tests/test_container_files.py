@@ -29,7 +29,14 @@ pytest.importorskip("hdf5plugin")
 pytest.importorskip("pyarrow")
 pytest.importorskip("rosbags")
 
-FILES = {"dsec": "e.h5", "e2vid": "e.h5", "parquet": "e.parquet", "bag": "e.bag"}
+FILES = {
+    "dsec": "e.h5",
+    "e2vid": "e.h5",
+    "mvsec": "e.h5",
+    "parquet": "e.parquet",
+    "bag": "e.bag",
+    "ros2": "e.mcap",
+}
 
 every_format = pytest.mark.parametrize("name", sorted(FILES))
 
@@ -83,7 +90,7 @@ def test_what_is_written_is_read(
     with open_reader(path) as reader:
         assert reader.format == name
         # A bag says its size with its first events.
-        assert reader.size == (SIZE if name != "bag" or len(events) else None)
+        assert reader.size == (SIZE if name not in ("bag", "ros2") or len(events) else None)
         assert_same(reader.read(), events)
 
 
@@ -180,7 +187,9 @@ def test_a_bad_event_is_refused_with_its_whole_packet(
         ("dsec", 0, 2**32),
         ("dsec", 2**32 + 1234, 2**33 + 704),
         ("e2vid", 0, 2**31 * 1_000_000),
+        ("mvsec", 0, 2**31 * 1_000_000),
         ("bag", 0, 2**32 * 1_000_000),
+        ("ros2", 0, 2**31 * 1_000_000),
     ],
 )
 def test_times_that_a_format_cannot_hold_are_refused(tmp_path: Path, name: str, first: int, beyond: int) -> None:
@@ -277,7 +286,7 @@ def test_a_killed_writer_leaves_all_that_was_flushed(tmp_path: Path, name: str, 
 
 
 def test_a_killed_parquet_writer_leaves_the_path_as_it_was(tmp_path: Path) -> None:
-    """Parquet has no readable beginning: it is written beside the path, which never holds half a file."""
+    """Parquet has no readable beginning, so it is written next to the path, which never holds half a file."""
     path = tmp_path / "e.parquet"
     write(path, "parquet", many(10))
     writer = open_writer(path, SIZE, overwrite=True)
@@ -298,7 +307,7 @@ def write_and_flush(writer: EventWriter, events: EventArray, flushed: list[int])
         flushed.append(start + 10_000)
 
 
-@pytest.mark.parametrize("name", ["dsec", "e2vid", "bag"])
+@pytest.mark.parametrize("name", ["dsec", "e2vid", "mvsec", "bag", "ros2"])
 def test_a_full_disk_is_told_and_loses_nothing(small_disk: Path, name: str) -> None:
     """OSError with ENOSPC from the call that meets it; what was flushed before reads back; nothing more is taken."""
     events, path = many(1_000_000), small_disk / FILES[name]
@@ -342,7 +351,7 @@ def test_a_writer_that_was_left_in_an_error_keeps_what_it_has(tmp_path: Path, na
     assert len(read_events(path)) == 10
 
 
-def test_all_four_are_formats() -> None:
+def test_all_are_formats() -> None:
     """They are found by name, and by suffix where it is theirs alone."""
     assert set(FILES) <= set(FORMATS)
 

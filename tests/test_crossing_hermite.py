@@ -121,7 +121,7 @@ KNOTS = st.lists(st.tuples(NUMBERS, SLOPES), min_size=2, max_size=4)
 @settings(max_examples=100)
 @given(KNOTS, st.sampled_from([1, 7, 1000, 50_000, 10_000_000]))
 def test_events_are_those_of_the_exact_cubics(samples: list[tuple[float, float]], ticks: int) -> None:
-    """Counts and polarities agree, and stamps to the tick, or one beside it where the root all but lies on it."""
+    """Counts and polarities agree, and stamps to the tick, or to its neighbour where the root nearly lies on one."""
     knots = [Knot(log, slope / (ticks * 1e-6)) for log, slope in samples]
     expected, closest = oracle(knots, ticks)
     assume(closest > 1e-12)  # at a tangency either count may come

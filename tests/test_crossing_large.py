@@ -33,7 +33,7 @@ def test_few_events_over_a_large_sensor_are_the_oracles(threads: int) -> None:
 
 @pytest.mark.parametrize("few", [0, 1, 255, 256, 257, 1024])
 def test_a_batch_of_any_size_has_room_for_a_tile_of_events(few: int) -> None:
-    """So many events among the first 1024 pixels, then one in every pixel: all of them, at their pixels."""
+    """Many events among the first 1024 pixels, then one in every pixel: all of them come, at their pixels."""
     engine = CrossingEngine(1024, 3, contrast_threshold=0.25, threads=1)
     engine.push_log(0, np.zeros((3, 1024)))
     frame = np.full((3, 1024), 0.3)

@@ -104,7 +104,8 @@ def test_memory_that_does_not_suffice_is_an_error() -> None:
     assert run.returncode == 0, run.stderr
     first, second, third = run.stdout.splitlines()
     assert first.startswith("ValueError the frame at 1000000 us would make about 149")
-    assert second.startswith("MemoryError there is no memory for the about 99")
+    assert second.startswith("MemoryError there is not enough memory for the events")
+    assert "makes: about 99" in second
     assert third == "3454"
 
 

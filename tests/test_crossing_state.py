@@ -163,7 +163,7 @@ def test_luma_and_log_intensity_do_not_mix() -> None:
     """An engine keeps the samples it was fed with."""
     engine = new()
     engine.push(0, walk(1)[0])
-    with pytest.raises(ValueError, match="has been fed otherwise: it cannot take log intensity"):
+    with pytest.raises(ValueError, match="was of another kind: it cannot take log intensity"):
         engine.push_log(1000, np.zeros(SHAPE))
 
 

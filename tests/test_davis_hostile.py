@@ -221,7 +221,7 @@ REGISTERS = sorted(VirtualDavis(paced(b"")).registers)
 NUMBERS = st.one_of(st.sampled_from([0, 1, 2, 7, 4096, 4097, 2**31, 2**32 - 1]), st.integers(0, 2**32 - 1))
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=150, deadline=None)
 @given(st.dictionaries(st.sampled_from(REGISTERS), NUMBERS, min_size=1, max_size=4))
 def test_registers_that_say_anything(changes: dict[Register, int]) -> None:
     """A camera is opened, or refused by an OSError; never anything else."""
@@ -231,7 +231,7 @@ def test_registers_that_say_anything(changes: dict[Register, int]) -> None:
         assert davis.description.device.width >= 1
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=150, deadline=None)
 @given(st.data())
 def test_replies_that_say_anything(data: st.DataObject) -> None:
     """Any reply to any request, shortened or of other bytes."""

@@ -375,10 +375,10 @@ def test_the_documents_snippets_run(mi: Any, monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.syspath_prepend(EXAMPLES)
     text = (EXAMPLES.parent / "docs" / "differentiable.md").read_text()
     snippets = re.findall(r"```python\n(.*?)```", text, re.S)
-    assert len(snippets) == 2
+    assert len(snippets) == 3
     names: dict[str, Any] = {"__name__": "differentiable"}
     for snippet in snippets:
         exec(compile(snippet, "differentiable.md", "exec"), names)
-    # The figures beside the last one: nearly all pixels are right, and the frame's edges are far off.
+    # The figures in front of the last one: nearly all pixels are right, and the frame's edges are far off.
     assert names["median"] < 1e-3
     assert 0.2 < names["whole"] < 0.7

@@ -41,7 +41,7 @@ SHORTENED = {
     "simulate": SHORT_RUN,
     "sequence": "--start 1 --duration 0.1 --samples 1",  # at its start the camera rests
     "record": "--duration 0.02",
-    "plan": "--duration 0.05",
+    "plan": "--duration 0.02",
     "sequences-sheet": "shapes_rotation",
 }
 """What is added to a command to make it short, by its name."""
@@ -50,6 +50,7 @@ RUN_INSTEAD = {
     "davis-rs simulate three_walls -o walls": "davis-rs simulate three_walls -o walls "
     "--start 0.6 --duration 0.02 --samples 1",
     "davis-rs view walls --time 0.6": "davis-rs view walls --time 0.01",
+    "davis-rs view walls --html out.html --time 0.6": "davis-rs view DIR --html out.html --time 0.01",
     "davis-rs simulate checkerboard -o DIR --imu mpu6150 --frame-rate 20 --depth-rate 0": "davis-rs simulate "
     "checkerboard -o DIR --imu mpu6150 --frame-rate 10 --depth-rate 0 --duration 3 --max-displacement 4 --samples 2",
     "davis-rs generate example.yaml -o data --quiet": "davis-rs generate PLAN.yaml -o data --quiet",
@@ -57,6 +58,8 @@ RUN_INSTEAD = {
 """Commands that are shortened in another way, and what is run in their place."""
 
 NOT_RUN = {
+    "davis-rs view DIR --rerun out.rrd": "needs Rerun's SDK; tests/test_view_rerun.py runs it where it is installed",
+    "davis-rs view DIR --rerun": "starts a viewer",
     "davis-rs generate PLAN.yaml -o ROOT --cluster tcp://HOST:8786": "needs a Dask scheduler",
     "davis-rs devices": "needs libusb, and tells what is plugged in",
     "davis-rs simulate mesh.obj -o DIR": "needs a mesh; tests/test_own_scene_page.py makes one",
@@ -82,6 +85,9 @@ NOT_RUN_PYTHON = {
 }
 """Python blocks with this in them are compiled and their names of davis_rs looked up; why they are not run."""
 
+OPTIONAL = ("torch", "tonic")
+"""Libraries that the tests' extra does not bring; blocks with one of them run where it is installed."""
+
 OWN_INTERPRETER = ("__main__", "set_variant")
 """Python blocks with this in them are programs of their own: they start workers, or change Mitsuba for all."""
 
@@ -102,7 +108,7 @@ PLACEHOLDERS = {
 
 PROGRAMS = ("davis-rs", "python", "python3", "pip", "pytest", "cargo", "git")
 
-OPTIONS_OF_OTHERS = {"--picture-only", "--target", "--first", "--mutants", "--seed"}
+OPTIONS_OF_OTHERS = {"--picture-only", "--target", "--first", "--mutants", "--seed", "--shared"}
 """Options in running text that are of other programs."""
 
 
@@ -305,7 +311,10 @@ def test_other_commands_name_what_there_is() -> None:
 
 @pytest.mark.parametrize("snippet", PYTHON, ids=lambda one: one.where)
 def test_python_blocks_run_by_themselves(snippet: Snippet, folder: Path, request: pytest.FixtureRequest) -> None:
-    """With their own imports alone, in an interpreter of their own where it matters; the folder has a PLAN.yaml."""
+    """Each block runs with its own imports alone, in its own interpreter where needed. The folder has a PLAN.yaml."""
+    for library in OPTIONAL:
+        if library in snippet.text:
+            pytest.importorskip(library)
     tree = ast.parse(snippet.text, snippet.where)
     for node in ast.walk(tree):
         if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("davis_rs"):

@@ -288,7 +288,7 @@ QUIET = {"read_noise_dn": 0.0, "bits": None, "full_scale_luma": None}
 
 
 def frames_of(aps: Aps, level: float, count: int, *, size: tuple[int, int] = SIZE, seed: int = 3) -> Any:
-    """So many frames of an even grey, in DN."""
+    """Frames of an even grey, in DN."""
     grey = np.full(size, level)
     return np.stack([aps.read_out(grey, frame=k, seed=seed) for k in range(count)]).astype(np.float64) * 1023
 

@@ -297,7 +297,7 @@ def test_zero_light_is_slow_and_nothing_worse() -> None:
 
 
 def test_a_corner_in_the_deepest_dark_is_proportional_still() -> None:
-    """At irradiance 1e-16, which log_eps allows: e^L loses no digits where it is small beside 1."""
+    """At irradiance 1e-16, which log_eps allows: e^L loses no digits where it is small compared with 1."""
     low, high = -37.0, -36.5
     hz = 1e3 * math.exp(-high)
     engine = CrossingEngine(1, 1, contrast_threshold=0.1, log_eps=1e-30, effects=behind(hz))

@@ -44,7 +44,7 @@ BRIEF_HZ = 1e7
 
 
 def shot(rate_hz: float, half_luma: float = ANY_LIGHT, bandwidth_hz: float = BRIEF_HZ, c: float = SILENT) -> Effects:
-    """Noise of the rms that makes so many events a second at a threshold where it is the same in any light."""
+    """Noise whose rms makes ``rate_hz`` events a second at threshold ``c`` where light does not change it."""
     rms = ShotNoise.of_rate(rate_hz, c, half_luma=ANY_LIGHT, bandwidth_hz=bandwidth_hz).rms
     return Effects(shot_noise_rms=ShotNoise(rms, half_luma, bandwidth_hz))
 

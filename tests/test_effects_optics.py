@@ -103,7 +103,7 @@ def test_a_point_becomes_a_gaussian_spot(sigma_px: float) -> None:
         assert (k**2 * line).sum() == pytest.approx(sigma_px**2, rel=1e-5)
         seen = line > 0
         np.testing.assert_allclose(line[size // 2 + k[seen]], line[size // 2 - k[seen]], rtol=1e-6)
-        # Rounding is least beside the far ones' logarithms.
+        # Rounding is smallest compared with the logarithms of the far ones.
         log = np.log(line[seen] / line[k == 0])
         curve = log[-1] / k[seen][-1] ** 2
         np.testing.assert_allclose(log, curve * k[seen] ** 2, rtol=1e-6, atol=1e-6)

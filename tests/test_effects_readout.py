@@ -268,7 +268,7 @@ def test_an_engine_without_a_bus_holds_nothing_back() -> None:
 
 
 def most_bursts(events: EventArray, window_us: int) -> int:
-    """Rows of one stamp, at most, in a window of so many microseconds."""
+    """The most bursts (rows of one stamp) in any window of ``window_us``."""
     bursts = np.unique(events[["t", "y"]])["t"].astype(np.int64)
     return int((np.searchsorted(bursts, bursts + window_us) - np.arange(len(bursts))).max())
 

@@ -204,6 +204,19 @@ def test_a_sensor_brings_back_nothing_that_the_plan_left_out() -> None:
     assert not left_out & {effect.name for effect in effects}
 
 
+def test_effects_that_are_all_off_are_not_none_given() -> None:
+    """Over a sensor they switch its effects off, in a simulator, in a run and in a plan."""
+    sensor = SENSORS["davis240c"]
+    off = Effects().without(effect.name for effect in sensor.effects(1.0))
+    assert not off
+    assert not Simulator(planes(0.05), sensor=sensor, effects=off).effects
+    assert plan_effects(planes(0.05), sensor=sensor, effects=off).items == ()
+    settings: dict[str, Any] = {"frame_rate_hz": 0, "depth_rate_hz": 0}
+    runs = [simulate(planes(0.05), sensor=sensor, effects=effects, **settings) for effects in (off, None)]
+    counts = [sum(len(packet.events) for packet in run) for run in runs]
+    assert counts[0] != counts[1]
+
+
 def test_auto_is_refused_with_the_name_of_what_resolves_it() -> None:
     """A simulator may step along a path that nobody knows yet: it cannot plan."""
     not_planned: Any = "auto"
@@ -307,7 +320,7 @@ def test_states_of_effects_that_no_engine_can_be_in_are_refused(change: dict[str
         ({"waiting": ("x", 3)}, "events of the sensor"),
         ({"waiting": ("t", 2001)}, "waiting events until then"),
         ({"stamped": ("t", 2000)}, "stamps after that"),
-        (None, "a readout where its effects have one"),
+        (None, "a readout if its effects have one, and only then"),
     ],
 )
 def test_states_of_a_readout_that_no_engine_can_be_in_are_refused(change: dict[str, Any] | None, rule: str) -> None:

@@ -47,7 +47,7 @@ def read_what_is_left(path: Path) -> EventArray:
 @pytest.mark.parametrize("delay_ms", [0, 3, 17, 60])
 def test_a_killed_writer_leaves_every_packet_that_was_written(tmp_path: Path, kind: Kind, delay_ms: int) -> None:
     """kill -9 at any moment, without a flush: all packets whose write() had returned read back, bit by bit. A .npz is
-    written beside its path, where nothing is until it is finished."""
+    written next to its path, where nothing is until it is finished."""
     events, path = many(500_000), tmp_path / kind.file
     np.save(tmp_path / "events.npy", events)
     command = [sys.executable, "-c", KILLED, str(path), kind.name, str(tmp_path / "events.npy"), repr(kind.options)]
@@ -191,7 +191,7 @@ def test_a_pipe_is_written_to_and_told_when_closed(tmp_path: Path, kind: Kind) -
 def test_what_cannot_be_gone_back_in_is_refused_where_it_must_be(name: str) -> None:
     """NumPy's formats tell the number of events at their beginning."""
     read_end, write_end = os.pipe()
-    with os.fdopen(write_end, "wb") as pipe, pytest.raises(ValueError, match="cannot be gone back in"):
+    with os.fdopen(write_end, "wb") as pipe, pytest.raises(ValueError, match="is not seekable"):
         open_writer(pipe, SIZE, name)
     os.close(read_end)
 
@@ -245,7 +245,7 @@ def test_a_finished_writer_takes_no_more(tmp_path: Path, kind: Kind, operation: 
 
 
 class Full:
-    """A stream that takes so many bytes."""
+    """A stream that has room for ``room`` bytes."""
 
     def __init__(self, room: int) -> None:
         self.room = room

@@ -140,7 +140,7 @@ def test_a_lens_shades_and_blurs_what_the_pixels_see() -> None:
 
 
 def test_frames_are_read_as_they_are_needed() -> None:
-    """An endless generator; only so many frames are read ahead, however slowly events are taken."""
+    """Of an endless generator only a few frames are read ahead, however slowly events are taken."""
     read = 0
 
     def endless() -> Iterator[npt.NDArray[np.uint8]]:

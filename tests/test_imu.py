@@ -133,10 +133,10 @@ class TestIdeal:
         imu_path = SampledTrajectory(
             t, p + turn.apply(mounting.lever_arm), (turn * Rotation.from_matrix(mounting.rotation).inv()).as_quat()
         )
-        beside, own = simulate_imu(camera, Imu(mounting=mounting)), simulate_imu(imu_path)
+        mounted, own = simulate_imu(camera, Imu(mounting=mounting)), simulate_imu(imu_path)
         middle = slice(50, -50)  # the ends of a quintic spline are its weak part
-        assert np.allclose(beside["accel"][middle], own["accel"][middle], atol=1e-5)
-        assert np.allclose(beside["gyro"][middle], own["gyro"][middle], atol=1e-7)
+        assert np.allclose(mounted["accel"][middle], own["accel"][middle], atol=1e-5)
+        assert np.allclose(mounted["gyro"][middle], own["gyro"][middle], atol=1e-7)
 
 
 class TestMounting:
@@ -219,7 +219,7 @@ class TestNoise:
                 assert n.min() > 100
 
     def test_axes_are_independent_and_unbiased(self) -> None:
-        """No axis knows of another, and the mean is that of so many draws."""
+        """Axes are uncorrelated, and the mean is as near to 0 as the number of draws lets expect."""
         values = ImuNoise(1.0, 1.0, 0.0, 0.0).draw(100_000, 1.0, seed=0)
         assert np.abs(np.corrcoef(values.T) - np.eye(6)).max() < 5 / np.sqrt(100_000)
         assert np.abs(values.mean(0)).max() < 5 / np.sqrt(100_000)

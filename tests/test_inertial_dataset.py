@@ -44,7 +44,7 @@ def packet(start_us: int, end_us: int) -> Packet:
 
 
 def test_samples_are_read_back_bit_by_bit(tmp_path: Path) -> None:
-    """imu.txt holds `timestamp ax ay az gx gy gz` with exact numbers; the files of Kalibr stand beside it."""
+    """imu.txt holds `timestamp ax ay az gx gy gz` with exact numbers; the files of Kalibr are next to it."""
     with DatasetWriter(tmp_path / "out", CAMERA, imu=Imu.mpu6150()) as writer:
         writer.write(packet(0, 0), imu=samples(0))
         writer.write(packet(0, 2500), imu=samples(1000, 2000))

@@ -35,7 +35,7 @@ def test_slopes_of_parabolas_are_exact(gaps: list[int], start_us: int, coefficie
     found = np.array([slope(t_us.tolist(), list(frames), k)[0, 0] for k in range(len(t_us))])
     expected = b + 2 * c * t
     expected[0], expected[-1] = np.diff(values)[0] / np.diff(t)[0], np.diff(values)[-1] / np.diff(t)[-1]
-    # Rounding of the values, over the shorter of the two gaps beside each instant.
+    # Rounding of the values, over the shorter of the two gaps next to each instant.
     gap = np.array(gaps) / 40_000
     rounding = 3e-7 * np.abs(values).max() / np.minimum(np.append(gap, gap[-1]), np.insert(gap, 0, gap[0]))
     assert np.all(np.abs(found / 25.0 - expected) <= rounding + 1e-6 * (1 + np.abs(expected)))

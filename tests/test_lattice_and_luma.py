@@ -95,7 +95,7 @@ def test_blur_is_the_gaussian_of_the_datasets_simulator(luma: LumaFrames) -> Non
 
 @given(luma=frames)
 def test_blur_of_a_frame_knows_no_other(luma: LumaFrames) -> None:
-    """A frame's blur has the same bits alone and beside others, and the input is left as it was."""
+    """A frame's blur has the same bits alone and together with others, and the input is not changed."""
     before = luma.copy()
     together = blur_3x3(luma)
     for index in range(len(luma)):

@@ -187,7 +187,7 @@ def test_frames_are_scaled(kind: str, request: pytest.FixtureRequest) -> None:
 
 @KINDS
 def test_of_two_lights_one_flickers(kind: str, request: pytest.FixtureRequest) -> None:
-    """Light adds up: a steady sun and sky beside a lamp, or a lamp beside a dimmed sky, background and all."""
+    """Light adds up, background included: a steady sun and sky plus a lamp, or a lamp plus a dimmed sky."""
     t_s = np.array([0.002, 0.008])
     up = Pose([0.0, 0.0, 1.0], [0.0, 0.0, 0.0, 1.0])
     for name, profile in (("lamp", PROFILES[0]), ("sun", PROFILES[2]), ("sky", PROFILES[3])):

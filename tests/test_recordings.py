@@ -156,7 +156,7 @@ def test_aedat2_scales(folder: Path) -> None:
 
 
 def test_aedat2_incomplete_samples(folder: Path) -> None:
-    """A sample is seven words beside each other, in order; the last may be cut off."""
+    """A sample is seven consecutive words in order; the last sample may be cut off."""
     good = [(word, 9) for word in aedat2_imu(range(7))]
     event = (aedat2_event(1, 2, 1), 9)
     broken = [*good[:3], event, *good[3:], *good[1:], good[0], good[0], good[6]]

@@ -153,7 +153,7 @@ SOUPS = st.builds(
 )
 
 
-@settings(max_examples=150)
+@settings(max_examples=50)
 @given(corners=SOUPS, far=st.sampled_from([0.0, 0.0, 1e5]))
 def test_every_ray_sees_what_it_must(corners: FloatArray, far: float) -> None:
     """Among any triangles, behind the camera too and 100 km from the origin: of all rays but those within 1e-4 px of an
@@ -182,7 +182,7 @@ def test_every_ray_sees_what_it_must(corners: FloatArray, far: float) -> None:
     assert (triangles[clear] == np.where(hits.triangle < 0, 2**32 - 1, hits.triangle)[clear]).all()
 
 
-@settings(max_examples=60)
+@settings(max_examples=30)
 @given(corners=SOUPS, kind=st.sampled_from(["point", "directional"]), seed=st.integers(0, 2**31))
 def test_every_ray_has_the_light_that_it_must(corners: FloatArray, kind: str, seed: int) -> None:
     """Lambert's law and shadows by the written rule, from a float64 ray caster, of all rays but those near an edge, or
@@ -258,7 +258,7 @@ def in_other_units(table: SceneTable, scale: float) -> SceneTable:
     return other
 
 
-@pytest.mark.parametrize("scale", [1e-4, 1e-2, 7.0, 1e3, 1e5])
+@pytest.mark.parametrize("scale", [1e-4, 7.0, 1e5])
 def test_a_scene_in_other_units_looks_the_same(scale: float) -> None:
     """A room with lamps, shadows and textures, scaled: to float32 the same luma, but at edges of shadows; where a fixed
     length stood in a rule, shadows would move or vanish."""
@@ -291,26 +291,26 @@ def test_scenes_are_those_of_the_table_kernel(name: str) -> None:
     assert found.rounding <= 1e-4 * found.pixels
 
 
-@pytest.mark.parametrize("name", ["three_planes", "boxes_6dof", "dynamic_6dof"])
+@pytest.mark.parametrize("name", ["three_planes", pytest.param("boxes_6dof", marks=pytest.mark.long), "dynamic_6dof"])
 def test_the_same_view_has_the_same_bits(name: str) -> None:
     """Luma, rates, depth and single pixels: in any batch, after others, on one, two and three threads."""
     scene = SEQUENCES[name].scene() if name in SEQUENCES else load_scene(name)
     camera = Camera(61, 43, 60.0, 55.0, 30.0, 20.0, k1=-0.1)
     table, motion = tables(scene), make_renderer(scene, camera, kind="native").motion
     make = partial(NativeRenderer, table, camera, samples=5, blur=False, motion=motion)
-    views = Views.along(scene.path, np.linspace(0.1, 0.9 * scene.path.duration_s, 9))
+    views = Views.along(scene.path, np.linspace(0.1, 0.9 * scene.path.duration_s, 5))
     first = make(threads=1)
     luma, rate = first.luma_and_rate(views)
     depth = first.depth(views)
     assert np.array_equal(luma, first.luma(views))
     for threads in (1, 2, 3):
         renderer = make(threads=threads)
-        for part in (slice(0, 9), slice(4, 5), slice(2, 8)):
+        for part in (slice(0, 5), slice(2, 3), slice(1, 4)):
             assert np.array_equal(renderer.luma(views[part]), luma[part])
             assert np.array_equal(renderer.luma_and_rate(views[part])[1], rate[part])
             assert np.array_equal(renderer.depth(views[part]), depth[part])
-        view, pixel = (np.random.RandomState(threads).randint(0, n, 3000) for n in (9, 61 * 43))
-        assert np.array_equal(renderer.samples(views, view, pixel), luma.reshape(9, -1)[view, pixel])
+        view, pixel = (np.random.RandomState(threads).randint(0, n, 3000) for n in (5, 61 * 43))
+        assert np.array_equal(renderer.samples(views, view, pixel), luma.reshape(5, -1)[view, pixel])
 
 
 def test_threads_and_arrays_are_checked() -> None:
@@ -324,7 +324,7 @@ def test_threads_and_arrays_are_checked() -> None:
         soup.core().luma(pixel_rays(), (*soup.view()[:4], np.ones(2), np.ones(1)))
     with pytest.raises(ValueError, match="pixel 627 of view 0: there are 627 of 1"):
         soup.core().samples(pixel_rays(), soup.view(), np.array([0]), np.array([627]))
-    with pytest.raises(ValueError, match="what a ray hits is asked of one ray a pixel, got 2"):
+    with pytest.raises(ValueError, match="triangle hits need exactly one ray a pixel, got 2"):
         soup.core().depth(pixel_rays(np.stack([RAYS, RAYS]), rays=2), soup.view())
 
 

@@ -174,7 +174,7 @@ def test_rate_is_the_slope_of_luma(kind: str, name: str, motion: str, samples: i
 @pytest.mark.usefixtures("llvm")
 @TABLES
 def test_rates_have_the_same_bits_in_any_batch(kind: str, tmp_path: Path) -> None:
-    """A view's luma and rate do not depend on the views beside it; blur acts on rates as on frames."""
+    """A view's luma and rate do not depend on the other views; blur acts on rates as on frames."""
     sharp, soft = (
         build("textures of three wrap modes", tmp_path, samples=3, blur=blur, kind=kind) for blur in (False, True)
     )

@@ -167,7 +167,7 @@ def write_scene(folder: Path, sensor: str = SENSOR) -> Path:
 def test_a_scene_file_and_its_own_sensor(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """From an XML scene's sensor the camera starts upright: an object up and to the right appears up and to the right.
 
-    The scene's mesh is found beside the XML file, from any working directory.
+    The scene's mesh is found next to the XML file, from any working directory.
     """
     path = write_scene(tmp_path)
     monkeypatch.chdir("/")

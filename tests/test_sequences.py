@@ -104,7 +104,7 @@ def test_the_counts_on_record_are_of_these_scenes(name: str) -> None:
 
 
 @pytest.mark.usefixtures("llvm")
-@pytest.mark.parametrize("name", ["simulation_3planes", "slider_depth"])
+@pytest.mark.parametrize("name", ["simulation_3planes", pytest.param("slider_depth", marks=pytest.mark.long)])
 def test_the_counts_on_record_are_those_of_the_sequences(name: str) -> None:
     """Counted again, to the last bits that processors may differ in."""
     assert count_events(SEQUENCES[name]).events == pytest.approx(read_counts()[name].events, rel=1e-3)

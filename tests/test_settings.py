@@ -113,6 +113,7 @@ VALUES: dict[str, tuple[str, Any]] = {
     "custom_effects": ("math:pi", ["math:pi"]),
     "flow_png": ("dsec", "dsec"),
     "event_truth": ("npz", "npz"),
+    "events_format": ("aedat4", "aedat4"),
 }
 
 
@@ -142,7 +143,7 @@ def test_every_setting_has_an_option_and_a_key(name: str, monkeypatch: pytest.Mo
 
 def test_a_plan_has_no_keys_but_those_of_settings_scene_and_path() -> None:
     """A key that nothing declares could come to nothing."""
-    assert KEYS.keys() == {"scene", "up", "scale", "motion", "start", "duration", *SETTINGS}
+    assert KEYS.keys() == {"scene", "up", "scale", "motion", "start", "start_pose", "duration", *SETTINGS}
     assert {setting.name for setting in SETTINGS.values()} <= {*NAMES}
 
 

@@ -117,7 +117,7 @@ def test_data_come_in_real_time() -> None:
 
 
 def test_unplugged_means_gone() -> None:
-    """After so many bytes, or by hand; every request then fails."""
+    """The camera is unplugged after ``unplug_after`` bytes, or by hand. Every request then fails."""
     camera = VirtualDavis(paced(WORDS), unplug_after=70)
     start(camera)
     assert camera.read(1000, 1) == WORDS[:70]

@@ -1,5 +1,5 @@
-//! What `instructions.py` counts the instructions of: an ideal engine over so many frames of one kind, or a decoder over
-//! so many repetitions of a stream.
+//! The program whose instructions `instructions.py` counts: an ideal engine that takes a number of frames of one kind, or
+//! a decoder that takes a stream a number of times.
 
 use davis_rs::aer::{Chip, Decoded, Decoder, Device, Encoder, Frame as ApsFrame, Region};
 use davis_rs::{CrossingEngine, CrossingParameters, Event, Frame, Interpolation, SensorSize};

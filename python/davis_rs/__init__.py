@@ -29,6 +29,8 @@ if TYPE_CHECKING:
     from .imu import Imu, simulate_imu
     from .inspection.check import check_dataset
     from .inspection.figure import view
+    from .inspection.html_page import HtmlPage, view_html
+    from .inspection.rerun_recording import RerunRecording, view_rerun
     from .inspection.video import make_video
     from .monte_carlo_noise import NoiseEstimate, NoiseWarning, estimate_noise
     from .motion_capture import MocapClock, MocapNoise, MotionCapture
@@ -56,6 +58,8 @@ if TYPE_CHECKING:
     from .usb.description import DavisDescription
     from .usb.raw_file import RawRecording, RawWriter
     from .usb.settings import DavisSettings
+    from .windows.event_windows import EventWindows
+    from .windows.window import EventWindow
 
 _MODULES = {
     "ACCURACY": "sampling.presets",
@@ -84,6 +88,8 @@ _MODULES = {
     "EventComparison": "event_matching",
     "EventReader": "formats",
     "EventTruth": "ground_truth",
+    "EventWindow": "windows.window",
+    "EventWindows": "windows.event_windows",
     "EventWriter": "formats",
     "FixedRate": "sampling.rules",
     "Flicker": "scene.light_profile",
@@ -93,6 +99,7 @@ _MODULES = {
     "GroundTruth": "pose",
     "IMU_COUNTS_DTYPE": "decoded",
     "IMU_DTYPE": "decoded",
+    "HtmlPage": "inspection.html_page",
     "Imu": "imu",
     "LightProfile": "scene.light_profile",
     "MaxDisplacement": "sampling.rules",
@@ -109,6 +116,7 @@ _MODULES = {
     "Recording": "recordings",
     "RecordingWarning": "recordings",
     "SENSORS": "sensors",
+    "RerunRecording": "inspection.rerun_recording",
     "SampledProfile": "scene.light_profile",
     "SampledTrajectory": "trajectory.sampled_trajectory",
     "Scene": "scene.scene",
@@ -165,6 +173,8 @@ _MODULES = {
     "to_structured": "dtypes",
     "to_tonic": "dtypes",
     "view": "inspection.figure",
+    "view_html": "inspection.html_page",
+    "view_rerun": "inspection.rerun_recording",
     "waypoint_trajectory": "trajectory.waypoints",
     "write_trajectory": "dataset.write_trajectory",
 }
@@ -201,6 +211,8 @@ __all__ = [
     "EventComparison",
     "EventReader",
     "EventTruth",
+    "EventWindow",
+    "EventWindows",
     "EventWriter",
     "FixedRate",
     "Flicker",
@@ -208,6 +220,7 @@ __all__ = [
     "FrameSource",
     "FramesReport",
     "GroundTruth",
+    "HtmlPage",
     "Imu",
     "LightProfile",
     "MaxDisplacement",
@@ -223,6 +236,7 @@ __all__ = [
     "RawWriter",
     "Recording",
     "RecordingWarning",
+    "RerunRecording",
     "SampledProfile",
     "SampledTrajectory",
     "Scene",
@@ -279,6 +293,8 @@ __all__ = [
     "to_structured",
     "to_tonic",
     "view",
+    "view_html",
+    "view_rerun",
     "waypoint_trajectory",
     "write_trajectory",
 ]

@@ -1,7 +1,7 @@
 """The Rust core."""
 
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, BinaryIO, Protocol, TypedDict, final
 
 import numpy as np
@@ -32,6 +32,7 @@ __all__ = [
     "pack_event_message",
     "read_aedat4",
     "reconstruct",
+    "spike_tensor",
     "unpack_event_message",
     "voxel_grid",
 ]
@@ -493,6 +494,36 @@ class EventFileReader:
             DecodeError: where the file breaks its format, with the place.
             OSError: if the file refuses.
         """
+    def scan(self, enough: int) -> npt.NDArray[np.int64]:
+        """Find the blocks that can be read by themselves: the next ones, from where the reader is; the GIL is released.
+
+        Args:
+            enough: how many blocks, fewer at the end of the file.
+
+        Returns:
+            int64, shape (blocks, 9): the byte where a block begins, the number of events, the times of the first and
+            last one in microseconds, and five numbers that the decoder carries.
+
+        Raises:
+            DecodeError: where the file breaks its format, or for a time that is below 0 or goes back, with the place.
+            OSError: if the file refuses.
+        """
+    def read_block(self, byte: int, state: Sequence[int], end: int) -> npt.NDArray[np.void]:
+        """The events of a block that :meth:`scan` has found in this file; the GIL is released.
+
+        Args:
+            byte: where it begins.
+            state: what the decoder carries there, five numbers.
+            end: where the next one begins, or the file ends.
+
+        Returns:
+            Events (:data:`davis_rs.EVENT_DTYPE`), in the file's order.
+
+        Raises:
+            DecodeError: where the file breaks its format, with the place.
+            OSError: if the file refuses.
+            ValueError: for a state that no decoder has.
+        """
     @property
     def over(self) -> bool:
         """Whether the end of the file was reached."""
@@ -811,6 +842,54 @@ class SceneRenderer:
                 pixel.
         """
 
+    def gradients(
+        self,
+        rays: PixelRays,
+        views: _Views,
+        view: npt.NDArray[np.uint32],
+        pixel: npt.NDArray[np.uint32],
+        weights: npt.NDArray[np.float64],
+    ) -> npt.NDArray[np.float64]:
+        """Luma of single pixels in float64, or of weighted sums of pixels, each with its derivatives.
+
+        Which surface a ray meets, and whether a light is hidden from it, is taken as fixed.
+
+        Args:
+            rays: of the sensor.
+            views: as in :meth:`luma`.
+            view: uint32 (k), the number of the view.
+            pixel: uint32 (k * m), flat: the pixels that are added up, row by row.
+            weights: float64 (m), by which they are multiplied before.
+
+        Returns:
+            float64, flat (k, 8 + l): luma; its rate per second; its derivatives by the camera's position in world axes
+            (3, per metre), and by a rotation vector in camera axes (3, per radian); and the part of each of l lights in
+            it, which is the derivative by the logarithm of the light's strength.
+
+        Raises:
+            ValueError: for views that do not fit the scene, a view or pixel that is not there, or another number of
+                pixels.
+        """
+
+    def ray_sights(
+        self, rays: PixelRays, views: _Views, view: npt.NDArray[np.uint32], pixel: npt.NDArray[np.uint32]
+    ) -> tuple[npt.NDArray[np.uint32], npt.NDArray[np.uint64], npt.NDArray[np.float64]]:
+        """What each ray of single pixels sees, in float64.
+
+        Args:
+            rays: of the sensor, r rays a pixel.
+            views: as in :meth:`luma`.
+            view, pixel: uint32 (k), the number of the view, and of the pixel, row by row.
+
+        Returns:
+            The number of the triangle that is hit, uint32, flat (k, r), 2^32 - 1 where none is; which lights are hidden
+            from the place, uint64 in the same shape: bit n mod 64 is turned over for each light n that something hides;
+            and luma, float64 in the same shape.
+
+        Raises:
+            ValueError: for views that do not fit the scene, or a view or pixel that is not there.
+        """
+
 def count_events(events: npt.NDArray[np.void], size: tuple[int, int]) -> npt.NDArray[np.uint32]:
     """Count events by polarity and pixel.
 
@@ -825,19 +904,22 @@ def count_events(events: npt.NDArray[np.void], size: tuple[int, int]) -> npt.NDA
         ValueError: for an event outside of the sensor or of a polarity other than 0 or 1, with its index.
     """
 
-def latest_times(events: npt.NDArray[np.void], size: tuple[int, int], until_us: int) -> npt.NDArray[np.int64]:
-    """The time in microseconds of the last event up to ``until_us`` by polarity and pixel, -1 where there was none.
+def latest_times(
+    events: npt.NDArray[np.void], size: tuple[int, int], until_us: int, depth: int = 1
+) -> npt.NDArray[np.int64]:
+    """The times in microseconds of the last events up to ``until_us`` by polarity and pixel, -1 where there were fewer.
 
     Args:
         events: anything with the fields t, x, y, p, in any order.
         size: (width, height) of the sensor.
         until_us: later events are left out.
+        depth: how many events of a pixel and polarity, >= 1.
 
     Returns:
-        int64, shape (2, height, width), OFF before ON.
+        int64, shape (2 * depth, height, width), OFF before ON, of each the latest first.
 
     Raises:
-        ValueError: as :func:`count_events`.
+        ValueError: as :func:`count_events`, or for ``depth`` < 1.
     """
 
 def voxel_grid(
@@ -861,6 +943,28 @@ def voxel_grid(
         ValueError: as :func:`count_events`, for ``bins`` < 1, or for a window that ends before it starts.
     """
 
+def spike_tensor(
+    events: npt.NDArray[np.void], size: tuple[int, int], bins: int, start_us: int, stop_us: int, times: bool
+) -> npt.NDArray[np.float64]:
+    """Sum measurements of events in planes of time, by polarity: :func:`davis_rs.represent.event_spike_tensor`.
+
+    Each event is shared by the two planes around it, in proportion to how near it is to each.
+
+    Args:
+        events: anything with the fields t, x, y, p; those outside of the window are left out.
+        size: (width, height) of the sensor.
+        bins: number of planes of each polarity, >= 1.
+        start_us, stop_us: the window in microseconds, both ends included; planes go from ``start_us`` to
+            ``stop_us``.
+        times: whether an event adds its place in the window (0 at the start, 1 at the end), or one.
+
+    Returns:
+        float64, shape (2 * bins, height, width), OFF before ON.
+
+    Raises:
+        ValueError: as :func:`voxel_grid`.
+    """
+
 def pack_event_message(events: npt.NDArray[np.void], size: tuple[int, int], seq: int, frame_id: str) -> bytes:
     """A ``dvs_msgs/EventArray`` as ROS 1 serializes it, stamped with the last event's time.
 
@@ -880,6 +984,35 @@ def unpack_event_message(message: bytes) -> tuple[npt.NDArray[np.void], tuple[in
     Raises:
         DecodeError: where the message breaks the definition, with the byte.
     """
+
+def pack_evt3(events: npt.NDArray[np.void]) -> bytes:
+    """Events as words of EVT 3.0 without a header, beginning with the high part of the first event's time.
+
+    Args:
+        events: anything with the fields t, x, y, p; times modulo 2^24 us are written.
+
+    Raises:
+        ValueError: for a time that goes back or is negative, and for a pixel outside of 2048 x 2048.
+    """
+
+@final
+class Evt3Stream:
+    """Decodes a stream of EVT 3.0 that comes in packets, without a header; time and row go on from packet to packet."""
+
+    def __new__(cls) -> Evt3Stream: ...
+    def push(self, packet: bytes) -> npt.NDArray[np.void]:
+        """The events of the next packet.
+
+        Args:
+            packet: whole words, little-endian.
+
+        Returns:
+            Events (:data:`davis_rs.EVENT_DTYPE`), times from the beginning of the round in which the stream began.
+            Events before the first time are left out.
+
+        Raises:
+            ValueError: for an odd number of bytes.
+        """
 
 def fill_events(
     events: npt.NDArray[np.void],

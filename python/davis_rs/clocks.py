@@ -221,7 +221,8 @@ def _power(values: FloatArray) -> float:
 
 
 def _covariance(jacobian: FloatArray, left: FloatArray, span_s: float) -> FloatArray:
-    """Of the two clocks (2, 2): what residuals (n, k) that go together within a block's length tell of them.
+    """The covariance of the two clocks' parameters (2, 2), from residuals (n, k) that are correlated within a block's
+    length.
 
     Source: Newey and West, "A simple, positive semi-definite, heteroskedasticity and autocorrelation consistent
     covariance matrix", Econometrica 55 (1987), here with blocks in place of their window.

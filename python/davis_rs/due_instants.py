@@ -1,4 +1,4 @@
-"""At which instants of a run a frame, a map of the ground truth or the end of a packet falls due."""
+"""The instants of a run at which a frame, a map of the ground truth or the end of a packet falls due."""
 
 from __future__ import annotations
 

@@ -42,8 +42,7 @@ class Hold:
 
 
 class FileHold:
-    """A lock on a file that is written, and on the one beside it under which it is made (``NAME.part``); whichever of
-    them exist.
+    """A lock on a file that is written, and on ``NAME.part``, under which it is made. Locks whichever of the two exist.
 
     Raises:
         OSError: EBUSY, if another writer has one of them.

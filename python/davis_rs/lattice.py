@@ -1,4 +1,4 @@
-"""Where inside a pixel its rays pass: a fixed rank-1 lattice, the same in every pixel and every frame.
+"""The places inside a pixel through which its rays pass: a fixed rank-1 lattice, the same in every pixel and frame.
 
 A pattern that changed from frame to frame would turn its noise into events; a fixed one gives none on a still image.
 At equal cost rank-1 lattices integrate image edges far better than regular grids.

@@ -40,7 +40,8 @@ PIXELS = 256
 """How many pixels are followed."""
 
 STRETCHES, KEYFRAMES = 4, 25
-"""So many stretches of so many keyframes: 8 pixels of motion each, at the paper's third of a pixel."""
+"""The path is sampled in ``STRETCHES`` stretches of ``KEYFRAMES`` keyframes: 8 pixels of motion each, at the paper's
+third of a pixel a keyframe."""
 
 SEEDS = 48
 """How often the pixels are rendered, each time with other random numbers."""
@@ -49,7 +50,7 @@ MOST_BASE_SAMPLES = 16
 """Samples of one rendering at most: averages of several stand for more."""
 
 COST_SHARE, FEWEST_RAYS = 0.02, 1_000_000
-"""The estimate casts at most this share of the run's rays, or so many where that is more."""
+"""The estimate casts at most ``COST_SHARE`` of the run's rays, or ``FEWEST_RAYS`` if that is more."""
 
 FEWEST_RAYS_SCALAR = 30_000
 """The same without LLVM, where a ray takes some 50 us, and the path is looked at in one stretch."""
@@ -66,7 +67,7 @@ IntArray = npt.NDArray[np.int64]
 
 
 class NoiseWarning(UserWarning):
-    """More of a run's events than ``noise_share`` are expected to be Monte Carlo noise."""
+    """Warns that a larger share of a run's events than ``noise_share`` is expected to be Monte Carlo noise."""
 
 
 @dataclass(frozen=True)
@@ -101,10 +102,10 @@ class NoiseEstimate:
         return bool(self.measured) or not self.noisy
 
     def share_at(self, samples: float) -> float:
-        """Share of events that noise makes missing or spurious, with so many rays a pixel.
+        """Share of events that noise makes missing or spurious, with ``samples`` rays a pixel.
 
-        Between what was measured a straight line in logarithms; outside, as the inverse square root of ``samples``, as
-        the noise of luma itself. NaN where it is not known.
+        Between two measured numbers it is a straight line in logarithms. Outside it falls as the inverse square root of
+        ``samples``, as the noise of luma itself does. NaN where it is not known.
         """
         if not self.noisy:
             return 0.0
@@ -198,7 +199,7 @@ def estimate_noise_of(
     sampling: TimeSampling | None = None,
     cost_share: float = COST_SHARE,
 ) -> NoiseEstimate | None:
-    """As :func:`estimate_noise`, with a renderer that there is already; it may have a lens.
+    """The same as :func:`estimate_noise`, for an existing renderer, which may have a lens.
 
     The same arguments give the same estimate.
 
@@ -305,7 +306,7 @@ def _stretches(renderer: Renderer, trajectory: Trajectory, rule: MaxDisplacement
 
 
 def _spread_pixels(size: int, count: int) -> IntArray:
-    """So many pixels y W + x, one in each of so many runs of pixels, at places that make no pattern."""
+    """Indices y W + x of ``count`` pixels: one in each of ``count`` equal runs, at places that form no pattern."""
     edges = np.linspace(0, size, count + 1)
     golden = np.arange(count) * ((math.sqrt(5) - 1) / 2) % 1
     return np.minimum((edges[:-1] + golden * np.diff(edges)).astype(np.int64), size - 1)
@@ -318,9 +319,9 @@ def _mismatch(
     thresholds: tuple[float, float],
     log_eps: float,
 ) -> tuple[float, int]:
-    """(share of events missing or spurious, events of the reference) of averages of so many seeds.
+    """(share of events missing or spurious, events of the reference) of averages over ``blocks`` seeds.
 
-    Averages of up to four disjoint groups of seeds, each against the average of all other seeds.
+    Up to four disjoint groups of seeds are averaged. Each is compared with the average of all other seeds.
     """
     wrong = right = 0
     for luma, t_us in zip(frames, times, strict=True):

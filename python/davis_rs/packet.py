@@ -13,7 +13,7 @@ from .pose import Pose
 
 
 class Displacement(NamedTuple):
-    """Where the points that a frame's pixels see are some time later.
+    """How far the points that a frame's pixels see move in the image within some time.
 
     Attributes:
         pixels: float32 (H, W, 2), how far each goes in the image, pixels (x right, y down), through the lens. NaN where

@@ -113,7 +113,7 @@ class Velocities(NamedTuple):
 
 
 NO_VELOCITIES = Velocities(np.empty(0, np.int64), *[np.empty((0, 3))] * 4)
-"""At no time."""
+"""Velocities at no instants."""
 
 
 def describe_pose(pose: Pose) -> dict[str, object]:

@@ -27,12 +27,12 @@ class Progress:
         self.done, self.total = 0.0, total
 
     def to(self, done: float, note: str = "") -> None:
-        """So much is done by now, and what else there is to say of it."""
+        """Shows how much is done by now, with a note."""
         self.done = done
         self._show(note)
 
     def advance(self, step: float = 1.0) -> None:
-        """So much more is done."""
+        """Adds to what is done."""
         self.to(self.done + step)
 
     def _show(self, note: str) -> None:

@@ -1,7 +1,11 @@
-"""Events as images: event frames, count images, time surfaces and voxel grids, as networks and trackers take them.
+"""Events as images: counts, time surfaces, times of last events, voxel grids and spike tensors, as networks take them.
 
 All take an array of :data:`~davis_rs.EVENT_DTYPE` and the sensor's ``size`` as (width, height), and never change it.
 An event that lies outside of the sensor is a ValueError with its index.
+
+Counts, voxel grids and spike tensors of a window that is given (``start_us``, ``stop_us``) are sums over its events, so
+a stream can be taken packet by packet, and the results added. Time surfaces and last times of packets are joined by
+their maximum, if each is made for the same moment and window.
 
 Sources: Gallego et al., "Event-based Vision: A Survey", TPAMI 2022, section 3.1 (what each is good for); each function
 names its own.
@@ -10,12 +14,12 @@ names its own.
 from __future__ import annotations
 
 import operator
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 
-from ._core import count_events, latest_times
+from ._core import count_events, latest_times, spike_tensor
 from ._core import voxel_grid as _voxel_grid
 from .events import EventArray
 
@@ -104,10 +108,95 @@ def voxel_grid(
     """
     if operator.index(bins) < 1:
         raise ValueError(f"a voxel grid needs at least 1 bin, got {bins}")
+    start, stop = _window(events, start_us, stop_us)
+    return _voxel_grid(events, _checked(size), bins, start, stop, endpoint).astype(dtype, copy=False)
+
+
+def event_spike_tensor(
+    events: EventArray,
+    size: tuple[int, int],
+    bins: int,
+    *,
+    start_us: int | None = None,
+    stop_us: int | None = None,
+    measurement: Literal["time", "count"] = "time",
+    dtype: npt.DTypeLike = np.float32,
+) -> npt.NDArray[Any]:
+    """The event spike tensor (EST) with its trilinear kernel: measurements spread over planes in time, by polarity.
+
+    The planes of each polarity are at ``np.linspace(start_us, stop_us, bins)``. An event at t gives plane k its
+    measurement times max(0, 1 - \\|t - t_k\\| / step). The paper also learns the kernel; this is the one that it starts
+    from.
+
+    Args:
+        bins: number of planes of each polarity, at least 1.
+        start_us, stop_us: the window, both ends inclusive; events outside of it do not count. The first and the last
+            event's time if not given.
+        measurement: ``"time"``, the event's place in the window (0 at the start, 1 at the end), which the paper found
+            best, or ``"count"``, 1.
+        dtype: a floating type; summed in float64.
+
+    Returns:
+        shape (2 * bins, height, width), OFF before ON.
+
+    Raises:
+        ValueError: for less than 1 bin, a window that ends before it starts, another measurement, an event outside of
+            the sensor.
+
+    Source: Gehrig et al., "End-to-End Learning of Representations for Asynchronous Event-Based Data", ICCV 2019,
+        section 3.
+    """
+    if operator.index(bins) < 1:
+        raise ValueError(f"a spike tensor needs at least 1 bin, got {bins}")
+    if measurement not in ("time", "count"):
+        raise ValueError(f"measurement must be time or count, got {measurement!r}")
+    start, stop = _window(events, start_us, stop_us)
+    grid = spike_tensor(events, _checked(size), bins, start, stop, measurement == "time")
+    return grid.astype(dtype, copy=False)
+
+
+def last_event_times(
+    events: EventArray,
+    size: tuple[int, int],
+    count: int = 1,
+    *,
+    start_us: int | None = None,
+    stop_us: int | None = None,
+    dtype: npt.DTypeLike = np.float32,
+) -> npt.NDArray[Any]:
+    """When each pixel fired last, by polarity, as its place in the window: 0 at the start, 1 at the end.
+
+    Args:
+        count: how many events of each pixel and polarity, at least 1: the last one, the one before it, and so on.
+        start_us, stop_us: the window, both ends inclusive; events outside of it do not count. The first and the last
+            event's time if not given.
+        dtype: a floating type; computed in float64.
+
+    Returns:
+        shape (2 * count, height, width), OFF before ON, of each the last event first; 0 where there were fewer.
+
+    Raises:
+        ValueError: for a count below 1, a window that ends before it starts, an event outside of the sensor.
+
+    Source: Zhu et al., "EV-FlowNet", RSS 2018, section III-A (the last one); Baldwin et al., "Time-Ordered Recent Event
+    (TORE) Volumes for Event Cameras", TPAMI 2022 (the last few, there on a logarithmic scale).
+    """
+    if operator.index(count) < 1:
+        raise ValueError(f"at least 1 event of each pixel is needed, got {count}")
+    start, stop = _window(events, start_us, stop_us)
+    if stop < start:
+        raise ValueError(f"a window must not end before it starts: got {start}..{stop} us")
+    latest = latest_times(events, _checked(size), stop, count)
+    places = (latest - start) / max(stop - start, 1)
+    places[latest < max(start, 0)] = 0
+    return places.astype(dtype, copy=False)
+
+
+def _window(events: EventArray, start_us: int | None, stop_us: int | None) -> tuple[int, int]:
+    """The window that is given, or that of the events."""
     first, last = (int(events["t"][0]), int(events["t"][-1])) if len(events) else (0, 0)
     start = first if start_us is None else start_us
-    stop = max(start, last) if stop_us is None else stop_us
-    return _voxel_grid(events, _checked(size), bins, start, stop, endpoint).astype(dtype, copy=False)
+    return start, max(start, last) if stop_us is None else stop_us
 
 
 def _checked(size: tuple[int, int]) -> tuple[int, int]:

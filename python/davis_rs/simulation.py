@@ -158,6 +158,6 @@ def read_effects(effects: Effects | str | Sequence[str] | None) -> tuple[Effects
         ValueError: for an effect that is not there or a malformed value.
     """
     if effects is None or isinstance(effects, Effects):
-        return effects or Effects(), False
+        return Effects() if effects is None else effects, False
     texts = [effects] if isinstance(effects, str) else list(effects)
     return Effects.of(parse_effect(text) for text in texts if text != AUTO), AUTO in texts

@@ -125,6 +125,7 @@ def simulate_to_folder(
             path,
             simulator.camera,
             image_gain=given["image_gain"],
+            events_format=given["events_format"],
             overwrite=overwrite,
             shape_names=simulator.shape_names,
             flow_png=given["flow_png"],

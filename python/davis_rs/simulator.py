@@ -89,7 +89,8 @@ class Simulator:
         )
         self._on_light = self.custom_effects.on_luma or self.custom_effects.on_log_intensity
         self.sampling = whole_frame_sampling(self.settings) if self._on_light else chosen.sampling
-        self.effects = (self.settings["effects"] or Effects()).with_defaults(viewed.sensor_effects)
+        given = Effects() if self.settings["effects"] is None else self.settings["effects"]
+        self.effects = given.with_defaults(viewed.sensor_effects)
         in_engine = self.effects.engine_settings()
         _check_exposure(self.effects, self.settings["frame_rate_hz"], self.camera.height)
         if self.settings["refine"] and in_engine:

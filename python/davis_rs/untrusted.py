@@ -86,7 +86,7 @@ def read_text(path: str | os.PathLike[str], limit: int = MAX_TEXT_BYTES) -> str:
 
 @contextmanager
 def decoding(path: str | os.PathLike[str], place: str = "") -> Iterator[None]:
-    """Around a library that reads untrusted bytes: what it raises about them becomes a :class:`DecodeError` with the
+    """Wraps a library that reads untrusted bytes. Its errors about the bytes become a :class:`DecodeError` with the
     file, the place and what the library said.
 
     The system's refusals (an OSError with a number that is not about values), a missing library and warnings that are
@@ -118,8 +118,8 @@ _ABOUT_BYTES = (
 """What Python and its libraries raise about bytes that they did not expect; RecursionError and NotImplementedError are
 RuntimeErrors, UnicodeDecodeError is a ValueError."""
 
-_LIBRARIES = {"PIL", "h5py", "pyarrow", "rosbags", "yaml", "zipfile"}
-"""Those with classes of errors of their own."""
+_LIBRARIES = {"PIL", "backports", "compression", "h5py", "pyarrow", "rosbags", "sqlite3", "yaml", "zipfile"}
+"""Libraries that have error classes of their own."""
 
 
 def guarded(path: str | os.PathLike[str], items: Iterator[_Item]) -> Iterator[_Item]:

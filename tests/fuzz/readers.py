@@ -135,7 +135,7 @@ def _status(name: str) -> int:
 
 
 def fuzz(target: str, seed: int, mutants: int, *, first: int = 0, keep: Path | None = None) -> Result:
-    """Read so many mutants of a target's files."""
+    """Read ``mutants`` mutants of a target's files."""
     import targets  # noqa: F401 - what is imported here, children need not import
 
     result = Result(target)

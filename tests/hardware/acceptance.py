@@ -31,7 +31,8 @@ sys.path.insert(0, str(HERE.parent))
 from streams import START, STOP, assert_same, contents, encode, join  # noqa: E402
 
 SILENT_CHUNKS = 20
-"""So many in a row, of 0.1 s each, and the stream is over: the machine may be far slower than a real one."""
+"""The stream counts as over after this many empty reads in a row, of 0.1 s each. The machine may be far slower than a
+real camera."""
 
 
 @dataclass

@@ -39,7 +39,8 @@ _WARM_UP = 0.1
 _LONGEST_WINDOW_US = 10_000
 
 _LOOK_S, _MOST_LOOKS = 0.01, 256
-"""To find half of the fastest pixel's path, so much of each part of a trajectory is looked at, in so many parts."""
+"""The middle of the fastest pixel's path is found from its speed at up to ``_MOST_LOOKS`` places of a trajectory, each
+measured over ``_LOOK_S`` seconds."""
 
 
 class Errors(NamedTuple):
@@ -261,7 +262,7 @@ def sweep(prepared: Sweep, settings: Sequence[Setting], rounds: int) -> Iterator
 
 
 def half_way_s(renderer: Renderer, trajectory: Trajectory) -> float:
-    """When the fastest pixel has gone half of its path, in seconds; 0 if nothing moves.
+    """The time in seconds at which the fastest pixel has gone half of its path; 0 if nothing moves.
 
     The path is added up from short looks, one in each of many equal parts of the trajectory: to follow all of a long
     one would take minutes.

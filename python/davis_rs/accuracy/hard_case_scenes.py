@@ -239,7 +239,7 @@ def _wires() -> dict[str, Any]:
     parts = _room(1.0, 0.02)
     del parts["box"]
     for k, (x, pixels) in enumerate(zip(np.linspace(-0.09, 0.11, 6), [0.3, 0.45, 1.0] * 2, strict=True)):
-        # As thick as so many pixels are wide at its distance.
+        # As thick as `pixels` pixels are wide at its distance.
         half = pixels * (_EYE[2] - _WIRES_M) / _FOCAL / 2
         thin = np.diag([half, 2.0, half, 1.0])
         thin[:3, 3] = (x, 0.0, _WIRES_M)

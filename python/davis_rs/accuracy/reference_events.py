@@ -243,6 +243,6 @@ def _cubic_events(renderer: Renderer, recipe: Recipe, t_us: IntArray, luma: npt.
 
 
 def _instants(renderer: Renderer, recipe: Recipe, pixels: float) -> IntArray:
-    """The start, the end, and whenever the fastest pixel has moved by so many pixels."""
+    """The start, the end, and each instant at which the fastest pixel has moved by ``pixels`` more."""
     between = MaxDisplacement(pixels).instants(renderer, recipe.trajectory, recipe.end_us)
     return np.unique([0, *between, recipe.end_us])

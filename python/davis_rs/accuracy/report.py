@@ -121,7 +121,7 @@ def markdown(measured: Sequence[Measurement], facts: Mapping[str, str]) -> str:
         "Errors of time are in microseconds (median / 99th percentile), missing and spurious events in per cent of the",
         "reference's, log luma's rms error in units of C. *All*: against the fine reference; *time*: against the exact",
         "crossings of the same rays. *Kept*: adaptive sampling promises that log luma errs less than that in 95 % of",
-        "all pixels, and so many keep it. Bold: no setting is both quicker and better in this number.",
+        "all pixels; this share keeps the promise. Bold: no setting is both quicker and better in this number.",
         "",
         "| setting | wall s per s | frames/s | Mrays/s | all: median | p99 | missing + spurious | log luma "
         "| time: median / p99 | missing + spurious | log luma | kept |",

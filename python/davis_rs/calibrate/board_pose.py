@@ -62,7 +62,7 @@ def board_pose(view: BoardView, board: Checkerboard, camera: Camera) -> BoardPos
 
 
 def board_poses(views: Sequence[BoardView], board: Checkerboard, camera: Camera) -> list[BoardPose]:
-    """Of each view, without those whose corners no pose explains within a pixel.
+    """The pose of the board in each view. Views whose corners no pose explains within a pixel are left out.
 
     Raises:
         ValueError: if none is left.

@@ -15,7 +15,7 @@ from .opencv import load_opencv
 FloatArray = npt.NDArray[np.float64]
 
 _ENLARGED = 2
-"""Boards are looked for in frames so many times as large: the tiles of a far board are but a few pixels wide."""
+"""Boards are searched in frames enlarged by this factor, because tiles of a far board are only a few pixels wide."""
 
 _LARGEST_WINDOW_PX = 6
 

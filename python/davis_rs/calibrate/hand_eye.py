@@ -25,7 +25,7 @@ _LEAST_TURN_RAD = np.radians(2.0)
 _MOST_DISAGREEMENT_DEG = 3.0
 
 _MOST_LINEAR_VIEWS = 40
-"""The linear solution takes all pairs of at most so many views."""
+"""The linear solution takes all pairs of at most this many views."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +71,7 @@ class HandEyePoses(NamedTuple):
     z: FloatArray
 
     def moved(self, step: FloatArray) -> HandEyePoses:
-        """After small motions (12,): rotation vector and translation of X, then of Z, in their own axes."""
+        """The poses after small motions (12,): rotation vector and translation of X, then of Z, in their own axes."""
         return HandEyePoses(moved(self.x, step[:6]), moved(self.z, step[6:]))
 
 
@@ -226,7 +226,7 @@ def covariance_of_sum(terms: FloatArray) -> FloatArray:
 
 
 class Reprojection:
-    """Where the corners of the board are seen if X and Z are such and such, against where they were found.
+    """The reprojection errors of the board's corners as a function of X and Z.
 
     Args:
         hand_poses: A', (n, 4, 4), in the order of time.

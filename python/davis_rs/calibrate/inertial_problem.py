@@ -25,20 +25,20 @@ _GYROSCOPE_BIAS_DEVIATION, _ACCELEROMETER_BIAS_DEVIATION = 0.2, 1.0
 """What is known beforehand: rad/s and m/s^2."""
 
 _TURN_DEVIATION, _PLACE_DEVIATION = 1.0, 100.0
-"""Likewise of the splines' coefficients, rad and m: it settles those that no measurement reaches, and no more."""
+"""The standard deviation of the splines' coefficients, rad and m. It only settles those that no measurement reaches."""
 
 _LONGEST_LAG_S = 0.05
 _LONGEST_GAP_S = 0.5
-"""Between two views that are farther apart than this, readings are left out: the path there is not known."""
+"""Readings between two views that are farther apart than this are left out, because the path there is not known."""
 
 _STEP_S = 1e-4
-"""For the derivative by time of what the IMU sees."""
+"""The step in time for derivatives of what the IMU sees."""
 
 _LEAST_RATE = np.radians(5.0)
 """Root mean square of the angular rate about the second axis, rad/s."""
 
 _TAIL = 16
-"""Unknowns beside the splines: rotation, lever, lag, biases and gravity, in this order."""
+"""Number of unknowns other than the splines: rotation, lever, lag, biases and gravity, in this order."""
 
 
 class Readings(NamedTuple):
@@ -138,7 +138,7 @@ class InertialProblem:
         return InertialState(zero, zero, rotation, np.zeros(3), self._lag, bias, np.zeros(3), gravity)
 
     def moved(self, s: InertialState, step: FloatArray) -> InertialState:
-        """After a step of all unknowns, in the order of :class:`InertialState`."""
+        """The state after a step of all unknowns, in the order of :class:`InertialState`."""
         n = 3 * self._spline.basis.size
         tail = step[2 * n :]
         return InertialState(
@@ -277,7 +277,7 @@ class InertialProblem:
         return np.asarray((stretch >= 0) & (t_s < ends[stretch]))
 
     def _first_lag(self, readings: Readings) -> float:
-        """To a few milliseconds, from how fast either turns: that does not depend on the axes."""
+        """The lag to within a few milliseconds, from the turning speeds of both, which do not depend on the axes."""
         zero = np.zeros((self._spline.basis.size, 3))
         lags = np.linspace(-_LONGEST_LAG_S, _LONGEST_LAG_S, 41)
         inside = self._seen(readings.t_s, 2 * _LONGEST_LAG_S)

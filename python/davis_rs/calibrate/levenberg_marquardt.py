@@ -32,7 +32,7 @@ def levenberg_marquardt(
         residuals: of a state, (m,); not finite where a state makes no sense.
         jacobian: d(residuals)/d(step) at a state for steps of zero, (m, n), an array or a SciPy sparse matrix.
         move: a state after a step (n,).
-        iterations: at most so many steps that are taken.
+        iterations: the most steps that are taken.
         tolerance: done when a step promises to lower the sum by less than this share of it.
 
     Raises:

@@ -1,4 +1,4 @@
-"""Where points of a board are seen, and the derivatives of that: by their place, and by small motions."""
+"""Projects points of a board into the image, with derivatives by the points' places and by small motions."""
 
 from __future__ import annotations
 

@@ -57,8 +57,8 @@ def add_accuracy(accuracy: argparse.ArgumentParser) -> None:
         "--light",
         type=int,
         metavar="RUNS",
-        help="compare baked light with the mean of so many runs of Mitsuba's path tracer with 1,024 samples each, an "
-        "even number (docs/light.md). Writes light.md; the runs are kept next to it, and more of them may follow",
+        help="compare baked light with the mean of this many runs of Mitsuba's path tracer with 1,024 samples each; it "
+        "must be even (docs/light.md). Writes light.md; the runs are kept next to it, and more of them may follow",
     )
     accuracy.add_argument("--rounds", type=int, metavar="N", help=f"timed runs of each setting (default: {_ROUNDS})")
     accuracy.add_argument("--only", metavar="TEXT", help="only settings whose name or family has this in it")

@@ -69,7 +69,7 @@ def add_trajectory(group: argparse._ArgumentGroup) -> None:
         "--rotation-sigma",
         type=float,
         metavar="RAD",
-        help="noise of the file's rotations, likewise; estimated from the data if not given",
+        help="noise of the file's rotations, smoothed away; estimated from the data if not given",
     )
     group.add_argument(
         "--max-gap",

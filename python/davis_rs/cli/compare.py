@@ -18,7 +18,7 @@ def add_compare(parser: argparse.ArgumentParser) -> None:
     )
     parser.set_defaults(run=_compare)
     parser.add_argument("real", metavar="REAL", help=RECORDING)
-    parser.add_argument("simulated", metavar="SIMULATED", help="likewise")
+    parser.add_argument("simulated", metavar="SIMULATED", help="the simulated stream, in the same forms")
     parser.add_argument(
         "--figure", type=figure_file, metavar="FILE", help="draw both on one page: .png, .pdf, .svg ..."
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from decimal import Decimal, InvalidOperation
@@ -11,8 +12,10 @@ from pathlib import Path
 from typing import Any
 
 from ..dataset.reader import Dataset
-from ..event_files.conversion import convert, left_out
+from ..event_files.conversion import LeftOutWarning, convert
 from ..formats import FORMATS
+from ..formats.parts import ALL_PARTS, PARTS
+from ..formats.ros2 import MESSAGES, STORAGES
 from ..inspection.summary import dataset_contents, dataset_row, draw_rates, summarize_events
 from ..progress import progress
 from ..untrusted import MAX_PACKET_BYTES
@@ -22,20 +25,33 @@ from .common import figure_file, sensor_size
 def add_convert(conversion: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
     conversion.description = (
-        "Convert events, in constant memory; times and coordinates stay as they are. Of a bag, the events."
+        "Convert from any container to any other, in constant memory: events, and the calibration, frames, depth, "
+        "flow, IMU samples and poses that both hold. Values stay as they are; what OUT cannot hold is told in a line."
     )
     conversion.set_defaults(run=_convert)
-    conversion.add_argument("source", metavar="IN", help="a file of any format, or a dataset folder")
-    conversion.add_argument("target", metavar="OUT", help="the file to write, or - for standard output")
+    conversion.add_argument("source", metavar="IN", help="a file of any format, a dataset folder, or a rosbag2")
+    conversion.add_argument(
+        "target", metavar="OUT", help="what to write; without a suffix a dataset folder, or - for standard output"
+    )
     conversion.add_argument(
         "--format", choices=sorted(FORMATS), help="of OUT; if not given, the one that its suffix stands for"
     )
-    conversion.add_argument("--start", type=_microseconds, metavar="S", help="only events from this time of IN on")
-    conversion.add_argument("--stop", type=_microseconds, metavar="S", help="only events before this time of IN")
+    conversion.add_argument("--start", type=_microseconds, metavar="S", help="only what is from this time of IN on")
+    conversion.add_argument("--stop", type=_microseconds, metavar="S", help="only what is before this time of IN")
     conversion.add_argument(
         "--roi", type=int, nargs=4, metavar=("X0", "Y0", "X1", "Y1"), help="only events with X0 <= x < X1, Y0 <= y < Y1"
     )
     conversion.add_argument("--size", type=sensor_size, metavar="WxH", help="sensor size, where IN does not say")
+    conversion.add_argument(
+        "--parts",
+        metavar="NAMES",
+        help=f"only these next to the events, by commas: {', '.join(ALL_PARTS)}; none for events alone",
+    )
+    conversion.add_argument(
+        "--from-zero", action="store_true", help="take the time of the first event, frame or sample off all times"
+    )
+    conversion.add_argument("--storage", choices=STORAGES, help="of a rosbag2; sqlite3 if not given")
+    conversion.add_argument("--messages", choices=MESSAGES, help="of events in a rosbag2; dvs_msgs if not given")
     conversion.add_argument(
         "--option", type=_option, action="append", default=[], metavar="NAME=VALUE", help="an option of OUT's format"
     )
@@ -89,22 +105,30 @@ def _convert(options: argparse.Namespace) -> int:
         "outside": options.outside,
         "max_packet_bytes": options.max_packet_bytes,
         "overwrite": options.overwrite,
+        "parts": _parts(options.parts),
+        "from_zero": options.from_zero,
+        **{name: getattr(options, name) for name in ("storage", "messages") if getattr(options, name) is not None},
         **dict(options.option),
     }
     try:
         with _bar(f"to {options.target}", quiet=options.quiet) as told:
             target = sys.stdout.buffer if to_stream else options.target
-            report = convert(options.source, target, progress=told, **arguments)
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", LeftOutWarning)  # it is told at the end, in a line of its own
+                report = convert(options.source, target, progress=told, **arguments)
             if to_stream:
                 sys.stdout.buffer.flush()
     except TypeError as error:  # an option that the format does not have
         raise ValueError(str(error)) from error
+    others = "".join(f", {report.parts[part.name]:,} {part.counted}" for part in PARTS if part.name in report.parts)
     print(
-        f"{report.path}: {report.format}, {report.events:,} events, {report.bytes:,} bytes",
+        f"{report.path}: {report.format}, {report.events:,} events{others}, {report.bytes:,} bytes",
         file=sys.stderr if to_stream else sys.stdout,
     )
-    if Path(options.source).is_dir() and (lost := left_out(options.source)):
-        print(f"davis-rs: {options.target}: only the events were converted; left out: {lost}", file=sys.stderr)
+    if report.left_out:
+        print(
+            f"davis-rs: {report.path} ({report.format}) cannot hold, and leaves out: {report.left_out}", file=sys.stderr
+        )
     return 0
 
 
@@ -138,6 +162,13 @@ def _microseconds(text: str) -> int:
     except InvalidOperation:
         raise argparse.ArgumentTypeError(f"expected seconds, got {text!r}") from None
     return int(t_us)
+
+
+def _parts(text: str | None) -> tuple[str, ...] | None:
+    """Names by commas; none of them for "none"."""
+    if text is None:
+        return None
+    return () if text == "none" else tuple(name.strip() for name in text.split(","))
 
 
 def _option(text: str) -> tuple[str, Any]:

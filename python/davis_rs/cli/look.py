@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from .common import sensor_size
 
@@ -18,23 +20,70 @@ def add_view(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
     parser.set_defaults(run=_view)
     parser.add_argument("source", type=Path, metavar="PATH", help="a dataset folder, event file or recording")
-    parser.add_argument(
+    outputs = parser.add_argument_group("what is made (give one; a picture if none is given)")
+    outputs.add_argument(
         "-o",
         "--output",
         type=Path,
         metavar="FILE",
         help="the picture: .png, .pdf, .svg ...; in or next to PATH if not given",
     )
+    outputs.add_argument("--video", type=Path, metavar="FILE", help="an .mp4 or .gif")
+    outputs.add_argument(
+        "--html", type=Path, metavar="FILE", help="an interactive page, one .html file for any browser"
+    )
+    outputs.add_argument(
+        "--rerun",
+        nargs="?",
+        const="",
+        metavar="FILE",
+        help="a recording for Rerun's viewer, an .rrd file; without FILE the viewer is started",
+    )
     parser.add_argument(
         "--size", type=sensor_size, metavar="WxH", help="sensor size in pixels, where PATH does not say"
     )
-    parser.add_argument("--time", type=float, metavar="S", help="the moment shown; the middle if not given")
-    parser.add_argument("--window", type=float, metavar="S", help="length of the window of events; chosen if not given")
-    parser.add_argument("--video", type=Path, metavar="FILE", help="make an .mp4 or .gif instead of a picture")
-    parser.add_argument("--fps", type=float, default=25.0, help="pictures a second of the video (default: 25)")
     parser.add_argument(
-        "--speed", type=float, default=0.1, help="seconds of the sequence in a second of the video (default: 0.1)"
+        "--time", type=float, metavar="S", help="picture, page: the moment shown (first); the middle if not given"
     )
+    parser.add_argument(
+        "--window", type=float, metavar="S", help="picture, page: length of the window of events; chosen if not given"
+    )
+    parser.add_argument("--fps", type=float, help="video: pictures a second (default: 25)")
+    parser.add_argument(
+        "--speed",
+        type=float,
+        help="video, page: seconds of the sequence in a second of playing (default: 0.1 in a video; "
+        "in a page such that it takes about 20 s)",
+    )
+    parser.add_argument(
+        "--max-events",
+        type=int,
+        metavar="N",
+        help="page, Rerun: events kept, drawn evenly from all (default: 400,000 in a page, 2,000,000 in Rerun's cloud)",
+    )
+    parser.add_argument(
+        "--max-frames",
+        type=int,
+        metavar="N",
+        help="page, Rerun: frames kept (default: as many as fit 4 MB of a page; all in Rerun)",
+    )
+
+
+_SETTINGS = {
+    "output": {"time": "t_s", "window": "window_s"},
+    "video": {"fps": "fps", "speed": "speed"},
+    "html": {
+        "time": "t_s",
+        "window": "window_s",
+        "speed": "speed",
+        "max_events": "max_events",
+        "max_frames": "max_frames",
+    },
+    "rerun": {"max_events": "max_events", "max_frames": "max_frames"},
+}
+"""By what is made, the options that it takes, and the arguments in Python that they are."""
+
+_OPTION_NAMES = {"output": "-o"}
 
 
 def _check(options: argparse.Namespace) -> int:
@@ -46,17 +95,55 @@ def _check(options: argparse.Namespace) -> int:
 
 
 def _view(options: argparse.Namespace) -> int:
-    from ..inspection.figure import check_figure_path, view
-    from ..inspection.video import make_video
+    made = [kind for kind in _SETTINGS if getattr(options, kind) is not None] or ["output"]
+    if len(made) > 1:
+        given = " and ".join(_OPTION_NAMES.get(kind, f"--{kind}") for kind in made)
+        raise ValueError(f"{given} make different things: give one of them")
+    kind = made[0]
+    names = {option for settings in _SETTINGS.values() for option in settings}
+    for option in sorted(names - _SETTINGS[kind].keys()):
+        if getattr(options, option) is not None:
+            what = "the picture" if kind == "output" else f"--{kind}"
+            raise ValueError(f"--{option.replace('_', '-')} means nothing for {what}: leave it out")
+    given_settings: dict[str, Any] = {
+        argument: getattr(options, option)
+        for option, argument in _SETTINGS[kind].items()
+        if getattr(options, option) is not None
+    }
+    print(_MAKERS[kind](options, given_settings | {"size": options.size}))
+    return 0
 
-    if options.video is not None:
-        if options.output is not None:
-            raise ValueError("-o names a picture and --video a video: give one of them")
-        settings = {"fps": options.fps, "speed": options.speed, "size": options.size}
-        print(make_video(options.source, options.video, **settings, show_progress=True))
-        return 0
+
+def _view_picture(options: argparse.Namespace, settings: dict[str, Any]) -> Path:
+    from ..inspection.figure import check_figure_path, view
+
     in_or_next_to = options.source / "view.png" if options.source.is_dir() else options.source.with_suffix(".png")
     output = check_figure_path(options.output or in_or_next_to)
-    view(options.source, t_s=options.time, window_s=options.window, size=options.size).savefig(output)
-    print(output)
-    return 0
+    view(options.source, **settings).savefig(output)
+    return output
+
+
+def _view_video(options: argparse.Namespace, settings: dict[str, Any]) -> Path:
+    from ..inspection.video import make_video
+
+    return make_video(options.source, options.video, **settings, show_progress=True)
+
+
+def _view_html(options: argparse.Namespace, settings: dict[str, Any]) -> object:
+    from ..inspection.html_page import view_html
+
+    return view_html(options.source, options.html, **settings, show_progress=True)
+
+
+def _view_rerun(options: argparse.Namespace, settings: dict[str, Any]) -> object:
+    from ..inspection.rerun_recording import view_rerun
+
+    return view_rerun(options.source, options.rerun or None, **settings, show_progress=True)
+
+
+_MAKERS: dict[str, Callable[[argparse.Namespace, dict[str, Any]], object]] = {
+    "output": _view_picture,
+    "video": _view_video,
+    "html": _view_html,
+    "rerun": _view_rerun,
+}

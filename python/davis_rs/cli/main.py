@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import _thread
 import argparse
 import os
 import re
 import sys
+import threading
 import traceback
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from functools import partial
 from importlib import import_module
 
@@ -38,9 +41,12 @@ COMMANDS = {
     "compare": ("compare", "print the statistics of two streams side by side, such as a recording and a simulation"),
     "calibrate": ("calibrate", "calibrate a camera, a hand-eye transform, a camera and an IMU, or a sensor"),
     "check": ("look", "check a dataset: do its events explain its images?"),
-    "view": ("look", "draw a dataset, an event file or a recording, as a picture or a video"),
+    "view": (
+        "look",
+        "look at a dataset, an event file or a recording: a picture, a video, an interactive page, or Rerun",
+    ),
 }
-"""By command the module here that has it, as ``add_COMMAND(parser)``, and what it does in a line."""
+"""For each command, the module in this package that defines ``add_COMMAND(parser)``, and a line on what it does."""
 
 _DEBUG = "show the traceback of an error"
 
@@ -50,7 +56,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     debug = "--debug" in (sys.argv[1:] if arguments is None else arguments)
     options = argparse.Namespace()
     try:
-        status = _run(arguments, options)
+        with _interrupts_kept():
+            status = _run(arguments, options)
         sys.stdout.flush()  # here, where a reader that is gone can still be told from an error
         return status
     except KeyboardInterrupt:
@@ -66,6 +73,28 @@ def main(arguments: Sequence[str] | None = None) -> int:
             traceback.print_exc()
         print(f"davis-rs: error: {_in_a_line(error, options, debug)}", file=sys.stderr)
         return 1
+
+
+@contextmanager
+def _interrupts_kept() -> Iterator[None]:
+    """Send Ctrl-C again where Python could not raise it.
+
+    A KeyboardInterrupt inside of a weak reference's callback or a finaliser, such as importlib has, is only printed as
+    "Exception ignored", and the command would go on. It must be sent after the hook has returned, so a timer does it.
+    """
+    before = sys.unraisablehook
+
+    def hook(unraisable: sys.UnraisableHookArgs) -> None:
+        if isinstance(unraisable.exc_value, KeyboardInterrupt):
+            threading.Timer(0.01, _thread.interrupt_main).start()
+        else:
+            before(unraisable)
+
+    sys.unraisablehook = hook
+    try:
+        yield
+    finally:
+        sys.unraisablehook = before
 
 
 def _run(arguments: Sequence[str] | None, options: argparse.Namespace) -> int:

@@ -25,7 +25,9 @@ def add_plan(plan: argparse.ArgumentParser) -> None:
         help="a candidate, over those of --sensor; may be given several times; where neither is given, the effects of "
         "the davis240c are the candidates",
     )
-    plan.add_argument("--explain", action="store_true", help="say of each effect what was seen, and what it costs")
+    plan.add_argument(
+        "--explain", action="store_true", help="print for each effect what was measured and what it costs"
+    )
     add_path(plan.add_argument_group("camera path"))
     add_settings(plan, PlanSettings)
 

@@ -75,8 +75,8 @@ def _add_backward(parser: argparse.ArgumentParser) -> None:
         "--backward",
         choices=POLICIES,
         default="refuse",
-        help="where times go back, in a format that cannot hold that: an error (the default), leave out what is older, "
-        "or go on in another file",
+        help="what to do if times go back and the format cannot hold that: stop with an error (the default), drop the "
+        "older events, or continue in another file",
     )
 
 

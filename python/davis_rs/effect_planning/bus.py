@@ -13,7 +13,7 @@ from .luma_sample import LumaSample
 from .omission_error import NO_ERROR, OmissionError, TimeScale
 
 _PEAK_EVENTS = 50
-"""A peak rate is that of so many consecutive events of the pixels looked at: good to a seventh."""
+"""A peak rate is taken over this many consecutive events of the sampled pixels, which is accurate to a seventh."""
 
 
 def through_bus(sample: LumaSample, effect: Readout, scale: TimeScale, rows: int) -> tuple[OmissionError, str]:

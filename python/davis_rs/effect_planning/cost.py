@@ -92,7 +92,7 @@ class Costs:
         return 1e9 * _median_s(lambda: aps_frame(sequence, aps, t_us, luma, 0)) / luma.size
 
     def _made(self, effect: Effect) -> float:
-        """At most so many events of noise."""
+        """An upper bound of the number of noise events."""
         sample = self._windows
         seen_us = sum(int(part.t_us[-1]) for part in sample.parts)
         return most_noise_hz(effect, sample) * sample.pixels * seen_us * 1e-6

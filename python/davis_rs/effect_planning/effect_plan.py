@@ -160,7 +160,7 @@ def _notes(plan: EffectPlan) -> list[str]:
         "sampling in time errs as much.",
         f"Missing, spurious: events without a partner within {_time(scale.window_us)}. Cost: of a pixel of a keyframe, "
         f"of an event, or of a pixel of an intensity frame. Frames: pixels off by more than one grey value of 8 bits; "
-        f"called for above {tolerance}, or where so many pixels move by half a pixel in the exposure.",
+        f"called for above {tolerance}, or where that share of the pixels moves by half a pixel in the exposure.",
         "Difference: Victor and Purpura's distance between the events with all candidates and those with none, or with "
         "the set. Neither it nor its cost has frames in it.",
     ]

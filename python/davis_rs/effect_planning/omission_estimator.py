@@ -55,27 +55,28 @@ class OmissionEstimator:
         return omission_error(without, with_effect, size=sample.size, scale=self.scale)[0]
 
     def in_engine(self, effect: Effect) -> OmissionError:
-        """By the engine's own run on the scattered pixels."""
+        """The omission error, from the engine's run on the scattered pixels."""
         sample = self.sequence.pixels
         return self.compare(sample, sample.ideal, sample.events(Effects.of([effect])))
 
     @property
     def scene_events(self) -> float:
-        """Of ideal pixels, for the whole sensor and sequence: events go by motion, as keyframes do."""
+        """The number of events of ideal pixels on the whole sensor and sequence. It is scaled by keyframes, because
+        both follow the motion."""
         return self.whole(len(self.sequence.pixels.ideal))
 
     def whole(self, events: float) -> float:
-        """So many events of the sampled pixels, scaled up to the whole sensor and sequence."""
+        """Scales a number of events of the sampled pixels up to the whole sensor and sequence."""
         sample = self.sequence.pixels
         seen = sum(len(part.t_us) - 1 for part in sample.parts)
         return events / sample.sensor_share * ((len(self.sequence.t_us) - 1) / seen)
 
     def of_rate(self, hz: float) -> float:
-        """How many events so many a pixel and second come to."""
+        """The number of events in the whole sequence at ``hz`` events per pixel and second."""
         return hz * self.sequence.camera.width * self.sequence.camera.height * self.sequence.duration_us * 1e-6
 
     def added(self, hz: float) -> OmissionError:
-        """By events at a rate a pixel that come on top of the scene's."""
+        """The omission error of events that come on top of the scene's, at a rate for each pixel."""
         return omission_error_of_added(self.of_rate(hz), self.scene_events)
 
 

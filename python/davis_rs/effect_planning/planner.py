@@ -60,8 +60,8 @@ def plan_effects(
     candidates = viewed.sensor_effects
     if effects is None and given["sensor"] is None:
         candidates = SENSORS["davis240c"].effects(viewed.scene.lux_per_luma)
-    candidates = (effects or Effects()).with_defaults(candidates)
-    kept = keep or Effects()
+    candidates = (Effects() if effects is None else effects).with_defaults(candidates)
+    kept = Effects() if keep is None else keep
     named = {effect.name for effect in kept} | kept.switched_off
     made = make_renderer(viewed.scene, viewed.camera, **renderer_settings(given))
     return plan_effects_of(
@@ -117,7 +117,7 @@ def plan_effects_of(
     """
     tolerance = EFFECTS_TOLERANCE if effects_tolerance is None else effects_tolerance
     check_range("effects_tolerance", tolerance, 0.0, 1.0)
-    kept = keep or Effects()
+    kept = Effects() if keep is None else keep
     if renderer.optics is not None:
         raise ValueError(f"{renderer.name} renders through a lens; plan with the renderer without it")
     end_us = round(trajectory.duration_s * 1e6)

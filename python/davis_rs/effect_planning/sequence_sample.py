@@ -24,13 +24,13 @@ SENSOR_SHARE = 1 / 8
 """A small sensor's share that is looked at; of a large one :data:`MOST_PATCHES` do."""
 
 MOST_KEYFRAMES, PARTS = 4096, 8
-"""A longer sequence is looked at in so many parts, spread evenly over its motion."""
+"""A sequence of more than ``MOST_KEYFRAMES`` keyframes is sampled in ``PARTS`` parts, spread evenly over its motion."""
 
 WHOLE_FRAMES, WINDOWS = 16, 4
-"""So many consecutive keyframes of all pixels in each of so many windows."""
+"""All pixels are rendered at ``WHOLE_FRAMES`` consecutive keyframes in each of ``WINDOWS`` windows."""
 
 SAMPLING_KEYFRAMES = 512
-"""So many keyframes tell of the error of the sampling in time."""
+"""The error of sampling in time is estimated from this many keyframes."""
 
 _SAMPLES_A_CALL = 1 << 16
 _SHORTEST_WINDOW_US, _LONGEST_WINDOW_US = 200, 10_000
@@ -140,7 +140,7 @@ class SequenceSample:
 
 
 def _spread(t_us: IntArray, parts: int, length: int) -> list[IntArray]:
-    """So many parts of so many consecutive instants, spread evenly; all in one where there are no more."""
+    """``parts`` parts of ``length`` consecutive instants, spread evenly; one part if there are no more instants."""
     if len(t_us) <= parts * length:
         return [t_us]
     starts = np.linspace(0, len(t_us) - length, parts).astype(int)

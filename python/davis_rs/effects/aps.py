@@ -120,7 +120,7 @@ class Aps(Effect):
         return limits == (None, None, None, None) and not any(noise)
 
     def readout_us(self, height: int) -> float:
-        """From the first row's closing to the last one's, of a sensor of so many rows."""
+        """Microseconds from the end of the first row's exposure to the end of the last row's, for ``height`` rows."""
         return (height - 1) * self.row_readout_us
 
     def read_out(self, luma: npt.ArrayLike, *, frame: int, seed: int = 0) -> npt.NDArray[np.float32]:

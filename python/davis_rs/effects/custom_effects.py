@@ -115,7 +115,7 @@ class CustomEffects:
         return events
 
     def describe(self) -> list[dict[str, Any]]:
-        """For records: each effect's class, where it acts, its parameters, and the SHA-256 of its source file."""
+        """A record of each effect: its class, where it acts, its parameters, and the SHA-256 of its source file."""
         return [_described(one) for one in self._effects]
 
     def _having(self, method: str) -> Iterable[tuple[object, Any]]:

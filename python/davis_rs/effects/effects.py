@@ -64,7 +64,7 @@ class Effects:
     readout: Readout | None
     aps: Aps | None
     switched_off: frozenset[str] = field(repr=False, compare=False)
-    """Those given with neutral values: over others, they switch off."""
+    """The effects that were given with neutral values. Combined with other effects, they switch theirs off."""
 
     def __init__(
         self,
@@ -110,7 +110,7 @@ class Effects:
         return kept
 
     def __iter__(self) -> Iterator[Effect]:
-        """Those that are on, in the order in which light and events meet them."""
+        """The effects that are on, in the order in which light and events meet them."""
         return (effect for name in EFFECTS if (effect := getattr(self, name)) is not None)
 
     def __bool__(self) -> bool:

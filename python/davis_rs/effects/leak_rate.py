@@ -46,7 +46,7 @@ class LeakRate(EngineEffect):
         jitter: standard deviation of a pixel's intervals, as a share of their mean, 0..1; values are cut off at half a
             threshold.
         temperature_c: of the sensor, -100..200 degrees Celsius.
-        doubling_c: the rate doubles in so many degrees, 1..1e6.
+        doubling_c: the warming in degrees that doubles the rate, 1..1e6.
         double_luma: the luma whose parasitic photocurrent doubles the rate, > 0; inf for none.
 
     Raises:

@@ -50,8 +50,8 @@ class LensBlur(Effect):
     def weights(self) -> npt.NDArray[np.float32]:
         """The kernel along one axis from its centre to its end, (radius + 1,); the other half is the same.
 
-        It ends where less light lies beyond than float32 resolves beside the rest, a 2^-23rd (at 0.7 px after three
-        pixels): what is left out is below the rounding of luma of one magnitude.
+        It ends where the light beyond is less than 2^-23 of the whole, which float32 cannot resolve (at 0.7 px this is
+        after three pixels). So what is left out is smaller than the rounding of luma of the same magnitude.
         """
         if self.sigma_px**2 < _NEGLIGIBLE:
             return np.ones(1, np.float32)
@@ -72,7 +72,7 @@ def blur_frame(frame: LumaFrames, weights: npt.NDArray[np.float32], out: LumaFra
 
 
 def _continued(rows: LumaFrames, radius: int) -> LumaFrames:
-    """The rows with so many more before and behind, mirrored."""
+    """The rows, extended by ``radius`` mirrored rows at either end."""
     return rows.take(mirrored(np.arange(-radius, len(rows) + radius), len(rows)), axis=0)
 
 

@@ -11,7 +11,7 @@ from .engine_effect import EngineEffect
 
 @dataclass(frozen=True)
 class RefractoryPeriod(EngineEffect):
-    """After each event a pixel is held in reset, and at its end memorises log intensity anew.
+    """Holds a pixel in reset after each of its events. At the end of the reset it memorises log intensity anew.
 
     Held from the crossing itself, not from its stamp: on a ramp of slope s events follow each other by C / s + T. What
     log intensity does meanwhile is lost, so events no longer add up to it.

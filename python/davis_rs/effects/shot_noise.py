@@ -13,7 +13,7 @@ from .effect import Where
 from .engine_effect import EngineEffect
 
 _MOST_RATIO = 100.0
-"""The pole that is proportional to light is at most so many times the other one, as in the engine."""
+"""The largest ratio of the pole that is proportional to light to the other pole. The engine has the same limit."""
 
 
 @dataclass(frozen=True)
@@ -82,10 +82,10 @@ class ShotNoise(EngineEffect):
     def of_rate(
         cls, rate_hz: float, contrast_threshold: float, *, light: float | None = None, **parameters: Any
     ) -> ShotNoise:
-        """The noise that makes so many events a second, of both polarities together, at this threshold.
+        """The noise that makes ``rate_hz`` events a second, both polarities together, at ``contrast_threshold``.
 
         Args:
-            rate_hz: that many, 0 for none.
+            rate_hz: events per second and pixel, 0 for none.
             contrast_threshold: C_on and C_off.
             light: luma + log_eps at which it does; None for the light in which there are most.
             parameters: the others of this class.

@@ -258,7 +258,9 @@ class FrameRun:
         """Those that are given, over those of the sensor; and of these what cannot be had from frames."""
         named = _named_effects(self.settings["effects"])
         if named.aps is not None:
-            raise ValueError("the effect aps makes intensity frames out of light, and frames are what is given here")
+            raise ValueError(
+                "the effect aps makes intensity frames from light, but here intensity frames are the input"
+            )
         of_sensor = sensor.effects(self.lux_per_luma)
         left_out = ("aps",) if of_sensor.aps is not None else ()
         return named.with_defaults(of_sensor.without(left_out)), left_out
@@ -294,7 +296,7 @@ _TOLD_ELSEWHERE = {"camera", "size", "effects", "threads", "crop", "roi", "trans
 
 def _named_effects(effects: Any) -> Effects:
     if effects is None or isinstance(effects, Effects):
-        return effects or Effects()
+        return Effects() if effects is None else effects
     texts = [effects] if isinstance(effects, str) else list(effects)
     if "auto" in texts:
         raise ValueError("effects='auto' is planned on a scene that can be rendered; for frames name sensor or effects")
@@ -307,7 +309,7 @@ def _check_times(settings: Mapping[str, Any]) -> None:
 
 
 def _rounded(value_ns: int, unit_ns: float) -> int:
-    """In the unit, to the nearest, halves up; in integers where the unit is one."""
+    """The time in the unit, rounded to the nearest with halves up; an integer where the unit is one."""
     if unit_ns == int(unit_ns):
         unit = int(unit_ns)
         return (2 * value_ns + unit) // (2 * unit)

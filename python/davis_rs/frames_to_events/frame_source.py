@@ -1,4 +1,4 @@
-"""Where frames come from: what every source gives, whatever the file format is."""
+"""The interface of a source of frames, whatever its file format is."""
 
 from __future__ import annotations
 
@@ -49,7 +49,8 @@ class Encoding:
 
     @classmethod
     def of(cls, dtype: np.dtype[Any], where: str) -> Encoding:
-        """That of plain images: integers use the whole range of their type and are sRGB, floating point is linear.
+        """The encoding of plain images: integers use the whole range of their type and are sRGB, floating point is
+        linear.
 
         Raises:
             ValueError: for another type.
@@ -88,7 +89,7 @@ class GivenStamps:
         return int(t_ns)
 
     def end(self) -> None:
-        """To be called after the last frame.
+        """Checks that no stamps are left; to be called after the last frame.
 
         Raises:
             ValueError: if there are more stamps.
@@ -123,4 +124,4 @@ class FrameSource(ABC):
 
     @abstractmethod
     def describe(self) -> dict[str, Any]:
-        """For meta.json: what a repetition needs, in JSON's types."""
+        """What a repetition needs, in JSON's types, for meta.json."""

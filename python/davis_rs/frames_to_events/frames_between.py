@@ -48,7 +48,7 @@ class Motion:
         self.largest_px = 0.0
 
     def add(self, moved_px: float, made: int, *, unsure: bool) -> None:
-        """Take an interval in which so many frames were made."""
+        """Count an interval in which ``made`` frames were made."""
         self.by_cubics += made == 0
         self.by_frames += made > 0
         self.made += made
@@ -56,7 +56,7 @@ class Motion:
         self.largest_px = max(self.largest_px, moved_px)
 
     def describe(self) -> dict[str, Any]:
-        """In JSON's types."""
+        """The counts in JSON's types."""
         return {
             "intervals_without_frames_between": self.by_cubics,
             "intervals_with_frames_between": self.by_frames,
@@ -200,7 +200,7 @@ class Auto(Interpolation):
 
 
 def instants(start_us: int, end_us: int, moved_px: float, step_px: float) -> npt.NDArray[np.int64]:
-    """Whole microseconds strictly between two, so many that the image moves by ``step_px`` at most between them."""
+    """Whole microseconds strictly between start and end. Between two of them the image moves by ``step_px`` at most."""
     parts = min(max(math.ceil(moved_px / step_px - 1e-6), 1), MOST_FRAMES + 1, end_us - start_us)
     return start_us + np.arange(1, parts, dtype=np.int64) * (end_us - start_us) // parts
 

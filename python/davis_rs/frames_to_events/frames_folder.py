@@ -87,6 +87,7 @@ def frames_to_folder(
             path,
             run.camera or run.size,
             image_gain=given["image_gain"],
+            events_format=given["events_format"],
             overwrite=overwrite,
             meta={**run.describe(), "images_every": given["images_every"], **(meta or {})},
         ) as writer,

@@ -1,4 +1,4 @@
-"""Between two frames: how light runs from one to the next, as samples for the crossing engine."""
+"""How light runs from one frame to the next, as samples for the crossing engine."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class Interpolation(ABC):
 
     @abstractmethod
     def describe(self) -> dict[str, Any]:
-        """For meta.json: the rule, and what it found so far."""
+        """The rule and what it has found so far, for meta.json."""
 
     def findings(self) -> Iterator[str]:
         """What it found, a line each, for people."""

@@ -21,7 +21,7 @@ TRANSFERS = ("srgb", "rec709", "linear", "gamma=G")
 
 
 def parse_transfer(name: str) -> Callable[[FloatArray], FloatArray]:
-    """From encoded values (0 black, 1 white) to linear light.
+    """Converts encoded values (0 black, 1 white) to linear light.
 
     - ``srgb``: the piecewise curve of IEC 61966-2-1, with its straight piece near black;
     - ``rec709``: the inverse of the camera's curve in ITU-R BT.709-6 (item 1.2), which BT.601 and BT.2020 share;

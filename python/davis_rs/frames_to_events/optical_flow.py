@@ -60,7 +60,7 @@ class FlowFinder:
         self._dis = self._cv2.DISOpticalFlow_create(self._cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
 
     def flow(self, before: LumaFrame, after: LumaFrame) -> FlowField:
-        """From each pixel of ``before`` (H, W) to where it is in ``after``."""
+        """The flow from each pixel of ``before`` (H, W) to its place in ``after``."""
         height, width = before.shape
         white = max(_white(before), _white(after))
         grey = [self._padded(_as_grey(frame, white)) for frame in (before, after)]
@@ -111,7 +111,7 @@ class FlowPair:
 
     @classmethod
     def of(cls, before: LumaFrame, after: LumaFrame, forward: FlowField, backward: FlowField) -> FlowPair:
-        """With the occlusions that follow from the two flows."""
+        """The pair of flows, with the occlusions that follow from them."""
         seen = (_seen(one, other) for one, other in ((forward, backward), (backward, forward)))
         return cls(before, after, forward, backward, *seen)
 
@@ -156,7 +156,7 @@ class FlowPair:
 
 
 _FLOOR = np.float32(1e-3)
-"""Where both frames are unsure, they are mixed as where both are sure."""
+"""Added to the weight of each frame. So frames that are both unsure are mixed as if both were sure."""
 
 _BORDER = 1
 """OpenCV's BORDER_REPLICATE: what comes in over the edge looks as the edge does."""

@@ -45,7 +45,7 @@ class QuantisationCount:
     Attributes:
         counts: whether there are grey levels at all.
         suspect: how many such events there were.
-        total: of so many events.
+        total: how many events there were in all.
     """
 
     def __init__(self, levels: npt.NDArray[np.float64] | None) -> None:

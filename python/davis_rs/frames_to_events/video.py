@@ -171,7 +171,7 @@ def _pyav() -> Any:
 
 @contextmanager
 def _ffmpeg_errors(where: str) -> Iterator[None]:
-    """Around calls of FFmpeg: what it says about bytes becomes a DecodeError with the file and the frame."""
+    """Wraps calls of FFmpeg. Its errors about bytes become a DecodeError that names the file and the frame."""
     import av
 
     try:

@@ -17,6 +17,7 @@ from ..pose import FloatArray
 from ..rendering.camera_rays import pixel_centres, ray_table
 from ..rendering.flow import OpticalFlow
 from ..rendering.mesh_triangles import MeshTriangles
+from ..rendering.pixel_rays import pixel_rays
 from ..rendering.scene_motion import pose_arrays, seen_from
 from ..rendering.scene_updates import scene_motion
 from ..rendering.shadow_rays import END, STEP, scene_centre
@@ -207,10 +208,9 @@ class SceneSurfaces:
         xy = ray_table(self.camera, 1)[0]
         return np.concatenate([xy, np.ones((len(xy), 1))], 1)
 
-    @cached_property
+    @property
     def _pixel_rays(self) -> PixelRays:
-        xy = self._rays[:, :2].astype(np.float32)
-        return PixelRays(self.camera.width, self.camera.height, 1, xy.ravel())
+        return pixel_rays(self.camera, 1)
 
     @cached_property
     def _flow(self) -> OpticalFlow:

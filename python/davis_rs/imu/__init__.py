@@ -1,4 +1,4 @@
-"""The inertial measurement unit beside the sensor: what it would read, each imperfection off unless asked for."""
+"""Simulates an inertial measurement unit (IMU) that is fixed to the sensor. All imperfections are off by default."""
 
 from ..decoded import IMU_DTYPE
 from .imu import IMU_EFFECTS, Imu, ImuArray, as_imu, simulate_imu

@@ -38,7 +38,7 @@ _BLOCK = 4096
 
 @dataclass(frozen=True)
 class Imu:
-    """An IMU rigidly beside the sensor. By default an ideal one at the camera's centre, in camera axes.
+    """An IMU that is rigidly fixed to the sensor. The default is an ideal one at the camera's centre, in camera axes.
 
     Args:
         rate_hz: sample k is stamped round(k 1e6 / rate) us; above 0, up to 1e6 Hz.
@@ -75,7 +75,8 @@ class Imu:
     def mpu6150(cls) -> Imu:
         """The InvenSense MPU-6150 of the paper's DAVIS240C, with all of its imperfections.
 
-        1 kHz, +-16 g, +-2000 deg/s, 16 bits, beside the sensor as calibrated, 2.4 ms late in all, noise as ESIM's.
+        It samples at 1 kHz with full scales of +-16 g and +-2000 deg/s in 16 bits. It is mounted as calibrated, its
+        samples are 2.4 ms late in all, and its noise is that of ESIM.
 
         Source: Mueggler et al., IJRR 2017, the sensor and its calibration; Rebecq et al., CoRL 2018, for the noise.
         """

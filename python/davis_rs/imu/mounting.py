@@ -1,4 +1,4 @@
-"""Where the IMU sits beside the sensor."""
+"""The pose of the IMU relative to the sensor."""
 
 from __future__ import annotations
 
@@ -65,6 +65,6 @@ class Mounting:
 
     @property
     def lever_arm(self) -> FloatArray:
-        """Where the IMU is in camera axes, (3,), metres."""
+        """The position of the IMU in camera axes, (3,), metres."""
         arm: FloatArray = -self.rotation.T @ self.matrix[:3, 3]
         return arm

@@ -21,7 +21,7 @@ class ImuQuantisation(Effect):
 
     Args:
         bits: 2..32; 0 is neutral.
-        acceleration_g, rate_deg_s: the full scale, +- so many g (of 9.80665 m/s^2) and degrees per second, > 0.
+        acceleration_g, rate_deg_s: the full scale is +- this many g (of 9.80665 m/s^2) and degrees per second, > 0.
 
     Raises:
         ValueError: for values out of range.

@@ -17,8 +17,8 @@ class ImuSaturation(Effect):
     """Each axis is held within its full scale.
 
     Args:
-        acceleration_g: +- so many g (of 9.80665 m/s^2), > 0.
-        rate_deg_s: +- so many degrees per second, > 0.
+        acceleration_g: the full scale is +- this many g (of 9.80665 m/s^2), > 0.
+        rate_deg_s: the full scale is +- this many degrees per second, > 0.
 
     The defaults are those of the paper's MPU-6150. Infinity leaves one of the two as it is.
 
@@ -50,5 +50,5 @@ class ImuSaturation(Effect):
 
 
 def full_scales(acceleration_g: float, rate_deg_s: float) -> FloatArray:
-    """Of the six axes, (6,), in m/s^2 and rad/s."""
+    """The full scales of the six axes, (6,), in m/s^2 and rad/s."""
     return np.repeat([acceleration_g * STANDARD_GRAVITY, np.radians(rate_deg_s)], 3)

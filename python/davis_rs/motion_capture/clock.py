@@ -10,7 +10,7 @@ from ..effects.effect import Effect, Where, check_range
 
 @dataclass(frozen=True)
 class MocapClock(Effect):
-    """At the camera's time t the motion capture's clock stands at (1 + ``drift``) t + ``offset_s``.
+    """The motion capture's clock: at the camera's time t it shows (1 + ``drift``) t + ``offset_s``.
 
     Args:
         offset_s: -10..10 s.

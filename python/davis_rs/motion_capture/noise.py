@@ -19,8 +19,8 @@ class MocapNoise(Effect):
         position_m: standard deviation along each axis of the world, 0..1 m.
         rotation_rad: standard deviation of the turn about each axis of the camera, 0..0.5 rad.
 
-    The defaults are what the public dataset's hand-held poster_6dof leaves beside a smooth path: its residuals are
-    white at 0.65 mm and 4.3 mrad (see :func:`~davis_rs.read_trajectory`).
+    The defaults come from the public dataset's hand-held poster_6dof. Its residuals from a smooth path are white, at
+    0.65 mm and 4.3 mrad (see :func:`~davis_rs.read_trajectory`).
 
     Raises:
         ValueError: for values out of range.

@@ -41,7 +41,8 @@ _PREFERENCES = {
     "accelerometer": (rb"ImuAccelScaleG(\d{1,2})", _ACCELEROMETER_RANGES, 8, "g"),
     "gyroscope": (rb"GyroFullScaleDegPerSec(\d{1,4})", _GYROSCOPE_RANGES, 1000, "deg/s"),
 }
-"""Of each sensor: how jAER's preferences name its full scale, the ones there are, jAER's default, the unit."""
+"""For each sensor: the name of its full scale in jAER's preferences, the possible ones, jAER's default, and the
+unit."""
 
 
 def read(
@@ -98,7 +99,7 @@ def read(
 
 
 def _start(data: bytes) -> int:
-    """Where the header ends."""
+    """The offset at which the header ends."""
     lines = _LINES.match(data)
     end = 0 if lines is None else lines.end()
     last = data.find(_LAST_LINE, 0, end)
@@ -172,7 +173,7 @@ def _imu(
     """Whole samples, and how many words of one stand at the end of the file."""
     is_word = address & _IMU == _IMU
     code = np.where(is_word, (address >> 28 & 7).astype(np.int64), _WORDS)
-    # A sample's words are beside each other; as if the file went on with something else.
+    # The words of a sample follow each other directly. Pad as if the file went on with something else.
     code = np.append(code, np.full(_WORDS, _WORDS))
     begins = np.flatnonzero(code == 0)
     in_order = code[begins[:, None] + np.arange(_WORDS)] == np.arange(_WORDS)

@@ -26,7 +26,8 @@ def ray_table(camera: Camera, rays: int) -> npt.NDArray[np.float64]:
 
 
 class Lanes(NamedTuple):
-    """For each lane a pixel, and the camera that sees it; ``motion`` is its velocity and rate, in world axes."""
+    """A pixel for each lane, and the camera that sees it. ``motion`` is the camera's velocity and angular rate in world
+    axes."""
 
     pixel: Any
     origin: Any
@@ -42,7 +43,7 @@ class CameraRays:
         self._buffers = functools.lru_cache(maxsize=4)(self._make_buffers)
 
     def lanes(self, views: Views, view: Any, pixel: Any, *, motion: bool) -> Lanes:
-        """The cameras of ``view``, a Dr.Jit array of indices, beside their pixels."""
+        """Lanes of the cameras of ``view`` (a Dr.Jit array of indices) and of their pixels."""
         import drjit as dr
         import mitsuba as mi
 
@@ -57,7 +58,7 @@ class CameraRays:
         return Lanes(pixel, origin, axes, (mi.Vector3f(gather(views.velocities)), mi.Vector3f(gather(rates))))
 
     def ray(self, lanes: Lanes, sample: Any, rays: int) -> Any:
-        """Lattice ray ``sample`` of so many, its camera-frame z of length 1, so that distance along it is depth.
+        """Lattice ray ``sample`` of ``rays``. Its z in the camera frame is 1, so distance along it is depth.
 
         With motion its tangent is set: whatever is computed from it then has its rate by ``dr.forward_to``.
         """
@@ -75,7 +76,7 @@ class CameraRays:
         return ray
 
     def prepare(self, rays: int) -> None:
-        """Make the table of so many rays, which must not happen while a loop is traced."""
+        """Make the table for ``rays`` rays. This must not happen while a loop is traced."""
         self._buffers(rays)
 
     def _make_buffers(self, rays: int) -> list[Any]:

@@ -13,7 +13,7 @@ from .scene_motion import SceneState, seen_from
 
 
 class Body(NamedTuple):
-    """A moving object beside lanes of rays: the ray in the object's own frame, and the object's pose in the world.
+    """A moving object, for lanes of rays: the ray in the object's own frame, and the object's pose in the world.
 
     Along both rays a place has the same distance. ``turning`` is the object's angular rate in world axes, for rates.
     """
@@ -74,7 +74,7 @@ class MovingLanes:
         self._factors = [None if column is None else _lanes_of(state, column, view, motion) for column in profiles]
 
     def of_rays(self, sample: Any, rays: int) -> Surroundings:
-        """What surrounds lattice ray ``sample`` of so many, with tangents where the lanes have motion."""
+        """What surrounds lattice ray ``sample`` of ``rays``, with tangents where the lanes have motion."""
         bodies = [
             Body(
                 self._camera_rays.ray(seen, sample, rays),

@@ -24,7 +24,8 @@ def rate_by_differences(
     and the smaller is taken: so visibility is left out, as it is from derivatives.
 
     Args:
-        luma_after: renders all instants, each so many seconds (n,) later, with the same random numbers each time.
+        luma_after: takes delays in seconds (n,) and renders each instant that much later, always with the same random
+            numbers.
         speeds: (n,) the fastest optical flow of each instant, pixels per second.
     """
     fastest = np.maximum(speeds, _STEP_PIXELS / _LONGEST_STEP_S)

@@ -33,7 +33,7 @@ class Renderer(ABC):
     """Renders a scene through a camera's own rays, so that images match its calibration and distortion.
 
     Each pixel averages ``rays`` rays of a fixed lattice over its square; depth and flow are those of the ray through
-    its centre. The same view gives the same bits, whatever is rendered before, beside or after it.
+    its centre. The same view gives the same bits, whatever is rendered before it, with it or after it.
     """
 
     name: str
@@ -78,7 +78,7 @@ class Renderer(ABC):
         return lambda: (self._finished(frames()), None)
 
     def begin_luma_and_rate(self, views: Views) -> Launched:
-        """As :meth:`begin_luma`, of :meth:`luma_and_rate`; rendered at once."""
+        """The same as :meth:`begin_luma`, for :meth:`luma_and_rate`. It is rendered at once."""
         both = self.luma_and_rate(views)
         return lambda: both
 
@@ -201,7 +201,7 @@ class Renderer(ABC):
     def _luma(self, views: Views) -> LumaFrames: ...
 
     def _begin_luma(self, views: Views) -> Callable[[], LumaFrames]:
-        """Begin to render :meth:`_luma`, where that can go on beside other work."""
+        """Begin to render :meth:`_luma`, in parallel with other work if the renderer can do that."""
         frames = self._luma(views)
         return lambda: frames
 

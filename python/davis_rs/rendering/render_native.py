@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-import functools
-
 import numpy as np
 import numpy.typing as npt
 
-from .._core import PixelRays, SceneRenderer
+from .._core import SceneRenderer
 from .._mitsuba import SCALAR
 from ..camera import Camera
 from ..lattice import rank1_lattice
 from ..luma import LumaFrames
 from ..pose import FloatArray
 from ..trajectory.views import Views
-from .camera_rays import ray_table
 from .edge_tracks import EdgeTracks
+from .kept_scenes import kept
+from .pixel_rays import pixel_rays
 from .render import Indices, Renderer
 from .scene_motion import STILL, SceneMotion, pose_arrays, seen_from
 from .scene_table import SceneTable
@@ -40,6 +39,7 @@ class NativeRenderer(Renderer):
 
     Attributes:
         baked: the light that was computed beforehand; None where there is none.
+        table: of the scene.
     """
 
     name = "native renderer"
@@ -60,63 +60,69 @@ class NativeRenderer(Renderer):
             motion = motion.with_bends(table.baked.maps.instants)
         super().__init__(camera, samples=samples, blur=blur, motion=motion)
         rank1_lattice(samples)  # refuses bad numbers
-        self.reason, self.baked = table.description, table.baked
+        self.reason, self.baked, self.table = table.description, table.baked, table
         columns = {name: column for column, name in enumerate(motion.lights)}
         self._profiles = [columns.get(light.name) for light in table.lights]
         self._instants = [light.instant for light in table.lights]
         self.poses_per_launch = int(np.clip(_PIXELS_PER_LAUNCH // (camera.width * camera.height), 1, 64))
-        self._pixel_rays = functools.lru_cache(maxsize=4)(self._make_pixel_rays)
-        textures = table.textures
         # The last one is that of a ray that hits nothing.
         self._frame_of_triangle = np.append(table.frames, np.uint32(0))
-        self._core = SceneRenderer(
-            corners=table.corners.ravel(),
-            planes=table.planes.ravel(),
-            u_maps=table.u_maps.ravel(),
-            v_maps=table.v_maps.ravel(),
-            normal_maps=None if table.normal_maps is None else table.normal_maps.ravel(),
-            textures=textures.texture_of,
-            two_sided=table.two_sided,
-            frames=table.frames,
-            frame_count=1 + len(table.moving),
-            layouts=textures.framed_sizes.astype(np.int64).ravel(),
-            texels=[textures.framed(group) for group in range(len(textures.group_weights))],
-            lights=[
-                (
-                    _KINDS.get(light.kind, light.kind),
-                    light.group,
-                    light.strength,
-                    table.background_per_strength(light),
-                    light.vector.tolist(),
-                    light.beam,
-                )
-                for light in table.lights
-            ],
-            light_maps=_light_maps(table),
-            emissions=None if table.baked is None else (table.baked.emitted, table.emission_lights),
-            sky=_sky(table),
-            shadows=table.shadows,
-            centre=table.centre.tolist(),
-            step=STEP,
-            end=END,
-            threads=threads,
-        )
+        self._core = kept((table, threads), lambda: _core_of(table, threads))
 
     def _luma(self, views: Views) -> LumaFrames:
-        luma, _ = self._core.luma(self._pixel_rays(self.rays), self._arrays(views))
+        luma, _ = self._core.luma(pixel_rays(self.camera, self.rays), self._arrays(views))
         return luma.reshape(self._shape(views))
 
     def _luma_and_rate(self, views: Views) -> tuple[LumaFrames, LumaFrames]:
-        luma, rate = self._core.luma(self._pixel_rays(self.rays), self._arrays(views), rate=True)
+        luma, rate = self._core.luma(pixel_rays(self.camera, self.rays), self._arrays(views), rate=True)
         assert rate is not None
         return luma.reshape(self._shape(views)), rate.reshape(self._shape(views))
 
     def _samples(self, views: Views, view: Indices, pixel: Indices, rays: int) -> LumaFrames:
-        return self._core.samples(self._pixel_rays(rays), self._arrays(views), view, pixel)
+        return self._core.samples(pixel_rays(self.camera, rays), self._arrays(views), view, pixel)
+
+    def gradients(
+        self, views: Views, view: npt.NDArray[np.uint32], pixel: npt.NDArray[np.uint32], weights: FloatArray
+    ) -> FloatArray:
+        """Luma in float64 with its derivatives, of the renderer's own rays before the blur and the lens.
+
+        Args:
+            view: (k,) which of the views.
+            pixel: (k, m) pixels, y W + x, which are added up.
+            weights: (m,) by which they are multiplied before.
+
+        Returns:
+            (k, 8 + l): luma; its rate per second; its derivatives by the camera's position in world axes, per metre,
+            and by a rotation vector in camera axes, per radian; and the part of each light in it, by the number of the
+            light in :attr:`table`.
+        """
+        found = self._core.gradients(
+            pixel_rays(self.camera, self.rays), self._arrays(views), view, np.ascontiguousarray(pixel).ravel(), weights
+        )
+        return found.reshape(len(view), 8 + len(self.table.lights))
+
+    def ray_sights(
+        self, views: Views, view: npt.NDArray[np.uint32], pixel: npt.NDArray[np.uint32]
+    ) -> tuple[npt.NDArray[np.uint32], npt.NDArray[np.uint64], FloatArray]:
+        """What each of r rays of single pixels (k,) sees, in float64.
+
+        Returns:
+            (k, r) each: the number of the triangle in :attr:`table`, 2^32 - 1 for none; which lights are hidden (bit
+            n mod 64 is turned over for each light n that something hides); and luma.
+        """
+        shape = len(pixel), self.rays
+        triangle, hidden, luma = self._core.ray_sights(
+            pixel_rays(self.camera, self.rays), self._arrays(views), view, pixel
+        )
+        return triangle.reshape(shape), hidden.reshape(shape), luma.reshape(shape)
+
+    def cameras(self, views: Views) -> list[Views]:
+        """The cameras in the world, and in the frame of each body that moves."""
+        return [views, *(seen_from(views, poses) for poses in self.motion.at(views.t_s).objects)]
 
     def _edge_tracks(self, views: Views, t_us: Indices, tolerated: float, log_eps: float) -> list[EdgeTracks]:
         found = self._core.edge_tracks(
-            self._pixel_rays(self.rays),
+            pixel_rays(self.camera, self.rays),
             self._arrays(views),
             t_us.ravel(),
             reach=self.reach_px,
@@ -131,18 +137,14 @@ class NativeRenderer(Renderer):
         ]
 
     def _depth(self, views: Views) -> npt.NDArray[np.float32]:
-        return self._core.depth(self._pixel_rays(1), self._arrays(views))[0].reshape(self._shape(views))
+        return self._core.depth(pixel_rays(self.camera, 1), self._arrays(views))[0].reshape(self._shape(views))
 
     def _owners(self, views: Views) -> npt.NDArray[np.uint32]:
-        triangles = self._core.depth(self._pixel_rays(1), self._arrays(views))[1].reshape(self._shape(views))
+        triangles = self._core.depth(pixel_rays(self.camera, 1), self._arrays(views))[1].reshape(self._shape(views))
         return self._frame_of_triangle[np.minimum(triangles, len(self._frame_of_triangle) - 1)]
 
     def _shape(self, views: Views) -> tuple[int, int, int]:
         return len(views), self.camera.height, self.camera.width
-
-    def _make_pixel_rays(self, rays: int) -> PixelRays:
-        table = ray_table(self.camera, rays).astype(np.float32)
-        return PixelRays(self.camera.width, self.camera.height, rays, table.ravel())
 
     def _arrays(self, views: Views) -> ViewArrays:
         """The cameras in the world and in the objects' frames, and the lights' factors with their rates."""
@@ -163,6 +165,43 @@ class NativeRenderer(Renderer):
                     rates[:, light] = weight * rates[:, light] + weight_rate * factors[:, light]
                     factors[:, light] *= weight
         return *pose_arrays(cameras), factors.ravel(), rates.ravel()
+
+
+def _core_of(table: SceneTable, threads: int | None) -> SceneRenderer:
+    """What the core makes of a table."""
+    textures = table.textures
+    return SceneRenderer(
+        corners=table.corners.ravel(),
+        planes=table.planes.ravel(),
+        u_maps=table.u_maps.ravel(),
+        v_maps=table.v_maps.ravel(),
+        normal_maps=None if table.normal_maps is None else table.normal_maps.ravel(),
+        textures=textures.texture_of,
+        two_sided=table.two_sided,
+        frames=table.frames,
+        frame_count=1 + len(table.moving),
+        layouts=textures.framed_sizes.astype(np.int64).ravel(),
+        texels=[textures.framed(group) for group in range(len(textures.group_weights))],
+        lights=[
+            (
+                _KINDS.get(light.kind, light.kind),
+                light.group,
+                light.strength,
+                table.background_per_strength(light),
+                light.vector.tolist(),
+                light.beam,
+            )
+            for light in table.lights
+        ],
+        light_maps=_light_maps(table),
+        emissions=None if table.baked is None else (table.baked.emitted, table.emission_lights),
+        sky=_sky(table),
+        shadows=table.shadows,
+        centre=table.centre.tolist(),
+        step=STEP,
+        end=END,
+        threads=threads,
+    )
 
 
 def _sky(table: SceneTable) -> tuple[int, int, npt.NDArray[np.float32]] | None:

@@ -22,7 +22,8 @@ from .table_kernel import TableKernel
 
 _RAYS_PER_LAUNCH = 1 << 22
 _PACKET = 16
-"""Pixels of a view are padded to whole ray packets, so that no packet, and so no bit, depends on the view beside it."""
+"""Pixels of a view are padded to whole ray packets. So no packet has rays of two views, and no result depends on which
+views are rendered together."""
 
 
 class TableRenderer(Renderer):
@@ -99,7 +100,7 @@ class TableRenderer(Renderer):
         return self._lanes(views, view, pixel, motion=motion)
 
     def _lanes(self, views: Views, view: Any, pixel: Any, *, motion: bool) -> tuple[Lanes, MovingLanes | None]:
-        """The cameras beside their pixels, and what moves around them; None where nothing does."""
+        """Lanes of the cameras and pixels, and the objects that move around them; None if nothing moves."""
         lanes = self._camera_rays.lanes(views, view, pixel, motion=motion)
         if not self.motion:
             return lanes, None

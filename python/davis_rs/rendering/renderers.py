@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import functools
 import warnings
+from typing import Any
 
 from .._mitsuba import FAST, SCALAR, default_variant, load_scene_source, stay_in, variant, variant_is_free
 from ..camera import Camera
 from ..scene.scene import Scene
 from .baked_light.bake import BAKE_ERROR
 from .baked_light.baked_scene import baked_light
+from .kept_scenes import kept
 from .matte import Materials, listed, simplify_materials
 from .render import Renderer
 from .render_integrator import IntegratorRenderer
@@ -122,24 +124,36 @@ def _make_from_table(
     if variant_name == SCALAR and kind == "table":
         raise ValueError(f"the table kernel needs Mitsuba's {FAST} variant: {why_variant}")
     with variant(variant_name) as (mi, _):
-        try:
-            loaded = load_scene_source(scene.source(), mi)
-        except ValueError as error:
-            if kind != "auto":
-                raise
-            raise Unsuitable(f"{variant_name} cannot load it") from error  # its other variants may have the plugin
-        materials = simplify_materials(loaded, mi, matte=scene.matte)
+
+        def make(bake_error: float | None) -> tuple[Any, Materials, SceneTable]:
+            try:
+                loaded = load_scene_source(scene.source(), mi)
+            except ValueError as error:
+                if kind != "auto":
+                    raise
+                # Its other variants may have the plugin.
+                raise Unsuitable(f"{variant_name} cannot load it") from error
+            materials = simplify_materials(loaded, mi, matte=scene.matte)
+            motion = scene_motion(scene, loaded, mi)
+            bake = None
+            if bake_error is not None:
+                bake = functools.partial(baked_light, scene, motion=motion, error=bake_error)
+            moving = list(motion.objects)
+            any_integrator = kind != "auto"
+            try:
+                table = SceneTable(
+                    loaded, mi, shadows=scene.shadows, any_integrator=any_integrator, moving=moving, bake=bake
+                )
+            except UnsuitableSurface as unsuitable:
+                raise UnsuitableSurface(f"{unsuitable}{_offer(materials)}") from None
+            return loaded, materials, table
+
+        if variant_name == SCALAR and bake_error is None:
+            asked = scene.source, scene.matte, scene.shadows, kind != "auto", tuple(scene.objects)
+            loaded, materials, table = kept(asked, lambda: make(None))
+        else:
+            loaded, materials, table = make(bake_error)
         motion = scene_motion(scene, loaded, mi)
-        moving = list(motion.objects)
-        bake = None
-        if bake_error is not None:
-            bake = functools.partial(baked_light, scene, motion=motion, error=bake_error)
-        try:
-            table = SceneTable(
-                loaded, mi, shadows=scene.shadows, any_integrator=kind != "auto", moving=moving, bake=bake
-            )
-        except UnsuitableSurface as unsuitable:
-            raise UnsuitableSurface(f"{unsuitable}{_offer(materials)}") from None
         renderer: Renderer
         if kind == "table":
             if any(light.kind == "spot" for light in table.lights):

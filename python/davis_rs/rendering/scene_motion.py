@@ -34,7 +34,7 @@ class SceneState:
         return SceneState(tuple(pose.moved(step_s) for pose in self.objects), factors, self.rates)
 
     def scaled(self, factor: float) -> SceneState:
-        """The same scene in a world that is so many times as large."""
+        """The same scene in a world that is ``factor`` times as large."""
         return SceneState(tuple(pose.scaled(factor) for pose in self.objects), self.factors, self.rates)
 
 

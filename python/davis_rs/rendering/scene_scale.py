@@ -103,7 +103,7 @@ def _shape_change(shape: Any, mi: Any) -> _Change:
 
 
 def _light_change(emitter: Any, mi: Any) -> _Change:
-    """Of a light that stands in one point: its place, and its strength with the square of the distances."""
+    """Scales a light that stands in one point: its place, and its strength with the square of the distances."""
     parameters = mi.traverse(emitter)
     kind = emitter.class_name()
     if kind == "PointLight":

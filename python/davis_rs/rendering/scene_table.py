@@ -168,7 +168,7 @@ class SceneTable:
 
     @property
     def irradiance(self) -> list[npt.NDArray[np.float32]]:
-        """For each baked light the texels of its maps, irradiance / pi."""
+        """The texels of the maps of each baked light, irradiance / pi."""
         maps = [] if self.baked is None else self.baked.maps.texels
         return [np.ascontiguousarray(texels[:, channel]) for texels in maps for channel in range(self._channels)]
 

@@ -82,7 +82,7 @@ class TextureTable:
         return layout
 
     def add(self, shape: Any, records: int) -> bool:
-        """Take the reflectance of a shape that has so many records; returns whether it is two-sided.
+        """Take the reflectance of a shape that has ``records`` records; returns whether it is two-sided.
 
         Raises:
             Unsuitable: if its BSDF is not diffuse, or its texture neither a constant nor a bilinear bitmap.

@@ -69,7 +69,7 @@ def strength_key(name: str, parameters: Any) -> str:
 
 
 def owner_numbers(scene: Any, motion: SceneMotion, mi: Any, dr: Any) -> npt.NDArray[np.uint32]:
-    """For each shape, by its registry number: 1, 2, ... for the objects that move, 0 for all else."""
+    """The number of each shape by its registry number: 1, 2, ... for the objects that move, 0 for all else."""
     numbers = {name: number for number, name in enumerate(motion.objects, 1)}
     registered = [int(dr.reinterpret_array(mi.UInt32, mi.ShapePtr(shape)).numpy()[0]) for shape in scene.shapes()]
     owners = np.zeros(max(registered) + 1, np.uint32)

@@ -1,4 +1,4 @@
-"""Where a ray begins and ends that looks from a surface to a light: one rule for all renderers that trace their own.
+"""Where shadow rays begin and end: one rule for all renderers that trace their own.
 
 Float32 places a hit only near its surface, so a ray that began right there would hit the surface itself. It begins a
 step off it, along the plane's normal, to the light's side:

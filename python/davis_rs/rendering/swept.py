@@ -27,7 +27,7 @@ _BEND_SAFETY = 1.5
 """A bend is measured half way; nowhere is it taken to be more than this many times larger."""
 
 _DIVISIONS = 16
-"""A piece that is not straight after so many divisions passes through the camera, or all but does."""
+"""A piece that is still not straight after this many divisions passes through the camera, or very nearly does."""
 
 _TURN_RAD = 0.5
 """A longer turn is taken in several steps."""
@@ -82,7 +82,8 @@ class Silhouettes:
 
     @classmethod
     def of_scene(cls, mi_scene: Any) -> Silhouettes:
-        """Those of a loaded Mitsuba scene: the edges of its meshes, the boxes of all else (spheres, disks, instances).
+        """The outlines of a loaded Mitsuba scene: the edges of its meshes, and the boxes of all else (spheres, disks,
+        instances).
 
         Rectangles and cubes are meshes. Where two meshes touch, the free edges of both count.
         """
@@ -90,7 +91,7 @@ class Silhouettes:
 
     @classmethod
     def of_shapes(cls, shapes: Iterable[Any]) -> Silhouettes:
-        """Those of some shapes of a loaded Mitsuba scene, see :meth:`of_scene`."""
+        """The outlines of some shapes of a loaded Mitsuba scene, see :meth:`of_scene`."""
         found, boxes = [mesh_edges(np.empty((0, 3, 3)))], []
         for shape in shapes:
             if shape.is_mesh():

@@ -1,1 +1,1 @@
-"""When to render: rules of sampling in time, and what lies between two renders."""
+"""Rules of sampling in time: when to render, and how to interpolate between two renders."""

@@ -45,7 +45,8 @@ class Break(NamedTuple):
     jump: bool
 
     def instants(self, *, both: bool) -> tuple[int, ...]:
-        """Where keyframes belong: before it, and a microsecond later too at a jump, or if ``both`` are wanted."""
+        """The keyframes of a break: one before it, and one a microsecond later if light jumps or ``both`` are
+        wanted."""
         return (self.before_us, self.before_us + 1) if self.jump or both else (self.before_us,)
 
 
@@ -73,7 +74,7 @@ def break_instants(breaks: Iterable[Break], start_us: int, *, both: bool) -> Ite
 
 
 def _object_breaks(path: Trajectory) -> FloatArray:
-    """Those of an object's path, and its end, from which on the object stands still."""
+    """The breaks of an object's path, and its end, from which on the object stands still."""
     end = [path.duration_s]
     moves = max(np.abs(path.velocities(end)).max(), np.abs(path.angular_rates(end)).max()) > _SMALLEST_JUMP
     return np.concatenate([path.breaks_s(), end if moves else []])
@@ -115,13 +116,13 @@ def _breaks_within(light: LightProfile, zero_us: int, first_us: int, stop_us: in
         return
     at_us = breaks_s * 1e6
     nearest = np.rint(at_us).astype(np.int64)
-    beside = nearest[:, None] + np.array([-1, 0, 1])
+    around = nearest[:, None] + np.array([-1, 0, 1])
     # To the bit the times at which the renderer will ask.
-    times = zero_us * 1e-6 + (beside - zero_us) * 1e-6
-    factors = light.factor(times.ravel()).reshape(beside.shape)
+    times = zero_us * 1e-6 + (around - zero_us) * 1e-6
+    factors = light.factor(times.ravel()).reshape(around.shape)
     steps = np.abs(np.diff(factors, axis=1))
     jumps = steps.max(1) > _LEAST_BEND * factors.max(1)
-    before = np.where(jumps, beside[np.arange(len(beside)), steps.argmax(1)], np.ceil(at_us - _ROUNDING_US) - 1)
+    before = np.where(jumps, around[np.arange(len(around)), steps.argmax(1)], np.ceil(at_us - _ROUNDING_US) - 1)
     bends = np.ones(len(breaks_s), np.bool_)
     if len(breaks_s) > 2:
         value = light.factor(breaks_s)

@@ -179,7 +179,7 @@ class DisplacementClock:
         self._nearest = nearest
 
     def _breaks_until(self, stop_us: int) -> list[int]:
-        """Instants beside breaks that were not given before."""
+        """Instants next to breaks that were not given before."""
         found = []
         while self._next_break < min(stop_us, self._end_us):
             found.append(self._next_break)

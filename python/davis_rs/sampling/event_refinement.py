@@ -18,7 +18,7 @@ _MOST_TURNS = 60
 """Brackets are as good as halved in each: enough for an interval of a thousand seconds."""
 
 _MOST_SMOOTH_TURNS = 4
-"""After so many steps along a curve a bracket is tightened whatever the curve is."""
+"""After this many steps along a curve, a bracket is tightened without regard to the curve."""
 
 _SMOOTH = 1.25
 """Light runs smoothly through a bracket where its slope at an instant, and that towards the nearer end, differ by less
@@ -174,7 +174,7 @@ def _brackets(
         bend = (1 - share) * (1 - 3 * share) * (p - chord) - share * (2 - 3 * share) * (q - chord)
         slope = sign * (chord + bend) / interval_us
     if new.sparse is not None and len(new.sparse.pixel):
-        before, after = new.sparse.beside(pixel, t_us, after="at")
+        before, after = new.sparse.neighbours(pixel, t_us, after="at")
         for times, log, (sample, own) in ((low_us, low, before), (high_us, high, after)):
             times[own] = new.sparse.t_us[sample[own]]
             log[own] = exact_log_luma(new.sparse.luma[sample[own]], log_eps)

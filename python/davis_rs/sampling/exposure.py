@@ -93,7 +93,7 @@ def expose(
 
 
 class _RowTimes:
-    """When the rows of a rolling shutter open and close, float64 (H,)."""
+    """The times at which the rows of a rolling shutter open and close, float64 (H,)."""
 
     def __init__(self, height: int, t_us: int, exposure_us: int, row_readout_us: float) -> None:
         self.t_us = t_us
@@ -106,7 +106,8 @@ class _RowTimes:
         return bool(np.all(self.open_us == self.close_us))
 
     def shares(self, edges_us: FloatArray) -> FloatArray:
-        """Of each row's exposure the share (n, H) that lies in each part (n + 1 edges); parts tile the time of all.
+        """The share (n, H) of each row's exposure that lies in each part (n + 1 edges). Parts tile the time of all
+        rows.
 
         What lies before the first edge is left out: the exposure is shorter. A row that closes there has the first.
         """
@@ -118,14 +119,14 @@ class _RowTimes:
         return np.asarray(np.where(length > 0, within / np.where(length > 0, length, 1.0), first))
 
     def between(self, nodes_us: FloatArray) -> FloatArray:
-        """Of each row's closing the weight (n, H) of each instant (n,): linear between the two around it."""
+        """The weight (n, H) of each instant (n,) at each row's closing: linear between the two instants around it."""
         at = np.interp(self.close_us, nodes_us, np.arange(len(nodes_us)))
         weights: FloatArray = np.clip(1 - np.abs(at - np.arange(len(nodes_us))[:, None]), 0.0, None)
         return weights
 
 
 def _expose_rows(luma: npt.NDArray[np.float32], stretches: Sequence[Stretch], rows: _RowTimes) -> FloatArray:
-    """As :func:`expose`, of a rolling shutter."""
+    """The same as :func:`expose`, for a rolling shutter."""
     first_us = math.floor(rows.open_us[0])
     bounds = [(stretch, max(stretch.start_us, first_us), min(stretch.end_us, rows.t_us)) for stretch in stretches]
     parts = [(*bound, _fastest(*bound)) for bound in bounds if bound[1] < bound[2]]
@@ -192,7 +193,8 @@ class KeyframeExposure:
         return total / (t_us - open_us)
 
     def _mean_of_rows(self, t_us: int) -> FloatArray:
-        """As :meth:`mean`, each row over its own time; one without an exposure shows the instant at which it closes."""
+        """The same as :meth:`mean`, each row over its own time. A row without an exposure shows the instant at which it
+        closes."""
         first, last = self._seen[0], self._seen[-1]
         rows = _RowTimes(len(last[1]), t_us, self._exposure_us, self._row_readout_us)
         close = np.maximum(rows.close_us, first[0])
@@ -209,7 +211,7 @@ class KeyframeExposure:
 
 
 def subframe_instants(stretch: Stretch, start_us: int, end_us: int) -> IntArray:
-    """When sub-frames are rendered for a global shutter that is open in (start_us, end_us] of a stretch."""
+    """The times of sub-frames for a global shutter that is open in (start_us, end_us] of a stretch."""
     return _middles(start_us, end_us, _fastest(stretch, start_us, end_us), SUBFRAME_PX)
 
 

@@ -12,7 +12,7 @@ from ..pose import FloatArray
 from .keyframes import Keyframe
 
 _STEEPEST = 3.0
-"""Slopes are cut to so many times the chord's (Fritsch and Carlson, SIAM J. Numer. Anal. 1980)."""
+"""Slopes are limited to this many times the chord's slope (Fritsch and Carlson, SIAM J. Numer. Anal. 1980)."""
 
 
 def interpolated(
@@ -83,7 +83,7 @@ def _take_sparse(
     assert new.sparse is not None
     pixels = np.unique(new.sparse.pixel).astype(np.int64)
     values = np.log(new.sparse.luma.astype(np.float64) + log_eps)
-    at_or_before, past = new.sparse.beside(pixels, np.full(len(pixels), t_us), after="past")
+    at_or_before, past = new.sparse.neighbours(pixels, np.full(len(pixels), t_us), after="past")
     ends = []
     for (sample, own), frame, frame_us in ((at_or_before, start, last.t_us), (past, stop, new.t_us)):
         ends.append((np.where(own, new.sparse.t_us[sample], frame_us), np.where(own, values[sample], frame[pixels])))

@@ -65,7 +65,7 @@ class KeyframeWindow:
         return slope([self.t_us[i] for i in own], [self.log_luma[i] for i in own], own.index(k))
 
     def untrusted(self, tolerated: float) -> list[BoolFrame]:
-        """Of each of the n - 1 intervals, where its cubic may miss log luma by more than is tolerated (H, W).
+        """For each of the n - 1 intervals, the pixels (H, W) whose cubic may miss log luma by more than is tolerated.
 
         An interval is trusted where each of its two ends is predicted from keyframes on either side.
         """
@@ -81,7 +81,7 @@ class KeyframeWindow:
         return result
 
     def _others(self, k: int, length_us: int, within: IntArray, most: int) -> list[int]:
-        """Up to so many keyframes on either side of keyframe k, at one end of an interval of this length.
+        """Up to ``most`` keyframes on either side of keyframe k, which is one end of an interval of ``length_us``.
 
         They are of those ``within``, its own part between cuts. Those less than half an interval apart are passed over:
         one close by would hide how the interval bends.
@@ -96,7 +96,7 @@ class KeyframeWindow:
         return others
 
     def _missed(self, k: int, others: list[int], part: IntArray, tolerated: float) -> BoolFrame:
-        """Where a prediction from others misses keyframe k by more than is tolerated."""
+        """The pixels whose prediction from ``others`` misses keyframe k by more than is tolerated."""
         log = self.log_luma
         if min(others) < k < max(others):
             times = (self.t_us[k], *(self.t_us[i] for i in others))

@@ -37,7 +37,7 @@ class SparseSamples(NamedTuple):
     t_us: npt.NDArray[np.int64]
     luma: npt.NDArray[np.float32]
 
-    def beside(
+    def neighbours(
         self, pixel: IntArray, t_us: IntArray, *, after: Literal["at", "past"]
     ) -> tuple[tuple[IntArray, BoolArray], tuple[IntArray, BoolArray]]:
         """The samples of n pixels before and after n instants of the interval: (which, whether there is one), each.

@@ -47,7 +47,7 @@ def probed(stretch: Stretch, start_us: int, end_us: int) -> Iterator[int]:
 
 
 def _implausible(stretch: Stretch, spans: IntArray) -> BoolArray:
-    """Of n spans (n, 2): those in whose middle luma is not on the line between their ends."""
+    """Those of n spans (n, 2) in whose middle luma is not on the line between their ends."""
     camera = stretch.renderer.camera
     pixel = _spread(camera.width * camera.height)
     times = np.stack([spans[:, 0], spans.sum(1) // 2, spans[:, 1]], 1).ravel()

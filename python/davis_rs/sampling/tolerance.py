@@ -147,7 +147,7 @@ class _Control:
         yield times, True
 
     def _instants(self) -> Iterator[int]:
-        """When to render; each is found when it is asked for, by the spacing of that time."""
+        """The instants at which to render. Each is found when it is asked for, from the spacing at that time."""
         stretch = self._stretch
         length_us = stretch.end_us - stretch.start_us
         clock = DisplacementClock(stretch.renderer, stretch.trajectory, length_us, start_us=stretch.start_us)
@@ -179,7 +179,7 @@ class _Control:
         return found
 
     def _probed(self, start_us: int, end_us: int) -> Iterator[int]:
-        """As :func:`probed`; a jump that it finds is cut."""
+        """The same as :func:`probed`; a jump that it finds becomes a cut."""
         last_us = start_us
         for t_us in [*probed(self._stretch, start_us, end_us), end_us]:
             if t_us == last_us + 1 and end_us > start_us + 1:

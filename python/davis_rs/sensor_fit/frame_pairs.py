@@ -11,7 +11,7 @@ FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
 GROUPS = 32
-"""Tiles of pixels are dealt into so many groups; errors come from leaving out one of them at a time."""
+"""Tiles of pixels are divided into this many groups. Errors come from leaving out one group at a time."""
 
 _TILE = 8
 _ENOUGH_STRAIGHT = 3000

@@ -15,7 +15,7 @@ import numpy.typing as npt
 from ..dataset.reader import Dataset
 from ..decoded import Frame
 from ..event_files.read import open_reader
-from ..formats.bag_reader import BagReader
+from ..formats.ros_reader import RosReader
 from ..recordings import RecordingWarning, aedat2, aedat3, aedat4, read_recording
 from ..stream_statistics.stream_statistics import Measured
 from ..untrusted import regular_file
@@ -71,7 +71,7 @@ def open_frames(path: str | os.PathLike[str], size: tuple[int, int]) -> FrameSou
         raw = RawRecording(file)
         return FrameSource(lambda: of_camera(_decoded(raw), size), "DN", of_camera=True)
     with open_reader(file) as reader:
-        if not isinstance(reader, BagReader):
+        if not isinstance(reader, RosReader):
             return None
     return FrameSource(lambda: _of_bag(file, size), "grey values")
 
@@ -111,7 +111,7 @@ def of_camera(frames: Iterator[Frame], size: tuple[int, int]) -> Iterator[Stampe
 
 def _of_bag(file: Path, size: tuple[int, int]) -> Iterator[StampedFrame]:
     with open_reader(file) as reader:
-        assert isinstance(reader, BagReader)
+        assert isinstance(reader, RosReader)
         for t_us, pixels in reader.images():
             yield StampedFrame(float(t_us), 0.0, _whole(pixels, 0, 0, size))
 

@@ -68,7 +68,7 @@ def load_sensor(name_or_path: str | os.PathLike[str]) -> SensorParameters:
 
 
 def load_sensor_file(name_or_path: str | os.PathLike[str]) -> SensorFile:
-    """As :func:`load_sensor`, with description, sources and uncertainties."""
+    """The same as :func:`load_sensor`, with description, sources and uncertainties."""
     name = os.fspath(name_or_path)
     if name in _NAMES:
         return preset_file(name)

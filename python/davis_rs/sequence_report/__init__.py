@@ -1,4 +1,4 @@
-"""The sequences of :mod:`davis_rs.sequences` beside the paper's table: listed, counted, drawn."""
+"""The sequences of :mod:`davis_rs.sequences` compared with the paper's table: listed, counted and drawn."""
 
 from .count import MEASURED, EventCount, count_events, mean_luma, read_counts, write_counts
 from .listing import as_markdown, as_text, table

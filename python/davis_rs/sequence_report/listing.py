@@ -1,4 +1,4 @@
-"""The paper's table beside our own."""
+"""The paper's table next to that of the simulated sequences."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ HEAD = ("sequence", "motion", "lens", "biases", "T [s]", "ours", "TS [m/s]", "ou
 """What the columns of :func:`table` are."""
 
 _WORDS = 4
-"""So many columns from the left hold words, the others numbers."""
+"""The number of columns from the left that hold words; the others hold numbers."""
 
 
 def table(sequences: Iterable[Sequence], counts: Mapping[str, EventCount]) -> list[tuple[str, ...]]:

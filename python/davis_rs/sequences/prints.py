@@ -91,7 +91,7 @@ def plain_shapes(
 
     Args:
         height, width: texels.
-        cell: one shape at most in a square of so many texels a side.
+        cell: side in texels of the squares that hold at most one shape each.
         radius: smallest and largest, texels; at most a third of ``cell``.
         share: of the squares that have a shape.
         ink, paper: reflectances.

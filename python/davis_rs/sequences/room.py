@@ -64,13 +64,13 @@ def covered_box(centre: FloatArray, size: FloatArray, turn: float, cover: Textur
 
 
 def lamp(position: tuple[float, float, float], lux: float, distance_m: float) -> dict[str, Any]:
-    """A point light that gives so many lux on a surface that faces it from ``distance_m``."""
+    """A point light that gives ``lux`` on a surface that faces it from ``distance_m``."""
     intensity = np.pi * distance_m**2 * lux / LUX_PER_LUMA
     return {"type": "point", "position": list(position), "intensity": float(intensity)}
 
 
 def general_light(lux: float) -> dict[str, Any]:
-    """Light from everywhere, so many lux on any surface: what walls and windows of a room send around.
+    """Light from all directions that gives ``lux`` on any surface, like what a room's walls and windows scatter.
 
     It stands for light that was reflected often, so nothing shades it: only the table kernel and the native
     renderer, which take constant light as unoccluded, show it within closed walls. A scene with it is ``ambient``.

@@ -1,4 +1,4 @@
-"""Where a camera starts in a scene."""
+"""Poses from which a camera starts in a scene."""
 
 from __future__ import annotations
 

@@ -35,7 +35,7 @@ def _board() -> Scene:
     return replace(checkerboard(), contrast_threshold=0.3)
 
 
-# What each kind of scene is not, beside the recording's place.
+# How each kind of scene differs from the place of the recording.
 _SHAPES = "other shapes in other places"
 _POSTER = "a procedural pattern of like density in place of a photograph of rocks"
 _BOXES = "other boxes, of like density; printed patterns, no folds and tape"
@@ -69,7 +69,7 @@ def _hand(name: str, make_scene: Callable[[], Scene], differs: str, kind: Kind, 
 
 
 def _slider(name: str, make_scene: Callable[[], Scene], differs: str, paper: PaperRow) -> Sequence:
-    """To the right at the row's speed, for its duration."""
+    """A motion to the right at the row's speed, for its duration."""
     speed_m_s = paper.speed_m_s
     assert speed_m_s is not None
     return _recorded(

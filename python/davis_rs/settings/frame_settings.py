@@ -9,7 +9,7 @@ from ..camera import PRESETS, Camera
 from ..effects import Effects
 from ..sensor_parameters import SensorParameters
 from .setting import Declared
-from .simulation_settings import EFFECT_FORM, EFFECTS, SENSOR, EngineSettings, ImageSettings, PixelSettings
+from .simulation_settings import EFFECT_FORM, EFFECTS, SENSOR, EngineSettings, FolderFileSettings, PixelSettings
 
 _LIGHT, _PART, _BETWEEN = "light", "which part", "between frames"
 
@@ -64,7 +64,12 @@ class _PartSettings(TypedDict, total=False):
     stop_s: Annotated[
         float | None,
         Declared(
-            "last instant that is taken, likewise", default_help="the end", unit="s", low=0, above_low=True, group=_PART
+            "last instant that is taken, from the first frame on",
+            default_help="the end",
+            unit="s",
+            low=0,
+            above_low=True,
+            group=_PART,
         ),
     ]
     slow_motion: Annotated[
@@ -156,10 +161,10 @@ class FrameSettings(_LightSettings, _PartSettings, _BetweenSettings, PixelSettin
     ]
 
 
-class FrameFolderSettings(FrameSettings, ImageSettings, total=False):
+class FrameFolderSettings(FrameSettings, FolderFileSettings, total=False):
     """The settings of :func:`~davis_rs.frames_to_folder`: those of the events, and what is written next to them."""
 
     images_every: Annotated[
         int,
-        Declared("write every so many frames into the folder as intensity frames; 0 for none", 1, low=0, metavar="N"),
+        Declared("write every Nth frame into the folder as an intensity frame; 0 for none", 1, low=0, metavar="N"),
     ]

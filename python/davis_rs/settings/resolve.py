@@ -46,7 +46,7 @@ class ViewedScene:
 
     @property
     def sensor_effects(self) -> Effects:
-        """Those of the sensor, in this scene's light."""
+        """The settings of the sensor, in this scene's light."""
         return self.sensor.effects(self.scene.lux_per_luma)
 
 

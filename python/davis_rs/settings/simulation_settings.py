@@ -11,6 +11,7 @@ from dataclasses import replace
 from typing import Annotated, TypedDict
 
 from ..camera import PRESETS, Camera
+from ..dataset.files import EVENT_FILES
 from ..effects import Effects
 from ..imu import IMU_EFFECTS, Imu
 from ..motion_capture import MotionCapture
@@ -221,8 +222,17 @@ class EngineSettings(TypedDict, total=False):
     ]
 
 
-class ImageSettings(TypedDict, total=False):
-    """How intensity frames are written into a folder."""
+class FolderFileSettings(TypedDict, total=False):
+    """How frames and events are written into a folder."""
+
+    events_format: Annotated[
+        str,
+        Declared(
+            "of the folder's events: text (events.txt), or another file in its place (docs/formats.md)",
+            "text",
+            choices=tuple(EVENT_FILES),
+        ),
+    ]
 
     image_gain: Annotated[
         float | None,
@@ -397,7 +407,7 @@ class SimulationSettings(CustomSettings, EffectsToleranceSettings, total=False):
     ]
 
 
-class FolderSettings(SimulationSettings, ImageSettings, total=False):
+class FolderSettings(SimulationSettings, FolderFileSettings, total=False):
     """The settings of :func:`~davis_rs.simulate_to_folder`: a simulation's, and what is written next to the events."""
 
     imu: Annotated[

@@ -51,7 +51,7 @@ class Histogram:
 
     @property
     def mean(self) -> float:
-        """Their mean, of large ones to the width of their bins; NaN without values."""
+        """The mean of the values; that of large ones is accurate to the width of their bins. NaN without values."""
         edges = bin_edges()
         middles = 0.5 * (edges[:-1] + edges[1:] - 1)
         return float(np.average(middles, weights=self.counts)) if self.total else float("nan")

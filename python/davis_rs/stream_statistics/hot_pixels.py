@@ -69,7 +69,8 @@ def find_hot_pixels(pixels: PixelSums, duration_s: float) -> HotPixels:
 
 
 def _variation(pixels: PixelSums) -> npt.NDArray[np.float64]:
-    """Of the intervals of each polarity and pixel, (2, H, W); infinite with fewer than three intervals."""
+    """The coefficient of variation of the intervals of each polarity and pixel, (2, H, W); infinite with fewer than
+    three."""
     count = pixels.intervals
     with np.errstate(invalid="ignore", divide="ignore"):
         mean = pixels.interval_sum / count

@@ -76,7 +76,7 @@ class StreamStatistics:
 
     @property
     def duration_s(self) -> float:
-        """From the first event to the last."""
+        """The time from the first event to the last."""
         return (self.last_us - self.first_us) * 1e-6
 
     @property
@@ -248,7 +248,7 @@ def _range(values: npt.NDArray[np.float64]) -> dict[str, float] | None:
 
 
 def _plain(found: Any) -> Any:
-    """In JSON's types: NaN and infinity become None."""
+    """The statistics in JSON's types; NaN and infinity become None."""
     if isinstance(found, Measured):
         return {"value": _plain(found.value), "sigma": _plain(found.sigma)}
     if isinstance(found, dict):

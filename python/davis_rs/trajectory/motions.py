@@ -209,7 +209,7 @@ def running(
     nod_rad: float = 0.06,
     seed: int = 0,
 ) -> SampledTrajectory:
-    """As :func:`walking`, of a person who runs."""
+    """The same as :func:`walking`, for a person who runs."""
     return walking(
         start,
         duration_s,

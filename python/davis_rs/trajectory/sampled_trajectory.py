@@ -192,7 +192,7 @@ def _unit(q: FloatArray) -> FloatArray:
 
 
 def _continuous(q: FloatArray) -> FloatArray:
-    """Of norm 1, and each with the sign that is nearer to the one before."""
+    """The quaternions with norm 1, each with the sign that is nearer to the one before."""
     q = _unit(q)
     turns = np.where((q[1:] * q[:-1]).sum(1) < 0, -1.0, 1.0)
     q[1:] *= np.cumprod(turns)[:, None]

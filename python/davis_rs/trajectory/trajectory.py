@@ -193,7 +193,7 @@ def mean_rates(quaternions: Callable[[FloatArray], FloatArray], duration_s: floa
 
 
 def _windows(duration_s: float, window_s: float) -> tuple[FloatArray, float]:
-    """When each of the windows of a path begins, and how long they are."""
+    """The times at which the windows of a path begin, and their length."""
     window_s = min(window_s, duration_s)
     last_s = duration_s - window_s
     t = np.linspace(0.0, last_s, max(round(last_s / 1e-3), 2000) + 1) if last_s > 0 else np.zeros(1)
@@ -299,7 +299,7 @@ class CallableTrajectory(Trajectory):
 
 
 class SegmentTrajectory(Trajectory):
-    """From one pose to the next at constant velocity and constant body rate, the shorter way round.
+    """Moves from one pose to the next at constant velocity and constant body rate, the shorter way round.
 
     For a controller that gives pose after pose. Of a half turn (both ways equally long) it takes the one that the
     quaternions' signs point to.

@@ -1,4 +1,4 @@
-"""Where the camera is at several instants, and how it moves there: what a renderer is asked for."""
+"""Poses and motion of the camera at several instants: what a renderer is asked for."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ class Views:
         return Views(self.t_s + t, positions, self.rotations @ turns, self.velocities, self.angular_rates)
 
     def scaled(self, factor: float) -> Views:
-        """The same views of a world that is so many times as large, about its origin."""
+        """The same views in a world that is ``factor`` times as large, scaled about its origin."""
         return Views(self.t_s, factor * self.positions, self.rotations, factor * self.velocities, self.angular_rates)
 
     def __len__(self) -> int:

@@ -21,7 +21,7 @@ from .stream_reader import QUEUE_BYTES, StreamReader
 
 SILENCE_S = 0.1
 READS_QUEUED_S = 0.02
-"""Until the reader's thread is in its first transfer, which should be there before data are."""
+"""Waits until the reader's thread is in its first transfer, which should be there before data come."""
 
 
 class Davis:

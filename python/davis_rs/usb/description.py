@@ -132,5 +132,5 @@ def describe(read: Callable[[Register], int], *, serial: str, product: int, firm
     try:
         description.device  # noqa: B018 - raises
     except ValueError as error:
-        raise OSError(f"camera {serial}, by what its registers say: {error}") from error
+        raise OSError(f"camera {serial}: its registers describe a camera that is not supported: {error}") from error
     return description

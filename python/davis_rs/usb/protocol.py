@@ -148,8 +148,7 @@ class Phase(NamedTuple):
 STOP = set_all((*SENSORS_RUN, MULTIPLEXER_RUN, TIMESTAMP_RUN, USB_RUN, CHIP_RUN), 0)
 """Everything off, data sources first. The host's transfers are cancelled after it."""
 CLEAN_SLATE = Phase(STOP, 0.010)
-"""Before a start: whatever the last program left running is off. Then the endpoint's halt is cleared, and reads begin.
-"""
+"""Before a start, switch off what the last program left running. Then clear the endpoint's halt and begin to read."""
 START = (
     Phase(set_all((CHIP_RUN,), 1), 0.200),
     Phase(set_all((USB_RUN, TIMESTAMP_RUN, MULTIPLEXER_RUN), 1), 0.050),

@@ -102,9 +102,9 @@ class DavisSettings:
 
 
 _EARLY_PACKET_US = 1000
-"""Data wait at most so long for a USB packet to fill: 8 micro-frames."""
+"""The longest time that data wait for a USB packet to fill: 8 micro-frames."""
 _BACKGROUND_TIME = 8
-"""Events within so many quarters of a millisecond support each other."""
+"""Neighbouring events within this time, in units of 250 us, support each other."""
 _PULSE_US = 10
 """Length of a pulse at the external input."""
 

@@ -57,7 +57,7 @@ class VirtualDavis:
         source: what it sends while it runs.
         chip: DAVIS240C or DAVIS346B.
         serial: at most 8 characters.
-        unplug_after: it is pulled out after so many bytes of data.
+        unplug_after: the number of bytes of data after which it is unplugged.
         speed: seconds of the stream in a second; more than 1 sends faster than a camera would.
 
     Attributes:

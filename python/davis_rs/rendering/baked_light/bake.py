@@ -142,7 +142,7 @@ class _Job:
     def instants(
         self, times: MotionTimes, lights_at: Callable[[float], Sequence[Irradiance]]
     ) -> tuple[list[int], float]:
-        """At which of ``times.tests`` light is baked, and what it errs between them."""
+        """Chooses at which of ``times.tests`` light is baked, and gives the error between them."""
         tests = len(times.tests)
         if tests == 1:
             return [0], 0.0
@@ -263,7 +263,8 @@ class _Job:
         return places, self._lattice.normals[vertex], self._lattice.frames[vertex]
 
     def _near_bodies(self, times: MotionTimes, lights_at: Callable[[float], Sequence[Irradiance]]) -> Places:
-        """As :meth:`places`: half of them on bodies that move, the others on what stands still, most of them near."""
+        """Places as :meth:`places` gives them. Half of them are on bodies that move; most of the others are near these
+        bodies."""
         half, moving = _MOTION_PILOTS // 2, self._lattice.frames[self._lattice.faces[:, 0]] > 0
         own = self._known_places(*self._spread(half, 2, moving))
         still = self._known_places(*self._spread(_CANDIDATES, 3, ~moving))
@@ -358,7 +359,7 @@ def _glimpse(light: Irradiance, *spots: Any) -> FloatArray:
 def _enough_samples(
     light: Gathered, pilots: tuple[FloatArray, FloatArray], total: FloatArray, error: float, samples: int
 ) -> tuple[int, float]:
-    """How many samples a place needs, ``samples`` at least, and what it errs with so many, as a share of all light."""
+    """How many samples a place needs (at least ``samples``), and its error with them as a share of all light."""
     while True:
         batches = np.array([light(*pilots, samples=samples, shift=shift) for shift in range(_SHIFTS)])
         off = relative_error(batches, total)

@@ -162,7 +162,7 @@ def baked_light(scene: Scene, surfaces: Surfaces, motion: SceneMotion, error: fl
 
 
 def _poses(motion: SceneMotion, times: MotionTimes) -> FloatArray:
-    """Where objects are at all instants that light may be baked at, (instants, 1 + 12 objects): time and poses."""
+    """Time and poses of the objects at all instants at which light may be baked, (instants, 1 + 12 objects)."""
     poses = motion.at(times.tests).objects
     places = [np.hstack([pose.positions, pose.rotations.reshape(-1, 9)]) for pose in poses]
     return np.hstack([times.tests[:, None], *places])

@@ -32,7 +32,7 @@ _Content = TypeVar("_Content")
 
 
 def cache_folder() -> Path | None:
-    """Where baked light is kept; None where nothing shall be."""
+    """The folder in which baked light is kept; None if it is not kept."""
     named = os.environ.get(FOLDER_VARIABLE)
     if named is not None:
         return Path(named) if named else None

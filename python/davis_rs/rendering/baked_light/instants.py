@@ -34,7 +34,7 @@ _TOLERANCE_S = 1e-4
 
 @dataclass(frozen=True)
 class MotionTimes:
-    """When bodies are where.
+    """The instants that matter to bodies that move.
 
     Attributes:
         tests: seconds (k), instants at which light is compared, as many as the bodies go far; (1) if all stand still.
@@ -64,7 +64,7 @@ class MotionTimes:
 
 
 def motion_times(motion: SceneMotion, duration_s: float | None) -> MotionTimes:
-    """Where a motion is to be looked at.
+    """Finds the instants at which a motion is to be looked at.
 
     Args:
         duration_s: of the camera's path, from 0 on; None where there is none: as long as any object moves.

@@ -177,11 +177,11 @@ class Irradiance:
 
     @property
     def direct_parts(self) -> list[Callable[..., FloatArray]]:
-        """Those of :meth:`of_lamps` and :meth:`of_sky` that there are."""
+        """The methods :meth:`of_lamps` and :meth:`of_sky`, as far as the scene has such lights."""
         return [part for part, there in ((self.of_lamps, self._lamps), (self.of_sky, self._skies)) if there]
 
     def direct(self, places: FloatArray, normals: FloatArray, samples: int, shift: int = 0) -> FloatArray:
-        """Direct irradiance / pi, RGB (n, 3), of all that is baked, from so many samples of each kind."""
+        """Direct irradiance / pi, RGB (n, 3), of all that is baked, from ``samples`` samples of each kind."""
         return sum((part(places, normals, samples, shift) for part in self.direct_parts), np.zeros((len(places), 3)))
 
     def sharp(self, places: FloatArray, normals: FloatArray) -> FloatArray:
@@ -195,7 +195,7 @@ class Irradiance:
         return self._mean("sharp", places, normals, _SHARP_SAMPLES, 0, one)
 
     def of_lamps(self, places: FloatArray, normals: FloatArray, samples: int, shift: int = 0) -> FloatArray:
-        """Direct irradiance / pi, RGB (n, 3), from so many points on each lamp."""
+        """Direct irradiance / pi, RGB (n, 3), from ``samples`` points on each lamp."""
 
         def one(surface: Any, point: Any, _: Any) -> Any:
             return sum((self._towards(emitter, surface, point) for emitter in self._lamps), self._mi.Color3f(0))
@@ -203,7 +203,7 @@ class Irradiance:
         return self._mean("lamps", places, normals, samples, shift, one)
 
     def of_sky(self, places: FloatArray, normals: FloatArray, samples: int, shift: int = 0) -> FloatArray:
-        """Direct irradiance / pi, RGB (n, 3), of constant light and environment maps, from so many directions.
+        """Direct irradiance / pi, RGB (n, 3), of constant light and environment maps, from ``samples`` directions.
 
         Directions follow the cosine. Where the sky is a map, as many more follow its radiance; both are weighted by the
         balance heuristic (Veach and Guibas, 1995).
@@ -250,7 +250,7 @@ class Irradiance:
     def gathered(
         self, places: FloatArray, normals: FloatArray, samples: int, reflected: Sequence[Reflected], shift: int = 0
     ) -> FloatArray:
-        """Irradiance / pi by what other surfaces reflect, RGB (n, 3), from so many rays.
+        """Irradiance / pi of light that other surfaces reflect, RGB (n, 3), from ``samples`` rays.
 
         Args:
             reflected: light that falls on the surfaces, to be added up. That of the sharp lights comes on top.
@@ -285,7 +285,7 @@ class Irradiance:
     def traced(
         self, places: FloatArray, normals: FloatArray, samples: int, shift: int = 0, *, endless: bool = False
     ) -> FloatArray:
-        """What :meth:`gathered` is, RGB (n, 3), from so many paths of Mitsuba's path tracer.
+        """The same quantity as :meth:`gathered`, RGB (n, 3), from ``samples`` paths of Mitsuba's path tracer.
 
         Args:
             endless: paths are as long as they like.
@@ -347,7 +347,7 @@ class Irradiance:
         return found
 
     def _name(self) -> str:
-        """By which this light is told from others of the scene."""
+        """A key that tells this light from others of the scene."""
         return ""
 
     def _mean_of_part(

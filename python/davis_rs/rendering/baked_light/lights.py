@@ -45,7 +45,7 @@ class Paths:
 
 
 def paths_of(integrator: Any) -> Paths:
-    """Those of a scene's integrator.
+    """The paths that a scene's integrator follows.
 
     Raises:
         Unsuitable: for one that does more, or other things, than to follow light between surfaces.

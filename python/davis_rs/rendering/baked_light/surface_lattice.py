@@ -1,4 +1,4 @@
-"""Where irradiance is known on surfaces: at points of a lattice on each triangle, dense where the light bends.
+"""The points at which irradiance is known on surfaces: a lattice on each triangle, dense where the light bends.
 
 A triangle is divided into four by the middles of its edges, and each part again where that is needed. Between the
 points of the densest division everything is linear along edges. A point on an edge belongs to all triangles at the
@@ -73,7 +73,7 @@ class RefinementRule:
         spacing: edges longer than this are always divided, metres.
         finest: edges shorter than this never, metres.
         tolerance: an edge whose middle is off by more than this share of the light is divided.
-        most_points: when there are so many, only the worst edges are divided.
+        most_points: once the lattice has this many points, only the worst edges are divided.
     """
 
     spacing: float
