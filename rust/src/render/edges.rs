@@ -388,6 +388,32 @@ mod tests {
         }
     }
 
+    proptest! {
+        /// However strongly an edge's image bends in the time that is looked at, its whole way lies in the part of the
+        /// image in which rays are looked for.
+        #[test]
+        fn the_image_holds_the_whole_way(
+            ends in prop::array::uniform2(prop::array::uniform2(-1.0f64..1.0)),
+            places in prop::array::uniform3([-0.5f64..0.5, -0.5f64..0.5, -0.2f64..0.2]),
+            middle in 0.4f64..0.6,
+        ) {
+            let edge = Edge { frame: 0, ends: ends.map(|[x, y]| [x, y, 2.0]), wings: None };
+            let mut views = [view(0.0, 0.0), view(0.0, 0.0), view(0.0, 0.0)];
+            for (view, place) in views.iter_mut().zip(places) {
+                view.poses[0].position = place;
+            }
+            let moving = MovingEdge::new(&edge, views.each_ref(), middle).unwrap();
+            for end in &moving.ends {
+                for step in 0..=STEPS {
+                    let [x, y, z] = at(end, step as f64 / STEPS as f64);
+                    for (i, place) in [x / z, y / z].into_iter().enumerate() {
+                        prop_assert!(moving.image[0][i] <= place && place <= moving.image[1][i]);
+                    }
+                }
+            }
+        }
+    }
+
     #[test]
     fn edges_within_a_plane_do_not_count() {
         let renderer = Renderer::new(Scene::new(&scene(&[])).unwrap(), Some(1)).unwrap();
