@@ -27,6 +27,10 @@ const OWN: f64 = 0.02;
 /// Error of even change that is left where its middle becomes a sample: a quarter of the bend for a smooth pixel.
 const REMAINS: f32 = 1.0 / 3.0;
 
+/// How far a ray's luma is taken to run along the line that its rate tells, as a share of what it was seen to be. Where a
+/// texture is fine a rate holds for a short way only, and a line would leave what any texture has.
+const BELIEVED: f64 = 0.25;
+
 /// A microsecond, in seconds.
 const TICK_S: f64 = 1e-6;
 
@@ -145,7 +149,8 @@ pub(super) struct Piece {
     jumps: Vec<Jump>,
     /// Rays that edges pass so often that it is not known what they see between these, and when to look.
     pub(super) unseen: Vec<(u32, f64)>,
-    /// How far rays that do not jump go beyond what their rates at both ends tell: into a shadow, or over fine texture.
+    /// How far rays that do not jump go beyond what their rates at both ends tell, into a shadow or over fine texture; and
+    /// how far those that jump would go along a rate that is not believed.
     doubt: f64,
 }
 
@@ -172,15 +177,21 @@ impl Piece {
             Course::Unknown if before.triangle != after.triangle => within.map(|pass| pass.share).next(),
             Course::Unknown | Course::Even => None,
         };
-        self.jumps.push(match jump {
-            Some(share) => Jump {
-                seen_us,
-                after_us: span.after(share),
-                change,
-                rates: [before, after].map(|sight| f64::from(sight.rate) * TICK_S / rays),
-            },
-            None => Jump { seen_us, after_us: i64::MAX, change, rates: [change / (seen_us[1] - seen_us[0]); 2] },
-        });
+        let even = Jump { seen_us, after_us: i64::MAX, change, rates: [change / (seen_us[1] - seen_us[0]); 2] };
+        self.jumps.push(jump.map_or(even, |share| {
+            let at_us = span.at_us(share);
+            let mut rate = |sight: &Sight, over_us: f64| {
+                let rate = f64::from(sight.rate) * TICK_S / rays;
+                let drift = (rate * over_us).abs();
+                if drift <= BELIEVED * f64::from(sight.luma) / rays {
+                    return rate;
+                }
+                self.doubt += drift;
+                0.0
+            };
+            let rates = [rate(before, at_us - seen_us[0]), rate(after, seen_us[1] - at_us)];
+            Jump { seen_us, after_us: span.after(share), change, rates }
+        }));
     }
 }
 
@@ -437,6 +448,20 @@ mod tests {
         let behind = [pass(0, 0.55, 0.1), pass(0, 0.6, 0.1)];
         let (found, unknown, more) = samples([Some(&wall), None, Some(&wall), None, Some(&wall)], &behind);
         assert_eq!((found, unknown, more), (vec![(1020, 1.0)], false, false));
+    }
+
+    /// Where it comes onto a fine texture, its rate there tells nothing of what it saw before.
+    #[test]
+    fn a_ray_that_jumps_goes_no_way_that_is_not_believed() {
+        let before = [sight(1.0, 0)];
+        for (rate, believed) in [(0.1 / 12e-6, true), (1.0 / 12e-6, false), (-1.0 / 12e-6, false)] {
+            let (after, last) = ([Sight { rate, ..sight(0.5, 1) }], [sight(0.5, 1)]);
+            let (found, unknown, more) =
+                samples([Some(&before), None, Some(&after), None, Some(&last)], &[pass(0, 0.2, 1.0)]);
+            assert_eq!((unknown, more), (!believed, !believed));
+            let jumped = if believed { 0.4 } else { 0.5 };
+            assert!((found[1].1 - jumped).abs() < 1e-6 && found[1].0 == 1008, "{found:?}");
+        }
     }
 
     #[test]
