@@ -1,7 +1,7 @@
 """The estimate of Monte Carlo noise next to whole runs: python benches/monte_carlo_noise.py > table.md
 
-A box with a lamp in its ceiling (tests/lamp_box.py), 96 x 72 pixels, 0.2 s: whole runs at several numbers of samples
-matched with one of 1,024 samples of another seed, and what the estimate before each run says of it.
+A box with a lamp in its ceiling (tests/helpers/lamp_box.py), 96 x 72 pixels, 0.2 s: whole runs at several numbers of
+samples matched with one of 1,024 samples of another seed, and what the estimate before each run says of it.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "helpers"))
 
 from davis_rs import Simulator, compare_events
 from davis_rs._mitsuba import FAST, variant

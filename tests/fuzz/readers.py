@@ -28,7 +28,7 @@ from multiprocessing.process import BaseProcess
 from pathlib import Path
 
 if __name__ == "__main__":
-    sys.path[:0] = [str(Path(__file__).parents[1]), str(Path(__file__).parent)]
+    sys.path[:0] = [str(Path(__file__).parents[1] / "helpers"), str(Path(__file__).parent)]
 
 MOST_SECONDS = 2.0
 MOST_BYTES = 200 << 20
@@ -54,10 +54,9 @@ class Result:
 
 def child(say: Connection, target_name: str, seed: int, numbers: range, folder: Path, keep: Path | None) -> None:
     """Read mutants, and tell of each before it is read and after."""
+    import davis_rs
     from mutate import mutant
     from targets import TARGETS
-
-    import davis_rs
 
     resource.setrlimit(resource.RLIMIT_AS, (ADDRESS_SPACE, ADDRESS_SPACE))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))

@@ -37,7 +37,7 @@ from recording_files import (
     aedat4_triggers,
     frame_of,
 )
-from test_dataset import write_sequence
+from written_sequence import write_sequence
 
 SIZE = (240, 180)
 

@@ -26,7 +26,7 @@ import davis_rs
 from davis_rs.usb.link import find_devices
 
 HERE = Path(__file__).resolve().parent
-sys.path.insert(0, str(HERE.parent))
+sys.path.insert(0, str(HERE.parent / "helpers"))
 
 from streams import START, STOP, assert_same, contents, encode, join  # noqa: E402
 

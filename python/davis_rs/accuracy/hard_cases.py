@@ -132,5 +132,6 @@ _LIMITS = [
     "  follows the geometry's edges: it knows at which instant an edge passes each ray. A shadow's edge is no edge of",
     "  the geometry: of shadows' dips of a few microseconds `exact` misses some (0.1 to 0.2 % of the wires' events).",
     "- **Brute force** stamps what jumps up to its own step late, and sees no dip shorter than that. What `exact` has",
-    "  too many of here are such dips: with steps of 1 us brute force has them too (a test in `tests/test_breaks.py`).",
+    "  too many of here are such dips: with steps of 1 us brute force has them too (a test in",
+    "  `tests/sampling/test_breaks.py`).",
 ]

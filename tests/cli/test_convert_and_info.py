@@ -1,0 +1,239 @@
+"""davis-rs convert and davis-rs info: from any format to any format, and what a file or a folder holds."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from davis_rs import open_writer, read_events
+from davis_rs.cli.main import main
+from davis_rs.dataset.reader import Dataset
+from davis_rs.event_files.conversion import convert
+from davis_rs.events import EVENT_DTYPE, EventArray
+from davis_rs.inspection.summary import Gap, dataset_row, draw_rates, summarize_events, top_speeds
+from davis_rs.pose import GroundTruth
+from places import SHARED
+from written_sequence import write_sequence
+
+SIZE = (240, 180)
+DATA = SHARED / "data"
+
+
+def many(count: int) -> EventArray:
+    rng = np.random.default_rng(4)
+    events = np.zeros(count, EVENT_DTYPE)
+    events["t"] = 1_000_000 + np.cumsum(rng.integers(0, 20, count))
+    for field, limit in (("x", SIZE[0]), ("y", SIZE[1]), ("p", 2)):
+        events[field] = rng.integers(0, limit, count)
+    return events
+
+
+def text_file(path: Path, events: EventArray) -> Path:
+    with open_writer(path, SIZE, "text") as writer:
+        writer.write(events)
+    return path
+
+
+# ---- convert ----
+
+
+def test_a_slice_goes_from_text_through_formats_and_back(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Window and region are half-open; the text at the end is that of the selected events, byte by byte."""
+    for module in ("h5py", "hdf5plugin", "numcodecs", "pyarrow", "rosbags"):
+        pytest.importorskip(module)
+    events = many(50_000)
+    source = text_file(tmp_path / "events.txt", events)
+    arguments = ["--start", "1.05", "--stop", "1.4", "--roi", "10", "20", "100", "90", "--size", "240x180", "--quiet"]
+    assert main(["convert", str(source), str(tmp_path / "a.h5"), *arguments]) == 0
+    for before, after in (("a.h5", "b.parquet"), ("b.parquet", "c.bag"), ("c.bag", "d.txt")):
+        assert main(["convert", str(tmp_path / before), str(tmp_path / after), "--quiet"]) == 0
+    keep = (events["t"] >= 1_050_000) & (events["t"] < 1_400_000)
+    keep &= (events["x"] >= 10) & (events["x"] < 100) & (events["y"] >= 20) & (events["y"] < 90)
+    expected = text_file(tmp_path / "expected.txt", events[keep])
+    assert (tmp_path / "d.txt").read_bytes() == expected.read_bytes()
+    assert f"c.bag: bag, {np.count_nonzero(keep):,} events" in capsys.readouterr().out
+
+
+def test_options_reach_the_format_and_wrong_ones_are_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """--option name=value; an unknown name and a value out of range are errors in one line."""
+    pytest.importorskip("pyarrow")
+    source, target = text_file(tmp_path / "events.txt", many(1_000)), str(tmp_path / "e.parquet")
+    command = ["convert", str(source), target, "--size", "240x180", "--quiet", "--option"]
+    assert main([*command, "row_group=100"]) == 0
+    assert main([*command, "row_group=0", "--overwrite"]) == 1
+    assert main([*command, "rows=100", "--overwrite"]) == 1
+    told = capsys.readouterr().err
+    assert "at least 1 event: got 0" in told
+    assert "rows" in told
+    assert len(read_events(target)) == 1_000
+
+
+def test_what_cannot_be_converted_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """An existing file, a file onto itself, and a source whose sensor nobody knows; nothing is touched."""
+    pytest.importorskip("pyarrow")
+    source = text_file(tmp_path / "events.txt", many(100))
+    before = source.read_bytes()
+    (tmp_path / "there.parquet").write_bytes(b"mine")
+    there, new = str(tmp_path / "there.parquet"), str(tmp_path / "new.parquet")
+    assert main(["convert", str(source), there, "--size", "240x180", "--quiet"]) == 1
+    assert main(["convert", str(source), str(source), "--size", "240x180", "--overwrite", "--quiet"]) == 1
+    assert main(["convert", str(source), new, "--quiet"]) == 1
+    told = capsys.readouterr().err
+    assert "overwrite" in told
+    assert "onto itself" in told
+    assert "sensor's size" in told
+    assert (source.read_bytes(), (tmp_path / "there.parquet").read_bytes()) == (before, b"mine")
+    assert not (tmp_path / "new.parquet").exists()
+
+
+def test_a_closed_pipe_ends_the_conversion(tmp_path: Path) -> None:
+    """Standard output that nobody reads any more: exit status 1 and no word, as of any program before `head`."""
+    source = text_file(tmp_path / "events.txt", many(200_000))
+    command = [sys.executable, "-m", "davis_rs.cli", "convert", str(source), "-", "--format", "text"]
+    with subprocess.Popen(
+        [*command, "--size", "240x180", "--quiet"], stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    ) as process:
+        assert process.stdout is not None
+        assert process.stderr is not None
+        assert process.stdout.readline() == source.read_bytes().split(b"\n")[0] + b"\n"
+        process.stdout.close()
+        told = process.stderr.read().decode()
+    assert process.returncode == 1
+    assert told == ""
+
+
+def test_memory_stays_constant(tmp_path: Path, run_python: Callable[..., str]) -> None:
+    """Ten times the events take no more than 60 MB more."""
+    pytest.importorskip("pyarrow")
+    program = (
+        "import resource, sys\n"
+        "from davis_rs.event_files.conversion import convert\n"
+        "convert(sys.argv[1], sys.argv[2], size=(240, 180))\n"
+        "print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)\n"
+    )
+    peaks = []
+    for millions in (1, 10):
+        source = tmp_path / f"{millions}.txt"
+        with open_writer(source, SIZE) as writer:
+            part = many(1_000_000)
+            for _ in range(millions):
+                writer.write(part)
+                part["t"] += int(part["t"][-1])
+        peaks.append(int(run_python(program, str(source), str(tmp_path / f"{millions}.parquet"))) / 1024)
+    assert peaks[1] < peaks[0] + 60, peaks
+
+
+def test_progress_ends_at_one(tmp_path: Path) -> None:
+    shares: list[float] = []
+    source = text_file(tmp_path / "events.txt", many(100))
+    report = convert(source, tmp_path / "b.txt", size=SIZE, progress=shares.append)
+    assert (report.events, shares[-1]) == (100, 1.0)
+
+
+def small_folder(path: Path) -> Path:
+    """Four packets of a 24 x 18 sensor with frames, depth and poses, of which no event reaches the last column."""
+    write_sequence(path)
+    return path
+
+
+def test_what_the_target_cannot_hold_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """In one line on standard error, with counts; a file of events loses nothing, so nothing is said."""
+    folder = Dataset(small_folder(tmp_path / "d"))
+    assert main(["convert", str(folder.path), str(tmp_path / "e.npy"), "--quiet"]) == 0
+    told = capsys.readouterr().err
+    assert told.count("\n") == 1
+    assert f"{len(folder.frames)} frames, {len(folder.depth_maps)} depth maps" in told
+    assert main(["convert", str(tmp_path / "e.npy"), str(tmp_path / "e.npz"), "--size", "24x18", "--quiet"]) == 0
+    assert not capsys.readouterr().err
+
+
+# ---- info ----
+
+
+def test_a_folder_is_known_by_what_it_says_of_itself(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Format and size are the folder's, not its text file's; scene and C are those of meta.json."""
+    folder = small_folder(tmp_path / "d")
+    meta = json.loads((folder / "meta.json").read_text())
+    meta |= {"scene": {"name": "fence"}, "parameters": {"contrast_threshold": 0.2}, "effects": {}}
+    meta["sensor"] = {"width": 30, "height": 20}
+    (folder / "meta.json").write_text(json.dumps(meta))
+    assert main(["info", str(folder), "--quiet"]) == 0
+    said = capsys.readouterr().out
+    for line in ("d: dataset folder", "sensor      30 x 20\n", "scene       fence", "C = 0.2", "effects     none"):
+        assert line in said
+    assert f"{len(Dataset(folder).frames)} frames" in said
+
+
+def test_a_file_is_summed_up_as_a_loop_would(tmp_path: Path) -> None:
+    """Counts, rates, the fullest interval of 10 ms and the longest gaps; also where the file knows no sensor size."""
+    events = many(60_000)
+    events["t"][30_000:] += 123_456
+    summary = summarize_events(text_file(tmp_path / "events.txt", events))
+    t = events["t"].astype(int)
+    assert (summary.events, summary.on) == (len(events), int(events["p"].sum()))
+    assert (summary.first_us, summary.last_us, summary.backward) == (t[0], t[-1], 0)
+    assert summary.size == (events["x"].max() + 1, events["y"].max() + 1)
+    assert not summary.size_known
+    counts = np.zeros(summary.counts.shape, int)
+    np.add.at(counts, (events["y"], events["x"]), 1)
+    np.testing.assert_array_equal(summary.counts, counts)
+    windows = np.bincount(t // 10_000)
+    assert summary.peak_events == windows.max()
+    assert summary.peak_us == windows.argmax() * 10_000
+    assert summary.mean_rate_hz == pytest.approx(len(events) * 1e6 / (t[-1] - t[0]))
+    assert summary.gaps[0] == Gap(t[30_000] - t[29_999], t[29_999])
+    assert [gap.length_us for gap in summary.gaps] == sorted(np.diff(t))[-1:-4:-1]
+
+
+def test_an_empty_file_is_summed_up(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """No events are no error, but they have no rates to draw."""
+    source = text_file(tmp_path / "events.txt", np.zeros(0, EVENT_DTYPE))
+    assert main(["info", str(source), "--quiet"]) == 0
+    assert "events      0" in capsys.readouterr().out
+    assert main(["info", str(source), "--quiet", "--picture", str(tmp_path / "p.png")]) == 1
+    assert "no rates to draw" in capsys.readouterr().err
+
+
+def test_the_picture_of_rates_is_drawn(tmp_path: Path) -> None:
+    """A PNG in which the busy corner is brighter than the rest."""
+    pytest.importorskip("matplotlib")
+    events = many(20_000)
+    events["x"][:10_000] %= 24
+    summary = summarize_events(text_file(tmp_path / "events.txt", events), size=SIZE)
+    path = draw_rates(summary, tmp_path / "rates.png")
+    with Image.open(path) as image:
+        assert image.width > 800
+
+
+def test_top_speeds_are_those_of_the_motion() -> None:
+    """A camera that turns at 90 deg/s and moves at 2 m/s, in both signs of the quaternion; none for a single pose."""
+    seconds = np.arange(0, 1, 0.005)
+    half = np.radians(90 * seconds) / 2
+    quaternions = np.stack([np.zeros_like(half), np.zeros_like(half), np.sin(half), np.cos(half)], axis=1)
+    quaternions[::3] *= -1
+    positions = np.stack([2 * seconds, np.zeros_like(half), np.zeros_like(half)], axis=1)
+    truth = GroundTruth((seconds * 1e6).astype(np.int64), positions, quaternions)
+    assert top_speeds(truth) == pytest.approx((2.0, 90.0))
+    assert np.isnan(top_speeds(GroundTruth(truth.t_us[:1], positions[:1], quaternions[:1]))).all()
+    assert top_speeds(GroundTruth(truth.t_us[:2], positions[:2], quaternions[:2])) == pytest.approx((2.0, 90.0))
+
+
+@pytest.mark.skipif(not DATA.is_dir(), reason="needs the recordings")
+def test_the_public_sequence_has_the_papers_speed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """slider_depth: a linear slider at 0.32 m/s that does not turn (the paper's table 1)."""
+    for name in ("calib.txt", "groundtruth.txt"):
+        (tmp_path / name).write_bytes((DATA / "slider_depth" / name).read_bytes())
+    text_file(tmp_path / "events.txt", many(1_000))
+    row = dataset_row(tmp_path, summarize_events(tmp_path))
+    assert row.translation_m_s == pytest.approx(0.32, abs=0.03)
+    assert row.rotation_deg_s == 0
+    assert main(["info", str(tmp_path), "--quiet"]) == 0
+    assert "RS = 0.0 deg/s, NE = 1,000" in capsys.readouterr().out
+    assert len(Dataset(tmp_path).groundtruth.t_us) > 100

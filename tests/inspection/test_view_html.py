@@ -1,0 +1,353 @@
+"""The interactive page of a sequence: what it holds, that nothing gets into it or out of it, and that it draws."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import io
+import json
+import re
+import shutil
+import subprocess
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from PIL import Image
+
+from command_line import davis_rs
+from davis_rs import EVENT_DTYPE, convert, view_html
+from davis_rs.camera import Camera
+from davis_rs.dataset.reader import Dataset
+from davis_rs.dataset.writer import DatasetWriter
+from davis_rs.inspection import html_page
+from davis_rs.inspection.figure import OFF_RGB, ON_RGB
+from davis_rs.inspection.sampling_for_display import evenly_spaced, event_counts, sample_events
+from davis_rs.inspection.visual_sequence import display_grey
+from recording_files import aedat4, aedat4_events, aedat4_frame, aedat4_imu, events_of, frame_of
+from written_sequence import HEIGHT, STEPS, WIDTH, packet_of, write_sequence
+
+VOID = {"meta", "input", "br", "link", "img"}
+
+
+class Page(HTMLParser):
+    """A page's elements; the end tags must be those of the elements that are open."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__()
+        self.elements: list[tuple[str, dict[str, str | None]]] = []
+        self.texts: dict[str, list[str]] = {}
+        self._open: list[str] = []
+        self.text = path.read_text("utf-8")
+        self.feed(self.text)
+        self.close()
+        assert self._open == []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.elements.append((tag, dict(attrs)))
+        if tag not in VOID:
+            self._open.append(tag)
+            self.texts.setdefault(tag, []).append("")
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self._open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        if self._open:
+            self.texts[self._open[-1]][-1] += data
+
+    @property
+    def data(self) -> dict[str, Any]:
+        """What the page's program reads."""
+        data: dict[str, Any] = json.loads(self.texts["script"][0])
+        return data
+
+
+def array(text: str, dtype: str) -> npt.NDArray[Any]:
+    return np.frombuffer(base64.b64decode(text), dtype)
+
+
+def events_in(data: dict[str, Any]) -> npt.NDArray[Any]:
+    """The page's events as the page's program unpacks them."""
+    packed, xy = array(data["events"]["t"], "<u4"), array(data["events"]["xy"], "<u2").reshape(-1, 2)
+    events = np.zeros(len(packed), EVENT_DTYPE)
+    events["t"] = (packed >> 1).astype(np.int64) * data["events"]["tick_us"] + data["start_us"]
+    events["x"], events["y"], events["p"] = xy[:, 0], xy[:, 1], packed & 1
+    return events
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A dataset with events, frames and poses, and IMU samples that are not all in its time."""
+    path = tmp_path_factory.mktemp("html") / "d"
+    write_sequence(path)
+    rows = [f"{0.001 * k:.9f} {k} 2 3 0.1 {-0.01 * k} 0.3" for k in range(STEPS + 20)]
+    (path / "imu.txt").write_text("\n".join(rows) + "\n")
+    return path
+
+
+def test_the_page_holds_the_sequence(folder: Path, tmp_path: Path) -> None:
+    """Where nothing needs to be left out: events, frames as a display wants them, poses, IMU samples of its time."""
+    page = view_html(folder, tmp_path / "p.html", t_s=0.02, window_s=0.004)
+    dataset, parsed = Dataset(folder), Page(tmp_path / "p.html")
+    data = parsed.data
+    assert np.array_equal(events_in(data), dataset.events)
+    assert (data["width"], data["height"], data["duration_us"]) == (WIDTH, HEIGHT, 1000 * STEPS)
+    assert (data["t_us"], data["window_us"]) == (20_000, 4_000)
+    assert data["frames"]["t"] == [image.t_us for image in dataset.frames]
+    for number, png in enumerate(data["frames"]["png"]):
+        with Image.open(io.BytesIO(base64.b64decode(png))) as image:
+            expected = np.rint(255 * display_grey(dataset.read_image(number) / 255.0))
+            assert np.array_equal(np.array(image), expected)
+    poses = array(data["path"]["values"], "<f4").reshape(-1, 7)
+    assert np.allclose(poses[:, :3], dataset.groundtruth.positions, atol=1e-6)
+    assert np.allclose(poses[:, 3:], dataset.groundtruth.quaternions, atol=1e-6)
+    imu = array(data["imu"]["values"], "<f4").reshape(-1, 6)
+    assert np.allclose(imu[7], [7, 2, 3, 0.1, -0.07, 0.3])
+    assert array(data["imu"]["t"], "<f8").max() == 1000 * STEPS
+    n = len(dataset.events)
+    assert page.kept == {
+        "events": (n, n),
+        "frames": (7, 7),
+        "IMU samples": (STEPS + 1, STEPS + 20),
+        "poses": (STEPS + 1, STEPS + 1),
+    }
+    assert page.size_bytes == (tmp_path / "p.html").stat().st_size
+    assert f"{n:,} of {n:,} events, 7 of 7 frames, 61 of 80 IMU samples, 61 of 61 poses" in parsed.texts["p"][0]
+
+
+def test_events_are_sampled_and_counted(folder: Path, tmp_path: Path) -> None:
+    """The kept ones are of the sequence, in its order; page and command say how many; rates count all."""
+    output = tmp_path / "p.html"
+    ran = davis_rs("view", folder, "--html", output, "--max-events", "100", "--max-frames", "3")
+    all_events, data = Dataset(folder).events, Page(output).data
+    assert ran.returncode == 0
+    said = f"100 of {len(all_events):,} events, 3 of 7 frames"
+    assert said in ran.stdout
+    assert said in output.read_text()
+    kept = events_in(data)
+    assert len(kept) == 100
+    known = set(all_events.tolist())
+    assert all(event in known for event in kept.tolist())
+    assert (np.diff(kept["t"]) >= 0).all()
+    assert data["frames"]["t"] == [0, 30_000, 60_000]
+    counts = [array(data["rate"][name], "<u4").sum() for name in ("off", "on")]
+    assert counts == np.bincount(all_events["p"]).tolist()
+
+
+@given(st.integers(0, 3000), st.integers(1, 400))
+def test_a_sample_is_even(count: int, most: int) -> None:
+    """No event twice, one of each of as many runs of equal length as are kept, and the same one each time."""
+    events = np.zeros(count, EVENT_DTYPE)
+    events["t"] = np.arange(count)
+    kept = sample_events(events, most)["t"]
+    assert len(kept) == min(count, most)
+    assert (np.diff(kept) > 0).all()
+    assert np.array_equal(kept, sample_events(events, most)["t"])
+    if count > most:
+        assert np.array_equal(((kept + 1) * most - 1) // count, np.arange(most))
+    spaced = evenly_spaced(count, most)
+    assert len(set(spaced.tolist())) == len(spaced) == min(count, most)
+    if most > 1 and count:
+        assert (spaced[0], spaced[-1]) == (0, count - 1)
+
+
+@given(st.lists(st.tuples(st.integers(5, 500), st.integers(0, 1)), max_size=40), st.integers(1, 30))
+def test_every_event_is_counted_once(rows: list[tuple[int, int]], bins: int) -> None:
+    """In intervals that cover the sequence exactly."""
+    events = np.array([(t, 0, 0, p) for t, p in sorted(rows)], EVENT_DTYPE)
+    length_us, on, off = event_counts(events, 5, 500, bins)
+    assert on.sum() + off.sum() == len(rows)
+    assert on.sum() == events["p"].sum()
+    assert length_us * len(on) == pytest.approx(495)
+
+
+def test_frames_are_left_out_where_the_file_would_be_large(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Evenly, until they fit; one stays in any case."""
+    for budget, most in ((1200, 1200), (1, 10_000)):
+        monkeypatch.setattr(html_page, "_FRAME_BYTES", budget)
+        page = view_html(folder, tmp_path / "p.html")
+        pictures = [base64.b64decode(png) for png in Page(tmp_path / "p.html").data["frames"]["png"]]
+        assert 1 <= len(pictures) < 7
+        assert sum(map(len, pictures)) <= most
+        assert page.kept["frames"] == (len(pictures), 7)
+        assert f"{len(pictures)} of 7 frames" in str(page)
+    assert len(pictures) == 1
+
+
+def test_a_default_page_stays_below_ten_megabytes(tmp_path: Path) -> None:
+    """A million events, as noise."""
+    rng, count = np.random.default_rng(1), 1_000_000
+    events = np.zeros(count, EVENT_DTYPE)
+    events["t"] = np.sort(rng.integers(0, 10**12, count))  # eleven days: times have ticks of more than a microsecond
+    events["x"], events["y"], events["p"] = rng.integers(0, 640, count), rng.integers(0, 480, count), 1
+    np.save(tmp_path / "e.npy", events)
+    page = view_html(tmp_path / "e.npy", tmp_path / "p.html", size=(640, 480))
+    assert page.kept == {"events": (400_000, count)}
+    assert 4_000_000 < page.size_bytes < 10_000_000
+    data = Page(tmp_path / "p.html").data
+    kept = events_in(data)
+    tick_us = data["events"]["tick_us"]
+    assert tick_us > 1
+    at = np.searchsorted(events["t"], kept["t"])
+    assert (np.abs(events["t"][np.minimum(at, count - 1)] - kept["t"]) < tick_us).mean() > 0.999
+
+
+def test_recordings_and_event_files_become_pages(tmp_path: Path) -> None:
+    """Frames and IMU of a recording, in times that count from its start; an event file whose size is given."""
+    events = events_of([(1_000_000, 3, 4, 1), (1_000_500, 5, 6, 0)])
+    content = aedat4(
+        (0, aedat4_events(events)),
+        (1, aedat4_frame(frame_of(346, 260, t=1_000_100))),
+        (2, aedat4_imu([(1_000_200, (0, 1, 0, 0, 0, 0, 0))])),
+    )
+    (tmp_path / "r.aedat4").write_bytes(content)
+    view_html(tmp_path / "r.aedat4", tmp_path / "r.html")
+    data = Page(tmp_path / "r.html").data
+    assert events_in(data)["t"].tolist() == [0, 500]
+    assert data["frames"]["t"] == [100]
+    assert array(data["imu"]["t"], "<f8").tolist() == [200]
+    assert array(data["imu"]["values"], "<f4")[0] == pytest.approx(9.80665)
+
+
+def test_what_a_source_lacks_is_left_out(folder: Path, tmp_path: Path) -> None:
+    """An event file has neither frames, nor IMU, nor poses."""
+    with pytest.warns(UserWarning, match="leaves out"):
+        convert(folder, tmp_path / "e.npy")
+    page = view_html(tmp_path / "e.npy", tmp_path / "p.html", size=(WIDTH, HEIGHT))
+    data = Page(tmp_path / "p.html").data
+    assert page.kept.keys() == {"events"}
+    assert data["frames"]["t"] == []
+    assert data["imu"] is data["path"] is None
+
+
+def test_names_from_files_stay_text(tmp_path: Path) -> None:
+    """A scene's name with markup adds no element, and the text is the name."""
+    name = "</title></script><script>alert(1)</script><!--&amp;$label ${script}\u2028'\""
+    with DatasetWriter(tmp_path / "d", Camera(WIDTH, HEIGHT, 20, 20, 11.5, 8.5)) as writer:
+        writer.write(packet_of(0, 100, (50, 3, 4, 1), (60, 9, 9, 0)))
+        writer.finish({})
+    meta = json.loads((tmp_path / "d" / "meta.json").read_text())
+    (tmp_path / "d" / "meta.json").write_text(json.dumps(meta | {"scene": {"name": name}}))
+    view_html(tmp_path / "d", tmp_path / "p.html")
+    page = Page(tmp_path / "p.html")
+    assert [tag for tag, _ in page.elements].count("script") == 2
+    assert page.texts["title"][0].startswith(name)
+    assert page.texts["h1"][0].startswith(name)
+    assert not set(page.texts["script"][0]) & set("<>&")
+
+
+def test_the_page_needs_no_network(folder: Path, tmp_path: Path) -> None:
+    """No address in it, nothing that is loaded, and a policy that would refuse it; the policy lets the program run."""
+    view_html(folder, tmp_path / "p.html")
+    page = Page(tmp_path / "p.html")
+    assert page.text.startswith("<!DOCTYPE html>\n<html lang=")
+    without_data = page.text.replace(page.texts["script"][0], "")
+    assert not re.search(r"https?:|//[a-z]+\.|@import|\burl\(|fetch\(|XMLHttpRequest|WebSocket", without_data)
+    assert not any({"src", "href", "style"} & attributes.keys() for _, attributes in page.elements)
+    assert not any(name.startswith("on") for _, attributes in page.elements for name in attributes)
+    ids = [attributes["id"] for _, attributes in page.elements if "id" in attributes]
+    assert len(ids) == len(set(ids))
+    assert set(re.findall(r'element\("([\w-]+)"\)', page.texts["script"][1])) <= set(ids)
+    policy = next(found["content"] for tag, found in page.elements if tag == "meta" and "http-equiv" in found)
+    rules = dict(rule.strip().split(" ", 1) for rule in (policy or "").split(";"))
+    hashes = {
+        name: "'sha256-" + base64.b64encode(hashlib.sha256(text.encode()).digest()).decode() + "'"
+        for name, text in (("script", page.texts["script"][1]), ("style", page.texts["style"][0]))
+    }
+    assert rules == {
+        "default-src": "'none'",
+        "img-src": "data:",
+        "script-src": hashes["script"],
+        "style-src": hashes["style"],
+    }
+
+
+@pytest.mark.parametrize(
+    ("name", "arguments", "rule"),
+    [
+        ("p.txt", {}, r"must end in \.html or \.htm"),
+        ("p.html", {"t_s": 0.07}, r"t_s must lie in the sequence, 0\.\.0\.06 s, got 0\.07"),
+        ("p.html", {"window_s": 0.0}, "window_s must be positive"),
+        ("p.html", {"speed": float("nan")}, "speed must be positive"),
+        ("p.html", {"max_events": 0}, "max_events must be at least 1, got 0"),
+        ("p.html", {"max_frames": -1}, "max_frames must be at least 1, got -1"),
+    ],
+)
+def test_senseless_pages_are_refused(
+    folder: Path, tmp_path: Path, name: str, arguments: dict[str, Any], rule: str
+) -> None:
+    """Before a file is made."""
+    with pytest.raises(ValueError, match=rule):
+        view_html(folder, tmp_path / name, **arguments)
+    assert not (tmp_path / name).exists()
+
+
+def test_nothing_at_all_makes_no_page(tmp_path: Path) -> None:
+    with DatasetWriter(tmp_path / "d", Camera(WIDTH, HEIGHT, 20, 20, 11.5, 8.5)):
+        pass
+    with pytest.raises(ValueError, match="neither events nor frames"):
+        view_html(tmp_path / "d", tmp_path / "p.html")
+
+
+@pytest.mark.parametrize(
+    ("options", "rule"),
+    [
+        (["-o", "a.png", "--html", "p.html"], "-o and --html make different things"),
+        (["--video", "v.gif", "--html", "p.html"], "--video and --html make different things"),
+        (["--html", "p.html", "--rerun", "r.rrd"], "--html and --rerun make different things"),
+        (["-o", "a.png", "--video", "v.gif"], "-o and --video make different things"),
+        (["--html", "p.html", "--fps", "30"], "--fps means nothing for --html"),
+        (["--video", "v.gif", "--window", "0.1"], "--window means nothing for --video"),
+        (["--rerun", "r.rrd", "--time", "0.01"], "--time means nothing for --rerun"),
+        (["--max-events", "5"], "--max-events means nothing for the picture"),
+    ],
+)
+def test_options_that_do_not_go_together_are_refused(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, options: list[str], rule: str
+) -> None:
+    """Nothing that is given is ignored."""
+    monkeypatch.chdir(tmp_path)
+    ran = davis_rs("view", folder, *options)
+    assert ran.returncode == 1
+    assert rule in ran.stderr
+    assert not list(tmp_path.iterdir())
+
+
+def near(pixels: npt.NDArray[np.uint8], rgb: tuple[int, int, int], within: int = 2) -> int:
+    return int(np.count_nonzero((np.abs(pixels.astype(int) - rgb) <= within).all(-1)))
+
+
+def test_a_browser_draws_the_page(folder: Path, tmp_path: Path) -> None:
+    """Headless, without an error in its console: events, the frame, the cloud, the plots and the path are there."""
+    chromium = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+    if chromium is None:
+        pytest.skip("needs Chromium, to see the page drawn")
+    view_html(folder, tmp_path / "p.html", t_s=0.03)
+    command = [chromium, "--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", "--enable-logging=stderr"]
+    command += [f"--user-data-dir={tmp_path / 'profile'}", "--window-size=1280,1300", "--force-device-scale-factor=1"]
+    command += ["--virtual-time-budget=3000", f"--screenshot={tmp_path / 's.png'}", f"file://{tmp_path}/p.html"]
+    ran = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    assert ran.returncode == 0, ran.stderr
+    assert "CONSOLE" not in ran.stderr, ran.stderr
+    with Image.open(tmp_path / "s.png") as image:
+        pixels = np.array(image.convert("RGB"))
+    assert near(pixels, (253, 241, 242)) < 5000  # the background of an error, which is as wide as the page
+    sensor, cloud, rate = pixels[150:580, 42:630], pixels[150:580, 650:1238], pixels[650:800, 90:1238]
+    motion_left, motion_right = pixels[830:1180, 42:630], pixels[860:1180, 650:1238]
+    for rgb in (ON_RGB, OFF_RGB):
+        assert near(sensor, rgb) > 2000
+        assert near(cloud, rgb) > 200
+        assert near(rate, rgb, 60) > 500  # thin lines are smoothed
+    greys = sensor[(np.ptp(sensor.astype(int), axis=2) == 0)]
+    assert len(np.unique(greys)) > 20
+    for rgb in ((213, 94, 0), (0, 158, 115), (0, 114, 178)):
+        assert near(motion_left, rgb, 60) > 150
+    assert near(motion_right, (28, 33, 38), 60) > 100

@@ -1,0 +1,648 @@
+"""Baked light: against closed forms and the path tracer, no seams, the same bits, its cache, and what is refused."""
+
+from __future__ import annotations
+
+import os
+import re
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import replace
+from functools import partialmethod
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from scipy.spatial.transform import Rotation
+
+from davis_rs import Pose, Scene, SegmentTrajectory, Simulator, estimate_noise, plan_effects
+from davis_rs._mitsuba import FAST, load_scene_source, variant
+from davis_rs.accuracy.light_accuracy import LightComparison, light_cost
+from davis_rs.cli import main
+from davis_rs.rendering.baked_light import bake, baked_scene, cache
+from davis_rs.rendering.baked_light.bake import Surfaces
+from davis_rs.rendering.baked_light.irradiance import Irradiance
+from davis_rs.rendering.baked_light.light_maps import LightMaps, looked_up
+from davis_rs.rendering.baked_light.lights import irradiance_of
+from davis_rs.rendering.baked_light.partial import PartialBake
+from davis_rs.rendering.baked_light.surface_lattice import RefinementRule, SurfaceLattice, refine
+from davis_rs.rendering.render_integrator import IntegratorRenderer
+from davis_rs.rendering.renderers import make_renderer
+from davis_rs.scene.light_profile import SampledProfile
+from davis_rs.trajectory.views import Views
+from lamp_box import lamp_box
+from lit_scenes import (
+    CAMERA,
+    DIRECT,
+    DOWN,
+    PATH,
+    FloatArray,
+    IntArray,
+    Parts,
+    area,
+    build,
+    diffuse,
+    lamp,
+    luma_of,
+    make_scene,
+    noise,
+    plate,
+    shift,
+)
+from places import HELPERS
+
+pytestmark = pytest.mark.usefixtures("llvm")
+
+
+@pytest.fixture(autouse=True)
+def folder(light_cache: Path) -> Path:
+    return light_cache
+
+
+def test_a_furnace_has_the_radiance_of_its_closed_form() -> None:
+    """In a closed box whose walls all emit L and reflect rho, all is as bright as L / (1 - rho): direct light, all
+    bounces, and what lamps look like themselves."""
+    walls = {"type": "cube", "flip_normals": True, "bsdf": diffuse(0.5), "emitter": area(0.7)}
+    luma = luma_of(make_scene(walls=walls), 0.1, pose=Pose([0.1, 0.2, 0.3], DOWN.quaternion))
+    assert np.median(luma) == pytest.approx(1.4, rel=0.025)
+    assert luma.min() > 1.33
+    assert luma.max() < 1.47
+
+
+def test_light_of_a_rectangle_is_that_of_its_form_factor() -> None:
+    """A level lamp over a floor: reflectance times radiance times the closed form of the configuration factor."""
+    floor, half, height = plate(0, 0, 0, (3, 3)), (0.4, 0.3), 2.0
+    scene = make_scene(DIRECT, floor=floor, lamp=lamp(height, 5.0, half))
+    x, y = np.meshgrid(*(np.arange(n) for n in (CAMERA.width, CAMERA.height)))
+    rays = CAMERA.rays(np.stack([x, y], -1).astype(float))
+    # One ray a pixel; the camera looks down, its x along the world's.
+    place = np.stack([1.4 * rays[..., 0] - 0.1, -1.4 * rays[..., 1] - 0.2], -1)
+    factor = sum(
+        sx * sy * _corner_factor((sx * half[0] - place[..., 0]) / height, (sy * half[1] - place[..., 1]) / height)
+        for sx in (-1, 1)
+        for sy in (-1, 1)
+    )
+    luma = luma_of(scene, 0.01, samples=1)
+    assert luma == pytest.approx(0.6 * 5.0 * factor, rel=0.01)
+
+
+def _corner_factor(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Of a parallel rectangle whose corner is above the place (Howell, catalogue of configuration factors, B-4)."""
+    p, q = np.sqrt(1 + a**2), np.sqrt(1 + b**2)
+    return np.asarray((a / p * np.arctan(b / p) + b / q * np.arctan(a / q)) / (2 * np.pi))
+
+
+def colourful() -> dict[str, Parts]:
+    """Red, green and striped surfaces in an open corner, a coloured lamp, and a lamp in a point."""
+    wall = {"type": "rectangle", "bsdf": diffuse([0.8, 0.2, 0.1])}
+    wall["to_world"] = np.array([[0, 0, 1, -1.0], [1, 0, 0, 0], [0, 1, 0, 1], [0, 0, 0, 1]])
+    stripes = {"type": "bitmap", "raw": True, "data": noise(1, 0.2, 0.8, (4, 4, 3))}
+    return {
+        "floor": plate(0, 0, 0, (1, 1), diffuse(stripes)),
+        "wall": wall,
+        "block": {
+            "type": "cube",
+            "to_world": np.diag([0.2, 0.2, 0.2, 1.0]) + shift(0.3, 0.1, 0.2),
+            "bsdf": diffuse(0.7),
+        },
+        "panel": lamp(2.0, [4.0, 5.0, 2.0]),
+        "bulb": {"type": "point", "position": [0.5, -0.5, 1.0], "intensity": {"type": "rgb", "value": [0.2, 0.4, 0.8]}},
+        "sky": {"type": "constant", "radiance": {"type": "rgb", "value": [0.1, 0.2, 0.3]}},
+    }
+
+
+def environment(values: npt.ArrayLike) -> Parts:
+    """An environment map of radiances (height, width, 3)."""
+    import mitsuba as mi
+
+    # Its own bitmap, because Mitsuba has none before a variant is set.
+    mi.set_variant(mi.variant() or FAST)
+    return {"type": "envmap", "bitmap": mi.Bitmap(np.asarray(values, np.float32))}
+
+
+def test_coloured_light_that_bounces_is_the_path_tracers() -> None:
+    """All kinds of light at once, in colour: the path tracer's luma, but for its noise."""
+    scene = make_scene(**colourful())
+    baked = luma_of(scene, 0.02, samples=64)
+    traced = luma_of(scene, kind="integrator", samples=1024)
+    assert np.median(baked / traced) == pytest.approx(1.0, abs=0.01)
+    assert np.quantile(np.abs(baked / traced - 1), 0.9) < 0.04
+
+
+def lit_by(scene: Scene) -> AbstractContextManager[tuple[Any, Irradiance]]:
+    """The light of a scene, all lamps together, under Mitsuba's LLVM variant."""
+
+    @contextmanager
+    def light() -> Iterator[tuple[Any, Irradiance]]:
+        with variant(FAST) as (mi, _):
+            loaded = load_scene_source(scene.source(), mi)
+            with irradiance_of(loaded, mi, [""], PartialBake()) as lights:
+                yield loaded, lights(0.0)[0]
+
+    return light()
+
+
+def outdoors() -> dict[str, Parts]:
+    """A block on the ground under a sky of gradients with a bright spot, and a spot light."""
+    rows, columns = np.meshgrid(np.linspace(1.0, 0.1, 16), np.cos(np.linspace(0, 2 * np.pi, 32)), indexing="ij")
+    sky = np.stack([rows, 0.6 * rows + 0.1 * columns * rows, 0.5 + 0.3 * columns * rows], -1)
+    sky[3:5, 9:11] = 20.0
+    towards = np.array([[1, 0, 0, -0.3], [0, -1, 0, 0.2], [0, 0, -1, 1.2], [0, 0, 0, 1]], float)
+    return {
+        "floor": plate(0, 0, 0, (0.8, 0.5)),
+        "block": colourful()["block"],
+        "sky": environment(sky) | {"scale": 0.7},
+        "spot": {"type": "spot", "to_world": towards, "cutoff_angle": 25, "beam_width": 10, "intensity": 3.0},
+    }
+
+
+def test_an_environment_map_and_a_spot_light_are_the_path_tracers() -> None:
+    """Their light on surfaces, together with the sky, and the edges of the beam."""
+    scene = make_scene(PATH | {"max_depth": 3}, **outdoors())
+    pose = Pose([0.3, -1.6, 1.2], [-0.85, 0.0, 0.0, 0.527])
+    baked = luma_of(scene, 0.05, pose, samples=64)
+    traced = luma_of(scene, pose=pose, kind="integrator", samples=1024)
+    assert traced.max() > 4 * traced.min()
+    assert np.median(baked / traced) == pytest.approx(1.0, abs=0.01)
+    assert np.quantile(np.abs(baked / traced - 1), 0.9) < 0.04
+
+
+def test_rates_of_skies_and_beams_are_the_changes_of_luma() -> None:
+    """A turning camera sees the environment map move, and comes nearer to a spot light's edge."""
+    scene = make_scene(DIRECT, **outdoors())
+    turned = Rotation.from_quat([-0.85, 0.0, 0.0, 0.527]) * Rotation.from_rotvec([0.05, 0.1, 0.02])
+    path = SegmentTrajectory(
+        Pose([0.3, -1.6, 1.2], [-0.85, 0.0, 0.0, 0.527]), Pose([0.2, -1.5, 1.3], turned.as_quat()), 1.0
+    )
+    renderer = build(scene, 0.2, samples=1)
+    step = 2e-3
+    luma = renderer.luma(Views.along(path, np.array([0.5 - step, 0.5 + step])))
+    _, rate = renderer.luma_and_rate(Views.along(path, np.array([0.5])))
+    off = np.abs(rate[0] - (luma[1] - luma[0]) / (2 * step))
+    assert np.quantile(off, 0.8) < 0.02 * np.abs(rate).max()
+
+
+def test_a_small_block_on_a_wide_ground_has_light_that_bounces() -> None:
+    """Its shaded side is lit by the sunny ground alone, and by less of it at its foot."""
+    scene = make_scene(
+        PATH | {"max_depth": 3},
+        floor=plate(0, 0, 0, (6, 6)),
+        block={"type": "cube", "to_world": np.diag([0.3, 0.3, 0.3, 1.0]) + shift(0, 0.3, 0.3), "bsdf": diffuse(0.7)},
+        sun={"type": "directional", "direction": [0.0, -0.5, -1.0], "irradiance": 3.0},
+    )
+    pose = Pose([0.0, -0.45, 0.2], [-(0.5**0.5), 0.0, 0.0, 0.5**0.5])  # looks at the shaded side
+    baked = luma_of(scene, 0.03, pose, samples=16)
+    traced = luma_of(scene, pose=pose, kind="integrator", samples=512)
+    rows, true = baked.mean(1), traced.mean(1)
+    assert true.max() > 1.5 * true.min() > 0
+    assert rows == pytest.approx(true, rel=0.05)
+
+
+def test_a_small_lamp_has_sharp_shadows() -> None:
+    """A lamp of 2 cm over a screen: the path tracer's luma, but for the lattice's steps in the shadow's edge."""
+    scene = make_scene(
+        DIRECT,
+        floor=plate(0, 0, 0, (1.5, 1.5)),
+        screen=plate(0.28, 0, 0.7, (0.2, 0.3)),
+        panel=lamp(1.2, 900.0, (0.01, 0.01)),
+    )
+    baked = luma_of(scene, 0.2, Pose([0.0, 0.0, 0.6], DOWN.quaternion), samples=16)
+    traced = luma_of(scene, pose=Pose([0.0, 0.0, 0.6], DOWN.quaternion), kind="integrator", samples=256)
+    assert traced.min() < 0.01 * traced.max()
+    assert np.quantile(np.abs(baked - traced), 0.95) < 0.02 * traced.max()
+    assert baked.mean() == pytest.approx(traced.mean(), rel=0.02)
+
+
+def moving_camera() -> Scene:
+    """A lamp over a patterned floor, and a camera that moves."""
+    stripes = {"type": "bitmap", "raw": True, "data": noise(1, 0.2, 0.8, (16, 16, 1))}
+    return replace(
+        make_scene(PATH | {"max_depth": 3}, floor=plate(0, 0, 0, (1, 1), diffuse(stripes)), panel=lamp()),
+        camera=CAMERA,
+        trajectory=SegmentTrajectory(DOWN, Pose(np.add(DOWN.position, [0.3, 0, 0]), DOWN.quaternion), 0.05),
+    )
+
+
+def test_what_baking_saves_and_errs(folder: Path) -> None:
+    """Baked light is nearer to the reference than few samples of the path tracer; runs of the reference are kept."""
+    scene = moving_camera()
+    kept = folder.parent / "kept"
+    settings: Any = {"runs": 2, "reference_samples": 128, "duration_s": 0.05, "bake_error": 0.05, "folder": kept}
+    halves, traced, baked = LightComparison(scene, CAMERA, rays=32, **settings).measure((2,))
+    assert baked.bake_s is not None
+    assert traced.bake_s is None
+    assert min(baked.frame_ms or 0, traced.frame_ms or 0) > 0
+    assert halves.events > 100
+    assert max(halves.wrong_percent, baked.wrong_percent) < 0.5 * traced.wrong_percent
+    assert max(halves.log_rms, baked.log_rms) < 0.5 * traced.log_rms
+    files = sorted(kept.iterdir())
+    assert len(files) == 2
+    np.save(files[0], np.full((2, CAMERA.height, CAMERA.width), 1.0, np.float32))
+    again = next(LightComparison(scene, CAMERA, rays=32, **settings).measure(()))
+    assert again.log_rms > 1.0
+    with pytest.raises(ValueError, match="even number from 2 on, got 3"):
+        LightComparison(scene, CAMERA, **{**settings, "runs": 3})
+    line = light_cost(build(scene), scene)
+    assert line is not None
+    assert re.match(
+        r"baked light: [\d,]+ points, error \S+ %, baked in \S+ s \(now in the cache\); a frame takes", line
+    )
+    assert light_cost(build(scene, kind="integrator", samples=1), scene) is None
+
+
+def test_the_command_line_compares_light(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("davis_rs.cli.accuracy.scene_of", lambda *_: moving_camera())
+    monkeypatch.setattr("davis_rs.cli.accuracy.LIGHT_SAMPLES", (2,))
+    monkeypatch.setattr(LightComparison, "measure", partialmethod(LightComparison.measure, (2,)))
+    monkeypatch.setattr(LightComparison, "__init__", partialmethod(LightComparison.__init__, reference_samples=64))
+    out = folder.parent / "out"
+    given = ["accuracy", "three_planes", "-o", str(out), "--light", "2", "--duration", "0.05", "--bake-error", "0.2"]
+    assert main(given) == 0
+    table = (out / "light.md").read_text()
+    assert table.count("\n| ") == 4
+    assert "baked, error 0.2, 256 rays" in capsys.readouterr().out
+    assert main([*given, "--rounds", "2"]) == 1
+    assert "--light compares light alone" in capsys.readouterr().err
+    assert main([*given[:4], "--bake-error", "0.2"]) == 1
+    assert "--bake-error is for --light" in capsys.readouterr().err
+
+
+def test_places_apart_err_independently() -> None:
+    """A lamp over a floor, from few points: errors average out over the floor, and between neighbours hardly differ."""
+    across = np.linspace(-0.95, 0.95, 96)
+    x, y = np.meshgrid(across, across[::12])
+    places = np.stack([x, y, 0 * x], -1).reshape(-1, 3)
+    normals = np.tile([0.0, 0.0, 1.0], (len(places), 1))
+    with lit_by(make_scene(DIRECT, floor=plate(0, 0, 0, (1, 1)), panel=lamp(0.5))) as (_, light):
+        truth = light.direct(places, normals, 8192, 100)[:, 0]
+        found = np.array([light.direct(places, normals, 64, shift)[:, 0] for shift in range(4)])
+    off = (found / truth - 1).reshape(4, *x.shape)
+    rms = np.sqrt((off**2).mean())
+    assert np.sqrt((off.mean((1, 2)) ** 2).mean()) < 0.2 * rms
+    assert np.sqrt((np.diff(off, axis=2) ** 2).mean()) < 0.6 * rms
+
+
+def test_the_error_that_is_told_is_that_of_the_path_tracer() -> None:
+    """In the box with a lamp: the run's own estimate against direct light and paths of Mitsuba's own, elsewhere."""
+    scene = lamp_box(16)
+    captured = list[tuple[Surfaces, LightMaps]]()
+
+    def kept(surfaces: Surfaces, *arguments: Any, **settings: Any) -> LightMaps:
+        captured.append((surfaces, bake.bake(surfaces, *arguments, **settings)))
+        return captured[0][1]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(baked_scene, "bake", kept)
+        make_renderer(scene, scene.own_camera, kind="baked", samples=1, bake_error=0.05)
+    ((surfaces, maps),) = captured
+    random = np.random.RandomState(5)
+    triangle = random.randint(len(surfaces.corners), size=300)
+    weight = random.dirichlet(np.ones(3), 300)
+    places = np.einsum("nk,nkd->nd", weight, surfaces.corners[triangle])
+    with lit_by(scene) as (_, light):
+        normals = surfaces.normals[triangle, 0]
+        truth = light.direct(places, normals, 2048, 9) + light.traced(places, normals, 2048, 9)
+    found = looked_up(maps.texels[0], maps.layouts[triangle, 0], weight)
+    lit = truth[:, 1] > 1e-3 * np.median(truth[:, 1])
+    shares = found[lit, 1] / truth[lit, 1]
+    off = np.quantile(np.abs(shares - 1), 0.68)
+    assert 0.5 * maps.error < off < 2 * maps.error
+    assert off < 0.05
+    assert np.median(shares) == pytest.approx(1.0, abs=0.006)
+
+
+def test_light_has_no_seam_where_triangles_meet() -> None:
+    """Triangles that are divided differently agree along their common edge, and nothing is lost at a crease."""
+    corners = np.array(
+        [
+            [[0, 0, 0], [2, 0, 0], [0, 2, 0]],
+            [[2, 0, 0], [2, 2, 0], [0, 2, 0]],
+            [[0, 0, 0], [0, 2, 0], [-0.1, 1, 0]],
+            [[2, 0, 0], [2, 0, 2], [2, 2, 0]],
+        ],
+        float,
+    )
+    normals = np.repeat(np.array([[0, 0, 1.0]] * 3 + [[-1, 0, 0]])[:, None], 3, 1)
+    lattice = SurfaceLattice(corners, normals, np.zeros(4, bool), np.zeros(4, int))
+
+    def light(places: FloatArray, facing: FloatArray, _: IntArray) -> tuple[FloatArray, FloatArray]:
+        spot = np.exp(-((places[:, 0] - 0.6) ** 2 + (places[:, 1] - 0.8) ** 2) / 0.02)
+        return np.repeat((1 + spot + facing[:, :1].T[0])[:, None], 3, 1), np.zeros(len(places))
+
+    sampled = refine(lattice, light, RefinementRule(0.5, 0.02, 0.01, 100_000))
+    divisions = sampled.divisions()
+    assert len(set(divisions.tolist())) > 1
+    grids = {face: grid for faces, grids in sampled.grids(divisions) for face, grid in zip(faces, grids, strict=True)}
+
+    def along(face: int, start: int, end: int, at: FloatArray) -> FloatArray:
+        grid = grids[face][..., 0]
+        cells = len(grid) - 1
+        corner = np.array([[0, 0], [cells, 0], [0, cells]])
+        place = corner[start] + at[:, None] * (corner[end] - corner[start])
+        i, j = np.minimum(place.astype(int), cells - 1).T
+        x, y = (place - np.stack([i, j], 1)).T
+        row = grid[i, j] * (1 - x) + grid[i + 1, j] * x, grid[i, j + 1] * (1 - x) + grid[i + 1, j + 1] * x
+        return np.asarray(row[0] * (1 - y) + row[1] * y)
+
+    at = np.linspace(0.0, 1.0, 1001)
+    assert along(0, 1, 2, at) == pytest.approx(along(1, 0, 2, at), abs=1e-12)
+    assert along(0, 0, 2, at) == pytest.approx(along(2, 0, 1, at), abs=1e-12)
+    x = np.linspace(0.0, 2.0, 1001)
+    truth = light(np.stack([x, 2 - x, 0 * x], 1), np.zeros((1001, 3)), np.zeros(1001, int))[0][:, 0]
+    assert along(0, 1, 2, at)[::-1] == pytest.approx(truth, rel=0.01)
+    # The upright triangle has the floor's edge, but its own normal and so its own light.
+    assert along(3, 0, 2, at).max() < 0.5
+
+
+def test_a_walk_along_a_seam_makes_no_events() -> None:
+    """Two plates without texture that meet under the camera's path: luma changes as smoothly as within one."""
+    left, right = plate(-0.7, 0, 0, (0.7, 1.5)), plate(0.9, 0, 0, (0.9, 1.5))
+    scene = make_scene(left=left, right=right, panel=lamp())
+    path = SegmentTrajectory(Pose([0.0, -0.3, 0.4], DOWN.quaternion), Pose([0.0, 0.3, 0.4], DOWN.quaternion), 1.0)
+    luma = build(scene).luma(Views.along(path, np.linspace(0.0, 1.0, 9)))
+    across = np.diff(np.log(luma), axis=2)
+    assert np.abs(across - across.mean(axis=2, keepdims=True)).max() < 0.01
+
+
+def test_rates_are_the_changes_of_luma() -> None:
+    """The rate of luma under baked light, a lamp's flicker included, is what luma does between two instants."""
+    profile = SampledProfile([0.0, 1.0], [0.5, 1.5])
+    texture = {"type": "bitmap", "raw": True, "data": noise(0, 0.3, 0.6, (3, 3, 3))}
+    scene = make_scene(
+        DIRECT, lights={"panel.emitter": profile}, floor=plate(0, 0, 0, (2, 2), diffuse(texture)), panel=lamp()
+    )
+    path = SegmentTrajectory(DOWN, Pose([0.2, 0.1, 1.3], DOWN.quaternion), 1.0)
+    renderer = build(scene, samples=1)
+    step = 1e-3
+    luma = renderer.luma(Views.along(path, np.array([0.5 - step, 0.5 + step])))
+    _, rate = renderer.luma_and_rate(Views.along(path, np.array([0.5])))
+    assert np.median(np.abs(rate[0] - (luma[1] - luma[0]) / (2 * step))) < 2e-3 * np.abs(rate).max()
+
+
+def test_the_rate_of_a_lamp_that_is_seen_is_that_of_its_flicker() -> None:
+    """A camera at rest looks up at a lamp that gets brighter: of its own light and of what it lights."""
+    profile = SampledProfile([0.0, 1.0], [0.5, 1.5])
+    pose = Pose([0.0, 0.0, 0.2], [0.0, 0.0, 0.0, 1.0])
+    wall = plate(0, 0, 3, (2, 2), up=False)
+    scene = make_scene(DIRECT, lights={"first.emitter": profile}, wall=wall, first=lamp(1.0, 3.0, (0.1, 0.1)))
+    renderer = build(scene, 0.2, samples=1)
+    path = SegmentTrajectory(pose, pose, 1.0)
+    luma = renderer.luma(Views.along(path, np.array([0.25, 0.75])))
+    _, rate = renderer.luma_and_rate(Views.along(path, np.array([0.5])))
+    assert rate.max() > 1.0
+    np.testing.assert_allclose(rate[0], (luma[1] - luma[0]) / 0.5, rtol=1e-3, atol=1e-5)
+
+
+def test_lights_flicker_one_by_one() -> None:
+    """A lamp on a profile and one without: the first one's light and look change, the other's stay."""
+    profile = SampledProfile([0.0, 1.0], [1.0, 0.25])
+    parts = {"floor": plate(0, 0, 0, (2, 2)), "wall": plate(0, 0, 3, (2, 2), up=False)}
+    first, other = {"first": lamp(1.0, 3.0, (0.1, 0.1))}, {"other": lamp(2.5, 4.0)}
+    pose = Pose([0.0, 0.0, 0.2], [0.0, 0.0, 0.0, 1.0])  # looks up
+
+    def seen(t_s: float, **chosen: Parts) -> npt.NDArray[np.float32]:
+        lights = {"first.emitter": profile} if "first" in chosen else {}
+        path = SegmentTrajectory(pose, pose, 1.0)
+        return build(make_scene(lights=lights, **parts, **chosen)).luma(Views.along(path, np.array([t_s])))[0]
+
+    # The other lamp's body stays where it is: only its light is switched off.
+    dark = {"other": lamp(2.5, 0.0)}
+    both, alone, later = seen(0.0, **first, **other), seen(0.0, **first, **dark), seen(1.0, **first, **other)
+    assert later == pytest.approx(both - 0.75 * alone, rel=0.02)
+    assert np.abs(both - later).max() > 1.0
+
+
+def test_the_same_bits_with_and_without_cache_and_on_any_threads(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scene = make_scene(**colourful())
+    first = luma_of(scene, threads=1)
+    assert len(list(folder.iterdir())) == 1
+    assert "was baked in" in capsys.readouterr().err
+    monkeypatch.setattr(baked_scene, "_known", {})
+    assert np.array_equal(luma_of(scene, threads=2), first)
+    assert "baked before" in capsys.readouterr().err
+    parts = colourful()
+    texels = parts["floor"]["bsdf"]["reflectance"]
+    texels["data"] = texels["data"][::-1].copy()
+    assert not np.array_equal(luma_of(make_scene(**parts)), first)
+    assert len(list(folder.iterdir())) == 2
+    monkeypatch.setattr(baked_scene, "_known", {})
+    monkeypatch.setenv(cache.FOLDER_VARIABLE, "")
+    assert np.array_equal(luma_of(scene), first)
+    assert "was baked in" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("damage", ["bit", "cut", "empty", "other"])
+def test_a_damaged_cache_is_rebuilt(
+    damage: str, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scene = make_scene(DIRECT, floor=plate(0, 0, 0, (1, 1)), panel=lamp())
+    first = luma_of(scene, 0.2)
+    (file,) = folder.iterdir()
+    data = bytearray(file.read_bytes())
+    maps = cache._unpacked(bytes(data))
+    # Light that is well formed, but not what its checksum was made of.
+    other = bytes(data[:32]) + cache._packed(replace(maps, texels=[2 * texels for texels in maps.texels]))[32:]
+    data[len(data) // 2] ^= 4
+    file.write_bytes({"bit": bytes(data), "cut": bytes(data[:-7]), "empty": b"", "other": other}[damage])
+    monkeypatch.setattr(baked_scene, "_known", {})
+    capsys.readouterr()
+    assert np.array_equal(luma_of(scene, 0.2), first)
+    assert "damaged" in capsys.readouterr().err
+    monkeypatch.setattr(baked_scene, "_known", {})
+    assert np.array_equal(luma_of(scene, 0.2), first)
+    assert "baked before" in capsys.readouterr().err
+
+
+def test_a_cache_that_cannot_be_written_costs_one_line(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder.write_text("no folder")
+    luma = luma_of(make_scene(DIRECT, floor=plate(0, 0, 0, (1, 1)), panel=lamp()), 0.2)
+    assert luma.max() > 0
+    assert "cannot be kept in its cache" in capsys.readouterr().err
+
+
+def test_a_full_disk_costs_one_line(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def full(dir: Path, prefix: str) -> tuple[int, str]:
+        handle, name = tempfile.mkstemp(dir=dir, prefix=prefix)
+        os.close(handle)
+        return os.open("/dev/full", os.O_WRONLY), name
+
+    monkeypatch.setattr(cache, "tempfile", SimpleNamespace(mkstemp=full))
+    luma = luma_of(make_scene(DIRECT, floor=plate(0, 0, 0, (1, 1)), panel=lamp()), 0.2)
+    assert luma.max() > 0
+    assert "cannot be kept in its cache ([Errno 28]" in capsys.readouterr().err
+    assert list(folder.iterdir()) == []
+
+
+def test_a_bake_that_is_stopped_goes_on_where_it_was(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Ctrl-C in the middle: the next run computes only the rest, and has the same bits."""
+    scene = make_scene(PATH | {"max_depth": 3}, floor=plate(0, 0, 0, (1, 1)), panel=lamp())
+    made = Irradiance._mean_of_part
+    counts = [0]
+
+    def stopped(limit: float) -> Callable[..., FloatArray]:
+        def one(self: Irradiance, *arguments: Any) -> FloatArray:
+            if counts[0] == limit:
+                raise KeyboardInterrupt
+            counts[0] += 1
+            return made(self, *arguments)
+
+        return one
+
+    monkeypatch.setattr(Irradiance, "_mean_of_part", stopped(np.inf))
+    first = luma_of(scene, 0.2)
+    whole, counts[0] = counts[0], 0
+    (file,) = folder.iterdir()
+    file.unlink()
+    monkeypatch.setattr(baked_scene, "_known", {})
+    monkeypatch.setattr(Irradiance, "_mean_of_part", stopped(whole - 3))
+    with pytest.raises(KeyboardInterrupt):
+        luma_of(scene, 0.2)
+    assert "what is baked so far is kept" in capsys.readouterr().err
+    assert [file.suffix for file in folder.iterdir()] == [".partial"]
+    counts[0] = 0
+    monkeypatch.setattr(Irradiance, "_mean_of_part", stopped(np.inf))
+    assert np.array_equal(luma_of(scene, 0.2), first)
+    assert counts[0] == 3
+    assert "goes on from there" in capsys.readouterr().err
+    assert [file.suffix for file in folder.iterdir()] == [".light"]
+
+
+def test_two_bakes_at_once_leave_one_whole_file(folder: Path, run_python: Callable[..., str]) -> None:
+    program = """
+import multiprocessing, sys
+sys.path.insert(0, sys.argv[1])
+
+def bake(_):
+    from lit_scenes import DIRECT, lamp, luma_of, make_scene, plate
+    return luma_of(make_scene(DIRECT, floor=plate(0, 0, 0, (1, 1)), panel=lamp()), 0.2).tobytes()
+
+if __name__ == "__main__":
+    with multiprocessing.get_context("fork").Pool(2) as pool:
+        one, other = pool.map(bake, range(2))
+    print(one == other)
+"""
+    assert run_python(program, str(HELPERS)).split() == ["True"]
+    assert [file.suffix for file in folder.iterdir()] == [".light"]
+
+
+def test_what_looks_before_a_run_bakes_as_the_run_does(folder: Path) -> None:
+    """The estimate of noise and the plan of effects take the error that was asked for: one bake for all."""
+    scene = replace(
+        make_scene(PATH, floor=plate(0, 0, 0, (1, 1)), panel=lamp()),
+        camera=CAMERA,
+        trajectory=SegmentTrajectory(DOWN, Pose(np.add(DOWN.position, [0.05, 0, 0]), DOWN.quaternion), 0.05),
+    )
+    assert estimate_noise(scene, bake_error=0.2) is None
+    plan_effects(scene, bake_error=0.2)
+    Simulator(scene, bake_error=0.2, samples=1)
+    assert len(list(folder.iterdir())) == 1
+
+
+def test_a_full_cache_loses_what_was_not_used_for_longest(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for radiance in (1.0, 2.0):
+        luma_of(make_scene(DIRECT, floor=plate(0, 0, 0, (1, 1)), panel=lamp(2.0, radiance)), 0.2)
+    assert len(list(folder.iterdir())) == 2
+    monkeypatch.setattr(cache, "MOST_BYTES", 10)
+    luma_of(make_scene(DIRECT, floor=plate(0, 0, 0, (1, 1)), panel=lamp(2.0, 3.0)), 0.2)
+    assert len(list(folder.iterdir())) == 1
+
+
+@pytest.mark.parametrize(
+    ("parts", "message"),
+    [
+        ({"panel": lamp(2.0, [1.0, -1.0, 1.0])}, r"'panel\.emitter', a AreaLight, has radiance\.value -1; light is"),
+        ({"panel": lamp(2.0, 1.0, (0.4, 0.0))}, "a lamp on a shape needs a shape with an area"),
+        (
+            {"bulb": {"type": "point", "intensity": {"type": "rgb", "value": [1.0, -2.0, 0.0]}}},
+            r"'bulb', a PointLight, has intensity\.value -2",
+        ),
+        ({"panel": lamp(2.0, [1.0, np.inf, 1.0])}, r"'panel\.emitter', a AreaLight, has radiance\.value inf"),
+        ({"panel": lamp(2.0, [1.0, 1.0, np.nan])}, r"'panel\.emitter', a AreaLight, has radiance\.value nan"),
+        (
+            {"bulb": {"type": "spot", "texture": {"type": "bitmap", "raw": True, "data": np.ones((2, 2, 3), "f4")}}},
+            "the spot light 'bulb' has a texture",
+        ),
+        ({"sky": environment(np.full((4, 8, 3), np.nan))}, r"'sky', a EnvironmentMapEmitter, has data nan; light is"),
+        ({"sky": environment(np.full((4, 8, 3), -2.0))}, r"'sky', a EnvironmentMapEmitter, has data -2; light is"),
+        ({"sky": environment(np.ones((4, 8, 3))), "bulb": {"type": "projector"}}, "'bulb', a Projector, is not baked"),
+        (
+            {
+                "panel": plate(0, 0, 2, (1, 1))
+                | {
+                    "emitter": {
+                        "type": "area",
+                        "radiance": {"type": "bitmap", "raw": True, "data": np.ones((2, 2, 3), np.float32)},
+                    }
+                }
+            },
+            "radiance that differs from place to place",
+        ),
+        ({"ball": {"type": "sphere", "bsdf": diffuse()}}, "'ball' is a Sphere"),
+        ({"mirror": plate(0, 0, 2, (1, 1), {"type": "conductor"})}, "not a diffuse one"),
+    ],
+)
+def test_what_cannot_be_baked_is_refused(parts: Parts, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        build(make_scene(floor=plate(0, 0, 0, (1, 1)), **parts))
+
+
+def test_what_is_not_baked_is_left_to_mitsuba() -> None:
+    """Integrators that do other things, and small lamps that move: refused, and under auto rendered as ever."""
+    far = SegmentTrajectory(DOWN, Pose([0.5, 0.0, 1.4], DOWN.quaternion), 1.0)
+    floor = plate(0, 0, 0, (1, 1))
+    small = replace(make_scene(floor=floor, bulb=lamp(1.2, 9.0, (0.002, 0.002))), objects={"bulb": far})
+    for scene, message in (
+        (small, "the small lamp 'bulb' moves"),
+        (make_scene({"type": "depth"}, floor=floor, panel=lamp()), "DepthIntegrator"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            build(scene)
+        assert isinstance(build(scene, kind="auto", samples=1), IntegratorRenderer)
+
+
+def test_auto_bakes_where_the_light_asks_for_it() -> None:
+    scene = make_scene(floor=plate(0, 0, 0, (1, 1)), panel=lamp())
+    renderer = build(scene, kind="auto")
+    assert renderer.name == "native renderer"
+    assert "baked light" in renderer.reason
+    assert np.array_equal(renderer.luma(Views.at_rest([DOWN])), build(scene).luma(Views.at_rest([DOWN])))
+
+
+def test_points_within_a_solid_do_not_darken_what_is_next_to_it() -> None:
+    """A block stands on the floor: the floor is as bright at its foot as a little way off."""
+    corners = np.array([[[-1, -1, 0], [1, -1, 0], [-1, 1, 0]], [[1, -1, 0], [1, 1, 0], [-1, 1, 0]]], float)
+    surfaces = Surfaces(corners, np.tile([0, 0, 1.0], (2, 3, 1)), np.zeros(2, bool), [2], np.zeros(2, int))
+    lattice = SurfaceLattice(surfaces.corners, surfaces.normals, surfaces.two_sided, surfaces.frames)
+
+    def light(places: FloatArray, _: FloatArray, __: IntArray) -> tuple[FloatArray, FloatArray]:
+        within = np.asarray((np.abs(places[:, :2]) < 0.31).all(1))
+        return np.where(within[:, None], np.nan, np.ones((1, 3))), np.zeros(len(places))
+
+    sampled = refine(lattice, light, RefinementRule(0.2, 0.02, 0.02, 100_000))
+    for faces, grids in sampled.grids(sampled.divisions()):
+        for face, grid in zip(faces, grids, strict=True):
+            n = len(grid) - 1
+            i, j = np.indices((n + 1, n + 1)) / n
+            start, right, far = corners[face]
+            places = start + i[..., None] * (right - start) + j[..., None] * (far - start)
+            outside = np.asarray((np.abs(places[..., :2]) >= 0.31).any(-1))
+            inside = np.asarray(i + j <= 1 + 1e-9)
+            # Whatever a place outside is interpolated from: its neighbours too.
+            near = outside.copy()
+            for _ in range(2):
+                near[1:] |= outside[:-1]
+                near[:-1] |= outside[1:]
+                near, outside, inside, grid = near.T, outside.T, inside.T, grid.swapaxes(0, 1)
+            assert (~outside).any()
+            assert (grid[near & inside] == 1.0).all()
