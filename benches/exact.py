@@ -20,7 +20,8 @@ from davis_rs.rendering.renderers import make_renderer
 
 SECONDS, WIDTH, HEIGHT = 0.003, 160, 120
 WINDOW_US = 2_000
-SCENES = ["three_planes", "three_walls", "fence", "wires", "wires without shadows"]
+SCENES = ["three_planes", "three_walls", "fence", "office_zigzag", "outdoors_walking", "urban"]
+SCENES += ["wires", "wires without shadows"]
 
 
 def scene_of(name: str) -> Scene:

@@ -450,6 +450,26 @@ mod tests {
         assert_eq!((found, unknown, more), (vec![(1020, 1.0)], false, false));
     }
 
+    /// Whose edge it is, and whether others are seen, is told by depth, to 2 %.
+    #[test]
+    fn an_edge_belongs_to_the_surface_at_its_depth() {
+        let (near, far) = ([sight(1.0, 0)], [sight(0.5, 1)]);
+        let of = |passes: &[Pass]| samples([Some(&near), None, Some(&far), None, Some(&far)], passes);
+        let behind = of(&[pass(0, 0.1, 1.0), pass(0, 0.3, 0.45)]);
+        assert_eq!(behind, (vec![(1003, 1.0), (1004, 0.5), (1020, 0.5)], false, false));
+        let (_, _, more) = of(&[pass(0, 0.1, 1.0), pass(0, 0.3, 0.7)]);
+        assert!(more, "something else comes between");
+    }
+
+    #[test]
+    fn a_bend_that_rates_tell_asks_for_more() {
+        let curve: Vec<[Sight; 1]> = [(0.25, 0.0), (0.35, 0.25), (0.75, 0.5)]
+            .map(|(luma, change)| [Sight { rate: change / 20e-6, ..sight(luma, 0) }])
+            .to_vec();
+        let (_, unknown, more) = samples([Some(&curve[0]), None, Some(&curve[1]), None, Some(&curve[2])], &[]);
+        assert!(more && !unknown);
+    }
+
     /// Where it comes onto a fine texture, its rate there tells nothing of what it saw before.
     #[test]
     fn a_ray_that_jumps_goes_no_way_that_is_not_believed() {
