@@ -21,6 +21,7 @@ extensions = [
     "sphinx_copybutton",
     "sphinx_argparse_cli",
     "public_names",
+    "readable_autodoc",
     "repository_links",
 ]
 exclude_patterns = ["conf.py", "extensions"]
@@ -28,13 +29,13 @@ nitpicky = True
 
 # Names of other libraries. The build fetches nothing, so it has no list of theirs.
 nitpick_ignore_regex = [
-    (r"py:.*", r"(numpy|np|npt|mitsuba|mi|drjit|dr|torch|argparse|collections|pathlib|os|types|typing|usb)\..*"),
+    (r"py:.*", r"(abc|argparse|collections|datetime|enum|os|pathlib|types|typing)\..*|Path"),
+    (r"py:.*", r"(drjit|dr|matplotlib|mi|mitsuba|np|npt|numpy|torch|usb)\..*|Client|Figure"),
 ]
 
 autodoc_default_options = {"members": True, "show-inheritance": True, "member-order": "bysource"}
 autodoc_typehints = "signature"
 autodoc_typehints_format = "short"
-autodoc_preserve_defaults = True
 autodoc_class_signature = "mixed"
 python_use_unqualified_type_names = True
 python_maximum_signature_line_length = 100
@@ -42,6 +43,7 @@ napoleon_numpy_docstring = False
 napoleon_use_ivar = False
 napoleon_use_param = False
 
+suppress_warnings = ["toc.empty_glob"]  # without tutorials
 myst_heading_anchors = 3
 myst_enable_extensions = ["colon_fence"]
 nb_execution_mode = "force"

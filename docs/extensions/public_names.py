@@ -61,7 +61,7 @@ def scopes(node: pending_xref) -> list[str]:
     inner = f"{module}.{of_class}" if of_class else module
     found = look_up(inner)
     home = getattr(found[0], "__module__", "") if found else ""
-    return ["", inner, home, module]
+    return ["", inner, home, module, PACKAGE]
 
 
 def look_up(dotted: str) -> tuple[Any, list[str]] | None:
