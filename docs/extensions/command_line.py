@@ -1,4 +1,4 @@
-"""The command line's parser with all its arguments, which :func:`davis_rs.cli.main.make_parser` adds only when needed."""
+"""The command line's parser with all its arguments, which ``make_parser`` adds only when they are needed."""
 
 from __future__ import annotations
 

@@ -1,12 +1,13 @@
 """References to names of the package, by whichever of their names a docstring or an annotation has.
 
-``davis_rs.Scene`` is ``davis_rs.scene.scene.Scene``, and in that module just ``Scene``. The reference has it once, under
+``davis_rs.Scene`` is ``davis_rs.scene.scene.Scene``, and in that module just ``Scene``. The reference has it once, by
 the name that users import. This extension finds that name for all the others.
 """
 
 from __future__ import annotations
 
 import inspect
+import re
 from importlib import import_module
 from typing import Any
 
@@ -16,12 +17,31 @@ from sphinx.application import Sphinx
 from sphinx.environment import BuildEnvironment
 
 PACKAGE = "davis_rs"
+ROLE = re.compile(r":(class|func|meth|data|attr|exc|mod):`([^`]+)`")
 
 
 def setup(app: Sphinx) -> dict[str, Any]:
     """Called by Sphinx."""
+    app.connect("autodoc-process-docstring", absolute_roles, priority=300)
     app.connect("missing-reference", PublicNames().resolve)
     return {"version": "1", "parallel_read_safe": True, "parallel_write_safe": True}
+
+
+def absolute_roles(app: Sphinx, what: str, name: str, there: Any, options: Any, lines: list[str]) -> None:
+    """Names in a docstring's roles, from the module that the docstring is in: only there they are what is meant."""
+    home = getattr(inspect.unwrap(there) if callable(there) else getattr(there, "fget", there), "__module__", None)
+    if not isinstance(home, str) or not home.startswith(PACKAGE):
+        return
+
+    def absolute(found: re.Match[str]) -> str:
+        role, target = found[1], found[2]
+        full = f"{home}{target}" if target.startswith(".") else f"{home}.{target}"
+        if "<" in target or target.startswith((PACKAGE, "~")) or look_up(full) is None:
+            return found[0]
+        shown = f"{target.lstrip('.')}()" if role in ("func", "meth") else target.lstrip(".")
+        return f":{role}:`{shown} <{full}>`"
+
+    lines[:] = [ROLE.sub(absolute, line) for line in lines]
 
 
 class PublicNames:
@@ -36,7 +56,11 @@ class PublicNames:
             return None
         domain = env.domains.python_domain
         if not self._names:
-            self._names = {id(found[0]): name for name in domain.objects if (found := look_up(name)) and not found[1]}
+            self._names = {
+                id(found[0]): name
+                for name, entry in domain.objects.items()
+                if not entry.aliased and (found := look_up(name)) and not found[1]
+            }
         for full in self._candidates(node):
             if full in domain.objects:
                 return domain.resolve_xref(env, node["refdoc"], app.builder, "obj", full, node, shown)

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+import inspect
 import re
 import sys
-from typing import Any
+from types import ModuleType
+from typing import Any, get_type_hints
 
 from docutils import nodes
+from public_names import PACKAGE
 from sphinx.addnodes import desc_content
 from sphinx.application import Sphinx
 from sphinx.pycode import ModuleAnalyzer
-
-from public_names import PACKAGE, look_up
 
 ARRAY = re.compile(r"(~?)numpy\.ndarray\[tuple\[[^\]]*\], ~?numpy\.dtype\[([^\[\]]*)\]\]")
 
@@ -21,6 +22,7 @@ def setup(app: Sphinx) -> dict[str, Any]:
     app.connect("autodoc-skip-member", skip_alias)
     app.connect("autodoc-process-docstring", of_constant, priority=400)  # before napoleon
     app.connect("autodoc-process-docstring", without_type, priority=450)
+    app.connect("autodoc-before-process-signature", evaluated)
     app.connect("autodoc-process-signature", short_arrays)
     app.connect("doctree-read", without_object)
     return {"version": "1", "parallel_read_safe": True, "parallel_write_safe": True}
@@ -35,17 +37,22 @@ def of_constant(app: Sphinx, what: str, name: str, value: Any, options: Any, lin
     """A constant's docstring is that of its type; what is meant is the text below its assignment, wherever that is."""
     if what != "data":
         return
-    found = look_up(name)
     last = name.rpartition(".")[2]
-    for module_name, module in list(sys.modules.items()):
-        if module_name.startswith(PACKAGE) and vars(module).get(last) is value and found and getattr(module, "__file__", ""):
-            if not module.__file__.endswith(".py"):
-                continue
-            text = ModuleAnalyzer.for_module(module_name).find_attr_docs().get(("", last))
-            if text:
-                lines[:] = text
-                return
-    lines[:] = []
+    texts = (
+        ModuleAnalyzer.for_module(module.__name__).find_attr_docs().get(("", last))
+        for module in modules()
+        if vars(module).get(last) is value
+    )
+    lines[:] = next((text for text in texts if text), [])
+
+
+def modules() -> list[ModuleType]:
+    """Those of the package that are imported, as far as they are Python."""
+    return [
+        module
+        for name, module in list(sys.modules.items())
+        if name.partition(".")[0] == PACKAGE and (getattr(module, "__file__", None) or "").endswith(".py")
+    ]
 
 
 def without_type(app: Sphinx, what: str, name: str, value: Any, options: Any, lines: list[str]) -> None:
@@ -54,7 +61,60 @@ def without_type(app: Sphinx, what: str, name: str, value: Any, options: Any, li
         lines.insert(0, "\\")  # an escaped end of line, which shows nothing
 
 
-def short_arrays(app: Sphinx, what: str, name: str, value: Any, options: Any, signature: str | None, returned: str | None) -> Any:
+class AsWritten:
+    """A default that Python does not print as an expression, by its name in the module."""
+
+    def __init__(self, value: Any, names: dict[str, Any]) -> None:
+        self._name = next((name for name, one in names.items() if one is value), "...")
+
+    def __repr__(self) -> str:
+        return self._name
+
+
+def evaluated(app: Sphinx, there: Any, bound_method: bool) -> None:
+    """Annotations that are still text, with the names of the module that has them; defaults as they are written."""
+    if not inspect.isfunction(there):
+        return
+    if there.__name__ == "__new__":  # of a named tuple: its annotations do not know their module
+        for value in (value for module in modules() for value in vars(module).values()):
+            if isinstance(value, type) and value.__new__ is there:
+                there.__annotations__ = get_type_hints(value)
+        return
+    names = vars(sys.modules[there.__module__])
+    signature = inspect.signature(there)
+    parameters = [
+        one.replace(annotation=value_of(one.annotation, names), default=shown_default(one.default, names))
+        for one in signature.parameters.values()
+    ]
+    if hasattr(there, "__signature__") or any(isinstance(one.default, AsWritten) for one in parameters):
+        returned = value_of(signature.return_annotation, names)
+        there.__signature__ = signature.replace(parameters=parameters, return_annotation=returned)  # type: ignore[attr-defined]
+
+
+def value_of(annotation: Any, names: dict[str, Any]) -> Any:
+    """An annotation's value, or the annotation where the module imports names for type checkers alone."""
+    if not isinstance(annotation, str):
+        return annotation
+    try:
+        return eval(annotation, names)
+    except NameError:
+        return annotation
+
+
+def shown_default(value: Any, names: dict[str, Any]) -> Any:
+    """The default, or its name if it prints as no expression."""
+    if value is inspect.Parameter.empty:
+        return value
+    try:
+        compile(repr(value), "default", "eval")
+    except SyntaxError:
+        return AsWritten(value, names)
+    return value
+
+
+def short_arrays(
+    app: Sphinx, what: str, name: str, value: Any, options: Any, signature: str | None, returned: str | None
+) -> tuple[str | None, ...]:
     """``numpy.ndarray[tuple[Any, ...], numpy.dtype[numpy.float32]]`` is ``NDArray[float32]``."""
     return tuple(text and ARRAY.sub(r"~numpy.typing.NDArray[\2]", text) for text in (signature, returned))
 

@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from docutils.nodes import Node
-from myst_parser.sphinx_ import Parser
 from docutils.utils import new_document
+from myst_parser.sphinx_ import Parser
 from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
@@ -20,8 +20,10 @@ DOCS = Path(__file__).resolve().parents[1]
 ROOT = DOCS.parent
 PAGES = {
     ROOT / "README.md": DOCS / "start.rst",
-    **{ROOT / f"{name.upper()}.md": DOCS / "project" / f"{name}.rst"
-       for name in ("architecture", "changelog", "contributing", "security")},
+    **{
+        ROOT / f"{name.upper()}.md": DOCS / "project" / f"{name}.rst"
+        for name in ("architecture", "changelog", "contributing", "security")
+    },
 }
 """Documents in the root, and the page of the site that each of them is."""
 
@@ -54,6 +56,7 @@ def for_the_site(text: str, source: Path, page: Path) -> str:
 
 def relative(target: Path, folder: Path) -> str:
     import os
+
     return Path(os.path.relpath(target, folder)).as_posix()
 
 
