@@ -31,8 +31,8 @@ _T = TypeVar("_T")
 class InstantError(NamedTuple):
     """How far log intensity lies from what the events say, at one instant.
 
-    ``largest`` is the largest size of L - R over the pixels, at pixel (``x``, ``y``), and ``mean`` the mean, both in units of
-    the threshold on the error's side: C_on where L > R, C_off where L < R.
+    ``largest`` is the largest size of L - R over the pixels, at pixel (``x``, ``y``), and ``mean`` the mean, both in
+    units of the threshold on the error's side: C_on where L > R, C_off where L < R.
     """
 
     t_us: int
