@@ -13,6 +13,7 @@ sys.path.insert(0, str(Path(__file__).parent / "extensions"))
 
 project = "davis_rs"
 author = "the authors of davis_rs"
+copyright = author
 version = release = __version__
 
 extensions = [
@@ -24,6 +25,7 @@ extensions = [
     "public_names",
     "readable_autodoc",
     "repository_links",
+    "command_blocks",
 ]
 nitpicky = True
 
@@ -45,6 +47,7 @@ autodoc_default_options = {"members": True, "show-inheritance": True, "member-or
 autodoc_typehints = "signature"
 autodoc_typehints_format = "short"
 autodoc_class_signature = "mixed"
+toc_object_entries_show_parents = "hide"
 python_use_unqualified_type_names = True
 python_maximum_signature_line_length = 100
 napoleon_numpy_docstring = False
@@ -63,6 +66,8 @@ copybutton_prompt_is_regexp = True
 html_theme = "furo"
 html_title = f"davis_rs {release}"
 html_copy_source = False
+html_static_path = ["site.css"]
+html_css_files = ["site.css"]
 
 
 def without_tutorials(app: Sphinx, name: str, content: list[str]) -> None:

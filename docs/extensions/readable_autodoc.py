@@ -8,13 +8,20 @@ import sys
 from types import ModuleType
 from typing import Any, get_type_hints
 
+import numpy.typing as npt
 from docutils import nodes
 from public_names import PACKAGE
 from sphinx.addnodes import desc_content
 from sphinx.application import Sphinx
 from sphinx.pycode import ModuleAnalyzer
+from sphinx.util.typing import stringify_annotation
 
 ARRAY = re.compile(r"(~?)numpy\.ndarray\[tuple\[[^\]]*\], ~?numpy\.dtype\[([^\[\]]*)\]\]")
+LONG = {
+    "ArrayLike": stringify_annotation(npt.ArrayLike, "smart", short_literals=True),
+    "DTypeLike": stringify_annotation(npt.DTypeLike, "smart", short_literals=True),
+}
+"""What autodoc writes for NumPy's unions."""
 
 
 def setup(app: Sphinx) -> dict[str, Any]:
@@ -114,9 +121,18 @@ def shown_default(value: Any, names: dict[str, Any]) -> Any:
 
 def short_arrays(
     app: Sphinx, what: str, name: str, value: Any, options: Any, signature: str | None, returned: str | None
-) -> tuple[str | None, ...]:
+) -> tuple[str | None, str | None]:
     """``numpy.ndarray[tuple[Any, ...], numpy.dtype[numpy.float32]]`` is ``NDArray[float32]``."""
-    return tuple(text and ARRAY.sub(r"~numpy.typing.NDArray[\2]", text) for text in (signature, returned))
+    return shorter(signature), shorter(returned)
+
+
+def shorter(text: str | None) -> str | None:
+    """The same with ``NDArray``, ``ArrayLike`` and ``DTypeLike`` in place of what these stand for."""
+    if text is None:
+        return None
+    for name, long in LONG.items():
+        text = text.replace(long, f"~numpy.typing.{name}")
+    return ARRAY.sub(r"~numpy.typing.NDArray[\2]", text)
 
 
 def without_object(app: Sphinx, doctree: nodes.document) -> None:
