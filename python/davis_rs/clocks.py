@@ -69,11 +69,11 @@ def align_clocks(
     - the gyroscope: gyro = R w + b, where the rotation R from camera to IMU and the bias b are free, so that no
       calibration is needed (Kabsch's solution at every trial of the two clocks);
     - or the events' rate in bins of 5 ms: rate^2 = m' G m with m the camera's velocity and body rate and G a free
-      symmetric matrix. That is the rate of a pixel that crosses levels in proportion to its speed, |grad L . flow|, in
-      the mean square over the image, flow being linear in m; G stands for texture and depth, and as these change under
-      way, it is an approximation. A pixel's event also comes only when a level is reached, so that events are late, by
-      a few milliseconds where a pixel has tens of them a second; the offset found is too small by that. Use the IMU
-      where there is one.
+      symmetric matrix. That is the rate of a pixel that crosses levels in proportion to its speed, the size of grad L .
+      flow, in the mean square over the image, flow being linear in m; G stands for texture and depth, and as these
+      change under way, it is an approximation. A pixel's event also comes only when a level is reached, so that events
+      are late, by a few milliseconds where a pixel has tens of them a second; the offset found is too small by that.
+      Use the IMU where there is one.
 
     A coarse search over the offset is followed by least squares in offset and drift. Without excitation there is
     nothing to align: see ``unexplained`` and the standard deviations.

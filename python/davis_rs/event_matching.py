@@ -76,12 +76,12 @@ def compare_events(
     """Match the events of a stream with those of a reference, one to one.
 
     Only events of the same pixel and polarity (every p but 0 is ON) match, in time order (no two pairs cross), at most
-    ``window_us`` apart. Of all such matchings the one is taken whose sum of |time error| is the least, where two events
-    left without a partner, one of each stream, count as an error of ``window_us`` + 1/2: a pair at the very edge of the
-    window is still better than none. This is the alignment of Victor and Purpura's spike train metric. Its optimum is
-    local: a missing event shifts no other, not even where a spurious one follows in the same burst (the largest
-    possible number of pairs would, at the price of moving every event between the two), and an event that both streams
-    hold at the same time is neither missing nor spurious.
+    ``window_us`` apart. Of all such matchings the one is taken whose sum of absolute time errors is the least, where
+    two events left without a partner, one of each stream, count as an error of ``window_us`` + 1/2: a pair at the very
+    edge of the window is still better than none. This is the alignment of Victor and Purpura's spike train metric. Its
+    optimum is local: a missing event shifts no other, not even where a spurious one follows in the same burst (the
+    largest possible number of pairs would, at the price of moving every event between the two), and an event that both
+    streams hold at the same time is neither missing nor spurious.
 
     Swapping the streams swaps ``missing`` and ``spurious`` and negates the errors, also where several matchings are
     equally good.

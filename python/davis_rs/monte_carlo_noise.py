@@ -117,7 +117,7 @@ class NoiseEstimate:
         return float(np.exp(np.interp(np.log(inside), np.log(counts), logs)) * math.sqrt(inside / samples))
 
     def samples_for(self, share: float) -> int:
-        """The fewest of :data:`SAMPLE_NUMBERS`, and no fewer than :attr:`samples`, that keep the share; else 1024."""
+        """The fewest of ``SAMPLE_NUMBERS``, and no fewer than :attr:`samples`, that keep the share; else 1024."""
         enough = (n for n in SAMPLE_NUMBERS if n > self.samples and self.share_at(n) <= share)
         return self.samples if not self.known or self.share_at(self.samples) <= share else next(enough, 1024)
 

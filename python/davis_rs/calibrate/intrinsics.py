@@ -33,7 +33,7 @@ class Intrinsics:
 
     Attributes:
         camera: with k3 = 0.
-        deviations: standard deviation of each of :data:`PARAMETERS`, in its unit, as far as the corners' scatter
+        deviations: standard deviation of each of ``PARAMETERS``, in its unit, as far as the corners' scatter
             about the fit tells.
         rms_px: root mean square distance of corners from where the fit sees them.
         views: number of views used.

@@ -224,11 +224,11 @@ def event_time_jacobian(
         The Jacobian, float64 (n, columns), microseconds per unit, NaN where it is not known; and bool (n,), whether it
         is. It is not known where
 
-        - log luma does not reach the event's level at its stamp (within :data:`AT_STAMP_US` of a refined event, else
-          within :data:`NEAR_US`), and no edge is found that makes a ray jump to it: the event is another run's, or a
+        - log luma does not reach the event's level at its stamp (within ``AT_STAMP_US`` of a refined event, else
+          within ``NEAR_US``), and no edge is found that makes a ray jump to it: the event is another run's, or a
           jump whose edge is not that of a triangle;
         - log luma does not move towards the level: its slope has the other sign than the event, or is below
-          :data:`LEAST_SLOPE` (a tangential crossing).
+          ``LEAST_SLOPE`` (a tangential crossing).
 
         Jumps are looked for in refined events only (``accuracy="exact"`` or ``refine=True``), because nobody knows when
         the others were.

@@ -92,7 +92,7 @@ def plan_effects_of(
     """As :func:`plan_effects`, with a renderer that there is already, one without a lens.
 
     An effect is called for where leaving it out errs by more than ``effects_tolerance`` (by default
-    :data:`EFFECTS_TOLERANCE`) in any of three, compared with ideal pixels (see :class:`OmissionError`):
+    ``EFFECTS_TOLERANCE``) in any of three, compared with ideal pixels (see :class:`OmissionError`):
 
     - count: the number of all events, as a share of it;
     - rate: the number of events of each pixel and polarity, the differences added up, as a share of all events;

@@ -91,7 +91,7 @@ class EventWriter(ABC):
     Threads may share a writer: each call waits until the one before it is done, so that packets stay whole. Their order
     is that of the calls, and a packet that comes too late is refused because its times go back.
 
-    A format implements :meth:`_encode`, :meth:`_flush` and :meth:`_close`, which are called one at a time; what else it
+    A format implements ``_encode``, ``_flush`` and ``_close``, which are called one at a time; what else it
     offers for writing holds ``_turn`` meanwhile.
 
     Args:
@@ -239,7 +239,7 @@ class EventReader(ABC):
     Events come as :data:`davis_rs.EVENT_DTYPE`, in the file's order. A file that ends in the middle of a record gives
     what is whole and a :class:`TruncatedFileWarning`.
 
-    A format implements :meth:`_packets`, and :meth:`_read` where it can do better than join them. What a library of its
+    A format implements ``_packets``, and ``_read`` where it can do better than join them. What a library of its
     raises about the file's bytes becomes a DecodeError here.
 
     Args:
@@ -384,7 +384,7 @@ class Format(ABC):
     options: tuple[str, ...] = ()
     """The names of its writer's own options."""
     holds: tuple[str, ...] = ()
-    """What it holds next to events, by the names of :data:`~davis_rs.formats.parts.PARTS`: its writers and readers have
+    """What it holds next to events, by the names of ``davis_rs.formats.parts.PARTS``: its writers and readers have
     the methods of these parts."""
 
     @abstractmethod

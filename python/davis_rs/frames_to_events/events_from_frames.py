@@ -44,7 +44,7 @@ def events_from_frames(
         {settings}
 
     Returns:
-        Packets: one a frame, which ends at it. Stamps are those of the frames. The first has no events; ``luma`` is
+        One packet a frame, which ends at it. Stamps are those of the frames. The first has no events; ``luma`` is
         what the pixels saw, and ``pose`` is None.
 
     Raises:

@@ -37,7 +37,7 @@ class Encoding:
     """How the values of all frames of a source stand for light.
 
     Attributes:
-        transfer: the transfer function that the source itself names, as :func:`~.light.parse_transfer` takes it.
+        transfer: the transfer function that the source itself names, as the setting ``transfer`` takes it.
         black, white: the values that stand for no light and for luma 1.
         levels: how many steps there are from black to white; None for floating point, which has none to speak of.
     """

@@ -30,7 +30,7 @@ class Shards:
     """How sequences are put together.
 
     Attributes:
-        format: a key of :data:`WRITERS`.
+        format: a key of ``WRITERS``.
         sequences: how many in a file, but for the last one, which may have fewer.
     """
 

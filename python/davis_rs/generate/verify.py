@@ -21,7 +21,7 @@ def verify_sequences(root: str | Path) -> dict[str, str]:
 
     Returns:
         What is wrong, in words, by the names of sequences; nothing where all is there and as it was. Files that
-        somebody added to a sequence are not wrong, see :func:`added_files`.
+        somebody added to a sequence are not wrong, see ``added_files``.
 
     Raises:
         OSError: if there is no manifest, or no ``plan.json``.

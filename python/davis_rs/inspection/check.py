@@ -31,8 +31,8 @@ _T = TypeVar("_T")
 class InstantError(NamedTuple):
     """How far log intensity lies from what the events say, at one instant.
 
-    ``largest`` is the largest |L - R| over the pixels, at pixel (``x``, ``y``), and ``mean`` the mean, both in units of
-    the threshold on the error's side: C_on where L > R, C_off where L < R.
+    ``largest`` is the largest size of L - R over the pixels, at pixel (``x``, ``y``), and ``mean`` the mean, both in
+    units of the threshold on the error's side: C_on where L > R, C_off where L < R.
     """
 
     t_us: int
@@ -101,7 +101,7 @@ def check_dataset(path: str | Path) -> CheckReport:
 
     Its events: log intensity is reconstructed from the first luma map and the events, and compared with the rendered
     one wherever luma is stored; in every pixel the error L - R must lie inside (-C_off, C_on), give or take
-    :data:`TOLERANCE`. This is the check of the paper, for ideal pixels: where an effect acts behind the luma, it is
+    ``TOLERANCE``. This is the check of the paper, for ideal pixels: where an effect acts behind the luma, it is
     left out, and the report says so. Its structure: events sorted by (t, y, x), inside the sensor and
     the duration; counts as in ``meta.json``; every listed image there, readable and of the sensor's size, at strictly
     increasing times that are multiples of its period to the nearest microsecond; ground truth at strictly increasing

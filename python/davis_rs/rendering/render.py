@@ -131,7 +131,7 @@ class Renderer(ABC):
 
         Args:
             views: five of each span (5 n), at the instants of
-                :func:`~davis_rs.rendering.edge_tracks.instants_of_spans`; the fastest pixel may go half a pixel.
+                ``davis_rs.rendering.edge_tracks.instants_of_spans``; the fastest pixel may go half a pixel.
             t_us: int64 (n, 5): these instants, microseconds of the sequence.
             tolerated: change of log luma that is tolerated.
             log_eps: dark level in units of luma.

@@ -101,7 +101,7 @@ class Stretch:
     batch: int
 
     def breaks(self) -> Iterator[Break]:
-        """The breaks of motion and light within it, see :func:`~davis_rs.sampling.breaks.find_breaks`."""
+        """The breaks of motion and light within it, see ``davis_rs.sampling.breaks.find_breaks``."""
         return find_breaks(self.trajectory, self.renderer.motion, self.start_us, self.end_us)
 
     def required(self, *, both: bool) -> Iterator[int]:

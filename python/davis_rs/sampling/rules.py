@@ -45,7 +45,7 @@ def _periodic_instants(rate_hz: Fraction, start_us: int, end_us: int) -> Iterato
 class TimeSampling(ABC):
     """A rule for when luma is rendered, and how log luma runs in between.
 
-    Whatever the rule, there are keyframes where motion or light breaks (:mod:`~davis_rs.sampling.breaks`).
+    Whatever the rule, there are keyframes where motion or light breaks (``davis_rs.sampling.breaks``).
     """
 
     edges: bool = False
@@ -135,7 +135,7 @@ class FixedRate(ScheduledSampling):
 class MaxDisplacement(ScheduledSampling):
     """Render whenever the fastest pixel has moved by ``pixels``.
 
-    See :class:`~davis_rs.sampling.displacement.DisplacementClock`: the camera's motion counts, moving objects, and
+    See ``davis_rs.sampling.displacement.DisplacementClock``: the camera's motion counts, moving objects, and
     light that changes. Where nothing does, it asks for no instants. It renders more often where something begins to
     change or ceases to, and where the displacement between two renders would not grow evenly in time.
 

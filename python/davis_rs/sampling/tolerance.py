@@ -37,7 +37,7 @@ class Tolerance(TimeSampling):
 
     What happens and vanishes between two samples leaves no trace in either: no estimate can see it. Where edges of the
     geometry pass over a pixel that may be so. The native renderer tells at which instants an edge passes each ray, so
-    that such pixels are sampled where their luma jumps, and between (:mod:`~davis_rs.rendering.edge_tracks`). With
+    that such pixels are sampled where their luma jumps, and between (``davis_rs.rendering.edge_tracks``). With
     other renderers, and where rays do what neither edges nor their rates tell (shadows), the pixel's interval is halved
     whatever the samples say: twice for one edge, to the end for two, because there may be something thin between them.
     A thin line of a texture has no such protection.

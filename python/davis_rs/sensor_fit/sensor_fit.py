@@ -104,7 +104,7 @@ def fit_sensor(recordings: Sequence[StreamStatistics | MeasuredRecording]) -> Se
     - Readout: at least as many row bursts as were seen.
     - Parity of columns and rows; that of columns as a share of thresholds.
 
-    With frames, too, see :func:`~davis_rs.sensor_fit.threshold_fit.fit_thresholds`: thresholds, their mismatch and
+    With frames, too, see ``davis_rs.sensor_fit.threshold_fit.fit_thresholds``: thresholds, their mismatch and
     parity, the photoreceptor's bandwidth by the lag of events behind frames, exposure and noise of frames.
 
     Args:

@@ -59,7 +59,7 @@ class SignalSamples(NamedTuple):
     """Samples of all frames of a recording.
 
     Attributes:
-        samples: :data:`SAMPLE_DTYPE`, by pixel, those of a pixel in the order of time.
+        samples: ``SAMPLE_DTYPE``, by pixel, those of a pixel in the order of time.
         lowest, highest: the smallest and the largest value of any frame.
         frames: how many there were.
         share: of the pixels of which samples were kept, 1 but for long recordings.

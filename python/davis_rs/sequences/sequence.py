@@ -34,7 +34,7 @@ class Sequence:
         make_scene: the scene, which has a start or a trajectory of its own.
         motion: the camera's, in a few words.
         make_motion: the camera's path in that scene; None for the scene's own.
-        camera: the lens: a key of :data:`~davis_rs.PRESETS`.
+        camera: the lens: a key of :data:`~davis_rs.camera.PRESETS`.
         biases: the set of biases it was recorded with, a key of :data:`~davis_rs.BIAS_SETS`; None where it was
             simulated.
         frame_rate_hz: of its frames: about 24 Hz where it was recorded, 40 Hz where it was simulated.

@@ -21,7 +21,7 @@ class Bursts:
 
     Attributes:
         rows_per_us: row bursts with one stamp, of the stamps that have any.
-        rows_per_window: row bursts in the :data:`WINDOW_US` that begin with each burst.
+        rows_per_window: row bursts in the ``WINDOW_US`` that begin with each burst.
         events_per_row: events in a burst.
         ascending, descending, unordered: bursts of more than one event by the order of their columns.
         sharing: events whose stamp another event has, too.

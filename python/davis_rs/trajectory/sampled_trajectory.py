@@ -43,7 +43,7 @@ class SampledTrajectory(Trajectory):
         positions: (n, 3), metres, world.
         quaternions: (n, 4) of R_world_camera, (x, y, z, w), of norm 1 within 1e-3, any sign.
         position_sigma_m: rms noise of each coordinate, >= 0; None estimates it
-            (:func:`~davis_rs.trajectory.sample_noise.pose_noise`).
+            (``davis_rs.trajectory.sample_noise.pose_noise``).
         rotation_sigma_rad: rms noise of the rotation about each axis, >= 0; None estimates it.
         position_step_m, quaternion_step: the steps to which the samples are rounded; an estimate within half a step of
             them counts as no noise. They change nothing where the noise is given.

@@ -39,7 +39,7 @@ def read_trajectory(
     Lines that are empty or begin with ``#`` are skipped, and so is a CSV's header. A header that puts qw before qx
     (EuRoC's order) is refused; without a header that order cannot be told.
 
-    Noise that is not given is estimated from the samples (:func:`~davis_rs.trajectory.sample_noise.pose_noise`). It is
+    Noise that is not given is estimated from the samples (``davis_rs.trajectory.sample_noise.pose_noise``). It is
     0, so that the path goes through every sample, where nothing is to be seen beyond the rounding to the file's digits,
     where noise cannot be told from motion, and with fewer than 40 samples. :meth:`SampledTrajectory.smoothing` says
     what was done, and by how much it moved the path.

@@ -1,0 +1,81 @@
+"""How the site is built: ``sphinx-build -W -n --keep-going -b html docs build/site``."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from sphinx.application import Sphinx
+
+from davis_rs import __version__
+
+sys.path.insert(0, str(Path(__file__).parent / "extensions"))
+
+project = "davis_rs"
+author = "the authors of davis_rs"
+copyright = author
+version = release = __version__
+
+extensions = [
+    "sphinx.ext.autodoc",
+    "sphinx.ext.napoleon",
+    "myst_nb",
+    "sphinx_copybutton",
+    "sphinx_argparse_cli",
+    "public_names",
+    "readable_autodoc",
+    "repository_links",
+    "command_blocks",
+]
+nitpicky = True
+
+# Names of other libraries. The build fetches nothing, so it has no list of theirs.
+nitpick_ignore_regex = [
+    (r"py:.*", r"(abc|argparse|collections|datetime|enum|os|pathlib|types|typing)\..*|Path"),
+    (r"py:.*", r"(drjit|dr|matplotlib|mi|mitsuba|np|npt|numpy|torch|usb)\..*|Client|Figure"),
+    # Parts of the package that signatures name and users are not handed.
+    (
+        r"py:.*",
+        r"davis_rs\.(effect_planning\.luma_sample\.LumaSample|formats\.blocks\.Blocks|formats\.interface\.Releasable"
+        r"|rendering\.(edge_tracks\.EdgeTracks|neighbours\.ImageMap|scene_motion\.SceneMotion"
+        r"|swept_objects\.MovingSilhouettes)|sampling\.(breaks\.Break|keyframes\.SparseSamples)"
+        r"|usb\.(link\.UsbLink|protocol\.Write)|windows\.window\._Image)|SampleArray|SparseSamples",
+    ),
+]
+
+autodoc_default_options = {"members": True, "show-inheritance": True, "member-order": "bysource"}
+autodoc_typehints = "signature"
+autodoc_typehints_format = "short"
+autodoc_class_signature = "mixed"
+toc_object_entries_show_parents = "hide"
+python_use_unqualified_type_names = True
+python_maximum_signature_line_length = 100
+napoleon_numpy_docstring = False
+napoleon_use_ivar = False
+napoleon_use_param = False
+
+myst_heading_anchors = 3
+myst_enable_extensions = ["colon_fence"]
+nb_execution_mode = "force"
+nb_execution_raise_on_error = True
+nb_execution_timeout = 300
+highlight_language = "none"
+copybutton_prompt_text = r"\$ |>>> "
+copybutton_prompt_is_regexp = True
+
+html_theme = "furo"
+html_title = f"davis_rs {release}"
+html_copy_source = False
+html_static_path = ["site.css"]
+html_css_files = ["site.css"]
+
+
+def without_tutorials(app: Sphinx, name: str, content: list[str]) -> None:
+    """A pattern that matches no page is a warning of Sphinx; without notebooks the index has none."""
+    if name == "index" and not any(page.startswith("tutorials/") for page in app.env.found_docs):
+        content[0] = content[0].replace("   tutorials/*\n", "")
+
+
+def setup(app: Sphinx) -> None:
+    """Called by Sphinx."""
+    app.connect("source-read", without_tutorials)
