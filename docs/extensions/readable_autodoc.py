@@ -19,7 +19,6 @@ from sphinx.util.typing import stringify_annotation
 ARRAY = re.compile(r"(~?)numpy\.ndarray\[tuple\[[^\]]*\], ~?numpy\.dtype\[([^\[\]]*)\]\]")
 LONG = {
     "ArrayLike": stringify_annotation(npt.ArrayLike, "smart", short_literals=True),
-    "DTypeLike": stringify_annotation(npt.DTypeLike, "smart", short_literals=True),
 }
 """What autodoc writes for NumPy's unions."""
 
@@ -84,7 +83,7 @@ def evaluated(app: Sphinx, there: Any, bound_method: bool) -> None:
         return
     if there.__name__ == "__new__":  # of a named tuple: its annotations do not know their module
         for value in (value for module in modules() for value in vars(module).values()):
-            if isinstance(value, type) and value.__new__ is there:
+            if isinstance(value, type) and hasattr(value, "_fields") and value.__new__ is there:
                 there.__annotations__ = get_type_hints(value)
         return
     names = vars(sys.modules[there.__module__])
@@ -127,7 +126,7 @@ def short_arrays(
 
 
 def shorter(text: str | None) -> str | None:
-    """The same with ``NDArray``, ``ArrayLike`` and ``DTypeLike`` in place of what these stand for."""
+    """The same with ``NDArray`` and ``ArrayLike`` in place of what these stand for."""
     if text is None:
         return None
     for name, long in LONG.items():
