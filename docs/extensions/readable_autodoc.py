@@ -14,6 +14,8 @@ from public_names import PACKAGE
 from sphinx.addnodes import desc_content
 from sphinx.application import Sphinx
 from sphinx.pycode import ModuleAnalyzer
+from sphinx.util.inspect import signature as signature_of
+from sphinx.util.inspect import stringify_signature
 from sphinx.util.typing import stringify_annotation
 
 ARRAY = re.compile(r"(~?)numpy\.ndarray\[tuple\[[^\]]*\], ~?numpy\.dtype\[([^\[\]]*)\]\]")
@@ -122,6 +124,10 @@ def short_arrays(
     app: Sphinx, what: str, name: str, value: Any, options: Any, signature: str | None, returned: str | None
 ) -> tuple[str | None, str | None]:
     """``numpy.ndarray[tuple[Any, ...], numpy.dtype[numpy.float32]]`` is ``NDArray[float32]``."""
+    if what == "class" and any("__sphinx_mock__" in vars(base) for base in inspect.getmro(value)):
+        # autodoc takes that of the stand-in for a base class of a library that is not there
+        own = signature_of(value.__init__, bound_method=True)
+        signature = stringify_signature(own, show_return_annotation=False, unqualified_typehints=True)
     return shorter(signature), shorter(returned)
 
 
