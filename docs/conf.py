@@ -44,6 +44,7 @@ nitpick_ignore_regex = [
 ]
 
 autodoc_default_options = {"members": True, "show-inheritance": True, "member-order": "bysource"}
+autodoc_mock_imports = ["torch"]  # an extra that would be large for a base class's name
 autodoc_typehints = "signature"
 autodoc_typehints_format = "short"
 autodoc_class_signature = "mixed"

@@ -14,12 +14,13 @@ from public_names import PACKAGE
 from sphinx.addnodes import desc_content
 from sphinx.application import Sphinx
 from sphinx.pycode import ModuleAnalyzer
+from sphinx.util.inspect import signature as signature_of
+from sphinx.util.inspect import stringify_signature
 from sphinx.util.typing import stringify_annotation
 
 ARRAY = re.compile(r"(~?)numpy\.ndarray\[tuple\[[^\]]*\], ~?numpy\.dtype\[([^\[\]]*)\]\]")
 LONG = {
     "ArrayLike": stringify_annotation(npt.ArrayLike, "smart", short_literals=True),
-    "DTypeLike": stringify_annotation(npt.DTypeLike, "smart", short_literals=True),
 }
 """What autodoc writes for NumPy's unions."""
 
@@ -84,7 +85,7 @@ def evaluated(app: Sphinx, there: Any, bound_method: bool) -> None:
         return
     if there.__name__ == "__new__":  # of a named tuple: its annotations do not know their module
         for value in (value for module in modules() for value in vars(module).values()):
-            if isinstance(value, type) and value.__new__ is there:
+            if isinstance(value, type) and hasattr(value, "_fields") and value.__new__ is there:
                 there.__annotations__ = get_type_hints(value)
         return
     names = vars(sys.modules[there.__module__])
@@ -123,11 +124,15 @@ def short_arrays(
     app: Sphinx, what: str, name: str, value: Any, options: Any, signature: str | None, returned: str | None
 ) -> tuple[str | None, str | None]:
     """``numpy.ndarray[tuple[Any, ...], numpy.dtype[numpy.float32]]`` is ``NDArray[float32]``."""
+    if what == "class" and any("__sphinx_mock__" in vars(base) for base in inspect.getmro(value)):
+        # autodoc takes that of the stand-in for a base class of a library that is not there
+        own = signature_of(value.__init__, bound_method=True)
+        signature = stringify_signature(own, show_return_annotation=False, unqualified_typehints=True)
     return shorter(signature), shorter(returned)
 
 
 def shorter(text: str | None) -> str | None:
-    """The same with ``NDArray``, ``ArrayLike`` and ``DTypeLike`` in place of what these stand for."""
+    """The same with ``NDArray`` and ``ArrayLike`` in place of what these stand for."""
     if text is None:
         return None
     for name, long in LONG.items():
