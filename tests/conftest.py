@@ -20,9 +20,37 @@ settings.register_profile("davis_rs", derandomize=True, deadline=None, max_examp
 settings.register_profile("long", derandomize=True, deadline=None, max_examples=300)
 settings.load_profile("davis_rs")
 
+TESTS = Path(__file__).parent
+QUICK = {
+    "cli/test_convert_and_info.py",
+    "crossing/test_crossing_faults.py",
+    "crossing/test_crossing_frames.py",
+    "crossing/test_crossing_state.py",
+    "crossing/test_log_intensity.py",
+    "dataset/test_dataset.py",
+    "effects/test_effects_settings.py",
+    "events/test_event_array.py",
+    "formats/test_event_files.py",
+    "formats/test_events_text.py",
+    "live_camera/test_decoder.py",
+    "sensors/test_sensors.py",
+    "simulation/test_settings.py",
+    "simulation/test_simulate.py",
+    "trajectory/test_trajectory.py",
+}
+"""Of --quick: the engine, effects, formats, decoder, simulator, dataset folders and the command line, in small."""
+
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--long", action="store_true", help="run tests marked long, too")
+    parser.addoption("--quick", action="store_true", help="run a few files of each part alone, in less than a minute")
+
+
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """With ``--quick``, other files are not even imported: that would take as long as to run these."""
+    if not config.getoption("quick") or collection_path.suffix != ".py":
+        return None
+    return True if collection_path.relative_to(TESTS).as_posix() not in QUICK else None
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:

@@ -167,12 +167,6 @@ print(engine.push_log(4, numpy.ones((1, 1)))["t"].tolist())
     assert run_python(program) == "[2, 4]\n"
 
 
-def test_importing_is_quick(run_python: Callable[..., str]) -> None:
-    """Under 0.2 s on top of NumPy, the best of three."""
-    program = "import numpy, time; a = time.perf_counter(); import davis_rs; print(time.perf_counter() - a)"
-    assert min(float(run_python(program)) for _ in range(3)) < 0.2
-
-
 def test_decode_errors_pickle() -> None:
     """DecodeError comes out of worker processes as itself, a ValueError."""
     error = pickle.loads(pickle.dumps(DecodeError("line 3")))

@@ -13,7 +13,7 @@ import pytest
 
 import davis_rs
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 PAGES = sorted((ROOT / "docs" / "reference").glob("*.rst"))
 PUBLIC = (
     "calibrate",
