@@ -18,7 +18,8 @@ import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
 import davis_rs
-from davis_rs.differentiable.event_jacobian import EventTimeModel, LinearisedEvents
+from davis_rs.differentiable import EventTimeDerivatives
+from davis_rs.differentiable.event_jacobian import EventTimeModel
 from davis_rs.events import concatenate_events
 from davis_rs.trajectory.views import Views
 
@@ -60,12 +61,11 @@ def shifted(column: int, by: FloatArray, lights: int) -> Shift:
 class Reference:
     """Crossings of a run's levels, found by bisection."""
 
-    def __init__(self, model: EventTimeModel, at: LinearisedEvents, index: IntArray) -> None:
+    def __init__(self, model: EventTimeModel, at: EventTimeDerivatives, index: IntArray) -> None:
         self.model, self.levels = model, at.levels
         self.t_us, self.pixel = at.levels.t_us[index], at.levels.pixel[index]
         self.sign, self.on, self.off = at.levels.sign[index], at.levels.on[index], at.levels.off[index]
-        names = [light.name for light in model.field.renderer.table.lights]
-        self.of_name = np.array([[name == one for one in model.light_names] for name in names], np.float64)
+        self.of_name = model.field.of_light_name
 
     def log_luma(self, t_us: FloatArray, shift: Shift, which: IntArray) -> FloatArray:
         """Of events ``which``, at times of their own."""
@@ -144,10 +144,10 @@ def rows(name: str) -> list[str]:
     for _ in range(2):
         begin = time.process_time()
         at = model.linearise(model.levels(events))
-        model.columns(at, ("pose",))
+        at.jacobian(("pose",))
         seconds.append(time.process_time() - begin)
-    lights = len(model.light_names)
-    jacobian = model.columns(at, UNKNOWNS)
+    lights = len(model.field.light_names)
+    jacobian = at.jacobian(UNKNOWNS)
     typical = np.median(np.abs(jacobian[at.smooth & (at.levels.on > 0) & (at.levels.off > 0)]), axis=0)
     typical = np.maximum(typical, np.median(np.abs(jacobian[at.smooth]), axis=0)) + 1.0
     draw = np.random.RandomState(0)

@@ -58,15 +58,22 @@ class LogLumaField:
         renderer: without effects of the lens.
         trajectory: the camera's path.
         log_eps: dark level, in luma.
+
+    Attributes:
+        light_names: of the scene, in its order, each once.
+        of_light_name: (l, names) 1 where a light of the table has a name.
     """
 
     def __init__(self, renderer: NativeRenderer, trajectory: Trajectory, log_eps: float) -> None:
         self.renderer, self.log_eps = renderer, log_eps
-        self._trajectory = trajectory
+        self._trajectory, self.duration_s = trajectory, trajectory.duration_s
         around = np.arange(-1, 2) if renderer.blur else np.zeros(1, np.int64)
         self._rows, self._columns = (part.ravel() for part in np.meshgrid(around, around, indexing="ij"))
         kernel = np.outer(_BLUR, _BLUR) if renderer.blur else np.ones((1, 1))
         self.weights = kernel.ravel()
+        names = [light.name for light in renderer.table.lights]
+        self.light_names = tuple(dict.fromkeys(names))
+        self.of_light_name = np.array([[name == one for one in self.light_names] for name in names], np.float64)
 
     def views(self, t_us: FloatArray) -> Views:
         """The camera at instants (n,), microseconds; those that rounding puts just before 0 are at 0."""
