@@ -113,6 +113,30 @@ class EventTimeDerivatives:
         columns = self.levels.pixel[:, None] + np.array([0, pixels])
         return _rows_of(csr_array, columns, self._columns("contrast_threshold") * self.ok[:, None], 2 * pixels)
 
+    def reflectance(self) -> csr_array:
+        """Sparse (n, texels): by the reflectance of each texel of the scene, all of its channels alike; 0 for a jump.
+
+        A texel is 0..1; :meth:`texture_columns` tells which column is whose. With J the matrix, ``J.T @ g`` is the
+        gradient of a loss that has the derivatives g (n,) by event times, microseconds: reverse mode. Baked light that
+        bounces from a surface is taken as fixed.
+        """
+        from scipy.sparse import csr_array
+
+        per_rate = csr_array((self._per_rate()[:, 0], (np.arange(len(self.t_us)),) * 2))
+        pixels, of_pixel = np.unique(self.levels.pixel, return_inverse=True)
+        start = self.field.by_texel(np.zeros(len(pixels)), pixels)[of_pixel]
+        return per_rate @ (start - self.field.by_texel(self.t_us, self.levels.pixel))
+
+    def texture_columns(self) -> dict[str, IntArray]:
+        """For each shape, ``<id>.reflectance``, the columns (H, W) of its texels in :meth:`reflectance`."""
+        table = self.field.renderer.table
+        return {
+            f"{shape.id()}.reflectance": first + np.arange(height * width).reshape(height, width)
+            for shape, (first, width, height, _) in zip(
+                table.scene.shapes(), table.textures.sizes.tolist(), strict=True
+            )
+        }
+
     def _per_rate(self) -> FloatArray:
         """(n, 1) microseconds by log luma, 0 where it is not log luma that makes the event."""
         return np.where(self.smooth, _US / np.where(self.smooth, self.here.rate, 1.0), 0.0)[:, None]
