@@ -3,6 +3,7 @@
 from .event_derivatives import EventTimeDerivatives
 from .event_jacobian import event_time_derivatives, event_time_jacobian
 from .event_residuals import ResidualBlock, event_time_residuals
+from .event_times import EventTimes
 from .moved_path import moved
 from .poses import CameraPoses, spline
 from .renderer import DifferentiableRenderer
@@ -12,6 +13,7 @@ __all__ = [
     "CameraPoses",
     "DifferentiableRenderer",
     "EventTimeDerivatives",
+    "EventTimes",
     "ResidualBlock",
     "event_time_derivatives",
     "event_time_jacobian",

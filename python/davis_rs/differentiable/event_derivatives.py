@@ -12,6 +12,7 @@ import numpy.typing as npt
 from ..close_names import did_you_mean
 from .event_levels import EventLevels
 from .log_luma import LogLuma, LogLumaField
+from .moved_path import MovedPath, right_jacobians
 from .spline_weights import spline_weights
 
 if TYPE_CHECKING:
@@ -74,10 +75,18 @@ class EventTimeDerivatives:
         """(n, 6) each: by an increment of the pose at the event, and by one of the pose at the start of the run.
 
         Units and axes are those of ``pose`` in :func:`event_time_jacobian`, whose columns are the sum of both. 0 where
-        nothing is known. With them goes any path of increments: times its weights at the event, and at the start.
+        nothing is known. With them goes any path of increments: times its weights at the event, and at the start. Of a
+        path that :func:`moved` has made they are those by what is added to its increments.
         """
         per_rate = self._per_rate()
-        return self.jump_pose * self.jump[:, None] * _US - self.here.pose * per_rate, self.start.pose * per_rate
+        at_event = self.jump_pose * self.jump[:, None] * _US - self.here.pose * per_rate
+        at_start = self.start.pose * per_rate
+        if isinstance(self.field.path, MovedPath):
+            instants = np.clip(self.t_us * 1e-6, 0.0, self.field.duration_s), np.zeros(len(self.t_us))
+            for rows, t_s in zip((at_event, at_start), instants, strict=True):
+                turns = right_jacobians(self.field.path.increments(t_s)[:, 3:])
+                rows[:, 3:] = np.einsum("ni,nij->nj", rows[:, 3:], turns)
+        return at_event, at_start
 
     def control_points(self, count: int, *, degree: int = 3) -> csr_array:
         """Sparse (n, 6 ``count``): by the control points of a spline of increments of the path.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,6 +20,7 @@ from .event_derivatives import EventTimeDerivatives, check_quantities
 from .event_jumps import EventJumps
 from .event_levels import EventLevels, count_levels
 from .log_luma import LogLuma, LogLumaField
+from .moved_path import MovedPath
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
@@ -55,7 +57,7 @@ class EventTimeModel:
 
     Args:
         scene: with the camera path of the run, from the run's start on.
-        thresholds: (2, H, W), ON and OFF thresholds of each pixel, natural-log units; None for those of the settings.
+        thresholds: (2,) or, of each pixel, (2, H, W): ON and OFF, natural-log units; None for those of the settings.
         settings: of the run.
 
     Raises:
@@ -84,6 +86,17 @@ class EventTimeModel:
         self.field = LogLumaField(renderer, self.path, simulator.settings["log_eps"])
         self.jumps = EventJumps(self.field)
         self.thresholds = _threshold_maps(simulator, thresholds)
+
+    def changed(self, increments: npt.ArrayLike | None, thresholds: npt.ArrayLike | None) -> EventTimeModel:
+        """The same with the path moved, see :class:`MovedPath`, or with other thresholds; None leaves either."""
+        other = copy(self)
+        if increments is not None:
+            other.path = MovedPath(self.path, increments)
+            other.field = LogLumaField(self.field.renderer, other.path, self.field.log_eps)
+            other.jumps = EventJumps(other.field)
+        if thresholds is not None:
+            other.thresholds = _threshold_maps(self.simulator, thresholds)
+        return other
 
     def levels(self, events: npt.ArrayLike) -> EventLevels:
         """Count the levels of events, see :func:`event_time_jacobian`."""
@@ -236,8 +249,10 @@ def _threshold_maps(simulator: Simulator, thresholds: npt.ArrayLike | None) -> F
         both = [[simulator.contrast_threshold], [simulator.contrast_threshold_off]]
         return np.repeat(np.array(both), camera.width * camera.height, axis=1)
     maps = np.array(thresholds, np.float64)
+    if maps.shape == (2,):
+        maps = np.tile(maps[:, None, None], (1, camera.height, camera.width))
     if maps.shape != (2, camera.height, camera.width):
-        raise ValueError(f"thresholds must have shape (2, {camera.height}, {camera.width}), got {maps.shape}")
+        raise ValueError(f"thresholds must have shape (2,) or (2, {camera.height}, {camera.width}), got {maps.shape}")
     if not ((maps > 0) & (maps < np.inf)).all():
         raise ValueError(f"thresholds must be > 0 and finite, got {maps[~((maps > 0) & (maps < np.inf))][0]}")
     return maps.reshape(2, -1)

@@ -76,7 +76,7 @@ def event_time_residuals(
         camera, start_s: as for :func:`event_time_jacobian`.
         within_us: how far from its stamp a crossing is looked for, microseconds.
         block: how many events there are in a block, about: a pixel is never divided. It takes 1 kB an event.
-        thresholds: (2, H, W), ON and OFF thresholds of each pixel, natural-log units; None for those of the settings.
+        thresholds: (2,) or, of each pixel, (2, H, W): ON and OFF, natural-log units; None for those of the settings.
         settings: of the estimate, by the names that :class:`~davis_rs.Simulator` takes.
 
     Raises:

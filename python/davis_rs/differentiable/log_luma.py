@@ -63,13 +63,14 @@ class LogLumaField:
         log_eps: dark level, in luma.
 
     Attributes:
+        path: of the camera.
         light_names: of the scene, in its order, each once.
         of_light_name: (l, names) 1 where a light of the table has a name.
     """
 
     def __init__(self, renderer: NativeRenderer, trajectory: Trajectory, log_eps: float) -> None:
         self.renderer, self.log_eps = renderer, log_eps
-        self._trajectory, self.duration_s = trajectory, trajectory.duration_s
+        self.path, self.duration_s = trajectory, trajectory.duration_s
         around = np.arange(-1, 2) if renderer.blur else np.zeros(1, np.int64)
         self._rows, self._columns = (part.ravel() for part in np.meshgrid(around, around, indexing="ij"))
         kernel = np.outer(_BLUR, _BLUR) if renderer.blur else np.ones((1, 1))
@@ -80,7 +81,7 @@ class LogLumaField:
 
     def views(self, t_us: FloatArray) -> Views:
         """The camera at instants (n,), microseconds; those that rounding puts just before 0 are at 0."""
-        return Views.along(self._trajectory, np.clip(t_us * 1e-6, 0.0, self._trajectory.duration_s))
+        return Views.along(self.path, np.clip(t_us * 1e-6, 0.0, self.path.duration_s))
 
     def neighbours(self, pixel: IntArray) -> IntArray:
         """(n, m) the pixels whose luma, times :attr:`weights` (m,), is that of pixels (n,)."""

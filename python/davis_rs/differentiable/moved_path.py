@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -11,6 +12,9 @@ from ..pose import FloatArray, hamilton
 from ..scene.scene import Scene
 from ..trajectory.trajectory import Trajectory
 from .spline_weights import spline_weight_rates, spline_weights
+
+if TYPE_CHECKING:
+    from scipy.spatial.transform import Rotation
 
 _SMALL = 1e-4
 """Angle, radians, below which series serve: what they leave out is less than 1e-16."""
@@ -66,7 +70,7 @@ class MovedPath(Trajectory):
         by = {"increments": self._rows.tolist(), "degree": self._degree}
         return {"kind": "moved", "duration_s": self.duration_s, **by, "trajectory": self._path.describe()}
 
-    def _turns(self, t_s: npt.ArrayLike):  # type: ignore[no-untyped-def]
+    def _turns(self, t_s: npt.ArrayLike) -> Rotation:
         from scipy.spatial.transform import Rotation
 
         return Rotation.from_rotvec(self.increments(t_s)[:, 3:])
@@ -84,8 +88,8 @@ def moved(scene: Scene, increments: npt.ArrayLike, *, degree: int = 3) -> Scene:
 
     >>> scene = moved(scene, 1e-3 * np.eye(6)[0])  # 1 mm along the world's x
 
-    The path keeps its length. Its derivatives (:meth:`EventTimeDerivatives.jacobian`, ``control_points``) are those by
-    increments of the path that is moved already.
+    The path keeps its length. Its derivatives, ``pose`` and ``control_points``, are those by what is added to these
+    increments. Take a part of a scene (``scene.crop``) before, not after.
 
     Raises:
         ValueError: as :class:`MovedPath`.
