@@ -1,9 +1,10 @@
 """Derivatives of event times against crossings that are searched again: python benches/event_gradients.py [SCENE ...]
 
-Each unknown is shifted so that the event moves by 0.1 us, to both sides, and the crossing is found again by bisection
+Each unknown is shifted so that the event moves by 0.01 us, to both sides, and the crossing is found again by bisection
 of log luma in float64: no derivative is used. Of each kind of event 600 are drawn at random. An event is within 1 %
 where the error of its row is no more than that share of the row, both as norms over columns, each in units of its
-median. Speed is in processor time: events a second on two cores, with the start of the run and the search for jumps.
+median or of 1 us. Speed is in processor time: events a second on two cores, with the start of the run and the search
+for jumps.
 """
 
 from __future__ import annotations
@@ -35,7 +36,10 @@ STRETCHES = {
 """Start and length, seconds: at rest, or where rays start on borders of texels, there is no derivative."""
 
 SAMPLES, DRAWN = 8, 600
-MOVED_US = 0.1
+MOVED_US = 0.01
+LEAST_US = 1.0
+"""Microseconds by a metre, a radian, or another unit, below which a column has no say."""
+
 WINDOWS_US = (4.0, 40.0, 300.0)
 HALVINGS = 50
 UNKNOWNS = ("pose", "contrast_threshold", "log_eps", "light")
@@ -128,7 +132,7 @@ def within(jacobian: FloatArray, truth: FloatArray, shares: tuple[float, float] 
     if not known.any():
         return "-"
     truth, error = truth[known], jacobian[known] - truth[known]
-    unit = np.maximum(np.median(np.abs(truth), axis=0), 1e-3)
+    unit = np.maximum(np.median(np.abs(truth), axis=0), LEAST_US)
     size, off = (np.linalg.norm(one / unit, axis=1) for one in (truth, error))
     return ", ".join(f"{100 * (off <= share * size + 1e-3).mean():.1f}" for share in shares)
 

@@ -36,7 +36,8 @@ class EventTimeDerivatives:
     same rows stand next to each other by ``scipy.sparse.hstack``.
 
     Attributes:
-        t_us: (n,) where log luma was looked at: the stamp of a refined event, the crossing that was found for another.
+        t_us: (n,) where log luma was looked at: the middle of the microsecond that ends at a refined event's stamp, the
+            crossing that was found for another.
         levels: of the events.
         start, here: log luma at the start of the run, and at ``t_us``.
         smooth: (n,) log luma reaches the level at ``t_us``, and rises or falls through it.

@@ -29,9 +29,12 @@ FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 Flags = npt.NDArray[np.bool_]
 
-AT_STAMP_US = (-2.0, 1.0)
-"""Where the crossing of a refined event lies, from its stamp: in the microsecond before, and what rounding adds. A ray
-that jumps by 1e-4 of log luma or more there puts it farther away."""
+STAMPED_US = 0.5
+"""How long before its stamp a refined event is looked at: the middle of the microsecond that it is in."""
+
+AT_STAMP_US = (-1.5, 1.5)
+"""Where the crossing of a refined event lies, from there: in that microsecond, and what rounding adds. A ray that jumps
+by 1e-4 of log luma or more there puts it farther away."""
 
 JUMPS_US = ((1.25, 0.25), (12.0, 10.0))
 """How long before and after its stamp an event's jump is looked for, one after the other: where the image moves slowly
@@ -108,11 +111,12 @@ class EventTimeModel:
         if not self.refined:
             return self.search(levels, NEAR_US)[0]
         start, level = self.start_and_level(levels)
-        here = self.field.at(levels.t_us, levels.pixel)
+        at_us = np.maximum(levels.t_us - STAMPED_US, 0.0)
+        here = self.field.at(at_us, levels.pixel)
         step_us = _step_us(here, level)
         smooth = (step_us >= AT_STAMP_US[0]) & (step_us <= AT_STAMP_US[1])
         jump, jump_pose = self._find_jumps(levels.t_us, levels, level, ~smooth, JUMPS_US)
-        return self._derivatives(levels.t_us.copy(), levels, start, here, smooth, jump, jump_pose)
+        return self._derivatives(at_us, levels, start, here, smooth, jump, jump_pose)
 
     def search(self, levels: EventLevels, within_us: float) -> tuple[EventTimeDerivatives, Flags]:
         """Find the crossing of each event's level next to its stamp, and log luma and its derivatives there.
@@ -207,9 +211,11 @@ def event_time_jacobian(
         The Jacobian, float64 (n, columns), microseconds per unit, NaN where it is not known; and bool (n,), whether it
         is. It is not known where
 
-        - log luma does not reach the event's level at its stamp (within :data:`AT_STAMP_US` of a refined event, else
-          within :data:`NEAR_US`), and no edge is found that makes a ray jump to it: the event is another run's, or a
-          jump whose edge is not that of a triangle;
+        - log luma does not reach the event's level (within :data:`AT_STAMP_US` of the middle of a refined event's
+          microsecond, else within :data:`NEAR_US` of the stamp), and no edge is found that makes a ray jump to it: the
+          event is another run's, or a jump whose edge is not that of a triangle;
+        - an edge passes several rays at one instant, and with a shift of the camera they would move by other amounts: the
+          time has a kink there;
         - log luma does not move towards the level: its slope has the other sign than the event, or is below
           :data:`LEAST_SLOPE` (a tangential crossing).
 

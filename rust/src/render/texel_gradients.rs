@@ -70,13 +70,9 @@ impl Renderer {
                     };
                     self.collect(rays, lit, pixels, weights, steps, &mut room, &mut seen);
                     let before = found.texels.len();
-                    for &(texel, value) in &seen {
-                        if found.texels.len() > before && found.texels.last() == Some(&texel) {
-                            *found.values.last_mut().expect("as many as texels") += value;
-                        } else {
-                            found.texels.push(texel);
-                            found.values.push(value);
-                        }
+                    for same in seen.chunk_by(|one, other| one.0 == other.0) {
+                        found.texels.push(same[0].0);
+                        found.values.push(same.iter().map(|one| one.1).sum());
                     }
                     #[allow(clippy::cast_possible_truncation, reason = "1024 rays of a few pixels see fewer")]
                     found.counts.push((found.texels.len() - before) as u32);
