@@ -92,8 +92,8 @@ def test_increments_of_a_path_that_is_moved_already(events: EventArray) -> None:
     events = events_of(scene, **SETTINGS)
     events = events[(7 * events["y"].astype(int) + events["x"]) % 11 == 0]
     found = event_time_derivatives(scene, events, **SETTINGS)
-    times = [predicted(moved(SCENE, points + sign * 1e-6 * direction), events) for sign in (1, -1)]
-    check(found.control_points(4) @ direction.ravel(), *times, 1e-6, found.ok)
+    times = [predicted(moved(SCENE, points + sign * 1e-5 * direction), events) for sign in (1, -1)]
+    check(found.control_points(4) @ direction.ravel(), *times, 1e-5, found.ok)
 
 
 def test_thresholds_of_each_pixel(events: EventArray, derivatives: EventTimeDerivatives) -> None:

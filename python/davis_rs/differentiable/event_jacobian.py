@@ -214,7 +214,7 @@ def event_time_jacobian(
         - log luma does not reach the event's level (within :data:`AT_STAMP_US` of the middle of a refined event's
           microsecond, else within :data:`NEAR_US` of the stamp), and no edge is found that makes a ray jump to it: the
           event is another run's, or a jump whose edge is not that of a triangle;
-        - an edge passes several rays at one instant, and with a shift of the camera they would move by other amounts: the
+        - an edge passes several rays at one instant, and they would move by other amounts: the
           time has a kink there;
         - log luma does not move towards the level: its slope has the other sign than the event, or is below
           :data:`LEAST_SLOPE` (a tangential crossing).
