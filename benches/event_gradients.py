@@ -1,9 +1,10 @@
 """Derivatives of event times against crossings that are searched again: python benches/event_gradients.py [SCENE ...]
 
-Each unknown is shifted so that the event moves by 0.1 us, to both sides, and the crossing is found again by bisection
+Each unknown is shifted so that the event moves by 0.01 us, to both sides, and the crossing is found again by bisection
 of log luma in float64: no derivative is used. Of each kind of event 600 are drawn at random. An event is within 1 %
 where the error of its row is no more than that share of the row, both as norms over columns, each in units of its
-median. Speed is in processor time: events a second on two cores, with the start of the run and the search for jumps.
+median or of 1 us. Speed is in processor time: events a second on two cores, with the start of the run and the search
+for jumps.
 """
 
 from __future__ import annotations
@@ -18,7 +19,8 @@ import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
 import davis_rs
-from davis_rs.differentiable.event_jacobian import EventTimeModel, LinearisedEvents
+from davis_rs.differentiable import EventTimeDerivatives
+from davis_rs.differentiable.event_jacobian import EventTimeModel
 from davis_rs.events import concatenate_events
 from davis_rs.trajectory.views import Views
 
@@ -34,7 +36,10 @@ STRETCHES = {
 """Start and length, seconds: at rest, or where rays start on borders of texels, there is no derivative."""
 
 SAMPLES, DRAWN = 8, 600
-MOVED_US = 0.1
+MOVED_US = 0.01
+LEAST_US = 1.0
+"""Microseconds by a metre, a radian, or another unit, below which a column has no say."""
+
 WINDOWS_US = (4.0, 40.0, 300.0)
 HALVINGS = 50
 UNKNOWNS = ("pose", "contrast_threshold", "log_eps", "light")
@@ -60,12 +65,11 @@ def shifted(column: int, by: FloatArray, lights: int) -> Shift:
 class Reference:
     """Crossings of a run's levels, found by bisection."""
 
-    def __init__(self, model: EventTimeModel, at: LinearisedEvents, index: IntArray) -> None:
+    def __init__(self, model: EventTimeModel, at: EventTimeDerivatives, index: IntArray) -> None:
         self.model, self.levels = model, at.levels
         self.t_us, self.pixel = at.levels.t_us[index], at.levels.pixel[index]
         self.sign, self.on, self.off = at.levels.sign[index], at.levels.on[index], at.levels.off[index]
-        names = [light.name for light in model.field.renderer.table.lights]
-        self.of_name = np.array([[name == one for one in model.light_names] for name in names], np.float64)
+        self.of_name = model.field.of_light_name
 
     def log_luma(self, t_us: FloatArray, shift: Shift, which: IntArray) -> FloatArray:
         """Of events ``which``, at times of their own."""
@@ -128,7 +132,7 @@ def within(jacobian: FloatArray, truth: FloatArray, shares: tuple[float, float] 
     if not known.any():
         return "-"
     truth, error = truth[known], jacobian[known] - truth[known]
-    unit = np.maximum(np.median(np.abs(truth), axis=0), 1e-3)
+    unit = np.maximum(np.median(np.abs(truth), axis=0), LEAST_US)
     size, off = (np.linalg.norm(one / unit, axis=1) for one in (truth, error))
     return ", ".join(f"{100 * (off <= share * size + 1e-3).mean():.1f}" for share in shares)
 
@@ -144,10 +148,10 @@ def rows(name: str) -> list[str]:
     for _ in range(2):
         begin = time.process_time()
         at = model.linearise(model.levels(events))
-        model.columns(at, ("pose",))
+        at.jacobian(("pose",))
         seconds.append(time.process_time() - begin)
-    lights = len(model.light_names)
-    jacobian = model.columns(at, UNKNOWNS)
+    lights = len(model.field.light_names)
+    jacobian = at.jacobian(UNKNOWNS)
     typical = np.median(np.abs(jacobian[at.smooth & (at.levels.on > 0) & (at.levels.off > 0)]), axis=0)
     typical = np.maximum(typical, np.median(np.abs(jacobian[at.smooth]), axis=0)) + 1.0
     draw = np.random.RandomState(0)

@@ -873,6 +873,33 @@ class SceneRenderer:
                 pixels.
         """
 
+    def texel_gradients(
+        self,
+        rays: PixelRays,
+        views: _Views,
+        view: npt.NDArray[np.uint32],
+        pixel: npt.NDArray[np.uint32],
+        weights: npt.NDArray[np.float64],
+        steps: npt.NDArray[np.float64],
+    ) -> tuple[npt.NDArray[np.uint32], npt.NDArray[np.uint32], npt.NDArray[np.float64]]:
+        """Derivatives of single pixels' luma by texels in float64, or of weighted sums of pixels.
+
+        Which surface a ray meets, whether a light is hidden from it, and light that bounces, is taken as fixed.
+
+        Args:
+            rays, views, view, pixel, weights: as in :meth:`gradients`.
+            steps: float64 (g), by how much the texels of each light colour change for a unit.
+
+        Returns:
+            How many texels each of the k sums sees, uint32 (k); their numbers in the buffer of texels that the scene
+            was made with, ascending for each sum, uint32, flat, one sum's after the other's; and luma by the unit,
+            float64, as many.
+
+        Raises:
+            ValueError: for views that do not fit the scene, a view or pixel that is not there, or another number of
+                pixels or steps.
+        """
+
     def ray_sights(
         self, rays: PixelRays, views: _Views, view: npt.NDArray[np.uint32], pixel: npt.NDArray[np.uint32]
     ) -> tuple[npt.NDArray[np.uint32], npt.NDArray[np.uint64], npt.NDArray[np.float64]]:

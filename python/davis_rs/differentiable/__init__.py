@@ -1,7 +1,24 @@
 """Luma frames with derivatives, in Dr.Jit; and event times with derivatives, without it."""
 
-from .event_jacobian import event_time_jacobian
+from .event_derivatives import EventTimeDerivatives
+from .event_jacobian import event_time_derivatives, event_time_jacobian
+from .event_residuals import ResidualBlock, event_time_residuals
+from .event_times import EventTimes
+from .moved_path import moved
 from .poses import CameraPoses, spline
 from .renderer import DifferentiableRenderer
+from .spline_weights import spline_weights
 
-__all__ = ["CameraPoses", "DifferentiableRenderer", "event_time_jacobian", "spline"]
+__all__ = [
+    "CameraPoses",
+    "DifferentiableRenderer",
+    "EventTimeDerivatives",
+    "EventTimes",
+    "ResidualBlock",
+    "event_time_derivatives",
+    "event_time_jacobian",
+    "event_time_residuals",
+    "moved",
+    "spline",
+    "spline_weights",
+]

@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from copy import copy
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
 from ..camera import Camera
-from ..close_names import did_you_mean
 from ..events import EventArray
 from ..rendering.render_native import NativeRenderer
 from ..scene.scene import Scene
 from ..settings import SimulatorSettings
 from ..simulator import Simulator
+from .event_crossings import find_crossings
+from .event_derivatives import EventTimeDerivatives, check_quantities
 from .event_jumps import EventJumps
 from .event_levels import EventLevels, count_levels
 from .log_luma import LogLuma, LogLumaField
+from .moved_path import MovedPath
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
@@ -26,25 +29,25 @@ FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 Flags = npt.NDArray[np.bool_]
 
-QUANTITIES = ("pose", "contrast_threshold", "log_eps", "clock_offset", "light")
-"""What ``of`` may name."""
+STAMPED_US = 0.5
+"""How long before its stamp a refined event is looked at: the middle of the microsecond that it is in."""
 
-AT_STAMP_US = (-2.0, 1.0)
-"""Where the crossing of a refined event lies, from its stamp: in the microsecond before, and what rounding adds. A ray
-that jumps by 1e-4 of log luma or more there puts it farther away."""
+AT_STAMP_US = (-1.5, 1.5)
+"""Where the crossing of a refined event lies, from there: in that microsecond, and what rounding adds. A ray that jumps
+by 1e-4 of log luma or more there puts it farther away."""
 
 JUMPS_US = ((1.25, 0.25), (12.0, 10.0))
 """How long before and after its stamp an event's jump is looked for, one after the other: where the image moves slowly
 an edge needs many microseconds for what float32 rounds."""
+
+AT_JUMP_US = ((0.25, 0.25),)
+"""How long before and after a crossing that was found its jump is looked for."""
 
 NEAR_US = 200.0
 """How far from its stamp the crossing of an event that was not refined is looked for."""
 
 _TOGETHER = 1 << 12
 """Jumps that are looked for in one call."""
-
-_TURNS = 6
-_FOUND_US = 0.05
 
 LEAST_SLOPE = 0.02
 """Log luma per second, below which a crossing is tangential: a change of 1e-6 of log luma then moves it by 50 us."""
@@ -57,14 +60,18 @@ class EventTimeModel:
 
     Args:
         scene: with the camera path of the run, from the run's start on.
+        thresholds: (2,) or, of each pixel, (2, H, W): ON and OFF, natural-log units; None for those of the settings.
         settings: of the run.
 
     Raises:
         TypeError, ValueError, OSError: as :class:`~davis_rs.Simulator`; ValueError for a scene that another renderer
-            than the native one renders, and for effects, whose events are not where log luma reaches a level.
+            than the native one renders, for effects, whose events are not where log luma reaches a level, and for
+            thresholds of another shape or not > 0.
     """
 
-    def __init__(self, scene: Scene, **settings: Unpack[SimulatorSettings]) -> None:
+    def __init__(
+        self, scene: Scene, thresholds: npt.ArrayLike | None = None, **settings: Unpack[SimulatorSettings]
+    ) -> None:
         simulator = Simulator(scene, **settings)
         renderer = simulator.renderer
         if not isinstance(renderer, NativeRenderer):
@@ -81,111 +88,90 @@ class EventTimeModel:
         self.path = simulator.scene.path
         self.field = LogLumaField(renderer, self.path, simulator.settings["log_eps"])
         self.jumps = EventJumps(self.field)
-        names = [light.name for light in renderer.table.lights]
-        self.light_names = tuple(dict.fromkeys(names))
-        self._of_name = np.array([[name == one for one in self.light_names] for name in names], np.float64)
+        self.thresholds = _threshold_maps(simulator, thresholds)
+
+    def changed(self, increments: npt.ArrayLike | None, thresholds: npt.ArrayLike | None) -> EventTimeModel:
+        """The same with the path moved, see :class:`MovedPath`, or with other thresholds; None leaves either."""
+        other = copy(self)
+        if increments is not None:
+            other.path = MovedPath(self.path, increments)
+            other.field = LogLumaField(self.field.renderer, other.path, self.field.log_eps)
+            other.jumps = EventJumps(other.field)
+        if thresholds is not None:
+            other.thresholds = _threshold_maps(self.simulator, thresholds)
+        return other
 
     def levels(self, events: npt.ArrayLike) -> EventLevels:
         """Count the levels of events, see :func:`event_time_jacobian`."""
         camera = self.simulator.camera
         return count_levels(events, camera.width, camera.height, self.path.duration_s * _US)
 
-    def linearise(self, levels: EventLevels) -> LinearisedEvents:
-        """Find the crossing of each event, and log luma and its derivatives there and at the start of the run."""
-        pixels, of_pixel = np.unique(levels.pixel, return_inverse=True)
-        start = self.field.at_start(pixels).take(of_pixel)
-        simulator = self.simulator
-        threshold_on, threshold_off = simulator.contrast_threshold, simulator.contrast_threshold_off
-        level = start.value + levels.on * threshold_on - levels.off * threshold_off
-        at_us = levels.t_us.copy()
+    def linearise(self, levels: EventLevels) -> EventTimeDerivatives:
+        """Look at each event of a run where it is, and at the start of the run: log luma and its derivatives."""
+        if not self.refined:
+            return self.search(levels, NEAR_US)[0]
+        start, level = self.start_and_level(levels)
+        at_us = np.maximum(levels.t_us - STAMPED_US, 0.0)
         here = self.field.at(at_us, levels.pixel)
         step_us = _step_us(here, level)
-        if self.refined:
-            smooth = (step_us >= AT_STAMP_US[0]) & (step_us <= AT_STAMP_US[1])
-        else:
-            smooth = self._follow(at_us, here, step_us, levels, level)
-        jump = np.zeros(len(level), np.bool_)
-        jump_pose = np.zeros((len(level), 6))
-        for before_us, after_us in JUMPS_US if self.refined else ():
-            for index in _parts(np.flatnonzero(~smooth & ~jump)):
+        smooth = (step_us >= AT_STAMP_US[0]) & (step_us <= AT_STAMP_US[1])
+        jump, jump_pose = self._find_jumps(levels.t_us, levels, level, ~smooth, JUMPS_US)
+        return self._derivatives(at_us, levels, start, here, smooth, jump, jump_pose)
+
+    def search(self, levels: EventLevels, within_us: float) -> tuple[EventTimeDerivatives, Flags]:
+        """Find the crossing of each event's level next to its stamp, and log luma and its derivatives there.
+
+        Returns:
+            The derivatives, at the crossings; and whether (n,) there is one.
+        """
+        start, level = self.start_and_level(levels)
+        found = find_crossings(self.field, levels.t_us, levels.pixel, levels.sign, level, within_us=within_us)
+        jumps = found.found & ~found.smooth
+        jump, jump_pose = self._find_jumps(found.t_us, levels, level, jumps, AT_JUMP_US)
+        derivatives = self._derivatives(found.t_us, levels, start, found.here, found.smooth, jump, jump_pose)
+        return derivatives, found.found
+
+    def start_and_level(self, levels: EventLevels) -> tuple[LogLuma, FloatArray]:
+        """Log luma of each event's pixel at the start of the run, and the level (n,) of the event."""
+        pixels, of_pixel = np.unique(levels.pixel, return_inverse=True)
+        start = self.field.at_start(pixels).take(of_pixel)
+        on, off = self.thresholds[:, levels.pixel]
+        return start, start.value + levels.on * on - levels.off * off
+
+    def _find_jumps(
+        self,
+        at_us: FloatArray,
+        levels: EventLevels,
+        level: FloatArray,
+        which: Flags,
+        windows_us: Sequence[tuple[float, float]],
+    ) -> tuple[Flags, FloatArray]:
+        """Whether a ray's jump about an instant makes an event, and how its time moves with the pose."""
+        jump, jump_pose = np.zeros(len(level), np.bool_), np.zeros((len(level), 6))
+        for before_us, after_us in windows_us:
+            for index in _parts(np.flatnonzero(which & ~jump)):
                 found = self.jumps.find(
-                    np.maximum(levels.t_us[index] - before_us, 0.0),
-                    np.minimum(levels.t_us[index] + after_us, self.path.duration_s * _US),
+                    np.maximum(at_us[index] - before_us, 0.0),
+                    np.minimum(at_us[index] + after_us, self.path.duration_s * _US),
                     levels.pixel[index],
                     levels.sign[index],
                     np.exp(level[index]) - self.field.log_eps,
                 )
                 jump[index], jump_pose[index] = found.found, found.pose
-        rising = here.rate * levels.sign
-        smooth &= rising >= LEAST_SLOPE
-        return LinearisedEvents(at_us, levels, start, here, smooth, jump, jump_pose)
+        return jump, jump_pose
 
-    def _follow(
-        self, at_us: FloatArray, here: LogLuma, step_us: FloatArray, levels: EventLevels, level: FloatArray
-    ) -> Flags:
-        """Go to the crossings, in place; returns which were found."""
-        found = np.abs(step_us) <= _FOUND_US
-        active = np.flatnonzero(~found)
-        for _ in range(_TURNS):
-            target = at_us[active] + step_us[active]
-            near = np.isfinite(target) & (np.abs(target - levels.t_us[active]) <= NEAR_US)
-            near &= (target >= 0) & (target <= self.path.duration_s * _US)
-            active = active[near]
-            if len(active) == 0:
-                break
-            at_us[active] += step_us[active]
-            new = self.field.at(at_us[active], levels.pixel[active])
-            here.put(active, new)
-            step_us[active] = _step_us(new, level[active])
-            done = np.abs(step_us[active]) <= _FOUND_US
-            found[active[done]] = True
-            active = active[~done]
-        return found
-
-    def columns(self, linearised: LinearisedEvents, of: Sequence[str]) -> FloatArray:
-        """Derivatives of the times (n, columns), microseconds per unit; meaningless where nothing is known."""
-        here, start, levels = linearised.here, linearised.start, linearised.levels
-        per_rate = _US / np.where(linearised.smooth, here.rate, 1.0)[:, None]
-        jump = linearised.jump[:, None]
-        columns: list[FloatArray] = []
-        for name in of:
-            if name == "pose":
-                smooth = -(here.pose - start.pose) * per_rate
-                columns.append(np.where(jump, linearised.jump_pose * _US, smooth))
-                continue
-            if name == "contrast_threshold":
-                one = np.stack([levels.on, -levels.off], 1) * per_rate
-            elif name == "log_eps":
-                one = -(here.log_eps - start.log_eps)[:, None] * per_rate
-            elif name == "light":
-                one = -((here.lights - start.lights) @ self._of_name) * per_rate
-            else:
-                moved = (here.rate - start.rate)[:, None] * per_rate
-                columns.append(np.where(jump, _US, moved))
-                continue
-            columns.append(np.where(jump, 0.0, one))
-        return np.concatenate([np.zeros((len(levels.pixel), 0)), *columns], 1)
-
-
-class LinearisedEvents(NamedTuple):
-    """Events where they cross their levels.
-
-    Attributes:
-        at_us: (n,) where log luma was looked at: the stamp of a refined event, the crossing near it of another.
-        levels: of the events.
-        start, here: log luma at the start of the run, and at ``at_us``.
-        smooth: (n,) log luma reaches the level at ``at_us``, and rises or falls through it.
-        jump: (n,) a ray of the pixel jumps there, for which an edge is known.
-        jump_pose: (n, 6) seconds by an increment of the pose, of those that jump.
-    """
-
-    at_us: FloatArray
-    levels: EventLevels
-    start: LogLuma
-    here: LogLuma
-    smooth: Flags
-    jump: Flags
-    jump_pose: FloatArray
+    def _derivatives(
+        self,
+        t_us: FloatArray,
+        levels: EventLevels,
+        start: LogLuma,
+        here: LogLuma,
+        smooth: Flags,
+        jump: Flags,
+        jump_pose: FloatArray,
+    ) -> EventTimeDerivatives:
+        rising = here.rate * levels.sign >= LEAST_SLOPE
+        return EventTimeDerivatives(t_us, levels, start, here, smooth & rising, jump, jump_pose, self.field)
 
 
 def event_time_jacobian(
@@ -215,7 +201,8 @@ def event_time_jacobian(
             whole camera path, position in world axes, metres, then a rotation vector in camera axes, radians, as in
             :meth:`CameraPoses.perturbed`), ``contrast_threshold`` (2: ON and OFF, natural-log units), ``log_eps`` (1:
             the dark level, luma), ``clock_offset`` (1: seconds by which the camera's path, all that moves, and the
-            lights are late), ``light`` (one for each light of the scene: the logarithm of its strength).
+            lights are late), ``clock_drift`` (1: seconds a second by which they fall behind from the start on),
+            ``light`` (one for each light of the scene: the logarithm of its strength).
         camera: of the run; None for the scene's, or the sensor's.
         start_s: of the run on the camera path.
         settings: of the run, by the names that :class:`~davis_rs.Simulator` takes.
@@ -224,9 +211,11 @@ def event_time_jacobian(
         The Jacobian, float64 (n, columns), microseconds per unit, NaN where it is not known; and bool (n,), whether it
         is. It is not known where
 
-        - log luma does not reach the event's level at its stamp (within ``AT_STAMP_US`` of a refined event, else
-          within ``NEAR_US``), and no edge is found that makes a ray jump to it: the event is another run's, or a
-          jump whose edge is not that of a triangle;
+        - log luma does not reach the event's level (within ``AT_STAMP_US`` of the middle of a refined event's
+          microsecond, else within ``NEAR_US`` of the stamp), and no edge is found that makes a ray jump to it: the
+          event is another run's, or a jump whose edge is not that of a triangle;
+        - an edge passes several rays at one instant, and they would move by other amounts: the
+          time has a kink there;
         - log luma does not move towards the level: its slope has the other sign than the event, or is below
           ``LEAST_SLOPE`` (a tangential crossing).
 
@@ -240,15 +229,39 @@ def event_time_jacobian(
             :class:`~davis_rs.Simulator`.
         OSError: as :class:`~davis_rs.Simulator`.
     """
-    for name in of:
-        if name not in QUANTITIES:
-            raise ValueError(f"of must name {', '.join(QUANTITIES)}; got {name!r}{did_you_mean(name, QUANTITIES)}")
+    check_quantities(of)
+    derivatives = event_time_derivatives(scene, events, camera, start_s=start_s, **settings)
+    return derivatives.jacobian(of), derivatives.ok
+
+
+def event_time_derivatives(
+    scene: Scene, events: EventArray, camera: Camera | str | None = None, *, start_s: float = 0.0, **settings: Any
+) -> EventTimeDerivatives:
+    """All that is needed for any block of derivatives of a run's event times, dense or sparse.
+
+    >>> derivatives = event_time_derivatives(scene, events, accuracy="exact")
+    >>> jacobian = scipy.sparse.hstack([derivatives.control_points(20), derivatives.contrast_threshold_map()])
+
+    Args and errors: those of :func:`event_time_jacobian`.
+    """
     model = EventTimeModel(scene.crop(start_s), camera=camera, **settings)
-    linearised = model.linearise(model.levels(events))
-    ok = linearised.smooth | linearised.jump
-    jacobian = model.columns(linearised, of)
-    jacobian[~ok] = np.nan
-    return jacobian, ok
+    return model.linearise(model.levels(events))
+
+
+def _threshold_maps(simulator: Simulator, thresholds: npt.ArrayLike | None) -> FloatArray:
+    """(2, pixels)."""
+    camera = simulator.camera
+    if thresholds is None:
+        both = [[simulator.contrast_threshold], [simulator.contrast_threshold_off]]
+        return np.repeat(np.array(both), camera.width * camera.height, axis=1)
+    maps = np.array(thresholds, np.float64)
+    if maps.shape == (2,):
+        maps = np.tile(maps[:, None, None], (1, camera.height, camera.width))
+    if maps.shape != (2, camera.height, camera.width):
+        raise ValueError(f"thresholds must have shape (2,) or (2, {camera.height}, {camera.width}), got {maps.shape}")
+    if not ((maps > 0) & (maps < np.inf)).all():
+        raise ValueError(f"thresholds must be > 0 and finite, got {maps[~((maps > 0) & (maps < np.inf))][0]}")
+    return maps.reshape(2, -1)
 
 
 def _parts(index: IntArray) -> list[IntArray]:

@@ -2,7 +2,8 @@
 
 An edge of a surface passes a ray when the ray lies in the plane of the edge and the camera. The edge of a shadow passes
 when the place that the ray hits lies in the plane of the edge and the light. How the instant moves with the camera's
-pose follows from that alone; it does not depend on levels.
+pose follows from that alone; it does not depend on levels. Where an edge passes several rays at one instant, and they
+would move by other amounts, the event's time has a kink there, and no derivative: it is not told.
 """
 
 from __future__ import annotations
@@ -25,6 +26,12 @@ _NOTHING = 2**32 - 1
 _ENDS = 1e-6
 """How far beyond an edge's end, as a share of its length, a ray may pass it: what rounding makes of a corner."""
 
+
+_TOGETHER_S = 2e-7
+"""How long after each other rays are passed that are passed at one instant but for the rounding of their directions."""
+
+_ALIKE = 0.005
+"""By what share derivatives of such rays may differ: more is a kink, which has no derivative."""
 
 _IN_PLANE_M = 1e-11
 """How far a place moves from a plane by rounding alone."""
@@ -193,6 +200,14 @@ class EventJumps:
         unknown = np.zeros(len(pixel), np.bool_)
         unknown[rays.event[np.isnan(passes.share)]] = True
         unknown |= sign * (start - luma) >= 0
+        # Rays that an edge passes at one instant pass it one after the other as soon as the camera moves.
+        own = np.full(len(pixel), -1)
+        own[event] = at
+        with_own = own[rays.event]
+        together = (with_own >= 0) & (
+            np.abs(passes.share - passes.share[with_own]) * length_s[rays.event] <= _TOGETHER_S
+        )
+        unknown[rays.event[together & _differ(passes.pose, passes.pose[with_own])]] = True
         jumps.found[event] = ~unknown[event]
         jumps.pose[event] = passes.pose[at] * length_s[event, None]
         jumps.pose[~jumps.found] = 0.0
@@ -373,6 +388,12 @@ def _poses(cameras: list[Views], event: IntArray, frames: IntArray) -> tuple[Flo
 
 _EVERYWHERE = ("constant", "baked", "visible")
 """Kinds of light that are never shadowed edge by edge."""
+
+
+def _differ(one: FloatArray, other: FloatArray) -> Flags:
+    """Whether rows (n, 6) by an increment of the pose differ, in their position's part or in their rotation's."""
+    off, size = ((part.reshape(-1, 2, 3) ** 2).sum(-1) for part in (one - other, other))
+    return np.asarray((off > _ALIKE**2 * size).any(1))
 
 
 def _root(start: FloatArray, end: FloatArray) -> tuple[FloatArray, Flags]:

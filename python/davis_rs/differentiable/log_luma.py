@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -11,6 +11,9 @@ from ..rendering.neighbours import mirrored
 from ..rendering.render_native import NativeRenderer
 from ..trajectory.trajectory import Trajectory
 from ..trajectory.views import Views
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -58,19 +61,27 @@ class LogLumaField:
         renderer: without effects of the lens.
         trajectory: the camera's path.
         log_eps: dark level, in luma.
+
+    Attributes:
+        path: of the camera.
+        light_names: of the scene, in its order, each once.
+        of_light_name: (l, names) 1 where a light of the table has a name.
     """
 
     def __init__(self, renderer: NativeRenderer, trajectory: Trajectory, log_eps: float) -> None:
         self.renderer, self.log_eps = renderer, log_eps
-        self._trajectory = trajectory
+        self.path, self.duration_s = trajectory, trajectory.duration_s
         around = np.arange(-1, 2) if renderer.blur else np.zeros(1, np.int64)
         self._rows, self._columns = (part.ravel() for part in np.meshgrid(around, around, indexing="ij"))
         kernel = np.outer(_BLUR, _BLUR) if renderer.blur else np.ones((1, 1))
         self.weights = kernel.ravel()
+        names = [light.name for light in renderer.table.lights]
+        self.light_names = tuple(dict.fromkeys(names))
+        self.of_light_name = np.array([[name == one for one in self.light_names] for name in names], np.float64)
 
     def views(self, t_us: FloatArray) -> Views:
         """The camera at instants (n,), microseconds; those that rounding puts just before 0 are at 0."""
-        return Views.along(self._trajectory, np.clip(t_us * 1e-6, 0.0, self._trajectory.duration_s))
+        return Views.along(self.path, np.clip(t_us * 1e-6, 0.0, self.path.duration_s))
 
     def neighbours(self, pixel: IntArray) -> IntArray:
         """(n, m) the pixels whose luma, times :attr:`weights` (m,), is that of pixels (n,)."""
@@ -92,6 +103,25 @@ class LogLumaField:
     def at_start(self, pixel: IntArray) -> LogLuma:
         """Log luma of pixels (n,) at the path's first instant."""
         return self._of_view(self.views(np.zeros(1)), np.zeros(len(pixel), np.uint32), pixel)
+
+    def by_texel(self, t_us: FloatArray, pixel: IntArray) -> csr_array:
+        """Sparse (n, texels): dL by the reflectance of the table's texels, each pixel at its own instant."""
+        from scipy.sparse import csr_array, vstack
+
+        texels = int(np.prod(self.renderer.table.textures.sizes[:, 1:3].astype(np.int64), axis=1).sum())
+        parts = [csr_array((0, texels))]
+        for first in range(0, len(pixel), _TOGETHER):
+            chunk = slice(first, first + _TOGETHER)
+            around = self.neighbours(pixel[chunk]).astype(np.uint32)
+            views, view = self.views(t_us[chunk]), np.arange(len(around), dtype=np.uint32)
+            luma = self.renderer.gradients(views, view, around, self.weights)[:, 0]
+            counts, seen, values = self.renderer.texel_gradients(views, view, around, self.weights)
+            rows = np.append(0, np.cumsum(counts, dtype=np.int64))
+            values = values * np.repeat(1 / (luma + self.log_eps), counts)
+            part = csr_array((values, seen, rows), shape=(len(around), texels))
+            part.sum_duplicates()
+            parts.append(part)
+        return vstack(parts, format="csr")
 
     def _at(self, views: Views, pixel: IntArray) -> LogLuma:
         return self._of_view(views, np.arange(len(pixel), dtype=np.uint32), pixel)

@@ -12,6 +12,7 @@ import numpy.typing as npt
 from .._mitsuba import FAST, variant
 from ..pose import Pose
 from ..trajectory.views import Views
+from .spline_weights import spline_weights
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,18 +120,12 @@ def spline(control_points: Any, t_s: npt.ArrayLike, *, duration_s: float, degree
 
     Source: de Boor, A Practical Guide to Splines, 1978, chapter IX.
     """
-    from scipy.interpolate import BSpline
-
     with variant(FAST) as (mi, dr):
         points, times = tensor(control_points), np.asarray(t_s, np.float64)
         if len(points.shape) != 2 or points.shape[0] < degree + 1:
             raise ValueError(f"control points must have shape (m >= {degree + 1}, k), got {points.shape}")
-        if times.ndim != 1 or not ((times >= 0) & (times <= duration_s)).all():
-            raise ValueError(f"times must be of shape (n,) and lie in 0..{duration_s} s, got {times.tolist()}")
         count, width = points.shape
-        inner = np.linspace(0, duration_s, count - degree + 1)
-        knots = np.concatenate([np.zeros(degree), inner, np.full(degree, duration_s)])
-        basis = BSpline.design_matrix(times, knots, degree).tocsr()
+        basis = spline_weights(times, count, duration_s=duration_s, degree=degree)
         value = dr.arange(mi.UInt32, len(times) * width)
         row, total = value // width, dr.zeros(mi.Float, len(times) * width)
         # Each row has the weights of degree + 1 neighbouring points.

@@ -101,6 +101,31 @@ class NativeRenderer(Renderer):
         )
         return found.reshape(len(view), 8 + len(self.table.lights))
 
+    def texel_gradients(
+        self, views: Views, view: npt.NDArray[np.uint32], pixel: npt.NDArray[np.uint32], weights: FloatArray
+    ) -> tuple[npt.NDArray[np.uint32], npt.NDArray[np.int64], FloatArray]:
+        """Derivatives of luma by the reflectance of texels, all of a texel's channels alike; light that bounces stays.
+
+        Args:
+            view, pixel, weights: as in :meth:`gradients`.
+
+        Returns:
+            How many texels each of k pixels sees (k,); their numbers in the texels of :attr:`table`, one pixel's after
+            the other's, a number more than once where it is seen through the frame of its texture; and luma by the
+            reflectance, as many.
+        """
+        textures = self.table.textures
+        steps = np.array([weights.sum() for weights in textures.group_weights], np.float64)
+        counts, texels, values = self._core.texel_gradients(
+            pixel_rays(self.camera, self.rays),
+            self._arrays(views),
+            view,
+            np.ascontiguousarray(pixel).ravel(),
+            weights,
+            steps,
+        )
+        return counts, textures.of_framed[texels], values
+
     def ray_sights(
         self, views: Views, view: npt.NDArray[np.uint32], pixel: npt.NDArray[np.uint32]
     ) -> tuple[npt.NDArray[np.uint32], npt.NDArray[np.uint64], FloatArray]:

@@ -67,7 +67,14 @@ class TextureTable:
 
     def framed(self, group: int) -> npt.NDArray[np.float32]:
         """:meth:`texels` with a frame of one texel around each texture: what its wrap mode puts there."""
-        texels = self.texels(group)
+        return self._framed(self.texels(group))
+
+    @property
+    def of_framed(self) -> npt.NDArray[np.int64]:
+        """For each texel of :meth:`framed` its number in :meth:`texels`."""
+        return self._framed(np.arange(sum(map(len, self._texels))))
+
+    def _framed(self, texels: npt.NDArray[Any]) -> npt.NDArray[Any]:
         images = []
         for first, width, height, wrap in self.sizes.tolist():
             image = texels[first : first + width * height].reshape(height, width)

@@ -377,6 +377,42 @@ impl PySceneRenderer {
         Ok(gradients.into_pyarray(py))
     }
 
+    /// Derivatives of single pixels' luma by texels in float64, or of weighted sums of pixels.
+    ///
+    /// Which surface a ray meets, whether a light is hidden from it, and light that bounces, is taken as fixed.
+    ///
+    /// Args:
+    ///     rays, views, view, pixel, weights: as in :meth:`gradients`.
+    ///     steps: float64 (g), by how much the texels of each light colour change for a unit.
+    ///
+    /// Returns:
+    ///     How many texels each of the k sums sees, uint32 (k); their numbers in the buffer of texels that the scene
+    ///     was made with, ascending for each sum, uint32, flat, one sum's after the other's; and luma by the unit,
+    ///     float64, as many.
+    ///
+    /// Raises:
+    ///     ValueError: for views that do not fit the scene, a view or pixel that is not there, or another number of
+    ///         pixels or steps.
+    #[allow(clippy::too_many_arguments, reason = "one pixel's, and the weights")]
+    fn texel_gradients<'py>(
+        &self,
+        py: Python<'py>,
+        rays: &PyPixelRays,
+        views: Views<'py>,
+        view: &Bound<'py, PyAny>,
+        pixel: &Bound<'py, PyAny>,
+        weights: &Bound<'py, PyAny>,
+        steps: &Bound<'py, PyAny>,
+    ) -> PyResult<(Flat<'py, u32>, Flat<'py, u32>, Flat<'py, f64>)> {
+        let views = self.views(&views)?;
+        let view = column::<u32>(view, "view")?.as_slice()?.to_vec();
+        let pixel = column::<u32>(pixel, "pixel")?.as_slice()?.to_vec();
+        let weights = column::<f64>(weights, "weights")?.as_slice()?.to_vec();
+        let steps = column::<f64>(steps, "steps")?.as_slice()?.to_vec();
+        let found = py.detach(|| self.0.texel_gradients(&rays.0, &views, &view, &pixel, &weights, &steps))?;
+        Ok((found.counts.into_pyarray(py), found.texels.into_pyarray(py), found.values.into_pyarray(py)))
+    }
+
     /// What each ray of single pixels sees, in float64.
     ///
     /// Args:

@@ -17,7 +17,7 @@ use crate::error::{Error, Result};
 pub const BEFORE_LIGHTS: usize = 8;
 
 /// Pixels that a thread takes at a time.
-const PIXELS_OF_THREAD: usize = 64;
+pub(super) const PIXELS_OF_THREAD: usize = 64;
 
 /// What one ray sees.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -31,14 +31,14 @@ pub struct RaySight {
 }
 
 /// A view, and its lights in each frame.
-struct Lit<'a> {
-    number: u32,
+pub(super) struct Lit<'a> {
+    pub(super) number: u32,
     view: &'a View,
     lights: Vec<Vec<FramedLight>>,
 }
 
 impl<'a> Lit<'a> {
-    fn new(scene: &Scene, views: &'a [View], number: u32) -> Self {
+    pub(super) fn new(scene: &Scene, views: &'a [View], number: u32) -> Self {
         let view = &views[number as usize];
         let lights = (0..scene.frames.len()).map(|frame| framed_lights(scene, view, frame)).collect();
         Self { number, view, lights }
@@ -47,7 +47,7 @@ impl<'a> Lit<'a> {
 
 /// Room for one ray after the other.
 #[derive(Default)]
-struct Room {
+pub(super) struct Room {
     stack: Vec<u32>,
     candidates: Candidates,
     shaded: Shaded,
@@ -186,7 +186,7 @@ impl Renderer {
 
     /// Hands each ray of pixels on: its pixel's number among them, its direction in camera axes, what it hits, and what
     /// it sees there.
-    fn each_ray(
+    pub(super) fn each_ray(
         &self,
         rays: &PixelRays,
         lit: &Lit,
@@ -240,6 +240,7 @@ impl Renderer {
     fn beyond(&self, lit: &Lit, [x, y, _]: Vector, shaded: &mut Shaded) {
         (shaded.luma, shaded.rate, shaded.slope, shaded.hidden) = (0.0, 0.0, [0.0; 3], 0);
         shaded.by_light.clear();
+        shaded.falls.clear();
         for (light, [factor, rate]) in self.scene.lights.iter().zip(&lit.view.factors) {
             let shown = light.strength * light.background;
             shaded.by_light.push(shown * factor);
@@ -256,7 +257,13 @@ impl Renderer {
     }
 }
 
-fn check_numbers(rays: &PixelRays, views: &[View], of_view: &[u32], pixels: &[u32], together: usize) -> Result<()> {
+pub(super) fn check_numbers(
+    rays: &PixelRays,
+    views: &[View],
+    of_view: &[u32],
+    pixels: &[u32],
+    together: usize,
+) -> Result<()> {
     if of_view.len() * together != pixels.len() || together == 0 {
         return Err(Error::Argument(format!(
             "{} views of {together} pixels each need as many pixels, got {}",

@@ -15,7 +15,8 @@
 //! what the user sees. [`edges`] tells when edges pass rays, [`tracks`] what luma does meanwhile
 //! ([`smooth_motion`] says how all moves),
 //! [`edge_tracks`] which pixels that concerns. [`gradients`] are derivatives of single pixels in float64: what their rays meet
-//! ([`first_hit`]), and how it changes with the place ([`slopes`], [`framed_lights`]).
+//! ([`first_hit`]), and how it changes with the place ([`slopes`], [`framed_lights`]); [`texel_gradients`] are those by the
+//! texels that they see.
 
 #![allow(clippy::many_single_char_names, reason = "coordinates and corners have such names")]
 #![allow(clippy::needless_range_loop, reason = "loops over the lanes of several arrays become vector code")]
@@ -46,6 +47,7 @@ mod sky;
 mod slopes;
 mod smooth_motion;
 mod sorted;
+mod texel_gradients;
 mod texture;
 mod tile;
 mod tracks;

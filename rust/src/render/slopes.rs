@@ -55,6 +55,8 @@ pub(super) struct Shaded {
     pub(super) slope: Vector,
     pub(super) rate: f64,
     pub(super) by_light: Vec<f64>,
+    /// What falls of each light on the surface, irradiance / pi under its strength.
+    pub(super) falls: Vec<f64>,
     /// Bit n mod 64 is turned over for each light n that something hides.
     pub(super) hidden: u64,
 }
@@ -70,8 +72,10 @@ pub(super) fn shade(
 ) {
     let surface = hit.surface;
     (found.luma, found.slope, found.rate, found.hidden) = (0.0, [0.0; 3], 0.0, 0);
-    found.by_light.clear();
-    found.by_light.resize(lights.len(), 0.0);
+    for parts in [&mut found.by_light, &mut found.falls] {
+        parts.clear();
+        parts.resize(lights.len(), 0.0);
+    }
     if let (Some(emission), true) = (surface.emission, hit.in_front) {
         let [factor, rate] = view.factors[emission.light as usize];
         found.luma += emission.luma * factor;
@@ -104,6 +108,7 @@ pub(super) fn shade(
         found.slope = add(found.slope, scale(seen.slope, strength));
         found.rate += strength_rate * seen.value + strength * reflected.value * falls_rate;
         found.by_light[number] += strength * seen.value;
+        found.falls[number] = strength * falls.value;
     }
 }
 
@@ -228,11 +233,46 @@ fn is_hidden(scene: &Scene, view: &View, light: &FramedLight, hit: &Hit, stack: 
 }
 
 /// Bilinear lookup, and how it changes with the place.
-#[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "within the texture")]
 fn looked_up(texture: &Texture, texels: &[u64], maps: [&[f64; 4]; 2], place: Vector) -> Sloped {
     if texture.is_constant() {
         return Sloped::constant(f64::from(parted(texels[texture.first])[0]));
     }
+    let Cell { first, stride, past, per_unit } = cell_of(texture, maps, place);
+    let [[p, q], [r, s]] = [first, first + stride].map(|at| parted(texels[at]).map(f64::from));
+    let (upper, lower) = (q - p, s - r);
+    let (a, b) = (p + upper * past[0], r + lower * past[0]);
+    let by_u = (upper + (lower - upper) * past[1]) * per_unit[0];
+    let by_v = (b - a) * per_unit[1];
+    let [u, v] = maps;
+    Sloped { value: a + (b - a) * past[1], slope: std::array::from_fn(|i| by_u * u[i] + by_v * v[i]) }
+}
+
+/// The texels that a lookup at a place mixes, by their numbers in the buffer, and their weights; several may be the same.
+pub(super) fn taps(texture: &Texture, maps: [&[f64; 4]; 2], place: Vector) -> [(usize, f64); 4] {
+    if texture.is_constant() {
+        return [(texture.first, 1.0), (texture.first, 0.0), (texture.first, 0.0), (texture.first, 0.0)];
+    }
+    let Cell { first, stride, past: [x, y], .. } = cell_of(texture, maps, place);
+    [
+        (first, (1.0 - x) * (1.0 - y)),
+        (first + 1, x * (1.0 - y)),
+        (first + stride, (1.0 - x) * y),
+        (first + stride + 1, x * y),
+    ]
+}
+
+/// Four texels with a place between them.
+struct Cell {
+    /// The first texel, and how many there are to the one below it.
+    first: usize,
+    stride: usize,
+    /// How far the place is past the first one, in texels, and texels per unit of u and of v.
+    past: [f64; 2],
+    per_unit: [f64; 2],
+}
+
+#[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "within the texture")]
+fn cell_of(texture: &Texture, maps: [&[f64; 4]; 2], place: Vector) -> Cell {
     let (mut cell, mut past, mut per_unit) = ([0usize; 2], [0.0; 2], [0.0; 2]);
     for (k, (map, side)) in maps.into_iter().zip([texture.width, texture.height]).enumerate() {
         let coordinate = dot([map[0], map[1], map[2]], place) + map[3];
@@ -243,14 +283,7 @@ fn looked_up(texture: &Texture, texels: &[u64], maps: [&[f64; 4]; 2], place: Vec
         (past[k], per_unit[k]) = (at - whole, direction * f64::from(side));
     }
     let stride = texture.width as usize + 2;
-    let first = texture.first + cell[1] * stride + cell[0];
-    let [[p, q], [r, s]] = [first, first + stride].map(|at| parted(texels[at]).map(f64::from));
-    let (upper, lower) = (q - p, s - r);
-    let (a, b) = (p + upper * past[0], r + lower * past[0]);
-    let by_u = (upper + (lower - upper) * past[1]) * per_unit[0];
-    let by_v = (b - a) * per_unit[1];
-    let [u, v] = maps;
-    Sloped { value: a + (b - a) * past[1], slope: std::array::from_fn(|i| by_u * u[i] + by_v * v[i]) }
+    Cell { first: texture.first + cell[1] * stride + cell[0], stride, past, per_unit }
 }
 
 /// Where a wrap mode folds a coordinate to, and in which direction it goes on there.

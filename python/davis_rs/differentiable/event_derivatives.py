@@ -1,0 +1,183 @@
+"""Derivatives of the times of events, as dense columns and as sparse blocks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from ..close_names import did_you_mean
+from .event_levels import EventLevels
+from .log_luma import LogLuma, LogLumaField
+from .moved_path import MovedPath, right_jacobians
+from .spline_weights import spline_weights
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+Flags = npt.NDArray[np.bool_]
+
+QUANTITIES = ("pose", "contrast_threshold", "log_eps", "clock_offset", "clock_drift", "light")
+"""What ``of`` may name."""
+
+_US = 1e6
+
+
+@dataclass(frozen=True, eq=False)
+class EventTimeDerivatives:
+    """How the times of n events move, in microseconds per unit of an unknown.
+
+    Sparse blocks are ``scipy.sparse.csr_array``; their rows of events that are not known are empty. Blocks with the
+    same rows stand next to each other by ``scipy.sparse.hstack``.
+
+    Attributes:
+        t_us: (n,) where log luma was looked at: the middle of the microsecond that ends at a refined event's stamp, the
+            crossing that was found for another.
+        levels: of the events.
+        start, here: log luma at the start of the run, and at ``t_us``.
+        smooth: (n,) log luma reaches the level at ``t_us``, and rises or falls through it.
+        jump: (n,) a ray of the pixel jumps there, for which an edge is known.
+        jump_pose: (n, 6) seconds by an increment of the pose, of those that jump.
+        field: log luma of the run.
+    """
+
+    t_us: FloatArray
+    levels: EventLevels
+    start: LogLuma
+    here: LogLuma
+    smooth: Flags
+    jump: Flags
+    jump_pose: FloatArray
+    field: LogLumaField
+
+    @property
+    def ok(self) -> Flags:
+        """(n,) where derivatives are known."""
+        return self.smooth | self.jump
+
+    def jacobian(self, of: Sequence[str]) -> FloatArray:
+        """(n, columns) of the unknowns that :func:`event_time_jacobian` has, NaN where nothing is known.
+
+        Raises:
+            ValueError: for an unknown that does not exist.
+        """
+        check_quantities(of)
+        columns = [np.zeros((len(self.t_us), 0)), *(self._columns(name) for name in of)]
+        jacobian = np.concatenate(columns, 1)
+        jacobian[~self.ok] = np.nan
+        return jacobian
+
+    def pose_parts(self) -> tuple[FloatArray, FloatArray]:
+        """(n, 6) each: by an increment of the pose at the event, and by one of the pose at the start of the run.
+
+        Units and axes are those of ``pose`` in :func:`event_time_jacobian`, whose columns are the sum of both. 0 where
+        nothing is known. With them goes any path of increments: times its weights at the event, and at the start. Of a
+        path that :func:`moved` has made they are those by what is added to its increments.
+        """
+        per_rate = self._per_rate()
+        at_event = self.jump_pose * self.jump[:, None] * _US - self.here.pose * per_rate
+        at_start = self.start.pose * per_rate
+        if isinstance(self.field.path, MovedPath):
+            instants = np.clip(self.t_us * 1e-6, 0.0, self.field.duration_s), np.zeros(len(self.t_us))
+            for rows, t_s in zip((at_event, at_start), instants, strict=True):
+                turns = right_jacobians(self.field.path.increments(t_s)[:, 3:])
+                rows[:, 3:] = np.einsum("ni,nij->nj", rows[:, 3:], turns)
+        return at_event, at_start
+
+    def control_points(self, count: int, *, degree: int = 3) -> csr_array:
+        """Sparse (n, 6 ``count``): by the control points of a spline of increments of the path.
+
+        The spline is that of :func:`spline_weights` over the run's path, as in :func:`moved`. Column 6 i + k is number
+        k of control point i: k = 0..2 is its position in world axes, metres, k = 3..5 its rotation vector in camera
+        axes, radians. A row has the control points at the event, and those at the start of the run.
+
+        Raises:
+            ValueError: for fewer than degree + 1 control points.
+        """
+        from scipy.sparse import csr_array
+
+        duration_s, n = self.field.duration_s, len(self.t_us)
+        instants = np.clip(self.t_us * 1e-6, 0.0, duration_s), np.zeros(n)
+        columns, values = [], []
+        for t_s, rows in zip(instants, self.pose_parts(), strict=True):
+            weights = spline_weights(t_s, count, duration_s=duration_s, degree=degree)
+            points, weight = (part.reshape(n, degree + 1, 1) for part in (weights.indices, weights.data))
+            columns.append((6 * points + np.arange(6)).reshape(n, -1))
+            values.append((weight * rows[:, None]).reshape(n, -1))
+        return _rows_of(csr_array, np.concatenate(columns, 1), np.concatenate(values, 1), 6 * count)
+
+    def contrast_threshold_map(self) -> csr_array:
+        """Sparse (n, 2 W H): by each pixel's own thresholds, natural-log units.
+
+        Column y W + x is the ON threshold of pixel (x, y), column W H + y W + x its OFF threshold. 0 for a jump.
+        """
+        from scipy.sparse import csr_array
+
+        camera = self.field.renderer.camera
+        pixels = camera.width * camera.height
+        columns = self.levels.pixel[:, None] + np.array([0, pixels])
+        return _rows_of(csr_array, columns, self._columns("contrast_threshold") * self.ok[:, None], 2 * pixels)
+
+    def reflectance(self) -> csr_array:
+        """Sparse (n, texels): by the reflectance of each texel of the scene, all of its channels alike; 0 for a jump.
+
+        A texel is 0..1; :meth:`texture_columns` tells which column is whose. With J the matrix, ``J.T @ g`` is the
+        gradient of a loss that has the derivatives g (n,) by event times, microseconds: reverse mode. Baked light that
+        bounces from a surface is taken as fixed.
+        """
+        from scipy.sparse import csr_array
+
+        per_rate = csr_array((self._per_rate()[:, 0], (np.arange(len(self.t_us)),) * 2))
+        pixels, of_pixel = np.unique(self.levels.pixel, return_inverse=True)
+        start = self.field.by_texel(np.zeros(len(pixels)), pixels)[of_pixel]
+        return per_rate @ (start - self.field.by_texel(self.t_us, self.levels.pixel))
+
+    def texture_columns(self) -> dict[str, IntArray]:
+        """For each shape, ``<id>.reflectance``, the columns (H, W) of its texels in :meth:`reflectance`."""
+        table = self.field.renderer.table
+        return {
+            f"{shape.id()}.reflectance": first + np.arange(height * width).reshape(height, width)
+            for shape, (first, width, height, _) in zip(
+                table.scene.shapes(), table.textures.sizes.tolist(), strict=True
+            )
+        }
+
+    def _per_rate(self) -> FloatArray:
+        """(n, 1) microseconds by log luma, 0 where it is not log luma that makes the event."""
+        return np.where(self.smooth, _US / np.where(self.smooth, self.here.rate, 1.0), 0.0)[:, None]
+
+    def _columns(self, name: str) -> FloatArray:
+        here, start, per_rate = self.here, self.start, self._per_rate()
+        if name == "pose":
+            return np.add(*self.pose_parts())
+        if name == "contrast_threshold":
+            return np.stack([self.levels.on, -self.levels.off], 1) * per_rate
+        if name == "log_eps":
+            return -(here.log_eps - start.log_eps)[:, None] * per_rate
+        if name == "light":
+            return -((here.lights - start.lights) @ self.field.of_light_name) * per_rate
+        if name == "clock_offset":
+            return np.where(self.jump[:, None], _US, (here.rate - start.rate)[:, None] * per_rate)
+        # A drift: at the start of the run nothing is late yet.
+        return self.t_us[:, None].copy()
+
+
+def check_quantities(of: Sequence[str]) -> None:
+    """Refuse a name that is not one of :data:`QUANTITIES`."""
+    for name in of:
+        if name not in QUANTITIES:
+            raise ValueError(f"of must name {', '.join(QUANTITIES)}; got {name!r}{did_you_mean(name, QUANTITIES)}")
+
+
+def _rows_of(csr_array: type, columns: IntArray, values: FloatArray, width: int) -> csr_array:  # type: ignore[valid-type]
+    """A sparse matrix of (n, k) entries, k in each row."""
+    n, k = columns.shape
+    matrix = csr_array((values.ravel(), columns.ravel(), np.arange(n + 1) * k), shape=(n, width))
+    matrix.sum_duplicates()
+    matrix.eliminate_zeros()
+    return matrix
