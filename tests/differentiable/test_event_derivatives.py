@@ -11,6 +11,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 # isort: split
+from test_event_gradients import CAMERA, EXACT, PATH, SCENES, events_of
+
 from davis_rs import Scene, SegmentTrajectory
 from davis_rs.differentiable import (
     EventTimeDerivatives,
@@ -24,7 +26,6 @@ from davis_rs.differentiable import (
 from davis_rs.differentiable.event_jacobian import EventTimeModel
 from davis_rs.differentiable.moved_path import MovedPath, right_jacobians
 from davis_rs.events import EventArray
-from test_event_gradients import CAMERA, EXACT, PATH, SCENES, events_of
 
 FloatArray = npt.NDArray[np.float64]
 

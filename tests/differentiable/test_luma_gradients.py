@@ -10,6 +10,8 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 from scipy.spatial.transform import Rotation
+from test_event_derivatives import check
+from test_event_gradients import EXACT, PATH, SKY, events_of, moved, placed, scene_of
 
 from davis_rs import Pose, Scene, SegmentTrajectory
 from davis_rs.differentiable import event_time_derivatives, event_time_residuals
@@ -18,10 +20,7 @@ from davis_rs.differentiable.log_luma import LogLumaField
 from davis_rs.rendering.render_native import NativeRenderer
 from davis_rs.rendering.renderers import make_renderer
 from davis_rs.trajectory.views import Views
-from lit_scenes import CAMERA, build, make_scene, plate
-from test_baked_light import colourful, environment
-from test_event_derivatives import check
-from test_event_gradients import EXACT, PATH, SKY, events_of, moved, placed, scene_of
+from lit_scenes import CAMERA, build, colourful, environment, make_scene, plate
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from davis_rs import Camera, Pose, Scene
+from davis_rs._mitsuba import FAST
 from davis_rs.rendering.render import Renderer
 from davis_rs.rendering.renderers import make_renderer
 from davis_rs.trajectory.views import Views
@@ -63,3 +64,31 @@ def luma_of(scene: Scene, error: float = 0.05, pose: Pose = DOWN, **settings: An
 
 def shift(*offset: float) -> FloatArray:
     return np.pad(np.array(offset)[:, None], ((0, 1), (3, 0)))
+
+
+def colourful() -> dict[str, Parts]:
+    """Red, green and striped surfaces in an open corner, a coloured lamp, and a lamp in a point."""
+    wall = {"type": "rectangle", "bsdf": diffuse([0.8, 0.2, 0.1])}
+    wall["to_world"] = np.array([[0, 0, 1, -1.0], [1, 0, 0, 0], [0, 1, 0, 1], [0, 0, 0, 1]])
+    stripes = {"type": "bitmap", "raw": True, "data": noise(1, 0.2, 0.8, (4, 4, 3))}
+    return {
+        "floor": plate(0, 0, 0, (1, 1), diffuse(stripes)),
+        "wall": wall,
+        "block": {
+            "type": "cube",
+            "to_world": np.diag([0.2, 0.2, 0.2, 1.0]) + shift(0.3, 0.1, 0.2),
+            "bsdf": diffuse(0.7),
+        },
+        "panel": lamp(2.0, [4.0, 5.0, 2.0]),
+        "bulb": {"type": "point", "position": [0.5, -0.5, 1.0], "intensity": {"type": "rgb", "value": [0.2, 0.4, 0.8]}},
+        "sky": {"type": "constant", "radiance": {"type": "rgb", "value": [0.1, 0.2, 0.3]}},
+    }
+
+
+def environment(values: npt.ArrayLike) -> Parts:
+    """An environment map of radiances (height, width, 3)."""
+    import mitsuba as mi
+
+    # Its own bitmap, because Mitsuba has none before a variant is set.
+    mi.set_variant(mi.variant() or FAST)
+    return {"type": "envmap", "bitmap": mi.Bitmap(np.asarray(values, np.float32))}

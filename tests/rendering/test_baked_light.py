@@ -44,7 +44,9 @@ from lit_scenes import (
     Parts,
     area,
     build,
+    colourful,
     diffuse,
+    environment,
     lamp,
     luma_of,
     make_scene,
@@ -93,34 +95,6 @@ def _corner_factor(a: FloatArray, b: FloatArray) -> FloatArray:
     """Of a parallel rectangle whose corner is above the place (Howell, catalogue of configuration factors, B-4)."""
     p, q = np.sqrt(1 + a**2), np.sqrt(1 + b**2)
     return np.asarray((a / p * np.arctan(b / p) + b / q * np.arctan(a / q)) / (2 * np.pi))
-
-
-def colourful() -> dict[str, Parts]:
-    """Red, green and striped surfaces in an open corner, a coloured lamp, and a lamp in a point."""
-    wall = {"type": "rectangle", "bsdf": diffuse([0.8, 0.2, 0.1])}
-    wall["to_world"] = np.array([[0, 0, 1, -1.0], [1, 0, 0, 0], [0, 1, 0, 1], [0, 0, 0, 1]])
-    stripes = {"type": "bitmap", "raw": True, "data": noise(1, 0.2, 0.8, (4, 4, 3))}
-    return {
-        "floor": plate(0, 0, 0, (1, 1), diffuse(stripes)),
-        "wall": wall,
-        "block": {
-            "type": "cube",
-            "to_world": np.diag([0.2, 0.2, 0.2, 1.0]) + shift(0.3, 0.1, 0.2),
-            "bsdf": diffuse(0.7),
-        },
-        "panel": lamp(2.0, [4.0, 5.0, 2.0]),
-        "bulb": {"type": "point", "position": [0.5, -0.5, 1.0], "intensity": {"type": "rgb", "value": [0.2, 0.4, 0.8]}},
-        "sky": {"type": "constant", "radiance": {"type": "rgb", "value": [0.1, 0.2, 0.3]}},
-    }
-
-
-def environment(values: npt.ArrayLike) -> Parts:
-    """An environment map of radiances (height, width, 3)."""
-    import mitsuba as mi
-
-    # Its own bitmap, because Mitsuba has none before a variant is set.
-    mi.set_variant(mi.variant() or FAST)
-    return {"type": "envmap", "bitmap": mi.Bitmap(np.asarray(values, np.float32))}
 
 
 def test_coloured_light_that_bounces_is_the_path_tracers() -> None:
