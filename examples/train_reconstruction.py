@@ -35,7 +35,7 @@ scene:
   planes: {{integers: [1, 4]}}
   top_speed_m_s: {{log_uniform: [0.5, 4]}}
   camera_rate_deg_s: {{log_uniform: [60, 240]}}
-size: [96, 72]
+size: 96x72
 duration: 0.2
 frame_rate: 10
 depth_rate: 0
@@ -55,7 +55,7 @@ def draw_images(folder: Path, seed: int, count: int, pixels: int = 256) -> None:
         pen = ImageDraw.Draw(image)
         for _ in range(int(random.integers(4, 16))):
             grey = int(random.integers(8, 248))
-            x, y, size = random.uniform(0, pixels, 2).tolist() + [random.uniform(0.04, 0.25) * pixels]
+            x, y, size = (*random.uniform(0, pixels, 2).tolist(), random.uniform(0.04, 0.25) * pixels)
             if random.random() < 0.5:
                 pen.ellipse((x - size, y - 0.7 * size, x + size, y + 0.7 * size), fill=grey)
             else:
@@ -65,7 +65,7 @@ def draw_images(folder: Path, seed: int, count: int, pixels: int = 256) -> None:
 
 
 def make_windows(folder: Path, seed: int, sequences: int) -> dict[str, torch.Tensor]:
-    """Voxel grids (n, BINS, H, W) of windows of 100 ms, and the frames at their ends in natural-log units (n, 1, H, W)."""
+    """Voxel grids (n, BINS, H, W) of windows of 100 ms, and log intensity at their ends (n, 1, H, W), natural units."""
     draw_images(folder / "images", seed, max(8, sequences // 2))
     (folder / "plan.yaml").write_text(PLAN.format(seed=seed, sequences=sequences))
     generate_sequences(load_sequence_plan(folder / "plan.yaml"), folder / "data", quiet=True)

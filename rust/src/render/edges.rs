@@ -415,6 +415,17 @@ mod tests {
     }
 
     #[test]
+    fn an_edge_that_reaches_behind_the_camera_is_looked_for_everywhere() {
+        let of = |ends| {
+            let views = [view(0.0, 0.0), view(0.01, 0.0), view(0.02, 0.0)];
+            MovingEdge::new(&Edge { frame: 0, ends, wings: None }, views.each_ref(), 0.5)
+        };
+        let moving = of([[0.1, -1.0, 2.0], [0.1, 1.0, -0.5]]).unwrap();
+        assert_eq!(moving.image, [[f64::NEG_INFINITY; 2], [f64::INFINITY; 2]]);
+        assert!(of([[0.1, -1.0, -2.0], [0.1, 1.0, -0.5]]).is_none());
+    }
+
+    #[test]
     fn edges_within_a_plane_do_not_count() {
         let renderer = Renderer::new(Scene::new(&scene(&[])).unwrap(), Some(1)).unwrap();
         let edges = Edges::of_scene(renderer.scene());
