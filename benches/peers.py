@@ -2,7 +2,8 @@
 
 EVENTS.npy holds an array of ``davis_rs.EVENT_DTYPE``. Rows are measured in turn, each time in a process of its own, on
 one thread, the file in the page cache without fsync; the best of five rounds, by wall time and by the processor time of
-the process and its children, after a short run that loads the libraries. What is not installed (extra ``interop``) is left out.
+the process and its children, after a short run that loads the libraries. What is not installed (extra ``interop``) is
+left out.
 """
 
 from __future__ import annotations

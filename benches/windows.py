@@ -1,7 +1,8 @@
 """Windows of events, in order and at random: EventWindows next to plain h5py (DSEC's ms_to_idx) and tonic's slicing.
 
 Each row reads the same windows of 5 ms from the same stream, in turn with the others, best of several rounds. Random
-windows are others in each round. Printed are windows and millions of events a second of processor time, and the ratio to h5py. Run: python benches/windows.py
+windows are others in each round. Printed are windows and millions of events a second of processor time, and the ratio
+to h5py. Run: python benches/windows.py
 """
 
 from __future__ import annotations
