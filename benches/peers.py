@@ -45,7 +45,7 @@ def _one_thread() -> None:
 
 def _processor_s() -> float:
     """Processor time of this process and of the children that it waited for."""
-    return sum(os.times()[:4])
+    return time.process_time() + sum(os.times()[2:4])
 
 
 def measure(row: Row, events: EventArray) -> dict[str, float]:
@@ -66,7 +66,7 @@ def measure(row: Row, events: EventArray) -> dict[str, float]:
             act()
             wall, processor = time.perf_counter() - wall, _processor_s() - processor
             for key, seconds in ((name, wall), (f"{name} (processor time)", processor)):
-                found[key] = count / 1e6 / max(seconds, 0.01)  # the clock of children has ticks of 10 ms
+                found[key] = count / 1e6 / seconds
 
         timed("write", lambda: row.write(path, prepared))
         if path.exists():
