@@ -1,8 +1,9 @@
 """Event files compared with other programs in one run: ``python benches/peers.py EVENTS.npy [WORD ...]``.
 
-EVENTS.npy holds an array of ``davis_rs.EVENT_DTYPE``. Rows are measured in turn, each time in a process of its own, on one
-thread, the file in the page cache without fsync; the best of five rounds, by the processor time of the process and its
-children, after a short run that loads the libraries. What is not installed (extra ``interop``) is left out.
+EVENTS.npy holds an array of ``davis_rs.EVENT_DTYPE``. Rows are measured in turn, each time in a process of its own, on
+one thread, the file in the page cache without fsync; the best of five rounds, by wall time and by the processor time of
+the process and its children, after a short run that loads the libraries. What is not installed (extra ``interop``) is
+left out.
 """
 
 from __future__ import annotations
@@ -44,7 +45,7 @@ def _one_thread() -> None:
 
 def _processor_s() -> float:
     """Processor time of this process and of the children that it waited for."""
-    return sum(os.times()[:4])
+    return time.process_time() + sum(os.times()[2:4])
 
 
 def measure(row: Row, events: EventArray) -> dict[str, float]:
@@ -65,7 +66,7 @@ def measure(row: Row, events: EventArray) -> dict[str, float]:
             act()
             wall, processor = time.perf_counter() - wall, _processor_s() - processor
             for key, seconds in ((name, wall), (f"{name} (processor time)", processor)):
-                found[key] = count / 1e6 / max(seconds, 0.01)  # the clock of children has ticks of 10 ms
+                found[key] = count / 1e6 / seconds
 
         timed("write", lambda: row.write(path, prepared))
         if path.exists():

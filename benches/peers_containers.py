@@ -65,7 +65,7 @@ def _rosbags_write(path: Path, events: EventArray) -> None:
 
     path.unlink(missing_ok=True)
     with Writer(path) as bag:
-        connection = bag.add_connection(*EVENTS, typestore=typestore())
+        connection = bag.add_connection(EVENTS.name, EVENTS.type, typestore=typestore())
         for packet in packets(events):
             packed = np.empty(len(packet), _PACKED)
             packed["x"], packed["y"], packed["p"] = packet["x"], packet["y"], packet["p"]

@@ -133,7 +133,7 @@ def eventcv(upsample: str) -> Peer:
         return np.asarray(1.055 * np.exp(frames) ** (1 / 2.4) - 0.055, np.float32)
 
     def run(srgb: npt.NDArray[np.float32]) -> Any:
-        options = {"sigma_thres": 0.0, "refractory_us": 0, "cutoff_hz": 0.0}
+        options: dict[str, Any] = {"sigma_thres": 0.0, "refractory_us": 0, "cutoff_hz": 0.0}
         options |= {"leak_rate_hz": 0.0, "shot_noise_rate_hz": 0.0, "upsample": upsample}
         return module.simulate(srgb, fps=1e6 / GAP_US, pos_thres=C, neg_thres=C, **options)
 

@@ -34,7 +34,7 @@ scene:
   textures: images
   planes: {{integers: [1, 4]}}
   top_speed_m_s: {{log_uniform: [0.5, 4]}}
-  camera_rate_deg_s: {{log_uniform: [60, 240]}}
+  camera_rate_deg_s: {{log_uniform: [120, 480]}}
 size: 96x72
 duration: 0.2
 frame_rate: 10
@@ -214,7 +214,7 @@ def main(argv: list[str] | None = None) -> dict[str, tuple[float, float]]:
         print(f"  {name:28} {error:.3f}  {correlation:5.2f}")
     if options.output:
         columns = {"events, ON - OFF": net_events, "network": ways["network"], "true frame": frames}
-        draw(options.output, columns, np.linspace(0, len(frames) - 1, 5).astype(int).tolist())
+        draw(options.output, columns, np.linspace(0, len(frames) - 1, 4).astype(int).tolist())
     return found
 
 
