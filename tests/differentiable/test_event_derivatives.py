@@ -214,21 +214,6 @@ def test_what_has_no_crossing_is_not_known(events: EventArray) -> None:
     assert block.ok.mean() > 0.97
 
 
-def test_events_in_another_order_than_predicted(events: EventArray) -> None:
-    """Half of a pixel's events moved before the others: their crossings do not follow each other any more."""
-    pixel = events["y"].astype(int) * CAMERA.width + events["x"]
-    busy = np.bincount(pixel).argmax()
-    own = events[pixel == busy]
-    assert len(own) > 3
-    model = EventTimeModel(SCENE, **SETTINGS)
-    levels = model.levels(own)
-    swapped = own.copy()
-    swapped["p"] = 1 - own["p"]
-    (block,) = event_time_residuals(SCENE, swapped, **SETTINGS)
-    assert not block.ok.all()
-    assert len(levels.t_us) == len(own)
-
-
 def test_a_moved_path() -> None:
     """Velocity and body rate are derivatives of the poses; constant increments are those of the pose."""
     points = np.random.RandomState(0).normal(size=(6, 6)) * 0.3

@@ -259,6 +259,7 @@ def test_a_part_of_the_path() -> None:
     one, ok = event_time_jacobian(part, events, ("light",), **EXACT)
     other, also = event_time_jacobian(scene, events, ("light",), start_s=0.1003, **EXACT)
     assert one.shape == (len(events), 1)
-    assert ok.mean() > 0.9
+    # The upright edges between the planes pass several rays at one instant: a kink, which is not told.
+    assert 0.8 < ok.mean() < 0.9
     np.testing.assert_array_equal(ok, also)
     np.testing.assert_allclose(one[ok], other[ok], rtol=1e-6)

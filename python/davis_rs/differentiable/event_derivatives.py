@@ -174,7 +174,7 @@ def check_quantities(of: Sequence[str]) -> None:
             raise ValueError(f"of must name {', '.join(QUANTITIES)}; got {name!r}{did_you_mean(name, QUANTITIES)}")
 
 
-def _rows_of(csr_array: type, columns: IntArray, values: FloatArray, width: int) -> csr_array:  # type: ignore[valid-type]
+def _rows_of(csr_array: type, columns: IntArray, values: FloatArray, width: int) -> csr_array:
     """A sparse matrix of (n, k) entries, k in each row."""
     n, k = columns.shape
     matrix = csr_array((values.ravel(), columns.ravel(), np.arange(n + 1) * k), shape=(n, width))

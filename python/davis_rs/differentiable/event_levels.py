@@ -30,6 +30,10 @@ class EventLevels(NamedTuple):
     on: FloatArray
     off: FloatArray
 
+    def take(self, index: IntArray) -> EventLevels:
+        """Some of them, by their numbers."""
+        return EventLevels(self.t_us[index], self.pixel[index], self.sign[index], self.on[index], self.off[index])
+
 
 def count_levels(events: npt.ArrayLike, width: int, height: int, end_us: float) -> EventLevels:
     """Count each pixel's events up to each of them.

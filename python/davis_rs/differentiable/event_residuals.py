@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -26,7 +27,8 @@ _SAME_US = 0.1
 """By how much rounding may put two events of a jump into the wrong order."""
 
 
-class ResidualBlock(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class ResidualBlock:
     """Some of the events of a stream, pixel by pixel.
 
     Attributes:
@@ -103,7 +105,7 @@ def event_time_residuals(
 
 
 def _residuals(model: EventTimeModel, levels: EventLevels, index: IntArray, within_us: float) -> ResidualBlock:
-    levels = EventLevels(*(column[index] for column in levels))
+    levels = levels.take(index)
     derivatives, found = model.search(levels, within_us)
     predicted_us = np.where(found, derivatives.t_us, np.nan)
     _, first, of_pixel = np.unique(levels.pixel, return_index=True, return_inverse=True)
@@ -112,7 +114,7 @@ def _residuals(model: EventTimeModel, levels: EventLevels, index: IntArray, with
     latest = np.maximum.accumulate(span_us * of_pixel + np.where(found, derivatives.t_us, 0.0))
     in_order = derivatives.t_us + _SAME_US >= latest - span_us * of_pixel
     last = np.append(first[1:], len(index)) - 1
-    differs = _more_events(model, EventLevels(*(column[last] for column in levels)))
+    differs = _more_events(model, levels.take(last))
     differs |= np.bincount(of_pixel[~found], minlength=len(first)) > 0
     residual_us = predicted_us - (levels.t_us - MIDDLE_US)
     return ResidualBlock(index, residual_us, found & derivatives.ok & in_order, differs[of_pixel], derivatives)

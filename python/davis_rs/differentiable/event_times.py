@@ -86,7 +86,7 @@ class EventTimes:
 def _function() -> Any:
     import torch
 
-    class Times(torch.autograd.Function):
+    class Times(torch.autograd.Function):  # type: ignore[misc]
         @staticmethod
         def forward(ctx: Any, times: EventTimes, increments: Any, thresholds: Any) -> tuple[Any, Any]:
             arrays = [None if one is None else one.detach().cpu().double().numpy() for one in (increments, thresholds)]
