@@ -97,7 +97,7 @@ class Block(nn.Sequential):
 class Network(nn.Module):
     """A U-Net of three scales, each half of the one before."""
 
-    def __init__(self, channels: int = 24) -> None:
+    def __init__(self, channels: int = 16) -> None:
         super().__init__()
         sizes = [channels, 2 * channels, 3 * channels, 4 * channels]
         self.down = nn.ModuleList(Block(a, b) for a, b in zip([BINS, *sizes], sizes, strict=False))
@@ -181,7 +181,7 @@ def main(argv: list[str] | None = None) -> dict[str, tuple[float, float]]:
     """Returns, for each way to reconstruct, the error in natural-log units and the correlation on held-out windows."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--sequences", type=int, default=160, help="to train with; a fifth more are held out")
-    parser.add_argument("--steps", type=int, default=2500)
+    parser.add_argument("--steps", type=int, default=1000)
     parser.add_argument("--batch", type=int, default=8)
     parser.add_argument("--rate", type=float, default=3e-3, help="the highest learning rate")
     parser.add_argument("--seed", type=int, default=1)
