@@ -1,7 +1,7 @@
 """Recover ON and OFF thresholds of each pixel from the events of a known motion: least squares, pixel by pixel.
 
-The k-th event of a pixel says L(t_k) - L(0) = n_on C_on - n_off C_off: linear in its two thresholds, once log luma at the
-stamps is known. Run: python examples/recover_thresholds.py -o docs/recover_thresholds.png
+The k-th event of a pixel says L(t_k) - L(0) = n_on C_on - n_off C_off: linear in its two thresholds, once log luma at
+the stamps is known. Run: python examples/recover_thresholds.py -o docs/recover_thresholds.png
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class Found(NamedTuple):
         noise_us: on the stamps.
         true, found, sigma: (2, H, W) ON and OFF: thresholds, estimates, and what least squares says they are off.
         known: (2, H, W) whether ``sigma`` is within :data:`KNOWN` of the nominal threshold.
-        correlation, rms: (2,) of those that are known: with the truth; of the error as a share of the nominal threshold.
+        correlation, rms: (2,) of those that are known: with the truth; of the error as a share of nominal.
     """
 
     noise_us: float

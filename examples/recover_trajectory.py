@@ -1,9 +1,9 @@
 """Recover a camera's path from events alone: Gauss-Newton on event times.
 
 The path is off by 2 cm and 1 degree (rms), by sines in all six of its coordinates that no spline of the estimate has
-exactly. The estimate is a cubic B-spline of 20 control points, six increments each. Coarse to fine: 4, 6, 10, 20 control
-points on residuals of log luma at the stamps, then residuals of the times themselves. The thresholds and the scene are
-known. Run: python examples/recover_trajectory.py -o docs/recover_trajectory.png
+exactly. The estimate is a cubic B-spline of 20 control points, six increments each. Coarse to fine: 4, 6, 10, 20
+control points on residuals of log luma at the stamps, then residuals of the times themselves. The thresholds and the
+scene are known. Run: python examples/recover_trajectory.py -o docs/recover_trajectory.png
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ def errors_of(estimate: Scene, true: Scene, t_s: FloatArray) -> FloatArray:
 
 
 def step(jacobian: csr_array, residual: FloatArray, weight: FloatArray, points: FloatArray, coarse: csr_array) -> Any:
-    """The Gauss-Newton step of weighted residuals and the prior, in a coarser spline (``coarse``: its points to all)."""
+    """A Gauss-Newton step of weighted residuals and the prior; ``coarse`` takes points of a coarser spline to all."""
     prior = diags_array(1 / np.tile(PRIOR, len(points)) ** 2)
     weighted = jacobian.T @ diags_array(weight)
     normal = coarse.T @ (weighted @ jacobian + prior) @ coarse
