@@ -66,7 +66,8 @@ def draw_images(folder: Path, seed: int, count: int, pixels: int = 256) -> None:
 
 def make_windows(folder: Path, seed: int, sequences: int) -> dict[str, torch.Tensor]:
     """Voxel grids (n, BINS, H, W) of windows of 100 ms, and log intensity at their ends (n, 1, H, W), natural units."""
-    draw_images(folder / "images", seed, max(8, sequences // 2))
+    if not (folder / "images").exists():
+        draw_images(folder / "images", seed, max(8, sequences // 2))
     (folder / "plan.yaml").write_text(PLAN.format(seed=seed, sequences=sequences))
     generate_sequences(load_sequence_plan(folder / "plan.yaml"), folder / "data", quiet=True)
     dataset = EventDataset(
@@ -185,7 +186,7 @@ def main(argv: list[str] | None = None) -> dict[str, tuple[float, float]]:
     parser.add_argument("--batch", type=int, default=8)
     parser.add_argument("--rate", type=float, default=3e-3, help="the highest learning rate")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--data", type=Path, help="where the sequences are kept; made if it does not exist")
+    parser.add_argument("--data", type=Path, help="where the sequences are kept; what is there is taken")
     parser.add_argument("-o", "--output", type=Path, metavar="PICTURE")
     options = parser.parse_args(argv)
     torch.manual_seed(options.seed)

@@ -53,8 +53,12 @@ def predicted(scene: Scene, events: EventArray, **settings: Any) -> FloatArray:
     return t_us
 
 
-def check(by_unit: FloatArray, ahead: FloatArray, behind: FloatArray, step: float, ok: npt.NDArray[np.bool_]) -> None:
-    """The derivative along a direction is that of the times, but for events at the corners of things."""
+def check(by_unit: FloatArray, times: list[FloatArray], step: float, ok: npt.NDArray[np.bool_]) -> None:
+    """The derivative along a direction is that of the times, but for events at the corners of things.
+
+    ``times`` are those a step ahead and a step behind.
+    """
+    ahead, behind = times
     truth = (ahead - behind) / (2 * step)
     known = ok & np.isfinite(truth)
     assert known.sum() > 0.95 * ok.sum() > 100
@@ -75,7 +79,7 @@ def test_control_points(events: EventArray, derivatives: EventTimeDerivatives) -
     points = np.random.RandomState(0).normal(size=(5, 6)) * [1, 1, 1, 0.5, 0.5, 0.5]
     step = 2e-7
     times = [predicted(moved(SCENE, sign * step * points), events) for sign in (1, -1)]
-    check(block @ points.ravel(), *times, step, ok)
+    check(block @ points.ravel(), times, step, ok)
     parts = derivatives.pose_parts()
     np.testing.assert_allclose((parts[0] + parts[1])[ok], pose[ok])
     weights = spline_weights(derivatives.t_us * 1e-6, 5, duration_s=0.05) @ points
@@ -94,7 +98,7 @@ def test_increments_of_a_path_that_is_moved_already(events: EventArray) -> None:
     events = events[(7 * events["y"].astype(int) + events["x"]) % 11 == 0]
     found = event_time_derivatives(scene, events, **SETTINGS)
     times = [predicted(moved(SCENE, points + sign * 1e-5 * direction), events) for sign in (1, -1)]
-    check(found.control_points(4) @ direction.ravel(), *times, 1e-5, found.ok)
+    check(found.control_points(4) @ direction.ravel(), times, 1e-5, found.ok)
 
 
 def test_thresholds_of_each_pixel(events: EventArray, derivatives: EventTimeDerivatives) -> None:
@@ -107,7 +111,7 @@ def test_thresholds_of_each_pixel(events: EventArray, derivatives: EventTimeDeri
     direction, step = np.random.RandomState(0).normal(size=(2, CAMERA.height, CAMERA.width)), 2e-6
     base = np.array([0.04, 0.05])[:, None, None]
     times = [predicted(SCENE, events, thresholds=base + sign * step * direction) for sign in (1, -1)]
-    check(block @ direction.ravel(), *times, step, ok)
+    check(block @ direction.ravel(), times, step, ok)
 
 
 def test_a_clock_that_drifts(events: EventArray, derivatives: EventTimeDerivatives) -> None:
@@ -117,11 +121,11 @@ def test_a_clock_that_drifts(events: EventArray, derivatives: EventTimeDerivativ
     for sign in (1, -1):
         path = SegmentTrajectory(PATH.start, PATH.end, PATH.duration_s * (1 + sign * 1e-5))
         times.append(predicted(replace(SCENE, trajectory=path), events))
-    check(jacobian, *times, 1e-5, derivatives.ok)
+    check(jacobian, times, 1e-5, derivatives.ok)
 
 
 def texels_changed(scene: Scene, shape: str, change: FloatArray) -> Scene:
-    source = scene.source()
+    source: Any = scene.source()
     parts = dict(source[shape])
     bsdf = dict(parts["bsdf"])
     inner = dict(bsdf["inner"])
@@ -157,7 +161,7 @@ def test_event_times_by_texels(events: EventArray, derivatives: EventTimeDerivat
     columns = derivatives.texture_columns()["floor.reflectance"].ravel()
     block = derivatives.reflectance()
     times = [predicted(texels_changed(SCENE, "floor", sign * step * change), events) for sign in (1, -1)]
-    check(block[:, columns] @ change.ravel(), *times, step, derivatives.ok)
+    check(block[:, columns] @ change.ravel(), times, step, derivatives.ok)
 
 
 def test_residuals_at_the_truth(events: EventArray) -> None:

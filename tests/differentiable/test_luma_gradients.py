@@ -119,4 +119,4 @@ def test_jumps_of_a_body_that_moves() -> None:
         for block in event_time_residuals(moved_scene(scene, sign * step * direction), events, within_us=50.0, **EXACT):
             t_us[block.index] = block.residual_us
         times.append(t_us)
-    check(derivatives.jacobian(("pose",)) @ direction, *times, step, derivatives.jump)
+    check(derivatives.jacobian(("pose",)) @ direction, times, step, derivatives.jump)

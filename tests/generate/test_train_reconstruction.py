@@ -1,0 +1,33 @@
+"""The training example, in short: what it learns is in the events."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+torch = pytest.importorskip("torch")
+
+EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
+
+
+def example() -> Any:
+    spec = importlib.util.spec_from_file_location("train_reconstruction", EXAMPLES / "train_reconstruction.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_a_network_learns_to_reconstruct(tmp_path: Path) -> None:
+    """On images that it never saw, a network comes closer to the frames than an even grey and than the events' sum."""
+    arguments = ["--sequences", "24", "--steps", "120", "--data", str(tmp_path / "data")]
+    found = example().main([*arguments, "-o", str(tmp_path / "out.png")])
+    error, correlation = found["network"]
+    assert error < 0.92 * found["an even grey"][0]
+    assert error < found["network before training"][0]
+    assert correlation > 0.45
+    assert (tmp_path / "out.png").stat().st_size > 10_000
