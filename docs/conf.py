@@ -32,11 +32,12 @@ nitpicky = True
 # Names of other libraries. The build fetches nothing, so it has no list of theirs.
 nitpick_ignore_regex = [
     (r"py:.*", r"(abc|argparse|collections|datetime|enum|os|pathlib|types|typing)\..*|Path"),
-    (r"py:.*", r"(drjit|dr|matplotlib|mi|mitsuba|np|npt|numpy|torch|usb)\..*|Client|Figure"),
+    (r"py:.*", r"(drjit|dr|matplotlib|mi|mitsuba|np|npt|numpy|scipy|torch|usb)\..*|Client|Figure|csr_array"),
     # Parts of the package that signatures name and users are not handed.
     (
         r"py:.*",
-        r"davis_rs\.(effect_planning\.luma_sample\.LumaSample|formats\.blocks\.Blocks|formats\.interface\.Releasable"
+        r"davis_rs\.(differentiable\.(event_levels\.EventLevels|log_luma\.LogLuma(Field)?)"
+        r"|effect_planning\.luma_sample\.LumaSample|formats\.blocks\.Blocks|formats\.interface\.Releasable"
         r"|rendering\.(edge_tracks\.EdgeTracks|neighbours\.ImageMap|scene_motion\.SceneMotion"
         r"|swept_objects\.MovingSilhouettes)|sampling\.(breaks\.Break|keyframes\.SparseSamples)"
         r"|usb\.(link\.UsbLink|protocol\.Write)|windows\.window\._Image)|SampleArray|SparseSamples",

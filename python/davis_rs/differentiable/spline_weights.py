@@ -38,7 +38,7 @@ def spline_weights(t_s: npt.ArrayLike, count: int, *, duration_s: float, degree:
 def spline_weight_rates(
     t_s: npt.ArrayLike, count: int, *, duration_s: float, degree: int = 3
 ) -> npt.NDArray[np.float64]:
-    """Derivatives (n, ``count``) of :func:`spline_weights` by time, per second."""
+    """Derivatives (n, ``count``) of :func:`~davis_rs.differentiable.spline_weights` by time, per second."""
     from scipy.interpolate import BSpline
 
     basis = BSpline(_knots(count, duration_s, degree), np.eye(count), degree)
