@@ -92,7 +92,8 @@ class EventTimeDerivatives:
     def control_points(self, count: int, *, degree: int = 3) -> csr_array:
         """Sparse (n, 6 ``count``): by the control points of a spline of increments of the path.
 
-        The spline is that of :func:`~davis_rs.differentiable.spline_weights` over the run's path, as in :func:`moved`. Column 6 i + k is number
+        The spline is that of :func:`~davis_rs.differentiable.spline_weights` over the run's path, as in
+        :func:`moved`. Column 6 i + k is number
         k of control point i: k = 0..2 is its position in world axes, metres, k = 3..5 its rotation vector in camera
         axes, radians. A row has the control points at the event, and those at the start of the run.
 

@@ -25,7 +25,8 @@ class MovedPath(Trajectory):
 
     Args:
         path: that is moved.
-        increments: (6,), the same all the time, or (m, 6), control points of :func:`~davis_rs.differentiable.spline_weights` over the path:
+        increments: (6,), the same all the time, or (m, 6), control points of
+            :func:`~davis_rs.differentiable.spline_weights` over the path:
             metres in world axes, then a rotation vector in camera axes, radians.
         degree: of the spline.
 
