@@ -200,6 +200,7 @@ def draw(results: list[Result], path: Path) -> None:
                         textcoords="offset points",
                         fontsize=8,
                     )
+        axis.margins(0.12)  # room for the names
         make_logarithmic(axis)
         axis.set_title(result.scene, fontsize=10)
     for axis in axes[len(results) :]:

@@ -1,17 +1,29 @@
-"""Sensors with hidden parameters, drawn from a seed, and short recordings of them: events, frames, a quiet strip."""
+"""Sensors with hidden parameters, drawn from a seed, and recordings of them: short ones with frames, static ones."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from davis_rs import CrossingEngine, FrameSource, MeasuredRecording, StampedFrame, fit_sensor, measure_recording
+from davis_rs import (
+    CrossingEngine,
+    FrameSource,
+    MeasuredRecording,
+    SensorParameters,
+    StampedFrame,
+    fit_sensor,
+    measure_recording,
+)
 from davis_rs.effects import Aps, Effects, HotPixels, LeakRate, PhotoreceptorBandwidth, ShotNoise, ThresholdMismatch
 from davis_rs.events import EventArray, concatenate_events
+from davis_rs.sensor_fit import SensorFit
+from davis_rs.sensor_fit.static_scene import static_events
+from davis_rs.sensors import SensorFile
 
 WIDTH, HEIGHT, STRIP = 80, 72, 24
 MOVES_US, RESTS_US, STEP_US, FRAME_US = 2_000_000, 12_000_000, 1_000, 40_000
@@ -96,6 +108,68 @@ class _Light:
         return found
 
 
+class HiddenStaticSensor(NamedTuple):
+    """What is drawn of a sensor that sees static scenes, by the names of :class:`davis_rs.SensorParameters`, and two
+    lights."""
+
+    leak_rate_hz: float
+    leak_spread: float
+    leak_jitter: float
+    shot_noise_rms: float
+    shot_noise_half_lux: float
+    known: SensorParameters
+    lux: tuple[float, float]
+    duration_s: float
+
+
+def draw_static(seed: int, number: int) -> HiddenStaticSensor:
+    """One of the sensors of a seed, with noise that makes 0.01 to 0.2 events a second in the darker light."""
+    rng = np.random.default_rng([seed, number])
+
+    def ratio(low: float, high: float) -> float:
+        return math.exp(float(rng.uniform(math.log(low), math.log(high))))
+
+    on, half, dark, leak = ratio(0.1, 0.35), ratio(50, 500), ratio(0.05, 1.5), ratio(0.05, 0.5)
+    off, bandwidth = on * ratio(0.7, 1.4), ratio(80, 600)
+    noise = ShotNoise.of_rate(ratio(0.01, 0.2), min(on, off), light=dark * half, half_luma=half, bandwidth_hz=bandwidth)
+    return HiddenStaticSensor(
+        leak_rate_hz=leak,
+        leak_spread=float(rng.uniform(0.1, 0.4)),
+        leak_jitter=float(rng.uniform(0.03, 0.2)),
+        shot_noise_rms=noise.rms,
+        shot_noise_half_lux=half,
+        known=SensorParameters(
+            contrast_threshold=on,
+            contrast_threshold_off=off,
+            threshold_mismatch=float(rng.uniform(0.02, 0.12)),
+            shot_noise_bandwidth_hz=bandwidth,
+        ),
+        lux=(dark * half, dark * half * ratio(1.6, 2.5)),
+        duration_s=ratio(8, 30) / leak,
+    )
+
+
+def static_recordings(sensor: HiddenStaticSensor, seed: int) -> list[MeasuredRecording]:
+    """A recording in each of its lights."""
+    drawn = sensor._asdict()
+    fields = {name: drawn[name] for name in HiddenStaticSensor._fields[:5]}
+    made = replace(sensor.known, **fields)
+    found = []
+    for lux in sensor.lux:
+        events = static_events(
+            made, (WIDTH, HEIGHT), sensor.duration_s, settled_s=2 / sensor.leak_rate_hz, lux=lux, seed=seed
+        )
+        found.append(measure_recording(events, size=(WIDTH, HEIGHT), quiet=(0, 0, WIDTH, HEIGHT), lux=lux))
+    return found
+
+
+def static_pulls(seed: int, number: int) -> dict[str, float]:
+    """As :func:`pulls`, of static recordings."""
+    sensor = draw_static(seed, number)
+    fit = fit_sensor(static_recordings(sensor, number), SensorFile(sensor.known))
+    return _pulls(fit, sensor)
+
+
 def effects_of(sensor: HiddenSensor) -> Effects:
     """The effects on its events."""
     hz = sensor.source_follower_bandwidth_hz
@@ -148,8 +222,12 @@ def recorded(sensor: HiddenSensor, rng: np.random.Generator, seed: int) -> Measu
 def pulls(seed: int, number: int) -> dict[str, float]:
     """Fitted less true value over the error that is told, of each parameter that is found."""
     sensor, rng = draw(seed, number)
+    return _pulls(fit_sensor([recorded(sensor, rng, number)]), sensor)
+
+
+def _pulls(fit: SensorFit, sensor: HiddenSensor | HiddenStaticSensor) -> dict[str, float]:
     found = {}
-    for one in fit_sensor([recorded(sensor, rng, number)]).findings:
+    for one in fit.findings:
         truth = getattr(sensor, one.parameter or "", None)
         if one.value is not None and truth is not None:
             found[str(one.parameter)] = (one.value.value - truth) / one.value.sigma

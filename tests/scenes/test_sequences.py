@@ -12,7 +12,7 @@ import davis_rs
 from davis_rs.cli.main import main
 from davis_rs.inspection.check import check_dataset
 from davis_rs.sensors import recorded_sensor
-from davis_rs.sequence_report import EventCount, count_events, mean_luma, read_counts, write_counts
+from davis_rs.sequence_report import MEASURED_RECORDED, EventCount, count_events, mean_luma, read_counts, write_counts
 from davis_rs.sequences import SEQUENCES
 from places import ROOT
 
@@ -111,6 +111,25 @@ def test_the_counts_on_record_are_those_of_the_sequences(name: str) -> None:
     assert count_events(SEQUENCES[name]).events == pytest.approx(read_counts()[name].events, rel=1e-3)
 
 
+def test_the_recorded_sensor_is_counted(tmp_path: Path) -> None:
+    """Its OFF threshold is far below its ON threshold, so OFF events are more; the count says whose it is."""
+    count = count_events(SEQUENCES["slider_depth"], sensor="recorded", duration_s=0.05)
+    assert count.sensor == "recorded"
+    assert count.contrast_threshold == pytest.approx(0.4139, abs=1e-4)
+    assert count.events - count.on_events > 1.5 * count.on_events > 0
+    write_counts(tmp_path / "one.csv", [count])
+    assert read_counts(tmp_path / "one.csv") == {"slider_depth": count}
+
+
+@pytest.mark.parametrize("name", list(read_counts(MEASURED_RECORDED)))
+def test_the_counts_of_the_recorded_sensor_are_of_these_scenes(name: str) -> None:
+    """Whole, of the sensor and the scene as they are now."""
+    count, ideal = read_counts(MEASURED_RECORDED)[name], read_counts()[name]
+    assert count.sensor == "recorded"
+    assert (count.duration_s, count.luma) == (ideal.duration_s, ideal.luma)
+    assert count.contrast_threshold == recorded_sensor(str(SEQUENCES[name].biases)).contrast_threshold
+
+
 def test_counts_are_read_back_and_what_is_no_count_is_named(tmp_path: Path) -> None:
     """A file of counts holds them all; a broken line is told by its number."""
     path = tmp_path / "counts.csv"
@@ -184,6 +203,7 @@ def test_the_recorded_sensor_is_a_name_that_only_recorded_sequences_know(
     assert sensor["contrast_threshold"] == pytest.approx(0.4139, abs=1e-4)
     assert sensor["contrast_threshold_off"] == pytest.approx(0.1158, abs=1e-4)
     assert sensor["refractory_period_us"] == pytest.approx(12.96, abs=0.01)
+    assert sensor["shot_noise_rms"] == pytest.approx(0.018, abs=1e-4)
     assert sensor["hot_pixel_fraction"] == davis_rs.SENSORS["davis240c"].hot_pixel_fraction
     assert main(["simulate", "three_planes", "-o", str(tmp_path / "planes"), "--sensor", "recorded"]) == 1
     assert "scene 'three_planes' has no recording" in capsys.readouterr().err
@@ -192,6 +212,16 @@ def test_the_recorded_sensor_is_a_name_that_only_recorded_sequences_know(
     outdoors = recorded_sensor("outdoors")
     assert outdoors.contrast_threshold == pytest.approx(0.4138, abs=1e-4)
     assert outdoors.contrast_threshold_off is None  # that of ON
+    assert outdoors.shot_noise_rms == pytest.approx(0.09975, abs=1e-4)
+    for made in (davis_rs.SENSORS["davis240c"], recorded_sensor("indoors"), outdoors):
+        effects, on = made.effects(1.0), made.contrast_threshold
+        assert effects.shot_noise_rms is not None
+        assert effects.threshold_mismatch is not None
+        assert on is not None
+        hz = effects.shot_noise_rms.mean_rate_hz(
+            on, made.contrast_threshold_off or on, effects.threshold_mismatch, 200.0
+        )
+        assert hz == pytest.approx(0.00773, rel=0.01)  # at 200 lux the preset's
     with pytest.raises(ValueError, match="sensor must be one of ideal, davis240c, davis346"):
         next(iter(davis_rs.events_from_frames(np.zeros((2, 8, 8)), fps=10, sensor="recorded")))
 
@@ -200,14 +230,17 @@ def test_the_list_has_the_paper_beside_ours(tmp_path: Path, capsys: pytest.Captu
     """A row has T, TS, RS and NE twice; what was not counted is a dash."""
     counts = tmp_path / "counts.csv"
     write_counts(counts, [EventCount("slider_depth", 3.4, 1_000_001, 500_000, 1.0, 5, 0.5, 0.1)])
-    assert main(["sequences", "slider_depth", "urban", "--measured", str(counts)]) == 0
+    recorded = tmp_path / "recorded.csv"
+    write_counts(recorded, [EventCount("slider_depth", 3.4, 2_000_002, 1, 1.0, 5, 0.4, 0.1, "recorded")])
+    measured = ["--measured", str(counts), "--measured-recorded", str(recorded)]
+    assert main(["sequences", "slider_depth", "urban", *measured]) == 0
     head, depth, urban, *differs = (line.split() for line in capsys.readouterr().out.splitlines())
     assert head[0] == "sequence"
-    assert depth[-8:] == ["3.4", "3.4", "0.32", "0.32", "0", "0", "1,078,541", "1,000,001"]
-    assert urban[-2:] == ["5,359,539", "-"]
-    assert urban[-6] == "n/a"
+    assert depth[-9:] == ["3.4", "3.4", "0.32", "0.32", "0", "0", "1,078,541", "1,000,001", "2,000,002"]
+    assert urban[-3:] == ["5,359,539", "-", "-"]
+    assert urban[-7] == "n/a"
     assert [line[0] for line in differs] == ["slider_depth,", "urban,"]
-    assert main(["sequences-table", "slider_depth", "--measured", str(counts)]) == 0
+    assert main(["sequences-table", "slider_depth", *measured]) == 0
     assert capsys.readouterr().out.splitlines()[2].startswith("| slider_depth | motorized slider | davis240c |")
 
 
@@ -230,6 +263,11 @@ def test_counting_goes_on_where_it_was_stopped(tmp_path: Path, capsys: pytest.Ca
     assert list(counts) == ["urban", "simulation_3planes", "a_users_own"]
     assert counts["urban"].events == 7
     assert main(["sequences-count", "slider_depth", "-o", str(tmp_path / "no" / "counts.csv")]) == 1
+    assert main(["sequences-count", "slider_depth", "-o", str(path), "--sensor", "recorded"]) == 1
+    assert "has counts of --sensor ideal, these are of recorded" in capsys.readouterr().err
+    recorded = tmp_path / "recorded.csv"
+    assert main(["sequences-count", "simulation_3planes", "-o", str(recorded), "--sensor", "recorded"]) == 0
+    assert read_counts(recorded) == {}  # nothing was recorded
 
 
 @pytest.mark.usefixtures("llvm")

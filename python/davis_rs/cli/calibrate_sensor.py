@@ -27,6 +27,13 @@ def add_sensor(parser: argparse.ArgumentParser) -> None:
         "--base", metavar="SENSOR", help=f"where all else comes from: {', '.join(SENSORS)}, or a sensor file"
     )
     parser.add_argument(
+        "--lux",
+        type=float,
+        nargs="+",
+        metavar="LUX",
+        help="illuminance that the quiet pixels of each recording see, in the order of the recordings: fits shot noise",
+    )
+    parser.add_argument(
         "--figure",
         type=figure_file,
         metavar="FILE",
@@ -44,8 +51,13 @@ def _sensor(options: argparse.Namespace) -> int:
     from ..stream_statistics.event_stream import cut
 
     base = None if options.base is None else load_sensor_file(options.base)
-    recordings = [measured_with_frames(path, options) for path in options.recordings]
-    fit = fit_sensor(recordings)
+    lux = options.lux or [None] * len(options.recordings)
+    if len(lux) != len(options.recordings):
+        raise ValueError(f"--lux must have a value for each of {len(options.recordings)} recordings, got {len(lux)}")
+    recordings = [
+        measured_with_frames(path, options, light) for path, light in zip(options.recordings, lux, strict=True)
+    ]
+    fit = fit_sensor(recordings, base)
     fitted = fit.file(base)
     text = sensor_yaml(fitted)
     print(fit)

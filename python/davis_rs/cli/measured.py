@@ -41,12 +41,12 @@ def measured(path: str, options: argparse.Namespace) -> StreamStatistics:
         return measure_stream(path, progress=lambda share: bar.to(100.0 * share), **_part(options))
 
 
-def measured_with_frames(path: str, options: argparse.Namespace) -> MeasuredRecording:
-    """The same, and the recording's frames."""
+def measured_with_frames(path: str, options: argparse.Namespace, lux: float | None) -> MeasuredRecording:
+    """The same, and the recording's frames; ``lux`` is what its quiet pixels see, None if it is not known."""
     from ..sensor_fit import measure_recording
 
     with progress(f"reading {path}", 100.0, unit="%", show=not options.quiet) as bar:
-        return measure_recording(path, progress=lambda share: bar.to(100.0 * share), **_part(options))
+        return measure_recording(path, progress=lambda share: bar.to(100.0 * share), lux=lux, **_part(options))
 
 
 def _part(options: argparse.Namespace) -> dict[str, Any]:

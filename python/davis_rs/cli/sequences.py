@@ -6,7 +6,19 @@ import argparse
 from pathlib import Path
 
 from ..progress import each, progress
-from ..sequence_report import MEASURED, as_markdown, as_text, count_events, draw_sheet, read_counts, table, write_counts
+from ..sensors import IDEAL, RECORDED
+from ..sequence_report import (
+    MEASURED,
+    MEASURED_RECORDED,
+    EventCount,
+    as_markdown,
+    as_text,
+    count_events,
+    draw_sheet,
+    read_counts,
+    table,
+    write_counts,
+)
 from ..sequences import SEQUENCES, Sequence, sequence_named
 
 
@@ -14,18 +26,19 @@ def add_sequences(listing: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
     listing.description = (
         "List duration T, top speeds TS and RS and number of events NE of each sequence, the paper's and ours. Speeds "
-        "are means over 100 ms; events are those of ideal pixels, counted before by sequences-count."
+        "are means over 100 ms. Events were counted before by sequences-count: those of ideal pixels, and those of the "
+        "sensor of the recording."
     )
     listing.set_defaults(run=_list)
     _add_names(listing)
-    listing.add_argument("--measured", type=Path, metavar="CSV", default=MEASURED, help="counts to list")
+    _add_measured(listing)
 
 
 def add_sequences_table(markdown: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
     markdown.set_defaults(run=_table)
     _add_names(markdown)
-    markdown.add_argument("--measured", type=Path, metavar="CSV", default=MEASURED, help="counts to list")
+    _add_measured(markdown)
 
 
 def add_sequences_sheet(sheet: argparse.ArgumentParser) -> None:
@@ -43,11 +56,29 @@ def add_sequences_count(count: argparse.ArgumentParser) -> None:
     )
     count.set_defaults(run=_count)
     _add_names(count)
+    count.add_argument(
+        "--sensor",
+        choices=(IDEAL, RECORDED),
+        default=IDEAL,
+        help="ideal pixels, or the sensor of the recording (default: ideal); simulated sequences have none",
+    )
     count.add_argument("-o", "--output", type=Path, required=True, metavar="CSV", help="the counts")
 
 
 def _add_names(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("names", nargs="*", metavar="NAME", help="all if not given")
+
+
+def _add_measured(parser: argparse.ArgumentParser) -> None:
+    for option, default, of in (
+        ("--measured", MEASURED, "ideal pixels"),
+        ("--measured-recorded", MEASURED_RECORDED, "the sensor of the recording"),
+    ):
+        parser.add_argument(option, type=Path, metavar="CSV", default=default, help=f"counts of {of} to list")
+
+
+def _counts(options: argparse.Namespace) -> tuple[dict[str, EventCount], dict[str, EventCount]]:
+    return read_counts(options.measured), read_counts(options.measured_recorded)
 
 
 def _chosen(options: argparse.Namespace) -> list[Sequence]:
@@ -56,7 +87,7 @@ def _chosen(options: argparse.Namespace) -> list[Sequence]:
 
 def _list(options: argparse.Namespace) -> int:
     chosen = _chosen(options)
-    print(as_text(table(each(chosen, "listing", len(chosen), unit="sequences"), read_counts(options.measured))))
+    print(as_text(table(each(chosen, "listing", len(chosen), unit="sequences"), *_counts(options))))
     for sequence in chosen if options.names else ():
         print(f"{sequence.name}, next to the recording: {sequence.differs}")
     return 0
@@ -64,7 +95,7 @@ def _list(options: argparse.Namespace) -> int:
 
 def _table(options: argparse.Namespace) -> int:
     chosen = each(_chosen(options), "listing", len(_chosen(options)), unit="sequences")
-    print(as_markdown(table(chosen, read_counts(options.measured))))
+    print(as_markdown(table(chosen, *_counts(options))))
     return 0
 
 
@@ -79,11 +110,14 @@ def _count(options: argparse.Namespace) -> int:
     counts = read_counts(path) if path.exists() else {}
     places = {name: place for place, name in enumerate(SEQUENCES)}
     write_counts(path, counts.values())  # fails before the counting, if it must
+    for count in counts.values():
+        if count.sensor != options.sensor:
+            raise ValueError(f"{path} has counts of --sensor {count.sensor}, these are of {options.sensor}")
     for sequence in _chosen(options):
-        if sequence.name in counts:
+        if sequence.name in counts or (options.sensor == RECORDED and sequence.biases is None):
             continue
         with progress(sequence.name, sequence.paper.duration_s, unit="s") as bar:
-            counts[sequence.name] = count_events(sequence, progress=bar.advance)
+            counts[sequence.name] = count_events(sequence, sensor=options.sensor, progress=bar.advance)
         write_counts(path, sorted(counts.values(), key=lambda count: places.get(count.name, len(places))))
         print(f"{sequence.name}: {counts[sequence.name].events:,} events")
     return 0

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from .effect import Where
 from .engine_effect import EngineEffect
+from .threshold_mismatch import ThresholdMismatch
 
 _MOST_RATIO = 100.0
 """The largest ratio of the pole that is proportional to light to the other pole. The engine has the same limit."""
@@ -129,6 +130,14 @@ class ShotNoise(EngineEffect):
         ratio = np.minimum(x, _MOST_RATIO) if math.isfinite(self.half_luma) else 1.0
         rate: npt.NDArray[np.float64] = np.exp(-(on**2) / twice_variance) + np.exp(-(off**2) / twice_variance)
         return 2 * self.bandwidth_hz * np.sqrt(ratio) * rate
+
+    def mean_rate_hz(
+        self, contrast_threshold: float, contrast_threshold_off: float, mismatch: ThresholdMismatch, light: float
+    ) -> float:
+        """:meth:`rate_hz` in the mean over pixels whose thresholds differ; most of it may come from few pixels."""
+        factors, weights = mismatch.nodes()
+        rates = self.rate_hz(contrast_threshold * factors, contrast_threshold_off * factors, light)
+        return float((rates * weights).sum())
 
     @property
     def neutral(self) -> bool:

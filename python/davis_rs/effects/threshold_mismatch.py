@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import ClassVar
 
+import numpy as np
+import numpy.typing as npt
+
 from .effect import Where
 from .engine_effect import EngineEffect
+
+_NODES = 24
 
 
 @dataclass(frozen=True)
@@ -44,3 +50,15 @@ class ThresholdMismatch(EngineEffect):
     def neutral(self) -> bool:
         """Whether all pixels are alike."""
         return self.sigma == self.column_parity == self.columns == self.rows == 0
+
+    def nodes(self) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+        """Factors of a threshold and their weights, for means over the pixels of a sensor, by Gauss's rule.
+
+        Returns:
+            float64 (2, n) factors, of even and of odd columns, and float64 (n,) weights, whose sum is 1/2.
+        """
+        nodes, weights = np.polynomial.hermite_e.hermegauss(_NODES)
+        variance = sum(math.log1p(part**2) for part in (self.sigma, self.columns, self.rows))
+        factors = np.exp(math.sqrt(variance) * nodes - variance / 2)
+        parity = np.array([[1 - self.column_parity], [1 + self.column_parity]])
+        return parity * factors, weights / (2 * weights.sum())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -22,11 +23,13 @@ class MeasuredRecording:
         statistics: of the events.
         source: of the frames; None without any.
         samples: of the frames, next to what events say.
+        lux: illuminance that quiet pixels see; None if it is not known.
     """
 
     statistics: StreamStatistics
     source: FrameSource | None = None
     samples: SignalSamples | None = None
+    lux: float | None = None
 
 
 def measure_recording(
@@ -37,6 +40,7 @@ def measure_recording(
     quiet: Region | None = None,
     start_s: float = 0.0,
     stop_s: float | None = None,
+    lux: float | None = None,
     progress: Callable[[float], object] | None = None,
 ) -> MeasuredRecording:
     """Measure a recording for :func:`fit_sensor`: its events as :func:`measure_stream` does, and its frames.
@@ -45,10 +49,15 @@ def measure_recording(
         source: as of :func:`measure_stream`.
         frames: next to a stream or an array; those of a file or folder are found.
         size, quiet, start_s, stop_s, progress: as of :func:`measure_stream`.
+        lux: illuminance that the quiet pixels see, > 0, in the lux of :class:`~davis_rs.SensorParameters`; None if it
+            is not known. Shot noise is fitted where it is.
 
     Raises:
-        OSError, DecodeError, ValueError: as of :func:`measure_stream`.
+        OSError, DecodeError, ValueError: as of :func:`measure_stream`; ValueError for an illuminance that is not finite
+            and > 0.
     """
+    if lux is not None and not 0 < lux < math.inf:
+        raise ValueError(f"lux must be finite and > 0, or None, got {lux!r}")
     if isinstance(source, str | os.PathLike):
         path, source = source, open_event_stream(source, size=size)
         frames = open_frames(path, source.size)
@@ -64,4 +73,4 @@ def measure_recording(
         also=None if sampler is None else sampler.add,
     )
     samples = None if sampler is None else sampler.finish()
-    return MeasuredRecording(statistics, frames, samples if samples is not None and samples.frames else None)
+    return MeasuredRecording(statistics, frames, samples if samples is not None and samples.frames else None, lux)

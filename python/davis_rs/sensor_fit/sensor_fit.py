@@ -13,17 +13,19 @@ from ..stream_statistics import StreamStatistics
 from .finding import Finding
 from .frame_fit import find_of_frames
 from .hot_pixel_fit import find_hot_pixels
-from .leak_fit import find_leak
+from .known_parameters import KnownParameters
+from .leak_fit import find_leak, find_leak_variation
 from .measured_recording import MeasuredRecording
+from .noise_fit import find_noise
 from .readout_fit import COLUMN_PARITY, find_parity, find_readout, find_refractory_period
 
 _NOT_FITTED = (
     Finding(
-        "leak's spread", "leak_spread", None, "it needs minutes of a static scene: noise and counts scatter as much"
+        "bandwidth over light",
+        "photoreceptor_bandwidth_lux",
+        None,
+        "events lag behind frames by one corner for all brightnesses of the recording",
     ),
-    Finding("leak's jitter", "leak_jitter", None, "likewise"),
-    Finding("bandwidth over light", "photoreceptor_bandwidth_lux", None, "recordings do not tell their light in lux"),
-    Finding("noise over light", "shot_noise_half_lux", None, "likewise"),
     Finding("mismatch of rows", None, None, "but for parity: what is the scene's cannot be told from it"),
     Finding("mismatch of columns", None, None, "likewise"),
 )
@@ -91,7 +93,7 @@ class SensorFit:
         return SensorFile(replace(start.parameters, **values), description, sources, sigmas)
 
 
-def fit_sensor(recordings: Sequence[StreamStatistics | MeasuredRecording]) -> SensorFit:
+def fit_sensor(recordings: Sequence[StreamStatistics | MeasuredRecording], base: SensorFile | None = None) -> SensorFit:
     """Fit what recordings can tell of the sensor that they come from.
 
     From events alone:
@@ -100,6 +102,10 @@ def fit_sensor(recordings: Sequence[StreamStatistics | MeasuredRecording]) -> Se
     - Leak: ON less OFF events of quiet pixels, because events of noise come in pairs of both polarities. Its standard
       deviation is that of the pixels' scatter. It is not identifiable where quiet pixels fire together with their
       neighbours.
+    - Leak's spread and jitter: how these counts scatter between neighbours, and how intervals of a pixel do. They need
+      at least 5 leak events a pixel, which takes minutes.
+    - Shot noise: OFF events of quiet pixels, in recordings whose light is known, by Rice's formula. Recordings whose
+      light differs by a factor of 1.5 or more also tell how noise goes with light.
     - Refractory period: at most the shortest interval of any pixel.
     - Readout: at least as many row bursts as were seen.
     - Parity of columns and rows; that of columns as a share of thresholds.
@@ -110,6 +116,8 @@ def fit_sensor(recordings: Sequence[StreamStatistics | MeasuredRecording]) -> Se
     Args:
         recordings: of one sensor with the same biases, measured by :func:`~davis_rs.measure_recording`, or their events
             alone by :func:`~davis_rs.measure_stream`.
+        base: where thresholds, their mismatch and the bandwidth of the noise come from, if the recordings do not tell
+            them: shot noise needs them.
 
     Raises:
         ValueError: for none, for recordings of different sizes, or without events.
@@ -128,12 +136,17 @@ def fit_sensor(recordings: Sequence[StreamStatistics | MeasuredRecording]) -> Se
     shortest = min((one.any.least for one in streams if one.any.least is not None), default=None)
     leak = find_leak(streams)
     parity = list(find_parity(streams))
-    with_frames = list(find_of_frames(measured, leak[0].value))
+    with_frames = list(find_of_frames(measured, leak.value))
     if any(one.parameter == COLUMN_PARITY[1] for one in with_frames):
         parity = [one for one in parity if one.parameter is None]
+    known = KnownParameters(with_frames, base or SensorFile(SensorParameters()))
+    on, off = known.get("contrast_threshold"), known.get("contrast_threshold_off")
+    lux = [one.lux for one in measured]
     findings = (
         *find_hot_pixels(streams),
-        *leak,
+        leak,
+        *find_leak_variation(streams, None if on is None else 1.0 if off is None else off.value / on.value),
+        *find_noise(streams, lux, known),
         find_refractory_period(shortest),
         *find_readout(streams),
         *parity,

@@ -8,18 +8,25 @@ from .._core import CrossingEngine
 from ..events import EventArray, concatenate_events
 from ..sensor_parameters import SensorParameters
 
-_LUMA, _LUX_PER_LUMA, _STEP_S = 0.2, 1000.0, 5.0
+_LUMA, _STEP_S = 0.2, 5.0
 _THRESHOLD = 0.15
 
 
 def static_events(
-    sensor: SensorParameters, size: tuple[int, int], duration_s: float, *, settled_s: float = 60.0, seed: int = 0
+    sensor: SensorParameters,
+    size: tuple[int, int],
+    duration_s: float,
+    *,
+    settled_s: float = 60.0,
+    lux: float = 200.0,
+    seed: int = 0,
 ) -> EventArray:
-    """Events of a static scene of 200 lux, from 0 to ``duration_s``.
+    """Events of a static scene, from 0 to ``duration_s``.
 
     Args:
         sensor: thresholds that it does not give are 0.15.
         size: (width, height) in pixels.
+        lux: illuminance of the scene.
         settled_s: what comes before is left out: at first, noise and leak make more events, because references begin
             anywhere between two levels.
 
@@ -34,7 +41,7 @@ def static_events(
         height,
         contrast_threshold=sensor.contrast_threshold or _THRESHOLD,
         contrast_threshold_off=sensor.contrast_threshold_off,
-        effects=sensor.effects(_LUX_PER_LUMA).engine_settings(),
+        effects=sensor.effects(lux / _LUMA).engine_settings(),
         seed=seed,
     )
     frame = np.full((height, width), _LUMA, np.float32)

@@ -1,6 +1,6 @@
 """Sensors as files: what is known of each, with units and sources, and those that come with the package."""
 
-from .presets import SENSORS, load_sensor, load_sensor_file, preset_file, read_once, sensor_parameters
+from .presets import IDEAL, SENSORS, load_sensor, load_sensor_file, preset_file, read_once, sensor_parameters
 from .recorded_sensor import RECORDED, recorded_sensor
 from .sensor_file import (
     SENSOR_SUFFIXES,
@@ -13,6 +13,7 @@ from .sensor_file import (
 )
 
 __all__ = [
+    "IDEAL",
     "RECORDED",
     "SENSORS",
     "SENSOR_SUFFIXES",

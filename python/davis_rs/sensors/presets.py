@@ -11,7 +11,10 @@ from ..close_names import did_you_mean
 from ..sensor_parameters import SensorParameters
 from .sensor_file import SENSOR_SUFFIXES, SensorFile, read_sensor_file
 
-_NAMES = ("ideal", "davis240c", "davis346")
+IDEAL = "ideal"
+"""The sensor of ideal pixels, which leaves size and thresholds to the scene."""
+
+_NAMES = (IDEAL, "davis240c", "davis346")
 
 
 class _Presets(Mapping[str, SensorParameters]):

@@ -12,12 +12,16 @@ import numpy as np
 from ..formats.files import PartFile
 from ..rendering.renderers import make_renderer
 from ..sampling.rules import MaxDisplacement
+from ..sensors import IDEAL
 from ..sequences import Sequence
 from ..simulator import Simulator
 from ..trajectory.views import Views
 
 MEASURED = Path(__file__).with_name("measured.csv")
 """The counts that ``davis-rs sequences`` shows: what :func:`count_events` found with the defaults."""
+
+MEASURED_RECORDED = Path(__file__).with_name("measured_recorded.csv")
+"""The same with ``sensor="recorded"``."""
 
 COARSE_PX, COARSE_SAMPLES = 2.0, 5
 """A render for so much motion, and rays a pixel: a third of a pixel and 8 rays find 3 to 10 % more events, for eight
@@ -35,7 +39,8 @@ class EventCount:
         duration_s: simulated.
         events, on_events: how many there were, and how many of them ON.
         max_displacement_px, samples: how finely time and pixels were sampled.
-        contrast_threshold, luma: the scene's, and :func:`mean_luma`: of what these are the events.
+        contrast_threshold, luma: C_on, and :func:`mean_luma`: of what these are the events.
+        sensor: ``ideal`` or ``recorded``.
     """
 
     name: str
@@ -46,6 +51,7 @@ class EventCount:
     samples: int
     contrast_threshold: float
     luma: float
+    sensor: str = IDEAL
 
 
 def mean_luma(sequence: Sequence) -> float:
@@ -59,21 +65,31 @@ def mean_luma(sequence: Sequence) -> float:
 def count_events(
     sequence: Sequence,
     *,
+    sensor: str = IDEAL,
     duration_s: float | None = None,
     max_displacement_px: float = COARSE_PX,
     samples: int = COARSE_SAMPLES,
     progress: Callable[[float], object] | None = None,
 ) -> EventCount:
-    """Simulate a sequence with ideal pixels and count its events.
+    """Simulate a sequence and count its events.
 
     Args:
+        sensor: ``ideal`` for ideal pixels with the scene's threshold, ``recorded`` for the sensor of the recording.
         duration_s: from its start; all of it by default.
         max_displacement_px, samples: a render for so much motion, and rays a pixel; see :data:`COARSE_PX`.
         progress: called with the simulated seconds since the call before.
+
+    Raises:
+        ValueError: for a recorded sensor where nothing was recorded.
     """
     scene = sequence.scene().crop(0.0, duration_s)
     simulator = Simulator(
-        scene, frame_rate_hz=0, depth_rate_hz=0, sampling=MaxDisplacement(max_displacement_px), samples=samples
+        scene,
+        frame_rate_hz=0,
+        depth_rate_hz=0,
+        sampling=MaxDisplacement(max_displacement_px),
+        samples=samples,
+        sensor=sensor,
     )
     events = on_events = 0
     for packet in simulator.run():
@@ -88,8 +104,9 @@ def count_events(
         on_events,
         max_displacement_px,
         samples,
-        scene.contrast_threshold,
+        simulator.contrast_threshold,
         round(mean_luma(sequence), 7),
+        sensor,
     )
 
 
@@ -114,6 +131,7 @@ def read_counts(path: str | Path = MEASURED) -> dict[str, EventCount]:
                     int(row["samples"]),
                     float(row["contrast_threshold"]),
                     float(row["luma"]),
+                    str(row["sensor"]),
                 )
             except (KeyError, TypeError, ValueError) as error:
                 raise ValueError(f"{path}, line {reader.line_num}: not a count of events: {error!r}") from None

@@ -10,22 +10,32 @@ import numpy as np
 from ..sequences import Sequence
 from .count import EventCount
 
-HEAD = ("sequence", "motion", "lens", "biases", "T [s]", "ours", "TS [m/s]", "ours", "RS [deg/s]", "ours", "NE", "ours")
+HEAD = (
+    *("sequence", "motion", "lens", "biases"),
+    *("T [s]", "ours", "TS [m/s]", "ours", "RS [deg/s]", "ours"),
+    *("NE", "ours", "recorded sensor"),
+)
 """What the columns of :func:`table` are."""
 
 _WORDS = 4
 """The number of columns from the left that hold words; the others hold numbers."""
 
 
-def table(sequences: Iterable[Sequence], counts: Mapping[str, EventCount]) -> list[tuple[str, ...]]:
+def table(
+    sequences: Iterable[Sequence], counts: Mapping[str, EventCount], recorded: Mapping[str, EventCount]
+) -> list[tuple[str, ...]]:
     """A row of cells for each sequence; a ``-`` is not counted.
+
+    Args:
+        counts: of ideal pixels, by name.
+        recorded: of the recorded sensor.
 
     Our top speeds are those of :meth:`~davis_rs.Trajectory.top_speeds`.
     """
-    return [_row(sequence, counts.get(sequence.name)) for sequence in sequences]
+    return [_row(sequence, (counts.get(sequence.name), recorded.get(sequence.name))) for sequence in sequences]
 
 
-def _row(sequence: Sequence, count: EventCount | None) -> tuple[str, ...]:
+def _row(sequence: Sequence, counts: tuple[EventCount | None, EventCount | None]) -> tuple[str, ...]:
     paper, path = sequence.paper, sequence.scene().path
     top = path.top_speeds()
     return (
@@ -40,7 +50,7 @@ def _row(sequence: Sequence, count: EventCount | None) -> tuple[str, ...]:
         _cell(paper.rate_deg_s, 0),
         _cell(float(np.degrees(top.rate_rad_s)), 0),
         f"{paper.events:,}",
-        "-" if count is None else f"{count.events:,}",
+        *("-" if count is None else f"{count.events:,}" for count in counts),
     )
 
 

@@ -35,6 +35,19 @@ class Measured(NamedTuple):
         return f"{self.value:.3g} +- {self.sigma:.1g}" if math.isfinite(self.sigma) else f"{self.value:.3g}"
 
 
+class PixelIntervals(NamedTuple):
+    """The intervals between ON events of each pixel, (H, W) each.
+
+    Attributes:
+        count: int64: how many.
+        sum_us, squares_us2: float64: their sum, and that of their squares.
+    """
+
+    count: npt.NDArray[np.int64]
+    sum_us: npt.NDArray[np.float64]
+    squares_us2: npt.NDArray[np.float64]
+
+
 @dataclass(frozen=True, eq=False)
 class StreamStatistics:
     """The statistics of a stream of events.
@@ -47,6 +60,7 @@ class StreamStatistics:
         first_us, last_us: times of the first and the last event.
         counts: int64 (2, H, W): OFF and ON events of each pixel.
         same, any: histograms of a pixel's intervals in us, between events of the same polarity and of any.
+        on_intervals: those between ON events, added up for each pixel.
         bursts: how the stream was read out.
         hot_pixels: pixels that fire on their own.
         quiet: bool (H, W): the pixels that count as quiet.
@@ -66,6 +80,7 @@ class StreamStatistics:
     counts: npt.NDArray[np.int64]
     same: Histogram
     any: Histogram
+    on_intervals: PixelIntervals
     bursts: Bursts
     hot_pixels: HotPixels
     quiet: npt.NDArray[np.bool_]
@@ -160,6 +175,7 @@ def evaluate(
         counts=counts,
         same=pixels.same,
         any=pixels.any,
+        on_intervals=PixelIntervals(pixels.intervals[1], pixels.interval_sum[1], pixels.interval_squares[1]),
         bursts=bursts,
         hot_pixels=hot,
         quiet=chosen,
