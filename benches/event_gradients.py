@@ -3,7 +3,7 @@
 Each unknown is shifted so that the event moves by 0.01 us, to both sides, and the crossing is found again by bisection
 of log luma in float64: no derivative is used. Of each kind of event 600 are drawn at random. An event is within 1 %
 where the error of its row is no more than that share of the row, both as norms over columns, each in units of its
-median or of 1 us. Speed is in processor time: events a second on two cores, with the start of the run and the search
+median or of 100 us. Speed is in processor time: events a second on two cores, with the start of the run and the search
 for jumps.
 """
 
@@ -37,7 +37,7 @@ STRETCHES = {
 
 SAMPLES, DRAWN = 8, 600
 MOVED_US = 0.01
-LEAST_US = 1.0
+LEAST_US = 100.0
 """Microseconds by a metre, a radian, or another unit, below which a column has no say."""
 
 WINDOWS_US = (4.0, 40.0, 300.0)
@@ -153,7 +153,7 @@ def rows(name: str) -> list[str]:
     lights = len(model.field.light_names)
     jacobian = at.jacobian(UNKNOWNS)
     typical = np.median(np.abs(jacobian[at.smooth & (at.levels.on > 0) & (at.levels.off > 0)]), axis=0)
-    typical = np.maximum(typical, np.median(np.abs(jacobian[at.smooth]), axis=0)) + 1.0
+    typical = np.maximum(typical, np.median(np.abs(jacobian[at.smooth]), axis=0)) + LEAST_US
     draw = np.random.RandomState(0)
     kinds = {"light runs smoothly": at.smooth, "a ray jumps": at.jump}
     lines = []
