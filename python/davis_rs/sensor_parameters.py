@@ -187,6 +187,16 @@ class SensorParameters:
         }
         return replace(sensor, **derived)
 
+    @property
+    def noise_half_lux(self) -> float | None:
+        """``shot_noise_half_lux``, or what it takes where that is None: the illuminance at which photoreceptor and
+        source follower have the same corner; None where these are not known."""
+        hz, lux = self.photoreceptor_bandwidth_hz, self.photoreceptor_bandwidth_lux
+        follower_hz = self.source_follower_bandwidth_hz
+        if self.shot_noise_half_lux is not None or hz is None or lux is None or follower_hz is None:
+            return self.shot_noise_half_lux
+        return follower_hz / hz * lux
+
     def effects(self, lux_per_luma: float) -> Effects:
         """The effects that this sensor has in a scene whose unit of luma is ``lux_per_luma`` lux.
 
@@ -201,9 +211,7 @@ class SensorParameters:
         hz, lux = self.photoreceptor_bandwidth_hz, self.photoreceptor_bandwidth_lux
         follower_hz = self.source_follower_bandwidth_hz
         receptor_hz = hz * lux_per_luma / lux if hz is not None and lux is not None else math.inf
-        half_lux, full_scale_lux = self.shot_noise_half_lux, self.aps_full_scale_lux
-        if half_lux is None and follower_hz is not None and hz is not None and lux is not None:
-            half_lux = follower_hz / hz * lux
+        half_lux, full_scale_lux = self.noise_half_lux, self.aps_full_scale_lux
         return Effects(
             vignetting=self.vignetting,
             lens_blur_px=self.lens_blur_px,

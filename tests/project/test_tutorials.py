@@ -31,4 +31,4 @@ def test_tutorials_run(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPat
 
 
 def test_there_are_tutorials() -> None:
-    assert len(TUTORIALS) >= 3
+    assert len(TUTORIALS) >= 7

@@ -25,6 +25,7 @@ from davis_rs import (
 from davis_rs.effects import Effects, HotPixels, LeakRate, ShotNoise
 from davis_rs.events import EVENT_DTYPE, EventArray, concatenate_events
 from davis_rs.sensor_fit import SensorFit, fit_sensor
+from davis_rs.sensor_fit.finding import Finding
 from davis_rs.sensor_fit.quiet_pixels import neighbours_with_events
 from davis_rs.sensors import SENSORS, SensorFile, read_sensor_file
 from davis_rs.stream_statistics.stream_statistics import Measured
@@ -234,6 +235,19 @@ def test_a_refractory_period_above_the_bound_is_left_out() -> None:
     assert "refractory_period_us" not in fit.file(held).sources
     allowed = SensorFile(SensorParameters(refractory_period_us=float(bound)))
     assert fit.file(allowed).parameters.refractory_period_us == bound
+
+
+def test_a_bandwidth_that_is_found_leaves_the_noise_of_the_base() -> None:
+    """It takes the photoreceptor's place, from which the noise's fall with light was derived."""
+    bandwidth = Finding("bandwidth", "source_follower_bandwidth_hz", Measured(137.0, 10.0))
+    base = SensorFile(SENSORS["davis240c"])
+    made = SensorFit((240, 180), ("one",), (bandwidth,), None).file(base)
+    assert made.parameters.photoreceptor_bandwidth_hz is None
+    assert made.parameters.shot_noise_half_lux == base.parameters.noise_half_lux == pytest.approx(95.42, abs=0.01)
+    assert "shot_noise_half_lux" in made.sources
+    told = SensorFile(replace(SENSORS["davis240c"], shot_noise_half_lux=50.0), "", {"shot_noise_half_lux": "a"})
+    kept = SensorFit((240, 180), ("one",), (bandwidth,), None).file(told)
+    assert (kept.parameters.shot_noise_half_lux, kept.sources["shot_noise_half_lux"]) == (50.0, "a")
 
 
 def test_the_command_writes_a_sensor_that_simulates_alike(tmp_path: Path) -> None:

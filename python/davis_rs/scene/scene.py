@@ -23,8 +23,8 @@ class Scene:
 
     Attributes:
         name: for people and records.
-        source: called when the scene is loaded; a path of a Mitsuba XML file, or a Mitsuba scene dictionary in which
-            NumPy arrays stand for bitmap data (float32, linear RGB) and transforms.
+        source: called whenever the scene is loaded, and must give the same each time; a path of a Mitsuba XML file, or
+            a Mitsuba scene dictionary in which NumPy arrays stand for bitmap data (float32, linear RGB) and transforms.
         file: the file that it comes from, for records; None for a scene made in code.
         files: what is read in addition to ``file``: a mesh's materials and textures.
         file_name: how records call that file; None: by its path.

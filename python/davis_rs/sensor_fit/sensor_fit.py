@@ -58,7 +58,7 @@ class SensorFit:
 
         Where the base has a refractory period above the bound it is left out. A bandwidth that was found holds in the
         recordings' light: it becomes the one corner that does not depend on light, and the base's photoreceptor is left
-        out.
+        out. Its noise still halves in the light that followed from it.
 
         Raises:
             ValueError: for a base of another size.
@@ -82,6 +82,10 @@ class SensorFit:
                     sigmas[parameter] = value.sigma
                 sources[parameter] = f"{source}{f'; {note}' if note else ''}"
         left_out = _BANDWIDTH_OVER_LIGHT if "source_follower_bandwidth_hz" in values else ()
+        half_lux = start.parameters.noise_half_lux
+        if left_out and half_lux is not None and start.parameters.shot_noise_half_lux is None:
+            values["shot_noise_half_lux"] = half_lux
+            sources["shot_noise_half_lux"] = "where photoreceptor and source follower of the base have the same corner"
         held_us, bound_us = start.parameters.refractory_period_us, self.refractory_bound_us
         if held_us is not None and bound_us is not None and held_us > bound_us:
             left_out = (*left_out, "refractory_period_us")
