@@ -126,7 +126,7 @@ def view(
 
 
 def check_figure_path(path: str | Path) -> Path:
-    """``path`` as a Path, if its suffix is a picture format that can be written.
+    """Return ``path`` as a Path, if its suffix is a picture format that can be written.
 
     Raises:
         ValueError: for another suffix, or none; the message lists those there are.

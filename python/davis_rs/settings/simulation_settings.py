@@ -84,7 +84,7 @@ class PixelSettings(TypedDict, total=False):
 
 
 class ViewSettings(PixelSettings, total=False):
-    """How the sensor sees the scene: what the planner of effects needs as well."""
+    """How the sensor sees the scene; the planner of effects needs these settings too."""
 
     sensor: Annotated[
         SensorParameters | str | None,
