@@ -26,7 +26,7 @@ def add_convert(conversion: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
     conversion.description = (
         "Convert from any container to any other, in constant memory: events, and the calibration, frames, depth, "
-        "flow, IMU samples and poses that both hold. Values stay as they are; what OUT cannot hold is told in a line."
+        "flow, IMU samples and poses that both hold. Values stay as they are; a message names what OUT cannot hold."
     )
     conversion.set_defaults(run=_convert)
     conversion.add_argument("source", metavar="IN", help="a file of any format, a dataset folder, or a rosbag2")

@@ -124,7 +124,7 @@ def shard_fault(root: Path, shard: Mapping[str, Any], *, contents: bool = True) 
     path = root / shard["name"]
     try:
         if path.stat().st_size != shard["bytes"] or (contents and file_sha256(path) != shard["sha256"]):
-            return f"{path.name} is not what it was"
+            return f"{path.name} has changed"
     except OSError as error:
         return f"{path.name} is missing" if isinstance(error, FileNotFoundError) else f"{path.name}: {error}"
     return None

@@ -133,7 +133,7 @@ def check_figure_path(path: str | Path) -> Path:
     """
     if Path(path).suffix.lower().removeprefix(".") not in _FORMATS:
         known = ", ".join(f".{name}" for name in _FORMATS)
-        raise ValueError(f"the suffix of {str(path)!r} stands for no picture format: it must be one of {known}")
+        raise ValueError(f"the suffix of {str(path)!r} is no picture format: it must be one of {known}")
     return Path(path)
 
 

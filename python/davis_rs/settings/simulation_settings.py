@@ -141,8 +141,8 @@ class ViewSettings(PixelSettings, total=False):
     noise_share: Annotated[
         float,
         Declared(
-            "share of events that the noise of Mitsuba's integrators may make missing or spurious: more is told in a "
-            "line, and samples=auto stays below it",
+            "share of events that the noise of Mitsuba's integrators may make missing or spurious: the run warns "
+            "if there are more, and samples=auto stays below it",
             0.05,
             low=0,
             high=1,
@@ -174,7 +174,7 @@ class ViewSettings(PixelSettings, total=False):
     bake_error: Annotated[
         float,
         Declared(
-            "how much baked light may err, as a share of itself (docs/light.md)",
+            "relative error of baked light that is allowed (docs/light.md)",
             BAKE_ERROR,
             low=1e-3,
             high=1,
@@ -191,7 +191,7 @@ class EffectsToleranceSettings(TypedDict, total=False):
     effects_tolerance: Annotated[
         float | None,
         Declared(
-            "with effects that are planned: how much leaving one out may err in event count, rate or time, as a share "
+            "for planned effects: the relative error in event count, rate or time that leaving an effect out may cause "
             "(docs/effects.md)",
             default_help=str(EFFECTS_TOLERANCE),
             low=0,
@@ -212,8 +212,8 @@ class EngineSettings(TypedDict, total=False):
     threads: Annotated[
         int | None,
         Declared(
-            "of the native renderer and of the crossing engine; results do not depend on it",
-            default_help="as many as pay",
+            "number of threads of the native renderer and of the crossing engine; results do not depend on it",
+            default_help="as many as are useful",
             low=1,
             high=1024,
             metavar="N",
@@ -298,7 +298,7 @@ class SamplingSettings(ViewSettings, EngineSettings, total=False):
     accuracy: Annotated[
         str,
         Declared(
-            "a point on the curve of docs/accuracy.md; sampling in time, samples and refine override their part of it",
+            "a preset of docs/accuracy.md; settings of sampling in time, samples and refine override their part of it",
             DEFAULT_ACCURACY,
             choices=tuple(ACCURACY),
             group=_ACCURACY,
@@ -307,7 +307,7 @@ class SamplingSettings(ViewSettings, EngineSettings, total=False):
     render_rate_hz: Annotated[
         float | None,
         Declared(
-            "render at a fixed rate, and also where a frame or a depth map is due or a packet ends (40 a second)",
+            "render at a fixed rate, and also at frames, at depth maps and at the ends of packets (40 per second)",
             unit="Hz",
             low=0,
             high=1e6,
@@ -319,7 +319,7 @@ class SamplingSettings(ViewSettings, EngineSettings, total=False):
     max_displacement_px: Annotated[
         float | None,
         Declared(
-            "render whenever a pixel has moved so far; 1/3 in the paper",
+            "render whenever the image has moved by this many pixels; 1/3 in the paper",
             unit="px",
             low=0,
             high=1e3,
@@ -331,7 +331,7 @@ class SamplingSettings(ViewSettings, EngineSettings, total=False):
     tolerance: Annotated[
         float | None,
         Declared(
-            "render so often that the error of log luma stays below this share of C",
+            "render often enough to keep the error of log luma below this share of C",
             low=0,
             high=10,
             above_low=True,
@@ -345,7 +345,7 @@ class SamplingSettings(ViewSettings, EngineSettings, total=False):
     refine: Annotated[
         bool | None,
         Declared(
-            "polish each event's time to the microsecond by asking the renderer; slow, ideal pixels only",
+            "refine each event's time to the microsecond with the renderer; slow, ideal pixels only",
             default_help="as the accuracy says",
             group=_ACCURACY,
         ),
