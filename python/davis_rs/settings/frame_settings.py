@@ -157,7 +157,7 @@ class FrameSettings(_LightSettings, _PartSettings, _BetweenSettings, PixelSettin
     effects: Annotated[
         Effects | str | Sequence[str] | None,
         Declared(
-            f"over those of the sensor: Effects, or texts {EFFECT_FORM}",
+            f"effects, in addition to the sensor's or in place of them: Effects, or texts {EFFECT_FORM}",
             default_help="the sensor's",
             metavar=EFFECT_FORM,
             text=list,
