@@ -105,10 +105,10 @@ class Device:
         """The chip's name."""
     @property
     def width(self) -> int:
-        """Columns of the image that events fall on: x lies below it."""
+        """Number of columns of the events' image: x is less than this."""
     @property
     def height(self) -> int:
-        """Rows of the image that events fall on: y lies below it."""
+        """Number of rows of the events' image: y is less than this."""
     @property
     def frame_width(self) -> int:
         """Columns of a full frame."""
@@ -162,7 +162,7 @@ class Decoder:
         """The camera whose stream is decoded."""
     @property
     def stats(self) -> dict[str, int]:
-        """How often the stream was not what a camera sends, by kind; all zero for one that arrived whole.
+        """Counts of faults in the stream, by kind; all zero for one without a fault.
 
         - ``unknown_words``: words that mean nothing, the reserved 0x0000 among them; ignored
         - ``times_not_increasing``: timestamps and wraps that do not go forward; obeyed
@@ -208,7 +208,7 @@ class Encoder:
         frames: Iterable[Frame] | None = None,
         triggers: npt.NDArray[Any] | None = None,
     ) -> bytes:
-        """The bytes of the next packet; the GIL is released.
+        """Encode the next packet and return its bytes; the GIL is released.
 
         Times must lie in 0..2^48 us, may not decrease within a kind, nor lie before the last time encoded; frames may
         not overlap. A trigger that resets the clock comes first, at time 0; what follows counts from there.
@@ -322,7 +322,7 @@ class CrossingEngine:
         *,
         sparse: _SparseSamples | None = None,
     ) -> npt.NDArray[np.void]:
-        """:meth:`push` of log intensity itself, which is taken as it is: ``log_eps`` has no part in it.
+        """Take log intensity itself instead of luma, otherwise as :meth:`push`; ``log_eps`` is not used.
 
         Args:
             t_us: time in microseconds, >= 0 and after the last frame's.
@@ -339,7 +339,7 @@ class CrossingEngine:
                 with luma. The engine is then as it was.
         """
     def flush(self) -> npt.NDArray[np.void]:
-        """The events that the readout effect still holds: requested up to the last frame, stamped after it.
+        """Return the events that the readout effect still holds: requested up to the last frame, stamped after it.
 
         Returns:
             Events (:data:`davis_rs.EVENT_DTYPE`), sorted; none without that effect.
@@ -366,13 +366,13 @@ class CrossingEngine:
         int64, shape (height, width).
         """
     def state(self) -> dict[str, Any]:
-        """All that decides which events come next, as numbers and arrays: parameters, time, last frame, counters.
+        """Return what decides which events come next, as numbers and arrays: parameters, time, last frame, counters.
 
         For :meth:`from_state`, and for NumPy's or any other storage; pickling stores the same.
         """
     @staticmethod
     def from_state(state: dict[str, Any], *, threads: int | None = None) -> CrossingEngine:
-        """An engine that goes on from :meth:`state` as the one it was taken from would have.
+        """Return an engine that continues from :meth:`state` as the original engine would have.
 
         Args:
             state: what :meth:`state` gave, also in another process or at another time.
@@ -487,7 +487,7 @@ class EventFileReader:
             OSError: if the file refuses.
         """
     def read(self, enough: int) -> npt.NDArray[np.void]:
-        """The next events: at least ``enough`` and not many more, fewer at the end; the GIL is released.
+        """Read the next events: at least ``enough`` and not many more, fewer at the end; the GIL is released.
 
         Returns:
             Events (:data:`davis_rs.EVENT_DTYPE`), in the file's order.
@@ -511,7 +511,7 @@ class EventFileReader:
             OSError: if the file refuses.
         """
     def read_block(self, byte: int, state: Sequence[int], end: int) -> npt.NDArray[np.void]:
-        """The events of a block that :meth:`scan` has found in this file; the GIL is released.
+        """Read the events of a block that :meth:`scan` has found in this file; the GIL is released.
 
         Args:
             byte: where it begins.
@@ -531,7 +531,7 @@ class EventFileReader:
         """Whether the end of the file was reached."""
     @property
     def size(self) -> tuple[int, int] | None:
-        """(width, height), where the file says it and once that part was read; None otherwise."""
+        """The sensor's (width, height), where the file says it and once that part was read; None otherwise."""
     @property
     def bytes(self) -> int:
         """How many bytes of the file were decoded so far."""
@@ -540,10 +540,10 @@ class EventFileReader:
         """How many bytes the file has."""
     @property
     def left_over(self) -> int:
-        """At the end: how many bytes are left that are no whole record."""
+        """Number of bytes left at the end of the file that are no complete record."""
 
 def read_aedat4(path: str | os.PathLike[str], max_packet_bytes: int) -> _Aedat4:
-    """All that a file of AEDAT 4.0 holds: of each kind the first stream, in the order of the file.
+    """Read what a file of AEDAT 4.0 holds: of each kind the first stream, in the order of the file.
 
     Args:
         path: the file.
@@ -577,7 +577,7 @@ def check_events(events: npt.NDArray[np.void], *, last_us: int, latest_us: int, 
     """
 
 def crc32(bytes: npt.NDArray[np.uint8], start: int) -> int:
-    """CRC-32 of bytes that come in parts; the GIL is released.
+    """Compute the CRC-32 of bytes that come in parts; the GIL is released.
 
     Args:
         bytes: uint8, shape (n,), contiguous: the next part.
@@ -590,7 +590,7 @@ def crc32(bytes: npt.NDArray[np.uint8], start: int) -> int:
     """
 
 def crc32_combine(first: int, second: int, second_length: int) -> int:
-    """CRC-32 of two byte strings in a row, from the CRC-32 of each, as :func:`crc32` gives it.
+    """Compute the CRC-32 of two byte strings in a row from the CRC-32 of each, as :func:`crc32` gives it.
 
     Args:
         first: CRC-32 of the first string.
@@ -599,7 +599,7 @@ def crc32_combine(first: int, second: int, second_length: int) -> int:
     """
 
 def log_intensity(luma: npt.NDArray[np.floating[Any]], log_eps: float) -> npt.NDArray[np.float64]:
-    """L = ln(luma + log_eps) in float64, shape (height, width), as :class:`CrossingEngine` computes it.
+    """Compute L = ln(luma + log_eps) in float64, shape (height, width), as :class:`CrossingEngine` does.
 
     The same bits on every processor, within 1 ulp of the exact logarithm.
 
@@ -618,7 +618,7 @@ def reconstruct(
     contrast_threshold: float | npt.NDArray[np.floating[Any]],
     contrast_threshold_off: float | npt.NDArray[np.floating[Any]] | None = None,
 ) -> npt.NDArray[np.float64]:
-    """Log intensity at ``t_us`` from the first frame's and the events until then (t <= t_us).
+    """Compute log intensity at ``t_us`` from that of the first frame and the events until then (t <= t_us).
 
     log I(x; t) = log I(x; 0) + n_on C_on - n_off C_off with each pixel's counts: the engine's reference to the bit.
 
@@ -736,7 +736,7 @@ class SceneRenderer:
     def luma(
         self, rays: PixelRays, views: _Views, *, rate: bool = False
     ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32] | None]:
-        """Linear luma of each view, and its rate.
+        """Render linear luma of each view, and its rate.
 
         Args:
             rays: of the sensor.
@@ -757,7 +757,7 @@ class SceneRenderer:
     def samples(
         self, rays: PixelRays, views: _Views, view: npt.NDArray[np.integer], pixel: npt.NDArray[np.integer]
     ) -> npt.NDArray[np.float32]:
-        """Luma of single pixels, the bits of :meth:`luma`.
+        """Render luma of single pixels, the bits of :meth:`luma`.
 
         Args:
             rays: of the sensor.
@@ -790,7 +790,7 @@ class SceneRenderer:
             int,
         ]
     ]:
-        """Luma of the pixels that edges pass, through spans of time.
+        """Render luma of the pixels that edges pass, through spans of time.
 
         Args:
             rays: of the sensor.
@@ -812,7 +812,7 @@ class SceneRenderer:
         """
 
     def depth(self, rays: PixelRays, views: _Views) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.uint32]]:
-        """What the pixels' rays hit.
+        """Find what the pixels' rays hit.
 
         Args:
             rays: of the sensor, one ray a pixel.
@@ -829,7 +829,7 @@ class SceneRenderer:
     def hits(
         self, rays: PixelRays, views: _Views, view: npt.NDArray[np.integer], pixel: npt.NDArray[np.integer]
     ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.uint32]]:
-        """What the rays of single pixels hit, the bits of :meth:`depth`.
+        """Find what the rays of single pixels hit, the bits of :meth:`depth`.
 
         Args:
             rays: of the sensor, one ray a pixel.
@@ -852,7 +852,7 @@ class SceneRenderer:
         pixel: npt.NDArray[np.uint32],
         weights: npt.NDArray[np.float64],
     ) -> npt.NDArray[np.float64]:
-        """Luma of single pixels in float64, or of weighted sums of pixels, each with its derivatives.
+        """Compute luma of single pixels in float64, or of weighted sums of pixels, each with its derivatives.
 
         Which surface a ray meets, and whether a light is hidden from it, is taken as fixed.
 
@@ -882,7 +882,7 @@ class SceneRenderer:
         weights: npt.NDArray[np.float64],
         steps: npt.NDArray[np.float64],
     ) -> tuple[npt.NDArray[np.uint32], npt.NDArray[np.uint32], npt.NDArray[np.float64]]:
-        """Derivatives of single pixels' luma by texels in float64, or of weighted sums of pixels.
+        """Compute derivatives of single pixels' luma by texels in float64, or of weighted sums of pixels.
 
         Which surface a ray meets, whether a light is hidden from it, and light that bounces, is taken as fixed.
 
@@ -903,7 +903,7 @@ class SceneRenderer:
     def ray_sights(
         self, rays: PixelRays, views: _Views, view: npt.NDArray[np.uint32], pixel: npt.NDArray[np.uint32]
     ) -> tuple[npt.NDArray[np.uint32], npt.NDArray[np.uint64], npt.NDArray[np.float64]]:
-        """What each ray of single pixels sees, in float64.
+        """Find what each ray of single pixels sees, in float64.
 
         Args:
             rays: of the sensor, r rays a pixel.
@@ -936,7 +936,7 @@ def count_events(events: npt.NDArray[np.void], size: tuple[int, int]) -> npt.NDA
 def latest_times(
     events: npt.NDArray[np.void], size: tuple[int, int], until_us: int, depth: int = 1
 ) -> npt.NDArray[np.int64]:
-    """The times in microseconds of the last events up to ``until_us`` by polarity and pixel, -1 where there were fewer.
+    """Find the last events up to ``until_us`` by polarity and pixel: times in microseconds, -1 where there were fewer.
 
     Args:
         events: anything with the fields t, x, y, p, in any order.
@@ -995,7 +995,7 @@ def spike_tensor(
     """
 
 def pack_event_message(events: npt.NDArray[np.void], size: tuple[int, int], seq: int, frame_id: str) -> bytes:
-    """A ``dvs_msgs/EventArray`` as ROS 1 serializes it, stamped with the last event's time.
+    """Pack a ``dvs_msgs/EventArray`` as ROS 1 serializes it, stamped with the last event's time.
 
     Args:
         events: anything with the fields t, x, y, p.
@@ -1008,14 +1008,14 @@ def pack_event_message(events: npt.NDArray[np.void], size: tuple[int, int], seq:
     """
 
 def unpack_event_message(message: bytes) -> tuple[npt.NDArray[np.void], tuple[int, int]]:
-    """The events of a ``dvs_msgs/EventArray``, times rounded to the nearest microsecond, and its (width, height).
+    """Return the events of a ``dvs_msgs/EventArray``, times rounded to the microsecond, and its (width, height).
 
     Raises:
         DecodeError: where the message breaks the definition, with the byte.
     """
 
 def pack_evt3(events: npt.NDArray[np.void]) -> bytes:
-    """Events as words of EVT 3.0 without a header, beginning with the high part of the first event's time.
+    """Pack events as words of EVT 3.0 without a header, beginning with the high part of the first event's time.
 
     Args:
         events: anything with the fields t, x, y, p; times modulo 2^24 us are written.
@@ -1030,7 +1030,7 @@ class Evt3Stream:
 
     def __new__(cls) -> Evt3Stream: ...
     def push(self, packet: bytes) -> npt.NDArray[np.void]:
-        """The events of the next packet.
+        """Decode the next packet and return its events.
 
         Args:
             packet: whole words, little-endian.

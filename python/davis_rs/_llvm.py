@@ -73,7 +73,7 @@ def find_libllvm() -> Libllvm | None:
 
 
 def why_none() -> str:
-    """Why :func:`find_libllvm` gives None, in words."""
+    """Return why :func:`find_libllvm` gives None, in words."""
     none = f"no usable LLVM (>= {OLDEST_USABLE}) was found"
     named = os.environ.get("DRJIT_LIBLLVM_PATH")
     if not named:

@@ -24,7 +24,7 @@ _FIRST_USE = threading.RLock()
 
 
 def _modules() -> tuple[Any, Any]:
-    """(mitsuba, drjit), imported by one thread while the others wait."""
+    """Return (mitsuba, drjit), imported by one thread while the others wait."""
     with _FIRST_USE:
         import drjit as dr
         import mitsuba as mi
@@ -33,7 +33,7 @@ def _modules() -> tuple[Any, Any]:
 
 
 def default_variant() -> tuple[str, str]:
-    """(variant, why): ``llvm_ad_rgb`` where LLVM can be used, with which; else ``scalar_rgb`` with how to get that."""
+    """Return (variant, why): ``llvm_ad_rgb`` and the LLVM it uses, or ``scalar_rgb`` and how to get an LLVM."""
     with _FIRST_USE:
         return _usable_variant()
 
@@ -67,7 +67,7 @@ def _usable_variant() -> tuple[str, str]:
 
 @contextmanager
 def variant(name: str) -> Iterator[tuple[Any, Any]]:
-    """``with variant(name) as (mi, dr):`` the caller's own variant is restored afterwards."""
+    """Set a variant in ``with variant(name) as (mi, dr):``; the caller's own is restored afterwards."""
     mi, dr = _modules()
     before = mi.variant()
     if before != name:

@@ -73,11 +73,11 @@ class Camera:
 
     @property
     def distortion(self) -> tuple[float, float, float, float, float]:
-        """(k1, k2, p1, p2, k3), in the order of ``calib.txt``."""
+        """The coefficients (k1, k2, p1, p2, k3), in the order of ``calib.txt``."""
         return (self.k1, self.k2, self.p1, self.p2, self.k3)
 
     def project(self, points: npt.ArrayLike) -> FloatArray:
-        """Pixel coordinates, shape (..., 2), of points (..., 3) in camera axes (x right, y down, z forward, metres).
+        """Return pixel coordinates (..., 2) of points (..., 3) in camera axes (x right, y down, z forward, metres).
 
         Points with z <= 0 are behind the camera and give NaN.
         """
@@ -87,7 +87,7 @@ class Camera:
         return np.stack([at.u, at.v], -1) * (self.fx, self.fy) + (self.cx, self.cy)
 
     def rays(self, pixels: npt.ArrayLike) -> FloatArray:
-        """Undistorted ray directions (..., 2): the x and y of (x, y, 1) in camera axes, for pixel coordinates (..., 2).
+        """Return undistorted rays (..., 2), x and y of (x, y, 1) in camera axes, for pixel coordinates (..., 2).
 
         Solved by Newton's method in float64 until the projection is the pixel again within 1e-9 px.
 
@@ -131,7 +131,7 @@ class Camera:
         return x, y, (error < 1e-9) & (at.u_by_x * at.v_by_y - at.cross * at.cross > 0)
 
     def distortion_jacobian(self, xy: npt.ArrayLike) -> FloatArray:
-        """d(pixel)/d(undistorted ray), shape (..., 2, 2), at ray directions (..., 2)."""
+        """Return d(pixel)/d(undistorted ray), shape (..., 2, 2), at ray directions (..., 2)."""
         rays = np.asarray(xy, np.float64)
         at = self._distort(rays[..., 0], rays[..., 1])
         rows = np.stack([at.u_by_x, at.cross], -1), np.stack([at.cross, at.v_by_y], -1)
@@ -157,7 +157,7 @@ class Camera:
         )
 
     def to_calib(self) -> str:
-        """The line of ``calib.txt``: ``fx fy cx cy k1 k2 p1 p2 k3``, each number exact (shortest round-trip form)."""
+        """Return the line of ``calib.txt``, ``fx fy cx cy k1 k2 p1 p2 k3``, each number exact (shortest round trip)."""
         return " ".join(repr(float(v)) for v in (self.fx, self.fy, self.cx, self.cy, *self.distortion)) + "\n"
 
     @classmethod
@@ -196,7 +196,7 @@ PRESETS: dict[str, Camera] = {
 
 
 def load_camera(name_or_path: str | Path) -> Camera:
-    """A preset by name (see :data:`PRESETS`), else a ``calib.txt`` for a 240 x 180 sensor.
+    """Load a preset by name (see :data:`PRESETS`), or else a ``calib.txt`` for a 240 x 180 sensor.
 
     Raises:
         ValueError: if it is neither a preset nor a file.

@@ -25,7 +25,7 @@ _EVENT_BIN_US = 5_000
 
 @dataclass(frozen=True)
 class ClockAlignment:
-    """t_mocap = (1 + ``drift``) t_camera + ``offset_s``, with standard deviations as far as the residuals tell.
+    """The clocks' relation t_mocap = (1 + ``drift``) t_camera + ``offset_s``; standard deviations from the residuals.
 
     Attributes:
         offset_s, drift: seconds, and seconds a second.
@@ -41,7 +41,7 @@ class ClockAlignment:
     unexplained: float
 
     def camera_times_us(self, t_us: npt.ArrayLike) -> npt.NDArray[np.int64]:
-        """Stamps of the motion capture on the camera's clock, to the nearest microsecond."""
+        """Return stamps of the motion capture on the camera's clock, to the nearest microsecond."""
         stamps = np.asarray(t_us, np.int64)
         return np.rint((stamps - self.offset_s * 1e6) / (1 + self.drift)).astype(np.int64)
 
@@ -62,7 +62,7 @@ def align_clocks(
     position_sigma_m: float | None = None,
     rotation_sigma_rad: float | None = None,
 ) -> ClockAlignment:
-    """Offset and drift of the motion capture's clock against the camera's, from the IMU or from events.
+    """Estimate offset and drift of the motion capture's clock against the camera's, from the IMU or from events.
 
     The poses are smoothed (:class:`SampledTrajectory`, which delays nothing) and their motion is compared with
 

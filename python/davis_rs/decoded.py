@@ -36,7 +36,7 @@ TRIGGER_DTYPE = np.dtype([("t", "<i8"), ("kind", "u1")], align=True)
 
 
 class TriggerKind(IntEnum):
-    """What a trigger is; its number is that of the wire's word."""
+    """The kind of a trigger; its number is that of the word in the camera's stream."""
 
     TIMESTAMP_RESET = 1
     INPUT_FALLING = 2
@@ -71,7 +71,7 @@ class Frame(NamedTuple):
 
 
 class Decoded(NamedTuple):
-    """A piece of a camera's stream, by kind; each in the order of the wire.
+    """A piece of a camera's stream, by kind; each kind in the order of the stream.
 
     Attributes:
         events: :data:`davis_rs.EVENT_DTYPE`.

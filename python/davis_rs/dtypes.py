@@ -27,7 +27,7 @@ _NAMES = {
 
 
 def to_tonic(events: EventArray) -> npt.NDArray[np.void]:
-    """Events in tonic's layout: fields x, y int16, t int64 in microseconds, p bool; a copy.
+    """Return events in tonic's layout: fields x, y int16, t int64 in microseconds, p bool; a copy.
 
     Raises:
         ValueError: for a coordinate above 32,767, with the event's index.
@@ -38,7 +38,7 @@ def to_tonic(events: EventArray) -> npt.NDArray[np.void]:
 
 
 def to_structured(events: EventArray, layout: str | npt.DTypeLike) -> npt.NDArray[np.void]:
-    """A copy of events in another layout.
+    """Return a copy of events in another layout.
 
     Args:
         layout: a name of :data:`LAYOUTS`, or a structured dtype with one field each for time (t, ts, timestamp,
@@ -52,7 +52,7 @@ def to_structured(events: EventArray, layout: str | npt.DTypeLike) -> npt.NDArra
 
 
 def from_structured(events: npt.NDArray[np.void]) -> EventArray:
-    """Events of another library as a new array of :data:`~davis_rs.EVENT_DTYPE`; fields as in :func:`to_structured`.
+    """Return another library's events as a new :data:`~davis_rs.EVENT_DTYPE` array; fields as in :func:`to_structured`.
 
     Raises:
         ValueError: if a field is missing or a value does not fit, with the event's index; for a polarity other than

@@ -199,7 +199,7 @@ def _aligned(t_us: _Integers, is_ours: _Flags, first: _Flags, window_us: int) ->
 
 
 def _improvements(source: _Flags, paired: _Flags, gap: _Integers, price: int) -> npt.NDArray[np.intp]:
-    """Both ends of stretches of which each becomes cheaper by one more unit of flow to the right.
+    """Return both ends of each stretch that becomes cheaper by one more unit of flow to the right.
 
     At its left end a source gets paired or a sink loses its partner, at its right end the other way round.
     """

@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 @functools.cache
 def rank1_lattice(n: int) -> npt.NDArray[np.float64]:
-    """n points (n, 2) in (-0.5, 0.5)^2 around the pixel's centre, their mean at the centre.
+    """Return n points (n, 2) in (-0.5, 0.5)^2 around the pixel's centre, their mean at the centre.
 
     Point i is (i / n, frac(i g / n)) with the generator g, coprime to n (no two points share a row or column), whose
     points keep the largest least distance on the torus.

@@ -31,7 +31,7 @@ def blur_3x3(luma: LumaFrames) -> LumaFrames:
 
 
 def _blur_along(rows: LumaFrames, out: LumaFrames) -> None:
-    """out[i] = rows[i] / 2 + (rows[i - 1] + rows[i + 1]) / 4; a single row is its own neighbour."""
+    """Compute out[i] = rows[i] / 2 + (rows[i - 1] + rows[i + 1]) / 4; a row at an end is its own neighbour."""
     if len(rows) == 1:
         out[:] = rows
         return

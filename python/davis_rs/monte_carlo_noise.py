@@ -72,7 +72,7 @@ class NoiseWarning(UserWarning):
 
 @dataclass(frozen=True)
 class NoiseEstimate:
-    """What noise makes of the events of a run.
+    """How many events of a run are noise.
 
     A share is that of missing and spurious events (:func:`~davis_rs.compare_events`, within 10 ms) in the number of
     events without noise; it may exceed 1.
@@ -98,11 +98,11 @@ class NoiseEstimate:
 
     @property
     def known(self) -> bool:
-        """Whether :meth:`share_at` can tell."""
+        """Whether :meth:`share_at` has a result."""
         return bool(self.measured) or not self.noisy
 
     def share_at(self, samples: float) -> float:
-        """Share of events that noise makes missing or spurious, with ``samples`` rays a pixel.
+        """Return share of events that noise makes missing or spurious, with ``samples`` rays a pixel.
 
         Between two measured numbers it is a straight line in logarithms. Outside it falls as the inverse square root of
         ``samples``, as the noise of luma itself does. NaN where it is not known.
@@ -117,12 +117,12 @@ class NoiseEstimate:
         return float(np.exp(np.interp(np.log(inside), np.log(counts), logs)) * math.sqrt(inside / samples))
 
     def samples_for(self, share: float) -> int:
-        """The fewest of ``SAMPLE_NUMBERS``, and no fewer than :attr:`samples`, that keep the share; else 1024."""
+        """Return the fewest of ``SAMPLE_NUMBERS``, from :attr:`samples` on, that keep the share; else 1024."""
         enough = (n for n in SAMPLE_NUMBERS if n > self.samples and self.share_at(n) <= share)
         return self.samples if not self.known or self.share_at(self.samples) <= share else next(enough, 1024)
 
     def describe(self, samples: int | None = None) -> dict[str, Any]:
-        """For meta.json.
+        """Return the estimate in JSON's types, for meta.json.
 
         Args:
             samples: rays a pixel of the run, where others were chosen by the estimate.
@@ -265,7 +265,7 @@ class _Look:
         return np.array_equal(self._samples(ends, 0), self._samples(ends, 1))
 
     def luma(self) -> list[npt.NDArray[np.float32]]:
-        """For each stretch luma (seeds, keyframes, pixels)."""
+        """Return the luma (seeds, keyframes, pixels) of each stretch."""
         # A scene that changes is put into the state of an instant once, for all seeds.
         step = 1 if self.renderer.motion else max(map(len, self.times))
         return [
@@ -319,7 +319,7 @@ def _mismatch(
     thresholds: tuple[float, float],
     log_eps: float,
 ) -> tuple[float, int]:
-    """(share of events missing or spurious, events of the reference) of averages over ``blocks`` seeds.
+    """Return (share of events missing or spurious, events of the reference) of averages over ``blocks`` seeds.
 
     Up to four disjoint groups of seeds are averaged. Each is compared with the average of all other seeds.
     """

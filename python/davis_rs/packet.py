@@ -28,7 +28,7 @@ class Displacement(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Packet:
-    """One step of a sequence: its events, and what fell due at its end.
+    """One step of a sequence: its events, and the frame, depth map and other data at its end.
 
     Consecutive packets tile time without a gap or an overlap, so their events in order are the stream.
 

@@ -64,7 +64,7 @@ class Pose:
 
     @classmethod
     def from_matrix(cls, matrix: npt.ArrayLike) -> Pose:
-        """The pose of a T_world_camera (4, 4); the sign of its quaternion is free.
+        """Return the pose of a T_world_camera (4, 4); the sign of its quaternion is free.
 
         Raises:
             ValueError: if it is not a rigid transform (rotation within 1e-6, last row 0 0 0 1).
@@ -108,7 +108,7 @@ class Velocities(NamedTuple):
     angular_acceleration: FloatArray
 
     def part(self, which: slice) -> Velocities:
-        """Some of them."""
+        """Return some of them."""
         return Velocities(self.t_us[which], *(values[which] for values in self[1:]))
 
 

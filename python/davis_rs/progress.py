@@ -36,12 +36,12 @@ class Progress:
         self.to(self.done + step)
 
     def _show(self, note: str) -> None:
-        """Nothing to be seen."""
+        """Show nothing."""
 
 
 @contextmanager
 def progress(what: str, total: float, *, unit: str = "", start: float = 0.0, show: bool = True) -> Iterator[Progress]:
-    """``with progress("reading", total) as bar: ... bar.to(done)``, on standard error.
+    """Show a bar on standard error: ``with progress("reading", total) as bar: ... bar.to(done)``.
 
     Args:
         what: is done.

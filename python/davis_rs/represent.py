@@ -25,7 +25,7 @@ from .events import EventArray
 
 
 def event_frame(events: EventArray, size: tuple[int, int]) -> npt.NDArray[np.int32]:
-    """The sum of polarities in each pixel, ON as +1 and OFF as -1: int32, shape (height, width).
+    """Return the sum of polarities in each pixel, ON as +1 and OFF as -1: int32, shape (height, width).
 
     Source: Rebecq et al., "EVO", RA-L 2017, section III-B ("event image").
     """
@@ -34,7 +34,7 @@ def event_frame(events: EventArray, size: tuple[int, int]) -> npt.NDArray[np.int
 
 
 def count_image(events: EventArray, size: tuple[int, int]) -> npt.NDArray[np.uint32]:
-    """The number of events in each pixel by polarity: uint32, shape (2, height, width), OFF before ON.
+    """Return the number of events in each pixel by polarity: uint32, shape (2, height, width), OFF before ON.
 
     A frame of tonic's ``ToFrame`` has the same layout (in int16, which overflows).
 
@@ -51,7 +51,7 @@ def time_surface(
     t_us: int | None = None,
     dtype: npt.DTypeLike = np.float32,
 ) -> npt.NDArray[Any]:
-    """How lately each pixel fired, by polarity: exp(-(t - t_last) / tau), 0 where it never did.
+    """Return how recently each pixel fired, by polarity: exp(-(t - t_last) / tau), 0 where it never did.
 
     Args:
         tau_us: time constant of the decay in microseconds, > 0.
@@ -84,7 +84,7 @@ def voxel_grid(
     endpoint: bool = True,
     dtype: npt.DTypeLike = np.float32,
 ) -> npt.NDArray[Any]:
-    """Polarities spread over ``bins`` planes in time, each event shared linearly by the two planes around it.
+    """Return polarities spread over ``bins`` planes in time, each event shared linearly by the planes around it.
 
     The planes are at ``np.linspace(start_us, stop_us, bins, endpoint=endpoint)``. An event at t gives plane k its
     polarity (+1 ON, -1 OFF) times max(0, 1 - \\|t - t_k\\| / step).
@@ -122,7 +122,7 @@ def event_spike_tensor(
     measurement: Literal["time", "count"] = "time",
     dtype: npt.DTypeLike = np.float32,
 ) -> npt.NDArray[Any]:
-    """The event spike tensor (EST) with its trilinear kernel: measurements spread over planes in time, by polarity.
+    """Return the event spike tensor (EST) with its trilinear kernel: measurements over planes in time, by polarity.
 
     The planes of each polarity are at ``np.linspace(start_us, stop_us, bins)``. An event at t gives plane k its
     measurement times max(0, 1 - \\|t - t_k\\| / step). The paper also learns the kernel; this is the one that it starts
@@ -164,7 +164,7 @@ def last_event_times(
     stop_us: int | None = None,
     dtype: npt.DTypeLike = np.float32,
 ) -> npt.NDArray[Any]:
-    """When each pixel fired last, by polarity, as its place in the window: 0 at the start, 1 at the end.
+    """Return when each pixel last fired, by polarity, as a place in the window: 0 at the start, 1 at the end.
 
     Args:
         count: how many events of each pixel and polarity, at least 1: the last one, the one before it, and so on.

@@ -36,7 +36,7 @@ _CONVERTIBLE = (".fbx", ".stl", ".dae", ".usd", ".usda", ".usdc", ".usdz", ".3ds
 
 
 def load_scene(name_or_path: str | Path, *, up: Axis | None = None, scale: float | None = None) -> Scene:
-    """A built-in scene or a sequence of the public dataset by name, a Mitsuba XML or glTF file, or an OBJ or PLY mesh.
+    """Load a built-in scene or a public sequence by name, a Mitsuba XML or glTF file, or an OBJ or PLY mesh.
 
     Names are keys of :data:`BUILTIN_SCENES` and of :data:`~davis_rs.sequences.SEQUENCES`.
 
@@ -89,7 +89,7 @@ def load_scene(name_or_path: str | Path, *, up: Axis | None = None, scale: float
 
 
 def start_pose(scene: Scene) -> Pose:
-    """Where a camera starts in a scene: its trajectory's first pose, or its own start.
+    """Return where a camera starts in a scene: its trajectory's first pose, or the scene's own start.
 
     Raises:
         ValueError: if it has neither.

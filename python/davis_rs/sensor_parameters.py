@@ -161,7 +161,7 @@ class SensorParameters:
 
     @classmethod
     def from_biases(cls, biases: str | BiasValues, **known: Any) -> SensorParameters:
-        """Thresholds, source follower and refractory period that a DAVIS240 or DAVIS346 has with these biases.
+        """Return thresholds, source follower and refractory period of a DAVIS240 or DAVIS346 with these biases.
 
         - thresholds: (kappa_n / kappa_p^2) (C2 / C1) ln(I / I_DiffBn) with I of OnBn, and of OffBn (negative there);
         - source follower's bandwidth: I_PrSFBp / (2 pi U_T C1), in any light;
@@ -198,7 +198,7 @@ class SensorParameters:
         return follower_hz / hz * lux
 
     def effects(self, lux_per_luma: float) -> Effects:
-        """The effects that this sensor has in a scene whose unit of luma is ``lux_per_luma`` lux.
+        """Return the effects that this sensor has in a scene whose unit of luma is ``lux_per_luma`` lux.
 
         Thresholds are no effect: they go to the simulation by their own names.
 
@@ -259,7 +259,7 @@ class SensorParameters:
         )
 
     def dark_luma(self, lux_per_luma: float) -> float | None:
-        """The dark current in units of luma, at the sensor's temperature; None where it is not known.
+        """Return the dark current in units of luma, at the sensor's temperature; None where it is not known.
 
         It is the ``log_eps`` of L = ln(luma + log_eps), because the photoreceptor sees light and dark current.
         """

@@ -143,7 +143,7 @@ class Simulator:
 
     @property
     def shape_names(self) -> tuple[str, ...]:
-        """The ids of the shapes in masks: number 1 is the first; () where no map of the ground truth is asked for."""
+        """The names of the shapes in masks: number 1 is the first; () if no map of the ground truth was requested."""
         return () if self.surfaces is None else self.surfaces.names
 
     def run(self) -> Iterator[Packet]:
@@ -196,7 +196,7 @@ class Simulator:
         return list(self._packets(segment, self._t_us, t_us))
 
     def flush(self) -> list[Packet]:
-        """What a readout still holds: a packet of events that came until now and are stamped later, if there are any.
+        """Return what a readout still holds: a packet of events requested until now and stamped later, if any.
 
         :meth:`run` ends with it by itself; after :meth:`step` it is the caller's to ask for.
         """
@@ -209,11 +209,11 @@ class Simulator:
 
     @property
     def dropped_events(self) -> int:
-        """How many events the readout has dropped; 0 unless it is told to."""
+        """Number of events that the readout has dropped; 0 unless it is set to drop events."""
         return self._engine.dropped_events
 
     def describe(self) -> dict[str, Any]:
-        """Everything that is needed to repeat the run, for meta.json."""
+        """Return everything that is needed to repeat the run, for meta.json."""
         resolved = {
             "lux_per_luma": self.scene.lux_per_luma,
             "contrast_threshold": self.contrast_threshold,

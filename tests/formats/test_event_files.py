@@ -250,7 +250,7 @@ def test_wrong_options_leave_no_file(tmp_path: Path) -> None:
         open_writer(tmp_path / "e.aedat4", SIZE, compression="gzip")
     with pytest.raises(ValueError, match=r"level must lie in -7\.\.22: got 23"):
         open_writer(tmp_path / "e.aedat4", SIZE, compression="zstd", level=23)
-    with pytest.raises(ValueError, match=r"stands for no event format \(.*\.raw.*\): give format="):
+    with pytest.raises(ValueError, match=r"is no event format \(.*\.raw.*\): give format="):
         open_writer(tmp_path / "e.xyz", SIZE)
     with pytest.raises(ValueError, match=r"format must be one of .*evt3.*: got 'evt4'"):
         open_writer(tmp_path / "e.raw", SIZE, "evt4")

@@ -235,15 +235,15 @@ def test_a_flipped_bit_is_found_and_made_again(
     """By verify whatever the manifest says, and by the next run, which reads what the manifest does not vouch for."""
     before = files_of(root)
     assert main(["verify", str(root)]) == 0
-    assert "all is as it was" in capsys.readouterr().out
+    assert "all files are unchanged" in capsys.readouterr().out
     for index, name in enumerate(names):
         flip(root / f"sequence_0000{index}" / name)
     assert main(["verify", str(root)]) == 1
     out = capsys.readouterr().out
     for index, name in enumerate(names):
-        fault = "" if name == CHECKSUMS else f"{name} is not what it was"
+        fault = "" if name == CHECKSUMS else f"{name} has changed"
         assert f"sequence_0000{index}: {fault}" in out
-    assert f"{len(names)} sequences are not what they were" in out
+    assert f"{len(names)} sequences have changed" in out
     (root / "manifest.jsonl").unlink()
     told: list[str] = []
     assert go_on(root, told).made == len(names)
@@ -259,7 +259,7 @@ def test_files_that_are_gone_or_strange_are_found(root: Path) -> None:
     (root / "manifest.jsonl").write_text("".join([*lines[:2], lines[2].replace('"events": ', '"events": 1')]))
     assert verify_sequences(root) == {
         "sequence_00000": "calib.txt is missing",
-        "sequence_00002": "its line in the manifest is not what it was",
+        "sequence_00002": "its line in the manifest has changed",
         "sequence_00003": "the manifest does not have it",
     }
     shutil.rmtree(root / "sequence_00002")
@@ -285,7 +285,7 @@ def test_what_was_never_made_is_told(root: Path, capsys: pytest.CaptureFixture[s
     out = capsys.readouterr().out
     assert "sequence_00001: it was never made" in out
     assert "sequence_00002: the manifest does not have it" in out
-    assert "2 sequences are not what they were" in out
+    assert "2 sequences have changed" in out
 
 
 @pytest.mark.parametrize("option", [["-o", "x"], ["--workers", "2"], ["--cluster", "x"], ["--dry-run"]], ids=str)
@@ -305,7 +305,7 @@ def test_files_of_others_are_kept(root: Path, capsys: pytest.CaptureFixture[str]
     assert main(["verify", str(root)]) == 0
     out = capsys.readouterr().out
     assert "sequence_00001: there are other files than those that it was made with: labels.txt" in out
-    assert "all is as it was" in out
+    assert "all files are unchanged" in out
     for unknown in (False, True):
         if unknown:
             (root / "manifest.jsonl").unlink()

@@ -297,12 +297,12 @@ def test_shards_hold_what_the_folders_do(folders: Path, tmp_path: Path, kind: st
     data = bytearray(files[f"shard_00001{suffix}"])
     data[len(data) // 2] ^= 1
     (root / f"shard_00001{suffix}").write_bytes(data)
-    assert verify_sequences(root) == {"sequence_00002": f"shard_00001{suffix} is not what it was"}
+    assert verify_sequences(root) == {"sequence_00002": f"shard_00001{suffix} has changed"}
     (root / f"shard_00001{suffix}").write_bytes(data[:-1])
     (root / f".shard_00000{suffix}.{'0' * 32}.part").write_bytes(b"of a run that was killed")
     told: list[str] = []
     assert generate_sequences(plan, root, workers=1, quiet=True, report=told.append).made == 1
-    assert told == [f"shard_00001{suffix} is made again: shard_00001{suffix} is not what it was"]
+    assert told == [f"shard_00001{suffix} is made again: shard_00001{suffix} has changed"]
     assert files_of(root) == files
 
 

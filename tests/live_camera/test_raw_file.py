@@ -158,7 +158,7 @@ def test_text_drops_or_refuses(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="times may not go back: event 500"):
         refusing.write(sent)
     assert "500 events" in refusing.finish()[0]
-    with pytest.raises(ValueError, match=r"the suffix of .*events\.csv.* stands for no event format"):
+    with pytest.raises(ValueError, match=r"the suffix of .*events\.csv.* is no event format"):
         decoded_output(tmp_path / "events.csv", SIZE)
 
 

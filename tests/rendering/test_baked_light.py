@@ -488,7 +488,7 @@ def test_a_bake_that_is_stopped_goes_on_where_it_was(
     monkeypatch.setattr(Irradiance, "_mean_of_part", stopped(np.inf))
     assert np.array_equal(luma_of(scene, 0.2), first)
     assert counts[0] == 3
-    assert "goes on from there" in capsys.readouterr().err
+    assert "continues from there" in capsys.readouterr().err
     assert [file.suffix for file in folder.iterdir()] == [".light"]
 
 

@@ -144,7 +144,7 @@ def sideways(duration_s: float, speed_m_s: float, *, scale: float = 1.0) -> Traj
 
 
 def starting(*, declared: bool = True, duration_s: float = 0.03, speed_m_s: float = 1.5) -> Trajectory:
-    """At rest until :data:`START_S`, then at full speed at once.
+    """Return a path at rest until :data:`START_S`, then at full speed at once.
 
     Args:
         declared: whether the path tells of its break.
@@ -168,7 +168,7 @@ def turning(duration_s: float, rate_rad_s: float) -> Trajectory:
 
 
 def grazing(duration_s: float, speed_m_s: float) -> Trajectory:
-    """Along the floor, looking down on it by 1 degree."""
+    """Return a path along the floor, looking down on it by 1 degree."""
     eye = np.array([0.0, -2.0, 0.15])
     ahead = np.array([0.0, np.cos(np.radians(1.0)), -np.sin(np.radians(1.0))])
     start = Pose.from_matrix(_matrix(look_at(eye, eye + ahead), eye))
@@ -183,7 +183,7 @@ def _straight(
     *,
     breaks_s: npt.ArrayLike = (),
 ) -> CallableTrajectory:
-    """Along the path of :func:`sideways`, by rules for the distance and the speed."""
+    """Return the path of :func:`sideways` with the given distance and speed."""
     start, way = _down(), np.array([0.8, 0.6, 0.0])
     return CallableTrajectory(
         duration_s,

@@ -113,7 +113,7 @@ class LightComparison:
         self.reference = self.baked = np.empty((0, camera.height, camera.width), np.float32)
 
     def measure(self, samples: tuple[int, ...] = LIGHT_SAMPLES) -> Iterator[LightErrors]:
-        """The errors of the reference, of the path tracer with each number of ``samples``, and of baked light."""
+        """Measure errors: of the reference, the path tracer with each number of ``samples``, and baked light."""
         runs = [self._run(seed) for seed in range(_FIRST_SEED, _FIRST_SEED + self._runs)]
         # Neighbours in time are in different halves.
         one, other = (np.asarray(np.mean(half, axis=0), np.float32) for half in (runs[::2], runs[1::2]))

@@ -226,7 +226,7 @@ def _panel(axis: Axes, points: Sequence[tuple[Measurement, float, float]], famil
 
 
 def make_logarithmic(axis: Axes) -> None:
-    """Both scales of a panel, with numbers at 1, 2 and 5."""
+    """Make both scales of a panel logarithmic, with numbers at 1, 2 and 5."""
     from matplotlib.ticker import LogLocator, NullFormatter
 
     axis.set_xscale("log")

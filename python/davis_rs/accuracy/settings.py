@@ -49,7 +49,7 @@ _TOLERANCES = (0.2, 0.1, 0.05, 0.02)
 
 
 def default_settings() -> list[Setting]:
-    """Each axis around a middle: displacement, rays, tolerance; refined times; and the usual way with Mitsuba."""
+    """Return each axis around a middle (displacement, rays, tolerance), refined times, and Mitsuba's usual way."""
     lines = [
         Setting(
             f"lines, {text} px, 8 rays",

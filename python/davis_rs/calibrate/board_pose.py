@@ -38,7 +38,7 @@ class BoardPose:
 
 
 def board_pose(view: BoardView, board: Checkerboard, camera: Camera) -> BoardPose:
-    """The pose that sees the corners nearest to where they are.
+    """Find the board's pose that projects its corners nearest to where they are.
 
     A flat board has two poses that look nearly alike; both are tried (Collins and Bartoli, IJCV 2014, as OpenCV's
     ``SOLVEPNP_IPPE``), and the one that fits is refined.
@@ -62,7 +62,7 @@ def board_pose(view: BoardView, board: Checkerboard, camera: Camera) -> BoardPos
 
 
 def board_poses(views: Sequence[BoardView], board: Checkerboard, camera: Camera) -> list[BoardPose]:
-    """The pose of the board in each view. Views whose corners no pose explains within a pixel are left out.
+    """Find the board's pose in each view. Views whose corners no pose explains within a pixel are left out.
 
     Raises:
         ValueError: if none is left.

@@ -51,7 +51,7 @@ class BodySpline:
         return right_jacobian(self.basis.matrix(t_s) @ coefficients)
 
     def rate_derivatives(self, coefficients: FloatArray, t_s: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """d(rate)/d(d), to first order in d, and d(rate)/d(d'), (n, 3, 3) each."""
+        """Return d(rate)/d(d), to first order in d, and d(rate)/d(d'), (n, 3, 3) each."""
         d, rate = self.basis.matrix(t_s) @ coefficients, self.basis.matrix(t_s, 1) @ coefficients
         turned = np.einsum("nji,nj->ni", rotation_of(d), self._course(t_s, 1))
         jacobian = right_jacobian(d)

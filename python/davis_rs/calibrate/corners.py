@@ -37,7 +37,7 @@ class BoardView:
 
 
 def find_corners(image: npt.NDArray[np.uint8], board: Checkerboard) -> FloatArray | None:
-    """The inner corners of a board in a frame of linear light, (n, 2); None where not all of them can be found.
+    """Find the inner corners of a board in a frame of linear light, (n, 2); None where not all of them are found.
 
     The frame's contrast is stretched and gamma-coded, and the board looked for in an enlargement; then each corner is
     refined in the frame itself, in linear light, within a window that holds no other (OpenCV's ``cornerSubPix``). The
@@ -78,7 +78,7 @@ def find_corners(image: npt.NDArray[np.uint8], board: Checkerboard) -> FloatArra
 def find_board(
     dataset: Dataset, board: Checkerboard, *, start_s: float = 0.0, stop_s: float | None = None
 ) -> list[BoardView]:
-    """The board in every frame of a dataset in which all of it is found.
+    """Find the board in every frame of a dataset that shows all of it.
 
     Args:
         start_s, stop_s: only frames from ``start_s`` on and before ``stop_s`` (None: to the end), in seconds after the

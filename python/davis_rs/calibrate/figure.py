@@ -18,7 +18,7 @@ from .reprojection import inverse
 def draw_intrinsics(
     dataset: Dataset, views: Sequence[BoardView], board: Checkerboard, result: Intrinsics, path: str | Path
 ) -> Path:
-    """Three panels: the worst used frame with its corners; all corners over the sensor; what is left of each.
+    """Draw three panels: the worst used frame with its corners, all corners over the sensor, and each one's residual.
 
     Returns:
         The path of the figure.

@@ -238,11 +238,11 @@ class Reprojection:
         self._board, self._camera = board, camera
 
     def residuals(self, poses: HandEyePoses) -> FloatArray:
-        """(n * m * 2,) pixels; NaN for a corner behind the camera."""
+        """Return the residuals (n * m * 2,) in pixels; NaN for a corner behind the camera."""
         return (self._camera.project(self._points(poses)) - self._corners).ravel()
 
     def jacobian(self, poses: HandEyePoses) -> FloatArray:
-        """d(residuals)/d(step), (n * m * 2, 12), for :meth:`HandEyePoses.moved`."""
+        """Return d(residuals)/d(step), (n * m * 2, 12), for :meth:`HandEyePoses.moved`."""
         points = self._points(poses)
         by_point = projection_jacobian(self._camera, points)
         # A motion of X moves the points against it, one of Z carries the board along.
@@ -257,7 +257,7 @@ class Reprojection:
         return float(np.sqrt(np.square(self.residuals(poses)).reshape(-1, 2).sum(1).mean()))
 
     def covariance(self, poses: HandEyePoses) -> FloatArray:
-        """(12, 12), from how the views' gradients scatter, each view with its neighbours in time.
+        """Return it (12, 12), from how the views' gradients scatter, each view with its neighbours in time.
 
         Source: Newey and West, Econometrica 1987, with the bandwidth of Andrews, Econometrica 1991.
         """

@@ -154,7 +154,7 @@ class InertialProblem:
         )
 
     def residuals(self, s: InertialState) -> FloatArray:
-        """(m,), each over its standard deviation."""
+        """Return the residuals (m,), each divided by its standard deviation."""
         rate, force = self._in_camera(s, s.lag_s)
         r = self._readings
         gyroscope = rate @ s.rotation.T + s.gyroscope_bias - r.rate
@@ -187,7 +187,7 @@ class InertialProblem:
         )
 
     def jacobian(self, s: InertialState) -> Any:
-        """d(residuals)/d(step), sparse; of the angular rates to first order in the small turns."""
+        """Return d(residuals)/d(step), sparse; of the angular rates to first order in the small turns."""
         from scipy.sparse import csr_array, diags_array, vstack
 
         basis, t = self._spline.basis, self._readings.t_s - s.lag_s
@@ -249,7 +249,7 @@ class InertialProblem:
         )
 
     def covariance(self, s: InertialState) -> FloatArray:
-        """(7, 7) of steps of rotation (camera axes), lever and lag, as far as the noise given for the IMU holds."""
+        """Return it (7, 7), of steps of rotation (camera axes), lever and lag, given that the IMU's noise is right."""
         derivative = self.jacobian(s)
         last = np.zeros((derivative.shape[1], _TAIL))
         last[-_TAIL:] = np.eye(_TAIL)

@@ -99,7 +99,7 @@ def calibrate_intrinsics(
 
 
 def thinned(views: Sequence[BoardView], most: int) -> list[BoardView]:
-    """At most ``most`` of the views, evenly spread."""
+    """Return at most ``most`` of the views, evenly spread."""
     if len(views) <= most:
         return list(views)
     return [views[i] for i in np.linspace(0, len(views) - 1, most).round().astype(int)]

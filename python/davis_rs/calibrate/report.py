@@ -17,13 +17,13 @@ FloatArray = npt.NDArray[np.float64]
 
 @singledispatch
 def report(result: Any) -> str:
-    """A calibration's result in a few lines: values, standard deviations and what is left."""
+    """Return a calibration's result in a few lines: values, standard deviations and residuals."""
     raise TypeError(f"no calibration's result: {type(result).__name__}")
 
 
 @singledispatch
 def as_dict(result: Any) -> dict[str, Any]:
-    """A calibration's result of types that JSON knows; units as in its attributes."""
+    """Return a calibration's result in JSON's types; units as in its attributes."""
     raise TypeError(f"no calibration's result: {type(result).__name__}")
 
 

@@ -11,7 +11,7 @@ FloatArray = npt.NDArray[np.float64]
 
 
 def projection_jacobian(camera: Camera, points: FloatArray) -> FloatArray:
-    """d(pixel)/d(point), (..., 2, 3), of :meth:`Camera.project` at points (..., 3) in camera axes."""
+    """Return d(pixel)/d(point), (..., 2, 3), of :meth:`Camera.project` at points (..., 3) in camera axes."""
     x, y, z = np.moveaxis(points, -1, 0)
     zero = np.zeros_like(z)
     ray = np.stack([np.stack([1 / z, zero, -x / z**2], -1), np.stack([zero, 1 / z, -y / z**2], -1)], -2)
@@ -19,7 +19,7 @@ def projection_jacobian(camera: Camera, points: FloatArray) -> FloatArray:
 
 
 def cross_matrix(v: npt.ArrayLike) -> FloatArray:
-    """[v]x, (..., 3, 3), with [v]x w = v x w, of vectors (..., 3)."""
+    """Return [v]x, (..., 3, 3), with [v]x w = v x w, of vectors (..., 3)."""
     x, y, z = np.moveaxis(np.asarray(v, np.float64), -1, 0)
     zero = np.zeros_like(x)
     rows = [[zero, -z, y], [z, zero, -x], [-y, x, zero]]

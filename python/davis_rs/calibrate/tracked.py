@@ -23,7 +23,7 @@ One that leaves all of it is too smooth: it flattens turns, and so moves the cam
 
 
 def tracked_poses(poses: GroundTruth, t_s: npt.ArrayLike) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
-    """T_world_body (n, 4, 4) at times (n,) in seconds, and which of these the tracker covers; the rest is NaN.
+    """Return T_world_body (n, 4, 4) at times (n,) in seconds, and which of these the tracker covers; the rest is NaN.
 
     The poses' own noise is estimated (``davis_rs.trajectory.sample_noise.pose_noise``) and smoothed away by
     splines (:class:`~davis_rs.SampledTrajectory`).

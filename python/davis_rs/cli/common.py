@@ -43,7 +43,7 @@ def add_path(group: argparse._ArgumentGroup) -> None:
     """Add the options that :func:`on_path` reads."""
     add_trajectory(group)
     group.add_argument("--start", type=float, default=0.0, metavar="S", help="where on the trajectory t = 0 lies")
-    group.add_argument("--duration", type=float, metavar="S", help="seconds of it; to the end if not given")
+    group.add_argument("--duration", type=float, metavar="S", help="seconds of the path; to the end if not given")
 
 
 def add_trajectory(group: argparse._ArgumentGroup) -> None:

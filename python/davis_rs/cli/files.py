@@ -26,7 +26,7 @@ def add_convert(conversion: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
     conversion.description = (
         "Convert from any container to any other, in constant memory: events, and the calibration, frames, depth, "
-        "flow, IMU samples and poses that both hold. Values stay as they are; what OUT cannot hold is told in a line."
+        "flow, IMU samples and poses that both hold. Values stay as they are; a message names what OUT cannot hold."
     )
     conversion.set_defaults(run=_convert)
     conversion.add_argument("source", metavar="IN", help="a file of any format, a dataset folder, or a rosbag2")
@@ -34,7 +34,7 @@ def add_convert(conversion: argparse.ArgumentParser) -> None:
         "target", metavar="OUT", help="what to write; without a suffix a dataset folder, or - for standard output"
     )
     conversion.add_argument(
-        "--format", choices=sorted(FORMATS), help="of OUT; if not given, the one that its suffix stands for"
+        "--format", choices=sorted(FORMATS), help="format of OUT; chosen by the suffix if not given"
     )
     conversion.add_argument("--start", type=_microseconds, metavar="S", help="only what is from this time of IN on")
     conversion.add_argument("--stop", type=_microseconds, metavar="S", help="only what is before this time of IN")
@@ -48,10 +48,12 @@ def add_convert(conversion: argparse.ArgumentParser) -> None:
         help=f"only these next to the events, by commas: {', '.join(ALL_PARTS)}; none for events alone",
     )
     conversion.add_argument(
-        "--from-zero", action="store_true", help="take the time of the first event, frame or sample off all times"
+        "--from-zero", action="store_true", help="subtract the time of the first event, frame or sample from all times"
     )
-    conversion.add_argument("--storage", choices=STORAGES, help="of a rosbag2; sqlite3 if not given")
-    conversion.add_argument("--messages", choices=MESSAGES, help="of events in a rosbag2; dvs_msgs if not given")
+    conversion.add_argument("--storage", choices=STORAGES, help="storage of a rosbag2; sqlite3 if not given")
+    conversion.add_argument(
+        "--messages", choices=MESSAGES, help="message type of events in a rosbag2; dvs_msgs if not given"
+    )
     conversion.add_argument(
         "--option", type=_option, action="append", default=[], metavar="NAME=VALUE", help="an option of OUT's format"
     )

@@ -36,7 +36,7 @@ def add_frames(frames: argparse.ArgumentParser) -> None:
     stamps.add_argument(
         "--time-unit",
         choices=("s", "ms", "us", "ns"),
-        help="of --timestamps; if not given, s in text and floating point, us in integers of .npy",
+        help="unit of --timestamps; if not given, s in text and floating point, us in integers of .npy",
     )
     add_settings(frames, FrameFolderSettings)
 

@@ -70,7 +70,7 @@ def _verify(options: argparse.Namespace) -> int:
         print(f"{root / name}: there are other files than those that it was made with: {', '.join(added)}")
     for name, fault in wrong.items():
         print(f"{root / name}: {fault}")
-    print(f"{root}: {len(wrong)} sequences are not what they were" if wrong else f"{root}: all is as it was")
+    print(f"{root}: {len(wrong)} sequences have changed" if wrong else f"{root}: all files are unchanged")
     return 1 if wrong else 0
 
 

@@ -50,7 +50,7 @@ def _add_option(group: argparse._ArgumentGroup, setting: Setting) -> None:
                 "--effects",
                 action="append",
                 choices=("auto",),
-                help="those of --sensor (davis240c if not given) whose omission would show in this scene; effects "
+                help="those of --sensor (davis240c if not given) that matter in this scene; effects "
                 "given by --effect stay as they are",
                 **common,
             )

@@ -29,10 +29,10 @@ def add_sequence(sequence: argparse.ArgumentParser) -> None:
         "and the frames that the recording has: the same as davis-rs simulate NAME. davis-rs sequences lists them."
     )
     sequence.set_defaults(run=_sequence)
-    sequence.add_argument("name", metavar="NAME", help="such as poster_6dof or slider_depth")
+    sequence.add_argument("name", metavar="NAME", help="a sequence, such as poster_6dof or slider_depth")
     path = sequence.add_argument_group("camera path")
     path.add_argument("--start", type=float, default=0.0, metavar="S", help="where in the sequence t = 0 lies")
-    path.add_argument("--duration", type=float, metavar="S", help="seconds of it; to the end if not given")
+    path.add_argument("--duration", type=float, metavar="S", help="seconds to simulate; to the end if not given")
     _add_output(sequence)
     add_settings(sequence, FolderSettings)
 

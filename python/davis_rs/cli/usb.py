@@ -40,17 +40,27 @@ def add_record(record: argparse.ArgumentParser) -> None:
         help="the file to write: .npz (all) or an event file (.txt, .aedat4, ...) decoded, else the camera's bytes",
     )  # fmt: skip
     record.add_argument("--duration", type=float, metavar="S", help="seconds to record")
-    record.add_argument("--serial", metavar="NUMBER", help="of the camera, where there are several")
+    record.add_argument("--serial", metavar="NUMBER", help="serial number of the camera, if there are several")
     record.add_argument("--virtual", metavar="SCENE", help=f"no camera: one in software that sees {SCENE_HELP}")
     record.add_argument(
-        "--biases", choices=tuple(BIAS_SETS), help="a set of the dataset paper; the chip's if not given"
+        "--biases", choices=tuple(BIAS_SETS), help="biases of the dataset paper; the chip's defaults if not given"
     )
-    record.add_argument("--exposure-us", type=int, default=DavisSettings.exposure_us, metavar="US", help="of frames")
     record.add_argument(
-        "--frame-interval-us", type=int, default=DavisSettings.frame_interval_us, metavar="US", help="between frames"
+        "--exposure-us", type=int, default=DavisSettings.exposure_us, metavar="US", help="exposure time of frames"
     )
-    record.add_argument("--accelerometer-range", type=int, default=4, choices=ACCELEROMETER_RANGES_G, help="+- g")
-    record.add_argument("--gyroscope-range", type=int, default=500, choices=GYROSCOPE_RANGES_DEG_S, help="+- deg/s")
+    record.add_argument(
+        "--frame-interval-us",
+        type=int,
+        default=DavisSettings.frame_interval_us,
+        metavar="US",
+        help="time between frames",
+    )
+    record.add_argument(
+        "--accelerometer-range", type=int, default=4, choices=ACCELEROMETER_RANGES_G, help="range in +- g"
+    )
+    record.add_argument(
+        "--gyroscope-range", type=int, default=500, choices=GYROSCOPE_RANGES_DEG_S, help="range in +- deg/s"
+    )
     _add_backward(record)
 
 

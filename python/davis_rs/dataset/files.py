@@ -194,7 +194,7 @@ def append_lines(path: Path, lines: str) -> None:
 
 
 def as_json(meta: Mapping[str, Any]) -> dict[str, Any]:
-    """``meta`` as it will read back from JSON."""
+    """Return ``meta`` as it will read back from JSON."""
     loaded: dict[str, Any] = json.loads(json.dumps(meta, default=_plain, allow_nan=False))
     return loaded
 

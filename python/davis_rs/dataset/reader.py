@@ -112,7 +112,7 @@ class Dataset:
 
     @cached_property
     def size(self) -> tuple[int, int] | None:
-        """(width, height) of the sensor in pixels: of ``meta.json``, else of the first frame; None if neither says."""
+        """The sensor's (width, height): of ``meta.json``, else of the first frame; None if neither says."""
         if "sensor" in self.meta:
             try:
                 width, height = (int(self.meta["sensor"][name]) for name in ("width", "height"))
@@ -214,7 +214,7 @@ class Dataset:
         return samples
 
     def read_image(self, index: int) -> npt.NDArray[np.uint8]:
-        """Intensity frame ``index``: uint8 (H, W)."""
+        """Return intensity frame ``index``: uint8 (H, W)."""
         return self._read_png(self.frames[index].path, "L", "an 8-bit")
 
     def _read_png(self, path: Path, mode: str, what: str) -> npt.NDArray[Any]:
@@ -231,29 +231,29 @@ class Dataset:
         return pixels
 
     def read_depth(self, index: int) -> npt.NDArray[np.float32]:
-        """Depth map ``index``: z along the optical axis in metres, float32 (H, W), inf where nothing is hit."""
+        """Return depth map ``index``: z along the optical axis in metres, float32 (H, W), inf where nothing is hit."""
         return _read_exr(self.depth_maps[index].path, "Z")
 
     def read_flow(self, index: int) -> npt.NDArray[np.float32]:
-        """Flow map ``index``: pixels per second (x right, y down), float32 (H, W, 2), NaN where nothing is hit."""
+        """Return flow map ``index``: pixels/s (x right, y down), float32 (H, W, 2), NaN where nothing is hit."""
         return _read_exr(self.flow_maps[index].path, "U", "V")
 
     def read_displacement(self, index: int) -> Displacement:
-        """Displacement ``index``."""
+        """Return displacement map ``index``."""
         path = self.displacements[index].path
         channels = _read_exr(path, "U", "V", "occluded")
         return Displacement(channels[..., :2], channels[..., 2] > 0)
 
     def read_mask(self, index: int) -> npt.NDArray[np.uint16]:
-        """Mask ``index``: the number of the shape that each pixel sees, uint16 (H, W), 0 for nothing."""
+        """Return mask ``index``: the number of the shape that each pixel sees, uint16 (H, W), 0 for nothing."""
         return self._read_png(self.masks[index].path, "I;16", "a 16-bit").astype(np.uint16)
 
     def read_normals(self, index: int) -> npt.NDArray[np.float32]:
-        """Normals ``index``: unit vectors in camera axes, float32 (H, W, 3), NaN where nothing is hit."""
+        """Return normals ``index``: unit vectors in camera axes, float32 (H, W, 3), NaN where nothing is hit."""
         return _read_exr(self.normal_maps[index].path, "X", "Y", "Z")
 
     def read_luma(self, index: int) -> npt.NDArray[np.float32]:
-        """Luma map ``index``: linear luma, float32 (H, W)."""
+        """Return luma map ``index``: linear luma, float32 (H, W)."""
         path = self.luma[index].path
         luma = _read_exr(path, "Y")
         wrong = ~((luma >= 0) & (luma < np.inf))

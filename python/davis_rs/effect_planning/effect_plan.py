@@ -67,13 +67,13 @@ class EffectPlan:
 
     @property
     def effects(self) -> Effects:
-        """Those called for and those kept; every other candidate is switched off, so that no sensor brings it back."""
+        """The effects called for and those kept; other candidates are switched off, so no sensor brings them back."""
         chosen = {item.effect.name: item.effect for item in self.items if item.called_for}
         off = {item.effect.name for item in self.items} - chosen.keys()
         return self.kept.with_defaults(Effects.of(chosen.values())).without(off)
 
     def describe(self) -> dict[str, Any]:
-        """The plan in JSON's types, for meta.json: what was found of each effect and of the set."""
+        """Return the plan in JSON's types, for meta.json: what was found of each effect and of the set."""
         items = [{**asdict(item), "effect": item.effect.name} for item in self.items]
         return {
             "effects_tolerance": self.effects_tolerance,
@@ -85,7 +85,7 @@ class EffectPlan:
         }
 
     def explain(self) -> str:
-        """The table with all that was found and seen, and what its columns mean."""
+        """Return the table with all that was found and seen, and what its columns mean."""
         return "\n".join([*_table(self, long=True), "", *_wrapped(_summary(self)), "", *_wrapped(_notes(self))])
 
     def __str__(self) -> str:
@@ -199,7 +199,7 @@ def _called(item: PlannedEffect) -> str:
 
 
 def _percent(value: float) -> str:
-    """Without a sign."""
+    """Return a percentage as text, without a sign."""
     size = abs(value)
     if 0 < size < 0.01:
         return "< 0.01 %"

@@ -101,7 +101,7 @@ class EffectsTogether:
         )
 
     def _error(self, pixels: _Pixels, out: Sequence[Effect]) -> float:
-        """Of leaving these out of everything."""
+        """Return the error of leaving these out of everything."""
         names = {effect.name for effect in out}
         rest = Effects.of(effect for effect in self._everything if effect.name not in names)
         return pixels.omission(rest, self._everything)[0].worst_percent

@@ -27,13 +27,13 @@ class TimeScale:
     sampling_error_us: float
 
     def error_percent(self, shifts_us: npt.NDArray[np.float64], moved_too_far: int, events: int) -> float:
-        """The mean shift of all ``events``, in percent of the interval; no event counts for more than one interval."""
+        """Return the mean shift of all ``events``, in percent of the interval; each counts for one interval at most."""
         shifts_us = np.abs(shifts_us)
         counted = np.minimum(shifts_us[shifts_us > self.sampling_error_us], self.interval_us)
         return 100 * (float(counted.sum()) / self.interval_us + moved_too_far) / max(events, 1)
 
     def distance_us(self, found: EventComparison) -> float:
-        """Victor and Purpura's distance, by :func:`compare_events`' price of an event without a partner."""
+        """Return Victor and Purpura's distance, by :func:`compare_events`' price of an event without a partner."""
         shifts_us = np.abs(found.time_error_us)
         return float(shifts_us[shifts_us > self.sampling_error_us].sum()) + self.price_us * (
             found.missing + found.spurious
@@ -47,7 +47,7 @@ class TimeScale:
 
 @dataclass(frozen=True)
 class OmissionError:
-    """What becomes of a stream when effects are left out, in percent of the larger one of both streams.
+    """How a stream changes when effects are left out, in percent of the larger of the two streams.
 
     Attributes:
         count_percent: events without the effects minus those with them.
@@ -74,7 +74,7 @@ class OmissionError:
         return max(abs(self.count_percent), self.rate_percent, self.time_percent)
 
     def with_added(self, made: float, events: float) -> OmissionError:
-        """The same where leaving out takes ``made`` more events than are in the ``events`` of the larger stream."""
+        """Return the same where leaving out takes ``made`` more events than the larger stream's ``events`` have."""
         share = made / max(events + made, 1.0)
         return replace(
             self,

@@ -89,7 +89,7 @@ def plan_effects_of(
     keep: Effects | None = None,
     effects_tolerance: float | None = None,
 ) -> EffectPlan:
-    """As :func:`plan_effects`, with a renderer that there is already, one without a lens.
+    """Plan as :func:`plan_effects` does, with an existing renderer, one without a lens.
 
     An effect is called for where leaving it out errs by more than ``effects_tolerance`` (by default
     ``EFFECTS_TOLERANCE``) in any of three, compared with ideal pixels (see :class:`OmissionError`):

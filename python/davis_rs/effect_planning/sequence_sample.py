@@ -67,23 +67,23 @@ class SequenceSample:
 
     @cached_property
     def pixels(self) -> LumaSample:
-        """A few pixels all the time; of a long sequence in some parts."""
+        """A few pixels over the whole time; of a long sequence in some parts."""
         return self.sample(self.pixel, self.renderer)
 
     @cached_property
     def held_out(self) -> IntArray:
-        """Other pixels than those of :attr:`pixels`, for a test of what was found on these; none of a tiny sensor."""
+        """Return pixels other than those of :attr:`pixels`, to test what was found on these; none of a tiny sensor."""
         return np.setdiff1d(_scattered(self.camera.width, self.camera.height, self.seed + 1), self.pixel)
 
     def sample(self, pixel: IntArray, renderer: Renderer) -> LumaSample:
-        """Pixels y W + x all the time, as a renderer sees them; of a long sequence in some parts."""
+        """Return pixels y W + x over the whole time, as a renderer sees them; of a long sequence in some parts."""
         chosen = [self.t_us]
         if len(self.t_us) > MOST_KEYFRAMES:
             chosen = _spread(self.t_us, PARTS, MOST_KEYFRAMES // PARTS)
         return self._sample_at(chosen, pixel, renderer)
 
     def sampling_error_us(self, window_us: int) -> float:
-        """The median error of the times of events by the sampling in time, at least the 1 us of stamps.
+        """Return the median error of the times of events by the sampling in time, at least the 1 us of stamps.
 
         Found by rendering instants between the keyframes as well. Lines between keyframes err by the square of their
         distance, so the difference is three quarters of the error.
@@ -107,14 +107,14 @@ class SequenceSample:
         return LumaSample(self.luma(self.t_us[:1]), parts, *self._engine, 1.0)
 
     def luma(self, t_us: IntArray) -> LumaFrames:
-        """Whole frames (k, H, W)."""
+        """Return whole frames (k, H, W)."""
         batch = self.stretch.batch
         parts = [self.renderer.luma(self._views(t_us[i : i + batch])) for i in range(0, len(t_us), batch)]
         return np.concatenate(parts)
 
     @property
     def window_us(self) -> int:
-        """How far apart events of the same crossing may be: the time of one pixel of motion, as it is on the average.
+        """How far apart events of the same crossing may be: the average time of one pixel of motion.
 
         At least 0.2 ms, so that common delays can be seen, and 10 ms where nothing moves.
         """
@@ -140,7 +140,7 @@ class SequenceSample:
 
 
 def _spread(t_us: IntArray, parts: int, length: int) -> list[IntArray]:
-    """``parts`` parts of ``length`` consecutive instants, spread evenly; one part if there are no more instants."""
+    """Return ``parts`` parts of ``length`` consecutive instants, spread evenly; one if there are too few instants."""
     if len(t_us) <= parts * length:
         return [t_us]
     starts = np.linspace(0, len(t_us) - length, parts).astype(int)

@@ -120,11 +120,11 @@ class Aps(Effect):
         return limits == (None, None, None, None) and not any(noise)
 
     def readout_us(self, height: int) -> float:
-        """Microseconds from the end of the first row's exposure to the end of the last row's, for ``height`` rows."""
+        """Return the microseconds from the end of the first row's exposure to that of the last row's, of ``height``."""
         return (height - 1) * self.row_readout_us
 
     def read_out(self, luma: npt.ArrayLike, *, frame: int, seed: int = 0) -> npt.NDArray[np.float32]:
-        """The frame (H, W), float32 in units of luma, that is read of mean ``luma`` (H, W) over the exposure.
+        """Return the frame (H, W), float32 in units of luma, read from the exposure's mean ``luma`` (H, W).
 
         Its noise depends on ``seed`` and ``frame`` (whole numbers in 0..2^64 - 1), the frame's number, alone, and its
         fixed patterns on ``seed``.

@@ -25,7 +25,7 @@ _Frame = npt.NDArray[Any]
 
 
 class CustomEffects:
-    """Effects of a user's own, in the order in which they act; docs/effects.md says what one may have.
+    """A user's own effects, in the order in which they act; docs/effects.md says what methods one may have.
 
     Each is an object with one or more of these methods, and need not derive from anything:
 
@@ -81,7 +81,7 @@ class CustomEffects:
         return any(True for _ in self._having("log_intensity"))
 
     def luma(self, t_us: int, luma: _Frame) -> npt.NDArray[np.float32]:
-        """Luma as the pixels see it.
+        """Return luma as the pixels see it.
 
         Raises:
             ValueError: for a result that is no luma, naming effect, time, rule and pixel.
@@ -94,7 +94,7 @@ class CustomEffects:
         return luma
 
     def log_intensity(self, t_us: int, luma: _Frame, log_eps: float) -> npt.NDArray[np.float64]:
-        """Log intensity as the photoreceptor sees it.
+        """Return log intensity as the photoreceptor sees it.
 
         Raises:
             ValueError: for a result that is no log intensity, naming effect, time, rule and pixel.
@@ -105,7 +105,7 @@ class CustomEffects:
         return logs
 
     def events(self, start_us: int, end_us: int | None, events: EventArray) -> EventArray:
-        """The events of (start_us, end_us], or, where that is None, all that are still held.
+        """Return the events of (start_us, end_us], or, where that is None, all that are still held.
 
         Raises:
             ValueError: for a result that is no stream of this interval and this sensor, naming effect, rule and event.
@@ -115,7 +115,7 @@ class CustomEffects:
         return events
 
     def describe(self) -> list[dict[str, Any]]:
-        """A record of each effect: its class, where it acts, its parameters, and the SHA-256 of its source file."""
+        """Return a record of each effect: its class, where it acts, its parameters, its source file's SHA-256."""
         return [_described(one) for one in self._effects]
 
     def _having(self, method: str) -> Iterable[tuple[object, Any]]:

@@ -30,11 +30,11 @@ class Effect(ABC):
         """Whether it changes nothing with these values; it is then off."""
 
     def settings(self) -> dict[str, Any]:
-        """Its parameters by name."""
+        """Return the effect's parameters by name."""
         return asdict(self)  # type: ignore[call-overload]  # implementations are dataclasses
 
     def random(self, seed: int, *, purpose: int = 0, index: int = 0) -> np.random.Generator:
-        """Draws that are a function of (seed, effect, purpose, index) alone; a name's first 8 bytes tell which effect.
+        """Return draws of (seed, effect, purpose, index) alone; a name's first 8 bytes stand for the effect.
 
         Source: Salmon et al., "Parallel random numbers: as easy as 1, 2, 3", SC 2011 (Philox).
         """

@@ -93,17 +93,17 @@ class Effects:
 
     @classmethod
     def of(cls, effects: Iterable[Effect]) -> Effects:
-        """The composition of these; of several of one kind, the last."""
+        """Combine effects; of several of one kind, the last one counts."""
         given: dict[str, Any] = {effect.name: effect for effect in effects}
         return cls(**given)
 
     def with_defaults(self, others: Effects) -> Effects:
-        """These, and of the others those that are not given here, not even with neutral values."""
+        """Return these and, of the others, those not given here (an effect with a neutral value counts as given)."""
         kept = [effect for effect in others if effect.name not in self.switched_off]
         return Effects.of([*kept, *self]).without(self.switched_off)
 
     def without(self, names: Iterable[str]) -> Effects:
-        """These, with the named ones switched off: no defaults bring them back."""
+        """Return these, with the named ones switched off: no defaults bring them back."""
         off = frozenset(names)
         kept = Effects.of(effect for effect in self if effect.name not in off)
         object.__setattr__(kept, "switched_off", self.switched_off | off)
@@ -118,11 +118,11 @@ class Effects:
         return any(True for _ in self)
 
     def engine_settings(self) -> dict[str, dict[str, Any]]:
-        """The parameters, by effect, of those that the crossing engine carries out."""
+        """Return the parameters, by effect, of those that the crossing engine simulates."""
         return {effect.name: effect.settings() for effect in self if isinstance(effect, EngineEffect)}
 
     def describe(self) -> dict[str, dict[str, Any]]:
-        """The parameters of all that are on, by effect, for records: JSON, which knows no infinity but as text."""
+        """Return the parameters of all that are on, by effect, in JSON's types for records; infinity is text."""
         return {
             effect.name: {name: "inf" if value == math.inf else value for name, value in effect.settings().items()}
             for effect in self
@@ -130,7 +130,7 @@ class Effects:
 
 
 def parse_effect(text: str, among: Mapping[str, type[Effect]] = EFFECTS) -> Effect:
-    """An effect as the command line has it: ``NAME``, ``NAME=VALUE``, or ``NAME=VALUE,PARAMETER=VALUE,...``.
+    """Parse an effect of the command line: ``NAME``, ``NAME=VALUE``, or ``NAME=VALUE,PARAMETER=VALUE,...``.
 
     The first value may go without its parameter's name. ``none`` stands for None. ``among`` are the effects by name.
 

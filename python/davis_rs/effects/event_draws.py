@@ -12,7 +12,7 @@ _STEP = 0x9E3779B97F4A7C15
 
 
 def event_draws(events: EventArray, seed: int, purpose: int = 0) -> npt.NDArray[np.float64]:
-    """A uniform draw in [0, 1) for each event: a function of (seed, purpose, t, x, y, p) alone.
+    """Return a uniform draw in [0, 1) for each event: a function of (seed, purpose, t, x, y, p) alone.
 
     So they do not depend on how the stream is cut into packets, which a generator that draws one number after the other
     would. Two events of one pixel at the same microsecond with the same polarity have the same draw.

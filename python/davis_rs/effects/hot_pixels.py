@@ -44,10 +44,10 @@ class HotPixels(EngineEffect):
     acts_on: ClassVar[Where] = "pixel"
 
     def mean_rate_hz(self) -> float:
-        """Events per second of a hot pixel, the mean of all."""
+        """Return events per second of a hot pixel, the mean of all."""
         return min(self.rate_hz * math.exp(self.rate_spread**2 / 2), 1e7)
 
     @property
     def neutral(self) -> bool:
-        """Whether none fires."""
+        """Whether no pixel fires by itself."""
         return self.fraction == 0 or self.rate_hz == 0

@@ -70,7 +70,7 @@ class LeakRate(EngineEffect):
     acts_on: ClassVar[Where] = "pixel"
 
     def mean_rate_hz(self, light: npt.ArrayLike = 0.0) -> npt.NDArray[np.float64]:
-        """The rate at this sensor's temperature, the mean of all pixels, in light of this luma + log_eps."""
+        """Return the mean rate of all pixels at this sensor's temperature, in light of this luma + log_eps."""
         dark = warmth(self.temperature_c, self.doubling_c)
         return np.asarray(self.rate_hz * (dark + np.asarray(light, np.float64) / self.double_luma))
 

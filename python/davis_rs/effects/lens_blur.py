@@ -48,7 +48,7 @@ class LensBlur(Effect):
         return self.sigma_px == 0
 
     def weights(self) -> npt.NDArray[np.float32]:
-        """The kernel along one axis from its centre to its end, (radius + 1,); the other half is the same.
+        """Return the kernel along one axis from its centre to its end, (radius + 1,); the other half is the same.
 
         It ends where the light beyond is less than 2^-23 of the whole, which float32 cannot resolve (at 0.7 px this is
         after three pixels). So what is left out is smaller than the rounding of luma of the same magnitude.

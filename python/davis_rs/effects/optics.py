@@ -53,7 +53,7 @@ class Optics(ImageMap):
 
 
 def with_optics(renderer: Renderer, vignetting: Vignetting | None, lens_blur: LensBlur | None) -> Renderer:
-    """The renderer behind a lens that shades and blurs: luma, its rates and samples are those of the lens's image.
+    """Return the renderer behind a lens that shades and blurs: luma, rates and samples are of the lens's image.
 
     Depth, flow and silhouettes stay those of the scene. The renderer's own 3 x 3 blur comes before the lens.
 

@@ -50,7 +50,7 @@ class PhotoreceptorBandwidth(EngineEffect):
     acts_on: ClassVar[Where] = "log intensity"
 
     def response(self, frequency_hz: npt.ArrayLike, light: npt.ArrayLike) -> npt.NDArray[np.complex128]:
-        """What the low-passes make of a small sine of log intensity: complex gain; arguments are broadcast.
+        """Return the low-passes' complex gain for a small sine of log intensity; arguments are broadcast.
 
         Its absolute value is the gain, 1 / sqrt(2) at the corner of one low-pass alone, and its angle the phase.
 

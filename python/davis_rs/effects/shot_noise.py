@@ -83,7 +83,7 @@ class ShotNoise(EngineEffect):
     def of_rate(
         cls, rate_hz: float, contrast_threshold: float, *, light: float | None = None, **parameters: Any
     ) -> ShotNoise:
-        """The noise that makes ``rate_hz`` events a second, both polarities together, at ``contrast_threshold``.
+        """Return the noise that makes ``rate_hz`` events a second, both polarities together, at ``contrast_threshold``.
 
         Args:
             rate_hz: events per second and pixel, 0 for none.
@@ -116,7 +116,7 @@ class ShotNoise(EngineEffect):
     def rate_hz(
         self, contrast_threshold: npt.ArrayLike, contrast_threshold_off: npt.ArrayLike, light: npt.ArrayLike = 0.0
     ) -> npt.NDArray[np.float64]:
-        """Events per second of a pixel, of both polarities together, by Rice's formula; arguments are broadcast.
+        """Return events per second of a pixel, of both polarities together, by Rice's formula; arguments are broadcast.
 
         ``light`` is luma + log_eps.
         """
@@ -146,7 +146,7 @@ class ShotNoise(EngineEffect):
 
 
 def _steepness(ratio: float) -> float:
-    """(C / rms)^2 where 4 bandwidth_hz over the rate of events in the light in which there are most is ``ratio``.
+    """Return (C / rms)^2 where 4 bandwidth_hz is ``ratio`` times the event rate in the light with most events.
 
     That light is x = 1 / u with u = (C / rms)^2, so ratio^2 = u exp(u + 1), which Lambert's W inverts.
 

@@ -43,7 +43,7 @@ class Vignetting(Effect):
         return self.exponent == 0
 
     def gain(self, camera: Camera) -> LumaFrames:
-        """The factor of each pixel (H, W), float32: that of its centre; 1 on the axis."""
+        """Return the factor of each pixel (H, W), float32: that of its centre; 1 on the axis."""
         squared_tangent = (camera.rays(pixel_centres(camera)) ** 2).sum(-1)
         gain = (1 + squared_tangent) ** (-self.exponent / 2)
         return gain.astype(np.float32).reshape(camera.height, camera.width)

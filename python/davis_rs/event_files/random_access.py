@@ -143,7 +143,7 @@ class RandomAccess:
         opened = self._opened
         if opened is None or opened.process != os.getpid():
             if self._file_state() != self._state:
-                raise DecodeError(f"{self._file} has changed since it was opened: what is known of it no longer holds")
+                raise DecodeError(f"{self._file} has changed since it was opened: open it again")
             opened = self._opened = _Opened(open_reader(self._file, max_packet_bytes=self._rules.max_packet_bytes))
         return opened
 
@@ -172,5 +172,5 @@ class RandomAccess:
             events = reader.read_block(self._blocks.places[block], end - start)
         first_us = int(self._blocks.first_us[block])
         if len(events) != end - start or (first_us != UNKNOWN_US and events["t"][0] != first_us):
-            raise DecodeError(f"{self._file}, events {start}..{end}: it is not what it was when it was opened")
+            raise DecodeError(f"{self._file}, events {start}..{end}: the file has changed since it was opened")
         return EventCheck(self._file, self._rules, self._extent, first=start).take(events)

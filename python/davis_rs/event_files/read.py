@@ -20,7 +20,7 @@ def open_reader(
     outside: Breach = "refuse",
     max_packet_bytes: int = MAX_PACKET_BYTES,
 ) -> EventReader:
-    """A reader of an event file, of a dataset folder or of a rosbag2.
+    """Open a reader of an event file, of a dataset folder or of a rosbag2.
 
     Args:
         path: a file of any format in docs/formats.md, recognised by its content, or a dataset folder.
@@ -53,7 +53,7 @@ def read_events(
     outside: Breach = "refuse",
     max_packet_bytes: int = MAX_PACKET_BYTES,
 ) -> EventArray:
-    """The events of a file as one array of :data:`davis_rs.EVENT_DTYPE`, in the file's order.
+    """Return the events of a file as one array of :data:`davis_rs.EVENT_DTYPE`, in the file's order.
 
     Args:
         path: a file of any format in docs/formats.md, recognised by its content, or a dataset folder.
@@ -85,6 +85,6 @@ def iter_events(
     outside: Breach = "refuse",
     max_packet_bytes: int = MAX_PACKET_BYTES,
 ) -> Iterator[EventArray]:
-    """:func:`read_events` in arrays of ``chunk`` events, the last one shorter, in constant memory."""
+    """Yield :func:`read_events`'s events in arrays of ``chunk``, the last one shorter, in constant memory."""
     with open_reader(path, backward=backward, outside=outside, max_packet_bytes=max_packet_bytes) as reader:
         yield from reader.iter(chunk, start_us=start_us, stop_us=stop_us, roi=roi)

@@ -15,7 +15,7 @@ from ..holding import FileHold
 def open_writer(
     path: Target, size: tuple[int, int], format: str | None = None, *, overwrite: bool = False, **options: Any
 ) -> EventWriter:
-    """A writer of events, streaming and in constant memory; a context manager. See docs/formats.md for the formats.
+    """Open a writer of events, streaming in constant memory; a context manager. See docs/formats.md for the formats.
 
         with davis_rs.open_writer("events.aedat4", size=(240, 180), compression="lz4") as writer:
             for packet in davis_rs.simulate(...):

@@ -60,7 +60,7 @@ def scan_messages(path: Path, limit: int) -> Iterator[ScannedMessage]:
 
 
 def _records(stream: BinaryIO, size: int) -> Iterator[tuple[Header, bytes]]:
-    """(header, data) of each record of a stream of ``size`` bytes, as long as they are whole."""
+    """Yield (header, data) of each record of a stream of ``size`` bytes, as long as they are whole."""
     from rosbags.rosbag1.reader import Header, ReaderError, read_bytes, read_uint32
 
     while True:

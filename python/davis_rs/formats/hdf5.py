@@ -248,7 +248,7 @@ class Hdf5Reader(EventReader):
         fill_events(events, self._times(t), x, y, (p > 0).view(np.uint8))
 
     def _columns(self, start: int, end: int) -> tuple[npt.NDArray[Any], ...]:
-        """t, x, y and p of some events, as the file has them."""
+        """Return t, x, y and p of some events, as the file has them."""
         return tuple(dataset[start:end] for dataset in self._datasets)
 
     def _coordinate(self, name: str, column: npt.NDArray[Any], start: int) -> npt.NDArray[np.uint16]:

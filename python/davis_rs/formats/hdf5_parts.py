@@ -88,7 +88,7 @@ class SeriesWriter:
 def read_series(
     file: h5py.File, path: Path, series: Series, row: tuple[int | None, ...], limit: int
 ) -> Iterator[tuple[int, npt.NDArray[Any]]]:
-    """(t_us, array) of a series, nothing where the file has none; times in seconds are those that are floats.
+    """Yield (t_us, array) of a series, nothing where the file has none; times that are floats are seconds.
 
     Raises:
         DecodeError: for other shapes than ``row``, datasets of different lengths, times that are not finite, and

@@ -34,7 +34,7 @@ _Reader = TypeVar("_Reader", bound="EventReader")
 
 
 class TruncatedFileWarning(UserWarning):
-    """A file ends in the middle of a record, or was never finished: what is whole in it was read."""
+    """A file ends in the middle of a record, or was never finished; its complete records were read."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class Limits:
     height: int = 65_535
 
     def check_size(self, name: str, size: tuple[int, int]) -> tuple[int, int]:
-        """``size`` as (width, height) integers.
+        """Check ``size``, and return it as (width, height) integers.
 
         Raises:
             ValueError: if the format called ``name`` cannot hold a sensor of that size.
@@ -279,14 +279,14 @@ class EventReader(ABC):
 
     @property
     def progress(self) -> float:
-        """How much of the file the iteration that goes on has behind it, 0 .. 1."""
+        """The share of the file that the current iteration has read, 0 .. 1."""
         return 0.0
 
     @final
     def iter(
         self, chunk: int = CHUNK, *, start_us: int | None = None, stop_us: int | None = None, roi: Roi | None = None
     ) -> Iterator[EventArray]:
-        """The events in arrays of ``chunk``, the last one shorter.
+        """Yield the events in arrays of ``chunk``, the last one shorter.
 
         Args:
             chunk: events an array, > 0.
@@ -316,7 +316,7 @@ class EventReader(ABC):
 
     @final
     def read(self, *, start_us: int | None = None, stop_us: int | None = None, roi: Roi | None = None) -> EventArray:
-        """All events of the slice as one array; see :meth:`iter`."""
+        """Return all events of the slice as one array; see :meth:`iter`."""
         if roi is not None or not self.rules.in_order:
             return concatenate_events(list(self.iter(start_us=start_us, stop_us=stop_us, roi=roi)))
         self.check = self._new_check()
@@ -336,7 +336,7 @@ class EventReader(ABC):
 
     @abstractmethod
     def _packets(self, chunk: int, start_us: int | None, stop_us: int | None) -> Iterator[EventArray]:
-        """From the beginning, arrays of about ``chunk`` events at most, in order; all of those with
+        """Yield arrays of about ``chunk`` events at most, in order from the beginning; all of those with
         start_us <= t < stop_us, and perhaps others. What is handed out belongs to the caller."""
 
     def _read(self, start_us: int | None, stop_us: int | None) -> EventArray:
@@ -345,7 +345,7 @@ class EventReader(ABC):
         return concatenate_events(list(parts))
 
     def blocks(self) -> Blocks:
-        """Where the file's events are, such that parts of it can be read by :meth:`read_block`; reads the whole file
+        """Return where the file's events are, so that :meth:`read_block` can read parts of it; reads the whole file
         once where it does not say that itself.
 
         Raises:
@@ -355,7 +355,7 @@ class EventReader(ABC):
         refuse(self.path, f"{self.format} holds nothing to find a place by")
 
     def read_block(self, place: Place, events: int) -> EventArray:
-        """The events of a block, of which :meth:`blocks` has said where it is and how many there are; unchecked.
+        """Return the events of a block that :meth:`blocks` has given, unchecked.
 
         Raises:
             OSError, DecodeError: if it cannot be read, or is malformed.
@@ -389,10 +389,10 @@ class Format(ABC):
 
     @abstractmethod
     def sniff(self, head: bytes, path: Path) -> bool:
-        """Whether a file with these first bytes (4 KiB, or all of it) is one of this format."""
+        """Return whether a file with these first bytes (4 KiB, or all of it) is one of this format."""
 
     def sniff_folder(self, path: Path) -> bool:
-        """Whether a folder is one of this format."""
+        """Return whether a folder is one of this format."""
         return False
 
     open_writer: Callable[..., EventWriter]
@@ -401,7 +401,7 @@ class Format(ABC):
 
     @abstractmethod
     def open_reader(self, path: str | os.PathLike[str], rules: ReadRules = ReadRules()) -> EventReader:  # noqa: B008
-        """A reader; see :func:`davis_rs.read_events`."""
+        """Open a reader; see :func:`davis_rs.read_events`."""
 
 
 def select(events: EventArray, start_us: int | None, stop_us: int | None, roi: Roi | None) -> EventArray:

@@ -83,7 +83,7 @@ class McapScan:
         return names.topics() or None
 
     def _records(self, file: BinaryIO) -> Iterator[tuple[int, int]]:
-        """(kind, length) of each record that is whole, with the file at its content."""
+        """Yield (kind, length) of each record that is whole, with the file at its content."""
         while True:
             head = file.read(_HEAD.size)
             if len(head) < _HEAD.size:

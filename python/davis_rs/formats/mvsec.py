@@ -167,7 +167,7 @@ class MvsecReader(Hdf5PartsReader):
 
 
 def _matrix(pose: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """(4, 4) of a position and a quaternion."""
+    """Return the matrix (4, 4) of a position and a quaternion."""
     from scipy.spatial.transform import Rotation
 
     matrix = np.eye(4)

@@ -200,7 +200,7 @@ class NpyFormat(Format):
 
 
 def read_header(file: IO[bytes], path: Path, max_event_bytes: int) -> tuple[np.dtype[np.void], int]:
-    """dtype and number of events of the array that begins here.
+    """Return dtype and number of events of the array that begins here.
 
     Raises:
         DecodeError: if none begins here, or it is not one of events, or one of its events has more bytes than
@@ -236,7 +236,7 @@ def read_header(file: IO[bytes], path: Path, max_event_bytes: int) -> tuple[np.d
 
 
 def to_events(array: EventArray, path: Path) -> EventArray:
-    """``array`` as events.
+    """Return ``array`` as events.
 
     Raises:
         DecodeError: if it holds what events cannot.

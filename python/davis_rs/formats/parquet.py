@@ -175,13 +175,13 @@ class ParquetReader(EventReader):
         try:
             events = np.empty(rows, EVENT_DTYPE)
         except (MemoryError, ValueError):
-            raise DecodeError(f"{self.path}: it says {rows} events, more than memory holds") from None
+            raise DecodeError(f"{self.path}: it states {rows} events, which do not fit into memory") from None
         filled = 0
         for batch in self._batches(groups, 1 << 18):
             self._fill(events[filled : filled + batch.num_rows], batch)
             filled += batch.num_rows
         if filled != rows:
-            raise DecodeError(f"{self.path}: it says {rows} events, and holds {filled}")
+            raise DecodeError(f"{self.path}: it states {rows} events, but holds {filled}")
         return events
 
     def blocks(self) -> Blocks:

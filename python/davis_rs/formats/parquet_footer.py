@@ -120,7 +120,7 @@ def check_pages(path: Path, group: RowGroup, limit: int) -> None:
 
 
 def _page(file: BinaryIO, place: int, path: Path) -> tuple[int, int, int]:
-    """Of a page: its header's length, what it unpacks to, and what it has packed."""
+    """Return a page's lengths: of its header, unpacked, and packed."""
     file.seek(place)
     header = CompactReader(file.read(_LONGEST_PAGE_HEADER))
     try:

@@ -54,7 +54,7 @@ class CameraLike(Protocol):
     def cy(self) -> float: ...
     @property
     def distortion(self) -> tuple[float, float, float, float, float]:
-        """k1, k2, p1, p2, k3."""
+        """The coefficients k1, k2, p1, p2, k3."""
 
 
 class Calibration(NamedTuple):
@@ -74,7 +74,7 @@ class Calibration(NamedTuple):
 
     @property
     def distortion(self) -> tuple[float, float, float, float, float]:
-        """k1, k2, p1, p2, k3."""
+        """The coefficients k1, k2, p1, p2, k3."""
         return self.k1, self.k2, self.p1, self.p2, self.k3
 
 

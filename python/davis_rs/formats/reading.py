@@ -49,7 +49,7 @@ class ReadRules:
 
     @property
     def in_order(self) -> bool:
-        """Whether times of the file may be relied upon not to go back."""
+        """Whether the file's times never decrease."""
         return self.backward == "refuse"
 
 

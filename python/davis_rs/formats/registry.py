@@ -42,7 +42,7 @@ def format_of_suffix(path: str | os.PathLike[str]) -> Format:
         if suffix in format.suffixes:
             return format
     known = ", ".join(dict.fromkeys(suffix for format in FORMATS.values() for suffix in format.suffixes))
-    raise ValueError(f"the suffix of {os.fspath(path)!r} stands for no event format ({known}): give format=")
+    raise ValueError(f"the suffix of {os.fspath(path)!r} is no event format ({known}): give format=")
 
 
 def format_of_content(path: str | os.PathLike[str]) -> Format:

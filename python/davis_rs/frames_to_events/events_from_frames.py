@@ -26,7 +26,7 @@ def events_from_frames(
     fps: float | None = None,
     **settings: Unpack[FrameSettings],
 ) -> Iterator[Packet]:
-    """Events of a sensor that sees these frames: a generator of packets, in bounded memory.
+    """Yield packets of events of a sensor that sees these frames, in bounded memory.
 
     >>> for packet in events_from_frames(np.load("stack.npy"), fps=240, interpolation="linear"):
     ...     print(packet.end_us, len(packet.events))

@@ -255,7 +255,7 @@ class FrameRun:
         return part
 
     def _effects(self, sensor: SensorParameters) -> tuple[Effects, tuple[str, ...]]:
-        """Those that are given, over those of the sensor; and of these what cannot be had from frames."""
+        """Return the given effects over the sensor's, and the names of the sensor's that frames do not allow."""
         named = _named_effects(self.settings["effects"])
         if named.aps is not None:
             raise ValueError(

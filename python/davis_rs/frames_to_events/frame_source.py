@@ -49,7 +49,7 @@ class Encoding:
 
     @classmethod
     def of(cls, dtype: np.dtype[Any], where: str) -> Encoding:
-        """The encoding of plain images: integers use the whole range of their type and are sRGB, floating point is
+        """Return the encoding of plain images: integers use their type's whole range and are sRGB, floating point is
         linear.
 
         Raises:
@@ -111,7 +111,7 @@ class FrameSource(ABC):
 
     @abstractmethod
     def frames(self) -> Iterator[StampedFrame]:
-        """All frames in order. Stamps are as the source has them; whoever takes them checks that they increase.
+        """Yield all frames in order. Stamps are as the source has them; the caller checks that they increase.
 
         Raises:
             OSError: if a file cannot be read.
@@ -120,8 +120,8 @@ class FrameSource(ABC):
 
     @abstractmethod
     def encoding(self, first: StampedFrame) -> Encoding:
-        """How its values stand for light, which may be known from the first frame on."""
+        """Return how values encode light; a source may know it only from the first frame on."""
 
     @abstractmethod
     def describe(self) -> dict[str, Any]:
-        """What a repetition needs, in JSON's types, for meta.json."""
+        """Return what a repetition needs, in JSON's types, for meta.json."""

@@ -99,7 +99,7 @@ class Cubic(Interpolation):
 
 
 def with_rates(frames: Iterator[SensorFrame], log_eps: np.float32) -> Iterator[tuple[SensorFrame, LumaFrame]]:
-    """Each frame with its rate dY/dt (H, W), in luma per second; one frame is looked ahead.
+    """Yield each frame with its rate dY/dt (H, W), in luma per second; one frame is looked ahead.
 
     Where the next frame cannot be had, the frame before it still comes, as the last one does; then the error is raised.
     """

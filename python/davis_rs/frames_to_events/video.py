@@ -220,7 +220,7 @@ class _Converter:
         self._about, self._name = about, name
 
     def image(self, frame: Any, where: str) -> npt.NDArray[Any]:
-        """uint8 or uint16, (H, W) or (H, W, 3)."""
+        """Return the image as uint8 or uint16, (H, W) or (H, W, 3)."""
         about = self._about
         if (frame.width, frame.height) != (about["width"], about["height"]):
             raise DecodeError(
@@ -275,7 +275,7 @@ class _Converter:
 
 
 def _to_16_bits(image: npt.NDArray[np.float32]) -> npt.NDArray[np.uint16]:
-    """0..1 as 0..65535; what limited range has below black and above white is clipped."""
+    """Return 0..1 as 0..65535; values of limited range below black and above white are clipped."""
     return np.rint(np.clip(image, 0, 1) * np.float32(65535)).astype(np.uint16)
 
 

@@ -114,7 +114,7 @@ def damage(folder: Path, *, contents: bool = True) -> str | None:
     for name, digest in listed.items() if contents else ():
         try:
             if file_sha256(folder / name) != digest:
-                return f"{name} is not what it was"
+                return f"{name} has changed"
         except OSError as error:
             return f"{name} cannot be read: {error}"
     return None

@@ -42,7 +42,7 @@ class Where:
         raise ValueError(f"{self.file}: {self.path or 'the plan'}: must be {rule}, got {value!r}")
 
     def mapping(self, value: Any, rule: str) -> dict[str, Any]:
-        """``value`` if it is a mapping from texts."""
+        """Return ``value`` if it is a mapping from texts."""
         if not isinstance(value, dict):
             self.refuse(rule, value)
         for key in value:

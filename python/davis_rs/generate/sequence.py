@@ -82,7 +82,7 @@ class DrawnSequence:
 
     @property
     def _end_s(self) -> float | None:
-        """Where on the camera's path the sequence ends, if the plan says so."""
+        """The end of the sequence on the camera's path, if the plan says so."""
         duration_s: float | None = self.parameters.get("duration")
         return None if duration_s is None else (self.parameters.get("start") or 0.0) + duration_s
 
@@ -103,7 +103,7 @@ class DrawnSequence:
         return scene.crop(start_s, duration_s)
 
     def _start_pose(self, scene: Scene, start_s: float) -> Pose | None:
-        """Where the camera's path shall start; None: where it does anyway."""
+        """Return where the plan has the camera's path start; None if it does not say."""
         given = self.parameters.get("start_pose")
         if given is None:
             return None

@@ -64,7 +64,7 @@ KEYS: dict[str, Parser] = {
 
 @dataclass(frozen=True)
 class SequencePlan:
-    """A plan that was read.
+    """A plan of sequences, as read from its file.
 
     Attributes:
         file: where it came from; scenes, calibrations, sensors and trajectories that are files are relative to its
@@ -93,7 +93,7 @@ class SequencePlan:
         return hashlib.sha256(text.encode()).hexdigest()
 
     def parameters(self, index: int) -> dict[str, Any]:
-        """What is drawn for a sequence, in JSON's types and the order of the keys' names.
+        """Draw the parameters of a sequence, in JSON's types, in the order of the keys' names.
 
         A value is a function of (the plan's seed, ``index``, its key path), so that another key, another order of keys
         or more sequences change none. The seeds that are not given are drawn as well: ``seed`` of the simulation, a
@@ -192,7 +192,7 @@ def _digests(tree: Mapping[str, Any], base: Path) -> dict[str, str]:
 
 
 def _listing_sha256(key: str, folder: Path) -> str:
-    """Of the names and sizes of what is drawn from in a folder: to read all of a large one would take too long."""
+    """Return a hash of the names and sizes of a folder's files; reading all of a large one would take too long."""
     try:
         files = FOLDERS[key](folder)
     except ValueError:  # it has none: refused where it is needed

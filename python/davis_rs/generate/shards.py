@@ -27,7 +27,7 @@ MOST_IN_A_SHARD = 100_000
 
 @dataclass(frozen=True)
 class Shards:
-    """How sequences are put together.
+    """How sequences are packed into files.
 
     Attributes:
         format: a key of ``WRITERS``.
@@ -38,11 +38,11 @@ class Shards:
     sequences: int
 
     def name(self, index: int) -> str:
-        """The file that a sequence belongs to."""
+        """Return the file that a sequence belongs to."""
         return f"shard_{index // self.sequences:05d}{WRITERS[self.format][0]}"
 
     def members(self, index: int, total: int) -> range:
-        """The sequences of that file, of so many of a plan."""
+        """Return the sequences of that file, of a plan with ``total`` of them."""
         first = index - index % self.sequences
         return range(first, min(first + self.sequences, total))
 
@@ -124,7 +124,7 @@ def shard_fault(root: Path, shard: Mapping[str, Any], *, contents: bool = True) 
     path = root / shard["name"]
     try:
         if path.stat().st_size != shard["bytes"] or (contents and file_sha256(path) != shard["sha256"]):
-            return f"{path.name} is not what it was"
+            return f"{path.name} has changed"
     except OSError as error:
         return f"{path.name} is missing" if isinstance(error, FileNotFoundError) else f"{path.name}: {error}"
     return None

@@ -105,5 +105,5 @@ def _fault(folder: Path, line: dict[str, Any]) -> str | None:
     if fault is not None:
         return fault
     if folder_sha256(folder) != line.get("sha256"):
-        return f"{CHECKSUMS} is not what it was"
-    return None if describe_folder(folder) == line else "its line in the manifest is not what it was"
+        return f"{CHECKSUMS} has changed"
+    return None if describe_folder(folder) == line else "its line in the manifest has changed"

@@ -10,7 +10,7 @@ from ..trajectory.trajectory import Trajectory
 
 
 def camera_velocities(trajectory: Trajectory, t_us: npt.NDArray[np.int64]) -> Velocities:
-    """Velocities and accelerations along a trajectory at times (n,) in microseconds of it.
+    """Return velocities and accelerations along a trajectory at times (n,) in microseconds of it.
 
     Raises:
         ValueError: for a time outside of the trajectory.

@@ -78,7 +78,7 @@ class EventTruth:
 
 
 def event_truth(scene: Scene, events: EventArray, camera: Camera | None = None) -> EventTruthArray:
-    """Depth, optical flow and shape at events that a scene made.
+    """Return depth, optical flow and shape at events that a scene made.
 
     >>> truth = event_truth(scene, events)
     >>> truth["depth"], truth["flow"], truth["shape"]

@@ -116,7 +116,7 @@ class SceneSurfaces:
         )
 
     def frame(self, views: Views, number: int = 0) -> Surfaces:
-        """What all pixels of one of the views meet; arrays of H W rows."""
+        """Return what all pixels of one of the views see; arrays of H W rows."""
         view = views[number : number + 1]
         cameras = self._cameras(view)
         depth, triangle = self._core.depth(self._pixel_rays, _arrays(cameras))
@@ -124,7 +124,7 @@ class SceneSurfaces:
         return self._surfaces(cameras, np.zeros_like(pixel), pixel, depth, triangle)
 
     def of_pixels(self, views: Views, view: Indices, pixel: Indices) -> Surfaces:
-        """What single pixels meet.
+        """Return what single pixels see.
 
         Args:
             view: (m,) which of the views.
@@ -137,7 +137,7 @@ class SceneSurfaces:
         return self._surfaces(cameras, view, pixel, depth, triangle)
 
     def displacement(self, views: Views) -> Displacement:
-        """How far the points go that the first of two views sees, until the second.
+        """Return how far the points seen by the first of two views move in the image until the second.
 
         Each point is followed with its surface: on a body that moves, with the body.
         """
@@ -195,7 +195,7 @@ class SceneSurfaces:
         return Surfaces(depth, self._shape_of[triangle], normal, flow)
 
     def _cameras(self, views: Views) -> list[Views]:
-        """In the world, and in the frame of each object that moves."""
+        """Return the cameras in the world, and in the frame of each object that moves."""
         return [views, *(seen_from(views, poses) for poses in self._motion.at(views.t_s).objects)]
 
     @cached_property
@@ -204,7 +204,7 @@ class SceneSurfaces:
 
     @cached_property
     def _rays(self) -> FloatArray:
-        """(H W, 3), camera-frame z of length 1."""
+        """The rays (H W, 3) in camera axes, with z = 1."""
         xy = ray_table(self.camera, 1)[0]
         return np.concatenate([xy, np.ones((len(xy), 1))], 1)
 

@@ -73,7 +73,7 @@ class Imu:
 
     @classmethod
     def mpu6150(cls) -> Imu:
-        """The InvenSense MPU-6150 of the paper's DAVIS240C, with all of its imperfections.
+        """Return the InvenSense MPU-6150 of the paper's DAVIS240C, with all of its imperfections.
 
         It samples at 1 kHz with full scales of +-16 g and +-2000 deg/s in 16 bits. It is mounted as calibrated, its
         samples are 2.4 ms late in all, and its noise is that of ESIM.
@@ -91,18 +91,18 @@ class Imu:
 
     @property
     def lag_s(self) -> float:
-        """How old the motion is that a sample shows, in seconds."""
+        """The age of the motion that a sample shows, in seconds."""
         if self.lag is not None:
             return self.lag.total_s
         return self.low_pass.delay_s if self.low_pass is not None else 0.0
 
     @property
     def place(self) -> Mounting:
-        """The mounting, also where it is the camera's own."""
+        """The mounting of the IMU; the identity if none was given."""
         return self.mounting or Mounting(np.eye(4))
 
     def describe(self) -> dict[str, Any]:
-        """What it is, of types that JSON knows."""
+        """Return what it is, in JSON's types."""
         effects = {name: getattr(self, name) for name in IMU_EFFECTS}
         return {
             "rate_hz": self.rate_hz,
@@ -114,7 +114,7 @@ class Imu:
 
 
 def simulate_imu(trajectory: Trajectory, imu: Imu | None = None, *, seed: int = 0) -> ImuArray:
-    """What an IMU on the trajectory reads: specific force and angular rate, with the trajectory's own derivatives.
+    """Return what an IMU on the trajectory reads: specific force and angular rate, by the trajectory's derivatives.
 
     With R the rotation from camera to IMU, c the IMU's place in camera axes, a, w and dw/dt the camera's acceleration
     (world axes), body rate and its derivative, and g gravity,
@@ -151,7 +151,7 @@ def simulate_imu(trajectory: Trajectory, imu: Imu | None = None, *, seed: int = 
 
 
 def as_imu(samples: npt.ArrayLike) -> ImuArray:
-    """``samples`` as an array of :data:`IMU_DTYPE`, checked.
+    """Return ``samples`` as an array of :data:`IMU_DTYPE`, checked.
 
     Raises:
         ValueError: for another dtype or shape, times that do not increase, or a value that is not finite.

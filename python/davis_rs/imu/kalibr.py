@@ -8,7 +8,7 @@ from .noise import ImuNoise
 
 
 def kalibr_imu(imu: Imu, *, topic: str = "/dvs/imu") -> str:
-    """The text of Kalibr's ``imu.yaml``: rate and noise densities, zero where the IMU has no noise.
+    """Return the text of Kalibr's ``imu.yaml``: rate and noise densities, zero where the IMU has no noise.
 
     Source: Kalibr's documentation, "YAML formats".
     """
@@ -21,7 +21,7 @@ def kalibr_imu(imu: Imu, *, topic: str = "/dvs/imu") -> str:
 
 
 def kalibr_camera_chain(camera: Camera, imu: Imu, *, topic: str = "/dvs/image_raw") -> str:
-    """The text of Kalibr's ``camchain.yaml`` with one camera: T_cam_imu, and t_imu = t_cam + timeshift_cam_imu.
+    """Return the text of Kalibr's ``camchain.yaml`` with one camera: T_cam_imu, and t_imu = t_cam + timeshift_cam_imu.
 
     Raises:
         ValueError: for a camera with k3, which Kalibr's model ``radtan`` lacks.

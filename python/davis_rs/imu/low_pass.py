@@ -52,11 +52,11 @@ class ImuLowPass(Effect):
 
     @property
     def neutral(self) -> bool:
-        """Never: a filter that changes nothing is one that is not asked for."""
+        """Always False: a filter changes every sample."""
         return False
 
     def kernel(self) -> tuple[FloatArray, FloatArray]:
-        """Times about the delayed instant (k,), in seconds, within +-``delay_s``, and their weights (k,), of sum 1."""
+        """Return times (k,) around the delayed instant, in seconds, within +-``delay_s``, and weights (k,) of sum 1."""
         from scipy.optimize import brentq
 
         wide = np.sqrt(np.log(2)) / (2 * np.pi * self.bandwidth_hz)  # of a Gaussian that is not cut

@@ -47,11 +47,11 @@ class ImuNoise(Effect):
 
     @property
     def neutral(self) -> bool:
-        """Whether there is none."""
+        """Whether there is no noise."""
         return not any(self.settings().values())
 
     def draw(self, count: int, rate_hz: float, seed: int) -> FloatArray:
-        """Noise and bias of ``count`` samples, (count, 6): accelerometer x y z, gyroscope x y z, SI units."""
+        """Return noise and bias of ``count`` samples, (count, 6): accelerometer x y z, gyroscope x y z, SI units."""
         densities = np.repeat([self.accelerometer_noise_density, self.gyroscope_noise_density], 3)
         walks = np.repeat([self.accelerometer_random_walk, self.gyroscope_random_walk], 3)
         white = self.random(seed, purpose=0).standard_normal((count, 6)) * (densities * np.sqrt(rate_hz))

@@ -48,7 +48,7 @@ class ImuQuantisation(Effect):
         return self.bits == 0
 
     def apply(self, values: FloatArray) -> FloatArray:
-        """``values`` (n, 6), m/s^2 and rad/s, as the nearest codes stand for."""
+        """Return ``values`` (n, 6), m/s^2 and rad/s, rounded to those of the nearest codes."""
         codes = 2 ** (self.bits - 1)
         step = full_scales(self.acceleration_g, self.rate_deg_s) / codes
         quantised: FloatArray = np.clip(np.rint(values / step), -codes, codes - 1) * step

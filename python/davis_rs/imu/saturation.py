@@ -14,7 +14,7 @@ from ..pose import FloatArray
 
 @dataclass(frozen=True)
 class ImuSaturation(Effect):
-    """Each axis is held within its full scale.
+    """Each axis is clipped to its full scale.
 
     Args:
         acceleration_g: the full scale is +- this many g (of 9.80665 m/s^2), > 0.
@@ -44,7 +44,7 @@ class ImuSaturation(Effect):
         return bool(np.isinf(self.acceleration_g) and np.isinf(self.rate_deg_s))
 
     def apply(self, values: FloatArray) -> FloatArray:
-        """``values`` (n, 6), m/s^2 and rad/s, within the full scale."""
+        """Return ``values`` (n, 6), m/s^2 and rad/s, clipped to the full scale."""
         scales = full_scales(self.acceleration_g, self.rate_deg_s)
         return np.clip(values, -scales, scales)
 

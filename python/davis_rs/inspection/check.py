@@ -173,7 +173,7 @@ def _voiding_custom_effects(meta: dict[str, Any]) -> list[str]:
 
 
 def _sensor_size(dataset: Dataset, meta: dict[str, Any]) -> tuple[int, int] | None:
-    """(width, height); reads the calibration, unless ``meta.json`` says that there is none."""
+    """Return (width, height); read the calibration, unless ``meta.json`` says that there is none."""
     if meta.get("calibrated") is False:
         return dataset.size
     camera = dataset.camera

@@ -126,14 +126,14 @@ def view(
 
 
 def check_figure_path(path: str | Path) -> Path:
-    """``path`` as a Path, if its suffix is a picture format that can be written.
+    """Return ``path`` as a Path, if its suffix is a picture format that can be written.
 
     Raises:
         ValueError: for another suffix, or none; the message lists those there are.
     """
     if Path(path).suffix.lower().removeprefix(".") not in _FORMATS:
         known = ", ".join(f".{name}" for name in _FORMATS)
-        raise ValueError(f"the suffix of {str(path)!r} stands for no picture format: it must be one of {known}")
+        raise ValueError(f"the suffix of {str(path)!r} is no picture format: it must be one of {known}")
     return Path(path)
 
 

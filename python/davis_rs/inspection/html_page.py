@@ -169,7 +169,7 @@ def _page(label: str, kept: dict[str, tuple[int, int]], data: dict[str, Any]) ->
 
 
 def _hash(text: str) -> str:
-    """As a content security policy names an inline script (W3C, CSP Level 3, section 2.3.1)."""
+    """Return an inline script's hash for a content security policy (W3C, CSP Level 3, section 2.3.1)."""
     return "sha256-" + base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
 
 
@@ -178,7 +178,7 @@ def _base64(array: npt.NDArray[Any], dtype: str) -> str:
 
 
 def _window_us(sequence: VisualSequence, kept: int, duration_us: int) -> int:
-    """As long as it takes for the kept events to cover a share of the pixels."""
+    """Return the time in which the kept events cover a share of the pixels."""
     pixels = sequence.size[0] * sequence.size[1]
     window = _EVENTS_A_PIXEL * pixels * duration_us / max(1, kept)
     return max(1, round(min(max(window, duration_us / 1000), duration_us / 4)))

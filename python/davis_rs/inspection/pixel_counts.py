@@ -53,7 +53,7 @@ class PixelCounts:
 
     @property
     def busiest(self) -> tuple[int, int, int]:
-        """x and y of the pixel with most events, the first one in rows, and how many."""
+        """The pixel with most events (the first of them, row by row): x, y, and how many."""
         if self._image is None:
             at = int(self._counts.argmax())
             return int(self._keys[at] & 0xFFFF), int(self._keys[at] >> 16), int(self._counts[at])

@@ -201,7 +201,7 @@ class _Writer:
             self._stream.log("events/cloud", rr.Points3D(positions, colors=colours, radii=rr.Radius.ui_points(1.0)))
 
     def event_rates(self) -> None:
-        """ON and OFF events a second, of all events."""
+        """Log ON and OFF events per second, of all events."""
         rr, sequence = self._rr, self._sequence
         bin_us, on, off = event_counts(sequence.events, sequence.start_us, sequence.end_us, _RATE_BINS)
         middles = sequence.start_us + (np.arange(len(on)) + 0.5) * bin_us

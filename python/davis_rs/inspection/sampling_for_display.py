@@ -11,7 +11,7 @@ Indices = npt.NDArray[np.int64]
 
 
 def sample_events(events: EventArray, most: int) -> EventArray:
-    """At most ``most`` events, in their order: one drawn at random from each of ``most`` runs of equal length.
+    """Return at most ``most`` events, in their order: one drawn at random from each of ``most`` runs of equal length.
 
     So the rate of events stays the same share everywhere, and no regular pattern in the order of pixels becomes
     visible, as it would if every k-th event were taken. The seed is fixed: the same events give the same sample.
@@ -29,7 +29,7 @@ def sample_events(events: EventArray, most: int) -> EventArray:
 
 
 def evenly_spaced(count: int, most: int) -> Indices:
-    """At most ``most`` of the indices 0 .. ``count`` - 1, evenly spaced, with the first and the last."""
+    """Return at most ``most`` of the indices 0 .. ``count`` - 1, evenly spaced, with the first and the last."""
     if count <= most:
         return np.arange(count)
     return np.round(np.linspace(0, count - 1, most)).astype(np.int64)

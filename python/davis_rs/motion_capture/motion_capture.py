@@ -34,12 +34,12 @@ class MotionCapture:
         periodic_instants(self.rate_hz, 0, 0)  # refuses a bad rate
 
     def describe(self) -> dict[str, Any]:
-        """What it is, of types that JSON knows."""
+        """Return what it is, in JSON's types."""
         effects = {"noise": self.noise, "clock": self.clock}
         return {"rate_hz": self.rate_hz, **{name: e.settings() for name, e in effects.items() if e is not None}}
 
     def poses(self, trajectory: Trajectory, *, seed: int = 0) -> GroundTruth:
-        """Every pose that falls in the trajectory, as stamped: at round(k 1e6 / rate) us of the system's clock.
+        """Return every pose within the trajectory, as stamped: at round(k 1e6 / rate) us of the system's clock.
 
         Args:
             trajectory: from the camera's t = 0 to its end.

@@ -44,7 +44,7 @@ class MocapNoise(Effect):
         return self.position_m == 0 and self.rotation_rad == 0
 
     def apply(self, poses: GroundTruth, seed: int) -> GroundTruth:
-        """``poses`` with noise; the first n do not depend on how many follow."""
+        """Return ``poses`` with noise; the first n do not depend on how many follow."""
         from scipy.spatial.transform import Rotation
 
         draws = self.random(seed).standard_normal((len(poses.t_us), 6))

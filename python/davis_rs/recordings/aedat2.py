@@ -113,7 +113,7 @@ def _line(header: bytes, pattern: bytes) -> str:
 
 
 def _started(header: bytes) -> datetime | None:
-    """'# created Fri Sep 18 09:50:42 CEST 2015', of which the zone is no more than a name."""
+    """Read '# created Fri Sep 18 09:50:42 CEST 2015'; the zone is only a name, so it is not used."""
     words = _line(header, rb"# created ([^\r\n]*)").split()
     try:
         return datetime.strptime(" ".join([*words[1:4], words[-1]]), "%b %d %H:%M:%S %Y") if words else None

@@ -24,7 +24,7 @@ class Samples(NamedTuple):
     value: npt.NDArray[np.uint32]
 
     def where(self, mask: npt.NDArray[np.bool_]) -> Samples:
-        """Those of a mask."""
+        """Return the samples of a mask."""
         return Samples(self.t[mask], self.x[mask], self.y[mask], self.read[mask], self.value[mask])
 
 

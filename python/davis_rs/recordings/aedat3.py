@@ -166,7 +166,7 @@ def _frame(place: str, data: bytes, at: int, size: int, base: int) -> Frame | No
 
 
 def _started(header: str) -> datetime | None:
-    """'#Start-Time: 2016-06-03 17:12:58 (TZ+0200)'."""
+    """Read '#Start-Time: 2016-06-03 17:12:58 (TZ+0200)'."""
     match = re.search(r"#Start-Time: *(\d+-\d+-\d+ \d+:\d+:\d+) *(?:\(TZ *([+-]\d{4})\))?", header)
     try:
         if match is None:

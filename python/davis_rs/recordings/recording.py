@@ -83,7 +83,7 @@ class Recording:
         return min([*times, *(frame.t for frame in self.frames)], default=0)
 
     def from_start(self) -> Recording:
-        """The same with times that count from :attr:`start_us`, as those of a sequence do."""
+        """Return the recording with times that count from :attr:`start_us`, as those of a sequence do."""
         start = self.start_us
         events, imu, triggers = self.events.copy(), self.imu.copy(), self.triggers.copy()
         events["t"] -= start

@@ -48,7 +48,7 @@ NO_TRACKS = EdgeTracks(_NO_PIXELS, _NO_PIXELS, _NO_PIXELS, _NO_PIXELS, np.empty(
 
 
 def instants_of_spans(start_us: IntArray, end_us: IntArray) -> IntArray:
-    """(n, 5): when spans (n,) of at least :data:`SHORTEST_US` are seen, in whole microseconds."""
+    """Return the whole microseconds (n, 5) at which spans (n,) of at least :data:`SHORTEST_US` are seen."""
     return start_us[:, None] + (end_us - start_us)[:, None] * np.arange(INSTANTS) // (INSTANTS - 1)
 
 

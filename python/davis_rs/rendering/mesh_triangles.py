@@ -47,7 +47,7 @@ class MeshTriangles:
         return np.concatenate([self.normals, offsets[:, None]], 1)
 
     def affine(self, values: FloatArray) -> FloatArray:
-        """(n, 4) maps that take the values (n, 3) at a triangle's three corners, and are linear between."""
+        """Return maps (n, 4) that have the values (n, 3) at a triangle's corners, and are linear between."""
         slopes = np.einsum("ij,ijk->ik", values[:, 1:] - values[:, :1], self.gradients)
         offsets = values[:, 0] - np.einsum("ij,ij->i", slopes, self.corners[:, 0])
         return np.concatenate([slopes, offsets[:, None]], 1)
@@ -60,7 +60,7 @@ class MeshTriangles:
         return self.affine(self.uv[..., 0]), self.affine(self.uv[..., 1])
 
     def normal_maps(self) -> tuple[FloatArray, bool]:
-        """(n, 3, 4) maps of the shading normal, and whether any triangle is smooth (has it differ from its plane's)."""
+        """Return maps (n, 3, 4) of the shading normal, and whether any triangle is smooth (its normals vary)."""
         flat = np.zeros((self.count, 3, 4))
         flat[..., 3] = self.normals
         if self.vertex_normals is None:
@@ -70,7 +70,7 @@ class MeshTriangles:
         return maps, bool(differs)
 
     def turned(self, normal_maps: FloatArray, mi: Any) -> float:
-        """-1 where Mitsuba's normals are the opposite (flipped, or a mirrored rectangle), else 1.
+        """Return -1 where Mitsuba's normals are the opposite (flipped, or a mirrored rectangle), else 1.
 
         A mesh is turned as a whole: its first triangle with an area tells.
         """

@@ -29,11 +29,11 @@ class ImageMap(ABC):
 
     @abstractmethod
     def frames(self, luma: LumaFrames) -> LumaFrames:
-        """New frames (n, H, W), float32, of frames (n, H, W); each as if it were alone."""
+        """Return new frames (n, H, W), float32, of frames (n, H, W); each as if it were alone."""
 
     @abstractmethod
     def pixels(self, squares: LumaFrames, pixel: Indices) -> LumaFrames:
-        """The bits of :meth:`frames` (m,) at m pixels, of the squares (2 reach + 1, 2 reach + 1, m) around them."""
+        """Return the bits of :meth:`frames` (m,) at m pixels, given the squares (2 reach + 1, 2 reach + 1, m) there."""
 
 
 class Neighbours:
@@ -63,7 +63,7 @@ class Neighbours:
         self._size = views * size
 
     def squares(self, luma: LumaFrames) -> LumaFrames:
-        """(2 reach + 1, 2 reach + 1, m), by y and x, from the luma of those to render."""
+        """Return the squares (2 reach + 1, 2 reach + 1, m), by y and x, from the luma of those to render."""
         if self._place is None:
             return luma.reshape(self.wanted.shape)
         frames = np.empty(self._size, np.float32)

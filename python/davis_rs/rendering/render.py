@@ -65,11 +65,11 @@ class Renderer(ABC):
 
     @property
     def reach_px(self) -> int:
-        """How many pixels away, in x or y, the farthest one lies whose light a pixel has, by the blur and the lens."""
+        """The largest distance in pixels, in x or y, from which blur and lens bring light to a pixel."""
         return int(self.blur) + (0 if self.optics is None else self.optics.reach)
 
     def luma(self, views: Views) -> LumaFrames:
-        """Linear luma (n, H, W), float32, of n views."""
+        """Return linear luma (n, H, W), float32, of n views."""
         return self.begin_luma(views)()[0]
 
     def begin_luma(self, views: Views) -> Launched:
@@ -78,12 +78,12 @@ class Renderer(ABC):
         return lambda: (self._finished(frames()), None)
 
     def begin_luma_and_rate(self, views: Views) -> Launched:
-        """The same as :meth:`begin_luma`, for :meth:`luma_and_rate`. It is rendered at once."""
+        """Do as :meth:`begin_luma` does, for :meth:`luma_and_rate`. It is rendered at once."""
         both = self.luma_and_rate(views)
         return lambda: both
 
     def luma_and_rate(self, views: Views) -> tuple[LumaFrames, LumaFrames]:
-        """:meth:`luma`, and dY/dt in luma per second at each instant, (n, H, W), float32.
+        """Return :meth:`luma`, and dY/dt in luma per second at each instant, (n, H, W), float32.
 
         The rate is total: of the camera, of all that moves, and of the lights. It is that of the surfaces which the
         rays hit, shading and texture included. What appears, vanishes or passes into shadow is not in it: at the edges
@@ -97,7 +97,7 @@ class Renderer(ABC):
     def samples(
         self, views: Views, view: npt.ArrayLike, pixel: npt.ArrayLike, *, rays: int | None = None
     ) -> LumaFrames:
-        """Luma (m,), float32, of m single pixels: the bits of ``luma(views)[view, y, x]``, without the rest.
+        """Return luma (m,), float32, of m single pixels: the bits of ``luma(views)[view, y, x]``, without the rest.
 
         Args:
             view: (m,) which of the views.
@@ -123,7 +123,7 @@ class Renderer(ABC):
         return self._composed(squares, pixel)
 
     def edge_tracks(self, views: Views, t_us: Indices, *, tolerated: float, log_eps: float) -> list[EdgeTracks] | None:
-        """Luma of the pixels that edges of the geometry pass, through each of n spans of time.
+        """Return luma of the pixels that edges of the geometry pass, through each of n spans of time.
 
         Of a span's pixels some rays see one surface all the time, and change evenly. The others jump, at the instants
         at which an edge passes them; these follow from the geometry. What the rays see is rendered at three instants,
@@ -151,11 +151,11 @@ class Renderer(ABC):
         return squares[0, 0] if self.optics is None else self.optics.pixels(squares, pixel)
 
     def depth(self, views: Views) -> npt.NDArray[np.float32]:
-        """Depth (n, H, W), float32: z along the optical axis in metres; inf where a ray hits nothing."""
+        """Return depth (n, H, W), float32: z along the optical axis in metres; inf where a ray hits nothing."""
         return self._depth(views) if len(views) else self._blank(views)
 
     def flow(self, views: Views) -> npt.NDArray[np.float32]:
-        """Optical flow (n, H, W, 2), float32, in pixels per second (x right, y down); NaN where a ray hits nothing.
+        """Return optical flow (n, H, W, 2), float32, in pixels/s (x right, y down); NaN where a ray hits nothing.
 
         It is the motion in the image, through the lens, of the surface point that the pixel's centre sees: by the
         camera's motion, and by its own.
@@ -212,11 +212,11 @@ class Renderer(ABC):
     def _depth(self, views: Views) -> npt.NDArray[np.float32]: ...
 
     def _owners(self, views: Views) -> npt.NDArray[np.uint32]:
-        """(n, H, W): what a pixel's centre sees: object 1, 2, ... of ``motion``, or 0 for all else."""
+        """Return what each pixel's centre sees, (n, H, W): object 1, 2, ... of ``motion``, or 0 for all else."""
         return np.zeros((len(views), self.camera.height, self.camera.width), np.uint32)
 
     def _edge_tracks(self, views: Views, t_us: Indices, tolerated: float, log_eps: float) -> list[EdgeTracks] | None:
-        """As :meth:`edge_tracks`; with samples of all pixels that luma is taken from, at the spans' ends too."""
+        """Do as :meth:`edge_tracks`, with samples of all pixels that luma is taken from, at the spans' ends too."""
         return None
 
     def _luma_and_rate(self, views: Views) -> tuple[LumaFrames, LumaFrames]:

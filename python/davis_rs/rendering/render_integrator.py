@@ -105,7 +105,7 @@ class IntegratorRenderer(SceneRenderer):
     def _lanes(
         self, views: Views, view: Indices, pixel: Indices, rays: int, mi: Any, dr: Any
     ) -> tuple[Lanes, Any, Any]:
-        """(lanes, which lattice ray each is, its place in the frame): a pixel's rays side by side."""
+        """Return (lanes, which lattice ray each is, its place in the frame): a pixel's rays side by side."""
         lane = dr.arange(mi.UInt32, len(view) * rays)
         pair = lane // rays
         views_of, pixels = (dr.gather(mi.UInt32, mi.UInt32(index.astype(np.uint32)), pair) for index in (view, pixel))

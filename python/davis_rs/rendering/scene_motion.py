@@ -29,7 +29,7 @@ class SceneState:
     rates: FloatArray
 
     def moved(self, step_s: FloatArray) -> SceneState:
-        """Each instant its own time (n,) later, all going on at constant velocity, body rate and rate."""
+        """Return the state (n,) seconds after each instant, at constant velocity, body rate and rate."""
         factors = self.factors + self.rates * step_s[:, None]
         return SceneState(tuple(pose.moved(step_s) for pose in self.objects), factors, self.rates)
 
@@ -78,7 +78,7 @@ class SceneMotion:
         return SceneState(poses, self.factors(t_s), _columns(rates, len(t_s)))
 
     def factors(self, t_s: FloatArray) -> FloatArray:
-        """Those of :meth:`at` alone."""
+        """Return the factors of :meth:`at` alone."""
         factors = [_checked(name, "factor", light.factor(t_s), t_s, 0.0) for name, light in self.lights.items()]
         return _columns(factors, len(t_s))
 

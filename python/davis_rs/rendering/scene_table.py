@@ -173,12 +173,12 @@ class SceneTable:
         return [np.ascontiguousarray(texels[:, channel]) for texels in maps for channel in range(self._channels)]
 
     def light_map_coordinates(self) -> tuple[FloatArray, FloatArray]:
-        """(n, 2, 4) maps of a place to coordinates u and v in the light maps of a triangle's front and back."""
+        """Return (n, 2, 4) maps of a place to coordinates u and v in the light maps of a triangle's front and back."""
         assert self.baked is not None
         return map_coordinates(self.corners, self.baked.maps.divisions)
 
     def uv_maps(self, precision: type[np.floating[Any]]) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
-        """:attr:`u_maps` and :attr:`v_maps`, computed in a precision from maps that were rounded to it."""
+        """Return :attr:`u_maps` and :attr:`v_maps`, computed in a precision from maps that were rounded to it."""
         u, v = (maps.astype(precision) for maps in self._mesh_uv)
         # The texture's own uv transform is affine too: fold it into the mesh's maps.
         own = self.textures.uv_maps.astype(precision)[self.textures.texture_of]
@@ -201,7 +201,7 @@ class SceneTable:
         return float(self.background(self.lights))
 
     def background(self, lights: Sequence[Light]) -> Any:
-        """:attr:`background_luma` under these lights, whose strengths may be Dr.Jit arrays."""
+        """Return :attr:`background_luma` under these lights, whose strengths may be Dr.Jit arrays."""
         shown = ((light.strength, self.background_per_strength(light)) for light in lights)
         return sum(strength * share for strength, share in shown if share)
 

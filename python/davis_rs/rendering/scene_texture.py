@@ -54,7 +54,7 @@ class TextureTable:
 
     @property
     def uv_maps(self) -> FloatArray:
-        """(textures, 2, 3): each texture's own affine map of (u, v, 1)."""
+        """Each texture's own affine map of (u, v, 1), (textures, 2, 3)."""
         return np.array(self._uv_maps, np.float64).reshape(-1, 2, 3)
 
     @property
@@ -66,12 +66,12 @@ class TextureTable:
         return (np.concatenate(self._texels) @ self.group_weights[group]).astype(np.float32)
 
     def framed(self, group: int) -> npt.NDArray[np.float32]:
-        """:meth:`texels` with a frame of one texel around each texture: what its wrap mode puts there."""
+        """Return :meth:`texels` with a frame of one texel around each texture: what its wrap mode puts there."""
         return self._framed(self.texels(group))
 
     @property
     def of_framed(self) -> npt.NDArray[np.int64]:
-        """For each texel of :meth:`framed` its number in :meth:`texels`."""
+        """The number in :meth:`texels` of each texel of :meth:`framed`."""
         return self._framed(np.arange(sum(map(len, self._texels))))
 
     def _framed(self, texels: npt.NDArray[Any]) -> npt.NDArray[Any]:
@@ -83,7 +83,7 @@ class TextureTable:
 
     @property
     def framed_sizes(self) -> npt.NDArray[np.int32]:
-        """:attr:`sizes`, the first texel counted among those of :meth:`framed`."""
+        """The :attr:`sizes`, with the first texel's number among those of :meth:`framed`."""
         layout = self.sizes.copy()
         layout[:, 0] = np.cumsum([0, *((layout[:, 1] + 2) * (layout[:, 2] + 2))])[:-1]
         return layout

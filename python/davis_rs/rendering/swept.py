@@ -140,7 +140,7 @@ class Silhouettes:
         return counts
 
     def _occluding(self, motion: _Motion) -> tuple[IntArray, IntArray]:
-        """(edge, interval) of all edges that may occlude at some time of an interval with motion.
+        """Return (edge, interval) of all edges that may occlude at some time of an interval with motion.
 
         The camera goes straight, so its distance from a wing's plane changes linearly: if it sees the wings to both
         sides of the edge at both ends, and in the same order, it does so all the way.
@@ -234,7 +234,7 @@ class _SweptPixels:
         self._areas[interval] |= pixels
 
     def counts(self) -> Counts:
-        """(n, H, W)."""
+        """Return how many edges pass over each pixel, (n, H, W), at most 255."""
         columns, rows = (np.cumsum(runs, axis=-1, dtype=np.int32)[..., :-1] for runs in (self._columns, self._rows))
         return np.minimum(columns.swapaxes(1, 2) + rows + 2 * self._areas, 255).astype(np.uint8)
 
@@ -309,7 +309,7 @@ def _follow(edges: FloatArray, interval: IntArray, motion: _Motion, swept: _Swep
 
 
 def _repeated(number: IntArray) -> tuple[IntArray, IntArray]:
-    """0, 1, ... of k, each ``number`` (k) times; and which time it is, from 0."""
+    """Return 0, 1, ... of k, each ``number`` (k) times; and which time it is, from 0."""
     which = np.repeat(np.arange(len(number)), number)
     return which, np.arange(len(which)) - np.repeat(np.cumsum(number) - number, number)
 
@@ -320,7 +320,7 @@ def _part(ends: FloatArray, part: FloatArray) -> FloatArray:
 
 
 def _positive(start: FloatArray, end: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Where between 0 and 1 a quantity is >= 0 that goes evenly from start to end: from, to (from > to: nowhere)."""
+    """Return (from, to) in [0, 1] where a quantity linear from start to end is >= 0; from > to means nowhere."""
     apart = (start < 0) != (end < 0)
     root = np.divide(start, start - end, out=np.zeros_like(start), where=apart)
     nowhere = (start < 0) & (end < 0)

@@ -55,7 +55,7 @@ class TableKernel:
         self._texels = [mi.Float(textures.framed(group)) for group in range(len(textures.group_weights))]
 
     def hit(self, ray: Any) -> tuple[Any, Any, Any, Any]:
-        """(distance in units of the direction, whether anything is hit, the triangle's record and its normal)."""
+        """Return (distance in units of the direction, whether anything is hit, the triangle's record, its normal)."""
         import drjit as dr
         import mitsuba as mi
 
@@ -88,7 +88,7 @@ class TableKernel:
         return dr.select(hit, dr.select(lit, total, 0), background)
 
     def nearest(self, ray: Any, bodies: Sequence[Body]) -> tuple[Any, Any, Any]:
-        """(distance in units of the direction, whether anything is hit, what: 0 for what stands still, else the number
+        """Return (distance in units of the direction, whether anything is hit, what: 0 if it is static, else the number
         of the body from 1 on), without derivatives."""
         _, _, found, owner, distance = self._nearest(ray, bodies)
         return distance, found, owner
@@ -118,7 +118,7 @@ class TableKernel:
         return _Surface(hit, record, distance, point, own_point, normal, plane_normal)
 
     def _nearest(self, ray: Any, bodies: Sequence[Body]) -> tuple[Any, Any, Any, Any, Any]:
-        """(the ray in the frame of what it hits, record, whether anything is hit, which body or 0, distance)."""
+        """Return (the ray in the frame of what it hits, record, whether anything is hit, which body or 0, distance)."""
         import drjit as dr
         import mitsuba as mi
 

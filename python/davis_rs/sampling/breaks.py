@@ -68,7 +68,7 @@ def find_breaks(trajectory: Trajectory, motion: SceneMotion, start_us: int, end_
 
 
 def break_instants(breaks: Iterable[Break], start_us: int, *, both: bool) -> Iterator[int]:
-    """Strictly increasing instants after ``start_us`` at which breaks want keyframes, see :meth:`Break.instants`."""
+    """Yield increasing instants after ``start_us`` at which breaks want keyframes, see :meth:`Break.instants`."""
     times = (t_us for item in breaks for t_us in item.instants(both=both))
     return (t_us for t_us, _ in groupby(times) if t_us > start_us)
 

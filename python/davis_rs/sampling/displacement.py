@@ -123,7 +123,7 @@ class DisplacementClock:
         return int(np.interp(path, self._path, self._t_us))
 
     def span_end(self, start_us: int, path: float, bend_px: float, until_us: int | None = None) -> SpanEnd | None:
-        """Where a span that begins at ``start_us`` should end: where the path has the length ``path``, or before.
+        """Return where a span from ``start_us`` should end: where the path has the length ``path``, or before.
 
         It ends before that where something begins to change or ceases to, and where the path would no longer be a
         straight line over time within ``bend_px`` (a "swinging door": a line from the start must pass all points of
@@ -190,7 +190,7 @@ class DisplacementClock:
         """The instants, and more where speed does not change evenly between them, or a rest begins or ends."""
 
         def rates(at_us: FloatArray) -> FloatArray:
-            """About as many pixels per second as each part of the motion makes at the most."""
+            """Return about as many pixels per second as each part of the motion makes at the most."""
             t_s = at_us * 1e-6
             per_metre = self._pixels_per_rad / max(nearest, 1e-9)
             trajectory = self._trajectory
@@ -267,7 +267,7 @@ class _ObjectSpeeds:
         self._spread = _OBJECT_TILE / 2 * float(per_pixel)
 
     def __call__(self, views: Views, nearest: float) -> FloatArray:
-        """(n,) pixels per second, nothing taken to be nearer than ``nearest``."""
+        """Return pixels per second (n,); nothing is taken to be nearer than ``nearest``."""
         speed = np.zeros(len(views))
         for trajectory, box in zip(self._motion.objects.values(), self._motion.boxes, strict=True):
             own = seen_from(views, held(trajectory, views.t_s))

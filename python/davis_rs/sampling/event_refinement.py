@@ -246,7 +246,7 @@ class _Itp:
         self._reach_us = 2.0 ** np.ceil(np.log2(np.maximum(length_us, 1)))
 
     def next(self, brackets: _Brackets, which: IntArray) -> IntArray:
-        """Where to ask next in some of the brackets."""
+        """Return where to ask next in some of the brackets."""
         low_us, high_us = brackets.low_us[which], brackets.high_us[which]
         below, above = brackets.below[which], brackets.above[which]
         width_us, middle = high_us - low_us, (low_us + high_us) / 2

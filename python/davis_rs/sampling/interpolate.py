@@ -18,7 +18,7 @@ _STEEPEST = 3.0
 def interpolated(
     keyframes: Iterable[Keyframe], instants_us: npt.ArrayLike, log_eps: float
 ) -> Iterator[tuple[Keyframe, list[FloatArray]]]:
-    """Each keyframe, with the log luma (H, W), float64, at those instants that lie after the one before it, up to it.
+    """Yield each keyframe, with the log luma (H, W), float64, at the instants since the one before it.
 
     Lines, or cubics where keyframes have rates; straight lines between the samples of a pixel that has sparse ones:
     what docs/crossing.md says of the engine.

@@ -46,7 +46,7 @@ class KeyframeWindow:
         self._missing = {times: found for times, found in self._missing.items() if min(times) >= start_us}
 
     def parts(self) -> IntArray:
-        """(n,): a number for each keyframe, the same for those between which no cut lies."""
+        """Return a number (n,) for each keyframe, the same for those between which no cut lies."""
         cut = [before_us in self.cuts and after_us == before_us + 1 for before_us, after_us in pairwise(self.t_us)]
         return np.cumsum([False, *cut])
 
@@ -65,7 +65,7 @@ class KeyframeWindow:
         return slope([self.t_us[i] for i in own], [self.log_luma[i] for i in own], own.index(k))
 
     def untrusted(self, tolerated: float) -> list[BoolFrame]:
-        """For each of the n - 1 intervals, the pixels (H, W) whose cubic may miss log luma by more than is tolerated.
+        """Return for each of the n - 1 intervals the pixels (H, W) whose cubic may miss log luma by more than allowed.
 
         An interval is trusted where each of its two ends is predicted from keyframes on either side.
         """

@@ -101,11 +101,11 @@ class Stretch:
     batch: int
 
     def breaks(self) -> Iterator[Break]:
-        """The breaks of motion and light within it, see ``davis_rs.sampling.breaks.find_breaks``."""
+        """Yield the breaks of motion and light within it, see ``davis_rs.sampling.breaks.find_breaks``."""
         return find_breaks(self.trajectory, self.renderer.motion, self.start_us, self.end_us)
 
     def required(self, *, both: bool) -> Iterator[int]:
-        """The strictly increasing instants at which any rule has keyframes: those due, and those at breaks.
+        """Return the strictly increasing instants at which any rule has keyframes: those required, and those at breaks.
 
         Args:
             both: keyframes on both sides of each break, for cubics; else only of jumps.
@@ -114,12 +114,12 @@ class Stretch:
         return (t_us for t_us, _ in groupby(heapq.merge(self.due, at_breaks)))
 
     def views(self, t_us: npt.ArrayLike) -> Views:
-        """The camera at instants of the sequence."""
+        """Return the camera at instants of the sequence."""
         t = (np.asarray(t_us, np.int64) - self.start_us) * 1e-6
         return Views.along(self.trajectory, t, start_s=self.start_us * 1e-6)
 
     def log_luma(self, luma: LumaFrames) -> LumaFrames:
-        """ln(luma + log_eps) in float32: for estimates, not for events."""
+        """Return ln(luma + log_eps) in float32: for estimates, not for events."""
         return np.asarray(np.log(luma + np.float32(self.log_eps)))
 
 

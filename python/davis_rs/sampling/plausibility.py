@@ -47,7 +47,7 @@ def probed(stretch: Stretch, start_us: int, end_us: int) -> Iterator[int]:
 
 
 def _implausible(stretch: Stretch, spans: IntArray) -> BoolArray:
-    """Those of n spans (n, 2) in whose middle luma is not on the line between their ends."""
+    """Return those of n spans (n, 2) in whose middle luma is not on the line between their ends."""
     camera = stretch.renderer.camera
     pixel = _spread(camera.width * camera.height)
     times = np.stack([spans[:, 0], spans.sum(1) // 2, spans[:, 1]], 1).ravel()
@@ -61,6 +61,6 @@ def _implausible(stretch: Stretch, spans: IntArray) -> BoolArray:
 
 
 def _spread(size: int) -> IntArray:
-    """Some of the pixels 0..size - 1, at even distances that share no factor with the size of usual images."""
+    """Return some of the pixels 0..size - 1, at even distances that share no factor with the size of usual images."""
     count = min(_PIXELS, size)
     return ((2 * np.arange(count) + 1) * size // (2 * count)).astype(np.int64)

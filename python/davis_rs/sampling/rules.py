@@ -54,11 +54,11 @@ class TimeSampling(ABC):
     @property
     @abstractmethod
     def interpolation(self) -> str:
-        """``linear`` or ``hermite``: what keyframes come with, and so what the crossing engine has to know."""
+        """How log luma runs between keyframes: ``linear``, or ``hermite`` if keyframes have rates."""
 
     @abstractmethod
     def keyframes(self, stretch: Stretch) -> Iterator[Keyframe]:
-        """The keyframes of a stretch, in order, all of its due instants among them."""
+        """Yield the keyframes of a stretch, in order, with one at each required instant."""
 
 
 class ScheduledSampling(TimeSampling):
@@ -72,7 +72,7 @@ class ScheduledSampling(TimeSampling):
 
     @abstractmethod
     def instants(self, renderer: Renderer, trajectory: Trajectory, end_us: int, *, start_us: int = 0) -> Iterator[int]:
-        """Strictly increasing instants in (0, end_us], in microseconds of the trajectory; not necessarily the end.
+        """Yield strictly increasing instants in (0, end_us], in microseconds of the trajectory; perhaps not the end.
 
         The trajectory begins at ``start_us`` of the sequence, by whose time other things move.
         """

@@ -294,7 +294,7 @@ class _Control:
         return _Pieces(*(np.concatenate(column) for column in zip(*columns, strict=True)))
 
     def _sweeps(self, first: int, end: int) -> Counts | None:
-        """(end - first, H, W): how many edges may pass over each pixel within each interval in first..end."""
+        """Return how many edges may pass over each pixel in each interval in first..end, (end - first, H, W)."""
         renderer = self._stretch.renderer
         if renderer.silhouettes is None or self._settings.halvings == 0:
             return None
@@ -317,7 +317,7 @@ class _Control:
 
 
 def _share(chosen: BoolFrame) -> float:
-    """Of the pixels."""
+    """Return the share of the pixels."""
     return np.count_nonzero(chosen) / chosen.size
 
 

@@ -83,7 +83,7 @@ class GltfFile:
         return value
 
     def numbers(self, value: Any, place: str, count: int, *, low: float = -1e18, high: float = 1e18) -> Values:
-        """``count`` finite numbers of the JSON, float64."""
+        """Return ``count`` finite numbers of the JSON, float64."""
         items = value if isinstance(value, list | tuple) else [value]
         kinds = (isinstance(one, int | float) and not isinstance(one, bool) for one in items)
         if len(items) != count or not all(kinds) or not all(low <= one <= high for one in items):

@@ -37,7 +37,7 @@ class Primitive(NamedTuple):
     colours: FloatArray | None
 
     def placed(self, matrix: FloatArray) -> Primitive:
-        """As a transform (4, 4) places it."""
+        """Return the primitive as a transform (4, 4) places it."""
         linear = matrix[:3, :3]
         normals = self.normals
         if normals is not None:

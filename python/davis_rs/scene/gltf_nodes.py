@@ -97,7 +97,7 @@ class Track(NamedTuple):
 
 
 def _slerp(first: FloatArray, second: FloatArray, share: FloatArray, span: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Along the shorter arc between unit quaternions, and its rate."""
+    """Return the interpolation along the shorter arc between unit quaternions, and its rate."""
     dot = (first * second).sum(1, keepdims=True)
     second, dot = np.where(dot < 0, -second, second), np.abs(dot)
     angle = np.arccos(np.minimum(dot, 1.0))
@@ -127,7 +127,7 @@ class NodeTree:
 
     @classmethod
     def of(cls, file: GltfFile) -> NodeTree:
-        """Those of the file's default scene.
+        """Return the nodes of the file's default scene.
 
         Raises:
             DecodeError: naming the place that breaks a rule.
@@ -354,7 +354,7 @@ def _quaternions(rotations: FloatArray) -> FloatArray:
 
 
 def _continuous(quaternions: FloatArray) -> FloatArray:
-    """With signs so that no neighbours are far apart."""
+    """Return the quaternions with signs such that no neighbours are far apart."""
     dots = (quaternions[1:] * quaternions[:-1]).sum(1)
     return quaternions * np.concatenate([[1.0], np.cumprod(np.where(dots < 0, -1.0, 1.0))])[:, None]
 

@@ -40,7 +40,7 @@ _KNOWN_EXTENSIONS = READ_EXTENSIONS | {"KHR_materials_unlit"}
 
 
 def gltf_scene(path: str | Path, *, up: Axis | None = None, scale: float = 1.0) -> Scene:
-    """A glTF 2.0 file (.gltf, .glb) as a scene.
+    """Return a glTF 2.0 file (.gltf, .glb) as a scene.
 
     Surfaces are matte, opaque and seen from both sides: base colours and their textures are taken, with
     ``KHR_texture_transform``, or the colours of vertices. Lights of ``KHR_lights_punctual`` shine, 683 lux or candela
@@ -265,7 +265,7 @@ class _GltfScene:
         return lens, start, trajectory, f"{size}, moves for {duration_s:.4g} s"
 
     def _lens(self, perspective: Any, place: str) -> Camera:
-        """240 pixels wide, as high as the file's aspect ratio wants, or 180."""
+        """Return a lens 240 pixels wide, and as high as the file's aspect ratio says, or 180 without one."""
         if perspective is None:
             raise self.file.error(place, "has no perspective")
         angle = self.file.numbers(perspective.yfov, f"{place}.yfov", 1, low=1e-3, high=np.pi - 1e-3)[0]

@@ -19,17 +19,17 @@ class LightProfile(ABC):
 
     @abstractmethod
     def factor(self, t_s: npt.ArrayLike) -> FloatArray:
-        """Factors (n,), >= 0, at times (n,) in seconds of the sequence."""
+        """Return factors (n,), >= 0, at times (n,) in seconds of the sequence."""
 
     @abstractmethod
     def rate(self, t_s: npt.ArrayLike) -> FloatArray:
-        """The derivative of :meth:`factor`, (n,), per second: exact, for it enters the rates of luma.
+        """Return the derivative of :meth:`factor`, (n,), per second: exact, because it enters the rates of luma.
 
         Where the factor has a bend, that of what follows; a jump has none, and is left out.
         """
 
     def breaks_s(self, start_s: float, end_s: float) -> FloatArray:
-        """Instants (n,), increasing, within [``start_s``, ``end_s``] at which the factor jumps or has a bend.
+        """Return instants (n,), increasing, within [``start_s``, ``end_s``] at which the factor jumps or has a bend.
 
         At a jump :meth:`factor` gives what holds from there on. Luma must not be interpolated across these instants. A
         profile that is smooth, as that of this class is taken to be, has none.
@@ -38,7 +38,7 @@ class LightProfile(ABC):
 
     @abstractmethod
     def describe(self) -> dict[str, object]:
-        """What this profile is, of types that JSON knows."""
+        """Return what this profile is, in JSON's types."""
 
 
 class Flicker(LightProfile):
@@ -91,7 +91,7 @@ class Flicker(LightProfile):
         return self.modulation * self.frequency_hz * slope
 
     def breaks_s(self, start_s: float, end_s: float) -> FloatArray:
-        """Edges of the square, peaks of the triangle; none where they follow each other within 2 us, the least time
+        """Return the square's edges or the triangle's peaks; none where they follow within 2 us, the least time
         that two keyframes can resolve."""
         if self.waveform == "sine" or self.modulation == 0 or self.frequency_hz > _MOST_EDGES_HZ / 2:
             return np.empty(0)
@@ -157,7 +157,7 @@ class SampledProfile(LightProfile):
         return np.where(inside, rates, 0.0)
 
     def breaks_s(self, start_s: float, end_s: float) -> FloatArray:
-        """The samples."""
+        """Return the samples."""
         return self._t_s[(self._t_s >= start_s) & (self._t_s <= end_s)]
 
     def describe(self) -> dict[str, object]:

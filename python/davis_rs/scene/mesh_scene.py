@@ -39,7 +39,7 @@ _SUN, _SKY = 2.0, 0.3
 
 
 def mesh_scene(path: str | Path, *, up: Axis | None = None, scale: float = 1.0) -> Scene:
-    """An OBJ or PLY mesh in the light of a sun and an even sky, before a plain background, seen from all around.
+    """Return an OBJ or PLY mesh in the light of a sun and an even sky, before a plain background, seen from all around.
 
     Surfaces are diffuse, opaque, and seen from both sides. A shape's id is ``mesh``, or ``mesh_MATERIAL`` where faces
     use several materials. The camera (``ideal``) goes once around the mesh in 10 s, 30 degrees above its middle, so far

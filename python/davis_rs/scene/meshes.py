@@ -25,14 +25,14 @@ class Mesh(NamedTuple):
     uv: FloatArray
 
     def moved(self, offset: npt.ArrayLike, turn_rad: float = 0.0) -> Mesh:
-        """Turned about the vertical axis through the origin, then shifted."""
+        """Return the mesh turned about the vertical axis through the origin, then shifted."""
         cos, sin = np.cos(turn_rad), np.sin(turn_rad)
         turn = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
         return self._replace(vertices=self.vertices @ turn.T + offset)
 
 
 def merged(meshes: Iterable[Mesh]) -> Mesh:
-    """All in one: a scene of few shapes loads and renders faster than one of many."""
+    """Return all meshes as one: a scene of few shapes loads and renders faster than one of many."""
     meshes = list(meshes)
     first = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
     return Mesh(
@@ -43,7 +43,7 @@ def merged(meshes: Iterable[Mesh]) -> Mesh:
 
 
 def quad(corner: npt.ArrayLike, across: npt.ArrayLike, up: npt.ArrayLike, window: Window = WHOLE) -> Mesh:
-    """A parallelogram from its lower left corner, seen from the front; row 0 of the texture is its upper edge."""
+    """Return a parallelogram from its lower left corner, seen from the front; row 0 of the texture is on top."""
     start, right, rise = (np.asarray(vector, np.float64) for vector in (corner, across, up))
     left, top, end, bottom = window
     return Mesh(
@@ -54,7 +54,7 @@ def quad(corner: npt.ArrayLike, across: npt.ArrayLike, up: npt.ArrayLike, window
 
 
 def box(low: npt.ArrayLike, high: npt.ArrayLike, *, window: Window = WHOLE, period_m: float | None = None) -> Mesh:
-    """An upright box between two corners; each face shows the window, or the texture once every ``period_m``."""
+    """Return an upright box between two corners; each face shows the window, or the texture once every ``period_m``."""
     start, end = np.asarray(low, np.float64), np.asarray(high, np.float64)
     x, y, z = np.diag(end - start)
     sides = [(start, x, z), (start + x, y, z), (start + x + y, -x, z), (start + y, -y, z)]
@@ -71,7 +71,7 @@ def box(low: npt.ArrayLike, high: npt.ArrayLike, *, window: Window = WHOLE, peri
 def tube(
     start: npt.ArrayLike, end: npt.ArrayLike, radii: tuple[float, float], *, sides: int = 8, window: Window = WHOLE
 ) -> Mesh:
-    """An open tube or cone from a point to another, of these radii there."""
+    """Return an open tube or cone from one point to another, with a radius at each."""
     points = np.asarray([start, end], np.float64)
     axis = points[1] - points[0]
     aside = np.cross(axis, np.eye(3)[np.abs(axis).argmin()])
@@ -85,7 +85,7 @@ def tube(
 def ball(
     centre: npt.ArrayLike, radii: npt.ArrayLike, *, rings: int = 5, sides: int = 8, window: Window = WHOLE
 ) -> Mesh:
-    """An ellipsoid of these half-axes along x, y and z."""
+    """Return an ellipsoid of these half-axes along x, y and z."""
     above = np.linspace(-np.pi / 2, np.pi / 2, rings + 1)[:, None]
     around = np.linspace(0.0, 2 * np.pi, sides + 1)
     unit = np.stack([np.cos(above) * np.cos(around), np.cos(above) * np.sin(around), np.sin(above) + 0 * around], -1)
@@ -116,7 +116,7 @@ def shape(
     normals: FloatArray | None = None,
     wrap: str = "repeat",
 ) -> Any:
-    """A mesh as a diffuse Mitsuba shape, seen from both sides; made under the variant that loads the scene.
+    """Return a mesh as a diffuse Mitsuba shape, seen from both sides; made under the variant that loads the scene.
 
     Args:
         reflectance: a texture (H, W, 3), a colour (3,) in linear RGB, or grey.

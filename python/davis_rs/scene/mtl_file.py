@@ -60,7 +60,7 @@ class Materials:
         return self.path.parent / self._textures[name][0].replace("\\", "/") if name in self._textures else None
 
     def reflectance(self, name: str) -> Texture | FloatArray:
-        """Of a material: its texture, or its colour (3,).
+        """Return a material's texture, or its colour (3,).
 
         Raises:
             OSError, ValueError: if its texture cannot be read.

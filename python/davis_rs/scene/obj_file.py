@@ -120,7 +120,7 @@ class _ObjFile:
         ]
 
     def _triangles(self, faces: npt.NDArray[np.int64], values: dict[str, FloatArray]) -> npt.NDArray[np.int64]:
-        """(m, 3, 3): indices of position, texture coordinate and normal for each corner, from 0, -1 for none."""
+        """Return indices of position, texture coordinate and normal of each corner, (m, 3, 3), from 0; -1 for none."""
         lines, corners = faces[:, 0], faces[:, 1:].reshape(len(faces), -1, 3) - 1
         for place, key in enumerate(_WIDTH):
             outside = (corners[..., place] >= len(values[key])).any(1)

@@ -17,7 +17,7 @@ DIRECT = {"type": "direct", "emitter_samples": 1, "bsdf_samples": 0}
 def rectangle(
     centre: list[float], axes: FloatArray, half: tuple[float, float], reflectance: Mapping[str, Any] | float
 ) -> dict[str, Any]:
-    """A diffuse rectangle of two triangles, seen from both sides.
+    """Return a diffuse rectangle of two triangles, seen from both sides.
 
     Args:
         axes: columns are its own x, y and normal in the world.
@@ -43,7 +43,7 @@ def textured_rectangle(
     darkest: float,
     shapes: int,
 ) -> dict[str, Any]:
-    """A :func:`rectangle` whose texture repeats every ``period`` metres.
+    """Return a :func:`rectangle` whose texture repeats every ``period`` metres.
 
     Its reflectance is at least ``darkest``, and it shows ``shapes`` hard-edged shapes.
     """
@@ -58,7 +58,7 @@ def textured_rectangle(
 
 
 def look_at(position: FloatArray, target: FloatArray) -> FloatArray:
-    """Camera axes (columns x right, y down, z forward) that look at a target, with the world's z up."""
+    """Return camera axes (columns x right, y down, z forward) that look at a target, with the world's z up."""
     forward = (target - position) / np.linalg.norm(target - position)
     right = np.cross(forward, [0.0, 0, 1])
     right /= np.linalg.norm(right)

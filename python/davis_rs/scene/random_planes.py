@@ -71,7 +71,7 @@ def random_textured_planes(
     camera_rate_rad_s: float = 0.5,
     texture_px: int = 512,
 ) -> Scene:
-    """A scene of random images on planes that move, before an image that covers the view.
+    """Return a scene of random images on planes that move, before an image that covers the view.
 
     Every object has a random place in the image, depth, size, pose and motion of its own, and so has the camera. Speeds
     go evenly from one drawn value to another over the scene's time. Objects are where they were drawn at half of it.

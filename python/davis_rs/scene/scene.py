@@ -95,7 +95,7 @@ class Scene:
         return self.camera
 
     def with_trajectory(self, trajectory: Trajectory) -> Scene:
-        """The scene with this camera path; its objects and lights keep their own times.
+        """Return the scene with this camera path; its objects and lights keep their own times.
 
         Args:
             trajectory: of the camera. Its t = 0 is the scene's t = 0.
@@ -103,7 +103,7 @@ class Scene:
         return replace(self, trajectory=trajectory)
 
     def crop(self, start_s: float = 0.0, duration_s: float | None = None) -> Scene:
-        """The scene over a part of its camera path, with t = 0 at the start of that part.
+        """Return the scene over a part of its camera path, with t = 0 at the start of that part.
 
         The clocks of objects and lights move with the camera's, so the part looks as it does within the whole.
 

@@ -19,13 +19,13 @@ Texture = npt.NDArray[np.float32]
 
 
 def from_srgb(encoded: npt.ArrayLike) -> FloatArray:
-    """Linear values of values encoded by sRGB's curve (IEC 61966-2-1), both in 0 to 1."""
+    """Return linear values of values encoded by sRGB's curve (IEC 61966-2-1), both in 0 to 1."""
     value = np.asarray(encoded, np.float64)
     return np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4)
 
 
 def bitmap(data: Any, *, repeats: tuple[float, float] | None = None, wrap: str = "repeat") -> dict[str, Any]:
-    """A texture for a surface, placed by the surface's own coordinates or repeated over its width and height.
+    """Return a texture for a surface, placed by the surface's own coordinates or repeated over its width and height.
 
     Args:
         data: a :data:`Texture`, or a tensor of it for Mitsuba.
@@ -38,7 +38,7 @@ def bitmap(data: Any, *, repeats: tuple[float, float] | None = None, wrap: str =
 def patchwork(
     size: int, seed: int, *, low: float, high: float, grain: float, shapes: int, tint: tuple[float, float, float]
 ) -> npt.NDArray[np.float32]:
-    """An RGB reflectance (size, size, 3), float32 in [0, 1]: noise under hard-edged rectangles, discs and stripes.
+    """Return an RGB reflectance (size, size, 3), float32, 0 to 1: noise under sharp rectangles, discs and stripes.
 
     Args:
         size: texels a side; a power of two.
@@ -54,7 +54,7 @@ def patchwork(
 def _patchwork(
     size: int, seed: int, low: float, high: float, grain: float, shapes: int, tint: tuple[float, float, float]
 ) -> npt.NDArray[np.uint8]:
-    """:func:`patchwork` in eight bits. The last few are kept: half a second and 0.8 MB each, of 512 texels."""
+    """Return :func:`patchwork` in eight bits. The last few are kept: half a second and 0.8 MB each, of 512 texels."""
     random = np.random.RandomState(seed)
     noise = value_noise(size, random)
     grained, level = (grain * noise).ravel(), noise.ravel().copy()
@@ -70,7 +70,7 @@ def _patchwork(
 
 
 def value_noise(size: int, random: np.random.RandomState) -> FloatArray:
-    """Periodic noise in [0, 1]: octaves of random lattices, each half as strong and twice as fine as the one before."""
+    """Return periodic noise in [0, 1]: octaves of random lattices, each half as strong and twice as fine."""
     total = np.zeros((size, size))
     cells, strength = 8, 1.0
     while cells <= size // 4:

@@ -24,7 +24,7 @@ factor of it."""
 
 
 class NoiseValues(NamedTuple):
-    """Of pixels without events in three frames that follow each other, float64 (n,) each.
+    """Values of pixels without events in three consecutive frames, float64 (n,) each.
 
     Attributes:
         level: the mean of the three values.
@@ -142,7 +142,7 @@ def fit_frame_noise(values: NoiseValues, lowest: float, highest: float, black: f
 
 
 def _variance(differences: npt.NDArray[np.float64]) -> float:
-    """Without outliers."""
+    """Return the variance without outliers."""
     kept = differences
     for _ in range(5):
         kept = kept[np.abs(kept - kept.mean()) <= _OUTLIER * max(float(kept.std()), 1e-12)]

@@ -73,7 +73,7 @@ class FramePairs:
         return len(self.own)
 
     def sum(self, values: FloatArray) -> FloatArray:
-        """Of each pixel."""
+        """Return the sum of each pixel's values."""
         return np.asarray(np.bincount(self.own, values, len(self.pixel)), np.float64)
 
     def around(self, values: FloatArray) -> FloatArray:

@@ -102,7 +102,7 @@ def _decoded(raw: RawRecording) -> Iterator[Frame]:
 
 
 def of_camera(frames: Iterator[Frame], size: tuple[int, int]) -> Iterator[StampedFrame]:
-    """Where they lie on the sensor, at the middle of their exposure."""
+    """Yield the frames at their place on the sensor, stamped with the middle of their exposure."""
     for frame in frames:
         middle_us = (frame.t_exposure_start + frame.t_exposure_end) / 2
         exposure_us = float(frame.t_exposure_end - frame.t_exposure_start)

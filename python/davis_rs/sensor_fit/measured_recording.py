@@ -17,7 +17,7 @@ from .signal_samples import SignalSampler, SignalSamples
 
 @dataclass(frozen=True, eq=False)
 class MeasuredRecording:
-    """What a sensor is fitted to.
+    """What was measured of a recording, for :func:`fit_sensor`.
 
     Attributes:
         statistics: of the events.

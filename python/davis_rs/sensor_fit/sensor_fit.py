@@ -54,7 +54,7 @@ class SensorFit:
         return "\n".join(map(str, self.findings))
 
     def file(self, base: SensorFile | None = None) -> SensorFile:
-        """The sensor: what was found, and all else from ``base``.
+        """Return the sensor: what was found, and all else from ``base``.
 
         Where the base has a refractory period above the bound it is left out. A bandwidth that was found holds in the
         recordings' light: it becomes the one corner that does not depend on light, and the base's photoreceptor is left

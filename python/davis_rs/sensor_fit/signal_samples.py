@@ -169,7 +169,7 @@ class SignalSampler:
             self._count = sum(map(len, self._samples))
 
     def _kept(self, pixel: npt.NDArray[np.int32]) -> npt.NDArray[np.bool_]:
-        """Of long recordings fewer pixels are kept: each time half of them, spread over the sensor."""
+        """Return the pixels to keep: of long recordings fewer, each time half of them, spread over the sensor."""
         scrambled = pixel.astype(np.uint64) * np.uint64(0x9E3779B97F4A7C15) >> np.uint64(40)
         kept: npt.NDArray[np.bool_] = scrambled & np.uint64((1 << self._halvings) - 1) == 0
         return kept

@@ -244,7 +244,7 @@ class _Regression:
             self.black += float(np.clip(step, -0.3 * float(np.median(self.middle)), max(most, 0.0)))
 
     def of_pixels(self, weight: FloatArray, rest: FloatArray) -> _OfPixels:
-        """Each pixel's regression of anything on its events."""
+        """Return each pixel's regression of anything on its events."""
         total, on, off = self.pairs.sum, self.pairs.on, -self.pairs.off
         a, b, c = total(weight * on * on), total(weight * on * off), total(weight * off * off)
         u, v = total(weight * on * rest), total(weight * off * rest)
@@ -259,7 +259,7 @@ class _Regression:
         return _OfPixels(value, error)
 
     def explained(self, thresholds: FloatArray) -> FloatArray:
-        """By thresholds (2, m) of the pixels."""
+        """Return what thresholds (2, m) of the pixels explain."""
         on, off = thresholds[:, self.pairs.own]
         return np.asarray(on * self.pairs.on - off * self.pairs.off, np.float64)
 

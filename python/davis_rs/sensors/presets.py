@@ -54,7 +54,7 @@ def preset_file(name: str) -> SensorFile:
 
 
 def load_sensor(name_or_path: str | os.PathLike[str]) -> SensorParameters:
-    """A sensor from a file, or a preset by its name.
+    """Load a sensor from a file, or a preset by its name.
 
     >>> sensor = load_sensor("davis240c")  # or "my_camera.yaml"
     >>> Simulator(scene, sensor=sensor)

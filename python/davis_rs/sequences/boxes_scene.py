@@ -25,7 +25,7 @@ _CELL_M = 0.62
 
 
 def boxes(hdr: bool = False) -> Scene:
-    """Some fifty boxes of 15 to 50 cm on a carpet, evenly lit or (``hdr``) by a lamp among them: 80 to 2400 lux.
+    """Return some fifty boxes of 15 to 50 cm on a carpet, evenly lit or (``hdr``) by a lamp among them: 80 to 2400 lux.
 
     A synthetic counterpart of the dataset's boxes and hdr_boxes by kind: many textured boxes at 1 to 4 m, each before
     others; none of them is one of the dataset's.

@@ -63,7 +63,7 @@ class Sequence:
         }
 
     def scene(self) -> Scene:
-        """The scene under the sequence's name, with its lens and its trajectory."""
+        """Return the scene under the sequence's name, with its lens and its trajectory."""
         return _scene(self)
 
 

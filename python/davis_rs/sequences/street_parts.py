@@ -17,7 +17,7 @@ FRONTS = 8
 
 @cache
 def fronts(seed: int, floors: tuple[int, int], bays: tuple[int, int]) -> Texture:
-    """:data:`FRONTS` facades in a row, each of a number of floors and bays between these."""
+    """Return :data:`FRONTS` facades in a row, each of a number of floors and bays between these."""
     random = np.random.RandomState(seed)
     counts = [
         (int(random.randint(floors[0], floors[1] + 1)), int(random.randint(bays[0], bays[1] + 1)))

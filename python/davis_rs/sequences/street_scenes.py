@@ -60,7 +60,7 @@ def urban() -> Scene:
 
 
 def _strip(left: float, right: float, z: float, period: float) -> Mesh:
-    """Of ground along the street."""
+    """Return a strip of ground along the street."""
     start, end = _REACH
     repeats = ((right - left) / period, (end - start) / period)
     return quad([left, start, z], [right - left, 0, 0], [0, end - start, 0], (0, 0, *repeats))

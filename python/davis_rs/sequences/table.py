@@ -197,7 +197,7 @@ SEQUENCES = MappingProxyType({row.name: row for row in _ROWS})
 
 
 def sequence_named(name: str) -> Sequence:
-    """The sequence of that name.
+    """Return the sequence of that name.
 
     Raises:
         ValueError: if there is none; the message lists those there are.

@@ -44,7 +44,7 @@ class _LightSettings(TypedDict, total=False):
         float | None,
         Declared(
             "dark level: L = ln(luma + log_eps)",
-            default_help="the sensor's dark current, or 0.001; or as much more as keeps one grey level below C",
+            default_help="the sensor's dark current, or 0.001; or more, so that one grey level stays below C",
             unit="luma",
             low=0,
             high=1000,
@@ -59,12 +59,12 @@ class _PartSettings(TypedDict, total=False):
     """Which part of the frames is taken, in time and in space."""
 
     start_s: Annotated[
-        float, Declared("first instant that is taken, from the first frame on", 0.0, unit="s", low=0, group=_PART)
+        float, Declared("where to start, in seconds after the first frame", 0.0, unit="s", low=0, group=_PART)
     ]
     stop_s: Annotated[
         float | None,
         Declared(
-            "last instant that is taken, from the first frame on",
+            "where to stop, in seconds after the first frame",
             default_help="the end",
             unit="s",
             low=0,
@@ -75,7 +75,7 @@ class _PartSettings(TypedDict, total=False):
     slow_motion: Annotated[
         float,
         Declared(
-            "how many times slower than life the stamps run: 8 for 240 frames a second that are stamped as 30",
+            "factor by which the video is slowed down: 8 for 240 frames per second that are stamped as 30",
             1.0,
             low=1e-6,
             high=1e6,
@@ -84,7 +84,12 @@ class _PartSettings(TypedDict, total=False):
     ]
     crop: Annotated[
         str | None,
-        Declared("the middle of each frame, so large, in pixels", default_help="all of it", metavar="WxH", group=_PART),
+        Declared(
+            "crop the middle of each frame to this size, in pixels",
+            default_help="all of it",
+            metavar="WxH",
+            group=_PART,
+        ),
     ]
     roi: Annotated[
         str | None,
@@ -134,7 +139,7 @@ class _BetweenSettings(TypedDict, total=False):
     max_displacement_px: Annotated[
         float,
         Declared(
-            "frames that flow or an interpolator makes are no further apart than the image moves by so much",
+            "flow and interpolators make frames so densely that the image moves by at most this much between them",
             0.5,
             unit="px",
             low=0.01,
@@ -152,7 +157,7 @@ class FrameSettings(_LightSettings, _PartSettings, _BetweenSettings, PixelSettin
     effects: Annotated[
         Effects | str | Sequence[str] | None,
         Declared(
-            f"over those of the sensor: Effects, or texts {EFFECT_FORM}",
+            f"effects, in addition to the sensor's or in place of them: Effects, or texts {EFFECT_FORM}",
             default_help="the sensor's",
             metavar=EFFECT_FORM,
             text=list,

@@ -66,7 +66,7 @@ def camera_of_size(camera: Camera | str, wanted: tuple[int, int] | None, source:
 
 
 def parse_size(size: tuple[int, int] | str | None) -> tuple[int, int] | None:
-    """(width, height) from ``WxH`` or from a pair.
+    """Return (width, height) from ``WxH`` or from a pair.
 
     Raises:
         ValueError: for something else, or sides outside of 1..65535.

@@ -172,7 +172,7 @@ def complete(declaration: type, given: Mapping[str, Any], *, of: str) -> dict[st
 
 
 def only(declaration: type, given: Mapping[str, Any]) -> dict[str, Any]:
-    """Those of the given settings that a declaration has."""
+    """Return those of the given settings that a declaration has."""
     declared = settings_of(declaration)
     return {name: value for name, value in given.items() if name in declared}
 

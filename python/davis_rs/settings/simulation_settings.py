@@ -73,7 +73,7 @@ class PixelSettings(TypedDict, total=False):
     seed: Annotated[
         int,
         Declared(
-            "of threshold mismatch, noise, IMU and motion capture, and of Mitsuba's integrators",
+            "random seed of threshold mismatch, noise, IMU and motion capture, and of Mitsuba's integrators",
             0,
             low=0,
             high=2**64 - 1,
@@ -84,7 +84,7 @@ class PixelSettings(TypedDict, total=False):
 
 
 class ViewSettings(PixelSettings, total=False):
-    """How the sensor sees the scene: what the planner of effects needs as well."""
+    """How the sensor sees the scene; the planner of effects needs these settings too."""
 
     sensor: Annotated[
         SensorParameters | str | None,
@@ -127,8 +127,8 @@ class ViewSettings(PixelSettings, total=False):
     samples: Annotated[
         int | str | None,
         Declared(
-            "rays a pixel; auto: as many as keep the noise of Mitsuba's integrators below the noise share, and the "
-            "default where there is no noise",
+            "rays per pixel; auto: as many as keep the noise of Mitsuba's integrators below the noise share, or the "
+            "default if there is no noise",
             default_help="those of the accuracy; for Mitsuba's integrators 8, or 2 without LLVM",
             low=1,
             high=1024,
@@ -141,8 +141,8 @@ class ViewSettings(PixelSettings, total=False):
     noise_share: Annotated[
         float,
         Declared(
-            "share of events that the noise of Mitsuba's integrators may make missing or spurious: more is told in a "
-            "line, and samples=auto stays below it",
+            "share of events that the noise of Mitsuba's integrators may make missing or spurious: the run warns "
+            "if there are more, and samples=auto stays below it",
             0.05,
             low=0,
             high=1,
@@ -154,8 +154,8 @@ class ViewSettings(PixelSettings, total=False):
     matte: Annotated[
         bool,
         Declared(
-            "render materials that have a diffuse colour and more (highlights, bumps) by that colour alone, which the "
-            "native renderer can",
+            "render materials with highlights or bumps by their diffuse colour alone, so that the native renderer can "
+            "render them",
             False,
             group=_ACCURACY,
         ),
@@ -163,9 +163,9 @@ class ViewSettings(PixelSettings, total=False):
     renderer: Annotated[
         str,
         Declared(
-            "who renders: the native renderer (diffuse meshes, direct light), the table kernel (the same, on LLVM), "
-            "baked (the native renderer, under lamps with a surface and light that bounces, computed once), Mitsuba's "
-            "integrator (everything), or auto: native where that is possible, else baked, else integrator",
+            "renderer: native (diffuse meshes, direct light), table (the same, on LLVM), baked (native, with the light "
+            "of area lamps and bounces computed once), integrator (Mitsuba's, for everything), or auto: the first "
+            "possible one of native, baked and integrator",
             "auto",
             choices=RENDERERS,
             group=_ACCURACY,
@@ -174,7 +174,7 @@ class ViewSettings(PixelSettings, total=False):
     bake_error: Annotated[
         float,
         Declared(
-            "how much baked light may err, as a share of itself (docs/light.md)",
+            "relative error of baked light that is allowed (docs/light.md)",
             BAKE_ERROR,
             low=1e-3,
             high=1,
@@ -191,7 +191,7 @@ class EffectsToleranceSettings(TypedDict, total=False):
     effects_tolerance: Annotated[
         float | None,
         Declared(
-            "with effects that are planned: how much leaving one out may err in event count, rate or time, as a share "
+            "for planned effects: the relative error in event count, rate or time that leaving an effect out may cause "
             "(docs/effects.md)",
             default_help=str(EFFECTS_TOLERANCE),
             low=0,
@@ -212,8 +212,8 @@ class EngineSettings(TypedDict, total=False):
     threads: Annotated[
         int | None,
         Declared(
-            "of the native renderer and of the crossing engine; results do not depend on it",
-            default_help="as many as pay",
+            "number of threads of the native renderer and of the crossing engine; results do not depend on it",
+            default_help="as many as are useful",
             low=1,
             high=1024,
             metavar="N",
@@ -228,7 +228,7 @@ class FolderFileSettings(TypedDict, total=False):
     events_format: Annotated[
         str,
         Declared(
-            "of the folder's events: text (events.txt), or another file in its place (docs/formats.md)",
+            "format of the folder's events: text (events.txt), or another file in its place (docs/formats.md)",
             "text",
             choices=tuple(EVENT_FILES),
         ),
@@ -237,7 +237,7 @@ class FolderFileSettings(TypedDict, total=False):
     image_gain: Annotated[
         float | None,
         Declared(
-            "of the 8-bit frames: grey = 255 x image gain x luma",
+            "gain of the 8-bit frames: grey = 255 x image gain x luma",
             default_help="chosen from the first frame",
             low=0,
             above_low=True,
@@ -252,7 +252,7 @@ class SamplingSettings(ViewSettings, EngineSettings, total=False):
     frame_rate_hz: Annotated[
         float,
         Declared(
-            "intensity frames: one at round(k 1e6 / rate) us; 0 for none",
+            "rate of intensity frames: frame k is at round(k 1e6 / rate) us; 0 for none",
             40.0,
             unit="Hz",
             low=0,
@@ -260,15 +260,19 @@ class SamplingSettings(ViewSettings, EngineSettings, total=False):
             metavar="HZ",
         ),
     ]
-    depth_rate_hz: Annotated[float, Declared("depth maps, likewise", 40.0, unit="Hz", low=0, high=1e6, metavar="HZ")]
+    depth_rate_hz: Annotated[
+        float, Declared("rate of depth maps; 0 for none", 40.0, unit="Hz", low=0, high=1e6, metavar="HZ")
+    ]
     flow_rate_hz: Annotated[
         float,
-        Declared("maps of optical flow, likewise", 0.0, unit="Hz", low=0, high=1e6, metavar="HZ", group=_TRUTH),
+        Declared(
+            "rate of maps of optical flow; 0 for none", 0.0, unit="Hz", low=0, high=1e6, metavar="HZ", group=_TRUTH
+        ),
     ]
     flow_interval_s: Annotated[
         float | None,
         Declared(
-            "with each map of flow also how far the points go in the image in this time, and which are then hidden",
+            "write with each map of flow how far points move in the image in this time, and which are then hidden",
             default_help="none",
             unit="s",
             low=1e-6,
@@ -280,7 +284,7 @@ class SamplingSettings(ViewSettings, EngineSettings, total=False):
     mask_rate_hz: Annotated[
         float,
         Declared(
-            "maps of the shapes that the pixels see, likewise",
+            "rate of maps of the shapes that the pixels see; 0 for none",
             0.0,
             unit="Hz",
             low=0,
@@ -292,13 +296,19 @@ class SamplingSettings(ViewSettings, EngineSettings, total=False):
     normal_rate_hz: Annotated[
         float,
         Declared(
-            "maps of the surfaces' normals, likewise", 0.0, unit="Hz", low=0, high=1e6, metavar="HZ", group=_TRUTH
+            "rate of maps of the surfaces' normals; 0 for none",
+            0.0,
+            unit="Hz",
+            low=0,
+            high=1e6,
+            metavar="HZ",
+            group=_TRUTH,
         ),
     ]
     accuracy: Annotated[
         str,
         Declared(
-            "a point on the curve of docs/accuracy.md; sampling in time, samples and refine override their part of it",
+            "a preset of docs/accuracy.md; settings of sampling in time, samples and refine override their part of it",
             DEFAULT_ACCURACY,
             choices=tuple(ACCURACY),
             group=_ACCURACY,
@@ -307,7 +317,7 @@ class SamplingSettings(ViewSettings, EngineSettings, total=False):
     render_rate_hz: Annotated[
         float | None,
         Declared(
-            "render at a fixed rate, and also where a frame or a depth map is due or a packet ends (40 a second)",
+            "render at a fixed rate, and also at frames, at depth maps and at the ends of packets (40 per second)",
             unit="Hz",
             low=0,
             high=1e6,
@@ -319,7 +329,7 @@ class SamplingSettings(ViewSettings, EngineSettings, total=False):
     max_displacement_px: Annotated[
         float | None,
         Declared(
-            "render whenever a pixel has moved so far; 1/3 in the paper",
+            "render whenever the image has moved by this many pixels; 1/3 in the paper",
             unit="px",
             low=0,
             high=1e3,
@@ -331,7 +341,7 @@ class SamplingSettings(ViewSettings, EngineSettings, total=False):
     tolerance: Annotated[
         float | None,
         Declared(
-            "render so often that the error of log luma stays below this share of C",
+            "render often enough to keep the error of log luma below this share of C",
             low=0,
             high=10,
             above_low=True,
@@ -339,13 +349,11 @@ class SamplingSettings(ViewSettings, EngineSettings, total=False):
             group=_ACCURACY,
         ),
     ]
-    sampling: Annotated[
-        TimeSampling | None, Declared("a rule of sampling in time of your own", text=None, group=_ACCURACY)
-    ]
+    sampling: Annotated[TimeSampling | None, Declared("your own rule of sampling in time", text=None, group=_ACCURACY)]
     refine: Annotated[
         bool | None,
         Declared(
-            "polish each event's time to the microsecond by asking the renderer; slow, ideal pixels only",
+            "refine each event's time to the microsecond with the renderer; slow, ideal pixels only",
             default_help="as the accuracy says",
             group=_ACCURACY,
         ),
@@ -383,7 +391,7 @@ class SimulatorSettings(CustomSettings, total=False):
     effects: Annotated[
         Effects | None,
         Declared(
-            "what makes pixels, readout and frames differ from ideal ones; over those of the sensor",
+            "effects of pixels, readout and frames, in addition to the sensor's or in place of them",
             default_help="the sensor's",
             text=None,
             group=EFFECTS,
@@ -397,8 +405,8 @@ class SimulationSettings(CustomSettings, EffectsToleranceSettings, total=False):
     effects: Annotated[
         Effects | str | Sequence[str] | None,
         Declared(
-            f"over those of the sensor: Effects, texts {EFFECT_FORM}, or auto: those of the sensor (davis240c if not "
-            "given) whose omission would show in this scene",
+            f"effects, in addition to the sensor's or in place of them: Effects, texts {EFFECT_FORM}, or auto: those "
+            "of the sensor (davis240c if not given) that matter in this scene",
             default_help="the sensor's",
             metavar=EFFECT_FORM,
             text=list,
@@ -424,13 +432,19 @@ class FolderSettings(SimulationSettings, FolderFileSettings, total=False):
     imu_rate_hz: Annotated[
         float | None,
         Declared(
-            "samples of the IMU", default_help="1000", unit="Hz", low=0, above_low=True, metavar="HZ", group=_INERTIAL
+            "rate of the IMU's samples",
+            default_help="1000",
+            unit="Hz",
+            low=0,
+            above_low=True,
+            metavar="HZ",
+            group=_INERTIAL,
         ),
     ]
     imu_effects: Annotated[
         Sequence[str] | None,
         Declared(
-            f"imperfections of the IMU, over those of --imu: {', '.join(IMU_EFFECTS)}",
+            f"imperfections of the IMU, in addition to those of --imu or in place of them: {', '.join(IMU_EFFECTS)}",
             metavar=EFFECT_FORM,
             text=list,
             group=_INERTIAL,
@@ -458,7 +472,7 @@ class FolderSettings(SimulationSettings, FolderFileSettings, total=False):
     velocity_rate_hz: Annotated[
         float,
         Declared(
-            "write velocity.txt: the camera's velocities and accelerations; 0 for none",
+            "write velocity.txt at this rate: the camera's velocities and accelerations; 0 for none",
             0.0,
             unit="Hz",
             low=0,
@@ -470,29 +484,51 @@ class FolderSettings(SimulationSettings, FolderFileSettings, total=False):
     pose_rate_hz: Annotated[
         float,
         Declared(
-            "poses of the ground truth; 0 for none", 200.0, unit="Hz", low=0, high=1e6, metavar="HZ", group=_INERTIAL
+            "rate of the ground truth's poses; 0 for none",
+            200.0,
+            unit="Hz",
+            low=0,
+            high=1e6,
+            metavar="HZ",
+            group=_INERTIAL,
         ),
     ]
     pose_noise_m: Annotated[
         float | None,
         Declared(
-            "standard deviation of their positions", default_help="0", unit="m", low=0, metavar="M", group=_INERTIAL
+            "standard deviation of the noise of ground-truth positions",
+            default_help="0",
+            unit="m",
+            low=0,
+            metavar="M",
+            group=_INERTIAL,
         ),
     ]
     rotation_noise_rad: Annotated[
         float | None,
-        Declared("and of their rotations", default_help="0", unit="rad", low=0, metavar="RAD", group=_INERTIAL),
+        Declared(
+            "standard deviation of the noise of ground-truth rotations",
+            default_help="0",
+            unit="rad",
+            low=0,
+            metavar="RAD",
+            group=_INERTIAL,
+        ),
     ]
     clock_offset_s: Annotated[
         float | None,
         Declared(
-            "clock of the ground truth at the camera's start", default_help="0", unit="s", metavar="S", group=_INERTIAL
+            "time that the clock of the ground truth shows at the camera's start",
+            default_help="0",
+            unit="s",
+            metavar="S",
+            group=_INERTIAL,
         ),
     ]
     clock_drift_ms_per_min: Annotated[
         float | None,
         Declared(
-            "drift of that clock; 2 in the paper",
+            "drift of the clock of the ground truth; 2 in the paper",
             default_help="0",
             unit="ms/min",
             metavar="MS_PER_MIN",
@@ -501,5 +537,9 @@ class FolderSettings(SimulationSettings, FolderFileSettings, total=False):
     ]
     motion_capture: Annotated[
         MotionCapture | None,
-        Declared("what gives the ground truth, in place of the five settings above", text=None, group=_INERTIAL),
+        Declared(
+            "a motion-capture system that gives the ground truth, in place of the five settings above",
+            text=None,
+            group=_INERTIAL,
+        ),
     ]

@@ -46,7 +46,7 @@ class Bursts:
         self._held = [events[whole:]] if whole < len(events) else []
 
     def finish(self) -> None:
-        """The stream has ended."""
+        """Finish: the stream has ended."""
         self._take(concatenate_events(self._held))
         self._held = []
         self._count_windows(len(self._rows))

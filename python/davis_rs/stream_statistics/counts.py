@@ -57,7 +57,7 @@ class Histogram:
         return float(np.average(middles, weights=self.counts)) if self.total else float("nan")
 
     def percentile(self, share: float) -> float:
-        """The value that ``share`` percent of all do not exceed, to the width of its bin; NaN without values."""
+        """Return the value that ``share`` percent of all do not exceed, to the width of its bin; NaN without values."""
         if self.least is None or self.most is None:
             return float("nan")
         below = np.cumsum(self.counts)

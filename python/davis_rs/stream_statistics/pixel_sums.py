@@ -74,8 +74,9 @@ class _Groups:
         self.intervals: IntArray = t[known] - before[known]
 
     def moments(self) -> tuple[IntArray, IntArray, npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-        """For each pixel that has an interval: its key, the number of intervals, their sum, and the sum of their
-        squares."""
+        """Return, for each pixel that has an interval, its key, the number of intervals, their sum, and the sum of
+        their squares.
+        """
         starts = np.flatnonzero(np.diff(self._key, prepend=-1))
         if not len(starts):
             nothing = np.zeros(0, np.int64)

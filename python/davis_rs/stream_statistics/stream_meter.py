@@ -69,7 +69,7 @@ class StreamMeter:
         return events
 
     def finish(self, name: str = "", kind: str = "", *, quiet: Region | None = None) -> StreamStatistics:
-        """What was found; the meter takes no more events then.
+        """Return what was found; the meter takes no more events after this.
 
         Args:
             name, kind: of the stream, for tables.

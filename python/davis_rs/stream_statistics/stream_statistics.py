@@ -96,11 +96,11 @@ class StreamStatistics:
 
     @property
     def rates_hz(self) -> npt.NDArray[np.float64]:
-        """OFF and ON events of a pixel in a second, float64 (2, H, W)."""
+        """OFF and ON events per second of each pixel, float64 (2, H, W)."""
         return self.counts / max(self.duration_s, 1e-6)
 
     def describe(self) -> dict[str, Any]:
-        """All numbers in JSON's types, None where the stream does not tell."""
+        """Return all numbers in JSON's types; None where the stream does not tell."""
         hot, bursts = self.hot_pixels, self.bursts
         several = bursts.ascending + bursts.descending + bursts.unordered
         pixels = self.size[0] * self.size[1]

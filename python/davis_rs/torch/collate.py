@@ -9,7 +9,7 @@ import torch
 
 
 def collate(samples: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """A batch of samples of :class:`davis_rs.torch.EventDataset`, for ``DataLoader(collate_fn=...)``.
+    """Make a batch of samples of :class:`davis_rs.torch.EventDataset`, for ``DataLoader(collate_fn=...)``.
 
     Tensors of one shape are stacked along a new first axis; those of different shapes, such as the frames of windows
     with more or fewer of them, stay a list. Numbers become a tensor. Raw events are joined: the fields t, x, y, p of

@@ -27,7 +27,7 @@ Kind = Literal["rotation", "translation", "6dof"]
 def slider(
     start: Pose, distance_m: float, speed_m_s: float, *, direction: npt.ArrayLike = (1.0, 0.0, 0.0)
 ) -> SegmentTrajectory:
-    """A linear slider: along one direction at constant speed, without a turn.
+    """Return the path of a linear slider: along one direction at constant speed, without rotation.
 
     Args:
         start: the pose at t = 0.
@@ -54,7 +54,7 @@ def hand_held(
     reach_rad: float = 0.6,
     seed: int = 0,
 ) -> SampledTrajectory:
-    """Motion by hand as in the paper: each degree of freedom alone first, then together, faster and faster.
+    """Return hand-held motion as in the paper: each degree of freedom first alone, then together, ever faster.
 
     In the first half each degree of freedom of ``kind`` (three rotations, three translations, or all six) swings alone
     for an equal time; in the second half they all swing, at frequencies of their own that grow to the end. All the time
@@ -111,7 +111,7 @@ def hand_held(
 def zigzag(
     start: Pose, legs: int, leg_m: float, speed_m_s: float, *, width_m: float = 1.0, through: bool = False
 ) -> SampledTrajectory:
-    """Forward in a zigzag, from side to side, looking ahead all the time.
+    """Return a path forward in a zigzag, from side to side, looking ahead all the time.
 
     Args:
         start: the pose at t = 0; forward is its optical axis, level, and to the side is its x axis, level.
@@ -133,7 +133,7 @@ def zigzag(
 
 
 def spiral(start: Pose, turns: float, radius_m: float, speed_m_s: float, *, pitch_m: float = 0.3) -> SampledTrajectory:
-    """A spiral that widens in the image plane's directions while it goes ahead, looking ahead all the time.
+    """Return a spiral that widens in the image plane's directions while it advances, looking ahead all the time.
 
     Args:
         start: the pose at t = 0, on the axis.
@@ -165,7 +165,7 @@ def walking(
     nod_rad: float = 0.02,
     seed: int = 0,
 ) -> SampledTrajectory:
-    """A camera carried ahead by a person who walks: up and down with each step, to the side with every other.
+    """Return a walking person's path ahead: up and down with each step, to one side with every second step.
 
     Args:
         start: the pose at t = 0; ahead is its optical axis, level.
@@ -209,7 +209,7 @@ def running(
     nod_rad: float = 0.06,
     seed: int = 0,
 ) -> SampledTrajectory:
-    """The same as :func:`walking`, for a person who runs."""
+    """Return the path of :func:`walking` for a person who runs."""
     return walking(
         start,
         duration_s,
@@ -248,7 +248,7 @@ def _swing(
 
 
 def _bump(x: FloatArray, start: float, end: float, edge: float) -> FloatArray:
-    """1 between start and end, 0 outside, and four times differentiable at the edges."""
+    """Return 1 between start and end, 0 outside, four times differentiable at the edges."""
 
     def step(u: FloatArray) -> FloatArray:
         u = np.clip(u, 0.0, 1.0)

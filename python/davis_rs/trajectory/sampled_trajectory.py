@@ -139,7 +139,7 @@ class SampledTrajectory(Trajectory):
         return dict(self._description)
 
     def change(self) -> PathChange:
-        """How far smoothing moved the path from the samples."""
+        """Return how far smoothing moved the path from the samples."""
         t, p, q = self._samples
         moved = np.linalg.norm(self.positions(t) - p, axis=1)
         # Of the chord between unit quaternions, since the arc cosine is blind to small turns.
@@ -153,7 +153,7 @@ class SampledTrajectory(Trajectory):
         )
 
     def smoothing(self) -> str:
-        """What was done to the samples, in one line."""
+        """Return what was done to the samples, in one line."""
         position_sigma, rotation_sigma = self._sigmas
         change, did = self.change(), []
         if position_sigma > 0:

@@ -40,30 +40,30 @@ class Trajectory(ABC):
 
     @abstractmethod
     def positions(self, t_s: npt.ArrayLike) -> FloatArray:
-        """Camera centres (n, 3) in the world, metres."""
+        """Return camera centres (n, 3) in the world, metres."""
 
     @abstractmethod
     def quaternions(self, t_s: npt.ArrayLike) -> FloatArray:
-        """Unit quaternions (n, 4) of R_world_camera, (x, y, z, w); the sign is continuous in time."""
+        """Return unit quaternions (n, 4) of R_world_camera, (x, y, z, w); the sign is continuous in time."""
 
     @abstractmethod
     def velocities(self, t_s: npt.ArrayLike) -> FloatArray:
-        """Velocities (n, 3) in world axes, m/s."""
+        """Return velocities (n, 3) in world axes, m/s."""
 
     @abstractmethod
     def angular_rates(self, t_s: npt.ArrayLike) -> FloatArray:
-        """Angular rates (n, 3) in body (camera) axes, rad/s: what a gyroscope in the camera measures."""
+        """Return angular rates (n, 3) in body (camera) axes, rad/s: what a gyroscope in the camera measures."""
 
     def accelerations(self, t_s: npt.ArrayLike) -> FloatArray:
-        """Second derivatives of the position (n, 3) in world axes, m/s^2 (gravity is not in them)."""
+        """Return second derivatives of the position (n, 3) in world axes, m/s^2 (gravity is not in them)."""
         return self._difference(self.velocities, t_s)
 
     def angular_accelerations(self, t_s: npt.ArrayLike) -> FloatArray:
-        """Derivatives of the body's angular rate (n, 3) in body (camera) axes, rad/s^2."""
+        """Return derivatives of the body's angular rate (n, 3) in body (camera) axes, rad/s^2."""
         return self._difference(self.angular_rates, t_s)
 
     def breaks_s(self) -> FloatArray:
-        """Instants (n,), increasing, within (0, ``duration_s``) at which velocity or body rate jumps, or the pose does.
+        """Return increasing instants (n,) in (0, ``duration_s``) at which velocity, body rate or the pose jumps.
 
         A start from rest, the end of a motion, a corner of the path: whatever is interpolated in time must not be
         interpolated across these. A path that is smooth all the way, as that of this class is taken to be, has none.
@@ -72,21 +72,21 @@ class Trajectory(ABC):
 
     @abstractmethod
     def describe(self) -> dict[str, object]:
-        """What this trajectory is and where it comes from, of types that JSON knows."""
+        """Return what this trajectory is and where it comes from, in JSON's types."""
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__.lstrip('_')} of {self.duration_s:.6g} s>"
 
     def rotations(self, t_s: npt.ArrayLike) -> FloatArray:
-        """R_world_camera, shape (n, 3, 3)."""
+        """Return R_world_camera, shape (n, 3, 3)."""
         return rotation_matrices(self.quaternions(t_s))
 
     def pose(self, t_s: float) -> Pose:
-        """T_world_camera at one time."""
+        """Return T_world_camera at one time."""
         return Pose(self.positions([t_s])[0], self.quaternions([t_s])[0])
 
     def times(self, t_s: npt.ArrayLike) -> FloatArray:
-        """``t_s`` as float64 (n,), times up to 1 us outside the range moved onto its end.
+        """Return ``t_s`` as float64 (n,); times up to 1 us outside the range are moved to its end.
 
         Raises:
             ValueError: for another shape, or a time outside [0, ``duration_s``] by more than 1 us (or NaN).
@@ -102,7 +102,7 @@ class Trajectory(ABC):
         return np.clip(t, 0.0, self.duration_s)
 
     def crop(self, start_s: float = 0.0, duration_s: float | None = None) -> Trajectory:
-        """The part from ``start_s`` on, ``duration_s`` long (default: to the end), with t = 0 at its start.
+        """Return the part from ``start_s`` on, ``duration_s`` long (default: to the end), with t = 0 at its start.
 
         Raises:
             ValueError: for a duration that is not > 0, or a part that is not inside the trajectory (within 1 us).
@@ -120,7 +120,7 @@ class Trajectory(ABC):
         return _Cropped(self, float(start_s), min(float(duration_s), self.duration_s - start_s))
 
     def top_speeds(self, window_s: float = SPEED_WINDOW_S) -> TopSpeeds:
-        """The fastest mean motion over any ``window_s``: distance, and angle of the rotation, over time.
+        """Return the fastest mean motion over any ``window_s``: distance, and angle of the rotation, over time.
 
         A top speed of a measured trajectory is only as good as its window: a 200 Hz motion capture whose positions are
         noisy by 0.65 mm and rotations by 4.3 mrad resolves 9 mm/s and 3.5 deg/s in 100 ms, but 180 mm/s and 70 deg/s
@@ -152,7 +152,7 @@ class Trajectory(ABC):
     def check(
         self, max_speed_m_s: float = np.inf, max_rate_rad_s: float = np.inf, *, window_s: float = SPEED_WINDOW_S
     ) -> TopSpeeds:
-        """Make sure that no :meth:`top_speeds` lies above what is asked; returns them.
+        """Check that no :meth:`top_speeds` lies above the given limits; return them.
 
         Raises:
             ValueError: naming the speed or rate, when it is reached, and the limit; for a window out of range.
@@ -219,7 +219,7 @@ def _checked_breaks(breaks_s: npt.ArrayLike, duration_s: float) -> FloatArray:
 
 
 class CallableTrajectory(Trajectory):
-    """A path given by functions, each exact in its own right: nothing that is given is differentiated numerically.
+    """A path given by functions. Each must be exact: those that are given are not differentiated numerically.
 
     Args:
         duration_s: > 0.
@@ -387,7 +387,7 @@ class _Aligned(Trajectory):
 
 
 def align(trajectory: Trajectory, pose: Pose, at_s: float = 0.0) -> Trajectory:
-    """``trajectory`` moved rigidly so that its pose at ``at_s`` is ``pose``: T_new(t) = pose T(at_s)^-1 T(t).
+    """Move ``trajectory`` rigidly so that its pose at ``at_s`` is ``pose``: T_new(t) = pose T(at_s)^-1 T(t).
 
     Velocities turn with it; body rates stay as they are.
 

@@ -46,7 +46,7 @@ class Views:
 
     @classmethod
     def along(cls, trajectory: Trajectory, t_s: npt.ArrayLike, *, start_s: float = 0.0) -> Views:
-        """A trajectory at its times ``t_s`` (n,); its time 0 is at ``start_s`` of the sequence.
+        """Return the views along a trajectory at its times ``t_s`` (n,); its time 0 is at ``start_s`` of the sequence.
 
         Raises:
             ValueError: as :meth:`Trajectory.times`.
@@ -62,7 +62,7 @@ class Views:
 
     @classmethod
     def at_rest(cls, poses: Sequence[Pose], t_s: npt.ArrayLike = 0.0) -> Views:
-        """Cameras that do not move, all at ``t_s`` or each at its own, (n,)."""
+        """Return cameras that do not move, all at time ``t_s``, or each at its own, (n,)."""
         positions = np.array([pose.position for pose in poses]).reshape(-1, 3)
         quaternions = np.array([pose.quaternion for pose in poses]).reshape(-1, 4)
         still = np.zeros_like(positions)
@@ -70,7 +70,7 @@ class Views:
         return cls(times, positions, rotation_matrices(quaternions), still, still)
 
     def moved(self, t_s: npt.ArrayLike) -> Views:
-        """Each view its own time (n,) in seconds later, at constant velocity and body rate."""
+        """Return the views, each its own time (n,) in seconds later, at constant velocity and body rate."""
         from scipy.spatial.transform import Rotation
 
         t = np.asarray(t_s, np.float64)
@@ -79,7 +79,7 @@ class Views:
         return Views(self.t_s + t, positions, self.rotations @ turns, self.velocities, self.angular_rates)
 
     def scaled(self, factor: float) -> Views:
-        """The same views in a world that is ``factor`` times as large, scaled about its origin."""
+        """Return the same views in a world that is ``factor`` times as large, scaled about its origin."""
         return Views(self.t_s, factor * self.positions, self.rotations, factor * self.velocities, self.angular_rates)
 
     def __len__(self) -> int:

@@ -23,7 +23,7 @@ def waypoint_trajectory(
     through: bool = True,
     ramp_s: float = 0.3,
 ) -> SampledTrajectory:
-    """A smooth path along control points, at constant speed between a start and an end at rest.
+    """Return a smooth path along control points, at constant speed between a start and an end at rest.
 
     The curve is a natural cubic spline through the points over the distance between them; or, near them, the
     cubic B-spline that has them as its control points, from the first to the last: it keeps within their hull, and cuts

@@ -96,17 +96,17 @@ class Davis:
 
     @property
     def lost_bytes(self) -> int:
-        """How much of the stream was lost since the start because the program was too slow."""
+        """Number of bytes lost since the start because the program was too slow."""
         return 0 if self._reader is None else self._reader.lost_bytes
 
     @property
     def received_bytes(self) -> int:
-        """How much of the stream has arrived since the start."""
+        """Number of bytes of the stream that have arrived since the start."""
         return 0 if self._reader is None else self._reader.received_bytes
 
     @property
     def stats(self) -> dict[str, int]:
-        """How often the stream since the start was not what a camera sends, see :attr:`davis_rs.Decoder.stats`."""
+        """Counts of faults in the stream since the start, see :attr:`davis_rs.Decoder.stats`."""
         return {} if self._decoder is None else self._decoder.stats
 
     def start(self) -> None:
@@ -168,7 +168,7 @@ class Davis:
         self.configure(biases={**as_biases(self.settings.biases), **as_biases({name: (coarse, fine)})})
 
     def chunks(self) -> Iterator[bytes]:
-        """The stream as it comes, whole words, for recordings; an empty chunk after 0.1 s of silence.
+        """Yield the stream as it comes, in whole words, for recordings; an empty chunk after 0.1 s of silence.
 
         What one of the two iterators has taken, the other does not see.
         """
@@ -186,7 +186,7 @@ class Davis:
             yield chunk.data
 
     def decode(self, chunk: bytes) -> Decoded:
-        """What is complete by a chunk; each of :meth:`chunks` once, in their order.
+        """Decode a chunk and return what is now complete; pass each of :meth:`chunks` once, in order.
 
         Raises:
             ValueError: if it was never started.

@@ -56,7 +56,7 @@ class DavisDescription:
 
     @property
     def device(self) -> Device:
-        """What a decoder has to know of it.
+        """What a decoder has to know of the camera.
 
         Raises:
             ValueError: for a chip whose stream is not understood.

@@ -73,7 +73,7 @@ class Write(NamedTuple):
 
     @property
     def register(self) -> Register:
-        """Where it goes."""
+        """The register that it is written to."""
         return Register(self.module, self.parameter)
 
 

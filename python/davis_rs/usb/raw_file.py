@@ -129,11 +129,11 @@ class RawRecording:
             raise DecodeError(f"{self.path}, byte {len(MAGIC)}: malformed header: {error}") from None
 
     def decoder(self) -> Decoder:
-        """A decoder for the camera that was recorded."""
+        """Return a decoder for the camera that was recorded."""
         return Decoder(self.camera.device)
 
     def chunks(self, size: int = CHUNK_BYTES) -> Iterator[bytes]:
-        """The stream, ``size`` bytes at a time."""
+        """Yield the stream, ``size`` bytes at a time."""
         with self.path.open("rb") as file:
             file.seek(HEADER_BYTES)
             while chunk := file.read(size):

@@ -59,7 +59,7 @@ class DavisSettings:
                 raise ValueError(f"{name} must lie in 0..{most}, got {getattr(self, name)!r}")
 
     def writes(self, camera: DavisDescription) -> tuple[Write, ...]:
-        """Everything to be written into this camera before it is started, in order.
+        """Return everything that is written into the camera before it is started, in order.
 
         Raises:
             ValueError: for a region outside of its frames, or a bias that its chip does not have.

@@ -80,24 +80,24 @@ class VirtualBackend(IBackend):  # type: ignore[misc]  # pyusb has no types
         return device
 
     def close_device(self, handle: VirtualDavis) -> None:
-        """Nothing to give back."""
+        """Do nothing: there is nothing to give back."""
 
     def set_configuration(self, handle: VirtualDavis, value: int) -> None:
-        """As the host does it."""
+        """Do as the host does it."""
         _control(handle, 0x00, 9, value, 0, b"")
 
     def get_configuration(self, handle: VirtualDavis) -> int:
-        """As the host does it."""
+        """Do as the host does it."""
         return _control(handle, 0x80, 8, 0, 0, 1)[0]
 
     def claim_interface(self, handle: VirtualDavis, interface: int) -> None:
-        """Nobody else can have it."""
+        """Do nothing: nobody else can have the interface."""
 
     def release_interface(self, handle: VirtualDavis, interface: int) -> None:
-        """Nobody else wants it."""
+        """Do nothing: nobody else wants the interface."""
 
     def clear_halt(self, handle: VirtualDavis, endpoint: int) -> None:
-        """As the host does it."""
+        """Do as the host does it."""
         _control(handle, 0x02, 1, 0, endpoint, b"")
 
     def ctrl_transfer(

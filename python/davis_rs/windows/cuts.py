@@ -79,7 +79,7 @@ def windows_that_fit(length: int, size: int, stride: int) -> int:
 
 
 def positive(name: str, value: int | None) -> int:
-    """``value`` itself.
+    """Return ``value`` itself.
 
     Raises:
         ValueError: if it is missing, or not positive.

@@ -129,7 +129,7 @@ class EventWindows(Sequence[EventWindow]):
         self._access.close()
 
     def _limits(self, start_us: int | None, stop_us: int | None) -> tuple[int, int]:
-        """Where the first window may begin, and the last one end."""
+        """Return where the first window may begin, and the last one end."""
         first_us = 0 if self.dataset is not None else self._access.first_us or 0
         last_us = self._access.last_us
         end_us = first_us if last_us is None else last_us + 1

@@ -24,7 +24,7 @@ impl Trigger {
     }
 }
 
-/// What a trigger is; its number is that of the wire's word.
+/// The kind of a trigger; its number is that of the word in the camera's stream.
 #[repr(u8)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum TriggerKind {

@@ -112,13 +112,13 @@ impl PyDevice {
         self.0.chip.name()
     }
 
-    /// Columns of the image that events fall on: x lies below it.
+    /// Number of columns of the events' image: x is less than this.
     #[getter]
     fn width(&self) -> u16 {
         self.0.size().width
     }
 
-    /// Rows of the image that events fall on: y lies below it.
+    /// Number of rows of the events' image: y is less than this.
     #[getter]
     fn height(&self) -> u16 {
         self.0.size().height
@@ -230,7 +230,7 @@ impl PyDecoder {
         PyDevice(self.decoder.device().clone())
     }
 
-    /// How often the stream was not what a camera sends, by kind; all zero for one that arrived whole.
+    /// Counts of faults in the stream, by kind; all zero for one without a fault.
     ///
     /// - ``unknown_words``: words that mean nothing, the reserved 0x0000 among them; ignored
     /// - ``times_not_increasing``: timestamps and wraps that do not go forward; obeyed
@@ -330,7 +330,7 @@ impl PyEncoder {
         Ok(Self { encoder: Encoder::new(device)?, accel_range, gyro_range })
     }
 
-    /// The bytes of the next packet; the GIL is released.
+    /// Encode the next packet and return its bytes; the GIL is released.
     ///
     /// Times must lie in 0..2^48 us, may not decrease within a kind, nor lie before the last time encoded; frames may
     /// not overlap. A trigger that resets the clock comes first, at time 0; what follows counts from there.

@@ -130,7 +130,7 @@ impl PyCrossingEngine {
         take(&mut self.0, CrossingEngine::push, t_us, (luma, dluma_dt, sparse), names)
     }
 
-    /// :meth:`push` of log intensity itself, which is taken as it is: ``log_eps`` has no part in it.
+    /// Take log intensity itself instead of luma, otherwise as :meth:`push`; ``log_eps`` is not used.
     ///
     /// Args:
     ///     t_us: time in microseconds, >= 0 and after the last frame's.
@@ -157,7 +157,7 @@ impl PyCrossingEngine {
         take(&mut self.0, CrossingEngine::push_log, t_us, (log_intensity, slope, sparse), names)
     }
 
-    /// The events that the readout effect still holds: requested up to the last frame, stamped after it.
+    /// Return the events that the readout effect still holds: requested up to the last frame, stamped after it.
     ///
     /// Returns:
     ///     Events (:data:`davis_rs.EVENT_DTYPE`), sorted; none without that effect.
@@ -199,14 +199,14 @@ impl PyCrossingEngine {
         image(py, self.0.last_event_us(), self.0.size())
     }
 
-    /// All that decides which events come next, as numbers and arrays: parameters, time, last frame, counters.
+    /// Return what decides which events come next, as numbers and arrays: parameters, time, last frame, counters.
     ///
     /// For :meth:`from_state`, and for NumPy's or any other storage; pickling stores the same.
     fn state<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         state::to_dict(py, self.0.state())
     }
 
-    /// An engine that goes on from :meth:`state` as the one it was taken from would have.
+    /// Return an engine that continues from :meth:`state` as the original engine would have.
     ///
     /// Args:
     ///     state: what :meth:`state` gave, also in another process or at another time.

@@ -9,7 +9,7 @@ use crate::event::Event;
 use crate::read::{Decode, Evt3Decoder};
 use crate::write::{Encode, Evt3Encoder};
 
-/// Events as words of EVT 3.0 without a header, beginning with the high part of the first event's time.
+/// Pack events as words of EVT 3.0 without a header, beginning with the high part of the first event's time.
 ///
 /// Args:
 ///     events: anything with the fields t, x, y, p; times modulo 2^24 us are written.
@@ -45,7 +45,7 @@ impl PyEvt3Stream {
         Self { decoder: Evt3Decoder::of_words(), events: 0 }
     }
 
-    /// The events of the next packet.
+    /// Decode the next packet and return its events.
     ///
     /// Args:
     ///     packet: whole words, little-endian.

@@ -245,7 +245,7 @@ impl PyEventFileReader {
         Ok(py.detach(|| self.reader.look()).map_err(|error| naming(error, &self.name))?)
     }
 
-    /// The next events: at least ``enough`` and not many more, fewer at the end; the GIL is released.
+    /// Read the next events: at least ``enough`` and not many more, fewer at the end; the GIL is released.
     ///
     /// Returns:
     ///     Events (:data:`davis_rs.EVENT_DTYPE`), in the file's order.
@@ -290,7 +290,7 @@ impl PyEventFileReader {
         rows.into_pyarray(py).reshape([blocks.len(), 9])
     }
 
-    /// The events of a block that :meth:`scan` has found in this file; the GIL is released.
+    /// Read the events of a block that :meth:`scan` has found in this file; the GIL is released.
     ///
     /// Args:
     ///     byte: where it begins.
@@ -324,7 +324,7 @@ impl PyEventFileReader {
         self.over
     }
 
-    /// (width, height), where the file says it and once that part was read; None otherwise.
+    /// The sensor's (width, height), where the file says it and once that part was read; None otherwise.
     #[getter]
     fn size(&self) -> Option<(u32, u32)> {
         self.reader.size()
@@ -342,7 +342,7 @@ impl PyEventFileReader {
         self.file_size
     }
 
-    /// At the end: how many bytes are left that are no whole record.
+    /// Number of bytes left at the end of the file that are no complete record.
     #[getter]
     fn left_over(&self) -> u64 {
         self.reader.left_over()
@@ -380,7 +380,7 @@ pub(super) fn check_events(
     Ok(limits.check(events.as_slice()?, last_us.max(0))?)
 }
 
-/// CRC-32 of bytes that come in parts; the GIL is released.
+/// Compute the CRC-32 of bytes that come in parts; the GIL is released.
 ///
 /// Args:
 ///     bytes: uint8, shape (n,), contiguous: the next part.
@@ -400,7 +400,7 @@ pub(super) fn crc32(py: Python<'_>, bytes: PyReadonlyArray1<'_, u8>, start: u32)
     }))
 }
 
-/// CRC-32 of two byte strings in a row, from the CRC-32 of each, as :func:`crc32` gives it.
+/// Compute the CRC-32 of two byte strings in a row from the CRC-32 of each, as :func:`crc32` gives it.
 ///
 /// Args:
 ///     first: CRC-32 of the first string.

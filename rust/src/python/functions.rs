@@ -6,7 +6,7 @@ use pyo3::prelude::*;
 use super::arrays::{events, frame, image, size_of, threshold};
 use crate::event::Event;
 
-/// L = ln(luma + log_eps) in float64, shape (height, width), as :class:`CrossingEngine` computes it.
+/// Compute L = ln(luma + log_eps) in float64, shape (height, width), as :class:`CrossingEngine` does.
 ///
 /// The same bits on every processor, within 1 ulp of the exact logarithm.
 ///
@@ -24,7 +24,7 @@ pub(super) fn log_intensity<'py>(luma: &Bound<'py, PyAny>, log_eps: f64) -> PyRe
     image(luma.py(), logs, size)
 }
 
-/// Log intensity at ``t_us`` from the first frame's and the events until then (t <= t_us).
+/// Compute log intensity at ``t_us`` from that of the first frame and the events until then (t <= t_us).
 ///
 /// log I(x; t) = log I(x; 0) + n_on C_on - n_off C_off with each pixel's counts: the engine's reference to the bit.
 ///

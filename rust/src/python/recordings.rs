@@ -14,7 +14,7 @@ use crate::error::Error;
 use crate::event::SensorSize;
 use crate::read::{Aedat4Frame, Aedat4Imu, Aedat4Recording, Aedat4Trigger};
 
-/// All that a file of AEDAT 4.0 holds: of each kind the first stream, in the order of the file.
+/// Read what a file of AEDAT 4.0 holds: of each kind the first stream, in the order of the file.
 ///
 /// Args:
 ///     path: the file.

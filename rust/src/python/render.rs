@@ -183,7 +183,7 @@ impl PySceneRenderer {
         Ok(Self(Renderer::new(Scene::new(&tables)?, threads)?))
     }
 
-    /// Linear luma of each view, and its rate.
+    /// Render linear luma of each view, and its rate.
     ///
     /// Args:
     ///     rays: of the sensor.
@@ -214,7 +214,7 @@ impl PySceneRenderer {
         Ok((luma.into_pyarray(py), rates.map(|rates| rates.into_pyarray(py))))
     }
 
-    /// Luma of single pixels, the bits of :meth:`luma`.
+    /// Render luma of single pixels, the bits of :meth:`luma`.
     ///
     /// Args:
     ///     rays: of the sensor.
@@ -240,7 +240,7 @@ impl PySceneRenderer {
         Ok(luma.into_pyarray(py))
     }
 
-    /// Luma of the pixels that edges pass, through spans of time.
+    /// Render luma of the pixels that edges pass, through spans of time.
     ///
     /// Args:
     ///     rays: of the sensor.
@@ -287,7 +287,7 @@ impl PySceneRenderer {
         Ok(tracks.into_iter().map(tuple).collect())
     }
 
-    /// What the pixels' rays hit.
+    /// Find what the pixels' rays hit.
     ///
     /// Args:
     ///     rays: of the sensor, one ray a pixel.
@@ -312,7 +312,7 @@ impl PySceneRenderer {
         Ok((depth.into_pyarray(py), triangles.into_pyarray(py)))
     }
 
-    /// What the rays of single pixels hit, the bits of :meth:`depth`.
+    /// Find what the rays of single pixels hit, the bits of :meth:`depth`.
     ///
     /// Args:
     ///     rays: of the sensor, one ray a pixel.
@@ -340,7 +340,7 @@ impl PySceneRenderer {
         Ok((depth.into_pyarray(py), triangles.into_pyarray(py)))
     }
 
-    /// Luma of single pixels in float64, or of weighted sums of pixels, each with its derivatives.
+    /// Compute luma of single pixels in float64, or of weighted sums of pixels, each with its derivatives.
     ///
     /// Which surface a ray meets, and whether a light is hidden from it, is taken as fixed.
     ///
@@ -377,7 +377,7 @@ impl PySceneRenderer {
         Ok(gradients.into_pyarray(py))
     }
 
-    /// Derivatives of single pixels' luma by texels in float64, or of weighted sums of pixels.
+    /// Compute derivatives of single pixels' luma by texels in float64, or of weighted sums of pixels.
     ///
     /// Which surface a ray meets, whether a light is hidden from it, and light that bounces, is taken as fixed.
     ///
@@ -413,7 +413,7 @@ impl PySceneRenderer {
         Ok((found.counts.into_pyarray(py), found.texels.into_pyarray(py), found.values.into_pyarray(py)))
     }
 
-    /// What each ray of single pixels sees, in float64.
+    /// Find what each ray of single pixels sees, in float64.
     ///
     /// Args:
     ///     rays: of the sensor, r rays a pixel.

@@ -29,7 +29,7 @@ pub(super) fn count_events<'py>(
     planes(py, py.detach(|| represent::count_events(events, size))?, size)
 }
 
-/// The times in microseconds of the last events up to ``until_us`` by polarity and pixel, -1 where there were fewer.
+/// Find the last events up to ``until_us`` by polarity and pixel: times in microseconds, -1 where there were fewer.
 ///
 /// Args:
 ///     events: anything with the fields t, x, y, p, in any order.

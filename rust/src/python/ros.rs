@@ -8,7 +8,7 @@ use super::arrays::events;
 use crate::event::{Event, SensorSize};
 use crate::ros;
 
-/// A ``dvs_msgs/EventArray`` as ROS 1 serializes it, stamped with the last event's time.
+/// Pack a ``dvs_msgs/EventArray`` as ROS 1 serializes it, stamped with the last event's time.
 ///
 /// Args:
 ///     events: anything with the fields t, x, y, p.
@@ -35,7 +35,7 @@ pub(super) fn pack_event_message<'py>(
 /// The events of a message, and the sensor's (width, height).
 type Unpacked<'py> = (Bound<'py, PyArray1<Event>>, (u16, u16));
 
-/// The events of a ``dvs_msgs/EventArray``, times rounded to the nearest microsecond, and its (width, height).
+/// Return the events of a ``dvs_msgs/EventArray``, times rounded to the microsecond, and its (width, height).
 ///
 /// Raises:
 ///     DecodeError: where the message breaks the definition, with the byte.

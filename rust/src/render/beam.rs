@@ -1,4 +1,10 @@
-//! Lights in a place that do not shine alike to all sides.
+//! Beams: lights at a place that shine differently in different directions (spots, and pieces of a lamp's surface).
+//!
+//! Both change a light's irradiance by a factor of the direction, so they share one type and the renderer's steps for a
+//! point light stay as they are. The inverse cosine is plain arithmetic ([`acos`]), because the C library's differs
+//! between processors.
+//!
+//! What must not break: luma and rate are multiplied by the same factor, and the bits are the same on every processor.
 
 use std::f32::consts::{FRAC_PI_2, PI};
 

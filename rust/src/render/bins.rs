@@ -1,4 +1,13 @@
-//! Which triangles each tile of a view may see.
+//! Bins: finds the triangles that each tile of a view may see.
+//!
+//! Per view, every triangle is set up once in float64 and entered into the lists of the tiles that it may be seen in. A
+//! tile's rays then look at few triangles. Nothing is clipped and there is no near plane: a ray hits a triangle if
+//! three linear functions are not negative and 1 / depth is positive.
+//!
+//! What must not break:
+//! - Two triangles with a common edge have functions of exactly opposite sign there, so no ray passes between them.
+//! - A triangle is left out of a tile only if none of the tile's rays would see it, to the last bit
+//!   ([`super::linear`]).
 
 use super::hierarchy::{Boxes, Region, WIDTH};
 use super::linear::{Linear, Rect};

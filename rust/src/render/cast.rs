@@ -1,4 +1,11 @@
-//! Which rays of a tile see places that are hidden from a light, once it is known what may hide them.
+//! Casts shadows: finds which rays of a tile see points that are hidden from a light, given what may hide them.
+//!
+//! Rays that are side by side are tested when they are shaded. The others are tested before that, rays of several
+//! triangles together, because in a fine mesh each triangle is seen by only a few rays.
+//!
+//! What must not break:
+//! - A triangle throws no shadow on itself.
+//! - Testing rays together changes only the time, not the result.
 
 use multiversion::multiversion;
 

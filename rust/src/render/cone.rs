@@ -1,4 +1,9 @@
-//! What a triangle hides from a light: a cone behind it, as bounds that are linear in the hidden place.
+//! Cones: the part of space that a triangle hides from a light, as linear functions of the hidden point.
+//!
+//! A shadow test is then four linear functions instead of a ray. [`WIDTH`] cones are tested together ([`Packet`]), for
+//! single points and for whole boxes.
+//!
+//! What must not break: what is found for a box is true for each point in it as float32 computes it.
 
 use super::hierarchy::{Boxes, Region, WIDTH};
 use super::vector::{Vector, cross, dot, largest, scale, single, sub};

@@ -1,4 +1,11 @@
-//! Which pixels edges pass, and luma of these through the time in which they do.
+//! Edge tracks: finds the pixels that edges of the geometry pass, and their luma during that time.
+//!
+//! Samples at a fixed spacing miss what passes between them. The instants at which edges pass are known from the
+//! geometry ([`super::edges`]), so a few rendered instants and these jumps give luma at all times between
+//! ([`super::tracks`]).
+//!
+//! What must not break: pixels whose luma neither edges nor rates explain are reported, so that the caller can render
+//! them more finely.
 
 use rayon::prelude::*;
 

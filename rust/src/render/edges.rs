@@ -1,8 +1,10 @@
-//! The edges at which one surface may hide another or where it bends, and the instants at which they pass a camera's rays.
+//! Edges at which one surface may hide another or bends, and the instants at which they pass a camera's rays.
 //!
 //! An edge and the camera lie in a plane. A ray is passed when it lies in that plane, between the edge's ends. Over a
-//! short time each end moves along a parabola in camera axes, and so does the plane's normal: whether it is passed, and
-//! when, are the roots of a polynomial of the second degree.
+//! short time each end moves along a parabola in camera axes, and so does the plane's normal. So the instants are the
+//! roots of a polynomial of the second degree.
+//!
+//! What must not break: corners at the same place count as one, or inner edges of a mesh would seem to be open.
 
 use std::collections::HashMap;
 

@@ -1,7 +1,10 @@
-//! What single rays meet first, in float64.
+//! First hits: finds what single rays hit, in float64.
 //!
-//! Frames are rendered in float32, whose rounding moves an edge by some 1e-7 of the image. Where it is asked how fast
-//! an edge moves, that is too much.
+//! Frames are rendered in float32, whose rounding moves an edge by some 1e-7 of the image. That is too much for
+//! derivatives, which ask how fast an edge moves.
+//!
+//! What must not break: the candidates for a spot of the image include every triangle that one of its rays may hit
+//! first.
 
 use super::hierarchy::{Boxes, Region, WIDTH};
 use super::scene::Scene;

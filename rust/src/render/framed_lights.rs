@@ -1,4 +1,9 @@
-//! Lights as each frame of a scene has them around it at an instant, in float64.
+//! Lights in the axes of each frame (the world's, or a body's) at an instant, in float64.
+//!
+//! Derivatives ([`super::slopes`]) are computed in the frame of the triangle that is hit, so lights are brought there
+//! first.
+//!
+//! What must not break: lights and their rates agree with those that frames are rendered with ([`super::lights`]).
 
 use super::beam::Beam;
 use super::scene::{Light, LightKind, Scene};

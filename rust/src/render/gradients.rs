@@ -1,4 +1,10 @@
-//! Luma of single pixels in float64, with its derivatives by time, by the camera's pose and by each light.
+//! Gradients: luma of single pixels in float64, with its derivatives by time, by the camera's pose and by each light.
+//!
+//! Derivatives are closed forms, not differences, so they need no step size. Which surface a ray hits, and which lights
+//! are hidden from it, is taken as fixed.
+//!
+//! What must not break: the layout of a gradient ([`BEFORE_LIGHTS`] numbers, then one for each light), which Python
+//! reads.
 
 use rayon::prelude::*;
 

@@ -1,4 +1,9 @@
-//! A hierarchy of boxes over triangles, so that most of them need not be looked at.
+//! A hierarchy of boxes over triangles: finds the triangles in a region of space without a look at all of them.
+//!
+//! A node has [`WIDTH`] boxes, because that many are tested together in vector code.
+//!
+//! What must not break: a triangle that touches the region is always found. One too many costs only time, so boxes are
+//! rounded outward.
 
 #![allow(clippy::cast_precision_loss, reason = "scenes have fewer than 2^31 triangles")]
 

@@ -1,4 +1,8 @@
-//! Values of rays that are worked on side by side.
+//! Lanes: fixed-length arrays of values, one for each ray, for rays that are processed together.
+//!
+//! The compiler makes vector code of loops over arrays of a known length.
+//!
+//! What must not break: arrays are aligned to cache lines, and loops run over multiples of [`STEP`].
 
 use std::ops::{Deref, DerefMut};
 

@@ -1,4 +1,8 @@
-//! Light that was computed beforehand: on each side of each triangle a lattice of irradiance, looked up like a texture.
+//! Light maps: irradiance that was computed beforehand, for each side of each triangle, looked up like a texture.
+//!
+//! They are stored as textures are, so that bilinear lookup serves for both.
+//!
+//! What must not break: the layout of the tables, which Python fills, and the frame of one texel around each map.
 
 use super::texture::{self, Texture};
 use crate::error::{Error, Result};

@@ -1,4 +1,9 @@
-//! Lights as a camera has them around it at an instant.
+//! Lights in camera axes at an instant, with their rates.
+//!
+//! They are brought there once for each view, so that shading a ray needs no rotation.
+//!
+//! What must not break: the order of the lights, which is the order of their colours. Luma is added up in it, so
+//! another order changes bits.
 
 use super::beam::SeenBeam;
 use super::cone::FrameCones;

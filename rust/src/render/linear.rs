@@ -1,4 +1,9 @@
 //! Linear functions over the image, and their bounds over a part of it.
+//!
+//! A tile is decided at its corners instead of at each ray. This is exact because roundings are monotonic: the value at
+//! the right corner bounds what every ray in the tile would compute.
+//!
+//! What must not break: the order of operations, a x + (b y + c), the same for bounds and for rays, and never fused.
 
 /// A part of the image in undistorted coordinates: the x and y of ray directions (x, y, 1) in camera axes.
 #[derive(Clone, Copy, Debug)]

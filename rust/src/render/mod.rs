@@ -1,22 +1,28 @@
-//! The renderer: linear luma of diffuse triangles under direct light, as a camera's rays see them.
+//! The renderer: linear luma of diffuse triangles under direct or baked light, as a camera's rays see them.
 //!
 //! ```text
 //! view -> bins: which triangles each tile of the image may see
-//!      -> visibility: which of them each of its rays meets first
+//!      -> visibility: which of them each of its rays hits first
 //!      -> shade: depth, texture, light and shadow of the rays of one triangle
 //!      -> tile: the mean of each pixel's rays
 //! ```
 //!
-//! [`scene`] holds what is rendered, [`hierarchy`] finds its triangles, [`pixel_rays`] holds the camera's rays by tiles,
-//! [`view`] says where the camera is and how it moves there. [`sorted`] finds the rays of one triangle, which are shaded side by
-//! side in [`lanes`]. [`linear`] makes a tile's decisions those of its rays,
-//! [`texture`], [`lights`], [`beam`], [`light_map`], [`sky`], [`shadows`] (what lies between, behind [`cone`]s) and [`cast`] (on which rays)
-//! give what [`shade`] needs; [`tile`] is compiled for several processors, [`samples`] are single pixels, [`renderer`] is
-//! what the user sees. [`edges`] tells when edges pass rays, [`tracks`] what luma does meanwhile
-//! ([`smooth_motion`] says how all moves),
-//! [`edge_tracks`] which pixels that concerns. [`gradients`] are derivatives of single pixels in float64: what their rays meet
-//! ([`first_hit`]), and how it changes with the place ([`slopes`], [`framed_lights`]); [`texel_gradients`] are those by the
-//! texels that they see.
+//! Work is shared by many rays wherever that does not change a bit: triangles are set up once per view, tiles are
+//! decided at their corners ([`linear`]), and the rays of one triangle are shaded together ([`sorted`], [`lanes`]).
+//!
+//! - Input: [`scene`] holds what is rendered, [`hierarchy`] finds its triangles, [`pixel_rays`] are the camera's rays,
+//!   [`view`] is where the camera is and how it moves.
+//! - Light: [`lights`], [`beam`], [`light_map`], [`sky`] and [`texture`].
+//! - Shadows: [`shadows`] finds what lies between a [`patch`] and a light, as [`cone`]s, and [`cast`] the rays that see
+//!   hidden points.
+//! - Output: [`renderer`] is what the user sees, [`samples`] are single pixels.
+//! - Over time: [`edges`] finds when edges pass rays, [`tracks`] the luma meanwhile, [`edge_tracks`] the pixels
+//!   concerned, and [`smooth_motion`] the motion.
+//! - Derivatives of single pixels in float64: [`gradients`] ([`first_hit`], [`slopes`], [`framed_lights`]) and
+//!   [`texel_gradients`].
+//!
+//! What must not break: the same view gives the same bits in any batch, on any number of threads and on every
+//! processor.
 
 #![allow(clippy::many_single_char_names, reason = "coordinates and corners have such names")]
 #![allow(clippy::needless_range_loop, reason = "loops over the lanes of several arrays become vector code")]

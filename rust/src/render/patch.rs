@@ -1,4 +1,8 @@
-//! Patches: boxes around what a part of the image shows of some triangles.
+//! Patches: boxes around the points that a part of the image sees of one or several triangles.
+//!
+//! Shadows are searched for once per patch instead of once per ray.
+//!
+//! What must not break: the box contains each point as its ray finds it in float32, so it is larger by all roundings.
 
 use super::bins::Seen;
 use super::lights::Surroundings;

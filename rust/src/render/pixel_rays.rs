@@ -1,4 +1,9 @@
-//! The rays of a camera's pixels, by tiles of the image.
+//! The rays of a camera's pixels, stored by tiles of the image.
+//!
+//! Rays are stored in the order in which they are processed: tile by tile, block by block, lattice ray by lattice ray.
+//! They are undistorted coordinates, so the renderer knows nothing of lenses.
+//!
+//! What must not break: the order. A pixel's luma is added up in it, so another order changes bits.
 
 use super::linear::Rect;
 use crate::error::{Error, Result};

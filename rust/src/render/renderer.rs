@@ -1,4 +1,9 @@
-//! Frames, single pixels, depths and triangles of many views, on threads.
+//! The renderer that users see: luma, single pixels, depths and triangles of many views, on threads.
+//!
+//! It checks arguments, sets up each view and gives tiles to threads.
+//!
+//! What must not break: a pixel depends only on its view and its rays, not on other views, other pixels, threads or the
+//! processor. Arguments are checked before work begins.
 
 use std::sync::{Mutex, OnceLock};
 

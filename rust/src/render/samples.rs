@@ -1,8 +1,10 @@
-//! Single pixels: which of a view's are rendered together, and their rays.
+//! Single pixels: groups those of a view that are rendered together, and gathers their rays.
 //!
-//! Event times are found by asking for a few pixels of very many views. So nothing here may cost what a whole tile costs:
-//! the rays of the pixels alone are gathered, and a view of which only one spot is wanted looks for triangles there and
-//! nowhere else. A pixel keeps the bits that it has in a frame.
+//! Event times are found by asking for a few pixels of very many views. So the cost of a whole tile must be avoided:
+//! only the rays of the pixels are gathered, and if all pixels of a view are close together, triangles are searched for
+//! only there.
+//!
+//! What must not break: a pixel has the same bits as in a frame.
 
 use super::linear::Rect;
 use super::pixel_rays::{LANES, Part, PixelRays};

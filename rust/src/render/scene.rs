@@ -1,4 +1,9 @@
-//! A diffuse scene of triangles as the renderer keeps it, from tables that are checked once.
+//! A diffuse scene of triangles, as the renderer keeps it: made from tables that are checked once.
+//!
+//! Triangles are stored in the order of the hierarchy, and coordinates are relative to the centre of each frame, so
+//! that float32 is accurate far from the origin too.
+//!
+//! What must not break: everything that later code takes for granted about the tables is checked in [`Scene::new`].
 
 use std::ops::Range;
 

@@ -1,4 +1,10 @@
-//! What surfaces reflect: luma of rays whose triangle is known, and its rate of change along the same triangle.
+//! Shading: luma of rays whose triangle is known, and its rate of change along that triangle.
+//!
+//! A triangle is set up once per view in float64 ([`Shader`]). Its rays are then shaded together in float32, in vector
+//! code.
+//!
+//! What must not break: each step is one fixed sequence of float operations, never fused, so that bits do not depend on
+//! the processor. Rates are derivatives of the same steps. docs/rendering.md lists the steps.
 
 use std::f64::consts::FRAC_1_PI;
 

@@ -1,4 +1,10 @@
-//! Shadows: which places of a triangle, seen in a part of the image, something hides from a light.
+//! Shadows: finds what may hide points of a triangle, seen in a part of the image, from a light.
+//!
+//! The search is made once for each patch and light, in the hierarchy of each frame. [`super::cast`] then tests single
+//! points against what was found.
+//!
+//! What must not break: everything that may hide a point of the patch is found. Where all of the patch is known to be
+//! hidden or lit, single tests would give the same.
 
 use multiversion::multiversion;
 

@@ -1,7 +1,9 @@
-//! What rays see that hit nothing, where that differs from direction to direction: an environment map.
+//! The sky: luma of rays that hit nothing, from an environment map.
 //!
-//! Directions are laid out on a square by the octahedral map (Meyer et al. 2010, On Floating-Point Normal Vectors), which
-//! takes no trigonometry: its bits are the same on every processor.
+//! Directions are mapped to a square by the octahedral map (Meyer et al. 2010, On Floating-Point Normal Vectors). It
+//! needs no trigonometry.
+//!
+//! What must not break: the bits are the same on every processor.
 
 use super::vector::{Vector, cross};
 use super::view::Pose;

@@ -1,7 +1,9 @@
-//! Luma of single rays in float64, and its derivatives by the place that they hit.
+//! Slopes: luma of single rays in float64, and its derivatives by the point that they hit.
 //!
-//! Light on a diffuse surface depends on the place alone. So one derivative, by the place, gives those by the camera's
-//! position, its rotation, and time.
+//! Light on a diffuse surface depends only on the point. So this one derivative gives those by the camera's position,
+//! its rotation, and time.
+//!
+//! What must not break: luma is that of [`super::shade`] up to rounding, and shadows follow the rule of all renderers.
 
 use std::f64::consts::FRAC_1_PI;
 

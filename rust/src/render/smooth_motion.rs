@@ -1,4 +1,9 @@
-//! How cameras, bodies and lights move through a short span: along parabolas through three views.
+//! Smooth motion: how cameras, bodies and lights move through a short span, along parabolas through three views.
+//!
+//! Rates are those of the parabolas, not of the views. A span may begin or end at a corner of the motion, where a
+//! view's own rate may belong to the other side.
+//!
+//! What must not break: at the three views, the motion goes through them.
 
 use super::tracks::{INSTANTS, Span};
 use super::view::{Pose, View};

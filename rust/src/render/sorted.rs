@@ -1,4 +1,8 @@
-//! Which of a tile's rays see one triangle, in portions that are shaded together.
+//! Sorts a tile's rays by the triangle that they see, into portions that are shaded together.
+//!
+//! Rays that are side by side are used in place. Scattered ones are gathered, because shading needs full vectors.
+//!
+//! What must not break: each ray is shaded exactly once, with the bits that it has alone.
 
 use std::ops::Range;
 

@@ -1,4 +1,9 @@
 //! Derivatives of single pixels' luma by the texels that their rays see.
+//!
+//! A lookup mixes four texels linearly, so the derivatives are its weights times the light. They are collected as a
+//! sparse list, because a pixel sees few texels.
+//!
+//! What must not break: weights are those of [`super::slopes`], and light that bounces is taken as fixed.
 
 use rayon::prelude::*;
 

@@ -1,4 +1,10 @@
-//! Textures: bilinear lookup at the places that rays hit, and its rate of change.
+//! Textures: bilinear lookup at the points that rays hit, and its rate of change.
+//!
+//! Each texel is stored next to the one after it, so that one load fetches both, and each texture has a frame of one
+//! texel, so that lookups at its border need no branch.
+//!
+//! What must not break: the order of the mix (in both rows, then between them), and the check that all texels lie in
+//! the buffer.
 
 use super::lanes::{Lanes, MOST, Pairs};
 use crate::error::{Error, Result};

@@ -1,4 +1,10 @@
-//! A tile of a view: the one place where all that makes luma comes together, compiled for several processors.
+//! A tile of a view: joins visibility, shading and shadows to the luma of its pixels.
+//!
+//! It is compiled for several processor levels (`multiversion`), so everything that must be vector code is inlined
+//! here.
+//!
+//! What must not break: a pixel's rays are added in the lattice's order, the same for frames and for single pixels
+//! ([`mean`], [`pixel_mean`]).
 
 use multiversion::multiversion;
 

@@ -1,8 +1,10 @@
-//! Luma of pixels that edges pass, over a short time: where each of their rays jumps, and when.
+//! Tracks: luma over a short time of a pixel that edges pass.
 //!
-//! A pixel's luma is the mean of its rays. Between two instants most of them see one surface, and change evenly. Those
-//! that an edge passes jump, at an instant that the geometry tells ([`super::edges`]). So two instants at which the rays
-//! are rendered one by one, and the instants of the jumps, give the pixel's luma at all times between.
+//! A pixel's luma is the mean of its rays. Between two instants most rays see one surface, and change evenly. Those
+//! that an edge passes jump, at an instant that the geometry gives ([`super::edges`]). So the rays at a few rendered
+//! instants, and the instants of the jumps, give luma at all times between.
+//!
+//! What must not break: a pixel that these do not explain is not guessed, but reported.
 
 use super::edges::Pass;
 

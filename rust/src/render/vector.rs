@@ -1,4 +1,8 @@
-//! Vectors of three float64: geometry is set up in them once a triangle and view, rays then take float32.
+//! Vectors of three float64.
+//!
+//! Geometry is set up in them once per triangle and view; rays then use float32.
+//!
+//! What must not break: operations are in a fixed order, because results reach every pixel.
 
 /// A vector or a place.
 pub(super) type Vector = [f64; 3];

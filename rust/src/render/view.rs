@@ -1,4 +1,9 @@
-//! Where the camera is, and how it moves there, seen from all that it looks at.
+//! Views: the camera's pose and motion in each frame at an instant, and the strength of the lights.
+//!
+//! In its own frame a body does not move; its motion is part of the camera's. So the renderer has no special case for
+//! bodies.
+//!
+//! What must not break: matrices, velocities and rates are in the axes that each field names.
 
 use super::vector::{Vector, add, cross, dot, scale};
 

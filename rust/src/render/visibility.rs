@@ -1,4 +1,10 @@
-//! Which of a tile's triangles each of its rays meets first.
+//! Visibility: finds the triangle that each of a tile's rays hits first.
+//!
+//! A block of rays is decided at its corners where possible, and ray by ray where not. Long lists are looked at from
+//! front to back, so that a block is soon closed.
+//!
+//! What must not break: the nearest triangle wins, and of equally near ones the first in the tile's list, on every
+//! path.
 
 use super::bins::{Bins, Cover, Entry, Seen};
 use super::linear::Rect;

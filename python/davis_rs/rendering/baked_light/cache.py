@@ -68,7 +68,7 @@ def load_partial(key: str) -> PartialBake:
     kept = _read(key + _PARTIAL_SUFFIX, PartialBake)
     if kept is None:
         return PartialBake()
-    say("the scene's light was baked in part before, and the bake goes on from there")
+    say("the scene's light was baked in part before, and the bake continues from there")
     return kept
 
 
@@ -84,7 +84,7 @@ def kept_if_stopped(key: str, kept: PartialBake) -> Iterator[None]:
             and len(kept)
             and _write(folder, key + _PARTIAL_SUFFIX, kept.packed(), "the next run begins anew")
         ):
-            say("what is baked so far is kept: the next run goes on from there")
+            say("what is baked so far is kept: the next run continues from there")
         raise
 
 

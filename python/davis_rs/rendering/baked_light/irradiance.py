@@ -307,7 +307,7 @@ class Irradiance:
         return self._mean(f"traced {endless}", places, normals, samples, shift, one)
 
     def is_buried(self, places: FloatArray, normals: FloatArray) -> npt.NDArray[np.bool_]:
-        """(n): places where no light comes by however many bounces: they lie within a solid, or all is dark."""
+        """Return which places (n) no light reaches, whatever the number of bounces: within a solid, or in full dark."""
         buried = np.ones(len(places), bool)
         for samples in (4, 64):  # few are enough where it is light
             dark = np.flatnonzero(buried)

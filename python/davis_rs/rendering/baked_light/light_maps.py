@@ -45,7 +45,7 @@ class LightMaps:
 
     @property
     def layouts(self) -> IntArray:
-        """(t, 2, 4): first texel, width, height and wrap mode of each map; a back without one has the front's."""
+        """First texel, width, height and wrap mode of each map, (t, 2, 4); a back without one has the front's."""
         return layouts_of(self.divisions)
 
 
@@ -60,7 +60,7 @@ def layouts_of(divisions: IntArray) -> IntArray:
 
 
 def side_of(lattice: SurfaceLattice) -> IntArray:
-    """0 for fronts, 1 for backs: those after all fronts."""
+    """Return 0 for fronts, 1 for backs, which come after all fronts."""
     side = np.zeros(len(lattice.triangles), np.int64)
     fronts = int(lattice.triangles.max()) + 1
     side[fronts:] = 1

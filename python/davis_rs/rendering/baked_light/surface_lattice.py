@@ -128,7 +128,7 @@ class SampledLight:
         return np.where(found, self.middles[at], -1)
 
     def divisions(self) -> IntArray:
-        """(f), how often each side is divided anywhere, its edges included."""
+        """Return how often (f) each side is divided anywhere, its edges included."""
         depth = np.zeros(len(self.faces), np.int64)
         faces, ids = np.arange(len(self.faces)), _first_grid(self.faces)
         for level in range(1, MOST_DIVISIONS + 1):
