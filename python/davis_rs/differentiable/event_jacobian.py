@@ -21,6 +21,7 @@ from .event_jumps import EventJumps
 from .event_levels import EventLevels, count_levels
 from .log_luma import LogLuma, LogLumaField
 from .moved_path import MovedPath
+from .pixel_means import MeanLogLumaField
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
@@ -44,7 +45,11 @@ AT_JUMP_US = ((0.25, 0.25),)
 """How long before and after a crossing that was found its jump is looked for."""
 
 NEAR_US = 200.0
-"""How far from its stamp the crossing of an event that was not refined is looked for."""
+"""How far from its stamp the crossing of an event that was not refined is looked for; and how far from it the mean of a
+pixel at edges may cross the level, because the run's pixel goes there in steps of single rays."""
+
+EDGES = ("rays", "mean")
+"""What ``edges`` may be."""
 
 _TOGETHER = 1 << 12
 """Jumps that are looked for in one call."""
@@ -61,6 +66,7 @@ class EventTimeModel:
     Args:
         scene: with the camera path of the run, from the run's start on.
         thresholds: (2,) or, of each pixel, (2, H, W): ON and OFF, natural-log units; None for those of the settings.
+        edges: ``rays`` or ``mean``, see :func:`event_time_jacobian`.
         settings: of the run.
 
     Raises:
@@ -70,8 +76,15 @@ class EventTimeModel:
     """
 
     def __init__(
-        self, scene: Scene, thresholds: npt.ArrayLike | None = None, **settings: Unpack[SimulatorSettings]
+        self,
+        scene: Scene,
+        thresholds: npt.ArrayLike | None = None,
+        *,
+        edges: str = "rays",
+        **settings: Unpack[SimulatorSettings],
     ) -> None:
+        if edges not in EDGES:
+            raise ValueError(f"edges must be {' or '.join(map(repr, EDGES))}, got {edges!r}")
         simulator = Simulator(scene, **settings)
         renderer = simulator.renderer
         if not isinstance(renderer, NativeRenderer):
@@ -86,8 +99,11 @@ class EventTimeModel:
             raise ValueError(f"derivatives of event times are those of ideal pixels, without {', '.join(effects)}")
         self.simulator, self.refined = simulator, simulator.refine
         self.path = simulator.scene.path
-        self.field = LogLumaField(renderer, self.path, simulator.settings["log_eps"])
-        self.jumps = EventJumps(self.field)
+        of_means = edges == "mean"
+        self.field = (MeanLogLumaField if of_means else LogLumaField)(
+            renderer, self.path, simulator.settings["log_eps"]
+        )
+        self.jumps = None if of_means else EventJumps(self.field)
         self.thresholds = _threshold_maps(simulator, thresholds)
 
     def changed(self, increments: npt.ArrayLike | None, thresholds: npt.ArrayLike | None) -> EventTimeModel:
@@ -95,8 +111,8 @@ class EventTimeModel:
         other = copy(self)
         if increments is not None:
             other.path = MovedPath(self.path, increments)
-            other.field = LogLumaField(self.field.renderer, other.path, self.field.log_eps)
-            other.jumps = EventJumps(other.field)
+            other.field = type(self.field)(self.field.renderer, other.path, self.field.log_eps)
+            other.jumps = None if self.jumps is None else EventJumps(other.field)
         if thresholds is not None:
             other.thresholds = _threshold_maps(self.simulator, thresholds)
         return other
@@ -114,7 +130,8 @@ class EventTimeModel:
         at_us = np.maximum(levels.t_us - STAMPED_US, 0.0)
         here = self.field.at(at_us, levels.pixel)
         step_us = _step_us(here, level)
-        smooth = (step_us >= AT_STAMP_US[0]) & (step_us <= AT_STAMP_US[1])
+        first_us, last_us = AT_STAMP_US if self.jumps is not None else (-NEAR_US, NEAR_US)
+        smooth = (step_us >= first_us) & (step_us <= last_us)
         jump, jump_pose = self._find_jumps(levels.t_us, levels, level, ~smooth, JUMPS_US)
         return self._derivatives(at_us, levels, start, here, smooth, jump, jump_pose)
 
@@ -148,6 +165,8 @@ class EventTimeModel:
     ) -> tuple[Flags, FloatArray]:
         """Whether a ray's jump about an instant makes an event, and how its time moves with the pose."""
         jump, jump_pose = np.zeros(len(level), np.bool_), np.zeros((len(level), 6))
+        if self.jumps is None:
+            return jump, jump_pose
         for before_us, after_us in windows_us:
             for index in _parts(np.flatnonzero(which & ~jump)):
                 found = self.jumps.find(
@@ -170,7 +189,7 @@ class EventTimeModel:
         jump: Flags,
         jump_pose: FloatArray,
     ) -> EventTimeDerivatives:
-        rising = here.rate * levels.sign >= LEAST_SLOPE
+        rising = (here.rate * levels.sign >= LEAST_SLOPE) & np.isfinite(start.rate)
         return EventTimeDerivatives(t_us, levels, start, here, smooth & rising, jump, jump_pose, self.field)
 
 
@@ -181,6 +200,7 @@ def event_time_jacobian(
     camera: Camera | str | None = None,
     *,
     start_s: float = 0.0,
+    edges: str = "rays",
     **settings: Any,
 ) -> tuple[FloatArray, Flags]:
     """How the times of a run's events move with what the run was made with.
@@ -205,6 +225,10 @@ def event_time_jacobian(
             ``light`` (one for each light of the scene: the logarithm of its strength).
         camera: of the run; None for the scene's, or the sensor's.
         start_s: of the run on the camera path.
+        edges: whose derivatives are wanted where an edge passes a pixel. ``rays``: of the run as it was simulated, with
+            its rays, each of which jumps. ``mean``: of the mean over the whole pixel, which the rays stand for: the
+            derivative has the integral along the edge, at the event and at the start of the run. That needs many rays
+            (``samples`` from 256 on) and a scene at rest, and takes some milliseconds an event.
         settings: of the run, by the names that :class:`~davis_rs.Simulator` takes.
 
     Returns:
@@ -224,18 +248,25 @@ def event_time_jacobian(
 
     Raises:
         TypeError: for a setting that does not exist.
-        ValueError: for an unknown that does not exist; for events that are not sorted, not in the sensor, or not
-            within the run; for effects, and a scene that the native renderer does not take; and as
+        ValueError: for an unknown or a kind of edges that does not exist; for ``mean`` where something moves; for
+            events that are not sorted, not in the sensor, or not within the run; for effects, and a scene that the
+            native renderer does not take; and as
             :class:`~davis_rs.Simulator`.
         OSError: as :class:`~davis_rs.Simulator`.
     """
     check_quantities(of)
-    derivatives = event_time_derivatives(scene, events, camera, start_s=start_s, **settings)
+    derivatives = event_time_derivatives(scene, events, camera, start_s=start_s, edges=edges, **settings)
     return derivatives.jacobian(of), derivatives.ok
 
 
 def event_time_derivatives(
-    scene: Scene, events: EventArray, camera: Camera | str | None = None, *, start_s: float = 0.0, **settings: Any
+    scene: Scene,
+    events: EventArray,
+    camera: Camera | str | None = None,
+    *,
+    start_s: float = 0.0,
+    edges: str = "rays",
+    **settings: Any,
 ) -> EventTimeDerivatives:
     """All that is needed for any block of derivatives of a run's event times, dense or sparse.
 
@@ -244,7 +275,7 @@ def event_time_derivatives(
 
     Args and errors: those of :func:`event_time_jacobian`.
     """
-    model = EventTimeModel(scene.crop(start_s), camera=camera, **settings)
+    model = EventTimeModel(scene.crop(start_s), camera=camera, edges=edges, **settings)
     return model.linearise(model.levels(events))
 
 

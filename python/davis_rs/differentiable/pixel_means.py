@@ -4,10 +4,13 @@ A pixel is the mean of its rays, and as a function of the camera's pose each ray
 over the whole pixel does not: its derivative has a part of the surfaces, and one of the edges, the integral along them
 of the difference of luma on both sides times how fast they move across. The camera is turned about its y and its x
 axis by a fraction of a pixel to either side. Rays that change meanwhile lie next to an edge, and say where the edge
-is and how it moves. A window weighs those the most that are closest to it.
+is and how it moves. A window weighs those the most that are closest to it. It is as wide as two rows of rays: a wider
+one also counts what surfaces do in it, and in a narrower one are few rays.
 """
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 import numpy.typing as npt
@@ -20,9 +23,6 @@ from .log_luma import LogLuma, LogLumaField
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
-
-_TO_EITHER_SIDE_PX = 0.125
-"""How far the camera is turned. More rays see an edge in a wider window, but what surfaces do in it counts as well."""
 
 _MOST_UNKNOWN = 0.01
 """The share of what changes that edges need not explain; more, and the derivative is not known."""
@@ -51,6 +51,7 @@ class MeanLogLumaField(LogLumaField):
                 "(edges='rays' takes it)"
             )
         self._edges = EdgePasses(self)
+        self._to_either_side_px = 1 / math.sqrt(renderer.rays)
 
     def _of_view(self, views: Views, view: npt.NDArray[np.uint32], pixel: IntArray) -> LogLuma:
         surfaces = super()._of_view(views, view, pixel)
@@ -70,7 +71,7 @@ class MeanLogLumaField(LogLumaField):
         camera = self.renderer.camera
         for axis, column, focal_px in zip((1, 0), _TURN_COLUMNS, (camera.fx, camera.fy), strict=True):
             turn = np.zeros((len(pixel), 3))
-            turn[:, axis] = _TO_EITHER_SIDE_PX / focal_px
+            turn[:, axis] = self._to_either_side_px / focal_px
             ends = _turned(views, -turn), _turned(views, turn)
             _, _, rays = self._edges.changed(ends, pixel)
             passes = self._edges.passes(ends, rays)
