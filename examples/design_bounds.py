@@ -29,6 +29,9 @@ MOTIONS = {
 }
 """Metres and radians within the run, in camera axes."""
 
+MOST_CONDITION = 1e12
+"""Of the Fisher information: beyond it the events do not tell all six numbers."""
+
 
 class Bound(NamedTuple):
     """The bound of one motion and threshold.
@@ -36,7 +39,7 @@ class Bound(NamedTuple):
     Attributes:
         motion, threshold: of the run.
         rate_hz: events a second that are known.
-        covariance: (6, 6) metres in world axes, radians in camera axes.
+        covariance: (6, 6) metres in world axes, radians in camera axes; infinite where the events do not tell all six.
     """
 
     motion: str
@@ -68,7 +71,10 @@ def bound_of(scene: Scene, motion: str, noise_us: float, run: Any) -> Bound:
     events = events_of(scene, **run)
     jacobian, ok = event_time_jacobian(scene, events, of=("pose",), **run)
     information = jacobian[ok].T @ jacobian[ok] / deviation_us(noise_us) ** 2
-    return Bound(motion, run["contrast_threshold"], ok.sum() / DURATION_S, np.linalg.inv(information))
+    # What the events do not tell has no bound.
+    told = np.linalg.cond(information) < MOST_CONDITION
+    covariance = np.linalg.inv(information) if told else np.full((6, 6), np.inf)
+    return Bound(motion, run["contrast_threshold"], ok.sum() / DURATION_S, covariance)
 
 
 def normalised_errors(scene: Scene, bound: Bound, noise_us: float, draws: int, run: Any) -> FloatArray:
@@ -95,7 +101,9 @@ def main(argv: list[str] | None = None) -> tuple[list[Bound], FloatArray]:
     """Returns the bounds, and the normalised errors of estimates of the last motion and threshold."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--noise-us", type=float, default=10.0, help="on the stamps")
-    parser.add_argument("--thresholds", type=float, nargs="+", default=[0.05, 0.1, 0.2, 0.4], help="natural-log units")
+    parser.add_argument(
+        "--thresholds", type=float, nargs="+", default=[0.05, 0.07, 0.1, 0.14, 0.2, 0.28], help="natural-log units"
+    )
     parser.add_argument("--motions", nargs="+", default=list(MOTIONS), choices=list(MOTIONS))
     parser.add_argument("--draws", type=int, default=20, help="of noise, for the check")
     parser.add_argument("--width", type=int, default=64, help="pixels")
