@@ -10,10 +10,10 @@ import argparse
 from typing import Any, NamedTuple
 
 import numpy as np
-from event_fits import FloatArray, Seen, events_of, log_luma_residuals, save, spread, tukey, with_noise
+from event_fits import FloatArray, events_of, save, spread, tukey, with_noise
 
 from davis_rs import Camera, CrossingEngine, Effects, load_scene
-from davis_rs.differentiable import event_time_residuals
+from davis_rs.differentiable import LogLumaResidualBlock, event_log_luma_residuals, event_time_residuals
 
 NOMINAL = 0.15, 0.18
 LEAST_LOG = 1e-3
@@ -42,13 +42,16 @@ class Found(NamedTuple):
     rms: FloatArray
 
 
-def thresholds_of(seen: Seen, noise_us: float, height: int, width: int) -> tuple[FloatArray, FloatArray]:
+def thresholds_of(
+    block: LogLumaResidualBlock, noise_us: float, height: int, width: int
+) -> tuple[FloatArray, FloatArray]:
     """Estimates (2, H, W), and their standard deviations; those of a pixel that says nothing are nominal, infinite."""
     pixels = height * width
-    levels, on, off = seen.levels, seen.levels.on, -seen.levels.off
-    change = seen.here.value - seen.start.value
+    levels, here = block.derivatives.levels, block.derivatives.here
+    on, off = levels.on, -levels.off
+    change = here.value - block.derivatives.start.value
     # A stamp is off by its noise and by where in its microsecond the event was, log luma by that times its rate.
-    sigma = np.hypot(LEAST_LOG, np.hypot(noise_us, 12**-0.5) * 1e-6 * seen.here.rate)
+    sigma = np.hypot(LEAST_LOG, np.hypot(noise_us, 12**-0.5) * 1e-6 * here.rate)
     found = np.repeat(np.array(NOMINAL)[:, None], pixels, axis=1)
     weight = np.ones(len(on))
     for _ in range(8):
@@ -90,7 +93,8 @@ def main(argv: list[str] | None = None) -> list[Found]:
     results = []
     for noise_us in options.noise_us:
         noisy = with_noise(events, noise_us, 1e6 * options.duration)
-        found, sigma = thresholds_of(log_luma_residuals(scene, noisy, **run), noise_us, height, width)
+        (block,) = event_log_luma_residuals(scene, noisy, block=len(noisy), **run)
+        found, sigma = thresholds_of(block, noise_us, height, width)
         known = sigma < KNOWN * np.array(NOMINAL)[:, None, None]
         pairs = [(found[k][known[k]], true[k][known[k]]) for k in range(2)]
         correlation = np.array([np.corrcoef(one, other)[0, 1] for one, other in pairs])

@@ -13,13 +13,13 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from event_fits import FloatArray, events_of, log_luma_residuals, save, spread, tukey, with_noise
-from scipy.sparse import csr_array, diags_array
+from event_fits import FloatArray, events_of, save, spread, tukey, with_noise
+from scipy.sparse import csr_array, diags_array, vstack
 from scipy.sparse.linalg import spsolve
 from scipy.spatial.transform import Rotation
 
 from davis_rs import Camera, SampledTrajectory, Scene, load_scene
-from davis_rs.differentiable import event_time_residuals, moved, spline_weights
+from davis_rs.differentiable import event_log_luma_residuals, event_time_residuals, moved, spline_weights
 from davis_rs.events import EventArray
 
 COARSE_TO_FINE = (4, 6, 10, 20)
@@ -74,22 +74,14 @@ def step(jacobian: csr_array, residual: FloatArray, weight: FloatArray, points: 
 
 
 def log_luma_system(scene: Scene, events: EventArray, count: int, run: Any) -> tuple[FloatArray, csr_array]:
-    """Residuals of log luma, and their Jacobian by the control points: at the event, less that at the start."""
-    seen = log_luma_residuals(scene, events, **run)
-    blocks = []
-    for t_s, pose, sign in ((seen.t_s, seen.here.pose, 1.0), (np.zeros(len(seen.t_s)), seen.start.pose, -1.0)):
-        weights = spline_weights(t_s, count, duration_s=scene.path.duration_s)
-        rows = np.repeat(np.arange(len(t_s)), 24)
-        columns = (6 * weights.indices.reshape(-1, 4, 1) + np.arange(6)).ravel()
-        values = sign * weights.data.reshape(-1, 4, 1) * pose[:, None]
-        blocks.append(csr_array((values.ravel(), (rows, columns)), shape=(len(t_s), 6 * count)))
-    return seen.residual, blocks[0] + blocks[1]
+    """Residuals of log luma, and their Jacobian by the control points."""
+    blocks = list(event_log_luma_residuals(scene, events, **run))
+    jacobians = [block.derivatives.control_points(count) for block in blocks]
+    return np.concatenate([block.residual for block in blocks]), csr_array(vstack(jacobians))
 
 
 def time_system(scene: Scene, events: EventArray, count: int, run: Any) -> tuple[FloatArray, csr_array]:
     """Residuals of event times, microseconds, and their Jacobian by the control points."""
-    from scipy.sparse import vstack
-
     residuals, jacobians = [], []
     for block in event_time_residuals(scene, events, within_us=2000.0, **run):
         residuals.append(block.residual_us[block.ok])

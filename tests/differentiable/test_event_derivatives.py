@@ -17,6 +17,7 @@ from davis_rs import Scene, SegmentTrajectory
 from davis_rs.differentiable import (
     EventTimeDerivatives,
     EventTimes,
+    event_log_luma_residuals,
     event_time_derivatives,
     event_time_jacobian,
     event_time_residuals,
@@ -278,3 +279,83 @@ def test_bad_arguments_of_residuals(events: EventArray) -> None:
         moved(SCENE, np.full(6, np.nan))
     with pytest.raises(ValueError, match="needs at least 4 control points, got 3"):
         event_time_derivatives(SCENE, events[:1], **SETTINGS).control_points(3)
+
+
+def log_luma_residuals(scene: Scene, events: EventArray, **settings: Any) -> FloatArray:
+    residual = np.full(len(events), np.nan)
+    for block in event_log_luma_residuals(scene, events, block=30, **{**SETTINGS, **settings}):
+        residual[block.index] = block.residual
+    return residual
+
+
+def test_residuals_of_log_luma(events: EventArray) -> None:
+    """They are log luma at the stamps, less that at the start and less what the polarities say."""
+    scene = moved(SCENE, [1e-3, 0, 0, 0, 0, 0])
+    field = EventTimeModel(scene, **SETTINGS).field
+    change: dict[int, float] = {}
+    expected = []
+    for t, x, y, p in zip(*(events[name].tolist() for name in "txyp"), strict=True):
+        pixel = y * CAMERA.width + x
+        change[pixel] = change.get(pixel, 0.0) + (0.04 if p else -0.05)
+        here, start = (field.at(np.array([at]), np.array([pixel])).value[0] for at in (t - 0.5, 0.0))
+        expected.append(here - start - change[pixel])
+    assert np.std(expected) > 1e-3
+    np.testing.assert_allclose(log_luma_residuals(scene, events), expected, rtol=1e-9, atol=1e-11)
+    with pytest.raises(ValueError, match="block must be > 0 and finite, got 0"):
+        event_log_luma_residuals(SCENE, events, block=0, **SETTINGS)
+
+
+def test_derivatives_of_residuals_of_log_luma(events: EventArray) -> None:
+    """Of every kind of unknown, against differences; but for rays that jump within the step."""
+    (block,) = event_log_luma_residuals(SCENE, events, block=len(events), **SETTINGS)
+    assert block.derivatives.ok.all()
+    random = np.random.RandomState(0)
+    points, texels = random.normal(size=(5, 6)), random.uniform(-1, 1, (32, 32))
+    maps, base = random.normal(size=(2, CAMERA.height, CAMERA.width)), np.array([0.04, 0.05])[:, None, None]
+    columns = block.derivatives.texture_columns()["floor.reflectance"].ravel()
+    by_texel = block.derivatives.reflectance()[:, columns] @ texels.ravel()
+
+    def late(step: float) -> Scene:
+        return replace(SCENE, trajectory=SegmentTrajectory(PATH.start, PATH.end, PATH.duration_s * (1 + step)))
+
+    for name, derivative, step, run in (
+        (
+            "points",
+            block.derivatives.control_points(5) @ points.ravel(),
+            1e-9,
+            lambda d: (moved(SCENE, d * points), {}),
+        ),
+        ("texels", by_texel, 1e-4, lambda d: (texels_changed(SCENE, "floor", d * texels), {})),
+        (
+            "thresholds",
+            block.derivatives.contrast_threshold_map() @ maps.ravel(),
+            1e-4,
+            lambda d: (SCENE, {"thresholds": base + d * maps}),
+        ),
+        ("log_eps", block.derivatives.jacobian(("log_eps",))[:, 0], 1e-6, lambda d: (SCENE, {"log_eps": 1e-3 + d})),
+        ("drift", block.derivatives.jacobian(("clock_drift",))[:, 0], 1e-8, lambda d: (late(d), {})),
+    ):
+        (ahead, more), (behind, less) = run(step), run(-step)
+        truth = log_luma_residuals(ahead, events, **more) - log_luma_residuals(behind, events, **less)
+        truth = truth[block.index] / (2 * step)
+        typical = np.median(np.abs(truth))
+        assert typical > 0, name
+        assert (np.abs(derivative - truth) <= 2e-3 * (typical + np.abs(truth))).mean() > 0.97, name
+
+
+def test_events_out_of_order_within_a_pixel(events: EventArray) -> None:
+    """Crossings that an estimate predicts before an earlier event's of the same pixel are not taken as known."""
+    (block,) = event_time_residuals(
+        moved(SCENE, [6e-3, -4e-3, 3e-3, 5e-3, 0, 0]), events, block=len(events), **SETTINGS
+    )
+    t_us = events["t"][block.index] - 0.5 + block.residual_us
+    latest: dict[int, float] = {}
+    early = np.zeros(len(t_us), np.bool_)
+    for number, (pixel, at) in enumerate(zip(block.derivatives.levels.pixel.tolist(), t_us.tolist(), strict=True)):
+        if np.isfinite(at):
+            early[number] = at < latest.get(pixel, 0.0) - 0.2
+            latest[pixel] = max(at, latest.get(pixel, 0.0))
+    assert (early & block.derivatives.ok).sum() > 5
+    assert not block.ok[early].any()
+    with pytest.raises(ValueError, match="events must be sorted by time; event 1 is"):
+        event_time_residuals(SCENE, events[::-1], **SETTINGS)

@@ -1,7 +1,8 @@
-"""Derivatives of the times of events, as dense columns and as sparse blocks."""
+"""Derivatives of the times of events, and of log luma at them, as dense columns and as sparse blocks."""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -29,20 +30,17 @@ _US = 1e6
 
 
 @dataclass(frozen=True, eq=False)
-class EventTimeDerivatives:
-    """How the times of n events move, in microseconds per unit of an unknown.
+class EventDerivatives(ABC):
+    """How something of n events moves: its unit per unit of an unknown.
 
     Sparse blocks are ``scipy.sparse.csr_array``; their rows of events that are not known are empty. Blocks with the
     same rows stand next to each other by ``scipy.sparse.hstack``.
 
     Attributes:
-        t_us: (n,) where log luma was looked at: the middle of the microsecond that ends at a refined event's stamp, the
-            crossing that was found for another.
+        t_us: (n,) where log luma was looked at.
         levels: of the events.
         start, here: log luma at the start of the run, and at ``t_us``.
-        smooth: (n,) log luma reaches the level at ``t_us``, and rises or falls through it.
-        jump: (n,) a ray of the pixel jumps there, for which an edge is known.
-        jump_pose: (n, 6) seconds by an increment of the pose, of those that jump.
+        smooth: (n,) the derivatives are those of log luma there.
         field: log luma of the run.
     """
 
@@ -51,14 +49,12 @@ class EventTimeDerivatives:
     start: LogLuma
     here: LogLuma
     smooth: Flags
-    jump: Flags
-    jump_pose: FloatArray
     field: LogLumaField
 
     @property
     def ok(self) -> Flags:
         """(n,) where derivatives are known."""
-        return self.smooth | self.jump
+        return self.smooth
 
     def jacobian(self, of: Sequence[str]) -> FloatArray:
         """(n, columns) of the unknowns that :func:`event_time_jacobian` has, NaN where nothing is known.
@@ -79,9 +75,7 @@ class EventTimeDerivatives:
         nothing is known. With them goes any path of increments: times its weights at the event, and at the start. Of a
         path that :func:`moved` has made they are those by what is added to its increments.
         """
-        per_rate = self._per_rate()
-        at_event = self.jump_pose * self.jump[:, None] * _US - self.here.pose * per_rate
-        at_start = self.start.pose * per_rate
+        at_event, at_start = self._own_pose_parts()
         if isinstance(self.field.path, MovedPath):
             instants = np.clip(self.t_us * 1e-6, 0.0, self.field.duration_s), np.zeros(len(self.t_us))
             for rows, t_s in zip((at_event, at_start), instants, strict=True):
@@ -128,15 +122,15 @@ class EventTimeDerivatives:
         """Sparse (n, texels): by the reflectance of each texel of the scene, all of its channels alike; 0 for a jump.
 
         A texel is 0..1; :meth:`texture_columns` tells which column is whose. With J the matrix, ``J.T @ g`` is the
-        gradient of a loss that has the derivatives g (n,) by event times, microseconds: reverse mode. Baked light that
-        bounces from a surface is taken as fixed.
+        gradient of a loss that has the derivatives g (n,) by what moves: reverse mode. Baked light that bounces from a
+        surface is taken as fixed.
         """
         from scipy.sparse import csr_array
 
-        per_rate = csr_array((self._per_rate()[:, 0], (np.arange(len(self.t_us)),) * 2))
+        per_log = csr_array((self._per_log()[:, 0], (np.arange(len(self.t_us)),) * 2))
         pixels, of_pixel = np.unique(self.levels.pixel, return_inverse=True)
         start = self.field.by_texel(np.zeros(len(pixels)), pixels)[of_pixel]
-        return per_rate @ (start - self.field.by_texel(self.t_us, self.levels.pixel))
+        return per_log @ (start - self.field.by_texel(self.t_us, self.levels.pixel))
 
     def texture_columns(self) -> dict[str, IntArray]:
         """For each shape, ``<id>.reflectance``, the columns (H, W) of its texels in :meth:`reflectance`."""
@@ -148,24 +142,90 @@ class EventTimeDerivatives:
             )
         }
 
-    def _per_rate(self) -> FloatArray:
-        """(n, 1) microseconds by log luma, 0 where it is not log luma that makes the event."""
-        return np.where(self.smooth, _US / np.where(self.smooth, self.here.rate, 1.0), 0.0)[:, None]
+    @abstractmethod
+    def _per_log(self) -> FloatArray:
+        """(n, 1) by how much it moves where the level of the event rises over log luma, by natural-log unit."""
+
+    def _own_pose_parts(self) -> tuple[FloatArray, FloatArray]:
+        """Those of :meth:`pose_parts` by increments of the path as it is."""
+        return -self.here.pose * self._per_log(), self.start.pose * self._per_log()
 
     def _columns(self, name: str) -> FloatArray:
-        here, start, per_rate = self.here, self.start, self._per_rate()
+        here, start, per_log = self.here, self.start, self._per_log()
         if name == "pose":
             return np.add(*self.pose_parts())
         if name == "contrast_threshold":
-            return np.stack([self.levels.on, -self.levels.off], 1) * per_rate
+            return np.stack([self.levels.on, -self.levels.off], 1) * per_log
         if name == "log_eps":
-            return -(here.log_eps - start.log_eps)[:, None] * per_rate
+            return -(here.log_eps - start.log_eps)[:, None] * per_log
         if name == "light":
-            return -((here.lights - start.lights) @ self.field.of_light_name) * per_rate
+            return -((here.lights - start.lights) @ self.field.of_light_name) * per_log
         if name == "clock_offset":
-            return np.where(self.jump[:, None], _US, (here.rate - start.rate)[:, None] * per_rate)
+            return (here.rate - start.rate)[:, None] * per_log
         # A drift: at the start of the run nothing is late yet.
-        return self.t_us[:, None].copy()
+        return (here.rate * self.t_us * 1e-6)[:, None] * per_log
+
+
+@dataclass(frozen=True, eq=False)
+class EventTimeDerivatives(EventDerivatives):
+    """How the times of n events move, in microseconds per unit of an unknown.
+
+    Sparse blocks are ``scipy.sparse.csr_array``; their rows of events that are not known are empty. Blocks with the
+    same rows stand next to each other by ``scipy.sparse.hstack``.
+
+    Attributes:
+        t_us: (n,) where log luma was looked at: the middle of the microsecond that ends at a refined event's stamp, the
+            crossing that was found for another.
+        levels: of the events.
+        start, here: log luma at the start of the run, and at ``t_us``.
+        smooth: (n,) log luma reaches the level at ``t_us``, and rises or falls through it.
+        field: log luma of the run.
+        jump: (n,) a ray of the pixel jumps there, for which an edge is known.
+        jump_pose: (n, 6) seconds by an increment of the pose, of those that jump.
+    """
+
+    jump: Flags
+    jump_pose: FloatArray
+
+    @property
+    def ok(self) -> Flags:
+        """(n,) where derivatives are known."""
+        return self.smooth | self.jump
+
+    def _per_log(self) -> FloatArray:
+        """(n, 1) microseconds by log luma, 0 where it is not log luma that makes the event."""
+        return np.where(self.smooth, _US / np.where(self.smooth, self.here.rate, 1.0), 0.0)[:, None]
+
+    def _own_pose_parts(self) -> tuple[FloatArray, FloatArray]:
+        at_event, at_start = super()._own_pose_parts()
+        return at_event + self.jump_pose * self.jump[:, None] * _US, at_start
+
+    def _columns(self, name: str) -> FloatArray:
+        # An edge passes later by all that its motion is late.
+        if name == "clock_offset":
+            return np.where(self.jump[:, None], _US, super()._columns(name))
+        if name == "clock_drift":
+            return self.t_us[:, None].copy()
+        return super()._columns(name)
+
+
+@dataclass(frozen=True, eq=False)
+class LogLumaDerivatives(EventDerivatives):
+    """How log luma of n events' pixels, less the events' levels, moves: natural-log units per unit of an unknown.
+
+    Instants are fixed. Which surface a ray meets, and whether a light is hidden from it, is taken as fixed too: at an
+    edge only the surfaces' part is there. For the rest it is as :class:`EventTimeDerivatives`.
+
+    Attributes:
+        t_us: (n,) where log luma was looked at: the middle of the microsecond that ends at the stamp.
+        levels: of the events.
+        start, here: log luma at the start of the run, and at ``t_us``.
+        smooth: (n,) True: log luma has a value everywhere.
+        field: log luma of the run.
+    """
+
+    def _per_log(self) -> FloatArray:
+        return np.full((len(self.t_us), 1), -1.0)
 
 
 def check_quantities(of: Sequence[str]) -> None:

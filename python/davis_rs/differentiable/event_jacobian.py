@@ -190,7 +190,7 @@ class EventTimeModel:
         jump_pose: FloatArray,
     ) -> EventTimeDerivatives:
         rising = (here.rate * levels.sign >= LEAST_SLOPE) & np.isfinite(start.rate)
-        return EventTimeDerivatives(t_us, levels, start, here, smooth & rising, jump, jump_pose, self.field)
+        return EventTimeDerivatives(t_us, levels, start, here, smooth & rising, self.field, jump, jump_pose)
 
 
 def event_time_jacobian(

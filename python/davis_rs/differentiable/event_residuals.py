@@ -1,4 +1,7 @@
-"""Residuals of measured event times against those that a scene, a path and thresholds predict, block by block."""
+"""Residuals of measured events against what a scene, a path and thresholds predict, block by block.
+
+Of their times, or of log luma at their stamps.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +15,7 @@ import numpy.typing as npt
 from ..camera import Camera
 from ..events import EventArray
 from ..scene.scene import Scene
-from .event_derivatives import EventTimeDerivatives
+from .event_derivatives import EventTimeDerivatives, LogLumaDerivatives
 from .event_jacobian import EventTimeModel
 from .event_levels import EventLevels
 
@@ -47,6 +50,22 @@ class ResidualBlock:
     ok: Flags
     count_differs: Flags
     derivatives: EventTimeDerivatives
+
+
+@dataclass(frozen=True, eq=False)
+class LogLumaResidualBlock:
+    """Some of the events of a stream, pixel by pixel.
+
+    Attributes:
+        index: (k,) their numbers in the stream.
+        residual: (k,) natural-log units: log luma at the middle of the microsecond that ends at the stamp, less the
+            level that the event says it has there.
+        derivatives: of these residuals.
+    """
+
+    index: IntArray
+    residual: FloatArray
+    derivatives: LogLumaDerivatives
 
 
 def event_time_residuals(
@@ -85,26 +104,76 @@ def event_time_residuals(
         TypeError, ValueError, OSError: as :func:`event_time_jacobian`; ValueError for ``within_us`` or ``block`` that
             is not > 0, and for thresholds of another shape or not > 0.
     """
-    for name, value in (("within_us", within_us), ("block", block)):
-        if not 0 < value < np.inf:
-            raise ValueError(f"{name} must be > 0 and finite, got {value}")
+    _check_positive("within_us", within_us)
+    _check_positive("block", block)
     model = EventTimeModel(scene.crop(start_s), thresholds, camera=camera, **settings)
     levels = model.levels(events)
-
-    def blocks() -> Iterator[ResidualBlock]:
-        order = np.argsort(levels.pixel, kind="stable")
-        firsts = np.flatnonzero(np.diff(levels.pixel[order], prepend=-1))
-        begin = 0
-        while begin < len(order):
-            after = firsts[firsts >= begin + block]
-            end = int(after[0]) if len(after) else len(order)
-            yield _residuals(model, levels, order[begin:end], within_us)
-            begin = end
-
-    return blocks()
+    return (_time_residuals(model, levels, index, within_us) for index in _blocks(levels, block))
 
 
-def _residuals(model: EventTimeModel, levels: EventLevels, index: IntArray, within_us: float) -> ResidualBlock:
+def event_log_luma_residuals(
+    scene: Scene,
+    events: EventArray,
+    camera: Camera | str | None = None,
+    *,
+    start_s: float = 0.0,
+    block: int = 1 << 14,
+    thresholds: npt.ArrayLike | None = None,
+    **settings: Any,
+) -> Iterator[LogLumaResidualBlock]:
+    """Compare log luma at the stamps of measured events with the levels that the events say, with derivatives.
+
+    The k-th event of a pixel says that log luma has changed by n_on C_on - n_off C_off since the start of the run. The
+    residual is L(t_k) - L(0) less that. Near the solution it is the residual of :func:`event_time_residuals` times
+    -dL/dt. Far from it it serves better: a time needs the event's own crossing, which may be far away or not there at
+    all; log luma at the stamp is always there, and takes one look. It is less exact where edges make the events.
+
+    >>> for block in event_log_luma_residuals(moved(scene, increments), events):
+    ...     jacobian = block.derivatives.control_points(len(increments))
+    ...     normal += jacobian.T @ jacobian
+    ...     gradient += jacobian.T @ block.residual
+
+    Args:
+        scene, events, camera, start_s, thresholds, settings: as for :func:`event_time_residuals`.
+        block: how many events there are in a block, about: a pixel is never divided. It takes 1 kB an event.
+
+    Raises:
+        TypeError, ValueError, OSError: as :func:`event_time_residuals`.
+    """
+    _check_positive("block", block)
+    model = EventTimeModel(scene.crop(start_s), thresholds, camera=camera, **settings)
+    levels = model.levels(events)
+    return (_log_luma_residuals(model, levels, index) for index in _blocks(levels, block))
+
+
+def _check_positive(name: str, value: float) -> None:
+    if not 0 < value < np.inf:
+        raise ValueError(f"{name} must be > 0 and finite, got {value}")
+
+
+def _blocks(levels: EventLevels, block: int) -> Iterator[IntArray]:
+    """Numbers of events, pixel by pixel, about ``block`` at a time; a pixel is never divided."""
+    order = np.argsort(levels.pixel, kind="stable")
+    firsts = np.flatnonzero(np.diff(levels.pixel[order], prepend=-1))
+    begin = 0
+    while begin < len(order):
+        after = firsts[firsts >= begin + block]
+        end = int(after[0]) if len(after) else len(order)
+        yield order[begin:end]
+        begin = end
+
+
+def _log_luma_residuals(model: EventTimeModel, levels: EventLevels, index: IntArray) -> LogLumaResidualBlock:
+    levels = levels.take(index)
+    start, level = model.start_and_level(levels)
+    t_us = levels.t_us - MIDDLE_US
+    here = model.field.at(t_us, levels.pixel)
+    known = np.ones(len(index), np.bool_)
+    derivatives = LogLumaDerivatives(t_us, levels, start, here, known, model.field)
+    return LogLumaResidualBlock(index, here.value - level, derivatives)
+
+
+def _time_residuals(model: EventTimeModel, levels: EventLevels, index: IntArray, within_us: float) -> ResidualBlock:
     levels = levels.take(index)
     derivatives, found = model.search(levels, within_us)
     predicted_us = np.where(found, derivatives.t_us, np.nan)
