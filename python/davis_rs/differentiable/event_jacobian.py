@@ -45,8 +45,10 @@ AT_JUMP_US = ((0.25, 0.25),)
 """How long before and after a crossing that was found its jump is looked for."""
 
 NEAR_US = 200.0
-"""How far from its stamp the crossing of an event that was not refined is looked for; and how far from it the mean of a
-pixel at edges may cross the level, because the run's pixel goes there in steps of single rays."""
+"""How far from its stamp the crossing of an event that was not refined is looked for."""
+
+AT_LEVEL = 0.05
+"""The share of a threshold by which the mean of a pixel may miss the level: the run's pixel goes in steps of rays."""
 
 EDGES = ("rays", "mean")
 """What ``edges`` may be."""
@@ -130,8 +132,10 @@ class EventTimeModel:
         at_us = np.maximum(levels.t_us - STAMPED_US, 0.0)
         here = self.field.at(at_us, levels.pixel)
         step_us = _step_us(here, level)
-        first_us, last_us = AT_STAMP_US if self.jumps is not None else (-NEAR_US, NEAR_US)
-        smooth = (step_us >= first_us) & (step_us <= last_us)
+        smooth = (step_us >= AT_STAMP_US[0]) & (step_us <= AT_STAMP_US[1])
+        if self.jumps is None:
+            least = self.thresholds[:, levels.pixel].min(0)
+            smooth = np.abs(level - here.value) <= AT_LEVEL * least
         jump, jump_pose = self._find_jumps(levels.t_us, levels, level, ~smooth, JUMPS_US)
         return self._derivatives(at_us, levels, start, here, smooth, jump, jump_pose)
 
