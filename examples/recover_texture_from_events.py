@@ -22,7 +22,7 @@ TEXELS = 40
 PRIOR = 0.5
 """What is known of log reflectance before: its rms about the first guess."""
 
-FIRST_GUESS = 0.4
+FIRST_GUESS = 0.3
 KNOWN = 0.05
 """A texel is known where least squares puts its logarithm within this, modulo the common factor."""
 
@@ -76,7 +76,7 @@ def main(argv: list[str] | None = None) -> list[Found]:
     camera = Camera(options.width, options.width, focal, focal, middle, middle)
     run = {"camera": camera, "samples": options.samples, "accuracy": "exact", "contrast_threshold": 0.1}
     noise = gaussian_filter(np.random.default_rng(7).normal(size=(TEXELS, TEXELS)), 1.2)
-    true = np.clip(0.4 * np.exp(0.5 * noise / noise.std()), 0.05, 0.95)
+    true = np.clip(0.3 * np.exp(0.5 * noise / noise.std()), 0.05, 0.8)
     events = events_of(make_scene(true, options.duration), **run)
     print(f"{len(events)} events")
     results = []

@@ -46,7 +46,7 @@ def test_a_texture_is_recovered_from_events(monkeypatch: pytest.MonkeyPatch) -> 
 
 def test_a_clock_offset_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     """5 ms and 1000 ppm, to within what least squares says."""
-    short = ["--noise-us", "10", "--width", "32", "--samples", "8"]
+    short = ["--noise-us", "10", "--width", "48", "--time-steps", "5"]
     (found,) = example("recover_clock_offset", monkeypatch).main(short)
     assert (found.sigma < [2e-6, 5e-5]).all()
     assert (np.abs(found.error) < 4 * found.sigma).all()
