@@ -228,7 +228,7 @@ MEAN_MOVED, MEAN_MOVED_US = (5e-4, 5e-4, 5e-4, 1e-4, 1e-4, 1e-4), 50.0
 
 def mean_row(name: str) -> str:
     scene = davis_rs.load_scene(name).crop(STRETCHES[name][0], MEAN_DURATION_S)
-    settings: dict[str, Any] = {"samples": MEAN_SAMPLES}
+    settings: dict[str, Any] = {"samples": MEAN_SAMPLES, "refine": True}
     packets = davis_rs.simulate(scene, frame_rate_hz=0, depth_rate_hz=0, **settings)
     events = concatenate_events([packet.events for packet in packets])
     width = scene.own_camera.width
@@ -236,7 +236,7 @@ def mean_row(name: str) -> str:
     drawn = np.random.RandomState(0).permutation(np.unique(pixel))[:MEAN_PIXELS]
     events = events[np.isin(pixel, drawn)]
     surfaces = EventTimeModel(scene, **settings).field
-    model = EventTimeModel(scene, edges="mean", refine=True, **settings)
+    model = EventTimeModel(scene, edges="mean", **settings)
     begin = time.process_time()
     at = model.linearise(model.levels(events))
     jacobian = at.jacobian(("pose",))

@@ -112,7 +112,7 @@ def test_event_times_are_those_of_the_edge() -> None:
     rate = (luma[0] - luma[1]) * CAMERA.fx / NEAR_M * SPEED_M_S / reached
     by_threshold = np.where(events["p"], jacobian[:, 6], jacobian[:, 7])
     expected = 1e6 * np.arange(1, len(events) + 1) / rate
-    assert np.abs(by_threshold)[inside] == pytest.approx(np.abs(expected)[inside], rel=0.03)
+    assert np.abs(by_threshold)[inside] == pytest.approx(np.abs(expected)[inside], rel=0.05)
     assert (np.sign(by_threshold) == sign * np.sign(expected) * sign).all()
     few, known = event_time_jacobian(scene, events, **run)
     assert (few[known, 0] != 0).all()  # single rays' jumps have their own times
