@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -318,7 +319,7 @@ def test_derivatives_of_residuals_of_log_luma(events: EventArray) -> None:
     def late(step: float) -> Scene:
         return replace(SCENE, trajectory=SegmentTrajectory(PATH.start, PATH.end, PATH.duration_s * (1 + step)))
 
-    for name, derivative, step, run in (
+    cases: list[tuple[str, FloatArray, float, Callable[[float], tuple[Scene, dict[str, Any]]]]] = [
         (
             "points",
             block.derivatives.control_points(5) @ points.ravel(),
@@ -334,7 +335,8 @@ def test_derivatives_of_residuals_of_log_luma(events: EventArray) -> None:
         ),
         ("log_eps", block.derivatives.jacobian(("log_eps",))[:, 0], 1e-6, lambda d: (SCENE, {"log_eps": 1e-3 + d})),
         ("drift", block.derivatives.jacobian(("clock_drift",))[:, 0], 1e-8, lambda d: (late(d), {})),
-    ):
+    ]
+    for name, derivative, step, run in cases:
         (ahead, more), (behind, less) = run(step), run(-step)
         truth = log_luma_residuals(ahead, events, **more) - log_luma_residuals(behind, events, **less)
         truth = truth[block.index] / (2 * step)

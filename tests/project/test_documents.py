@@ -67,6 +67,7 @@ NOT_RUN = {
     "davis-rs simulate mesh.obj -o DIR": "needs a mesh; tests/project/test_own_scene_page.py makes one",
     "davis-rs record -o FILE": "needs a camera",
     "davis-rs sequences-count -o FILE": "takes hours",
+    "davis-rs sequences-count --sensor recorded -o FILE": "takes hours",
     "davis-rs accuracy SCENE -o COSTS": "its reference takes a minute; tests/accuracy/test_accuracy.py runs small ones",
     "davis-rs accuracy SCENE -o DIR": "the same",
     "davis-rs accuracy three_planes --frames -o three_planes": "takes minutes",

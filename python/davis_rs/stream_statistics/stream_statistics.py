@@ -39,11 +39,11 @@ class PixelIntervals(NamedTuple):
     """The intervals between ON events of each pixel, (H, W) each.
 
     Attributes:
-        count: int64: how many.
+        number: int64: how many.
         sum_us, squares_us2: float64: their sum, and that of their squares.
     """
 
-    count: npt.NDArray[np.int64]
+    number: npt.NDArray[np.int64]
     sum_us: npt.NDArray[np.float64]
     squares_us2: npt.NDArray[np.float64]
 
