@@ -88,8 +88,8 @@ class Reference:
             views.velocities,
             views.angular_rates,
         )
-        around = field.neighbours(self.pixel[which]).astype(np.uint32)
-        table = field.renderer.gradients(moved, np.arange(len(which), dtype=np.uint32), around, field.weights)
+        around = field.pixels.neighbours(self.pixel[which]).astype(np.uint32)
+        table = field.renderer.gradients(moved, np.arange(len(which), dtype=np.uint32), around, field.pixels.weights)
         factors = np.expm1(shift.lights[which] @ self.of_name.T)
         luma = table[:, 0] + (table[:, 8:] * factors).sum(1)
         return np.asarray(np.log(luma + field.log_eps + shift.log_eps[which]))
@@ -199,10 +199,10 @@ class MeanReference:
         count = len(self.pixel)
         views = turned(self.field.views(t_us), np.tile(pose[:3], (count, 1)), np.tile(pose[3:], (count, 1)))
         luma = np.zeros(count)
-        around = self.field.neighbours(self.pixel).astype(np.uint32)
+        around = self.field.pixels.neighbours(self.pixel).astype(np.uint32)
         for turn in self.turns:
             own = turned(views, np.zeros((count, 3)), np.tile(turn, (count, 1)))
-            luma += self.field.renderer.gradients(own, np.arange(count, dtype=np.uint32), around, self.field.weights)[
+            luma += self.field.renderer.gradients(own, np.arange(count, dtype=np.uint32), around, self.field.pixels.weights)[
                 :, 0
             ]
         return np.asarray(np.log(luma / len(self.turns) + self.field.log_eps))

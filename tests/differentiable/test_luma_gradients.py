@@ -37,7 +37,7 @@ def compare(renderer: NativeRenderer, *, kinks: int) -> None:
 
     def value(views: Views) -> FloatArray:
         found = renderer.gradients(
-            views, np.zeros(count, np.uint32), field.neighbours(pixel).astype(np.uint32), field.weights
+            views, np.zeros(count, np.uint32), field.pixels.neighbours(pixel).astype(np.uint32), field.pixels.weights
         )
         return np.asarray(np.log(found[:, 0] + 1e-3))
 

@@ -13,9 +13,10 @@ import numpy as np
 import numpy.typing as npt
 
 from ..rendering.camera_rays import ray_table
+from ..rendering.render_native import NativeRenderer
 from ..rendering.shadow_rays import STEP
 from ..trajectory.views import Views
-from .log_luma import LogLumaField
+from .blurred_pixels import BlurredPixels
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -37,6 +38,7 @@ class ChangedRays(NamedTuple):
         ray: (m, 3) in camera axes.
         before, after: (m,) triangles.
         hidden: (m,) lights that are hidden at one end alone.
+        weight: (m,) of the ray's luma in that of the event's pixel.
         change: (m,) of the event's luma.
     """
 
@@ -45,6 +47,7 @@ class ChangedRays(NamedTuple):
     before: IntArray
     after: IntArray
     hidden: npt.NDArray[np.uint64]
+    weight: FloatArray
     change: FloatArray
 
     def take(self, index: IntArray) -> ChangedRays:
@@ -55,13 +58,15 @@ class ChangedRays(NamedTuple):
             self.before[index],
             self.after[index],
             self.hidden[index],
+            self.weight[index],
             self.change[index],
         )
 
 
 class Passes(NamedTuple):
     """When edges pass rays: share (m,) of the way from the first view to the second, NaN where none is found; and its
-    derivative by an increment of the camera's pose (m, 6), as in :class:`LogLuma`."""
+    derivative by an increment of the camera's pose (m, 6): position in world axes, metres, then rotation vector in
+    camera axes, radians."""
 
     share: FloatArray
     pose: FloatArray
@@ -134,10 +139,10 @@ class _Occluders(NamedTuple):
 
 
 class EdgePasses:
-    """Finds the edges that pass rays, in the scene of a field of log luma."""
+    """Finds the edges that pass rays of a renderer."""
 
-    def __init__(self, field: LogLumaField) -> None:
-        self._field, self._renderer, self._table = field, field.renderer, field.renderer.table
+    def __init__(self, renderer: NativeRenderer) -> None:
+        self._renderer, self._table, self._pixels = renderer, renderer.table, BlurredPixels(renderer)
         rays = ray_table(self._renderer.camera, self._renderer.rays).astype(np.float32)
         self._ray_table = np.concatenate([rays, np.ones_like(rays[..., :1])], -1).astype(np.float64)
         corners, self._frames = self._table.corners, self._table.frames.astype(np.int64)
@@ -150,13 +155,13 @@ class EdgePasses:
 
     def changed(self, ends: tuple[Views, Views], pixel: IntArray) -> tuple[FloatArray, FloatArray, ChangedRays]:
         """Luma of pixels (n,) at the first of two views each, at the second but for the rays that change, and these."""
-        around = self._field.neighbours(pixel)
+        around = self._pixels.neighbours(pixel)
         count, near = around.shape
         view, flat = np.repeat(np.arange(count, dtype=np.uint32), near), around.ravel().astype(np.uint32)
         (before, dark, luma), (after, dark_after, luma_after) = (
             self._renderer.ray_sights(views, view, flat) for views in ends
         )
-        weights = np.tile(self._field.weights, count)[:, None] / self._renderer.rays
+        weights = np.tile(self._pixels.weights, count)[:, None] / self._renderer.rays
         changed, ray = np.nonzero((before != after) | (dark != dark_after))
         rays = ChangedRays(
             view[changed].astype(np.int64),
@@ -164,6 +169,7 @@ class EdgePasses:
             before[changed, ray].astype(np.int64),
             after[changed, ray].astype(np.int64),
             dark[changed, ray] ^ dark_after[changed, ray],
+            weights[changed, 0],
             ((luma_after - luma) * weights)[changed, ray],
         )
         start, stop = ((one * weights).reshape(count, -1).sum(1) for one in (luma, luma_after))

@@ -41,7 +41,7 @@ class EventJumps:
     """Finds the edges that make events, in the scene of a field of log luma."""
 
     def __init__(self, field: LogLumaField) -> None:
-        self._field, self._edges = field, EdgePasses(field)
+        self._field, self._edges = field, EdgePasses(field.renderer)
 
     def find(
         self, from_us: FloatArray, to_us: FloatArray, pixel: IntArray, sign: FloatArray, luma: FloatArray

@@ -75,6 +75,19 @@ class DifferentiableKernel(TableKernel):
         kernel._table = _AttachedTable(self._table, lights)
         return kernel
 
+    def moved_lights(self, parameters: Mapping[str, Any]) -> list[str]:
+        """The names of places and directions of lights among the replacements that are not the scene's own."""
+        moved = []
+        for name, number in self._vectors.items():
+            if name in parameters:
+                light = self._table.lights[number]
+                vector = tensor(parameters[name]).numpy().astype(np.float64)
+                if light.kind == "directional":
+                    vector /= np.linalg.norm(vector)
+                if not np.allclose(vector, light.vector, rtol=1e-6, atol=1e-6 * np.abs(light.vector).max()):
+                    moved.append(name)
+        return moved
+
     def _with_textures(self, group: int, replacements: Mapping[int, Any]) -> Any:
         """The kernel's buffer of texels as luma, each texture in its frame, with some of them replaced."""
         import drjit as dr

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ..rendering.neighbours import mirrored
 from ..rendering.render_native import NativeRenderer
 from ..trajectory.trajectory import Trajectory
 from ..trajectory.views import Views
+from .blurred_pixels import BlurredPixels
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -20,8 +20,6 @@ IntArray = npt.NDArray[np.int64]
 
 _TOGETHER = 1 << 15
 """Pixels that are asked for in one call: more would cost memory."""
-
-_BLUR = np.array([0.25, 0.5, 0.25])
 
 
 class LogLuma(NamedTuple):
@@ -64,6 +62,7 @@ class LogLumaField:
 
     Attributes:
         path: of the camera.
+        pixels: of the renderer, and its blur.
         light_names: of the scene, in its order, each once.
         of_light_name: (l, names) 1 where a light of the table has a name.
     """
@@ -71,10 +70,7 @@ class LogLumaField:
     def __init__(self, renderer: NativeRenderer, trajectory: Trajectory, log_eps: float) -> None:
         self.renderer, self.log_eps = renderer, log_eps
         self.path, self.duration_s = trajectory, trajectory.duration_s
-        around = np.arange(-1, 2) if renderer.blur else np.zeros(1, np.int64)
-        self._rows, self._columns = (part.ravel() for part in np.meshgrid(around, around, indexing="ij"))
-        kernel = np.outer(_BLUR, _BLUR) if renderer.blur else np.ones((1, 1))
-        self.weights = kernel.ravel()
+        self.pixels = BlurredPixels(renderer)
         names = [light.name for light in renderer.table.lights]
         self.light_names = tuple(dict.fromkeys(names))
         self.of_light_name = np.array([[name == one for one in self.light_names] for name in names], np.float64)
@@ -82,13 +78,6 @@ class LogLumaField:
     def views(self, t_us: FloatArray) -> Views:
         """The camera at instants (n,), microseconds; those that rounding puts just before 0 are at 0."""
         return Views.along(self.path, np.clip(t_us * 1e-6, 0.0, self.path.duration_s))
-
-    def neighbours(self, pixel: IntArray) -> IntArray:
-        """(n, m) the pixels whose luma, times :attr:`weights` (m,), is that of pixels (n,)."""
-        camera = self.renderer.camera
-        y, x = np.divmod(pixel, camera.width)
-        rows = mirrored(y[:, None] + self._rows, camera.height)
-        return rows * camera.width + mirrored(x[:, None] + self._columns, camera.width)
 
     def at(self, t_us: FloatArray, pixel: IntArray) -> LogLuma:
         """Log luma of pixels (n,), y W + x, each at its own instant (n,), microseconds from the path's start."""
@@ -112,10 +101,10 @@ class LogLumaField:
         parts = [csr_array((0, texels))]
         for first in range(0, len(pixel), _TOGETHER):
             chunk = slice(first, first + _TOGETHER)
-            around = self.neighbours(pixel[chunk]).astype(np.uint32)
+            around = self.pixels.neighbours(pixel[chunk]).astype(np.uint32)
             views, view = self.views(t_us[chunk]), np.arange(len(around), dtype=np.uint32)
-            luma = self.renderer.gradients(views, view, around, self.weights)[:, 0]
-            counts, seen, values = self.renderer.texel_gradients(views, view, around, self.weights)
+            luma = self.renderer.gradients(views, view, around, self.pixels.weights)[:, 0]
+            counts, seen, values = self.renderer.texel_gradients(views, view, around, self.pixels.weights)
             rows = np.append(0, np.cumsum(counts, dtype=np.int64))
             values = values * np.repeat(1 / (luma + self.log_eps), counts)
             part = csr_array((values, seen, rows), shape=(len(around), texels))
@@ -127,8 +116,8 @@ class LogLumaField:
         return self._of_view(views, np.arange(len(pixel), dtype=np.uint32), pixel)
 
     def _of_view(self, views: Views, view: npt.NDArray[np.uint32], pixel: IntArray) -> LogLuma:
-        around = self.neighbours(pixel).astype(np.uint32)
-        table = self.renderer.gradients(views, view, around, self.weights)
+        around = self.pixels.neighbours(pixel).astype(np.uint32)
+        table = self.renderer.gradients(views, view, around, self.pixels.weights)
         dark = 1 / (table[:, 0] + self.log_eps)
         slopes = table[:, 1:] * dark[:, None]
         return LogLuma(np.log(table[:, 0] + self.log_eps), slopes[:, 0], slopes[:, 1:7], slopes[:, 7:], dark)

@@ -10,6 +10,7 @@ from ..camera import Camera
 from ..rendering.camera_rays import CameraRays, Lanes
 from ..rendering.scene_table import SceneTable, Unsuitable
 from ..scene.scene import Scene
+from .frame_edges import FrameEdges
 from .kernel import DifferentiableKernel
 from .poses import CameraPoses, spline
 
@@ -22,13 +23,17 @@ class DifferentiableRenderer:
     """Renders linear luma of a diffuse scene, attached to Dr.Jit's graph: forward and reverse mode go through it.
 
     It is the table kernel on the table renderer's rays: frames are those of ``make_renderer(..., kind="table")``.
-    Derivatives are exact inside surfaces, for the rays that are traced. **Which surface a ray meets, and whether a
-    light is hidden from it, is taken as fixed**: how luma changes where the edge of a surface or of a shadow moves over
-    a pixel is not in them (docs/differentiable.md tells how much that is).
+    Derivatives are exact inside surfaces, for the rays that are traced. Derivatives by the poses also have what changes
+    where the edge of a surface or of a shadow moves over a pixel, for the mean over the whole pixel. That part is found
+    from the rays next to the edge: more rays make it more exact (docs/differentiable.md has the figures). Derivatives
+    by the parameters take as fixed which surface a ray meets and whether a light is hidden from it, so that a shadow
+    that moves with its light counts nothing at its edge.
 
     Args:
         samples: rays a pixel.
         blur: the 3 x 3 blur of luma; None leaves it to the scene.
+        edges: False leaves out the part of edges: poses then have derivatives of the surfaces alone. It costs nothing
+            where poses need no derivatives.
 
     Raises:
         ValueError: if the table kernel cannot render the scene (the message says what in it is not a diffuse mesh
@@ -38,7 +43,13 @@ class DifferentiableRenderer:
     """
 
     def __init__(
-        self, scene: Scene, camera: Camera | None = None, *, samples: int = 4, blur: bool | None = None
+        self,
+        scene: Scene,
+        camera: Camera | None = None,
+        *,
+        samples: int = 4,
+        blur: bool | None = None,
+        edges: bool = True,
     ) -> None:
         self.camera = scene.own_camera if camera is None else camera
         self.samples, self.blur = samples, scene.blur if blur is None else blur
@@ -57,6 +68,8 @@ class DifferentiableRenderer:
             except Unsuitable as unsuitable:
                 raise ValueError(f"derivatives need the table kernel, which cannot render this: {unsuitable}") from None
             self._kernel = DifferentiableKernel(table, mi)
+        self._shadows = scene.shadows
+        self._edges = FrameEdges(table, self.camera, samples) if edges else None
 
     @property
     def parameters(self) -> dict[str, Any]:
@@ -81,7 +94,9 @@ class DifferentiableRenderer:
                 A reflectance may also be (H, W), the same in all channels.
 
         Raises:
-            ValueError: for a name that the scene does not have, a value of another shape, or 2^32 rays or more.
+            ValueError: for a name that the scene does not have, a value of another shape, or 2^32 rays or more; with
+                ``edges`` and poses that need derivatives, for another place or direction of a light that throws
+                shadows, because the edges of shadows are found for the scene's own.
         """
         with variant(FAST) as (mi, dr):
             kernel = self._kernel.replaced(parameters or {})
@@ -103,6 +118,14 @@ class DifferentiableRenderer:
             for number in range(self.samples):
                 frames += dr.gather(mi.Float, luma, first + number * lanes)
             frames /= self.samples
+            if self._edges is not None and dr.grad_enabled(poses.positions, poses.rotations):
+                moved = self._kernel.moved_lights(parameters or {}) if self._shadows else []
+                if moved:
+                    raise ValueError(
+                        f"derivatives by the poses have the edges of shadows of the scene's own lights, so {moved[0]} "
+                        "cannot be replaced; edges=False leaves edges out"
+                    )
+                frames += self._edges.attached_zero(poses, kernel)
             if self.blur:
                 frames = _blur_along(_blur_along(frames, height, width), width, 1)
             return mi.TensorXf(frames, (count, height, width))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from .._core import SceneRenderer
+from .._core import PixelRays, SceneRenderer
 from .._mitsuba import SCALAR
 from ..camera import Camera
 from ..lattice import rank1_lattice
@@ -23,6 +23,9 @@ from .shadow_rays import END, STEP
 _KINDS = {"spot": "point", "lamp": "point"}
 
 _PIXELS_PER_LAUNCH = 1 << 21
+
+_MOST_ACROSS = 65535
+"""Of what the core takes as the pixels of a row."""
 
 ViewArrays = tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]
 
@@ -68,6 +71,10 @@ class NativeRenderer(Renderer):
         # The last one is that of a ray that hits nothing.
         self._frame_of_triangle = np.append(table.frames, np.uint32(0))
         self._core = kept((table, threads), lambda: _core_of(table, threads))
+
+    def without_blur(self) -> NativeRenderer:
+        """The same rays of the same scene, each pixel alone."""
+        return NativeRenderer(self.table, self.camera, samples=self.rays, blur=False, motion=self.motion)
 
     def _luma(self, views: Views) -> LumaFrames:
         luma, _ = self._core.luma(pixel_rays(self.camera, self.rays), self._arrays(views))
@@ -140,6 +147,17 @@ class NativeRenderer(Renderer):
             pixel_rays(self.camera, self.rays), self._arrays(views), view, pixel
         )
         return triangle.reshape(shape), hidden.reshape(shape), luma.reshape(shape)
+
+    def ray_luma(self, views: Views, rays: FloatArray) -> FloatArray:
+        """Luma (n,), in float64, along one ray of each of n views: (n, 3), x, y and 1 in camera axes."""
+        found = [np.zeros(0)]
+        for first in range(0, len(views), _MOST_ACROSS):
+            some = views[first : first + _MOST_ACROSS]
+            table = np.ascontiguousarray(rays[first : first + _MOST_ACROSS, :2], np.float32)
+            number = np.arange(len(some), dtype=np.uint32)
+            of_rays = PixelRays(len(some), 1, 1, table.ravel())
+            found.append(self._core.ray_sights(of_rays, self._arrays(some), number, number)[2])
+        return np.concatenate(found)
 
     def cameras(self, views: Views) -> list[Views]:
         """The cameras in the world, and in the frame of each body that moves."""

@@ -1,0 +1,123 @@
+"""What edges add to the derivatives of frames by the camera's poses, as a Dr.Jit expression."""
+
+from __future__ import annotations
+
+import warnings
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..camera import Camera
+from ..rendering.render_native import NativeRenderer
+from ..rendering.scene_table import SceneTable
+from ..rendering.table_kernel import TableKernel
+from ..trajectory.views import Views
+from .poses import CameraPoses
+from .turned_edges import TurnedEdges
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+
+_RAYS_TOGETHER = 1 << 22
+"""Rays that are followed in one call."""
+
+_MOST_UNKNOWN = 0.01
+"""The share of what changes at edges that may stay unexplained without a word."""
+
+
+class FrameEdges:
+    """The part of edges in the derivatives of whole frames, before the blur.
+
+    Edges are found by the native renderer in float64; how much luma changes at them is the kernel's, with the values
+    that its parameters have now.
+    """
+
+    def __init__(self, table: SceneTable, camera: Camera, samples: int) -> None:
+        self._renderer = NativeRenderer(table, camera, samples=samples, blur=False)
+        self._edges, self._pixels = TurnedEdges(self._renderer), camera.width * camera.height
+
+    def attached_zero(self, poses: CameraPoses, kernel: TableKernel) -> Any:
+        """0 for each pixel (n H W) of n poses, with the derivatives that edges have by the poses.
+
+        Warns:
+            UserWarning: if more than 1 % of the change at edges stays unexplained, and so is left out.
+        """
+        import drjit as dr
+        import mitsuba as mi
+
+        columns = self._slopes(poses, kernel)
+        view = dr.arange(mi.UInt32, len(poses) * self._pixels) // self._pixels
+        total = dr.zeros(mi.Float, len(poses) * self._pixels)
+        for column, increment in zip(columns.T, _increments(poses), strict=True):
+            moved = increment if dr.width(increment) == 1 else dr.gather(mi.Float, increment, view)
+            total += mi.Float(np.array(column, np.float32)) * moved
+        return total
+
+    def _slopes(self, poses: CameraPoses, kernel: TableKernel) -> FloatArray:
+        """(n H W, 6): luma by an increment of the pose."""
+        views = _views(poses)
+        found = np.zeros((len(poses) * self._pixels, 6))
+        together = max(_RAYS_TOGETHER // self._renderer.rays, 1)
+        known = unknown = 0.0
+
+        def luma(own: Views, rays: FloatArray) -> FloatArray:
+            return _luma(kernel, own, rays)
+
+        for first in range(0, len(found), together):
+            lane = np.arange(first, min(first + together, len(found)))
+            for turn in self._edges.turns(views[lane // self._pixels], lane % self._pixels, luma):
+                explained, size = np.isfinite(turn.slope[:, 0]), np.abs(turn.change)
+                known += float(size[explained].sum())
+                unknown += float(size[~explained].sum())
+                into = (lane[turn.event] // self._pixels * self._pixels)[:, None] + turn.pixel
+                rows = (turn.change / self._renderer.rays)[:, None] * np.where(explained[:, None], turn.slope, 0.0)
+                for column in range(6):
+                    parts = turn.part * rows[:, column, None]
+                    found[:, column] += np.bincount(into.ravel(), parts.ravel(), len(found))
+        if unknown > _MOST_UNKNOWN * (known + unknown):
+            share = unknown / (known + unknown)
+            warnings.warn(f"derivatives leave out {share:.1%} of the change at edges: no edge explains it", stacklevel=4)
+        return found
+
+
+def _luma(kernel: TableKernel, views: Views, rays: FloatArray) -> FloatArray:
+    """Luma along one ray of each view, without derivatives."""
+    import drjit as dr
+    import mitsuba as mi
+
+    if not len(rays):
+        return np.zeros(0)
+    origins, directions = views.positions, np.einsum("nij,nj->ni", views.rotations, rays)
+    ray = mi.Ray3f(mi.Point3f(_columns(origins)), mi.Vector3f(_columns(directions)))
+    return np.asarray(dr.detach(kernel.luma(ray)).numpy(), np.float64)
+
+
+def _columns(vectors: FloatArray) -> list[Any]:
+    import mitsuba as mi
+
+    return [mi.Float(np.array(column, np.float32)) for column in vectors.T]
+
+
+def _views(poses: CameraPoses) -> Views:
+    """Cameras at rest."""
+    import drjit as dr
+
+    count = len(poses)
+
+    def table(values: Any) -> FloatArray:
+        return np.stack([np.broadcast_to(dr.detach(value).numpy(), (count,)) for value in values], 1)
+
+    rotations = np.stack([table(row) for row in poses.rotations], 1).astype(np.float64)
+    still = np.zeros((count, 3))
+    return Views(np.zeros(count), table(poses.positions).astype(np.float64), rotations, still, still)
+
+
+def _increments(poses: CameraPoses) -> list[Any]:
+    """Zeros, attached to the poses: position in world axes, then the rotation vector in camera axes."""
+    import drjit as dr
+    import mitsuba as mi
+
+    turn = dr.detach(poses.rotations).T @ poses.rotations
+    vector = [(turn[2, 1] - turn[1, 2]) / 2, (turn[0, 2] - turn[2, 0]) / 2, (turn[1, 0] - turn[0, 1]) / 2]
+    return [dr.replace_grad(mi.Float(0), value) for value in [*poses.positions, *vector]]
