@@ -6,19 +6,17 @@ norm of central differences over 2 mm, or 2 mrad, of frames with 1,024 rays a pi
 
 from __future__ import annotations
 
-import sys
+import runpy
 import time
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "examples"))
-
-from recover_pose import make_scene
-
 from davis_rs import Camera, Pose
 from davis_rs.differentiable import CameraPoses, DifferentiableRenderer
+
+make_scene = runpy.run_path(str(Path(__file__).parents[1] / "examples" / "recover_pose.py"))["make_scene"]
 
 CAMERA = Camera(96, 72, 80.0, 80.0, 47.5, 35.5)
 POSE = Pose([0.1, 0.05, 2.0], [1.0, 0.0, 0.0, 0.0])

@@ -77,7 +77,9 @@ class FrameEdges:
                     found[:, column] += np.bincount(into.ravel(), parts.ravel(), len(found))
         if unknown > _MOST_UNKNOWN * (known + unknown):
             share = unknown / (known + unknown)
-            warnings.warn(f"derivatives leave out {share:.1%} of the change at edges: no edge explains it", stacklevel=4)
+            warnings.warn(
+                f"derivatives leave out {share:.1%} of the change at edges: no edge explains it", stacklevel=4
+            )
         return found
 
 
