@@ -1,7 +1,5 @@
-//! The program whose instructions `instructions.py` counts: an ideal engine that takes a number of frames of one kind, or
-//! a decoder that takes a stream a number of times.
+//! The program whose instructions `instructions.py` counts: an ideal engine that takes a number of frames of one kind.
 
-use davis_rs::aer::{Chip, Decoded, Decoder, Device, Encoder, Frame as ApsFrame, Region};
 use davis_rs::{CrossingEngine, CrossingParameters, Event, Frame, Interpolation, SensorSize};
 
 const SIZE: SensorSize = SensorSize { width: 240, height: 180 };
@@ -10,9 +8,6 @@ fn main() {
     let mut arguments = std::env::args().skip(1);
     let kind = arguments.next().expect("a kind, as instructions.py lists them");
     let frames: i64 = arguments.next().and_then(|n| n.parse().ok()).expect("how many frames");
-    if let Some(stream) = kind.strip_prefix("decode-") {
-        return decode(stream, frames);
-    }
     let step = match kind.as_str() {
         "dense" | "hermite" => 0.03,
         "quiet" => 0.01,
@@ -43,51 +38,6 @@ fn main() {
         frame.rate = hermite.then_some(&rate);
         engine.push(frame, &mut events).expect("valid");
         count += events.len();
-    }
-    println!("{count} events");
-}
-
-/// Decodes a stream of one kind again and again, in transfers as a camera's reader hands them over.
-fn decode(kind: &str, repetitions: i64) {
-    let mut state = 1u64;
-    let mut below = |limit: u64| {
-        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        u16::try_from((limit * (state >> 32)) >> 32).expect("small limits")
-    };
-    let (rows, most, gap) = match kind {
-        "dense" => (5000, 6, 8),
-        "sparse" => (10_000, 1, 20_000),
-        _ => (1000, 6, 20),
-    };
-    let mut packet = Decoded::default();
-    let mut t = 0;
-    for _ in 0..rows {
-        t += 1 + i64::from(below(2 * gap));
-        let (y, columns) = (below(180), 1 + below(most));
-        packet.events.extend((0..columns).map(|_| Event::new(t, below(240), y, below(2) == 1)));
-    }
-    if kind == "frames" {
-        let region = Region { x: 0, y: 0, width: 240, height: 180 };
-        packet.frames.push(ApsFrame {
-            t_start: 1000,
-            t_exposure_start: 2000,
-            t_exposure_end: 7000,
-            t_end: 12_000,
-            region,
-            global_shutter: true,
-            exposure_cycles: 150_000,
-            pixels: (0..region.pixels()).map(|_| below(512) << 7).collect(),
-        });
-    }
-    let device = Device::new(Chip::Davis240C);
-    let stream = Encoder::new(device.clone()).expect("a chip").encode(&packet).expect("valid");
-    let (mut decoder, mut decoded, mut count) = (Decoder::new(device).expect("a chip"), Decoded::default(), 0);
-    for _ in 0..=repetitions {
-        for piece in stream.chunks(1 << 14) {
-            decoded.clear();
-            decoder.push(piece, &mut decoded);
-            count += decoded.events.len();
-        }
     }
     println!("{count} events");
 }

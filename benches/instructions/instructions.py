@@ -16,8 +16,11 @@ from pathlib import Path
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
 FRAMES = 40
-KINDS = ("dense", "quiet", "still", "hermite", "decode-dense", "decode-sparse", "decode-frames")
-"""Frames of 240 x 180 pixels by how many of them change, and streams of a camera by what is in them."""
+KINDS = {
+    "frames": ("dense", "quiet", "still", "hermite"),
+    "streams": ("decode-dense", "decode-sparse", "decode-frames"),
+}
+"""Of each program: frames of 240 x 180 pixels by how many of them change, streams of a camera by what is in them."""
 
 _MANIFEST = """[package]
 name = "instructions"
@@ -33,13 +36,17 @@ codegen-units = 1
 """
 
 
-def build(source: Path, folder: Path) -> Path:
-    """The program, built against a checkout."""
+def build(program: str, source: Path, folder: Path) -> Path | None:
+    """A program, built against a checkout; None if the checkout is older than what the program counts."""
     (folder / "src").mkdir(parents=True)
     (folder / "Cargo.toml").write_text(_MANIFEST.format(source=source))
-    (folder / "src" / "main.rs").write_text((HERE / "frames.rs").read_text())
+    (folder / "src" / "main.rs").write_text((HERE / f"{program}.rs").read_text())
     (folder / "Cargo.lock").write_text((source / "Cargo.lock").read_text())
-    subprocess.run(["cargo", "build", "--release", "--quiet"], cwd=folder, check=True)
+    built = subprocess.run(["cargo", "build", "--release", "--quiet"], cwd=folder, capture_output=True, text=True)
+    if built.returncode:
+        if source != ROOT and "unresolved import" in built.stderr:
+            return None
+        raise RuntimeError(built.stderr)
     return folder / "target" / "release" / "instructions"
 
 
@@ -52,19 +59,30 @@ def counted(program: Path, kind: str, frames: int) -> int:
     return int(found[1])
 
 
+def each(program: Path, kind: str) -> float:
+    """Instructions a frame, or a stream, without the start of the program."""
+    return (counted(program, kind, FRAMES) - counted(program, kind, 0)) / FRAMES
+
+
 def main(revision: str) -> None:
     """Build both, count, and print a table."""
     with tempfile.TemporaryDirectory() as folder:
         before = Path(folder) / "before"
         subprocess.run(["git", "worktree", "add", "--quiet", "--detach", str(before), revision], cwd=ROOT, check=True)
         try:
-            programs = [build(before, Path(folder) / "a"), build(ROOT, Path(folder) / "b")]
+            programs = {
+                name: [build(name, root, Path(folder) / f"{name}-{root.name}") for root in (before, ROOT)]
+                for name in KINDS
+            }
         finally:
             subprocess.run(["git", "worktree", "remove", "--force", str(before)], cwd=ROOT, check=True)
         print(f"| instructions a frame, 240 x 180, or a stream | {revision} | now | ratio |\n|---|---|---|---|")
-        for kind in KINDS:
-            old, new = ((counted(p, kind, FRAMES) - counted(p, kind, 0)) / FRAMES for p in programs)
-            print(f"| {kind} | {old:,.0f} | {new:,.0f} | {new / old:.4f} |", flush=True)
+        for name, (old, new) in programs.items():
+            for kind in KINDS[name]:
+                assert new is not None
+                now = each(new, kind)
+                cells = (f"{then:,.0f}", f"{now / then:.4f}") if old and (then := each(old, kind)) else ("-", "-")
+                print(f"| {kind} | {cells[0]} | {now:,.0f} | {cells[1]} |", flush=True)
 
 
 if __name__ == "__main__":

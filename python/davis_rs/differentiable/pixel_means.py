@@ -73,7 +73,7 @@ class MeanLogLumaField(LogLumaField):
         return found
 
     def _around(self, pixel: IntArray) -> tuple[IntArray, IntArray]:
-        """All pixels whose rays may lie next to an edge in what pixels (n,) take: for which of the n, and the number."""
+        """All pixels whose rays may lie next to an edge in what pixels (n,) take: for which of them, and its number."""
         camera = self.renderer.camera
         y, x = np.divmod(pixel, camera.width)
         rows, columns = y[:, None] + self._rows, x[:, None] + self._columns
