@@ -250,6 +250,7 @@ def test_an_edge_in_closed_form(mi: Any) -> None:
             if edges:
                 assert back[0, 0] == pytest.approx(expected, rel=0.01)
                 assert ahead.sum() == pytest.approx(expected, rel=0.01)
+                assert ahead[0, :, 11] == pytest.approx(ahead[0, :, 12], rel=0.01)  # the edge is on their border
             else:
                 assert not back.any()
                 assert not ahead.any()
