@@ -11,11 +11,13 @@ import pytest
 
 from davis_rs import Camera, Flicker, Pose, Scene, SegmentTrajectory, simulate
 from davis_rs.differentiable import event_time_jacobian
+from davis_rs.differentiable.edge_passes import ChangedRays, EdgePasses, Passes
 from davis_rs.differentiable.log_luma import LogLumaField
 from davis_rs.differentiable.pixel_means import MeanLogLumaField
 from davis_rs.events import concatenate_events
 from davis_rs.rendering.render_native import NativeRenderer
 from davis_rs.rendering.renderers import make_renderer
+from davis_rs.trajectory.views import Views
 
 CAMERA = Camera(16, 12, 40.0, 36.0, 7.5, 5.5)
 NEAR_M, SPEED_M_S, DURATION_S, LOG_EPS = 2.0, 4.0, 0.02, 1e-3
@@ -88,6 +90,38 @@ def test_edges_add_what_a_straight_edge_adds() -> None:
     assert np.abs(alone.pose).max() < 1e-9 * np.abs(expected).max()
     few = fields_of(scene, 64)[0].at(middle_us, pixel)
     assert np.abs(few.pose[2] - expected).max() < 0.15 * np.abs(expected).max()
+
+
+def test_edges_are_of_the_pixels_that_they_are_in() -> None:
+    """The height of the edge in each pixel counts there, also where the rays next to it are those of other pixels."""
+    mean, alone = fields_of(half_plane(), 64)
+    pixel = np.array([6, 7, 8, 9]) + CAMERA.width * 6
+    shares, sums = [], []
+    for at_px in np.linspace(6.9, 8.1, 25):
+        middle = DURATION_S / 2 + (8 - at_px) * NEAR_M / CAMERA.fx / SPEED_M_S
+        of_mean, surfaces = (field.at(np.full(4, 1e6 * middle), pixel) for field in (mean, alone))
+        found = (of_mean.pose - surfaces.pose)[:, 0] * np.exp(of_mean.value)
+        half = math.tan(ANGLE) * CAMERA.fx / CAMERA.fy / 2  # the edge runs from at_px - half to at_px + half
+        borders = np.clip((np.arange(5.5, 10) - at_px) / (2 * half) + 0.5, 0, 1)
+        shares.append(found / found.sum() - np.diff(borders))
+        sums.append(found.sum())
+    assert np.abs(shares).max() < 0.08
+    assert np.mean(sums) == pytest.approx(-0.6 * CAMERA.fx / NEAR_M, rel=0.02)
+
+
+def test_a_change_without_an_edge_is_not_known(monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = EdgePasses.passes
+
+    def lost(self: EdgePasses, ends: tuple[Views, Views], rays: ChangedRays) -> Passes:
+        passes = whole(self, ends, rays)
+        passes.share[::20] = np.nan
+        return passes
+
+    monkeypatch.setattr(EdgePasses, "passes", lost)
+    mean, _ = fields_of(half_plane(), 64)
+    here = mean.at(np.full(2, 1e6 * DURATION_S / 2), 6 * CAMERA.width + np.array([8, 2]))
+    assert np.isnan(here.pose[0]).all()
+    assert not here.pose[1].any()  # no edge there
 
 
 def test_event_times_are_those_of_the_edge() -> None:

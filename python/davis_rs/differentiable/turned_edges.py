@@ -32,6 +32,9 @@ _TURN_COLUMNS = (4, 3)
 _BESIDE = 0.005
 """How far from an edge, as a share of a turn, luma is taken: farther away surfaces change, closer float32 rounds."""
 
+_SMEARED = 0.5
+"""How wide an edge is taken to be, in distances of rays: on the border of two pixels, half of it is in each."""
+
 RayLuma = Callable[[Views, FloatArray], FloatArray]
 """Luma (m,) along one ray of each of m views, (m, 3) in camera axes."""
 
@@ -86,14 +89,14 @@ class TurnedEdges:
     def _pixels(self, ray: FloatArray, axis: int, angle: FloatArray) -> tuple[IntArray, FloatArray]:
         """Pixels in which the camera sees what it sees along rays while it is turned, and the parts in them.
 
-        A place is as wide as rays lie apart: what lies on the border of two pixels is half in each.
+        What lies on the border of two pixels is half in each, as it is on average where the camera moves a little.
         """
         camera = self._camera
         place = camera.project(np.einsum("nij,nj->ni", _turns(axis, angle), ray)) + 0.5
         known = np.isfinite(place).all(1) & np.isfinite(angle)
         place = np.where(known[:, None], place, -9.0)
         border = np.rint(place)
-        after = np.clip(0.5 + (place - border) / self._to_either_side_px, 0.0, 1.0)
+        after = np.clip(0.5 + (place - border) / (_SMEARED * self._to_either_side_px), 0.0, 1.0)
         (x, y), (right, below) = border.astype(np.int64).T, after.T
         columns, rows = np.stack([x - 1, x, x - 1, x], 1), np.stack([y - 1, y - 1, y, y], 1)
         part = np.stack([1 - right, right, 1 - right, right], 1) * np.stack([1 - below, 1 - below, below, below], 1)
