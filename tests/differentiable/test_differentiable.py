@@ -15,7 +15,7 @@ import pytest
 from scipy.interpolate import BSpline
 from scipy.spatial.transform import Rotation
 
-from davis_rs import Camera, Pose, Scene
+from davis_rs import Camera, Pose, Scene, SegmentTrajectory
 from davis_rs._mitsuba import SCALAR, variant
 from davis_rs.differentiable import CameraPoses, DifferentiableRenderer, spline
 from davis_rs.differentiable.edge_passes import ChangedRays, EdgePasses, Passes
@@ -263,20 +263,32 @@ def test_an_edge_in_closed_form(mi: Any) -> None:
                 assert not ahead.any()
 
 
+def finely(world: Scene, about: CameraPoses, blur: bool, **settings: Any) -> Function:
+    """Derivatives along an increment of two poses by differences, of frames of six times as many pixels, averaged."""
+    times = 6
+    fine = Camera(24 * times, 18 * times, 22.0 * times, 24.0 * times, 11.7 * times - 0.5, 9.4 * times - 0.5, k1=-0.1)
+    renderer = DifferentiableRenderer(world, fine, samples=256, blur=False)
+
+    def along(increment: FloatArray) -> FloatArray:
+        def frames(increments: Any) -> Any:
+            return renderer.luma(about.perturbed(increments), **settings)
+
+        of_fine = differences(frames, np.zeros((2, 6)), increment, 1e-3)
+        derivative = of_fine.reshape(2, 18, times, 24, times).mean((2, 4))
+        return blur_3x3(derivative.astype(np.float32)).astype(np.float64) if blur else derivative
+
+    return along
+
+
 @pytest.mark.parametrize(("samples", "blur", "bound"), [(16, False, 0.17), (256, False, 0.06), (256, True, 0.04)])
 def test_derivatives_at_edges_agree_with_differences(samples: int, blur: bool, bound: float, mi: Any) -> None:
-    """Whole frames, with the edges of a tile, of the floor and of a shadow, two poses at once, against differences of
-    frames of six times as many pixels, averaged; and a sky and a lamp twice as bright make them twice as large."""
+    """Whole frames, with the edges of a tile, of the floor and of a shadow, two poses at once; and a sky and a lamp
+    twice as bright make them twice as large."""
     source = {"lamp": LAMP, "sky": SKY, "floor": plane(0.8, GREY["bright"]), "tile": plane(0.3, GREY["dark"], z=0.4)}
-    world, about, times = scene(source, shadows=True), CameraPoses.at([POSE, OTHER]), 6
-    fine = Camera(24 * times, 18 * times, 22.0 * times, 24.0 * times, 11.7 * times - 0.5, 9.4 * times - 0.5, k1=-0.1)
-    renderer, plain, truth = (
-        DifferentiableRenderer(world, camera, samples=rays, blur=own_blur, edges=edges)
-        for camera, rays, own_blur, edges in (
-            (CAMERA, samples, blur, True),
-            (CAMERA, samples, blur, False),
-            (fine, 256, False, False),
-        )
+    world, about = scene(source, shadows=True), CameraPoses.at([POSE, OTHER])
+    truth = finely(world, about, blur)
+    renderer, plain = (
+        DifferentiableRenderer(world, CAMERA, samples=samples, blur=blur, edges=edges) for edges in (True, False)
     )
 
     def frames(of: DifferentiableRenderer, **parameters: Any) -> Function:
@@ -284,10 +296,7 @@ def test_derivatives_at_edges_agree_with_differences(samples: int, blur: bool, b
 
     for column in range(6):
         increment = np.eye(6)[[column] * 2]
-        expected = differences(frames(truth), np.zeros((2, 6)), increment, 1e-3)
-        expected = expected.reshape(2, 18, times, 24, times).mean((2, 4))
-        if blur:
-            expected = blur_3x3(expected.astype(np.float32)).astype(np.float64)
+        expected = truth(increment)
         found, without = (forward(frames(of), np.zeros((2, 6)), increment, mi) for of in (renderer, plain))
         size = np.linalg.norm(expected)
         assert np.linalg.norm(found - expected) < bound * size
@@ -295,6 +304,47 @@ def test_derivatives_at_edges_agree_with_differences(samples: int, blur: bool, b
     twice = {"sky.radiance": [1.4], "lamp.intensity": 2 * plain.parameters["lamp.intensity"].numpy()}
     bright = forward(frames(renderer, **twice), np.zeros((2, 6)), increment, mi)
     assert bright == pytest.approx(2 * found, rel=1e-4, abs=1e-4 * np.abs(found).max())
+
+
+@pytest.fixture
+def moving_scene() -> Scene:
+    """A tile that moves and turns above a floor, with a shadow, under a lamp that flickers."""
+    source = {"lamp": LAMP, "sky": SKY, "floor": plane(0.8, bitmap(TEXELS)), "tile": plane(0.3, bitmap(TEXELS), z=0.4)}
+    turn = Rotation.from_euler("zx", [0.9, 0.2]).as_quat()
+    path = SegmentTrajectory(Pose([0, 0, 0.4], [0, 0, 0, 1]), Pose([0.4, -0.2, 0.5], turn), 1.0)
+    world = scene(source, shadows=True, blur=True)
+    return replace(world, objects={"tile": path}, lights={"lamp": Flicker(3.0, modulation=0.5)})
+
+
+def test_frames_of_moving_scenes_are_the_table_renderers(moving_scene: Scene, mi: Any) -> None:
+    renderer, times = DifferentiableRenderer(moving_scene, CAMERA), np.array([0.1, 0.7])
+    expected = make_renderer(moving_scene, CAMERA, samples=4, kind="table").luma(Views.at_rest([POSE, OTHER], times))
+    about = CameraPoses.at([POSE, OTHER])
+    np.testing.assert_allclose(renderer.luma(about, t_s=times).numpy(), expected, atol=1e-5, rtol=1e-5)
+    one, other = (renderer.luma(about, t_s=t).numpy() for t in times)
+    np.testing.assert_allclose(np.stack([one[0], other[1]]), expected, atol=1e-5, rtol=1e-5)
+    assert np.abs(one - other).max() > 0.1
+
+
+def test_derivatives_of_moving_scenes_agree_with_differences(moving_scene: Scene, mi: Any) -> None:
+    """Edges, shadows and texels, at two times at once; and the strength of the lamp that flickers."""
+    about, times = CameraPoses.at([POSE, OTHER]), np.array([0.1, 0.7])
+    renderer = DifferentiableRenderer(moving_scene, CAMERA, samples=256)
+    truth = finely(moving_scene, about, True, t_s=times)
+    for column in range(6):
+        increment = np.eye(6)[[column] * 2]
+        expected = truth(increment)
+        found = forward(lambda x: renderer.luma(about.perturbed(x), t_s=times), np.zeros((2, 6)), increment, mi)
+        assert np.linalg.norm(found - expected) < 0.06 * np.linalg.norm(expected)
+
+    def by_strength(x: Any) -> Any:
+        return renderer.luma(about, {"lamp.intensity": x}, t_s=times)
+
+    strength = renderer.parameters["lamp.intensity"].numpy()
+    found = forward(by_strength, strength, np.ones(1), mi)
+    expected = differences(by_strength, strength, np.ones(1), 2.0)  # luma is linear in it
+    np.testing.assert_allclose(found, expected, atol=1e-4 * np.abs(found).max())
+    assert found[0].max() != pytest.approx(found[1].max(), rel=0.05)
 
 
 def test_edges_that_are_not_found_are_told(mi: Any, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -389,9 +439,14 @@ def test_what_is_refused(mi: Any) -> None:
     mirror = {"floor": {"type": "rectangle", "bsdf": {"type": "conductor"}}, "lamp": LAMP}
     with pytest.raises(ValueError, match=r"cannot render this: shape 'floor' has a SmoothConductor surface"):
         DifferentiableRenderer(scene(mirror), CAMERA)
-    flickering = replace(smooth_scene(), lights={"lamp": Flicker(100.0, modulation=0.5)})
-    with pytest.raises(ValueError, match="nothing changes but the camera; here lamp do"):
-        DifferentiableRenderer(flickering, CAMERA)
+    flickering = DifferentiableRenderer(
+        replace(smooth_scene(), lights={"lamp": Flicker(100.0, modulation=0.5)}), CAMERA
+    )
+    about = CameraPoses.at([POSE, OTHER])
+    with pytest.raises(ValueError, match="t_s must say when each pose is taken, because lamp changes with time"):
+        flickering.luma(about)
+    with pytest.raises(ValueError, match=r"t_s of 2 poses must have shape \(2,\), got \(3,\)"):
+        flickering.luma(about, t_s=[0.0, 0.1, 0.2])
     with pytest.raises(ValueError, match=r"samples .* 1\.\.1024, got 0"):
         DifferentiableRenderer(smooth_scene(), CAMERA, samples=0)
     renderer, poses = DifferentiableRenderer(smooth_scene(), CAMERA), CameraPoses.at([POSE, OTHER])

@@ -10,10 +10,12 @@ import numpy.typing as npt
 
 from ..camera import Camera
 from ..rendering.render_native import NativeRenderer
+from ..rendering.scene_motion import SceneMotion
 from ..rendering.scene_table import SceneTable
 from ..rendering.table_kernel import TableKernel
 from ..trajectory.views import Views
 from .poses import CameraPoses
+from .scene_at import SceneAt
 from .turned_edges import TurnedEdges
 
 FloatArray = npt.NDArray[np.float64]
@@ -33,11 +35,12 @@ class FrameEdges:
     that its parameters have now.
     """
 
-    def __init__(self, table: SceneTable, camera: Camera, samples: int) -> None:
-        self._renderer = NativeRenderer(table, camera, samples=samples, blur=False)
+    def __init__(self, table: SceneTable, camera: Camera, samples: int, motion: SceneMotion) -> None:
+        self._table, self._motion = table, motion
+        self._renderer = NativeRenderer(table, camera, samples=samples, blur=False, motion=motion)
         self._edges, self._pixels = TurnedEdges(self._renderer), camera.width * camera.height
 
-    def attached_zero(self, poses: CameraPoses, kernel: TableKernel) -> Any:
+    def attached_zero(self, poses: CameraPoses, views: Views, kernel: TableKernel) -> Any:
         """0 for each pixel (n H W) of n poses, with the derivatives that edges have by the poses.
 
         Warns:
@@ -46,7 +49,7 @@ class FrameEdges:
         import drjit as dr
         import mitsuba as mi
 
-        columns = self._slopes(poses, kernel)
+        columns = self._slopes(views, kernel)
         view = dr.arange(mi.UInt32, len(poses) * self._pixels) // self._pixels
         total = dr.zeros(mi.Float, len(poses) * self._pixels)
         for column, increment in zip(columns.T, _increments(poses), strict=True):
@@ -54,15 +57,14 @@ class FrameEdges:
             total += mi.Float(np.array(column, np.float32)) * moved
         return total
 
-    def _slopes(self, poses: CameraPoses, kernel: TableKernel) -> FloatArray:
+    def _slopes(self, views: Views, kernel: TableKernel) -> FloatArray:
         """(n H W, 6): luma by an increment of the pose."""
-        views = _views(poses)
-        found = np.zeros((len(poses) * self._pixels, 6))
+        found = np.zeros((len(views) * self._pixels, 6))
         together = max(_RAYS_TOGETHER // self._renderer.rays, 1)
         known = unknown = 0.0
 
         def luma(own: Views, rays: FloatArray) -> FloatArray:
-            return _luma(kernel, own, rays)
+            return _luma(kernel, own, rays, SceneAt(self._motion, self._table, own.t_s))
 
         for first in range(0, len(found), together):
             lane = np.arange(first, min(first + together, len(found)))
@@ -83,7 +85,7 @@ class FrameEdges:
         return found
 
 
-def _luma(kernel: TableKernel, views: Views, rays: FloatArray) -> FloatArray:
+def _luma(kernel: TableKernel, views: Views, rays: FloatArray, scene_at: SceneAt) -> FloatArray:
     """Luma along one ray of each view, without derivatives."""
     import drjit as dr
     import mitsuba as mi
@@ -92,7 +94,9 @@ def _luma(kernel: TableKernel, views: Views, rays: FloatArray) -> FloatArray:
         return np.zeros(0)
     origins, directions = views.positions, np.einsum("nij,nj->ni", views.rotations, rays)
     ray = mi.Ray3f(mi.Point3f(_columns(origins)), mi.Vector3f(_columns(directions)))
-    return np.asarray(dr.detach(kernel.luma(ray)).numpy(), np.float64)
+    return np.asarray(
+        dr.detach(kernel.luma(ray, scene_at.around(ray, dr.arange(mi.UInt32, len(rays))))).numpy(), np.float64
+    )
 
 
 def _columns(vectors: FloatArray) -> list[Any]:
@@ -101,8 +105,8 @@ def _columns(vectors: FloatArray) -> list[Any]:
     return [mi.Float(np.array(column, np.float32)) for column in vectors.T]
 
 
-def _views(poses: CameraPoses) -> Views:
-    """Cameras at rest."""
+def views_of(poses: CameraPoses, t_s: FloatArray) -> Views:
+    """Cameras at rest, each at its own time (n,)."""
     import drjit as dr
 
     count = len(poses)
@@ -112,7 +116,7 @@ def _views(poses: CameraPoses) -> Views:
 
     rotations = np.stack([table(row) for row in poses.rotations], 1).astype(np.float64)
     still = np.zeros((count, 3))
-    return Views(np.zeros(count), table(poses.positions).astype(np.float64), rotations, still, still)
+    return Views(t_s, table(poses.positions).astype(np.float64), rotations, still, still)
 
 
 def _increments(poses: CameraPoses) -> list[Any]:

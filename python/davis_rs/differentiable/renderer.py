@@ -5,14 +5,19 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+import numpy.typing as npt
+
 from .._mitsuba import FAST, default_variant, load_scene_source, variant
 from ..camera import Camera
 from ..rendering.camera_rays import CameraRays, Lanes
 from ..rendering.scene_table import SceneTable, Unsuitable
+from ..rendering.scene_updates import scene_motion
 from ..scene.scene import Scene
-from .frame_edges import FrameEdges
+from .frame_edges import FrameEdges, views_of
 from .kernel import DifferentiableKernel
 from .poses import CameraPoses, spline
+from .scene_at import SceneAt
 
 __all__ = ["CameraPoses", "DifferentiableRenderer", "spline"]
 
@@ -37,8 +42,8 @@ class DifferentiableRenderer:
 
     Raises:
         ValueError: if the table kernel cannot render the scene (the message says what in it is not a diffuse mesh
-            under point, directional and constant light), if objects move or lights change in it, for ``samples``
-            outside of 1..1024, or without ``llvm_ad_rgb``.
+            under point, directional and constant light), for ``samples`` outside of 1..1024, or without
+            ``llvm_ad_rgb``.
         OSError: if a scene file cannot be read.
     """
 
@@ -53,9 +58,6 @@ class DifferentiableRenderer:
     ) -> None:
         self.camera = scene.own_camera if camera is None else camera
         self.samples, self.blur = samples, scene.blur if blur is None else blur
-        if scene.objects or scene.lights:
-            changing = ", ".join([*scene.objects, *scene.lights])
-            raise ValueError(f"derivatives are of scenes in which nothing changes but the camera; here {changing} do")
         variant_name, why = default_variant()
         if variant_name != FAST:
             raise ValueError(f"derivatives need Mitsuba's {FAST} variant: {why}")
@@ -63,13 +65,16 @@ class DifferentiableRenderer:
         self._rays.prepare(samples)
         with variant(FAST) as (mi, _):
             loaded = load_scene_source(scene.source(), mi)
+            self._motion = scene_motion(scene, loaded, mi)
             try:
-                table = SceneTable(loaded, mi, shadows=scene.shadows, any_integrator=True)
+                table = SceneTable(
+                    loaded, mi, shadows=scene.shadows, any_integrator=True, moving=list(self._motion.objects)
+                )
             except Unsuitable as unsuitable:
                 raise ValueError(f"derivatives need the table kernel, which cannot render this: {unsuitable}") from None
             self._kernel = DifferentiableKernel(table, mi)
-        self._shadows = scene.shadows
-        self._edges = FrameEdges(table, self.camera, samples) if edges else None
+        self._table = table
+        self._edges = FrameEdges(table, self.camera, samples, self._motion) if edges else None
 
     @property
     def parameters(self) -> dict[str, Any]:
@@ -83,7 +88,9 @@ class DifferentiableRenderer:
         with variant(FAST):
             return self._kernel.parameters()
 
-    def luma(self, poses: CameraPoses, parameters: Mapping[str, Any] | None = None) -> Any:
+    def luma(
+        self, poses: CameraPoses, parameters: Mapping[str, Any] | None = None, *, t_s: npt.ArrayLike | None = None
+    ) -> Any:
         """Linear luma of n poses, a ``mi.TensorXf`` (n, H, W), attached to the poses and the parameters.
 
         All rays of all poses are traced at once: with no loop in it, reverse mode needs no more than the memory of
@@ -92,13 +99,18 @@ class DifferentiableRenderer:
         Args:
             parameters: replacements by their names in :attr:`parameters`: Dr.Jit arrays, or anything that NumPy takes.
                 A reflectance may also be (H, W), the same in all channels.
+            t_s: when each pose is taken, (n,) seconds of the scene's time, or one number for all. It says where objects
+                are and how strong lights are; a scene in which nothing changes does not need it.
 
         Raises:
-            ValueError: for a name that the scene does not have, a value of another shape, or 2^32 rays or more; with
-                ``edges`` and poses that need derivatives, for another place or direction of a light that throws
-                shadows, because the edges of shadows are found for the scene's own.
+            ValueError: without ``t_s`` if objects move or lights change, and for another shape of it; for a name that
+                the scene does not have, a value of another shape, or 2^32 rays or more; with ``edges`` and poses that
+                need derivatives, for another place or direction of a light that throws shadows, because the edges of
+                shadows are found for the scene's own.
         """
         with variant(FAST) as (mi, dr):
+            views = views_of(poses, self._times(len(poses), t_s))
+            scene_at = SceneAt(self._motion, self._table, views.t_s)
             kernel = self._kernel.replaced(parameters or {})
             count, pixels, (height, width) = len(poses), self._rays.pixels, (self.camera.height, self.camera.width)
             # Whole ray packets of one sample and view, as the table renderer has them: then the bits are its own.
@@ -111,7 +123,7 @@ class DifferentiableRenderer:
             view, pixel = lane // padded, dr.minimum(lane % padded, pixels - 1)
             cameras = poses.gather(view)
             ray = self._rays.ray(Lanes(pixel, cameras.positions, cameras.rotations, None), sample, self.samples)
-            luma = kernel.luma(ray)
+            luma = kernel.luma(ray, scene_at.around(ray, view))
             pixel = dr.arange(mi.UInt32, count * pixels)
             first = pixel // pixels * padded + pixel % pixels
             frames = dr.zeros(mi.Float, count * pixels)
@@ -119,16 +131,25 @@ class DifferentiableRenderer:
                 frames += dr.gather(mi.Float, luma, first + number * lanes)
             frames /= self.samples
             if self._edges is not None and dr.grad_enabled(poses.positions, poses.rotations):
-                moved = self._kernel.moved_lights(parameters or {}) if self._shadows else []
+                moved = self._kernel.moved_lights(parameters or {}) if self._table.shadows else []
                 if moved:
                     raise ValueError(
                         f"derivatives by the poses have the edges of shadows of the scene's own lights, so {moved[0]} "
                         "cannot be replaced; edges=False leaves edges out"
                     )
-                frames += self._edges.attached_zero(poses, kernel)
+                frames += self._edges.attached_zero(poses, views, kernel)
             if self.blur:
                 frames = _blur_along(_blur_along(frames, height, width), width, 1)
             return mi.TensorXf(frames, (count, height, width))
+
+    def _times(self, count: int, t_s: npt.ArrayLike | None) -> npt.NDArray[np.float64]:
+        if t_s is None and self._motion:
+            changing = ", ".join([*self._motion.objects, *self._motion.lights])
+            raise ValueError(f"t_s must say when each pose is taken, because {changing} changes with time")
+        times = np.asarray(0.0 if t_s is None else t_s, np.float64)
+        if times.shape not in ((), (count,)):
+            raise ValueError(f"t_s of {count} poses must have shape ({count},), got {times.shape}")
+        return np.broadcast_to(times, (count,))
 
 
 def _blur_along(luma: Any, size: int, stride: int) -> Any:
