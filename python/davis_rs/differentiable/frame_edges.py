@@ -19,7 +19,6 @@ from .scene_at import SceneAt
 from .turned_edges import TurnedEdges
 
 FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
 
 _RAYS_TOGETHER = 1 << 22
 """Rays that are followed in one call."""
@@ -40,8 +39,8 @@ class FrameEdges:
         self._renderer = NativeRenderer(table, camera, samples=samples, blur=False, motion=motion)
         self._edges, self._pixels = TurnedEdges(self._renderer), camera.width * camera.height
 
-    def attached_zero(self, poses: CameraPoses, views: Views, kernel: TableKernel) -> Any:
-        """0 for each pixel (n H W) of n poses, with the derivatives that edges have by the poses.
+    def attached_zero(self, poses: CameraPoses, t_s: FloatArray, kernel: TableKernel) -> Any:
+        """0 for each pixel (n H W) of n poses at times (n,), with the derivatives that edges have by the poses.
 
         Warns:
             UserWarning: if more than 1 % of the change at edges stays unexplained, and so is left out.
@@ -49,7 +48,7 @@ class FrameEdges:
         import drjit as dr
         import mitsuba as mi
 
-        columns = self._slopes(views, kernel)
+        columns = self._slopes(_views(poses, t_s), kernel)
         view = dr.arange(mi.UInt32, len(poses) * self._pixels) // self._pixels
         total = dr.zeros(mi.Float, len(poses) * self._pixels)
         for column, increment in zip(columns.T, _increments(poses), strict=True):
@@ -67,16 +66,17 @@ class FrameEdges:
             return _luma(kernel, own, rays, SceneAt(self._motion, self._table, own.t_s))
 
         for first in range(0, len(found), together):
-            lane = np.arange(first, min(first + together, len(found)))
-            for turn in self._edges.turns(views[lane // self._pixels], lane % self._pixels, luma):
+            view, pixel = np.divmod(np.arange(first, min(first + together, len(found))), self._pixels)
+            of_views = found[view[0] * self._pixels : (view[-1] + 1) * self._pixels]
+            for turn in self._edges.turns(views[view], pixel, luma):
                 explained, size = np.isfinite(turn.slope[:, 0]), np.abs(turn.change)
                 known += float(size[explained].sum())
                 unknown += float(size[~explained].sum())
-                into = (lane[turn.event] // self._pixels * self._pixels)[:, None] + turn.pixel
+                into = ((view[turn.event] - view[0]) * self._pixels)[:, None] + turn.pixel
                 rows = (turn.change / self._renderer.rays)[:, None] * np.where(explained[:, None], turn.slope, 0.0)
                 for column in range(6):
                     parts = turn.part * rows[:, column, None]
-                    found[:, column] += np.bincount(into.ravel(), parts.ravel(), len(found))
+                    of_views[:, column] += np.bincount(into.ravel(), parts.ravel(), len(of_views))
         if unknown > _MOST_UNKNOWN * (known + unknown):
             share = unknown / (known + unknown)
             warnings.warn(
@@ -94,9 +94,8 @@ def _luma(kernel: TableKernel, views: Views, rays: FloatArray, scene_at: SceneAt
         return np.zeros(0)
     origins, directions = views.positions, np.einsum("nij,nj->ni", views.rotations, rays)
     ray = mi.Ray3f(mi.Point3f(_columns(origins)), mi.Vector3f(_columns(directions)))
-    return np.asarray(
-        dr.detach(kernel.luma(ray, scene_at.around(ray, dr.arange(mi.UInt32, len(rays))))).numpy(), np.float64
-    )
+    luma = kernel.luma(ray, scene_at.around(ray, dr.arange(mi.UInt32, len(rays))))
+    return np.asarray(dr.detach(luma).numpy(), np.float64)
 
 
 def _columns(vectors: FloatArray) -> list[Any]:
@@ -105,7 +104,7 @@ def _columns(vectors: FloatArray) -> list[Any]:
     return [mi.Float(np.array(column, np.float32)) for column in vectors.T]
 
 
-def views_of(poses: CameraPoses, t_s: FloatArray) -> Views:
+def _views(poses: CameraPoses, t_s: FloatArray) -> Views:
     """Cameras at rest, each at its own time (n,)."""
     import drjit as dr
 

@@ -14,7 +14,7 @@ from ..rendering.camera_rays import CameraRays, Lanes
 from ..rendering.scene_table import SceneTable, Unsuitable
 from ..rendering.scene_updates import scene_motion
 from ..scene.scene import Scene
-from .frame_edges import FrameEdges, views_of
+from .frame_edges import FrameEdges
 from .kernel import DifferentiableKernel
 from .poses import CameraPoses, spline
 from .scene_at import SceneAt
@@ -109,8 +109,8 @@ class DifferentiableRenderer:
                 shadows are found for the scene's own.
         """
         with variant(FAST) as (mi, dr):
-            views = views_of(poses, self._times(len(poses), t_s))
-            scene_at = SceneAt(self._motion, self._table, views.t_s)
+            times = self._times(len(poses), t_s)
+            scene_at = SceneAt(self._motion, self._table, times)
             kernel = self._kernel.replaced(parameters or {})
             count, pixels, (height, width) = len(poses), self._rays.pixels, (self.camera.height, self.camera.width)
             # Whole ray packets of one sample and view, as the table renderer has them: then the bits are its own.
@@ -137,7 +137,7 @@ class DifferentiableRenderer:
                         f"derivatives by the poses have the edges of shadows of the scene's own lights, so {moved[0]} "
                         "cannot be replaced; edges=False leaves edges out"
                     )
-                frames += self._edges.attached_zero(poses, views, kernel)
+                frames += self._edges.attached_zero(poses, times, kernel)
             if self.blur:
                 frames = _blur_along(_blur_along(frames, height, width), width, 1)
             return mi.TensorXf(frames, (count, height, width))

@@ -28,7 +28,6 @@ IntArray = npt.NDArray[np.int64]
 _TURN_COLUMNS = (4, 3)
 """Columns of a pose's increment: the turn about y, which moves the image along x, and that about x."""
 
-
 _BESIDE = 0.005
 """How far from an edge, as a share of a turn, luma is taken: farther away surfaces change, closer float32 rounds."""
 
@@ -43,14 +42,14 @@ class Turn(NamedTuple):
     """What m rays that change while the camera turns say of the derivatives of their pixels.
 
     Attributes:
-        event: (m,) the number of the pixel whose ray it is.
+        event: (m,) the number of the pixel whose ray it is, among those that were asked for.
         pixel, part: (m, 4) the pixels that the edge is in, y W + x, and its part in each: where a ray lies close to the
             border of its own, the edge may be in the next one. Parts are 0 outside of the image, and where no edge
             is found that makes the ray change.
-        change: (m,) of the ray's luma at the edge, by the number of rays of a pixel.
+        change: (m,) of the ray's luma at the edge.
         slope: (m, 6) by an increment of the camera's pose: position in world axes, per metre, then rotation vector in
-            camera axes, per radian. Change times slope, added up over all edges in a pixel, is their part in the
-            derivative of its mean. NaN where no edge is found.
+            camera axes, per radian; NaN where no edge is found. The mean over all rays of a pixel of change times slope
+            times part is what edges add to the derivative of its luma.
     """
 
     event: IntArray
