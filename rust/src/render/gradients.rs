@@ -65,7 +65,7 @@ impl Renderer {
     /// Luma of pixels, or of weighted sums of pixels, in float64, each with its derivatives.
     ///
     /// Which surface a ray meets, and whether a light is hidden from it, is taken as fixed. A gradient has
-    /// [`BEFORE_LIGHTS`] numbers, and for each light its part in luma, which is the derivative by the logarithm of its
+    /// `BEFORE_LIGHTS` numbers, and for each light its part in luma, which is the derivative by the logarithm of its
     /// strength.
     ///
     /// `pixels` are `weights.len()` for each of `of_view`, the numbers of their views.

@@ -11,7 +11,7 @@ use crate::error::{Error, Result};
 #[derive(Clone, Debug, Default)]
 pub struct LightMapTables {
     /// For the front and the back of each triangle, one after the other: coordinates u and v in its map of a place p:
-    /// map[..3] . p + map[3].
+    /// `map[..3] . p + map[3]`.
     pub uv_maps: Vec<[[f64; 4]; 2]>,
     /// For the front and the back of each triangle: first texel, width, height and wrap mode, as those of textures.
     pub layouts: Vec<[i64; 4]>,

@@ -187,7 +187,7 @@ impl Renderer {
     }
 
     /// Of each ray of one a pixel: its depth, inf where it hits nothing; and the number in its tables of the triangle
-    /// that it hits, [`NO_TRIANGLE`] for none.
+    /// that it hits, `NO_TRIANGLE` for none.
     ///
     /// # Errors
     ///

@@ -54,7 +54,7 @@ pub struct SceneTables {
     pub corners: Vec<[[f64; 3]; 3]>,
     /// Unit normal n on the front and offset d of the plane n . p + d = 0.
     pub planes: Vec<[f64; 4]>,
-    /// Texture coordinates u and v of a place p: map[..3] . p + map[3].
+    /// Texture coordinates u and v of a place p: `map[..3] . p + map[3]`.
     pub uv_maps: Vec<[[f64; 4]; 2]>,
     /// The shading normal before it is normalised, a map for each component; empty where every triangle is flat.
     pub normal_maps: Vec<[[f64; 4]; 3]>,
