@@ -57,7 +57,7 @@ class EventDerivatives(ABC):
         return self.smooth
 
     def jacobian(self, of: Sequence[str]) -> FloatArray:
-        """(n, columns) of the unknowns that :func:`event_time_jacobian` has, NaN where nothing is known.
+        """(n, columns) of the unknowns that :func:`~davis_rs.differentiable.event_time_jacobian` has, NaN where nothing is known.
 
         Raises:
             ValueError: for an unknown that does not exist.
@@ -71,9 +71,9 @@ class EventDerivatives(ABC):
     def pose_parts(self) -> tuple[FloatArray, FloatArray]:
         """(n, 6) each: by an increment of the pose at the event, and by one of the pose at the start of the run.
 
-        Units and axes are those of ``pose`` in :func:`event_time_jacobian`, whose columns are the sum of both. 0 where
+        Units and axes are those of ``pose`` in :func:`~davis_rs.differentiable.event_time_jacobian`, whose columns are the sum of both. 0 where
         nothing is known. With them goes any path of increments: times its weights at the event, and at the start. Of a
-        path that :func:`moved` has made they are those by what is added to its increments.
+        path that :func:`~davis_rs.differentiable.moved` has made they are those by what is added to its increments.
         """
         at_event, at_start = self._own_pose_parts()
         if isinstance(self.field.path, MovedPath):
@@ -87,7 +87,7 @@ class EventDerivatives(ABC):
         """Sparse (n, 6 ``count``): by the control points of a spline of increments of the path.
 
         The spline is that of :func:`~davis_rs.differentiable.spline_weights` over the run's path, as in
-        :func:`moved`. Column 6 i + k is number
+        :func:`~davis_rs.differentiable.moved`. Column 6 i + k is number
         k of control point i: k = 0..2 is its position in world axes, metres, k = 3..5 its rotation vector in camera
         axes, radians. A row has the control points at the event, and those at the start of the run.
 
