@@ -57,7 +57,9 @@ class EventDerivatives(ABC):
         return self.smooth
 
     def jacobian(self, of: Sequence[str]) -> FloatArray:
-        """(n, columns) of the unknowns that :func:`~davis_rs.differentiable.event_time_jacobian` has, NaN where nothing is known.
+        """(n, columns) of unknowns, NaN where nothing is known.
+
+        The unknowns are those of :func:`~davis_rs.differentiable.event_time_jacobian`.
 
         Raises:
             ValueError: for an unknown that does not exist.
@@ -71,9 +73,10 @@ class EventDerivatives(ABC):
     def pose_parts(self) -> tuple[FloatArray, FloatArray]:
         """(n, 6) each: by an increment of the pose at the event, and by one of the pose at the start of the run.
 
-        Units and axes are those of ``pose`` in :func:`~davis_rs.differentiable.event_time_jacobian`, whose columns are the sum of both. 0 where
-        nothing is known. With them goes any path of increments: times its weights at the event, and at the start. Of a
-        path that :func:`~davis_rs.differentiable.moved` has made they are those by what is added to its increments.
+        Units and axes are those of ``pose`` in :func:`~davis_rs.differentiable.event_time_jacobian`, whose columns are
+        the sum of both. 0 where nothing is known. With them goes any path of increments: times its weights at the
+        event, and at the start. Of a path that :func:`~davis_rs.differentiable.moved` has made they are those by what
+        is added to its increments.
         """
         at_event, at_start = self._own_pose_parts()
         if isinstance(self.field.path, MovedPath):
