@@ -23,6 +23,7 @@ from davis_rs import compare_streams, measure_stream, open_writer
 from davis_rs.events import EVENT_DTYPE, EventArray
 from davis_rs.stream_statistics import StreamMeter, StreamStatistics, bursts
 from davis_rs.stream_statistics.counts import Histogram, bin_edges
+from davis_rs.stream_statistics.stream_statistics import Measured
 from davis_rs.usb.description import DavisDescription
 from davis_rs.usb.raw_file import RawWriter
 from recording_files import aedat2, aedat2_event
@@ -52,6 +53,22 @@ def metered(events: EventArray, size: tuple[int, int], cuts: list[int]) -> Strea
     for piece in np.split(events, sorted(cuts)):
         meter.add(piece)
     return meter.finish("one", "array")
+
+
+@pytest.mark.parametrize(
+    ("value", "sigma", "text"),
+    [
+        (137.0, 10.0, "137 +- 10"),
+        (1374.0, 96.0, "1370 +- 100"),
+        (0.02514, 0.0031, "0.0251 +- 0.003"),
+        (4e7, 2e6, "4e+07 +- 2e+06"),
+        (12.0, math.inf, "12"),
+        (math.nan, 1.0, "-"),
+    ],
+)
+def test_a_number_with_its_error_is_easy_to_read(value: float, sigma: float, text: str) -> None:
+    """Three digits of the value and one of its error, without exponents where few zeros do."""
+    assert str(Measured(value, sigma)) == text
 
 
 STREAMS = st.lists(

@@ -204,8 +204,8 @@ def test_several_recordings_tell_more_than_one() -> None:
         fit_sensor([])
 
 
-def test_what_is_not_found_comes_from_the_base() -> None:
-    """With its sources; what was found has the recordings as its source, and its error."""
+def test_what_is_not_found_comes_from_the_base(tmp_path: Path) -> None:
+    """With its sources; what was found has the recordings as its source, and its error. A file stands for a base."""
     fit = fitted(static_scene(Effects(leak_rate_hz=0.05), 10.0, 0))
     base = SensorFile(
         SensorParameters(vignetting=4.0, leak_rate_hz=1.0), "mine", {"vignetting": "a", "leak_rate_hz": "b"}
@@ -218,6 +218,10 @@ def test_what_is_not_found_comes_from_the_base() -> None:
     assert 0 < made.uncertainties["leak_rate_hz"] < 0.01
     assert made.description == "Fitted to events. mine"
     assert fit.file().parameters.vignetting is None
+    path = save_sensor(tmp_path / "mine.yaml", base.parameters, description="mine", sources=base.sources)
+    assert fit.file(path) == fit.file(str(path)) == made
+    stream = measure_stream(static_scene(Effects(leak_rate_hz=0.05), 10.0, 0), size=(WIDTH, HEIGHT))
+    assert fit_sensor([stream], path) == fit_sensor([stream], base)
     with pytest.raises(
         ValueError, match="the recordings have 120 x 90 pixels, the sensor that gives all else has 240 x"
     ):

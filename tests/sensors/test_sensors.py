@@ -241,6 +241,7 @@ def test_a_run_has_the_files_sensor_and_is_repeated_from_its_record(tmp_path: Pa
     simulator = Simulator(PLANES, camera=SMALL, renderer="native", sensor=str(path))
     record = json.loads(json.dumps(simulator.describe()))
     by_file = events_of(sensor=str(path))
+    assert events_of(sensor=path) == by_file
     path.unlink()
     repeated = SensorParameters(**record["parameters"]["sensor"])
     assert repeated == expected
@@ -278,7 +279,7 @@ def test_frames_take_a_file(tmp_path: Path) -> None:
     path = written(tmp_path, SMALL_SENSOR)
     np.save(tmp_path / "bars.npy", moving_bars(3))
     frames = davis_rs.open_frames(tmp_path / "bars.npy", fps=100.0)
-    report = davis_rs.frames_to_folder(frames, tmp_path / "out", sensor=str(path), quiet=True)
+    report = davis_rs.frames_to_folder(frames, tmp_path / "out", sensor=path, quiet=True)
     meta = json.loads((report.path / "meta.json").read_text())
     assert meta["parameters"]["sensor"]["threshold_mismatch"] == 0.1
     assert meta["parameters"]["contrast_threshold"] == 0.2

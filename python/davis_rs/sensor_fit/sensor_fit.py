@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 from ..sensor_parameters import SensorParameters
-from ..sensors.sensor_file import SensorFile
+from ..sensors import SensorFile, load_sensor_file
 from ..stream_statistics import StreamStatistics
 from .finding import Finding
 from .frame_fit import find_of_frames
@@ -53,17 +54,21 @@ class SensorFit:
     def __str__(self) -> str:
         return "\n".join(map(str, self.findings))
 
-    def file(self, base: SensorFile | None = None) -> SensorFile:
+    def file(self, base: SensorFile | str | os.PathLike[str] | None = None) -> SensorFile:
         """Return the sensor: what was found, and all else from ``base``.
 
         Where the base has a refractory period above the bound it is left out. A bandwidth that was found holds in the
         recordings' light: it becomes the one corner that does not depend on light, and the base's photoreceptor is left
         out. Its noise still halves in the light that followed from it.
 
+        Args:
+            base: a preset's name, a sensor file, or what was read of one; None for ideal pixels.
+
         Raises:
-            ValueError: for a base of another size.
+            ValueError: for a base of another size; else as :func:`~davis_rs.load_sensor`.
+            OSError, DecodeError: as there.
         """
-        start = base or SensorFile(SensorParameters())
+        start = _base_file(base)
         own = (start.parameters.width, start.parameters.height)
         if None not in own and own != self.size:
             raise ValueError(
@@ -97,7 +102,15 @@ class SensorFit:
         return SensorFile(replace(start.parameters, **values), description, sources, sigmas)
 
 
-def fit_sensor(recordings: Sequence[StreamStatistics | MeasuredRecording], base: SensorFile | None = None) -> SensorFit:
+def _base_file(base: SensorFile | str | os.PathLike[str] | None) -> SensorFile:
+    if isinstance(base, str | os.PathLike):
+        return load_sensor_file(base)
+    return base or SensorFile(SensorParameters())
+
+
+def fit_sensor(
+    recordings: Sequence[StreamStatistics | MeasuredRecording], base: SensorFile | str | os.PathLike[str] | None = None
+) -> SensorFit:
     """Fit what recordings can tell of the sensor that they come from.
 
     From events alone:
@@ -121,10 +134,12 @@ def fit_sensor(recordings: Sequence[StreamStatistics | MeasuredRecording], base:
         recordings: of one sensor with the same biases, measured by :func:`~davis_rs.measure_recording`, or their events
             alone by :func:`~davis_rs.measure_stream`.
         base: where thresholds, their mismatch and the bandwidth of the noise come from, if the recordings do not tell
-            them: shot noise needs them.
+            them: shot noise needs them. A preset's name, a sensor file, or what was read of one.
 
     Raises:
-        ValueError: for none, for recordings of different sizes, or without events.
+        ValueError: for none, for recordings of different sizes, or without events; else as
+            :func:`~davis_rs.load_sensor`.
+        OSError, DecodeError: as there.
     """
     if not recordings:
         raise ValueError("at least one recording is needed")
@@ -143,7 +158,7 @@ def fit_sensor(recordings: Sequence[StreamStatistics | MeasuredRecording], base:
     with_frames = list(find_of_frames(measured, leak.value))
     if any(one.parameter == COLUMN_PARITY[1] for one in with_frames):
         parity = [one for one in parity if one.parameter is None]
-    known = KnownParameters(with_frames, base or SensorFile(SensorParameters()))
+    known = KnownParameters(with_frames, _base_file(base))
     on, off = known.get("contrast_threshold"), known.get("contrast_threshold_off")
     lux = [one.lux for one in measured]
     findings = (

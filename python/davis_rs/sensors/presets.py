@@ -81,7 +81,7 @@ def load_sensor_file(name_or_path: str | os.PathLike[str]) -> SensorFile:
     return read_sensor_file(name)
 
 
-def sensor_parameters(sensor: str | SensorParameters | None) -> SensorParameters:
+def sensor_parameters(sensor: str | os.PathLike[str] | SensorParameters | None) -> SensorParameters:
     """A sensor by its name or its file; None is the ideal one.
 
     Raises:
@@ -92,7 +92,7 @@ def sensor_parameters(sensor: str | SensorParameters | None) -> SensorParameters
     return sensor if isinstance(sensor, SensorParameters) else load_sensor(sensor)
 
 
-def read_once(sensor: str | SensorParameters | None) -> str | SensorParameters | None:
+def read_once(sensor: str | os.PathLike[str] | SensorParameters | None) -> str | SensorParameters | None:
     """A sensor that no longer depends on a file: its parameters where it is one, else as it is given.
 
     A run reads its sensor once, so that all of its parts, and its record, have the same one.
@@ -100,4 +100,7 @@ def read_once(sensor: str | SensorParameters | None) -> str | SensorParameters |
     Raises:
         ValueError, OSError: as :func:`load_sensor`.
     """
-    return load_sensor(sensor) if isinstance(sensor, str) and sensor not in _NAMES else sensor
+    if sensor is None or isinstance(sensor, SensorParameters):
+        return sensor
+    name = os.fspath(sensor)
+    return name if name in _NAMES else load_sensor(name)

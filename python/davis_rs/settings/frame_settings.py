@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Sequence
 from typing import Annotated, Any, TypedDict
 
@@ -153,7 +154,7 @@ class _BetweenSettings(TypedDict, total=False):
 class FrameSettings(_LightSettings, _PartSettings, _BetweenSettings, PixelSettings, EngineSettings, total=False):
     """The settings of :func:`~davis_rs.events_from_frames`."""
 
-    sensor: Annotated[SensorParameters | str | None, SENSOR]
+    sensor: Annotated[SensorParameters | str | os.PathLike[str] | None, SENSOR]
     effects: Annotated[
         Effects | str | Sequence[str] | None,
         Declared(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
@@ -68,7 +69,9 @@ def view_scene(scene: Scene, settings: Mapping[str, Any]) -> ViewedScene:
     return ViewedScene(scene, camera, sensor, on, off, log_eps)
 
 
-def fixed_sensor(scene: Scene, sensor: str | SensorParameters | None) -> str | SensorParameters | None:
+def fixed_sensor(
+    scene: Scene, sensor: str | os.PathLike[str] | SensorParameters | None
+) -> str | SensorParameters | None:
     """A sensor that depends neither on a file nor on the scene: its parameters where it does, else as it is given.
 
     A run decides it once, so that all of its parts, and its record, have the same one.

@@ -6,6 +6,7 @@ these declarations.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Annotated, TypedDict
@@ -87,7 +88,7 @@ class ViewSettings(PixelSettings, total=False):
     """How the sensor sees the scene; the planner of effects needs these settings too."""
 
     sensor: Annotated[
-        SensorParameters | str | None,
+        SensorParameters | str | os.PathLike[str] | None,
         replace(
             SENSOR,
             help=f"{SENSOR.help}; {RECORDED}: of a sequence of the dataset, that of its recording",

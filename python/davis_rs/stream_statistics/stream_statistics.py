@@ -32,7 +32,13 @@ class Measured(NamedTuple):
     def __str__(self) -> str:
         if not math.isfinite(self.value):
             return "-"
-        return f"{self.value:.3g} +- {self.sigma:.1g}" if math.isfinite(self.sigma) else f"{self.value:.3g}"
+        value = _to_digits(self.value, 3)
+        return f"{value} +- {_to_digits(self.sigma, 1)}" if math.isfinite(self.sigma) else value
+
+
+def _to_digits(number: float, digits: int) -> str:
+    """A number rounded to so many digits; an exponent only from a million on, or below 0.0001."""
+    return f"{float(f'{number:.{digits}g}'):g}"
 
 
 class PixelIntervals(NamedTuple):
