@@ -379,7 +379,7 @@ def test_shadows_of_moved_lights_have_no_edges(mi: Any) -> None:
     with pytest.raises(ValueError, match=r"edges of shadows of the scene's own lights, so lamp\.position cannot"):
         renderer.luma(about.perturbed(increments), place)
     sunny = DifferentiableRenderer(scene({"sun": SUN, "floor": plane(0.8, GREY["dark"])}, shadows=True), CAMERA)
-    sunny.luma(about.perturbed(increments), {"sun.direction": [2 * part for part in SUN["direction"]]})  # its own way
+    sunny.luma(about.perturbed(increments), {"sun.direction": (2 * np.array(SUN["direction"])).tolist()})  # its own way
     with pytest.raises(ValueError, match=r"so sun\.direction cannot"):
         sunny.luma(about.perturbed(increments), {"sun.direction": [0.2, 0.4, -1.0]})
 

@@ -27,6 +27,8 @@ from davis_rs.sensors import SensorFile
 
 WIDTH, HEIGHT, STRIP = 80, 72, 24
 MOVES_US, RESTS_US, STEP_US, FRAME_US = 2_000_000, 12_000_000, 1_000, 40_000
+_LUX = 100.0
+"""What the strip of constant light is said to see; any number does."""
 _SETTLED_US = 40_000_000
 """With noise a leak's first event comes early, because references begin anywhere below a level: that is left out."""
 
@@ -51,6 +53,11 @@ class HiddenSensor(NamedTuple):
     contrast: float
     texture_px: float
     travel_px: float
+    photoreceptor_bandwidth_hz: float = math.inf
+
+
+OVER_LIGHT = (*HiddenSensor._fields[:5], "photoreceptor_bandwidth_hz")
+"""What is told of recordings in known light, and what is fitted together with it."""
 
 
 def draw(seed: int, number: int) -> tuple[HiddenSensor, np.random.Generator]:
@@ -82,6 +89,17 @@ def draw(seed: int, number: int) -> tuple[HiddenSensor, np.random.Generator]:
         contrast=even(0.4, 0.6),
         texture_px=even(2.5, 4),
         travel_px=even(4, 12),
+    ), rng
+
+
+def draw_over_light(seed: int, number: int) -> tuple[HiddenSensor, np.random.Generator]:
+    """The same with a photoreceptor, whose corner goes with light; its bandwidth is that in the light of the strip."""
+    sensor, rng = draw(seed, number)
+    receptor_hz, follower_hz = np.exp(rng.uniform(np.log([40, 100]), np.log([200, 800]))).tolist()
+    return sensor._replace(
+        photoreceptor_bandwidth_hz=receptor_hz,
+        source_follower_bandwidth_hz=follower_hz,
+        contrast=float(rng.uniform(0.6, 1.0)),
     ), rng
 
 
@@ -172,10 +190,10 @@ def static_pulls(seed: int, number: int) -> dict[str, float]:
 
 def effects_of(sensor: HiddenSensor) -> Effects:
     """The effects on its events."""
-    hz = sensor.source_follower_bandwidth_hz
+    receptor_hz = sensor.photoreceptor_bandwidth_hz / (sensor.light + 1e-3)  # the engine's log_eps
     low = min(sensor.contrast_threshold, sensor.contrast_threshold_off)
     return Effects(
-        photoreceptor_bandwidth_hz=PhotoreceptorBandwidth(math.inf, hz),
+        photoreceptor_bandwidth_hz=PhotoreceptorBandwidth(receptor_hz, sensor.source_follower_bandwidth_hz),
         threshold_mismatch=ThresholdMismatch(sensor.threshold_mismatch, column_parity=sensor.threshold_column_parity),
         refractory_period_us=sensor.refractory_us,
         leak_rate_hz=LeakRate(sensor.leak_rate_hz),
@@ -211,11 +229,11 @@ def record(sensor: HiddenSensor, rng: np.random.Generator, seed: int) -> tuple[E
     return events, frames
 
 
-def recorded(sensor: HiddenSensor, rng: np.random.Generator, seed: int) -> MeasuredRecording:
+def recorded(sensor: HiddenSensor, rng: np.random.Generator, seed: int, lux: float | None = None) -> MeasuredRecording:
     """The same, measured."""
     events, frames = record(sensor, rng, seed)
     return measure_recording(
-        events, size=(WIDTH, HEIGHT), frames=FrameSource(lambda: iter(frames), "DN", of_camera=True)
+        events, size=(WIDTH, HEIGHT), frames=FrameSource(lambda: iter(frames), "DN", of_camera=True), lux=lux
     )
 
 
@@ -223,6 +241,13 @@ def pulls(seed: int, number: int) -> dict[str, float]:
     """Fitted less true value over the error that is told, of each parameter that is found."""
     sensor, rng = draw(seed, number)
     return _pulls(fit_sensor([recorded(sensor, rng, number)]), sensor)
+
+
+def pulls_over_light(seed: int, number: int) -> dict[str, float]:
+    """As :func:`pulls`, with a photoreceptor, in known light: of what is fitted together with its bandwidth."""
+    sensor, rng = draw_over_light(seed, number)
+    found = _pulls(fit_sensor([recorded(sensor, rng, number, _LUX)]), sensor)
+    return {name: pull for name, pull in found.items() if name in OVER_LIGHT}
 
 
 def _pulls(fit: SensorFit, sensor: HiddenSensor | HiddenStaticSensor) -> dict[str, float]:

@@ -29,7 +29,16 @@ from davis_rs.sensor_fit.finding import Finding
 from davis_rs.sensor_fit.quiet_pixels import neighbours_with_events
 from davis_rs.sensors import SENSORS, SensorFile, read_sensor_file
 from davis_rs.stream_statistics.stream_statistics import Measured
-from hidden_sensors import HiddenSensor, HiddenStaticSensor, draw_static, pulls, static_pulls, static_recordings
+from hidden_sensors import (
+    OVER_LIGHT,
+    HiddenSensor,
+    HiddenStaticSensor,
+    draw_static,
+    pulls,
+    pulls_over_light,
+    static_pulls,
+    static_recordings,
+)
 
 WIDTH, HEIGHT = 120, 90
 
@@ -66,8 +75,12 @@ def fitted(*streams: EventArray) -> SensorFit:
 
 @pytest.mark.parametrize(
     ("pulls_of", "parameters"),
-    [(pulls, HiddenSensor._fields[:9]), (static_pulls, HiddenStaticSensor._fields[:5])],
-    ids=["moving, with frames", "static, in known light"],
+    [
+        (pulls, HiddenSensor._fields[:9]),
+        (pulls_over_light, OVER_LIGHT),
+        (static_pulls, HiddenStaticSensor._fields[:5]),
+    ],
+    ids=["moving, with frames", "the same in known light", "static, in known light"],
 )
 def test_hidden_parameters_are_found_within_their_errors(
     pulls_of: Callable[[int, int], dict[str, float]], parameters: tuple[str, ...]

@@ -25,7 +25,7 @@ from davis_rs.sensor_fit.threshold_fit import ThresholdFit, fit_thresholds
 from davis_rs.sensor_parameters import SensorParameters
 from davis_rs.sensors import SensorFile
 from davis_rs.stream_statistics.stream_statistics import Measured
-from hidden_sensors import HEIGHT, WIDTH, draw, record
+from hidden_sensors import HEIGHT, STRIP, WIDTH, draw, draw_over_light, record, recorded
 
 ON, OFF = 0.13, 0.17
 
@@ -93,6 +93,50 @@ def test_lag_and_black_level_are_found_with_the_thresholds(ideal: EventArray) ->
     assert found.black.value == pytest.approx(25, abs=2)
     assert found.on.value == pytest.approx(ON, rel=0.01)
     assert found.off.value == pytest.approx(OFF, rel=0.01)
+
+
+def test_a_lag_is_divided_into_what_goes_with_light_and_what_does_not() -> None:
+    """Of 1.6 ms where it is as bright as the strip; thresholds that scatter leave both parts as they are."""
+    sensor, rng = draw_over_light(3, 1)
+    sensor = sensor._replace(
+        contrast_threshold=0.12, contrast_threshold_off=0.12, threshold_mismatch=0.15, noise_hz=1e-6, leak_rate_hz=1e-6,
+        hot_pixel_fraction=1e-9, aps_read_noise_dn=0.5, exposure_us=500,
+        source_follower_bandwidth_hz=300.0, photoreceptor_bandwidth_hz=100.0,
+    )  # fmt: skip
+    samples = recorded(sensor, rng, 1).samples
+    assert samples is not None
+    found = fit_thresholds(samples, WIDTH, over_light=True)
+    assert found.lag_by_light is not None
+    assert found.lag_s.value == pytest.approx(1 / (2 * np.pi * 300), rel=0.03)
+    in_strip = found.lag_by_light.value / (samples.mean[:STRIP].mean() - found.black.value)
+    assert in_strip == pytest.approx(1 / (2 * np.pi * 100), rel=0.02)
+    assert fit_thresholds(samples, WIDTH).lag_by_light is None
+
+
+def test_a_photoreceptor_that_is_found_is_that_of_the_quiet_pixels_light() -> None:
+    """Its corner holds there, and takes the place of the base's; in other lux it is another number of the same law."""
+    sensor, rng = draw_over_light(3, 2)
+    measured = recorded(sensor, rng, 2, lux=50.0)
+    base = replace(load_sensor("davis240c"), width=None, height=None)
+    made = fit_sensor([measured], SensorFile(base)).file(SensorFile(base))
+    fitted, error = made.parameters, made.uncertainties
+    assert fitted.photoreceptor_bandwidth_lux == 50.0
+    for name in ("photoreceptor_bandwidth_hz", "source_follower_bandwidth_hz"):
+        assert abs(getattr(fitted, name) - getattr(sensor, name)) < 4 * error[name] < getattr(sensor, name)
+    assert fitted.noise_half_lux == base.noise_half_lux
+    two = fit_sensor([measured, replace(measured, lux=150.0)], SensorFile(base)).file().parameters
+    assert two.photoreceptor_bandwidth_lux == 100.0
+    nothing = fit_sensor([replace(measured, lux=None)]).file().parameters
+    assert nothing.photoreceptor_bandwidth_hz is None
+    assert nothing.source_follower_bandwidth_hz is not None
+
+
+def test_a_lag_of_all_brightnesses_is_no_photoreceptor(ideal: EventArray) -> None:
+    """Frames that are stamped early: light is known, and one bandwidth is told all the same."""
+    source = FrameSource(lambda: iter(frames(lag_us=1_000.0)), "DN")
+    fit = fit_sensor([replace(measure_recording(ideal, size=(40, 32), frames=source, quiet=(0, 0, 8, 8)), lux=10.0)])
+    assert re.search(r"^bandwidth over light +not identifiable.*lag alike, within the errors", str(fit), re.M)
+    assert fit.file().parameters.source_follower_bandwidth_hz == pytest.approx(1000 / (2 * np.pi), rel=0.05)
 
 
 def test_frames_that_are_not_of_these_events_give_no_thresholds(ideal: EventArray) -> None:

@@ -31,7 +31,8 @@ def add_sensor(parser: argparse.ArgumentParser) -> None:
         type=float,
         nargs="+",
         metavar="LUX",
-        help="illuminance that the quiet pixels of each recording see, in the order of the recordings: fits shot noise",
+        help="illuminance that the quiet pixels of each recording see, in the order of the recordings: fits shot "
+        "noise, and the photoreceptor's bandwidth",
     )
     parser.add_argument(
         "--figure",

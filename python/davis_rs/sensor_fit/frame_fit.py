@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,7 +19,12 @@ from .threshold_fit import NotIdentifiable, ThresholdFit, fit_thresholds
 _ON, _OFF = ("threshold ON", "contrast_threshold"), ("threshold OFF", "contrast_threshold_off")
 _MISMATCH = ("threshold mismatch", "threshold_mismatch")
 _BANDWIDTH = ("bandwidth", "source_follower_bandwidth_hz")
+_OVER_LIGHT = ("bandwidth over light", "photoreceptor_bandwidth_hz")
+_AT_LUX = ("  in the light of", "photoreceptor_bandwidth_lux")
 _EXPOSURE, _READ = ("exposure of frames", "aps_exposure_us"), ("read noise of frames", "aps_read_noise_dn")
+
+_LEAST_SIGNIFICANCE = 4.0
+"""Of lags: one over a lag that is less certain is not known to a factor of two."""
 
 
 def find_of_frames(recordings: Sequence[MeasuredRecording], leak_hz: Measured | None) -> Iterator[Finding]:
@@ -25,31 +32,60 @@ def find_of_frames(recordings: Sequence[MeasuredRecording], leak_hz: Measured | 
     framed = [one for one in recordings if one.samples is not None]
     if not framed:
         why = "there are no frames"
-        for names in (_ON, _OFF, _MISMATCH, _BANDWIDTH, _EXPOSURE, _READ):
+        for names in (_ON, _OFF, _MISMATCH, _BANDWIDTH, _OVER_LIGHT, _EXPOSURE, _READ):
             yield Finding(*names, None, why)
         return
-    fits, reasons = [], []
+    fits, receptors, reasons = [], [], []
     for one in framed:
         try:
             fits.append(_thresholds(one, leak_hz))
         except NotIdentifiable as reason:
             reasons.append(f"{one.statistics.name}: {reason}" if len(framed) > 1 else str(reason))
+            continue
+        if (receptor := _receptor(one, fits[-1])) is not None:
+            receptors.append(receptor)
     if fits:
         yield from _of_thresholds(fits)
+        yield from _of_lags(fits, receptors, all(one.lux is None for one in framed))
     else:
-        for names in (_ON, _OFF, _MISMATCH, _BANDWIDTH):
+        for names in (_ON, _OFF, _MISMATCH, _BANDWIDTH, _OVER_LIGHT):
             yield Finding(*names, None, "; ".join(reasons) if names == _ON else "it needs thresholds")
     yield _exposure(framed)
     yield from _noise(framed, fits)
 
 
+class _Receptor(NamedTuple):
+    """Of a recording: the lag in any light, and what the photoreceptor's lag times illuminance is."""
+
+    lag_s: Measured
+    lag_lux: Measured
+    lux: float
+
+
 def _thresholds(recording: MeasuredRecording, leak_hz: Measured | None) -> ThresholdFit:
+    """With two parts of the lag, if the light is known and both can be told; with one otherwise."""
     samples, source, events = recording.samples, recording.source, recording.statistics
     assert samples is not None
     assert source is not None
     hot = np.zeros((events.size[1], events.size[0]), np.bool_)
     hot[events.hot_pixels.y, events.hot_pixels.x] = True
-    return fit_thresholds(samples, events.size[0], leak_hz=leak_hz, black=source.black, left_out=hot)
+    fit = partial(fit_thresholds, samples, events.size[0], leak_hz=leak_hz, black=source.black, left_out=hot)
+    found = fit(over_light=recording.lux is not None)
+    return fit() if found.lag_by_light is not None and _receptor(recording, found) is None else found
+
+
+def _receptor(recording: MeasuredRecording, found: ThresholdFit) -> _Receptor | None:
+    """What tells the photoreceptor; None where that lags too little to be told."""
+    by_light, lux, samples = found.lag_by_light, recording.lux, recording.samples
+    if by_light is None or lux is None or samples is None or not _is_told(by_light):
+        return None
+    # The quiet pixels are those whose light is known.
+    values = samples.mean[recording.statistics.quiet]
+    values = values[np.isfinite(values)]
+    if not len(values) or not values.mean() > found.black.value:
+        return None
+    per_value = lux / float(values.mean() - found.black.value)
+    return _Receptor(found.lag_s, Measured(by_light.value * per_value, by_light.sigma * per_value), lux)
 
 
 def _of_thresholds(fits: Sequence[ThresholdFit]) -> Iterator[Finding]:
@@ -68,18 +104,39 @@ def _of_thresholds(fits: Sequence[ThresholdFit]) -> Iterator[Finding]:
     else:
         yield Finding(*_MISMATCH, None, "single pixels have too few pairs of frames")
     yield Finding(*COLUMN_PARITY, combined([one.parity for one in fits]), "of thresholds")
-    lag = combined([one.lag_s for one in fits])
-    if lag.value > 3 * lag.sigma:
-        corner = 1 / (2 * math.pi * lag.value)
-        behind = (
-            f"events are {1e6 * lag.value:.4g} +- {1e6 * lag.sigma:.2g} us behind the middle of the exposure, in the "
-            "recordings' light"
+
+
+def _of_lags(fits: Sequence[ThresholdFit], receptors: Sequence[_Receptor], dark: bool) -> Iterator[Finding]:
+    if receptors:
+        yield _bandwidth([one.lag_s for one in receptors], "the part of the lag that does not go with light")
+        product = combined([one.lag_lux for one in receptors])
+        lux = float(np.mean([one.lux for one in receptors]))
+        said = (
+            f"the lag's other part, {Measured(1e6 * product.value / lux, 1e6 * product.sigma / lux)} us there, goes by "
+            "one over the frames' values"
         )
-        yield Finding(*_BANDWIDTH, Measured(corner, corner * lag.sigma / lag.value), behind)
-    else:
-        yield Finding(
-            *_BANDWIDTH, None, f"events are {1e6 * lag.value:.3g} +- {1e6 * lag.sigma:.2g} us behind the frames"
-        )
+        yield Finding(*_OVER_LIGHT, _corner(Measured(product.value / lux, product.sigma / lux)), said)
+        yield Finding(*_AT_LUX, Measured(lux, math.inf), "as it was given for quiet pixels")
+        return
+    yield _bandwidth([one.lag_s for one in fits], "in the recordings' light")
+    why = "it needs the light (--lux)" if dark else "bright and dark pixels lag alike, within the errors"
+    yield Finding(*_OVER_LIGHT, None, why)
+
+
+def _bandwidth(lags: Sequence[Measured], of_which: str) -> Finding:
+    lag = combined(lags)
+    behind = f"events are {Measured(1e6 * lag.value, 1e6 * lag.sigma)} us behind the middle of the exposure, {of_which}"
+    return Finding(*_BANDWIDTH, _corner(lag) if _is_told(lag) else None, behind)
+
+
+def _is_told(lag: Measured) -> bool:
+    return lag.value > _LEAST_SIGNIFICANCE * lag.sigma
+
+
+def _corner(lag_s: Measured) -> Measured:
+    """The corner that lags so much. Its error is the one to higher frequencies, which is the larger one."""
+    corner = 1 / (2 * math.pi * lag_s.value)
+    return Measured(corner, corner * lag_s.sigma / (lag_s.value - lag_s.sigma))
 
 
 def _exposure(framed: Sequence[MeasuredRecording]) -> Finding:

@@ -50,7 +50,7 @@ def measure_recording(
         frames: next to a stream or an array; those of a file or folder are found.
         size, quiet, start_s, stop_s, progress: as of :func:`measure_stream`.
         lux: illuminance that the quiet pixels see, > 0, in the lux of :class:`~davis_rs.SensorParameters`; None if it
-            is not known. Shot noise is fitted where it is.
+            is not known. Shot noise, and how bandwidth goes with light, are fitted where it is.
 
     Raises:
         OSError, DecodeError, ValueError: as of :func:`measure_stream`; ValueError for an illuminance that is not finite

@@ -21,12 +21,6 @@ from .noise_fit import find_noise
 from .readout_fit import COLUMN_PARITY, find_parity, find_readout, find_refractory_period
 
 _NOT_FITTED = (
-    Finding(
-        "bandwidth over light",
-        "photoreceptor_bandwidth_lux",
-        None,
-        "events lag behind frames by one corner for all brightnesses of the recording",
-    ),
     Finding("mismatch of rows", None, None, "but for parity: what is the scene's cannot be told from it"),
     Finding("mismatch of columns", None, None, "likewise"),
 )
@@ -57,9 +51,10 @@ class SensorFit:
     def file(self, base: SensorFile | str | os.PathLike[str] | None = None) -> SensorFile:
         """Return the sensor: what was found, and all else from ``base``.
 
-        Where the base has a refractory period above the bound it is left out. A bandwidth that was found holds in the
-        recordings' light: it becomes the one corner that does not depend on light, and the base's photoreceptor is left
-        out. Its noise still halves in the light that followed from it.
+        Where the base has a refractory period above the bound it is left out. If one bandwidth was found, not how it
+        goes with light, it holds in the recordings' light: it becomes the one corner that does not depend on light, and
+        the base's photoreceptor is left out. The noise of the base still halves in the light that followed from its
+        own bandwidths.
 
         Args:
             base: a preset's name, a sensor file, or what was read of one; None for ideal pixels.
@@ -86,9 +81,10 @@ class SensorFit:
                 if math.isfinite(value.sigma):
                     sigmas[parameter] = value.sigma
                 sources[parameter] = f"{source}{f'; {note}' if note else ''}"
-        left_out = _BANDWIDTH_OVER_LIGHT if "source_follower_bandwidth_hz" in values else ()
+        fitted = values.keys() & {"source_follower_bandwidth_hz", *_BANDWIDTH_OVER_LIGHT}
+        left_out = _BANDWIDTH_OVER_LIGHT if fitted and not fitted & set(_BANDWIDTH_OVER_LIGHT) else ()
         half_lux = start.parameters.noise_half_lux
-        if left_out and half_lux is not None and start.parameters.shot_noise_half_lux is None:
+        if fitted and half_lux is not None and start.parameters.shot_noise_half_lux is None:
             values["shot_noise_half_lux"] = half_lux
             sources["shot_noise_half_lux"] = "where photoreceptor and source follower of the base have the same corner"
         held_us, bound_us = start.parameters.refractory_period_us, self.refractory_bound_us
@@ -128,7 +124,8 @@ def fit_sensor(
     - Parity of columns and rows; that of columns as a share of thresholds.
 
     With frames, too, see ``davis_rs.sensor_fit.threshold_fit.fit_thresholds``: thresholds, their mismatch and
-    parity, the photoreceptor's bandwidth by the lag of events behind frames, exposure and noise of frames.
+    parity, the bandwidth by the lag of events behind frames (over light, where that is known), exposure and noise of
+    frames.
 
     Args:
         recordings: of one sensor with the same biases, measured by :func:`~davis_rs.measure_recording`, or their events

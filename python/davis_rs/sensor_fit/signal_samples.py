@@ -61,6 +61,7 @@ class SignalSamples(NamedTuple):
     Attributes:
         samples: ``SAMPLE_DTYPE``, by pixel, those of a pixel in the order of time.
         lowest, highest: the smallest and the largest value of any frame.
+        mean: float64 (H, W): the mean of the frames' values, NaN where they have none.
         frames: how many there were.
         share: of the pixels of which samples were kept, 1 but for long recordings.
         exposure_us: the median of the frames' exposures; 0 where they do not tell it.
@@ -70,6 +71,7 @@ class SignalSamples(NamedTuple):
     samples: SampleArray
     lowest: float
     highest: float
+    mean: npt.NDArray[np.float64]
     frames: int
     share: float
     exposure_us: float
@@ -90,7 +92,8 @@ class SignalSampler:
     """
 
     def __init__(self, width: int, height: int, frames: Iterable[StampedFrame]) -> None:
-        self._width, self._pixels = width, width * height
+        self._width, self._height, self._pixels = width, height, width * height
+        self._sum, self._known = np.zeros(self._pixels), np.zeros(self._pixels, np.int64)
         self._frames: Iterator[StampedFrame] = iter(frames)
         self._next: StampedFrame | None = next(self._frames, None)
         self._events: list[EventArray] = []
@@ -123,6 +126,9 @@ class SignalSampler:
             samples,
             self._lowest,
             self._highest,
+            np.divide(self._sum, self._known, out=np.full(self._pixels, np.nan), where=self._known > 0).reshape(
+                self._height, self._width
+            ),
             self._seen,
             0.5**self._halvings,
             exposure_us,
@@ -150,14 +156,16 @@ class SignalSampler:
         self._seen += 1
         self._exposures[round(frame.exposure_us)] += 1
         values = np.asarray(frame.values, np.float32).ravel()
-        known = values[np.isfinite(values)]
-        if len(known):
-            self._lowest = min(self._lowest, float(known.min()))
-            self._highest = max(self._highest, float(known.max()))
+        known = np.isfinite(values)
+        if known.any():
+            self._lowest = min(self._lowest, float(values[known].min()))
+            self._highest = max(self._highest, float(values[known].max()))
+            self._sum[known] += values[known]
+            self._known += known
         at = events.at(frame.t_us)
         self._noise.add(frame.values, (self._base.sum(axis=0) + events.before).reshape(frame.values.shape))
         steep = np.abs(at["rate"]) * frame.exposure_us * 1e-6 > _MOST_EVENTS_AN_EXPOSURE
-        at = at[~steep & np.isfinite(values[at["pixel"]]) & self._kept(at["pixel"])]
+        at = at[~steep & known[at["pixel"]] & self._kept(at["pixel"])]
         at["value"] = values[at["pixel"]]
         at["off"] += self._base[0][at["pixel"]]
         at["on"] += self._base[1][at["pixel"]]

@@ -32,7 +32,7 @@ _LEAST_STRAIGHT = 0.3
 """With a smaller share of such samples no mismatch is told."""
 _COMMON_ERROR = 0.15
 """Which share of a pixel's errors its two halves may have in common."""
-_LAG_SHARE, _MISMATCH_SHARE, _PARITY = 0.045, 0.015, 0.0007
+_LAG_SHARE, _MISMATCH_SHARE, _PARITY = 0.025, 0.015, 0.0007
 """Likewise, as a share of the lag and of the mismatch, and as the parity itself."""
 _JACKKNIFE = 1.1
 """By how much errors of the jackknife are too small, because groups of tiles are few and light is common to them."""
@@ -46,7 +46,9 @@ class ThresholdFit:
         on, off: C_on and C_off, means of the pixels.
         mismatch: standard deviation of a pixel's own threshold as a share; None where pixels have too few pairs.
         parity: by which share thresholds of even columns are lower, and those of odd ones higher.
-        lag_s: how much later events are than the frames' light.
+        lag_s: how much later events are than the frames' light; what goes with light is not in it, if that is fitted.
+        lag_by_light: the lag's other part, times a pixel's value above black: that of the photoreceptor, whose corner
+            is proportional to light. None where one lag is fitted to all pixels.
         black: value of a frame without light, in the frames' own units.
         pixels, pairs: that were used.
         outliers: share of the pairs that were left out as no sum of events and noise.
@@ -58,6 +60,7 @@ class ThresholdFit:
     mismatch: Measured | None
     parity: Measured
     lag_s: Measured
+    lag_by_light: Measured | None
     black: Measured
     pixels: int
     pairs: int
@@ -76,6 +79,7 @@ def fit_thresholds(
     leak_hz: Measured | None = None,
     black: Measured | None = None,
     left_out: npt.NDArray[np.bool_] | None = None,
+    over_light: bool = False,
 ) -> ThresholdFit:
     """Fit thresholds to the samples of a recording with frames.
 
@@ -84,7 +88,8 @@ def fit_thresholds(
         ln(I2 / I1) = n_on C_on - n_off C_off + lag (s2 - s1) - leak C_on t + error,   I = value - black
 
     where counts hold fractions of events, and s is the slope of log intensity that they have. A photoreceptor of first
-    order lags by exactly that. The error is the frames', counts have next to none: so ordinary regression is unbiased.
+    order lags by exactly that. With ``over_light`` the lag is lag_s + lag_by_light / I at each sample. The error is the
+    frames', counts have next to none: so ordinary regression is unbiased.
     Errors are weighted by what pairs of the same brightness scatter; outliers are left out (Tukey's biweight).
 
     Thresholds of a pixel are normal about the sensor's mean, apart from the parity of columns; mean, lag and black
@@ -103,6 +108,7 @@ def fit_thresholds(
         leak_hz: what is known of the leak; None for nothing.
         black: what is known of the black level; None for nothing.
         left_out: bool (H, W): pixels that are not used, such as hot ones.
+        over_light: whether the lag has a second part, which goes by 1 / I.
 
     Raises:
         NotIdentifiable: where the samples do not tell, with the reason.
@@ -113,7 +119,7 @@ def fit_thresholds(
             f"{found.frames} frames make {len(pairs):,} pairs in {len(pairs.pixel):,} pixels in which events show how "
             f"the signal went; {LEAST_PAIRS} in {LEAST_PIXELS} are needed"
         )
-    regression = _Regression(pairs, leak_hz or Measured(0.0, 0.3), black)
+    regression = _Regression(pairs, leak_hz or Measured(0.0, 0.3), black, over_light)
     for _ in range(_ROUNDS):
         regression.improve()
     return regression.result()
@@ -126,20 +132,21 @@ class _OfPixels(NamedTuple):
     error: FloatArray
 
 
-_LAG, _BLACK, _LEAK = range(3)
+_LAG, _BLACK, _LEAK, _LAG_BY_LIGHT = range(4)
 _ON_EVEN, _OTHERS = 0, 4
-"""Unknowns of all pixels: thresholds (ON even, ON odd, OFF even, OFF odd), then lag, step of the black level, leak."""
+"""Unknowns of all pixels: thresholds (ON even, ON odd, OFF even, OFF odd), then lag, step of the black level, leak,
+and the lag's part that goes by 1 / I, if it is asked for."""
 
 
 class _Regression:
     """Made better round by round: unknowns of all, thresholds of pixels, weights."""
 
-    def __init__(self, pairs: FramePairs, leak_hz: Measured, black: Measured | None) -> None:
+    def __init__(self, pairs: FramePairs, leak_hz: Measured, black: Measured | None, over_light: bool) -> None:
         self.pairs, self.leak_known, self.black_known = pairs, leak_hz, black
         dark, usual = (float(np.quantile(pairs.value, share)) for share in (0.001, 0.5))
         self.most_black = dark - 0.02 * (usual - dark)
         self.black = min(0.0 if black is None else black.value, self.most_black)
-        self.others = np.array([0.0, 0.0, leak_hz.value])
+        self.others = np.array([0.0, 0.0, leak_hz.value, 0.0][: 4 if over_light else 3])
         self.mean = np.full((2, 2), 0.2)  # (polarity, odd column)
         self.share = 0.1
         self.own = np.full((2, len(pairs.pixel)), 0.2)
@@ -160,12 +167,19 @@ class _Regression:
         self.ratio = np.diff(np.log(light), axis=0)[0]
         self.middle = light.mean(axis=0)
         self.moves = np.stack([on * pairs.on, -off * pairs.off])
-        # What the unknowns add is told by events and the sensor's mean: neither the noise of frames nor what a pixel's
-        # threshold has of its own may be in a regressor.
-        on, off = self.mean.mean(axis=1)
+        # The slope goes with a pixel's own threshold. With the mean, pixels with low thresholds would have slopes that
+        # are too steep, and weigh more: lags came out 5 % too small.
         slope = np.where(pairs.rate > 0, on, off) * pairs.rate
+        # 1 / I at both samples, as a share of that of the usual pair.
+        self.usual = float(np.median(self.middle))
+        change = np.exp(on * pairs.on - off * pairs.off)
+        dark = self.usual / (2 * self.middle) * np.stack([1 + change, 1 + 1 / change])
+        # What else the unknowns add is told by events and the sensor's mean: neither the noise of frames nor what a
+        # pixel's threshold has of its own may be in a regressor.
+        on, off = self.mean.mean(axis=1)
         by_black = -2 * np.sinh((on * pairs.on - off * pairs.off) / 2) / self.middle
-        self.unknown = np.stack([slope[1] - slope[0], by_black, -(pairs.t_s[1] - pairs.t_s[0]) * on])
+        unknown = [slope[1] - slope[0], by_black, -(pairs.t_s[1] - pairs.t_s[0]) * on, np.diff(slope * dark, axis=0)[0]]
+        self.unknown = np.stack(unknown[: len(self.others)])
 
     def weigh(self) -> None:
         """Weights: by what pairs of the same brightness scatter, and what lies far off has none."""
@@ -202,7 +216,8 @@ class _Regression:
         # Where only pixels with low thresholds have enough events, they would be preferred: the pixels around tell.
         self.surroundings = np.maximum(pairs.around(certain), 0)
         weight = certain * self.surroundings**4 / (self.share * self.mean[:, pairs.odd]) ** 2
-        normal, right = np.zeros((GROUPS, 7, 7)), np.zeros((GROUPS, 7))
+        count = _OTHERS + len(self.others)
+        normal, right = np.zeros((GROUPS, count, count)), np.zeros((GROUPS, count))
 
         def grouped(values: FloatArray) -> FloatArray:
             return np.asarray(np.bincount(pairs.group, values, GROUPS), np.float64)
@@ -214,28 +229,29 @@ class _Regression:
                 k, here = 2 * polarity + odd, w * (pairs.odd == odd)
                 normal[:, k, k] += grouped(here)
                 right[:, k] += grouped(here * value)
-                for a in range(3):
+                for a in range(len(self.others)):
                     cross = grouped(here * slopes[a])
                     normal[:, k, _OTHERS + a] += cross
                     normal[:, _OTHERS + a, k] += cross
-            for a in range(3):
+            for a in range(len(self.others)):
                 right[:, _OTHERS + a] += grouped(w * slopes[a] * value)
-                for b in range(3):
+                for b in range(len(self.others)):
                     normal[:, _OTHERS + a, _OTHERS + b] += grouped(w * slopes[a] * slopes[b])
         # Within pixels: what their own thresholds leave. Where ON and OFF events always come together they have none.
         inside = self.weight * np.asarray(known.any(axis=0))[pairs.own]
         left = [one - self.explained(effect[:, a]) for a, one in enumerate(self.unknown)]
         rest = self.ratio - self.explained(found.value)
-        for a in range(3):
+        for a in range(len(self.others)):
             right[:, _OTHERS + a] += grouped(pairs.sum(inside * left[a] * rest))
-            for b in range(3):
+            for b in range(len(self.others)):
                 normal[:, _OTHERS + a, _OTHERS + b] += grouped(pairs.sum(inside * left[a] * left[b]))
         self.normal, self.right = normal, right
         self.pixel_weight = weight
         solved = self.solved(normal.sum(axis=0), right.sum(axis=0))
         self.mean = np.maximum(solved[:4].reshape(2, 2), 1e-3)
         step = solved[_OTHERS + _BLACK]
-        self.others = solved[_OTHERS:] * np.array([1, 0, 1])
+        self.others = solved[_OTHERS:].copy()
+        self.others[_BLACK] = 0.0
         self.at_black = self.black + float(step)
         value = found.value - np.tensordot(solved[_OTHERS:], effect, (0, 1))
         self.spread(value, relative)
@@ -267,8 +283,9 @@ class _Regression:
         """The unknowns of all, with what is known of them beforehand."""
         normal, right = normal.copy(), right.copy()
         black = self.black_known or Measured(self.black, 1e3 * float(np.median(self.middle)))
-        priors = (Measured(0.0, _LAG_SIGMA_S), Measured(black.value - self.black, black.sigma), self.leak_known)
-        for k, (value, sigma) in enumerate(priors, _OTHERS):
+        lag = Measured(0.0, _LAG_SIGMA_S)
+        priors = (lag, Measured(black.value - self.black, black.sigma), self.leak_known, lag)
+        for k, (value, sigma) in enumerate(priors[: len(self.others)], _OTHERS):
             normal[k, k] += 1 / max(sigma, 1e-6) ** 2
             right[k] += value / max(sigma, 1e-6) ** 2
         return np.asarray(np.linalg.solve(normal, right), np.float64)
@@ -307,7 +324,7 @@ class _Regression:
         # What is known beforehand is the same for all groups; its error is that of the solution.
         for k, known in ((_OTHERS + _BLACK, self.black_known), (_OTHERS + _LEAK, self.leak_known)):
             if known is not None:
-                unit = np.zeros(7)
+                unit = np.zeros(len(whole_right))
                 unit[k] = 1 / max(known.sigma, 1e-6)
                 moved = self.solved(whole_normal, whole_right + unit) - self.solved(whole_normal, whole_right)
                 sigma[:2] = np.hypot(sigma[:2], [moved[:2].mean(), moved[2:4].mean()])
@@ -316,9 +333,9 @@ class _Regression:
         sigma[:2] = np.hypot(sigma[:2], found[:2] * math.hypot(curvature, preferred))
         sigma[3] = math.hypot(sigma[3], 2 * _MISMATCH_SHARE * found[3], _COMMON_ERROR * self.error2)
         sigma[2] = math.hypot(sigma[2], _PARITY)
-        sigma[4] = math.hypot(sigma[4], math.hypot(_LAG_SHARE, 3 * curvature) * found[4])
-        sigma[5] = math.hypot(sigma[5], curvature * float(np.median(self.middle)))
-        on, off, parity, mismatch2, lag, black = (
+        sigma[4] = math.hypot(sigma[4], curvature * self.usual)
+        sigma[5:] = np.hypot(sigma[5:], math.hypot(_LAG_SHARE, 3 * curvature) * found[5:])
+        on, off, parity, mismatch2, black, lag, *by_light = (
             Measured(float(a), float(b)) for a, b in zip(found, sigma, strict=True)
         )
         if not (on.value > _LEAST_SIGNIFICANCE * on.sigma and off.value > _LEAST_SIGNIFICANCE * off.sigma):
@@ -328,7 +345,9 @@ class _Regression:
             share = math.sqrt(mismatch2.value)
             mismatch = Measured(share, mismatch2.sigma / (2 * share))
         return ThresholdFit(
-            on, off, mismatch, parity, lag, black,
+            on, off, mismatch, parity, lag,
+            Measured(by_light[0].value * self.usual, by_light[0].sigma * self.usual) if by_light else None,
+            black,
             pixels=int(np.count_nonzero(self.pixel_weight.sum(axis=0))),
             pairs=int(np.count_nonzero(self.weight)),
             outliers=1 - float(self.inside.mean()),
@@ -336,10 +355,11 @@ class _Regression:
         )  # fmt: skip
 
     def summary(self, solved: FloatArray, kept: npt.NDArray[np.bool_]) -> list[float]:
-        """C_on, C_off, parity, mismatch^2, lag, black level."""
+        """C_on, C_off, parity, mismatch^2, black level, lag, its part that goes by 1 / I in the usual light."""
         (on_even, on_odd), (off_even, off_odd) = solved[:4].reshape(2, 2)
         parity = ((on_odd - on_even) / (on_odd + on_even) + (off_odd - off_even) / (off_odd + off_even)) / 2
         importance = self.importance * kept
         mismatch2 = (self.product * importance).sum() / max(importance.sum(), 1e-300)
         on, off = (on_even + on_odd) / 2, (off_even + off_odd) / 2
-        return [on, off, parity, mismatch2, solved[_OTHERS + _LAG], self.black + solved[_OTHERS + _BLACK]]
+        black = self.black + solved[_OTHERS + _BLACK]
+        return [on, off, parity, mismatch2, black, solved[_OTHERS + _LAG], *solved[_OTHERS + _LAG_BY_LIGHT :]]
