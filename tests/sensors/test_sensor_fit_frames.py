@@ -134,9 +134,29 @@ def test_a_photoreceptor_that_is_found_is_that_of_the_quiet_pixels_light() -> No
 def test_a_lag_of_all_brightnesses_is_no_photoreceptor(ideal: EventArray) -> None:
     """Frames that are stamped early: light is known, and one bandwidth is told all the same."""
     source = FrameSource(lambda: iter(frames(lag_us=1_000.0)), "DN")
-    fit = fit_sensor([replace(measure_recording(ideal, size=(40, 32), frames=source, quiet=(0, 0, 8, 8)), lux=10.0)])
+    measured = measure_recording(ideal, size=(40, 32), frames=source, quiet=(0, 0, 8, 8))
+    fit = fit_sensor([replace(measured, lux=10.0)])
     assert re.search(r"^bandwidth over light +not identifiable.*lag alike, within the errors", str(fit), re.M)
-    assert fit.file().parameters.source_follower_bandwidth_hz == pytest.approx(1000 / (2 * np.pi), rel=0.05)
+    made = fit.file().parameters
+    assert made.source_follower_bandwidth_hz == pytest.approx(1000 / (2 * np.pi), rel=0.05)
+    assert made == fit_sensor([measured]).file().parameters
+
+
+def test_a_corner_is_told_by_a_certain_lag_and_its_error_is_the_larger_one(ideal: EventArray) -> None:
+    """One over a lag of three errors may be anything; of more, it is less certain to higher frequencies."""
+
+    def bandwidth(lag_us: float) -> Measured | None:
+        source = FrameSource(lambda: iter(frames(lag_us=lag_us, noise=3.0)), "DN")
+        fit = fit_sensor([measure_recording(ideal, size=(40, 32), frames=source)])
+        return next(one.value for one in fit.findings if one.parameter == "source_follower_bandwidth_hz")
+
+    none, long = (thresholds(ideal, frames(lag_us=lag_us, noise=3.0)).lag_s for lag_us in (0.0, 500.0))
+    assert bandwidth(1e6 * (3 * none.sigma - none.value)) is None
+    found = bandwidth(500.0)
+    assert found is not None
+    assert found.value == pytest.approx(1 / (2 * np.pi * long.value), rel=0.02)
+    higher = 1 / (2 * np.pi * (long.value - long.sigma))
+    assert found.sigma == pytest.approx(higher - found.value, rel=0.05)
 
 
 def test_frames_that_are_not_of_these_events_give_no_thresholds(ideal: EventArray) -> None:
