@@ -145,18 +145,20 @@ def test_a_lag_of_all_brightnesses_is_no_photoreceptor(ideal: EventArray) -> Non
 def test_a_corner_is_told_by_a_certain_lag_and_its_error_is_the_larger_one(ideal: EventArray) -> None:
     """One over a lag of three errors may be anything; of more, it is less certain to higher frequencies."""
 
-    def bandwidth(lag_us: float) -> Measured | None:
+    def lag_and_corner(lag_us: float) -> tuple[Measured, Measured | None]:
         source = FrameSource(lambda: iter(frames(lag_us=lag_us, noise=3.0)), "DN")
-        fit = fit_sensor([measure_recording(ideal, size=(40, 32), frames=source)])
-        return next(one.value for one in fit.findings if one.parameter == "source_follower_bandwidth_hz")
+        measured = measure_recording(ideal, size=(40, 32), frames=source)
+        found = {one.parameter: one.value for one in fit_sensor([measured]).findings}
+        assert measured.samples is not None
+        lag = fit_thresholds(measured.samples, 40, leak_hz=found["leak_rate_hz"]).lag_s
+        return lag, found["source_follower_bandwidth_hz"]
 
-    none, long = (thresholds(ideal, frames(lag_us=lag_us, noise=3.0)).lag_s for lag_us in (0.0, 500.0))
-    assert bandwidth(1e6 * (3 * none.sigma - none.value)) is None
-    found = bandwidth(500.0)
-    assert found is not None
-    assert found.value == pytest.approx(1 / (2 * np.pi * long.value), rel=0.02)
-    higher = 1 / (2 * np.pi * (long.value - long.sigma))
-    assert found.sigma == pytest.approx(higher - found.value, rel=0.05)
+    none, _ = lag_and_corner(0.0)
+    assert lag_and_corner(1e6 * (3 * none.sigma - none.value))[1] is None
+    lag, corner = lag_and_corner(500.0)
+    assert corner is not None
+    assert corner.value == pytest.approx(1 / (2 * np.pi * lag.value))
+    assert corner.sigma == pytest.approx(1 / (2 * np.pi * (lag.value - lag.sigma)) - corner.value)
 
 
 def test_frames_that_are_not_of_these_events_give_no_thresholds(ideal: EventArray) -> None:
