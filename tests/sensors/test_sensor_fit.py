@@ -30,12 +30,16 @@ from davis_rs.sensor_fit.quiet_pixels import neighbours_with_events
 from davis_rs.sensors import SENSORS, SensorFile, read_sensor_file
 from davis_rs.stream_statistics.stream_statistics import Measured
 from hidden_sensors import (
+    MOVES_US,
     OVER_LIGHT,
+    STRIP,
     HiddenSensor,
     HiddenStaticSensor,
+    draw,
     draw_static,
     pulls,
     pulls_over_light,
+    record,
     static_pulls,
     static_recordings,
 )
@@ -110,6 +114,17 @@ def test_a_leak_is_told_from_noise() -> None:
     rate = re.search(r"it makes ([\d.]+) \+- ([\d.]+) Hz here", said)
     assert rate is not None
     assert abs(float(rate[1]) - 0.4) < 4 * float(rate[2])
+
+
+def test_pixels_that_all_see_signal_give_no_leak() -> None:
+    """Where each pixel has events, what neighbours have in common tells: a texture that drifts under noise."""
+    sensor, rng = draw(1, 1)
+    events, _ = record(sensor._replace(leak_rate_hz=0.02), rng, 1)
+    events = events[(events["y"] >= STRIP) & (events["t"] < MOVES_US)]
+    fit = fit_sensor([measure_stream(events, size=(80, 72), quiet=(0, STRIP, 80, 72))])
+    assert found(fit, "leak_rate_hz") is None
+    [said] = [one.note for one in fit.findings if one.parameter == "leak_rate_hz"]
+    assert re.search(r"see signal: they have [\d.]+ OFF events and [\d.]+ ON events more", said)
 
 
 def test_quiet_pixels_that_see_signal_give_no_leak() -> None:

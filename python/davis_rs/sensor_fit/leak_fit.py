@@ -45,7 +45,7 @@ def find_leak(recordings: Sequence[StreamStatistics]) -> Finding:
     for one in recordings:
         if not one.quiet.any():
             continue
-        why = signal_in(one)
+        why = signal_in(one) or _signal_hides_leak(one)
         if why is not None:
             return Finding(*_LEAK, None, why)
         # Noise adds to ON less OFF events where a pixel's thresholds differ, so pixels with the least of it tell.
@@ -66,6 +66,27 @@ def find_leak(recordings: Sequence[StreamStatistics]) -> Finding:
     )
     sigma = math.hypot(leak.sigma, _MODEL_SHARE * leak.value)
     return Finding(*_LEAK, Measured(max(leak.value, 0.0), sigma), note)
+
+
+def _signal_hides_leak(one: StreamStatistics) -> str | None:
+    """Why ON less OFF events of the calm pixels are no leak; None if they may be.
+
+    Where nearly every pixel has events, :func:`signal_in` cannot tell. But if pixels have more OFF events than they
+    have ON events above these, and the difference is alike in neighbours, it comes from what they see.
+    """
+    calm, net = _calm(one), (one.counts[1] - one.counts[0]).astype(np.float64)
+    extra, off = float(net[calm].mean()), float(one.counts[0][calm].mean())
+    pairs = np.concatenate([np.stack([net[a], net[b]])[:, calm[a] & calm[b]] for a, b in DIAGONALS], axis=1)
+    if not 0 < extra < off or pairs.shape[1] < _LEAST_PAIRS or not pairs.std(axis=1).all():
+        return None
+    alike = float(np.corrcoef(pairs)[0, 1])
+    # A pixel is in up to four pairs, so they count as fewer.
+    if alike < 4 / math.sqrt(pairs.shape[1] / 2):
+        return None
+    return (
+        f"the quietest pixels of {one.name} see signal: they have {off:.3g} OFF events and {extra:.3g} ON events more "
+        f"than these, which is alike in neighbours (correlation {alike:.2g})"
+    )
 
 
 def find_leak_variation(recordings: Sequence[StreamStatistics], off_over_on: float | None) -> tuple[Finding, Finding]:
