@@ -11,7 +11,7 @@ from .effect_planning import EffectPlan, plan_effects
 from .effects import Effects, parse_effect
 from .monte_carlo_noise import NoiseEstimate, NoiseWarning, estimate_noise_of
 from .packet import Packet
-from .scene.scene import Scene
+from .scene.scene import Scene, check_scene
 from .sensors import SENSORS
 from .settings import (
     AUTO,
@@ -48,6 +48,7 @@ def simulate(
         TypeError, ValueError, OSError: as :func:`plan_effects`, :class:`Simulator` and :meth:`Simulator.run`, at the
             call or at the first packet.
     """
+    check_scene(scene)
     made = make_simulator(scene.crop(start_s, duration_s), settings)
     made.warn_of_noise(stacklevel=3)
     return made.simulator.run()

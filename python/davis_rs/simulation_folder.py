@@ -26,7 +26,7 @@ from .pose import GroundTruth, Pose, Velocities
 from .progress import Progress, progress, say
 from .rendering.render import Renderer
 from .sampling.rules import periodic_instants
-from .scene.scene import Scene
+from .scene.scene import Scene, check_scene
 from .settings import FolderSettings, SimulationSettings, complete, make_imu, make_motion_capture, only, takes_settings
 from .simulation import make_simulator
 from .simulator import Simulator
@@ -84,6 +84,7 @@ def simulate_to_folder(
         OSError: if the folder exists or cannot be written; what was written stays readable.
         ValueError: as :func:`simulate` and :class:`~davis_rs.DatasetWriter`.
     """
+    check_scene(scene)
     started = time.perf_counter()
     given = complete(FolderSettings, settings, of="simulate_to_folder")
     imu, motion_capture = make_imu(given), make_motion_capture(given)

@@ -11,9 +11,25 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from davis_rs import Camera, Dataset, Scene, SegmentTrajectory, SensorParameters, Simulator, load_scene, start_pose
+from davis_rs import (
+    EVENT_DTYPE,
+    Camera,
+    Dataset,
+    Scene,
+    SegmentTrajectory,
+    SensorParameters,
+    Simulator,
+    event_truth,
+    load_camera,
+    load_scene,
+    plan_effects,
+    simulate,
+    simulate_to_folder,
+    start_pose,
+)
 from davis_rs._mitsuba import SCALAR, variant
 from davis_rs.cli.main import main
+from davis_rs.differentiable import DifferentiableRenderer, event_time_jacobian, event_time_residuals
 from davis_rs.sensors import SENSORS
 
 PLANES = load_scene("three_planes")
@@ -28,6 +44,31 @@ def field_of_view(camera: Camera) -> float:
     """Horizontal, from the left edge of the left pixels to the right edge of the right ones, degrees."""
     left, right = (camera.cx + 0.5) / camera.fx, (camera.width - 0.5 - camera.cx) / camera.fx
     return math.degrees(math.atan(left) + math.atan(right))
+
+
+def test_a_calibration_is_given_by_its_path_or_its_name(tmp_path: Path) -> None:
+    path = tmp_path / "calib.txt"
+    path.write_text("210 211 120 90 -0.3 0.1 0.001 -0.0005 0\n")
+    assert camera_of(camera=path) == camera_of(camera=str(path)) == Camera.from_calib(path)
+    assert camera_of(camera="davis240c") == load_camera("davis240c")
+
+
+@pytest.mark.parametrize("given", ["three_planes", Path("three_planes"), None])
+def test_what_is_no_scene_is_refused_with_the_call_that_makes_one(given: Any, tmp_path: Path) -> None:
+    events = np.zeros(0, EVENT_DTYPE)
+    for made in (
+        lambda: next(simulate(given)),
+        lambda: simulate_to_folder(given, tmp_path / "out"),
+        lambda: Simulator(given),
+        lambda: plan_effects(given),
+        lambda: event_truth(given, events),
+        lambda: event_time_jacobian(given, events),
+        lambda: next(event_time_residuals(given, events)),
+        lambda: DifferentiableRenderer(given),
+    ):
+        with pytest.raises(TypeError, match=r"scene must be a Scene, got .*load_scene\(.*\) makes one"):
+            made()
+    assert not (tmp_path / "out").exists()
 
 
 # ---- sizes ----

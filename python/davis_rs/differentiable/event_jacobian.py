@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from copy import copy
 from typing import TYPE_CHECKING, Any
@@ -12,7 +13,7 @@ import numpy.typing as npt
 from ..camera import Camera
 from ..events import EventArray
 from ..rendering.render_native import NativeRenderer
-from ..scene.scene import Scene
+from ..scene.scene import Scene, check_scene
 from ..settings import SimulatorSettings
 from ..simulator import Simulator
 from .event_crossings import find_crossings
@@ -201,7 +202,7 @@ def event_time_jacobian(
     scene: Scene,
     events: EventArray,
     of: Sequence[str] = ("pose", "contrast_threshold"),
-    camera: Camera | str | None = None,
+    camera: Camera | str | os.PathLike[str] | None = None,
     *,
     start_s: float = 0.0,
     edges: str = "rays",
@@ -266,7 +267,7 @@ def event_time_jacobian(
 def event_time_derivatives(
     scene: Scene,
     events: EventArray,
-    camera: Camera | str | None = None,
+    camera: Camera | str | os.PathLike[str] | None = None,
     *,
     start_s: float = 0.0,
     edges: str = "rays",
@@ -279,6 +280,7 @@ def event_time_derivatives(
 
     Args and errors: those of :func:`event_time_jacobian`.
     """
+    check_scene(scene)
     model = EventTimeModel(scene.crop(start_s), camera=camera, edges=edges, **settings)
     return model.linearise(model.levels(events))
 

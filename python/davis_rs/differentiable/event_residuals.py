@@ -5,6 +5,7 @@ Of their times, or of log luma at their stamps.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -14,7 +15,7 @@ import numpy.typing as npt
 
 from ..camera import Camera
 from ..events import EventArray
-from ..scene.scene import Scene
+from ..scene.scene import Scene, check_scene
 from .event_derivatives import EventTimeDerivatives, LogLumaDerivatives
 from .event_jacobian import EventTimeModel
 from .event_levels import EventLevels
@@ -71,7 +72,7 @@ class LogLumaResidualBlock:
 def event_time_residuals(
     scene: Scene,
     events: EventArray,
-    camera: Camera | str | None = None,
+    camera: Camera | str | os.PathLike[str] | None = None,
     *,
     start_s: float = 0.0,
     within_us: float = 20_000.0,
@@ -106,6 +107,7 @@ def event_time_residuals(
     """
     _check_positive("within_us", within_us)
     _check_positive("block", block)
+    check_scene(scene)
     model = EventTimeModel(scene.crop(start_s), thresholds, camera=camera, **settings)
     levels = model.levels(events)
     return (_time_residuals(model, levels, index, within_us) for index in _blocks(levels, block))
@@ -114,7 +116,7 @@ def event_time_residuals(
 def event_log_luma_residuals(
     scene: Scene,
     events: EventArray,
-    camera: Camera | str | None = None,
+    camera: Camera | str | os.PathLike[str] | None = None,
     *,
     start_s: float = 0.0,
     block: int = 1 << 14,
@@ -141,6 +143,7 @@ def event_log_luma_residuals(
         TypeError, ValueError, OSError: as :func:`event_time_residuals`.
     """
     _check_positive("block", block)
+    check_scene(scene)
     model = EventTimeModel(scene.crop(start_s), thresholds, camera=camera, **settings)
     levels = model.levels(events)
     return (_log_luma_residuals(model, levels, index) for index in _blocks(levels, block))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -9,7 +10,7 @@ import numpy.typing as npt
 
 from ..camera import Camera
 from ..events import EventArray
-from ..scene.scene import Scene
+from ..scene.scene import Scene, check_scene
 from .event_derivatives import EventTimeDerivatives
 from .event_jacobian import EventTimeModel
 
@@ -46,12 +47,13 @@ class EventTimes:
         self,
         scene: Scene,
         events: EventArray,
-        camera: Camera | str | None = None,
+        camera: Camera | str | os.PathLike[str] | None = None,
         *,
         start_s: float = 0.0,
         within_us: float = 20_000.0,
         **settings: Any,
     ) -> None:
+        check_scene(scene)
         self._model = EventTimeModel(scene.crop(start_s), camera=camera, **settings)
         self._levels, self._within_us = self._model.levels(events), within_us
 

@@ -13,7 +13,7 @@ from ..camera import Camera
 from ..rendering.camera_rays import CameraRays, Lanes
 from ..rendering.scene_table import SceneTable, Unsuitable
 from ..rendering.scene_updates import scene_motion
-from ..scene.scene import Scene
+from ..scene.scene import Scene, check_scene
 from .frame_edges import FrameEdges
 from .kernel import DifferentiableKernel
 from .poses import CameraPoses, spline
@@ -56,6 +56,7 @@ class DifferentiableRenderer:
         blur: bool | None = None,
         edges: bool = True,
     ) -> None:
+        check_scene(scene)
         self.camera = scene.own_camera if camera is None else camera
         self.samples, self.blur = samples, scene.blur if blur is None else blur
         variant_name, why = default_variant()

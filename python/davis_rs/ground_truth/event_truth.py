@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from ..camera import Camera
 from ..events import EventArray, as_events
-from ..scene.scene import Scene
+from ..scene.scene import Scene, check_scene
 from ..trajectory.views import Views
 from .scene_surfaces import SceneSurfaces
 
@@ -48,6 +48,7 @@ class EventTruth:
         surfaces: SceneSurfaces | None = None,
         threads: int | None = None,
     ) -> None:
+        check_scene(scene)
         self._camera, self._path = scene.own_camera if camera is None else camera, scene.path
         self._surfaces = surfaces or SceneSurfaces(scene, self._camera, threads=threads)
         self.shape_names = self._surfaces.names

@@ -124,6 +124,20 @@ class Scene:
         )
 
 
+def check_scene(scene: object) -> None:
+    """Refuse what is no scene, such as a scene's name.
+
+    Raises:
+        TypeError: for it, with the call that makes a scene of a name or a file.
+    """
+    if not isinstance(scene, Scene):
+        given = repr(str(scene)) if isinstance(scene, str | Path) else "NAME_OR_FILE"
+        kind = type(scene).__name__
+        raise TypeError(
+            f"scene must be a Scene, got {kind}; davis_rs.load_scene({given}) makes one of a name or a file"
+        )
+
+
 def _from(path: Trajectory, start_s: float) -> Trajectory:
     """An object's path from ``start_s`` on; after its end the object stands still."""
     if start_s < path.duration_s:

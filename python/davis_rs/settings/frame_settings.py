@@ -112,7 +112,7 @@ class _PartSettings(TypedDict, total=False):
         ),
     ]
     camera: Annotated[
-        Camera | str | None,
+        Camera | str | os.PathLike[str] | None,
         Declared(
             f"lens of the resulting image, for calib.txt and for vignetting: {', '.join(PRESETS)}, or a calib.txt",
             default_help="not known",

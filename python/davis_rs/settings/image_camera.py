@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -16,7 +17,10 @@ _CENTRED = 0.15
 
 
 def image_camera(
-    scene: Scene, camera: Camera | str | None, size: tuple[int, int] | str | None, sensor: SensorParameters
+    scene: Scene,
+    camera: Camera | str | os.PathLike[str] | None,
+    size: tuple[int, int] | str | None,
+    sensor: SensorParameters,
 ) -> Camera:
     """The camera that the arguments ask for together.
 
@@ -44,7 +48,7 @@ def image_camera(
     return camera_of_size(camera, wanted, "size" if asked is not None else "the sensor")
 
 
-def camera_of_size(camera: Camera | str, wanted: tuple[int, int] | None, source: str) -> Camera:
+def camera_of_size(camera: Camera | str | os.PathLike[str], wanted: tuple[int, int] | None, source: str) -> Camera:
     """A camera, a preset's name or a ``calib.txt``, for an image of a size.
 
     Args:
@@ -55,14 +59,16 @@ def camera_of_size(camera: Camera | str, wanted: tuple[int, int] | None, source:
         ValueError: if the camera has another size, or a calibration file whose size is not known.
         OSError, DecodeError: if a calibration cannot be read.
     """
-    if isinstance(camera, Camera) or camera in PRESETS:
-        known = camera if isinstance(camera, Camera) else PRESETS[camera]
-        if wanted not in (None, (known.width, known.height)):
-            raise ValueError(
-                f"the camera has {_text((known.width, known.height))} pixels, but {source} asks for {_text(wanted)}"
-            )
-        return known
-    return _from_calibration(camera, wanted)
+    if not isinstance(camera, Camera):
+        name = os.fspath(camera)
+        if name not in PRESETS:
+            return _from_calibration(name, wanted)
+        camera = PRESETS[name]
+    if wanted not in (None, (camera.width, camera.height)):
+        raise ValueError(
+            f"the camera has {_text((camera.width, camera.height))} pixels, but {source} asks for {_text(wanted)}"
+        )
+    return camera
 
 
 def parse_size(size: tuple[int, int] | str | None) -> tuple[int, int] | None:

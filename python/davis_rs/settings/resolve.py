@@ -12,7 +12,7 @@ from ..effects import Effects
 from ..sampling.presets import ACCURACY, DEFAULT_ACCURACY
 from ..sampling.rules import FixedRate, MaxDisplacement, TimeSampling
 from ..sampling.tolerance import Tolerance
-from ..scene.scene import Scene
+from ..scene.scene import Scene, check_scene
 from ..sensor_parameters import SensorParameters
 from ..sensors import RECORDED, read_once, recorded_sensor, sensor_parameters
 from .image_camera import image_camera
@@ -57,6 +57,7 @@ def view_scene(scene: Scene, settings: Mapping[str, Any]) -> ViewedScene:
     Raises:
         ValueError, OSError: as :func:`~davis_rs.settings.image_camera.image_camera` and :func:`~davis_rs.load_sensor`.
     """
+    check_scene(scene)
     if settings["lux_per_luma"] is not None:
         scene = replace(scene, lux_per_luma=settings["lux_per_luma"])
     if settings["matte"]:

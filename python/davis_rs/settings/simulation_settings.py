@@ -96,7 +96,7 @@ class ViewSettings(PixelSettings, total=False):
         ),
     ]
     camera: Annotated[
-        Camera | str | None,
+        Camera | str | os.PathLike[str] | None,
         Declared(
             f"lens and size of the image: {', '.join(PRESETS)}, or a calib.txt",
             default_help="the scene's",
