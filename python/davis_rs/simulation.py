@@ -84,11 +84,10 @@ class MadeSimulator:
             return f"{self.noise}{hint if self._above else ''}"
         if not self.noise.known:
             return f"samples auto: {samples}, the default: {self.noise}"
-        short = ", more than asked for, with the most samples there are" if self._above else ""
-        share = f"about {100 * self.noise.share_at(samples):.2g} %"
+        most = ", the most there are; still" if self._above else ";"
         return (
-            f"samples auto: {samples}, at which {share} of the events are Monte Carlo noise{short}; asked for: "
-            f"{100 * self.noise_share:g} %"
+            f"samples auto: {samples}{most} about {100 * self.noise.share_at(samples):.2g} % of the events are Monte "
+            f"Carlo noise, at most {100 * self.noise_share:g} % were asked for"
         )
 
     def warn_of_noise(self, stacklevel: int) -> None:

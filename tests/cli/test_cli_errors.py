@@ -101,6 +101,36 @@ def test_a_wrong_command_line_is_told_in_one_line(
 
 
 @pytest.mark.parametrize(
+    ("command", "text", "message"),
+    [
+        (
+            ["simulate", "three_planes", "-o", "out", "--sensor"],
+            "contrast_treshold: 0.2\n",
+            "a sensor has no key 'contrast_treshold'; did you mean contrast_threshold?",
+        ),
+        (
+            ["generate", "-o", "out"],
+            "scene: fence\nlog_epps: 1\n",
+            "log_epps: there is no such key; did you mean log_eps?",
+        ),
+        (
+            ["generate", "-o", "out"],
+            "scene: fence\nzzz: 1\n",
+            "contrast_threshold, contrast_threshold_off, lux_per_luma",
+        ),
+    ],
+)
+def test_keys_of_a_file_have_their_own_names(
+    command: list[str], text: str, message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """And not those of options, which a file does not know."""
+    path = tmp_path / "one.yaml"
+    path.write_text(text)
+    assert main([*command, str(path)]) == 1
+    assert message in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
     ("arguments", "message"),
     [
         (["simulate", "tree_planes", "-o", "OUT"], "did you mean three_planes?"),

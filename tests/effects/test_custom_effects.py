@@ -438,4 +438,4 @@ def test_plans_run_nobodys_code(tmp_path: Path) -> None:
     path.write_text("scene: three_planes\ncustom_effects: [os:abort]\n")
     done = command("generate", path, "--dry-run")
     assert done.returncode == 1
-    assert "there is no such key; there are seed" in done.stderr
+    assert "custom_effects: there is no such key" in done.stderr

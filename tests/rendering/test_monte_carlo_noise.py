@@ -166,7 +166,7 @@ def test_auto_takes_as_many_samples_as_the_share_needs(capsys: pytest.CaptureFix
     options = {"frame_rate_hz": 0.0, "depth_rate_hz": 0.0, "renderer": "integrator", "accuracy": "paper"}
     simulate_to_folder(scene, tmp_path / "auto", samples="auto", noise_share=share, **options)  # type: ignore[arg-type]
     said = capsys.readouterr().err
-    assert "samples auto: 21, at which about" in said
+    assert "samples auto: 21; about" in said
     meta = json.loads((tmp_path / "auto" / "meta.json").read_text())
     assert meta["parameters"]["samples"] == meta["monte_carlo_noise"]["samples"] == 21
     assert meta["monte_carlo_noise"]["share"] < share

@@ -157,7 +157,12 @@ def _in_a_line(error: Exception, options: argparse.Namespace, debug: bool) -> st
 
 
 def _as_options(said: str, options: argparse.Namespace) -> str:
-    """A message of the library, with what it calls arguments called as on the command line: --format, not format=."""
+    """A message of the library, with what it calls arguments called as on the command line: --format, not format=.
+
+    Where the message is about a file of keys, such as a plan or a sensor, names are those of the keys and stay.
+    """
+    if re.match(r"[^:]+\.(ya?ml|json): ", said, re.I):
+        return said
     from ..settings import FolderSettings, FrameFolderSettings, settings_of
 
     settings = {**settings_of(FrameFolderSettings), **settings_of(FolderSettings)}

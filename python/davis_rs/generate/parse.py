@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NoReturn
 
+from ..close_names import did_you_mean
 from .distributions import Choice, Distribution, Integers, LogUniform, Normal, Uniform
 from .kinds import Key
 from .motion import MOTIONS, motion_keys
@@ -52,7 +53,8 @@ class Where:
 
     def unknown(self, key: str, known: Mapping[str, Any] | tuple[str, ...]) -> NoReturn:
         """Refuse a key that is not among those that are known."""
-        raise ValueError(f"{self.file}: {self.at(key).path}: there is no such key; there are {', '.join(known)}")
+        near = did_you_mean(key, known) or f"; there are {', '.join(known)}"
+        raise ValueError(f"{self.file}: {self.at(key).path}: there is no such key{near}")
 
 
 def value_of(rule: str, *, none: bool = True, words: tuple[str, ...] = ()) -> Parser:
