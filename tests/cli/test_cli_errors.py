@@ -138,7 +138,7 @@ def test_keys_of_a_file_have_their_own_names(
         (["sequence", "slider_dept", "-o", "OUT"], "did you mean slider_depth?"),
         (["simulate", "three_planes", "-o", "OUT", "--effect", "leak_rat_hz=1"], "did you mean leak_rate_hz?"),
         (["info", "OUT/none.txt"], "none.txt: No such file or directory"),
-        (["convert", "EVENTS", "OUT.foo", "--size", "9x9"], "(.raw, .aedat4, .npy, .npz, .h5, .hdf5, .parquet, .pq, "),
+        (["convert", "EVENTS", "OUT.foo", "--size", "9x9"], "is no event format (.raw, .aedat4, .npy, "),
         (["convert", "EVENTS", "OUT.foo", "--size", "9x9"], ": give --format\n"),
         (["convert", "EVENTS", "EVENTS2", "--size", "9x9"], "the file exists; --overwrite replaces it"),
         (

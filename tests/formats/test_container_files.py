@@ -21,7 +21,8 @@ from davis_rs import DecodeError, open_writer, read_events
 from davis_rs.event_files.read import open_reader
 from davis_rs.events import EVENT_DTYPE, EventArray
 from davis_rs.formats import FORMATS, EventWriter, TruncatedFileWarning
-from event_files import SIZE, assert_same, events_of, many
+from event_files import KINDS, SIZE, assert_same, events_of, many
+from places import ROOT
 
 pytest.importorskip("h5py")
 pytest.importorskip("numcodecs")
@@ -351,9 +352,15 @@ def test_a_writer_that_was_left_in_an_error_keeps_what_it_has(tmp_path: Path, na
     assert len(read_events(path)) == 10
 
 
-def test_all_are_formats() -> None:
-    """They are found by name, and by suffix where it is theirs alone."""
-    assert set(FILES) <= set(FORMATS)
+def test_every_format_is_tested_fuzzed_and_documented() -> None:
+    """One that is registered is in the tables of these tests, among the targets of the fuzzer, and in the documents."""
+    names = set(FORMATS) - {"folder"}  # a dataset folder, which has files of the other formats
+    assert names == set(FILES) | {kind.name for kind in KINDS.values()}
+    targets = (ROOT / "tests/fuzz/targets.py").read_text()
+    documents = "".join((ROOT / f"docs/{name}.md").read_text() for name in ("formats", "containers"))
+    for name in names:
+        assert f'    "{name}": ' in targets, name
+        assert f"`{name}`" in documents, name
 
 
 @pytest.mark.parametrize(

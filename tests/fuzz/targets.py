@@ -338,11 +338,13 @@ EVENT_FILES: dict[str, Callable[[Path], list[Path]]] = {
     "dsec": _written(".h5"),
     "dsec-gzip": _gzip_hdf5,
     "e2vid": _written(".h5", "e2vid"),
+    "mvsec": _written(".h5", "mvsec"),
     "parquet": _written(".parquet"),
     "bag": _written(".bag"),
     "bag-bz2": _written(".bag", compression="bz2"),
     "bag-lz4": _written(".bag", compression="lz4"),
     "bag-unfinished": _unfinished_bag,
+    "ros2": _written(".mcap"),
 }
 
 _OF_SCENES = (davis_rs.DecodeError, FileNotFoundError)

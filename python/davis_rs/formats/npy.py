@@ -180,8 +180,8 @@ class NpyReader(EventReader):
 
 
 class NpyFormat(Format):
-    """Without options. The file holds an array of :data:`davis_rs.EVENT_DTYPE`; written into a file or a stream that
-    can be gone back in.
+    """Without options. The file holds an array of :data:`davis_rs.EVENT_DTYPE`; written into a file or a seekable
+    stream.
 
     Source: NumPy, NEP 1 (a simple file format for NumPy arrays).
     """

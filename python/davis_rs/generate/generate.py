@@ -77,7 +77,7 @@ def generate_sequences(
 
     Args:
         plan: see :func:`load_sequence_plan`.
-        root: made if it does not exist; that of the same plan, perhaps of fewer sequences, is gone on with.
+        root: made if it does not exist. One of the same plan, perhaps with fewer sequences, is continued.
         workers: processes of this machine, which share its cores; None for one a core.
         cluster: a Dask cluster in their place: the address of its scheduler, a scheduler file or a client. Its workers
             must see ``root`` and the plan's files under the same paths, and have the same versions of everything.
