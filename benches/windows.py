@@ -30,7 +30,7 @@ FILES = {
     "bag": "e.bag",
 }
 Read = Callable[[int], int]
-"""Reads the window that begins at so many milliseconds, and returns its number of events."""
+"""Reads the window that begins at a time in milliseconds, and returns its number of events."""
 
 
 def stream(count: int) -> EventArray:

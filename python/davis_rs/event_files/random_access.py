@@ -109,7 +109,7 @@ class RandomAccess:
         """Events ``first`` to ``stop - 1`` as a new array of :data:`davis_rs.EVENT_DTYPE`.
 
         Raises:
-            ValueError: if there are not so many.
+            ValueError: if the file has fewer events.
             OSError: if the file cannot be read.
             DecodeError: if it is malformed, or not what it was when it was opened.
         """

@@ -28,7 +28,7 @@ class RosWriter(EventWriter):
     in order of time too: they wait for the events' message of their interval.
 
     Args:
-        message_us: events of one message lie in one interval of so many microseconds.
+        message_us: length of the interval that the events of one message lie in, in microseconds.
         message_events: most events of one message.
         frame_id: of all messages but poses, which are in "world".
     """

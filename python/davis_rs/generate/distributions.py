@@ -133,7 +133,7 @@ def draw(node: Any, seed: int, index: int, path: str = "", words: Words | None =
     """The value of a node of the plan in sequence ``index``: distributions drawn, everything else as it is.
 
     A distribution at ``path`` (``motion.speed_m_s``; the place in a list counts as a key) draws words of this path
-    alone. One that stands as an option of a choice at the same path goes on with the choice's words.
+    alone. One that is an option of a choice at the same path takes the words that follow the choice's.
     """
     if isinstance(node, Distribution):
         words = words or Words(seed, index, path)

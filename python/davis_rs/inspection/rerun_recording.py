@@ -22,7 +22,7 @@ MAX_EVENTS = 2_000_000
 _TIMELINE = "time"
 _INTERVALS_WITHOUT_FRAMES, _RATE_BINS = 200, 500
 _CLOUD_INTERVALS = 4
-"""The cloud shows the events of so many intervals between frames, and is about as long as the sensor is wide."""
+"""The cloud shows the events of this number of intervals between frames. It is about as long as the sensor is wide."""
 
 
 @dataclass(frozen=True)

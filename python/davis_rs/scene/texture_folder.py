@@ -60,7 +60,7 @@ def check_image(path: Path) -> None:
 
 
 def read_image_texture(path: Path, longest_side: int) -> Texture:
-    """An image as reflectance (H, W, 3) in linear RGB, with at most so many texels on a side.
+    """An image as reflectance (H, W, 3) in linear RGB, with at most ``longest_side`` texels on a side.
 
     A larger one is made smaller by means over areas, in linear light.
 

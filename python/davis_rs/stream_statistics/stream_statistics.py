@@ -37,7 +37,7 @@ class Measured(NamedTuple):
 
 
 def _to_digits(number: float, digits: int) -> str:
-    """A number rounded to so many digits; an exponent only from a million on, or below 0.0001."""
+    """A number rounded to ``digits`` digits; with an exponent only from a million on, or below 0.0001."""
     return f"{float(f'{number:.{digits}g}'):g}"
 
 
