@@ -19,7 +19,7 @@ _FIRST_US, _LONGEST_US = 2.0, 2000.0
 _FOUND_US = 0.02
 _TURNS = 60
 _MIDDLE = 3
-"""After this number of turns the interval is halved, whatever the slope says."""
+"""Every third turn the interval is halved, whatever the slope says."""
 
 _US = 1e6
 

@@ -34,7 +34,7 @@ _Reader = Callable[[Path], Texture]
 CAMERA = PRESETS["ideal"]
 
 _TILES = 9
-"""How often the background's image is repeated each way, mirrored in turn, so that the view never leaves it."""
+"""How often the image of the background is repeated each way, every other time mirrored: the view never leaves it."""
 
 _PLACED = 0.8
 """Share of the image, from its middle to its edges, in which the middles of objects lie."""
