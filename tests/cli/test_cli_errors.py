@@ -228,10 +228,18 @@ def test_a_broken_pipe_ends_it_quietly() -> None:
     assert process.wait(60) == 1
 
 
-def test_ctrl_c_while_it_imports_prints_no_traceback() -> None:
+def test_ctrl_c_while_an_error_is_told_prints_no_traceback(monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(*_: object) -> str:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("davis_rs.cli.main._in_a_line", interrupted)
+    assert main(["info", "none.txt"]) == 130
+
+
+def test_ctrl_c_while_it_imports_prints_no_traceback(tmp_path: Path) -> None:
     """Wherever it comes, once our own code runs."""
     for delay_s in (0.15, 0.3, 0.6):
-        command = [sys.executable, "-m", "davis_rs.cli", "simulate", "three_planes", "-o", "/nonexistent/out"]
+        command = [sys.executable, "-m", "davis_rs.cli", "simulate", "three_planes", "-o", str(tmp_path / "out")]
         process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
         ready = Path(f"/proc/{process.pid}/maps")
         while "libcrypto" not in (maps := ready.read_text()) and "_core.abi3" not in maps:

@@ -53,6 +53,13 @@ _DEBUG = "show the traceback of an error"
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command; returns the exit status: 0, 1 for a failure or a check that does not hold, 130 after Ctrl-C."""
+    try:
+        return _status(arguments)
+    except KeyboardInterrupt:  # wherever it comes, also while an error is told
+        return 130
+
+
+def _status(arguments: Sequence[str] | None) -> int:
     debug = "--debug" in (sys.argv[1:] if arguments is None else arguments)
     options = argparse.Namespace()
     try:
@@ -60,8 +67,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
             status = _run(arguments, options)
         sys.stdout.flush()  # here, where a reader that is gone can still be told from an error
         return status
-    except KeyboardInterrupt:
-        return 130
     except BrokenPipeError:
         # Nobody reads any more. What is left in the buffer has nowhere to go when Python ends.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
