@@ -232,7 +232,7 @@ def test_ctrl_c_while_an_error_is_told_prints_no_traceback(monkeypatch: pytest.M
     def interrupted(*_: object) -> str:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("davis_rs.cli.main._in_a_line", interrupted)
+    monkeypatch.setattr(sys.modules["davis_rs.cli.main"], "_in_a_line", interrupted)
     assert main(["info", "none.txt"]) == 130
 
 
