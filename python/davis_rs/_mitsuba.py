@@ -8,7 +8,7 @@ import sys
 import threading
 import warnings
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,7 @@ import numpy as np
 
 from ._llvm import HOW_TO_GET_IT, OLDEST_USABLE, find_libllvm, why_none
 from ._mitsuba_files import check_scene_dictionary, check_scene_file
+from .stop_requests import interrupts_deferred
 
 FAST, SCALAR = "llvm_ad_rgb", "scalar_rgb"
 
@@ -26,8 +27,9 @@ _FIRST_USE = threading.RLock()
 def _modules() -> tuple[Any, Any]:
     """Return (mitsuba, drjit), imported by one thread while the others wait."""
     with _FIRST_USE:
-        import drjit as dr
-        import mitsuba as mi
+        with nullcontext() if "mitsuba" in sys.modules else interrupts_deferred():
+            import drjit as dr
+            import mitsuba as mi
 
         return mi, dr
 
@@ -106,7 +108,8 @@ def _set_variant(mi: Any, name: str) -> None:
     try:
         with warnings.catch_warnings():
             warnings.filterwarnings("ignore", "The AST-transforming decorator @drjit.syntax", RuntimeWarning)
-            mi.set_variant(name)
+            with interrupts_deferred():  # it loads an extension, and modules that belong together
+                mi.set_variant(name)
     finally:
         if common is not None:
             vars(integrators).setdefault("common", common)

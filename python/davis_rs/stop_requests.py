@@ -1,8 +1,9 @@
-"""Ctrl-C as a wish: long work that writes ends where what it wrote is whole."""
+"""When Ctrl-C is obeyed: as a wish, where what was written is whole, or only after a library was loaded."""
 
 from __future__ import annotations
 
 import signal
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
@@ -30,3 +31,25 @@ def stop_requests() -> Iterator[Callable[[], bool]]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+@contextmanager
+def interrupts_deferred() -> Iterator[None]:
+    """Hold a Ctrl-C back until the end of the block.
+
+    Where a C++ extension is being loaded: one whose initialisation meets a KeyboardInterrupt is half made, and the
+    process then crashes, at once or when it ends.
+    """
+    before = signal.getsignal(signal.SIGINT)
+    in_main = threading.current_thread() is threading.main_thread()  # where alone Ctrl-C is raised
+    if not in_main or not callable(before):
+        yield
+        return
+    came: list[int] = []
+    signal.signal(signal.SIGINT, lambda number, _: came.append(number))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+        if came:
+            signal.raise_signal(signal.SIGINT)

@@ -149,6 +149,10 @@ def test_errors_are_one_sentence(tmp_path: Path, arguments: list[str], message: 
         ),
         (["--samples", "1.5"], "argument --samples: must be an integer, or auto, got '1.5'"),
         (["--no-such-option"], "unrecognized arguments: --no-such-option"),
+        (
+            ["--duratoin=1"],
+            "unrecognized arguments: --duratoin=1; did you mean --duration? (see davis-rs simulate --help)",
+        ),
     ],
 )
 def test_errors_of_options_are_one_line_that_names_the_option(

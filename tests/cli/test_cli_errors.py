@@ -213,7 +213,14 @@ def test_ctrl_c_behind_another_error_is_ctrl_c(
 
     monkeypatch.setattr(sys.modules["davis_rs.cli.main"], "_run", interrupted)
     assert main(["sequences"]) == 130
-    assert capsys.readouterr().err == ""
+    assert capsys.readouterr().err == "davis-rs: stopped by Ctrl-C\n"
+
+
+def test_a_scene_file_needs_a_trajectory(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    scene = tmp_path / "scene.xml"
+    scene.write_text('<scene version="3.0.0"><sensor type="perspective"/><shape type="rectangle"/></scene>')
+    assert main(["simulate", str(scene), "-o", str(tmp_path / "out")]) == 1
+    assert "has no trajectory of its own: give --trajectory FILE" in capsys.readouterr().err
 
 
 def test_a_broken_pipe_ends_it_quietly() -> None:
@@ -273,7 +280,34 @@ main._run = run
 sys.stderr = sys.stdout
 print(main.main([]))
 """
-    assert run_python(program) == "130\n"
+    assert run_python(program) == "davis-rs: stopped by Ctrl-C\n130\n"
+
+
+def test_ctrl_c_while_mitsuba_is_loaded_waits_until_it_is_whole(run_python: Callable[..., str]) -> None:
+    """Python aborts in a half-made extension, or when it ends."""
+    program = """
+import os, signal, sys
+from davis_rs._mitsuba import variant
+
+class CtrlC:
+    def find_spec(self, name, *_):
+        if name == awaited:
+            os.kill(os.getpid(), signal.SIGINT)
+
+sys.meta_path.insert(0, CtrlC())
+for awaited in ("drjit._drjit_ext", "mitsuba.scalar_rgb"):
+    try:
+        with variant("scalar_rgb"):
+            print("not stopped")
+    except KeyboardInterrupt:
+        print(awaited, sys.modules["mitsuba"].variant())
+print(signal.getsignal(signal.SIGINT) is signal.default_int_handler)
+"""
+    assert run_python(program).splitlines() == [
+        "drjit._drjit_ext None",
+        "mitsuba.scalar_rgb scalar_rgb",
+        "True",
+    ]
 
 
 def test_a_signal_at_the_very_start_leaves_a_dataset_that_holds(tmp_path: Path) -> None:

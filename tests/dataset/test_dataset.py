@@ -549,6 +549,10 @@ def test_a_folder_that_is_no_dataset_is_refused(tmp_path: Path) -> None:
     """Opening anything else says so at once."""
     with pytest.raises(FileNotFoundError, match="is not a dataset"):
         Dataset(tmp_path)
+    (tmp_path / "sequence_00000").mkdir()
+    (tmp_path / "sequence_00000" / "meta.json").write_text("{}")
+    with pytest.raises(FileNotFoundError, match=r"its folders are datasets, such as .*sequence_00000$"):
+        Dataset(tmp_path)
     with pytest.raises(FileNotFoundError, match="nowhere"):
         Dataset(tmp_path / "nowhere")
     (tmp_path / "file").write_text("")

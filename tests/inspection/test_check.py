@@ -16,6 +16,7 @@ from davis_rs.dataset.reader import Dataset
 from davis_rs.dataset.writer import DatasetWriter
 from davis_rs.events import EventArray
 from davis_rs.inspection.check import CheckReport, check_dataset
+from davis_rs.inspection.summary import dataset_contents
 from places import SHARED
 from written_sequence import (
     CAMERA,
@@ -365,6 +366,7 @@ def test_an_interrupted_dataset_holds(tmp_path: Path, by_finish: bool) -> None:
     report = check_dataset(tmp_path / "d")
     assert report.problems == []
     assert [instant.t_us for instant in report.instants] == [3 * FRAME_STEPS * STEP_US]
+    assert "cut short: its writer was stopped" in dataset_contents(Dataset(tmp_path / "d"))
 
 
 def test_an_unfinished_dataset_does_not_hold_but_is_checked(folder: Path) -> None:
@@ -373,6 +375,7 @@ def test_an_unfinished_dataset_does_not_hold_but_is_checked(folder: Path) -> Non
     report = check_dataset(folder)
     assert report.problems == ["The dataset was never finished (meta.json says so): its writer was killed or failed."]
     assert report.instants[-1].t_us == STEPS * STEP_US
+    assert "never finished" in dataset_contents(Dataset(folder))
 
 
 def test_the_public_dataset_fails_for_what_it_lacks() -> None:

@@ -42,7 +42,9 @@ def scene_of(options: argparse.Namespace, quiet: bool = False) -> Scene:
 def add_path(group: argparse._ArgumentGroup) -> None:
     """Add the options that :func:`on_path` reads."""
     add_trajectory(group)
-    group.add_argument("--start", type=float, default=0.0, metavar="S", help="where on the trajectory t = 0 lies")
+    group.add_argument(
+        "--start", type=float, default=0.0, metavar="S", help="start at this time of the path, in seconds (default: 0)"
+    )
     group.add_argument("--duration", type=float, metavar="S", help="seconds of the path; to the end if not given")
 
 
@@ -63,13 +65,14 @@ def add_trajectory(group: argparse._ArgumentGroup) -> None:
         "--position-sigma",
         type=float,
         metavar="M",
-        help="noise of the file's positions, smoothed away; estimated from the data if not given; 0 = none",
+        help="standard deviation of the noise of the file's positions, in metres: the path is smoothed by as much; "
+        "0 for none; estimated from the data if not given",
     )
     group.add_argument(
         "--rotation-sigma",
         type=float,
         metavar="RAD",
-        help="noise of the file's rotations, smoothed away; estimated from the data if not given",
+        help="the same of its rotations, in radians; estimated from the data if not given",
     )
     group.add_argument(
         "--max-gap",
@@ -95,6 +98,8 @@ def on_trajectory(options: argparse.Namespace, scene: Scene, *, at_s: float = 0.
     if options.trajectory is None:
         if options.align:
             raise ValueError("--align moves the trajectory of a file: give --trajectory")
+        if scene.trajectory is None:
+            raise ValueError(f"scene {scene.name!r} has no trajectory of its own: give --trajectory FILE")
         return scene
     sigmas = {"position_sigma_m": options.position_sigma, "rotation_sigma_rad": options.rotation_sigma}
     trajectory: Trajectory = (sampled := read_trajectory(options.trajectory, max_gap_s=options.max_gap, **sigmas))

@@ -11,7 +11,7 @@ import threading
 import traceback
 import warnings
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import partial
 from importlib import import_module
 
@@ -23,16 +23,11 @@ COMMANDS = {
     "frames": ("frames", "turn a video, images or arrays into events"),
     "sequence": ("simulate", "simulate a sequence of the public dataset"),
     "sequences": ("sequences", "list the public dataset's sequences: the paper's table next to our own"),
-    "sequences-table": ("sequences", "the same list as a table of Markdown"),
-    "sequences-sheet": ("sequences", "draw a frame and events of each sequence"),
-    "sequences-count": ("sequences", "simulate sequences whole and count their events"),
-    "settings": ("settings_table", "list all settings of a simulation as a table of Markdown"),
     "sensors": ("sensors", "list the sensors that are known, or show one as a file"),
-    "plan": ("plan", "say which effects of a sensor a sequence calls for"),
+    "plan": ("plan", "say which effects of a sensor matter in a scene"),
     "generate": ("generate", "simulate many sequences with randomised parameters"),
     "verify": ("generate", "compare generated sequences with their manifest"),
     "accuracy": ("accuracy", "measure what accuracy costs in time on a scene"),
-    "hard-cases": ("hard_cases", "measure the presets on scenes in which sampling is easily wrong"),
     "devices": ("usb", "list the cameras that are plugged in"),
     "record": ("usb", "record a camera"),
     "decode": ("usb", "decode a recording: of record, or AEDAT 2.0, 3.1, 4"),
@@ -40,11 +35,17 @@ COMMANDS = {
     "info": ("files", "sum up an event file or a dataset folder"),
     "compare": ("compare", "print the statistics of two streams side by side, such as a recording and a simulation"),
     "calibrate": ("calibrate", "calibrate a camera, a hand-eye transform, a camera and an IMU, or a sensor"),
-    "check": ("look", "check a dataset: do its events explain its images?"),
+    "check": ("look", "check that the events and the images of a dataset agree"),
     "view": (
         "look",
         "look at a dataset, an event file or a recording: a picture, a video, an interactive page, or Rerun",
     ),
+    # What the documents' own tables and pictures are made with.
+    "sequences-table": ("sequences", "the list of the sequences as a table of Markdown"),
+    "sequences-sheet": ("sequences", "draw a frame and events of each sequence"),
+    "sequences-count": ("sequences", "simulate sequences whole and count their events"),
+    "hard-cases": ("hard_cases", "measure the presets on scenes in which sampling is easily wrong"),
+    "settings": ("settings_table", "list all settings of a simulation as a table of Markdown"),
 }
 """For each command, the module in this package that defines ``add_COMMAND(parser)``, and a line on what it does."""
 
@@ -56,6 +57,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         return _status(arguments)
     except KeyboardInterrupt:  # wherever it comes, also while an error is told
+        with suppress(KeyboardInterrupt):
+            say("davis-rs: stopped by Ctrl-C")
         return 130
 
 
@@ -73,7 +76,7 @@ def _status(arguments: Sequence[str] | None) -> int:
         return 1
     except Exception as error:
         if _interrupted(error):
-            return 130
+            raise KeyboardInterrupt from error
         if debug:
             traceback.print_exc()
         print(f"davis-rs: error: {_in_a_line(error, options, debug)}", file=sys.stderr)

@@ -34,7 +34,12 @@ class Parser(argparse.ArgumentParser):
 
     def parse_known_args(self, args: Sequence[str] | None = None, namespace: Any = None) -> Any:  # type: ignore[override]
         self.fill()
-        return super().parse_known_args(args, namespace)
+        values, unknown = super().parse_known_args(args, namespace)
+        if unknown:  # said here, because only the command's own parser knows its options
+            options = [option for action in self._actions for option in action.option_strings]
+            named = next((given for given in unknown if given.startswith("--")), "")
+            self.error(f"unrecognized arguments: {' '.join(unknown)}{did_you_mean(named.split('=')[0], options)}")
+        return values, unknown
 
     def error(self, message: str) -> NoReturn:
         """One line in place of the whole usage."""

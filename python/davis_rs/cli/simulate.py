@@ -31,7 +31,13 @@ def add_sequence(sequence: argparse.ArgumentParser) -> None:
     sequence.set_defaults(run=_sequence)
     sequence.add_argument("name", metavar="NAME", help="a sequence, such as poster_6dof or slider_depth")
     path = sequence.add_argument_group("camera path")
-    path.add_argument("--start", type=float, default=0.0, metavar="S", help="where in the sequence t = 0 lies")
+    path.add_argument(
+        "--start",
+        type=float,
+        default=0.0,
+        metavar="S",
+        help="start at this time of the sequence, in seconds (default: 0)",
+    )
     path.add_argument("--duration", type=float, metavar="S", help="seconds to simulate; to the end if not given")
     _add_output(sequence)
     add_settings(sequence, FolderSettings)

@@ -76,7 +76,10 @@ class Dataset:
         self.path = Path(path)
         names = {entry.name for entry in self.path.iterdir()}
         if names.isdisjoint({*EVENT_FILES.values(), META, CALIBRATION, GROUND_TRUTH, FRAMES.list_name}):
-            raise FileNotFoundError(f"{self.path} is not a dataset: none of {EVENTS}, {META}, {CALIBRATION}, ... in it")
+            said = f"{self.path} is not a dataset: none of {EVENTS}, {META}, {CALIBRATION}, ... in it"
+            inside = next((name for name in sorted(names) if (self.path / name / META).is_file()), None)
+            hint = "" if inside is None else f"; its folders are datasets, such as {self.path / inside}"
+            raise FileNotFoundError(said + hint)
 
     @property
     def image_gain(self) -> float | None:

@@ -246,13 +246,15 @@ class FrameRun:
         height, width = first.image.shape[:2]
         given = {name: self.settings[name] for name in ("crop", "roi", "size")}
         part = frame_part(width, height, **given)
-        own = (sensor.width, sensor.height)
-        if None not in own and part.size != own:
-            raise ValueError(
-                f"the sensor has {own[0]} x {own[1]} pixels, the frames give {part.size[0]} x {part.size[1]}: "
-                f"size={own[0]}x{own[1]} reduces them"
-            )
-        return part
+        (width, height), own = part.size, (sensor.width, sensor.height)
+        if own[0] is None or own[1] is None or part.size == own:
+            return part
+        advice = (
+            "frames are not enlarged; a sensor file without width and height takes any size"
+            if width < own[0] or height < own[1]
+            else f"size={own[0]}x{own[1]} reduces them"
+        )
+        raise ValueError(f"the sensor has {own[0]} x {own[1]} pixels, the frames give {width} x {height}: {advice}")
 
     def _effects(self, sensor: SensorParameters) -> tuple[Effects, tuple[str, ...]]:
         """Return the given effects over the sensor's, and the names of the sensor's that frames do not allow."""

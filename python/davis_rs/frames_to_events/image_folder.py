@@ -114,7 +114,7 @@ class ImageFolder(FrameSource):
                     raise DecodeError(f"{folder / _RATE_FILE}: expected a frame rate, found {text[:40]!r}") from None
         raise ValueError(
             f"{self.name} has no {', '.join([*_LISTS, *_STAMP_FILES, _RATE_FILE])} that says when its images were "
-            "taken: give timestamps or fps"
+            "taken: give timestamps= or fps="
         )
 
 

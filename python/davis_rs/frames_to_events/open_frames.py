@@ -56,7 +56,7 @@ def open_frames(
         return ImageFolder(path, stamps)
     if path.suffix.lower() == ".npy":
         if stamps is None:
-            raise ValueError(f"{path} does not say when its frames were taken: give timestamps or fps")
+            raise ValueError(f"{path} does not say when its frames were taken: give timestamps= or fps=")
         return NpyFrames(path, stamps)
     if path.suffix.lower() in IMAGE_SUFFIXES:
         raise ValueError(f"{path} is a single image: give the folder of all of them")

@@ -222,8 +222,10 @@ def dataset_contents(dataset: Dataset) -> str:
         lines.append(f"effects     {', '.join(said.effects) or 'none: ideal pixels'}")
     also = ", ".join(f"{count:,} {what}" for what, count in part_counts(dataset).items())
     lines.append(f"also        {also or 'nothing'}")
-    if dataset.meta.get("complete") is False:
-        lines.append("warning: the folder was never finished: its writer was stopped")
+    if dataset.meta.get("interrupted"):
+        lines.append("note        cut short: its writer was stopped, by Ctrl-C or an error, and finished the folder")
+    elif dataset.meta.get("complete") is False:
+        lines.append("warning: the folder was never finished: its writer was killed or failed")
     return "\n".join(lines)
 
 

@@ -80,7 +80,9 @@ class Scene:
             ValueError: if it has none.
         """
         if self.trajectory is None:
-            raise ValueError(f"scene {self.name!r} has no trajectory of its own: give one")
+            raise ValueError(
+                f"scene {self.name!r} has no trajectory of its own: give it one, scene.with_trajectory(...)"
+            )
         return self.trajectory
 
     @property
@@ -91,7 +93,7 @@ class Scene:
             ValueError: if it has none.
         """
         if self.camera is None:
-            raise ValueError(f"scene {self.name!r} has no perspective sensor that tells lens and size: give a camera")
+            raise ValueError(f"scene {self.name!r} has no perspective sensor that tells lens and size: give camera=")
         return self.camera
 
     def with_trajectory(self, trajectory: Trajectory) -> Scene:

@@ -158,7 +158,8 @@ class FrameSettings(_LightSettings, _PartSettings, _BetweenSettings, PixelSettin
     effects: Annotated[
         Effects | str | Sequence[str] | None,
         Declared(
-            f"effects, in addition to the sensor's or in place of them: Effects, or texts {EFFECT_FORM}",
+            f"Effects, or texts {EFFECT_FORM}; each is added to the sensor's, or replaces the sensor's of the same "
+            "name",
             default_help="the sensor's",
             metavar=EFFECT_FORM,
             text=list,

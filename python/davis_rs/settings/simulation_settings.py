@@ -32,7 +32,7 @@ EFFECTS_TOLERANCE = 0.01
 """Where no tolerance is given."""
 
 SENSOR = Declared(
-    "size, thresholds and effects of a sensor (docs/sensor.md)",
+    "a sensor's size, thresholds and effects: its name, or a sensor file such as mine.yaml (docs/sensor.md)",
     default_help="ideal pixels",
     choices=tuple(SENSORS),
     file_suffixes=SENSOR_SUFFIXES,
@@ -253,7 +253,7 @@ class SamplingSettings(ViewSettings, EngineSettings, total=False):
     frame_rate_hz: Annotated[
         float,
         Declared(
-            "rate of intensity frames: frame k is at round(k 1e6 / rate) us; 0 for none",
+            "rate of intensity frames, the first at t = 0; 0 for none",
             40.0,
             unit="Hz",
             low=0,
@@ -392,7 +392,7 @@ class SimulatorSettings(CustomSettings, total=False):
     effects: Annotated[
         Effects | None,
         Declared(
-            "effects of pixels, readout and frames, in addition to the sensor's or in place of them",
+            "effects; each is added to the sensor's, or replaces the sensor's of the same name",
             default_help="the sensor's",
             text=None,
             group=EFFECTS,
@@ -406,8 +406,8 @@ class SimulationSettings(CustomSettings, EffectsToleranceSettings, total=False):
     effects: Annotated[
         Effects | str | Sequence[str] | None,
         Declared(
-            f"effects, in addition to the sensor's or in place of them: Effects, texts {EFFECT_FORM}, or auto: those "
-            "of the sensor (davis240c if not given) that matter in this scene",
+            f"Effects, or texts {EFFECT_FORM}; each is added to the sensor's, or replaces the sensor's of the same "
+            "name. auto takes those effects of the sensor (davis240c if not given) that matter in this scene",
             default_help="the sensor's",
             metavar=EFFECT_FORM,
             text=list,

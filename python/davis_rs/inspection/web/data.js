@@ -19,7 +19,8 @@ const events = (() => {
     t[i] = (packed[i] >>> 1) * data.events.tick_us;
     on[i] = packed[i] & 1;
   }
-  return { count: packed.length, t, on, xy: new Uint16Array(bytesOf(data.events.xy)) };
+  const word = packed.length < data.events.total ? "sampled events" : "events";
+  return { count: packed.length, word, t, on, xy: new Uint16Array(bytesOf(data.events.xy)) };
 })();
 
 const stamped = (part) => part && { t: new Float64Array(bytesOf(part.t)), values: new Float32Array(bytesOf(part.values)) };

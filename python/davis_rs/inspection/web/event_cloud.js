@@ -80,5 +80,5 @@ const drawCloud = (canvas, view, t, length_us, show) => {
   label("y", [-half[0], 0, -half[2]], -12, 4);
   label(`${((t - length_us + data.start_us) / 1e6).toFixed(3)} s`, [half[0], half[1], -half[2]], 0, 16);
   label(`${((t + data.start_us) / 1e6).toFixed(3)} s`, [half[0], half[1], half[2]], 0, 16);
-  element("cloud-says").textContent = `${number(count)} events of the last ${lengthText(length_us)} in space and time`;
+  element("cloud-says").textContent = `${number(count)} ${events.word} of the last ${lengthText(length_us)} in space and time`;
 };

@@ -49,7 +49,7 @@ const sensorPanel = (() => {
     context.putImageData(picture, 0, 0);
     const frame = frameAt(t);
     const when = frame < 0 ? "no frame yet" : `frame of ${((data.frames.t[frame] + data.start_us) / 1e6).toFixed(4)} s`;
-    const says = `${number(count)} events of the last ${lengthText(window_us)}`;
+    const says = `${number(count)} ${events.word} of the last ${lengthText(window_us)}`;
     element("sensor-says").textContent = data.frames.t.length ? `${says}; ${when}` : says;
   };
 })();
