@@ -181,7 +181,11 @@ BAD_PARTS: dict[str, tuple[dict[str, Any], str]] = {
     "crop malformed": ({"crop": "big"}, "crop must be WIDTHxHEIGHT"),
     "larger": ({"size": "96x64"}, "must not be larger than the 48 x 32 pixels"),
     "stretched": ({"size": "24x24"}, "would stretch the image: crop=32x32 fits"),
-    "sensor": ({"sensor": "davis346"}, "the sensor has 346 x 260 pixels, the frames give 48 x 32: size=346x260"),
+    "smaller": ({"sensor": "davis346"}, "has 346 x 260 pixels, the frames give 48 x 32: frames are not enlarged"),
+    "sensor": (
+        {"sensor": SensorParameters(width=24, height=16)},
+        "the sensor has 24 x 16 pixels, the frames give 48 x 32: size=24x16 reduces them",
+    ),
 }
 
 
