@@ -233,14 +233,14 @@ def test_an_xml_scene_without_a_camera_asks_for_one(tmp_path: Path, capsys: pyte
     for sensor in ("", orthographic):
         scene = load_scene(write_scene(tmp_path, sensor))
         assert scene.camera is None
-        with pytest.raises(ValueError, match=r"scene 'spot' has no perspective sensor.*give a camera"):
+        with pytest.raises(ValueError, match=r"scene 'spot' has no perspective sensor.*give camera="):
             Simulator(scene)
         assert camera_of(scene, camera="davis240c").width == 240
     path = tmp_path / "path.txt"
     path.write_text("".join(f"{k * 0.005:.3f} {0.3 + 0.001 * k} -3 0.1 -0.7071 0 0 0.7071\n" for k in range(40)))
     command = ["simulate", str(tmp_path / "spot.xml"), "-o", str(tmp_path / "out"), "--trajectory", str(path)]
     assert main([*command, "--position-sigma", "0", "--rotation-sigma", "0"]) == 1
-    assert "give a camera" in capsys.readouterr().err
+    assert "give --camera" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
 
 
