@@ -107,7 +107,7 @@ class Simulator:
             edges=self.sampling.edges,
             threads=self.settings["threads"],
         )
-        self.renderer = with_optics(plain, self.effects.vignetting, self.effects.lens_blur_px)
+        self.renderer = with_optics(plain, self.effects)
         self._engine = CrossingEngine(
             self.camera.width,
             self.camera.height,

@@ -33,7 +33,6 @@ from davis_rs.effects import (
     Effects,
     HotPixels,
     LeakRate,
-    LensBlur,
     PhotoreceptorBandwidth,
     Readout,
     ShotNoise,
@@ -199,11 +198,11 @@ def real(
     if isinstance(effect, LeakRate):
         off = Effects(leak_rate_hz=1e-12)  # the same references at the start
     without = stream(frames, sequence, off)
-    if isinstance(effect, Vignetting | LensBlur):
-        given = (effect, None) if isinstance(effect, Vignetting) else (None, effect)
-        with_effect = stream(keyframes(with_optics(renderer, *given), sequence), sequence)
+    effects = Effects.of([effect])
+    if effects.optical:
+        with_effect = stream(keyframes(with_optics(renderer, effects), sequence), sequence)
     else:
-        with_effect = stream(frames, sequence, Effects.of([effect]))
+        with_effect = stream(frames, sequence, effects)
     size = sequence.camera.width, sequence.camera.height
     return omission_error(without, with_effect, size=size, scale=plan.scale)[0]
 
@@ -298,7 +297,7 @@ def test_what_matters_only_with_others_joins_the_set() -> None:
 def together_stream(renderer: Renderer, sequence: Sequence, effects: Effects) -> EventArray:
     """All events of a sequence under several effects."""
     effects = Effects.of(effects).with_defaults(Effects(leak_rate_hz=1e-12))  # what is off has no say over it
-    behind = with_optics(renderer, effects.vignetting, effects.lens_blur_px)
+    behind = with_optics(renderer, effects)
     in_engine = effects.without(["vignetting", "lens_blur_px", "aps"])
     return stream(keyframes(behind, sequence), sequence, in_engine)
 
@@ -446,7 +445,7 @@ def test_nonsense_is_refused() -> None:
         plan(effects_tolerance=1.5)
     with pytest.raises(ValueError, match=r"effects_tolerance must lie in .*, got nan"):
         plan(effects_tolerance=math.nan)
-    behind = with_optics(renderer, Vignetting(), None)
+    behind = with_optics(renderer, Effects(vignetting=Vignetting()))
     with pytest.raises(ValueError, match="without it"):
         plan_effects_of(behind, sequence.path, SENSOR, contrast_threshold=C)
     assert plan_effects_of(renderer, sequence.path, Effects(), contrast_threshold=C).items == ()

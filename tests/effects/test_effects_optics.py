@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from scipy.ndimage import convolve1d
 
-from davis_rs import Camera, Pose, Scene, load_scene
+from davis_rs import Camera, Effects, Pose, Scene, load_scene
 from davis_rs.camera import PRESETS
 from davis_rs.effects.lens_blur import LensBlur
 from davis_rs.effects.optics import Optics, with_optics
@@ -81,7 +81,7 @@ def test_a_uniform_scene_falls_off_as_the_cosine(exponent: float) -> None:
         x, y = (u - dx) / radial, (v - dy) / radial
     cosine = np.cos(np.arctan(np.hypot(x, y)))
     assert cosine.min() < 0.8  # the undistorted corner is more than 36 degrees off the axis
-    shaded = with_optics(even, Vignetting(exponent), None).luma(views)[0]
+    shaded = with_optics(even, Effects(vignetting=Vignetting(exponent))).luma(views)[0]
     np.testing.assert_allclose(shaded, level * cosine**exponent, rtol=1e-6)
 
 
@@ -92,7 +92,9 @@ def test_a_point_becomes_a_gaussian_spot(sigma_px: float) -> None:
     size = 2 * radius + 5
     point = np.zeros((1, size, size + 2), np.float32)
     point[0, size // 2, size // 2] = 1
-    spot = Optics(Camera(size + 2, size, 99.0, 99.0, 9.0, 9.0), None, LensBlur(sigma_px)).frames(point)[0]
+    spot = Optics(Camera(size + 2, size, 99.0, 99.0, 9.0, 9.0), Effects(lens_blur_px=LensBlur(sigma_px))).frames(point)[
+        0
+    ]
     assert spot.dtype == np.float32
     across, down = (spot.sum(axis, dtype=np.float64) for axis in (0, 1))
     np.testing.assert_allclose(spot, np.outer(down, across), rtol=1e-5, atol=1e-12)
@@ -131,7 +133,7 @@ frames = hnp.arrays(
 @given(luma=frames, sigma_px=st.floats(0.05, 4))
 def test_blur_is_the_convolution_of_the_mirrored_frame(luma: LumaFrames, sigma_px: float) -> None:
     """The kernel along both axes in float64, edges mirrored and not repeated, also of frames smaller than it."""
-    optics = Optics(Camera(luma.shape[2], luma.shape[1], 9.0, 9.0, 1.0, 1.0), None, LensBlur(sigma_px))
+    optics = Optics(Camera(luma.shape[2], luma.shape[1], 9.0, 9.0, 1.0, 1.0), Effects(lens_blur_px=LensBlur(sigma_px)))
     before = luma.copy()
     blurred = optics.frames(luma)
     assert np.array_equal(luma, before)
@@ -149,7 +151,9 @@ def test_light_is_neither_lost_nor_made(sigma_px: float) -> None:
     radius = len(LensBlur(sigma_px).weights()) - 1
     light = np.random.RandomState(1).random_sample((2, 40, 50)).astype(np.float32)
     light = np.pad(light, ((0, 0), *[(radius + 1, radius + 1)] * 2))
-    optics = Optics(Camera(light.shape[2], light.shape[1], 99.0, 99.0, 9.0, 9.0), None, LensBlur(sigma_px))
+    optics = Optics(
+        Camera(light.shape[2], light.shape[1], 99.0, 99.0, 9.0, 9.0), Effects(lens_blur_px=LensBlur(sigma_px))
+    )
     blurred = optics.frames(light)
     np.testing.assert_allclose(blurred.sum((1, 2), np.float64), light.sum((1, 2), np.float64), rtol=5e-7)
     even = np.full_like(light, 0.37)
@@ -160,11 +164,11 @@ def test_a_spot_is_shaded_where_it_lands() -> None:
     """image = vignetting x (spread scene): bit by bit the blurred frame times the gain, not the gain blurred too."""
     luma = np.random.RandomState(2).random_sample((2, 17, 33)).astype(np.float32)
     vignetting, blur = Vignetting(60.0), LensBlur(2.0)
-    both = Optics(CAMERA, vignetting, blur).frames(luma)
-    blurred = Optics(CAMERA, None, blur).frames(luma)
-    assert np.array_equal(both, Optics(CAMERA, vignetting, None).frames(blurred))
+    both = Optics(CAMERA, Effects(vignetting=vignetting, lens_blur_px=blur)).frames(luma)
+    blurred = Optics(CAMERA, Effects(lens_blur_px=blur)).frames(luma)
+    assert np.array_equal(both, Optics(CAMERA, Effects(vignetting=vignetting)).frames(blurred))
     assert np.array_equal(both, blurred * vignetting.gain(CAMERA))
-    assert np.abs(both - Optics(CAMERA, None, blur).frames(luma * vignetting.gain(CAMERA))).max() > 0.01
+    assert np.abs(both - Optics(CAMERA, Effects(lens_blur_px=blur)).frames(luma * vignetting.gain(CAMERA))).max() > 0.01
 
 
 # What a renderer behind a lens gives.
@@ -176,7 +180,7 @@ def test_rates_are_those_of_the_lens_s_image(blur: bool) -> None:
     """dY/dt behind the lens is the difference quotient of luma behind it: past a lamp near a wall, without any edge."""
     close = Camera(33, 17, 60.0, 60.0, 14.2, 8.9, k1=-0.1)
     renderer = wall(close, {"type": "point", "position": [0.1, -0.05, 0.15], "intensity": 0.5}, blur=blur)
-    lens = with_optics(renderer, Vignetting(), LensBlur(1.5))
+    lens = with_optics(renderer, Effects(vignetting=Vignetting(), lens_blur_px=LensBlur(1.5)))
     still = Views.at_rest([Pose([0.0, 0.0, 1.5], [1.0, 0.0, 0.0, 0.0])])
     twist = np.array([[0.5, -0.3, 0.2]]), np.array([[0.1, 0.2, 0.3]])
     views = Views(still.t_s, still.positions, still.rotations, *twist)
@@ -193,8 +197,8 @@ def test_rates_are_those_of_the_lens_s_image(blur: bool) -> None:
 def test_frames_and_rates_go_through_the_same_lens() -> None:
     """Every way to frames and rates maps what the renderer gives without the lens, bit by bit, blur and all."""
     renderer, views = built_in(blur=True), along()
-    lens = with_optics(renderer, Vignetting(), LensBlur())
-    image = Optics(CAMERA, Vignetting(), LensBlur()).frames
+    lens = with_optics(renderer, Effects(vignetting=Vignetting(), lens_blur_px=LensBlur()))
+    image = Optics(CAMERA, Effects(vignetting=Vignetting(), lens_blur_px=LensBlur())).frames
     sharp, sharp_rate = renderer.luma_and_rate(views)
     assert np.array_equal(lens.luma(views), image(renderer.luma(views)))
     begun, none = lens.begin_luma(views)()
@@ -212,7 +216,9 @@ def test_frames_and_rates_go_through_the_same_lens() -> None:
 
 @pytest.fixture(scope="module", params=[False, True], ids=["sharp", "blurred"])
 def behind_a_lens(request: pytest.FixtureRequest, llvm: str) -> tuple[Renderer, Views, LumaFrames]:
-    lens = with_optics(built_in("three_walls", blur=request.param), Vignetting(), LensBlur())
+    lens = with_optics(
+        built_in("three_walls", blur=request.param), Effects(vignetting=Vignetting(), lens_blur_px=LensBlur())
+    )
     views = along("three_walls")
     return lens, views, lens.luma(views)
 
@@ -250,7 +256,10 @@ def test_samples_of_frames_smaller_than_the_spot(
     vignetting: Vignetting | None, lens_blur: LensBlur | None, size: tuple[int, int]
 ) -> None:
     """Mirrored at both ends at once, with the 3 x 3 blur before the lens: frames and samples still agree."""
-    lens = with_optics(built_in(camera=Camera(*size, 9.0, 9.0, 1.0, 1.0), blur=True), vignetting, lens_blur)
+    lens = with_optics(
+        built_in(camera=Camera(*size, 9.0, 9.0, 1.0, 1.0), blur=True),
+        Effects(vignetting=vignetting, lens_blur_px=lens_blur),
+    )
     views = along()
     luma = lens.luma(views)
     assert luma.max() > 0
@@ -263,7 +272,10 @@ def test_samples_of_frames_smaller_than_the_spot(
 @pytest.mark.usefixtures("llvm")
 def test_more_rays_are_those_of_a_finer_renderer() -> None:
     """Samples of another number of rays see the lens too."""
-    coarse, fine = (with_optics(built_in(samples=n, blur=True), Vignetting(), LensBlur()) for n in (3, 16))
+    coarse, fine = (
+        with_optics(built_in(samples=n, blur=True), Effects(vignetting=Vignetting(), lens_blur_px=LensBlur()))
+        for n in (3, 16)
+    )
     views = along()
     view, pixel = np.divmod(np.arange(0, 6 * 33 * 17, 7), 33 * 17)
     expected = fine.luma(views).reshape(6, -1)[view, pixel]
@@ -276,7 +288,7 @@ def test_all_but_luma_passes_through() -> None:
     """Depth and flow keep their bits, the renderer's properties are its own, and it is left as it was."""
     renderer, views = built_in(blur=True, edges=True), along()
     before = renderer.luma(views)
-    lens = with_optics(renderer, Vignetting(), LensBlur())
+    lens = with_optics(renderer, Effects(vignetting=Vignetting(), lens_blur_px=LensBlur()))
     assert not np.array_equal(lens.luma(views), before)
     assert np.array_equal(renderer.luma(views), before)
     assert renderer.optics is None
@@ -286,8 +298,8 @@ def test_all_but_luma_passes_through() -> None:
     for name in ("camera", "rays", "blur", "motion", "name", "reason", "variant", "poses_per_launch"):
         assert getattr(lens, name) == getattr(renderer, name), name
     assert (renderer.reach_px, lens.reach_px) == (1, 4)
-    assert with_optics(renderer, Vignetting(), None).reach_px == 1
-    assert with_optics(built_in(blur=False), None, LensBlur()).reach_px == 3
+    assert with_optics(renderer, Effects(vignetting=Vignetting())).reach_px == 1
+    assert with_optics(built_in(blur=False), Effects(lens_blur_px=LensBlur())).reach_px == 3
 
 
 # Off, and refused.
@@ -297,17 +309,26 @@ def test_all_but_luma_passes_through() -> None:
 def test_neutral_is_off() -> None:
     """Neither, or both at neutral values, is the renderer itself; one at its neutral value leaves the other's bits."""
     renderer, views = built_in(blur=True), along()
-    assert with_optics(renderer, None, None) is renderer
-    assert with_optics(renderer, Vignetting(0.0), LensBlur(0.0)) is renderer
+    assert with_optics(renderer, Effects()) is renderer
+    assert with_optics(renderer, Effects(vignetting=Vignetting(0.0), lens_blur_px=LensBlur(0.0))) is renderer
     assert Vignetting(0.0).neutral
     assert LensBlur(0.0).neutral
     assert not Vignetting().neutral
     assert not LensBlur().neutral
-    shaded, blurred = with_optics(renderer, Vignetting(), None), with_optics(renderer, None, LensBlur())
-    assert np.array_equal(with_optics(renderer, Vignetting(), LensBlur(0.0)).luma(views), shaded.luma(views))
-    assert np.array_equal(with_optics(renderer, Vignetting(0.0), LensBlur()).luma(views), blurred.luma(views))
+    shaded, blurred = (
+        with_optics(renderer, Effects(vignetting=Vignetting())),
+        with_optics(renderer, Effects(lens_blur_px=LensBlur())),
+    )
+    assert np.array_equal(
+        with_optics(renderer, Effects(vignetting=Vignetting(), lens_blur_px=LensBlur(0.0))).luma(views),
+        shaded.luma(views),
+    )
+    assert np.array_equal(
+        with_optics(renderer, Effects(vignetting=Vignetting(0.0), lens_blur_px=LensBlur())).luma(views),
+        blurred.luma(views),
+    )
     # A spot too narrow for float32 changes no bit either.
-    tiny = with_optics(renderer, None, LensBlur(1e-9))
+    tiny = with_optics(renderer, Effects(lens_blur_px=LensBlur(1e-9)))
     assert np.array_equal(tiny.luma(views), renderer.luma(views))
     assert np.array_equal(tiny.samples(views, [3], [70]), renderer.samples(views, [3], [70]))
 
@@ -333,10 +354,10 @@ def test_a_spot_wider_than_any_lens_s_is_refused() -> None:
 @pytest.mark.usefixtures("llvm")
 def test_one_lens_is_enough() -> None:
     """A second lens on top of the first is refused, no lens on top of it is not."""
-    lens = with_optics(built_in(), Vignetting(), None)
-    assert with_optics(lens, None, LensBlur(0.0)) is lens
+    lens = with_optics(built_in(), Effects(vignetting=Vignetting()))
+    assert with_optics(lens, Effects(lens_blur_px=LensBlur(0.0))) is lens
     with pytest.raises(ValueError, match="through a lens already; give all optical effects at once"):
-        with_optics(lens, None, LensBlur())
+        with_optics(lens, Effects(lens_blur_px=LensBlur()))
 
 
 # What samples are made of.

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from davis_rs import Scene, load_scene
+from davis_rs import Effects, Scene, load_scene
 from davis_rs.accuracy.hard_case_scenes import sideways, wires
 from davis_rs.effects.lens_blur import LensBlur
 from davis_rs.effects.optics import with_optics
@@ -56,7 +56,9 @@ def test_tracks_are_what_the_renderer_shows(through: str) -> None:
     scene = wires(sideways(0.006, 1.0), shadows=False)
     renderer = renderer_of(scene, blur=through == "blur")
     if through in ("vignetting", "lens"):
-        renderer = with_optics(renderer, Vignetting(), LensBlur(0.7) if through == "lens" else None)
+        renderer = with_optics(
+            renderer, Effects(vignetting=Vignetting(), lens_blur_px=LensBlur(0.7) if through == "lens" else None)
+        )
     for start_us, tracks in zip(START_US.tolist(), tracks_of(renderer, scene), strict=True):
         off = microseconds_off(tracks, renderer, scene, start_us)
         assert len(off) > 100

@@ -9,7 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ..effects import Aps, Effect, Effects, HotPixels, LeakRate, LensBlur, Readout, ShotNoise, Vignetting
+from ..effects import Aps, Effect, Effects, HotPixels, LeakRate, Readout, ShotNoise
 from ..effects.optics import Optics
 from .aps import aps_frame
 from .luma_sample import LumaSample, LumaSegment, push_all
@@ -39,13 +39,11 @@ class Costs:
         sample = self._windows
         if sample.pixel_frames == 0 or self._made(effect) > _MOST_EVENTS:
             return np.nan, np.nan
-        if isinstance(effect, Vignetting | LensBlur):
-            vignetting = effect if isinstance(effect, Vignetting) else None
-            blur = effect if isinstance(effect, LensBlur) else None
-            frames = sum(len(part.luma) for part in sample.parts)
-            return 1e9 * _median_s(lambda: self._through_lens(vignetting, blur)) / (frames * sample.pixels), np.nan
-        # In turn, so that a slow moment of the machine meets both.
         effects = Effects.of([effect])
+        if effects.optical:
+            frames = sum(len(part.luma) for part in sample.parts)
+            return 1e9 * _median_s(lambda: self._through_lens(effects)) / (frames * sample.pixels), np.nan
+        # In turn, so that a slow moment of the machine meets both.
         more_s = [self._pushing_s(effects) - self._pushing_s(None) for _ in range(_ROUNDS)]
         taken_ns = 1e9 * max(float(np.median(more_s)), 0.0)
         if isinstance(effect, Readout):
@@ -71,12 +69,12 @@ class Costs:
 
     def _whole_s(self, effects: Effects) -> float:
         """Lens and engine."""
-        shading, blur = effects.vignetting, effects.lens_blur_px
-        lens_s = _seconds(lambda: self._through_lens(shading, blur)) if shading or blur else 0.0
-        return lens_s + self._pushing_s(effects.without(["vignetting", "lens_blur_px", "aps"]) or None)
+        lens = effects.optical
+        lens_s = _seconds(lambda: self._through_lens(lens)) if lens else 0.0
+        return lens_s + self._pushing_s(effects.without([*(effect.name for effect in lens), "aps"]) or None)
 
-    def _through_lens(self, vignetting: Vignetting | None, blur: LensBlur | None) -> None:
-        lens = Optics(self._sequence.camera, vignetting, blur)
+    def _through_lens(self, effects: Effects) -> None:
+        lens = Optics(self._sequence.camera, effects)
         for part in self._windows.parts:
             lens.frames(part.luma)
 

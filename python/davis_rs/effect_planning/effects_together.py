@@ -8,7 +8,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from ..effects import Effect, Effects, LensBlur, Vignetting, with_optics
+from ..effects import Effect, Effects, with_optics
 from ..events import EventArray, concatenate_events
 from .bus import carried_events
 from .cost import Costs, most_noise_hz
@@ -16,7 +16,8 @@ from .luma_sample import LumaSample
 from .omission_error import OmissionError, omission_error
 from .omission_estimator import FLOOD, NO_LEAK, OmissionEstimator
 
-_NOT_IN_PIXELS = ("vignetting", "lens_blur_px", "hot_pixels", "readout", "aps")
+_ADDED_OR_BEHIND = ("hot_pixels", "readout", "aps")
+"""What the engine's runs of the pixels leave out: hot pixels are added, the others act behind the pixels."""
 
 
 @dataclass(frozen=True)
@@ -126,8 +127,8 @@ class _Pixels:
 
     def _events(self, effects: Effects) -> EventArray:
         """All events but those of hot pixels."""
-        sample = self._through(effects.vignetting, effects.lens_blur_px)
-        in_pixels = Effects.of(effect for effect in effects if effect.name not in _NOT_IN_PIXELS)
+        sample = self._through(effects.optical)
+        in_pixels = Effects.of(e for e in effects if e.acts_on != "luma" and e.name not in _ADDED_OR_BEHIND)
         in_pixels = in_pixels.with_defaults(self._floor)
         parts = [sample.part_events(part, in_pixels or None) for part in sample.parts]
         bus = effects.readout
@@ -145,11 +146,11 @@ class _Pixels:
         hot = (_hot_hz(everything) - _hot_hz(without)) * len(self._pixel) * sequence.duration_us * 1e-6
         return error.with_added(hot, max(len(fewer), len(full))), distance_us + scale.price_us * hot
 
-    def _sample(self, vignetting: Vignetting | None, blur: LensBlur | None) -> LumaSample:
+    def _sample(self, optical: Effects) -> LumaSample:
         sequence = self._estimator.sequence
-        if vignetting is None and blur is None and self._pixel is sequence.pixel:
+        if not optical and self._pixel is sequence.pixel:
             return sequence.pixels
-        return sequence.sample(self._pixel, with_optics(sequence.renderer, vignetting, blur))
+        return sequence.sample(self._pixel, with_optics(sequence.renderer, optical))
 
 
 def _hot_hz(effects: Effects) -> float:

@@ -94,7 +94,7 @@ def _vignetting(estimator: OmissionEstimator, effect: Vignetting) -> tuple[Omiss
 
 def _lens_blur(estimator: OmissionEstimator, effect: LensBlur) -> tuple[OmissionError, str]:
     sample = estimator.sequence.frames
-    blurred = sample.through(Optics(estimator.sequence.camera, None, effect).frames)
+    blurred = sample.through(Optics(estimator.sequence.camera, Effects.of([effect])).frames)
     eps = np.float32(sample.log_eps)
     pairs = zip(sample.parts, blurred.parts, strict=True)
     squares = [np.mean(np.log((a.luma + eps) / (b.luma + eps)) ** 2, dtype=np.float64) for a, b in pairs]

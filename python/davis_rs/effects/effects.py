@@ -113,6 +113,11 @@ class Effects:
         """The effects that are on, in the order in which light and events meet them."""
         return (effect for name in EFFECTS if (effect := getattr(self, name)) is not None)
 
+    @property
+    def optical(self) -> Effects:
+        """Those that act on luma: the lens's."""
+        return Effects.of(effect for effect in self if effect.acts_on == "luma")
+
     def __bool__(self) -> bool:
         """Whether any is on."""
         return any(True for _ in self)

@@ -40,8 +40,7 @@ class LeakRate(EngineEffect):
 
     Args:
         rate_hz: events per second of a pixel in a static scene in the dark at 25 degrees, the mean of all pixels,
-        0..1e6
-            Hz; 0 is neutral.
+            0..1e6 Hz; 0 is neutral.
         spread: standard deviation of the rate from pixel to pixel, as a share of its mean, 0..1.
         jitter: standard deviation of a pixel's intervals, as a share of their mean, 0..1; values are cut off at half a
             threshold.

@@ -10,8 +10,8 @@ from ..camera import Camera
 from ..luma import LumaFrames
 from ..rendering.neighbours import ImageMap, Indices
 from ..rendering.render import Renderer
-from .lens_blur import LensBlur, blur_frame, blur_squares
-from .vignetting import Vignetting
+from .effects import Effects
+from .lens_blur import blur_frame, blur_squares
 
 
 class Optics(ImageMap):
@@ -23,12 +23,14 @@ class Optics(ImageMap):
 
     Args:
         camera: the lens, which vignetting needs; None where it is not known.
+        effects: of these, what acts on luma (:attr:`Effects.optical`).
 
     Raises:
         ValueError: for vignetting without a lens.
     """
 
-    def __init__(self, camera: Camera | None, vignetting: Vignetting | None, lens_blur: LensBlur | None) -> None:
+    def __init__(self, camera: Camera | None, effects: Effects) -> None:
+        vignetting, lens_blur = effects.vignetting, effects.lens_blur_px
         if vignetting is not None and camera is None:
             raise ValueError("vignetting depends on the lens: give camera")
         self._gain = None if vignetting is None or camera is None else vignetting.gain(camera)
@@ -52,23 +54,25 @@ class Optics(ImageMap):
         return luma if self._gain is None else luma * self._gain.ravel()[pixel]
 
 
-def with_optics(renderer: Renderer, vignetting: Vignetting | None, lens_blur: LensBlur | None) -> Renderer:
+def with_optics(renderer: Renderer, effects: Effects) -> Renderer:
     """Return the renderer behind a lens that shades and blurs: luma, rates and samples are of the lens's image.
 
     Depth, flow and silhouettes stay those of the scene. The renderer's own 3 x 3 blur comes before the lens.
 
+    Args:
+        effects: of these, what acts on luma (:attr:`Effects.optical`); the others act behind the lens.
+
     Returns:
-        The renderer itself where neither effect is on; else another one that shares its scene, the first left as it is.
+        The renderer itself where no optical effect is on; else another one that shares its scene, the first left as it
+        is.
 
     Raises:
         ValueError: if the renderer has a lens already.
     """
-    vignetting = None if vignetting is None or vignetting.neutral else vignetting
-    lens_blur = None if lens_blur is None or lens_blur.neutral else lens_blur
-    if vignetting is None and lens_blur is None:
+    if not effects.optical:
         return renderer
     if renderer.optics is not None:
         raise ValueError(f"{renderer.name} renders through a lens already; give all optical effects at once")
     behind = copy(renderer)
-    behind.optics = Optics(renderer.camera, vignetting, lens_blur)
+    behind.optics = Optics(renderer.camera, effects)
     return behind

@@ -268,10 +268,7 @@ class FrameRun:
         return named.with_defaults(of_sensor.without(left_out)), left_out
 
     def _lens(self) -> Optics | None:
-        vignetting, lens_blur = self.effects.vignetting, self.effects.lens_blur_px
-        if vignetting is None and lens_blur is None:
-            return None
-        return Optics(self.camera, vignetting, lens_blur)
+        return Optics(self.camera, self.effects) if self.effects.optical else None
 
     def _interpolation(self) -> Interpolation:
         chosen, step_px = self.settings["interpolation"], self.settings["max_displacement_px"]
