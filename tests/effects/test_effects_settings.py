@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 
 from davis_rs import CrossingEngine, Effects
+from davis_rs.effect_planning.omission_estimator import ESTIMATORS
 from davis_rs.effects import (
     EFFECTS,
     Aps,
@@ -27,6 +28,7 @@ from davis_rs.effects import (
     Vignetting,
     parse_effect,
 )
+from places import ROOT
 
 ALL: list[Effect] = [
     Vignetting(),
@@ -125,6 +127,13 @@ def test_effects_come_in_the_order_in_which_light_and_events_meet_them() -> None
     )
     assert Effects.of([LeakRate(1), LeakRate(2)]) == Effects(leak_rate_hz=2)
     assert Effects.of([LeakRate(1), LeakRate(0)]) == Effects()
+
+
+def test_each_effect_is_documented_and_planned() -> None:
+    """A row of docs/effects.md says where it acts; the plan estimates all that act on events."""
+    rows = re.findall(r"^\| `(\w+)` \| ([\w ]+) \|", (ROOT / "docs/effects.md").read_text(), re.M)
+    assert rows == [(name, effect.acts_on) for name, effect in EFFECTS.items()]
+    assert set(ESTIMATORS) == set(EFFECTS.values()) - {Aps}
 
 
 def test_the_engine_gets_what_it_carries_out() -> None:

@@ -48,7 +48,7 @@ class OmissionEstimator:
 
     def __call__(self, effect: Effect) -> tuple[OmissionError, str]:
         """What leaving out an effect on events does, and what was seen of the sequence, in words."""
-        estimator = _ESTIMATORS[type(effect)]
+        estimator = ESTIMATORS[type(effect)]
         return estimator(self, effect)
 
     def compare(self, sample: LumaSample, without: EventArray, with_effect: EventArray) -> OmissionError:
@@ -193,7 +193,7 @@ def _readout(estimator: OmissionEstimator, effect: Readout) -> tuple[OmissionErr
     return through_bus(estimator.sequence.pixels, effect, estimator.scale, estimator.sequence.camera.height)
 
 
-_ESTIMATORS: dict[type[Effect], Callable[[OmissionEstimator, Any], tuple[OmissionError, str]]] = {
+ESTIMATORS: dict[type[Effect], Callable[[OmissionEstimator, Any], tuple[OmissionError, str]]] = {
     Vignetting: _vignetting,
     LensBlur: _lens_blur,
     PhotoreceptorBandwidth: _bandwidth,
@@ -204,3 +204,4 @@ _ESTIMATORS: dict[type[Effect], Callable[[OmissionEstimator, Any], tuple[Omissio
     HotPixels: _hot_pixels,
     Readout: _readout,
 }
+"""What leaving an effect out does to events, for each that acts on them."""
