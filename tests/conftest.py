@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -39,6 +40,15 @@ QUICK = {
     "trajectory/test_trajectory.py",
 }
 """Of --quick: the engine, effects, formats, decoder, simulator, dataset folders and the command line, in small."""
+
+
+def pytest_configure() -> None:
+    """A shell without job control starts background programs with SIGINT ignored, and their children inherit that.
+
+    Tests of Ctrl-C send this signal to the test process and to its children: so both have Python's own handler.
+    """
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
