@@ -24,6 +24,7 @@ mod readout;
 mod render;
 mod represent;
 mod ros;
+mod threads;
 mod write;
 
 #[cfg(feature = "python")]

@@ -11,6 +11,7 @@
 //! - Checks come before changes.
 //! - The same input gives the same bytes on any number of threads.
 
+use rayon::ThreadPool;
 use rayon::prelude::*;
 
 use super::band::Interval;
@@ -25,6 +26,7 @@ use crate::error::{Error, Result};
 use crate::event::{Event, SensorSize};
 use crate::order::TimeSort;
 use crate::readout::Readout;
+use crate::threads::Threads;
 
 /// Values that one thread checks at a time.
 const CHECKED_AT_A_TIME: usize = 1 << 16;
@@ -49,9 +51,7 @@ pub struct CrossingEngine {
     pub(super) effects: Effects,
     pub(super) seed: u64,
     /// None for one thread, which then is the caller's.
-    pool: Option<rayon::ThreadPool>,
-    /// The process that the pool's threads live in.
-    process: u32,
+    threads: Option<Threads>,
     pub(super) t_us: Option<i64>,
     pub(super) samples: Samples,
     /// No counter of any pixel is larger.
@@ -155,8 +155,7 @@ impl CrossingEngine {
             readout: readout.map(|bus| Readout::new(size, bus, seed)),
             effects,
             seed,
-            pool: (threads > 1).then(|| new_pool(threads)).transpose()?,
-            process: std::process::id(),
+            threads: (threads > 1).then(|| Threads::start(threads)).transpose()?,
             t_us: None,
             samples: Samples::None,
             largest_counter: 0,
@@ -245,9 +244,10 @@ impl CrossingEngine {
     }
 
     pub(super) fn take<S: Feed>(&mut self, frame: Frame<'_, S>, events: &mut Vec<Event>) -> Result<()> {
-        self.follow_a_fork()?;
-        let at = self.check_frame(&frame)?;
-        let push = Push { frame, at, size: self.size, p: &self.parameters, pool: self.pool.as_ref() };
+        let pool = self.threads.as_ref().map(Threads::pool).transpose()?;
+        let pool = pool.as_deref();
+        let at = self.check_frame(&frame, pool)?;
+        let push = Push { frame, at, size: self.size, p: &self.parameters, pool };
         if let Some(pixels) = S::pixels(&mut self.samples) {
             run(pixels, &push, self.most_events, &mut self.sort, events)?;
         } else if self.t_us.is_none() {
@@ -271,18 +271,6 @@ impl CrossingEngine {
         Ok(())
     }
 
-    /// Threads do not follow a fork: in a child process (of Python's multiprocessing, say) the pool is made anew.
-    fn follow_a_fork(&mut self) -> Result<()> {
-        if self.process != std::process::id() {
-            if let Some(pool) = self.pool.take() {
-                self.pool = Some(new_pool(pool.current_num_threads())?);
-                std::mem::forget(pool); // its threads are not here to be stopped
-            }
-            self.process = std::process::id();
-        }
-        Ok(())
-    }
-
     pub(super) fn references(&self) -> Vec<&Level> {
         match &self.samples {
             Samples::None => vec![],
@@ -298,7 +286,7 @@ impl CrossingEngine {
     }
 
     /// Everything that can be wrong with a frame; what is left cannot fail. Returns the interval that it ends.
-    fn check_frame<S: Sample>(&mut self, frame: &Frame<'_, S>) -> Result<Interval> {
+    fn check_frame<S: Sample>(&mut self, frame: &Frame<'_, S>, pool: Option<&ThreadPool>) -> Result<Interval> {
         let Frame { t_us, samples, rate, sparse } = *frame;
         let pixels = self.size.pixels();
         for (name, length) in [("a frame", Some(samples.len())), ("a rate of change", rate.map(<[S]>::len))] {
@@ -335,7 +323,7 @@ impl CrossingEngine {
                 "two frames must be less than 2^53 us apart, got {start_us} us and {t_us} us"
             )));
         }
-        let valid = match &self.pool {
+        let valid = match pool {
             None => S::all_valid(samples),
             Some(pool) => pool.install(|| samples.par_chunks(CHECKED_AT_A_TIME).all(S::all_valid)),
         };
@@ -350,7 +338,7 @@ impl CrossingEngine {
             }
             sparse.check(self.size, start_us, t_us)?;
         }
-        self.make_room(sparse.pixel.len(), ticks)?;
+        self.make_room(sparse.most_of_a_pixel(), ticks)?;
         Ok(Interval { start_us, ticks })
     }
 
@@ -420,11 +408,6 @@ fn attempt<S: Sample>(
         Err(Full) => pixels.undo(push),
     }
     made
-}
-
-fn new_pool(threads: usize) -> Result<rayon::ThreadPool> {
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
-    pool.map_err(|e| Error::Argument(format!("{threads} threads cannot be started: {e}")))
 }
 
 #[cfg(test)]

@@ -54,6 +54,11 @@ impl<S: Sample> SparseSamples<'_, S> {
         Self { pixel: &self.pixel[range.clone()], t_us: &self.t_us[range.clone()], samples: &self.samples[range] }
     }
 
+    /// How many samples the pixel has that has the most.
+    pub(crate) fn most_of_a_pixel(&self) -> usize {
+        self.pixel.chunk_by(|one, next| one == next).map(<[u32]>::len).max().unwrap_or(0)
+    }
+
     /// Refuses samples without a place in the interval, in order, with the first one's number.
     pub(crate) fn check(&self, size: SensorSize, start_us: i64, end_us: i64) -> Result<()> {
         let lengths = [self.pixel.len(), self.t_us.len(), self.samples.len()];

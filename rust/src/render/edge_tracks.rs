@@ -74,14 +74,14 @@ impl Renderer {
             return Err(Error::Argument(format!("spans have {INSTANTS} increasing instants each, got {t_us:?}")));
         }
         let edges = self.edges.get_or_init(|| Edges::of_scene(&self.scene));
-        Ok(self.install(|| {
+        self.install(|| {
             let of_spans = views.par_chunks(INSTANTS).zip(spans);
             let tracked = of_spans.map(|(views, t_us)| {
                 let seen = SeenSpan::new(self, rays, views, edges, Span { t_us: *t_us });
                 seen.tracks(settings)
             });
             tracked.collect()
-        }))
+        })
     }
 }
 

@@ -103,8 +103,7 @@ impl Renderer {
                     self.add_pixels(rays, &lit, pixels, weights, &mut room, gradient);
                 }
             });
-        });
-        Ok(())
+        })
     }
 
     /// What each ray of pixels sees, in float64: `rays.rays()` for each pixel.
@@ -135,8 +134,7 @@ impl Renderer {
                     }
                 });
             });
-        });
-        Ok(())
+        })
     }
 
     /// Adds up the gradients of pixels, each times its weight.

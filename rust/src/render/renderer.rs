@@ -22,6 +22,7 @@ use super::tracks::Sight;
 use super::view::View;
 use super::visibility::NOTHING;
 use crate::error::{Error, Result};
+use crate::threads::{SHARED, Threads};
 
 /// Of a ray that hits nothing.
 pub const NO_TRIANGLE: u32 = NOTHING;
@@ -33,7 +34,7 @@ pub const NO_TRIANGLE: u32 = NOTHING;
 pub struct Renderer {
     pub(super) scene: Scene,
     still: FrameCones,
-    pool: Option<rayon::ThreadPool>,
+    threads: Option<Threads>,
     rooms: Spares<Room>,
     scratch: Spares<TileScratch>,
     pixels: Spares<Pixels>,
@@ -78,10 +79,10 @@ impl Renderer {
     ///
     /// [`Error::Argument`] for 0 threads, or for more than the system allows.
     pub fn new(scene: Scene, threads: Option<usize>) -> Result<Self> {
-        let pool = threads.map(new_pool).transpose()?;
+        let threads = threads.map(Threads::start).transpose()?;
         let still = still_cones(&scene);
         let (rooms, scratch, pixels) = (Spares::default(), Spares::default(), Spares::default());
-        Ok(Self { scene, still, pool, rooms, scratch, pixels, edges: OnceLock::new() })
+        Ok(Self { scene, still, threads, rooms, scratch, pixels, edges: OnceLock::new() })
     }
 
     /// The scene.
@@ -93,7 +94,7 @@ impl Renderer {
     /// How many threads of its own it has; none where it takes all that there are.
     #[must_use]
     pub fn threads(&self) -> Option<usize> {
-        self.pool.as_ref().map(rayon::ThreadPool::current_num_threads)
+        self.threads.as_ref().and_then(Threads::count)
     }
 
     /// Luma of frames, row by row, one view after the other; and its rate per second where room for it is given.
@@ -116,10 +117,9 @@ impl Renderer {
                     tile::luma::<true>(of, tile, scratch, before, image);
                     put(rays, tile, &image.luma, luma);
                     put(rays, tile, &image.rate, rate);
-                });
+                })
             }
         }
-        Ok(())
     }
 
     /// Luma of single pixels: `pixels` are numbers of a view and of a pixel in it, row by row.
@@ -179,7 +179,7 @@ impl Renderer {
                 found
             });
             of_thread.collect()
-        });
+        })?;
         for (sample, value) in order.iter().zip(in_order.iter().flatten()) {
             found[sample.index] = *value;
         }
@@ -206,8 +206,7 @@ impl Renderer {
             });
             put(rays, tile, &depths, depth);
             put(rays, tile, &hit, triangles);
-        });
-        Ok(())
+        })
     }
 
     pub(super) fn centred(&self, views: &[View]) -> Result<Vec<View>> {
@@ -222,11 +221,9 @@ impl Renderer {
         }
     }
 
-    pub(super) fn install<R: Send>(&self, work: impl FnOnce() -> R + Send) -> R {
-        match &self.pool {
-            Some(pool) => pool.install(work),
-            None => work(),
-        }
+    /// Does work on the renderer's threads, or else on those that all share.
+    pub(super) fn install<R: Send>(&self, work: impl FnOnce() -> R + Send) -> Result<R> {
+        Ok(self.threads.as_ref().unwrap_or(&SHARED).pool()?.install(work))
     }
 
     /// Does all tiles of all views, given the bands of their frames: several views side by side, or where they are few
@@ -239,7 +236,7 @@ impl Renderer {
         work: impl for<'v> Fn(&TileView<'v>, usize, (&mut TileScratch, &mut Shaders<'v>), &mut TileImage, &mut T)
         + Sync
         + Send,
-    ) {
+    ) -> Result<()> {
         let do_band = |of: &TileView, row: usize, scratch: &mut TileScratch, band: &mut T| {
             let (mut image, mut before) = (TileImage::BLACK, vec![]);
             for column in 0..rays.columns {
@@ -273,7 +270,7 @@ impl Renderer {
                 });
                 self.scratch.give(scratch);
             });
-        });
+        })
     }
 
     /// Of how many views one thread does a band before it goes on to the next. They see nearly the same there, so that its
@@ -393,14 +390,6 @@ fn put<T: Copy>(rays: &PixelRays, tile: usize, pixels: &[T; PIXELS], band: &mut 
 
 pub(super) fn check_room(expected: usize, got: usize) -> Result<()> {
     if expected == got { Ok(()) } else { Err(Error::Argument(format!("there must be room for {expected}, got {got}"))) }
-}
-
-fn new_pool(threads: usize) -> Result<rayon::ThreadPool> {
-    if threads == 0 {
-        return Err(Error::Argument("threads must be at least 1, got 0".to_owned()));
-    }
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
-    pool.map_err(|error| Error::Argument(format!("{threads} threads could not be started: {error}")))
 }
 
 #[cfg(test)]

@@ -85,7 +85,7 @@ impl Renderer {
                 found
             };
             of_view.zip(pixels).map(of_chunk).collect_into_vec(&mut found);
-        });
+        })?;
         Ok(found.into_iter().fold(TexelGradients::default(), TexelGradients::join))
     }
 
