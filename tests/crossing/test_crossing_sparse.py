@@ -172,3 +172,13 @@ def test_sparse_samples_without_a_place_are_refused(sparse: SparseArrays, rule: 
     with pytest.raises(ValueError, match=rule):
         engine.push(100, still, sparse=sparse)
     assert len(engine.push(100, still, sparse=(ONE, ONE * 50, ONE * 0.75))) == 4
+
+
+def test_samples_of_many_pixels_are_not_counted_as_those_of_one() -> None:
+    """A pixel counts to 2^32 - 1. With a tiny threshold an interval may hold many events, but only this pixel's own."""
+    pixels = np.arange(60 * 50)
+    engine = CrossingEngine(60, 50, contrast_threshold=1e-3, threads=1)
+    engine.push_log(0, np.zeros((50, 60)))
+    times, values = np.full(pixels.size, 500, np.int64), np.full(pixels.size, 0.0025)
+    events = engine.push_log(1000, np.zeros((50, 60)), sparse=(pixels, times, values))
+    assert len(events) == 4 * pixels.size
