@@ -44,7 +44,7 @@ def read_what_is_left(path: Path) -> EventArray:
 
 
 @every_kind
-@pytest.mark.parametrize("delay_ms", [0, 3, 17, 60])
+@pytest.mark.parametrize("delay_ms", [3, *(pytest.param(delay, marks=pytest.mark.long) for delay in (0, 17, 60))])
 def test_a_killed_writer_leaves_every_packet_that_was_written(tmp_path: Path, kind: Kind, delay_ms: int) -> None:
     """kill -9 at any moment, without a flush: all packets whose write() had returned read back, bit by bit. A .npz is
     written next to its path, where nothing is until it is finished."""

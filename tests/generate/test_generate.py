@@ -168,6 +168,7 @@ def test_what_is_not_checked_first_fails_alone(tmp_path: Path, monkeypatch: pyte
     assert generated.made == 4 - len(bad)
 
 
+@pytest.mark.long
 def test_moving_scenes_are_the_same_with_any_workers(tmp_path: Path) -> None:
     """Sequences of the public dataset, with a person that walks through one of them: also those are bytes of the plan
     alone, whoever made what before."""

@@ -75,6 +75,7 @@ def test_the_command_line_takes_an_address_or_a_scheduler_file(
     assert files_of(tmp_path / "root0") == files_of(tmp_path / "root1")
 
 
+@pytest.mark.long
 def test_what_the_scheduler_gives_up_is_told_and_made_by_the_next_run(cluster: Any, tmp_path: Path) -> None:
     """A scheduler that allows no failure: sequences of workers that die fail, by its words, and the others are made."""
     plan = load_sequence_plan(write_plan(tmp_path, sequences=6))

@@ -22,12 +22,14 @@ def example() -> Any:
     return module
 
 
-def test_a_network_learns_to_reconstruct(tmp_path: Path) -> None:
-    """On images that it never saw, a network comes closer to the frames than an even grey and than the events' sum."""
-    arguments = ["--sequences", "24", "--steps", "120", "--data", str(tmp_path / "data")]
+def test_a_network_learns_to_reconstruct(tmp_path: Path, long: bool) -> None:
+    """On images that it never saw, a network comes closer to the frames than before it learned; and with ``--long``, than
+    an even grey."""
+    sequences, steps = ("24", "120") if long else ("8", "40")
+    arguments = ["--sequences", sequences, "--steps", steps, "--data", str(tmp_path / "data")]
     found = example().main([*arguments, "-o", str(tmp_path / "out.png")])
     error, correlation = found["network"]
-    assert error < 0.92 * found["an even grey"][0]
     assert error < found["network before training"][0]
-    assert correlation > 0.45
+    assert correlation > (0.45 if long else 0.2)
+    assert not long or error < 0.92 * found["an even grey"][0]
     assert (tmp_path / "out.png").stat().st_size > 10_000

@@ -59,8 +59,9 @@ from places import HELPERS
 pytestmark = pytest.mark.usefixtures("llvm")
 
 
-@pytest.fixture(autouse=True)
+@pytest.fixture
 def folder(light_cache: Path) -> Path:
+    """Of tests of the cache itself; the others share the session's, so that a scene is baked once."""
     return light_cache
 
 

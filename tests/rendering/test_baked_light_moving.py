@@ -30,8 +30,9 @@ DURATION_S = 0.4
 UPRIGHT = [0.0, 0.0, 0.0, 1.0]
 
 
-@pytest.fixture(autouse=True)
+@pytest.fixture
 def folder(light_cache: Path) -> Path:
+    """Of tests of the cache itself; the others share the session's, so that a scene is baked once."""
     return light_cache
 
 
@@ -128,6 +129,7 @@ def test_a_body_that_stands_still_is_baked_once(folder: Path) -> None:
     assert renderer.luma(views) == pytest.approx(still.luma(views), rel=0.02)
 
 
+@pytest.mark.long
 def test_the_same_bits_with_and_without_cache(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
