@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from . import represent
     from ._core import CrossingEngine, DecodeError, Decoder, Device, Encoder, __version__, log_intensity, reconstruct
+    from .argument_error import ArgumentError
     from .biases import BIAS_SETS, CoarseFineBias
     from .camera import Camera, load_camera
     from .clocks import ClockAlignment, align_clocks
@@ -64,6 +65,7 @@ if TYPE_CHECKING:
 _MODULES = {
     "ACCURACY": "sampling.presets",
     "Accuracy": "sampling.presets",
+    "ArgumentError": "argument_error",
     "BIAS_SETS": "biases",
     "CallableTrajectory": "trajectory.trajectory",
     "Camera": "camera",
@@ -190,6 +192,7 @@ __all__ = [
     "SENSORS",
     "TRIGGER_DTYPE",
     "Accuracy",
+    "ArgumentError",
     "CallableTrajectory",
     "Camera",
     "ClockAlignment",

@@ -13,7 +13,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ..argument_error import ArgumentError
 from ..camera import Camera
+from ..close_names import names_checked
 from ..events import EventArray, as_events
 from ..imu import IMU_DTYPE, Imu, ImuArray, as_imu, kalibr_camera_chain, kalibr_imu
 from ..packet import Packet
@@ -65,9 +67,10 @@ def check_image_gain(image_gain: float | None) -> None:
     """Refuse, by a ValueError, an image gain that is not positive and finite; None is one that is still to be
     chosen."""
     if image_gain is not None and not 0 < image_gain < math.inf:
-        raise ValueError(f"image_gain must be positive and finite, got {image_gain}")
+        raise ArgumentError("{image_gain} must be positive and finite, got {}", image_gain)
 
 
+@names_checked
 class DatasetWriter:
     """Writes packets, as they come, into a dataset folder; a context manager.
 
@@ -128,7 +131,7 @@ class DatasetWriter:
     ) -> None:
         check_image_gain(image_gain)
         if check_frames < 0:
-            raise ValueError(f"check_frames must be >= 0, got {check_frames}")
+            raise ArgumentError("{check_frames} must be >= 0, got {}", check_frames)
         self.path = Path(path)
         self.camera = camera if isinstance(camera, Camera) else None
         self.size = (camera.width, camera.height) if isinstance(camera, Camera) else camera

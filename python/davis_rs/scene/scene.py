@@ -7,7 +7,9 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from ..argument_error import ArgumentError
 from ..camera import PRESETS, Camera
+from ..close_names import names_checked
 from ..pose import Pose
 from ..trajectory.trajectory import SegmentTrajectory, Trajectory
 from .light_profile import LightProfile, ShiftedProfile
@@ -15,6 +17,7 @@ from .light_profile import LightProfile, ShiftedProfile
 SceneSource = Path | Mapping[str, Any]
 
 
+@names_checked
 @dataclass(frozen=True)
 class Scene:
     """A scene and the settings that belong to it, each of which the caller may override.
@@ -93,7 +96,9 @@ class Scene:
             ValueError: if it has none.
         """
         if self.camera is None:
-            raise ValueError(f"scene {self.name!r} has no perspective sensor that tells lens and size: give camera=")
+            raise ArgumentError(
+                "scene {!r} has no perspective sensor that tells lens and size: give {camera}", self.name
+            )
         return self.camera
 
     def with_trajectory(self, trajectory: Trajectory) -> Scene:

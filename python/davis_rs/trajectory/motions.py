@@ -7,6 +7,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
+from ..argument_error import ArgumentError
 from ..pose import FloatArray, Pose, hamilton
 from .sampled_trajectory import SampledTrajectory, rotation_through
 from .trajectory import SPEED_WINDOW_S, SegmentTrajectory, mean_rates
@@ -77,7 +78,7 @@ def hand_held(
     Source of the pattern: Mueggler et al., IJRR 2017, the list of datasets.
     """
     if kind not in ("rotation", "translation", "6dof"):
-        raise ValueError(f"kind must be 'rotation', 'translation' or '6dof', got {kind!r}")
+        raise ArgumentError("{kind} must be 'rotation', 'translation' or '6dof', got {!r}", kind)
     _check_positive(duration_s=duration_s, reach_m=reach_m, reach_rad=reach_rad)
     for name, value in (("top_speed_m_s", top_speed_m_s), ("top_rate_rad_s", top_rate_rad_s)):
         if not 0 <= value < np.inf:
@@ -123,7 +124,7 @@ def zigzag(
     """
     _check_positive(leg_m=leg_m, speed_m_s=speed_m_s, width_m=width_m)
     if legs < 1:
-        raise ValueError(f"legs must be >= 1, got {legs}")
+        raise ArgumentError("{legs} must be >= 1, got {}", legs)
     forward, right = _level(start)
     corners = np.arange(legs + 1)
     side = np.where(corners % 2 == 0, 0.0, width_m)
@@ -144,7 +145,7 @@ def spiral(start: Pose, turns: float, radius_m: float, speed_m_s: float, *, pitc
     """
     _check_positive(turns=turns, radius_m=radius_m, speed_m_s=speed_m_s)
     if not 0 <= pitch_m < np.inf:
-        raise ValueError(f"pitch_m must be finite and >= 0, got {pitch_m}")
+        raise ArgumentError("{pitch_m} must be finite and >= 0, got {}", pitch_m)
     share = np.linspace(0.0, 1.0, max(8, round(24 * turns)) + 1)
     angle = 2 * np.pi * turns * share
     in_camera = np.stack(
@@ -320,4 +321,4 @@ def _unit(direction: npt.ArrayLike) -> FloatArray:
 def _check_positive(**values: float) -> None:
     for name, value in values.items():
         if not 0 < value < np.inf:
-            raise ValueError(f"{name} must be finite and > 0, got {value}")
+            raise ArgumentError("{argument} must be finite and > 0, got {}", value, argument=name)

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from ..argument_error import ArgumentError
 from ..pose import FloatArray, Pose, body_rates, conjugate, describe_pose, hamilton, rotation_matrices
 
 TIME_TOLERANCE_S = 1e-6
@@ -138,7 +139,7 @@ class Trajectory(ABC):
             ValueError: for a window that is negative or not finite.
         """
         if not 0 <= window_s < np.inf:
-            raise ValueError(f"window_s must be finite and >= 0, got {window_s}")
+            raise ArgumentError("{window_s} must be finite and >= 0, got {}", window_s)
         t, window_s = _windows(self.duration_s, window_s)
         if window_s == 0:
             speeds = np.linalg.norm(self.velocities(t), axis=1)
