@@ -158,7 +158,7 @@ class FrameSettings(_LightSettings, _PartSettings, _BetweenSettings, PixelSettin
     effects: Annotated[
         EffectsLike | None,
         Declared(
-            "effects; each is added to the sensor's, or replaces the sensor's of the same name",
+            f"effects {EFFECT_FORM}; each is added to the sensor's, or replaces the sensor's of the same name",
             default_help="the sensor's",
             metavar=EFFECT_FORM,
             text=list,

@@ -406,8 +406,8 @@ class SimulationSettings(CustomSettings, EffectsToleranceSettings, total=False):
     effects: Annotated[
         EffectsLike | None,
         Declared(
-            "effects; each is added to the sensor's, or replaces the sensor's of the same name. auto takes those "
-            "effects of the sensor (davis240c if not given) that matter in this scene",
+            f"effects {EFFECT_FORM}; each is added to the sensor's, or replaces the sensor's of the same name. auto "
+            "takes those effects of the sensor (davis240c if not given) that matter in this scene",
             default_help="the sensor's",
             metavar=EFFECT_FORM,
             text=list,
