@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from .monte_carlo_noise import NoiseEstimate, NoiseWarning, estimate_noise
     from .motion_capture import MocapClock, MocapNoise, MotionCapture
     from .packet import Displacement, Packet
-    from .pose import GroundTruth, Pose, Velocities
+    from .pose import GroundTruth, Pose, Velocities, as_pose
     from .recordings import Recording, RecordingWarning, read_recording
     from .sampling.presets import ACCURACY, Accuracy
     from .sampling.rules import FixedRate, MaxDisplacement
@@ -141,6 +141,7 @@ _MODULES = {
     "align": "trajectory.trajectory",
     "align_clocks": "clocks",
     "as_events": "events",
+    "as_pose": "pose",
     "check_dataset": "inspection.check",
     "compare_events": "event_matching",
     "compare_streams": "stream_statistics",
@@ -261,6 +262,7 @@ __all__ = [
     "align",
     "align_clocks",
     "as_events",
+    "as_pose",
     "check_dataset",
     "compare_events",
     "compare_streams",

@@ -17,7 +17,7 @@ from .effects.effects import effects_of
 from .events import EventArray, concatenate_events
 from .ground_truth import SceneSurfaces
 from .packet import Packet
-from .pose import Pose
+from .pose import Pose, PoseLike, as_pose
 from .read_ahead import read_ahead
 from .rendering.renderers import make_renderer
 from .run_description import describe_run
@@ -171,12 +171,14 @@ class Simulator:
         yield from self._packets(trajectory, 0, round(trajectory.duration_s * 1e6), ahead=ahead)
         yield from self.flush()
 
-    def step(self, t_us: int, pose: Pose) -> list[Packet]:
+    def step(self, t_us: int, pose: PoseLike) -> list[Packet]:
         """Move the camera to ``pose`` at ``t_us``; return the packets since the last step.
 
         Between two poses the camera moves at constant velocity and body rate, and is rendered as often as ``sampling``
         asks. The first step must be at 0: it sets the references. The last packet ends at ``t_us``; the others
         end where frames and depth maps fall due between.
+
+        A pose is a :class:`~davis_rs.Pose`, a matrix T_world_camera (4, 4), or (position, quaternion (x, y, z, w)).
 
         There is a keyframe at the end of each step. So steps shorter than the spacing of keyframes in :meth:`run`
         sample more finely: where their events differ from those of a run along the same path, those of the steps are
@@ -188,6 +190,7 @@ class Simulator:
         """
         if self.settings["flow_interval_s"] is not None:
             raise ArgumentError("{flow_interval_s} looks ahead along a path: it is for run, not for step")
+        pose = as_pose(pose)
         if self._pose is None:
             if t_us != 0:
                 raise ValueError(f"the first step must be at t = 0 us, got {t_us} us")

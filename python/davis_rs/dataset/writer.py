@@ -19,7 +19,7 @@ from ..close_names import names_checked
 from ..events import EventArray, as_events
 from ..imu import IMU_DTYPE, Imu, ImuArray, as_imu, kalibr_camera_chain, kalibr_imu
 from ..packet import Packet
-from ..pose import NO_VELOCITIES, Pose, Velocities
+from ..pose import NO_VELOCITIES, Pose, PoseLike, Velocities, as_pose
 from .displacement_png import encode_displacement
 from .files import (
     CALIBRATION,
@@ -169,7 +169,7 @@ class DatasetWriter:
     def write(
         self,
         packet: Packet,
-        poses: Iterable[tuple[int, Pose]] = (),
+        poses: Iterable[tuple[int, PoseLike]] = (),
         imu: ImuArray | None = None,
         velocities: Velocities | None = None,
     ) -> None:
@@ -308,8 +308,8 @@ class DatasetWriter:
             )
         return events
 
-    def _checked_poses(self, poses: Iterable[tuple[int, Pose]]) -> list[tuple[int, Pose]]:
-        checked, last_us = list(poses), self._last_pose_us
+    def _checked_poses(self, poses: Iterable[tuple[int, PoseLike]]) -> list[tuple[int, Pose]]:
+        checked, last_us = [(t_us, as_pose(pose, "poses")) for t_us, pose in poses], self._last_pose_us
         for t_us, _ in checked:
             if t_us <= last_us:
                 raise ValueError(f"pose times must be >= 0 and increase, got {t_us} us after {last_us} us")

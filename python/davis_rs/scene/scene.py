@@ -10,7 +10,7 @@ from typing import Any
 from ..argument_error import ArgumentError
 from ..camera import PRESETS, Camera
 from ..close_names import names_checked
-from ..pose import Pose
+from ..pose import Pose, as_pose
 from ..trajectory.trajectory import SegmentTrajectory, Trajectory
 from .light_profile import LightProfile, ShiftedProfile
 
@@ -69,6 +69,10 @@ class Scene:
     matte: bool = False
     biases: str | None = None
     note: str = ""
+
+    def __post_init__(self) -> None:
+        if self.start is not None:
+            object.__setattr__(self, "start", as_pose(self.start, "start"))
 
     def __repr__(self) -> str:
         moves = "no trajectory" if self.trajectory is None else f"{self.trajectory.duration_s:.6g} s"
