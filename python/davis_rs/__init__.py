@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from . import represent
     from ._core import CrossingEngine, DecodeError, Decoder, Device, Encoder, __version__, log_intensity, reconstruct
+    from .argument_error import ArgumentError
     from .biases import BIAS_SETS, CoarseFineBias
     from .camera import Camera, load_camera
     from .clocks import ClockAlignment, align_clocks
@@ -35,7 +36,7 @@ if TYPE_CHECKING:
     from .monte_carlo_noise import NoiseEstimate, NoiseWarning, estimate_noise
     from .motion_capture import MocapClock, MocapNoise, MotionCapture
     from .packet import Displacement, Packet
-    from .pose import GroundTruth, Pose, Velocities
+    from .pose import GroundTruth, Pose, Velocities, as_pose
     from .recordings import Recording, RecordingWarning, read_recording
     from .sampling.presets import ACCURACY, Accuracy
     from .sampling.rules import FixedRate, MaxDisplacement
@@ -64,6 +65,7 @@ if TYPE_CHECKING:
 _MODULES = {
     "ACCURACY": "sampling.presets",
     "Accuracy": "sampling.presets",
+    "ArgumentError": "argument_error",
     "BIAS_SETS": "biases",
     "CallableTrajectory": "trajectory.trajectory",
     "Camera": "camera",
@@ -139,6 +141,7 @@ _MODULES = {
     "align": "trajectory.trajectory",
     "align_clocks": "clocks",
     "as_events": "events",
+    "as_pose": "pose",
     "check_dataset": "inspection.check",
     "compare_events": "event_matching",
     "compare_streams": "stream_statistics",
@@ -190,6 +193,7 @@ __all__ = [
     "SENSORS",
     "TRIGGER_DTYPE",
     "Accuracy",
+    "ArgumentError",
     "CallableTrajectory",
     "Camera",
     "ClockAlignment",
@@ -258,6 +262,7 @@ __all__ = [
     "align",
     "align_clocks",
     "as_events",
+    "as_pose",
     "check_dataset",
     "compare_events",
     "compare_streams",

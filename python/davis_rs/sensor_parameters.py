@@ -7,7 +7,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
 from typing import Any, TypeVar
 
+from .argument_error import ArgumentError
 from .biases import BiasValues, CoarseFineBias, as_biases
+from .close_names import names_checked
 from .effects import Aps, Effects, HotPixels, LeakRate, PhotoreceptorBandwidth, Readout, ShotNoise, ThresholdMismatch
 from .effects.effect import check_range
 from .effects.leak_rate import REFERENCE_C, warmth
@@ -47,6 +49,7 @@ _SIGNED = {"temperature_c", "threshold_column_parity"}
 _SHARES = {"threshold_column_parity", "hot_pixel_fraction", "leak_spread", "leak_jitter", "aps_prnu"}
 
 
+@names_checked
 @dataclass(frozen=True, kw_only=True)
 class SensorParameters:
     """A particular sensor. None stands for what is not known or does not occur: that effect is then off.
@@ -207,7 +210,7 @@ class SensorParameters:
         """
         check_range("lux_per_luma", lux_per_luma, 0.0, math.inf, "lux")
         if lux_per_luma == 0:
-            raise ValueError(f"lux_per_luma must be finite and > 0 lux, got {lux_per_luma!r}")
+            raise ArgumentError("{lux_per_luma} must be finite and > 0 lux, got {!r}", lux_per_luma)
         hz, lux = self.photoreceptor_bandwidth_hz, self.photoreceptor_bandwidth_lux
         follower_hz = self.source_follower_bandwidth_hz
         receptor_hz = hz * lux_per_luma / lux if hz is not None and lux is not None else math.inf

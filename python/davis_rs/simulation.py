@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
+from .argument_error import ArgumentError
 from .effect_planning import EffectPlan, plan_effects
-from .effects import Effects, parse_effect
+from .effects.effects import read_effects
 from .monte_carlo_noise import NoiseEstimate, NoiseWarning, estimate_noise_of
 from .packet import Packet
 from .scene.scene import Scene, check_scene
@@ -49,7 +50,8 @@ def simulate(
             call or at the first packet.
     """
     check_scene(scene)
-    made = make_simulator(scene.crop(start_s, duration_s), settings)
+    given = complete(SimulationSettings, settings, of=simulate)
+    made = make_simulator(scene.crop(start_s, duration_s), given)
     made.warn_of_noise(stacklevel=3)
     return made.simulator.run()
 
@@ -108,12 +110,12 @@ def make_simulator(scene: Scene, settings: Mapping[str, Any]) -> MadeSimulator:
     """A simulator of a scene's camera path; its effects are planned and its samples chosen where that is asked for.
 
     Args:
-        settings: those of :class:`~davis_rs.settings.SimulationSettings`.
+        settings: complete ones of :class:`~davis_rs.settings.SimulationSettings`.
 
     Raises:
-        TypeError, ValueError, OSError: as :func:`simulate`.
+        ValueError, OSError: as :func:`simulate`.
     """
-    given = complete(SimulationSettings, settings, of="simulate")
+    given = dict(settings)
     given["sensor"] = fixed_sensor(scene, given["sensor"])
     named, planned = read_effects(given["effects"])
     plan: EffectPlan | None = None
@@ -124,8 +126,9 @@ def make_simulator(scene: Scene, settings: Mapping[str, Any]) -> MadeSimulator:
         plan = plan_effects(scene, keep=named, **only(PlanSettings, given))
         named = plan.effects
     elif given["effects_tolerance"] is not None:
-        raise ValueError(
-            f"effects_tolerance is {given['effects_tolerance']:g}, but no effects are planned: it is for effects auto"
+        raise ArgumentError(
+            "{effects_tolerance} is {:g}, but no effects are planned: it is for {effects:auto}",
+            given["effects_tolerance"],
         )
     chosen = only(SimulatorSettings, {**given, "effects": named})
     chose_samples = given["samples"] == AUTO
@@ -145,19 +148,3 @@ def make_simulator(scene: Scene, settings: Mapping[str, Any]) -> MadeSimulator:
         if samples != simulator.renderer.rays:
             simulator = Simulator(scene, **{**chosen, "samples": samples})
     return MadeSimulator(simulator, plan, noise, given["noise_share"], chose_samples)
-
-
-def read_effects(effects: Effects | str | Sequence[str] | None) -> tuple[Effects, bool]:
-    """The effects that are named, and whether others are to be planned.
-
-    Args:
-        effects: :class:`~davis_rs.Effects`, or texts as :func:`~davis_rs.effects.parse_effect` takes them, ``auto``
-            among them where others are to be planned.
-
-    Raises:
-        ValueError: for an effect that is not there or a malformed value.
-    """
-    if effects is None or isinstance(effects, Effects):
-        return Effects() if effects is None else effects, False
-    texts = [effects] if isinstance(effects, str) else list(effects)
-    return Effects.of(parse_effect(text) for text in texts if text != AUTO), AUTO in texts

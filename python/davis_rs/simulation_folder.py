@@ -86,7 +86,7 @@ def simulate_to_folder(
     """
     check_scene(scene)
     started = time.perf_counter()
-    given = complete(FolderSettings, settings, of="simulate_to_folder")
+    given = complete(FolderSettings, settings, of=simulate_to_folder)
     imu, motion_capture = make_imu(given), make_motion_capture(given)
     scene = scene.crop(start_s, duration_s)
     made = make_simulator(scene, only(SimulationSettings, given))

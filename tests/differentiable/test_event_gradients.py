@@ -240,7 +240,7 @@ def test_what_is_refused() -> None:
             event_time_jacobian(scene, events, **EXACT)
     with pytest.raises(ValueError, match=r"of must name pose, .*; got 'poses'; did you mean pose\?"):
         event_time_jacobian(scene, good, of=("poses",))
-    with pytest.raises(TypeError, match="no setting 'sample'"):
+    with pytest.raises(TypeError, match="no argument 'sample'"):
         event_time_jacobian(scene, good, sample=3)
     with pytest.raises(ValueError, match=r"need the native renderer, .* this is the"):
         event_time_jacobian(scene, good, renderer="integrator")

@@ -105,8 +105,8 @@ def test_a_lens_goes_to_calib_txt(clip: Path, tmp_path: Path) -> None:
 ERRORS: dict[str, tuple[str, str]] = {
     "smaller": ("--sensor davis346", "give 48 x 32: frames are not enlarged; a sensor file without width and height"),
     "transfer": ("--transfer pq", "transfer must be one of srgb, rec709, linear, gamma=G, got 'pq'"),
-    "both": ("--fps 3 --timestamps x.txt", "only one of timestamps and fps may be given"),
-    "unit": ("--time-unit ms", "time-unit is that of timestamps"),
+    "both": ("--fps 3 --timestamps x.txt", "only one of --timestamps and --fps may be given"),
+    "unit": ("--time-unit ms", "--time-unit is that of --timestamps: give them too"),
     "shape": ("--size 24x24", "--crop 32x32 fits"),
 }
 

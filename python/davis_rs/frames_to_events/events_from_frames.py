@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy.typing as npt
 
+from ..argument_error import ArgumentError
 from ..packet import Packet
-from ..settings import FrameSettings, takes_settings
+from ..settings import FrameSettings, complete, takes_settings
 from .array_frames import ArrayFrames
 from .frame_run import FrameRun
 from .frame_source import FrameSource
@@ -54,7 +55,8 @@ def events_from_frames(
         OSError, DecodeError: as :func:`~davis_rs.open_frames`.
         ImportError: for what needs OpenCV, without it.
     """
-    return FrameRun(_source(frames, t_us, fps), settings).packets()
+    given = complete(FrameSettings, settings, of=events_from_frames)
+    return FrameRun(_source(frames, t_us, fps), given).packets()
 
 
 def _source(
@@ -62,12 +64,12 @@ def _source(
 ) -> FrameSource:
     if isinstance(frames, FrameSource):
         if t_us is not None or fps is not None:
-            raise ValueError("frames that were opened have stamps: give t_us or fps to open_frames")
+            raise ArgumentError("{frames} that were opened have stamps: give {t_us} or {fps} to open_frames")
         return frames
     if isinstance(frames, str) or hasattr(frames, "__fspath__"):
-        raise ValueError(f"frames must be arrays, got the path {str(frames)!r}: open it by davis_rs.open_frames")
+        raise ArgumentError("{frames} must be arrays, got the path {!r}: open it by davis_rs.open_frames", str(frames))
     if (t_us is None) == (fps is None):
-        raise ValueError("one of t_us and fps must be given")
+        raise ArgumentError("one of {t_us} and {fps} must be given")
     if fps is not None:
         return ArrayFrames(frames, rate_stamps(fps))
     if isinstance(t_us, Iterator):

@@ -10,14 +10,16 @@ from typing import Any
 import numpy as np
 
 from .._core import CrossingEngine, __version__
+from ..argument_error import ArgumentError
 from ..camera import Camera
-from ..effects import Effects, Optics, parse_effect
+from ..effects import Effects, Optics
+from ..effects.effects import effects_of
 from ..events import EventArray, concatenate_events
 from ..packet import Packet
 from ..read_ahead import read_ahead
 from ..sensor_parameters import SensorParameters
 from ..sensors import read_once, sensor_parameters
-from ..settings import LOG_EPS, FrameSettings, camera_of_size, complete
+from ..settings import LOG_EPS, camera_of_size
 from .frame_part import FramePart, frame_part
 from .frame_source import FrameSource, StampedFrame
 from .frames_between import Auto, FramesBetween
@@ -40,7 +42,7 @@ class FrameRun:
 
     Args:
         source: of the frames.
-        settings: those of :class:`~davis_rs.settings.FrameSettings`.
+        settings: complete ones of :class:`~davis_rs.settings.FrameSettings`.
         from_zero: the first frame that is taken gets the stamp 0; else stamps stay as the source has them.
 
     Attributes:
@@ -55,12 +57,12 @@ class FrameRun:
         interpolation: what lies between frames.
 
     Raises:
-        TypeError, ValueError: for settings that do not exist, are out of range or contradict each other.
+        ValueError: for settings that are out of range or contradict each other.
         OSError, DecodeError: if the first frame cannot be read.
     """
 
     def __init__(self, source: FrameSource, settings: Mapping[str, Any], *, from_zero: bool = False) -> None:
-        self.settings = complete(FrameSettings, settings, of="events_from_frames")
+        self.settings = dict(settings)
         self.settings["sensor"] = read_once(self.settings["sensor"])
         self.source = source
         _check_times(self.settings)
@@ -258,7 +260,10 @@ class FrameRun:
 
     def _effects(self, sensor: SensorParameters) -> tuple[Effects, tuple[str, ...]]:
         """Return the given effects over the sensor's, and the names of the sensor's that frames do not allow."""
-        named = _named_effects(self.settings["effects"])
+        named = effects_of(
+            self.settings["effects"],
+            not_planned="is for a scene that can be rendered; for frames name {sensor} or {effects}",
+        )
         if named.aps is not None:
             raise ValueError(
                 "the effect aps makes intensity frames from light, but here intensity frames are the input"
@@ -293,18 +298,11 @@ class FrameRun:
 _TOLD_ELSEWHERE = {"camera", "size", "effects", "threads", "crop", "roi", "transfer", "white_level", "interpolation"}
 
 
-def _named_effects(effects: Any) -> Effects:
-    if effects is None or isinstance(effects, Effects):
-        return Effects() if effects is None else effects
-    texts = [effects] if isinstance(effects, str) else list(effects)
-    if "auto" in texts:
-        raise ValueError("effects='auto' is planned on a scene that can be rendered; for frames name sensor or effects")
-    return Effects.of(parse_effect(text) for text in texts)
-
-
 def _check_times(settings: Mapping[str, Any]) -> None:
     if settings["stop_s"] is not None and settings["stop_s"] <= settings["start_s"]:
-        raise ValueError(f"stop_s must be after start_s, got {settings['stop_s']:g} s and {settings['start_s']:g} s")
+        raise ArgumentError(
+            "{stop_s} must be after {start_s}, got {:g} s and {:g} s", settings["stop_s"], settings["start_s"]
+        )
 
 
 def _rounded(value_ns: int, unit_ns: float) -> int:

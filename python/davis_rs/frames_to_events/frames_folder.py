@@ -71,7 +71,7 @@ def frames_to_folder(
         ValueError, DecodeError, ImportError: as :func:`~davis_rs.open_frames` and :func:`~davis_rs.events_from_frames`.
     """
     started = time.perf_counter()
-    given = complete(FrameFolderSettings, settings, of="frames_to_folder")
+    given = complete(FrameFolderSettings, settings, of=frames_to_folder)
     source = frames if isinstance(frames, FrameSource) else open_frames(frames)
     run = FrameRun(source, only(FrameSettings, given), from_zero=True)
     packets = run.packets()

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ..argument_error import ArgumentError
 from ..luma import LUMA_WEIGHTS
 from .frame_source import Encoding
 
@@ -43,7 +44,7 @@ def parse_transfer(name: str) -> Callable[[FloatArray], FloatArray]:
     gamma = float(match[1]) if match else math.nan
     if not 0.1 <= gamma <= 10:
         wanted = "gamma=G with G in 0.1..10" if name.startswith("gamma") else f"one of {', '.join(TRANSFERS)}"
-        raise ValueError(f"transfer must be {wanted}, got {name!r}")
+        raise ArgumentError("{transfer} must be {}, got {!r}", wanted, name)
     return lambda value: np.maximum(value, 0) ** gamma
 
 
@@ -70,7 +71,9 @@ class Light:
         self.black = encoding.black
         self.white = encoding.white if white_level is None else white_level
         if not self.white > self.black:
-            raise ValueError(f"white_level must be above the value of black, {self.black:g}, got {self.white:g}")
+            raise ArgumentError(
+                "{white_level} must be above the value of black, {:g}, got {:g}", self.black, self.white
+            )
         self._decode = parse_transfer(self.transfer)
         self._tables: dict[np.dtype[Any], list[LumaFrame]] = {}
         self.levels: FloatArray | None = None

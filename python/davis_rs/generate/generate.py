@@ -10,6 +10,7 @@ from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
 
+from ..argument_error import ArgumentError
 from ..progress import each, progress
 from ..progress import say as say_above
 from ..scene.mesh_scene import Axis
@@ -96,7 +97,7 @@ def generate_sequences(
     process.
     """
     if workers is not None and not 1 <= workers <= MOST_WORKERS:
-        raise ValueError(f"workers must lie in 1..{MOST_WORKERS}, got {workers}")
+        raise ArgumentError("{workers} must lie in 1..{}, got {}", MOST_WORKERS, workers)
     say = report or (lambda text: say_above(f"davis-rs: warning: {text}"))
     folder = Path(root).absolute()
     sequences = draw_sequences(plan)

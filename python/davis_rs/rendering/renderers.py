@@ -7,6 +7,7 @@ import warnings
 from typing import Any
 
 from .._mitsuba import FAST, SCALAR, default_variant, load_scene_source, stay_in, variant, variant_is_free
+from ..argument_error import ArgumentError
 from ..camera import Camera
 from ..scene.scene import Scene
 from .baked_light.bake import BAKE_ERROR
@@ -66,7 +67,7 @@ def make_renderer(
             that renders it.
     """
     if kind not in RENDERERS:
-        raise ValueError(f"renderer must be one of {', '.join(RENDERERS)}, got {kind!r}")
+        raise ArgumentError("{renderer} must be one of {}, got {!r}", ", ".join(RENDERERS), kind)
     blur = scene.blur if blur is None else blur
     reason, free = "asked for", variant_is_free()
     known: dict[str, list[float | None]] = {"auto": [None, bake_error], "baked": [bake_error], "integrator": []}

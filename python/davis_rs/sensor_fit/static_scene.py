@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from .._core import CrossingEngine
+from ..argument_error import ArgumentError
 from ..events import EventArray, concatenate_events
 from ..sensor_parameters import SensorParameters
 
@@ -34,7 +35,7 @@ def static_events(
         ValueError: for a duration that is not > 0, or a size that no engine takes.
     """
     if not duration_s > 0:
-        raise ValueError(f"duration_s must be > 0, got {duration_s!r}")
+        raise ArgumentError("{duration_s} must be > 0, got {!r}", duration_s)
     width, height = size
     engine = CrossingEngine(
         width,

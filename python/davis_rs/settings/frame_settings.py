@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Annotated, Any, TypedDict
 
 from ..camera import PRESETS, Camera
-from ..effects import Effects
+from ..effects import EffectsLike
 from ..sensor_parameters import SensorParameters
 from .setting import Declared
 from .simulation_settings import EFFECT_FORM, EFFECTS, SENSOR, EngineSettings, FolderFileSettings, PixelSettings
@@ -156,10 +156,9 @@ class FrameSettings(_LightSettings, _PartSettings, _BetweenSettings, PixelSettin
 
     sensor: Annotated[SensorParameters | str | os.PathLike[str] | None, SENSOR]
     effects: Annotated[
-        Effects | str | Sequence[str] | None,
+        EffectsLike | None,
         Declared(
-            f"Effects, or texts {EFFECT_FORM}; each is added to the sensor's, or replaces the sensor's of the same "
-            "name",
+            f"effects {EFFECT_FORM}; each is added to the sensor's, or replaces the sensor's of the same name",
             default_help="the sensor's",
             metavar=EFFECT_FORM,
             text=list,

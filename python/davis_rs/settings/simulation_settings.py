@@ -7,13 +7,13 @@ these declarations.
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Annotated, TypedDict
+from typing import Annotated, Any, TypedDict
 
 from ..camera import PRESETS, Camera
 from ..dataset.files import EVENT_FILES
-from ..effects import Effects
+from ..effects import Effect, EffectsLike
 from ..imu import IMU_EFFECTS, Imu
 from ..motion_capture import MotionCapture
 from ..rendering.baked_light.bake import BAKE_ERROR
@@ -390,7 +390,7 @@ class SimulatorSettings(CustomSettings, total=False):
     """The settings of :class:`~davis_rs.Simulator`."""
 
     effects: Annotated[
-        Effects | None,
+        EffectsLike | None,
         Declared(
             "effects; each is added to the sensor's, or replaces the sensor's of the same name",
             default_help="the sensor's",
@@ -404,10 +404,10 @@ class SimulationSettings(CustomSettings, EffectsToleranceSettings, total=False):
     """The settings of :func:`~davis_rs.simulate`: a simulator's, with effects that may be planned first."""
 
     effects: Annotated[
-        Effects | str | Sequence[str] | None,
+        EffectsLike | None,
         Declared(
-            f"Effects, or texts {EFFECT_FORM}; each is added to the sensor's, or replaces the sensor's of the same "
-            "name. auto takes those effects of the sensor (davis240c if not given) that matter in this scene",
+            f"effects {EFFECT_FORM}; each is added to the sensor's, or replaces the sensor's of the same name. auto "
+            "takes those effects of the sensor (davis240c if not given) that matter in this scene",
             default_help="the sensor's",
             metavar=EFFECT_FORM,
             text=list,
@@ -443,7 +443,7 @@ class FolderSettings(SimulationSettings, FolderFileSettings, total=False):
         ),
     ]
     imu_effects: Annotated[
-        Sequence[str] | None,
+        Mapping[str, Any] | str | Sequence[str | Effect] | None,
         Declared(
             f"imperfections of the IMU, in addition to those of --imu or in place of them: {', '.join(IMU_EFFECTS)}",
             metavar=EFFECT_FORM,

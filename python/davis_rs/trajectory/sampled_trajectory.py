@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from ..argument_error import ArgumentError
 from ..pose import UNIT_NORM_TOLERANCE, FloatArray, body_rates
 from .sample_noise import pose_noise
 from .trajectory import Trajectory
@@ -74,15 +75,17 @@ class SampledTrajectory(Trajectory):
     ) -> None:
         t, p, q = (np.asarray(a, np.float64) for a in (t_s, positions, quaternions))
         if t.ndim != 1 or p.shape != (len(t), 3) or q.shape != (len(t), 4):
-            raise ValueError(
-                "t_s, positions and quaternions must have shapes (n,), (n, 3) and (n, 4), "
-                f"got {t.shape}, {p.shape} and {q.shape}"
+            raise ArgumentError(
+                "{t_s}, {positions} and {quaternions} must have shapes (n,), (n, 3) and (n, 4), got {}, {} and {}",
+                t.shape,
+                p.shape,
+                q.shape,
             )
         for name, value in (("position_sigma_m", position_sigma_m), ("rotation_sigma_rad", rotation_sigma_rad)):
             if value is not None and not 0 <= value < np.inf:
-                raise ValueError(f"{name} must be finite and >= 0, got {value}")
+                raise ArgumentError("{argument} must be finite and >= 0, got {}", value, argument=name)
         if not 0 < max_gap_s < np.inf:
-            raise ValueError(f"max_gap_s must be finite and > 0, got {max_gap_s}")
+            raise ArgumentError("{max_gap_s} must be finite and > 0, got {}", max_gap_s)
         name_of = sample_name or (lambda i: f"sample {i} at {t[i]} s")
         _check_samples(t, p, q, max_gap_s, name_of)
 

@@ -9,7 +9,18 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ..pose import FloatArray, Pose, body_rates, conjugate, describe_pose, hamilton, rotation_matrices
+from ..argument_error import ArgumentError
+from ..pose import (
+    FloatArray,
+    Pose,
+    PoseLike,
+    as_pose,
+    body_rates,
+    conjugate,
+    describe_pose,
+    hamilton,
+    rotation_matrices,
+)
 
 TIME_TOLERANCE_S = 1e-6
 
@@ -138,7 +149,7 @@ class Trajectory(ABC):
             ValueError: for a window that is negative or not finite.
         """
         if not 0 <= window_s < np.inf:
-            raise ValueError(f"window_s must be finite and >= 0, got {window_s}")
+            raise ArgumentError("{window_s} must be finite and >= 0, got {}", window_s)
         t, window_s = _windows(self.duration_s, window_s)
         if window_s == 0:
             speeds = np.linalg.norm(self.velocities(t), axis=1)
@@ -308,9 +319,9 @@ class SegmentTrajectory(Trajectory):
         ValueError: for a duration that is not finite and > 0.
     """
 
-    def __init__(self, start: Pose, end: Pose, duration_s: float) -> None:
+    def __init__(self, start: PoseLike, end: PoseLike, duration_s: float) -> None:
         self.duration_s = _checked_duration(duration_s)
-        self.start, self.end = start, end
+        self.start, self.end = start, end = as_pose(start, "start"), as_pose(end, "end")
         self._velocity = (end.position - start.position) / self.duration_s
         # Slerp as a great circle of unit quaternions: q(t) = start cos(phi) + tangent sin(phi), phi growing evenly.
         cosine = float(start.quaternion @ end.quaternion)
@@ -386,15 +397,15 @@ class _Aligned(Trajectory):
         return {"kind": "aligned", "duration_s": self.duration_s, **at, "trajectory": self._base.describe()}
 
 
-def align(trajectory: Trajectory, pose: Pose, at_s: float = 0.0) -> Trajectory:
+def align(trajectory: Trajectory, pose: PoseLike, at_s: float = 0.0) -> Trajectory:
     """Move ``trajectory`` rigidly so that its pose at ``at_s`` is ``pose``: T_new(t) = pose T(at_s)^-1 T(t).
 
     Velocities turn with it; body rates stay as they are.
 
     Raises:
-        ValueError: if ``at_s`` is outside the trajectory.
+        ValueError: if ``at_s`` is outside the trajectory, or as :func:`~davis_rs.as_pose`.
     """
-    return _Aligned(trajectory, pose, at_s)
+    return _Aligned(trajectory, as_pose(pose), at_s)
 
 
 class _Cropped(Trajectory):

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from .._core import DecodeError
+from ..close_names import names_checked
 from ..untrusted import read_text
 from .sampled_trajectory import SampledTrajectory, SampleError
 
@@ -23,6 +24,7 @@ FARTHEST_M = 1e9
 _LONGEST_NUMBER = 400
 
 
+@names_checked
 def read_trajectory(
     path: str | Path,
     *,
