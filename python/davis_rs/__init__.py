@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from .events import EVENT_DTYPE, as_events
     from .formats import EventReader, EventWriter, TruncatedFileWarning, WriteReport
     from .frames_to_events.events_from_frames import events_from_frames
+    from .frames_to_events.frame_values import FrameValuesWarning
     from .frames_to_events.frames_folder import FramesReport, frames_to_folder
     from .frames_to_events.open_frames import open_frames
     from .ground_truth import EVENT_TRUTH_DTYPE, EventTruth, SceneSurfaces, event_truth
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
     from .inspection.video import make_video
     from .monte_carlo_noise import NoiseEstimate, NoiseWarning, estimate_noise
     from .motion_capture import MocapClock, MocapNoise, MotionCapture
+    from .no_events import NoEventsWarning
     from .packet import Displacement, Packet
     from .pose import GroundTruth, Pose, Velocities
     from .recordings import Recording, RecordingWarning, read_recording
@@ -95,6 +97,7 @@ _MODULES = {
     "Flicker": "scene.light_profile",
     "Frame": "decoded",
     "FrameSource": "sensor_fit",
+    "FrameValuesWarning": "frames_to_events.frame_values",
     "FramesReport": "frames_to_events.frames_folder",
     "GroundTruth": "pose",
     "IMU_COUNTS_DTYPE": "decoded",
@@ -107,6 +110,7 @@ _MODULES = {
     "MocapClock": "motion_capture",
     "MocapNoise": "motion_capture",
     "MotionCapture": "motion_capture",
+    "NoEventsWarning": "no_events",
     "NoiseEstimate": "monte_carlo_noise",
     "NoiseWarning": "monte_carlo_noise",
     "Packet": "packet",
@@ -218,6 +222,7 @@ __all__ = [
     "Flicker",
     "Frame",
     "FrameSource",
+    "FrameValuesWarning",
     "FramesReport",
     "GroundTruth",
     "HtmlPage",
@@ -228,6 +233,7 @@ __all__ = [
     "MocapClock",
     "MocapNoise",
     "MotionCapture",
+    "NoEventsWarning",
     "NoiseEstimate",
     "NoiseWarning",
     "Packet",
