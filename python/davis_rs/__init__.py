@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from .events import EVENT_DTYPE, as_events
     from .formats import EventReader, EventWriter, TruncatedFileWarning, WriteReport
     from .frames_to_events.events_from_frames import events_from_frames
+    from .frames_to_events.frame_values import FrameValuesWarning
     from .frames_to_events.frames_folder import FramesReport, frames_to_folder
     from .frames_to_events.open_frames import open_frames
     from .ground_truth import EVENT_TRUTH_DTYPE, EventTruth, SceneSurfaces, event_truth
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
     from .inspection.video import make_video
     from .monte_carlo_noise import NoiseEstimate, NoiseWarning, estimate_noise
     from .motion_capture import MocapClock, MocapNoise, MotionCapture
+    from .no_events import NoEventsWarning
     from .packet import Displacement, Packet
     from .pose import GroundTruth, Pose, Velocities, as_pose
     from .recordings import Recording, RecordingWarning, read_recording
@@ -97,6 +99,7 @@ _MODULES = {
     "Flicker": "scene.light_profile",
     "Frame": "decoded",
     "FrameSource": "sensor_fit",
+    "FrameValuesWarning": "frames_to_events.frame_values",
     "FramesReport": "frames_to_events.frames_folder",
     "GroundTruth": "pose",
     "IMU_COUNTS_DTYPE": "decoded",
@@ -109,6 +112,7 @@ _MODULES = {
     "MocapClock": "motion_capture",
     "MocapNoise": "motion_capture",
     "MotionCapture": "motion_capture",
+    "NoEventsWarning": "no_events",
     "NoiseEstimate": "monte_carlo_noise",
     "NoiseWarning": "monte_carlo_noise",
     "Packet": "packet",
@@ -222,6 +226,7 @@ __all__ = [
     "Flicker",
     "Frame",
     "FrameSource",
+    "FrameValuesWarning",
     "FramesReport",
     "GroundTruth",
     "HtmlPage",
@@ -232,6 +237,7 @@ __all__ = [
     "MocapClock",
     "MocapNoise",
     "MotionCapture",
+    "NoEventsWarning",
     "NoiseEstimate",
     "NoiseWarning",
     "Packet",

@@ -1,9 +1,16 @@
-"""What a run wrote into a dataset folder, in one line for people."""
+"""What a run wrote into a dataset folder, and when that begins, each in one line for people."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from decimal import Decimal
 from pathlib import Path
+
+
+def start_line(start_time_ns: int, clock: str) -> str:
+    """What t = 0 of a folder is on the clock of its input, exactly: "t = 0 is 1000.25 s on the clock of ..."."""
+    seconds = (Decimal(start_time_ns) / 10**9).normalize()
+    return f"t = 0 is {seconds:f} s on the clock of {clock}"
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -11,6 +11,7 @@ from .argument_error import ArgumentError
 from .effect_planning import EffectPlan, plan_effects
 from .effects.effects import read_effects
 from .monte_carlo_noise import NoiseEstimate, NoiseWarning, estimate_noise_of
+from .no_events import warned_without_events
 from .packet import Packet
 from .scene.scene import Scene, check_scene
 from .sensors import SENSORS
@@ -45,6 +46,11 @@ def simulate(
             ``start_s``.
         {settings}
 
+    Warns:
+        NoEventsWarning: where a threshold is larger than all contrast from the dark level to white, and where there
+            were no events at all.
+        NoiseWarning: where more events than ``noise_share`` will be Monte Carlo noise.
+
     Raises:
         TypeError, ValueError, OSError: as :func:`plan_effects`, :class:`Simulator` and :meth:`Simulator.run`, at the
             call or at the first packet.
@@ -53,7 +59,7 @@ def simulate(
     given = complete(SimulationSettings, settings, of=simulate)
     made = make_simulator(scene.crop(start_s, duration_s), given)
     made.warn_of_noise(stacklevel=3)
-    return made.simulator.run()
+    return made.packets()
 
 
 @dataclass(frozen=True)
@@ -72,6 +78,16 @@ class MadeSimulator:
     noise: NoiseEstimate | None
     noise_share: float
     chose_samples: bool
+
+    def packets(self) -> Iterator[Packet]:
+        """Yield the packets of :meth:`Simulator.run`.
+
+        Warns:
+            NoEventsWarning: of a run without events.
+        """
+        one = self.simulator
+        thresholds = (one.contrast_threshold, one.contrast_threshold_off)
+        return warned_without_events(one.run(), thresholds, one.settings["log_eps"])
 
     @property
     def noise_line(self) -> str:

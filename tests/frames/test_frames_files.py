@@ -261,7 +261,7 @@ def test_what_came_before_a_bad_frame_is_a_valid_dataset(
         pytest.importorskip("OpenEXR")
         for number, image in enumerate(BARS):
             (folder / f"frame_{number}.png").unlink()
-            values = (image / 255).astype(np.float32)
+            values = (image / 256).astype(np.float32)
             values[3, 4] = np.nan if number == 7 else values[3, 4]
             write_exr(folder / f"frame_{number}.exr", {"Y": values})
         bad = folder / "frame_7.exr"

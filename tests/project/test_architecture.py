@@ -20,7 +20,7 @@ LAYERS = [
     ["simulation_folder", "virtual_scene", "frames_to_events"],
     ["simulation"],
     ["simulator", "effect_planning", "monte_carlo_noise"],
-    ["due_instants", "run_description"],
+    ["due_instants", "run_description", "no_events"],
     ["settings"],
     ["sensor_fit"],
     ["sensors"],

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import warnings
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict
 from itertools import chain
@@ -15,13 +17,16 @@ from ..camera import Camera
 from ..effects import Effects, Optics
 from ..effects.effects import effects_of
 from ..events import EventArray, concatenate_events
+from ..folder_report import start_line
+from ..no_events import warned_without_events
 from ..packet import Packet
 from ..read_ahead import read_ahead
 from ..sensor_parameters import SensorParameters
 from ..sensors import read_once, sensor_parameters
 from ..settings import LOG_EPS, camera_of_size
 from .frame_part import FramePart, frame_part
-from .frame_source import FrameSource, StampedFrame
+from .frame_source import Encoding, FrameSource, StampedFrame
+from .frame_values import FrameValues, FrameValuesWarning
 from .frames_between import Auto, FramesBetween
 from .interpolation import Cubic, Interpolation, Linear, SensorFrame
 from .light import Light
@@ -73,7 +78,9 @@ class FrameRun:
         self._first = first
         self._start_us = self._end_us = 0 if from_zero else _rounded(first.t_ns, 1000)
         sensor = sensor_parameters(self.settings["sensor"])
-        self.light = Light(source.encoding(first), self.settings["transfer"], self.settings["white_level"])
+        white_level, log_eps = (self.settings[name] for name in ("white_level", "log_eps"))
+        self._values = FrameValues(source.encoding(first), first.image, white_level=white_level, log_eps=log_eps)
+        self.light = self._light_of(self._values.encoding)
         self._part = self._part_of(first, sensor)
         self.size = self._part.size
         wanted = self.settings["camera"]
@@ -85,7 +92,7 @@ class FrameRun:
         self.effects, self.left_out = self._effects(sensor)
         self._optics = self._lens()
         self._dark_luma = _first(sensor.dark_luma(self.lux_per_luma), LOG_EPS)
-        self.log_eps = _first(self.settings["log_eps"], dark_level(self.light.levels, min(on, off), self._dark_luma))
+        self.log_eps = _first(log_eps, self._dark_level(self.light))
         # What is averaged over areas or blurred has finer levels than the frames, and rounding shows less.
         plain = self._optics is None and self.size == (self._part.width, self._part.height)
         self.quantisation = QuantisationCount(self.light.levels if plain else None)
@@ -112,9 +119,20 @@ class FrameRun:
         The first has no events: it sets the references. Where a readout still holds events at the end, one more brings
         them.
 
+        Warns:
+            FrameValuesWarning: where values may stand for other light than they are taken for.
+            NoEventsWarning: of a run without events.
+
         Raises:
             OSError, ValueError: for a frame that cannot be read or taken, naming it; the packets before it are whole.
         """
+        self._warn_of_values()
+        thresholds = (self.contrast_threshold, self.contrast_threshold_off)
+        yield from warned_without_events(self._packets(), thresholds, self.log_eps, stacklevel=3)
+        self._warn_of_values()
+        self._warn_of_other_steps()
+
+    def _packets(self) -> Iterator[Packet]:
         pending: list[EventArray] = []
         before: SensorFrame | None = None
         for sample in self.interpolation.samples(self._sensor_frames()):
@@ -145,14 +163,8 @@ class FrameRun:
             "davis_rs": __version__,
             "versions": {"numpy": np.__version__},
             "scene": {"name": self.source.name},
-            "frames": {
-                **self.source.describe(),
-                "transfer": self.light.transfer,
-                "black_level": self.light.black,
-                "white_level": self.light.white,
-                "part": {**self._part._asdict(), "size": list(self.size)},
-                "first_stamp_ns": self._first.t_ns,
-            },
+            "frames": self.describe_frames(),
+            "start_time_ns": self._first.t_ns,
             "interpolation": self.interpolation.describe(),
             "camera": None if self.camera is None else asdict(self.camera),
             "parameters": {
@@ -167,16 +179,45 @@ class FrameRun:
             "effects_left_out": list(self.left_out),
         }
 
+    def describe_frames(self) -> dict[str, Any]:
+        """What the frames are and how they are taken, for meta.json; the step of those that were read so far."""
+        return {
+            **self.source.describe(),
+            "transfer": self.light.transfer,
+            "black_level": self.light.black,
+            "white_level": self.light.white,
+            "value_step": self._values.encoding.step,
+            "value_step_of_all_frames": self._values.shown().step,
+            "part": {**self._part._asdict(), "size": list(self.size)},
+        }
+
+    @property
+    def step_line(self) -> str:
+        """What follows from the step that the first frame shows, for people; "" where it is as the source says."""
+        if not self._values.step_found:
+            return ""
+        return (
+            f"{self.source.name}: values come in steps of {self._values.encoding.step:.4g} in the first frame, so that "
+            f"{self.light.white:g} is taken for white, and log_eps is {self.log_eps:.3g}; white_level and log_eps "
+            "override it"
+        )
+
     def notes(self) -> Iterator[str]:
         """What is assumed about the frames, a line each, for people."""
         about = self.source.describe()
         transfer = f"{self.light.transfer} ({'given' if self.settings['transfer'] else self._why_transfer(about)})"
-        encoded = f"values {self.light.black:g} to {self.light.white:g} are luma 0 to 1, transfer {transfer}"
+        step = (
+            f" in steps of {self._values.encoding.step:.4g}, as in the first frame," if self._values.step_found else ""
+        )
+        encoded = f"values {self.light.black:g} to {self.light.white:g}{step} are luma 0 to 1, transfer {transfer}"
         if about["kind"] == "video":
             matrix = "" if about["matrix_stated"] or about["matrix"] is None else ", matrix by the frame's size"
             stated = "as it says" if about["range_stated"] else "which it does not say"
-            encoded = f"{about['codec']}, {about['pixel_format']}, {about['range']} range ({stated}{matrix}), {encoded}"
+            range_ = f"{about['range']} range ({stated}{matrix})"
+            encoded = f"{about['codec']}, {about['pixel_format']}, {about['bits']} bits, {range_}, {encoded}"
         yield f"{self.source.name}: {encoded}"
+        if self._first.t_ns:
+            yield start_line(self._first.t_ns, "the frames")
         if self.settings["log_eps"] is None and self.log_eps > self._dark_luma:
             yield (
                 f"log_eps {self.log_eps:.3g}: with {self._dark_luma:.3g} one grey level in the dark would be more than "
@@ -197,6 +238,29 @@ class FrameRun:
         if about["kind"] == "video":
             return "as the video says" if about["transfer_stated"] else "the video does not say"
         return "by the type of the values"
+
+    def _light_of(self, encoding: Encoding) -> Light:
+        return Light(encoding, self.settings["transfer"], self.settings["white_level"])
+
+    def _dark_level(self, light: Light) -> float:
+        """The dark level that keeps a step of these frames below C."""
+        return dark_level(light.levels, min(self.contrast_threshold, self.contrast_threshold_off), self._dark_luma)
+
+    def _warn_of_values(self) -> None:
+        for doubt in self._values.doubts():
+            warnings.warn(f"{self.source.name}: {doubt}", FrameValuesWarning, stacklevel=3)
+
+    def _warn_of_other_steps(self) -> None:
+        """Warn where all frames together show another step than the first, by which the dark level was chosen."""
+        shown = self._values.shown()
+        fitting = self._dark_level(self._light_of(shown))
+        if self.settings["log_eps"] is None and not math.isclose(fitting, self.log_eps, rel_tol=_SAME_DARK_LEVEL):
+            warnings.warn(
+                f"{self.source.name}: all frames together have values in steps of {shown.step:.4g}, and the first "
+                f"frame did not show it: log_eps {fitting:.3g} fits them, {self.log_eps:.3g} was taken",
+                FrameValuesWarning,
+                stacklevel=3,
+            )
 
     def _frames_between(self) -> Iterator[StampedFrame]:
         """The frames from start to stop, their stamps increasing."""
@@ -224,7 +288,7 @@ class FrameRun:
             raise ValueError(f"{self._first.where}: one frame{self._between_words()} makes no events: two are needed")
 
     def _seen(self, frames: Iterator[StampedFrame]) -> Iterator[SensorFrame]:
-        shape = self._first.image.shape
+        shape, dtype = self._first.image.shape, self._first.image.dtype
         scale = 1000 * self.settings["slow_motion"]
         last_us = -1
         for frame in frames:
@@ -233,6 +297,12 @@ class FrameRun:
                     f"{frame.where}: all frames must have one size, this has {_shape(frame.image.shape)}, "
                     f"the first {_shape(shape)}"
                 )
+            if frame.image.dtype != dtype and not _both_floating(frame.image.dtype, dtype):
+                raise ValueError(
+                    f"{frame.where}: all frames must have one type, this has {frame.image.dtype}, the first {dtype}"
+                )
+            if frame is not self._first:
+                self._values.add(frame.image)
             t_us = self._start_us + _rounded(frame.t_ns - self._first.t_ns, scale)
             if t_us < 0:
                 raise ValueError(f"{frame.where}: stamps must be >= 0, got {_seconds(frame.t_ns)}")
@@ -295,6 +365,9 @@ class FrameRun:
         return "" if whole else f" between {self.settings['start_s']:g} s and {end}"
 
 
+_SAME_DARK_LEVEL = 0.05
+"""How far two dark levels may differ and hardly change the events."""
+
 _TOLD_ELSEWHERE = {"camera", "size", "effects", "threads", "crop", "roi", "transfer", "white_level", "interpolation"}
 
 
@@ -311,6 +384,10 @@ def _rounded(value_ns: int, unit_ns: float) -> int:
         unit = int(unit_ns)
         return (2 * value_ns + unit) // (2 * unit)
     return round(value_ns / unit_ns)
+
+
+def _both_floating(one: np.dtype[Any], other: np.dtype[Any]) -> bool:
+    return np.issubdtype(one, np.floating) and np.issubdtype(other, np.floating)
 
 
 def _first(*values: float | None) -> float:

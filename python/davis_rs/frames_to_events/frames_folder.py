@@ -157,6 +157,7 @@ def _found(run: FrameRun) -> dict[str, Any]:
     """What a run found on its way, for meta.json."""
     count = run.quantisation
     return {
+        "frames": run.describe_frames(),
         "interpolation": run.interpolation.describe(),
         "dropped_events": run.dropped_events,
         "one_grey_level_events": {"events": count.suspect, "of": count.total} if count.counts else None,

@@ -33,8 +33,8 @@ class _LightSettings(TypedDict, total=False):
     white_level: Annotated[
         float | None,
         Declared(
-            "the value of a frame that stands for luma 1, such as 4095 for 12 bits in 16",
-            default_help="the largest of its integers; 1 for floating point",
+            "the value of a frame that stands for luma 1, such as 4095 for 12 bits in 16; of a video in its own bits",
+            default_help="the video's; else the largest multiple of the step between integers, 1 for floating point",
             low=0,
             above_low=True,
             metavar="V",

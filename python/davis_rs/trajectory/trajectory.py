@@ -45,9 +45,13 @@ class Trajectory(ABC):
     An implementation sets ``duration_s`` and gives the five abstract methods; those that take times, (n,) in seconds,
     pass them through :meth:`times` first. One that knows its second derivatives gives them too: those of this class are
     differences, good to about 1e-8 of the third derivative, with noise of 1e-12 of the first over 1e-4 s.
+
+    Attributes:
+        start_time_ns: what t = 0 is on the clock of the file or the path that this one was made of, nanoseconds.
     """
 
     duration_s: float
+    start_time_ns: int = 0
 
     @abstractmethod
     def positions(self, t_s: npt.ArrayLike) -> FloatArray:
@@ -365,7 +369,7 @@ class SegmentTrajectory(Trajectory):
 class _Aligned(Trajectory):
     def __init__(self, trajectory: Trajectory, pose: Pose, at_s: float) -> None:
         was = trajectory.pose(at_s)
-        self.duration_s = trajectory.duration_s
+        self.duration_s, self.start_time_ns = trajectory.duration_s, trajectory.start_time_ns
         self._base, self._pose, self._at_s = trajectory, pose, float(at_s)
         self._quaternion = hamilton(pose.quaternion, conjugate(was.quaternion))
         self._rotation = rotation_matrices(self._quaternion)
@@ -411,6 +415,7 @@ def align(trajectory: Trajectory, pose: PoseLike, at_s: float = 0.0) -> Trajecto
 class _Cropped(Trajectory):
     def __init__(self, trajectory: Trajectory, start_s: float, duration_s: float) -> None:
         self.duration_s = duration_s
+        self.start_time_ns = trajectory.start_time_ns + round(start_s * 1e9)
         self._base, self._start_s = trajectory, start_s
 
     def positions(self, t_s: npt.ArrayLike) -> FloatArray:

@@ -93,11 +93,11 @@ def read_trajectory(
             position_step_m=_last_digit(word for seven in words for word in seven[:3]),
             quaternion_step=_last_digit(word for seven in words for word in seven[3:]),
             max_gap_s=max_gap_s,
+            start_time_ns=stamps_ns[0],
             sample_name=names.__getitem__,
             description={
                 "file": Path(path).name,
                 "sha256": hashlib.sha256(Path(path).read_bytes()).hexdigest(),
-                "start_time_ns": stamps_ns[0],
             },
         )
     except SampleError as error:
