@@ -113,6 +113,7 @@ def frames_to_folder(
         wall_s=wall_s,
         interrupted=counted.interrupted,
         dropped_events=run.dropped_events,
+        missed_events=run.missed_events,
     )
 
 
@@ -159,5 +160,6 @@ def _found(run: FrameRun) -> dict[str, Any]:
     return {
         "interpolation": run.interpolation.describe(),
         "dropped_events": run.dropped_events,
+        "missed_events": run.missed_events,
         "one_grey_level_events": {"events": count.suspect, "of": count.total} if count.counts else None,
     }
