@@ -24,6 +24,9 @@ REFRACTORY_CAPACITANCE_F = 20e-15
 REFRACTORY_SWING_V = 0.8
 THERMAL_VOLTAGE_V = 25e-3  # kT/q at room temperature
 
+START_PHASES = ("zero", "stationary")
+"""Where references may lie at the first frame."""
+
 THRESHOLD_GAIN = KAPPA_N / KAPPA_P**2 / CAPACITANCE_RATIO
 """Change of log intensity for a change of 1 in the logarithm of the comparator's current ratio."""
 
@@ -199,6 +202,15 @@ class SensorParameters:
         if self.shot_noise_half_lux is not None or hz is None or lux is None or follower_hz is None:
             return self.shot_noise_half_lux
         return follower_hz / hz * lux
+
+    @property
+    def start_phase(self) -> str:
+        """Where references lie at the first frame.
+
+        ``stationary``, as of a camera that has run before; ``zero`` of ideal pixels, of which nothing is given. It
+        depends on no effect's being there.
+        """
+        return START_PHASES[self != SensorParameters()]
 
     def effects(self, lux_per_luma: float) -> Effects:
         """Return the effects that this sensor has in a scene whose unit of luma is ``lux_per_luma`` lux.

@@ -154,6 +154,7 @@ def simulate_to_folder(
         wall_s=wall_s,
         interrupted=written.interrupted,
         dropped_events=simulator.dropped_events,
+        missed_events=simulator.missed_events,
         plan=plan,
     )
 
@@ -221,7 +222,8 @@ def _write_all(
                 events += len(late.events)
             break
     interrupted = end_us < total_us
-    writer.finish({"dropped_events": simulator.dropped_events}, interrupted=interrupted)
+    found = {"dropped_events": simulator.dropped_events, "missed_events": simulator.missed_events}
+    writer.finish(found, interrupted=interrupted)
     return _Written(events, min(end_us, total_us), interrupted)
 
 

@@ -62,6 +62,7 @@ class Simulator:
         camera: lens and size of the image.
         settings: all settings by name, with the defaults of those that were not given.
         contrast_threshold, contrast_threshold_off: C_on and C_off, from settings, sensor or scene.
+        start_phase: where references lie at the first frame, from settings or sensor.
         sampling: when luma is rendered.
         effects: those of the pixels, readout and frames.
         custom_effects: those of the user's own.
@@ -85,6 +86,7 @@ class Simulator:
         self.settings["log_eps"] = viewed.log_eps
         self.contrast_threshold = viewed.contrast_threshold
         self.contrast_threshold_off = viewed.contrast_threshold_off
+        self.start_phase = viewed.start_phase
         self.custom_effects = CustomEffects(
             self.settings["custom_effects"], self.camera.width, self.camera.height, self.settings["seed"]
         )
@@ -119,6 +121,7 @@ class Simulator:
             log_eps=self.settings["log_eps"],
             interpolation=self.sampling.interpolation,
             effects=in_engine,
+            start_phase=self.start_phase,
             seed=self.settings["seed"],
             threads=self.settings["threads"],
         )
@@ -218,12 +221,18 @@ class Simulator:
         """Number of events that the readout has dropped; 0 unless it is set to drop events."""
         return self._engine.dropped_events
 
+    @property
+    def missed_events(self) -> int:
+        """How often a pixel reached a level before its last event was read out and its reset over; 0 without a bus."""
+        return self._engine.missed_events
+
     def describe(self) -> dict[str, Any]:
         """Return everything that is needed to repeat the run, for meta.json."""
         resolved = {
             "lux_per_luma": self.scene.lux_per_luma,
             "contrast_threshold": self.contrast_threshold,
             "contrast_threshold_off": self.contrast_threshold_off,
+            "start_phase": self.start_phase,
             "samples": self.renderer.rays,
             "blur": self.renderer.blur,
             "sampling": repr(self.sampling),

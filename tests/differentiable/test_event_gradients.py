@@ -246,6 +246,8 @@ def test_what_is_refused() -> None:
         event_time_jacobian(scene, good, renderer="integrator")
     with pytest.raises(ValueError, match="ideal pixels, without"):
         event_time_jacobian(scene, good, effects=Effects(refractory_period_us=100), accuracy="fast")
+    with pytest.raises(ValueError, match="ideal pixels, without start phases"):
+        event_time_jacobian(scene, good, start_phase="stationary", **EXACT)
     jacobian, ok = event_time_jacobian(scene, good[:0], **EXACT)
     assert jacobian.shape == (0, 8)
     assert ok.shape == (0,)

@@ -123,6 +123,34 @@ def test_effects_may_be_texts_and_a_sensor_brings_its_own() -> None:
         events_from_frames(BARS, STAMPS, effects="auto")
 
 
+def test_start_phases_are_a_setting_and_those_of_a_sensor() -> None:
+    """Ideal pixels begin at the first frame, a sensor's anywhere between two levels; a leak of nothing changes nothing.
+
+    In four frames that differ by a quarter of C, most events hang on that.
+    """
+    frames = (0.3 * np.exp(0.05 * np.random.default_rng(0).normal(size=(4, 60, 60)).cumsum(0))).astype(np.float32)
+
+    def made(**settings: Any) -> FrameRun:
+        settings = {"interpolation": "linear", "contrast_threshold": 0.2, "log_eps": 1e-3, **settings}
+        return FrameRun(ArrayFrames(frames, np.arange(4) * 40_000), settings)
+
+    counts = {}
+    for start_phase in ("zero", "stationary"):
+        leak = Effects(leak_rate_hz=1e-6)
+        for effects in (None, leak):
+            run = made(start_phase=start_phase, effects=effects)
+            events = all_events(run.packets())
+            assert run.describe()["parameters"]["start_phase"] == start_phase
+            assert len(events) == counts.setdefault(start_phase, len(events)) > 50
+            assert 0.4 < events["p"].mean() < 0.6
+    assert counts["stationary"] > 3 * counts["zero"]
+    assert made().start_phase == made(effects=Effects(leak_rate_hz=1.0)).start_phase == "zero"
+    sensor = SensorParameters(leak_rate_hz=1e-6)
+    assert made(sensor=sensor).start_phase == "stationary"
+    assert len(all_events(made(sensor=sensor).packets())) == counts["stationary"]
+    assert made(sensor=sensor, start_phase="zero").start_phase == "zero"
+
+
 def test_a_lens_shades_and_blurs_what_the_pixels_see() -> None:
     flat = np.full((2, 32, 48), 0.5, np.float32)
     camera = davis_rs.Camera(48, 32, 40.0, 40.0, 23.5, 15.5)

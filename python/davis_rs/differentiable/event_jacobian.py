@@ -99,6 +99,7 @@ class EventTimeModel:
         effects = [*simulator.effects.engine_settings()]
         effects += ["custom_effects"] if simulator.custom_effects else []
         effects += ["an effect of the lens"] if renderer.optics is not None else []
+        effects += ["start phases"] if simulator.start_phase != "zero" else []
         if effects:
             raise ValueError(f"derivatives of event times are those of ideal pixels, without {', '.join(effects)}")
         self.simulator, self.refined = simulator, simulator.refine

@@ -74,6 +74,7 @@ def plan_effects(
         contrast_threshold=viewed.contrast_threshold,
         contrast_threshold_off=viewed.contrast_threshold_off,
         log_eps=viewed.log_eps,
+        start_phase=viewed.start_phase,
         seed=given["seed"],
         keep=kept,
         effects_tolerance=given["effects_tolerance"],
@@ -88,6 +89,7 @@ def plan_effects_of(
     contrast_threshold: float,
     contrast_threshold_off: float | None = None,
     log_eps: float = 1e-3,
+    start_phase: str = "zero",
     seed: int = 0,
     keep: Effects | None = None,
     effects_tolerance: float | None = None,
@@ -136,7 +138,13 @@ def plan_effects_of(
         log_eps=log_eps,
         batch=renderer.poses_per_launch,
     )
-    sequence = SequenceSample(stretch, contrast_threshold=contrast_threshold, contrast_threshold_off=off, seed=seed)
+    sequence = SequenceSample(
+        stretch,
+        contrast_threshold=contrast_threshold,
+        contrast_threshold_off=off,
+        start_phase=start_phase,
+        seed=seed,
+    )
     window_us = sequence.window_us
     intervals_us = event_intervals_us(sequence.pixels.ideal)
     interval_us = max(float(np.median(intervals_us)), 1.0) if len(intervals_us) else float(sequence.duration_us)

@@ -54,6 +54,7 @@ class FrameRun:
         size: (width, height) of the sensor in pixels.
         camera: its lens, None where that is not known.
         contrast_threshold, contrast_threshold_off: C_on and C_off.
+        start_phase: where references lie at the first frame.
         log_eps: dark level in units of luma.
         light: how values become luma.
         effects: of the pixels and the readout.
@@ -88,6 +89,7 @@ class FrameRun:
         on = _first(self.settings["contrast_threshold"], sensor.contrast_threshold, CONTRAST_THRESHOLD)
         off = _first(self.settings["contrast_threshold_off"], sensor.contrast_threshold_off, on)
         self.contrast_threshold, self.contrast_threshold_off = on, off
+        self.start_phase = self.settings["start_phase"] or sensor.start_phase
         self.lux_per_luma = _first(self.settings["lux_per_luma"], LUX_PER_LUMA)
         self.effects, self.left_out = self._effects(sensor)
         self._optics = self._lens()
@@ -104,6 +106,7 @@ class FrameRun:
             log_eps=self.log_eps,
             interpolation=self.interpolation.engine,
             effects=self.effects.engine_settings(),
+            start_phase=self.start_phase,
             seed=self.settings["seed"],
             threads=self.settings["threads"],
         )
@@ -112,6 +115,11 @@ class FrameRun:
     def dropped_events(self) -> int:
         """How many events the readout has dropped so far."""
         return self._engine.dropped_events
+
+    @property
+    def missed_events(self) -> int:
+        """How often a pixel has reached a level before its last event was read out and its reset over."""
+        return self._engine.missed_events
 
     def packets(self) -> Iterator[Packet]:
         """One packet a frame: it ends at the frame's instant, and ``luma`` is what the pixels saw there.
@@ -172,6 +180,7 @@ class FrameRun:
                 "sensor": sensor if sensor is None or isinstance(sensor, str) else asdict(sensor),
                 "contrast_threshold": self.contrast_threshold,
                 "contrast_threshold_off": self.contrast_threshold_off,
+                "start_phase": self.start_phase,
                 "log_eps": self.log_eps,
                 "lux_per_luma": self.lux_per_luma,
             },

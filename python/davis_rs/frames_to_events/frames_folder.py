@@ -113,6 +113,7 @@ def frames_to_folder(
         wall_s=wall_s,
         interrupted=counted.interrupted,
         dropped_events=run.dropped_events,
+        missed_events=run.missed_events,
     )
 
 
@@ -160,5 +161,6 @@ def _found(run: FrameRun) -> dict[str, Any]:
         "frames": run.describe_frames(),
         "interpolation": run.interpolation.describe(),
         "dropped_events": run.dropped_events,
+        "missed_events": run.missed_events,
         "one_grey_level_events": {"events": count.suspect, "of": count.total} if count.counts else None,
     }

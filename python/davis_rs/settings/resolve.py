@@ -37,6 +37,7 @@ class ViewedScene:
         sensor: its parameters, those of ideal pixels where none is given.
         contrast_threshold, contrast_threshold_off: C_on and C_off in natural-log units.
         log_eps: dark level in units of luma.
+        start_phase: where references lie at the first frame.
     """
 
     scene: Scene
@@ -45,6 +46,7 @@ class ViewedScene:
     contrast_threshold: float
     contrast_threshold_off: float
     log_eps: float
+    start_phase: str
 
     @property
     def sensor_effects(self) -> Effects:
@@ -68,7 +70,7 @@ def view_scene(scene: Scene, settings: Mapping[str, Any]) -> ViewedScene:
     log_eps = _first(settings["log_eps"], sensor.dark_luma(scene.lux_per_luma), LOG_EPS)
     on = _first(settings["contrast_threshold"], sensor.contrast_threshold, scene.contrast_threshold)
     off = _first(settings["contrast_threshold_off"], sensor.contrast_threshold_off, on)
-    return ViewedScene(scene, camera, sensor, on, off, log_eps)
+    return ViewedScene(scene, camera, sensor, on, off, log_eps, settings["start_phase"] or sensor.start_phase)
 
 
 def fixed_sensor(

@@ -20,7 +20,7 @@ from ..rendering.baked_light.bake import BAKE_ERROR
 from ..rendering.renderers import RENDERERS
 from ..sampling.presets import ACCURACY, DEFAULT_ACCURACY
 from ..sampling.rules import TimeSampling
-from ..sensor_parameters import SensorParameters
+from ..sensor_parameters import START_PHASES, SensorParameters
 from ..sensors import RECORDED, SENSOR_SUFFIXES, SENSORS
 from .setting import Declared
 
@@ -71,10 +71,20 @@ class PixelSettings(TypedDict, total=False):
             metavar="LUX",
         ),
     ]
+    start_phase: Annotated[
+        str | None,
+        Declared(
+            "where the pixels' references lie at the first frame: zero, at its log intensity; stationary, anywhere "
+            "between both levels, as in a camera that has run before",
+            default_help="stationary for a sensor, zero for ideal pixels",
+            choices=START_PHASES,
+        ),
+    ]
     seed: Annotated[
         int,
         Declared(
-            "random seed of threshold mismatch, noise, IMU and motion capture, and of Mitsuba's integrators",
+            "random seed of threshold mismatch, start phases, noise, IMU and motion capture, and of Mitsuba's "
+            "integrators",
             0,
             low=0,
             high=2**64 - 1,
