@@ -171,7 +171,7 @@ def test_a_name_that_is_no_setting_is_told_with_the_nearest(taker: Any) -> None:
         ({"seed": -1}, "seed must be .*, got -1"),
         (
             {"renderer": "tabel"},
-            r"renderer must be one of auto, table, native, baked, integrator, got 'tabel'; did you mean table\?",
+            r"renderer must be one of auto, native, table, baked, integrator, got 'tabel'; did you mean table\?",
         ),
         ({"accuracy": "exactly"}, r"accuracy must be one of paper, .*, got 'exactly'; did you mean exact\?"),
         ({"accuracy": 3}, "accuracy must be str, got 3"),
