@@ -221,7 +221,7 @@ def test_functions_without_settings_name_the_argument_that_is_close_too(taker: A
         ({"seed": -1}, "seed must be .*, got -1"),
         (
             {"renderer": "tabel"},
-            r"renderer must be one of auto, table, native, baked, integrator, got 'tabel'; did you mean table\?",
+            r"renderer must be one of auto, native, table, baked, integrator, got 'tabel'; did you mean table\?",
         ),
         ({"accuracy": "exactly"}, r"accuracy must be one of paper, .*, got 'exactly'; did you mean exact\?"),
         ({"accuracy": 3}, "accuracy must be str, got 3"),

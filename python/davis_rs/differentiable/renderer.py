@@ -12,7 +12,9 @@ from .._mitsuba import FAST, default_variant, load_scene_source, variant
 from ..argument_error import ArgumentError
 from ..camera import Camera
 from ..rendering.camera_rays import CameraRays, Lanes
-from ..rendering.scene_table import SceneTable, Unsuitable
+from ..rendering.matte import simplify_materials
+from ..rendering.obstacles import Unsuitable
+from ..rendering.scene_table import SceneTable
 from ..rendering.scene_updates import scene_motion
 from ..scene.scene import Scene, check_scene
 from .frame_edges import FrameEdges
@@ -67,6 +69,7 @@ class DifferentiableRenderer:
         self._rays.prepare(samples)
         with variant(FAST) as (mi, _):
             loaded = load_scene_source(scene.source(), mi)
+            simplify_materials(loaded, mi, matte=scene.matte)
             self._motion = scene_motion(scene, loaded, mi)
             try:
                 table = SceneTable(

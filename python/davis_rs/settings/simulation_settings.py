@@ -17,7 +17,7 @@ from ..effects import Effect, EffectsLike
 from ..imu import IMU_EFFECTS, Imu
 from ..motion_capture import MotionCapture
 from ..rendering.baked_light.bake import BAKE_ERROR
-from ..rendering.renderers import RENDERERS
+from ..rendering.renderers import AUTOMATIC, KINDS, RENDERERS
 from ..sampling.presets import ACCURACY, DEFAULT_ACCURACY
 from ..sampling.rules import TimeSampling
 from ..sensor_parameters import START_PHASES, SensorParameters
@@ -174,9 +174,8 @@ class ViewSettings(PixelSettings, total=False):
     renderer: Annotated[
         str,
         Declared(
-            "renderer: native (diffuse meshes, direct light), table (the same, on LLVM), baked (native, with the light "
-            "of area lamps and bounces computed once), integrator (Mitsuba's, for everything), or auto: the first "
-            "possible one of native, baked and integrator",
+            f"renderer: {', '.join(f'{kind.name} ({kind.does})' for kind in KINDS.values())}, or auto: the first "
+            f"possible one of {', '.join(kind.name for kind in AUTOMATIC)}",
             "auto",
             choices=RENDERERS,
             group=_ACCURACY,
