@@ -90,7 +90,7 @@ proptest! {
             oracle(&samples, on, off).into_iter().map(|(t, on)| Event::new(t, 0, 0, on)).collect();
         prop_assert_eq!(&events, &expected);
         let rebuilt =
-            reconstruct(&events, &[to_float(samples[0].1)], size, i64::MAX, &Threshold::Uniform(to_float(on)), &Threshold::Uniform(to_float(off))).unwrap();
+            reconstruct(&events, &[to_float(samples[0].1)], size, i64::MAX, engine.parameters(), 0).unwrap();
         prop_assert_eq!(rebuilt, engine.reference());
     }
 }

@@ -9,7 +9,7 @@ use davis_rs::aer::{Chip, Decoded, Decoder, Device};
 use davis_rs::{
     Aedat4Decoder, CrossingEngine, CrossingParameters, Decode, Effects, EngineState, Event, EventReader, Evt2Decoder,
     Evt3Decoder, Frame, HotPixels, Interpolation, Leak, PhotoreceptorBandwidth, ReadoutParameters, SensorSize,
-    ShotNoise, TextDecoder, Threshold,
+    ShotNoise, StartPhase, TextDecoder, Threshold,
 };
 
 /// The stream of a camera: the first byte says which, the second one where it is cut.
@@ -171,6 +171,7 @@ fn stored(choice: u8) -> EngineState {
         contrast_threshold: Threshold::Uniform(0.1),
         contrast_threshold_off: Threshold::PerPixel(vec![0.1, 0.2, 0.3, 0.1, 0.2, 0.3]),
         interpolation: if bit(1) { Interpolation::Hermite } else { Interpolation::Linear },
+        start_phase: if bit(2) { StartPhase::Stationary } else { StartPhase::Zero },
         ..CrossingParameters::default()
     };
     let mut engine = CrossingEngine::with_effects(SIZE, parameters, &effects, 1, Some(1)).expect("in range");
@@ -247,12 +248,14 @@ fn damage(state: &mut EngineState, [field, place, value @ ..]: &[u8; 10]) {
         }
         (22, _) => {
             if let Some(readout) = &mut state.readout {
-                match place % 5 {
+                match place % 7 {
                     0 => readout.free_us = bits,
                     1 => readout.free_share = float,
                     2 => readout.last_stamp_us = bits,
                     3 => readout.bursts = bits as u64,
-                    _ => readout.dropped = bits as u64,
+                    4 => readout.dropped = bits as u64,
+                    5 => readout.missed = bits as u64,
+                    _ => set(&mut readout.ready_us, place / 7, bits),
                 }
             }
         }

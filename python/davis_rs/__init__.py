@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from . import represent
     from ._core import CrossingEngine, DecodeError, Decoder, Device, Encoder, __version__, log_intensity, reconstruct
+    from .argument_error import ArgumentError
     from .biases import BIAS_SETS, CoarseFineBias
     from .camera import Camera, load_camera
     from .clocks import ClockAlignment, align_clocks
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from .events import EVENT_DTYPE, as_events
     from .formats import EventReader, EventWriter, TruncatedFileWarning, WriteReport
     from .frames_to_events.events_from_frames import events_from_frames
+    from .frames_to_events.frame_values import FrameValuesWarning
     from .frames_to_events.frames_folder import FramesReport, frames_to_folder
     from .frames_to_events.open_frames import open_frames
     from .ground_truth import EVENT_TRUTH_DTYPE, EventTruth, SceneSurfaces, event_truth
@@ -34,8 +36,9 @@ if TYPE_CHECKING:
     from .inspection.video import make_video
     from .monte_carlo_noise import NoiseEstimate, NoiseWarning, estimate_noise
     from .motion_capture import MocapClock, MocapNoise, MotionCapture
+    from .no_events import NoEventsWarning
     from .packet import Displacement, Packet
-    from .pose import GroundTruth, Pose, Velocities
+    from .pose import GroundTruth, Pose, Velocities, as_pose
     from .recordings import Recording, RecordingWarning, read_recording
     from .sampling.presets import ACCURACY, Accuracy
     from .sampling.rules import FixedRate, MaxDisplacement
@@ -64,6 +67,7 @@ if TYPE_CHECKING:
 _MODULES = {
     "ACCURACY": "sampling.presets",
     "Accuracy": "sampling.presets",
+    "ArgumentError": "argument_error",
     "BIAS_SETS": "biases",
     "CallableTrajectory": "trajectory.trajectory",
     "Camera": "camera",
@@ -95,6 +99,7 @@ _MODULES = {
     "Flicker": "scene.light_profile",
     "Frame": "decoded",
     "FrameSource": "sensor_fit",
+    "FrameValuesWarning": "frames_to_events.frame_values",
     "FramesReport": "frames_to_events.frames_folder",
     "GroundTruth": "pose",
     "IMU_COUNTS_DTYPE": "decoded",
@@ -107,6 +112,7 @@ _MODULES = {
     "MocapClock": "motion_capture",
     "MocapNoise": "motion_capture",
     "MotionCapture": "motion_capture",
+    "NoEventsWarning": "no_events",
     "NoiseEstimate": "monte_carlo_noise",
     "NoiseWarning": "monte_carlo_noise",
     "Packet": "packet",
@@ -139,6 +145,7 @@ _MODULES = {
     "align": "trajectory.trajectory",
     "align_clocks": "clocks",
     "as_events": "events",
+    "as_pose": "pose",
     "check_dataset": "inspection.check",
     "compare_events": "event_matching",
     "compare_streams": "stream_statistics",
@@ -190,6 +197,7 @@ __all__ = [
     "SENSORS",
     "TRIGGER_DTYPE",
     "Accuracy",
+    "ArgumentError",
     "CallableTrajectory",
     "Camera",
     "ClockAlignment",
@@ -218,6 +226,7 @@ __all__ = [
     "Flicker",
     "Frame",
     "FrameSource",
+    "FrameValuesWarning",
     "FramesReport",
     "GroundTruth",
     "HtmlPage",
@@ -228,6 +237,7 @@ __all__ = [
     "MocapClock",
     "MocapNoise",
     "MotionCapture",
+    "NoEventsWarning",
     "NoiseEstimate",
     "NoiseWarning",
     "Packet",
@@ -258,6 +268,7 @@ __all__ = [
     "align",
     "align_clocks",
     "as_events",
+    "as_pose",
     "check_dataset",
     "compare_events",
     "compare_streams",

@@ -235,9 +235,10 @@ class CrossingEngine:
     """Turns frames of linear luma into events, by the crossing rule of an ideal event-camera pixel.
 
     Each pixel holds a reference R = B + n_on C_on - n_off C_off with integer counters, B being its log intensity at the
-    first frame. Between two frames log intensity L = ln(luma + log_eps) is interpolated; an ON event falls each time it
-    reaches R + C_on, an OFF event each time it reaches R - C_off. An event's stamp is the first microsecond at or after
-    the crossing, so it lies in (t_a, t_b]. After every frame -C_off < L - R < C_on holds in every pixel.
+    first frame (see ``start_phase``). Between two frames log intensity L = ln(luma + log_eps) is interpolated; an ON
+    event falls each time it reaches R + C_on, an OFF event each time it reaches R - C_off. An event's stamp is the
+    first microsecond at or after the crossing, so it lies in (t_a, t_b]. After every frame -C_off < L - R < C_on holds
+    in every pixel.
 
     With linear interpolation levels and stamps are decided exactly for the float64 L. With Hermite interpolation the
     stamp may be one microsecond off where the crossing lies within 1e-6 us of one, and where an extremum comes
@@ -257,7 +258,9 @@ class CrossingEngine:
         interpolation: ``linear``, or ``hermite``: cubics through samples and rates of change.
         effects: :class:`davis_rs.Effects`, of which those on the log signal, in the pixel and on the stream act here;
             None for ideal pixels.
-        seed: of thresholds and noise, 0..2^64 - 1; None means 0.
+        start_phase: where references lie at the first frame: ``zero``, at its log intensity; ``stationary``, so that
+            L - R is uniform in (-C_off, C_on), drawn for each pixel, as in a camera that has run before.
+        seed: of thresholds, start phases and noise, 0..2^64 - 1; None means 0.
         threads: 1..1024; None means as many as make a sensor of this size faster, at most one a core. The events do not
             depend on it.
 
@@ -278,6 +281,7 @@ class CrossingEngine:
         log_eps: float = 1e-3,
         interpolation: str = "linear",
         effects: _Effects | Mapping[str, Mapping[str, float | None]] | None = None,
+        start_phase: str = "zero",
         seed: int | None = None,
         threads: int | None = None,
     ) -> CrossingEngine: ...
@@ -347,6 +351,9 @@ class CrossingEngine:
     @property
     def dropped_events(self) -> int:
         """How many events the readout effect has dropped so far; 0 without it."""
+    @property
+    def missed_events(self) -> int:
+        """How often a pixel reached a level before its last event was read out and its reset over; 0 without a bus."""
     @property
     def contrast_threshold(self) -> float | npt.NDArray[np.float64]:
         """C_on in natural-log units: one number for all pixels, or float64, shape (height, width), one for each."""
@@ -617,10 +624,14 @@ def reconstruct(
     t_us: int,
     contrast_threshold: float | npt.NDArray[np.floating[Any]],
     contrast_threshold_off: float | npt.NDArray[np.floating[Any]] | None = None,
+    *,
+    start_phase: str = "zero",
+    seed: int | None = None,
 ) -> npt.NDArray[np.float64]:
     """Compute log intensity at ``t_us`` from that of the first frame and the events until then (t <= t_us).
 
-    log I(x; t) = log I(x; 0) + n_on C_on - n_off C_off with each pixel's counts: the engine's reference to the bit.
+    log I(x; t) = log I(x; 0) - d(x) + n_on C_on - n_off C_off with each pixel's counts and start phase d: the engine's
+    reference to the bit.
 
     Args:
         events: events of the sensor, in any order.
@@ -628,12 +639,13 @@ def reconstruct(
         t_us: time in microseconds; later events are left out.
         contrast_threshold, contrast_threshold_off: C_on and C_off as :class:`CrossingEngine` takes them; without C_off
             it is C_on.
+        start_phase, seed: as of the :class:`CrossingEngine` that made the events; with ``zero`` all d are 0.
 
     Returns:
         float64, shape (height, width).
 
     Raises:
-        ValueError: for thresholds out of range or an event outside of the frame.
+        ValueError: for thresholds out of range, a start phase that does not exist, or an event outside of the frame.
 
     Source: Mueggler et al., IJRR 2017, section 6.
     """

@@ -10,6 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ._core import DecodeError
+from .argument_error import ArgumentError
+from .close_names import names_checked
 from .untrusted import read_text
 
 FloatArray = npt.NDArray[np.float64]
@@ -28,6 +30,7 @@ class _Distorted(NamedTuple):
     v_by_y: FloatArray
 
 
+@names_checked
 @dataclass(frozen=True)
 class Camera:
     """Intrinsics of a pinhole camera with radial-tangential distortion (OpenCV's model, ``calib.txt``'s nine numbers).
@@ -205,7 +208,7 @@ def load_camera(name_or_path: str | Path) -> Camera:
     if str(name_or_path) in PRESETS:
         return PRESETS[str(name_or_path)]
     if not Path(name_or_path).is_file():
-        raise ValueError(
-            f"camera {str(name_or_path)!r} is neither a preset ({', '.join(PRESETS)}) nor a calib.txt file"
+        raise ArgumentError(
+            "{camera} {!r} is neither a preset ({}) nor a calib.txt file", str(name_or_path), ", ".join(PRESETS)
         )
     return Camera.from_calib(name_or_path)

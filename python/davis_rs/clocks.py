@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from .argument_error import ArgumentError
+from .close_names import names_checked
 from .events import EventArray, as_events
 from .imu import ImuArray, as_imu
 from .pose import FloatArray, GroundTruth
@@ -52,6 +54,7 @@ class ClockAlignment:
         )
 
 
+@names_checked
 def align_clocks(
     poses: GroundTruth,
     *,
@@ -94,9 +97,11 @@ def align_clocks(
     differentiation of pseudo-inverses and nonlinear least squares problems whose variables separate", 1973.
     """
     if (imu is None) == (events is None):
-        raise ValueError(f"align_clocks needs just one of imu and events, got {'none' if imu is None else 'both'}")
+        raise ArgumentError(
+            "align_clocks needs just one of {imu} and {events}, got {}", "none" if imu is None else "both"
+        )
     if not 0 < max_offset_s < np.inf:
-        raise ValueError(f"max_offset_s must be finite and > 0, got {max_offset_s}")
+        raise ArgumentError("{max_offset_s} must be finite and > 0, got {}", max_offset_s)
     path = SampledTrajectory(
         poses.t_us * 1e-6,
         poses.positions,

@@ -2,12 +2,89 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import inspect
+from collections.abc import Callable, Iterable, Mapping
 from difflib import get_close_matches
+from functools import wraps
+from typing import Any, TypeVar
+
+from .names_elsewhere import NAMES_ELSEWHERE
+
+_UNITS = ("_hz", "_px", "_m_s", "_ms_per_min", "_m", "_rad", "_deg", "_s", "_ms", "_us", "_ns")
+"""With which names of settings end."""
+
+_LISTED = 12
+"""So many names are listed where none is close."""
 
 
-def did_you_mean(given: str, names: Iterable[str]) -> str:
-    """A question that names what was probably meant, to be put behind a message; empty where nothing is close."""
-    by_folded = {name.lower(): name for name in names}
-    close = get_close_matches(given.lower(), by_folded, n=1, cutoff=0.6)
-    return f"; did you mean {by_folded[close[0]]}?" if close else ""
+def did_you_mean(given: str, names: Iterable[str], effects: Mapping[str, str] | None = None) -> str:
+    """A question that names what was probably meant, to be put behind a message; empty where nothing is close.
+
+    Args:
+        names: that are allowed in its place.
+        effects: effects that may be given, but not in its place: how, by their names.
+    """
+    effects = effects or {}
+    folded = _folded(given)
+    known = {_folded(name): name for name in names}
+    elsewhere = None if folded in effects else NAMES_ELSEWHERE.get(folded)
+    if elsewhere is None:
+        either = {**effects, **known}
+        same = [name for name in either if without_unit(name) == without_unit(folded)]
+        close = same or get_close_matches(folded, known, 1, 0.6) or get_close_matches(folded, effects, 1, 0.75)
+        return f"; did you mean {either[close[0]]}?" if close else ""
+    ours, whose = elsewhere.ours, f"{folded} in {elsewhere.whose}"
+    note = f"; here {elsewhere.note}" if elsewhere.note else ""
+    meant = known.get(ours) or known.get(without_unit(ours)) or effects.get(ours)
+    if meant:
+        return f"; did you mean {meant}? ({whose}{note})"
+    return f" ({whose}{f' is {ours} here' if ours else note})"
+
+
+def without_unit(name: str) -> str:
+    """The name of a setting without the unit with which it ends."""
+    return next((name.removesuffix(unit) for unit in _UNITS if name.endswith(unit)), name)
+
+
+def names_of(taker: Callable[..., Any]) -> list[str]:
+    """The arguments that a function or a class takes by name."""
+    parameters = inspect.signature(taker).parameters.values()
+    by_name = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
+    return [one.name for one in parameters if one.kind in by_name and one.name != "self"]
+
+
+Taker = TypeVar("Taker", bound=Callable[..., Any])
+
+
+def names_checked(taker: Taker) -> Taker:
+    """Make a function, or a class, refuse an argument that it does not have with the one that is close.
+
+    Python does so itself from 3.13 on, but knows neither names of other simulators nor units.
+    """
+    if isinstance(taker, type):
+        taker.__init__ = names_checked(taker.__init__)  # type: ignore[misc]
+        return taker
+    names = frozenset(names_of(taker))
+
+    @wraps(taker)
+    def checked(*arguments: Any, **by_name: Any) -> Any:
+        for name in by_name:
+            if name not in names:
+                raise TypeError(no_argument(taker, name, names_of(taker)))
+        return taker(*arguments, **by_name)
+
+    return checked  # type: ignore[return-value]  # it has the same signature
+
+
+def no_argument(
+    of: Callable[..., Any] | str, given: str, names: Iterable[str], effects: Mapping[str, str] | None = None
+) -> str:
+    """What is said of an argument that a function does not have."""
+    who = of if isinstance(of, str) else of.__qualname__.removesuffix(".__init__")
+    near = did_you_mean(given, names := list(names), effects)
+    listed = f"; it has {', '.join(names)}" if len(names) <= _LISTED else ""
+    return f"{who} has no argument {given!r}{near or listed}"
+
+
+def _folded(name: str) -> str:
+    return name.lstrip("-").replace("-", "_").lower()

@@ -8,6 +8,8 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
+from .argument_error import ArgumentError
+from .close_names import names_checked
 from .events import EventArray, as_events
 
 DEFAULT_WINDOW_US = 10_000
@@ -66,6 +68,7 @@ class EventComparison:
         return float(np.percentile(np.abs(self.time_error_us), percent)) if self.matched else np.nan
 
 
+@names_checked
 def compare_events(
     events: npt.ArrayLike,
     reference: npt.ArrayLike,
@@ -100,7 +103,7 @@ def compare_events(
     Journal of Neurophysiology 76(2), 1996 (D^spike with q = 2 / window).
     """
     if not 0 <= window_us <= _LARGEST_WINDOW_US or int(window_us) != window_us:
-        raise ValueError(f"window_us must be an integer in 0..{_LARGEST_WINDOW_US}, got {window_us}")
+        raise ArgumentError("{window_us} must be an integer in 0..{}, got {}", _LARGEST_WINDOW_US, window_us)
     ours, theirs = _checked(events, "events", size), _checked(reference, "reference", size)
     columns = [np.concatenate([theirs[name], ours[name]]) for name in ("t", "p", "x", "y")]
     columns[1] = columns[1] != 0

@@ -1,9 +1,16 @@
-"""What a run wrote into a dataset folder, in one line for people."""
+"""What a run wrote into a dataset folder, and when that begins, each in one line for people."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from decimal import Decimal
 from pathlib import Path
+
+
+def start_line(start_time_ns: int, clock: str) -> str:
+    """What t = 0 of a folder is on the clock of its input, exactly: "t = 0 is 1000.25 s on the clock of ..."."""
+    seconds = (Decimal(start_time_ns) / 10**9).normalize()
+    return f"t = 0 is {seconds:f} s on the clock of {clock}"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -16,6 +23,7 @@ class FolderReport:
         duration_s, wall_s: of the sequence, and wall time, in seconds.
         interrupted: whether Ctrl-C cut it short.
         dropped_events: how many events the readout dropped.
+        missed_events: how often a pixel reached a level before its last event was read out and its reset over.
     """
 
     path: Path
@@ -24,12 +32,14 @@ class FolderReport:
     wall_s: float
     interrupted: bool
     dropped_events: int = 0
+    missed_events: int = 0
 
     def _line(self, events: str) -> str:
         rate = self.events / self.duration_s if self.duration_s else 0.0
         cut = ", cut short by Ctrl-C" if self.interrupted else ""
         dropped = f", {self.dropped_events:,} dropped by the readout" if self.dropped_events else ""
+        missed = f", {self.missed_events:,} missed by pixels that waited for the bus" if self.missed_events else ""
         return (
             f"{self.path}: {events} in {self.duration_s:.6g} s ({rate / 1e6:.3f} Mev/s), "
-            f"wall time {self.wall_s:.1f} s{dropped}{cut}"
+            f"wall time {self.wall_s:.1f} s{dropped}{missed}{cut}"
         )

@@ -12,6 +12,8 @@ from math import gcd
 import numpy as np
 import numpy.typing as npt
 
+from .argument_error import ArgumentError
+
 
 @functools.cache
 def rank1_lattice(n: int) -> npt.NDArray[np.float64]:
@@ -26,7 +28,7 @@ def rank1_lattice(n: int) -> npt.NDArray[np.float64]:
     Source: Dammertz, Keller, Image synthesis by rank-1 lattices, MCQMC 2006.
     """
     if not 1 <= n <= 1024:
-        raise ValueError(f"samples (rays a pixel) must lie in 1..1024, got {n}")
+        raise ArgumentError("{samples} (rays a pixel) must lie in 1..1024, got {}", n)
     i = np.arange(n)
 
     def least_distance(g: int) -> int:

@@ -177,7 +177,7 @@ def estimate_noise(scene: Scene, **settings: Unpack[ViewSettings]) -> NoiseEstim
         ValueError: for a value out of range, a scene without a camera path, or one that cannot be rendered.
         OSError: if a scene file or a calibration cannot be read.
     """
-    given = complete(ViewSettings, settings, of="estimate_noise")
+    given = complete(ViewSettings, settings, of=estimate_noise)
     viewed = view_scene(scene, given)
     renderer = make_renderer(viewed.scene, viewed.camera, **renderer_settings(given))
     return estimate_noise_of(

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
+
+from .argument_error import ArgumentError
 
 # scipy is imported where it is used: it costs more than the 0.2 s that `import davis_rs` may take.
 
 FloatArray = npt.NDArray[np.float64]
 
 UNIT_NORM_TOLERANCE = 1e-3
+_ROTATION_TOLERANCE = 1e-6
 
 
 @dataclass(frozen=True, eq=False, init=False)
@@ -34,7 +37,7 @@ class Pose:
 
     def __init__(self, position: npt.ArrayLike, quaternion: npt.ArrayLike) -> None:
         for name, size, values in (("position", 3, position), ("quaternion", 4, quaternion)):
-            array = np.array(values, np.float64)
+            array = _numbers(values, f"pose {name}")
             if array.shape != (size,):
                 raise ValueError(f"pose {name} must have shape ({size},), got {array.shape}")
             if not np.isfinite(array).all():
@@ -71,15 +74,58 @@ class Pose:
         """
         from scipy.spatial.transform import Rotation
 
-        m = np.asarray(matrix, np.float64)
+        m = _numbers(matrix, "a pose matrix")
         if m.shape != (4, 4) or not np.isfinite(m).all() or not np.array_equal(m[3], (0.0, 0.0, 0.0, 1.0)):
             raise ValueError(f"a pose matrix must be finite, of shape (4, 4), with last row 0 0 0 1, got {m.tolist()}")
         r = m[:3, :3]
-        if np.abs(r @ r.T - np.eye(3)).max() > 1e-6 or np.linalg.det(r) < 0:
+        off = float(np.abs(r @ r.T - np.eye(3)).max())
+        if off > _ROTATION_TOLERANCE or np.linalg.det(r) < 0:
+            found = f"is off by {off:.3g}" if off > _ROTATION_TOLERANCE else "is mirrored"
             raise ValueError(
-                f"a pose matrix must hold a rotation (orthonormal within 1e-6, right-handed), got {r.tolist()}"
+                f"a pose matrix must hold a rotation (orthonormal within {_ROTATION_TOLERANCE:g}, right-handed), "
+                f"got {r.tolist()}, which {found}"
             )
         return cls(m[:3, 3], Rotation.from_matrix(r).as_quat())
+
+
+PoseLike: TypeAlias = Pose | npt.ArrayLike | tuple[npt.ArrayLike, npt.ArrayLike]
+"""What stands for a pose, see :func:`as_pose`."""
+
+
+def as_pose(given: PoseLike, argument: str = "pose") -> Pose:
+    """Return the pose that something stands for.
+
+    >>> as_pose(np.eye(4))
+    >>> as_pose(((0, 0, -1), (0, 0, 0, 1)))
+
+    Args:
+        given: a :class:`Pose`; a matrix T_world_camera (4, 4); or a pair of position (3,) in metres and quaternion (4,)
+            of R_world_camera as (x, y, z, w).
+        argument: what gives it, for messages.
+
+    Raises:
+        ArgumentError: for anything else, for what is no rigid, right-handed transform, a quaternion that is not of norm
+            1, or a value that is not finite; with the rule and the value.
+    """
+    if isinstance(given, Pose):
+        return given
+    pair = given if isinstance(given, tuple | list) and len(given) == 2 else None
+    try:
+        return Pose.from_matrix(given) if pair is None else Pose(*pair)  # type: ignore[arg-type]
+    except ValueError as error:
+        raise ArgumentError(
+            "{argument} must be a Pose, a 4 x 4 matrix T_world_camera, or (position, quaternion (x, y, z, w)): {}",
+            error,
+            argument=argument,
+        ) from None
+
+
+def _numbers(values: Any, what: str) -> FloatArray:
+    """A new array of numbers."""
+    try:
+        return np.array(values, np.float64)
+    except (TypeError, ValueError):
+        raise ValueError(f"{what} must be numbers, got {values!r}") from None
 
 
 class GroundTruth(NamedTuple):

@@ -21,6 +21,8 @@ import numpy.typing as npt
 
 from ._core import count_events, latest_times, spike_tensor
 from ._core import voxel_grid as _voxel_grid
+from .argument_error import ArgumentError
+from .close_names import names_checked
 from .events import EventArray
 
 
@@ -43,6 +45,7 @@ def count_image(events: EventArray, size: tuple[int, int]) -> npt.NDArray[np.uin
     return count_events(events, _checked(size))
 
 
+@names_checked
 def time_surface(
     events: EventArray,
     size: tuple[int, int],
@@ -64,7 +67,7 @@ def time_surface(
     Source: Lagorce et al., "HOTS", TPAMI 2017, section 3.1, equation 3.
     """
     if not tau_us > 0:
-        raise ValueError(f"the time constant must be > 0 us, got {tau_us}")
+        raise ArgumentError("{tau_us} must be > 0 us, got {}", tau_us)
     if t_us is None:
         t_us = int(events["t"][-1]) if len(events) else 0
     latest = latest_times(events, _checked(size), t_us)
@@ -74,6 +77,7 @@ def time_surface(
     return surface.astype(dtype, copy=False)
 
 
+@names_checked
 def voxel_grid(
     events: EventArray,
     size: tuple[int, int],
@@ -107,11 +111,12 @@ def voxel_grid(
     3.1, equations 1 to 3.
     """
     if operator.index(bins) < 1:
-        raise ValueError(f"a voxel grid needs at least 1 bin, got {bins}")
+        raise ArgumentError("{bins} must be at least 1, got {}", bins)
     start, stop = _window(events, start_us, stop_us)
     return _voxel_grid(events, _checked(size), bins, start, stop, endpoint).astype(dtype, copy=False)
 
 
+@names_checked
 def event_spike_tensor(
     events: EventArray,
     size: tuple[int, int],
@@ -147,14 +152,15 @@ def event_spike_tensor(
         section 3.
     """
     if operator.index(bins) < 1:
-        raise ValueError(f"a spike tensor needs at least 1 bin, got {bins}")
+        raise ArgumentError("{bins} must be at least 1, got {}", bins)
     if measurement not in ("time", "count"):
-        raise ValueError(f"measurement must be time or count, got {measurement!r}")
+        raise ArgumentError("{measurement} must be time or count, got {!r}", measurement)
     start, stop = _window(events, start_us, stop_us)
     grid = spike_tensor(events, _checked(size), bins, start, stop, measurement == "time")
     return grid.astype(dtype, copy=False)
 
 
+@names_checked
 def last_event_times(
     events: EventArray,
     size: tuple[int, int],
@@ -182,7 +188,7 @@ def last_event_times(
     (TORE) Volumes for Event Cameras", TPAMI 2022 (the last few, there on a logarithmic scale).
     """
     if operator.index(count) < 1:
-        raise ValueError(f"at least 1 event of each pixel is needed, got {count}")
+        raise ArgumentError("{count} must be at least 1, got {}", count)
     start, stop = _window(events, start_us, stop_us)
     if stop < start:
         raise ValueError(f"a window must not end before it starts: got {start}..{stop} us")
@@ -202,5 +208,5 @@ def _window(events: EventArray, start_us: int | None, stop_us: int | None) -> tu
 def _checked(size: tuple[int, int]) -> tuple[int, int]:
     width, height = (operator.index(side) for side in size)
     if not (1 <= width <= 65_535 and 1 <= height <= 65_535):
-        raise ValueError(f"size must be (width, height) with sides of 1..65535 pixels, got {size}")
+        raise ArgumentError("{size} must be (width, height) with sides of 1..65535 pixels, got {}", size)
     return width, height

@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 
 from ._mitsuba import default_variant, load_scene_source, variant
+from .argument_error import ArgumentError
 from .camera import Camera
-from .close_names import did_you_mean
+from .close_names import did_you_mean, names_checked
 from .pose import Pose
 from .scene.checkerboard_scene import checkerboard
 from .scene.fence_scene import fence
@@ -35,6 +36,7 @@ GLTF = (".gltf", ".glb")
 _CONVERTIBLE = (".fbx", ".stl", ".dae", ".usd", ".usda", ".usdc", ".usdz", ".3ds", ".abc", ".off")
 
 
+@names_checked
 def load_scene(name_or_path: str | Path, *, up: Axis | None = None, scale: float | None = None) -> Scene:
     """Load a built-in scene or a public sequence by name, a Mitsuba XML or glTF file, or an OBJ or PLY mesh.
 
@@ -68,7 +70,9 @@ def load_scene(name_or_path: str | Path, *, up: Axis | None = None, scale: float
             "(.glb) or Wavefront (.obj)"
         )
     if up is not None or scale is not None:
-        raise ValueError(f"up and scale are for a mesh that is there (OBJ, PLY or glTF), got {str(name_or_path)!r}")
+        raise ArgumentError(
+            "{up} and {scale} are for a mesh that is there (OBJ, PLY or glTF), got {!r}", str(name_or_path)
+        )
     if str(name_or_path) in BUILTIN_SCENES:
         return BUILTIN_SCENES[str(name_or_path)]()
     from .sequences import SEQUENCES  # many small scenes, which `import davis_rs` need not wait for

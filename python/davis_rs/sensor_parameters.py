@@ -7,7 +7,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
 from typing import Any, TypeVar
 
+from .argument_error import ArgumentError
 from .biases import BiasValues, CoarseFineBias, as_biases
+from .close_names import names_checked
 from .effects import Aps, Effects, HotPixels, LeakRate, PhotoreceptorBandwidth, Readout, ShotNoise, ThresholdMismatch
 from .effects.effect import check_range
 from .effects.leak_rate import REFERENCE_C, warmth
@@ -21,6 +23,9 @@ INPUT_CAPACITANCE_F = 131.167e-15  # C1, the source follower's load
 REFRACTORY_CAPACITANCE_F = 20e-15
 REFRACTORY_SWING_V = 0.8
 THERMAL_VOLTAGE_V = 25e-3  # kT/q at room temperature
+
+START_PHASES = ("zero", "stationary")
+"""Where references may lie at the first frame."""
 
 THRESHOLD_GAIN = KAPPA_N / KAPPA_P**2 / CAPACITANCE_RATIO
 """Change of log intensity for a change of 1 in the logarithm of the comparator's current ratio."""
@@ -47,6 +52,7 @@ _SIGNED = {"temperature_c", "threshold_column_parity"}
 _SHARES = {"threshold_column_parity", "hot_pixel_fraction", "leak_spread", "leak_jitter", "aps_prnu"}
 
 
+@names_checked
 @dataclass(frozen=True, kw_only=True)
 class SensorParameters:
     """A particular sensor. None stands for what is not known or does not occur: that effect is then off.
@@ -197,6 +203,15 @@ class SensorParameters:
             return self.shot_noise_half_lux
         return follower_hz / hz * lux
 
+    @property
+    def start_phase(self) -> str:
+        """Where references lie at the first frame.
+
+        ``stationary``, as of a camera that has run before; ``zero`` of ideal pixels, of which nothing is given. It
+        depends on no effect's being there.
+        """
+        return START_PHASES[self != SensorParameters()]
+
     def effects(self, lux_per_luma: float) -> Effects:
         """Return the effects that this sensor has in a scene whose unit of luma is ``lux_per_luma`` lux.
 
@@ -207,7 +222,7 @@ class SensorParameters:
         """
         check_range("lux_per_luma", lux_per_luma, 0.0, math.inf, "lux")
         if lux_per_luma == 0:
-            raise ValueError(f"lux_per_luma must be finite and > 0 lux, got {lux_per_luma!r}")
+            raise ArgumentError("{lux_per_luma} must be finite and > 0 lux, got {!r}", lux_per_luma)
         hz, lux = self.photoreceptor_bandwidth_hz, self.photoreceptor_bandwidth_lux
         follower_hz = self.source_follower_bandwidth_hz
         receptor_hz = hz * lux_per_luma / lux if hz is not None and lux is not None else math.inf

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
+from .argument_error import ArgumentError
 from .effect_planning import EffectPlan, plan_effects
-from .effects import Effects, parse_effect
+from .effects.effects import read_effects
 from .monte_carlo_noise import NoiseEstimate, NoiseWarning, estimate_noise_of
+from .no_events import warned_without_events
 from .packet import Packet
 from .scene.scene import Scene, check_scene
 from .sensors import SENSORS
@@ -44,14 +46,20 @@ def simulate(
             ``start_s``.
         {settings}
 
+    Warns:
+        NoEventsWarning: where a threshold is larger than all contrast from the dark level to white, and where there
+            were no events at all.
+        NoiseWarning: where more events than ``noise_share`` will be Monte Carlo noise.
+
     Raises:
         TypeError, ValueError, OSError: as :func:`plan_effects`, :class:`Simulator` and :meth:`Simulator.run`, at the
             call or at the first packet.
     """
     check_scene(scene)
-    made = make_simulator(scene.crop(start_s, duration_s), settings)
+    given = complete(SimulationSettings, settings, of=simulate)
+    made = make_simulator(scene.crop(start_s, duration_s), given)
     made.warn_of_noise(stacklevel=3)
-    return made.simulator.run()
+    return made.packets()
 
 
 @dataclass(frozen=True)
@@ -70,6 +78,16 @@ class MadeSimulator:
     noise: NoiseEstimate | None
     noise_share: float
     chose_samples: bool
+
+    def packets(self) -> Iterator[Packet]:
+        """Yield the packets of :meth:`Simulator.run`.
+
+        Warns:
+            NoEventsWarning: of a run without events.
+        """
+        one = self.simulator
+        thresholds = (one.contrast_threshold, one.contrast_threshold_off)
+        return warned_without_events(one.run(), thresholds, one.settings["log_eps"])
 
     @property
     def noise_line(self) -> str:
@@ -108,12 +126,12 @@ def make_simulator(scene: Scene, settings: Mapping[str, Any]) -> MadeSimulator:
     """A simulator of a scene's camera path; its effects are planned and its samples chosen where that is asked for.
 
     Args:
-        settings: those of :class:`~davis_rs.settings.SimulationSettings`.
+        settings: complete ones of :class:`~davis_rs.settings.SimulationSettings`.
 
     Raises:
-        TypeError, ValueError, OSError: as :func:`simulate`.
+        ValueError, OSError: as :func:`simulate`.
     """
-    given = complete(SimulationSettings, settings, of="simulate")
+    given = dict(settings)
     given["sensor"] = fixed_sensor(scene, given["sensor"])
     named, planned = read_effects(given["effects"])
     plan: EffectPlan | None = None
@@ -124,8 +142,9 @@ def make_simulator(scene: Scene, settings: Mapping[str, Any]) -> MadeSimulator:
         plan = plan_effects(scene, keep=named, **only(PlanSettings, given))
         named = plan.effects
     elif given["effects_tolerance"] is not None:
-        raise ValueError(
-            f"effects_tolerance is {given['effects_tolerance']:g}, but no effects are planned: it is for effects auto"
+        raise ArgumentError(
+            "{effects_tolerance} is {:g}, but no effects are planned: it is for {effects:auto}",
+            given["effects_tolerance"],
         )
     chosen = only(SimulatorSettings, {**given, "effects": named})
     chose_samples = given["samples"] == AUTO
@@ -145,19 +164,3 @@ def make_simulator(scene: Scene, settings: Mapping[str, Any]) -> MadeSimulator:
         if samples != simulator.renderer.rays:
             simulator = Simulator(scene, **{**chosen, "samples": samples})
     return MadeSimulator(simulator, plan, noise, given["noise_share"], chose_samples)
-
-
-def read_effects(effects: Effects | str | Sequence[str] | None) -> tuple[Effects, bool]:
-    """The effects that are named, and whether others are to be planned.
-
-    Args:
-        effects: :class:`~davis_rs.Effects`, or texts as :func:`~davis_rs.effects.parse_effect` takes them, ``auto``
-            among them where others are to be planned.
-
-    Raises:
-        ValueError: for an effect that is not there or a malformed value.
-    """
-    if effects is None or isinstance(effects, Effects):
-        return Effects() if effects is None else effects, False
-    texts = [effects] if isinstance(effects, str) else list(effects)
-    return Effects.of(parse_effect(text) for text in texts if text != AUTO), AUTO in texts

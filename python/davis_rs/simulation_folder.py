@@ -18,7 +18,7 @@ from .dataset.event_truth_file import open_event_truth
 from .dataset.writer import DatasetWriter
 from .effect_planning import EffectPlan
 from .events import EventArray
-from .folder_report import FolderReport
+from .folder_report import FolderReport, start_line
 from .ground_truth import EventTruth, camera_velocities
 from .imu import IMU_DTYPE, ImuArray, simulate_imu
 from .packet import Packet
@@ -74,10 +74,15 @@ def simulate_to_folder(
         path, overwrite: see :class:`~davis_rs.DatasetWriter`.
         start_s, duration_s: the part of the camera path to simulate, by default all from ``start_s`` on.
         meta: more for meta.json.
-        quiet: no progress bar, and no lines that say who renders and how much noise that makes.
+        quiet: no progress bar, and no lines that say who renders, how much noise that makes, and what t = 0 is on the
+            clock of the camera path's file.
         {settings}
 
     Noise of IMU and motion capture has the same seed as the simulation.
+
+    Warns:
+        NoEventsWarning: as :func:`simulate`.
+        NoiseWarning: likewise, if ``quiet``; else a line says it.
 
     Raises:
         TypeError: for a setting that does not exist.
@@ -86,7 +91,7 @@ def simulate_to_folder(
     """
     check_scene(scene)
     started = time.perf_counter()
-    given = complete(FolderSettings, settings, of="simulate_to_folder")
+    given = complete(FolderSettings, settings, of=simulate_to_folder)
     imu, motion_capture = make_imu(given), make_motion_capture(given)
     scene = scene.crop(start_s, duration_s)
     made = make_simulator(scene, only(SimulationSettings, given))
@@ -97,6 +102,8 @@ def simulate_to_folder(
         say(_rendering_with(simulator.renderer))
         if made.noise_line:
             say(made.noise_line)
+        if scene.path.start_time_ns:
+            say(start_line(scene.path.start_time_ns, "the camera path"))
     truth = motion_capture.poses(scene.path, seed=given["seed"])
     inertial = np.zeros(0, IMU_DTYPE) if imu is None else simulate_imu(scene.path, imu, seed=given["seed"])
     end_us = round(1e6 * scene.path.duration_s)
@@ -107,7 +114,7 @@ def simulate_to_folder(
         event_truth = EventTruth(
             simulator.scene, simulator.camera, surfaces=simulator.surfaces, threads=given["threads"]
         )
-    packets = simulator.run()
+    packets = made.packets()
     # Whatever is wrong with the scene shows before the folder is touched.
     first = next(packets)
     described = {
@@ -115,6 +122,7 @@ def simulate_to_folder(
         "effect_plan": None if plan is None else plan.describe(),
         "monte_carlo_noise": None if made.noise is None else made.noise.describe(simulator.renderer.rays),
         "trajectory": scene.path.describe(),
+        "start_time_ns": scene.path.start_time_ns,
         "pose_rate_hz": motion_capture.rate_hz,
         "motion_capture": motion_capture.describe(),
         "imu": None if imu is None else imu.describe(),
@@ -146,6 +154,7 @@ def simulate_to_folder(
         wall_s=wall_s,
         interrupted=written.interrupted,
         dropped_events=simulator.dropped_events,
+        missed_events=simulator.missed_events,
         plan=plan,
     )
 
@@ -213,7 +222,8 @@ def _write_all(
                 events += len(late.events)
             break
     interrupted = end_us < total_us
-    writer.finish({"dropped_events": simulator.dropped_events}, interrupted=interrupted)
+    found = {"dropped_events": simulator.dropped_events, "missed_events": simulator.missed_events}
+    writer.finish(found, interrupted=interrupted)
     return _Written(events, min(end_us, total_us), interrupted)
 
 

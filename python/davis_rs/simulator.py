@@ -10,12 +10,14 @@ import numpy as np
 import numpy.typing as npt
 
 from ._core import CrossingEngine
+from .argument_error import ArgumentError
 from .due_instants import DueInstant, due_instants
 from .effects import CustomEffects, Effects, with_optics
+from .effects.effects import effects_of
 from .events import EventArray, concatenate_events
 from .ground_truth import SceneSurfaces
 from .packet import Packet
-from .pose import Pose
+from .pose import Pose, PoseLike, as_pose
 from .read_ahead import read_ahead
 from .rendering.renderers import make_renderer
 from .run_description import describe_run
@@ -60,6 +62,7 @@ class Simulator:
         camera: lens and size of the image.
         settings: all settings by name, with the defaults of those that were not given.
         contrast_threshold, contrast_threshold_off: C_on and C_off, from settings, sensor or scene.
+        start_phase: where references lie at the first frame, from settings or sensor.
         sampling: when luma is rendered.
         effects: those of the pixels, readout and frames.
         custom_effects: those of the user's own.
@@ -75,30 +78,32 @@ class Simulator:
     """
 
     def __init__(self, scene: Scene, **settings: Unpack[SimulatorSettings]) -> None:
-        _require_effects(settings.get("effects"))
         _require_samples(settings.get("samples"))
-        self.settings: dict[str, Any] = complete(SimulatorSettings, settings, of="Simulator")
+        self.settings: dict[str, Any] = complete(SimulatorSettings, settings, of=Simulator)
         self.settings["sensor"] = fixed_sensor(scene, self.settings["sensor"])
         viewed, chosen = view_scene(scene, self.settings), chosen_sampling(self.settings)
         self.scene, self.camera = viewed.scene, viewed.camera
         self.settings["log_eps"] = viewed.log_eps
         self.contrast_threshold = viewed.contrast_threshold
         self.contrast_threshold_off = viewed.contrast_threshold_off
+        self.start_phase = viewed.start_phase
         self.custom_effects = CustomEffects(
             self.settings["custom_effects"], self.camera.width, self.camera.height, self.settings["seed"]
         )
         self._on_light = self.custom_effects.on_luma or self.custom_effects.on_log_intensity
         self.sampling = whole_frame_sampling(self.settings) if self._on_light else chosen.sampling
-        given = Effects() if self.settings["effects"] is None else self.settings["effects"]
+        given = effects_of(self.settings["effects"], not_planned=_NOT_PLANNED)
         self.effects = given.with_defaults(viewed.sensor_effects)
         in_engine = self.effects.engine_settings()
         _check_exposure(self.effects, self.settings["frame_rate_hz"], self.camera.height)
         if self.settings["refine"] and in_engine:
-            raise ValueError(
-                f"refine finds the times of ideal pixels: it cannot be combined with {', '.join(in_engine)}"
+            raise ArgumentError(
+                "{refine} finds the times of ideal pixels: it cannot be combined with {}", ", ".join(in_engine)
             )
         if self.settings["refine"] and self._on_light:
-            raise ValueError("refine asks the renderer for times: it cannot be combined with custom effects on light")
+            raise ArgumentError(
+                "{refine} asks the renderer for times: it cannot be combined with custom effects on light"
+            )
         self.refine = chosen.refine and not in_engine and not self._on_light
         plain = make_renderer(
             self.scene,
@@ -116,13 +121,14 @@ class Simulator:
             log_eps=self.settings["log_eps"],
             interpolation=self.sampling.interpolation,
             effects=in_engine,
+            start_phase=self.start_phase,
             seed=self.settings["seed"],
             threads=self.settings["threads"],
         )
         asked = any(self.settings[f"{name}_rate_hz"] > 0 for name in TRUTH_MAPS)
         self.surfaces = SceneSurfaces(self.scene, self.camera, threads=self.settings["threads"]) if asked else None
         if self.settings["flow_interval_s"] is not None and self.settings["flow_rate_hz"] == 0:
-            raise ValueError("flow_interval_s is that of maps of flow: give flow_rate_hz")
+            raise ArgumentError("{flow_interval_s} is that of maps of flow: give {flow_rate_hz}")
         self._pose: Pose | None = None
         self._last: Keyframe | None = None
         self._t_us = 0
@@ -168,12 +174,14 @@ class Simulator:
         yield from self._packets(trajectory, 0, round(trajectory.duration_s * 1e6), ahead=ahead)
         yield from self.flush()
 
-    def step(self, t_us: int, pose: Pose) -> list[Packet]:
+    def step(self, t_us: int, pose: PoseLike) -> list[Packet]:
         """Move the camera to ``pose`` at ``t_us``; return the packets since the last step.
 
         Between two poses the camera moves at constant velocity and body rate, and is rendered as often as ``sampling``
         asks. The first step must be at 0: it sets the references. The last packet ends at ``t_us``; the others
         end where frames and depth maps fall due between.
+
+        A pose is a :class:`~davis_rs.Pose`, a matrix T_world_camera (4, 4), or (position, quaternion (x, y, z, w)).
 
         There is a keyframe at the end of each step. So steps shorter than the spacing of keyframes in :meth:`run`
         sample more finely: where their events differ from those of a run along the same path, those of the steps are
@@ -184,7 +192,8 @@ class Simulator:
                 because nobody knows yet where the camera goes.
         """
         if self.settings["flow_interval_s"] is not None:
-            raise ValueError("flow_interval_s looks ahead along a path: it is for run, not for step")
+            raise ArgumentError("{flow_interval_s} looks ahead along a path: it is for run, not for step")
+        pose = as_pose(pose)
         if self._pose is None:
             if t_us != 0:
                 raise ValueError(f"the first step must be at t = 0 us, got {t_us} us")
@@ -212,12 +221,18 @@ class Simulator:
         """Number of events that the readout has dropped; 0 unless it is set to drop events."""
         return self._engine.dropped_events
 
+    @property
+    def missed_events(self) -> int:
+        """How often a pixel reached a level before its last event was read out and its reset over; 0 without a bus."""
+        return self._engine.missed_events
+
     def describe(self) -> dict[str, Any]:
         """Return everything that is needed to repeat the run, for meta.json."""
         resolved = {
             "lux_per_luma": self.scene.lux_per_luma,
             "contrast_threshold": self.contrast_threshold,
             "contrast_threshold_off": self.contrast_threshold_off,
+            "start_phase": self.start_phase,
             "samples": self.renderer.rays,
             "blur": self.renderer.blur,
             "sampling": repr(self.sampling),
@@ -338,22 +353,17 @@ class Simulator:
         )
 
 
-def _require_effects(effects: Any) -> None:
-    """Refuse what is no Effects, ``auto`` by naming what resolves it."""
-    if effects == "auto":
-        raise ValueError(
-            "effects='auto' must be resolved before a simulator is made: "
-            "Simulator(scene, effects=plan_effects(scene, sensor=...).effects), or simulate(scene, effects='auto')"
-        )
-    if not (effects is None or isinstance(effects, Effects)):
-        raise ValueError(f"effects must be davis_rs.Effects or None, got {effects!r}")
+_NOT_PLANNED = (
+    "must be resolved before a simulator is made: "
+    "Simulator(scene, effects=plan_effects(scene, sensor=...).effects), or simulate(scene, effects='auto')"
+)
 
 
 def _require_samples(samples: int | str | None) -> None:
     """Refuse ``auto`` by naming what resolves it."""
     if samples == AUTO:
-        raise ValueError(
-            "samples='auto' must be resolved before a simulator is made: simulate(scene, samples='auto'), or the "
+        raise ArgumentError(
+            "{samples:auto} must be resolved before a simulator is made: simulate(scene, samples='auto'), or the "
             "number that estimate_noise(scene).samples_for(0.05) gives"
         )
 

@@ -14,6 +14,7 @@ from tokenize import TokenError
 from typing import TypeVar
 
 from ._core import DecodeError
+from .argument_error import ArgumentError
 
 _Item = TypeVar("_Item")
 
@@ -31,7 +32,7 @@ def check_max_packet_bytes(max_packet_bytes: int) -> int:
         ValueError: if it is not positive.
     """
     if not 1 <= max_packet_bytes < 2**62:
-        raise ValueError(f"max_packet_bytes must be a positive number of bytes: got {max_packet_bytes}")
+        raise ArgumentError("{max_packet_bytes} must be a positive number of bytes: got {}", max_packet_bytes)
     return max_packet_bytes
 
 

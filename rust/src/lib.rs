@@ -33,7 +33,8 @@ mod python;
 pub use columns::fill_events;
 pub use crossing::{
     CrossingEngine, CrossingParameters, EffectState, Effects, EngineState, Frame, HotPixels, Interpolation, Leak,
-    MOST_THREADS, PhotoreceptorBandwidth, ShotNoise, SparseSamples, Threshold, ThresholdMismatch, reconstruct,
+    MOST_THREADS, PhotoreceptorBandwidth, ShotNoise, SparseSamples, StartPhase, Threshold, ThresholdMismatch,
+    reconstruct,
 };
 pub use error::{Error, Result};
 pub use event::{Event, SensorSize};

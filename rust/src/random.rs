@@ -12,7 +12,7 @@ use crate::log_intensity::ln;
 pub(crate) enum Purpose {
     ThresholdOn = 1,
     ThresholdOff = 2,
-    LeakPhase = 3,
+    StartPhase = 3,
     ShotNoise = 4,
     HotPixels = 5,
     ReadoutJitter = 6,

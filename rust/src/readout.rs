@@ -4,8 +4,11 @@
 //! a second, so a burst of events leaves late and with few distinct stamps. (The frames of the active pixels have a readout of
 //! their own, which is in `aer::frame_assembler`.)
 //!
-//! What must not break: every event leaves once or is counted as dropped, stamps never decrease, and the result does not
-//! depend on how the stream is split into calls.
+//! A pixel's reset waits for the bus: from its request until its event is read out, and for the refractory period after
+//! that, it cannot make another one. What reaches a level meanwhile is no event, and is counted as missed.
+//!
+//! What must not break: every event leaves once or is counted as dropped or missed, stamps never decrease, and the result
+//! does not depend on how the stream is split into calls.
 
 use std::cmp::Reverse;
 use std::collections::{BinaryHeap, VecDeque};
@@ -83,12 +86,23 @@ pub struct ReadoutState {
     pub bursts: u64,
     /// Events dropped so far.
     pub dropped: u64,
+    /// Events missed so far.
+    pub missed: u64,
+    /// When each pixel can ask again, row by row; [`i64::MAX`] while its event waits.
+    pub ready_us: Vec<i64>,
 }
+
+/// Of a pixel whose event waits: when it can ask again is not known.
+const WAITING: i64 = i64::MAX;
 
 /// The bus, with the events that wait for it.
 pub(crate) struct Readout {
+    size: SensorSize,
     parameters: ReadoutParameters,
     seed: u64,
+    /// Microseconds from a pixel's stamp to its next request, at least.
+    reset_us: i64,
+    ready_us: Vec<i64>,
     rows: Vec<VecDeque<Event>>,
     /// Rows with requests, by their oldest one: (time, row).
     requests: BinaryHeap<Reverse<(i64, u16)>>,
@@ -98,16 +112,34 @@ pub(crate) struct Readout {
     last_stamp_us: i64,
     bursts: u64,
     dropped: u64,
+    missed: u64,
 }
 
 impl Readout {
-    /// A bus that nothing waits for.
-    pub(crate) fn new(size: SensorSize, parameters: ReadoutParameters, seed: u64) -> Self {
-        Self::of(size, parameters, seed, &ReadoutState::default())
+    /// A bus that nothing waits for, of pixels that are held in reset for `refractory_us`.
+    #[allow(clippy::cast_possible_truncation, reason = "periods are at most 1e15 us")]
+    pub(crate) fn new(size: SensorSize, parameters: ReadoutParameters, seed: u64, refractory_us: f64) -> Self {
+        Self {
+            size,
+            parameters,
+            seed,
+            reset_us: refractory_us.max(1.0).ceil() as i64,
+            ready_us: vec![0; size.pixels()],
+            rows: vec![VecDeque::new(); usize::from(size.height)],
+            requests: BinaryHeap::new(),
+            stamped: VecDeque::new(),
+            free_us: 0,
+            free_share: 0.0,
+            last_stamp_us: 0,
+            bursts: 0,
+            dropped: 0,
+            missed: 0,
+        }
     }
 
-    /// The same bus where a state at `t_us` left it.
-    pub(crate) fn restored(&self, size: SensorSize, state: &ReadoutState, t_us: i64) -> Result<Self> {
+    /// Takes up a state at `t_us`, where nothing has waited yet.
+    pub(crate) fn restore(&mut self, state: &ReadoutState, t_us: i64) -> Result<()> {
+        let size = self.size;
         let rule = |what: &str| Err(Error::Argument(format!("the readout of a state at {t_us} us {what}")));
         let mut all = state.waiting.iter().chain(&state.stamped);
         if all.any(|event| event.x >= size.width || event.y >= size.height || event.p > 1) {
@@ -129,28 +161,29 @@ impl Readout {
         if times.iter().any(|us| !(0..=latest_us).contains(us)) || !(0.0..1.0).contains(&state.free_share) {
             return rule("must have times of the bus near then");
         }
-        Ok(Self::of(size, self.parameters, self.seed, state))
-    }
-
-    fn of(size: SensorSize, parameters: ReadoutParameters, seed: u64, state: &ReadoutState) -> Self {
-        let mut readout = Self {
-            parameters,
-            seed,
-            rows: vec![VecDeque::new(); usize::from(size.height)],
-            requests: BinaryHeap::new(),
-            stamped: state.stamped.iter().copied().collect(),
-            free_us: state.free_us,
-            free_share: state.free_share,
-            last_stamp_us: state.last_stamp_us,
-            bursts: state.bursts,
-            dropped: state.dropped,
-        };
-        readout.ask(&state.waiting);
-        readout
+        let ready = |us: &i64| *us == WAITING || (0..=latest_us.saturating_add(self.reset_us)).contains(us);
+        if state.ready_us.len() != size.pixels() || !state.ready_us.iter().all(ready) {
+            return rule("must have a time near then for each pixel, at which it can ask again");
+        }
+        let waits = |event: &Event| state.ready_us[event.pixel(size)] == WAITING;
+        let waiting = state.ready_us.iter().filter(|us| **us == WAITING).count();
+        if waiting != state.waiting.len() || !state.waiting.iter().all(waits) {
+            return rule("must have one waiting event of each pixel that waits");
+        }
+        self.ready_us.clone_from(&state.ready_us);
+        self.stamped = state.stamped.iter().copied().collect();
+        (self.free_us, self.free_share, self.last_stamp_us) = (state.free_us, state.free_share, state.last_stamp_us);
+        (self.bursts, self.dropped, self.missed) = (state.bursts, state.dropped, state.missed);
+        state.waiting.iter().for_each(|&event| self.request(event));
+        Ok(())
     }
 
     pub(crate) fn dropped(&self) -> u64 {
         self.dropped
+    }
+
+    pub(crate) fn missed(&self) -> u64 {
+        self.missed
     }
 
     pub(crate) fn state(&self) -> ReadoutState {
@@ -164,6 +197,8 @@ impl Readout {
             last_stamp_us: self.last_stamp_us,
             bursts: self.bursts,
             dropped: self.dropped,
+            missed: self.missed,
+            ready_us: self.ready_us.clone(),
         }
     }
 
@@ -171,7 +206,10 @@ impl Readout {
     ///
     /// `events` are sorted by (t, y, x, order), before and after; no later call gives stamps up to `until_us`.
     pub(crate) fn pass(&mut self, events: &mut Vec<Event>, until_us: i64) {
-        self.ask(events);
+        for &event in events.iter() {
+            self.grant(event.t - 1); // which decides whether its pixel can ask
+            self.ask(event);
+        }
         events.clear();
         self.grant(until_us);
         let leaving = self.stamped.partition_point(|event| event.t <= until_us);
@@ -187,14 +225,23 @@ impl Readout {
         events
     }
 
-    fn ask(&mut self, events: &[Event]) {
-        for event in events {
-            let row = &mut self.rows[usize::from(event.y)];
-            if row.is_empty() {
-                self.requests.push(Reverse((event.t, event.y)));
-            }
-            row.push_back(*event);
+    /// Takes an event whose pixel can ask; one of another pixel is missed.
+    fn ask(&mut self, event: Event) {
+        let ready_us = &mut self.ready_us[event.pixel(self.size)];
+        if event.t < *ready_us {
+            self.missed += 1;
+            return;
         }
+        *ready_us = WAITING;
+        self.request(event);
+    }
+
+    fn request(&mut self, event: Event) {
+        let row = &mut self.rows[usize::from(event.y)];
+        if row.is_empty() {
+            self.requests.push(Reverse((event.t, event.y)));
+        }
+        row.push_back(event);
     }
 
     /// Reads out all rows that are granted until a time.
@@ -214,14 +261,19 @@ impl Readout {
             let waiting = queue.partition_point(|event| event.t <= now_us);
             let longest_us = self.parameters.drop_after_us.unwrap_or(f64::INFINITY);
             let late = queue.partition_point(|event| (now_us - event.t) as f64 + share > longest_us);
-            queue.drain(..late);
+            for event in queue.drain(..late) {
+                self.ready_us[event.pixel(self.size)] = (now_us + share.ceil() as i64).saturating_add(self.reset_us);
+            }
             self.dropped += late as u64;
             let burst = waiting - late;
             if burst > 0 {
                 let delay_us = share + delay(&self.parameters, self.seed, row, self.bursts);
                 let stamp_us = (now_us + delay_us.ceil() as i64).max(self.last_stamp_us);
                 let first = self.stamped.len();
-                self.stamped.extend(queue.drain(..burst).map(|event| event.at(stamp_us)));
+                for event in queue.drain(..burst) {
+                    self.ready_us[event.pixel(self.size)] = stamp_us.saturating_add(self.reset_us);
+                    self.stamped.push_back(event.at(stamp_us));
+                }
                 self.stamped.make_contiguous()[first..].sort_by_key(|event| event.x);
                 self.last_stamp_us = stamp_us;
                 self.bursts += 1;
@@ -260,12 +312,14 @@ mod tests {
         ReadoutParameters { events_per_s: 1e6, row_us: 0.0, latency_us: 0.0, jitter_us: 0.0, drop_after_us: None };
 
     fn readout(parameters: ReadoutParameters) -> Readout {
-        Readout::new(SIZE, parameters, 1)
+        Readout::new(SIZE, parameters, 1, 0.0)
     }
 
     fn requests() -> impl Strategy<Value = Vec<Event>> {
-        prop::collection::vec((0i64..300, 0u16..8, 0u16..16, any::<bool>()), 0..200).prop_map(|events| {
-            let mut events: Vec<Event> = events.into_iter().map(|(t, y, x, on)| Event::new(t, x, y, on)).collect();
+        // Half of them of a few pixels, which ask again and again.
+        let place = prop_oneof![(0u16..8, 0u16..16), (2u16..4, 5u16..7)];
+        prop::collection::vec((0i64..300, place, any::<bool>()), 0..200).prop_map(|events| {
+            let mut events: Vec<Event> = events.into_iter().map(|(t, (y, x), on)| Event::new(t, x, y, on)).collect();
             in_order(&mut events);
             events
         })
@@ -288,31 +342,38 @@ mod tests {
 
     proptest! {
         #[test]
-        fn every_event_leaves_once_in_order_and_not_before_it_came(requests in requests(), rate in 1e4f64..1e8, row_us in 0.0f64..20.0, latency_us in 0.0f64..50.0, jitter_us in 0.0f64..20.0, cut in 0i64..300) {
+        fn every_event_leaves_once_in_order_or_is_missed(requests in requests(), rate in 1e4f64..1e8, row_us in 0.0f64..20.0, latency_us in 0.0f64..50.0, jitter_us in 0.0f64..20.0, refractory_us in 0.0f64..9.0, cut in 0i64..300) {
             let parameters = ReadoutParameters { events_per_s: rate, row_us, latency_us, jitter_us, drop_after_us: None };
+            let readout = || Readout::new(SIZE, parameters, 1, refractory_us);
             let mut whole = requests.clone();
-            let mut bus = readout(parameters);
+            let mut bus = readout();
             bus.pass(&mut whole, 300);
             prop_assert!(whole.iter().all(|event| event.t <= 300));
             whole.extend(bus.flush());
             prop_assert!(whole.is_sorted_by_key(|event| (event.t, event.y, event.x)));
-            let by_pixel = |events: &[Event]| {
-                let mut events = events.to_vec();
-                events.sort_by_key(|event| (event.y, event.x));
-                events
-            };
-            let (before, after) = (by_pixel(&requests), by_pixel(&whole));
-            prop_assert_eq!(before.len(), after.len());
-            for (came, left) in before.iter().zip(&after) {
-                prop_assert_eq!((came.x, came.y, came.p), (left.x, left.y, left.p));
-                prop_assert!(left.t >= came.t);
+            prop_assert_eq!(requests.len() as u64, whole.len() as u64 + bus.missed());
+            // Of each pixel: the first request that comes when it can ask, and then the first after its reset.
+            #[allow(clippy::cast_possible_truncation, reason = "small")]
+            let reset_us = refractory_us.max(1.0).ceil() as i64;
+            let places: std::collections::BTreeSet<_> = requests.iter().map(|event| (event.x, event.y)).collect();
+            for place in places {
+                let own = |events: &[Event]| events.iter().filter(|event| (event.x, event.y) == place).copied().collect::<Vec<_>>();
+                let (mut came, mut ready_us) = (own(&requests).into_iter(), 0);
+                for left in own(&whole) {
+                    let asked = came.find(|event| event.t >= ready_us).unwrap();
+                    prop_assert!(asked.p == left.p && asked.t <= left.t);
+                    ready_us = left.t + reset_us;
+                }
+                prop_assert!(came.all(|event| event.t < ready_us));
             }
             // Any cut of the stream, with the state stored and restored there, gives the same.
             let (early, late) = requests.split_at(requests.partition_point(|event| event.t <= cut));
-            let mut bus = readout(parameters);
+            let mut bus = readout();
             let mut parts = early.to_vec();
             bus.pass(&mut parts, cut);
-            let mut bus = bus.restored(SIZE, &bus.state(), cut).unwrap();
+            let state = bus.state();
+            let mut bus = readout();
+            bus.restore(&state, cut).unwrap();
             let mut rest = late.to_vec();
             bus.pass(&mut rest, 300);
             parts.extend(rest);
@@ -360,7 +421,7 @@ mod tests {
             let mut events = requests.clone();
             bus.pass(&mut events, 300);
             events.extend(bus.flush());
-            prop_assert_eq!(events.len() as u64 + bus.dropped(), requests.len() as u64);
+            prop_assert_eq!(events.len() as u64 + bus.dropped() + bus.missed(), requests.len() as u64);
         }
     }
 

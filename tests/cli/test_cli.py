@@ -68,6 +68,20 @@ def test_a_folder_that_exists_is_kept(tmp_path: Path) -> None:
     assert len((out / "events.txt").read_bytes()) > len(before)
 
 
+@pytest.mark.parametrize(
+    ("threshold", "line"),
+    [
+        (15, "the contrast threshold 15 is above the whole range of the image, which is 6.91 in log intensity, "),
+        (6, "0 events in 0.01 s: the contrast threshold is 6 in log intensity, and all frames together span "),
+    ],
+)
+def test_a_run_without_events_says_why(tmp_path: Path, threshold: float, line: str) -> None:
+    done = simulate("three_planes", "-o", tmp_path / "out", "--duration", 0.01, "--contrast-threshold", threshold)
+    assert ": 0 events in 0.01 s (" in done.stdout
+    assert [f"davis-rs: warning: {line}" in one for one in done.stderr.splitlines()].count(True) == 1
+    assert done.stderr.count("warning") == 1
+
+
 def test_two_runs_into_one_folder_do_not_mix(tmp_path: Path) -> None:
     """The second is refused while the first one writes, --overwrite or not; the first one's dataset is whole."""
     out = tmp_path / "out"
@@ -196,10 +210,11 @@ def test_ctrl_c_leaves_a_valid_shorter_dataset(tmp_path: Path) -> None:
 
 
 def test_a_camera_file_and_a_trajectory_file(tmp_path: Path) -> None:
-    """A hand-held path in a built-in scene is moved to where the scene's camera starts, and keeps its own motion."""
+    """A hand-held path in a built-in scene is moved to where the scene's camera starts, and keeps its own motion. The
+    file's clock begins elsewhere: the dataset begins at 0, and its clock is told."""
     (tmp_path / "calib.txt").write_text("150.0 155.0 118.0 91.0 -0.3 0.1 0.001 -0.0005 0.0\n")
     t = np.arange(41) * 0.005
-    rows = np.stack([t, 0.3 * np.sin(4 * t), 7 + 0.1 * t, 0 * t, 0 * t, 0 * t, 0 * t, 1 + 0 * t], 1)
+    rows = np.stack([1000 + t, 0.3 * np.sin(4 * t), 7 + 0.1 * t, 0 * t, 0 * t, 0 * t, 0 * t, 1 + 0 * t], 1)
     np.savetxt(tmp_path / "path.txt", rows, fmt="%.9f")
     out = tmp_path / "out"
     done = davis_rs(
@@ -209,6 +224,10 @@ def test_a_camera_file_and_a_trajectory_file(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     assert "trajectory moved" in done.stderr
     assert "path.txt: positions and rotations taken as they are" in done.stderr
+    assert done.stderr.count("t = 0") == 1
+    assert "t = 0 is 1000.05 s on the clock of the camera path\n" in done.stderr
+    assert json.loads((out / "meta.json").read_text())["start_time_ns"] == 1_000_050_000_000
+    assert "clock       t = 0 is 1000.05 s on the clock of the input\n" in davis_rs("info", out).stdout
     dataset = Dataset(out)
     assert dataset.camera.fy == 155.0
     start = start_pose(load_scene("three_planes"))

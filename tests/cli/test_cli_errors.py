@@ -59,7 +59,9 @@ def test_building_the_parser_imports_no_command() -> None:
         "davis_rs.cli",
         "davis_rs.cli.main",
         "davis_rs.cli.parser",
+        "davis_rs.argument_error",
         "davis_rs.close_names",
+        "davis_rs.names_elsewhere",
         "davis_rs.progress",
     }
 
@@ -79,12 +81,29 @@ def test_each_command_has_its_help(command: str, capsys: pytest.CaptureFixture[s
     ("arguments", "message"),
     [
         (["simulat", "three_planes"], "there is no such command: simulat; did you mean simulate?"),
+        (["generat"], "there is no such command: generat; did you mean generate? (see davis-rs --help)"),
+        (["calibrate", "zoom"], "zoom; there are sensor, intrinsics, hand-eye, camera-imu"),
         (["simulate", "three_planes"], "the following arguments are required: -o/--output"),
         (["simulate", "three_planes", "-o", "x", "--sensor", "DAVIS240"], "did you mean davis240c?"),
         (["simulate", "three_planes", "-o", "x", "--duration", "long"], "invalid float value: 'long'"),
         (["calibrate", "intrinsic", "x"], "did you mean intrinsics?"),
-        (["simulate", "three_planes", "-o", "x", "--size", "0x5"], "--size: size must lie in 1..65535 pixels"),
-        (["plan", "three_planes", "--size", "240"], "--size: size must be WIDTHxHEIGHT in pixels"),
+        (["simulate", "three_planes", "-o", "x", "--size", "0x5"], "--size: must lie in 1..65535 pixels"),
+        (["simulate", "x", "-o", "x", "--pos_thres", "0.2"], "did you mean --contrast-threshold? (pos_thres in v2e)"),
+        (
+            ["simulate", "x", "-o", "x", "--contrast_threshold_neg=0.2"],
+            "did you mean --contrast-threshold-off? (contrast_threshold_neg in ESIM)",
+        ),
+        (
+            ["frames", "x", "-o", "x", "--cutoff_hz", "30"],
+            "--effect photoreceptor_bandwidth_hz=VALUE? (cutoff_hz in v2e)",
+        ),
+        (["frames", "x", "-o", "x", "--stop_time", "3"], "did you mean --stop? (stop_time in v2e)"),
+        (
+            ["simulate", "x", "-o", "x", "--refractory_period_ns", "30"],
+            "refractory_period_us=VALUE? (refractory_period_ns in ESIM; here in microseconds)",
+        ),
+        (["simulate", "x", "-o", "x", "--leak-rate", "3"], "did you mean --effect leak_rate_hz=VALUE?"),
+        (["plan", "three_planes", "--size", "240"], "--size: must be WIDTHxHEIGHT in pixels"),
     ],
 )
 def test_a_wrong_command_line_is_told_in_one_line(
@@ -140,6 +159,19 @@ def test_keys_of_a_file_have_their_own_names(
         (["info", "OUT/none.txt"], "none.txt: No such file or directory"),
         (["convert", "EVENTS", "OUT.foo", "--size", "9x9"], "is no event format (.raw, .aedat4, .npy, "),
         (["convert", "EVENTS", "OUT.foo", "--size", "9x9"], ": give --format\n"),
+        (["view", "EVENTS", "--size", "9x9", "--time", "5"], "error: --time must lie in the sequence, "),
+        (["view", "EVENTS", "--size", "9x9", "--window", "0"], "error: --window must be positive and finite, got 0.0"),
+        (["view", "EVENTS", "--size", "9x9", "--fps", "5"], "error: --fps means nothing for the picture: leave it out"),
+        (["view", "EVENTS"], "does not say the sensor's size: give --size\n"),
+        (["compare", "EVENTS", "EVENTS2", "--size", "9x9", "--start", "2", "--stop", "1"], "--start < --stop, got 2.0"),
+        (
+            ["simulate", "three_planes", "-o", "OUT", "--effects-tolerance", "0.1"],
+            "--effects-tolerance is 0.1, but no effects are planned: it is for --effects auto",
+        ),
+        (
+            ["simulate", "three_planes", "-o", "OUT", "--refine", "--effect", "leak_rate_hz=1"],
+            "error: --refine finds the times of ideal pixels",
+        ),
         (["convert", "EVENTS", "EVENTS2", "--size", "9x9"], "the file exists; --overwrite replaces it"),
         (
             ["convert", "EVENTS", "OUT.aedat4", "--size", "9x9", "--option", "compresion=lz4"],
@@ -162,6 +194,16 @@ def test_errors_say_what_is_meant(
     assert message in last
     assert last.startswith("davis-rs: error: ")
     assert sorted(tmp_path.iterdir()) == before
+
+
+def test_maintainers_commands_are_not_offered(capsys: pytest.CaptureFixture[str]) -> None:
+    """They are there, but neither --help nor a misspelt command lists them."""
+    for arguments in (["--help"], ["nonsense"]):
+        with pytest.raises(SystemExit):
+            main(arguments)
+        told = "".join(capsys.readouterr())
+        assert "simulate" in told
+        assert "sequences-count" not in told
 
 
 def test_a_formats_options_are_those_that_it_takes() -> None:

@@ -70,7 +70,7 @@ def test_options_reach_the_format_and_wrong_ones_are_told(tmp_path: Path, capsys
     assert main([*command, "row_group=0", "--overwrite"]) == 1
     assert main([*command, "rows=100", "--overwrite"]) == 1
     told = capsys.readouterr().err
-    assert "at least 1 event: got 0" in told
+    assert "row_group must be at least 1: got 0" in told
     assert "rows" in told
     assert len(read_events(target)) == 1_000
 

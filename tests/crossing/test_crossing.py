@@ -4,25 +4,33 @@ from __future__ import annotations
 
 import math
 from fractions import Fraction
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
+from scipy import stats
 
 from davis_rs import EVENT_DTYPE, CrossingEngine, log_intensity, reconstruct
 from davis_rs.events import EventArray
+from effects_reference import START_PHASE, Draw
 from reference import ExactEngine, ExactPixel, LogFrame, exact_events
 from strategies import EPOCH_US, EXAMPLES, Sequence, intervals, nudged, random_paths, sequences, start_times
 
 LumaFrame = npt.NDArray[np.float32]
 
 
-def engine_of(sequence: Sequence, threads: int | None = 1) -> CrossingEngine:
+def engine_of(sequence: Sequence, threads: int | None = 1, **settings: Any) -> CrossingEngine:
     height, width = sequence.shape
     return CrossingEngine(
-        width, height, contrast_threshold=sequence.c_on, contrast_threshold_off=sequence.c_off, threads=threads
+        width,
+        height,
+        contrast_threshold=sequence.c_on,
+        contrast_threshold_off=sequence.c_off,
+        threads=threads,
+        **settings,
     )
 
 
@@ -126,24 +134,37 @@ def test_the_reference_stays_within_a_threshold_of_the_signal(sequence: Sequence
 
 
 @EXAMPLES
-@given(sequences())
-def test_reference_is_the_exact_one_rounded_and_reconstruct_gives_it_to_the_bit(sequence: Sequence) -> None:
-    """engine.reference is within an ulp of R, and reconstruct() finds the same bits from events and first frame."""
-    engine = engine_of(sequence)
-    oracle = ExactEngine(contrast_threshold=sequence.c_on, contrast_threshold_off=sequence.c_off)
+@given(sequences(), st.sampled_from(["zero", "stationary"]), st.integers(0, 2**64 - 1))
+def test_reference_is_the_exact_one_rounded_and_reconstruct_gives_it_to_the_bit(
+    sequence: Sequence, start_phase: str, seed: int
+) -> None:
+    """engine.reference is within an ulp of R, and reconstruct() finds the same bits from events and first frame.
+
+    From any start phase, whose references the oracle begins with: its events, too, and always within both thresholds.
+    """
+    settings: dict[str, Any] = {"start_phase": start_phase, "seed": seed}
+    engine = engine_of(sequence, **settings)
     assert np.isnan(engine.reference).all()
+    engine.push_log(sequence.times_us[0], sequence.frames[0])
+    oracle = ExactEngine(
+        contrast_threshold=sequence.c_on,
+        contrast_threshold_off=sequence.c_off,
+        first_reference=engine.reference,
+    )
+    engine = engine_of(sequence, **settings)
     packets: list[EventArray] = []
     references: list[LogFrame] = []
     for t_us, frame in zip(sequence.times_us, sequence.frames, strict=True):
         packets.append(engine.push_log(t_us, frame))
         references.append(engine.reference)
-        oracle.push_log(t_us, frame)
+        np.testing.assert_array_equal(packets[-1], oracle.push_log(t_us, frame))
         for pixel, exact in oracle.pixels.items():
             rounded = float(references[-1][pixel])
             assert abs(Fraction(rounded) - exact.reference) <= Fraction(math.ulp(rounded))
+            assert -exact.c_off < exact.log_intensity - exact.reference < exact.c_on
     everything = np.concatenate(packets)
     for t_us, reference in zip(sequence.times_us, references, strict=True):
-        rebuilt = reconstruct(everything, sequence.frames[0], t_us, sequence.c_on, sequence.c_off)
+        rebuilt = reconstruct(everything, sequence.frames[0], t_us, sequence.c_on, sequence.c_off, **settings)
         assert rebuilt.tobytes() == reference.tobytes()
 
 
@@ -345,3 +366,66 @@ def test_thread_counts_do_not_change_a_byte() -> None:
     assert not np.frombuffer(b"".join(alone), np.uint8).reshape(-1, 16)[:, 13:].any()
     for threads in (2, 7, None):
         assert run(threads) == alone
+
+
+# ---- start phases ----
+
+
+@pytest.mark.parametrize(("c_on", "c_off"), [(0.2, 0.2), (0.1, 0.3)])
+def test_stationary_references_begin_anywhere_between_both_levels(c_on: float, c_off: float) -> None:
+    """L - R of 10,000 pixels: the draw of (seed, pixel), which is even (chi-square over 50 bins, 1e-6) and not
+    correlated, scaled to (-C_off, C_on); of luma as of log intensity. Without it all references are at the signal."""
+    shares = []
+    for seed in (0, 1):
+        settings: dict[str, Any] = {"contrast_threshold": c_on, "contrast_threshold_off": c_off, "seed": seed}
+        engine = CrossingEngine(100, 100, start_phase="stationary", **settings)
+        engine.push_log(5, np.full((100, 100), -1.25))
+        shares.append((-1.25 - engine.reference + c_off) / (c_on + c_off))
+        drawn = [Draw(seed, START_PHASE, pixel, 0).uniform for pixel in (0, 1, 105, 9_999)]
+        np.testing.assert_allclose(shares[-1].ravel()[[0, 1, 105, 9_999]], drawn, atol=1e-13)
+        assert stats.chisquare(np.histogram(shares[-1], 50, (0, 1))[0]).pvalue > 1e-6
+        assert stats.pearsonr(shares[-1][:, 1:].ravel(), shares[-1][:, :-1].ravel()).pvalue > 1e-6
+        of_luma = CrossingEngine(100, 100, start_phase="stationary", **settings)
+        luma = np.full((100, 100), 0.4, np.float32)
+        of_luma.push(5, luma)
+        np.testing.assert_allclose(log_intensity(luma, 1e-3) - of_luma.reference, -1.25 - engine.reference, atol=1e-13)
+        ideal = CrossingEngine(100, 100, **settings)
+        ideal.push_log(5, np.full((100, 100), -1.25))
+        assert np.all(ideal.reference == -1.25)
+    assert not np.any(shares[0] == shares[1])
+
+
+@pytest.mark.parametrize("threads", [1, 3])
+@pytest.mark.parametrize("effects", [None, {"refractory_period_us": {"period_us": 1.0}}])
+def test_stationary_pixels_fire_at_once_and_alike_in_both_directions(threads: int, effects: Any) -> None:
+    """Half a threshold up makes an event in a quarter of the pixels of alike thresholds, half of one down likewise."""
+    for step, p in ((0.1, 1), (-0.1, 0)):
+        engine = CrossingEngine(
+            200, 100, contrast_threshold=0.2, start_phase="stationary", effects=effects, threads=threads
+        )
+        engine.push(0, np.ones((100, 200), np.float32))
+        events = engine.push(1_000, np.full((100, 200), np.exp(step), np.float32))
+        assert set(events["p"].tolist()) == {p}
+        assert len(events) == pytest.approx(5_000, abs=5 * math.sqrt(5_000 * 0.75))
+        assert stats.kstest(events["t"] / 1_000, "uniform").pvalue > 1e-6
+
+
+def test_a_stored_engine_keeps_its_start_phase() -> None:
+    """Before the first frame, when nothing is drawn yet, and after it, with references far from any log intensity."""
+    frames = [np.full((3, 4), value) for value in (0.0, 900.0 / 2, -300.0)]
+    whole = CrossingEngine(4, 3, contrast_threshold=700.0, start_phase="stationary", seed=3)
+    expected = [whole.push_log(t, frame) for t, frame in enumerate(frames)]
+    parts = CrossingEngine(4, 3, contrast_threshold=700.0, start_phase="stationary", seed=3)
+    for t, frame in enumerate(frames):
+        parts = CrossingEngine.from_state(parts.state())
+        np.testing.assert_array_equal(parts.push_log(t, frame), expected[t])
+    np.testing.assert_array_equal(parts.reference, whole.reference)
+    assert np.abs(whole.reference - frames[-1]).max() > 500
+    assert 'start_phase="stationary"' in repr(parts)
+    for make in (
+        lambda: CrossingEngine(1, 1, start_phase="random"),
+        lambda: reconstruct(np.zeros(0, EVENT_DTYPE), np.zeros((1, 1)), 0, 0.1, start_phase="random"),
+        lambda: CrossingEngine.from_state({**parts.state(), "start_phase": "random"}),
+    ):
+        with pytest.raises(ValueError, match="start_phase must be 'zero' or 'stationary', got \"random\""):
+            make()

@@ -446,8 +446,12 @@ def test_the_users_variant_stays(mi: Any) -> None:
 def test_what_is_refused(mi: Any) -> None:
     """Each refusal names the rule and what was given."""
     mirror = {"floor": {"type": "rectangle", "bsdf": {"type": "conductor"}}, "lamp": LAMP}
-    with pytest.raises(ValueError, match=r"cannot render this: shape 'floor' has a SmoothConductor surface"):
+    with pytest.raises(ValueError, match=r"cannot render this: shape 'floor' has a conductor surface"):
         DifferentiableRenderer(scene(mirror), CAMERA)
+    plastic = {"floor": {"type": "rectangle", "bsdf": {"type": "plastic"}}, "lamp": LAMP}
+    with pytest.raises(ValueError, match=r"has a plastic surface, not a diffuse one: --matte \(matte=True\) takes"):
+        DifferentiableRenderer(scene(plastic), CAMERA)
+    assert "floor.reflectance" in DifferentiableRenderer(replace(scene(plastic), matte=True), CAMERA).parameters
     flickering = DifferentiableRenderer(
         replace(smooth_scene(), lights={"lamp": Flicker(100.0, modulation=0.5)}), CAMERA
     )

@@ -240,12 +240,14 @@ def test_what_is_refused() -> None:
             event_time_jacobian(scene, events, **EXACT)
     with pytest.raises(ValueError, match=r"of must name pose, .*; got 'poses'; did you mean pose\?"):
         event_time_jacobian(scene, good, of=("poses",))
-    with pytest.raises(TypeError, match="no setting 'sample'"):
+    with pytest.raises(TypeError, match="no argument 'sample'"):
         event_time_jacobian(scene, good, sample=3)
     with pytest.raises(ValueError, match=r"need the native renderer, .* this is the"):
         event_time_jacobian(scene, good, renderer="integrator")
     with pytest.raises(ValueError, match="ideal pixels, without"):
         event_time_jacobian(scene, good, effects=Effects(refractory_period_us=100), accuracy="fast")
+    with pytest.raises(ValueError, match="ideal pixels, without start phases"):
+        event_time_jacobian(scene, good, start_phase="stationary", **EXACT)
     jacobian, ok = event_time_jacobian(scene, good[:0], **EXACT)
     assert jacobian.shape == (0, 8)
     assert ok.shape == (0,)

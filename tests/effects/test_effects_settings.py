@@ -9,9 +9,12 @@ import pickle
 import re
 from typing import Any
 
+import numpy as np
 import pytest
 
-from davis_rs import CrossingEngine, Effects
+import davis_rs
+from davis_rs import CrossingEngine, Effects, Simulator, load_scene
+from davis_rs.effect_planning import planner
 from davis_rs.effect_planning.omission_estimator import ESTIMATORS
 from davis_rs.effects import (
     EFFECTS,
@@ -28,7 +31,13 @@ from davis_rs.effects import (
     Vignetting,
     parse_effect,
 )
+from davis_rs.effects.effects import read_effects
+from davis_rs.frames_to_events.array_frames import ArrayFrames
+from davis_rs.frames_to_events.frame_run import FrameRun
+from davis_rs.settings import FrameSettings, complete
 from places import ROOT
+
+PLANES = load_scene("three_planes")
 
 ALL: list[Effect] = [
     Vignetting(),
@@ -43,6 +52,15 @@ ALL: list[Effect] = [
     Aps(),
 ]
 """One of each, on."""
+
+FORMS: list[Any] = [
+    Effects(leak_rate_hz=0.5, hot_pixels=HotPixels(0.01, rate_hz=9)),
+    {"leak_rate_hz": 0.5, "hot_pixels": {"fraction": 0.01, "rate_hz": 9}},
+    {"leak_rate_hz": LeakRate(0.5), "hot_pixels": HotPixels(0.01, rate_hz=9)},
+    ["leak_rate_hz=0.5", "hot_pixels=0.01,rate_hz=9"],
+    [LeakRate(0.5), "hot_pixels=0.01,rate_hz=9"],
+]
+"""The same effects, in all forms that there are."""
 
 NEUTRAL: list[Effect] = [
     Vignetting(0),
@@ -323,3 +341,64 @@ def test_a_seed_out_of_range_is_refused() -> None:
     for seed in (-1, 2**64):
         with pytest.raises(ValueError, match=re.escape(f"got {seed}")):
             CrossingEngine(1, 1, seed=seed)
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_effects_are_taken_in_one_grammar_everywhere(form: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """By a simulator, a run over frames and the planner of effects; the simulation plans what it is asked for."""
+    assert Simulator(PLANES, size=(6, 4), effects=form).effects == FORMS[0]
+    frames = ArrayFrames(np.ones((2, 4, 6), np.float32), [0, 1000])
+    assert FrameRun(frames, complete(FrameSettings, {"effects": form}, of="a test")).effects == FORMS[0]
+    taken: list[Effects] = []
+    monkeypatch.setattr(
+        planner, "plan_effects_of", lambda _, __, effects, *, keep, **___: taken.extend([effects, keep])
+    )
+    planner.plan_effects(PLANES, form, keep={"leak_rate_hz": 0.5}, size=(6, 4), sensor="ideal")
+    assert taken == [Effects(hot_pixels=HotPixels(0.01, rate_hz=9)), Effects(leak_rate_hz=0.5)]
+    assert read_effects(form) == (FORMS[0], False)
+
+
+def test_one_effect_may_stand_alone_and_auto_among_others() -> None:
+    assert read_effects("leak_rate_hz=0.5") == read_effects(LeakRate(0.5)) == (Effects(leak_rate_hz=0.5), False)
+    assert read_effects("auto") == (Effects(), True)
+    assert read_effects(["auto", "leak_rate_hz=0.5"]) == (Effects(leak_rate_hz=0.5), True)
+    assert read_effects({"leak_rate_hz": 0})[0].switched_off == {"leak_rate_hz"}
+    assert read_effects({"readout": {}})[0] == Effects(readout=Readout())
+    with pytest.raises(ValueError, match=r"effects='auto' must be resolved before a simulator is made: .*simulate\("):
+        Simulator(PLANES, effects=["auto", "leak_rate_hz=0.5"])
+    with pytest.raises(ValueError, match="effects='auto' is for a scene that can be rendered; for frames name sensor"):
+        davis_rs.events_from_frames(np.ones((2, 4, 6), np.float32), fps=9, effects="auto")
+
+
+@pytest.mark.parametrize(
+    ("form", "message"),
+    [
+        ({"leak": 1}, "there is no effect 'leak'; there are vignetting"),
+        ({"shot_noise_rate_hz": 1}, "did you mean shot_noise_rms? (shot_noise_rate_hz in v2e; here an rms"),
+        ({"hot_pixels": {"frac": 1}}, "hot_pixels has the parameters fraction, rate_hz, rate_spread"),
+        ({"hot_pixels": {"frac": 1}}, "got 'frac'; did you mean fraction?"),
+        ({"hot_pixels": {"rate_hz": 1}}, "effect hot_pixels needs a value: hot_pixels=FRACTION"),
+        ({"readout": None}, "effect readout must be Readout, a number, or a mapping, got None"),
+        ({"leak_rate_hz": "0.1"}, "leak_rate_hz: rate_hz must be a number, got 0.1"),
+        (
+            {"leak_rate_hz": HotPixels(0.1)},
+            "must be LeakRate, a number, or a mapping, got HotPixels",
+        ),
+        ([3], "effects must be Effects, a mapping by name, or texts NAME=VALUE, got 3"),
+        ([{"leak_rate_hz": 1}], "got {'leak_rate_hz': 1}"),
+    ],
+)
+def test_effects_that_are_none_are_refused_by_name(form: Any, message: str) -> None:
+    with pytest.raises(ValueError, match=re.escape(message)):
+        Simulator(PLANES, effects=form)
+
+
+def test_an_argument_of_effects_that_is_none_is_told_with_the_closest() -> None:
+    with pytest.raises(TypeError, match=r"Effects has no argument 'leak_rate'; did you mean leak_rate_hz\?"):
+        Effects(leak_rate=0.1)  # type: ignore[call-arg]
+    with pytest.raises(
+        TypeError, match=r"did you mean shot_noise_rms\? \(shot_noise_rate_hz in v2e; .*ShotNoise.of_rate"
+    ):
+        Effects(shot_noise_rate_hz=0.1)  # type: ignore[call-arg]
+    with pytest.raises(TypeError, match=r"has no argument 'pos_thres' \(pos_thres in v2e is contrast_threshold here\)"):
+        Effects(pos_thres=0.1)  # type: ignore[call-arg]

@@ -27,7 +27,7 @@ from davis_rs.effects import (
 )
 from davis_rs.effects.effect import Effect
 from davis_rs.events import EventArray, concatenate_events
-from effects_reference import collect, constant_corner, scene
+from effects_reference import collect, constant_corner, scene, shortest_interval_us
 from strategies import EPOCH_US, EXAMPLES
 
 FEW = settings(EXAMPLES, max_examples=max(EXAMPLES.max_examples // 2, 1))
@@ -181,23 +181,35 @@ footage = st.builds(
 
 
 @FEW
-@given(some_effects(), footage, st.sampled_from(FEEDS), st.booleans(), st.integers(0, 2**64 - 1))
+@given(
+    some_effects(),
+    footage,
+    st.sampled_from(FEEDS),
+    st.booleans(),
+    st.integers(0, 2**64 - 1),
+    st.sampled_from(["zero", "stationary"]),
+)
 def test_any_combination_keeps_order_bounds_and_state(
-    effects: Effects, footage: Footage, feed: tuple[bool, bool], sparse: bool, seed: int
+    effects: Effects, footage: Footage, feed: tuple[bool, bool], sparse: bool, seed: int, start_phase: str
 ) -> None:
     """Sorted by (t, y, x) in each packet and from packet to packet, stamps within each interval.
 
-    Stored and taken up before each frame, by state and by pickle, it goes on to the byte. The surface of active events
-    is that of the stream.
+    With a bus, no pixel has two events closer than its refractory period, or of one stamp. Stored and taken up before
+    each frame, by state and by pickle, it goes on to the byte. The surface of active events is that of the stream.
     """
     log, hermite = feed
-    packets = footage.run(effects, log=log, hermite=hermite, sparse=sparse, seed=seed)
-    assert_sorted(concatenate_events(packets))
+    settings: dict[str, Any] = {"hermite": hermite, "seed": seed, "start_phase": start_phase}
+    packets = footage.run(effects, log=log, sparse=sparse, **settings)
+    stream = concatenate_events(packets)
+    assert_sorted(stream)
+    if effects.readout is not None:
+        held = effects.refractory_period_us
+        assert shortest_interval_us(stream) >= max(0.0 if held is None else held.period_us, 1.0)
     for start_us, end_us, packet in zip([-1, *footage.times_us], footage.times_us, packets, strict=False):
         assert np.all((packet["t"] > start_us) & (packet["t"] <= end_us))
         assert np.all(packet["p"] <= 1)
     assert np.all(packets[-1]["t"] > footage.times_us[-1])
-    engine = footage.engine(effects, hermite=hermite, seed=seed)
+    engine = footage.engine(effects, **settings)
     stored = []
     for k in range(len(footage.frames)):
         engine = pickle.loads(pickle.dumps(engine)) if k % 2 else CrossingEngine.from_state(engine.state())
@@ -205,7 +217,7 @@ def test_any_combination_keeps_order_bounds_and_state(
     assert_same([*stored, engine.flush()], packets)
     assert engine.state()["seed"] == seed
     if effects.readout is None:
-        np.testing.assert_array_equal(engine.last_event_us, last_stamps(concatenate_events(packets), (5, 7)))
+        np.testing.assert_array_equal(engine.last_event_us, last_stamps(stream, (5, 7)))
 
 
 @pytest.mark.parametrize("count", [1, 2, 7])
@@ -214,10 +226,11 @@ def test_events_do_not_depend_on_threads(count: int) -> None:
     footage = Footage.random(1, 60, 80, 6)
     for chosen in combinations(STRONG, count):
         effects = Effects.of(chosen)
-        packets = footage.run(effects, hermite=True, sparse=True, threads=1, seed=3)
+        packets = footage.run(effects, hermite=True, sparse=True, threads=1, seed=3, start_phase="stationary")
         assert len(collect(packets)) > 1_000
         for threads in (2, 3, None):
-            assert_same(footage.run(effects, hermite=True, sparse=True, threads=threads, seed=3), packets)
+            again = footage.run(effects, hermite=True, sparse=True, threads=threads, seed=3, start_phase="stationary")
+            assert_same(again, packets)
 
 
 @pytest.mark.parametrize("feed", FEEDS)
@@ -351,15 +364,47 @@ def test_noise_of_a_static_scene_is_the_same_with_others(others: list[Effect]) -
     assert len(streams[0]) > 1_000
 
 
-def test_phases_of_the_leak_are_the_same_with_others() -> None:
-    """In units of each pixel's own threshold: phases of a seed are one pattern too."""
-    phases = []
-    for others in ([], [ThresholdMismatch(0.3)], [effect for effect in STRONG if not isinstance(effect, LeakRate)]):
-        engine = CrossingEngine(9, 9, effects=Effects.of([LeakRate(3.0), *others]), seed=5)
+@pytest.mark.parametrize("effects", [[effect] for effect in STRONG] + [STRONG], ids=repr)
+def test_start_phases_are_the_same_under_any_effects(effects: list[Effect]) -> None:
+    """As shares of the way between each pixel's own levels: those of a seed are one pattern, whatever is on."""
+    shares = []
+    for on in ([], effects):
+        engine = CrossingEngine(9, 9, effects=Effects.of(on), start_phase="stationary", seed=5)
         engine.push_log(0, scene(0, 9, 9))
-        phases.append(-engine.reference / np.broadcast_to(engine.contrast_threshold, (9, 9)))
-    np.testing.assert_allclose(phases[1], phases[0], rtol=1e-12)
-    np.testing.assert_allclose(phases[2], phases[0], rtol=1e-12)
+        c_on, c_off = (np.broadcast_to(c, (9, 9)) for c in (engine.contrast_threshold, engine.contrast_threshold_off))
+        shares.append((c_off - engine.reference) / (c_on + c_off))
+    np.testing.assert_allclose(shares[1], shares[0], rtol=1e-9)
+    assert np.ptp(shares[0]) > 0.9
+    engine = CrossingEngine(9, 9, effects=Effects.of(effects), seed=5)
+    engine.push_log(0, scene(0, 9, 9))
+    assert not engine.reference.any()
+
+
+@pytest.mark.parametrize("start_phase", ["zero", "stationary"])
+@pytest.mark.parametrize(
+    "weak",
+    [
+        LeakRate(1e-6),
+        RefractoryPeriod(1e-6),
+        ShotNoise(1e-3),
+        HotPixels(1e-9, 1.0),
+        PhotoreceptorBandwidth(1e9),
+        ThresholdMismatch(1e-9),
+    ],
+    ids=repr,
+)
+def test_an_effect_that_comes_to_nothing_changes_no_count(weak: Effect, start_phase: str) -> None:
+    """Steps of a quarter of C in five frames, where most events hang on the first references."""
+    frames = 0.05 * np.random.default_rng(0).normal(size=(5, 40, 40)).cumsum(0)
+    streams = []
+    for effects in (None, Effects.of([weak])):
+        engine = CrossingEngine(40, 40, contrast_threshold=0.2, effects=effects, start_phase=start_phase)
+        streams.append(collect(engine.push_log(40_000 * k, frame) for k, frame in enumerate(frames)))
+    off, on = streams
+    assert len(off) > (300 if start_phase == "stationary" else 50)
+    assert np.array_equal(off[["x", "y", "p"]], on[["x", "y", "p"]])
+    assert np.abs(off["t"] - on["t"]).max() <= 10
+    assert 0.4 < on["p"].mean() < 0.6
 
 
 @pytest.mark.parametrize("effects", [Effects.of(STRONG[:-1]), Effects.of([RefractoryPeriod(300.3), LeakRate(50.0)])])

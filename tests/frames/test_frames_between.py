@@ -19,6 +19,7 @@ from davis_rs.frames_to_events.frame_run import FrameRun
 from davis_rs.frames_to_events.frames_between import instants
 from davis_rs.frames_to_events.interpolation import SensorFrame, with_rates
 from davis_rs.frames_to_events.optical_flow import FlowFinder
+from davis_rs.settings import FrameSettings, complete
 
 WIDTH, HEIGHT, FRAME_US = 96, 64, 30_000
 
@@ -138,7 +139,7 @@ def test_auto_takes_cubics_where_the_image_hardly_moves() -> None:
     slow = moving_texture(5, 0.4, WIDTH, HEIGHT)
     assert np.array_equal(events(slow, "auto"), events(slow, "cubic"))
     mixed = np.concatenate([slow, moving_texture(5, 5.0, WIDTH, HEIGHT)[1:]])
-    run = FrameRun(ArrayFrames(mixed, [30_000_000 * k for k in range(9)]), {})
+    run = FrameRun(ArrayFrames(mixed, [30_000_000 * k for k in range(9)]), complete(FrameSettings, {}, of="a test"))
     for _ in run.packets():
         pass
     found = run.describe()["interpolation"]

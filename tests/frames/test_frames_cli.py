@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -37,8 +38,9 @@ def test_a_video(clip: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str])
     assert run(clip, "-o", out, "--interpolation", "linear") == 0
     printed = capsys.readouterr()
     assert " events of 12 frames in 0.222 s (" in printed.out
-    assert "ffv1, yuv444p, full range (as it says, matrix by the frame's size)" in printed.err
-    assert "transfer srgb (the video does not say)" in printed.err
+    assert "ffv1, yuv444p, 8 bits, full range (as it says, matrix by the frame's size)" in printed.err
+    assert "values 0 to 255 are luma 0 to 1, transfer srgb (the video does not say)" in printed.err
+    assert "t = 0" not in printed.err
     assert "log_eps 0.0019: with 0.001 one grey level in the dark would be more than C = 0.15" in printed.err
     assert "came where the pixel changed by one grey level or less" in printed.err
     report = check_dataset(out)
@@ -55,19 +57,27 @@ def test_a_video(clip: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str])
     assert main(["convert", str(out), str(tmp_path / "events.aedat4"), "--quiet"]) == 0
 
 
-def test_images_with_stamps_and_a_stack(tmp_path: Path) -> None:
+def test_images_with_stamps_and_a_stack(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The same frames and stamps make the same events, whichever file they come in."""
     folder, stack = write_images(tmp_path / "in", BARS), tmp_path / "stack.npy"
     np.save(stack, BARS)
     (tmp_path / "times.txt").write_text("".join(f"{7 + t / 1000:.6f}\n" for t in STAMPS_MS))
     np.save(tmp_path / "times.npy", np.array(STAMPS_MS) * 1000)
-    assert run(folder, "--timestamps", tmp_path / "times.txt", "-o", tmp_path / "a", "--quiet") == 0
+    assert run(folder, "--timestamps", tmp_path / "times.txt", "-o", tmp_path / "a") == 0
+    assert "t = 0 is 7 s on the clock of the frames\n" in capsys.readouterr().err
     assert run(stack, "--timestamps", tmp_path / "times.npy", "-o", tmp_path / "b", "--quiet") == 0
     assert (tmp_path / "a/events.txt").read_bytes() == (tmp_path / "b/events.txt").read_bytes()
     meta = json.loads((tmp_path / "a/meta.json").read_text())
-    assert meta["frames"]["first_stamp_ns"] == 7_000_000_000  # t = 0 of the folder
+    assert meta["start_time_ns"] == 7_000_000_000
     assert run(tmp_path / "a", "-o", tmp_path / "c", "--quiet") == 0  # a dataset's frames are frames too
     assert Dataset(tmp_path / "c").frames[-1].t_us == 1000 * STAMPS_MS[-1]
+
+
+def test_a_run_without_events_says_why(clip: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("always")
+        assert run(clip, "-o", tmp_path / "out", "--contrast-threshold", 15, "--quiet") == 0
+    assert "davis-rs: warning: the contrast threshold 15 is above the whole range" in capsys.readouterr().err
 
 
 def test_settings_reach_the_run_and_the_record(clip: Path, tmp_path: Path) -> None:
@@ -105,8 +115,8 @@ def test_a_lens_goes_to_calib_txt(clip: Path, tmp_path: Path) -> None:
 ERRORS: dict[str, tuple[str, str]] = {
     "smaller": ("--sensor davis346", "give 48 x 32: frames are not enlarged; a sensor file without width and height"),
     "transfer": ("--transfer pq", "transfer must be one of srgb, rec709, linear, gamma=G, got 'pq'"),
-    "both": ("--fps 3 --timestamps x.txt", "only one of timestamps and fps may be given"),
-    "unit": ("--time-unit ms", "time-unit is that of timestamps"),
+    "both": ("--fps 3 --timestamps x.txt", "only one of --timestamps and --fps may be given"),
+    "unit": ("--time-unit ms", "--time-unit is that of --timestamps: give them too"),
     "shape": ("--size 24x24", "--crop 32x32 fits"),
 }
 

@@ -19,6 +19,7 @@ from davis_rs.events import EventArray, concatenate_events
 from davis_rs.frames_to_events.array_frames import ArrayFrames
 from davis_rs.frames_to_events.frame_run import FrameRun
 from davis_rs.packet import Packet
+from davis_rs.settings import FrameSettings, complete
 from reference import exact_events
 
 BARS = moving_bars()
@@ -108,15 +109,46 @@ def test_effects_may_be_texts_and_a_sensor_brings_its_own() -> None:
     sensor = SensorParameters(
         width=48, height=32, contrast_threshold=0.2, refractory_period_us=8000, aps_exposure_us=4000
     )
-    run = FrameRun(ArrayFrames(BARS, [1000 * t for t in STAMPS]), {"sensor": sensor, "effects": ["leak_rate_hz=3"]})
+    run = FrameRun(
+        ArrayFrames(BARS, [1000 * t for t in STAMPS]),
+        complete(FrameSettings, {"sensor": sensor, "effects": ["leak_rate_hz=3"]}, of="a test"),
+    )
     assert run.contrast_threshold == run.contrast_threshold_off == 0.2
     assert run.effects == Effects(refractory_period_us=8000, leak_rate_hz=3)
     assert run.left_out == ("aps",)  # and meta.json says so
     assert run.describe()["effects_left_out"] == ["aps"]
     with pytest.raises(ValueError, match="aps makes intensity frames"):
         events_from_frames(BARS, STAMPS, effects="aps")
-    with pytest.raises(ValueError, match="effects='auto' is planned on a scene"):
+    with pytest.raises(ValueError, match="effects='auto' is for a scene"):
         events_from_frames(BARS, STAMPS, effects="auto")
+
+
+def test_start_phases_are_a_setting_and_those_of_a_sensor() -> None:
+    """Ideal pixels begin at the first frame, a sensor's anywhere between two levels; a leak of nothing changes nothing.
+
+    In four frames that differ by a quarter of C, most events hang on that.
+    """
+    frames = (0.3 * np.exp(0.05 * np.random.default_rng(0).normal(size=(4, 60, 60)).cumsum(0))).astype(np.float32)
+
+    def made(**settings: Any) -> FrameRun:
+        settings = {"interpolation": "linear", "contrast_threshold": 0.2, "log_eps": 1e-3, **settings}
+        return FrameRun(ArrayFrames(frames, np.arange(4) * 40_000), settings)
+
+    counts = {}
+    for start_phase in ("zero", "stationary"):
+        leak = Effects(leak_rate_hz=1e-6)
+        for effects in (None, leak):
+            run = made(start_phase=start_phase, effects=effects)
+            events = all_events(run.packets())
+            assert run.describe()["parameters"]["start_phase"] == start_phase
+            assert len(events) == counts.setdefault(start_phase, len(events)) > 50
+            assert 0.4 < events["p"].mean() < 0.6
+    assert counts["stationary"] > 3 * counts["zero"]
+    assert made().start_phase == made(effects=Effects(leak_rate_hz=1.0)).start_phase == "zero"
+    sensor = SensorParameters(leak_rate_hz=1e-6)
+    assert made(sensor=sensor).start_phase == "stationary"
+    assert len(all_events(made(sensor=sensor).packets())) == counts["stationary"]
+    assert made(sensor=sensor, start_phase="zero").start_phase == "zero"
 
 
 def test_a_lens_shades_and_blurs_what_the_pixels_see() -> None:
@@ -180,7 +212,7 @@ BAD_PARTS: dict[str, tuple[dict[str, Any], str]] = {
     "roi malformed": ({"roi": "40x20"}, "roi must be WIDTHxHEIGHT"),
     "crop malformed": ({"crop": "big"}, "crop must be WIDTHxHEIGHT"),
     "larger": ({"size": "96x64"}, "must not be larger than the 48 x 32 pixels"),
-    "stretched": ({"size": "24x24"}, "would stretch the image: crop=32x32 fits"),
+    "stretched": ({"size": "24x24"}, "would stretch the image: crop='32x32' fits"),
     "smaller": ({"sensor": "davis346"}, "has 346 x 260 pixels, the frames give 48 x 32: frames are not enlarged"),
     "sensor": (
         {"sensor": SensorParameters(width=24, height=16)},
@@ -261,7 +293,7 @@ def test_more_that_cannot_be() -> None:
         events_from_frames(BARS, STAMPS, start_s=3)
     with pytest.raises(ValueError, match="frame 1: it falls on the same microsecond"):
         list(events_from_frames(BARS, STAMPS, slow_motion=1e5))
-    with pytest.raises(TypeError, match="no setting 'contrast'"):
+    with pytest.raises(TypeError, match="no argument 'contrast'; did you mean contrast_threshold"):
         events_from_frames(BARS, STAMPS, contrast=0.2)  # type: ignore[call-arg]
 
 

@@ -16,6 +16,7 @@ import pytest
 from clips import FULL, LIMITED, moving_bars, write_video
 from davis_rs import DecodeError, check_dataset, events_from_frames, frames_to_folder, open_frames
 from davis_rs.events import concatenate_events
+from davis_rs.frames_to_events.frame_run import FrameRun
 from davis_rs.frames_to_events.frame_source import StampedFrame
 from davis_rs.frames_to_events.video import Video
 
@@ -133,6 +134,39 @@ def test_the_transfer_function_is_the_streams_or_the_users(tmp_path: Path) -> No
     hdr = write_video(tmp_path / "c.mkv", [grey, grey], [0, 10], colour={"color_trc": 16})
     with pytest.raises(ValueError, match=r"transfer must be one of .*PQ"):
         events_from_frames(open_frames(hdr))
+
+
+@pytest.mark.parametrize(
+    ("pixel_format", "colour_range", "black", "white", "step"),
+    [
+        ("yuv444p", LIMITED, 16, 235, 1),
+        ("yuv444p", FULL, 0, 255, 1),
+        ("gray", FULL, 0, 255, 1),
+        ("yuv420p10le", LIMITED, 64, 940, 876 / 256),  # of the ramp's 8 bits
+    ],
+)
+def test_white_is_a_value_of_the_video_itself(
+    tmp_path: Path, pixel_format: str, colour_range: int, black: int, white: int, step: float
+) -> None:
+    """Frames are decoded to 16 bits, but what is said of 8 bits, and what a user says of them, is in 8 bits."""
+    path = write_video(tmp_path / "a.mkv", [RAMP, RAMP], [0, 10], pixel_format=pixel_format, colour_range=colour_range)
+
+    def run(**settings: Any) -> FrameRun:
+        return FrameRun(open_frames(path), {"interpolation": "linear", "transfer": "linear", **settings})
+
+    def luma(**settings: Any) -> npt.NDArray[np.float32]:
+        image = next(run(**settings).packets()).luma
+        assert image is not None
+        return image
+
+    steps = "" if step == 1 else f" in steps of {step:.4g}, as in the first frame,"
+    assert f", values {black} to {white}{steps} are luma 0 to 1, " in next(run().notes())
+    frames = run().describe_frames()
+    assert [frames[key] for key in ("black_level", "white_level", "value_step")] == [black, white, step]
+    assert np.array_equal(luma(white_level=white), luma())
+    half = black + (white - black) / 2
+    assert np.allclose(luma(white_level=half), 2 * luma(), rtol=1e-6)
+    assert run(white_level=half).log_eps == pytest.approx(2 * run().log_eps, rel=0.02)
 
 
 def test_given_stamps_take_the_place_of_the_containers(tmp_path: Path) -> None:

@@ -140,9 +140,9 @@ def test_ctrl_c_ends_cleanly(tmp_path: Path) -> None:
 
 def test_a_failure_is_told_and_the_others_go_on(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """What only the simulator can refuse: an exposure longer than the frames' period. The manifest lacks it, and so
-    does the folder."""
-    exposure = {"choice": [100, 50_000]}
-    plan = write_plan(tmp_path, sequences=4, effects={"aps": {"exposure_us": exposure}})
+    does the folder. Those that were made without events are named."""
+    exposure, threshold = {"choice": [100, 50_000]}, {"choice": [0.3, 15.0]}
+    plan = write_plan(tmp_path, sequences=4, effects={"aps": {"exposure_us": exposure}}, contrast_threshold=threshold)
     parameters = [load_sequence_plan(plan).parameters(index) for index in range(4)]
     bad = [f"sequence_{k:05d}" for k, one in enumerate(parameters) if one["effects"]["aps"]["exposure_us"] > 10_000]
     assert 0 < len(bad) < 4
@@ -151,6 +151,10 @@ def test_a_failure_is_told_and_the_others_go_on(tmp_path: Path, capsys: pytest.C
     for name in bad:
         assert f"{name}: the exposure of 50000 us must not exceed the frames' period of 10000 us" in told.err
     assert f"{4 - len(bad)} sequences, {4 - len(bad)} of them new, {len(bad)} failed" in told.out
+    silent = [f"sequence_{k:05d}" for k, one in enumerate(parameters) if one["contrast_threshold"] > 10]
+    silent = [name for name in silent if name not in bad]
+    assert 0 < len(silent) < 4 - len(bad)
+    assert f"davis-rs: warning: 0 events in {', '.join(silent)}\n" in told.err
     assert not set(bad) & {*json_names(tmp_path / "root"), *(path.name for path in (tmp_path / "root").iterdir())}
 
 

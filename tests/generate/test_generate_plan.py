@@ -15,10 +15,10 @@ from hypothesis import strategies as st
 import davis_rs
 from davis_rs.cli.main import main
 from davis_rs.effects import parse_effect
+from davis_rs.effects.effects import named_effects
 from davis_rs.generate import SequencePlan, load_sequence_plan
 from davis_rs.generate.generate import check_sequences, draw_sequences
 from davis_rs.generate.motion import MOTIONS, make_motion
-from davis_rs.generate.parse import effect_texts
 from davis_rs.generate.sequence_plan import sequence_name
 from davis_rs.settings import FolderSettings, complete, view_scene
 from generated import PLAN, write_plan
@@ -199,7 +199,7 @@ def test_a_fault_is_named_with_its_place(tmp_path: Path, text: str, message: str
         ({"imu": "best"}, "imu = 'best': imu must be one of"),
         (
             {"imu": None, "imu_rate": 5},
-            "imu_rate = 5: imu_rate_hz and imu_effects are those of an IMU, but imu is none",
+            "imu_rate = 5: imu_rate and imu_effects are those of an IMU, but imu is none",
         ),
         ({"imu_effects": {"lag": 0.001}, "imu": "mpu6150"}, "must be at least 0.002 s"),
         ({"pose_noise": -1}, "pose_noise = -1: "),
@@ -215,7 +215,7 @@ def test_a_fault_is_named_with_its_place(tmp_path: Path, text: str, message: str
         ),
         ({"lux_per_luma": 0}, "lux_per_luma = 0: lux_per_luma must be > 0 lux, got 0"),
         ({"lux_per_luma": -5}, "lux_per_luma = -5: lux_per_luma must be > 0 lux, got -5"),
-        ({"tolerance": 0.1}, "only one of render_rate_hz, max_displacement_px, tolerance, sampling may be given"),
+        ({"tolerance": 0.1}, "only one of render_rate, max_displacement, tolerance, sampling may be given"),
     ],
     ids=str,
 )
@@ -227,11 +227,13 @@ def test_a_draw_that_will_be_refused_is_refused_first(tmp_path: Path, changes: d
     assert str(refused.value).startswith(f"{plan.file}: sequence_000")
 
 
-def test_effects_are_those_of_the_command_line() -> None:
+def test_effects_are_those_of_the_command_line(tmp_path: Path) -> None:
     """A value, parameters by name, none, or nothing at all."""
-    texts = effect_texts({"leak_rate_hz": 0.1, "aps": {"exposure_us": 100.5}, "hot_pixels": 1e-7, "readout": None})
-    assert texts == ["leak_rate_hz=0.1", "aps=exposure_us=100.5", "hot_pixels=1e-07", "readout"]
-    assert parse_effect(texts[1]) == parse_effect("aps=100.5")
+    text = "scene: fence\neffects: {leak_rate_hz: 0.1, aps: {exposure_us: 100.5}, hot_pixels: 1e-7, readout: null}\n"
+    [sequence] = draw_sequences(read(tmp_path, text))
+    given = named_effects(sequence.settings["effects"])
+    texts = ["aps=100.5", "hot_pixels=1e-7", "leak_rate_hz=0.1", "readout"]
+    assert list(given.values()) == [parse_effect(text) for text in texts]
 
 
 @pytest.mark.parametrize(

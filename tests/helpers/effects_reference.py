@@ -43,6 +43,13 @@ def of_pixel(events: EventArray, x: int, y: int = 0) -> EventArray:
     return events[(events["x"] == x) & (events["y"] == y)]
 
 
+def shortest_interval_us(events: EventArray) -> float:
+    """From an event of a pixel to its next one, in the order of the stream; infinite if no pixel has two."""
+    ordered = events[np.lexsort((np.arange(len(events)), events["x"], events["y"]))]
+    same = (ordered["x"][1:] == ordered["x"][:-1]) & (ordered["y"][1:] == ordered["y"][:-1])
+    return min(np.diff(ordered["t"])[same].tolist(), default=math.inf)
+
+
 def may_be_tick(stamp_us: int, at_us: Any, doubt_us: Any = FIRST) -> bool:
     """Whether a stamp is the first tick at or after a time that is known within a doubt."""
     return bool(at_us - doubt_us <= stamp_us < at_us + doubt_us + 1)
@@ -321,7 +328,14 @@ def noisy_pixel(
                 arrival_us += wait_us(index)
 
 
-LEAK_PHASE, LEAK_SPREAD, LEAK_JITTER = 3, 8, 9
+START_PHASE, LEAK_SPREAD, LEAK_JITTER = 3, 8, 9
+
+
+def start_distance(start_phase: str, *, pixel: int, seed: int, c: tuple[float, float]) -> float:
+    """How far a pixel's log intensity lies above its reference at the first frame."""
+    if start_phase == "zero":
+        return 0.0
+    return Draw(seed, START_PHASE, pixel, 0).uniform * (c[0] + c[1]) - c[1]
 
 
 def leaky_pixel(
@@ -333,6 +347,7 @@ def leaky_pixel(
     seed: int,
     c: tuple[float, float],
     period_us: float = 0.0,
+    start_phase: str = "zero",
 ) -> list[tuple[float, int]]:
     """Times and polarities of the events that a leaking pixel makes along a path of (microseconds, log intensity).
 
@@ -348,7 +363,7 @@ def leaky_pixel(
         seen.append(seen[-1] + high - low + rates[-1] * (end - start))
     times = [t for t, _ in path]
     now, last = 0.0, 0
-    reference = seen[0] - c[0] * Draw(seed, LEAK_PHASE, pixel, 0).uniform
+    reference = seen[0] - start_distance(start_phase, pixel=pixel, seed=seed, c=c)
     found: list[tuple[float, int]] = []
     while True:
         crossing = None
@@ -377,21 +392,39 @@ def read_out(
     row_us: float = 0.0,
     latency_us: float = 0.0,
     drop_after_us: float = math.inf,
-) -> tuple[EventArray, int]:
-    """What a bus makes of events, and how many it drops: grants the row with the oldest request, carries all of it."""
-    pending = [(int(e["t"]), int(e["y"]), int(e["x"]), int(e["p"])) for e in events]
-    free_us, dropped = 0.0, 0
+    period_us: float = 0.0,
+) -> tuple[EventArray, int, int]:
+    """What a bus makes of events, how many it drops, and how many are missed.
+
+    It grants the row with the oldest request, and carries all of it. A pixel asks no more until its event was carried
+    and its reset, of the refractory period and at least a microsecond, is over.
+    """
+    coming = [(int(e["t"]), int(e["y"]), int(e["x"]), int(e["p"])) for e in events]
+    pending: list[tuple[int, int, int, int]] = []
+    ready_us: dict[tuple[int, int], float] = {}
+    free_us, dropped, missed = 0.0, 0, 0
     carried: list[tuple[int, int, int, int]] = []
-    while pending:
-        first_us, row = min(pending, key=lambda event: event[:2])[:2]
+    while coming or pending:
+        first_us, row = min(pending, key=lambda event: event[:2])[:2] if pending else (math.inf, -1)
         now_us = max(free_us, float(first_us))
-        granted = [event for event in pending if event[1] == row and event[0] <= now_us]
-        pending = [event for event in pending if event not in granted]
+        if coming and coming[0][0] <= now_us:
+            event = coming.pop(0)
+            if event[0] < ready_us.get(event[1:3], 0):
+                missed += 1
+            else:
+                pending.append(event)
+                ready_us[event[1:3]] = math.inf
+            continue
+        granted = [event for event in pending if event[1] == row]
+        pending = [event for event in pending if event[1] != row]
         in_time = [event for event in granted if now_us - event[0] <= drop_after_us]
         dropped += len(granted) - len(in_time)
+        stamp_us = math.ceil(now_us + latency_us)
+        for event in granted:
+            read_us = stamp_us if event in in_time else math.ceil(now_us)
+            ready_us[event[1:3]] = read_us + math.ceil(max(period_us, 1.0))
         if in_time:
-            stamp_us = math.ceil(now_us + latency_us)
             carried += [(stamp_us, x, y, p) for _, y, x, p in in_time]
             free_us = now_us + row_us + len(in_time) * (1e6 / events_per_s)
     carried.sort(key=lambda event: (event[0], event[2], event[1]))
-    return np.array(carried, EVENT_DTYPE), dropped
+    return np.array(carried, EVENT_DTYPE), dropped, missed

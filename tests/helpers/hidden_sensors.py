@@ -22,7 +22,7 @@ from davis_rs import (
 from davis_rs.effects import Aps, Effects, HotPixels, LeakRate, PhotoreceptorBandwidth, ShotNoise, ThresholdMismatch
 from davis_rs.events import EventArray, concatenate_events
 from davis_rs.sensor_fit import SensorFit
-from davis_rs.sensor_fit.static_scene import static_events
+from davis_rs.sensor_fit.static_scene import before_a_leak, static_events
 from davis_rs.sensors import SensorFile
 
 WIDTH, HEIGHT, STRIP = 80, 72, 24
@@ -214,7 +214,8 @@ def record(sensor: HiddenSensor, rng: np.random.Generator, seed: int) -> tuple[E
         seed=seed,
         interpolation="linear",
     )
-    for t_us in range(0, _SETTLED_US + 1, _SETTLED_US // 4):
+    engine.push(0, before_a_leak(light.luma(0), engine, seed))
+    for t_us in (1, *range(_SETTLED_US // 4, _SETTLED_US + 1, _SETTLED_US // 4)):
         engine.push(t_us, light.luma(0))
     instants: Iterable[int] = [*range(STEP_US, MOVES_US + 1, STEP_US), *range(MOVES_US + 500_000, RESTS_US, 500_000)]
     events = concatenate_events([engine.push(_SETTLED_US + t_us, light.luma(t_us)) for t_us in instants])

@@ -27,11 +27,15 @@ class Crossing(NamedTuple):
 
 
 class ExactPixel:
-    """One ideal pixel: reference R = B + n_on C_on - n_off C_off, levels R + C_on and R - C_off."""
+    """One ideal pixel: reference R = B + n_on C_on - n_off C_off, levels R + C_on and R - C_off.
 
-    def __init__(self, t_us: int, log_intensity: float, c_on: float, c_off: float) -> None:
+    ``base`` is B, the first log intensity if it is not given.
+    """
+
+    def __init__(self, t_us: int, log_intensity: float, c_on: float, c_off: float, base: float | None = None) -> None:
         self.c_on, self.c_off = Fraction(c_on), Fraction(c_off)
-        self.base = self.log_intensity = Fraction(log_intensity)
+        self.log_intensity = Fraction(log_intensity)
+        self.base = self.log_intensity if base is None else Fraction(base)
         self.t_us = t_us
         self.n_on = self.n_off = 0
 
@@ -58,17 +62,24 @@ class ExactPixel:
 
 
 class ExactEngine:
-    """:class:`davis_rs.CrossingEngine` for float64 log intensity, one :class:`ExactPixel` a pixel."""
+    """:class:`davis_rs.CrossingEngine` for float64 log intensity, one :class:`ExactPixel` a pixel.
 
-    def __init__(self, *, contrast_threshold: float, contrast_threshold_off: float) -> None:
+    ``first_reference`` is R of each pixel at the first frame, that frame if it is not given.
+    """
+
+    def __init__(
+        self, *, contrast_threshold: float, contrast_threshold_off: float, first_reference: LogFrame | None = None
+    ) -> None:
         self.c_on, self.c_off = contrast_threshold, contrast_threshold_off
+        self.first_reference = first_reference
         self.pixels: dict[tuple[int, int], ExactPixel] = {}
 
     def push_log(self, t_us: int, log_intensity: LogFrame) -> EventArray:
         """The events since the last frame, sorted by (t, y, x, order of crossing)."""
         if not self.pixels:
+            base = log_intensity if self.first_reference is None else self.first_reference
             for (y, x), value in np.ndenumerate(log_intensity):
-                self.pixels[y, x] = ExactPixel(t_us, float(value), self.c_on, self.c_off)
+                self.pixels[y, x] = ExactPixel(t_us, float(value), self.c_on, self.c_off, float(base[y, x]))
             return np.zeros(0, EVENT_DTYPE)
         found = [
             (event.t_us, y, x, order, event.p)

@@ -39,9 +39,9 @@ def pose_at(step: int) -> Pose:
     return Pose(np.array([0.1 * step, 1 / 3, -2.0]), np.array([np.sin(0.01 * step), 0.0, 0.0, np.cos(0.01 * step)]))
 
 
-def packets(c_on: float = 0.15, c_off: float = 0.15) -> Iterator[Packet]:
+def packets(c_on: float = 0.15, c_off: float = 0.15, **start: Any) -> Iterator[Packet]:
     """An honest sequence: what the crossing engine makes of the moving pattern."""
-    engine = CrossingEngine(WIDTH, HEIGHT, contrast_threshold=c_on, contrast_threshold_off=c_off)
+    engine = CrossingEngine(WIDTH, HEIGHT, contrast_threshold=c_on, contrast_threshold_off=c_off, **start)
     for step in range(STEPS + 1):
         luma = luma_at(step)
         t_us = step * STEP_US
@@ -65,14 +65,16 @@ def parameters(c_on: float = 0.15, c_off: float = 0.15) -> dict[str, Any]:
     }
 
 
-def write_sequence(path: Path, *, c_on: float = 0.15, c_off: float = 0.15, check_frames: int = 2) -> EventArray:
-    """Write the honest sequence as a dataset; return its events."""
-    written = list(packets(c_on, c_off))
+def write_sequence(
+    path: Path, *, c_on: float = 0.15, c_off: float = 0.15, check_frames: int = 2, **start: Any
+) -> EventArray:
+    """Write the honest sequence as a dataset; return its events. ``start`` is start_phase and seed."""
+    written = list(packets(c_on, c_off, **start))
     with DatasetWriter(path, CAMERA, check_frames=check_frames) as writer:
         for packet in written:
             assert packet.pose is not None
             writer.write(packet, [(packet.end_us, packet.pose)])
-        writer.finish({"parameters": parameters(c_on, c_off)})
+        writer.finish({"parameters": parameters(c_on, c_off) | start})
     return np.concatenate([packet.events for packet in written])
 
 

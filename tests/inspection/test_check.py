@@ -103,6 +103,24 @@ def test_an_honest_dataset_holds(tmp_path: Path, c_on: float, c_off: float) -> N
     assert report.worst.largest == max(instant.largest for instant in report.instants)
 
 
+def test_references_that_began_between_levels_are_known(tmp_path: Path) -> None:
+    """By start phase and seed in meta.json: with another seed, or as of references at the signal, it does not hold."""
+    path = tmp_path / "d"
+    plain = write_sequence(tmp_path / "plain", c_on=0.2, c_off=0.11)
+    events = write_sequence(path, c_on=0.2, c_off=0.11, start_phase="stationary", seed=7)
+    assert events["t"][0] < plain["t"][0]
+    report = check_dataset(path)
+    assert report.ok, str(report)
+    assert all(0.9 < instant.largest < 1 for instant in report.instants)
+    of_run = Dataset(path).meta["parameters"]
+    for changed in ({"start_phase": "zero"}, {"start_phase": None}, {"seed": 8}):
+        change_meta(path, parameters=of_run | changed)
+        assert "the events do not give log intensity within (-C_off, C_on)" in problem_of(path)
+    for changed in ({"start_phase": "random"}, {"start_phase": 3}, {"seed": -1}, {"seed": "7"}):
+        change_meta(path, parameters=of_run | changed)
+        assert problem_of(path).startswith("meta.json does not say where references began"), changed
+
+
 def test_the_report_reads_well(folder: Path) -> None:
     """A few lines: what was found, the largest error with time and pixel, the verdict."""
     lines = str(check_dataset(folder)).splitlines()

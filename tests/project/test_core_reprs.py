@@ -18,7 +18,10 @@ def events(times: list[int]) -> np.ndarray:
 def test_an_engine_says_its_settings_and_its_time() -> None:
     engine = CrossingEngine(4, 3, contrast_threshold=0.25, log_eps=1e-6, interpolation="hermite")
     settings = "4 x 3, contrast_threshold=0.25, contrast_threshold_off=0.25, log_eps=1e-6"
-    assert repr(engine) == f'CrossingEngine({settings}, interpolation="hermite", effects=[], t_us=None)'
+    assert (
+        repr(engine)
+        == f'CrossingEngine({settings}, interpolation="hermite", effects=[], start_phase="zero", t_us=None)'
+    )
     engine.push(1000, np.ones((3, 4), np.float32), np.ones((3, 4), np.float32))
     assert repr(engine).endswith("t_us=1000)")
 

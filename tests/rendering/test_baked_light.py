@@ -563,7 +563,7 @@ def test_a_full_cache_loses_what_was_not_used_for_longest(folder: Path, monkeypa
             },
             "radiance that differs from place to place",
         ),
-        ({"ball": {"type": "sphere", "bsdf": diffuse()}}, "'ball' is a Sphere"),
+        ({"ball": {"type": "sphere", "bsdf": diffuse()}}, "'ball' is a sphere"),
         ({"mirror": plate(0, 0, 2, (1, 1), {"type": "conductor"})}, "not a diffuse one"),
     ],
 )

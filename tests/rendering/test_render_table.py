@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -21,7 +22,7 @@ from davis_rs.rendering.render import Renderer
 from davis_rs.rendering.render_integrator import IntegratorRenderer
 from davis_rs.rendering.render_native import NativeRenderer
 from davis_rs.rendering.render_table import TableRenderer
-from davis_rs.rendering.renderers import make_renderer
+from davis_rs.rendering.renderers import make_renderer, why_not_noise_free
 from davis_rs.trajectory.views import Views
 
 pytestmark = pytest.mark.usefixtures("llvm")
@@ -534,22 +535,26 @@ def test_rays_that_miss_do_no_harm(kind: str, run_python: Callable[..., str]) ->
 
 FLOOR = rectangle(diffuse())
 UNSUITABLE: dict[str, tuple[Parts, dict[str, Any] | None, str]] = {
-    "mirror": ({"shape": rectangle({"type": "conductor"})}, DIRECT, "'shape' has a .* surface, not a diffuse one"),
+    "mirror": (
+        {"shape": rectangle({"type": "conductor"})},
+        DIRECT,
+        "'shape' has a conductor surface, not a diffuse one",
+    ),
     "two mirrors alike": (
         {"first": rectangle({"type": "conductor"}), "second": rectangle({"type": "conductor"})},
         DIRECT,
-        "'first' has a .* surface, not a diffuse one",
+        r"'first' \(likewise shape 'second'\) has a conductor surface, not a diffuse one",
     ),
     "rough plastic": ({"shape": rectangle({"type": "roughplastic"})}, DIRECT, "not a diffuse one"),
     "mirror on the back": (
         {"shape": rectangle({"type": "twosided", "front": diffuse(), "back": {"type": "conductor"}})},
         DIRECT,
-        "'shape' has two different sides",
+        r"'shape' has a twosided\(diffuse, conductor\) surface, not a diffuse one",
     ),
     "mirror on the front": (
         {"shape": rectangle({"type": "twosided", "front": {"type": "conductor"}, "back": diffuse()})},
         DIRECT,
-        "'shape' has two different sides",
+        r"'shape' has a twosided\(conductor, diffuse\) surface, not a diffuse one",
     ),
     "other reflectance on the back": (
         {"shape": rectangle({"type": "twosided", "front": diffuse(0.5), "back": diffuse(0.4)})},
@@ -561,7 +566,11 @@ UNSUITABLE: dict[str, tuple[Parts, dict[str, Any] | None, str]] = {
         DIRECT,
         "'shape' has two different sides",
     ),
-    "sphere": ({"shape": {"type": "sphere", "bsdf": diffuse()}}, DIRECT, "'shape' is a Sphere, not made of triangles"),
+    "sphere": (
+        {"shape": {"type": "sphere", "bsdf": diffuse()}},
+        DIRECT,
+        "'shape' is a sphere, not made of triangles: give it as a mesh",
+    ),
     "spot light": (
         {"lamp": {"type": "spot", "texture": bitmap()}, "floor": FLOOR},
         DIRECT,
@@ -575,7 +584,7 @@ UNSUITABLE: dict[str, tuple[Parts, dict[str, Any] | None, str]] = {
     "checkerboard": (
         {"shape": rectangle(diffuse({"type": "checkerboard"}))},
         DIRECT,
-        "reflectance that is neither a constant nor a bitmap",
+        "'shape' has a checkerboard as its reflectance, neither a constant nor a bitmap: give it as a bitmap",
     ),
 }
 
@@ -593,6 +602,44 @@ def test_what_has_no_tables_falls_back(kind: str, name: str) -> None:
     with pytest.raises(ValueError, match=f"{re.escape(renderer.reason)}$"):
         make_renderer(scene, CAMERA, samples=1, kind="baked")
     assert np.isfinite(renderer.luma(Views.at_rest([POSE]))).all()
+
+
+MANY_OBSTACLES = """<scene version="3.0.0"><integrator type="path"/>
+<bsdf type="dielectric" id="glass"/>
+<shape type="sphere" id="ball"><ref id="glass"/></shape>
+<shape type="sphere" id="knob"><ref id="glass"/></shape>
+<shape type="disk"><transform name="to_world"><translate x="3" y="-1"/></transform><bsdf type="diffuse"/></shape>
+<shape type="rectangle" id="floor"><bsdf type="twosided"><bsdf type="diffuse">
+<texture type="checkerboard" name="reflectance"/></bsdf></bsdf></shape>
+<shape type="rectangle" id="coat"><bsdf type="twosided"><bsdf type="plastic"/></bsdf></shape>
+<emitter type="projector" id="beamer"><texture type="checkerboard" name="irradiance"/></emitter>
+</scene>"""
+
+
+def test_all_obstacles_are_told_at_once(tmp_path: Path) -> None:
+    """Each with its remedy, what differs in the name alone as one; those of the renderer that has the fewest."""
+    file = tmp_path / "many.xml"
+    file.write_text(MANY_OBSTACLES)
+    scene = load_scene(file)
+    told = {
+        "shape 'ball' (likewise shape 'knob') is a sphere, not made of triangles: give it as a mesh",
+        "material 'glass' has a dielectric surface, not a diffuse one: give it a diffuse material",
+        "the disk without an id around (3, -1, 0) is a disk, not made of triangles: give it as a mesh",
+        "shape 'floor' has a checkerboard as its reflectance, neither a constant nor a bitmap: give it as a bitmap",
+        "shape 'coat' has a twosided(plastic) surface, not a diffuse one: --matte (matte=True) takes its diffuse "
+        "colour alone, or give it a diffuse material",
+        "light 'beamer', a Projector, is not baked: point, spot, directional, area and constant lights and "
+        "environment maps are: give it as one of these",
+    }
+    assert set(map(str, why_not_noise_free(scene))) == told
+    renderer = make_renderer(scene, CAMERA, samples=1)
+    assert renderer.reason.endswith("; and 3 more")
+    with pytest.raises(ValueError, match="the renderer of baked light cannot render this scene: ") as refused:
+        make_renderer(scene, CAMERA, kind="baked")
+    assert set(str(refused.value).partition(": ")[2].split("; ")) == told
+    matte = why_not_noise_free(replace(scene, matte=True))
+    assert len(matte) == 5
+    assert why_not_noise_free(make_scene(SCENES["point light"])) == ()
 
 
 def test_light_that_bounces_is_baked_unless_direct_light_is_asked_for(llvm: str, kind: str) -> None:
@@ -622,7 +669,7 @@ def test_suitable_scenes_take_the_native_renderer_and_say_why() -> None:
     assert make_renderer(dark, CAMERA).reason == "diffuse triangles under no light, with shadows"
     assert make_renderer(scene, CAMERA, kind="integrator").reason == "asked for"
     assert make_renderer(scene, CAMERA).rays == 8
-    with pytest.raises(ValueError, match="auto, table, native, baked, integrator, got 'fast'"):
+    with pytest.raises(ValueError, match="auto, native, table, baked, integrator, got 'fast'"):
         make_renderer(scene, CAMERA, kind="fast")
     with pytest.raises(ValueError, match=r"1\.\.1024, got 0"):
         make_renderer(scene, CAMERA, samples=0)

@@ -28,6 +28,7 @@ from davis_rs.events import EVENT_DTYPE, EventArray, concatenate_events
 from davis_rs.sensor_fit import SensorFit, fit_sensor
 from davis_rs.sensor_fit.finding import Finding
 from davis_rs.sensor_fit.quiet_pixels import neighbours_with_events
+from davis_rs.sensor_fit.static_scene import before_a_leak
 from davis_rs.sensors import SENSORS, SensorFile, read_sensor_file
 from davis_rs.stream_statistics.stream_statistics import Measured
 from hidden_sensors import (
@@ -49,7 +50,7 @@ WIDTH, HEIGHT = 120, 90
 
 
 def static_scene(effects: Effects, duration_s: float, seed: int, *, before_s: float = 0.0) -> EventArray:
-    """What pixels make of light that does not change.
+    """What pixels make of light that does not change, and that they have leaked in for long.
 
     Args:
         before_s: what comes before is left out. With noise a leak's first event of each pixel comes early, because
@@ -59,7 +60,8 @@ def static_scene(effects: Effects, duration_s: float, seed: int, *, before_s: fl
         WIDTH, HEIGHT, contrast_threshold=0.2, effects=effects.engine_settings(), seed=seed, interpolation="linear"
     )
     luma = np.full((HEIGHT, WIDTH), 0.2, np.float32)
-    steps = np.linspace(0, (before_s + duration_s) * 1e6, 12).astype(np.int64).tolist()
+    steps = np.linspace(1, (before_s + duration_s) * 1e6, 12).astype(np.int64).tolist()
+    engine.push(0, luma if effects.leak_rate_hz is None else before_a_leak(luma, engine, seed))
     events = concatenate_events([engine.push(t_us, luma) for t_us in steps])
     return events[events["t"] > before_s * 1e6]
 

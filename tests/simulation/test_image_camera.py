@@ -118,7 +118,7 @@ def test_a_calibration_of_another_size_asks_for_it(tmp_path: Path, capsys: pytes
     with pytest.raises(ValueError, match=r"calib.txt has its principal point at \(172, 129\).* 240 x 180 .*give size"):
         camera_of(camera=str(path))
     assert main(["simulate", "three_planes", "-o", str(tmp_path / "out"), "--camera", str(path)]) == 1
-    assert "does not hold its size: give size WxH or a sensor" in capsys.readouterr().err
+    assert "does not hold its size: give --size WxH or a --sensor" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
     by_size, by_sensor = camera_of(camera=str(path), size="346x260"), camera_of(camera=str(path), sensor="davis346")
     assert by_size == by_sensor
@@ -233,7 +233,7 @@ def test_an_xml_scene_without_a_camera_asks_for_one(tmp_path: Path, capsys: pyte
     for sensor in ("", orthographic):
         scene = load_scene(write_scene(tmp_path, sensor))
         assert scene.camera is None
-        with pytest.raises(ValueError, match=r"scene 'spot' has no perspective sensor.*give camera="):
+        with pytest.raises(ValueError, match=r"scene 'spot' has no perspective sensor.*give camera$"):
             Simulator(scene)
         assert camera_of(scene, camera="davis240c").width == 240
     path = tmp_path / "path.txt"

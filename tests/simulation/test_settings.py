@@ -5,6 +5,8 @@ from __future__ import annotations
 import inspect
 import json
 import pydoc
+import re
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +14,16 @@ import pytest
 import yaml
 
 import davis_rs
-from davis_rs import FixedRate, Imu, MocapClock, MotionCapture, Simulator, load_scene, plan_effects, simulate_to_folder
+from davis_rs import (
+    FixedRate,
+    Imu,
+    MocapClock,
+    MotionCapture,
+    Simulator,
+    load_scene,
+    plan_effects,
+    simulate_to_folder,
+)
 from davis_rs.camera import Camera
 from davis_rs.cli.main import main
 from davis_rs.generate import load_sequence_plan
@@ -108,6 +119,7 @@ VALUES: dict[str, tuple[str, Any]] = {
     "effects": ("leak_rate_hz=1", ["leak_rate_hz=1"]),
     "imu_effects": ("lag=0.003", ["lag=0.003"]),
     "samples": ("3", 3),
+    "start_phase": ("stationary", "stationary"),
     "seed": ("18446744073709551615", 2**64 - 1),
     "threads": ("2", 2),
     "custom_effects": ("math:pi", ["math:pi"]),
@@ -138,7 +150,7 @@ def test_every_setting_has_an_option_and_a_key(name: str, monkeypatch: pytest.Mo
     in_plan = {"leak_rate_hz": 1} if name == "effects" else {"lag": 0.003} if name == "imu_effects" else expected
     (tmp_path / "plan.yaml").write_text(yaml.safe_dump({"scene": "three_planes", setting.key: in_plan}))
     [sequence] = draw_sequences(load_sequence_plan(tmp_path / "plan.yaml"))
-    assert sequence.settings == {name: expected}
+    assert sequence.settings == {name: in_plan}
 
 
 def test_a_plan_has_no_keys_but_those_of_settings_scene_and_path() -> None:
@@ -150,10 +162,48 @@ def test_a_plan_has_no_keys_but_those_of_settings_scene_and_path() -> None:
 @pytest.mark.parametrize("taker", [Simulator, davis_rs.simulate, plan_effects])
 def test_a_name_that_is_no_setting_is_told_with_the_nearest(taker: Any) -> None:
     """A TypeError as of any function, at once; a setting of another function is none here."""
-    with pytest.raises(TypeError, match=r"has no setting 'contrast_treshold'; did you mean contrast_threshold\?"):
+    with pytest.raises(TypeError, match=r"has no argument 'contrast_treshold'; did you mean contrast_threshold\?"):
         taker(PLANES, contrast_treshold=0.2)
-    with pytest.raises(TypeError, match="has no setting 'imu_rate_hz'"):
+    with pytest.raises(TypeError, match="has no argument 'imu_rate_hz'"):
         taker(PLANES, imu_rate_hz=100.0)
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("duration", "duration_s"),
+        ("duration_ms", "duration_s"),
+        ("pos_thres", "contrast_threshold? (pos_thres in v2e)"),
+        ("contrast_threshold_neg", "contrast_threshold_off? (contrast_threshold_neg in ESIM)"),
+        ("Cp", "contrast_threshold? (cp in rpg_vid2e)"),
+        ("leak_rate_hz", "effects={'leak_rate_hz': ...}"),
+        ("leak_rate", "effects={'leak_rate_hz': ...}"),
+        ("refractory_period_s", "effects={'refractory_period_us': ...}? (refractory_period_s in v2e; here in micro"),
+    ],
+)
+def test_a_name_that_is_close_or_anothers_is_told_with_ours(name: str, message: str) -> None:
+    """With or without a unit; an effect is no setting, but may be given in one; the function's own arguments count."""
+    takers: tuple[Any, ...] = (davis_rs.simulate, partial(simulate_to_folder, path="no_such_folder"))
+    for taker in takers:
+        with pytest.raises(TypeError, match=re.escape(f"has no argument {name!r}; did you mean {message}")):
+            taker(PLANES, **{name: 0.1})
+
+
+@pytest.mark.parametrize(
+    ("taker", "name", "message"),
+    [
+        (load_scene, "scal", "load_scene has no argument 'scal'; did you mean scale?"),
+        (davis_rs.open_frames, "rate", "open_frames has no argument 'rate'; it has path, timestamps, fps, time_unit"),
+        (Camera, "w", "Camera has no argument 'w'; it has width, height"),
+        (davis_rs.SensorParameters, "cutoff_hz", "did you mean photoreceptor_bandwidth_hz? (cutoff_hz in v2e)"),
+        (davis_rs.represent.voxel_grid, "bin", "voxel_grid has no argument 'bin'; did you mean bins?"),
+        (davis_rs.EventWindows, "duration", "has no argument 'duration'; did you mean duration_us?"),
+    ],
+)
+def test_functions_without_settings_name_the_argument_that_is_close_too(taker: Any, name: str, message: str) -> None:
+    """Python alone, before 3.13, says only that there is no such argument."""
+    with pytest.raises(TypeError, match=re.escape(message)):
+        taker(**{name: 1})
 
 
 @pytest.mark.parametrize(
@@ -171,7 +221,7 @@ def test_a_name_that_is_no_setting_is_told_with_the_nearest(taker: Any) -> None:
         ({"seed": -1}, "seed must be .*, got -1"),
         (
             {"renderer": "tabel"},
-            r"renderer must be one of auto, table, native, baked, integrator, got 'tabel'; did you mean table\?",
+            r"renderer must be one of auto, native, table, baked, integrator, got 'tabel'; did you mean table\?",
         ),
         ({"accuracy": "exactly"}, r"accuracy must be one of paper, .*, got 'exactly'; did you mean exact\?"),
         ({"accuracy": 3}, "accuracy must be str, got 3"),
@@ -185,7 +235,7 @@ def test_a_name_that_is_no_setting_is_told_with_the_nearest(taker: Any) -> None:
         ({"log_eps": 1e9}, r"log_eps must be > 0 and <= 1000 luma, got 1000000000\.0"),
         ({"tolerance": 1e9}, r"tolerance must be > 0 and <= 10, got 1000000000\.0"),
         ({"max_displacement_px": 1e9}, r"max_displacement_px must be > 0 and <= 1000 px, got 1000000000\.0"),
-        ({"tolerance": 0.1, "render_rate_hz": 9.0}, "only one of .* may be given, got render_rate_hz and tolerance"),
+        ({"tolerance": 0.1, "render_rate_hz": 9.0}, "only one of .* may be given, got render_rate_hz, tolerance"),
     ],
 )
 def test_a_value_that_is_not_allowed_is_told_with_setting_and_rule(given: dict[str, Any], message: str) -> None:
@@ -202,7 +252,10 @@ def test_a_value_that_is_not_allowed_is_told_with_setting_and_rule(given: dict[s
         ({"imu_rate_hz": 100.0}, "imu_rate_hz and imu_effects are those of an IMU, but imu is none: choose an IMU"),
         ({"pose_noise_m": -1.0}, r"pose_noise_m must be >= 0 m, got -1\.0"),
         ({"image_gain": 0.0}, r"image_gain must be > 0, got 0\.0"),
-        ({"effects": 3}, r"effects must be Effects \| str \| Sequence\[str\], got 3"),
+        (
+            {"effects": 3},
+            r"effects must be Effects \| Effect \| Mapping.* \| str \| Sequence.*, got 3",
+        ),
         ({"effects": ["leak=1"]}, "there is no effect 'leak'; .*"),
         (
             {"motion_capture": MotionCapture(), "clock_offset_s": 0.1},
@@ -224,6 +277,7 @@ OTHER: dict[str, Any] = {
     "contrast_threshold_off": 0.22,
     "log_eps": 2e-3,
     "lux_per_luma": 500.0,
+    "start_phase": "stationary",
     "samples": 2,
     "noise_share": 0.2,
     "matte": True,

@@ -103,7 +103,7 @@ def test_a_fixed_rate_renders_as_often_as_it_says(scene: Scene) -> None:
 
 
 def test_steps_of_a_controller_give_what_a_run_gives(scene: Scene) -> None:
-    """Poses on a straight path, handed over one by one, are the path."""
+    """Poses on a straight path, handed over one by one in whatever form, are the path."""
     start = davis_rs.start_pose(scene)
     target = Pose(start.position + np.array([0.03, -0.01, 0.02]), start.quaternion)
     path = davis_rs.SegmentTrajectory(start, target, 0.05)
@@ -112,7 +112,9 @@ def test_steps_of_a_controller_give_what_a_run_gives(scene: Scene) -> None:
     stepper = Simulator(scene, **settings)
     packets = stepper.step(0, path.pose(0.0))
     for t_us in (7_000, 20_000, 26_000, 50_000):
-        packets += stepper.step(t_us, path.pose(t_us * 1e-6))
+        pose = path.pose(t_us * 1e-6)
+        forms: dict[int, Any] = {7_000: pose.matrix, 20_000: (pose.position, pose.quaternion)}
+        packets += stepper.step(t_us, forms.get(t_us, pose))
     assert packets[-1].end_us == 50_000
     assert [p.end_us for p in packets if p.luma is not None] == [0, 25_000, 50_000]
     stepped = events_of(packets)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 import warnings
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -11,9 +13,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from davis_rs import ArgumentError, Scene, as_pose, start_pose
 from davis_rs.pose import Pose
+from davis_rs.trajectory.motions import hand_held, running, slider, spiral, walking, zigzag
 from davis_rs.trajectory.sampled_trajectory import SampledTrajectory
 from davis_rs.trajectory.trajectory import CallableTrajectory, SegmentTrajectory, Trajectory, align
+from davis_rs.trajectory.views import Views
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -123,6 +128,56 @@ class TestPose:
         """A mirror image (the usual slip with y-up cameras), a scale and a projective row are refused."""
         with pytest.raises(ValueError, match="a pose matrix must"):
             Pose.from_matrix(np.diag(scale))
+
+    def test_what_stands_for_a_pose_is_taken_wherever_one_is(self) -> None:
+        """A matrix, or position and quaternion, by all that take poses."""
+        pose = Pose((1, -2, 0.5), SKEW)
+        forms: list[Any] = [
+            pose,
+            pose.matrix,
+            pose.matrix.tolist(),
+            (pose.position, pose.quaternion),
+            [[1, -2, 0.5], SKEW],
+        ]
+        for form in forms:
+            assert np.allclose(as_pose(form).matrix, pose.matrix, atol=1e-15)
+            segment = SegmentTrajectory(form, form, 1.0)
+            paths = [segment, align(segment, form), slider(form, 1.0, 1.0), zigzag(form, 1, 1.0, 1.0)]
+            paths += [spiral(form, 1, 1.0, 1.0), walking(form, 1.0), running(form, 1.0)]
+            paths += [hand_held(form, 1.0, "rotation", top_speed_m_s=0, top_rate_rad_s=0.1)]
+            for path in paths:
+                assert np.allclose(path.pose(0.0).matrix, pose.matrix, atol=1e-9)
+            assert np.allclose(Views.at_rest([form]).rotations[0], pose.rotation, atol=1e-15)
+            scene = Scene("empty", dict, start=form)
+            assert np.allclose(start_pose(scene).matrix, pose.matrix, atol=1e-15)
+
+    @pytest.mark.parametrize(
+        ("form", "message"),
+        [
+            (np.eye(3), "a pose matrix must be finite, of shape (4, 4), with last row 0 0 0 1, got [[1.0, 0.0"),
+            (np.diag([1, 1, -1, 1.0]), "got [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, -1.0]], which is mirrored"),
+            (
+                np.diag([2, 1, 1, 1.0]),
+                "(orthonormal within 1e-06, right-handed), got [[2.0, 0.0, 0.0], [",
+            ),
+            (np.diag([2, 1, 1, 1.0]), "which is off by 3"),
+            (np.full((4, 4), np.nan), "must be finite"),
+            (np.eye(4)[:, [0, 1, 3, 2]], "last row 0 0 0 1"),
+            (((0, 0, 0), (1, 0, 0)), "pose quaternion must have shape (4,), got (3,)"),
+            (((1, 0, 0, 0), (0, 0, 0)), "pose position must have shape (3,), got (4,)"),
+            (((0, 0, 0), (1, 1, 0, 0)), "pose quaternion must have norm 1 within 0.001, got norm 1.41421356"),
+            (np.zeros(7), "of shape (4, 4)"),
+            ("origin", "a pose matrix must be numbers, got 'origin'"),
+            (None, "a pose matrix must be"),
+        ],
+    )
+    def test_what_is_no_pose_is_refused_with_rule_and_value(self, form: Any, message: str) -> None:
+        """By the argument that it was given as, and with what may be given."""
+        with pytest.raises(ArgumentError, match=re.escape(message)) as refused:
+            align(circle(), form)
+        assert str(refused.value).startswith("pose must be a Pose, a 4 x 4 matrix T_world_camera, or (position, quat")
+        with pytest.raises(ArgumentError, match=r"^end must be a Pose"):
+            SegmentTrajectory(np.eye(4), form, 1.0)
 
 
 class TestEveryTrajectory:

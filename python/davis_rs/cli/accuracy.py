@@ -14,6 +14,7 @@ from ..accuracy.frame_rates import DURATION_S, FrameRateSweep, VideoErrors, vide
 from ..accuracy.light_accuracy import HEADS, LIGHT_SAMPLES, LightComparison
 from ..accuracy.report import draw, facts_of, markdown, write_csv
 from ..accuracy.settings import Setting, default_settings
+from ..argument_error import ArgumentError
 from ..camera import Camera
 from ..progress import each, progress
 from ..scene.scene import Scene
@@ -42,10 +43,18 @@ def add_accuracy(accuracy: argparse.ArgumentParser) -> None:
     path = accuracy.add_argument_group("camera path")
     add_trajectory(path)
     path.add_argument(
-        "--start", type=float, metavar="S", help="where on the trajectory to judge; if not given, half way of it"
+        "--start",
+        dest="start_s",
+        type=float,
+        metavar="S",
+        help="where on the trajectory to judge; if not given, half way of it",
     )
     path.add_argument(
-        "--duration", type=float, metavar="S", help="how much to judge; if not given, 6 pixels of the fastest motion"
+        "--duration",
+        dest="duration_s",
+        type=float,
+        metavar="S",
+        help="how much to judge; if not given, 6 pixels of the fastest motion",
     )
     accuracy.add_argument(
         "--frames",
@@ -75,7 +84,7 @@ def _accuracy(options: argparse.Namespace) -> int:
         return _frame_rates(options)
     rounds = _ROUNDS if options.rounds is None else options.rounds
     if rounds < 1:
-        raise ValueError(f"rounds must be at least 1, got {rounds}")
+        raise ArgumentError("{rounds} must be at least 1, got {}", rounds)
     settings = default_settings()
     if options.only is not None:
         settings = [setting for setting in settings if options.only in f"{setting.name} {setting.family}"]
@@ -84,8 +93,8 @@ def _accuracy(options: argparse.Namespace) -> int:
     scene, camera = _judged_scene(options)
     prepared = Sweep(
         scene,
-        start_s=options.start,
-        duration_s=options.duration,
+        start_s=options.start_s,
+        duration_s=options.duration_s,
         camera=camera,
         folder=options.output,
     )
@@ -101,7 +110,7 @@ def _judged_scene(options: argparse.Namespace) -> tuple[Scene, Camera]:
 
 
 def _light(options: argparse.Namespace) -> int:
-    if options.frames or options.only is not None or options.rounds is not None or options.start is not None:
+    if options.frames or options.only is not None or options.rounds is not None or options.start_s is not None:
         raise ValueError("--light compares light alone: without --frames, --only, --rounds and --start")
     scene, camera = _judged_scene(options)
     given = given_settings(options, ViewSettings)
@@ -111,7 +120,7 @@ def _light(options: argparse.Namespace) -> int:
         camera,
         runs=options.light,
         folder=folder,
-        **({} if options.duration is None else {"duration_s": options.duration}),
+        **({} if options.duration_s is None else {"duration_s": options.duration_s}),
         **({"bake_error": given["bake_error"]} if "bake_error" in given else {}),
     )
     table = [f"| {' | '.join(HEADS)} |", "|---|" + "---:|" * (len(HEADS) - 1)]
@@ -134,8 +143,8 @@ def _frame_rates(options: argparse.Namespace) -> int:
     if options.rounds is not None:
         raise ValueError("--rounds are timed runs, and --frames times nothing")
     scene, camera = _judged_scene(options)
-    duration_s = DURATION_S if options.duration is None else options.duration
-    prepared = FrameRateSweep(scene, start_s=options.start, duration_s=duration_s, camera=camera)
+    duration_s = DURATION_S if options.duration_s is None else options.duration_s
+    prepared = FrameRateSweep(scene, start_s=options.start_s, duration_s=duration_s, camera=camera)
     folder: Path = options.output
     folder.mkdir(parents=True, exist_ok=True)
     settings = video_settings()

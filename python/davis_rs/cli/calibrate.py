@@ -67,6 +67,7 @@ def add_calibrate(calibrate: argparse.ArgumentParser) -> None:
         )
     camera_imu.add_argument(
         "--knot-rate",
+        dest="knot_rate_hz",
         type=float,
         default=25.0,
         metavar="HZ",
@@ -83,13 +84,25 @@ def _add_common(parser: argparse.ArgumentParser, *, camera: bool = False) -> Non
         help="rows and columns of tiles; inner corners are one fewer each way (default: %(default)s)",
     )
     parser.add_argument(
-        "--tile-size", type=float, default=DATASET_BOARD.tile_m, metavar="M", help="metres (default: %(default)s)"
+        "--tile-size",
+        dest="tile_m",
+        type=float,
+        default=DATASET_BOARD.tile_m,
+        metavar="M",
+        help="metres (default: %(default)s)",
     )
     parser.add_argument("-o", "--output", type=Path, metavar="JSON", help="write the result, with covariances")
     parser.add_argument(
-        "--start", type=float, default=0.0, metavar="S", help="only frames from here on, after the first"
+        "--start",
+        dest="start_s",
+        type=float,
+        default=0.0,
+        metavar="S",
+        help="only frames from here on, after the first",
     )
-    parser.add_argument("--stop", type=float, metavar="S", help="only frames before this time after the first")
+    parser.add_argument(
+        "--stop", dest="stop_s", type=float, metavar="S", help="only frames before this time after the first"
+    )
     if camera:
         parser.add_argument("--camera", metavar="CAMERA", help="a preset or a calib.txt; the dataset's if not given")
 
@@ -122,7 +135,7 @@ def _camera_imu(options: argparse.Namespace) -> int:
         noise=ImuNoise(
             accelerometer_noise_density=options.accelerometer_noise, gyroscope_noise_density=options.gyroscope_noise
         ),
-        knot_rate_hz=options.knot_rate,
+        knot_rate_hz=options.knot_rate_hz,
     )
     return _done(result, options.output)
 
@@ -132,9 +145,9 @@ def _views(options: argparse.Namespace) -> tuple[Dataset, Checkerboard, list[Boa
         rows, columns = (int(word) for word in options.tiles.split("x"))
     except ValueError:
         raise ValueError(f"--tiles must be ROWSxCOLUMNS, such as 6x7, got {options.tiles!r}") from None
-    board = Checkerboard(rows, columns, options.tile_size)
+    board = Checkerboard(rows, columns, options.tile_m)
     dataset = Dataset(options.dataset)
-    views = find_board(dataset, board, start_s=options.start, stop_s=options.stop)
+    views = find_board(dataset, board, start_s=options.start_s, stop_s=options.stop_s)
     print(f"all {len(board.corners)} corners found in {len(views)} of {len(dataset.frames)} frames", file=sys.stderr)
     return dataset, board, views
 

@@ -6,6 +6,7 @@ import argparse
 import sys
 from pathlib import Path
 
+from ..argument_error import ArgumentError
 from ..progress import say
 from ..scene.scene import Scene
 from ..scenes import BUILTIN_SCENES, load_scene, start_pose
@@ -43,9 +44,16 @@ def add_path(group: argparse._ArgumentGroup) -> None:
     """Add the options that :func:`on_path` reads."""
     add_trajectory(group)
     group.add_argument(
-        "--start", type=float, default=0.0, metavar="S", help="start at this time of the path, in seconds (default: 0)"
+        "--start",
+        dest="start_s",
+        type=float,
+        default=0.0,
+        metavar="S",
+        help="start at this time of the path, in seconds (default: 0)",
     )
-    group.add_argument("--duration", type=float, metavar="S", help="seconds of the path; to the end if not given")
+    group.add_argument(
+        "--duration", dest="duration_s", type=float, metavar="S", help="seconds of the path; to the end if not given"
+    )
 
 
 def add_trajectory(group: argparse._ArgumentGroup) -> None:
@@ -63,6 +71,7 @@ def add_trajectory(group: argparse._ArgumentGroup) -> None:
     )
     group.add_argument(
         "--position-sigma",
+        dest="position_sigma_m",
         type=float,
         metavar="M",
         help="standard deviation of the noise of the file's positions, in metres: the path is smoothed by as much; "
@@ -70,12 +79,14 @@ def add_trajectory(group: argparse._ArgumentGroup) -> None:
     )
     group.add_argument(
         "--rotation-sigma",
+        dest="rotation_sigma_rad",
         type=float,
         metavar="RAD",
         help="the same of its rotations, in radians; estimated from the data if not given",
     )
     group.add_argument(
         "--max-gap",
+        dest="max_gap_s",
         type=float,
         default=0.1,
         metavar="S",
@@ -85,8 +96,8 @@ def add_trajectory(group: argparse._ArgumentGroup) -> None:
 
 def on_path(options: argparse.Namespace, scene: Scene, quiet: bool = False) -> Scene:
     """The scene over the part of a camera path that the options ask for, from t = 0."""
-    moved = on_trajectory(options, scene, at_s=options.start, quiet=quiet)
-    return moved.crop(options.start, options.duration)
+    moved = on_trajectory(options, scene, at_s=options.start_s, quiet=quiet)
+    return moved.crop(options.start_s, options.duration_s)
 
 
 def on_trajectory(options: argparse.Namespace, scene: Scene, *, at_s: float = 0.0, quiet: bool = False) -> Scene:
@@ -101,8 +112,8 @@ def on_trajectory(options: argparse.Namespace, scene: Scene, *, at_s: float = 0.
         if scene.trajectory is None:
             raise ValueError(f"scene {scene.name!r} has no trajectory of its own: give --trajectory FILE")
         return scene
-    sigmas = {"position_sigma_m": options.position_sigma, "rotation_sigma_rad": options.rotation_sigma}
-    trajectory: Trajectory = (sampled := read_trajectory(options.trajectory, max_gap_s=options.max_gap, **sigmas))
+    sigmas = {"position_sigma_m": options.position_sigma_m, "rotation_sigma_rad": options.rotation_sigma_rad}
+    trajectory: Trajectory = (sampled := read_trajectory(options.trajectory, max_gap_s=options.max_gap_s, **sigmas))
     if not quiet:
         print(f"{options.trajectory}: {sampled.smoothing()} (--position-sigma, --rotation-sigma)", file=sys.stderr)
     # A built-in scene shares no world with anybody's trajectory, a user's own file may.
@@ -111,6 +122,11 @@ def on_trajectory(options: argparse.Namespace, scene: Scene, *, at_s: float = 0.
             print("trajectory moved so that it starts where the scene's camera does (--no-align)", file=sys.stderr)
         trajectory = align(trajectory, start_pose(scene), at_s)
     return scene.with_trajectory(trajectory)
+
+
+def unnamed(error: ArgumentError) -> str:
+    """What an error says of an argument, for one of argparse's errors, which names it in front."""
+    return error.told(lambda _: "").lstrip()
 
 
 def figure_file(text: str) -> Path:
@@ -127,8 +143,8 @@ def sensor_size(text: str) -> tuple[int, int]:
     """WIDTHxHEIGHT in pixels."""
     try:
         size = parse_size(text)
-    except ValueError as error:
-        raise argparse.ArgumentTypeError(str(error)) from None
+    except ArgumentError as error:
+        raise argparse.ArgumentTypeError(unnamed(error)) from None
     assert size is not None
     return size
 

@@ -36,8 +36,12 @@ def add_convert(conversion: argparse.ArgumentParser) -> None:
     conversion.add_argument(
         "--format", choices=sorted(FORMATS), help="format of OUT; chosen by the suffix if not given"
     )
-    conversion.add_argument("--start", type=_microseconds, metavar="S", help="only what is from this time of IN on")
-    conversion.add_argument("--stop", type=_microseconds, metavar="S", help="only what is before this time of IN")
+    conversion.add_argument(
+        "--start", dest="start_us", type=_microseconds, metavar="S", help="only what is from this time of IN on"
+    )
+    conversion.add_argument(
+        "--stop", dest="stop_us", type=_microseconds, metavar="S", help="only what is before this time of IN"
+    )
     conversion.add_argument(
         "--roi", type=int, nargs=4, metavar=("X0", "Y0", "X1", "Y1"), help="only events with X0 <= x < X1, Y0 <= y < Y1"
     )
@@ -100,8 +104,8 @@ def _convert(options: argparse.Namespace) -> int:
     arguments: dict[str, Any] = {
         "size": options.size,
         "format": options.format,
-        "start_us": options.start,
-        "stop_us": options.stop,
+        "start_us": options.start_us,
+        "stop_us": options.stop_us,
         "roi": None if options.roi is None else tuple(options.roi),
         "backward": options.backward,
         "outside": options.outside,

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from ..argument_error import ArgumentError
 from .common import sensor_size
 
 
@@ -43,10 +44,18 @@ def add_view(parser: argparse.ArgumentParser) -> None:
         "--size", type=sensor_size, metavar="WxH", help="sensor size in pixels, where PATH does not say"
     )
     parser.add_argument(
-        "--time", type=float, metavar="S", help="picture, page: the moment shown (first); the middle if not given"
+        "--time",
+        dest="t_s",
+        type=float,
+        metavar="S",
+        help="picture, page: the moment shown (first); the middle if not given",
     )
     parser.add_argument(
-        "--window", type=float, metavar="S", help="picture, page: length of the window of events; chosen if not given"
+        "--window",
+        dest="window_s",
+        type=float,
+        metavar="S",
+        help="picture, page: length of the window of events; chosen if not given",
     )
     parser.add_argument("--fps", type=float, help="video: pictures a second (default: 25)")
     parser.add_argument(
@@ -70,18 +79,12 @@ def add_view(parser: argparse.ArgumentParser) -> None:
 
 
 _SETTINGS = {
-    "output": {"time": "t_s", "window": "window_s"},
-    "video": {"fps": "fps", "speed": "speed"},
-    "html": {
-        "time": "t_s",
-        "window": "window_s",
-        "speed": "speed",
-        "max_events": "max_events",
-        "max_frames": "max_frames",
-    },
-    "rerun": {"max_events": "max_events", "max_frames": "max_frames"},
+    "output": ("t_s", "window_s"),
+    "video": ("fps", "speed"),
+    "html": ("t_s", "window_s", "speed", "max_events", "max_frames"),
+    "rerun": ("max_events", "max_frames"),
 }
-"""By what is made, the options that it takes, and the arguments in Python that they are."""
+"""By what is made, the options that it takes."""
 
 _OPTION_NAMES = {"output": "-o"}
 
@@ -97,20 +100,15 @@ def _check(options: argparse.Namespace) -> int:
 def _view(options: argparse.Namespace) -> int:
     made = [kind for kind in _SETTINGS if getattr(options, kind) is not None] or ["output"]
     if len(made) > 1:
-        given = " and ".join(_OPTION_NAMES.get(kind, f"--{kind}") for kind in made)
-        raise ValueError(f"{given} make different things: give one of them")
+        listed = " and ".join(_OPTION_NAMES.get(kind, f"--{kind}") for kind in made)
+        raise ValueError(f"{listed} make different things: give one of them")
     kind = made[0]
-    names = {option for settings in _SETTINGS.values() for option in settings}
-    for option in sorted(names - _SETTINGS[kind].keys()):
-        if getattr(options, option) is not None:
-            what = "the picture" if kind == "output" else f"--{kind}"
-            raise ValueError(f"--{option.replace('_', '-')} means nothing for {what}: leave it out")
-    given_settings: dict[str, Any] = {
-        argument: getattr(options, option)
-        for option, argument in _SETTINGS[kind].items()
-        if getattr(options, option) is not None
-    }
-    print(_MAKERS[kind](options, given_settings | {"size": options.size}))
+    given = {name: getattr(options, name) for names in _SETTINGS.values() for name in names}
+    given = {name: value for name, value in given.items() if value is not None}
+    for name in sorted(given.keys() - set(_SETTINGS[kind])):
+        what = "the picture" if kind == "output" else f"--{kind}"
+        raise ArgumentError("{option} means nothing for {}: leave it out", what, option=name)
+    print(_MAKERS[kind](options, given | {"size": options.size}))
     return 0
 
 

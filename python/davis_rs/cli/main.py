@@ -5,16 +5,16 @@ from __future__ import annotations
 import _thread
 import argparse
 import os
-import re
 import sys
 import threading
 import traceback
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from functools import partial
 from importlib import import_module
 
+from ..argument_error import Argument, NamesArguments, in_python, told
 from ..progress import say
 from .parser import Parser
 
@@ -40,14 +40,17 @@ COMMANDS = {
         "look",
         "look at a dataset, an event file or a recording: a picture, a video, an interactive page, or Rerun",
     ),
+    "hard-cases": ("hard_cases", "measure the presets on scenes in which sampling is easily wrong"),
     # What the documents' own tables and pictures are made with.
     "sequences-table": ("sequences", "the list of the sequences as a table of Markdown"),
     "sequences-sheet": ("sequences", "draw a frame and events of each sequence"),
     "sequences-count": ("sequences", "simulate sequences whole and count their events"),
-    "hard-cases": ("hard_cases", "measure the presets on scenes in which sampling is easily wrong"),
     "settings": ("settings_table", "list all settings of a simulation as a table of Markdown"),
 }
 """For each command, the module in this package that defines ``add_COMMAND(parser)``, and a line on what it does."""
+
+_NOT_LISTED = {"sequences-table", "sequences-sheet", "sequences-count", "settings"}
+"""Commands for those who write the documents: ``--help`` does not list them."""
 
 _DEBUG = "show the traceback of an error"
 
@@ -131,7 +134,11 @@ def make_parser() -> Parser:
     parser.add_argument("--debug", action="store_true", help=_DEBUG)
     commands = parser.add_subparsers(required=True, metavar="COMMAND", parser_class=Parser)
     for name, (module, does) in COMMANDS.items():
-        parser.commands[name] = commands.add_parser(name, help=does, fill=_fill(name, module))
+        fill = _fill(name, module)
+        if name in _NOT_LISTED:
+            parser.commands[name] = commands.add_parser(name, description=does, fill=fill)
+        else:
+            parser.commands[name] = commands.add_parser(name, help=does, fill=fill)
     return parser
 
 
@@ -152,34 +159,24 @@ class _Version(argparse.Action):
 
 
 def _in_a_line(error: Exception, options: argparse.Namespace, debug: bool) -> str:
+    said = told(error, partial(_as_option, getattr(options, "written", {})))
     if isinstance(error, OSError) and error.strerror:
-        said = error.strerror if error.filename is None else f"{error.filename}: {error.strerror}"
-        return _as_options(said, options)
-    if isinstance(error, ValueError | OSError):
-        return _as_options(str(error), options)
-    if isinstance(error, ImportError):
-        return str(error)
-    said = " ".join(str(error).split())
-    hint = "" if debug else "; --debug shows where"
-    return f"unexpected {type(error).__name__}: {said}{hint}"
-
-
-def _as_options(said: str, options: argparse.Namespace) -> str:
-    """A message of the library, with what it calls arguments called as on the command line: --format, not format=.
-
-    Where the message is about a file of keys, such as a plan or a sensor, names are those of the keys and stay.
-    """
-    if re.match(r"[^:]+\.(ya?ml|json): ", said, re.I):
+        said = said if isinstance(error, NamesArguments) else error.strerror
+        return said if error.filename is None else f"{error.filename}: {said}"
+    if isinstance(error, ValueError | OSError | ImportError):
         return said
-    from ..settings import FolderSettings, FrameFolderSettings, settings_of
+    hint = "" if debug else "; --debug shows where"
+    return f"unexpected {type(error).__name__}: {' '.join(said.split())}{hint}"
 
-    settings = {**settings_of(FrameFolderSettings), **settings_of(FolderSettings)}
-    declared = {name: setting.option for name, setting in settings.items()}
-    for name, option in ({name: f"--{name.replace('_', '-')}" for name in vars(options)} | declared).items():
-        said = re.sub(rf"(?<![\w./'\"-]){name}=(True\b)?", f"{option} ", said)
-        if "_" in name:
-            said = re.sub(rf"(?<![\w./'\"=-]){name}(?![\w./'\"=-])", option, said)
-    return re.sub(r" +(?=$|[,;:)])| +(?= )", "", said)
+
+def _as_option(written: Mapping[str, str], argument: Argument) -> str:
+    """What the library calls an argument as its users write it: --format, not format."""
+    option = written.get(argument.name)
+    if option is None:
+        return in_python(argument)
+    if argument.value == "False":
+        return option.replace("--", "--no-", 1)
+    return option if argument.value in ("", "True") else f"{option} {argument.value}"
 
 
 def _interrupted(error: BaseException | None) -> bool:

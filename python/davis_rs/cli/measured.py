@@ -27,9 +27,16 @@ def add_measured(parser: argparse.ArgumentParser) -> None:
         help="pixels X0 <= x < X1, Y0 <= y < Y1 that see no signal; the quietest tiles of each stream if not given",
     )
     parser.add_argument(
-        "--start", type=float, default=0.0, metavar="S", help="only events from here on, after the first"
+        "--start",
+        dest="start_s",
+        type=float,
+        default=0.0,
+        metavar="S",
+        help="only events from here on, after the first",
     )
-    parser.add_argument("--stop", type=float, metavar="S", help="only events before this time after the first")
+    parser.add_argument(
+        "--stop", dest="stop_s", type=float, metavar="S", help="only events before this time after the first"
+    )
     parser.add_argument("--quiet", action="store_true", help="no progress bar")
 
 
@@ -51,4 +58,4 @@ def measured_with_frames(path: str, options: argparse.Namespace, lux: float | No
 
 def _part(options: argparse.Namespace) -> dict[str, Any]:
     region = None if options.quiet_region is None else tuple(options.quiet_region)
-    return {"size": options.size, "quiet": region, "start_s": options.start, "stop_s": options.stop}
+    return {"size": options.size, "quiet": region, "start_s": options.start_s, "stop_s": options.stop_s}

@@ -34,20 +34,40 @@ class Parser(argparse.ArgumentParser):
 
     def parse_known_args(self, args: Sequence[str] | None = None, namespace: Any = None) -> Any:  # type: ignore[override]
         self.fill()
+        # Each of its arguments by what the library calls it; a command's are put in the place of its parent's.
+        self.set_defaults(written={action.dest: _written(action) for action in self._actions})
         values, unknown = super().parse_known_args(args, namespace)
         if unknown:  # said here, because only the command's own parser knows its options
-            options = [option for action in self._actions for option in action.option_strings]
-            named = next((given for given in unknown if given.startswith("--")), "")
-            self.error(f"unrecognized arguments: {' '.join(unknown)}{did_you_mean(named.split('=')[0], options)}")
+            named = next((given for given in unknown if given.startswith("--")), "").split("=")[0]
+            self.error(f"unrecognized arguments: {' '.join(unknown)}{self._meant(named)}")
         return values, unknown
+
+    def _meant(self, option: str) -> str:
+        options = [option for action in self._actions for option in action.option_strings if option.startswith("--")]
+        effects: dict[str, str] = {}
+        if "--effect" in options:
+            from ..effects import EFFECTS
+
+            effects = {name: f"--effect {name}=VALUE" for name in EFFECTS}
+        return did_you_mean(option, options, effects) if option else ""
 
     def error(self, message: str) -> NoReturn:
         """One line in place of the whole usage."""
         self.exit(2, f"davis-rs: error: {message} (see {self.prog} --help)\n")
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:
-        if action.choices is not None and value not in action.choices:
-            names = [str(choice) for choice in action.choices]
-            what = "there is no such command" if isinstance(action, argparse._SubParsersAction) else "invalid choice"
-            listed = f"{what}: {value}{did_you_mean(str(value), names)} (choose from {', '.join(names)})"
-            raise argparse.ArgumentError(None if what.startswith("there") else action, listed)
+        if action.choices is None or value in action.choices:
+            return
+        names = [str(choice) for choice in action.choices]
+        near = did_you_mean(str(value), names)
+        if isinstance(action, argparse._SubParsersAction):
+            # What has a line of help is for users.
+            listed = ", ".join(choice.dest for choice in action._choices_actions)
+            raise argparse.ArgumentError(None, f"there is no such command: {value}{near or f'; there are {listed}'}")
+        raise argparse.ArgumentError(action, f"invalid choice: {value}{near} (choose from {', '.join(names)})")
+
+
+def _written(action: argparse.Action) -> str:
+    """How users write an argument."""
+    options = [*(option for option in action.option_strings if option.startswith("--")), *action.option_strings]
+    return options[0] if options else str(action.metavar or action.dest)

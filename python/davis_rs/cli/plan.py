@@ -35,7 +35,6 @@ def add_plan(plan: argparse.ArgumentParser) -> None:
 def _plan(options: argparse.Namespace) -> int:
     from ..accuracy.light_accuracy import light_cost
     from ..effect_planning import plan_effects
-    from ..effects import Effects, parse_effect
     from ..monte_carlo_noise import estimate_noise
     from ..rendering.renderers import make_renderer
     from ..settings.resolve import renderer_settings
@@ -43,7 +42,7 @@ def _plan(options: argparse.Namespace) -> int:
     scene = on_path(options, scene_of(options))
     plan = plan_effects(
         scene,
-        Effects.of(map(parse_effect, options.effect)) if options.effect else None,
+        options.effect or None,
         **given_settings(options, PlanSettings),
     )
     print(plan.explain() if options.explain else plan)

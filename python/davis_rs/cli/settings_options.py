@@ -6,7 +6,9 @@ import argparse
 from collections.abc import Callable, Collection
 from typing import Any
 
+from ..argument_error import ArgumentError
 from ..settings import Setting, parse_size, settings_of
+from .common import unnamed
 
 
 def add_settings(parser: argparse.ArgumentParser, declaration: type, *, only: Collection[str] | None = None) -> None:
@@ -80,11 +82,11 @@ def _reader(setting: Setting) -> Callable[[str], Any]:
             wanted = ", or ".join(["an integer" if kind is int else "a number", *setting.declared.words])
             raise argparse.ArgumentTypeError(f"must be {wanted}, got {text!r}") from None
         try:
-            setting.check(value, setting.option)
+            setting.check(value)
             if setting.name == "size":
                 parse_size(value)
-        except ValueError as error:
-            raise argparse.ArgumentTypeError(str(error).removeprefix(f"{setting.option} ")) from None
+        except ArgumentError as error:
+            raise argparse.ArgumentTypeError(unnamed(error)) from None
         return value
 
     return read

@@ -33,12 +33,15 @@ def add_sequence(sequence: argparse.ArgumentParser) -> None:
     path = sequence.add_argument_group("camera path")
     path.add_argument(
         "--start",
+        dest="start_s",
         type=float,
         default=0.0,
         metavar="S",
         help="start at this time of the sequence, in seconds (default: 0)",
     )
-    path.add_argument("--duration", type=float, metavar="S", help="seconds to simulate; to the end if not given")
+    path.add_argument(
+        "--duration", dest="duration_s", type=float, metavar="S", help="seconds to simulate; to the end if not given"
+    )
     _add_output(sequence)
     add_settings(sequence, FolderSettings)
 
@@ -58,7 +61,7 @@ def _simulate(options: argparse.Namespace) -> int:
 
 def _sequence(options: argparse.Namespace) -> int:
     scene = sequence_named(options.name).scene()
-    return _simulate_sequence(options, options.name, scene.crop(options.start, options.duration))
+    return _simulate_sequence(options, options.name, scene.crop(options.start_s, options.duration_s))
 
 
 def _simulate_sequence(options: argparse.Namespace, name: str, scene: Scene) -> int:

@@ -9,6 +9,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
+from ..argument_error import ArgumentError
 from ..biases import BIAS_SETS
 from ..decoded import Decoded
 from ..event_files.backward import POLICIES, Policy
@@ -39,7 +40,7 @@ def add_record(record: argparse.ArgumentParser) -> None:
         "-o", "--output", required=True, type=Path, metavar="FILE",
         help="the file to write: .npz (all) or an event file (.txt, .aedat4, ...) decoded, else the camera's bytes",
     )  # fmt: skip
-    record.add_argument("--duration", type=float, metavar="S", help="seconds to record")
+    record.add_argument("--duration", dest="duration_s", type=float, metavar="S", help="seconds to record")
     record.add_argument("--serial", metavar="NUMBER", help="serial number of the camera, if there are several")
     record.add_argument("--virtual", metavar="SCENE", help=f"no camera: one in software that sees {SCENE_HELP}")
     record.add_argument(
@@ -56,10 +57,20 @@ def add_record(record: argparse.ArgumentParser) -> None:
         help="time between frames",
     )
     record.add_argument(
-        "--accelerometer-range", type=int, default=4, choices=ACCELEROMETER_RANGES_G, help="range in +- g"
+        "--accelerometer-range",
+        dest="accelerometer_range_g",
+        type=int,
+        default=4,
+        choices=ACCELEROMETER_RANGES_G,
+        help="range in +- g",
     )
     record.add_argument(
-        "--gyroscope-range", type=int, default=500, choices=GYROSCOPE_RANGES_DEG_S, help="range in +- deg/s"
+        "--gyroscope-range",
+        dest="gyroscope_range_deg_s",
+        type=int,
+        default=500,
+        choices=GYROSCOPE_RANGES_DEG_S,
+        help="range in +- deg/s",
     )
     _add_backward(record)
 
@@ -116,16 +127,16 @@ def _devices(_: argparse.Namespace) -> int:
 
 
 def _record(options: argparse.Namespace) -> int:
-    if options.duration is not None and not options.duration > 0:
-        raise ValueError(f"duration must be positive, got {options.duration}")
+    if options.duration_s is not None and not options.duration_s > 0:
+        raise ArgumentError("{duration_s} must be positive, got {}", options.duration_s)
     if options.output.exists():
         raise FileExistsError(f"{options.output} exists: choose another file")
     settings = DavisSettings(
         biases=options.biases or {},
         exposure_us=options.exposure_us,
         frame_interval_us=options.frame_interval_us,
-        accelerometer_range_g=options.accelerometer_range,
-        gyroscope_range_deg_s=options.gyroscope_range,
+        accelerometer_range_g=options.accelerometer_range_g,
+        gyroscope_range_deg_s=options.gyroscope_range_deg_s,
     )
     if options.virtual is None:
         with Davis.open(options.serial, settings=settings) as camera:
@@ -135,7 +146,7 @@ def _record(options: argparse.Namespace) -> int:
     from ..usb.virtual_backend import VirtualBackend
     from ..virtual_scene import virtual_davis_of_scene
 
-    virtual = virtual_davis_of_scene(load_scene(options.virtual), duration_s=options.duration, show_progress=True)
+    virtual = virtual_davis_of_scene(load_scene(options.virtual), duration_s=options.duration_s, show_progress=True)
     with Davis.open(options.serial, settings=settings, backend=VirtualBackend(virtual)) as camera:
         return _record_camera(camera, options, virtual)
 
@@ -153,7 +164,7 @@ def _record_camera(camera: Davis, options: argparse.Namespace, virtual: VirtualD
             if virtual is not None:
                 over = virtual.over.is_set() and not chunk
             else:
-                over = options.duration is not None and time.monotonic() - started >= options.duration
+                over = options.duration_s is not None and time.monotonic() - started >= options.duration_s
             if over:
                 camera.stop()
     except KeyboardInterrupt:

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ..argument_error import ArgumentError, OverwriteError
 from ..events import EventArray
 from ..formats import FORMATS
 from ..formats.system import naming
@@ -70,7 +71,7 @@ EVENT_FILES = {
 def check_event_format(format: str, size: tuple[int, int]) -> None:
     """Refuse, by a ValueError, what is no format of a folder's event file, and one that cannot hold the sensor."""
     if format not in EVENT_FILES:
-        raise ValueError(f"events_format must be one of {', '.join(EVENT_FILES)}: got {format!r}")
+        raise ArgumentError("{events_format} must be one of {}: got {!r}", ", ".join(EVENT_FILES), format)
     FORMATS[format].limits.check_size(format, size)
 
 
@@ -215,9 +216,7 @@ def claim_folder(path: Path, *, overwrite: bool) -> Hold:
     hold = Hold(path)
     if any(path.iterdir()):
         if not overwrite:
-            raise FileExistsError(
-                errno.EEXIST, "the folder is not empty; overwrite=True replaces a dataset in it", str(path)
-            )
+            raise OverwriteError(path, "the folder is not empty; {overwrite:True} replaces a dataset in it")
         if not (event_file(path).is_file() and (path / META).is_file()):
             raise FileExistsError(
                 errno.EEXIST, f"will not overwrite: no dataset in it (no {EVENTS} and {META})", str(path)

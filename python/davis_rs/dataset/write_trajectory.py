@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from ..close_names import names_checked
 from ..motion_capture import MotionCapture
 from ..pose import GroundTruth, Pose
 from ..trajectory.trajectory import Trajectory
@@ -12,6 +13,7 @@ from .files import pose_line, write_file
 _TUM_HEADER = "# timestamp tx ty tz qx qy qz qw\n"
 
 
+@names_checked
 def write_trajectory(
     trajectory: Trajectory | GroundTruth, path: str | Path, *, rate_hz: float = 200.0, tum: bool = False
 ) -> int:

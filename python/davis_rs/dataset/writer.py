@@ -13,11 +13,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ..argument_error import ArgumentError
 from ..camera import Camera
+from ..close_names import names_checked
 from ..events import EventArray, as_events
 from ..imu import IMU_DTYPE, Imu, ImuArray, as_imu, kalibr_camera_chain, kalibr_imu
 from ..packet import Packet
-from ..pose import NO_VELOCITIES, Pose, Velocities
+from ..pose import NO_VELOCITIES, Pose, PoseLike, Velocities, as_pose
 from .displacement_png import encode_displacement
 from .files import (
     CALIBRATION,
@@ -65,9 +67,10 @@ def check_image_gain(image_gain: float | None) -> None:
     """Refuse, by a ValueError, an image gain that is not positive and finite; None is one that is still to be
     chosen."""
     if image_gain is not None and not 0 < image_gain < math.inf:
-        raise ValueError(f"image_gain must be positive and finite, got {image_gain}")
+        raise ArgumentError("{image_gain} must be positive and finite, got {}", image_gain)
 
 
+@names_checked
 class DatasetWriter:
     """Writes packets, as they come, into a dataset folder; a context manager.
 
@@ -128,7 +131,7 @@ class DatasetWriter:
     ) -> None:
         check_image_gain(image_gain)
         if check_frames < 0:
-            raise ValueError(f"check_frames must be >= 0, got {check_frames}")
+            raise ArgumentError("{check_frames} must be >= 0, got {}", check_frames)
         self.path = Path(path)
         self.camera = camera if isinstance(camera, Camera) else None
         self.size = (camera.width, camera.height) if isinstance(camera, Camera) else camera
@@ -166,7 +169,7 @@ class DatasetWriter:
     def write(
         self,
         packet: Packet,
-        poses: Iterable[tuple[int, Pose]] = (),
+        poses: Iterable[tuple[int, PoseLike]] = (),
         imu: ImuArray | None = None,
         velocities: Velocities | None = None,
     ) -> None:
@@ -305,8 +308,8 @@ class DatasetWriter:
             )
         return events
 
-    def _checked_poses(self, poses: Iterable[tuple[int, Pose]]) -> list[tuple[int, Pose]]:
-        checked, last_us = list(poses), self._last_pose_us
+    def _checked_poses(self, poses: Iterable[tuple[int, PoseLike]]) -> list[tuple[int, Pose]]:
+        checked, last_us = [(t_us, as_pose(pose, "poses")) for t_us, pose in poses], self._last_pose_us
         for t_us, _ in checked:
             if t_us <= last_us:
                 raise ValueError(f"pose times must be >= 0 and increase, got {t_us} us after {last_us} us")

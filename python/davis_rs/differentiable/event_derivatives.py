@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from ..argument_error import ArgumentError
 from ..close_names import did_you_mean
 from .event_levels import EventLevels
 from .log_luma import LogLuma, LogLumaField
@@ -235,7 +236,9 @@ def check_quantities(of: Sequence[str]) -> None:
     """Refuse a name that is not one of :data:`QUANTITIES`."""
     for name in of:
         if name not in QUANTITIES:
-            raise ValueError(f"of must name {', '.join(QUANTITIES)}; got {name!r}{did_you_mean(name, QUANTITIES)}")
+            raise ArgumentError(
+                "{of} must name {}; got {!r}{}", ", ".join(QUANTITIES), name, did_you_mean(name, QUANTITIES)
+            )
 
 
 def _rows_of(csr_array: type, columns: IntArray, values: FloatArray, width: int) -> csr_array:

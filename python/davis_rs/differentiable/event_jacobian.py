@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from ..argument_error import ArgumentError
 from ..camera import Camera
 from ..events import EventArray
 from ..rendering.render_native import NativeRenderer
@@ -87,7 +88,7 @@ class EventTimeModel:
         **settings: Unpack[SimulatorSettings],
     ) -> None:
         if edges not in EDGES:
-            raise ValueError(f"edges must be {' or '.join(map(repr, EDGES))}, got {edges!r}")
+            raise ArgumentError("{edges} must be {}, got {!r}", " or ".join(map(repr, EDGES)), edges)
         simulator = Simulator(scene, **settings)
         renderer = simulator.renderer
         if not isinstance(renderer, NativeRenderer):
@@ -98,6 +99,7 @@ class EventTimeModel:
         effects = [*simulator.effects.engine_settings()]
         effects += ["custom_effects"] if simulator.custom_effects else []
         effects += ["an effect of the lens"] if renderer.optics is not None else []
+        effects += ["start phases"] if simulator.start_phase != "zero" else []
         if effects:
             raise ValueError(f"derivatives of event times are those of ideal pixels, without {', '.join(effects)}")
         self.simulator, self.refined = simulator, simulator.refine
@@ -295,9 +297,11 @@ def _threshold_maps(simulator: Simulator, thresholds: npt.ArrayLike | None) -> F
     if maps.shape == (2,):
         maps = np.tile(maps[:, None, None], (1, camera.height, camera.width))
     if maps.shape != (2, camera.height, camera.width):
-        raise ValueError(f"thresholds must have shape (2,) or (2, {camera.height}, {camera.width}), got {maps.shape}")
+        raise ArgumentError(
+            "{thresholds} must have shape (2,) or (2, {}, {}), got {}", camera.height, camera.width, maps.shape
+        )
     if not ((maps > 0) & (maps < np.inf)).all():
-        raise ValueError(f"thresholds must be > 0 and finite, got {maps[~((maps > 0) & (maps < np.inf))][0]}")
+        raise ArgumentError("{thresholds} must be > 0 and finite, got {}", maps[~((maps > 0) & (maps < np.inf))][0])
     return maps.reshape(2, -1)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .._mitsuba import FAST, variant
-from ..pose import Pose
+from ..pose import PoseLike
 from ..trajectory.views import Views
 from .spline_weights import spline_weights
 
@@ -28,7 +28,7 @@ class CameraPoses:
     rotations: Any
 
     @classmethod
-    def at(cls, poses: Sequence[Pose]) -> CameraPoses:
+    def at(cls, poses: Sequence[PoseLike]) -> CameraPoses:
         """Poses as constants: where to start from, see :meth:`perturbed`."""
         views = Views.at_rest(poses)
         with variant(FAST) as (mi, _):

@@ -9,9 +9,12 @@ import numpy as np
 import numpy.typing as npt
 
 from .._mitsuba import FAST, default_variant, load_scene_source, variant
+from ..argument_error import ArgumentError
 from ..camera import Camera
 from ..rendering.camera_rays import CameraRays, Lanes
-from ..rendering.scene_table import SceneTable, Unsuitable
+from ..rendering.matte import simplify_materials
+from ..rendering.obstacles import Unsuitable
+from ..rendering.scene_table import SceneTable
 from ..rendering.scene_updates import scene_motion
 from ..scene.scene import Scene, check_scene
 from .frame_edges import FrameEdges
@@ -66,6 +69,7 @@ class DifferentiableRenderer:
         self._rays.prepare(samples)
         with variant(FAST) as (mi, _):
             loaded = load_scene_source(scene.source(), mi)
+            simplify_materials(loaded, mi, matte=scene.matte)
             self._motion = scene_motion(scene, loaded, mi)
             try:
                 table = SceneTable(
@@ -146,10 +150,10 @@ class DifferentiableRenderer:
     def _times(self, count: int, t_s: npt.ArrayLike | None) -> npt.NDArray[np.float64]:
         if t_s is None and self._motion:
             changing = ", ".join([*self._motion.objects, *self._motion.lights])
-            raise ValueError(f"t_s must say when each pose is taken, because {changing} changes with time")
+            raise ArgumentError("{t_s} must say when each pose is taken, because {} changes with time", changing)
         times = np.asarray(0.0 if t_s is None else t_s, np.float64)
         if times.shape not in ((), (count,)):
-            raise ValueError(f"t_s of {count} poses must have shape ({count},), got {times.shape}")
+            raise ArgumentError("{t_s} of {} poses must have shape ({},), got {}", count, count, times.shape)
         return np.broadcast_to(times, (count,))
 
 

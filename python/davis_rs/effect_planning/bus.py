@@ -18,7 +18,7 @@ _PEAK_EVENTS = 50
 
 def through_bus(sample: LumaSample, effect: Readout, scale: TimeScale, rows: int) -> tuple[OmissionError, str]:
     """What leaving out the bus does to the events of ideal pixels, and what was seen of them, in words."""
-    waits = [_waits_us(events["t"], effect, sample.sensor_share, rows) for events in sample.ideal_parts]
+    waits = [_waits_us(events, effect, sample.sensor_share, rows) for events in sample.ideal_parts]
     wait_us = np.concatenate(waits)
     carried = wait_us[~np.isnan(wait_us)]
     peak = _peak_rate(sample)
@@ -44,9 +44,11 @@ def through_bus(sample: LumaSample, effect: Readout, scale: TimeScale, rows: int
     return found, seen
 
 
-def carried_events(events: EventArray, effect: Readout, sensor_share: float, rows: int, seed: int) -> EventArray:
-    """A part's events with the stamps that the bus gives them, without those that it drops."""
-    wait_us = _waits_us(events["t"], effect, sensor_share, rows)
+def carried_events(
+    events: EventArray, effect: Readout, sensor_share: float, rows: int, seed: int, *, refractory_us: float
+) -> EventArray:
+    """A part's events with the stamps that the bus gives them, without those that are dropped or missed."""
+    wait_us = _waits_us(events, effect, sensor_share, rows, refractory_us)
     carried, kept = events[~np.isnan(wait_us)].copy(), wait_us[~np.isnan(wait_us)]
     carried["t"] += np.rint(_delays_us(kept, effect, seed)).astype(np.int64)
     return carried[np.argsort(carried["t"], kind="stable")]
@@ -58,12 +60,15 @@ def _delays_us(wait_us: npt.NDArray[np.float64], effect: Readout, seed: int) -> 
     return wait_us + effect.latency_us + np.abs(effect.jitter_us * random.standard_normal(len(wait_us)))
 
 
-def _waits_us(t_us: npt.NDArray[np.int64], effect: Readout, sensor_share: float, rows: int) -> npt.NDArray[np.float64]:
-    """How long events wait for the bus, NaN for those dropped, if each one seen stands for others.
+def _waits_us(
+    events: EventArray, effect: Readout, sensor_share: float, rows: int, refractory_us: float = 0.0
+) -> npt.NDArray[np.float64]:
+    """How long events wait for the bus, NaN for those dropped or missed, if each one seen stands for others.
 
-    Those are taken to come evenly since the event before, so that a few pixels tell of a queue of all: it grows where
-    the rate exceeds the bus's, and shrinks where it does not. Events that wait lie in as many rows as there can be:
-    few of them in a row each, many in all rows.
+    A pixel misses what comes before its last event was read out and its reset is over. The others are taken to come
+    evenly since the event before, so that a few pixels tell of a queue of all: it grows where the rate exceeds the
+    bus's, and shrinks where it does not. Events that wait lie in as many rows as there can be: few of them in a row
+    each, many in all rows.
     """
     column_us, longest = 1e6 / effect.events_per_s, math.inf if effect.drop_after_us is None else effect.drop_after_us
     service_us, all_rows_us = column_us + effect.row_us, rows * effect.row_us
@@ -76,14 +81,18 @@ def _waits_us(t_us: npt.NDArray[np.int64], effect: Readout, sensor_share: float,
             return wait_us / service_us if service_us else 0.0
         return (wait_us - all_rows_us) / column_us
 
+    t_us, reset_us = events["t"].astype(np.int64), max(refractory_us, 1.0)
+    pixels = (events["y"].astype(np.int64) << 16 | events["x"]).tolist()
+    ready_us: dict[int, float] = {}
     waits = np.empty(len(t_us))
     wait = 0.0
-    for i, gap in enumerate(np.diff(t_us, prepend=t_us[:1]).tolist()):
+    for i, (at_us, gap) in enumerate(zip(t_us.tolist(), np.diff(t_us, prepend=t_us[:1]).tolist(), strict=True)):
         ahead = max(queue_us(queued(wait) + 1 / sensor_share) - gap, 0.0) if i else 0.0
-        if ahead > longest:
+        if ahead > longest or at_us < ready_us.get(pixels[i], 0.0):
             waits[i], wait = math.nan, max(wait - gap, 0.0)
         else:
             waits[i] = wait = ahead
+            ready_us[pixels[i]] = at_us + ahead + effect.latency_us + reset_us
     return waits + service_us
 
 

@@ -14,7 +14,7 @@ from .bus import carried_events
 from .cost import Costs, most_noise_hz
 from .luma_sample import LumaSample
 from .omission_error import OmissionError, omission_error
-from .omission_estimator import FLOOD, NO_LEAK, OmissionEstimator
+from .omission_estimator import FLOOD, OmissionEstimator
 
 _ADDED_OR_BEHIND = ("hot_pixels", "readout", "aps")
 """What the engine's runs of the pixels leave out: hot pixels are added, the others act behind the pixels."""
@@ -57,7 +57,7 @@ class EffectsTogether:
         self._estimator, sequence = estimator, estimator.sequence
         self._kept, self._candidates = (Effects.of(e for e in of if e.name != "aps") for of in (kept, candidates))
         self._everything = self._candidates.with_defaults(self._kept)
-        self._seen = _Pixels(estimator, sequence.pixel, self._everything)
+        self._seen = _Pixels(estimator, sequence.pixel)
 
     @property
     def worth_running(self) -> bool:
@@ -88,7 +88,7 @@ class EffectsTogether:
         with_set = chosen.with_defaults(self._kept)
         other = self._seen
         if len(sequence.held_out):
-            other = _Pixels(estimator, sequence.held_out, self._everything)
+            other = _Pixels(estimator, sequence.held_out)
         omission, left_us = other.omission(with_set, self._everything)
         _, all_us = other.omission(self._kept, self._everything)
         return SetForecast(
@@ -109,19 +109,10 @@ class EffectsTogether:
 
 
 class _Pixels:
-    """Some pixels under sets of effects.
+    """Some pixels under sets of effects."""
 
-    Without a leak, one that comes to nothing takes its place where any set leaks: so the levels at the start are the
-    same.
-    """
-
-    def __init__(
-        self, estimator: OmissionEstimator, pixel: np.ndarray[tuple[int], np.dtype[np.int64]], everything: Effects
-    ) -> None:
+    def __init__(self, estimator: OmissionEstimator, pixel: np.ndarray[tuple[int], np.dtype[np.int64]]) -> None:
         self._estimator, self._pixel = estimator, pixel
-        duration_s = estimator.sequence.duration_us * 1e-6
-        leaks = everything.leak_rate_hz is not None
-        self._floor = Effects(leak_rate_hz=NO_LEAK / duration_s) if leaks else Effects()
         self._through = lru_cache(self._sample)
         self.events = lru_cache(maxsize=4)(self._events)
 
@@ -129,12 +120,15 @@ class _Pixels:
         """All events but those of hot pixels."""
         sample = self._through(effects.optical)
         in_pixels = Effects.of(e for e in effects if e.acts_on != "luma" and e.name not in _ADDED_OR_BEHIND)
-        in_pixels = in_pixels.with_defaults(self._floor)
         parts = [sample.part_events(part, in_pixels or None) for part in sample.parts]
         bus = effects.readout
         if bus is not None:
-            rows = self._estimator.sequence.camera.height
-            parts = [carried_events(events, bus, sample.sensor_share, rows, sample.seed) for events in parts]
+            rows, held = self._estimator.sequence.camera.height, effects.refractory_period_us
+            refractory_us = 0.0 if held is None else held.period_us
+            parts = [
+                carried_events(events, bus, sample.sensor_share, rows, sample.seed, refractory_us=refractory_us)
+                for events in parts
+            ]
         events = concatenate_events(parts)
         return events[np.argsort(events["t"], kind="stable")]  # the bus may delay one part's into the next part
 

@@ -35,13 +35,13 @@ class LumaSegment(NamedTuple):
 class LumaSample:
     """Parts of a sequence as some pixels see them, and the engine that turns them into events.
 
-    Levels are multiples of C from log luma at the sequence's first instant: there each part's engine begins, too, and
+    Levels are those of references that begin at the sequence's first instant: there each part's engine begins, too, and
     goes straight to where the part does. What happens on the way does not count, but what has leaked until then has.
 
     Attributes:
         origin: (1, H, W), the first instant.
         parts: in order, without overlap.
-        contrast_threshold, contrast_threshold_off, log_eps, seed: of the engine.
+        contrast_threshold, contrast_threshold_off, log_eps, start_phase, seed: of the engine.
         sensor_share: share of the sensor's pixels.
     """
 
@@ -50,6 +50,7 @@ class LumaSample:
     contrast_threshold: float
     contrast_threshold_off: float
     log_eps: float
+    start_phase: str
     seed: int
     sensor_share: float
 
@@ -95,6 +96,7 @@ class LumaSample:
             contrast_threshold_off=self.contrast_threshold_off,
             log_eps=self.log_eps,
             effects=effects,
+            start_phase=self.start_phase,
             seed=self.seed,
             threads=1,
         )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from statistics import NormalDist
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,7 @@ from ..effects import (
 )
 from ..effects.optics import Optics
 from ..events import EventArray
+from ..pose import FloatArray
 from .bus import through_bus
 from .luma_sample import LumaSample, event_intervals_us
 from .omission_error import OmissionError, TimeScale, omission_error, omission_error_of_added
@@ -35,8 +37,8 @@ FLOOD = 3_000_000
 _FEW = 30
 """Below this count of leak events the known rate says more than the sample."""
 
-NO_LEAK = 1e-9
-"""Leak events of a pixel in the whole sequence that stand for no leak."""
+_PIXELS = 256
+"""Pixels, each with a leak of its own, over which the events of a leak are averaged."""
 
 
 @dataclass(frozen=True)
@@ -139,23 +141,19 @@ def _refractory(estimator: OmissionEstimator, effect: RefractoryPeriod) -> tuple
 
 
 def _leak(estimator: OmissionEstimator, effect: LeakRate) -> tuple[OmissionError, str]:
-    """Against a leak that comes to nothing: what a reference was at the start is as arbitrary without a leak.
-
-    Else every event would count as shifted, by the part of C that each pixel has leaked before the first frame.
-    """
     sample, duration_s = estimator.sequence.pixels, estimator.sequence.duration_us * 1e-6
     steps = sample.steps()
     hz = float(np.average(effect.mean_rate_hz(steps.luma + sample.log_eps).mean(1), weights=steps.length_s))
+    of_a_pixel = static_leak_events(hz * duration_s, effect, sample)
     seen = (
-        f"{estimator.of_rate(hz):.3g} events expected of {hz:.3g} Hz a pixel, next to "
+        f"{estimator.of_rate(of_a_pixel / duration_s):.3g} events expected of {hz:.3g} Hz a pixel, next to "
         f"{estimator.scene_events:.3g} of the scene; levels drift by {hz * duration_s:.2g} C"
     )
-    counted = estimator.added(hz)
-    made = hz * sample.pixels * duration_s
+    counted = estimator.added(of_a_pixel / duration_s)
+    made = of_a_pixel * sample.pixels
     if made > FLOOD:
         return counted, seen
-    still = sample.events(Effects(leak_rate_hz=NO_LEAK / duration_s))
-    found = estimator.compare(sample, still, sample.events(Effects.of([effect])))
+    found = estimator.in_engine(effect)
     # What little the sample shows of few events is left to the rate, and so is what falls between the sample's parts.
     seen_or_known = replace(
         found,
@@ -164,6 +162,31 @@ def _leak(estimator: OmissionEstimator, effect: LeakRate) -> tuple[OmissionError
         count_percent=counted.count_percent if made < _FEW else found.count_percent,
     )
     return seen_or_known, seen
+
+
+def static_leak_events(drift: float, effect: LeakRate, sample: LumaSample) -> float:
+    """Events that a leak makes in a pixel that sees a static scene, in the mean over pixels.
+
+    Until the first one, a reference drifts from where it was at the start.
+
+    Args:
+        drift: what leaks in the whole time, in the mean over pixels, in units of C_on.
+    """
+    shares = (np.arange(_PIXELS) + 0.5) / _PIXELS
+    deviation = math.sqrt(math.log1p(effect.spread**2))
+    normal = np.array([NormalDist().inv_cdf(share) for share in shares.tolist()])
+    drifts = drift * np.exp(deviation * normal - deviation**2 / 2)
+    if sample.start_phase == "zero":
+        return float(np.floor(drifts).mean())
+    # Phases are even from -C_off to C_on: the mean of all whole numbers that are passed.
+    below = sample.contrast_threshold_off / sample.contrast_threshold
+    return float((_sum_of_floors(drifts + 1) - _sum_of_floors(drifts - below)).mean()) / (1 + below)
+
+
+def _sum_of_floors(value: FloatArray) -> FloatArray:
+    """The integral of floor(x) from 0 to a value; 0 below."""
+    whole = np.floor(np.maximum(value, 0.0))
+    return np.asarray(whole * (whole - 1) / 2 + whole * (np.maximum(value, 0.0) - whole))
 
 
 def _shot_noise(estimator: OmissionEstimator, effect: ShotNoise) -> tuple[OmissionError, str]:

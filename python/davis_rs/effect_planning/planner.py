@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..effects import Aps, Effect, Effects
+from ..effects import Aps, Effect, Effects, EffectsLike
 from ..effects.effect import check_range
+from ..effects.effects import effects_of
 from ..rendering.render import Renderer
 from ..rendering.renderers import make_renderer
 from ..sampling.keyframes import Stretch
@@ -29,13 +30,15 @@ from .sequence_sample import SequenceSample
 if TYPE_CHECKING:
     from typing_extensions import Unpack
 
+_NOT_PLANNED = "is what this finds out: name the candidates, or leave them out for those of the sensor"
+
 
 @takes_settings(PlanSettings)
 def plan_effects(
     scene: Scene,
-    effects: Effects | None = None,
+    effects: EffectsLike | None = None,
     *,
-    keep: Effects | None = None,
+    keep: EffectsLike | None = None,
     **settings: Unpack[PlanSettings],
 ) -> EffectPlan:
     """Find out which effects a scene calls for along its camera path, from a cheap sample of it.
@@ -55,13 +58,13 @@ def plan_effects(
         ValueError: for a value out of range, a scene without a camera path, or one that cannot be rendered.
         OSError: if a scene file or a calibration cannot be read.
     """
-    given = complete(PlanSettings, settings, of="plan_effects")
+    given = complete(PlanSettings, settings, of=plan_effects)
     viewed = view_scene(scene, given)
     candidates = viewed.sensor_effects
     if effects is None and given["sensor"] is None:
         candidates = SENSORS["davis240c"].effects(viewed.scene.lux_per_luma)
-    candidates = (Effects() if effects is None else effects).with_defaults(candidates)
-    kept = Effects() if keep is None else keep
+    candidates = effects_of(effects, not_planned=_NOT_PLANNED).with_defaults(candidates)
+    kept = effects_of(keep, not_planned=_NOT_PLANNED)
     named = {effect.name for effect in kept} | kept.switched_off
     made = make_renderer(viewed.scene, viewed.camera, **renderer_settings(given))
     return plan_effects_of(
@@ -71,6 +74,7 @@ def plan_effects(
         contrast_threshold=viewed.contrast_threshold,
         contrast_threshold_off=viewed.contrast_threshold_off,
         log_eps=viewed.log_eps,
+        start_phase=viewed.start_phase,
         seed=given["seed"],
         keep=kept,
         effects_tolerance=given["effects_tolerance"],
@@ -85,6 +89,7 @@ def plan_effects_of(
     contrast_threshold: float,
     contrast_threshold_off: float | None = None,
     log_eps: float = 1e-3,
+    start_phase: str = "zero",
     seed: int = 0,
     keep: Effects | None = None,
     effects_tolerance: float | None = None,
@@ -133,7 +138,13 @@ def plan_effects_of(
         log_eps=log_eps,
         batch=renderer.poses_per_launch,
     )
-    sequence = SequenceSample(stretch, contrast_threshold=contrast_threshold, contrast_threshold_off=off, seed=seed)
+    sequence = SequenceSample(
+        stretch,
+        contrast_threshold=contrast_threshold,
+        contrast_threshold_off=off,
+        start_phase=start_phase,
+        seed=seed,
+    )
     window_us = sequence.window_us
     intervals_us = event_intervals_us(sequence.pixels.ideal)
     interval_us = max(float(np.median(intervals_us)), 1.0) if len(intervals_us) else float(sequence.duration_us)

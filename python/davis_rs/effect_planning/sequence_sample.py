@@ -46,11 +46,18 @@ class SequenceSample:
     Args:
         stretch: the whole sequence.
         contrast_threshold_off: C_off; C_on is the stretch's.
+        start_phase: of the engine.
         seed: of the places of the squares, and of the engine.
     """
 
     def __init__(
-        self, stretch: Stretch, *, contrast_threshold: float, contrast_threshold_off: float, seed: int
+        self,
+        stretch: Stretch,
+        *,
+        contrast_threshold: float,
+        contrast_threshold_off: float,
+        start_phase: str = "zero",
+        seed: int,
     ) -> None:
         self.stretch = stretch
         self.renderer = stretch.renderer
@@ -62,7 +69,7 @@ class SequenceSample:
         self.t_us = np.unique(np.array([0, *planned, self.duration_us], np.int64))
         self.path_px = (len(self.t_us) - 2) * MaxDisplacement().pixels
         self.seed = seed
-        self._engine = (contrast_threshold, contrast_threshold_off, stretch.log_eps, seed)
+        self._engine = (contrast_threshold, contrast_threshold_off, stretch.log_eps, start_phase, seed)
         self.pixel = _scattered(self.camera.width, self.camera.height, seed)
 
     @cached_property

@@ -3,7 +3,7 @@
 from .aps import Aps
 from .custom_effects import CustomEffects
 from .effect import Effect
-from .effects import EFFECTS, Effects, parse_effect
+from .effects import EFFECTS, Effects, EffectsLike, parse_effect
 from .event_draws import event_draws
 from .hot_pixels import HotPixels
 from .leak_rate import LeakRate
@@ -22,6 +22,7 @@ __all__ = [
     "CustomEffects",
     "Effect",
     "Effects",
+    "EffectsLike",
     "HotPixels",
     "LeakRate",
     "LensBlur",

@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
+from ..argument_error import ArgumentError
 from .effect import Where
 from .engine_effect import EngineEffect
 from .threshold_mismatch import ThresholdMismatch
@@ -96,11 +97,11 @@ class ShotNoise(EngineEffect):
         """
         made = cls(0.0, **parameters)
         if not 0 < contrast_threshold < math.inf:
-            raise ValueError(f"contrast_threshold must be finite and > 0, got {contrast_threshold!r}")
+            raise ArgumentError("{contrast_threshold} must be finite and > 0, got {!r}", contrast_threshold)
         if not (light is None or 0 < light < math.inf):
-            raise ValueError(f"light must be finite and > 0, or None, got {light!r}")
+            raise ArgumentError("{light} must be finite and > 0, or None, got {!r}", light)
         if not 0 <= rate_hz < math.inf:
-            raise ValueError(f"rate_hz must be finite and >= 0 Hz, got {rate_hz!r}")
+            raise ArgumentError("{rate_hz} must be finite and >= 0 Hz, got {!r}", rate_hz)
         if rate_hz == 0:
             return made
         in_any_light = math.isinf(made.half_luma)

@@ -6,6 +6,7 @@ from typing import Literal
 
 import numpy as np
 
+from ..argument_error import ArgumentError
 from ..events import EventArray
 
 Policy = Literal["refuse", "drop", "split"]
@@ -30,7 +31,7 @@ class TimeOrder:
 
     def __init__(self, policy: Policy = "refuse") -> None:
         if policy not in POLICIES:
-            raise ValueError(f"what to do when times go back is one of {', '.join(POLICIES)}; got {policy!r}")
+            raise ArgumentError("{backward} must be one of {}; got {!r}", ", ".join(POLICIES), policy)
         self._policy = policy
         self._last_us: int | None = None
         self._seen = 0

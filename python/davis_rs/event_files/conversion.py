@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..argument_error import ArgumentError
 from ..close_names import did_you_mean
 from ..dataset.folder_format import FolderFormat, FolderReader, FolderWriter, part_counts
 from ..dataset.reader import Dataset
@@ -95,11 +96,11 @@ def convert(
         format = FolderFormat.name
     for name in ALL_PARTS if parts is None else parts:
         if name not in ALL_PARTS:
-            raise ValueError(f"parts are {', '.join(ALL_PARTS)}: got {name!r}{did_you_mean(name, ALL_PARTS)}")
+            raise ArgumentError("{parts} are {}: got {!r}{}", ", ".join(ALL_PARTS), name, did_you_mean(name, ALL_PARTS))
     with open_reader(source, backward=backward, outside=outside, max_packet_bytes=max_packet_bytes) as reader:
         sensor = size or reader.size or _size_of_folder(source)
         if sensor is None:
-            raise ValueError(f"{reader.path} ({reader.format}) does not say the sensor's size: give it")
+            raise ArgumentError("{} ({}) does not say the sensor's size: give {size}", reader.path, reader.format)
         with open_writer(target, sensor, format, overwrite=overwrite, **options) as writer:
             if isinstance(writer, FolderWriter):
                 writer.source = Path(source).name

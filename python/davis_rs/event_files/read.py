@@ -6,6 +6,7 @@ import os
 from collections.abc import Iterator
 from pathlib import Path
 
+from ..close_names import names_checked
 from ..events import EventArray
 from ..formats.interface import CHUNK, EventReader, Roi
 from ..formats.reading import Breach, ReadRules
@@ -13,6 +14,7 @@ from ..formats.registry import format_of_content
 from ..untrusted import MAX_PACKET_BYTES, decoding, regular_file
 
 
+@names_checked
 def open_reader(
     path: str | os.PathLike[str],
     *,
@@ -43,6 +45,7 @@ def open_reader(
         return format_of_content(file).open_reader(file, rules)
 
 
+@names_checked
 def read_events(
     path: str | os.PathLike[str],
     *,
@@ -74,6 +77,7 @@ def read_events(
         return reader.read(start_us=start_us, stop_us=stop_us, roi=roi)
 
 
+@names_checked
 def iter_events(
     path: str | os.PathLike[str],
     *,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from typing import Any
 
+from ..argument_error import ArgumentError
 from ..close_names import did_you_mean
 from ..dataset.folder_format import FolderFormat
 from ..formats.interface import EventWriter, Target
@@ -39,7 +40,7 @@ def open_writer(
     elif isinstance(path, str | os.PathLike):
         chosen = format_of_suffix(path)
     else:
-        raise ValueError("a stream has no suffix that would tell the format: give format=")
+        raise ArgumentError("a stream has no suffix that would tell the format: give {format}")
     for name in options:
         if name not in chosen.options:
             has = f"it has {', '.join(chosen.options)}" if chosen.options else "it has none"

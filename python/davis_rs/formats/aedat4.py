@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Literal
 
 from .._core import EventFileReader
+from ..argument_error import ArgumentError
 from .core_files import CoreReader, CoreWriter
 from .interface import EventWriter, Format, Limits, Target
 from .reading import ReadRules
@@ -53,9 +54,9 @@ class Aedat4Format(Format):
         start_us: int = 0,
     ) -> EventWriter:
         if not -7 <= level <= 22:
-            raise ValueError(f"level must lie in -7..22: got {level}")
+            raise ArgumentError("{level} must lie in -7..22: got {}", level)
         if not 0 <= start_us < 2**62:
-            raise ValueError(f"start_us must be a Unix time in 0..2^62 us: got {start_us}")
+            raise ArgumentError("{start_us} must be a Unix time in 0..2^62 us: got {}", start_us)
         return CoreWriter(
             target,
             format=self.name,

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .._core import pack_event_message
+from ..argument_error import ArgumentError
 from ..events import EventArray
 from . import ros_messages as messages
 from .bag_reader import BagReader
@@ -56,7 +57,7 @@ class BagWriter(RosWriter):
         frame_id: str = "dvs",
     ) -> None:
         if compression not in ("none", "lz4", "bz2"):
-            raise ValueError(f"compression must be one of none, lz4, bz2: got {compression!r}")
+            raise ArgumentError("{compression} must be one of none, lz4, bz2: got {!r}", compression)
         with from_extra("ros"):
             from rosbags.rosbag1 import Writer
         super().__init__(

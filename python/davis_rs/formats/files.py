@@ -7,6 +7,8 @@ import errno
 import os
 from pathlib import Path
 
+from ..argument_error import OverwriteError
+
 
 def claim(path: str | os.PathLike[str], *, overwrite: bool) -> Path:
     """An empty file at ``path``.
@@ -23,7 +25,7 @@ def claim(path: str | os.PathLike[str], *, overwrite: bool) -> Path:
     try:
         target.open("wb" if overwrite else "xb").close()
     except FileExistsError:
-        raise FileExistsError(errno.EEXIST, "the file exists; overwrite=True replaces it", str(target)) from None
+        raise OverwriteError(target, "the file exists; {overwrite:True} replaces it") from None
     return target
 
 
@@ -51,4 +53,4 @@ class PartFile:
         if self.path.is_dir():
             raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(self.path))
         if not self._overwrite and os.path.lexists(self.path):
-            raise FileExistsError(errno.EEXIST, "the file exists; overwrite=True replaces it", str(self.path))
+            raise OverwriteError(self.path, "the file exists; {overwrite:True} replaces it")

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ..argument_error import ArgumentError
 from .extras import from_extra
 from .hdf5_disk import Hdf5File
 
@@ -46,9 +47,9 @@ class GrowingDataset:
         chunk: int = CHUNK,
     ) -> None:
         if compression not in COMPRESSIONS:
-            raise ValueError(f"compression must be one of {', '.join(COMPRESSIONS)}: got {compression!r}")
+            raise ArgumentError("{compression} must be one of {}: got {!r}", ", ".join(COMPRESSIONS), compression)
         if not 1 <= level <= 9:
-            raise ValueError(f"the level of a compression must be 1..9, got {level}")
+            raise ArgumentError("{level} must be 1..9, got {}", level)
         self._hdf5 = hdf5
         self._codec: Any = None
         filters: Mapping[str, Any] = {}

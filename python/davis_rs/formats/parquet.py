@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .._core import DecodeError, fill_events
+from ..argument_error import ArgumentError
 from ..events import EVENT_DTYPE, EventArray
 from ..untrusted import decoding
 from .blocks import UNKNOWN_US, Blocks, Place, blocks_of
@@ -54,7 +55,7 @@ class ParquetWriter(EventWriter):
         row_group: int = CHUNK,
     ) -> None:
         if row_group < 1:
-            raise ValueError(f"a row group must have at least 1 event: got {row_group}")
+            raise ArgumentError("{row_group} must be at least 1: got {}", row_group)
         super().__init__(target, format=format, size=size, limits=limits)
         with from_extra("parquet"):
             import pyarrow as pa

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .._core import DecodeError, check_events
+from ..argument_error import ArgumentError
 from ..events import EVENT_DTYPE, EventArray
 from ..untrusted import MAX_PACKET_BYTES, check_max_packet_bytes
 
@@ -44,7 +45,7 @@ class ReadRules:
         for name in ("backward", "outside"):
             if getattr(self, name) not in get_args(Breach):
                 known = ", ".join(get_args(Breach))
-                raise ValueError(f"{name} must be one of {known}: got {getattr(self, name)!r}")
+                raise ArgumentError("{argument} must be one of {}: got {!r}", known, getattr(self, name), argument=name)
         check_max_packet_bytes(self.max_packet_bytes)
 
     @property

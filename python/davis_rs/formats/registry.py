@@ -6,6 +6,7 @@ import os
 from pathlib import Path
 
 from .._core import DecodeError
+from ..argument_error import ArgumentError
 from .interface import Format
 
 HEAD = 4096
@@ -28,7 +29,7 @@ def format_named(name: str) -> Format:
     try:
         return FORMATS[name]
     except KeyError:
-        raise ValueError(f"format must be one of {', '.join(FORMATS)}: got {name!r}") from None
+        raise ArgumentError("{format} must be one of {}: got {!r}", ", ".join(FORMATS), name) from None
 
 
 def format_of_suffix(path: str | os.PathLike[str]) -> Format:
@@ -42,7 +43,7 @@ def format_of_suffix(path: str | os.PathLike[str]) -> Format:
         if suffix in format.suffixes:
             return format
     known = ", ".join(dict.fromkeys(suffix for format in FORMATS.values() for suffix in format.suffixes))
-    raise ValueError(f"the suffix of {os.fspath(path)!r} is no event format ({known}): give format=")
+    raise ArgumentError("the suffix of {!r} is no event format ({}): give {format}", os.fspath(path), known)
 
 
 def format_of_content(path: str | os.PathLike[str]) -> Format:

@@ -11,6 +11,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ..argument_error import ArgumentError, OverwriteError
 from ..events import EventArray
 from . import mcap_records, ros_messages, sqlite_records
 from .extras import from_extra
@@ -66,11 +67,11 @@ class Ros2Writer(RosWriter):
         single = isinstance(target, str | os.PathLike) and Path(target).suffix.lower() == ".mcap"
         storage = storage or ("mcap" if single else "sqlite3")
         if storage not in STORAGES or (single and storage != "mcap"):
-            raise ValueError(
-                f"storage must be one of {', '.join(STORAGES)}, and mcap for a file .mcap: got {storage!r}"
+            raise ArgumentError(
+                "{storage} must be one of {}, and mcap for a file .mcap: got {!r}", ", ".join(STORAGES), storage
             )
         if messages not in MESSAGES:
-            raise ValueError(f"messages must be one of {', '.join(MESSAGES)}: got {messages!r}")
+            raise ArgumentError("{messages} must be one of {}: got {!r}", ", ".join(MESSAGES), messages)
         self._evt3 = messages == "event_camera_msgs"
         if self._evt3 and max(size) > _MOST_EVT3:
             raise ValueError(f"EVT 3.0 holds sensors of up to {_MOST_EVT3} x {_MOST_EVT3} pixels: got {size}")
@@ -189,7 +190,7 @@ def _make_room(path: Path, *, single: bool, overwrite: bool) -> None:
             raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(path))
         return
     if not overwrite:
-        raise FileExistsError(errno.EEXIST, "it exists; overwrite=True replaces it", str(path))
+        raise OverwriteError(path, "it exists; {overwrite:True} replaces it")
     if single and path.is_file():
         return
     found = list(path.iterdir()) if path.is_dir() else []

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from ..argument_error import ArgumentError
 from ..settings import parse_size
 
 _SAME_SHAPE = 0.01
@@ -56,47 +57,40 @@ def frame_part(
     left = top = 0
     full = f"the frames of {width} x {height} pixels"
     if crop is not None and roi is not None:
-        raise ValueError("only one of crop and roi may be given")
+        raise ArgumentError("only one of {crop} and {roi} may be given")
     if crop is not None:
-        wide, high = _size(crop, "crop")
+        wide, high = parse_size(crop, "crop") or (0, 0)
         left, top = (width - wide) // 2, (height - high) // 2
     elif roi is not None:
         match = re.fullmatch(r"(\d{1,5}[xX]\d{1,5})\+(\d{1,5})\+(\d{1,5})", roi.strip())
         if match is None:
-            raise ValueError(f"roi must be WIDTHxHEIGHT+LEFT+TOP in pixels, such as 346x260+100+50, got {roi!r}")
-        wide, high = _size(match[1], "roi")
+            raise ArgumentError("{roi} must be WIDTHxHEIGHT+LEFT+TOP in pixels, such as 346x260+100+50, got {!r}", roi)
+        wide, high = parse_size(match[1], "roi") or (0, 0)
         left, top = int(match[2]), int(match[3])
     else:
         wide, high = width, height
     if left < 0 or top < 0 or left + wide > width or top + high > height:
         name = "crop" if roi is None else "roi"
-        raise ValueError(f"{name} {crop or roi} does not lie inside {full}")
+        raise ArgumentError("{argument} {} does not lie inside {}", crop or roi, full, argument=name)
     result = parse_size(size) or (wide, high)
     if result[0] > wide or result[1] > high:
-        raise ValueError(
-            f"size {result[0]}x{result[1]} must not be larger than the {wide} x {high} pixels that the frames give: "
-            "what lies between pixels is not known"
+        raise ArgumentError(
+            "{size} {}x{} must not be larger than the {} x {} pixels that the frames give: "
+            "what lies between pixels is not known",
+            *(*result, wide, high),
         )
     across, down = wide / result[0], high / result[1]
     if abs(across / down - 1) > _SAME_SHAPE and min(abs(wide - result[0] * down), abs(high - result[1] * across)) > 1:
         factor = min(across, down)
         fits = f"{round(result[0] * factor)}x{round(result[1] * factor)}"
-        raise ValueError(
-            f"size {result[0]}x{result[1]} has another shape than the {wide} x {high} pixels that the frames give, and "
-            f"would stretch the image: crop={fits} fits"
+        raise ArgumentError(
+            "{size} {}x{} has another shape than the {} x {} pixels that the frames give, and would stretch the image: "
+            "{crop:{}} fits",
+            *(*result, wide, high, fits),
         )
     if max(result) > 65535:
-        raise ValueError(f"a sensor has at most 65535 pixels each way, {full} have more: give size or crop")
+        raise ArgumentError("a sensor has at most 65535 pixels each way, {} have more: give {size} or {crop}", full)
     return FramePart(left, top, wide, high, result)
-
-
-def _size(text: str, name: str) -> tuple[int, int]:
-    try:
-        found = parse_size(text)
-    except ValueError as error:
-        raise ValueError(str(error).replace("size", name, 1)) from None
-    assert found is not None
-    return found
 
 
 def _opencv() -> Any:

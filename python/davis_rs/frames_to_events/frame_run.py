@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import warnings
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict
 from itertools import chain
@@ -10,16 +12,21 @@ from typing import Any
 import numpy as np
 
 from .._core import CrossingEngine, __version__
+from ..argument_error import ArgumentError
 from ..camera import Camera
-from ..effects import Effects, Optics, parse_effect
+from ..effects import Effects, Optics
+from ..effects.effects import effects_of
 from ..events import EventArray, concatenate_events
+from ..folder_report import start_line
+from ..no_events import warned_without_events
 from ..packet import Packet
 from ..read_ahead import read_ahead
 from ..sensor_parameters import SensorParameters
 from ..sensors import read_once, sensor_parameters
-from ..settings import LOG_EPS, FrameSettings, camera_of_size, complete
+from ..settings import LOG_EPS, camera_of_size
 from .frame_part import FramePart, frame_part
-from .frame_source import FrameSource, StampedFrame
+from .frame_source import Encoding, FrameSource, StampedFrame
+from .frame_values import FrameValues, FrameValuesWarning
 from .frames_between import Auto, FramesBetween
 from .interpolation import Cubic, Interpolation, Linear, SensorFrame
 from .light import Light
@@ -40,13 +47,14 @@ class FrameRun:
 
     Args:
         source: of the frames.
-        settings: those of :class:`~davis_rs.settings.FrameSettings`.
+        settings: complete ones of :class:`~davis_rs.settings.FrameSettings`.
         from_zero: the first frame that is taken gets the stamp 0; else stamps stay as the source has them.
 
     Attributes:
         size: (width, height) of the sensor in pixels.
         camera: its lens, None where that is not known.
         contrast_threshold, contrast_threshold_off: C_on and C_off.
+        start_phase: where references lie at the first frame.
         log_eps: dark level in units of luma.
         light: how values become luma.
         effects: of the pixels and the readout.
@@ -55,12 +63,12 @@ class FrameRun:
         interpolation: what lies between frames.
 
     Raises:
-        TypeError, ValueError: for settings that do not exist, are out of range or contradict each other.
+        ValueError: for settings that are out of range or contradict each other.
         OSError, DecodeError: if the first frame cannot be read.
     """
 
     def __init__(self, source: FrameSource, settings: Mapping[str, Any], *, from_zero: bool = False) -> None:
-        self.settings = complete(FrameSettings, settings, of="events_from_frames")
+        self.settings = dict(settings)
         self.settings["sensor"] = read_once(self.settings["sensor"])
         self.source = source
         _check_times(self.settings)
@@ -71,7 +79,9 @@ class FrameRun:
         self._first = first
         self._start_us = self._end_us = 0 if from_zero else _rounded(first.t_ns, 1000)
         sensor = sensor_parameters(self.settings["sensor"])
-        self.light = Light(source.encoding(first), self.settings["transfer"], self.settings["white_level"])
+        white_level, log_eps = (self.settings[name] for name in ("white_level", "log_eps"))
+        self._values = FrameValues(source.encoding(first), first.image, white_level=white_level, log_eps=log_eps)
+        self.light = self._light_of(self._values.encoding)
         self._part = self._part_of(first, sensor)
         self.size = self._part.size
         wanted = self.settings["camera"]
@@ -79,11 +89,12 @@ class FrameRun:
         on = _first(self.settings["contrast_threshold"], sensor.contrast_threshold, CONTRAST_THRESHOLD)
         off = _first(self.settings["contrast_threshold_off"], sensor.contrast_threshold_off, on)
         self.contrast_threshold, self.contrast_threshold_off = on, off
+        self.start_phase = self.settings["start_phase"] or sensor.start_phase
         self.lux_per_luma = _first(self.settings["lux_per_luma"], LUX_PER_LUMA)
         self.effects, self.left_out = self._effects(sensor)
         self._optics = self._lens()
         self._dark_luma = _first(sensor.dark_luma(self.lux_per_luma), LOG_EPS)
-        self.log_eps = _first(self.settings["log_eps"], dark_level(self.light.levels, min(on, off), self._dark_luma))
+        self.log_eps = _first(log_eps, self._dark_level(self.light))
         # What is averaged over areas or blurred has finer levels than the frames, and rounding shows less.
         plain = self._optics is None and self.size == (self._part.width, self._part.height)
         self.quantisation = QuantisationCount(self.light.levels if plain else None)
@@ -95,6 +106,7 @@ class FrameRun:
             log_eps=self.log_eps,
             interpolation=self.interpolation.engine,
             effects=self.effects.engine_settings(),
+            start_phase=self.start_phase,
             seed=self.settings["seed"],
             threads=self.settings["threads"],
         )
@@ -104,15 +116,31 @@ class FrameRun:
         """How many events the readout has dropped so far."""
         return self._engine.dropped_events
 
+    @property
+    def missed_events(self) -> int:
+        """How often a pixel has reached a level before its last event was read out and its reset over."""
+        return self._engine.missed_events
+
     def packets(self) -> Iterator[Packet]:
         """One packet a frame: it ends at the frame's instant, and ``luma`` is what the pixels saw there.
 
         The first has no events: it sets the references. Where a readout still holds events at the end, one more brings
         them.
 
+        Warns:
+            FrameValuesWarning: where values may stand for other light than they are taken for.
+            NoEventsWarning: of a run without events.
+
         Raises:
             OSError, ValueError: for a frame that cannot be read or taken, naming it; the packets before it are whole.
         """
+        self._warn_of_values()
+        thresholds = (self.contrast_threshold, self.contrast_threshold_off)
+        yield from warned_without_events(self._packets(), thresholds, self.log_eps, stacklevel=3)
+        self._warn_of_values()
+        self._warn_of_other_steps()
+
+    def _packets(self) -> Iterator[Packet]:
         pending: list[EventArray] = []
         before: SensorFrame | None = None
         for sample in self.interpolation.samples(self._sensor_frames()):
@@ -143,14 +171,8 @@ class FrameRun:
             "davis_rs": __version__,
             "versions": {"numpy": np.__version__},
             "scene": {"name": self.source.name},
-            "frames": {
-                **self.source.describe(),
-                "transfer": self.light.transfer,
-                "black_level": self.light.black,
-                "white_level": self.light.white,
-                "part": {**self._part._asdict(), "size": list(self.size)},
-                "first_stamp_ns": self._first.t_ns,
-            },
+            "frames": self.describe_frames(),
+            "start_time_ns": self._first.t_ns,
             "interpolation": self.interpolation.describe(),
             "camera": None if self.camera is None else asdict(self.camera),
             "parameters": {
@@ -158,6 +180,7 @@ class FrameRun:
                 "sensor": sensor if sensor is None or isinstance(sensor, str) else asdict(sensor),
                 "contrast_threshold": self.contrast_threshold,
                 "contrast_threshold_off": self.contrast_threshold_off,
+                "start_phase": self.start_phase,
                 "log_eps": self.log_eps,
                 "lux_per_luma": self.lux_per_luma,
             },
@@ -165,16 +188,45 @@ class FrameRun:
             "effects_left_out": list(self.left_out),
         }
 
+    def describe_frames(self) -> dict[str, Any]:
+        """What the frames are and how they are taken, for meta.json; the step of those that were read so far."""
+        return {
+            **self.source.describe(),
+            "transfer": self.light.transfer,
+            "black_level": self.light.black,
+            "white_level": self.light.white,
+            "value_step": self._values.encoding.step,
+            "value_step_of_all_frames": self._values.shown().step,
+            "part": {**self._part._asdict(), "size": list(self.size)},
+        }
+
+    @property
+    def step_line(self) -> str:
+        """What follows from the step that the first frame shows, for people; "" where it is as the source says."""
+        if not self._values.step_found:
+            return ""
+        return (
+            f"{self.source.name}: values come in steps of {self._values.encoding.step:.4g} in the first frame, so that "
+            f"{self.light.white:g} is taken for white, and log_eps is {self.log_eps:.3g}; white_level and log_eps "
+            "override it"
+        )
+
     def notes(self) -> Iterator[str]:
         """What is assumed about the frames, a line each, for people."""
         about = self.source.describe()
         transfer = f"{self.light.transfer} ({'given' if self.settings['transfer'] else self._why_transfer(about)})"
-        encoded = f"values {self.light.black:g} to {self.light.white:g} are luma 0 to 1, transfer {transfer}"
+        step = (
+            f" in steps of {self._values.encoding.step:.4g}, as in the first frame," if self._values.step_found else ""
+        )
+        encoded = f"values {self.light.black:g} to {self.light.white:g}{step} are luma 0 to 1, transfer {transfer}"
         if about["kind"] == "video":
             matrix = "" if about["matrix_stated"] or about["matrix"] is None else ", matrix by the frame's size"
             stated = "as it says" if about["range_stated"] else "which it does not say"
-            encoded = f"{about['codec']}, {about['pixel_format']}, {about['range']} range ({stated}{matrix}), {encoded}"
+            range_ = f"{about['range']} range ({stated}{matrix})"
+            encoded = f"{about['codec']}, {about['pixel_format']}, {about['bits']} bits, {range_}, {encoded}"
         yield f"{self.source.name}: {encoded}"
+        if self._first.t_ns:
+            yield start_line(self._first.t_ns, "the frames")
         if self.settings["log_eps"] is None and self.log_eps > self._dark_luma:
             yield (
                 f"log_eps {self.log_eps:.3g}: with {self._dark_luma:.3g} one grey level in the dark would be more than "
@@ -195,6 +247,29 @@ class FrameRun:
         if about["kind"] == "video":
             return "as the video says" if about["transfer_stated"] else "the video does not say"
         return "by the type of the values"
+
+    def _light_of(self, encoding: Encoding) -> Light:
+        return Light(encoding, self.settings["transfer"], self.settings["white_level"])
+
+    def _dark_level(self, light: Light) -> float:
+        """The dark level that keeps a step of these frames below C."""
+        return dark_level(light.levels, min(self.contrast_threshold, self.contrast_threshold_off), self._dark_luma)
+
+    def _warn_of_values(self) -> None:
+        for doubt in self._values.doubts():
+            warnings.warn(f"{self.source.name}: {doubt}", FrameValuesWarning, stacklevel=3)
+
+    def _warn_of_other_steps(self) -> None:
+        """Warn where all frames together show another step than the first, by which the dark level was chosen."""
+        shown = self._values.shown()
+        fitting = self._dark_level(self._light_of(shown))
+        if self.settings["log_eps"] is None and not math.isclose(fitting, self.log_eps, rel_tol=_SAME_DARK_LEVEL):
+            warnings.warn(
+                f"{self.source.name}: all frames together have values in steps of {shown.step:.4g}, and the first "
+                f"frame did not show it: log_eps {fitting:.3g} fits them, {self.log_eps:.3g} was taken",
+                FrameValuesWarning,
+                stacklevel=3,
+            )
 
     def _frames_between(self) -> Iterator[StampedFrame]:
         """The frames from start to stop, their stamps increasing."""
@@ -222,7 +297,7 @@ class FrameRun:
             raise ValueError(f"{self._first.where}: one frame{self._between_words()} makes no events: two are needed")
 
     def _seen(self, frames: Iterator[StampedFrame]) -> Iterator[SensorFrame]:
-        shape = self._first.image.shape
+        shape, dtype = self._first.image.shape, self._first.image.dtype
         scale = 1000 * self.settings["slow_motion"]
         last_us = -1
         for frame in frames:
@@ -231,6 +306,12 @@ class FrameRun:
                     f"{frame.where}: all frames must have one size, this has {_shape(frame.image.shape)}, "
                     f"the first {_shape(shape)}"
                 )
+            if frame.image.dtype != dtype and not _both_floating(frame.image.dtype, dtype):
+                raise ValueError(
+                    f"{frame.where}: all frames must have one type, this has {frame.image.dtype}, the first {dtype}"
+                )
+            if frame is not self._first:
+                self._values.add(frame.image)
             t_us = self._start_us + _rounded(frame.t_ns - self._first.t_ns, scale)
             if t_us < 0:
                 raise ValueError(f"{frame.where}: stamps must be >= 0, got {_seconds(frame.t_ns)}")
@@ -258,7 +339,10 @@ class FrameRun:
 
     def _effects(self, sensor: SensorParameters) -> tuple[Effects, tuple[str, ...]]:
         """Return the given effects over the sensor's, and the names of the sensor's that frames do not allow."""
-        named = _named_effects(self.settings["effects"])
+        named = effects_of(
+            self.settings["effects"],
+            not_planned="is for a scene that can be rendered; for frames name {sensor} or {effects}",
+        )
         if named.aps is not None:
             raise ValueError(
                 "the effect aps makes intensity frames from light, but here intensity frames are the input"
@@ -290,21 +374,17 @@ class FrameRun:
         return "" if whole else f" between {self.settings['start_s']:g} s and {end}"
 
 
+_SAME_DARK_LEVEL = 0.05
+"""How far two dark levels may differ and hardly change the events."""
+
 _TOLD_ELSEWHERE = {"camera", "size", "effects", "threads", "crop", "roi", "transfer", "white_level", "interpolation"}
-
-
-def _named_effects(effects: Any) -> Effects:
-    if effects is None or isinstance(effects, Effects):
-        return Effects() if effects is None else effects
-    texts = [effects] if isinstance(effects, str) else list(effects)
-    if "auto" in texts:
-        raise ValueError("effects='auto' is planned on a scene that can be rendered; for frames name sensor or effects")
-    return Effects.of(parse_effect(text) for text in texts)
 
 
 def _check_times(settings: Mapping[str, Any]) -> None:
     if settings["stop_s"] is not None and settings["stop_s"] <= settings["start_s"]:
-        raise ValueError(f"stop_s must be after start_s, got {settings['stop_s']:g} s and {settings['start_s']:g} s")
+        raise ArgumentError(
+            "{stop_s} must be after {start_s}, got {:g} s and {:g} s", settings["stop_s"], settings["start_s"]
+        )
 
 
 def _rounded(value_ns: int, unit_ns: float) -> int:
@@ -313,6 +393,10 @@ def _rounded(value_ns: int, unit_ns: float) -> int:
         unit = int(unit_ns)
         return (2 * value_ns + unit) // (2 * unit)
     return round(value_ns / unit_ns)
+
+
+def _both_floating(one: np.dtype[Any], other: np.dtype[Any]) -> bool:
+    return np.issubdtype(one, np.floating) and np.issubdtype(other, np.floating)
 
 
 def _first(*values: float | None) -> float:

@@ -38,14 +38,28 @@ class Encoding:
 
     Attributes:
         transfer: the transfer function that the source itself names, as the setting ``transfer`` takes it.
-        black, white: the values that stand for no light and for luma 1.
+        black, white: the source's values for no light and for luma 1; a video's are those of its own bits and range.
         levels: how many steps there are from black to white; None for floating point, which has none to speak of.
+        in_frames: what black and white are in the arrays of the frames, where these have another scale.
+        by_type: black and white are those of the arrays' type, because the source does not say more.
     """
 
     transfer: str
     black: float
     white: float
     levels: int | None
+    in_frames: tuple[float, float] | None = None
+    by_type: bool = False
+
+    @property
+    def step(self) -> float | None:
+        """How far apart neighbouring values of the source are; None for floating point."""
+        return None if self.levels is None else (self.white - self.black) / self.levels
+
+    def in_frame(self, value: float) -> float:
+        """Return what a value of the source is in the arrays of the frames."""
+        black, white = self.in_frames or (self.black, self.white)
+        return black + (value - self.black) * (white - black) / (self.white - self.black)
 
     @classmethod
     def of(cls, dtype: np.dtype[Any], where: str) -> Encoding:
@@ -57,9 +71,9 @@ class Encoding:
         """
         if dtype in (np.uint8, np.uint16):
             largest = int(np.iinfo(dtype).max)
-            return cls("srgb", 0, largest, largest)
+            return cls("srgb", 0, largest, largest, by_type=True)
         if np.issubdtype(dtype, np.floating):
-            return cls("linear", 0, 1, None)
+            return cls("linear", 0, 1, None, by_type=True)
         raise ValueError(f"{where}: frames must be uint8, uint16 or floating point, got {dtype}")
 
 

@@ -71,7 +71,7 @@ def frames_to_folder(
         ValueError, DecodeError, ImportError: as :func:`~davis_rs.open_frames` and :func:`~davis_rs.events_from_frames`.
     """
     started = time.perf_counter()
-    given = complete(FrameFolderSettings, settings, of="frames_to_folder")
+    given = complete(FrameFolderSettings, settings, of=frames_to_folder)
     source = frames if isinstance(frames, FrameSource) else open_frames(frames)
     run = FrameRun(source, only(FrameSettings, given), from_zero=True)
     packets = run.packets()
@@ -113,6 +113,7 @@ def frames_to_folder(
         wall_s=wall_s,
         interrupted=counted.interrupted,
         dropped_events=run.dropped_events,
+        missed_events=run.missed_events,
     )
 
 
@@ -157,7 +158,9 @@ def _found(run: FrameRun) -> dict[str, Any]:
     """What a run found on its way, for meta.json."""
     count = run.quantisation
     return {
+        "frames": run.describe_frames(),
         "interpolation": run.interpolation.describe(),
         "dropped_events": run.dropped_events,
+        "missed_events": run.missed_events,
         "one_grey_level_events": {"events": count.suspect, "of": count.total} if count.counts else None,
     }

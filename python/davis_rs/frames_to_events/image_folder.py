@@ -9,6 +9,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from .._core import DecodeError
+from ..argument_error import ArgumentError
 from ..dataset.files import FRAMES
 from ..untrusted import read_text
 from .frame_source import Encoding, FrameSource, StampedFrame, Stamps
@@ -112,9 +113,10 @@ class ImageFolder(FrameSource):
                     return rate_stamps(float(text)), _RATE_FILE
                 except ValueError:
                     raise DecodeError(f"{folder / _RATE_FILE}: expected a frame rate, found {text[:40]!r}") from None
-        raise ValueError(
-            f"{self.name} has no {', '.join([*_LISTS, *_STAMP_FILES, _RATE_FILE])} that says when its images were "
-            "taken: give timestamps= or fps="
+        raise ArgumentError(
+            "{} has no {} that says when its images were taken: give {timestamps} or {fps}",
+            self.name,
+            ", ".join([*_LISTS, *_STAMP_FILES, _RATE_FILE]),
         )
 
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ..argument_error import ArgumentError
 from ..luma import LUMA_WEIGHTS
 from .frame_source import Encoding
 
@@ -43,7 +44,7 @@ def parse_transfer(name: str) -> Callable[[FloatArray], FloatArray]:
     gamma = float(match[1]) if match else math.nan
     if not 0.1 <= gamma <= 10:
         wanted = "gamma=G with G in 0.1..10" if name.startswith("gamma") else f"one of {', '.join(TRANSFERS)}"
-        raise ValueError(f"transfer must be {wanted}, got {name!r}")
+        raise ArgumentError("{transfer} must be {}, got {!r}", wanted, name)
     return lambda value: np.maximum(value, 0) ** gamma
 
 
@@ -58,7 +59,7 @@ class Light:
 
     Attributes:
         transfer: the name of the transfer function.
-        black, white: the values that stand for luma 0 and 1.
+        black, white: the source's values for luma 0 and 1.
         levels: luma of each step from black to white, float64 (n,); None for floating point.
 
     Raises:
@@ -70,7 +71,10 @@ class Light:
         self.black = encoding.black
         self.white = encoding.white if white_level is None else white_level
         if not self.white > self.black:
-            raise ValueError(f"white_level must be above the value of black, {self.black:g}, got {self.white:g}")
+            raise ArgumentError(
+                "{white_level} must be above the value of black, {:g}, got {:g}", self.black, self.white
+            )
+        self._black, self._white = encoding.in_frame(self.black), encoding.in_frame(self.white)
         self._decode = parse_transfer(self.transfer)
         self._tables: dict[np.dtype[Any], list[LumaFrame]] = {}
         self.levels: FloatArray | None = None
@@ -92,14 +96,14 @@ class Light:
         if bad.any():
             y, x = (int(i) for i in np.argwhere(bad)[0][:2])
             raise ValueError(f"{where}: light must be finite and >= 0, got {image[y, x]} at pixel ({x}, {y})")
-        light = self._decode((image.astype(np.float64) - self.black) / (self.white - self.black))
+        light = self._decode((image.astype(np.float64) - self._black) / (self._white - self._black))
         luma = light if light.ndim == 2 else light @ np.array(LUMA_WEIGHTS)
         return np.ascontiguousarray(luma, np.float32)
 
     def _of_integers(self, image: npt.NDArray[Any]) -> LumaFrame:
         if image.dtype not in self._tables:
             values = np.arange(np.iinfo(image.dtype).max + 1, dtype=np.float64)
-            light = self._decode(np.maximum(values - self.black, 0) / (self.white - self.black))
+            light = self._decode(np.maximum(values - self._black, 0) / (self._white - self._black))
             self._tables[image.dtype] = [(weight * light).astype(np.float32) for weight in (1.0, *LUMA_WEIGHTS)]
         grey, *colours = self._tables[image.dtype]
         if image.ndim == 2:

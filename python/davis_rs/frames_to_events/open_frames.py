@@ -6,6 +6,8 @@ from pathlib import Path
 
 import numpy.typing as npt
 
+from ..argument_error import ArgumentError
+from ..close_names import names_checked
 from .array_frames import NpyFrames
 from .frame_source import FrameSource, Stamps
 from .image_file import IMAGE_SUFFIXES
@@ -14,6 +16,7 @@ from .stamps import as_stamps, check_unit, rate_stamps, read_stamps
 from .video import Video
 
 
+@names_checked
 def open_frames(
     path: str | Path,
     *,
@@ -40,9 +43,9 @@ def open_frames(
         ValueError: for stamps that are missing, given twice, or of another number than the frames.
     """
     if timestamps is not None and fps is not None:
-        raise ValueError("only one of timestamps and fps may be given")
+        raise ArgumentError("only one of {timestamps} and {fps} may be given")
     if time_unit is not None and timestamps is None:
-        raise ValueError("time_unit is that of timestamps: give them too")
+        raise ArgumentError("{time_unit} is that of {timestamps}: give them too")
     check_unit(time_unit)
     stamps: Stamps | None = None
     if fps is not None:
@@ -56,7 +59,7 @@ def open_frames(
         return ImageFolder(path, stamps)
     if path.suffix.lower() == ".npy":
         if stamps is None:
-            raise ValueError(f"{path} does not say when its frames were taken: give timestamps= or fps=")
+            raise ArgumentError("{} does not say when its frames were taken: give {timestamps} or {fps}", path)
         return NpyFrames(path, stamps)
     if path.suffix.lower() in IMAGE_SUFFIXES:
         raise ValueError(f"{path} is a single image: give the folder of all of them")

@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .._core import DecodeError
+from ..argument_error import ArgumentError
 from ..untrusted import decoding, read_text, regular_file
 
 IntArray = npt.NDArray[np.int64]
@@ -30,7 +31,7 @@ def rate_stamps(fps: float) -> Iterator[int]:
         ValueError: for a rate that is not positive and finite.
     """
     if not 0 < fps < math.inf:
-        raise ValueError(f"fps must be positive and finite, got {fps}")
+        raise ArgumentError("{fps} must be positive and finite, got {}", fps)
     # A rate such as 29.97 stands for 30000/1001; rounded to nanoseconds, neither drifts against the other's text.
     period_ns = Fraction(1_000_000_000) / Fraction(str(fps))
     return (round(number * period_ns) for number in count())
@@ -59,8 +60,8 @@ def read_stamps(path: str | Path, unit: str | None = None) -> IntArray:
         return as_stamps(times, unit, f"{path}")
     lines = text_lines(read_text(path))
     if unit is None and lines and not any("." in words[0] for _, words in lines):
-        raise ValueError(
-            f"{path} has stamps without a decimal point, whose unit is not certain: give time_unit s, ms, us or ns"
+        raise ArgumentError(
+            "{} has stamps without a decimal point, whose unit is not certain: give {time_unit} s, ms, us or ns", path
         )
     return np.array([parse_stamp(words[0], path, number, unit or "s") for number, words in lines], np.int64)
 
@@ -94,7 +95,7 @@ def check_unit(unit: str | None) -> None:
         ValueError: naming those there are.
     """
     if unit is not None and unit not in TIME_UNITS:
-        raise ValueError(f"time_unit must be one of {', '.join(TIME_UNITS)}, got {unit!r}")
+        raise ArgumentError("{time_unit} must be one of {}, got {!r}", ", ".join(TIME_UNITS), unit)
 
 
 def parse_stamp(word: str, path: Path, line: int, unit: str) -> int:

@@ -77,10 +77,9 @@ class Video(FrameSource):
     def encoding(self, first: StampedFrame) -> Encoding:
         bits = self._about["bits"]
         limited = self._about["range"] == "limited"
-        levels = 219 << (bits - 8) if limited else (1 << bits) - 1
-        transfer = self._about["transfer"]
-        white = float(np.iinfo(first.image.dtype).max)
-        return Encoding(transfer, 0, white, levels)
+        black, white = (16 << (bits - 8), 235 << (bits - 8)) if limited else (0, (1 << bits) - 1)
+        in_frames = (0.0, float(np.iinfo(first.image.dtype).max))
+        return Encoding(self._about["transfer"], black, white, white - black, in_frames)
 
     def describe(self) -> dict[str, Any]:
         stamps = "container" if self._stamps is None else "given"

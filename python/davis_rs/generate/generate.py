@@ -10,6 +10,7 @@ from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
 
+from ..argument_error import ArgumentError
 from ..progress import each, progress
 from ..progress import say as say_above
 from ..scene.mesh_scene import Axis
@@ -30,6 +31,9 @@ if TYPE_CHECKING:
 
 MOST_WORKERS = 1024
 """More processes than a machine has cores."""
+
+_NAMED = 10
+"""Of sequences without events that are told of by name."""
 
 CHECKED_FIRST = 200
 """The most sequences that are checked before the first one is made. One process does it, and a hand-held path takes
@@ -83,7 +87,8 @@ def generate_sequences(
             must see ``root`` and the plan's files under the same paths, and have the same versions of everything.
         quiet: no progress bar, and no line that says how many events of the first new sequence will be Monte Carlo
             noise where Mitsuba's integrators render it.
-        report: is told of workers that died and of folders that are made again; standard error if not given.
+        report: is told of workers that died, of folders that are made again, and of new sequences without events;
+            standard error if not given.
 
     Raises:
         ValueError: if one of the first 200 sequences that are to be made breaks a rule that can be seen beforehand (a
@@ -96,7 +101,7 @@ def generate_sequences(
     process.
     """
     if workers is not None and not 1 <= workers <= MOST_WORKERS:
-        raise ValueError(f"workers must lie in 1..{MOST_WORKERS}, got {workers}")
+        raise ArgumentError("{workers} must lie in 1..{}, got {}", MOST_WORKERS, workers)
     say = report or (lambda text: say_above(f"davis-rs: warning: {text}"))
     folder = Path(root).absolute()
     sequences = draw_sequences(plan)
@@ -109,7 +114,7 @@ def generate_sequences(
         discard_hidden(folder)
         manifest = Manifest(folder, taken_up(sequences, folder, say, plan.shards))
         lines = manifest.lines
-        kept, failed = len(lines), dict[str, str]()
+        kept, failed = set(lines), dict[str, str]()
         missing = DrawnSequences(plan, [k for k, name in enumerate(names) if name not in lines])
         if missing and not quiet and (noise := noise_of(missing[0])) is not None and noise.noisy:
             say_above(f"{missing[0]}: {noise}")
@@ -119,7 +124,7 @@ def generate_sequences(
                 packing.offer(k, lines)
         outcomes = _outcomes(missing, folder, workers, cluster, say)
         try:
-            with progress("simulating", len(sequences), unit="sequences", start=kept, show=not quiet) as bar:
+            with progress("simulating", len(sequences), unit="sequences", start=len(kept), show=not quiet) as bar:
                 for outcome in outcomes:
                     if outcome.result is not None:
                         manifest.add(outcome.result)
@@ -141,7 +146,10 @@ def generate_sequences(
             lines |= {name: describe_folder(folder / name) for name in unsaid}
             manifest.write()
     failed = {name: error for name, error in failed.items() if name not in lines}
-    return Generated(Path(root), len(lines), len(lines) - kept, failed)
+    if silent := [name for name in names if name in lines.keys() - kept and not lines[name]["events"]]:
+        more = f" and {len(silent) - _NAMED} more" if len(silent) > _NAMED else ""
+        say(f"0 events in {', '.join(silent[:_NAMED])}{more}")
+    return Generated(Path(root), len(lines), len(lines) - len(kept), failed)
 
 
 class DrawnSequences(Sequence[DrawnSequence]):

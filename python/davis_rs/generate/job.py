@@ -10,6 +10,7 @@ from typing import Any
 
 from .._mitsuba import default_variant, variant
 from ..monte_carlo_noise import NoiseEstimate, NoiseWarning, estimate_noise
+from ..no_events import NoEventsWarning
 from ..rendering.kept_scenes import keep_scenes
 from ..scene.mesh_scene import Axis
 from ..scene.scene import Scene
@@ -88,6 +89,7 @@ def _simulate(sequence: DrawnSequence, folder: Path, threads: int) -> None:
     with warnings.catch_warnings():
         # Of the first sequence the run says it before it begins, and of each one its meta.json does.
         warnings.simplefilter("ignore", NoiseWarning)
+        warnings.simplefilter("ignore", NoEventsWarning)  # the run says at its end which sequences have none
         report = simulate_to_folder(scene, folder, meta=meta, quiet=True, **settings)
     if report.interrupted:
         raise SystemExit(130)

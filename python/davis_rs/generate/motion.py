@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from ..argument_error import ArgumentError
 from ..pose import Pose, hamilton
 from ..scene.scene import Scene
 from ..scenes import start_pose
@@ -70,7 +71,7 @@ def make_motion(
         # A scene that has a path shares no world with a file's, one without may.
         moved = called.pop("align", scene.trajectory is not None or start is not None)
         if start is not None and not moved:
-            raise ValueError("start_pose moves the path, and align: false would not")
+            raise ArgumentError("{start_pose} moves the path, and align: false would not")
         trajectory = read_trajectory(base / called.pop("path"), **called)
         return align(trajectory, start or start_pose(scene)) if moved else trajectory
     if "duration_s" in motion_keys(kind) and "duration_s" not in called:

@@ -51,9 +51,11 @@ class Where:
                 self.refuse("a mapping whose keys are texts", key)
         return value
 
-    def unknown(self, key: str, known: Mapping[str, Any] | tuple[str, ...]) -> NoReturn:
-        """Refuse a key that is not among those that are known."""
-        near = did_you_mean(key, known) or f"; there are {', '.join(known)}"
+    def unknown(
+        self, key: str, known: Mapping[str, Any] | tuple[str, ...], effects: Mapping[str, str] | None = None
+    ) -> NoReturn:
+        """Refuse a key that is not among those that are known; ``effects`` as of :func:`did_you_mean`."""
+        near = did_you_mean(key, known, effects) or f"; there are {', '.join(known)}"
         raise ValueError(f"{self.file}: {self.at(key).path}: there is no such key{near}")
 
 
@@ -149,16 +151,6 @@ def imu_effects(value: Any, where: Where) -> Any:
     return _effects(value, where, automatic=False)
 
 
-def effect_texts(drawn: Mapping[str, Any]) -> list[str]:
-    """Effects of a drawn sequence as :func:`~davis_rs.effects.parse_effect` takes them."""
-    texts: list[str] = []
-    for name, value in drawn.items():
-        if isinstance(value, Mapping):
-            value = ",".join(f"{parameter}={_text(one)}" for parameter, one in value.items())
-        texts.append(name if value in (None, "") else f"{name}={_text(value)}")
-    return texts
-
-
 def _effects(value: Any, where: Where, *, automatic: bool) -> Any:
     if value is None or (automatic and value == "auto"):
         return value
@@ -251,7 +243,3 @@ def _fits(rule: str, value: Any) -> bool:
         "a text": isinstance(value, str),
         "true or false": isinstance(value, bool),
     }[rule]
-
-
-def _text(value: Any) -> str:
-    return "none" if value is None else str(value) if isinstance(value, str) else repr(value)

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
 from .._core import CrossingEngine
+from ..argument_error import Argument, told
+from ..close_names import without_unit
+from ..effects.effects import read_effects
 from ..pose import Pose
 from ..scene.mesh_scene import Axis
 from ..scene.scene import Scene
@@ -22,12 +25,10 @@ from ..settings import (
     settings_of,
     view_scene,
 )
-from ..simulation import read_effects
 from ..trajectory.trajectory import align
 from .motion import make_motion, moved
-from .parse import effect_texts
 from .random_scene import make_random_scene
-from .sequence_plan import SETTINGS, resolve
+from .sequence_plan import KEYS, SETTINGS, resolve
 
 
 @dataclass(frozen=True)
@@ -60,7 +61,8 @@ class DrawnSequence:
                 given[name] = resolve(name, given[name], self.base)
         for name in ("effects", "imu_effects"):
             if isinstance(given.get(name), Mapping):
-                given[name] = effect_texts(given[name])
+                # One without a value has its own defaults.
+                given[name] = {key: {} if value is None else value for key, value in given[name].items()}
         return given
 
     @property
@@ -132,8 +134,7 @@ class DrawnSequence:
         self._named(lambda: self.on_path(scene), "motion", "start_pose", "start", "duration")
         declared = settings_of(FolderSettings)
         for name, value in self.settings.items():
-            key = declared[name].key
-            self._named(lambda name=name, value=value, key=key: declared[name].check(value, key), key)  # type: ignore[misc]
+            self._named(partial(declared[name].check, value), declared[name].key)
         settings = complete(FolderSettings, self.settings, of=str(self))
         viewed = self._named(lambda: view_scene(scene, settings), "camera", "size", "sensor")
         self._named(lambda: viewed.sensor_effects, "lux_per_luma")
@@ -151,7 +152,14 @@ class DrawnSequence:
         except (ValueError, OSError) as error:
             given = {key: self.parameters[key] for key in keys if self.parameters.get(key) is not None}
             values = ", ".join(f"{key} = {value!r}" for key, value in given.items()) or keys[0]
-            raise ValueError(f"{self.name}: {values}: {error}") from None
+            raise ValueError(f"{self.name}: {values}: {told(error, as_key)}") from None
+
+
+def as_key(argument: Argument) -> str:
+    """An argument as a plan has it: ``frame_rate``, or with a value ``effects: auto``."""
+    key = without_unit(argument.name)
+    key = key if key in KEYS else argument.name
+    return f"{key}: {argument.value.lower()}" if argument.value else key
 
 
 _CAPTURE = ("pose_rate", "pose_noise", "rotation_noise", "clock_offset", "clock_drift")

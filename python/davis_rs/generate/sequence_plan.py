@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from ..camera import PRESETS
+from ..effects import EFFECTS
 from ..random_words import Words
 from ..scene.mesh_scene import READERS as MESH_READERS
 from ..scenes import BUILTIN_SCENES, GLTF, load_scene
@@ -136,7 +137,7 @@ def load_sequence_plan(path: str | Path) -> SequencePlan:
         if key in _OF_PLAN:
             continue
         if key not in KEYS:
-            where.unknown(key, (*_OF_PLAN, *KEYS))
+            where.unknown(key, (*_OF_PLAN, *KEYS), {name: f"effects: {{{name}: ...}}" for name in EFFECTS})
         tree[key] = KEYS[key](value, where.at(key))
     if "scene" not in tree:
         raise ValueError(f"{file}: a plan needs a scene")

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ..argument_error import ArgumentError
 from ..decoded import IMU_DTYPE
 from ..effects.effect import Effect
 from ..pose import FloatArray
@@ -61,10 +62,10 @@ class Imu:
 
     def __post_init__(self) -> None:
         if not 0 < self.rate_hz <= 1e6:
-            raise ValueError(f"rate_hz of an IMU must be > 0 and at most 1e6 Hz, got {self.rate_hz}")
+            raise ArgumentError("{rate_hz} of an IMU must be > 0 and at most 1e6 Hz, got {}", self.rate_hz)
         gravity = np.asarray(self.gravity, np.float64)
         if gravity.shape != (3,) or not np.isfinite(gravity).all():
-            raise ValueError(f"gravity must be three finite numbers in m/s^2, got {self.gravity}")
+            raise ArgumentError("{gravity} must be three finite numbers in m/s^2, got {}", self.gravity)
         if self.low_pass is not None and self.lag is not None and self.lag.total_s < self.low_pass.delay_s:
             raise ValueError(
                 f"the IMU's lag includes the delay of its low-pass and must be at least {self.low_pass.delay_s} s, "

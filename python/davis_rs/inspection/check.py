@@ -99,9 +99,9 @@ class CheckReport:
 def check_dataset(path: str | Path) -> CheckReport:
     """Check a dataset that :class:`~davis_rs.dataset.writer.DatasetWriter` wrote.
 
-    Its events: log intensity is reconstructed from the first luma map and the events, and compared with the rendered
-    one wherever luma is stored; in every pixel the error L - R must lie inside (-C_off, C_on), give or take
-    ``TOLERANCE``. This is the check of the paper, for ideal pixels: where an effect acts behind the luma, it is
+    Its events: log intensity is reconstructed from the first luma map, the start phases and the events, and compared
+    with the rendered one wherever luma is stored; in every pixel the error L - R must lie inside (-C_off, C_on), give
+    or take ``TOLERANCE``. This is the check of the paper, for ideal pixels: where an effect acts behind the luma, it is
     left out, and the report says so. Its structure: events sorted by (t, y, x), inside the sensor and
     the duration; counts as in ``meta.json``; every listed image there, readable and of the sensor's size, at strictly
     increasing times that are multiples of its period to the nearest microsecond; ground truth at strictly increasing
@@ -282,7 +282,13 @@ def _compare(dataset: Dataset, events: EventArray, parameters: dict[str, Any]) -
     start_us = dataset.luma[0].t_us
     if len(events) and events["t"][0] <= start_us:
         return [], [f"There are events before the first luma map, which is at {_seconds(start_us)}."]
-    instants = list(_instant_errors(dataset, events, c_on, c_off, log_eps))
+    start_phase, seed = parameters.get("start_phase") or "zero", parameters.get("seed")
+    first = log_intensity(dataset.read_luma(0), log_eps)
+    try:
+        first = reconstruct(events[:0], first, start_us, c_on, c_off, start_phase=start_phase, seed=seed)
+    except (TypeError, ValueError) as error:
+        return [], [f"{META} does not say where references began, so the events cannot be compared: {error}."]
+    instants = list(_instant_errors(dataset, events, first, c_on, c_off, log_eps))
     failed = [instant for instant in instants if not instant.largest < 1 + TOLERANCE]
     if not failed:
         return instants, []
@@ -294,9 +300,15 @@ def _compare(dataset: Dataset, events: EventArray, parameters: dict[str, Any]) -
 
 
 def _instant_errors(
-    dataset: Dataset, events: EventArray, c_on: float, c_off: float, log_eps: float
+    dataset: Dataset,
+    events: EventArray,
+    reconstruction: npt.NDArray[np.float64],
+    c_on: float,
+    c_off: float,
+    log_eps: float,
 ) -> Iterator[InstantError]:
-    reconstruction, done = log_intensity(dataset.read_luma(0), log_eps), 0
+    """Compare at each instant but the first, where ``reconstruction`` holds."""
+    done = 0
     for index, (t_us, _) in enumerate(dataset.luma[1:], 1):
         # From one instant to the next, so that every event is counted once however many instants there are.
         until = int(np.searchsorted(events["t"], t_us, side="right"))

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from ..argument_error import ArgumentError
+from ..close_names import names_checked
 from ..events import EventArray
 from .truth_panels import truth_panels
 from .visual_sequence import VisualSequence, display_grey, nearest, open_visual_sequence
@@ -39,6 +41,7 @@ _STYLE: dict[Any, Any] = {
 }
 
 
+@names_checked
 def view(
     source: str | Path,
     *,
@@ -72,11 +75,11 @@ def view(
     """
     mpl = _matplotlib()
     if window_s is not None and not 0 < window_s < math.inf:
-        raise ValueError(f"window_s must be positive and finite, got {window_s}")
+        raise ArgumentError("{window_s} must be positive and finite, got {}", window_s)
     sequence = open_visual_sequence(source, size=size)
     start_us, end_us = sequence.start_us, sequence.end_us
     if t_s is not None and not start_us <= t_s * 1e6 <= end_us:
-        raise ValueError(f"t_s must lie in the sequence, {start_us / 1e6:g}..{end_us / 1e6:g} s, got {t_s}")
+        raise ArgumentError("{t_s} must lie in the sequence, {:g}..{:g} s, got {}", start_us / 1e6, end_us / 1e6, t_s)
     t_us = (start_us + end_us) // 2 if t_s is None else round(t_s * 1e6)
     frame, depth = nearest(sequence.frame_times, t_us), nearest(sequence.depth_times, t_us)
     if frame is not None:

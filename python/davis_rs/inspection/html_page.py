@@ -18,6 +18,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ..argument_error import ArgumentError
+from ..close_names import names_checked
 from ..pose import GroundTruth
 from ..progress import progress
 from .sampling_for_display import evenly_spaced, event_counts, sample_events
@@ -57,6 +59,7 @@ class HtmlPage:
         return f"{self.path}: {_kept_text(self.kept)}; {self.size_bytes / 1e6:.1f} MB"
 
 
+@names_checked
 def view_html(
     source: str | Path,
     output: str | Path,
@@ -101,16 +104,16 @@ def view_html(
         raise ValueError(f"a page's name must end in .html or .htm, got {output}")
     for name, value in (("window_s", window_s), ("speed", speed)):
         if value is not None and not 0 < value < math.inf:
-            raise ValueError(f"{name} must be positive and finite, got {value}")
+            raise ArgumentError("{argument} must be positive and finite, got {}", value, argument=name)
     for name, number in (("max_events", max_events), ("max_frames", max_frames)):
         if number is not None and number < 1:
-            raise ValueError(f"{name} must be at least 1, got {number}")
+            raise ArgumentError("{argument} must be at least 1, got {}", number, argument=name)
     sequence = open_visual_sequence(source, size=size)
     if not len(sequence.events) and not sequence.frame_times:
         raise ValueError(f"{source} has neither events nor frames: there is nothing to show in a page")
     start_us, end_us = sequence.start_us, sequence.end_us
     if t_s is not None and not start_us <= t_s * 1e6 <= end_us:
-        raise ValueError(f"t_s must lie in the sequence, {start_us / 1e6:g}..{end_us / 1e6:g} s, got {t_s}")
+        raise ArgumentError("{t_s} must lie in the sequence, {:g}..{:g} s, got {}", start_us / 1e6, end_us / 1e6, t_s)
 
     duration_us = max(1, end_us - start_us)
     events = sample_events(sequence.events, max_events)

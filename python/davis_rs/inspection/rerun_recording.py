@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ..argument_error import ArgumentError
+from ..close_names import names_checked
 from ..progress import each
 from .figure import OFF_RGB, ON_RGB, event_picture
 from .flow_picture import flow_picture
@@ -45,6 +47,7 @@ class RerunRecording:
         return "\n".join([f"{self.path or 'Rerun viewer'}: {kept}", *self.notes])
 
 
+@names_checked
 def view_rerun(
     source: str | Path,
     output: str | Path | None = None,
@@ -82,7 +85,7 @@ def view_rerun(
         raise ValueError(f"the name of a recording for Rerun must end in .rrd, got {output}")
     for name, number in (("max_events", max_events), ("max_frames", max_frames)):
         if number is not None and number < 1:
-            raise ValueError(f"{name} must be at least 1, got {number}")
+            raise ArgumentError("{argument} must be at least 1, got {}", number, argument=name)
     rr = _rerun()
     sequence = open_visual_sequence(source, size=size)
     if not len(sequence.events) and not sequence.frame_times:

@@ -15,6 +15,7 @@ import numpy.typing as npt
 from ..dataset.folder_format import part_counts
 from ..dataset.reader import Dataset
 from ..event_files.read import open_reader
+from ..folder_report import start_line
 from ..formats.interface import EventReader
 from ..pose import GroundTruth
 from ..trajectory.trajectory import SPEED_WINDOW_S
@@ -220,6 +221,9 @@ def dataset_contents(dataset: Dataset) -> str:
         lines.append(f"threshold   {said.threshold}")
     if said.effects is not None:
         lines.append(f"effects     {', '.join(said.effects) or 'none: ideal pixels'}")
+    start_time_ns = dataset.meta.get("start_time_ns")
+    if isinstance(start_time_ns, int) and start_time_ns:
+        lines.append(f"clock       {start_line(start_time_ns, 'the input')}")
     also = ", ".join(f"{count:,} {what}" for what, count in part_counts(dataset).items())
     lines.append(f"also        {also or 'nothing'}")
     if dataset.meta.get("interrupted"):

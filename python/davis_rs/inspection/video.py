@@ -9,6 +9,8 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from ..argument_error import ArgumentError
+from ..close_names import names_checked
 from ..progress import each
 from .figure import event_picture
 from .visual_sequence import VisualSequence, display_grey, open_visual_sequence
@@ -18,6 +20,7 @@ _CAPTION_HEIGHT = 28
 _GAP = 8
 
 
+@names_checked
 def make_video(
     source: str | Path,
     output: str | Path,
@@ -55,9 +58,9 @@ def make_video(
         raise ValueError(f"a video's name must end in .mp4 or .gif, got {output}")
     for name, value in (("fps", fps), ("speed", speed)):
         if not 0 < value < math.inf:
-            raise ValueError(f"{name} must be positive and finite, got {value}")
+            raise ArgumentError("{argument} must be positive and finite, got {}", value, argument=name)
     if suffix == ".gif" and fps > 50:
-        raise ValueError(f"a GIF cannot show more than 50 pictures a second, got fps = {fps}")
+        raise ArgumentError("a GIF cannot show more than 50 pictures a second, got {fps} {}", fps)
     try:
         import imageio.v2 as imageio
     except ImportError as error:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ..argument_error import ArgumentError
 from ..camera import Camera
 from ..dataset.files import CALIBRATION
 from ..dataset.reader import Dataset
@@ -104,7 +105,7 @@ def open_visual_sequence(path: str | Path, *, size: tuple[int, int] | None = Non
     with open_reader(path) as reader:
         known, events = size or reader.size, reader.read()
     if known is None:
-        raise ValueError(f"{path} does not say the sensor's size: give it (size=, --size)")
+        raise ArgumentError("{} does not say the sensor's size: give {size}", path)
     return _of_events(path, f"{path.name}, sensor {known[0]} x {known[1]}", known, events)
 
 
@@ -131,7 +132,7 @@ def _label(dataset: Dataset, size: tuple[int, int]) -> str:
 def _of_dataset(dataset: Dataset, size: tuple[int, int] | None) -> VisualSequence:
     size = size or dataset.size
     if size is None:
-        raise ValueError(f"{dataset.path} has neither meta.json nor frames that say the sensor's size: give it")
+        raise ArgumentError("{} has neither meta.json nor frames that say the sensor's size: give {size}", dataset.path)
     frame_times = [image.t_us for image in dataset.frames]
     depth_times = [image.t_us for image in dataset.depth_maps]
     events = dataset.events

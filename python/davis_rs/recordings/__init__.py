@@ -10,6 +10,7 @@ import warnings
 from collections.abc import Callable
 
 from .._core import DecodeError
+from ..close_names import names_checked
 from ..untrusted import MAX_PACKET_BYTES, check_max_packet_bytes, regular_file
 from . import aedat2, aedat3, aedat4
 from .recording import Recording, RecordingWarning
@@ -27,6 +28,7 @@ _HEAD = 16
 """Bytes that tell the format, and are shown where they do not."""
 
 
+@names_checked
 def read_recording(
     path: str | os.PathLike[str],
     *,
@@ -67,5 +69,5 @@ def read_recording(
         max_packet_bytes=check_max_packet_bytes(max_packet_bytes),
     )
     for cut in recording.cut:
-        warnings.warn(f"{path}, {cut}", RecordingWarning, stacklevel=2)
+        warnings.warn(f"{path}, {cut}", RecordingWarning, stacklevel=3)
     return recording

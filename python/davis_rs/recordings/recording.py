@@ -38,7 +38,7 @@ class Recording:
         width, height: of the image that events fall on; from the events where nothing else tells.
         events: :data:`davis_rs.EVENT_DTYPE`; y downwards, also where the file has it upwards.
         imu: :data:`davis_rs.IMU_DTYPE`, SI units, along the sensor's axes as the file has them.
-        frames: whole ones; 8-bit and colour frames as intensities of 16 bits.
+        frames: whole ones, as intensities of 16 bits: an 8-bit value times 256, colour by the weights of BT.601.
         triggers: :data:`davis_rs.TRIGGER_DTYPE`.
         started: when the recording began, if the file says; of AEDAT 2.0 without a time zone, in that of the recorder.
         accelerometer_range_g, gyroscope_range_deg_s: full scales that made counts into units; None where the file has

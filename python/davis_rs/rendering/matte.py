@@ -10,11 +10,12 @@ does that of ``plastic``, behind its coat.
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+
+from .obstacles import plugin_name, shape_name
 
 _COLOURS = {
     "Principled": ("principled", "base_color"),
@@ -31,18 +32,6 @@ _BUMPS = {"BumpMap": "bumpmap", "NormalMap": "normalmap"}
 _FLAT_NORMAL = (0.5, 0.5, 1.0)
 
 
-class Materials(NamedTuple):
-    """What was found of a scene's materials: their names, each with the plugin that it is.
-
-    Attributes:
-        replaced: taken as matte.
-        could_be: would be by ``matte=True``.
-    """
-
-    replaced: tuple[str, ...]
-    could_be: tuple[str, ...]
-
-
 class _Diffuse(NamedTuple):
     """The diffuse material that another one is or has within.
 
@@ -57,44 +46,66 @@ class _Diffuse(NamedTuple):
     lost: tuple[str, ...]
 
 
-def simplify_materials(scene: Any, mi: Any, *, matte: bool) -> Materials:
+def simplify_materials(scene: Any, mi: Any, *, matte: bool) -> tuple[str, ...]:
     """Give a loaded scene's shapes diffuse materials where theirs are so in fact, or where that is wished.
 
     Args:
         scene: Mitsuba's, loaded under the variant in force; it is changed.
         matte: replace materials that have a diffuse colour by that colour alone.
+
+    Returns:
+        The names of materials that were replaced so, each with the plugin that it is.
     """
-    replaced, could_be = dict[str, None](), dict[str, None]()
+    replaced = dict[str, None]()
     known: dict[Any, _Diffuse | None] = {}
     made: dict[Any, Any] = {}
     for shape in scene.shapes():
         bsdf = shape.bsdf()
-        if bsdf is None or _is_plain(bsdf):
+        if bsdf is None or is_plain(bsdf):
             continue
         if bsdf not in known:
             known[bsdf] = _diffuse_within(bsdf, mi)
         found = known[bsdf]
         if found is None:
             continue
+        if found.lost and not matte:
+            continue
         if found.lost:
-            named = f"{_name(bsdf, shape)} ({', '.join(found.lost)})"
-            (replaced if matte else could_be)[named] = None
-            if not matte:
-                continue
+            replaced[f"{material_id(bsdf) or shape.id() or shape_name(shape)} ({', '.join(found.lost)})"] = None
         if bsdf not in made:
             diffuse = {"type": "diffuse", "reflectance": found.colour}
             made[bsdf] = mi.load_dict({"type": "twosided", "nested": diffuse} if found.two_sided else diffuse)
         shape.set_bsdf(made[bsdf])
-    return Materials(tuple(replaced), tuple(could_be))
+    return tuple(replaced)
 
 
-def listed(names: Iterable[str], most: int = 6) -> str:
-    """Names for a line: all of a few, the first of many and how many more there are."""
-    names = list(names)
-    return ", ".join(names) if len(names) <= most else f"{', '.join(names[:most])} and {len(names) - most} more"
+def surface_remedy(bsdf: Any, mi: Any) -> str:
+    """What makes a surface diffuse that is not."""
+    found = _diffuse_within(bsdf, mi)
+    by_wish = "" if found is None or not found.lost else "--matte (matte=True) takes its diffuse colour alone, or "
+    return f"{by_wish}give it a diffuse material"
 
 
-def _is_plain(bsdf: Any) -> bool:
+def surface_kind(bsdf: Any) -> str:
+    """The plugin that a material is, with those within: ``twosided(conductor)``."""
+    import mitsuba as mi
+
+    nested = (child for child in _children(bsdf).values() if isinstance(child, mi.BSDF))
+    inside = ", ".join(dict.fromkeys(map(surface_kind, nested)))
+    return f"{plugin_name(bsdf)}({inside})" if inside else plugin_name(bsdf)
+
+
+def reflectance_kind(bsdf: Any) -> str:
+    """The plugin that gives a diffuse material's colour: ``checkerboard``."""
+    return plugin_name(_children(_children(bsdf).get("brdf_0", bsdf))["reflectance"])
+
+
+def surface_name(bsdf: Any, shape: Any) -> str:
+    """How a line calls a surface: by its material's id, or by the shape where it has none of its own."""
+    return f"material {material_id(bsdf)!r}" if material_id(bsdf) else shape_name(shape)
+
+
+def is_plain(bsdf: Any) -> bool:
     """Whether it is diffuse, or diffuse and seen from both sides, as the direct renderers know it."""
     if bsdf.class_name() == "TwoSidedBRDF":
         return all(child.class_name() == "SmoothDiffuse" for child in _children(bsdf).values())
@@ -193,7 +204,7 @@ def _traversal() -> Any:
     return Traversal
 
 
-def _name(bsdf: Any, shape: Any) -> str:
-    """How the scene calls a material: by its id, or by that of the shape where it has none of its own."""
+def material_id(bsdf: Any) -> str:
+    """The id that the scene gives a material; "" where it gives none."""
     name = str(bsdf.id())
-    return str(shape.id()) if name in ("", "bsdf") or name.startswith("_") else name
+    return "" if name == "bsdf" or name.startswith("_") else name

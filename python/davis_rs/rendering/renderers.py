@@ -4,26 +4,210 @@ from __future__ import annotations
 
 import functools
 import warnings
-from typing import Any
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, NamedTuple
 
 from .._mitsuba import FAST, SCALAR, default_variant, load_scene_source, stay_in, variant, variant_is_free
+from ..argument_error import ArgumentError
 from ..camera import Camera
 from ..scene.scene import Scene
 from .baked_light.bake import BAKE_ERROR
-from .baked_light.baked_scene import baked_light
+from .baked_light.baked_scene import baked_light, check_baking
 from .kept_scenes import kept
-from .matte import Materials, listed, simplify_materials
+from .matte import simplify_materials
+from .obstacles import Obstacle, Obstacles, Unsuitable, listed
 from .render import Renderer
 from .render_integrator import IntegratorRenderer
 from .render_native import NativeRenderer
 from .render_scalar import ScalarRenderer
 from .render_table import TableRenderer
-from .scene_table import SceneTable, Unsuitable
-from .scene_texture import UnsuitableSurface
+from .scene_motion import SceneMotion
+from .scene_table import SceneTable
 from .scene_updates import scene_motion
 from .swept_objects import MovingSilhouettes
 
-RENDERERS = ("auto", "table", "native", "baked", "integrator")
+
+@dataclass(frozen=True)
+class _Asked:
+    """What a renderer is made from, see :func:`make_renderer`.
+
+    Attributes:
+        by_name: this renderer and no other.
+        reason: why Mitsuba's integrators render it.
+    """
+
+    scene: Scene
+    camera: Camera
+    by_name: bool
+    samples: int | None
+    lattice_samples: int
+    seed: int
+    blur: bool
+    threads: int | None
+    edges: bool
+    bake_error: float
+    reason: str = "asked for"
+
+
+class RendererKind(ABC):
+    """A renderer that can be chosen.
+
+    Attributes:
+        name: of the setting ``renderer``.
+        called: how lines call it.
+        does: what it renders, for help.
+    """
+
+    name: ClassVar[str]
+    called: ClassVar[str]
+    does: ClassVar[str]
+
+    @abstractmethod
+    def make(self, asked: _Asked) -> Renderer:
+        """Build the renderer.
+
+        Raises:
+            Unsuitable: with all that keeps it from the scene.
+            ValueError, OSError: as :func:`make_renderer`.
+        """
+
+
+class _Tables(NamedTuple):
+    """A scene's tables, and what they were made from."""
+
+    loaded: Any
+    replaced: tuple[str, ...]
+    motion: SceneMotion
+    table: SceneTable
+
+
+class NoiseFreeKind(RendererKind):
+    """Diffuse triangles, whose light is computed and not drawn at random."""
+
+    baked: ClassVar[bool] = False
+
+    def why_not(self, scene: Scene) -> tuple[Obstacle, ...]:
+        """What keeps it from a scene that nobody gave it by name; nothing is rendered or baked."""
+        try:
+            with variant(SCALAR) as (mi, _):
+                self._tables(scene, mi, by_name=False)
+        except Unsuitable as unsuitable:
+            return unsuitable.obstacles
+        return ()
+
+    def _tables(self, scene: Scene, mi: Any, *, by_name: bool) -> _Tables:
+        try:
+            loaded = load_scene_source(scene.source(), mi)
+        except ValueError as error:
+            if by_name:
+                raise
+            # Its other variants may have the plugin.
+            raise Unsuitable(f"{mi.variant()} cannot load it") from error
+        replaced = simplify_materials(loaded, mi, matte=scene.matte)
+        motion = scene_motion(scene, loaded, mi)
+        obstacles = Obstacles()
+        with obstacles.go_on():
+            table = SceneTable(
+                loaded,
+                mi,
+                shadows=scene.shadows,
+                any_integrator=by_name,
+                moving=list(motion.objects),
+                baked=self.baked,
+            )
+        if self.baked:
+            with obstacles.go_on():
+                check_baking(loaded, mi, motion)
+        obstacles.refuse()
+        return _Tables(loaded, replaced, motion, table)
+
+
+class NativeKind(NoiseFreeKind):
+    """The Rust core, under direct light."""
+
+    name, called = "native", "native renderer"
+    does = "diffuse meshes, direct light"
+
+    def make(self, asked: _Asked) -> Renderer:
+        scene = asked.scene
+        with variant(SCALAR) as (mi, _):
+            known = scene.source, scene.matte, scene.shadows, asked.by_name, tuple(scene.objects)
+            made = kept(known, lambda: self._tables(scene, mi, by_name=asked.by_name))
+            motion = scene_motion(scene, made.loaded, mi)
+            return _native(asked, made._replace(motion=motion))
+
+
+class TableKind(NoiseFreeKind):
+    """The same on Dr.Jit, with derivatives."""
+
+    name, called = "table", "table kernel"
+    does = "the same, on LLVM"
+
+    def make(self, asked: _Asked) -> Renderer:
+        name, why = default_variant()
+        if name != FAST:
+            raise ValueError(f"the table kernel needs Mitsuba's {FAST} variant: {why}")
+        with variant(FAST) as (mi, _):
+            loaded, replaced, motion, table = self._tables(asked.scene, mi, by_name=asked.by_name)
+            if any(light.kind == "spot" for light in table.lights):
+                raise Unsuitable("a light is a spot light, which only the native renderer has")
+            renderer = TableRenderer(table, asked.camera, samples=_rays(asked), blur=asked.blur, motion=motion)
+            renderer.silhouettes = MovingSilhouettes(loaded, motion) if asked.edges else None
+        renderer.reason += _taken_as_matte(asked.scene, replaced)
+        return renderer
+
+
+class BakedKind(NoiseFreeKind):
+    """The Rust core, under light that is computed once."""
+
+    name, called = "baked", "renderer of baked light"
+    does = "native, with the light of area lamps and bounces computed once"
+    baked = True
+
+    def make(self, asked: _Asked) -> Renderer:
+        with variant(SCALAR) as (mi, _):
+            made = self._tables(asked.scene, mi, by_name=asked.by_name)
+            made.table.bake(functools.partial(baked_light, asked.scene, motion=made.motion, error=asked.bake_error))
+            return _native(asked, made)
+
+
+class IntegratorKind(RendererKind):
+    """Mitsuba's own integrators, whose light is drawn at random."""
+
+    name, called = "integrator", "Mitsuba's integrators"
+    does = "Mitsuba's, for everything"
+
+    def make(self, asked: _Asked) -> Renderer:
+        scene = asked.scene
+        variant_name, why_variant = default_variant()
+        with variant(variant_name) as (mi, _):
+            loaded = load_scene_source(scene.source(), mi)
+            replaced = simplify_materials(loaded, mi, matte=scene.matte)
+            motion = scene_motion(scene, loaded, mi)
+            common: dict[str, Any] = {"blur": asked.blur, "seed": asked.seed, "motion": motion}
+            renderer: Renderer
+            if variant_name == SCALAR:
+                samples = 2 if asked.samples is None else asked.samples
+                renderer = ScalarRenderer(loaded, asked.camera, samples=samples, reason=why_variant, **common)
+            else:
+                samples = 8 if asked.samples is None else asked.samples
+                renderer = IntegratorRenderer(loaded, asked.camera, samples=samples, reason=asked.reason, **common)
+            renderer.silhouettes = MovingSilhouettes(loaded, motion) if asked.edges else None
+        renderer.reason += _taken_as_matte(scene, replaced)
+        return renderer
+
+
+KINDS: dict[str, RendererKind] = {
+    kind.name: kind for kind in (NativeKind(), TableKind(), BakedKind(), IntegratorKind())
+}
+"""All that can be chosen, by name."""
+
+AUTOMATIC = tuple(KINDS[name] for name in ("native", "baked", "integrator"))
+"""Of these ``auto`` takes the first that can render a scene; the last one can render any."""
+
+RENDERERS = ("auto", *KINDS)
 """What ``renderer`` may be."""
 
 
@@ -58,7 +242,7 @@ def make_renderer(
 
     Raises:
         ValueError: if the scene cannot be loaded, it has none of the objects or lights that shall change, or ``table``,
-            ``native`` or ``baked`` was asked for and cannot render it.
+            ``native`` or ``baked`` was asked for and cannot render it: with all that keeps it from that.
         OSError: if a scene file cannot be read.
 
     Warns:
@@ -66,29 +250,23 @@ def make_renderer(
             that renders it.
     """
     if kind not in RENDERERS:
-        raise ValueError(f"renderer must be one of {', '.join(RENDERERS)}, got {kind!r}")
-    blur = scene.blur if blur is None else blur
-    reason, free = "asked for", variant_is_free()
-    known: dict[str, list[float | None]] = {"auto": [None, bake_error], "baked": [bake_error], "integrator": []}
-    ways = known.get(kind, [None])
-    for error in ways:
-        try:
-            return _make_from_table(
-                scene,
-                camera,
-                samples=lattice_samples if samples is None else samples,
-                kind=kind,
-                blur=blur,
-                edges=edges,
-                threads=threads,
-                bake_error=error,
-            )
-        except Unsuitable as unsuitable:
-            if kind != "auto":
-                what = {"native": "native renderer", "baked": "renderer of baked light"}.get(kind, "table kernel")
-                raise ValueError(f"the {what} cannot render this scene: {unsuitable}") from None
-            reason = str(unsuitable)
-    renderer = _make_integrator(scene, camera, samples=samples, seed=seed, blur=blur, edges=edges, reason=reason)
+        raise ArgumentError("{renderer} must be one of {}, got {!r}", ", ".join(RENDERERS), kind)
+    free = variant_is_free()
+    asked = _Asked(
+        scene=scene,
+        camera=camera,
+        by_name=kind != "auto",
+        samples=samples,
+        lattice_samples=lattice_samples,
+        seed=seed,
+        blur=scene.blur if blur is None else blur,
+        threads=threads,
+        edges=edges,
+        bake_error=bake_error,
+    )
+    chosen, renderer = _first_possible(asked) if kind == "auto" else (KINDS[kind], _by_name(KINDS[kind], asked))
+    if isinstance(chosen, NoiseFreeKind):
+        return renderer
     if free:
         stay_in(renderer.variant)
     if scene.ambient:
@@ -101,104 +279,67 @@ def make_renderer(
     return renderer
 
 
-def _make_from_table(
-    scene: Scene,
-    camera: Camera,
-    *,
-    samples: int,
-    kind: str,
-    blur: bool,
-    edges: bool,
-    threads: int | None,
-    bake_error: float | None,
-) -> Renderer:
-    """The table kernel, where it was asked for, or the native renderer.
+def why_not_noise_free(scene: Scene) -> tuple[Obstacle, ...]:
+    """What keeps the renderers that ``auto`` prefers from a scene; nothing is rendered or baked.
 
-    Args:
-        bake_error: of the light, which is baked; None for direct light alone.
+    Each of them has a list; it is the one with the fewest obstacles.
 
     Raises:
-        Unsuitable: for a scene that is not diffuse triangles, or not under light of the kind that is meant.
+        ValueError, OSError: as :func:`make_renderer`.
     """
-    variant_name, why_variant = default_variant() if kind == "table" else (SCALAR, "")
-    if variant_name == SCALAR and kind == "table":
-        raise ValueError(f"the table kernel needs Mitsuba's {FAST} variant: {why_variant}")
-    with variant(variant_name) as (mi, _):
+    return _fewest([kind.why_not(scene) for kind in AUTOMATIC if isinstance(kind, NoiseFreeKind)])
 
-        def make(bake_error: float | None) -> tuple[Any, Materials, SceneTable]:
-            try:
-                loaded = load_scene_source(scene.source(), mi)
-            except ValueError as error:
-                if kind != "auto":
-                    raise
-                # Its other variants may have the plugin.
-                raise Unsuitable(f"{variant_name} cannot load it") from error
-            materials = simplify_materials(loaded, mi, matte=scene.matte)
-            motion = scene_motion(scene, loaded, mi)
-            bake = None
-            if bake_error is not None:
-                bake = functools.partial(baked_light, scene, motion=motion, error=bake_error)
-            moving = list(motion.objects)
-            any_integrator = kind != "auto"
-            try:
-                table = SceneTable(
-                    loaded, mi, shadows=scene.shadows, any_integrator=any_integrator, moving=moving, bake=bake
-                )
-            except UnsuitableSurface as unsuitable:
-                raise UnsuitableSurface(f"{unsuitable}{_offer(materials)}") from None
-            return loaded, materials, table
 
-        if variant_name == SCALAR and bake_error is None:
-            asked = scene.source, scene.matte, scene.shadows, kind != "auto", tuple(scene.objects)
-            loaded, materials, table = kept(asked, lambda: make(None))
-        else:
-            loaded, materials, table = make(bake_error)
-        motion = scene_motion(scene, loaded, mi)
-        renderer: Renderer
-        if kind == "table":
-            if any(light.kind == "spot" for light in table.lights):
-                raise Unsuitable("a light is a spot light, which only the native renderer has")
-            renderer = TableRenderer(table, camera, samples=samples, blur=blur, motion=motion)
-            renderer.silhouettes = MovingSilhouettes(loaded, motion) if edges else None
-        else:
-            renderer = NativeRenderer(table, camera, samples=samples, blur=blur, motion=motion, threads=threads)
-        renderer.reason += _replaced(scene, materials)
+def _by_name(kind: RendererKind, asked: _Asked) -> Renderer:
+    try:
+        return kind.make(asked)
+    except Unsuitable as unsuitable:
+        raise ValueError(f"the {kind.called} cannot render this scene: {unsuitable}") from None
+
+
+def _first_possible(asked: _Asked) -> tuple[RendererKind, Renderer]:
+    """The first of ``AUTOMATIC`` that can render the scene."""
+    met: list[tuple[Obstacle, ...]] = []
+    for kind in AUTOMATIC[:-1]:
+        try:
+            return kind, kind.make(asked)
+        except Unsuitable as unsuitable:
+            met.append(unsuitable.obstacles)
+    obstacles = list(map(str, _fewest(met)))
+    more = f"; and {len(obstacles) - _TOLD} more" if len(obstacles) > _TOLD else ""
+    return AUTOMATIC[-1], AUTOMATIC[-1].make(replace(asked, reason="; ".join(obstacles[:_TOLD]) + more))
+
+
+_TOLD = 3
+"""Obstacles in the line that says why Mitsuba's integrators render a scene."""
+
+
+def _fewest(lists: Sequence[tuple[Obstacle, ...]]) -> tuple[Obstacle, ...]:
+    """The shortest list of obstacles; of equal ones the last, whose renderer can do more."""
+    return min(reversed(lists), key=len)
+
+
+def _native(asked: _Asked, made: _Tables) -> Renderer:
+    """The native renderer of tables."""
+    renderer = NativeRenderer(
+        made.table,
+        asked.camera,
+        samples=_rays(asked),
+        blur=asked.blur,
+        motion=made.motion,
+        threads=asked.threads,
+    )
+    renderer.reason += _taken_as_matte(asked.scene, made.replaced)
     return renderer
 
 
-def _make_integrator(
-    scene: Scene, camera: Camera, *, samples: int | None, seed: int, blur: bool, edges: bool, reason: str
-) -> Renderer:
-    variant_name, why_variant = default_variant()
-    with variant(variant_name) as (mi, _):
-        loaded = load_scene_source(scene.source(), mi)
-        materials = simplify_materials(loaded, mi, matte=scene.matte)
-        motion = scene_motion(scene, loaded, mi)
-        renderer: Renderer
-        if variant_name == SCALAR:
-            samples = 2 if samples is None else samples
-            renderer = ScalarRenderer(
-                loaded, camera, samples=samples, blur=blur, seed=seed, reason=why_variant, motion=motion
-            )
-        else:
-            samples = 8 if samples is None else samples
-            renderer = IntegratorRenderer(
-                loaded, camera, samples=samples, blur=blur, seed=seed, reason=reason, motion=motion
-            )
-        renderer.reason += _replaced(scene, materials)
-        renderer.silhouettes = MovingSilhouettes(loaded, motion) if edges else None
-    return renderer
+def _rays(asked: _Asked) -> int:
+    """Rays a pixel of a renderer whose rays are a lattice."""
+    return asked.lattice_samples if asked.samples is None else asked.samples
 
 
-def _offer(materials: Materials) -> str:
-    """What ``matte=True`` would do, for the line that says why a scene falls to Mitsuba's integrators."""
-    if not materials.could_be:
-        return ""
-    return f"; --matte (matte=True) would take as matte: {listed(materials.could_be)}"
-
-
-def _replaced(scene: Scene, materials: Materials) -> str:
-    """Which materials are taken as matte, for the same line."""
+def _taken_as_matte(scene: Scene, replaced: tuple[str, ...]) -> str:
+    """Which materials are, for the line that says what renders."""
     if not scene.matte:
         return ""
-    return f"; taken as matte: {listed(materials.replaced) or 'nothing, all that has a diffuse colour is so'}"
+    return f"; taken as matte: {listed(replaced) or 'nothing, all that has a diffuse colour is so'}"

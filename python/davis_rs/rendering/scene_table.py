@@ -19,12 +19,11 @@ from ..luma import LUMA_WEIGHTS
 from .baked_light.bake import Surfaces
 from .baked_light.baked_scene import BakedLight
 from .baked_light.light_maps import map_coordinates
-from .baked_light.lights import SHARP, area_light_name, small_lamps
+from .baked_light.lights import SHARP, area_light_name, small_lamps, textured_lamp
 from .mesh_triangles import MeshTriangles
-from .scene_texture import TextureTable, Unsuitable
+from .obstacles import Obstacles, Unsuitable, plugin_name, shape_name
+from .scene_texture import TextureTable
 from .shadow_rays import scene_centre
-
-__all__ = ["Light", "SceneTable", "Unsuitable"]
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -61,7 +60,8 @@ class SceneTable:
 
     Args:
         moving: ids of shapes that move; each is in tables of its own frame.
-        bake: gives the light that is computed beforehand on surfaces; None for direct light alone.
+        baked: the light of lamps and of other surfaces is to be baked, see :meth:`bake`; else there is direct light
+            alone.
 
     Attributes:
         scene: the Mitsuba scene.
@@ -77,11 +77,11 @@ class SceneTable:
         moving: their ids.
         centre: (3,), the middle of what stands still, see :mod:`shadow_rays`.
         lights: the lights.
-        baked: light that was computed beforehand; None where there is none.
+        baked: light that was computed beforehand; None before :meth:`bake`.
         emission_lights: uint32 (n), for triangles that emit the number of their light.
 
     Raises:
-        Unsuitable: naming the first thing in the scene that is not diffuse triangles under direct light.
+        Unsuitable: with all that is not diffuse triangles under direct light.
     """
 
     def __init__(
@@ -92,27 +92,37 @@ class SceneTable:
         shadows: bool,
         any_integrator: bool,
         moving: Sequence[str] = (),
-        bake: Callable[[Surfaces], BakedLight] | None = None,
+        baked: bool = False,
     ) -> None:
         self.scene, self.shadows, self.moving = scene, shadows, list(moving)
         self._hides_lights = bool(getattr(scene.integrator(), "hide_emitters", False))
-        if not any_integrator and bake is None:
-            _check_integrator(scene.integrator())
+        obstacles = Obstacles()
+        if not any_integrator and not baked:
+            with obstacles.go_on():
+                _check_integrator(scene.integrator())
         colours: list[FloatArray] = []
-        direct = [e for e in scene.emitters() if bake is None or e.class_name() in SHARP]
-        self.lights = [_light(emitter, mi, colours) for emitter in direct]
-        for shape in [] if bake is None else small_lamps(scene):
-            self.lights += _lamp_points(shape, mi, colours)
-        group_weights = [np.asarray(LUMA_WEIGHTS) * colour for colour in colours]
-        self.textures = TextureTable(mi, group_weights)
+        self.lights: list[Light] = []
+        for emitter in scene.emitters():
+            if not baked or emitter.class_name() in SHARP:
+                with obstacles.go_on():
+                    self.lights.append(_light(emitter, mi, colours))
+        for shape in small_lamps(scene) if baked else ():
+            with obstacles.go_on():
+                self.lights += _lamp_points(shape, mi, colours)
+        self.textures = TextureTable(mi, [np.asarray(LUMA_WEIGHTS) * colour for colour in colours])
         corners, planes, normals, two_sided, frames = [], [], [], [], []
         maps_u, maps_v = list[FloatArray](), list[FloatArray]()
         smooth = False
         for shape in scene.shapes():
-            if not shape.is_mesh():
-                raise Unsuitable(f"shape {shape.id()!r} is a {shape.class_name()}, not made of triangles")
+            faces, has_back = 0, False
+            with obstacles.go_on():
+                faces = _triangles(shape)
+            with obstacles.go_on():
+                has_back = self.textures.add(shape, faces)
+            if obstacles.met:
+                continue
             mesh = MeshTriangles(shape)
-            two_sided.append(np.full(mesh.count, self.textures.add(shape, mesh.count), np.uint32))
+            two_sided.append(np.full(mesh.count, has_back, np.uint32))
             frame = self.moving.index(shape.id()) + 1 if shape.id() in self.moving else 0
             frames.append(np.full(mesh.count, frame, np.uint32))
             corners.append(mesh.corners)
@@ -121,11 +131,12 @@ class SceneTable:
             maps_v.append(v)
             normal, is_smooth = mesh.normal_maps()
             # Which side is the front matters only where the back is another, or the front alone emits.
-            one_front = not two_sided[-1].any() or (bake is not None and shape.is_emitter())
+            one_front = not two_sided[-1].any() or (baked and shape.is_emitter())
             turned = mesh.turned(normal, mi) if one_front else 1.0
             planes.append(mesh.planes() * turned)
             normals.append(normal * turned)
             smooth |= is_smooth
+        obstacles.refuse()
         self.counts = [len(part) for part in corners]
         self.corners, self.planes = np.concatenate(corners), np.concatenate(planes)
         self._mesh_uv = np.concatenate(maps_u), np.concatenate(maps_v)
@@ -133,24 +144,28 @@ class SceneTable:
         self.normal_maps = np.concatenate(normals) if smooth else None
         self.two_sided, self.frames = np.concatenate(two_sided), np.concatenate(frames)
         self.centre = scene_centre(self.corners[self.frames == 0].reshape(-1, 3))
-        self.baked = None
-        if bake is not None:
-            at_corners = np.einsum("tij,tkj->tki", np.concatenate(normals)[..., :3], self.corners)
-            at_corners += np.concatenate(normals)[:, None, :, 3]
-            length = np.linalg.norm(at_corners, axis=-1, keepdims=True)
-            unit = np.divide(at_corners, length, out=np.zeros_like(at_corners), where=length > 0)
-            self.baked = bake(
-                Surfaces(self.corners, unit, self.two_sided == 1, self.counts, self.frames.astype(np.int64))
-            )
-            first = self._add_baked(self.baked, group_weights)
-            self._first_baked = first
-            self.emission_lights = self.light_of_group(self.baked.emitters).astype(np.uint32)
+        self.baked: BakedLight | None = None
 
-    def _add_baked(self, baked: BakedLight, group_weights: list[FloatArray]) -> int:
+    def bake(self, light: Callable[[Surfaces], BakedLight]) -> None:
+        """Take the light that is computed beforehand on the surfaces."""
+        maps = self.normal_maps
+        if maps is None:
+            at_corners = np.repeat(self.planes[:, None, :3], 3, axis=1)
+        else:
+            at_corners = np.einsum("tij,tkj->tki", maps[..., :3], self.corners) + maps[:, None, :, 3]
+        length = np.linalg.norm(at_corners, axis=-1, keepdims=True)
+        unit = np.divide(at_corners, length, out=np.zeros_like(at_corners), where=length > 0)
+        frames = self.frames.astype(np.int64)
+        self.baked = light(Surfaces(self.corners, unit, self.two_sided == 1, self.counts, frames))
+        self._first_baked = self._add_baked(self.baked)
+        self.emission_lights = self.light_of_group(self.baked.emitters).astype(np.uint32)
+
+    def _add_baked(self, baked: BakedLight) -> int:
         """Add baked light to the lights: one that is seen for each of its groups, and one that falls on surfaces for
         each instant, group and colour. Returns the number of the first."""
         grey = self.textures.is_grey and all((texels == texels[:, :1]).all() for texels in baked.maps.texels)
         self._channels = 1 if grey else 3
+        group_weights = self.textures.group_weights
         first, group = len(self.lights), len(group_weights)
         group_weights += [np.asarray(LUMA_WEIGHTS)] if grey else list(np.diag(LUMA_WEIGHTS))
         nowhere = np.zeros(3)
@@ -219,12 +234,18 @@ LAMP_POINTS = 16
 
 
 def _check_integrator(integrator: Any) -> None:
+    remedy = "name the integrator direct, for direct light alone"
     if integrator is None:
-        raise Unsuitable("the scene names no integrator, so a path tracer renders it; the table kernel is for 'direct'")
+        raise Unsuitable("the scene names no integrator, so it means a path tracer's light, with all bounces", remedy)
     if integrator.class_name() != "DirectIntegrator":
-        raise Unsuitable(
-            f"the scene asks for Mitsuba's {integrator.class_name()}, which the table kernel (direct light only) is not"
-        )
+        raise Unsuitable(f"the scene asks for the light of Mitsuba's {integrator.class_name()}", remedy)
+
+
+def _triangles(shape: Any) -> int:
+    """How many triangles a mesh has."""
+    if not shape.is_mesh():
+        raise Unsuitable(f"is a {plugin_name(shape)}, not made of triangles", "give it as a mesh", shape_name(shape))
+    return int(shape.face_count())
 
 
 def _light(emitter: Any, mi: Any, colours: list[FloatArray]) -> Light:
@@ -238,13 +259,14 @@ def _light(emitter: Any, mi: Any, colours: list[FloatArray]) -> Light:
         "ConstantBackgroundEmitter": ("constant", "radiance.value"),
     }
     if kind not in names or names[kind][1] not in parameters:
-        raise Unsuitable(f"a light is a {kind}, not a point, spot, directional or constant one of one colour")
+        rule = f"a light is a {kind}, not a point, spot, directional or constant one of one colour"
+        raise Unsuitable(rule, "give it as one of these")
     kind, name = names[kind]
     strength, group = _strength(parameters[name], colours)
     vector, axis, angles = np.zeros(3), None, None
     if kind == "spot":
         if not np.array_equal(np.array(parameters.get("texture.value", 0.0)).reshape(-1), [1.0]):
-            raise Unsuitable(f"the spot light {emitter.id()!r} has a texture")
+            raise Unsuitable("has a texture", "leave its texture out", f"the spot light {emitter.id()!r}")
         matrix = np.array(parameters["to_world"].matrix, np.float64).reshape(4, 4)
         vector, axis = matrix[:3, 3], matrix[:3, 2] / np.linalg.norm(matrix[:3, 2])
         full, cutoff = (float(np.array(parameters[key]).reshape(())) for key in ("beam_width", "cutoff_angle"))
@@ -272,7 +294,7 @@ def _lamp_points(shape: Any, mi: Any, colours: list[FloatArray]) -> list[Light]:
     """A small lamp as a lattice of places on it that shine with the cosine of the angle to their normals."""
     parameters = mi.traverse(shape.emitter())
     if "radiance.value" not in parameters:
-        raise Unsuitable(f"light {area_light_name(shape)!r} has a radiance that differs from place to place")
+        raise textured_lamp(area_light_name(shape))
     strength, group = _strength(parameters["radiance.value"], colours)
     share = strength * float(np.array(shape.surface_area()).reshape(())) / LAMP_POINTS
     lights = []

@@ -10,18 +10,12 @@ import numpy.typing as npt
 
 from .._mitsuba import FAST
 from ..scene.textures import from_srgb
+from .matte import is_plain, reflectance_kind, surface_kind, surface_name, surface_remedy
+from .obstacles import Unsuitable
 
 FloatArray = npt.NDArray[np.float64]
 
 WRAP_MODES = ("repeat", "clamp", "mirror")
-
-
-class Unsuitable(Exception):
-    """Something in a scene that is not diffuse triangles under direct light; the message says what."""
-
-
-class UnsuitableSurface(Unsuitable):
-    """A material that is not diffuse, or whose colour is not known."""
 
 
 class TextureTable:
@@ -95,13 +89,14 @@ class TextureTable:
             Unsuitable: if its BSDF is not diffuse, or its texture neither a constant nor a bilinear bitmap.
         """
         bsdf = shape.bsdf()
-        parameters = self._mi.traverse(bsdf)
+        parameters, named = self._mi.traverse(bsdf), surface_name(bsdf, shape)
         two_sided = bsdf.class_name() == "TwoSidedBRDF"
-        if not (two_sided or bsdf.class_name() == "SmoothDiffuse") or "SmoothDiffuse" not in str(bsdf):
-            raise UnsuitableSurface(f"shape {shape.id()!r} has a {bsdf.class_name()} surface, not a diffuse one")
+        if not is_plain(bsdf):
+            rule = f"has a {surface_kind(bsdf)} surface, not a diffuse one"
+            raise Unsuitable(rule, surface_remedy(bsdf, self._mi), named)
         prefix = "brdf_0.reflectance" if two_sided else "reflectance"
         if two_sided and not _same_on_both_sides(parameters):
-            raise Unsuitable(f"shape {shape.id()!r} has two different sides")
+            raise Unsuitable("has two different sides", "give both the same diffuse material", named)
         if f"{prefix}.value" in parameters:
             texels = np.broadcast_to(np.array(parameters[f"{prefix}.value"], np.float64).reshape(-1), (1, 1, 3))
             uv_map, wrap = np.eye(3), 0
@@ -109,7 +104,8 @@ class TextureTable:
             uv_map = np.array(parameters[f"{prefix}.to_uv"].matrix, np.float64).reshape(3, 3)
             texels, wrap = self._lookup(shape, np.array(parameters[f"{prefix}.data"]), uv_map)
         else:
-            raise UnsuitableSurface(f"shape {shape.id()!r} has a reflectance that is neither a constant nor a bitmap")
+            rule = f"has a {reflectance_kind(bsdf)} as its reflectance, neither a constant nor a bitmap"
+            raise Unsuitable(rule, "give it as a bitmap", named)
         height, width = texels.shape[:2]
         first = sum(len(t) for t in self._texels)
         self._texture_of.append(np.full(records, len(self._sizes), np.uint32))
@@ -134,7 +130,8 @@ class TextureTable:
             for wrap in range(len(WRAP_MODES)):
                 if (np.abs(bilinear(texels, mapped, wrap) - own) < tolerance).all():
                     return texels, wrap
-        raise Unsuitable(f"shape {shape.id()!r} has a texture whose lookup is not bilinear")
+        name = surface_name(shape.bsdf(), shape)
+        raise Unsuitable("has a texture whose lookup is not bilinear", "give its bitmap the filter_type bilinear", name)
 
 
 def _looked_up(mi: Any, bsdf: Any, uv: npt.NDArray[np.float32]) -> FloatArray:

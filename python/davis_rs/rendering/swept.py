@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ..argument_error import ArgumentError
 from ..camera import Camera
 from ..pose import FloatArray, Pose, conjugate, hamilton, rotation_matrices
 
@@ -123,7 +124,7 @@ class Silhouettes:
         if len(poses_before) != len(poses_after):
             raise ValueError(f"{len(poses_before)} intervals begin, but {len(poses_after)} end")
         if not 0 <= margin_px < np.inf:
-            raise ValueError(f"margin_px must be finite and >= 0, got {margin_px}")
+            raise ArgumentError("{margin_px} must be finite and >= 0, got {}", margin_px)
         counts = np.zeros((len(poses_before), camera.height, camera.width), np.uint8)
         at_once = min(_INTERVALS_AT_ONCE, max(1, _CANDIDATES_AT_ONCE // max(1, len(self.edges))))
         for first in range(0, len(counts), at_once):

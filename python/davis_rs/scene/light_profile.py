@@ -7,6 +7,7 @@ from abc import ABC, abstractmethod
 import numpy as np
 import numpy.typing as npt
 
+from ..argument_error import ArgumentError
 from ..pose import FloatArray
 
 _WAVEFORMS = ("sine", "triangle", "square")
@@ -137,7 +138,9 @@ class SampledProfile(LightProfile):
         if wrong.any():
             raise ValueError(f"a light's factors must be finite and >= 0, got {self._factors[wrong][0]}")
         if interpolation not in _INTERPOLATIONS:
-            raise ValueError(f"interpolation must be one of {', '.join(_INTERPOLATIONS)}, got {interpolation!r}")
+            raise ArgumentError(
+                "{interpolation} must be one of {}, got {!r}", ", ".join(_INTERPOLATIONS), interpolation
+            )
         self.interpolation = interpolation
 
     def factor(self, t_s: npt.ArrayLike) -> FloatArray:

@@ -8,6 +8,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from ..argument_error import ArgumentError
 from ..camera import PRESETS
 from ..pose import FloatArray, Pose, hamilton
 from ..trajectory.trajectory import CallableTrajectory
@@ -89,9 +90,9 @@ def check_axis_and_scale(up: str | None, scale: float) -> None:
         ValueError: naming the one that is wrong.
     """
     if up not in (None, "y", "z"):
-        raise ValueError(f"up must be y or z, got {up!r}")
+        raise ArgumentError("{up} must be y or z, got {!r}", up)
     if not 0 < scale < np.inf:
-        raise ValueError(f"scale must be finite and larger than 0, got {scale}")
+        raise ArgumentError("{scale} must be finite and larger than 0, got {}", scale)
 
 
 def to_z_up(up: Axis) -> FloatArray:

@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from ..argument_error import ArgumentError
 from ..camera import PRESETS
 from ..pose import FloatArray, Pose, hamilton, rotation_matrices
 from ..random_words import Words
@@ -109,9 +110,9 @@ def random_textured_planes(
     if not 0 < smallest <= largest < math.inf:
         raise ValueError(f"sizes must be 0 < smallest <= largest, got {smallest} and {largest}")
     if not 0 <= tilt_rad <= math.pi / 2:
-        raise ValueError(f"tilt_rad must lie in 0..pi/2, got {tilt_rad}")
+        raise ArgumentError("{tilt_rad} must lie in 0..pi/2, got {}", tilt_rad)
     if not 0 < duration_s < math.inf:
-        raise ValueError(f"duration_s must be finite and > 0, got {duration_s}")
+        raise ArgumentError("{duration_s} must be finite and > 0, got {}", duration_s)
     speeds = (top_speed_m_s, top_rate_rad_s, camera_speed_m_s, camera_rate_rad_s)
     if not all(0 <= speed < math.inf for speed in speeds):
         raise ValueError(f"top speeds and rates must be finite and >= 0, got {speeds}")
@@ -307,10 +308,10 @@ def _about(axis: Any, angle: float) -> FloatArray:
 
 def _check_numbers(planes: int, mesh_objects: int | None, meshes: bool, texture_px: int) -> None:
     if not 0 <= planes <= 1000:
-        raise ValueError(f"planes must lie in 0..1000, got {planes}")
+        raise ArgumentError("{planes} must lie in 0..1000, got {}", planes)
     if not 0 <= (mesh_objects or 0) <= 1000:
-        raise ValueError(f"mesh_objects must lie in 0..1000, got {mesh_objects}")
+        raise ArgumentError("{mesh_objects} must lie in 0..1000, got {}", mesh_objects)
     if mesh_objects and not meshes:
-        raise ValueError(f"mesh_objects is {mesh_objects}, but no folder of meshes is given")
+        raise ArgumentError("{mesh_objects} is {}, but no folder of meshes is given", mesh_objects)
     if not 16 <= texture_px <= 8192:
-        raise ValueError(f"texture_px must lie in 16..8192, got {texture_px}")
+        raise ArgumentError("{texture_px} must lie in 16..8192, got {}", texture_px)

@@ -7,14 +7,17 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from ..argument_error import ArgumentError
 from ..camera import PRESETS, Camera
-from ..pose import Pose
+from ..close_names import names_checked
+from ..pose import Pose, as_pose
 from ..trajectory.trajectory import SegmentTrajectory, Trajectory
 from .light_profile import LightProfile, ShiftedProfile
 
 SceneSource = Path | Mapping[str, Any]
 
 
+@names_checked
 @dataclass(frozen=True)
 class Scene:
     """A scene and the settings that belong to it, each of which the caller may override.
@@ -67,6 +70,10 @@ class Scene:
     biases: str | None = None
     note: str = ""
 
+    def __post_init__(self) -> None:
+        if self.start is not None:
+            object.__setattr__(self, "start", as_pose(self.start, "start"))
+
     def __repr__(self) -> str:
         moves = "no trajectory" if self.trajectory is None else f"{self.trajectory.duration_s:.6g} s"
         size = "no camera" if self.camera is None else f"{self.camera.width} x {self.camera.height} px"
@@ -93,7 +100,9 @@ class Scene:
             ValueError: if it has none.
         """
         if self.camera is None:
-            raise ValueError(f"scene {self.name!r} has no perspective sensor that tells lens and size: give camera=")
+            raise ArgumentError(
+                "scene {!r} has no perspective sensor that tells lens and size: give {camera}", self.name
+            )
         return self.camera
 
     def with_trajectory(self, trajectory: Trajectory) -> Scene:

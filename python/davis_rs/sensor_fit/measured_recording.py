@@ -7,6 +7,8 @@ import os
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from ..argument_error import ArgumentError
+from ..close_names import names_checked
 from ..events import EventArray
 from ..stream_statistics import StreamStatistics, measure_stream, open_event_stream
 from ..stream_statistics.event_stream import EventStream
@@ -32,6 +34,7 @@ class MeasuredRecording:
     lux: float | None = None
 
 
+@names_checked
 def measure_recording(
     source: str | os.PathLike[str] | EventStream | EventArray,
     *,
@@ -57,7 +60,7 @@ def measure_recording(
             and > 0.
     """
     if lux is not None and not 0 < lux < math.inf:
-        raise ValueError(f"lux must be finite and > 0, or None, got {lux!r}")
+        raise ArgumentError("{lux} must be finite and > 0, or None, got {!r}", lux)
     if isinstance(source, str | os.PathLike):
         path, source = source, open_event_stream(source, size=size)
         frames = open_frames(path, source.size)

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 from functools import cache
 from pathlib import Path
 
+from ..argument_error import ArgumentError
 from ..close_names import did_you_mean
 from ..sensor_parameters import SensorParameters
 from .sensor_file import SENSOR_SUFFIXES, SensorFile, read_sensor_file
@@ -77,7 +78,7 @@ def load_sensor_file(name_or_path: str | os.PathLike[str]) -> SensorFile:
         return preset_file(name)
     if not name.lower().endswith(SENSOR_SUFFIXES):
         known = f"{', '.join(_NAMES)}, or a file ({', '.join(SENSOR_SUFFIXES)})"
-        raise ValueError(f"sensor must be one of {known}, got {name!r}{did_you_mean(name, _NAMES)}")
+        raise ArgumentError("{sensor} must be one of {}, got {!r}{}", known, name, did_you_mean(name, _NAMES))
     return read_sensor_file(name)
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from ..argument_error import ArgumentError
 from ..dataset.files import as_grey
 from ..dataset.writer import image_gain_for
 from ..formats.files import PartFile
@@ -38,7 +39,7 @@ def draw_sheet(sequences: Iterable[Sequence], output_png: str | Path, *, share: 
     from PIL import Image, ImageDraw, ImageFont
 
     if not 0 <= share <= 1:
-        raise ValueError(f"share must lie in 0..1, got {share}")
+        raise ArgumentError("{share} must lie in 0..1, got {}", share)
     file = PartFile(output_png, overwrite=True)  # fails before the rendering, if it must
     tiles = [(sequence.name, _tile(sequence, share)) for sequence in sequences]
     if not tiles:

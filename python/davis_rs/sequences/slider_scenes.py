@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from ..argument_error import ArgumentError
 from ..camera import PRESETS
 from ..scene.parts import DIRECT, rectangle
 from ..scene.scene import Scene
@@ -37,7 +38,7 @@ def slider_wall(distance_m: float, hdr: bool = False) -> Scene:
         ValueError: for a distance that is not in 0.1..2 m.
     """
     if not 0.1 <= distance_m <= 2:
-        raise ValueError(f"distance_m must lie in 0.1..2 m, got {distance_m}")
+        raise ArgumentError("{distance_m} must lie in 0.1..2 m, got {}", distance_m)
     return Scene(
         name="slider_hdr_wall" if hdr else "slider_wall",
         source=partial(_wall, distance_m, hdr),

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Annotated, Any, TypedDict
 
 from ..camera import PRESETS, Camera
-from ..effects import Effects
+from ..effects import EffectsLike
 from ..sensor_parameters import SensorParameters
 from .setting import Declared
 from .simulation_settings import EFFECT_FORM, EFFECTS, SENSOR, EngineSettings, FolderFileSettings, PixelSettings
@@ -33,8 +33,8 @@ class _LightSettings(TypedDict, total=False):
     white_level: Annotated[
         float | None,
         Declared(
-            "the value of a frame that stands for luma 1, such as 4095 for 12 bits in 16",
-            default_help="the largest of its integers; 1 for floating point",
+            "the value of a frame that stands for luma 1, such as 4095 for 12 bits in 16; of a video in its own bits",
+            default_help="the video's; else the largest multiple of the step between integers, 1 for floating point",
             low=0,
             above_low=True,
             metavar="V",
@@ -156,10 +156,9 @@ class FrameSettings(_LightSettings, _PartSettings, _BetweenSettings, PixelSettin
 
     sensor: Annotated[SensorParameters | str | os.PathLike[str] | None, SENSOR]
     effects: Annotated[
-        Effects | str | Sequence[str] | None,
+        EffectsLike | None,
         Declared(
-            f"Effects, or texts {EFFECT_FORM}; each is added to the sensor's, or replaces the sensor's of the same "
-            "name",
+            f"effects {EFFECT_FORM}; each is added to the sensor's, or replaces the sensor's of the same name",
             default_help="the sensor's",
             metavar=EFFECT_FORM,
             text=list,

@@ -7,6 +7,7 @@ import re
 from dataclasses import replace
 from pathlib import Path
 
+from ..argument_error import ArgumentError
 from ..camera import PRESETS, Camera
 from ..scene.scene import Scene
 from ..sensor_parameters import SensorParameters
@@ -40,7 +41,7 @@ def image_camera(
     asked = parse_size(size)
     own = None if sensor.width is None or sensor.height is None else (sensor.width, sensor.height)
     if asked is not None and own is not None and asked != own:
-        raise ValueError(f"size {_text(asked)} contradicts the sensor's {_text(own)} pixels")
+        raise ArgumentError("{size} {} contradicts the sensor's {} pixels", _text(asked), _text(own))
     wanted = asked or own
     if camera is None:
         found = scene.own_camera
@@ -65,44 +66,56 @@ def camera_of_size(camera: Camera | str | os.PathLike[str], wanted: tuple[int, i
             return _from_calibration(name, wanted)
         camera = PRESETS[name]
     if wanted not in (None, (camera.width, camera.height)):
-        raise ValueError(
-            f"the camera has {_text((camera.width, camera.height))} pixels, but {source} asks for {_text(wanted)}"
+        raise ArgumentError(
+            "the {camera} has {} pixels, but {} asks for {}",
+            _text((camera.width, camera.height)),
+            source,
+            _text(wanted),
         )
     return camera
 
 
-def parse_size(size: tuple[int, int] | str | None) -> tuple[int, int] | None:
-    """Return (width, height) from ``WxH`` or from a pair.
+def parse_size(size: tuple[int, int] | str | None, argument: str = "size") -> tuple[int, int] | None:
+    """Return (width, height) from ``WxH`` or from a pair; ``argument`` is what gives it.
 
     Raises:
-        ValueError: for something else, or sides outside of 1..65535.
+        ArgumentError: for something else, or sides outside of 1..65535.
     """
     if size is None:
         return None
     if isinstance(size, str):
         match = re.fullmatch(r"(\d{1,5})\s*[xX]\s*(\d{1,5})", size.strip())
         if match is None:
-            raise ValueError(f"size must be WIDTHxHEIGHT in pixels, such as 346x260, got {size!r}")
+            raise ArgumentError(
+                "{argument} must be WIDTHxHEIGHT in pixels, such as 346x260, got {!r}", size, argument=argument
+            )
         size = (int(match[1]), int(match[2]))
-    if len(size) != 2 or not all(hasattr(side, "__index__") for side in size):
-        raise ValueError(f"size must be two integers, width and height in pixels, got {size!r}")
+    if not hasattr(size, "__len__") or len(size) != 2 or not all(hasattr(side, "__index__") for side in size):
+        raise ArgumentError(
+            "{argument} must be two integers, width and height in pixels, got {!r}", size, argument=argument
+        )
     width, height = size
     if not (1 <= width <= 65535 and 1 <= height <= 65535):
-        raise ValueError(f"size must lie in 1..65535 pixels each way, got {_text((width, height))}")
+        raise ArgumentError(
+            "{argument} must lie in 1..65535 pixels each way, got {}", _text((width, height)), argument=argument
+        )
     return int(width), int(height)
 
 
 def _from_calibration(name: str, wanted: tuple[int, int] | None) -> Camera:
     path = Path(name)
     if not path.is_file():
-        raise ValueError(f"camera {name!r} is neither a preset ({', '.join(PRESETS)}) nor a calib.txt file")
+        raise ArgumentError("{camera} {!r} is neither a preset ({}) nor a calib.txt file", name, ", ".join(PRESETS))
     width, height = wanted or _SIZE_OF_PUBLIC_CALIBRATIONS
     camera = Camera.from_calib(path, width=width, height=height)
     if wanted is None and not _centred(camera):
-        raise ValueError(
-            f"{path} has its principal point at ({camera.cx:g}, {camera.cy:g}), which is not that of a "
-            f"{_text(_SIZE_OF_PUBLIC_CALIBRATIONS)} sensor, and a calib.txt does not hold its size: give size WxH "
-            "or a sensor"
+        raise ArgumentError(
+            "{} has its principal point at ({:g}, {:g}), which is not that of a {} sensor, and a calib.txt does not "
+            "hold its size: give {size} WxH or a {sensor}",
+            path,
+            camera.cx,
+            camera.cy,
+            _text(_SIZE_OF_PUBLIC_CALIBRATIONS),
         )
     if not (-0.5 <= camera.cx <= width - 0.5 and -0.5 <= camera.cy <= height - 0.5):
         raise ValueError(

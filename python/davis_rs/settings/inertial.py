@@ -6,7 +6,8 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
-from ..effects import parse_effect
+from ..argument_error import ArgumentError
+from ..effects.effects import named_effects
 from ..imu import IMU_EFFECTS, Imu, Mounting
 from ..motion_capture import MocapClock, MocapNoise, MotionCapture
 
@@ -25,11 +26,10 @@ def make_imu(settings: Mapping[str, Any]) -> Imu | None:
     imu, rate_hz, effects = settings["imu"], settings["imu_rate_hz"], settings["imu_effects"]
     if imu in (None, "none"):
         if rate_hz is not None or effects:
-            raise ValueError("imu_rate_hz and imu_effects are those of an IMU, but imu is none: choose an IMU")
+            raise ArgumentError("{imu_rate_hz} and {imu_effects} are those of an IMU, but {imu} is none: choose an IMU")
         return None
-    texts = [effects] if isinstance(effects, str) else effects or ()
     made: Imu = imu if isinstance(imu, Imu) else _MAKERS[imu]()
-    given: dict[str, Any] = {text.partition("=")[0]: parse_effect(text, IMU_EFFECTS) for text in texts}
+    given: dict[str, Any] = dict(named_effects(effects, IMU_EFFECTS))
     # Together, so that lag and low-pass are looked at as a pair.
     return replace(made, rate_hz=made.rate_hz if rate_hz is None else rate_hz, **given)
 
@@ -47,7 +47,7 @@ def make_motion_capture(settings: Mapping[str, Any]) -> MotionCapture:
     given = {name: settings[name] for name in parts if settings[name] is not None}
     if settings["motion_capture"] is not None:
         if given:
-            raise ValueError(f"motion_capture is given: {', '.join(given)} would be ignored")
+            raise ArgumentError("{motion_capture} is given: {others} would be ignored", others=list(given))
         made: MotionCapture = settings["motion_capture"]
         return made
     noise = MocapNoise(given.get("pose_noise_m", 0.0), given.get("rotation_noise_rad", 0.0))

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
+from ..argument_error import ArgumentError
 from ..camera import Camera
 from ..effects import Effects
 from ..sampling.presets import ACCURACY, DEFAULT_ACCURACY
@@ -36,6 +37,7 @@ class ViewedScene:
         sensor: its parameters, those of ideal pixels where none is given.
         contrast_threshold, contrast_threshold_off: C_on and C_off in natural-log units.
         log_eps: dark level in units of luma.
+        start_phase: where references lie at the first frame.
     """
 
     scene: Scene
@@ -44,6 +46,7 @@ class ViewedScene:
     contrast_threshold: float
     contrast_threshold_off: float
     log_eps: float
+    start_phase: str
 
     @property
     def sensor_effects(self) -> Effects:
@@ -67,7 +70,7 @@ def view_scene(scene: Scene, settings: Mapping[str, Any]) -> ViewedScene:
     log_eps = _first(settings["log_eps"], sensor.dark_luma(scene.lux_per_luma), LOG_EPS)
     on = _first(settings["contrast_threshold"], sensor.contrast_threshold, scene.contrast_threshold)
     off = _first(settings["contrast_threshold_off"], sensor.contrast_threshold_off, on)
-    return ViewedScene(scene, camera, sensor, on, off, log_eps)
+    return ViewedScene(scene, camera, sensor, on, off, log_eps, settings["start_phase"] or sensor.start_phase)
 
 
 def fixed_sensor(
@@ -84,9 +87,10 @@ def fixed_sensor(
     if sensor != RECORDED:
         return read_once(sensor)
     if scene.biases is None:
-        raise ValueError(
-            f"sensor {RECORDED!r} is that of a recorded sequence of the dataset (davis-rs sequences), "
-            f"but scene {scene.name!r} has no recording"
+        raise ArgumentError(
+            "{sensor} {!r} is that of a recorded sequence of the dataset (davis-rs sequences), "
+            "but scene {!r} has no recording",
+            *(RECORDED, scene.name),
         )
     return recorded_sensor(scene.biases)
 
@@ -129,7 +133,8 @@ def chosen_sampling(settings: Mapping[str, Any]) -> TimeSamplingChoice:
     preset = ACCURACY[settings["accuracy"]]
     given = {name: settings[name] for name in (*_RULES, "sampling") if settings[name] is not None}
     if len(given) > 1:
-        raise ValueError(f"only one of {', '.join((*_RULES, 'sampling'))} may be given, got {' and '.join(given)}")
+        rules = (*_RULES, "sampling")
+        raise ArgumentError("only one of {rules} may be given, got {given}", rules=rules, given=list(given))
     sampling = preset.sampling
     for name, value in given.items():
         sampling = value if name == "sampling" else _RULES[name](value)
@@ -152,9 +157,10 @@ def whole_frame_sampling(settings: Mapping[str, Any]) -> TimeSampling:
     if sampling.interpolation == "linear":
         return sampling
     if settings["sampling"] is not None or settings["tolerance"] is not None:
-        raise ValueError(
-            f"custom effects on light need whole frames, between which light runs straight: give render_rate_hz or "
-            f"max_displacement_px, got {sampling!r}"
+        raise ArgumentError(
+            "custom effects on light need whole frames, between which light runs straight: give {render_rate_hz} or "
+            "{max_displacement_px}, got {!r}",
+            sampling,
         )
     return MaxDisplacement(1 / 6 if settings["accuracy"] == "exact" else 1 / 3)
 

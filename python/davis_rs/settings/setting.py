@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Annotated, Any, TypeVar, Union, get_args, get_origin, get_type_hints
 
-from ..close_names import did_you_mean
-
-_UNIT_SUFFIXES = ("_hz", "_px", "_m_s", "_ms_per_min", "_m", "_rad", "_s")
+from ..argument_error import ArgumentError
+from ..close_names import did_you_mean, names_of, no_argument, without_unit
+from ..effects import EFFECTS
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,7 @@ class Setting:
     @property
     def key(self) -> str:
         """Its name in plans: without the unit, which the docs tell."""
-        return next((self.name.removesuffix(end) for end in _UNIT_SUFFIXES if self.name.endswith(end)), self.name)
+        return without_unit(self.name)
 
     @property
     def option(self) -> str:
@@ -97,38 +97,38 @@ class Setting:
             numbers = f"> {low} and <= {high}" if one.above_low else f"{low}..{high}"
         return ", or ".join([numbers, *one.words])
 
-    def check(self, value: Any, name: str | None = None) -> None:
+    def check(self, value: Any) -> None:
         """Refuse a value that the declaration does not allow.
 
-        Args:
-            name: how the message calls the setting, for example by its option; its own name by default.
-
         Raises:
-            ValueError: naming the setting, the range or choices, and the value.
+            ArgumentError: naming the setting, the range or choices, and the value.
         """
-        name, one = name or self.name, self.declared
+        fault = self._fault(value)
+        if fault is not None:
+            raise ArgumentError("{setting} must {}", fault, setting=self.name)
+
+    def _fault(self, value: Any) -> str | None:
+        """What the value must be, and is not; None where it is allowed."""
+        one = self.declared
         if value is None:
-            if one.default is not None:
-                raise ValueError(f"{name} must be given, got None")
-            return
+            return "be given, got None" if one.default is not None else None
         if isinstance(value, str) and value in one.words:
-            return
+            return None
         if one.choices and isinstance(value, str) and not self._is_choice(value):
-            near = did_you_mean(value, one.choices)
-            raise ValueError(f"{name} must be one of {self.range_text}, got {value!r}{near}")
+            return f"be one of {self.range_text}, got {value!r}{did_you_mean(value, one.choices)}"
         if self.types not in ((int,), (float,)):
-            if not isinstance(value, self.types):
-                raise ValueError(f"{name} must be {self.annotation.removesuffix(' | None')}, got {value!r}")
-            return
+            fits = isinstance(value, self.types)
+            return None if fits else f"be {self.annotation.removesuffix(' | None')}, got {value!r}"
         whole = self.types == (int,)
         wanted = ", or ".join(["an integer" if whole else "a number", *one.words])
         unit = f" {one.unit}" if one.unit else ""
         if isinstance(value, bool) or not hasattr(value, "__index__" if whole else "__float__"):
-            raise ValueError(f"{name} must be {wanted}, got {value!r}")
+            return f"be {wanted}, got {value!r}"
         if not math.isfinite(value):
-            raise ValueError(f"{name} must be finite, got {value!r}")
+            return f"be finite, got {value!r}"
         if not one.low <= value <= one.high or (one.above_low and value == one.low):
-            raise ValueError(f"{name} must be {self.range_text}{unit}, got {value!r}")
+            return f"be {self.range_text}{unit}, got {value!r}"
+        return None
 
     def _is_choice(self, text: str) -> bool:
         suffixes = self.declared.file_suffixes
@@ -151,22 +151,24 @@ def settings_of(declaration: type) -> Mapping[str, Setting]:
     return found
 
 
-def complete(declaration: type, given: Mapping[str, Any], *, of: str) -> dict[str, Any]:
+def complete(declaration: type, given: Mapping[str, Any], *, of: Callable[..., Any] | str) -> dict[str, Any]:
     """The given settings, checked, and the defaults of all others.
 
     Args:
         declaration: the TypedDict that declares them.
         given: by their names.
-        of: who takes them, for messages.
+        of: the function or class that takes them, or who else does, for messages.
 
     Raises:
-        TypeError: for a name that is not declared.
-        ValueError: for a value that is not allowed.
+        TypeError: for a name that is not declared, with the one that is close.
+        ArgumentError: for a value that is not allowed.
     """
     declared = settings_of(declaration)
     for name, value in given.items():
         if name not in declared:
-            raise TypeError(f"{of} has no setting {name!r}{did_you_mean(name, declared)}")
+            known = declared if isinstance(of, str) else names_of(of)
+            effects = {effect: f"effects={{{effect!r}: ...}}" for effect in EFFECTS} if "effects" in declared else {}
+            raise TypeError(no_argument(of, name, known, effects))
         declared[name].check(value)
     return {name: given.get(name, setting.declared.default) for name, setting in declared.items()}
 

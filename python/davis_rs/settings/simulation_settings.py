@@ -7,20 +7,20 @@ these declarations.
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Annotated, TypedDict
+from typing import Annotated, Any, TypedDict
 
 from ..camera import PRESETS, Camera
 from ..dataset.files import EVENT_FILES
-from ..effects import Effects
+from ..effects import Effect, EffectsLike
 from ..imu import IMU_EFFECTS, Imu
 from ..motion_capture import MotionCapture
 from ..rendering.baked_light.bake import BAKE_ERROR
-from ..rendering.renderers import RENDERERS
+from ..rendering.renderers import AUTOMATIC, KINDS, RENDERERS
 from ..sampling.presets import ACCURACY, DEFAULT_ACCURACY
 from ..sampling.rules import TimeSampling
-from ..sensor_parameters import SensorParameters
+from ..sensor_parameters import START_PHASES, SensorParameters
 from ..sensors import RECORDED, SENSOR_SUFFIXES, SENSORS
 from .setting import Declared
 
@@ -71,10 +71,20 @@ class PixelSettings(TypedDict, total=False):
             metavar="LUX",
         ),
     ]
+    start_phase: Annotated[
+        str | None,
+        Declared(
+            "where the pixels' references lie at the first frame: zero, at its log intensity; stationary, anywhere "
+            "between both levels, as in a camera that has run before",
+            default_help="stationary for a sensor, zero for ideal pixels",
+            choices=START_PHASES,
+        ),
+    ]
     seed: Annotated[
         int,
         Declared(
-            "random seed of threshold mismatch, noise, IMU and motion capture, and of Mitsuba's integrators",
+            "random seed of threshold mismatch, start phases, noise, IMU and motion capture, and of Mitsuba's "
+            "integrators",
             0,
             low=0,
             high=2**64 - 1,
@@ -164,9 +174,8 @@ class ViewSettings(PixelSettings, total=False):
     renderer: Annotated[
         str,
         Declared(
-            "renderer: native (diffuse meshes, direct light), table (the same, on LLVM), baked (native, with the light "
-            "of area lamps and bounces computed once), integrator (Mitsuba's, for everything), or auto: the first "
-            "possible one of native, baked and integrator",
+            f"renderer: {', '.join(f'{kind.name} ({kind.does})' for kind in KINDS.values())}, or auto: the first "
+            f"possible one of {', '.join(kind.name for kind in AUTOMATIC)}",
             "auto",
             choices=RENDERERS,
             group=_ACCURACY,
@@ -390,7 +399,7 @@ class SimulatorSettings(CustomSettings, total=False):
     """The settings of :class:`~davis_rs.Simulator`."""
 
     effects: Annotated[
-        Effects | None,
+        EffectsLike | None,
         Declared(
             "effects; each is added to the sensor's, or replaces the sensor's of the same name",
             default_help="the sensor's",
@@ -404,10 +413,10 @@ class SimulationSettings(CustomSettings, EffectsToleranceSettings, total=False):
     """The settings of :func:`~davis_rs.simulate`: a simulator's, with effects that may be planned first."""
 
     effects: Annotated[
-        Effects | str | Sequence[str] | None,
+        EffectsLike | None,
         Declared(
-            f"Effects, or texts {EFFECT_FORM}; each is added to the sensor's, or replaces the sensor's of the same "
-            "name. auto takes those effects of the sensor (davis240c if not given) that matter in this scene",
+            f"effects {EFFECT_FORM}; each is added to the sensor's, or replaces the sensor's of the same name. auto "
+            "takes those effects of the sensor (davis240c if not given) that matter in this scene",
             default_help="the sensor's",
             metavar=EFFECT_FORM,
             text=list,
@@ -443,7 +452,7 @@ class FolderSettings(SimulationSettings, FolderFileSettings, total=False):
         ),
     ]
     imu_effects: Annotated[
-        Sequence[str] | None,
+        Mapping[str, Any] | str | Sequence[str | Effect] | None,
         Declared(
             f"imperfections of the IMU, in addition to those of --imu or in place of them: {', '.join(IMU_EFFECTS)}",
             metavar=EFFECT_FORM,

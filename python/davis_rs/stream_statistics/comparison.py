@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from dataclasses import dataclass
 
+from ..close_names import names_checked
 from ..events import EventArray
 from .event_stream import EventStream
 from .stream_meter import measure_stream
@@ -31,6 +32,7 @@ class StreamComparison:
         return "\n".join(line.rstrip() for line in lines)
 
 
+@names_checked
 def compare_streams(
     real: str | os.PathLike[str] | EventStream | EventArray,
     simulated: str | os.PathLike[str] | EventStream | EventArray,

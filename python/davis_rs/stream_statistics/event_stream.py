@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from ..argument_error import ArgumentError
 from ..dataset.reader import Dataset
 from ..event_files.read import open_reader
 from ..events import EventArray
@@ -74,7 +75,7 @@ def open_event_stream(path: str | os.PathLike[str], *, size: tuple[int, int] | N
 
 def _known(path: Path, size: tuple[int, int] | None) -> tuple[int, int]:
     if size is None:
-        raise ValueError(f"{path} does not say the sensor's size: give it (size=, --size)")
+        raise ArgumentError("{} does not say the sensor's size: give {size}", path)
     return size
 
 

@@ -8,6 +8,8 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
+from ..argument_error import ArgumentError
+from ..close_names import names_checked
 from ..events import EventArray, as_events
 from .bursts import Bursts
 from .event_stream import EventStream, cut, open_event_stream
@@ -93,6 +95,7 @@ class StreamMeter:
         )
 
 
+@names_checked
 def measure_stream(
     source: str | os.PathLike[str] | EventStream | EventArray,
     *,
@@ -122,10 +125,10 @@ def measure_stream(
             in it, or a part that does not begin before it ends.
     """
     if not 0 <= start_s < (math.inf if stop_s is None else stop_s):
-        raise ValueError(f"a part must have 0 <= start_s < stop_s, got {start_s!r} and {stop_s!r}")
+        raise ArgumentError("a part must have 0 <= {start_s} < {stop_s}, got {!r} and {!r}", start_s, stop_s)
     if isinstance(source, np.ndarray):
         if size is None:
-            raise ValueError("an array does not say the sensor's size: give it (size=)")
+            raise ArgumentError("an array does not say the sensor's size: give {size}")
         events = as_events(source)
         source = EventStream("events", "array", size, lambda told: cut(events, told))
     stream = source if isinstance(source, EventStream) else open_event_stream(source, size=size)

@@ -13,6 +13,7 @@ import numpy as np
 import torch
 from torch.utils.data import Dataset
 
+from ..argument_error import ArgumentError
 from ..windows.event_windows import EventWindows
 from ..windows.window import EventWindow, WindowImages
 from .event_tensors import GRIDS, RAW, raw_tensors
@@ -108,17 +109,19 @@ class EventDataset(Dataset):  # type: ignore[misc]
         """Refuse what would fail, or be ignored, at the first sample."""
         unknown = [name for name in self.images if name not in _IMAGES]
         if unknown:
-            raise ValueError(f"images must be of {', '.join(_IMAGES)}: got {', '.join(unknown)}")
+            raise ArgumentError("{images} must be of {}: got {}", ", ".join(_IMAGES), ", ".join(unknown))
         known: set[str] = set()
         if isinstance(self.representation, str):
             if self.representation not in (*GRIDS, RAW):
                 names = ", ".join((*GRIDS, RAW))
-                raise ValueError(f"representation must be one of {names}, or a function: got {self.representation!r}")
+                raise ArgumentError(
+                    "{representation} must be one of {}, or a function: got {!r}", names, self.representation
+                )
             if self.representation != RAW:
                 known = {*list(inspect.signature(GRIDS[self.representation]).parameters)[2:]}
                 for windows in self.windows:
                     if windows.size is None:
-                        raise ValueError(f"{windows.path} does not say the sensor's size: give it (size=)")
+                        raise ArgumentError("{} does not say the sensor's size: give {size}", windows.path)
         strange = [name for name in self.parameters if name not in known]
         if strange:
             raise ValueError(f"{self.representation} takes no parameter {', '.join(strange)}")

@@ -7,7 +7,8 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from ..pose import FloatArray, Pose, hamilton
+from ..argument_error import ArgumentError
+from ..pose import FloatArray, Pose, PoseLike, as_pose, hamilton
 from .sampled_trajectory import SampledTrajectory, rotation_through
 from .trajectory import SPEED_WINDOW_S, SegmentTrajectory, mean_rates
 from .waypoints import waypoint_trajectory
@@ -25,7 +26,7 @@ Kind = Literal["rotation", "translation", "6dof"]
 
 
 def slider(
-    start: Pose, distance_m: float, speed_m_s: float, *, direction: npt.ArrayLike = (1.0, 0.0, 0.0)
+    start: PoseLike, distance_m: float, speed_m_s: float, *, direction: npt.ArrayLike = (1.0, 0.0, 0.0)
 ) -> SegmentTrajectory:
     """Return the path of a linear slider: along one direction at constant speed, without rotation.
 
@@ -37,6 +38,7 @@ def slider(
     Raises:
         ValueError: for numbers out of range.
     """
+    start = as_pose(start, "start")
     _check_positive(distance_m=distance_m, speed_m_s=speed_m_s)
     way = start.rotation @ _unit(direction)
     end = Pose(start.position + distance_m * way, start.quaternion)
@@ -44,7 +46,7 @@ def slider(
 
 
 def hand_held(
-    start: Pose,
+    start: PoseLike,
     duration_s: float,
     kind: Kind,
     *,
@@ -76,8 +78,9 @@ def hand_held(
 
     Source of the pattern: Mueggler et al., IJRR 2017, the list of datasets.
     """
+    start = as_pose(start, "start")
     if kind not in ("rotation", "translation", "6dof"):
-        raise ValueError(f"kind must be 'rotation', 'translation' or '6dof', got {kind!r}")
+        raise ArgumentError("{kind} must be 'rotation', 'translation' or '6dof', got {!r}", kind)
     _check_positive(duration_s=duration_s, reach_m=reach_m, reach_rad=reach_rad)
     for name, value in (("top_speed_m_s", top_speed_m_s), ("top_rate_rad_s", top_rate_rad_s)):
         if not 0 <= value < np.inf:
@@ -109,7 +112,7 @@ def hand_held(
 
 
 def zigzag(
-    start: Pose, legs: int, leg_m: float, speed_m_s: float, *, width_m: float = 1.0, through: bool = False
+    start: PoseLike, legs: int, leg_m: float, speed_m_s: float, *, width_m: float = 1.0, through: bool = False
 ) -> SampledTrajectory:
     """Return a path forward in a zigzag, from side to side, looking ahead all the time.
 
@@ -121,9 +124,10 @@ def zigzag(
     Raises:
         ValueError: for numbers out of range, or an optical axis that points up or down.
     """
+    start = as_pose(start, "start")
     _check_positive(leg_m=leg_m, speed_m_s=speed_m_s, width_m=width_m)
     if legs < 1:
-        raise ValueError(f"legs must be >= 1, got {legs}")
+        raise ArgumentError("{legs} must be >= 1, got {}", legs)
     forward, right = _level(start)
     corners = np.arange(legs + 1)
     side = np.where(corners % 2 == 0, 0.0, width_m)
@@ -132,7 +136,9 @@ def zigzag(
     return waypoint_trajectory(points, turned, speed_m_s=speed_m_s, through=through)
 
 
-def spiral(start: Pose, turns: float, radius_m: float, speed_m_s: float, *, pitch_m: float = 0.3) -> SampledTrajectory:
+def spiral(
+    start: PoseLike, turns: float, radius_m: float, speed_m_s: float, *, pitch_m: float = 0.3
+) -> SampledTrajectory:
     """Return a spiral that widens in the image plane's directions while it advances, looking ahead all the time.
 
     Args:
@@ -142,9 +148,10 @@ def spiral(start: Pose, turns: float, radius_m: float, speed_m_s: float, *, pitc
     Raises:
         ValueError: for numbers out of range.
     """
+    start = as_pose(start, "start")
     _check_positive(turns=turns, radius_m=radius_m, speed_m_s=speed_m_s)
     if not 0 <= pitch_m < np.inf:
-        raise ValueError(f"pitch_m must be finite and >= 0, got {pitch_m}")
+        raise ArgumentError("{pitch_m} must be finite and >= 0, got {}", pitch_m)
     share = np.linspace(0.0, 1.0, max(8, round(24 * turns)) + 1)
     angle = 2 * np.pi * turns * share
     in_camera = np.stack(
@@ -155,7 +162,7 @@ def spiral(start: Pose, turns: float, radius_m: float, speed_m_s: float, *, pitc
 
 
 def walking(
-    start: Pose,
+    start: PoseLike,
     duration_s: float,
     *,
     speed_m_s: float = 1.4,
@@ -180,6 +187,7 @@ def walking(
     The defaults are of the order that is found for a person's head (Pozzo, Berthoz and Lefort, "Head stabilization
     during various locomotor tasks in humans", Exp. Brain Res. 82, 1990), not a fit to anybody's.
     """
+    start = as_pose(start, "start")
     _check_positive(duration_s=duration_s, speed_m_s=speed_m_s, steps_hz=steps_hz)
     for name, value in (("bob_m", bob_m), ("sway_m", sway_m), ("nod_rad", nod_rad)):
         if not 0 <= value < np.inf:
@@ -199,7 +207,7 @@ def walking(
 
 
 def running(
-    start: Pose,
+    start: PoseLike,
     duration_s: float,
     *,
     speed_m_s: float = 3.0,
@@ -210,6 +218,7 @@ def running(
     seed: int = 0,
 ) -> SampledTrajectory:
     """Return the path of :func:`walking` for a person who runs."""
+    start = as_pose(start, "start")
     return walking(
         start,
         duration_s,
@@ -320,4 +329,4 @@ def _unit(direction: npt.ArrayLike) -> FloatArray:
 def _check_positive(**values: float) -> None:
     for name, value in values.items():
         if not 0 < value < np.inf:
-            raise ValueError(f"{name} must be finite and > 0, got {value}")
+            raise ArgumentError("{argument} must be finite and > 0, got {}", value, argument=name)

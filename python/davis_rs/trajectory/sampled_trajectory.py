@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from ..argument_error import ArgumentError
 from ..pose import UNIT_NORM_TOLERANCE, FloatArray, body_rates
 from .sample_noise import pose_noise
 from .trajectory import Trajectory
@@ -49,6 +50,8 @@ class SampledTrajectory(Trajectory):
             them counts as no noise. They change nothing where the noise is given.
         max_gap_s: the normal spacing is the median; a gap above three times that is bridged with a warning if it is
             at most this long.
+        start_time_ns: when the first sample was taken, nanoseconds; None: at its ``t_s``. Float64 seconds of Unix time
+            are only good to 0.2 us, so give it where ``t_s`` counts from elsewhere.
         sample_name: names sample i in messages ("sample i at t s" by default).
         description: what :meth:`describe` adds, such as the source.
 
@@ -69,23 +72,27 @@ class SampledTrajectory(Trajectory):
         position_step_m: float = 0.0,
         quaternion_step: float = 0.0,
         max_gap_s: float = 0.1,
+        start_time_ns: int | None = None,
         sample_name: Callable[[int], str] | None = None,
         description: Mapping[str, object] | None = None,
     ) -> None:
         t, p, q = (np.asarray(a, np.float64) for a in (t_s, positions, quaternions))
         if t.ndim != 1 or p.shape != (len(t), 3) or q.shape != (len(t), 4):
-            raise ValueError(
-                "t_s, positions and quaternions must have shapes (n,), (n, 3) and (n, 4), "
-                f"got {t.shape}, {p.shape} and {q.shape}"
+            raise ArgumentError(
+                "{t_s}, {positions} and {quaternions} must have shapes (n,), (n, 3) and (n, 4), got {}, {} and {}",
+                t.shape,
+                p.shape,
+                q.shape,
             )
         for name, value in (("position_sigma_m", position_sigma_m), ("rotation_sigma_rad", rotation_sigma_rad)):
             if value is not None and not 0 <= value < np.inf:
-                raise ValueError(f"{name} must be finite and >= 0, got {value}")
+                raise ArgumentError("{argument} must be finite and >= 0, got {}", value, argument=name)
         if not 0 < max_gap_s < np.inf:
-            raise ValueError(f"max_gap_s must be finite and > 0, got {max_gap_s}")
+            raise ArgumentError("{max_gap_s} must be finite and > 0, got {}", max_gap_s)
         name_of = sample_name or (lambda i: f"sample {i} at {t[i]} s")
         _check_samples(t, p, q, max_gap_s, name_of)
 
+        self.start_time_ns = round(float(t[0]) * 1e9) if start_time_ns is None else start_time_ns
         t = t - t[0]
         self.duration_s = float(t[-1])
         q = _continuous(q)
@@ -105,6 +112,7 @@ class SampledTrajectory(Trajectory):
             "samples": len(t),
             "position_sigma_m": float(position_sigma_m),
             "rotation_sigma_rad": float(rotation_sigma_rad),
+            "start_time_ns": self.start_time_ns,
             **(description or {}),
         }
 

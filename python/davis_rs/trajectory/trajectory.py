@@ -9,7 +9,18 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ..pose import FloatArray, Pose, body_rates, conjugate, describe_pose, hamilton, rotation_matrices
+from ..argument_error import ArgumentError
+from ..pose import (
+    FloatArray,
+    Pose,
+    PoseLike,
+    as_pose,
+    body_rates,
+    conjugate,
+    describe_pose,
+    hamilton,
+    rotation_matrices,
+)
 
 TIME_TOLERANCE_S = 1e-6
 
@@ -34,9 +45,13 @@ class Trajectory(ABC):
     An implementation sets ``duration_s`` and gives the five abstract methods; those that take times, (n,) in seconds,
     pass them through :meth:`times` first. One that knows its second derivatives gives them too: those of this class are
     differences, good to about 1e-8 of the third derivative, with noise of 1e-12 of the first over 1e-4 s.
+
+    Attributes:
+        start_time_ns: what t = 0 is on the clock of the file or the path that this one was made of, nanoseconds.
     """
 
     duration_s: float
+    start_time_ns: int = 0
 
     @abstractmethod
     def positions(self, t_s: npt.ArrayLike) -> FloatArray:
@@ -138,7 +153,7 @@ class Trajectory(ABC):
             ValueError: for a window that is negative or not finite.
         """
         if not 0 <= window_s < np.inf:
-            raise ValueError(f"window_s must be finite and >= 0, got {window_s}")
+            raise ArgumentError("{window_s} must be finite and >= 0, got {}", window_s)
         t, window_s = _windows(self.duration_s, window_s)
         if window_s == 0:
             speeds = np.linalg.norm(self.velocities(t), axis=1)
@@ -308,9 +323,9 @@ class SegmentTrajectory(Trajectory):
         ValueError: for a duration that is not finite and > 0.
     """
 
-    def __init__(self, start: Pose, end: Pose, duration_s: float) -> None:
+    def __init__(self, start: PoseLike, end: PoseLike, duration_s: float) -> None:
         self.duration_s = _checked_duration(duration_s)
-        self.start, self.end = start, end
+        self.start, self.end = start, end = as_pose(start, "start"), as_pose(end, "end")
         self._velocity = (end.position - start.position) / self.duration_s
         # Slerp as a great circle of unit quaternions: q(t) = start cos(phi) + tangent sin(phi), phi growing evenly.
         cosine = float(start.quaternion @ end.quaternion)
@@ -354,7 +369,7 @@ class SegmentTrajectory(Trajectory):
 class _Aligned(Trajectory):
     def __init__(self, trajectory: Trajectory, pose: Pose, at_s: float) -> None:
         was = trajectory.pose(at_s)
-        self.duration_s = trajectory.duration_s
+        self.duration_s, self.start_time_ns = trajectory.duration_s, trajectory.start_time_ns
         self._base, self._pose, self._at_s = trajectory, pose, float(at_s)
         self._quaternion = hamilton(pose.quaternion, conjugate(was.quaternion))
         self._rotation = rotation_matrices(self._quaternion)
@@ -386,20 +401,21 @@ class _Aligned(Trajectory):
         return {"kind": "aligned", "duration_s": self.duration_s, **at, "trajectory": self._base.describe()}
 
 
-def align(trajectory: Trajectory, pose: Pose, at_s: float = 0.0) -> Trajectory:
+def align(trajectory: Trajectory, pose: PoseLike, at_s: float = 0.0) -> Trajectory:
     """Move ``trajectory`` rigidly so that its pose at ``at_s`` is ``pose``: T_new(t) = pose T(at_s)^-1 T(t).
 
     Velocities turn with it; body rates stay as they are.
 
     Raises:
-        ValueError: if ``at_s`` is outside the trajectory.
+        ValueError: if ``at_s`` is outside the trajectory, or as :func:`~davis_rs.as_pose`.
     """
-    return _Aligned(trajectory, pose, at_s)
+    return _Aligned(trajectory, as_pose(pose), at_s)
 
 
 class _Cropped(Trajectory):
     def __init__(self, trajectory: Trajectory, start_s: float, duration_s: float) -> None:
         self.duration_s = duration_s
+        self.start_time_ns = trajectory.start_time_ns + round(start_s * 1e9)
         self._base, self._start_s = trajectory, start_s
 
     def positions(self, t_s: npt.ArrayLike) -> FloatArray:

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from .._core import DecodeError
+from ..close_names import names_checked
 from ..untrusted import read_text
 from .sampled_trajectory import SampledTrajectory, SampleError
 
@@ -23,6 +24,7 @@ FARTHEST_M = 1e9
 _LONGEST_NUMBER = 400
 
 
+@names_checked
 def read_trajectory(
     path: str | Path,
     *,
@@ -91,11 +93,11 @@ def read_trajectory(
             position_step_m=_last_digit(word for seven in words for word in seven[:3]),
             quaternion_step=_last_digit(word for seven in words for word in seven[3:]),
             max_gap_s=max_gap_s,
+            start_time_ns=stamps_ns[0],
             sample_name=names.__getitem__,
             description={
                 "file": Path(path).name,
                 "sha256": hashlib.sha256(Path(path).read_bytes()).hexdigest(),
-                "start_time_ns": stamps_ns[0],
             },
         )
     except SampleError as error:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from ..pose import FloatArray, Pose, rotation_matrices
+from ..pose import FloatArray, PoseLike, as_pose, rotation_matrices
 from .trajectory import Trajectory
 
 
@@ -61,10 +61,11 @@ class Views:
         )
 
     @classmethod
-    def at_rest(cls, poses: Sequence[Pose], t_s: npt.ArrayLike = 0.0) -> Views:
+    def at_rest(cls, poses: Sequence[PoseLike], t_s: npt.ArrayLike = 0.0) -> Views:
         """Return cameras that do not move, all at time ``t_s``, or each at its own, (n,)."""
-        positions = np.array([pose.position for pose in poses]).reshape(-1, 3)
-        quaternions = np.array([pose.quaternion for pose in poses]).reshape(-1, 4)
+        checked = [as_pose(pose, "poses") for pose in poses]
+        positions = np.array([pose.position for pose in checked]).reshape(-1, 3)
+        quaternions = np.array([pose.quaternion for pose in checked]).reshape(-1, 4)
         still = np.zeros_like(positions)
         times = np.broadcast_to(np.asarray(t_s, np.float64), (len(poses),))
         return cls(times, positions, rotation_matrices(quaternions), still, still)

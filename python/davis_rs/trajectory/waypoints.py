@@ -7,6 +7,8 @@ from collections.abc import Callable
 import numpy as np
 import numpy.typing as npt
 
+from ..argument_error import ArgumentError
+from ..close_names import names_checked
 from ..pose import UNIT_NORM_TOLERANCE, FloatArray
 from .sampled_trajectory import SampledTrajectory
 
@@ -15,6 +17,7 @@ _TURN_RADIUS_M = 0.2
 _TABLE_PER_LEG = 200
 
 
+@names_checked
 def waypoint_trajectory(
     positions: npt.ArrayLike,
     quaternions: npt.ArrayLike,
@@ -56,9 +59,9 @@ def waypoint_trajectory(
     if (np.abs(norms - 1) > UNIT_NORM_TOLERANCE).any():
         raise ValueError(f"waypoint quaternions must have norm 1 within {UNIT_NORM_TOLERANCE}, got {norms.tolist()}")
     if not 0 < speed_m_s < np.inf:
-        raise ValueError(f"speed_m_s must be finite and > 0, got {speed_m_s}")
+        raise ArgumentError("{speed_m_s} must be finite and > 0, got {}", speed_m_s)
     if not 0 <= ramp_s < np.inf:
-        raise ValueError(f"ramp_s must be finite and >= 0, got {ramp_s}")
+        raise ArgumentError("{ramp_s} must be finite and >= 0, got {}", ramp_s)
     q /= norms[:, None]
     q[1:] *= np.cumprod(np.where((q[1:] * q[:-1]).sum(1) < 0, -1.0, 1.0))[:, None]
     angles = 2 * np.arccos(np.clip((q[1:] * q[:-1]).sum(1), -1, 1))

@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from ..argument_error import ArgumentError
 from ..biases import DAVIS240C_BIASES, DAVIS346_BIASES, BiasValues, ChipBias, CoarseFineBias, as_biases
+from ..close_names import names_checked
 from . import protocol
 from .description import DavisDescription
 from .protocol import Module, Register, Write, set_all
@@ -18,6 +20,7 @@ _SHIFTED_SOURCE = 1 << 4 | 33 << 10
 """Reference level 1, regulator level 33: both shifted sources of every chip."""
 
 
+@names_checked
 @dataclass(frozen=True, kw_only=True)
 class DavisSettings:
     """Settings of a camera; the defaults are those of the vendor's driver.
@@ -53,10 +56,15 @@ class DavisSettings:
             ("gyroscope_range_deg_s", GYROSCOPE_RANGES_DEG_S),
         ):
             if getattr(self, name) not in allowed:
-                raise ValueError(f"{name} is one of {', '.join(map(str, allowed))}; got {getattr(self, name)!r}")
+                raise ArgumentError(
+                    "{argument} is one of {}; got {!r}",
+                    ", ".join(map(str, allowed)),
+                    getattr(self, name),
+                    argument=name,
+                )
         for name, most in (("exposure_us", EXPOSURE_MAX_US), ("frame_interval_us", FRAME_INTERVAL_MAX_US)):
             if not 0 <= getattr(self, name) <= most:
-                raise ValueError(f"{name} must lie in 0..{most}, got {getattr(self, name)!r}")
+                raise ArgumentError("{argument} must lie in 0..{}, got {!r}", most, getattr(self, name), argument=name)
 
     def writes(self, camera: DavisDescription) -> tuple[Write, ...]:
         """Return everything that is written into the camera before it is started, in order.

@@ -9,6 +9,7 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
+from ..argument_error import ArgumentError
 from ..event_files.random_access import RandomAccess
 from ..events import EventArray
 
@@ -86,5 +87,5 @@ def positive(name: str, value: int | None) -> int:
         TypeError: if it is no integer.
     """
     if value is None or operator.index(value) < 1:
-        raise ValueError(f"{name} must be a positive integer: got {value}")
+        raise ArgumentError("{argument} must be a positive integer: got {}", value, argument=name)
     return operator.index(value)

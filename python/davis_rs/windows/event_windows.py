@@ -10,6 +10,8 @@ from typing import Any, Literal, overload
 
 import numpy as np
 
+from ..argument_error import ArgumentError
+from ..close_names import names_checked
 from ..dataset.reader import Dataset, StampedImage
 from ..event_files.random_access import RandomAccess
 from ..imu import IMU_DTYPE
@@ -21,6 +23,7 @@ from .window import EventWindow, WindowImages
 By = Literal["time", "count", "frames"]
 
 
+@names_checked
 class EventWindows(Sequence[EventWindow]):
     """Windows of an event file or a dataset folder, read when they are asked for, in any order.
 
@@ -74,7 +77,7 @@ class EventWindows(Sequence[EventWindow]):
         given = {"duration_us": duration_us, "stride_us": stride_us, "count": count, "stride": stride}
         belong = {"time": {"duration_us", "stride_us"}, "count": {"count", "stride"}, "frames": set[str]()}
         if by not in belong:
-            raise ValueError(f"windows are made by {', '.join(belong)}: got {by!r}")
+            raise ArgumentError("{by} must be one of {}: got {!r}", ", ".join(belong), by)
         strange = [name for name, value in given.items() if value is not None and name not in belong[by]]
         if strange:
             raise ValueError(f"windows by {by} take no {', '.join(strange)}")

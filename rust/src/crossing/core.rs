@@ -75,11 +75,12 @@ pub(crate) struct Core<S> {
 const BANDS_PER_THREAD: usize = 4;
 
 impl<S: Sample> Core<S> {
-    /// Memorises the first frame.
+    /// Takes the first frame, at which references begin.
     pub(crate) fn new(
         first: &[S],
         rates: Option<&[S]>,
         parameters: &CrossingParameters,
+        seed: u64,
         pool: Option<&rayon::ThreadPool>,
     ) -> Self {
         let mut logs = vec![0.0; first.len()];
@@ -92,7 +93,7 @@ impl<S: Sample> Core<S> {
             low: samples(),
             high: samples(),
             rates: rates.map_or(vec![], <[S]>::to_vec),
-            references: logs.into_iter().map(|base| Level { base, on: 0, off: 0 }).collect(),
+            references: logs.iter().enumerate().map(|(i, &log)| parameters.first_reference(log, i, seed)).collect(),
             last_event_us: vec![NEVER; first.len()],
             bands: (0..bands).map(|_| Band::new(parameters)).collect(),
         };

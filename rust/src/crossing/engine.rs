@@ -40,9 +40,10 @@ pub const MOST_THREADS: usize = 1024;
 /// Turns luma frames into events, by the crossing rule of an ideal event-camera pixel, or under [`Effects`].
 ///
 /// Each pixel holds a reference `R = B + n_on C_on - n_off C_off` with integer counters, `B` being the log intensity of
-/// the first frame. Between two frames log intensity is interpolated; an ON event falls each time it reaches
-/// `R + C_on`, an OFF event each time it reaches `R - C_off`, stamped with the first microsecond tick at or after the
-/// crossing. With linear interpolation every decision is exact for the given float64 log intensity.
+/// the first frame, less a phase where [`super::StartPhase`] asks for one. Between two frames log intensity is
+/// interpolated; an ON event falls each time it reaches `R + C_on`, an OFF event each time it reaches `R - C_off`,
+/// stamped with the first microsecond tick at or after the crossing. With linear interpolation every decision is exact
+/// for the given float64 log intensity.
 ///
 /// A pixel may have 2^32 - 1 events of each polarity; the push that might exceed that is refused.
 pub struct CrossingEngine {
@@ -152,7 +153,7 @@ impl CrossingEngine {
         Ok(Self {
             size,
             parameters,
-            readout: readout.map(|bus| Readout::new(size, bus, seed)),
+            readout: readout.map(|bus| Readout::new(size, bus, seed, effects.refractory_period_us)),
             effects,
             seed,
             threads: (threads > 1).then(|| Threads::start(threads)).transpose()?,
@@ -218,6 +219,12 @@ impl CrossingEngine {
         self.readout.as_ref().map_or(0, Readout::dropped)
     }
 
+    /// How often a pixel reached a level before the readout had carried its last event and its reset was over.
+    #[must_use]
+    pub fn missed_events(&self) -> u64 {
+        self.readout.as_ref().map_or(0, Readout::missed)
+    }
+
     /// The reference `R` of each pixel in log intensity, row by row; NaN before the first frame, and where a refractory
     /// pixel is held. Under a limited bandwidth it is to be compared with the last low-pass's output.
     #[must_use]
@@ -255,7 +262,7 @@ impl CrossingEngine {
                 let core = EffectCore::new(&frame, self.size, push.p, &self.effects, self.seed, push.pool);
                 Samples::Effects(Box::new(core), S::NAME)
             } else {
-                S::wrap(Core::new(frame.samples, frame.rate, push.p, push.pool))
+                S::wrap(Core::new(frame.samples, frame.rate, push.p, self.seed, push.pool))
             };
             events.clear();
         } else {

@@ -8,7 +8,7 @@
 //! ```
 //!
 //! [`pixel`] is the whole rule: it says which events one new sample makes. [`level`] says where the levels lie.
-//! [`curve`], [`mod@line`] and [`cubic`] say when log intensity reaches one.
+//! [`curve`], [`mod@line`] and [`cubic`] say when log intensity reaches one. [`start_phase`] says where references begin.
 //!
 //! Running that rule on every pixel would be slow. So [`sample`], [`steps`], [`scan`], [`decision`], [`candidates`] and
 //! [`cubic_candidates`] decide nearly all pixels in vector code, and leave to [`pixel`] what they cannot decide beyond
@@ -39,6 +39,7 @@ mod restore;
 mod room;
 mod sample;
 mod scan;
+mod start_phase;
 mod state;
 mod steps;
 
@@ -47,4 +48,5 @@ pub use engine::{CrossingEngine, MOST_THREADS};
 pub use frame::{Frame, SparseSamples};
 pub use parameters::{CrossingParameters, Interpolation, Threshold};
 pub use reconstruct::reconstruct;
+pub use start_phase::StartPhase;
 pub use state::{EffectState, EngineState};

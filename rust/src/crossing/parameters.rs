@@ -6,7 +6,8 @@ use crate::error::{Error, Result};
 use crate::event::SensorSize;
 use crate::log_intensity::{check_log_eps, check_none};
 
-use super::level::Thresholds;
+use super::level::{Level, Thresholds};
+use super::start_phase::StartPhase;
 
 /// A contrast threshold in natural-log units, in 1e-6..=1e3.
 ///
@@ -73,6 +74,8 @@ pub struct CrossingParameters {
     pub log_eps: f64,
     /// How log intensity runs between two frames.
     pub interpolation: Interpolation,
+    /// Where references lie at the first frame.
+    pub start_phase: StartPhase,
 }
 
 impl Default for CrossingParameters {
@@ -82,6 +85,7 @@ impl Default for CrossingParameters {
             contrast_threshold_off: Threshold::Uniform(0.15),
             log_eps: 1e-3,
             interpolation: Interpolation::Linear,
+            start_phase: StartPhase::Zero,
         }
     }
 }
@@ -98,6 +102,13 @@ impl CrossingParameters {
     #[inline]
     pub(crate) fn thresholds(&self, pixel: usize) -> Thresholds {
         Thresholds { on: self.contrast_threshold.at(pixel), off: self.contrast_threshold_off.at(pixel) }
+    }
+
+    /// The reference of a pixel at the first frame, where its log intensity is this.
+    #[allow(clippy::cast_possible_truncation, reason = "no sensor has 2^32 pixels")]
+    pub(crate) fn first_reference(&self, log_intensity: f64, pixel: usize, seed: u64) -> Level {
+        let base = self.start_phase.base(log_intensity, pixel as u32, self.thresholds(pixel), seed);
+        Level { base, on: 0, off: 0 }
     }
 
     /// The least threshold of any pixel.

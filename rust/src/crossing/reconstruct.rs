@@ -3,27 +3,27 @@
 //! What must not break: the result equals the engine's reference to the bit, because both count events in integers and
 //! round once.
 
-use super::level::{Level, Thresholds};
-use super::parameters::Threshold;
+use super::parameters::CrossingParameters;
 use crate::error::{Error, Result};
 use crate::event::{Event, SensorSize};
 
-/// `log I(x; t) = log I(x; 0) + (ON events until t) C_on - (OFF events until t) C_off`, for each pixel.
+/// `log I(x; t) = R(x; 0) + (ON events until t) C_on - (OFF events until t) C_off`, for each pixel: the engine's
+/// reference.
 ///
+/// `R(x; 0)` is the log intensity of the first frame, less the start phase that the parameters and the seed stand for.
 /// Mueggler et al., IJRR 2017, section 6. Counted in integers and rounded once, so that it is the engine's reference.
 ///
 /// # Errors
-/// [`Error::Argument`] for thresholds out of range, a frame of the wrong size, or an event outside of the sensor.
+/// [`Error::Argument`] for parameters out of range, a frame of the wrong size, or an event outside of the sensor.
 pub fn reconstruct(
     events: &[Event],
     first_log_intensity: &[f64],
     size: SensorSize,
     t_us: i64,
-    contrast_threshold: &Threshold,
-    contrast_threshold_off: &Threshold,
+    parameters: &CrossingParameters,
+    seed: u64,
 ) -> Result<Vec<f64>> {
-    contrast_threshold.check("contrast_threshold", size)?;
-    contrast_threshold_off.check("contrast_threshold_off", size)?;
+    parameters.check(size)?;
     if first_log_intensity.len() != size.pixels() {
         return Err(Error::Argument(format!(
             "first_log_intensity must have {} pixels, got {}",
@@ -31,7 +31,8 @@ pub fn reconstruct(
             first_log_intensity.len()
         )));
     }
-    let mut levels: Vec<Level> = first_log_intensity.iter().map(|&base| Level { base, on: 0, off: 0 }).collect();
+    let first = first_log_intensity.iter().enumerate();
+    let mut levels: Vec<_> = first.map(|(i, &log)| parameters.first_reference(log, i, seed)).collect();
     for (index, event) in events.iter().enumerate().filter(|(_, event)| event.t <= t_us) {
         if event.x >= size.width || event.y >= size.height {
             return Err(Error::Argument(format!(
@@ -46,6 +47,5 @@ pub fn reconstruct(
             level.on += 1;
         }
     }
-    let thresholds = |i| Thresholds { on: contrast_threshold.at(i), off: contrast_threshold_off.at(i) };
-    Ok(levels.iter().enumerate().map(|(i, level)| level.exact(thresholds(i)).value()).collect())
+    Ok(levels.iter().enumerate().map(|(i, level)| level.exact(parameters.thresholds(i)).value()).collect())
 }

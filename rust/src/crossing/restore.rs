@@ -7,6 +7,7 @@ use super::engine::{CrossingEngine, Feed, Samples};
 use super::frame::Frame;
 use super::parameters::Interpolation;
 use super::sample::Sample;
+use super::start_phase::StartPhase;
 use super::state::EngineState;
 use crate::error::{Error, Result};
 use crate::readout::Readout;
@@ -60,8 +61,10 @@ impl CrossingEngine {
                 state.size.pixels()
             )));
         }
-        // Behind a leak references lie wherever it has led them, under noise a threshold or two away.
-        let wanders = state.effects.leak.is_on() || state.effects.shot_noise.rms > 0.0;
+        // Behind a leak references lie wherever it has led them, under noise and at the start a threshold or two away.
+        let wanders = state.effects.leak.is_on()
+            || state.effects.shot_noise.rms > 0.0
+            || state.parameters.start_phase == StartPhase::Stationary;
         if !(if wanders { state.base.iter().all(|base| base.is_finite()) } else { f64::all_valid(&state.base) }) {
             let rule = if wanders { "be finite" } else { "lie within +-746" };
             return Err(Error::Argument(format!("the base of a state must {rule} in all pixels")));
@@ -95,15 +98,15 @@ impl CrossingEngine {
                 *name = if state.takes_luma { <f32 as Feed>::NAME } else { <f64 as Feed>::NAME };
             }
         }
-        engine.readout = match (&engine.readout, &state.readout) {
-            (None, None) => None,
-            (Some(readout), Some(stored)) => Some(readout.restored(state.size, stored, t_us)?),
+        match (&mut engine.readout, &state.readout) {
+            (None, None) => {}
+            (Some(readout), Some(stored)) => readout.restore(stored, t_us)?,
             _ => {
                 return Err(Error::Argument(
                     "a state must have a readout if its effects have one, and only then".into(),
                 ));
             }
-        };
+        }
         engine.largest_counter = engine.count_largest();
         Ok(engine)
     }

@@ -5,7 +5,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use super::arrays::{Float, column, frame, image, microseconds, threshold, threshold_to_python};
-use super::{arrays, effects, interpolation, state};
+use super::{arrays, effects, interpolation, start_phase, state};
 use crate::crossing::{CrossingEngine, CrossingParameters, Frame, SparseSamples, Threshold};
 use crate::error::Error;
 use crate::event::{Event, SensorSize};
@@ -13,9 +13,10 @@ use crate::event::{Event, SensorSize};
 /// Turns frames of linear luma into events, by the crossing rule of an ideal event-camera pixel.
 ///
 /// Each pixel holds a reference R = B + n_on C_on - n_off C_off with integer counters, B being its log intensity at the
-/// first frame. Between two frames log intensity L = ln(luma + log_eps) is interpolated; an ON event falls each time it
-/// reaches R + C_on, an OFF event each time it reaches R - C_off. An event's stamp is the first microsecond at or after
-/// the crossing, so it lies in (t_a, t_b]. After every frame -C_off < L - R < C_on holds in every pixel.
+/// first frame (see ``start_phase``). Between two frames log intensity L = ln(luma + log_eps) is interpolated; an ON
+/// event falls each time it reaches R + C_on, an OFF event each time it reaches R - C_off. An event's stamp is the
+/// first microsecond at or after the crossing, so it lies in (t_a, t_b]. After every frame -C_off < L - R < C_on holds
+/// in every pixel.
 ///
 /// With linear interpolation levels and stamps are decided exactly for the float64 L. With Hermite interpolation the
 /// stamp may be one microsecond off where the crossing lies within 1e-6 us of one, and where an extremum comes
@@ -35,7 +36,9 @@ use crate::event::{Event, SensorSize};
 ///     interpolation: ``linear``, or ``hermite``: cubics through samples and rates of change.
 ///     effects: :class:`davis_rs.Effects`, of which those on the log signal, in the pixel and on the stream act here;
 ///         None for ideal pixels.
-///     seed: of thresholds and noise, 0..2^64 - 1; None means 0.
+///     start_phase: where references lie at the first frame: ``zero``, at its log intensity; ``stationary``, so that
+///         L - R is uniform in (-C_off, C_on), drawn for each pixel, as in a camera that has run before.
+///     seed: of thresholds, start phases and noise, 0..2^64 - 1; None means 0.
 ///     threads: 1..1024; None means as many as make a sensor of this size faster, at most one a core. The events do not
 ///         depend on it.
 ///
@@ -59,6 +62,7 @@ impl PyCrossingEngine {
         log_eps=1e-3,
         interpolation="linear",
         effects=None,
+        start_phase="zero",
         seed=None,
         threads=None,
     ))]
@@ -71,6 +75,7 @@ impl PyCrossingEngine {
         log_eps: f64,
         interpolation: &str,
         effects: Option<&Bound<'_, PyAny>>,
+        start_phase: &str,
         seed: Option<&Bound<'_, PyAny>>,
         threads: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Self> {
@@ -88,6 +93,7 @@ impl PyCrossingEngine {
             contrast_threshold: on,
             log_eps,
             interpolation: interpolation::of_name(interpolation)?,
+            start_phase: start_phase::of_name(start_phase)?,
         };
         let effects = effects::from_python(effects)?;
         let seed = seed.map_or(Ok(0), arrays::seed)?;
@@ -171,6 +177,12 @@ impl PyCrossingEngine {
         self.0.dropped_events()
     }
 
+    /// How often a pixel reached a level before its last event was read out and its reset over; 0 without a bus.
+    #[getter]
+    fn missed_events(&self) -> u64 {
+        self.0.missed_events()
+    }
+
     /// C_on in natural-log units: one number for all pixels, or float64, shape (height, width), one for each.
     #[getter]
     fn contrast_threshold<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
@@ -224,11 +236,13 @@ impl PyCrossingEngine {
         let (SensorSize { width, height }, p) = (self.0.size(), self.0.parameters());
         let [on, off] = [&p.contrast_threshold, &p.contrast_threshold_off].map(threshold_range);
         let (log_eps, interpolation) = (p.log_eps, interpolation::name(p.interpolation));
+        let start_phase = start_phase::name(p.start_phase);
         let effects = effects::active(self.0.effects()).join(", ");
         let t_us = self.0.t_us().map_or("None".to_owned(), |t_us| t_us.to_string());
         format!(
             "CrossingEngine({width} x {height}, contrast_threshold={on}, contrast_threshold_off={off}, \
-             log_eps={log_eps:?}, interpolation={interpolation:?}, effects=[{effects}], t_us={t_us})"
+             log_eps={log_eps:?}, interpolation={interpolation:?}, effects=[{effects}], \
+             start_phase={start_phase:?}, t_us={t_us})"
         )
     }
 

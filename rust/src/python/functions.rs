@@ -3,7 +3,9 @@
 use numpy::{PyArray2, PyReadonlyArray1};
 use pyo3::prelude::*;
 
-use super::arrays::{events, frame, image, size_of, threshold};
+use super::arrays::{self, events, frame, image, size_of, threshold};
+use super::start_phase;
+use crate::crossing::CrossingParameters;
 use crate::event::Event;
 
 /// Compute L = ln(luma + log_eps) in float64, shape (height, width), as :class:`CrossingEngine` does.
@@ -26,7 +28,8 @@ pub(super) fn log_intensity<'py>(luma: &Bound<'py, PyAny>, log_eps: f64) -> PyRe
 
 /// Compute log intensity at ``t_us`` from that of the first frame and the events until then (t <= t_us).
 ///
-/// log I(x; t) = log I(x; 0) + n_on C_on - n_off C_off with each pixel's counts: the engine's reference to the bit.
+/// log I(x; t) = log I(x; 0) - d(x) + n_on C_on - n_off C_off with each pixel's counts and start phase d: the engine's
+/// reference to the bit.
 ///
 /// Args:
 ///     events: events of the sensor, in any order.
@@ -34,28 +37,47 @@ pub(super) fn log_intensity<'py>(luma: &Bound<'py, PyAny>, log_eps: f64) -> PyRe
 ///     t_us: time in microseconds; later events are left out.
 ///     contrast_threshold, contrast_threshold_off: C_on and C_off as :class:`CrossingEngine` takes them; without C_off
 ///         it is C_on.
+///     start_phase, seed: as of the :class:`CrossingEngine` that made the events; with ``zero`` all d are 0.
 ///
 /// Returns:
 ///     float64, shape (height, width).
 ///
 /// Raises:
-///     ValueError: for thresholds out of range or an event outside of the frame.
+///     ValueError: for thresholds out of range, a start phase that does not exist, or an event outside of the frame.
 ///
 /// Source: Mueggler et al., IJRR 2017, section 6.
 #[pyfunction]
-#[pyo3(signature = (events, first_log_intensity, t_us, contrast_threshold, contrast_threshold_off=None))]
+#[pyo3(signature = (
+    events,
+    first_log_intensity,
+    t_us,
+    contrast_threshold,
+    contrast_threshold_off=None,
+    *,
+    start_phase="zero",
+    seed=None,
+))]
+#[allow(clippy::too_many_arguments, reason = "keywords in Python")]
 pub(super) fn reconstruct<'py>(
     #[pyo3(from_py_with = events)] events: PyReadonlyArray1<'py, Event>,
     first_log_intensity: &Bound<'py, PyAny>,
     t_us: i64,
     contrast_threshold: &Bound<'py, PyAny>,
     contrast_threshold_off: Option<&Bound<'py, PyAny>>,
+    start_phase: &str,
+    seed: Option<&Bound<'py, PyAny>>,
 ) -> PyResult<Bound<'py, PyArray2<f64>>> {
     let first = frame::<f64>(first_log_intensity, "first_log_intensity", None)?;
     let size = size_of(&first)?;
     let on = threshold(contrast_threshold, "contrast_threshold", size)?;
     let off = contrast_threshold_off.map(|c| threshold(c, "contrast_threshold_off", size)).transpose()?;
-    let off = off.as_ref().unwrap_or(&on);
-    let logs = crate::crossing::reconstruct(events.as_slice()?, first.as_slice()?, size, t_us, &on, off)?;
+    let parameters = CrossingParameters {
+        contrast_threshold_off: off.unwrap_or_else(|| on.clone()),
+        contrast_threshold: on,
+        start_phase: start_phase::of_name(start_phase)?,
+        ..CrossingParameters::default()
+    };
+    let seed = seed.map_or(Ok(0), arrays::seed)?;
+    let logs = crate::crossing::reconstruct(events.as_slice()?, first.as_slice()?, size, t_us, &parameters, seed)?;
     image(first.py(), logs, size)
 }

@@ -21,6 +21,7 @@ mod render;
 mod represent;
 mod ros;
 mod sink;
+mod start_phase;
 mod state;
 
 use pyo3::create_exception;

@@ -6,13 +6,13 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use super::arrays::{threshold, threshold_to_python};
-use super::{effects, interpolation};
+use super::{effects, interpolation, start_phase};
 use crate::crossing::{CrossingParameters, EffectState, EngineState};
 use crate::event::{Event, SensorSize};
 use crate::readout::ReadoutState;
 
 /// Raised when the meaning of an entry changes.
-const VERSION: u32 = 4;
+const VERSION: u32 = 5;
 
 pub(super) fn to_dict(py: Python<'_>, state: EngineState) -> PyResult<Bound<'_, PyDict>> {
     let dict = PyDict::new(py);
@@ -25,6 +25,7 @@ pub(super) fn to_dict(py: Python<'_>, state: EngineState) -> PyResult<Bound<'_, 
     dict.set_item("contrast_threshold_off", threshold(state.parameters.contrast_threshold_off)?)?;
     dict.set_item("log_eps", state.parameters.log_eps)?;
     dict.set_item("interpolation", interpolation::name(state.parameters.interpolation))?;
+    dict.set_item("start_phase", start_phase::name(state.parameters.start_phase))?;
     dict.set_item("effects", effects::to_dict(py, &state.effects)?)?;
     dict.set_item("seed", state.seed)?;
     dict.set_item("t_us", state.t_us)?;
@@ -86,6 +87,8 @@ fn readout_to_dict(py: Python<'_>, state: ReadoutState) -> PyResult<Bound<'_, Py
     dict.set_item("last_stamp_us", state.last_stamp_us)?;
     dict.set_item("bursts", state.bursts)?;
     dict.set_item("dropped", state.dropped)?;
+    dict.set_item("missed", state.missed)?;
+    dict.set_item("ready_us", state.ready_us.into_pyarray(py))?;
     Ok(dict)
 }
 
@@ -98,6 +101,8 @@ fn readout_from_dict(dict: &Bound<'_, PyDict>) -> PyResult<ReadoutState> {
         last_stamp_us: item(dict, "last_stamp_us")?.extract()?,
         bursts: item(dict, "bursts")?.extract()?,
         dropped: item(dict, "dropped")?.extract()?,
+        missed: item(dict, "missed")?.extract()?,
+        ready_us: values(dict, "ready_us")?,
     })
 }
 
@@ -124,6 +129,7 @@ pub(super) fn from_dict(dict: &Bound<'_, PyDict>) -> PyResult<EngineState> {
             contrast_threshold_off: threshold(&item(dict, "contrast_threshold_off")?, "contrast_threshold_off", size)?,
             log_eps: item(dict, "log_eps")?.extract()?,
             interpolation: interpolation::of_name(item(dict, "interpolation")?.extract()?)?,
+            start_phase: start_phase::of_name(item(dict, "start_phase")?.extract()?)?,
         },
         effects: effects::from_python(Some(&item(dict, "effects")?))?,
         seed: item(dict, "seed")?.extract()?,

@@ -14,8 +14,8 @@ from ..._mitsuba import FAST, default_variant, load_scene_source, variant, versi
 from ...progress import progress, say
 from ...scene.scene import Scene
 from ..matte import simplify_materials
+from ..obstacles import Obstacles, Unsuitable
 from ..scene_motion import SceneMotion
-from ..scene_texture import Unsuitable
 from . import cache
 from .bake import MOST_POINTS, Surfaces, bake
 from .instants import MOST_INSTANTS, MotionTimes, hats, motion_times
@@ -24,6 +24,7 @@ from .lights import (
     SkyMap,
     background_luma,
     check_lights,
+    check_strengths,
     emissions,
     irradiance_of,
     light_groups,
@@ -103,32 +104,54 @@ class BakedLight:
         return hats(self.maps.instants, t_s)
 
 
+def check_baking(loaded: Any, mi: Any, motion: SceneMotion) -> None:
+    """Refuse a scene whose light cannot be baked.
+
+    Args:
+        loaded: the scene, under the variant in force.
+        motion: of its objects.
+
+    Raises:
+        Unsuitable: with all lights that this is not made for, for another integrator, or without LLVM.
+    """
+    obstacles = Obstacles()
+    name, why = default_variant()
+    with obstacles.go_on():
+        if name != FAST:
+            raise Unsuitable(f"its light would have to be baked, which needs LLVM: {why}")
+    with obstacles.go_on():
+        if not loaded.emitters():
+            raise Unsuitable("it has no lights", "give it one")
+    with obstacles.go_on():
+        paths_of(loaded.integrator())
+    with obstacles.go_on():
+        check_lights(loaded, mi)
+    for shape in small_lamps(loaded):
+        with obstacles.go_on():
+            if shape.id() in motion.objects:
+                rule = "moves: its sharp shadows would have to move with it"
+                raise Unsuitable(rule, "let it rest", f"the small lamp {shape.id()!r}")
+    obstacles.refuse()
+
+
 def baked_light(scene: Scene, surfaces: Surfaces, motion: SceneMotion, error: float) -> BakedLight:
     """Bake a scene's light, or take it from the cache.
 
     Args:
+        scene: that :func:`check_baking` takes.
         surfaces: of the scene, in the order of its shapes.
         motion: of the scene's objects, whose light is baked at several instants of it, and of its lights.
         error: that is allowed, relative.
 
     Raises:
-        Unsuitable: for lights or an integrator that this is not made for, or without LLVM.
         ValueError: for lights that cannot be.
     """
-    name, why = default_variant()
-    if name != FAST:
-        raise Unsuitable(f"its light would have to be baked, which needs LLVM: {why}")
     with variant(FAST) as (mi, _):
         loaded = load_scene_source(scene.source(), mi)
         simplify_materials(loaded, mi, matte=scene.matte)
-        if not loaded.emitters():
-            raise Unsuitable("it has no lights")
+        check_strengths(loaded, mi)
         paths = paths_of(loaded.integrator())
-        check_lights(loaded, mi)
         names = light_groups(loaded, list(motion.lights))
-        for shape in small_lamps(loaded):
-            if shape.id() in motion.objects:
-                raise Unsuitable(f"the small lamp {shape.id()!r} moves: its sharp shadows would have to move with it")
         duration_s = None if scene.trajectory is None else scene.trajectory.duration_s
         times = motion_times(motion, duration_s)
         emitted, emitters = emissions(loaded, mi, surfaces.counts, names)

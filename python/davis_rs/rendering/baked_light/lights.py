@@ -12,9 +12,9 @@ import numpy as np
 import numpy.typing as npt
 
 from ...luma import LUMA_WEIGHTS
+from ..obstacles import Obstacles, Unsuitable
 from ..scene_motion import STILL, SceneMotion
 from ..scene_scale import scale_scene
-from ..scene_texture import Unsuitable
 from ..scene_updates import SceneUpdates, like, strength_key
 from .irradiance import Irradiance
 from .partial import PartialBake
@@ -56,38 +56,53 @@ def paths_of(integrator: Any) -> Paths:
     if kind == "DirectIntegrator":
         return Paths(2, _ROULETTE_DEPTH)
     if kind != "PathIntegrator":
-        raise Unsuitable(f"the scene asks for Mitsuba's {kind}; light is baked for its path and direct integrators")
+        rule = f"the scene asks for Mitsuba's {kind}; light is baked for its path and direct integrators"
+        raise Unsuitable(rule, "name one of these")
     found = {name: int(value) for name, value in re.findall(r"(\w+_depth) = (-?\d+)", str(integrator))}
     depth = found.get("max_depth", _PATH_DEPTH)
     return Paths(-1 if depth >= 2**31 else depth, found.get("rr_depth", _ROULETTE_DEPTH))
 
 
 def check_lights(scene: Any, mi: Any) -> None:
-    """Refuse lights that cannot be.
+    """Refuse kinds of light that are not baked.
 
     Raises:
-        ValueError: for radiance that is negative or not finite.
-        Unsuitable: for a kind of light that is not baked.
+        Unsuitable: with all of them.
     """
+    obstacles = Obstacles()
     hidden = bool(getattr(scene.integrator(), "hide_emitters", False))
     for own_name, emitter in named_emitters(scene):
-        kind, parameters = emitter.class_name(), mi.traverse(emitter)
+        kind = emitter.class_name()
         name = f"light {own_name!r}, a {kind},"
+        with obstacles.go_on():
+            if kind not in (*SHARP, *_SOFT):
+                lights = "point, spot, directional, area and constant lights and environment maps"
+                raise Unsuitable(f"is not baked: {lights} are", "give it as one of these", name)
+            if kind == "AreaLight" and "radiance.value" not in mi.traverse(emitter):
+                raise textured_lamp(own_name)
+            if kind == "AreaLight" and hidden:
+                rule = "is hidden by the scene's integrator (hide_emitters)"
+                raise Unsuitable(rule, "leave hide_emitters out", name)
+    obstacles.refuse()
+
+
+def check_strengths(scene: Any, mi: Any) -> None:
+    """Refuse, by a ValueError, lights whose radiance is negative or not finite."""
+    for name, emitter in named_emitters(scene):
+        parameters = mi.traverse(emitter)
         for key, values in ((key, _flat(parameters[key])) for key in parameters.keys()):  # noqa: SIM118
             if key.partition(".")[0] not in ("radiance", "intensity", "irradiance", "data", "scale"):
                 continue
             wrong = ~(np.isfinite(values) & (values >= 0))
             if wrong.any():
-                raise ValueError(f"{name} has {key} {values[wrong][0]:g}; light is finite and not negative")
-        if kind not in (*SHARP, *_SOFT):
-            raise Unsuitable(
-                f"{name} is not baked: point, spot, directional, area and constant lights and environment maps are"
-            )
-        if kind == "AreaLight":
-            if "radiance.value" not in parameters:
-                raise Unsuitable(f"{name} has a radiance that differs from place to place")
-            if hidden:
-                raise Unsuitable(f"{name} is hidden by the scene's integrator (hide_emitters)")
+                what = f"light {name!r}, a {emitter.class_name()}, has {key} {values[wrong][0]:g}"
+                raise ValueError(f"{what}; light is finite and not negative")
+
+
+def textured_lamp(name: str) -> Unsuitable:
+    """What refuses a light of a shape that shines with a texture."""
+    rule = "has a radiance that differs from place to place"
+    return Unsuitable(rule, "give it one colour", f"light {name!r}")
 
 
 def emissions(scene: Any, mi: Any, counts: Sequence[int], names: Sequence[str]) -> tuple[FloatArray, IntArray]:

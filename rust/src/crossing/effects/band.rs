@@ -30,7 +30,6 @@ use crate::crossing::room::{Allowance, Full, Room};
 use crate::crossing::sample::Sample;
 use crate::crossing::scan::TILE;
 use crate::event::Event;
-use crate::random::{Draw, Purpose};
 
 /// A frame's share of a band, and the interval that it ends.
 pub(super) struct Share<'a, S> {
@@ -130,7 +129,7 @@ impl Tile {
 }
 
 impl Band {
-    /// Pixels that have just memorised their first log intensity.
+    /// Pixels at their first log intensity.
     #[allow(clippy::cast_possible_truncation, reason = "no sensor has 2^32 pixels")]
     pub(super) fn new(
         first_pixel: usize,
@@ -142,10 +141,7 @@ impl Band {
         let (n, effects) = (logs.len(), &sensor.effects);
         let number = |i: usize| (first_pixel + i) as u32;
         let thresholds = |i: usize| p.thresholds(first_pixel + i);
-        let leaks = effects.leak.is_on();
-        // A leaking pixel has leaked before: by a part of C_on that differs from pixel to pixel.
-        let phase = |i| if leaks { Draw::at(sensor.seed, Purpose::LeakPhase, number(i), 0).uniform() } else { 0.0 };
-        let base = |(i, log): (usize, &f64)| log - phase(i) * thresholds(i).on;
+        let reference = |(i, &log): (usize, &f64)| p.first_reference(log, first_pixel + i, sensor.seed);
         let hot = sensor.hot.iter().flat_map(|noise| {
             let chosen = (0..n).filter(|&i| noise.chosen(number(i)));
             chosen.map(|i| (i as u32, noise.first(number(i))))
@@ -164,7 +160,7 @@ impl Band {
                 filtered: filtered.clone(),
             },
             before: vec![],
-            references: logs.iter().enumerate().map(|item| Level { base: base(item), on: 0, off: 0 }).collect(),
+            references: logs.iter().enumerate().map(reference).collect(),
             last_event_us: vec![NEVER; n],
             photoreceptor,
             filtered,

@@ -34,7 +34,7 @@ pub(crate) struct EffectCore {
 const BANDS_PER_THREAD: usize = 4;
 
 impl EffectCore {
-    /// Memorises the first frame.
+    /// Takes the first frame, at which references begin.
     pub(crate) fn new<S: Sample>(
         frame: &Frame<'_, S>,
         size: SensorSize,

@@ -1,0 +1,63 @@
+"""Whole runs with the effects that a plan chose, and with all of a sensor's: do they make as many events?
+
+python benches/auto_effects.py
+
+Short parts of three scenes are seen by the davis240c in dim, common and very bright light: once with `effects="auto"`,
+and once with all of the sensor's effects, both with the same seed. The difference of the counts of events is printed
+next to the one that the plan forecast.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from davis_rs import SENSORS, Scene, load_scene
+from davis_rs.settings import SimulationSettings
+from davis_rs.simulation import make_simulator
+
+SCENES = {"three_walls": (0.5, 0.3), "three_planes": (0.5, 0.1), "fence": (0.5, 0.3)}
+"""From where on, and for how long, in seconds."""
+
+LIGHTS_LUX = 5.0, 300.0, 20_000.0
+
+SENSOR = replace(SENSORS["davis240c"], width=None, height=None)
+"""What auto takes."""
+
+
+def part(name: str) -> Scene:
+    return load_scene(name).crop(*SCENES[name])
+
+
+def counted(scene: Scene, lux: float, **settings: object) -> tuple[int, float, str]:
+    """Events of a whole run, the error that was forecast in percent, and the effects on events that it had."""
+    rates = {"frame_rate_hz": 0, "depth_rate_hz": 0, "lux_per_luma": lux}
+    made = make_simulator(scene, {**SimulationSettings(), **rates, **settings})
+    events = sum(len(packet.events) for packet in made.simulator.run())
+    together = None if made.plan is None else made.plan.together
+    forecast = float("nan") if together is None else together.omission.count_percent
+    return events, forecast, ", ".join(effect.name for effect in made.simulator.effects if effect.name != "aps")
+
+
+def main() -> None:
+    """One row a scene and light."""
+    print("| scene | lux at luma 1 | all effects | auto | difference | forecast | left out |")
+    print("|---|---:|---:|---:|---:|---:|---|")
+    for name in SCENES:
+        for lux in LIGHTS_LUX:
+            everything, _, names = counted(part(name), lux, sensor=SENSOR)
+            chosen, forecast, called_for = counted(part(name), lux, effects="auto")
+            left = ", ".join(sorted(set(names.split(", ")) - set(called_for.split(", ")))) or "none"
+            difference = 100 * (chosen / everything - 1)
+            cells = [
+                name,
+                f"{lux:,.0f}",
+                f"{everything:,}",
+                f"{chosen:,}",
+                f"{difference:+.2f} %",
+                f"{forecast:+.2f} %",
+            ]
+            print(f"| {' | '.join([*cells, left])} |", flush=True)
+
+
+if __name__ == "__main__":
+    main()
