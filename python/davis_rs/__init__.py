@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from .event_files.read import iter_events, open_reader, read_events
     from .event_files.write import open_writer
     from .event_matching import EventComparison, compare_events
-    from .events import EVENT_DTYPE, as_events
+    from .events import EVENT_DTYPE, as_events, event_array
     from .formats import EventReader, EventWriter, TruncatedFileWarning, WriteReport
     from .frames_to_events.events_from_frames import events_from_frames
     from .frames_to_events.frame_values import FrameValuesWarning
@@ -151,6 +151,7 @@ _MODULES = {
     "compare_streams": "stream_statistics",
     "convert": "event_files.conversion",
     "estimate_noise": "monte_carlo_noise",
+    "event_array": "events",
     "event_truth": "ground_truth",
     "events_from_frames": "frames_to_events.events_from_frames",
     "fit_sensor": "sensor_fit",
@@ -274,6 +275,7 @@ __all__ = [
     "compare_streams",
     "convert",
     "estimate_noise",
+    "event_array",
     "event_truth",
     "events_from_frames",
     "fit_sensor",

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 import numpy.typing as npt
 
-from .events import EVENT_DTYPE, EventArray
+from .events import EVENT_DTYPE, EventArray, as_events
 
 LAYOUTS: Mapping[str, np.dtype[np.void]] = {
     "tonic": np.dtype([("x", "<i2"), ("y", "<i2"), ("t", "<i8"), ("p", "?")]),
@@ -48,7 +48,7 @@ def to_structured(events: EventArray, layout: str | npt.DTypeLike) -> npt.NDArra
         ValueError: if a value does not fit its field exactly, with the event's index; for an unknown layout.
     """
     named = LAYOUTS.get(layout) if isinstance(layout, str) else None
-    return _converted(events, EVENT_DTYPE, np.dtype(layout) if named is None else named)
+    return _converted(as_events(events), EVENT_DTYPE, np.dtype(layout) if named is None else named)
 
 
 def from_structured(events: npt.NDArray[np.void]) -> EventArray:
@@ -58,6 +58,8 @@ def from_structured(events: npt.NDArray[np.void]) -> EventArray:
         ValueError: if a field is missing or a value does not fit, with the event's index; for a polarity other than
             0 and 1 (or false and true).
     """
+    if np.asarray(events).dtype.names is None:
+        return as_events(events)  # columns by name; others are refused
     converted = _converted(events, events.dtype, EVENT_DTYPE)
     if len(converted) and converted["p"].max() > 1:
         at = int(converted["p"].argmax())

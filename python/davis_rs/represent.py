@@ -1,6 +1,6 @@
 """Events as images: counts, time surfaces, times of last events, voxel grids and spike tensors, as networks take them.
 
-All take an array of :data:`~davis_rs.EVENT_DTYPE` and the sensor's ``size`` as (width, height), and never change it.
+All take events as :func:`~davis_rs.as_events` does and the sensor's ``size`` as (width, height), and never change it.
 An event that lies outside of the sensor is a ValueError with its index.
 
 Counts, voxel grids and spike tensors of a window that is given (``start_us``, ``stop_us``) are sums over its events, so
@@ -14,6 +14,7 @@ names its own.
 from __future__ import annotations
 
 import operator
+from collections.abc import Iterable
 from typing import Any, Literal
 
 import numpy as np
@@ -23,7 +24,7 @@ from ._core import count_events, latest_times, spike_tensor
 from ._core import voxel_grid as _voxel_grid
 from .argument_error import ArgumentError
 from .close_names import names_checked
-from .events import EventArray
+from .events import EventArray, as_events
 
 
 def event_frame(events: EventArray, size: tuple[int, int]) -> npt.NDArray[np.int32]:
@@ -68,6 +69,7 @@ def time_surface(
     """
     if not tau_us > 0:
         raise ArgumentError("{tau_us} must be > 0 us, got {}", tau_us)
+    events = as_events(events)
     if t_us is None:
         t_us = int(events["t"][-1]) if len(events) else 0
     latest = latest_times(events, _checked(size), t_us)
@@ -110,8 +112,8 @@ def voxel_grid(
     Source: Zhu et al., "Unsupervised Event-based Learning of Optical Flow, Depth, and Egomotion", CVPR 2019, section
     3.1, equations 1 to 3.
     """
-    if operator.index(bins) < 1:
-        raise ArgumentError("{bins} must be at least 1, got {}", bins)
+    _check_number("bins", bins)
+    events = as_events(events)
     start, stop = _window(events, start_us, stop_us)
     return _voxel_grid(events, _checked(size), bins, start, stop, endpoint).astype(dtype, copy=False)
 
@@ -151,10 +153,10 @@ def event_spike_tensor(
     Source: Gehrig et al., "End-to-End Learning of Representations for Asynchronous Event-Based Data", ICCV 2019,
         section 3.
     """
-    if operator.index(bins) < 1:
-        raise ArgumentError("{bins} must be at least 1, got {}", bins)
+    _check_number("bins", bins)
     if measurement not in ("time", "count"):
         raise ArgumentError("{measurement} must be time or count, got {!r}", measurement)
+    events = as_events(events)
     start, stop = _window(events, start_us, stop_us)
     grid = spike_tensor(events, _checked(size), bins, start, stop, measurement == "time")
     return grid.astype(dtype, copy=False)
@@ -187,8 +189,8 @@ def last_event_times(
     Source: Zhu et al., "EV-FlowNet", RSS 2018, section III-A (the last one); Baldwin et al., "Time-Ordered Recent Event
     (TORE) Volumes for Event Cameras", TPAMI 2022 (the last few, there on a logarithmic scale).
     """
-    if operator.index(count) < 1:
-        raise ArgumentError("{count} must be at least 1, got {}", count)
+    _check_number("count", count)
+    events = as_events(events)
     start, stop = _window(events, start_us, stop_us)
     if stop < start:
         raise ValueError(f"a window must not end before it starts: got {start}..{stop} us")
@@ -205,8 +207,15 @@ def _window(events: EventArray, start_us: int | None, stop_us: int | None) -> tu
     return start, max(start, last) if stop_us is None else stop_us
 
 
+def _check_number(name: str, value: int) -> None:
+    """Refuse what is no number of planes or events."""
+    if isinstance(value, bool) or not hasattr(value, "__index__") or value < 1:
+        raise ArgumentError("{argument} must be an integer >= 1, got {!r}", value, argument=name)
+
+
 def _checked(size: tuple[int, int]) -> tuple[int, int]:
-    width, height = (operator.index(side) for side in size)
-    if not (1 <= width <= 65_535 and 1 <= height <= 65_535):
-        raise ArgumentError("{size} must be (width, height) with sides of 1..65535 pixels, got {}", size)
-    return width, height
+    sides = tuple(size) if isinstance(size, Iterable) and not isinstance(size, str) else ()
+    if len(sides) != 2 or not all(hasattr(side, "__index__") and 1 <= side <= 65_535 for side in sides):
+        raise ArgumentError("{size} must be (width, height) with sides of 1..65535 pixels, got {!r}", size)
+    width, height = sides
+    return operator.index(width), operator.index(height)

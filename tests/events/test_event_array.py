@@ -3,13 +3,37 @@
 from __future__ import annotations
 
 import pickle
+import re
 from collections.abc import Callable
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import pytest
 
-from davis_rs import EVENT_DTYPE, CrossingEngine, DecodeError, as_events, reconstruct
+from davis_rs import (
+    EVENT_DTYPE,
+    ArgumentError,
+    CrossingEngine,
+    DatasetWriter,
+    DecodeError,
+    Device,
+    Encoder,
+    Packet,
+    as_events,
+    compare_events,
+    compare_streams,
+    event_array,
+    from_structured,
+    measure_recording,
+    measure_stream,
+    open_writer,
+    reconstruct,
+    represent,
+    to_tonic,
+)
+from davis_rs.effects import event_draws
 from davis_rs.events import EventArray
 
 FIELDS = [("t", "<i8", 0), ("x", "<u2", 8), ("y", "<u2", 10), ("p", "|u1", 12)]
@@ -139,8 +163,74 @@ def test_values_that_an_event_cannot_hold_are_refused(name: str, dtype: str, val
 )
 def test_what_is_not_events_is_refused(source: npt.ArrayLike) -> None:
     """The error states the rule and what came instead."""
-    with pytest.raises(ValueError, match=r"one-dimensional structured array with fields t, x, y, p .*; got shape"):
+    with pytest.raises(ValueError, match=r"structured array with fields t, x, y, p .*; got .*; davis_rs\."):
         as_events(source)
+
+
+COLUMNS = {"t": [5, 7], "x": [1, 65535], "y": [2, 0], "p": [1, 0]}
+
+
+def test_columns_become_events_by_their_names() -> None:
+    """As arguments, in a dictionary or in anything that has columns; floats and truth values that are whole, too."""
+    expected = [(5, 1, 2, 1), (7, 65535, 0, 0)]
+    assert event_array(**COLUMNS).tolist() == expected
+    assert as_events(COLUMNS).tolist() == expected
+    assert event_array(t=[5.0, 7.0], x=np.array([1, 65535], np.uint32), y=(2, 0), p=[True, False]).tolist() == expected
+    assert event_array([], [], [], []).dtype == EVENT_DTYPE
+    assert event_array(**COLUMNS).tobytes()[13:16] == b"\0\0\0"  # equal streams are equal bytes
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "message"),
+    [
+        ("t", [0.1, 0.2], "t must be whole microseconds (np.rint(1e6 * t) of seconds), got 0.1 at index 0"),
+        ("t", [1, 2**63], "t must be whole microseconds"),
+        ("t", [1, np.nan], "got nan at index 1"),
+        ("x", [0, 65536], "x must be whole pixels in 0..65535, got 65536 at index 1"),
+        ("y", [-1, 0], "y must be whole pixels in 0..65535, got -1 at index 0"),
+        ("p", [1, -1], "p must be 0 or 1 (p > 0 of polarities -1 and 1), got -1 at index 1"),
+        ("p", [1, 2], "p must be 0 or 1"),
+        ("p", [1], "t, x, y and p must have one length, got t 2, x 2, y 2, p 1"),
+        ("t", [[1], [2]], "t must be a column of numbers (n,), got shape (2, 1)"),
+        ("t", ["1", "2"], "t must be a column of numbers (n,)"),
+    ],
+)
+def test_columns_that_events_cannot_hold_are_refused(name: str, values: list[Any], message: str) -> None:
+    """Nothing wraps, nothing is rounded; the error has the column, the value and its index."""
+    with pytest.raises(ArgumentError, match=re.escape(message)) as refused:
+        event_array(**{**COLUMNS, name: values})
+    assert name in refused.value.arguments
+
+
+PLAIN: Any = np.array([[1, 2, 3, 1], [2, 2, 3, 0]])
+SIZE = (9, 9)
+TAKERS: dict[str, Callable[[Path], object]] = {
+    "event_frame": lambda _: represent.event_frame(PLAIN, SIZE),
+    "count_image": lambda _: represent.count_image(PLAIN, SIZE),
+    "time_surface": lambda _: represent.time_surface(PLAIN, SIZE, 5),
+    "voxel_grid": lambda _: represent.voxel_grid(PLAIN, SIZE, 3),
+    "event_spike_tensor": lambda _: represent.event_spike_tensor(PLAIN, SIZE, 3),
+    "last_event_times": lambda _: represent.last_event_times(PLAIN, SIZE),
+    "to_tonic": lambda _: to_tonic(PLAIN),
+    "from_structured": lambda _: from_structured(PLAIN),
+    "compare_events": lambda _: compare_events(PLAIN, PLAIN, size=SIZE),
+    "compare_streams": lambda _: compare_streams(PLAIN, PLAIN, size=SIZE),
+    "measure_stream": lambda _: measure_stream(PLAIN),
+    "measure_stream of a list": lambda _: measure_stream(PLAIN.tolist()),
+    "measure_recording": lambda _: measure_recording(PLAIN, size=SIZE),
+    "reconstruct": lambda _: reconstruct(PLAIN, np.zeros((9, 9)), 5, 0.2),
+    "event_draws": lambda _: event_draws(PLAIN, 1),
+    "Encoder": lambda _: Encoder(Device("DAVIS240C")).encode(events=PLAIN),
+    "open_writer": lambda folder: open_writer(folder / "x.txt", SIZE).write(PLAIN),
+    "DatasetWriter": lambda folder: DatasetWriter(folder / "x", SIZE).write(Packet(0, 5, PLAIN, None)),
+}
+
+
+@pytest.mark.parametrize("taker", TAKERS)
+def test_columns_without_names_are_refused_by_all_that_take_events(taker: str, tmp_path: Path) -> None:
+    """Other software has them in another order; the error says what makes events of them."""
+    with pytest.raises(ValueError, match=r"got shape \(2, 4\) and dtype int64; davis_rs.event_array\(t=..., x="):
+        TAKERS[taker](tmp_path)
 
 
 # ---- importing ----

@@ -170,13 +170,13 @@ def test_strangers_and_impossible_arguments_are_refused() -> None:
         with pytest.raises(ValueError, match=r"5 x 4 sensor: event 1 is at \(5, 0\)"):
             represent(outside, SIZE)
     inside = outside[:1]
-    with pytest.raises(ValueError, match="bins must be at least 1, got 0"):
+    with pytest.raises(ValueError, match="bins must be an integer >= 1, got 0"):
         voxel_grid(inside, SIZE, 0)
-    with pytest.raises(ValueError, match="bins must be at least 1, got 0"):
+    with pytest.raises(ValueError, match="bins must be an integer >= 1, got 0"):
         event_spike_tensor(inside, SIZE, 0)
     with pytest.raises(ValueError, match="must be time or count, got 'polarity'"):
         event_spike_tensor(inside, SIZE, 1, measurement="polarity")  # type: ignore[arg-type]
-    with pytest.raises(ValueError, match="count must be at least 1, got 0"):
+    with pytest.raises(ValueError, match="count must be an integer >= 1, got 0"):
         last_event_times(inside, SIZE, 0)
     with pytest.raises(ValueError, match=r"must not end before it starts: got 5\.\.4"):
         last_event_times(inside, SIZE, start_us=5, stop_us=4)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from ..events import EventArray
+from ..events import EventArray, as_events
 
 _SHIFTS_AND_FACTORS = ((30, 0xBF58476D1CE4E5B9), (27, 0x94D049BB133111EB))
 _STEP = 0x9E3779B97F4A7C15
@@ -18,7 +18,7 @@ def event_draws(events: EventArray, seed: int, purpose: int = 0) -> npt.NDArray[
     would. Two events of one pixel at the same microsecond with the same polarity have the same draw.
 
     Args:
-        events: (n,), :data:`davis_rs.EVENT_DTYPE`.
+        events: (n,), as :func:`davis_rs.as_events` takes them.
         seed: 0..2^64 - 1, for example that of ``begin``.
         purpose: another one gives other numbers, 0..2^64 - 1.
 
@@ -33,6 +33,7 @@ def event_draws(events: EventArray, seed: int, purpose: int = 0) -> npt.NDArray[
     for name, value in (("seed", seed), ("purpose", purpose)):
         if not 0 <= value < 2**64:
             raise ValueError(f"{name} must be an integer in 0..2^64 - 1, got {value!r}")
+    events = as_events(events)
     place = (events["y"].astype(np.uint64) << np.uint64(17)) | (events["x"].astype(np.uint64) << np.uint64(1))
     words = np.full(len(events), seed, np.uint64)
     for part in (

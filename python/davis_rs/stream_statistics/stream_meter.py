@@ -126,10 +126,10 @@ def measure_stream(
     """
     if not 0 <= start_s < (math.inf if stop_s is None else stop_s):
         raise ArgumentError("a part must have 0 <= {start_s} < {stop_s}, got {!r} and {!r}", start_s, stop_s)
-    if isinstance(source, np.ndarray):
+    if not isinstance(source, str | os.PathLike | EventStream):
+        events = as_events(source)
         if size is None:
             raise ArgumentError("an array does not say the sensor's size: give {size}")
-        events = as_events(source)
         source = EventStream("events", "array", size, lambda told: cut(events, told))
     stream = source if isinstance(source, EventStream) else open_event_stream(source, size=size)
     meter = StreamMeter(*stream.size)
