@@ -32,8 +32,9 @@ if TYPE_CHECKING:
     from .inspection.html_page import HtmlPage, view_html
     from .inspection.rerun_recording import RerunRecording, view_rerun
     from .inspection.video import make_video
-    from .monte_carlo_noise import NoiseEstimate, NoiseWarning, estimate_noise
+    from .monte_carlo_noise import estimate_noise
     from .motion_capture import MocapClock, MocapNoise, MotionCapture
+    from .noise_estimate import NoiseError, NoiseEstimate, NoiseWarning
     from .packet import Displacement, Packet
     from .pose import GroundTruth, Pose, Velocities
     from .recordings import Recording, RecordingWarning, read_recording
@@ -107,8 +108,9 @@ _MODULES = {
     "MocapClock": "motion_capture",
     "MocapNoise": "motion_capture",
     "MotionCapture": "motion_capture",
-    "NoiseEstimate": "monte_carlo_noise",
-    "NoiseWarning": "monte_carlo_noise",
+    "NoiseError": "noise_estimate",
+    "NoiseEstimate": "noise_estimate",
+    "NoiseWarning": "noise_estimate",
     "Packet": "packet",
     "Pose": "pose",
     "RawRecording": "usb.raw_file",
@@ -228,6 +230,7 @@ __all__ = [
     "MocapClock",
     "MocapNoise",
     "MotionCapture",
+    "NoiseError",
     "NoiseEstimate",
     "NoiseWarning",
     "Packet",

@@ -53,7 +53,11 @@ _DEBUG = "show the traceback of an error"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run a command; returns the exit status: 0, 1 for a failure or a check that does not hold, 130 after Ctrl-C."""
+    """Run a command; returns the exit status.
+
+    That is 0, 1 for a failure or a check that does not hold, 2 for what is refused before anything is done (options
+    that are wrong, a run that would have too much noise), 130 after Ctrl-C.
+    """
     try:
         return _status(arguments)
     except KeyboardInterrupt:  # wherever it comes, also while an error is told
@@ -80,7 +84,7 @@ def _status(arguments: Sequence[str] | None) -> int:
         if debug:
             traceback.print_exc()
         print(f"davis-rs: error: {_in_a_line(error, options, debug)}", file=sys.stderr)
-        return 1
+        return 2 if _refuses_noise(error) else 1
 
 
 @contextmanager
@@ -152,16 +156,23 @@ class _Version(argparse.Action):
 
 
 def _in_a_line(error: Exception, options: argparse.Namespace, debug: bool) -> str:
+    """An error in a line, or in the lines that it brings."""
     if isinstance(error, OSError) and error.strerror:
         said = error.strerror if error.filename is None else f"{error.filename}: {error.strerror}"
         return _as_options(said, options)
+    if isinstance(error, ImportError) or _refuses_noise(error):
+        return str(error)
     if isinstance(error, ValueError | OSError):
         return _as_options(str(error), options)
-    if isinstance(error, ImportError):
-        return str(error)
     said = " ".join(str(error).split())
     hint = "" if debug else "; --debug shows where"
     return f"unexpected {type(error).__name__}: {said}{hint}"
+
+
+def _refuses_noise(error: Exception) -> bool:
+    from ..noise_estimate import NoiseError
+
+    return isinstance(error, NoiseError)
 
 
 def _as_options(said: str, options: argparse.Namespace) -> str:

@@ -13,6 +13,7 @@ from .._core import CrossingEngine, __version__
 from ..camera import Camera
 from ..effects import Effects, Optics, parse_effect
 from ..events import EventArray, concatenate_events
+from ..model_version import MODEL
 from ..packet import Packet
 from ..read_ahead import read_ahead
 from ..sensor_parameters import SensorParameters
@@ -141,6 +142,7 @@ class FrameRun:
         given = {name: value for name, value in self.settings.items() if name not in _TOLD_ELSEWHERE}
         return {
             "davis_rs": __version__,
+            "model": MODEL,
             "versions": {"numpy": np.__version__},
             "scene": {"name": self.source.name},
             "frames": {
