@@ -17,7 +17,8 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "helpers"))
 from davis_rs import Simulator, compare_events
 from davis_rs._mitsuba import FAST, variant
 from davis_rs.events import EventArray
-from davis_rs.monte_carlo_noise import NoiseEstimate, estimate_noise_of
+from davis_rs.monte_carlo_noise import estimate_noise_of
+from davis_rs.noise_estimate import NoiseEstimate
 from davis_rs.progress import say
 from lamp_box import lamp_box
 

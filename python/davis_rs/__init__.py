@@ -34,9 +34,10 @@ if TYPE_CHECKING:
     from .inspection.html_page import HtmlPage, view_html
     from .inspection.rerun_recording import RerunRecording, view_rerun
     from .inspection.video import make_video
-    from .monte_carlo_noise import NoiseEstimate, NoiseWarning, estimate_noise
+    from .monte_carlo_noise import estimate_noise
     from .motion_capture import MocapClock, MocapNoise, MotionCapture
     from .no_events import NoEventsWarning
+    from .noise_estimate import NoiseError, NoiseEstimate, NoiseWarning
     from .packet import Displacement, Packet
     from .pose import GroundTruth, Pose, Velocities, as_pose
     from .recordings import Recording, RecordingWarning, read_recording
@@ -113,8 +114,9 @@ _MODULES = {
     "MocapNoise": "motion_capture",
     "MotionCapture": "motion_capture",
     "NoEventsWarning": "no_events",
-    "NoiseEstimate": "monte_carlo_noise",
-    "NoiseWarning": "monte_carlo_noise",
+    "NoiseError": "noise_estimate",
+    "NoiseEstimate": "noise_estimate",
+    "NoiseWarning": "noise_estimate",
     "Packet": "packet",
     "Pose": "pose",
     "RawRecording": "usb.raw_file",
@@ -239,6 +241,7 @@ __all__ = [
     "MocapNoise",
     "MotionCapture",
     "NoEventsWarning",
+    "NoiseError",
     "NoiseEstimate",
     "NoiseWarning",
     "Packet",

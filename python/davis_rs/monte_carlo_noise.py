@@ -12,7 +12,8 @@ few seeds against that of all others, through the crossing engine, matched event
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+import time
+from collections.abc import Callable, Mapping
 from itertools import islice
 from typing import TYPE_CHECKING, Any
 
@@ -23,13 +24,15 @@ from ._core import CrossingEngine
 from ._mitsuba import SCALAR, variant
 from .event_matching import compare_events
 from .events import EventArray
+from .noise_estimate import NOISE_LIMIT, NoiseError, NoiseEstimate, percent, share_text
 from .pose import FloatArray
 from .rendering.render import Renderer
 from .rendering.render_scene import SceneRenderer
-from .rendering.renderers import make_renderer
-from .sampling.rules import MaxDisplacement, TimeSampling
+from .rendering.renderers import make_renderer, why_not_noise_free
+from .sampling.rules import FixedRate, MaxDisplacement, TimeSampling
+from .sampling.tolerance import Tolerance
 from .scene.scene import Scene
-from .settings import ViewSettings, complete, renderer_settings, takes_settings, view_scene
+from .settings import AUTO, ViewSettings, chosen_sampling, complete, renderer_settings, takes_settings, view_scene
 from .trajectory.trajectory import Trajectory
 from .trajectory.views import Views
 
@@ -66,97 +69,6 @@ SAMPLE_NUMBERS = (8, 13, 21, 34, 55, 89, 144, 233, 377, 610, 987, 1024)
 IntArray = npt.NDArray[np.int64]
 
 
-class NoiseWarning(UserWarning):
-    """Warns that a larger share of a run's events than ``noise_share`` is expected to be Monte Carlo noise."""
-
-
-@dataclass(frozen=True)
-class NoiseEstimate:
-    """How many events of a run are noise.
-
-    A share is that of missing and spurious events (:func:`~davis_rs.compare_events`, within 10 ms) in the number of
-    events without noise; it may exceed 1.
-
-    Attributes:
-        samples: rays a pixel of the run.
-        measured: (samples, share), measured, by increasing samples; empty where there is no noise, or too few events
-            to tell.
-        log_noise: root mean square of the noise of log luma at ``samples``, in units of C.
-        events: how many the estimate saw without noise.
-        rays: how many it cast.
-        run_rays: how many the run will cast, roughly.
-        noisy: whether two seeds gave different light at all.
-    """
-
-    samples: int
-    measured: tuple[tuple[float, float], ...] = ()
-    log_noise: float = 0.0
-    events: int = 0
-    rays: int = 0
-    run_rays: int = 0
-    noisy: bool = True
-
-    @property
-    def known(self) -> bool:
-        """Whether :meth:`share_at` has a result."""
-        return bool(self.measured) or not self.noisy
-
-    def share_at(self, samples: float) -> float:
-        """Return share of events that noise makes missing or spurious, with ``samples`` rays a pixel.
-
-        Between two measured numbers it is a straight line in logarithms. Outside it falls as the inverse square root of
-        ``samples``, as the noise of luma itself does. NaN where it is not known.
-        """
-        if not self.noisy:
-            return 0.0
-        if not self.measured:
-            return math.nan
-        counts, shares = (np.array(column) for column in zip(*self.measured, strict=True))
-        inside = float(np.clip(samples, counts[0], counts[-1]))
-        logs = np.log(np.maximum(shares, 1e-6))
-        return float(np.exp(np.interp(np.log(inside), np.log(counts), logs)) * math.sqrt(inside / samples))
-
-    def samples_for(self, share: float) -> int:
-        """Return the fewest of ``SAMPLE_NUMBERS``, from :attr:`samples` on, that keep the share; else 1024."""
-        enough = (n for n in SAMPLE_NUMBERS if n > self.samples and self.share_at(n) <= share)
-        return self.samples if not self.known or self.share_at(self.samples) <= share else next(enough, 1024)
-
-    def describe(self, samples: int | None = None) -> dict[str, Any]:
-        """Return the estimate in JSON's types, for meta.json.
-
-        Args:
-            samples: rays a pixel of the run, where others were chosen by the estimate.
-        """
-        shares = {f"{count:.4g}": float(f"{share:.4g}") for count, share in self.measured}
-        samples = self.samples if samples is None else samples
-        share = self.share_at(samples)
-        return {
-            "share": None if math.isnan(share) else float(f"{share:.4g}"),
-            "samples": samples,
-            "log_noise_over_c": float(f"{self.log_noise * math.sqrt(self.samples / samples):.4g}"),
-            "measured": shares,
-            "rays": self.rays,
-        }
-
-    def __str__(self) -> str:
-        if not self.noisy:
-            return "no Monte Carlo noise: two seeds give the same light"
-        if not self.measured:
-            return (
-                f"too few events to tell how many are Monte Carlo noise at {self.samples} samples; log luma is wrong "
-                f"by {self.log_noise:.2g} C (rms)"
-            )
-        told = f"{_share_text(self.share_at(self.samples))} at {self.samples} samples"
-        more = 64 if self.samples < 64 else 4 * self.samples
-        return told if more > 1024 else f"{told}; {more} samples: about {100 * self.share_at(more):.2g} %"
-
-
-def _share_text(share: float) -> str:
-    if share >= 0.995:
-        return f"most of these events are Monte Carlo noise ({100 * share:.0f} missing or spurious to 100 right ones)"
-    return f"about {100 * share:.2g} % of these events are Monte Carlo noise (missing or spurious)"
-
-
 @takes_settings(ViewSettings)
 def estimate_noise(scene: Scene, **settings: Unpack[ViewSettings]) -> NoiseEstimate | None:
     """Estimate how many events along a scene's camera path will be Monte Carlo noise; None where there is none at all.
@@ -177,7 +89,10 @@ def estimate_noise(scene: Scene, **settings: Unpack[ViewSettings]) -> NoiseEstim
         ValueError: for a value out of range, a scene without a camera path, or one that cannot be rendered.
         OSError: if a scene file or a calibration cannot be read.
     """
-    given = complete(ViewSettings, settings, of=estimate_noise)
+    return _estimate_in(scene, complete(ViewSettings, settings, of=estimate_noise))
+
+
+def _estimate_in(scene: Scene, given: Mapping[str, Any], sampling: TimeSampling | None = None) -> NoiseEstimate | None:
     viewed = view_scene(scene, given)
     renderer = make_renderer(viewed.scene, viewed.camera, **renderer_settings(given))
     return estimate_noise_of(
@@ -186,6 +101,7 @@ def estimate_noise(scene: Scene, **settings: Unpack[ViewSettings]) -> NoiseEstim
         contrast_threshold=viewed.contrast_threshold,
         contrast_threshold_off=viewed.contrast_threshold_off,
         log_eps=viewed.log_eps,
+        sampling=sampling,
     )
 
 
@@ -214,13 +130,24 @@ def estimate_noise_of(
     thresholds = contrast_threshold, contrast_threshold_off
     rule = sampling if isinstance(sampling, MaxDisplacement) else MaxDisplacement()
     with variant(renderer.variant):  # once, not for each of many small renderings
-        return _estimate(_Look(renderer, trajectory, MaxDisplacement(rule.pixels), cost_share), thresholds, log_eps)
+        look = _Look(renderer, trajectory, MaxDisplacement(rule.pixels), cost_share)
+        return _estimate(look, thresholds, log_eps, round(look.run_rays * _frames(sampling, look)))
 
 
-def _estimate(look: _Look, thresholds: tuple[float, float], log_eps: float) -> NoiseEstimate:
+def _frames(sampling: TimeSampling | None, look: _Look) -> float:
+    """How many frames a rule renders, roughly, for each keyframe that the estimate counts."""
+    if isinstance(sampling, FixedRate):
+        return sampling.rate_hz * look.trajectory.duration_s / look.keyframes
+    if isinstance(sampling, Tolerance):
+        # Half of them are intervals that it halves, and single pixels.
+        return 2 * look.spacing_px / sampling.pixels
+    return 2.0 if isinstance(sampling, MaxDisplacement) and sampling.hermite else 1.0
+
+
+def _estimate(look: _Look, thresholds: tuple[float, float], log_eps: float, run_rays: int) -> NoiseEstimate:
     renderer = look.renderer
     if look.is_the_same():
-        return NoiseEstimate(renderer.rays, rays=look.rays, run_rays=look.run_rays, noisy=False)
+        return NoiseEstimate(renderer.rays, rays=look.rays, run_rays=run_rays, noisy=False)
     frames = look.luma()
     logs = np.log(np.concatenate([part.reshape(len(part), -1) for part in frames], 1, dtype=np.float64) + log_eps)
     noise = float(np.sqrt(logs.var(0, ddof=1).mean())) * math.sqrt(look.base / renderer.rays) / min(thresholds)
@@ -234,7 +161,69 @@ def _estimate(look: _Look, thresholds: tuple[float, float], log_eps: float) -> N
         blocks *= 2
     if events < FEWEST_EVENTS:
         measured = []
-    return NoiseEstimate(renderer.rays, tuple(measured), noise, events, look.rays, look.run_rays)
+    return NoiseEstimate(
+        renderer.rays, tuple(measured), noise, events, rays=look.rays, run_rays=run_rays, ray_s=look.ray_s
+    )
+
+
+def noise_before_run(scene: Scene, settings: Mapping[str, Any]) -> NoiseEstimate | None:
+    """The same as :func:`estimate_noise`, for a run with complete settings."""
+    return _estimate_in(scene, settings, chosen_sampling(settings).sampling)
+
+
+def refuse_noise(noise: NoiseEstimate | None, scene: Scene, settings: Mapping[str, Any]) -> None:
+    """Refuse a run that would have too much noise.
+
+    Args:
+        noise: that was estimated.
+        scene: of the run.
+        settings: of the run, complete.
+
+    Raises:
+        NoiseError: if more than 20 % of the events would be noise, or than ``noise_share`` if that is more. It has all
+            that keeps the renderers without noise from the scene, and the ways on.
+    """
+    if noise is None:
+        return
+    limit = max(NOISE_LIMIT, settings["noise_share"])
+    by_auto = noise.samples_for(settings["noise_share"])
+    samples = by_auto if settings["samples"] == AUTO else noise.samples
+    share = noise.share_at(samples)
+    if not share > limit:
+        return
+    obstacles = why_not_noise_free(view_scene(scene, settings).scene)
+
+    def said(given: Callable[[str, str], str]) -> str:
+        lines = [
+            f"{share_text(share, 'the events would be')} at {samples} samples; above {percent(limit)} nothing is "
+            "rendered",
+            "what keeps the renderers without noise from this scene:",
+        ]
+        if settings["renderer"] != AUTO:
+            lines.append(f"- Mitsuba's integrators were asked for: give {given('renderer', AUTO)}")
+        lines += [f"- {obstacle}" for obstacle in obstacles]
+        lines += ["the ways on:", "- mend what is listed: then no event is noise"]
+        if settings["samples"] != AUTO:
+            left = noise.share_at(by_auto)
+            above = ", still above the limit," if left > limit else ""
+            auto = f"with {by_auto} samples about {percent(left)} are noise{above} and the run takes"
+            lines.append(f"- {given('samples', AUTO)}: {auto} {_about(noise.run_s(by_auto))}")
+        lines.append(f"- {given('accept_noise', '')}: as it is, the run takes {_about(noise.run_s(samples))}")
+        return "\n".join(lines)
+
+    raise NoiseError(
+        said(lambda name, value: f"--{name.replace('_', '-')} {value}".rstrip()),
+        in_plan=said(lambda name, value: f"{name}: {value or 'true'}"),
+    )
+
+
+def _about(seconds: float) -> str:
+    """A time as people say it: ``about 5 minutes``."""
+    units = {"second": 1, "minute": 60, "hour": 3600, "day": 86400}
+    unit = [unit for unit, length in units.items() if seconds >= 1.5 * length or unit == "second"][-1]
+    count = seconds / units[unit]
+    count = max(1, round(count, -1 if count > 20 else 0))
+    return f"about {count:.0f} {unit}{'s' * (count > 1)}"
 
 
 class _Look:
@@ -243,8 +232,8 @@ class _Look:
     def __init__(
         self, renderer: SceneRenderer, trajectory: Trajectory, rule: MaxDisplacement, cost_share: float
     ) -> None:
-        self.renderer, self.trajectory = renderer, trajectory
-        self.rays = 0
+        self.renderer, self.trajectory, self.spacing_px = renderer, trajectory, rule.pixels
+        self.rays, self.ray_s = 0, math.nan
         self.base = math.ceil(renderer.rays / 2 ** max(0, math.ceil(math.log2(renderer.rays / MOST_BASE_SAMPLES))))
         scalar = renderer.variant == SCALAR
         self.times = _stretches(renderer, trajectory, rule, 1 if scalar else STRETCHES)
@@ -252,7 +241,8 @@ class _Look:
         span_us = sum(int(t_us[-1] - t_us[0]) for t_us in self.times)
         keyframes = sum(len(t_us) for t_us in self.times)
         per_us = (keyframes - len(self.times)) / span_us if span_us else 0.0
-        self.run_rays = round((per_us * trajectory.duration_s * 1e6 + 1) * size * renderer.rays)
+        self.keyframes = per_us * trajectory.duration_s * 1e6 + 1
+        self.run_rays = round(self.keyframes * size * renderer.rays)
         # With a blur or a lens each pixel brings its neighbours.
         a_seed = keyframes * self.base * (2 * renderer.reach_px + 1) ** 2
         allowed = max(cost_share * self.run_rays, FEWEST_RAYS_SCALAR if scalar else FEWEST_RAYS) / a_seed
@@ -265,10 +255,11 @@ class _Look:
         return np.array_equal(self._samples(ends, 0), self._samples(ends, 1))
 
     def luma(self) -> list[npt.NDArray[np.float32]]:
-        """Return the luma (seeds, keyframes, pixels) of each stretch."""
+        """Return the luma (seeds, keyframes, pixels) of each stretch; takes the time of a ray."""
+        before, started = self.rays, time.perf_counter()
         # A scene that changes is put into the state of an instant once, for all seeds.
         step = 1 if self.renderer.motion else max(map(len, self.times))
-        return [
+        luma = [
             np.concatenate(
                 [
                     np.stack([self._samples(t_us[i : i + step], seed) for seed in range(self.seeds)])
@@ -278,6 +269,8 @@ class _Look:
             )
             for t_us in self.times
         ]
+        self.ray_s = (time.perf_counter() - started) / (self.rays - before)
+        return luma
 
     def _samples(self, t_us: IntArray, seed: int) -> npt.NDArray[np.float32]:
         views, count = Views.along(self.trajectory, t_us * 1e-6), len(self.pixel)

@@ -15,6 +15,7 @@ from ._core import __version__
 from ._mitsuba import versions
 from .camera import Camera
 from .effects import Effects
+from .model_version import MODEL
 from .rendering.render import Renderer
 from .scene.scene import Scene
 
@@ -34,6 +35,7 @@ def describe_run(
     sensor = kept["sensor"]
     return {
         "davis_rs": __version__,
+        "model": MODEL,
         "versions": {"numpy": np.__version__, **versions(renderer.variant)},
         "scene": _describe_scene(scene),
         "camera": asdict(camera),

@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Any
 from .argument_error import ArgumentError
 from .effect_planning import EffectPlan, plan_effects
 from .effects.effects import read_effects
-from .monte_carlo_noise import NoiseEstimate, NoiseWarning, estimate_noise_of
+from .monte_carlo_noise import estimate_noise_of
 from .no_events import warned_without_events
+from .noise_estimate import NoiseEstimate, NoiseWarning, percent
 from .packet import Packet
 from .scene.scene import Scene, check_scene
 from .sensors import SENSORS
@@ -104,7 +105,7 @@ class MadeSimulator:
             return f"samples auto: {samples}, the default: {self.noise}"
         most = ", the most there are; still" if self._above else ";"
         return (
-            f"samples auto: {samples}{most} about {100 * self.noise.share_at(samples):.2g} % of the events are Monte "
+            f"samples auto: {samples}{most} about {percent(self.noise.share_at(samples))} of the events are Monte "
             f"Carlo noise, at most {100 * self.noise_share:g} % were asked for"
         )
 

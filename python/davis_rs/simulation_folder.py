@@ -21,6 +21,7 @@ from .events import EventArray
 from .folder_report import FolderReport, start_line
 from .ground_truth import EventTruth, camera_velocities
 from .imu import IMU_DTYPE, ImuArray, simulate_imu
+from .monte_carlo_noise import refuse_noise
 from .packet import Packet
 from .pose import GroundTruth, Pose, Velocities
 from .progress import Progress, progress, say
@@ -87,6 +88,7 @@ def simulate_to_folder(
     Raises:
         TypeError: for a setting that does not exist.
         OSError: if the folder exists or cannot be written; what was written stays readable.
+        NoiseError: with ``accept_noise=False``, if more than 20 % of the events would be Monte Carlo noise.
         ValueError: as :func:`simulate` and :class:`~davis_rs.DatasetWriter`.
     """
     check_scene(scene)
@@ -96,6 +98,8 @@ def simulate_to_folder(
     scene = scene.crop(start_s, duration_s)
     made = make_simulator(scene, only(SimulationSettings, given))
     simulator, plan = made.simulator, made.plan
+    if given["accept_noise"] is False:
+        refuse_noise(made.noise, scene, given)
     if quiet:
         made.warn_of_noise(stacklevel=3)
     else:

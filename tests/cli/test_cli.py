@@ -15,6 +15,7 @@ import pytest
 from command_line import SMALL, davis_rs
 from command_line import in_own_process as run
 from davis_rs import Dataset, __version__, load_scene, start_pose
+from davis_rs.model_version import MODEL
 from places import SHARED
 
 pytestmark = pytest.mark.without_llvm
@@ -49,6 +50,7 @@ def test_simulate_check_and_view(tmp_path: Path) -> None:
     meta = json.loads((out / "meta.json").read_text())
     assert meta["complete"] is True
     assert meta["parameters"]["contrast_threshold"] == 0.15
+    assert meta["model"] == MODEL
     dataset = Dataset(out)
     assert [frame.t_us for frame in dataset.frames] == [0, 25_000, 50_000, 75_000, 100_000]
     assert list(dataset.groundtruth.t_us) == list(range(0, 100_001, 5_000))

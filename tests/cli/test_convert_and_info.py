@@ -18,6 +18,7 @@ from davis_rs.dataset.reader import Dataset
 from davis_rs.event_files.conversion import convert
 from davis_rs.events import EVENT_DTYPE, EventArray
 from davis_rs.inspection.summary import Gap, dataset_row, draw_rates, summarize_events, top_speeds
+from davis_rs.model_version import MODEL
 from davis_rs.pose import GroundTruth
 from places import SHARED
 from written_sequence import write_sequence
@@ -169,6 +170,17 @@ def test_a_folder_is_known_by_what_it_says_of_itself(tmp_path: Path, capsys: pyt
     for line in ("d: dataset folder", "sensor      30 x 20\n", "scene       fence", "C = 0.2", "effects     none"):
         assert line in said
     assert f"{len(Dataset(folder).frames)} frames" in said
+    assert "made by" not in said
+    assert "noise" not in said
+    meta |= {"davis_rs": "0.2.0", "monte_carlo_noise": {"share": 0.46}}
+    (folder / "meta.json").write_text(json.dumps(meta))
+    assert main(["info", str(folder), "--quiet"]) == 0
+    said = capsys.readouterr().out
+    assert "noise       about 46 % of the events are Monte Carlo noise (missing or spurious)\n" in said
+    assert f"made by     davis_rs 0.2.0, model 1; today's is {MODEL}: counts of events may differ" in said
+    (folder / "meta.json").write_text(json.dumps(meta | {"model": MODEL}))
+    assert main(["info", str(folder), "--quiet"]) == 0
+    assert f"made by     davis_rs 0.2.0, model {MODEL}\n" in capsys.readouterr().out
 
 
 def test_a_file_is_summed_up_as_a_loop_would(tmp_path: Path) -> None:

@@ -19,6 +19,7 @@ from clips import moving_bars, write_images, write_video
 from davis_rs import Dataset, check_dataset, events_from_frames, frames_to_folder, open_frames
 from davis_rs.cli.main import main
 from davis_rs.events import concatenate_events
+from davis_rs.model_version import MODEL
 
 BARS = moving_bars(12)
 STAMPS_MS = [20 * k + k % 3 for k in range(12)]
@@ -69,6 +70,7 @@ def test_images_with_stamps_and_a_stack(tmp_path: Path, capsys: pytest.CaptureFi
     assert (tmp_path / "a/events.txt").read_bytes() == (tmp_path / "b/events.txt").read_bytes()
     meta = json.loads((tmp_path / "a/meta.json").read_text())
     assert meta["start_time_ns"] == 7_000_000_000
+    assert meta["model"] == MODEL
     assert run(tmp_path / "a", "-o", tmp_path / "c", "--quiet") == 0  # a dataset's frames are frames too
     assert Dataset(tmp_path / "c").frames[-1].t_us == 1000 * STAMPS_MS[-1]
 

@@ -20,6 +20,7 @@ import davis_rs
 from davis_rs.cli.main import main
 from davis_rs.generate import Generated, generate_sequences, load_sequence_plan, verify_sequences
 from davis_rs.generate.folder import CHECKSUMS
+from davis_rs.model_version import MODEL
 from generated import files_of, write_plan
 
 PATIENCE_S = 120.0
@@ -341,6 +342,9 @@ def test_another_plan_is_refused(root: Path) -> None:
     record = json.loads((root / "plan.json").read_text())
     (root / "plan.json").write_text(json.dumps(record | {"davis_rs": "0.0.1"}))
     with pytest.raises(ValueError, match=r"that davis_rs 0.0.1 made, and this is"):
+        go_on(root, [])
+    (root / "plan.json").write_text(json.dumps({key: value for key, value in record.items() if key != "model"}))
+    with pytest.raises(ValueError, match=f"that were made by model 1, and today's is {MODEL}"):
         go_on(root, [])
     (root / "plan.json").write_bytes(before["plan.json"])
     assert files_of(root) == before

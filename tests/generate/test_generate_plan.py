@@ -211,7 +211,7 @@ def test_a_fault_is_named_with_its_place(tmp_path: Path, text: str, message: str
         ({"image_gain": {"uniform": [-2, -1]}}, "image_gain must be > 0, got -1."),
         (
             {"renderer": "best"},
-            "renderer = 'best': renderer must be one of auto, table, native, baked, integrator, got",
+            "renderer = 'best': renderer must be one of auto, native, table, baked, integrator, got",
         ),
         ({"lux_per_luma": 0}, "lux_per_luma = 0: lux_per_luma must be > 0 lux, got 0"),
         ({"lux_per_luma": -5}, "lux_per_luma = -5: lux_per_luma must be > 0 lux, got -5"),

@@ -17,6 +17,7 @@ from davis_rs.dataset.writer import DatasetWriter
 from davis_rs.events import EventArray
 from davis_rs.inspection.check import CheckReport, check_dataset
 from davis_rs.inspection.summary import dataset_contents
+from davis_rs.model_version import MODEL
 from places import SHARED
 from written_sequence import (
     CAMERA,
@@ -129,6 +130,27 @@ def test_the_report_reads_well(folder: Path) -> None:
     assert " C at 0.0" in lines[1]
     assert "pixel (" in lines[1]
     assert lines[2] == "the check holds"
+
+
+def test_noise_and_an_older_model_are_told_and_are_no_failure(folder: Path) -> None:
+    """Rendered luma has the run's noise, so the check holds; a folder that says no model is of the first."""
+    noise = "about 46 % of the events are Monte Carlo noise (missing or spurious)"
+    change_meta(folder, davis_rs="9.9", model=MODEL, monte_carlo_noise={"share": 0.0})
+    assert len(str(check_dataset(folder)).splitlines()) == 3
+    change_meta(folder, davis_rs="0.2.0", model=None, monte_carlo_noise={"share": 0.4608})
+    report = check_dataset(folder)
+    assert report.ok
+    assert report.noise == 0.4608
+    assert str(report).splitlines()[2:] == [
+        f"made by davis_rs 0.2.0, model 1; today's is {MODEL}: counts of events may differ, see CHANGELOG.md",
+        f"{noise}; rendered luma has it too, so that the check cannot see it",
+        "the check holds, noise included",
+    ]
+    change_meta(folder, davis_rs="9.9", model=MODEL + 1, monte_carlo_noise=None)
+    assert str(check_dataset(folder)).splitlines()[2:] == [
+        f"made by davis_rs 9.9, model {MODEL + 1}; today's is {MODEL}: counts of events may differ, see CHANGELOG.md",
+        "the check holds",
+    ]
 
 
 def test_many_problems_are_not_all_printed() -> None:
@@ -325,7 +347,8 @@ def test_a_count_that_is_not_stated_is_told(folder: Path, name: str) -> None:
 @pytest.mark.parametrize("changes", [
     {"duration_us": "long"}, {"duration_us": 1 << 70}, {"counts": [1]}, {"parameters": {"frame_rate_hz": "fast"}},
     {"parameters": {"contrast_threshold": 1e400}}, {"parameters": {"log_eps": -1}}, {"sensor": {"width": 1e400}},
-    {"effects": 3}, {"complete": 1},
+    {"effects": 3}, {"complete": 1}, {"model": "new"}, {"davis_rs": 2}, {"monte_carlo_noise": 0.1},
+    {"monte_carlo_noise": {"share": "most"}}, {"monte_carlo_noise": {"share": -0.5}},
 ])  # fmt: skip
 def test_metadata_of_wrong_types_are_a_problem_not_a_crash(folder: Path, changes: dict[str, Any]) -> None:
     """Numbers beyond all bounds included."""

@@ -51,6 +51,8 @@ LAYERS = [
         "read_ahead",
         "stop_requests",
         "folder_report",
+        "noise_estimate",
+        "model_version",
     ],
 ]
 RANK = {name: (layer, place) for layer, names in enumerate(LAYERS) for place, name in enumerate(names)}

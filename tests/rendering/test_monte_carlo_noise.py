@@ -7,15 +7,23 @@ import math
 import re
 import warnings
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
+from command_line import davis_rs
 from davis_rs import (
+    Camera,
+    FixedRate,
+    MaxDisplacement,
+    NoiseError,
     NoiseEstimate,
     NoiseWarning,
     Simulator,
+    Tolerance,
     compare_events,
     estimate_noise,
     load_scene,
@@ -26,7 +34,15 @@ from davis_rs._mitsuba import FAST, default_variant, variant
 from davis_rs.cli.main import main
 from davis_rs.events import EventArray
 from davis_rs.generate import load_sequence_plan
+from davis_rs.generate.generate import draw_sequences
+from davis_rs.generate.job import make_sequence
+from davis_rs.inspection.visual_sequence import open_visual_sequence
+from davis_rs.monte_carlo_noise import estimate_noise_of, refuse_noise
+from davis_rs.noise_estimate import percent, share_text
+from davis_rs.rendering.renderers import make_renderer
+from davis_rs.sampling.rules import TimeSampling
 from davis_rs.scene.scene import Scene
+from davis_rs.settings import FolderSettings, complete
 from davis_rs.simulation_folder import simulate_to_folder
 from lamp_box import lamp_box
 
@@ -64,6 +80,27 @@ def of_the_box(_in_llvm: None) -> NoiseEstimate:
     estimate = estimate_noise(small_box(), renderer="integrator")
     assert estimate is not None
     return estimate
+
+
+def noisy_room(folder: Path) -> list[str]:
+    """A chequered floor under a lamp as a file, and a path through it, as arguments of the command line."""
+    scene = folder / "lamp.xml"
+    scene.write_text(
+        """<scene version="3.0.0"><integrator type="path"><integer name="max_depth" value="2"/></integrator>
+        <sensor type="perspective"><float name="fov" value="60"/>
+        <transform name="to_world"><lookat origin="0.5, 0.2, 2" target="0, 0, 0" up="0, 1, 0"/></transform>
+        <film type="hdrfilm"><integer name="width" value="32"/><integer name="height" value="24"/></film></sensor>
+        <shape type="rectangle"><transform name="to_world"><scale value="3"/><rotate y="1" angle="180"/>
+        <translate z="3"/></transform>
+        <emitter type="area"><rgb name="radiance" value="5"/></emitter></shape>
+        <shape type="rectangle" id="floor"><transform name="to_world"><scale value="4"/></transform>
+        <bsdf type="diffuse"><texture type="checkerboard" name="reflectance"><transform name="to_uv">
+        <scale value="4"/></transform></texture></bsdf></shape>
+        <shape type="sphere" id="ball"><float name="radius" value="0.1"/></shape></scene>"""
+    )
+    path = folder / "path.txt"
+    path.write_text("".join(f"{t} {0.5 + t} 0.2 2 1 0 0 0\n" for t in np.arange(0, 0.2, 0.01)))
+    return [str(scene), "--trajectory", str(path), "--position-sigma", "0", "--rotation-sigma", "0"]
 
 
 def events_of(scene: Scene, samples: int, seed: int) -> EventArray:
@@ -181,22 +218,7 @@ def test_auto_takes_as_many_samples_as_the_share_needs(capsys: pytest.CaptureFix
 @pytest.mark.usefixtures("few_seeds")
 def test_plan_says_it_too(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     """`davis-rs plan` of a scene that the integrator renders ends with the line; a plan of sequences takes auto."""
-    scene = tmp_path / "lamp.xml"
-    scene.write_text(
-        """<scene version="3.0.0"><integrator type="path"><integer name="max_depth" value="2"/></integrator>
-        <sensor type="perspective"><float name="fov" value="60"/>
-        <transform name="to_world"><lookat origin="0.5, 0.2, 2" target="0, 0, 0" up="0, 1, 0"/></transform>
-        <film type="hdrfilm"><integer name="width" value="32"/><integer name="height" value="24"/></film></sensor>
-        <shape type="rectangle"><transform name="to_world"><rotate y="1" angle="180"/><translate z="3"/></transform>
-        <emitter type="area"><rgb name="radiance" value="5"/></emitter></shape>
-        <shape type="rectangle"><transform name="to_world"><scale value="4"/></transform>
-        <bsdf type="diffuse"><texture type="checkerboard" name="reflectance"><transform name="to_uv">
-        <scale value="20"/></transform></texture></bsdf></shape></scene>"""
-    )
-    path = tmp_path / "path.txt"
-    path.write_text("".join(f"{t} {0.5 + t} 0.2 2 1 0 0 0\n" for t in np.arange(0, 0.2, 0.01)))
-    arguments = [str(scene), "--trajectory", str(path), "--position-sigma", "0", "--rotation-sigma", "0"]
-    assert main(["plan", *arguments, "--effect", "leak_rate_hz=0.1"]) == 0
+    assert main(["plan", *noisy_room(tmp_path), "--effect", "leak_rate_hz=0.1"]) == 0
     out = capsys.readouterr().out
     assert re.search(r"of these events are Monte Carlo noise \(.*\) at 8 samples; 64 samples: about", out)
     plan = tmp_path / "plan.yaml"
@@ -216,3 +238,143 @@ def test_samples_are_a_number_or_auto(capsys: pytest.CaptureFixture[str]) -> Non
     with pytest.raises(SystemExit):
         main(["simulate", "three_planes", "-o", "x", "--samples", "lots"])
     assert "must be an integer, or auto, got 'lots'" in capsys.readouterr().err
+
+
+OBSTACLES = """\
+what keeps the renderers without noise from this scene:
+- shape 'floor' has a checkerboard as its reflectance, neither a constant nor a bitmap: give it as a bitmap
+- shape 'ball' is a sphere, not made of triangles: give it as a mesh
+the ways on:
+- mend what is listed: then no event is noise
+"""
+
+
+@pytest.mark.usefixtures("llvm")
+@pytest.mark.usefixtures("few_seeds")
+def test_a_run_that_would_be_mostly_noise_is_refused(tmp_path: Path) -> None:
+    """Before it renders, with all obstacles and the ways on, one of which is to accept it; then all who look say so."""
+    out = tmp_path / "out"
+    run = ["simulate", *noisy_room(tmp_path), "-o", out, "--depth-rate", 0, "--samples", 2, "--duration", 0.05]
+    refused = davis_rs(*run)
+    assert refused.returncode == 2
+    assert not out.exists()
+    told = refused.stderr.partition("davis-rs: error: ")[2]
+    assert re.match(r"about \d\d % of the events would be Monte Carlo noise \(.*\) at 2 samples; above 20 %", told)
+    first, _, ways = told.partition(OBSTACLES)
+    assert len(first.splitlines()) == 1
+    auto, accept = ways.splitlines()
+    assert re.fullmatch(
+        r"- --samples auto: with \d+ samples about \S+ % are noise.* and the run takes about \d+ \w+", auto
+    )
+    assert re.fullmatch(r"- --accept-noise: as it is, the run takes about \d+ \w+", accept)
+
+    accepted = davis_rs(*run, "--accept-noise", "--quiet")
+    assert accepted.returncode == 0, accepted.stderr
+    assert "warning" in accepted.stderr
+    share = json.loads((out / "meta.json").read_text())["monte_carlo_noise"]["share"]
+    assert share > 0.2
+    noise = f"{share_text(share, 'the events are')}"
+    assert f"noise       {noise}\n" in davis_rs("info", out, "--quiet").stdout
+    assert davis_rs("check", out).stdout.splitlines()[-2:] == [
+        f"{noise}; rendered luma has it too, so that the check cannot see it",
+        "the check holds, noise included",
+    ]
+    assert open_visual_sequence(out).label.endswith(f"sensor 32 x 24, ideal, {percent(share)} Monte Carlo noise")
+
+
+@pytest.mark.usefixtures("llvm")
+@pytest.mark.usefixtures("few_seeds")
+def test_a_plan_says_whether_noise_is_accepted(tmp_path: Path) -> None:
+    """A run of it is refused before anything is written, in the words of plans; accepting changes no sequence."""
+    noisy_room(tmp_path)
+    plan = tmp_path / "plan.yaml"
+    path = "motion: {kind: file, file: path.txt, position_sigma_m: 0, rotation_sigma_rad: 0}"
+    text = f"scene: lamp.xml\n{path}\nsamples: 2\nduration: 0.05\ndepth_rate: 0\n"
+    plan.write_text(text)
+    refused = davis_rs("generate", plan, "-o", tmp_path / "root", "--quiet")
+    assert refused.returncode == 2
+    assert OBSTACLES in refused.stderr
+    assert "- samples: auto: with" in refused.stderr
+    assert "- accept_noise: true: as it is, the run takes about" in refused.stderr
+    assert not (tmp_path / "root" / "plan.json").exists()
+    [sequence] = draw_sequences(load_sequence_plan(plan))
+    with pytest.raises(NoiseError, match="accept_noise: true"):
+        make_sequence(sequence, tmp_path, threads=1)
+
+    plan.write_text(text + "accept_noise: true\n")
+    accepting = load_sequence_plan(plan)
+    [accepted] = draw_sequences(accepting)
+    assert accepting.sha256 == sequence.plan_sha256
+    assert accepted.parameters == sequence.parameters
+    assert make_sequence(accepted, tmp_path, threads=1)["events"] > 0
+    plan.write_text(text + "accept_noise: 0.5\n")
+    with pytest.raises(ValueError, match=r"accept_noise: must be true or false, got 0\.5"):
+        load_sequence_plan(plan)
+
+
+def test_what_is_refused_and_how_long_the_ways_on_take() -> None:
+    """More than 20 % or than noise_share; the times follow from the rays of the run and the time of one."""
+    parts = {"type": "scene", "integrator": {"type": "direct"}, "floor": {"type": "rectangle"}}
+    floor = Scene("floor", lambda: dict(parts), camera=Camera(8, 6, 8.0, 8.0, 3.5, 2.5))
+    estimate = NoiseEstimate(8, measured=((8.0, 0.46), (256.0, 0.16)), run_rays=10**8, ray_s=1e-6)
+    assert estimate.run_s(16) == 2 * estimate.run_s(8) == pytest.approx(200)
+
+    def refusal(noise: NoiseEstimate | None = estimate, **settings: Any) -> str:
+        given = complete(FolderSettings, {"renderer": "integrator", **settings}, of="the test")
+        with pytest.raises(NoiseError) as refused:
+            refuse_noise(noise, floor, given)
+        return str(refused.value)
+
+    assert refusal().splitlines() == [
+        "about 46 % of the events would be Monte Carlo noise (missing or spurious) at 8 samples; above 20 % nothing is "
+        "rendered",
+        "what keeps the renderers without noise from this scene:",
+        "- Mitsuba's integrators were asked for: give --renderer auto",
+        "the ways on:",
+        "- mend what is listed: then no event is noise",
+        "- --samples auto: with 1024 samples about 8 % are noise and the run takes about 4 hours",
+        "- --accept-noise: as it is, the run takes about 2 minutes",
+    ]
+    assert "with 377 samples about 13 % are noise and the run takes about 80 minutes" in refusal(noise_share=0.14)
+    assert "--samples" not in refusal(replace(estimate, measured=((8.0, 9.0),)), samples="auto")
+    worse = refusal(replace(estimate, measured=((8.0, 9.0),)))
+    assert worse.startswith("most of the events would be Monte Carlo noise (900 missing or spurious to 100 right ones)")
+    assert "with 1024 samples about 80 % are noise, still above the limit, and the run takes" in worse
+
+    for noise, settings in (
+        (None, {}),
+        (NoiseEstimate(8, noisy=False), {}),
+        (NoiseEstimate(8), {}),  # too few events to tell
+        (replace(estimate, measured=((8.0, 0.2),)), {}),
+        (estimate, {"noise_share": 0.5}),
+        (estimate, {"samples": "auto"}),
+    ):
+        refuse_noise(noise, floor, complete(FolderSettings, settings, of="the test"))
+
+
+@pytest.mark.usefixtures("llvm")
+@pytest.mark.usefixtures("few_seeds")
+def test_the_frames_of_the_run_follow_from_its_sampling(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A fixed rate has as many as it says; the adaptive rule about two for each of its intervals."""
+    monkeypatch.setattr(monte_carlo_noise, "FEWEST_RAYS", 10_000)
+    scene = plain_box().crop(0.0, 0.1)
+    renderer = make_renderer(scene, scene.own_camera, kind="integrator", samples=2)
+
+    def frames(sampling: TimeSampling | None) -> float:
+        noise = estimate_noise_of(
+            renderer,
+            scene.path,
+            contrast_threshold=0.15,
+            contrast_threshold_off=0.15,
+            log_eps=1e-3,
+            sampling=sampling,
+            cost_share=0.0,
+        )
+        assert noise is not None
+        assert noise.run_s(2) > 0
+        return noise.run_rays / (2 * 32 * 24)
+
+    assert frames(FixedRate(5000.0)) == pytest.approx(500)
+    plain = frames(None)
+    assert frames(Tolerance(0.5, pixels=1 / 2, longest=1 / 2)) == pytest.approx(plain * 4 / 3, rel=1e-3)
+    assert frames(MaxDisplacement(1 / 3, hermite=True)) == pytest.approx(2 * plain, rel=1e-3)

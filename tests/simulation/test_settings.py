@@ -93,7 +93,7 @@ def test_the_defaults_are_those_of_python_plan_and_command_line(
     defaults = complete(FolderSettings, {}, of="nobody")
     assert complete(FolderSettings, sequence.settings, of="a plan") == defaults
     assert {name: one.default for name, one in shown(simulate_to_folder).items() if name in defaults} == defaults
-    assert command_line(monkeypatch) == {}
+    assert command_line(monkeypatch) == {"accept_noise": False}  # the library only warns
 
 
 def command_line(monkeypatch: pytest.MonkeyPatch, *options: str) -> dict[str, Any]:
@@ -143,8 +143,10 @@ def test_every_setting_has_an_option_and_a_key(name: str, monkeypatch: pytest.Mo
     option = setting.option.removesuffix("s") if setting.kind is list else setting.option
     given = [option] if setting.kind is bool else [option, text]
     expected = True if setting.kind is bool else value
-    assert command_line(monkeypatch, *given) == {name: expected}
-    if name in {"seed", "threads", "custom_effects"}:  # drawn, the workers', and code that no plan runs
+    # Too much noise is refused, where the library only warns.
+    assert command_line(monkeypatch, *given) == {"accept_noise": False, name: expected}
+    # Drawn, the workers', code that no plan runs, and of all sequences alike.
+    if name in {"seed", "threads", "custom_effects", "accept_noise"}:
         assert setting.key not in SETTINGS
         return
     in_plan = {"leak_rate_hz": 1} if name == "effects" else {"lag": 0.003} if name == "imu_effects" else expected

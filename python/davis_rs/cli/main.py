@@ -56,7 +56,11 @@ _DEBUG = "show the traceback of an error"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run a command; returns the exit status: 0, 1 for a failure or a check that does not hold, 130 after Ctrl-C."""
+    """Run a command; returns the exit status.
+
+    That is 0, 1 for a failure or a check that does not hold, 2 for what is refused before anything is done (options
+    that are wrong, a run that would have too much noise), 130 after Ctrl-C.
+    """
     try:
         return _status(arguments)
     except KeyboardInterrupt:  # wherever it comes, also while an error is told
@@ -83,7 +87,7 @@ def _status(arguments: Sequence[str] | None) -> int:
         if debug:
             traceback.print_exc()
         print(f"davis-rs: error: {_in_a_line(error, options, debug)}", file=sys.stderr)
-        return 1
+        return 2 if _refuses_noise(error) else 1
 
 
 @contextmanager
@@ -167,6 +171,12 @@ def _in_a_line(error: Exception, options: argparse.Namespace, debug: bool) -> st
         return said
     hint = "" if debug else "; --debug shows where"
     return f"unexpected {type(error).__name__}: {' '.join(said.split())}{hint}"
+
+
+def _refuses_noise(error: Exception) -> bool:
+    from ..noise_estimate import NoiseError
+
+    return isinstance(error, NoiseError)
 
 
 def _as_option(written: Mapping[str, str], argument: Argument) -> str:

@@ -86,7 +86,7 @@ def simulate_into(options: argparse.Namespace, scene: Scene, defaults: dict[str,
         overwrite=options.overwrite,
         meta={"command": ["davis-rs", *sys.argv[1:]], **meta},
         quiet=options.quiet,
-        **(defaults | given_settings(options, FolderSettings)),
+        **({"accept_noise": False} | defaults | given_settings(options, FolderSettings)),
     )
     if report.plan is not None and not options.quiet:
         print(report.plan, file=sys.stderr)

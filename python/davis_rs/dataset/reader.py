@@ -319,6 +319,9 @@ _META_TYPES: dict[str, tuple[type, ...]] = {
     "counts": (dict,),
     "parameters": (dict,),
     "effects": (dict,),
+    "davis_rs": (str,),
+    "model": (int,),
+    "monte_carlo_noise": (dict,),
 }
 """Of what is read from ``meta.json``; null stands for what is not known."""
 _POSITIVE_PARAMETERS = ("contrast_threshold", "contrast_threshold_off", "log_eps")
@@ -334,10 +337,13 @@ def _check_meta(path: Path, meta: dict[str, Any]) -> None:
             raise DecodeError(f"{path}: {key!r} must be of type {types[0].__name__}, found {value!r:.60}")
     if not -(2**63) <= (meta.get("duration_us") or 0) < 2**63:
         raise DecodeError(f"{path}: 'duration_us' must fit 64 bits, found {meta['duration_us']!r:.60}")
+    share = (meta.get("monte_carlo_noise") or {}).get("share")
+    if share is not None and not (_is_number(share) and 0 <= share < _LARGEST_PARAMETER):
+        raise DecodeError(f"{path}: the share of 'monte_carlo_noise' must be a number >= 0, found {share!r:.60}")
     parameters = meta.get("parameters") or {}
     for key in (*_POSITIVE_PARAMETERS, *_RATES):
         value = parameters.get(key)
-        number = isinstance(value, int | float) and not isinstance(value, bool)
+        number = _is_number(value)
         if value is None or (number and 0 < value < _LARGEST_PARAMETER) or (number and value == 0 and key in _RATES):
             continue
         rule = "a number >= 0" if key in _RATES else "a positive number"
@@ -345,6 +351,10 @@ def _check_meta(path: Path, meta: dict[str, Any]) -> None:
 
 
 _LARGEST_PARAMETER = 1e12
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def _parse_stamp(word: str, path: Path, number: int) -> int:

@@ -18,6 +18,7 @@ from ..effects import Effects, Optics
 from ..effects.effects import effects_of
 from ..events import EventArray, concatenate_events
 from ..folder_report import start_line
+from ..model_version import MODEL
 from ..no_events import warned_without_events
 from ..packet import Packet
 from ..read_ahead import read_ahead
@@ -169,6 +170,7 @@ class FrameRun:
         given = {name: value for name, value in self.settings.items() if name not in _TOLD_ELSEWHERE}
         return {
             "davis_rs": __version__,
+            "model": MODEL,
             "versions": {"numpy": np.__version__},
             "scene": {"name": self.source.name},
             "frames": self.describe_frames(),

@@ -91,6 +91,8 @@ def generate_sequences(
             standard error if not given.
 
     Raises:
+        NoiseError: if too many events of the first new sequence would be Monte Carlo noise, and the plan does not
+            accept that.
         ValueError: if one of the first 200 sequences that are to be made breaks a rule that can be seen beforehand (a
             later one is among those that failed), ``root`` holds sequences of another plan, or ``workers`` is not in
             1..:data:`MOST_WORKERS`.
@@ -109,15 +111,18 @@ def generate_sequences(
     with claim_root(folder, plan):
         there = {name for name, line in read_manifest(folder).items() if "shard" in line}
         absent = (k for k, name in enumerate(names) if name not in there and not (folder / name).is_dir())
-        check_sequences(plan, DrawnSequences(plan, [*islice(absent, CHECKED_FIRST)]), quiet=quiet)
+        new = DrawnSequences(plan, [*islice(absent, CHECKED_FIRST)])
+        check_sequences(plan, new, quiet=quiet)
+        if new and not (quiet and plan.accept_noise):
+            noise = noise_of(new[0])
+            if noise is not None and noise.noisy and not quiet:
+                say_above(f"{new[0]}: {noise}")
         write_plan(folder, plan)
         discard_hidden(folder)
         manifest = Manifest(folder, taken_up(sequences, folder, say, plan.shards))
         lines = manifest.lines
         kept, failed = set(lines), dict[str, str]()
         missing = DrawnSequences(plan, [k for k, name in enumerate(names) if name not in lines])
-        if missing and not quiet and (noise := noise_of(missing[0])) is not None and noise.noisy:
-            say_above(f"{missing[0]}: {noise}")
         packing = None if plan.shards is None else Packing(folder, plan.shards, names)
         if packing is not None and plan.shards is not None:
             for k in range(0, plan.sequences, plan.shards.sequences):
@@ -177,7 +182,8 @@ class DrawnSequences(Sequence[DrawnSequence]):
             return DrawnSequences(self._plan, self._indices[place])
         index = self._indices[place]
         parameters = self._plan.parameters(index)
-        return DrawnSequence(sequence_name(index), index, parameters, self._base, self._digest)
+        name = sequence_name(index)
+        return DrawnSequence(name, index, parameters, self._base, self._digest, self._plan.accept_noise)
 
 
 def draw_sequences(plan: SequencePlan) -> DrawnSequences:

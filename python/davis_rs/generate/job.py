@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 from .._mitsuba import default_variant, variant
-from ..monte_carlo_noise import NoiseEstimate, NoiseWarning, estimate_noise
+from ..monte_carlo_noise import noise_before_run, refuse_noise
 from ..no_events import NoEventsWarning
+from ..noise_estimate import NoiseError, NoiseEstimate, NoiseWarning
 from ..rendering.kept_scenes import keep_scenes
 from ..scene.mesh_scene import Axis
 from ..scene.scene import Scene
 from ..scenes import load_scene
-from ..settings import ViewSettings, only
+from ..settings import FolderSettings, complete
 from ..simulation_folder import simulate_to_folder
 from .folder import discard, publish, working_folder
 from .manifest import describe_folder
@@ -68,9 +71,30 @@ def origin(sequence: DrawnSequence) -> dict[str, Any]:
 
 
 def noise_of(sequence: DrawnSequence) -> NoiseEstimate | None:
-    """How many of a sequence's events will be Monte Carlo noise; None where nothing is drawn at random."""
-    given = {**sequence.settings, "seed": sequence.parameters["seed"]}
-    return estimate_noise(sequence.on_path(sequence.scene()), **only(ViewSettings, given))
+    """How many of a sequence's events will be Monte Carlo noise; None where nothing is drawn at random.
+
+    Raises:
+        NoiseError: if there will be more than the plan accepts, in the words of a plan.
+    """
+    settings = complete(FolderSettings, _settings(sequence), of=str(sequence))
+    scene = sequence.on_path(sequence.scene())
+    noise = noise_before_run(scene, settings)
+    if not sequence.accept_noise:
+        with _in_words_of_a_plan():
+            refuse_noise(noise, scene, settings)
+    return noise
+
+
+@contextmanager
+def _in_words_of_a_plan() -> Iterator[None]:
+    try:
+        yield
+    except NoiseError as refused:
+        raise NoiseError(refused.in_plan) from None
+
+
+def _settings(sequence: DrawnSequence) -> dict[str, Any]:
+    return {**sequence.settings, "seed": sequence.parameters["seed"], "accept_noise": sequence.accept_noise}
 
 
 @lru_cache(maxsize=4)
@@ -85,11 +109,10 @@ def _simulate(sequence: DrawnSequence, folder: Path, threads: int) -> None:
     meta: dict[str, Any] = {"generated": origin(sequence)}
     if scene.file is not None:  # by its name in the plan: where it lies differs from machine to machine
         scene = replace(scene, file_name=sequence.parameters["scene"])
-    settings = {**sequence.settings, "seed": sequence.parameters["seed"], "threads": threads}
-    with warnings.catch_warnings():
+    with warnings.catch_warnings(), _in_words_of_a_plan():
         # Of the first sequence the run says it before it begins, and of each one its meta.json does.
         warnings.simplefilter("ignore", NoiseWarning)
         warnings.simplefilter("ignore", NoEventsWarning)  # the run says at its end which sequences have none
-        report = simulate_to_folder(scene, folder, meta=meta, quiet=True, **settings)
+        report = simulate_to_folder(scene, folder, meta=meta, quiet=True, threads=threads, **_settings(sequence))
     if report.interrupted:
         raise SystemExit(130)

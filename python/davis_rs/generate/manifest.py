@@ -12,6 +12,7 @@ from typing import Any
 
 from .._core import __version__
 from ..dataset.files import META
+from ..model_version import MODEL
 from .folder import folder_sha256, listed_files, sync
 from .sequence_plan import SequencePlan
 
@@ -137,6 +138,7 @@ def write_plan(root: Path, plan: SequencePlan) -> None:
 def _description(plan: SequencePlan) -> dict[str, Any]:
     return {
         "davis_rs": __version__,
+        "model": MODEL,
         "plan_sha256": plan.sha256,
         "sequences": plan.sequences,
         "plan": plan.identity,
@@ -164,6 +166,11 @@ def _refuse_another(root: Path, plan: SequencePlan) -> None:
     if version != __version__:
         raise ValueError(
             f"{root} holds sequences that davis_rs {version} made, and this is {__version__}: choose another folder"
+        )
+    if (model := before.get("model", 1)) != MODEL:
+        raise ValueError(
+            f"{root} holds sequences that were made by model {model}, and today's is {MODEL} (CHANGELOG.md): choose "
+            "another folder"
         )
     if count > plan.sequences:
         raise ValueError(f"{root} is the folder of {count} sequences: a plan can grow, but not to {plan.sequences}")

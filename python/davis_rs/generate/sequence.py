@@ -41,6 +41,7 @@ class DrawnSequence:
         parameters: what was drawn for it, see :meth:`SequencePlan.parameters`.
         base: the folder that files are relative to.
         plan_sha256: of its plan.
+        accept_noise: make it however many of its events are Monte Carlo noise.
     """
 
     name: str
@@ -48,6 +49,7 @@ class DrawnSequence:
     parameters: Mapping[str, Any]
     base: Path
     plan_sha256: str
+    accept_noise: bool = False
 
     def __str__(self) -> str:
         return self.name

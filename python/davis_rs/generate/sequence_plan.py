@@ -28,8 +28,9 @@ from .shards import MOST_IN_A_SHARD, WRITERS, Shards
 
 _RULES: Mapping[type | None, str] = {float: "a number", int: "an integer", str: "a text", bool: "true or false"}
 _NAMES: Mapping[str, Collection[str]] = {"scene": {*BUILTIN_SCENES, *SEQUENCES}, "camera": PRESETS, "sensor": SENSORS}
-_NOT_KEYS = {"seed", "threads", "custom_effects"}
-"""The seed is the plan's, and drawn for each sequence; threads are those of the workers; a plan runs nobody's code."""
+_NOT_KEYS = {"seed", "threads", "custom_effects", "accept_noise"}
+"""The seed is the plan's, and drawn for each sequence; threads are those of the workers; a plan runs nobody's code; and
+noise is accepted of all sequences or of none."""
 
 SETTINGS: dict[str, Setting] = {
     setting.key: setting
@@ -38,8 +39,11 @@ SETTINGS: dict[str, Setting] = {
 }
 """The settings of a simulation that a plan may give or draw, by key."""
 
-_OF_PLAN = ("seed", "sequences", "shards")
+_OF_PLAN = ("seed", "sequences", "shards", "accept_noise")
 """Keys of the plan, not of a sequence: they take no distributions."""
+
+_MAY_CHANGE = ("sequences", "accept_noise")
+"""Of these, those that change nothing of a sequence: there may be more later, and more may be accepted."""
 
 MOST_SEQUENCES = 1_000_000
 """Of a plan: a manifest of more is no longer handled by any program."""
@@ -73,10 +77,11 @@ class SequencePlan:
         seed: of all draws, >= 0.
         sequences: how many.
         tree: for each key a value or a distribution.
-        identity: the plan in JSON's types, without the number of sequences: this one can grow.
+        identity: the plan in JSON's types, without what may change: the number of sequences, and ``accept_noise``.
         digests: SHA-256 of each file that the plan names, by the name that it has there, of materials and textures of
             meshes, and of the list of names and sizes of a folder's files.
         shards: how sequences are put together into files; None: each is a folder.
+        accept_noise: make sequences however many of their events are Monte Carlo noise.
     """
 
     file: Path
@@ -86,6 +91,7 @@ class SequencePlan:
     identity: Mapping[str, Any]
     digests: Mapping[str, str]
     shards: Shards | None = None
+    accept_noise: bool = False
 
     @property
     def sha256(self) -> str:
@@ -147,9 +153,12 @@ def load_sequence_plan(path: str | Path) -> SequencePlan:
             where.at(key).refuse(f"an integer >= {least}", value)
     if sequences > MOST_SEQUENCES:
         where.at("sequences").refuse(f"at most {MOST_SEQUENCES}", sequences)
+    accept_noise = given.get("accept_noise", False)
+    if not isinstance(accept_noise, bool):
+        where.at("accept_noise").refuse("true or false", accept_noise)
     shards = _shards(given.get("shards"), where.at("shards"))
-    identity = {key: value for key, value in given.items() if key != "sequences"} | {"seed": seed}
-    return SequencePlan(file, seed, sequences, tree, identity, _digests(tree, file.parent), shards)
+    identity = {key: value for key, value in given.items() if key not in _MAY_CHANGE} | {"seed": seed}
+    return SequencePlan(file, seed, sequences, tree, identity, _digests(tree, file.parent), shards, accept_noise)
 
 
 def _shards(value: Any, where: Where) -> Shards | None:

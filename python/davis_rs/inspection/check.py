@@ -15,7 +15,9 @@ from ..dataset.files import META
 from ..dataset.reader import Dataset, StampedImage
 from ..effects import EFFECTS
 from ..events import EventArray
+from ..noise_estimate import share_text
 from ..pose import GroundTruth
+from .dataset_description import describe_dataset
 
 TOLERANCE = 1e-9
 """What the check itself may add to an error, in units of C: its sums and differences are made in float64."""
@@ -53,6 +55,9 @@ class CheckReport:
         instants: the comparison at each instant whose luma is stored, after the first.
         void: effects of the sensor under which events need not explain log intensity, so that nothing was compared.
         converted: whether the folder was converted from another container: it has no luma to compare with.
+        noise: share of events that Monte Carlo noise makes missing or spurious, as the run estimated it; None where it
+            did not. Rendered luma has the same noise, so no check can see it.
+        made_by: the version and the model that made it, where that is not today's model.
     """
 
     path: Path
@@ -61,6 +66,8 @@ class CheckReport:
     instants: list[InstantError] = field(default_factory=list)
     void: list[str] = field(default_factory=list)
     converted: bool = False
+    noise: float | None = None
+    made_by: str | None = None
 
     @property
     def ok(self) -> bool:
@@ -86,11 +93,17 @@ class CheckReport:
             )
         if self.converted:
             lines.append("log intensity is not compared with the events: a folder that was converted has none")
+        if self.made_by:
+            lines.append(f"made by {self.made_by}")
+        if self.noise:
+            noise = share_text(self.noise, "the events are")
+            lines.append(f"{noise}; rendered luma has it too, so that the check cannot see it")
         lines += [f"problem: {problem}" for problem in self.problems[:_SHOWN]]
         if len(self.problems) > _SHOWN:
             lines.append(f"... and {len(self.problems) - _SHOWN} more")
         if self.ok:
-            lines.append("the check of its structure holds" if self.void or self.converted else "the check holds")
+            holds = "the check of its structure holds" if self.void or self.converted else "the check holds"
+            lines.append(f"{holds}, noise included" if self.noise else holds)
         else:
             lines.append(f"the check fails: {len(self.problems)} problem{'s' * (len(self.problems) > 1)}")
         return "\n".join(lines)
@@ -149,6 +162,9 @@ def check_dataset(path: str | Path) -> CheckReport:
     problems += luma_problems
     if ground_truth is not None:
         problems += _pose_problems(ground_truth)
+    said = describe_dataset(dataset) if meta else None
+    if said is not None:
+        report.noise, report.made_by = said.noise, said.made_by if said.of_another_model else None
     report.void = [name for name in meta.get("effects") or {} if name in _VOIDING]
     report.void += _voiding_custom_effects(meta)
     report.converted = "converted_from" in meta and not luma

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ..dataset.reader import Dataset
+from ..model_version import MODEL
 
 
 @dataclass(frozen=True)
@@ -15,15 +16,37 @@ class DatasetDescription:
         scene: the scene's name.
         threshold: C, or C of ON and of OFF events, such as ``C = 0.15``.
         effects: names of the effects; empty for ideal pixels.
+        noise: share of events that Monte Carlo noise makes missing or spurious, as estimated before the run; None also
+            where nothing was drawn at random.
+        version: of davis_rs that made it.
+        model: by which its events were made, see :data:`~davis_rs.model_version.MODEL`.
     """
 
     scene: str | None
     threshold: str | None
     effects: tuple[str, ...] | None
+    noise: float | None = None
+    version: str | None = None
+    model: int | None = None
+
+    @property
+    def of_another_model(self) -> bool:
+        """Whether today's model would make other events."""
+        return self.model not in (None, MODEL)
+
+    @property
+    def made_by(self) -> str | None:
+        """Version and model, and what another model than today's means."""
+        if self.model is None:
+            return None
+        made = f"davis_rs {self.version}, model {self.model}"
+        if not self.of_another_model:
+            return made
+        return f"{made}; today's is {MODEL}: counts of events may differ, see CHANGELOG.md"
 
 
 def describe_dataset(dataset: Dataset) -> DatasetDescription:
-    """Read the scene, the contrast threshold and the effects of a dataset.
+    """Read what the ``meta.json`` of a dataset says of its scene, its sensor, its noise, and of what made it.
 
     Raises:
         OSError, DecodeError: if ``meta.json`` cannot be read.
@@ -34,8 +57,12 @@ def describe_dataset(dataset: Dataset) -> DatasetDescription:
     if isinstance(parameters, dict) and "contrast_threshold" in parameters:
         on, off = parameters["contrast_threshold"], parameters.get("contrast_threshold_off")
         threshold = f"C = {on:g}" if off in (None, on) else f"C = {on:g} ON, {off:g} OFF"
+    version = meta.get("davis_rs")
     return DatasetDescription(
         scene=str(scene["name"]) if isinstance(scene, dict) and "name" in scene else None,
         threshold=threshold,
         effects=tuple(effects) if isinstance(effects, dict) else None,
+        noise=(meta.get("monte_carlo_noise") or {}).get("share"),
+        version=version,
+        model=None if version is None else (meta.get("model") or 1),
     )

@@ -17,6 +17,7 @@ from ..dataset.reader import Dataset
 from ..event_files.read import open_reader
 from ..folder_report import start_line
 from ..formats.interface import EventReader
+from ..noise_estimate import share_text
 from ..pose import GroundTruth
 from ..trajectory.trajectory import SPEED_WINDOW_S
 from ..untrusted import MAX_PACKET_BYTES
@@ -208,7 +209,7 @@ def _add_gaps(summary: EventSummary, t_us: npt.NDArray[np.int64]) -> None:
 
 
 def dataset_contents(dataset: Dataset) -> str:
-    """A few lines on what a dataset folder holds in addition to its events: scene, settings, images, poses and IMU.
+    """A few lines on what a dataset folder holds in addition to its events: scene, settings, noise, model, and parts.
 
     Raises:
         OSError, DecodeError: if a list of images, the ground truth or the IMU's samples cannot be read.
@@ -224,6 +225,10 @@ def dataset_contents(dataset: Dataset) -> str:
     start_time_ns = dataset.meta.get("start_time_ns")
     if isinstance(start_time_ns, int) and start_time_ns:
         lines.append(f"clock       {start_line(start_time_ns, 'the input')}")
+    if said.noise:
+        lines.append(f"noise       {share_text(said.noise, 'the events are')}")
+    if said.made_by is not None:
+        lines.append(f"made by     {said.made_by}")
     also = ", ".join(f"{count:,} {what}" for what, count in part_counts(dataset).items())
     lines.append(f"also        {also or 'nothing'}")
     if dataset.meta.get("interrupted"):

@@ -17,6 +17,7 @@ from ..dataset.reader import Dataset
 from ..decoded import IMU_DTYPE, Decoded, Frame
 from ..event_files.read import open_reader
 from ..events import EventArray, concatenate_events
+from ..noise_estimate import percent
 from ..pose import GroundTruth
 from ..recordings import read_recording
 from ..usb.raw_file import RawRecording, is_raw
@@ -120,12 +121,13 @@ def display_grey(linear: npt.NDArray[np.floating[Any]]) -> GreyImage:
 
 
 def _label(dataset: Dataset, size: tuple[int, int]) -> str:
-    """One line: the scene or else the folder's name, C, and the sensor."""
+    """One line: the scene or else the folder's name, C, the sensor, and the share of noise."""
     said = describe_dataset(dataset)
     sensor = f"sensor {size[0]} x {size[1]}"
     if said.effects is not None:
         sensor += f", with {', '.join(said.effects)}" if said.effects else ", ideal"
-    parts = [said.scene or dataset.path.resolve().name, said.threshold, sensor]
+    noise = f"{percent(said.noise)} Monte Carlo noise" if said.noise else None
+    parts = [said.scene or dataset.path.resolve().name, said.threshold, sensor, noise]
     return ", ".join(part for part in parts if part)
 
 

@@ -428,6 +428,15 @@ class SimulationSettings(CustomSettings, EffectsToleranceSettings, total=False):
 class FolderSettings(SimulationSettings, FolderFileSettings, total=False):
     """The settings of :func:`~davis_rs.simulate_to_folder`: a simulation's, and what is written next to the events."""
 
+    accept_noise: Annotated[
+        bool | None,
+        Declared(
+            "run even if the noise of Mitsuba's integrators makes more than 20 % of the events missing or spurious (or "
+            "than noise_share, if that is more); if that is not accepted, such a run is refused before it renders",
+            default_help="such a run is refused; in Python it only warns",
+            group=_ACCURACY,
+        ),
+    ]
     imu: Annotated[
         Imu | str | None,
         Declared(

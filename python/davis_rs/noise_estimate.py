@@ -1,0 +1,137 @@
+"""What an estimate of Monte Carlo noise says: the share of events that are noise, by the number of samples."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+NOISE_LIMIT = 0.2
+"""From a larger share of noise on, a run is refused that was not told to accept it; or from the ``noise_share`` that it
+was given on, if that is more."""
+
+SAMPLE_NUMBERS = (8, 13, 21, 34, 55, 89, 144, 233, 377, 610, 987, 1024)
+"""What ``samples="auto"`` takes one of: Fibonacci numbers, whose lattices integrate edges best, and the most."""
+
+
+class NoiseWarning(UserWarning):
+    """Warns that a larger share of a run's events than ``noise_share`` is expected to be Monte Carlo noise."""
+
+
+class NoiseError(ValueError):
+    """Refuses a run before it renders: more of its events than 20 % would be Monte Carlo noise.
+
+    Args:
+        said: with options of the command line.
+        in_plan: the same with keys of a plan.
+    """
+
+    def __init__(self, said: str, in_plan: str = "") -> None:
+        super().__init__(said)
+        self.in_plan = in_plan or said
+
+
+@dataclass(frozen=True)
+class NoiseEstimate:
+    """How many events of a run are noise.
+
+    A share is that of missing and spurious events (:func:`~davis_rs.compare_events`, within 10 ms) in the number of
+    events without noise; it may exceed 1.
+
+    Attributes:
+        samples: rays a pixel of the run.
+        measured: (samples, share), measured, by increasing samples; empty where there is no noise, or too few events
+            to tell.
+        log_noise: root mean square of the noise of log luma at ``samples``, in units of C.
+        events: how many the estimate saw without noise.
+        rays: how many it cast.
+        run_rays: how many the run will cast, roughly.
+        noisy: whether two seeds gave different light at all.
+        ray_s: how long a ray took, in seconds; NaN where none was timed.
+    """
+
+    samples: int
+    measured: tuple[tuple[float, float], ...] = ()
+    log_noise: float = 0.0
+    events: int = 0
+    rays: int = 0
+    run_rays: int = 0
+    noisy: bool = True
+    ray_s: float = field(default=math.nan, compare=False)
+
+    @property
+    def known(self) -> bool:
+        """Whether :meth:`share_at` has a result."""
+        return bool(self.measured) or not self.noisy
+
+    def share_at(self, samples: float) -> float:
+        """Return share of events that noise makes missing or spurious, with ``samples`` rays a pixel.
+
+        Between two measured numbers it is a straight line in logarithms. Outside it falls as the inverse square root of
+        ``samples``, as the noise of luma itself does. NaN where it is not known.
+        """
+        if not self.noisy:
+            return 0.0
+        if not self.measured:
+            return math.nan
+        counts, shares = (np.array(column) for column in zip(*self.measured, strict=True))
+        inside = float(np.clip(samples, counts[0], counts[-1]))
+        logs = np.log(np.maximum(shares, 1e-6))
+        return float(np.exp(np.interp(np.log(inside), np.log(counts), logs)) * math.sqrt(inside / samples))
+
+    def samples_for(self, share: float) -> int:
+        """Return the fewest of ``SAMPLE_NUMBERS``, from :attr:`samples` on, that keep the share; else 1024."""
+        enough = (n for n in SAMPLE_NUMBERS if n > self.samples and self.share_at(n) <= share)
+        return self.samples if not self.known or self.share_at(self.samples) <= share else next(enough, 1024)
+
+    def describe(self, samples: int | None = None) -> dict[str, Any]:
+        """Return the estimate in JSON's types, for meta.json.
+
+        Args:
+            samples: rays a pixel of the run, where others were chosen by the estimate.
+        """
+        shares = {f"{count:.4g}": float(f"{share:.4g}") for count, share in self.measured}
+        samples = self.samples if samples is None else samples
+        share = self.share_at(samples)
+        return {
+            "share": None if math.isnan(share) else float(f"{share:.4g}"),
+            "samples": samples,
+            "log_noise_over_c": float(f"{self.log_noise * math.sqrt(self.samples / samples):.4g}"),
+            "measured": shares,
+            "rays": self.rays,
+        }
+
+    def run_s(self, samples: int) -> float:
+        """Return how long the run would take to render with ``samples`` rays a pixel, in seconds, roughly; NaN where it
+        is not known."""
+        return self.run_rays * samples / self.samples * self.ray_s
+
+    def __str__(self) -> str:
+        if not self.noisy:
+            return "no Monte Carlo noise: two seeds give the same light"
+        if not self.measured:
+            return (
+                f"too few events to tell how many are Monte Carlo noise at {self.samples} samples; log luma is wrong "
+                f"by {self.log_noise:.2g} C (rms)"
+            )
+        told = f"{share_text(self.share_at(self.samples), 'these events are')} at {self.samples} samples"
+        more = 64 if self.samples < 64 else 4 * self.samples
+        return told if more > 1024 else f"{told}; {more} samples: about {percent(self.share_at(more))}"
+
+
+def share_text(share: float, these_are: str) -> str:
+    """A share of noise in words.
+
+    Args:
+        these_are: ``these events are``, or what else is said of them.
+    """
+    if share >= 0.995:
+        return f"most of {these_are} Monte Carlo noise ({100 * share:.0f} missing or spurious to 100 right ones)"
+    return f"about {percent(share)} of {these_are} Monte Carlo noise (missing or spurious)"
+
+
+def percent(share: float) -> str:
+    """A share to two digits, or to a whole percent."""
+    return f"{100 * share:.0f} %" if share >= 0.1 else f"{100 * share:.2g} %"
