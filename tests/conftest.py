@@ -17,7 +17,7 @@ from davis_rs.rendering.baked_light import baked_scene, cache
 
 # The same examples in every run, and no time limit for one: kernels are compiled on first use. For more of them:
 # pytest --hypothesis-profile=long
-settings.register_profile("davis_rs", derandomize=True, deadline=None, max_examples=30)
+settings.register_profile("davis_rs", derandomize=True, deadline=None, max_examples=50)
 settings.register_profile("long", derandomize=True, deadline=None, max_examples=300)
 settings.load_profile("davis_rs")
 
@@ -76,12 +76,6 @@ def pytest_cmdline_main(config: pytest.Config) -> None:
     """Workers (-n) begin at files far apart: if they shared a file's tests, each would make its fixtures."""
     if config.getoption("dist", "no") == "no":
         config.option.dist = "worksteal"
-
-
-@pytest.fixture(scope="session")
-def long(pytestconfig: pytest.Config) -> bool:
-    """Whether ``--long`` is given: for tests that have a short form, with fewer draws or directions, and a long one."""
-    return bool(pytestconfig.getoption("long"))
 
 
 @pytest.fixture(scope="session")
