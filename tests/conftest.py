@@ -79,6 +79,12 @@ def pytest_cmdline_main(config: pytest.Config) -> None:
 
 
 @pytest.fixture(scope="session")
+def long(request: pytest.FixtureRequest) -> bool:
+    """Whether tests that have a short and a long form are to run the long one (``--long``)."""
+    return bool(request.config.getoption("long"))
+
+
+@pytest.fixture(scope="session")
 def llvm() -> str:
     """The fast variant's name; without a usable LLVM the test is skipped, and the summary says why."""
     name, why = default_variant()
@@ -99,6 +105,15 @@ def baked_light_kept_apart(tmp_path_factory: pytest.TempPathFactory) -> Iterator
         del os.environ["DAVIS_RS_CACHE_DIR"]
     else:
         os.environ["DAVIS_RS_CACHE_DIR"] = before
+
+
+@pytest.fixture(scope="session", autouse=True)
+def costs_measured_once(long: bool) -> Iterator[None]:
+    """What effects cost in time, which no test judges, is measured in one round; with ``--long`` in three."""
+    with pytest.MonkeyPatch.context() as patch:
+        if not long:
+            patch.setattr("davis_rs.effect_planning.cost._ROUNDS", 1)
+        yield
 
 
 @pytest.fixture

@@ -27,12 +27,14 @@ import pytest
 
 from clips import moving_bars, write_images, write_video
 from davis_rs import load_sensor
+from davis_rs._mitsuba import variant
 from davis_rs.cli.main import COMMANDS, main, make_parser
 from davis_rs.cli.parser import Parser
 from davis_rs.cli.settings_table import settings_markdown
 from davis_rs.generate import load_sequence_plan
 from places import ROOT
 
+EXAMPLES = ROOT / "examples"
 DOCUMENTS = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 DOCUMENTS.remove(
     ROOT / "docs" / "own_scene.md"
@@ -40,6 +42,7 @@ DOCUMENTS.remove(
 
 SHORT_RUN = "--duration 0.05 --samples 1"  # long enough for two frames, which davis-rs check needs
 SHORTENED = {
+    "sequences": "slider_depth",
     "simulate": SHORT_RUN,
     "sequence": "--start 1 --duration 0.1 --samples 1",  # at its start the camera rests
     "record": "--duration 0.02",
@@ -54,7 +57,12 @@ RUN_INSTEAD = {
     "davis-rs view walls --time 0.6": "davis-rs view walls --time 0.01",
     "davis-rs view walls --html out.html --time 0.6": "davis-rs view DIR --html out.html --time 0.01",
     "davis-rs simulate checkerboard -o DIR --imu mpu6150 --frame-rate 20 --depth-rate 0": "davis-rs simulate "
-    "checkerboard -o DIR --imu mpu6150 --frame-rate 10 --depth-rate 0 --duration 3 --max-displacement 4 --samples 2",
+    "checkerboard -o DIR --imu mpu6150 --frame-rate 10 --depth-rate 0 --duration 2 --max-displacement 8 --samples 1 "
+    "--contrast-threshold 1",
+    "davis-rs simulate dynamic_6dof -o DIR --start 45 --duration 0.1 --flow-rate 20 --mask-rate 20 --normal-rate 20": (
+        "davis-rs simulate dynamic_6dof -o DIR --start 45 --duration 0.01 --size 120x90 --flow-rate 20 --mask-rate 20 "
+        "--normal-rate 20 --samples 1"
+    ),
     "davis-rs generate example.yaml -o data --quiet": "davis-rs generate PLAN.yaml -o data --quiet",
 }
 """Commands that are shortened in another way, and what is run in their place."""
@@ -91,8 +99,11 @@ NOT_RUN_PYTHON = {
 OPTIONAL = ("torch", "tonic")
 """Libraries that the tests' extra does not bring; blocks with one of them run where it is installed."""
 
-OWN_INTERPRETER = ("__main__", "set_variant")
-"""Python blocks with this in them are programs of their own: they start workers, or change Mitsuba for all."""
+OWN_INTERPRETER = "__main__"
+"""Python blocks with this in them are programs of their own: they start workers."""
+
+LONG_PLAN, SHORTER_PLAN = "sequences: 1000", "sequences: 3"
+"""What becomes of a plan of many sequences, of which all are drawn."""
 
 SHORTER_SCENE = ('load_scene("three_planes")', 'load_scene("three_planes").crop(0, 0.1)')
 """What becomes of the scene where a block plans effects for all of it."""
@@ -313,7 +324,9 @@ def test_other_commands_name_what_there_is() -> None:
 
 
 @pytest.mark.parametrize("snippet", PYTHON, ids=lambda one: one.where)
-def test_python_blocks_run_by_themselves(snippet: Snippet, folder: Path, request: pytest.FixtureRequest) -> None:
+def test_python_blocks_run_by_themselves(
+    snippet: Snippet, folder: Path, request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Each block runs with its own imports alone, in its own interpreter where needed. The folder has a PLAN.yaml."""
     for library in OPTIONAL:
         if library in snippet.text:
@@ -327,17 +340,20 @@ def test_python_blocks_run_by_themselves(snippet: Snippet, folder: Path, request
             assert hasattr(import_module("davis_rs"), node.attr), f"{snippet.where}: davis_rs.{node.attr}"
     if any(mark in snippet.text for mark in NOT_RUN_PYTHON):
         return
-    if "llvm_ad_rgb" in snippet.text:
-        request.getfixturevalue("llvm")
-    if not any(mark in snippet.text for mark in OWN_INTERPRETER):
+    if OWN_INTERPRETER not in snippet.text:
         text = snippet.text.replace(*SHORTER_SCENE) if "sensor=" in snippet.text else snippet.text
-        with redirect_stdout(StringIO()) as out, warnings.catch_warnings():
+        with ExitStack() as stack:
+            if "llvm_ad_rgb" in text:  # which it sets for all
+                stack.enter_context(variant(request.getfixturevalue("llvm")))
+            stack.enter_context(warnings.catch_warnings())
             warnings.simplefilter("always", UserWarning)
+            monkeypatch.syspath_prepend(EXAMPLES)
+            out = stack.enter_context(redirect_stdout(StringIO()))
             exec(compile(text, snippet.where, "exec"), {"__name__": "__main__"})
         check_output(snippet, out.getvalue())
         return
     (folder / "block.py").write_text(snippet.text)
-    path = os.pathsep.join([str(ROOT / "examples"), os.environ.get("PYTHONPATH", "")])
+    path = os.pathsep.join([str(EXAMPLES), os.environ.get("PYTHONPATH", "")])
     command = [sys.executable, "-W", "error::DeprecationWarning:__main__", "block.py"]
     done = subprocess.run(
         command, env={**os.environ, "PYTHONPATH": path}, capture_output=True, text=True, timeout=300, check=False
@@ -347,9 +363,14 @@ def test_python_blocks_run_by_themselves(snippet: Snippet, folder: Path, request
 
 
 def check_output(snippet: Snippet, printed: str) -> None:
-    """README's first block prints a line a frame."""
+    """README's first block prints a line a frame; docs/differentiable.md says what the error is about."""
     if snippet.where.startswith("README.md") and "duration_s=0.1" in snippet.text:
         assert [line.split()[0] for line in printed.splitlines()] == ["0", "25000", "50000", "75000", "100000"]
+    if "error of the frame" in snippet.text:
+        found = re.fullmatch(r"error of the frame: ([\d.]+); without edges ([\d.]+)\n", printed)
+        assert found is not None
+        assert float(found[1]) < 0.02
+        assert 0.4 < float(found[2]) < 0.6
 
 
 @pytest.mark.parametrize("snippet", YAML, ids=lambda one: one.where)
@@ -359,7 +380,9 @@ def test_plans_are_plans(snippet: Snippet, folder: Path) -> None:
     (folder / "groundtruth.txt").write_bytes((folder / "DIR" / "groundtruth.txt").read_bytes())
     for text in texts:
         (folder / "plan.yaml").write_text(
-            text if "scene:" in text else f"scene: three_planes\nduration: 0.02\n{text}\n"
+            text.replace(LONG_PLAN, SHORTER_PLAN)
+            if "scene:" in text
+            else f"scene: three_planes\nduration: 0.02\n{text}\n"
         )
         load_sequence_plan("plan.yaml")
         assert main(["generate", "plan.yaml", "--dry-run"]) == 0
@@ -381,11 +404,9 @@ def test_the_plan_draws_what_is_printed(folder: Path, capsys: pytest.CaptureFixt
     assert block[1 : 1 + len(printed)] == [line.rstrip() for line in printed]
 
 
-def test_tables_are_what_commands_print(capsys: pytest.CaptureFixture[str]) -> None:
-    """docs/settings.md ends with the table of all settings, docs/sequences.md has that of all sequences."""
+def test_the_table_of_settings_is_what_the_command_prints() -> None:
+    """docs/settings.md ends with it. tests/scenes/test_sequences.py compares the table of sequences."""
     assert (ROOT / "docs/settings.md").read_text().endswith(f"\n{settings_markdown()}\n")
-    assert main(["sequences-table"]) == 0
-    assert capsys.readouterr().out.strip() in (ROOT / "docs/sequences.md").read_text()
 
 
 def test_links_and_pictures_lead_somewhere() -> None:
