@@ -41,15 +41,21 @@ def block(half: float, height: float) -> Parts:
     return {"type": "cube", "to_world": to_world, "bsdf": diffuse([0.7, 0.5, 0.3])}
 
 
-def crossing(way: float = 0.3, *, turn: float = 0.6, duration_s: float = DURATION_S, **parts: Parts) -> Scene:
-    """A block that turns, and crosses the floor under a lamp, next to a red wall; the camera looks down."""
+def crossing(
+    way: float = 0.3, *, turn: float = 0.6, duration_s: float = DURATION_S, max_depth: int = 2, **parts: Parts
+) -> Scene:
+    """A block that turns, and crosses the floor under a lamp, next to a red wall; the camera looks down.
+
+    Args:
+        max_depth: 2 for direct light alone, which is baked in a second.
+    """
     wall = {"type": "rectangle", "bsdf": diffuse([0.8, 0.2, 0.1])}
     wall["to_world"] = np.array([[0, 0, 1, -1.0], [1, 0, 0, 0], [0, 1, 0, 1], [0, 0, 0, 1]])
     first = Pose([-way / 2, 0.1, 0.0], UPRIGHT)
     last = Pose([way / 2, 0.1 + way / 3, way / 3], Rotation.from_rotvec([0.0, 0.0, turn]).as_quat())
     own = {"floor": plate(0, 0, 0, (1, 1)), "wall": wall, "block": block(0.15, 0.35), "panel": lamp(1.6)}
     return replace(
-        make_scene(PATH | {"max_depth": 4}, **{**own, **parts}),
+        make_scene(PATH | {"max_depth": max_depth}, **{**own, **parts}),
         camera=CAMERA,
         trajectory=SegmentTrajectory(DOWN, DOWN, duration_s),
         objects={"block": SegmentTrajectory(first, last, DURATION_S)},
@@ -76,9 +82,9 @@ def off_path_tracer(scene: Scene, renderer: Renderer, t_s: FloatArray) -> tuple[
     return renderer.luma(views) / mean - 1, float(np.median(noise))
 
 
-def test_a_body_that_moves_is_lit_as_by_the_path_tracer() -> None:
+def test_a_body_that_moves_is_lit_as_by_the_path_tracer(long: bool) -> None:
     """At the bake's instants only edges and noise differ; between them as much as is told, where light changes."""
-    scene = crossing()
+    scene = crossing(max_depth=4 if long else 3)
     renderer = build(scene, 0.05, samples=64)
     light = light_of(renderer)
     instants = light.maps.instants
@@ -105,7 +111,7 @@ def test_a_body_that_moves_is_lit_as_by_the_path_tracer() -> None:
 def test_rates_between_instants_are_the_changes_of_luma() -> None:
     """And light bends at the instants, so that luma is not interpolated across them."""
     scene = crossing()
-    renderer = build(scene, 0.05, samples=1)
+    renderer = build(scene, 0.1, samples=1)
     instants = light_of(renderer).maps.instants
     assert len(instants) > 2
     middle = (instants[0] + instants[1]) / 2
@@ -131,10 +137,11 @@ def test_a_body_that_stands_still_is_baked_once(folder: Path) -> None:
 
 @pytest.mark.long
 def test_the_same_bits_with_and_without_cache(
-    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], long: bool
 ) -> None:
     """A cached bake is used, also after one that was stopped. Another motion is baked anew."""
-    scene = crossing()
+    max_depth = 4 if long else 2
+    scene = crossing(max_depth=max_depth)
     views = at(scene, np.array([0.0, 0.11, 0.4]))
     first = build(scene, 0.2).luma(views)
     monkeypatch.setattr(baked_scene, "_known", {})
@@ -158,7 +165,7 @@ def test_the_same_bits_with_and_without_cache(
             build(scene, 0.2)
     assert [file.suffix for file in folder.iterdir()] == [".partial"]
     assert np.array_equal(build(scene, 0.2).luma(views), first)
-    build(crossing(0.2), 0.2)
+    build(crossing(0.2, max_depth=max_depth), 0.2)
     assert [file.suffix for file in folder.iterdir()] == [".light", ".light"]
 
 
@@ -187,7 +194,7 @@ def test_a_lamp_that_moves_takes_its_light_with_it() -> None:
 
 @pytest.mark.long
 def test_what_baking_saves_and_errs_with_bodies_that_move(folder: Path) -> None:
-    scene = crossing()
+    scene = crossing(max_depth=4)
     line = light_cost(build(scene, 0.2), scene)
     assert line is not None
     assert "instants where bodies change it, baked in" in line
