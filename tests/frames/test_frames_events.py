@@ -241,6 +241,10 @@ def test_a_part_of_the_time_and_slow_motion() -> None:
 BAD_FRAMES: dict[str, tuple[Callable[[], Any], str]] = {
     "another size": (lambda: [BARS[0], BARS[1, :20]], "frame 1: all frames must have one size, this has 48 x 20"),
     "colour after grey": (lambda: [BARS[0], np.stack([BARS[1]] * 3, -1)], "frame 1: all frames must have one size"),
+    "16 bits after 8": (
+        lambda: [BARS[0], BARS[1].astype(np.uint16) << 8],
+        "frame 1: all frames must have one type, this has uint16, the first uint8",
+    ),
     "NaN": (lambda: [np.zeros((4, 4)), np.full((4, 4), np.nan)], r"frame 1: light must be finite .* pixel \(0, 0\)"),
     "negative": (lambda: np.array([np.zeros((4, 4)), -np.eye(4)]), r"frame 1: light must .*, got -1.0 at pixel"),
     "one": (lambda: BARS[:1], "frame 0: one frame makes no events: two are needed"),

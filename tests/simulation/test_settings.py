@@ -326,8 +326,9 @@ def test_the_record_has_every_setting_that_results_depend_on() -> None:
 def test_the_record_has_the_settings_of_what_is_written_too(tmp_path: Path) -> None:
     """IMU, ground truth and the gain of the frames."""
     report = simulate_to_folder(
-        PLANES, tmp_path / "out", duration_s=0.02, camera=SMALL, quiet=True, imu=Imu(rate_hz=500.0), image_gain=0.5,
-        pose_rate_hz=100.0, clock_offset_s=0.25, clock_drift_ms_per_min=2.0, pose_noise_m=0.001, seed=3,
+        PLANES, tmp_path / "out", duration_s=0.02, camera=SMALL, contrast_threshold=0.02, quiet=True,
+        imu=Imu(rate_hz=500.0), image_gain=0.5, pose_rate_hz=100.0, clock_offset_s=0.25,
+        clock_drift_ms_per_min=2.0, pose_noise_m=0.001, seed=3,
     )  # fmt: skip
     meta = json.loads((report.path / "meta.json").read_text())
     assert meta["parameters"]["seed"] == 3
@@ -337,6 +338,8 @@ def test_the_record_has_the_settings_of_what_is_written_too(tmp_path: Path) -> N
     assert meta["motion_capture"]["clock"] == {"offset_s": 0.25, "drift": pytest.approx(2e-3 / 60)}
     assert meta["motion_capture"]["noise"]["position_m"] == 0.001
     given = MotionCapture(100.0, clock=MocapClock(0.25, 2e-3 / 60))
-    again = simulate_to_folder(PLANES, tmp_path / "b", duration_s=0.02, camera=SMALL, quiet=True, motion_capture=given)
+    again = simulate_to_folder(
+        PLANES, tmp_path / "b", duration_s=0.02, camera=SMALL, contrast_threshold=0.02, quiet=True, motion_capture=given
+    )
     other = json.loads((again.path / "meta.json").read_text())["motion_capture"]
     assert other["clock"] == meta["motion_capture"]["clock"]

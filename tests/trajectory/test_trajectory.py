@@ -511,6 +511,14 @@ class TestInterval:
         for method in ("positions", "quaternions", "velocities", "angular_rates"):
             assert np.allclose(getattr(part, method)(t), getattr(whole, method)(np.minimum(t + 0.7, 3.0)), atol=1e-12)
 
+    def test_zero_is_told_on_the_clock_of_the_samples(self) -> None:
+        t = np.arange(40) / 200
+        late = SampledTrajectory(t + 1000.25, *tumbling(t))
+        assert late.duration_s == pytest.approx(0.195)
+        assert late.start_time_ns == 1_000_250_000_000
+        assert late.crop(0.1).crop(0.05).start_time_ns == 1_000_400_000_000
+        assert sampled().start_time_ns == segment().start_time_ns == 0
+
     @pytest.mark.parametrize(
         ("start_s", "duration_s"), [(-0.1, 1.0), (2.0, 1.1), (3.0, None), (1.0, 0.0), (1.0, np.nan)]
     )

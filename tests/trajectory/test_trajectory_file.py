@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from davis_rs import DecodeError
+from davis_rs import DecodeError, Pose, align
 from davis_rs.pose import FloatArray
 from davis_rs.trajectory.sampled_trajectory import SampledTrajectory
 from davis_rs.trajectory.trajectory_file import read_trajectory
@@ -63,7 +63,9 @@ def test_unix_stamps_are_exact_to_the_nanosecond(tmp_path: Path, form: str) -> N
     stamps = [start + i * 10_000_001 for i in range(10)]
     path = write(tmp_path / "tum.txt", [f"{form.format(*divmod(s, 10**9))} {POSE}" for s in stamps])
     trajectory = exact(path)
-    assert trajectory.describe()["start_time_ns"] == start
+    assert trajectory.describe()["start_time_ns"] == trajectory.start_time_ns == start
+    moved = align(trajectory, Pose(np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]))).crop(0.02, 0.05)
+    assert moved.start_time_ns == start + 20_000_000
     assert trajectory.duration_s == pytest.approx(0.090000009, abs=1e-15)
 
 

@@ -61,7 +61,8 @@ def add_trajectory(group: argparse._ArgumentGroup) -> None:
     group.add_argument(
         "--trajectory",
         metavar="FILE",
-        help="groundtruth.txt, TUM, or ESIM's CSV in nanoseconds; the scene's own path if not given",
+        help="groundtruth.txt, TUM, or ESIM's CSV in nanoseconds, whose first stamp becomes t = 0; the scene's own "
+        "path if not given",
     )
     group.add_argument(
         "--align",

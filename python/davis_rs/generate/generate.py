@@ -151,7 +151,7 @@ def generate_sequences(
             lines |= {name: describe_folder(folder / name) for name in unsaid}
             manifest.write()
     failed = {name: error for name, error in failed.items() if name not in lines}
-    if silent := [name for name in names if name in lines.keys() - kept and not lines[name]["events"]]:
+    if silent := [name for name in names if name in lines and name not in kept and not lines[name]["events"]]:
         more = f" and {len(silent) - _NAMED} more" if len(silent) > _NAMED else ""
         say(f"0 events in {', '.join(silent[:_NAMED])}{more}")
     return Generated(Path(root), len(lines), len(lines) - len(kept), failed)
