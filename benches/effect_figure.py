@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from davis_rs import CrossingEngine, Effects
-from davis_rs.events import EventArray
+from davis_rs.events import EventArray, concatenate_events
+from davis_rs.sensor_fit.static_scene import before_a_leak
 
 
 @contextmanager
@@ -34,11 +35,15 @@ def picture(description: str | None, *, panels: int, size: tuple[float, float]) 
 def on_static_scene(
     effects: Effects, luma: float, seconds: float, *, size: tuple[int, int], **settings: Any
 ) -> tuple[CrossingEngine, EventArray]:
-    """Pixels (width, height) that see one luma for so long, and their events; ``settings`` are those of the engine."""
+    """Pixels (width, height) that see one luma for so long, and their events; ``settings`` are those of the engine.
+
+    Those that leak have leaked before.
+    """
     engine = CrossingEngine(*size, effects=effects, **settings)
     frame = np.full(size[::-1], luma, np.float32)
-    engine.push(0, frame)
-    return engine, engine.push(int(seconds * 1e6), frame)
+    engine.push(0, frame if effects.leak_rate_hz is None else before_a_leak(frame, engine, 0))
+    events = [engine.push(t_us, frame) for t_us in (1, int(seconds * 1e6))]
+    return engine, concatenate_events(events)
 
 
 def of_each_pixel(events: EventArray) -> list[EventArray]:

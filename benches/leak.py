@@ -15,7 +15,7 @@ from davis_rs.pose import FloatArray
 SIDE, SECONDS = 100, 600
 
 
-def stamps(leak: LeakRate, luma: float = 0.0) -> list[FloatArray]:
+def stamps(leak: LeakRate, luma: float = 1.0) -> list[FloatArray]:
     """Seconds of the events of each pixel of a static scene."""
     effects = Effects(leak_rate_hz=leak, threshold_mismatch=0.12)
     _, events = on_static_scene(effects, luma, SECONDS, size=(SIDE, SIDE), log_eps=1e-6)

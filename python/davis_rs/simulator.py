@@ -155,8 +155,6 @@ class Simulator:
     def run(self) -> Iterator[Packet]:
         """Simulate the scene's camera path from its start to its end; memory stays bounded, however long it is.
 
-        If the readout is slower than the event rate and drops nothing, its buffer grows without bound.
-
         Yields:
             Packets that tile the time; the first ends at 0 and has no events. One ends at every instant where a frame
             or a depth map falls due, and at the end. Where a readout still holds events then, one more brings them.

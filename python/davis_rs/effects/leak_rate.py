@@ -35,8 +35,8 @@ class LeakRate(EngineEffect):
 
     In the dark the drift is a function of time, R - rate C_on t, not a sum, and so does not depend on frames. What
     light adds is a sum over the intervals between frames, each with the mean light of its ends: exact where luma runs
-    straight. At the first frame each pixel has leaked by a part of C_on drawn for it, so pixels are not in step. No
-    pixel leaks faster than 1e6 Hz.
+    straight. Where a reference begins is not the leak's to say (``start_phase``): at the signal its first event takes
+    1 / rate. No pixel leaks faster than 1e6 Hz.
 
     Args:
         rate_hz: events per second of a pixel in a static scene in the dark at 25 degrees, the mean of all pixels,

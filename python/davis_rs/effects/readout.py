@@ -15,9 +15,13 @@ class Readout(EngineEffect):
     """A bus that reads events out row by row (address-event representation).
 
     Pixels ask for their row. When the bus is free it grants the row whose request is the oldest, stamps all of that
-    row's requests alike, and carries the row's address and their columns at its own pace. No event is lost unless
-    ``drop_after_us`` is given; those that still wait at the end come from :meth:`~davis_rs.CrossingEngine.flush`, with
-    later stamps. A pixel's own reset does not wait for the bus.
+    row's requests alike, and carries the row's address and their columns at its own pace. No event that
+    waits is lost unless ``drop_after_us`` is given; those that still wait at the end come from
+    :meth:`~davis_rs.CrossingEngine.flush`, with later stamps.
+
+    A pixel's reset waits for the bus: what reaches a level before the pixel's last event was read out, and its
+    refractory period (at least a microsecond) was over, is no event, and is counted as missed. What log intensity the
+    pixel memorises is that of a reset that did not wait: docs/effects.md has the consequences.
 
     Args:
         events_per_s: events that the bus carries in a second, >= 1; inf for all at once.
@@ -27,8 +31,7 @@ class Readout(EngineEffect):
         drop_after_us: an event that has waited longer than this when its row is granted is dropped and counted; None
             drops none.
         row_us: what a row's address costs on top, 0..1e9 us: with 0.55 and 12e6 events a second, bursts of single
-        events follow
-            each other by 0.63 us.
+            events follow each other by 0.63 us.
 
     Raises:
         ValueError: for values out of range.

@@ -14,7 +14,8 @@ class RefractoryPeriod(EngineEffect):
     """Holds a pixel in reset after each of its events. At the end of the reset it memorises log intensity anew.
 
     Held from the crossing itself, not from its stamp: on a ramp of slope s events follow each other by C / s + T. What
-    log intensity does meanwhile is lost, so events no longer add up to it.
+    log intensity does meanwhile is lost, so events no longer add up to it. Where events wait for a bus
+    (:class:`~davis_rs.effects.Readout`), the pixel makes none until the period after its readout is over.
 
     Args:
         period_us: T in microseconds, 0..1e15; 0 is neutral.
