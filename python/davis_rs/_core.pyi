@@ -11,6 +11,7 @@ from .decoded import Decoded, Frame
 
 __all__ = [
     "RUST_SYSROOT",
+    "Aedat4Recording",
     "CrossingEngine",
     "DecodeError",
     "Decoder",
@@ -32,7 +33,6 @@ __all__ = [
     "log_intensity",
     "pack_event_message",
     "pack_evt3",
-    "read_aedat4",
     "reconstruct",
     "spike_tensor",
     "unpack_event_message",
@@ -53,10 +53,7 @@ class _Aedat4(TypedDict):
     imu: npt.NDArray[np.void]
     frames: list[Frame]
     triggers: npt.NDArray[np.void]
-    size: tuple[int, int] | None
-    source: str
     other_packets: int
-    cut: str | None
 
 class DecodeError(ValueError):
     """Contents of a file or stream that do not follow the format they claim; the message says where."""
@@ -549,25 +546,49 @@ class EventFileReader:
     def left_over(self) -> int:
         """Number of bytes left at the end of the file that are no complete record."""
 
-def read_aedat4(path: str | os.PathLike[str], max_packet_bytes: int) -> _Aedat4:
-    """Read what a file of AEDAT 4.0 holds: of each kind the first stream, in the order of the file.
+@final
+class Aedat4Recording:
+    """Reads what a file of AEDAT 4.0 holds: of each kind the first stream, in the order of the file.
 
     Args:
         path: the file.
+        kinds: what is unpacked of ``events``, ``imu``, ``frames`` and ``triggers``; the rest is passed over.
         max_packet_bytes: what a packet may unpack to.
 
-    Returns:
-        events: :data:`davis_rs.EVENT_DTYPE`; negative coordinates are 32,768 and more.
-        imu, triggers: :data:`davis_rs.IMU_DTYPE`, :data:`davis_rs.TRIGGER_DTYPE`.
-        size: (width, height), where the header says.
-        source: the camera that the header names, or "".
-        other_packets: of other streams, passed over.
-        cut: what the end of the file cuts off, and where.
-
     Raises:
+        ValueError: for a kind that there is not.
         OSError: if it cannot be read.
-        DecodeError: for the first packet that does not follow the format, with its byte.
+        DecodeError: if its header does not follow the format.
     """
+
+    def __new__(cls, path: str | os.PathLike[str], kinds: Sequence[str], max_packet_bytes: int) -> Aedat4Recording: ...
+    def read(self) -> _Aedat4 | None:
+        """Read the next packets, some hundred kilobytes of the file; the GIL is released.
+
+        Returns:
+            None at the end of the file, else
+
+            events: :data:`davis_rs.EVENT_DTYPE`; negative coordinates are 32,768 and more.
+            imu, triggers: :data:`davis_rs.IMU_DTYPE`, :data:`davis_rs.TRIGGER_DTYPE`.
+            frames: a list of :class:`davis_rs.Frame`.
+            other_packets: how many were passed over.
+
+        Raises:
+            OSError: if it cannot be read.
+            DecodeError: for the first packet that does not follow the format, with its byte.
+        """
+    @property
+    def size(self) -> tuple[int, int] | None:
+        """The sensor's (width, height), where the header says."""
+    @property
+    def source(self) -> str:
+        """The camera that the header names, or ""."""
+    @property
+    def bytes(self) -> int:
+        """Bytes of the file that were read."""
+    @property
+    def cut(self) -> str | None:
+        """What the end of the file cuts off, and where; known once it was read to its end."""
 
 def check_events(events: npt.NDArray[np.void], *, last_us: int, latest_us: int, size: tuple[int, int]) -> None:
     """Check a packet of events before it is written.

@@ -40,8 +40,8 @@ pub use error::{Error, Result};
 pub use event::{Event, SensorSize};
 pub use log_intensity::{log_intensity, log_intensity_frame};
 pub use read::{
-    Aedat4Decoder, Aedat4Frame, Aedat4Imu, Aedat4Recording, Aedat4Trigger, Block, Decode, DecoderState, EventReader,
-    Evt2Decoder, Evt3Decoder, MAX_PACKET_BYTES, TextDecoder,
+    Aedat4Decoder, Aedat4Frame, Aedat4Imu, Aedat4Kind, Aedat4Piece, Aedat4Recording, Aedat4Trigger, Block, Decode,
+    DecoderState, EventReader, Evt2Decoder, Evt3Decoder, MAX_PACKET_BYTES, TextDecoder,
 };
 pub use readout::{ReadoutParameters, ReadoutState};
 pub use render::{

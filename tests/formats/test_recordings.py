@@ -461,7 +461,7 @@ def test_a_cut_end_is_reported(folder: Path) -> None:
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        (b"", "byte 0: expected one of #!AER-DAT2.0, #!AER-DAT3.1, #!AER-DAT4.0, found"),
+        (b"", "byte 0: expected one of #!AER-DAT2.0, #!AER-DAT3.1, #!AER-DAT4.0, #!DAVIS-RAW 1, found"),
         (b"#!AER-DAT3.0\r\n", "found b'#!AER-DAT3.0"),
         (b"#!AER-DAT2.0\r\n", "only chip= can tell"),
         (aedat2([], chip="DVS128"), "only chip= can tell"),

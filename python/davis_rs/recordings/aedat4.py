@@ -1,44 +1,47 @@
-"""AEDAT 4, DV's format, as the Rust core reads it; what a recording says beyond the arrays is put together here.
+"""AEDAT 4, DV's format, as the Rust core reads it.
 
 Source: docs.inivation.com, AEDAT 4.0; the schemas of dv-processing.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
-from datetime import datetime, timedelta, timezone
+from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import Any
 
-from .._core import read_aedat4
-from .recording import Recording, inside, known_chip, size_of
+from .._core import Aedat4Recording
+from ..decoded import Decoded
+from ..untrusted import MAX_PACKET_BYTES
+from .recording import known_chip, size_of
+from .recording_file import KINDS, Piece, RecordingFile, Remarks
 
 MAGIC = b"#!AER-DAT4.0\r\n"
 
-_EPOCH = datetime(1970, 1, 1, tzinfo=timezone.utc)
 
+class Aedat4File(RecordingFile):
+    """A file of AEDAT 4."""
 
-def read(path: Path, *, chip: str | None, max_packet_bytes: int, **_: Any) -> Recording:
-    """Read a file; see :func:`davis_rs.read_recording`."""
-    parts = read_aedat4(path, max_packet_bytes)
-    events = parts["events"]
-    chip = known_chip(chip, parts["source"])
-    width, height = size_of(chip, events, parts["size"] or (0, 0))
-    notes: list[str] = []
-    events = inside(events, width, height, notes)
-    if others := parts["other_packets"]:
-        notes.append(f"{others} packets of other streams left out; read is the first of each kind")
-    recording = Recording(
-        path=path, format="AEDAT 4", chip=chip, width=width, height=height,
-        events=events, imu=parts["imu"], frames=parts["frames"], triggers=parts["triggers"],
-        cut=() if parts["cut"] is None else (parts["cut"],), notes=tuple(notes),
-    )  # fmt: skip
-    return replace(recording, started=_date(recording.start_us))
+    format = "AEDAT 4"
+    unix_times = True
+    one_way = "a packet does not say where the next one of its stream is"
 
+    def __init__(
+        self, path: Path, *, chip: str | None = None, max_packet_bytes: int = MAX_PACKET_BYTES, **_: Any
+    ) -> None:
+        self._limit = max_packet_bytes
+        core = Aedat4Recording(path, [], max_packet_bytes)
+        found = known_chip(chip, core.source)
+        super().__init__(path, found, core.size or (size_of(found) if found else None))
 
-def _date(us: int) -> datetime | None:
-    """The date of microseconds since 1970, if there is one."""
-    try:
-        return _EPOCH + timedelta(microseconds=us) if us else None
-    except OverflowError:
-        return None
+    def pieces(self, kinds: Collection[str] = KINDS, remarks: Remarks | None = None) -> Iterator[Piece]:
+        remarks = Remarks() if remarks is None else remarks
+        core, others = Aedat4Recording(self.path, list(kinds), self._limit), 0
+        total = max(self.path.stat().st_size, 1)
+        while (parts := core.read()) is not None:
+            others += parts["other_packets"]
+            decoded = Decoded(parts["events"], parts["imu"], parts["frames"], parts["triggers"])
+            yield Piece(decoded, min(core.bytes / total, 1.0))
+        if others and set(kinds) == set(KINDS):
+            remarks.notes.append(f"{others} packets of other streams left out; read is the first of each kind")
+        if core.cut is not None:
+            remarks.cut.append(core.cut)

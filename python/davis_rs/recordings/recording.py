@@ -115,12 +115,14 @@ def known_chip(given: str | None, found: str) -> str:
 _LATEST = {"240": "C", "346": "B"}
 
 
-def size_of(chip: str, events: EventArray, stated: tuple[int, int] = (0, 0)) -> tuple[int, int]:
-    """Width and height: as stated, as the chip's, or as the events need."""
-    if min(stated) > 0:
-        return stated
-    if chip:
-        return Device(chip).width, Device(chip).height
+def size_of(chip: str) -> tuple[int, int]:
+    """Width and height of a chip."""
+    device = Device(chip)
+    return device.width, device.height
+
+
+def spanned(events: EventArray) -> tuple[int, int]:
+    """Width and height that the events need."""
     return (int(events["x"].max()) + 1, int(events["y"].max()) + 1) if len(events) else (0, 0)
 
 

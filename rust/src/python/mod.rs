@@ -67,6 +67,7 @@ fn _core(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_function(wrap_pyfunction!(effects::check_effects, m)?)?;
     m.add_class::<files::PyEventFileWriter>()?;
     m.add_class::<files::PyEventFileReader>()?;
+    m.add_class::<recordings::PyAedat4Recording>()?;
     m.add_function(wrap_pyfunction!(functions::log_intensity, m)?)?;
     m.add_function(wrap_pyfunction!(functions::reconstruct, m)?)?;
     m.add_function(wrap_pyfunction!(columns::fill_events, m)?)?;
@@ -80,7 +81,6 @@ fn _core(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_function(wrap_pyfunction!(ros::unpack_event_message, m)?)?;
     m.add_function(wrap_pyfunction!(evt3::pack_evt3, m)?)?;
     m.add_class::<evt3::PyEvt3Stream>()?;
-    m.add_function(wrap_pyfunction!(recordings::read_aedat4, m)?)?;
     m.add_function(wrap_pyfunction!(files::check_events, m)?)?;
     m.add_function(wrap_pyfunction!(files::crc32, m)?)?;
     m.add_function(wrap_pyfunction!(files::crc32_combine, m)?)?;

@@ -1,9 +1,10 @@
-//! `read_aedat4` for Python.
+//! `Aedat4Recording` for Python.
 
 use std::fs::File;
 use std::path::PathBuf;
 
 use numpy::IntoPyArray;
+use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList};
 
@@ -12,45 +13,98 @@ use super::files::naming;
 use crate::aer::{ImuSample, STANDARD_GRAVITY, Trigger, TriggerKind};
 use crate::error::Error;
 use crate::event::SensorSize;
-use crate::read::{Aedat4Frame, Aedat4Imu, Aedat4Recording, Aedat4Trigger};
+use crate::read::{Aedat4Frame, Aedat4Imu, Aedat4Kind, Aedat4Recording, Aedat4Trigger};
 
-/// Read what a file of AEDAT 4.0 holds: of each kind the first stream, in the order of the file.
+/// Reads what a file of AEDAT 4.0 holds: of each kind the first stream, in the order of the file.
 ///
 /// Args:
 ///     path: the file.
+///     kinds: what is unpacked of ``events``, ``imu``, ``frames`` and ``triggers``; the rest is passed over.
 ///     max_packet_bytes: what a packet may unpack to.
 ///
-/// Returns:
-///     events: :data:`davis_rs.EVENT_DTYPE`; negative coordinates are 32,768 and more.
-///     imu, triggers: :data:`davis_rs.IMU_DTYPE`, :data:`davis_rs.TRIGGER_DTYPE`.
-///     size: (width, height), where the header says.
-///     source: the camera that the header names, or "".
-///     other_packets: of other streams, passed over.
-///     cut: what the end of the file cuts off, and where.
-///
 /// Raises:
+///     ValueError: for a kind that there is not.
 ///     OSError: if it cannot be read.
-///     DecodeError: for the first packet that does not follow the format, with its byte.
-#[pyfunction]
-pub(super) fn read_aedat4(py: Python<'_>, path: PathBuf, max_packet_bytes: usize) -> PyResult<Bound<'_, PyDict>> {
-    let name = path.display().to_string();
-    let recording = py.detach(|| {
+///     DecodeError: if its header does not follow the format.
+#[pyclass(name = "Aedat4Recording", module = "davis_rs._core")]
+pub(super) struct PyAedat4Recording {
+    name: String,
+    recording: Aedat4Recording<File>,
+}
+
+#[pymethods]
+impl PyAedat4Recording {
+    #[new]
+    #[allow(clippy::needless_pass_by_value, reason = "a list of Python's")]
+    fn new(path: PathBuf, kinds: Vec<String>, max_packet_bytes: usize) -> PyResult<Self> {
+        let name = path.display().to_string();
+        let wanted = kinds.iter().map(|kind| kind_named(kind)).collect::<PyResult<Vec<_>>>()?;
         let file = File::open(&path).map_err(Error::io(&name))?;
-        Aedat4Recording::read(file, max_packet_bytes).map_err(|error| naming(error, &name))
-    })?;
-    let imu: Vec<ImuSample> = recording.imu.iter().map(sample).collect();
-    let triggers: Vec<Trigger> = recording.triggers.iter().filter_map(trigger).collect();
-    let frames = recording.frames.into_iter().map(|frame| python_frame(py, frame)).collect::<PyResult<Vec<_>>>()?;
-    let parts = PyDict::new(py);
-    parts.set_item("events", recording.events.into_pyarray(py))?;
-    parts.set_item("imu", imu.into_pyarray(py))?;
-    parts.set_item("frames", PyList::new(py, frames)?)?;
-    parts.set_item("triggers", triggers.into_pyarray(py))?;
-    parts.set_item("size", recording.size)?;
-    parts.set_item("source", recording.source)?;
-    parts.set_item("other_packets", recording.other_packets)?;
-    parts.set_item("cut", recording.cut)?;
-    Ok(parts)
+        let recording = Aedat4Recording::new(file, wanted, max_packet_bytes).map_err(|error| naming(error, &name))?;
+        Ok(Self { name, recording })
+    }
+
+    /// Read the next packets, some hundred kilobytes of the file; the GIL is released.
+    ///
+    /// Returns:
+    ///     None at the end of the file, else
+    ///
+    ///     events: :data:`davis_rs.EVENT_DTYPE`; negative coordinates are 32,768 and more.
+    ///     imu, triggers: :data:`davis_rs.IMU_DTYPE`, :data:`davis_rs.TRIGGER_DTYPE`.
+    ///     frames: a list of :class:`davis_rs.Frame`.
+    ///     other_packets: how many were passed over.
+    ///
+    /// Raises:
+    ///     OSError: if it cannot be read.
+    ///     DecodeError: for the first packet that does not follow the format, with its byte.
+    fn read<'py>(&mut self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyDict>>> {
+        let piece = py.detach(|| self.recording.next_piece().map_err(|error| naming(error, &self.name)))?;
+        let Some(piece) = piece else { return Ok(None) };
+        let imu: Vec<ImuSample> = piece.imu.iter().map(sample).collect();
+        let triggers: Vec<Trigger> = piece.triggers.iter().filter_map(trigger).collect();
+        let frames = piece.frames.into_iter().map(|frame| python_frame(py, frame)).collect::<PyResult<Vec<_>>>()?;
+        let parts = PyDict::new(py);
+        parts.set_item("events", piece.events.into_pyarray(py))?;
+        parts.set_item("imu", imu.into_pyarray(py))?;
+        parts.set_item("frames", PyList::new(py, frames)?)?;
+        parts.set_item("triggers", triggers.into_pyarray(py))?;
+        parts.set_item("other_packets", piece.other_packets)?;
+        Ok(Some(parts))
+    }
+
+    /// The sensor's (width, height), where the header says.
+    #[getter]
+    fn size(&self) -> Option<(u32, u32)> {
+        self.recording.size()
+    }
+
+    /// The camera that the header names, or "".
+    #[getter]
+    fn source(&self) -> &str {
+        self.recording.source()
+    }
+
+    /// Bytes of the file that were read.
+    #[getter]
+    fn bytes(&self) -> usize {
+        self.recording.bytes()
+    }
+
+    /// What the end of the file cuts off, and where; known once it was read to its end.
+    #[getter]
+    fn cut(&self) -> Option<String> {
+        self.recording.cut()
+    }
+}
+
+fn kind_named(name: &str) -> PyResult<Aedat4Kind> {
+    Ok(match name {
+        "events" => Aedat4Kind::Events,
+        "imu" => Aedat4Kind::Imu,
+        "frames" => Aedat4Kind::Frames,
+        "triggers" => Aedat4Kind::Triggers,
+        _ => return Err(PyValueError::new_err(format!("a recording has no {name:?}"))),
+    })
 }
 
 /// In SI units.

@@ -9,7 +9,9 @@ mod reader;
 mod testing;
 mod text;
 
-pub use aedat4::{Aedat4Decoder, Aedat4Frame, Aedat4Imu, Aedat4Recording, Aedat4Trigger, MAX_PACKET_BYTES};
+pub use aedat4::{
+    Aedat4Decoder, Aedat4Frame, Aedat4Imu, Aedat4Kind, Aedat4Piece, Aedat4Recording, Aedat4Trigger, MAX_PACKET_BYTES,
+};
 pub use evt2::Evt2Decoder;
 pub use evt3::Evt3Decoder;
 pub use reader::{Block, Decode, DecoderState, EventReader};

@@ -8,7 +8,7 @@ pub(super) const MAGIC: &[u8] = b"#!AER-DAT4.0\r\n";
 
 /// What a stream holds, of those that are read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Kind {
+pub enum Kind {
     /// `EVTS`.
     Events,
     /// `FRME`.
@@ -95,6 +95,11 @@ impl Header {
     /// The first stream of a kind.
     pub(super) fn stream(&self, kind: Kind) -> Option<&Stream> {
         self.streams.iter().find(|stream| stream.kind == Some(kind))
+    }
+
+    /// The stream that tells of the camera: that of its events or, without any, of its frames.
+    pub(super) fn camera(&self) -> Option<&Stream> {
+        self.stream(Kind::Events).or_else(|| self.stream(Kind::Frames))
     }
 
     pub(super) fn announces(&self, number: i32) -> bool {

@@ -10,7 +10,8 @@ mod records;
 mod unpack;
 
 pub use frame::Aedat4Frame;
-pub use recording::Aedat4Recording;
+pub use header::Kind as Aedat4Kind;
+pub use recording::{Aedat4Piece, Aedat4Recording};
 pub use records::{Aedat4Imu, Aedat4Trigger};
 pub use unpack::MAX_PACKET_BYTES;
 

@@ -1,9 +1,9 @@
-//! All that a file of AEDAT 4.0 holds, at once.
+//! All that a file of AEDAT 4.0 holds, piece by piece.
 
 use std::io::Read;
 
 use super::frame::{Aedat4Frame, frame};
-use super::header::Kind;
+use super::header::{Header, Kind};
 use super::packets::Packets;
 use super::records::{Aedat4Imu, Aedat4Trigger, events, imu, triggers};
 use crate::error::{Error, Result};
@@ -12,11 +12,9 @@ use crate::event::Event;
 /// Bytes asked of the source at a time.
 const AT_ONCE: usize = 1 << 18;
 
-const ALL: [Kind; 4] = [Kind::Events, Kind::Frames, Kind::Imu, Kind::Triggers];
-
-/// The first stream of each kind, in the order of the file.
+/// Of the first stream of each kind, the packets that follow each other, in the order of the file.
 #[derive(Default)]
-pub struct Aedat4Recording {
+pub struct Aedat4Piece {
     /// Brightness changes; their times may go back, and their pixels lie outside of the sensor.
     pub events: Vec<Event>,
     /// Inertial samples.
@@ -25,49 +23,90 @@ pub struct Aedat4Recording {
     pub frames: Vec<Aedat4Frame>,
     /// Triggers.
     pub triggers: Vec<Aedat4Trigger>,
-    /// Width and height of the sensor, where the header says.
-    pub size: Option<(u32, u32)>,
-    /// The camera that the header names, or nothing.
-    pub source: String,
-    /// Packets of other streams, which were passed over.
+    /// Packets of kinds that were not asked for, and of other streams, which were passed over.
     pub other_packets: u64,
-    /// What the end of the file cuts off, and where.
-    pub cut: Option<String>,
 }
 
-impl Aedat4Recording {
-    /// Reads a file from its beginning; a packet may unpack to `max_packet_bytes`.
+/// Reads a file from its beginning to its end.
+pub struct Aedat4Recording<R> {
+    input: R,
+    packets: Packets,
+    wanted: Vec<Kind>,
+    buffer: Vec<u8>,
+    at_end: bool,
+    ready: Option<Aedat4Piece>,
+}
+
+impl<R: Read> Aedat4Recording<R> {
+    /// Reads the header; of packets, those of kinds that are `wanted` are unpacked, each to `max_packet_bytes` at most.
+    ///
+    /// # Errors
+    /// As [`Self::next_piece`].
+    pub fn new(input: R, wanted: Vec<Kind>, max_packet_bytes: usize) -> Result<Self> {
+        let packets = Packets::new(max_packet_bytes);
+        let mut recording = Self { input, packets, wanted, buffer: Vec::new(), at_end: false, ready: None };
+        while recording.packets.header.is_none() && !recording.at_end {
+            recording.ready = Some(recording.advance()?);
+        }
+        recording.packets.end(&recording.buffer)?;
+        Ok(recording)
+    }
+
+    /// What some hundred kilobytes of the file hold, None at its end.
     ///
     /// # Errors
     /// [`Error::Io`] if the source refuses, [`Error::Format`] for the first packet that does not follow the format.
-    pub fn read(mut source: impl Read, max_packet_bytes: usize) -> Result<Self> {
-        let (mut packets, mut recording) = (Packets::new(max_packet_bytes), Self::default());
-        let (mut buffer, mut at_end) = (Vec::new(), false);
-        while !at_end && !packets.over {
-            let before = buffer.len();
-            let mut part = source.by_ref().take(AT_ONCE.max(before) as u64);
-            part.read_to_end(&mut buffer).map_err(Error::io("reading a recording"))?;
-            at_end = buffer.len() == before;
-            let used = packets.push(&buffer, &ALL, |packet| recording.take(packet, max_packet_bytes))?;
-            buffer.drain(..used);
+    pub fn next_piece(&mut self) -> Result<Option<Aedat4Piece>> {
+        if let Some(piece) = self.ready.take() {
+            return Ok(Some(piece));
         }
-        packets.end(&buffer)?;
-        let Some(header) = &packets.header else { return Ok(recording) };
-        let end = packets.place + buffer.len();
-        recording.cut = match header.table_place {
-            _ if packets.over => None,
-            _ if !buffer.is_empty() => Some(format!("byte {}: the last packet is cut off", packets.place)),
+        if self.at_end || self.packets.over {
+            return Ok(None);
+        }
+        self.advance().map(Some)
+    }
+
+    /// Width and height of the sensor, where the header says.
+    pub fn size(&self) -> Option<(u32, u32)> {
+        self.packets.header.as_ref()?.camera()?.size
+    }
+
+    /// The camera that the header names, or nothing.
+    pub fn source(&self) -> &str {
+        self.packets.header.as_ref().and_then(Header::camera).map_or("", |stream| &stream.source)
+    }
+
+    /// Bytes of the file whose packets were handed out.
+    pub fn bytes(&self) -> usize {
+        self.packets.place
+    }
+
+    /// What the end of the file cuts off, and where; known at the end.
+    pub fn cut(&self) -> Option<String> {
+        let (header, place) = (self.packets.header.as_ref()?, self.packets.place);
+        let end = place + self.buffer.len();
+        match header.table_place {
+            _ if self.packets.over => None,
+            _ if !self.buffer.is_empty() => Some(format!("byte {place}: the last packet is cut off")),
             Some(table) => {
                 Some(format!("byte {end}: the file is cut off before its table of packets, at byte {table}"))
             }
             None => None,
-        };
-        if let Some(stream) = header.stream(Kind::Events).or_else(|| header.stream(Kind::Frames)) {
-            (recording.size, recording.source) = (stream.size, stream.source.clone());
         }
-        Ok(recording)
     }
 
+    fn advance(&mut self) -> Result<Aedat4Piece> {
+        let (mut piece, limit, before) = (Aedat4Piece::default(), self.packets.limit, self.buffer.len());
+        let mut part = self.input.by_ref().take(AT_ONCE.max(before) as u64);
+        part.read_to_end(&mut self.buffer).map_err(Error::io("reading a recording"))?;
+        self.at_end = self.buffer.len() == before;
+        let used = self.packets.push(&self.buffer, &self.wanted, |packet| piece.take(packet, limit))?;
+        self.buffer.drain(..used);
+        Ok(piece)
+    }
+}
+
+impl Aedat4Piece {
     fn take(&mut self, packet: Option<(Kind, &[u8])>, limit: usize) -> std::result::Result<(), String> {
         match packet {
             Some((Kind::Events, body)) => events(body, &mut self.events)?,
@@ -101,13 +140,31 @@ mod tests {
         (0..100u16).map(|i| Event::new(i64::from(i / 3), i, i, i % 2 == 0)).collect()
     }
 
+    const ALL: [Kind; 4] = [Kind::Events, Kind::Frames, Kind::Imu, Kind::Triggers];
+
+    /// The events, how many packets were passed over, and what is said of a cut end.
+    fn read(bytes: &[u8], kinds: &[Kind]) -> Result<(Vec<Event>, u64, Option<String>)> {
+        let mut recording = Aedat4Recording::new(bytes, kinds.to_vec(), MAX_PACKET_BYTES)?;
+        let (mut events, mut others) = (Vec::new(), 0);
+        while let Some(piece) = recording.next_piece()? {
+            events.extend(piece.events);
+            others += piece.other_packets;
+        }
+        Ok((events, others, recording.cut()))
+    }
+
     #[test]
     fn what_is_written_is_read_and_a_cut_end_is_told() {
         let bytes = written(&some());
-        let whole = Aedat4Recording::read(&bytes[..], MAX_PACKET_BYTES).unwrap();
-        assert_eq!((whole.events, whole.size, whole.cut), (some(), Some((240, 180)), None));
-        let cut = Aedat4Recording::read(&bytes[..1000], MAX_PACKET_BYTES).unwrap();
-        assert!(cut.cut.is_some_and(|cut| cut.contains("cut off")) && some().starts_with(&cut.events));
+        assert_eq!(read(&bytes, &ALL).unwrap(), (some(), 0, None));
+        assert_eq!(Aedat4Recording::new(&bytes[..], vec![], MAX_PACKET_BYTES).unwrap().size(), Some((240, 180)));
+        let (events, _, cut) = read(&bytes[..1000], &ALL).unwrap();
+        assert!(cut.is_some_and(|cut| cut.contains("cut off")) && some().starts_with(&events));
+    }
+
+    #[test]
+    fn kinds_that_were_not_asked_for_are_passed_over() {
+        assert_eq!(read(&written(&some()), &[Kind::Imu]).unwrap(), (vec![], 15, None));
     }
 
     proptest! {
@@ -118,7 +175,7 @@ mod tests {
             for (place, value) in damage {
                 bytes[place % length] = value;
             }
-            let _ = Aedat4Recording::read(&bytes[..], MAX_PACKET_BYTES);
+            let _ = read(&bytes, &ALL);
         }
     }
 }
