@@ -38,7 +38,7 @@ def check_max_packet_bytes(max_packet_bytes: int) -> int:
 
 def above_limit(path: str | os.PathLike[str], what: str, limit: int) -> DecodeError:
     """The error for a part of a compressed file that has more bytes than it may."""
-    message = f"{what} may have {limit} bytes unpacked, this has more; max_packet_bytes allows it"
+    message = f"{what} may have {limit} bytes unpacked, this has more; max_packet_bytes (--max-packet-bytes) allows it"
     return DecodeError(f"{os.fspath(path)}: {message}")
 
 

@@ -132,7 +132,7 @@ def test_start_phases_are_a_setting_and_those_of_a_sensor() -> None:
 
     def made(**settings: Any) -> FrameRun:
         settings = {"interpolation": "linear", "contrast_threshold": 0.2, "log_eps": 1e-3, **settings}
-        return FrameRun(ArrayFrames(frames, np.arange(4) * 40_000), settings)
+        return FrameRun(ArrayFrames(frames, np.arange(4) * 40_000), complete(FrameSettings, settings, of="a test"))
 
     counts = {}
     for start_phase in ("zero", "stationary"):

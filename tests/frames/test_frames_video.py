@@ -19,6 +19,7 @@ from davis_rs.events import concatenate_events
 from davis_rs.frames_to_events.frame_run import FrameRun
 from davis_rs.frames_to_events.frame_source import StampedFrame
 from davis_rs.frames_to_events.video import Video
+from davis_rs.settings import FrameSettings, complete
 
 BARS = moving_bars(8)
 STAMPS_MS = [0, 33, 50, 117, 150, 151, 200, 300]
@@ -152,7 +153,8 @@ def test_white_is_a_value_of_the_video_itself(
     path = write_video(tmp_path / "a.mkv", [RAMP, RAMP], [0, 10], pixel_format=pixel_format, colour_range=colour_range)
 
     def run(**settings: Any) -> FrameRun:
-        return FrameRun(open_frames(path), {"interpolation": "linear", "transfer": "linear", **settings})
+        settings = {"interpolation": "linear", "transfer": "linear", **settings}
+        return FrameRun(open_frames(path), complete(FrameSettings, settings, of="a test"))
 
     def luma(**settings: Any) -> npt.NDArray[np.float32]:
         image = next(run(**settings).packets()).luma

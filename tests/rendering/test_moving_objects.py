@@ -155,7 +155,7 @@ def test_a_sphere_moves_with_integrators(kind: str, request: pytest.FixtureReque
     assert np.isfinite(expected).any()
     np.testing.assert_allclose(depth, expected, rtol=1e-5)
     for kind in ("native", "table"):
-        with pytest.raises(ValueError, match="'ball' is a Sphere, not made of triangles"):
+        with pytest.raises(ValueError, match="'ball' is a sphere, not made of triangles"):
             build(kind, {"lamp": LAMP, "ball": ball}, {"ball": PATH})
 
 
