@@ -320,7 +320,9 @@ def __getattr__(name: str) -> Any:
     if name == "represent":
         return import_module(".represent", __name__)
     if name not in _MODULES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        from .close_names import did_you_mean
+
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}{did_you_mean(name, __all__)}", name=name)
     return getattr(import_module(f".{_MODULES[name]}", __name__), name)
 
 

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ._core import DecodeError
+from .argument_checks import check_number
 from .argument_error import ArgumentError
 from .close_names import names_checked
 from .untrusted import read_text
@@ -66,13 +67,11 @@ class Camera:
 
     def __post_init__(self) -> None:
         for name in ("width", "height"):
-            if not 1 <= getattr(self, name) <= 65535:
-                raise ValueError(f"camera {name} must lie in 1..65535, got {getattr(self, name)}")
-        for name in ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3"):
-            if not np.isfinite(getattr(self, name)):
-                raise ValueError(f"camera {name} must be finite, got {getattr(self, name)}")
-        if self.fx <= 0 or self.fy <= 0:
-            raise ValueError(f"camera focal lengths must be > 0, got fx = {self.fx}, fy = {self.fy}")
+            check_number(name, getattr(self, name), 1, 65535, whole=True)
+        for name in ("fx", "fy"):
+            check_number(name, getattr(self, name), 0, above_low=True)
+        for name in ("cx", "cy", "k1", "k2", "p1", "p2", "k3"):
+            check_number(name, getattr(self, name))
 
     @property
     def distortion(self) -> tuple[float, float, float, float, float]:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from .argument_checks import check_number, check_type
 from .argument_error import ArgumentError
 from .close_names import names_checked
 from .events import EventArray, as_events
@@ -100,8 +101,8 @@ def align_clocks(
         raise ArgumentError(
             "align_clocks needs just one of {imu} and {events}, got {}", "none" if imu is None else "both"
         )
-    if not 0 < max_offset_s < np.inf:
-        raise ArgumentError("{max_offset_s} must be finite and > 0, got {}", max_offset_s)
+    check_number("max_offset_s", max_offset_s, 0, above_low=True)
+    check_type("poses", poses, GroundTruth, "Dataset(...).groundtruth has them, GroundTruth(...) makes them")
     path = SampledTrajectory(
         poses.t_us * 1e-6,
         poses.positions,
@@ -109,7 +110,11 @@ def align_clocks(
         position_sigma_m=position_sigma_m,
         rotation_sigma_rad=rotation_sigma_rad,
     )
-    signal = _gyro(imu, path, imu_lag_s) if imu is not None else _event_rate(np.asarray(events), path)
+    if events is not None:
+        signal = _event_rate(events, path)
+    else:
+        assert imu is not None
+        signal = _gyro(imu, path, imu_lag_s)
     return _refined(signal, path, float(poses.t_us[0]) * 1e-6, _coarse_offset(signal, path, poses, max_offset_s))
 
 

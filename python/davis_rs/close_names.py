@@ -13,6 +13,9 @@ from .names_elsewhere import NAMES_ELSEWHERE
 _UNITS = ("_hz", "_px", "_m_s", "_ms_per_min", "_m", "_rad", "_deg", "_s", "_ms", "_us", "_ns")
 """With which names of settings end."""
 
+_SHORTEST = 4
+"""A name of so many letters may stand for a longer one that it is a part of."""
+
 _LISTED = 12
 """So many names are listed where none is close."""
 
@@ -32,6 +35,7 @@ def did_you_mean(given: str, names: Iterable[str], effects: Mapping[str, str] | 
         either = {**effects, **known}
         same = [name for name in either if without_unit(name) == without_unit(folded)]
         close = same or get_close_matches(folded, known, 1, 0.6) or get_close_matches(folded, effects, 1, 0.75)
+        close = close or [name for name in either if len(folded) >= _SHORTEST and folded in name]
         return f"; did you mean {either[close[0]]}?" if close else ""
     ours, whose = elsewhere.ours, f"{folded} in {elsewhere.whose}"
     note = f"; here {elsewhere.note}" if elsewhere.note else ""

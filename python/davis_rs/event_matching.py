@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
-from .argument_error import ArgumentError
+from .argument_checks import as_size, check_number
 from .close_names import names_checked
 from .events import EventArray, as_events
 
@@ -102,8 +102,8 @@ def compare_events(
     Source: Victor and Purpura, "Nature and precision of temporal coding in visual cortex: a metric-space analysis",
     Journal of Neurophysiology 76(2), 1996 (D^spike with q = 2 / window).
     """
-    if not 0 <= window_us <= _LARGEST_WINDOW_US or int(window_us) != window_us:
-        raise ArgumentError("{window_us} must be an integer in 0..{}, got {}", _LARGEST_WINDOW_US, window_us)
+    check_number("window_us", window_us, 0, _LARGEST_WINDOW_US, whole=True)
+    size = as_size(size)
     ours, theirs = _checked(events, "events", size), _checked(reference, "reference", size)
     columns = [np.concatenate([theirs[name], ours[name]]) for name in ("t", "p", "x", "y")]
     columns[1] = columns[1] != 0

@@ -123,6 +123,8 @@ def as_pose(given: PoseLike, argument: str = "pose") -> Pose:
 def _numbers(values: Any, what: str) -> FloatArray:
     """A new array of numbers."""
     try:
+        if values is None:
+            raise TypeError
         return np.array(values, np.float64)
     except (TypeError, ValueError):
         raise ValueError(f"{what} must be numbers, got {values!r}") from None

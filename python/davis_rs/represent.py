@@ -13,8 +13,6 @@ names its own.
 
 from __future__ import annotations
 
-import operator
-from collections.abc import Iterable
 from typing import Any, Literal
 
 import numpy as np
@@ -22,6 +20,7 @@ import numpy.typing as npt
 
 from ._core import count_events, latest_times, spike_tensor
 from ._core import voxel_grid as _voxel_grid
+from .argument_checks import as_size, check_number
 from .argument_error import ArgumentError
 from .close_names import names_checked
 from .events import EventArray, as_events
@@ -43,7 +42,7 @@ def count_image(events: EventArray, size: tuple[int, int]) -> npt.NDArray[np.uin
 
     Source: Maqueda et al., "Event-based Vision meets Deep Learning on Steering Prediction", CVPR 2018, section 3.1.
     """
-    return count_events(events, _checked(size))
+    return count_events(events, as_size(size))
 
 
 @names_checked
@@ -67,12 +66,12 @@ def time_surface(
 
     Source: Lagorce et al., "HOTS", TPAMI 2017, section 3.1, equation 3.
     """
-    if not tau_us > 0:
-        raise ArgumentError("{tau_us} must be > 0 us, got {}", tau_us)
+    check_number("tau_us", tau_us, 0, above_low=True, unit="us")
+    dtype = _floating(dtype)
     events = as_events(events)
     if t_us is None:
         t_us = int(events["t"][-1]) if len(events) else 0
-    latest = latest_times(events, _checked(size), t_us)
+    latest = latest_times(events, as_size(size), t_us)
     # The difference of integers first: a Unix time in microseconds has no digits left for an exponential.
     surface = np.exp((latest - t_us) / tau_us)
     surface[latest < 0] = 0
@@ -112,10 +111,11 @@ def voxel_grid(
     Source: Zhu et al., "Unsupervised Event-based Learning of Optical Flow, Depth, and Egomotion", CVPR 2019, section
     3.1, equations 1 to 3.
     """
-    _check_number("bins", bins)
+    check_number("bins", bins, 1, whole=True)
+    dtype = _floating(dtype)
     events = as_events(events)
     start, stop = _window(events, start_us, stop_us)
-    return _voxel_grid(events, _checked(size), bins, start, stop, endpoint).astype(dtype, copy=False)
+    return _voxel_grid(events, as_size(size), bins, start, stop, endpoint).astype(dtype, copy=False)
 
 
 @names_checked
@@ -153,12 +153,13 @@ def event_spike_tensor(
     Source: Gehrig et al., "End-to-End Learning of Representations for Asynchronous Event-Based Data", ICCV 2019,
         section 3.
     """
-    _check_number("bins", bins)
+    check_number("bins", bins, 1, whole=True)
+    dtype = _floating(dtype)
     if measurement not in ("time", "count"):
         raise ArgumentError("{measurement} must be time or count, got {!r}", measurement)
     events = as_events(events)
     start, stop = _window(events, start_us, stop_us)
-    grid = spike_tensor(events, _checked(size), bins, start, stop, measurement == "time")
+    grid = spike_tensor(events, as_size(size), bins, start, stop, measurement == "time")
     return grid.astype(dtype, copy=False)
 
 
@@ -189,12 +190,13 @@ def last_event_times(
     Source: Zhu et al., "EV-FlowNet", RSS 2018, section III-A (the last one); Baldwin et al., "Time-Ordered Recent Event
     (TORE) Volumes for Event Cameras", TPAMI 2022 (the last few, there on a logarithmic scale).
     """
-    _check_number("count", count)
+    check_number("count", count, 1, whole=True)
+    dtype = _floating(dtype)
     events = as_events(events)
     start, stop = _window(events, start_us, stop_us)
     if stop < start:
         raise ValueError(f"a window must not end before it starts: got {start}..{stop} us")
-    latest = latest_times(events, _checked(size), stop, count)
+    latest = latest_times(events, as_size(size), stop, count)
     places = (latest - start) / max(stop - start, 1)
     places[latest < max(start, 0)] = 0
     return places.astype(dtype, copy=False)
@@ -202,20 +204,16 @@ def last_event_times(
 
 def _window(events: EventArray, start_us: int | None, stop_us: int | None) -> tuple[int, int]:
     """The window that is given, or that of the events."""
+    for name, given in (("start_us", start_us), ("stop_us", stop_us)):
+        if given is not None:
+            check_number(name, given, whole=True)
     first, last = (int(events["t"][0]), int(events["t"][-1])) if len(events) else (0, 0)
     start = first if start_us is None else start_us
     return start, max(start, last) if stop_us is None else stop_us
 
 
-def _check_number(name: str, value: int) -> None:
-    """Refuse what is no number of planes or events."""
-    if isinstance(value, bool) or not hasattr(value, "__index__") or value < 1:
-        raise ArgumentError("{argument} must be an integer >= 1, got {!r}", value, argument=name)
-
-
-def _checked(size: tuple[int, int]) -> tuple[int, int]:
-    sides = tuple(size) if isinstance(size, Iterable) and not isinstance(size, str) else ()
-    if len(sides) != 2 or not all(hasattr(side, "__index__") and 1 <= side <= 65_535 for side in sides):
-        raise ArgumentError("{size} must be (width, height) with sides of 1..65535 pixels, got {!r}", size)
-    width, height = sides
-    return operator.index(width), operator.index(height)
+def _floating(dtype: npt.DTypeLike) -> np.dtype[Any]:
+    """A floating type; integers would cut what is shared between planes or decays."""
+    if not np.issubdtype(np.dtype(dtype), np.floating):
+        raise ArgumentError("{dtype} must be a floating type, got {!r}", dtype)
+    return np.dtype(dtype)

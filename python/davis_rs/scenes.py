@@ -20,7 +20,7 @@ from .scene.gltf_scene import gltf_scene
 from .scene.mesh_scene import READERS as MESH_READERS
 from .scene.mesh_scene import Axis, mesh_scene
 from .scene.planes_and_walls import three_planes, three_walls
-from .scene.scene import Scene
+from .scene.scene import Scene, check_scene
 
 BUILTIN_SCENES = {
     "three_planes": three_planes,
@@ -96,8 +96,10 @@ def start_pose(scene: Scene) -> Pose:
     """Return where a camera starts in a scene: its trajectory's first pose, or the scene's own start.
 
     Raises:
+        TypeError: for what is no scene.
         ValueError: if it has neither.
     """
+    check_scene(scene)
     if scene.trajectory is not None:
         return scene.trajectory.pose(0.0)
     if scene.start is None:

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ._core import CrossingEngine
+from .argument_checks import check_number
 from .argument_error import ArgumentError
 from .due_instants import DueInstant, due_instants
 from .effects import CustomEffects, Effects, with_optics
@@ -186,11 +187,12 @@ class Simulator:
         nearer the truth. docs/accuracy.md says by how much.
 
         Raises:
-            ValueError: for a first step that is not at 0, a time that does not increase, or a ``flow_interval_s``,
-                because nobody knows yet where the camera goes.
+            ValueError: for a first step that is not at 0, a time that is no integer or does not increase, what is no
+                pose, or a ``flow_interval_s``, because nobody knows yet where the camera goes.
         """
         if self.settings["flow_interval_s"] is not None:
             raise ArgumentError("{flow_interval_s} looks ahead along a path: it is for run, not for step")
+        check_number("t_us", t_us, whole=True)
         pose = as_pose(pose)
         if self._pose is None:
             if t_us != 0:

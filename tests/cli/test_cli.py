@@ -138,8 +138,8 @@ def still_path(folder: Path) -> Path:
         ),
         (["three_planes", "--camera", "no_such_camera"], "neither a preset"),
         (["three_planes", "--trajectory", "no_such_file"], "no_such_file"),
-        (["three_planes", "--duration", "5"], "runs from 0 to 2.0 s"),
-        (["three_planes", "--start", "-1"], "inside the trajectory"),
+        (["three_planes", "--duration", "5"], "runs from 0 to 2 s"),
+        (["three_planes", "--start", "-1"], "--start must be finite and >= 0, got -1.0"),
     ],
 )
 def test_errors_are_one_sentence(tmp_path: Path, arguments: list[str], message: str) -> None:

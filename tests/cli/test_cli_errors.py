@@ -160,13 +160,13 @@ def test_keys_of_a_file_have_their_own_names(
         (["convert", "EVENTS", "OUT.foo", "--size", "9x9"], "is no event format (.raw, .aedat4, .npy, "),
         (["convert", "EVENTS", "OUT.foo", "--size", "9x9"], ": give --format\n"),
         (["view", "EVENTS", "--size", "9x9", "--time", "5"], "error: --time must lie in the sequence, "),
-        (["view", "EVENTS", "--size", "9x9", "--window", "0"], "error: --window must be positive and finite, got 0.0"),
+        (["view", "EVENTS", "--size", "9x9", "--window", "0"], "error: --window must be finite and > 0, got 0.0"),
         (["view", "EVENTS", "--size", "9x9", "--fps", "5"], "error: --fps means nothing for the picture: leave it out"),
         (["view", "EVENTS"], "does not say the sensor's size: give --size\n"),
         (["compare", "EVENTS", "EVENTS2", "--size", "9x9", "--start", "2", "--stop", "1"], "--start < --stop, got 2.0"),
         (
             ["simulate", "three_planes", "-o", "OUT", "--effects-tolerance", "0.1"],
-            "--effects-tolerance is 0.1, but no effects are planned: it is for --effects auto",
+            "--effects-tolerance is 0.1, but no effects are planned: it is for --effect auto",
         ),
         (
             ["simulate", "three_planes", "-o", "OUT", "--refine", "--effect", "leak_rate_hz=1"],

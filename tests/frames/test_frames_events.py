@@ -289,7 +289,7 @@ def test_stamps_that_cannot_be(name: str) -> None:
 def test_more_that_cannot_be() -> None:
     with pytest.raises(ValueError, match="one of t_us and fps"):
         events_from_frames(BARS, STAMPS, fps=30)
-    with pytest.raises(ValueError, match="fps must be positive and finite"):
+    with pytest.raises(ValueError, match="fps must be finite and > 0"):
         events_from_frames(BARS, fps=0)
     with pytest.raises(ValueError, match=r"stop_s must be after start_s, got 0.01 s and 0.02 s"):
         events_from_frames(BARS, STAMPS, start_s=0.02, stop_s=0.01)

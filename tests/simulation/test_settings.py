@@ -230,7 +230,7 @@ def test_functions_without_settings_name_the_argument_that_is_close_too(taker: A
         ({"sensor": "davis24"}, r"sensor must be one of .*, got 'davis24'; did you mean davis240c\?"),
         ({"blur": "no"}, "blur must be bool, got 'no'"),
         ({"sampling": 3}, "sampling must be TimeSampling, got 3"),
-        ({"camera": 3}, r"camera must be Camera \| str \| PathLike\[str\], got 3"),
+        ({"camera": 3}, r"camera must be Camera \| str \| PathLike\[str\] \(CAMERA\), got 3"),
         ({"size": (240.7, 180)}, r"size must be two integers, width and height in pixels, got \(240\.7, 180\)"),
         ({"size": "240"}, "size must be WIDTHxHEIGHT in pixels, such as 346x260, got '240'"),
         ({"size": "0x5"}, r"size must lie in 1\.\.65535 pixels each way, got 0 x 5"),

@@ -89,7 +89,7 @@ def test_start_and_duration_choose_a_part(scene: Scene) -> None:
     assert packets[-1].end_us == 50_000
     assert packets[-1].pose is not None
     np.testing.assert_allclose(packets[-1].pose.position, scene.trajectory.pose(0.55).position, atol=1e-12)
-    with pytest.raises(ValueError, match=r"to 2\.0 s"):
+    with pytest.raises(ValueError, match=r"to 2 s"):
         list(simulate(scene, start_s=1.9, duration_s=0.2, **PARAMETERS))
 
 

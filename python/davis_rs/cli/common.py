@@ -6,11 +6,11 @@ import argparse
 import sys
 from pathlib import Path
 
+from ..argument_checks import as_size
 from ..argument_error import ArgumentError
 from ..progress import say
 from ..scene.scene import Scene
 from ..scenes import BUILTIN_SCENES, load_scene, start_pose
-from ..settings import parse_size
 from ..trajectory.trajectory import Trajectory, align
 from ..trajectory.trajectory_file import read_trajectory
 
@@ -143,11 +143,9 @@ def figure_file(text: str) -> Path:
 def sensor_size(text: str) -> tuple[int, int]:
     """WIDTHxHEIGHT in pixels."""
     try:
-        size = parse_size(text)
+        return as_size(text)
     except ArgumentError as error:
         raise argparse.ArgumentTypeError(unnamed(error)) from None
-    assert size is not None
-    return size
 
 
 def require_free(options: argparse.Namespace) -> None:

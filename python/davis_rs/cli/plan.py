@@ -19,8 +19,9 @@ def add_plan(plan: argparse.ArgumentParser) -> None:
     add_scene(plan)
     plan.add_argument(
         "--effect",
+        "--effects",
+        dest="effects",
         action="append",
-        default=[],
         metavar="NAME[=VALUE[,PARAMETER=VALUE...]]",
         help="a candidate, over those of --sensor; may be given several times; where neither is given, the effects of "
         "the davis240c are the candidates",
@@ -42,7 +43,7 @@ def _plan(options: argparse.Namespace) -> int:
     scene = on_path(options, scene_of(options))
     plan = plan_effects(
         scene,
-        options.effect or None,
+        options.effects,
         **given_settings(options, PlanSettings),
     )
     print(plan.explain() if options.explain else plan)

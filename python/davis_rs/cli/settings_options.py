@@ -6,8 +6,9 @@ import argparse
 from collections.abc import Callable, Collection
 from typing import Any
 
+from ..argument_checks import parse_size
 from ..argument_error import ArgumentError
-from ..settings import Setting, parse_size, settings_of
+from ..settings import Setting, settings_of
 from .common import unnamed
 
 
@@ -44,18 +45,8 @@ def _add_option(group: argparse._ArgumentGroup, setting: Setting) -> None:
         group.add_argument(setting.option, action=argparse.BooleanOptionalAction, help=text, **common)
     elif setting.kind is list:
         form = f"{declared.help}; may be given several times{f' (default: {default})' if default else ''}"
-        group.add_argument(
-            setting.option, action="append", metavar=declared.metavar, help=form.replace("%", "%%"), **common
-        )
-        if setting.name == "effects":
-            group.add_argument(
-                "--effects",
-                action="append",
-                choices=("auto",),
-                help="those of --sensor (davis240c if not given) that matter in this scene; effects "
-                "given by --effect stay as they are",
-                **common,
-            )
+        names = (setting.option, f"{setting.option}s")
+        group.add_argument(*names, action="append", metavar=declared.metavar, help=form.replace("%", "%%"), **common)
     else:
         option = group.add_argument(
             setting.option, type=_reader(setting), metavar=_metavar(setting), help=text, **common

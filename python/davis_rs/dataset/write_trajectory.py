@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from ..argument_checks import check_type
 from ..close_names import names_checked
 from ..motion_capture import MotionCapture
 from ..pose import GroundTruth, Pose
@@ -32,6 +33,7 @@ def write_trajectory(
         ValueError: for a rate out of range, or no poses.
         OSError: if the file cannot be written, naming it; none is left behind then.
     """
+    check_type("trajectory", trajectory, (Trajectory, GroundTruth), "a scene's is scene.path")
     poses = MotionCapture(rate_hz).poses(trajectory) if isinstance(trajectory, Trajectory) else trajectory
     if not len(poses.t_us):
         raise ValueError("there are no poses to write")

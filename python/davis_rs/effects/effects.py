@@ -23,7 +23,7 @@ from .threshold_mismatch import ThresholdMismatch
 from .vignetting import Vignetting
 
 EFFECTS: dict[str, type[Effect]] = {
-    effect.name: effect
+    effect.name: names_checked(effect)
     for effect in (
         Vignetting,
         LensBlur,
@@ -193,7 +193,7 @@ def named_effects(
     if given is None or isinstance(given, str | Effect):
         given = () if given is None else (given,)
     found: dict[str, Effect] = {}
-    for one in given:
+    for one in given if isinstance(given, Iterable) else (given,):
         effect = parse_effect(one, among) if isinstance(one, str) else one
         names = [name for name, effect_class in among.items() if isinstance(effect, effect_class)]
         if not names:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from .._core import check_effects
+from ..argument_checks import is_number
 from .effect import Effect
 
 
@@ -10,4 +11,7 @@ class EngineEffect(Effect):
     """An effect on the log signal, in the pixel or on the stream; the engine knows the ranges of its parameters."""
 
     def __post_init__(self) -> None:
+        for name, value in self.settings().items():
+            if value is not None and not is_number(value):
+                raise ValueError(f"{self.name}: {name} must be a number, got {value!r}")
         check_effects({self.name: self.settings()})

@@ -17,7 +17,7 @@ from ..close_names import did_you_mean
 from ..dataset.folder_format import FolderFormat, FolderReader, FolderWriter, part_counts
 from ..dataset.reader import Dataset
 from ..events import EventArray
-from ..formats.interface import EventReader, EventWriter, Roi, Target, WriteReport
+from ..formats.interface import EventReader, EventWriter, Roi, Target, WriteReport, check_slice
 from ..formats.parts import ALL_PARTS, PARTS, Part
 from ..formats.reading import Breach
 from ..formats.registry import FORMATS
@@ -94,6 +94,7 @@ def convert(
         raise ValueError(f"{os.fspath(source)} cannot be converted onto itself")
     if format is None and isinstance(target, str | os.PathLike) and not Path(target).suffix:
         format = FolderFormat.name
+    check_slice(start_us, stop_us, roi)
     for name in ALL_PARTS if parts is None else parts:
         if name not in ALL_PARTS:
             raise ArgumentError("{parts} are {}: got {!r}{}", ", ".join(ALL_PARTS), name, did_you_mean(name, ALL_PARTS))

@@ -15,6 +15,8 @@ from typing import BinaryIO, Protocol, TypeVar, final
 import numpy as np
 
 from .._core import check_events
+from ..argument_checks import as_size, check_number, is_number
+from ..argument_error import ArgumentError
 from ..events import EVENT_DTYPE, EventArray, as_events, concatenate_events
 from ..untrusted import decoding, guarded
 from .blocks import Blocks, Place, refuse
@@ -49,9 +51,9 @@ class Limits:
         """Check ``size``, and return it as (width, height) integers.
 
         Raises:
-            ValueError: if the format called ``name`` cannot hold a sensor of that size.
+            ValueError: for no size, or if the format called ``name`` cannot hold a sensor of that size.
         """
-        width, height = (int(side) for side in size)
+        width, height = as_size(size)
         if not (1 <= width <= self.width and 1 <= height <= self.height):
             raise ValueError(
                 f"{name} holds sensors of 1 x 1 to {self.width} x {self.height} pixels: got {width} x {height}"
@@ -295,11 +297,12 @@ class EventReader(ABC):
             roi: only events in (x0, y0, x1, y1), half-open.
 
         Raises:
+            ArgumentError: for a slice that ends before it starts, or a roi that holds no pixel.
             OSError: if the file cannot be read.
             DecodeError: for the first malformed record, with its place.
         """
-        if chunk < 1:
-            raise ValueError(f"chunk must be a positive number of events: got {chunk}")
+        check_number("chunk", chunk, 1, whole=True)
+        check_slice(start_us, stop_us, roi)
         waiting: list[EventArray] = []
         count = 0
         for packet in self._checked(chunk, start_us, stop_us):
@@ -317,6 +320,7 @@ class EventReader(ABC):
     @final
     def read(self, *, start_us: int | None = None, stop_us: int | None = None, roi: Roi | None = None) -> EventArray:
         """Return all events of the slice as one array; see :meth:`iter`."""
+        check_slice(start_us, stop_us, roi)
         if roi is not None or not self.rules.in_order:
             return concatenate_events(list(self.iter(start_us=start_us, stop_us=stop_us, roi=roi)))
         self.check = self._new_check()
@@ -402,6 +406,25 @@ class Format(ABC):
     @abstractmethod
     def open_reader(self, path: str | os.PathLike[str], rules: ReadRules = ReadRules()) -> EventReader:  # noqa: B008
         """Open a reader; see :func:`davis_rs.read_events`."""
+
+
+def check_slice(start_us: int | None, stop_us: int | None, roi: Roi | None) -> None:
+    """Refuse a slice that nothing can lie in.
+
+    Raises:
+        ArgumentError: for times that are no integers, a stop before the start, or a roi that holds no pixel.
+    """
+    for name, t_us in (("start_us", start_us), ("stop_us", stop_us)):
+        if t_us is not None:
+            check_number(name, t_us, whole=True)
+    if start_us is not None and stop_us is not None and stop_us < start_us:
+        raise ArgumentError("{stop_us} must not lie before {start_us}, got {} us and {} us", stop_us, start_us)
+    if roi is not None:
+        corners = tuple(roi) if hasattr(roi, "__len__") and not isinstance(roi, str) else ()
+        whole = len(corners) == 4 and all(is_number(corner, whole=True) for corner in corners)
+        if not (whole and 0 <= corners[0] < corners[2] and 0 <= corners[1] < corners[3]):
+            rule = "{roi} must be (x0, y0, x1, y1), four integers with 0 <= x0 < x1 and 0 <= y0 < y1, got {!r}"
+            raise ArgumentError(rule, roi)
 
 
 def select(events: EventArray, start_us: int | None, stop_us: int | None, roi: Roi | None) -> EventArray:

@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from ..argument_checks import as_size, parse_size
 from ..argument_error import ArgumentError
-from ..settings import parse_size
 
 _SAME_SHAPE = 0.01
 """How far the two sides may be reduced by different factors: a pixel or so of rounding, not a stretched image."""
@@ -46,7 +46,7 @@ class FramePart(NamedTuple):
 
 
 def frame_part(
-    width: int, height: int, *, crop: str | None, roi: str | None, size: tuple[int, int] | str | None
+    width: int, height: int, *, crop: tuple[int, int] | str | None, roi: str | None, size: tuple[int, int] | str | None
 ) -> FramePart:
     """The part of frames of ``width`` x ``height`` pixels that the settings ask for.
 
@@ -59,19 +59,19 @@ def frame_part(
     if crop is not None and roi is not None:
         raise ArgumentError("only one of {crop} and {roi} may be given")
     if crop is not None:
-        wide, high = parse_size(crop, "crop") or (0, 0)
+        wide, high = as_size(crop, "crop")
         left, top = (width - wide) // 2, (height - high) // 2
     elif roi is not None:
         match = re.fullmatch(r"(\d{1,5}[xX]\d{1,5})\+(\d{1,5})\+(\d{1,5})", roi.strip())
         if match is None:
             raise ArgumentError("{roi} must be WIDTHxHEIGHT+LEFT+TOP in pixels, such as 346x260+100+50, got {!r}", roi)
-        wide, high = parse_size(match[1], "roi") or (0, 0)
+        wide, high = as_size(match[1], "roi")
         left, top = int(match[2]), int(match[3])
     else:
         wide, high = width, height
     if left < 0 or top < 0 or left + wide > width or top + high > height:
         name = "crop" if roi is None else "roi"
-        raise ArgumentError("{argument} {} does not lie inside {}", crop or roi, full, argument=name)
+        raise ArgumentError("{argument} {} does not lie inside {}", roi or f"{wide}x{high}", full, argument=name)
     result = parse_size(size) or (wide, high)
     if result[0] > wide or result[1] > high:
         raise ArgumentError(

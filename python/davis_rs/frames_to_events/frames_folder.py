@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
@@ -10,6 +11,7 @@ from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ..argument_checks import check_type
 from ..dataset.writer import DatasetWriter
 from ..folder_report import FolderReport
 from ..packet import Packet
@@ -72,6 +74,8 @@ def frames_to_folder(
     """
     started = time.perf_counter()
     given = complete(FrameFolderSettings, settings, of=frames_to_folder)
+    made_by = "davis_rs.events_from_frames takes arrays"
+    check_type("frames", frames, (FrameSource, str, os.PathLike), made_by)
     source = frames if isinstance(frames, FrameSource) else open_frames(frames)
     run = FrameRun(source, only(FrameSettings, given), from_zero=True)
     packets = run.packets()

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import numpy.typing as npt
 
+from ..argument_checks import check_type
 from ..argument_error import ArgumentError
 from ..close_names import names_checked
 from .array_frames import NpyFrames
@@ -42,6 +44,8 @@ def open_frames(
         DecodeError: for malformed files.
         ValueError: for stamps that are missing, given twice, or of another number than the frames.
     """
+    made_by = "davis_rs.events_from_frames takes arrays"
+    check_type("path", path, (str, os.PathLike), made_by)
     if timestamps is not None and fps is not None:
         raise ArgumentError("only one of {timestamps} and {fps} may be given")
     if time_unit is not None and timestamps is None:

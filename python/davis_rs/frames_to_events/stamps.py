@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .._core import DecodeError
+from ..argument_checks import check_number
 from ..argument_error import ArgumentError
 from ..untrusted import decoding, read_text, regular_file
 
@@ -30,8 +31,7 @@ def rate_stamps(fps: float) -> Iterator[int]:
     Raises:
         ValueError: for a rate that is not positive and finite.
     """
-    if not 0 < fps < math.inf:
-        raise ArgumentError("{fps} must be positive and finite, got {}", fps)
+    check_number("fps", fps, 0, above_low=True)
     # A rate such as 29.97 stands for 30000/1001; rounded to nanoseconds, neither drifts against the other's text.
     period_ns = Fraction(1_000_000_000) / Fraction(str(fps))
     return (round(number * period_ns) for number in count())

@@ -142,7 +142,7 @@ def _of_kind(given: dict[str, Any], where: Where, kinds: Mapping[str, Mapping[st
 
 
 def effects(value: Any, where: Where) -> Any:
-    """The parser of effects: ``auto``, a mapping from names to values or parameters, or a choice of such."""
+    """The parser of effects: texts, ``auto`` among them, a mapping from names to values or parameters, or a choice."""
     return _effects(value, where, automatic=True)
 
 
@@ -152,9 +152,10 @@ def imu_effects(value: Any, where: Where) -> Any:
 
 
 def _effects(value: Any, where: Where, *, automatic: bool) -> Any:
-    if value is None or (automatic and value == "auto"):
+    texts = [value] if isinstance(value, str) else value
+    if value is None or (isinstance(texts, list) and texts and all(isinstance(text, str) for text in texts)):
         return value
-    rule = "a mapping from effects to their values" + (", or auto" if automatic else "")
+    rule = "a mapping from effects to their values, or texts NAME=VALUE" + (", or auto" if automatic else "")
     given = where.mapping(value, rule)
     if "choice" in given:
         return _distribution(given, where, lambda option, at: _effects(option, at, automatic=automatic), "effects")

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ..argument_checks import check_number, check_type
 from ..argument_error import ArgumentError
 from ..decoded import IMU_DTYPE
 from ..effects.effect import Effect
@@ -61,8 +62,10 @@ class Imu:
     quantisation: ImuQuantisation | None = None
 
     def __post_init__(self) -> None:
-        if not 0 < self.rate_hz <= 1e6:
-            raise ArgumentError("{rate_hz} of an IMU must be > 0 and at most 1e6 Hz, got {}", self.rate_hz)
+        check_number("rate_hz", self.rate_hz, 0, 1e6, above_low=True, unit="Hz")
+        for name, effect_class in IMU_EFFECTS.items():
+            if (effect := getattr(self, name)) is not None:
+                check_type(name, effect, effect_class, f"{effect_class.__name__}(...) makes one")
         gravity = np.asarray(self.gravity, np.float64)
         if gravity.shape != (3,) or not np.isfinite(gravity).all():
             raise ArgumentError("{gravity} must be three finite numbers in m/s^2, got {}", self.gravity)
@@ -137,7 +140,9 @@ def simulate_imu(trajectory: Trajectory, imu: Imu | None = None, *, seed: int = 
 
     Source: Kok, Hol and Schon, "Using inertial sensors for position and orientation estimation", 2017, section 2.
     """
-    imu = imu or Imu()
+    check_type("trajectory", trajectory, Trajectory, "a scene's is scene.path")
+    imu = Imu() if imu is None else imu
+    check_type("imu", imu, Imu, "Imu() makes an ideal one, Imu.mpu6150() that of the DAVIS240C")
     t_us = np.fromiter(periodic_instants(imu.rate_hz, 0, int(trajectory.duration_s * 1e6 + 1e-3)), np.int64)
     samples = np.zeros(len(t_us), IMU_DTYPE)
     samples["t"] = t_us

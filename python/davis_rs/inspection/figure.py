@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import io
-import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
+from ..argument_checks import check_number
 from ..argument_error import ArgumentError
 from ..close_names import names_checked
 from ..events import EventArray
@@ -74,8 +74,8 @@ def view(
         DecodeError, OSError: if the source cannot be read.
     """
     mpl = _matplotlib()
-    if window_s is not None and not 0 < window_s < math.inf:
-        raise ArgumentError("{window_s} must be positive and finite, got {}", window_s)
+    if window_s is not None:
+        check_number("window_s", window_s, 0, above_low=True)
     sequence = open_visual_sequence(source, size=size)
     start_us, end_us = sequence.start_us, sequence.end_us
     if t_s is not None and not start_us <= t_s * 1e6 <= end_us:

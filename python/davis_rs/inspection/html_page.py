@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ..argument_checks import check_number
 from ..argument_error import ArgumentError
 from ..close_names import names_checked
 from ..pose import GroundTruth
@@ -103,11 +104,11 @@ def view_html(
     if output.suffix.lower() not in (".html", ".htm"):
         raise ValueError(f"a page's name must end in .html or .htm, got {output}")
     for name, value in (("window_s", window_s), ("speed", speed)):
-        if value is not None and not 0 < value < math.inf:
-            raise ArgumentError("{argument} must be positive and finite, got {}", value, argument=name)
+        if value is not None:
+            check_number(name, value, 0, above_low=True)
     for name, number in (("max_events", max_events), ("max_frames", max_frames)):
-        if number is not None and number < 1:
-            raise ArgumentError("{argument} must be at least 1, got {}", number, argument=name)
+        if number is not None:
+            check_number(name, number, 1, whole=True)
     sequence = open_visual_sequence(source, size=size)
     if not len(sequence.events) and not sequence.frame_times:
         raise ValueError(f"{source} has neither events nor frames: there is nothing to show in a page")

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..argument_error import ArgumentError
+from ..argument_checks import check_number
 from ..close_names import names_checked
 from ..progress import each
 from .figure import OFF_RGB, ON_RGB, event_picture
@@ -84,8 +84,8 @@ def view_rerun(
     if output is not None and output.suffix.lower() != ".rrd":
         raise ValueError(f"the name of a recording for Rerun must end in .rrd, got {output}")
     for name, number in (("max_events", max_events), ("max_frames", max_frames)):
-        if number is not None and number < 1:
-            raise ArgumentError("{argument} must be at least 1, got {}", number, argument=name)
+        if number is not None:
+            check_number(name, number, 1, whole=True)
     rr = _rerun()
     sequence = open_visual_sequence(source, size=size)
     if not len(sequence.events) and not sequence.frame_times:

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from ..argument_checks import check_number
 from ..argument_error import ArgumentError
 from ..close_names import names_checked
 from ..progress import each
@@ -57,8 +58,7 @@ def make_video(
     if suffix not in (".mp4", ".gif"):
         raise ValueError(f"a video's name must end in .mp4 or .gif, got {output}")
     for name, value in (("fps", fps), ("speed", speed)):
-        if not 0 < value < math.inf:
-            raise ArgumentError("{argument} must be positive and finite, got {}", value, argument=name)
+        check_number(name, value, 0, above_low=True)
     if suffix == ".gif" and fps > 50:
         raise ArgumentError("a GIF cannot show more than 50 pictures a second, got {fps} {}", fps)
     try:

@@ -9,8 +9,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from itertools import groupby, islice, repeat
 
-import numpy as np
-
+from ..argument_checks import check_number
 from ..rendering.render import Launched, Renderer
 from ..trajectory.trajectory import Trajectory
 from .displacement import LARGEST_BEND, DisplacementClock
@@ -26,8 +25,7 @@ def periodic_instants(rate_hz: float, start_us: int, end_us: int) -> Iterator[in
     Raises:
         ValueError: for a rate that is negative, not finite or above 1e6 Hz (two instants in one microsecond).
     """
-    if not 0 <= rate_hz <= 1e6:
-        raise ValueError(f"a rate must lie in 0..1e6 Hz, got {rate_hz} Hz")
+    check_number("rate_hz", rate_hz, 0, 1e6, unit="Hz")
     return _periodic_instants(Fraction(rate_hz), start_us, end_us)
 
 
@@ -124,8 +122,7 @@ class FixedRate(ScheduledSampling):
     hermite: bool = False
 
     def __post_init__(self) -> None:
-        if not 0 < self.rate_hz <= 1e6:
-            raise ValueError(f"the render rate must lie in (0, 1e6] Hz, got {self.rate_hz} Hz")
+        check_number("rate_hz", self.rate_hz, 0, 1e6, above_low=True, unit="Hz")
 
     def instants(self, renderer: Renderer, trajectory: Trajectory, end_us: int, *, start_us: int = 0) -> Iterator[int]:
         return periodic_instants(self.rate_hz, 1, end_us)
@@ -149,8 +146,7 @@ class MaxDisplacement(ScheduledSampling):
     hermite: bool = False
 
     def __post_init__(self) -> None:
-        if not 0 < self.pixels < np.inf:
-            raise ValueError(f"the displacement between renders must be > 0 pixels, got {self.pixels}")
+        check_number("pixels", self.pixels, 0, above_low=True)
 
     def instants(self, renderer: Renderer, trajectory: Trajectory, end_us: int, *, start_us: int = 0) -> Iterator[int]:
         clock = DisplacementClock(renderer, trajectory, end_us, start_us=start_us)

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from ..argument_checks import check_number
 from ..rendering.edge_tracks import NO_TRACKS, SHORTEST_US, EdgeTracks, instants_of_spans
 from ..rendering.swept import Counts
 from .breaks import Break, break_instants
@@ -65,10 +66,8 @@ class Tolerance(TimeSampling):
 
     def __post_init__(self) -> None:
         for name in ("contrast", "pixels", "longest"):
-            if not 0 < getattr(self, name) < np.inf:
-                raise ValueError(f"a tolerance's {name} must be > 0 and finite, got {getattr(self, name)}")
-        if self.halvings < 0:
-            raise ValueError(f"a tolerance's halvings must be >= 0, got {self.halvings}")
+            check_number(name, getattr(self, name), 0, above_low=True)
+        check_number("halvings", self.halvings, 0, whole=True)
 
     @property
     def interpolation(self) -> str:

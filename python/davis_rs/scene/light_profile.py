@@ -7,6 +7,7 @@ from abc import ABC, abstractmethod
 import numpy as np
 import numpy.typing as npt
 
+from ..argument_checks import check_number
 from ..argument_error import ArgumentError
 from ..pose import FloatArray
 
@@ -60,14 +61,11 @@ class Flicker(LightProfile):
     def __init__(
         self, frequency_hz: float, *, modulation: float, phase_rad: float = 0.0, waveform: str = "sine"
     ) -> None:
-        if not 0 < frequency_hz < np.inf:
-            raise ValueError(f"the frequency of a flicker must be finite and > 0 Hz, got {frequency_hz}")
-        if not 0 <= modulation <= 1:
-            raise ValueError(f"the modulation of a flicker must lie in 0..1, got {modulation}")
-        if not np.isfinite(phase_rad):
-            raise ValueError(f"the phase of a flicker must be finite, got {phase_rad}")
+        check_number("frequency_hz", frequency_hz, 0, above_low=True, unit="Hz")
+        check_number("modulation", modulation, 0, 1)
+        check_number("phase_rad", phase_rad)
         if waveform not in _WAVEFORMS:
-            raise ValueError(f"the waveform of a flicker must be one of {', '.join(_WAVEFORMS)}, got {waveform!r}")
+            raise ArgumentError("{waveform} must be one of {}, got {!r}", ", ".join(_WAVEFORMS), waveform)
         self.frequency_hz, self.modulation = float(frequency_hz), float(modulation)
         self.phase_rad, self.waveform = float(phase_rad), waveform
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from ..argument_checks import check_type
 from ..argument_error import ArgumentError
 from ..camera import PRESETS, Camera
 from ..close_names import names_checked
@@ -105,12 +106,17 @@ class Scene:
             )
         return self.camera
 
-    def with_trajectory(self, trajectory: Trajectory) -> Scene:
+    def with_trajectory(self, trajectory: Trajectory | None) -> Scene:
         """Return the scene with this camera path; its objects and lights keep their own times.
 
         Args:
-            trajectory: of the camera. Its t = 0 is the scene's t = 0.
+            trajectory: of the camera. Its t = 0 is the scene's t = 0. None for a scene without one.
+
+        Raises:
+            TypeError: for what is no trajectory.
         """
+        if trajectory is not None:
+            check_type("trajectory", trajectory, Trajectory, "davis_rs.read_trajectory(...) reads one")
         return replace(self, trajectory=trajectory)
 
     def crop(self, start_s: float = 0.0, duration_s: float | None = None) -> Scene:

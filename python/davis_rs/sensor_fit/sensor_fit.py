@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+from ..argument_checks import check_type
 from ..sensor_parameters import SensorParameters
 from ..sensors import SensorFile, load_sensor_file
 from ..stream_statistics import StreamStatistics
@@ -140,6 +141,9 @@ def fit_sensor(
     """
     if not recordings:
         raise ValueError("at least one recording is needed")
+    for one in recordings:
+        made_by = "davis_rs.measure_recording(...) makes one of a file"
+        check_type("each of recordings", one, (StreamStatistics, MeasuredRecording), made_by)
     measured = [one if isinstance(one, MeasuredRecording) else MeasuredRecording(one) for one in recordings]
     streams = [one.statistics for one in measured]
     sizes = {one.size for one in streams}

@@ -1,7 +1,7 @@
 """The settings of a simulation: their declarations, and what they stand for with a given scene."""
 
 from .frame_settings import INTERPOLATIONS, FrameFolderSettings, FrameSettings
-from .image_camera import camera_of_size, parse_size
+from .image_camera import camera_of_size
 from .inertial import make_imu, make_motion_capture
 from .resolve import (
     AUTO,
@@ -45,7 +45,6 @@ __all__ = [
     "make_imu",
     "make_motion_capture",
     "only",
-    "parse_size",
     "renderer_settings",
     "settings_of",
     "takes_settings",

@@ -84,11 +84,12 @@ class _PartSettings(TypedDict, total=False):
         ),
     ]
     crop: Annotated[
-        str | None,
+        tuple[int, int] | str | None,
         Declared(
             "crop the middle of each frame to this size, in pixels",
             default_help="all of it",
             metavar="WxH",
+            text=str,
             group=_PART,
         ),
     ]

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import os
-import re
 from dataclasses import replace
 from pathlib import Path
 
+from ..argument_checks import parse_size
 from ..argument_error import ArgumentError
 from ..camera import PRESETS, Camera
 from ..scene.scene import Scene
 from ..sensor_parameters import SensorParameters
+from ..sensors import SENSORS
 
 _SIZE_OF_PUBLIC_CALIBRATIONS = (240, 180)
 _CENTRED = 0.15
@@ -75,37 +76,12 @@ def camera_of_size(camera: Camera | str | os.PathLike[str], wanted: tuple[int, i
     return camera
 
 
-def parse_size(size: tuple[int, int] | str | None, argument: str = "size") -> tuple[int, int] | None:
-    """Return (width, height) from ``WxH`` or from a pair; ``argument`` is what gives it.
-
-    Raises:
-        ArgumentError: for something else, or sides outside of 1..65535.
-    """
-    if size is None:
-        return None
-    if isinstance(size, str):
-        match = re.fullmatch(r"(\d{1,5})\s*[xX]\s*(\d{1,5})", size.strip())
-        if match is None:
-            raise ArgumentError(
-                "{argument} must be WIDTHxHEIGHT in pixels, such as 346x260, got {!r}", size, argument=argument
-            )
-        size = (int(match[1]), int(match[2]))
-    if not hasattr(size, "__len__") or len(size) != 2 or not all(hasattr(side, "__index__") for side in size):
-        raise ArgumentError(
-            "{argument} must be two integers, width and height in pixels, got {!r}", size, argument=argument
-        )
-    width, height = size
-    if not (1 <= width <= 65535 and 1 <= height <= 65535):
-        raise ArgumentError(
-            "{argument} must lie in 1..65535 pixels each way, got {}", _text((width, height)), argument=argument
-        )
-    return int(width), int(height)
-
-
 def _from_calibration(name: str, wanted: tuple[int, int] | None) -> Camera:
     path = Path(name)
     if not path.is_file():
-        raise ArgumentError("{camera} {!r} is neither a preset ({}) nor a calib.txt file", name, ", ".join(PRESETS))
+        hint = f"; did you mean {{sensor:{name}}}?" if name in SENSORS else ""
+        rule = "{camera} {!r} is neither a preset ({}) nor a calib.txt file" + hint
+        raise ArgumentError(rule, name, ", ".join(PRESETS))
     width, height = wanted or _SIZE_OF_PUBLIC_CALIBRATIONS
     camera = Camera.from_calib(path, width=width, height=height)
     if wanted is None and not _centred(camera):

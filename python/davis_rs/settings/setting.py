@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Annotated, Any, TypeVar, Union, get_args, get_origin, get_type_hints
 
+from ..argument_checks import is_number
 from ..argument_error import ArgumentError
 from ..close_names import did_you_mean, names_of, no_argument, without_unit
 from ..effects import EFFECTS
@@ -118,11 +119,12 @@ class Setting:
             return f"be one of {self.range_text}, got {value!r}{did_you_mean(value, one.choices)}"
         if self.types not in ((int,), (float,)):
             fits = isinstance(value, self.types)
-            return None if fits else f"be {self.annotation.removesuffix(' | None')}, got {value!r}"
+            form = f" ({one.metavar})" if one.metavar and str in self.types else ""
+            return None if fits else f"be {self.annotation.removesuffix(' | None')}{form}, got {value!r}"
         whole = self.types == (int,)
         wanted = ", or ".join(["an integer" if whole else "a number", *one.words])
         unit = f" {one.unit}" if one.unit else ""
-        if isinstance(value, bool) or not hasattr(value, "__index__" if whole else "__float__"):
+        if not is_number(value, whole=whole):
             return f"be {wanted}, got {value!r}"
         if not math.isfinite(value):
             return f"be finite, got {value!r}"

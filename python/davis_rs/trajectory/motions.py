@@ -7,6 +7,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
+from ..argument_checks import check_number
 from ..argument_error import ArgumentError
 from ..pose import FloatArray, Pose, PoseLike, as_pose, hamilton
 from .sampled_trajectory import SampledTrajectory, rotation_through
@@ -83,8 +84,7 @@ def hand_held(
         raise ArgumentError("{kind} must be 'rotation', 'translation' or '6dof', got {!r}", kind)
     _check_positive(duration_s=duration_s, reach_m=reach_m, reach_rad=reach_rad)
     for name, value in (("top_speed_m_s", top_speed_m_s), ("top_rate_rad_s", top_rate_rad_s)):
-        if not 0 <= value < np.inf:
-            raise ValueError(f"{name} must be finite and >= 0, got {value}")
+        check_number(name, value, 0)
     random = np.random.Generator(np.random.PCG64(seed))
     t = _times(duration_s)
     whole_s = duration_s if duration_s > 1 else _WHOLE_S
@@ -126,8 +126,7 @@ def zigzag(
     """
     start = as_pose(start, "start")
     _check_positive(leg_m=leg_m, speed_m_s=speed_m_s, width_m=width_m)
-    if legs < 1:
-        raise ArgumentError("{legs} must be >= 1, got {}", legs)
+    check_number("legs", legs, 1, whole=True)
     forward, right = _level(start)
     corners = np.arange(legs + 1)
     side = np.where(corners % 2 == 0, 0.0, width_m)
@@ -150,8 +149,7 @@ def spiral(
     """
     start = as_pose(start, "start")
     _check_positive(turns=turns, radius_m=radius_m, speed_m_s=speed_m_s)
-    if not 0 <= pitch_m < np.inf:
-        raise ArgumentError("{pitch_m} must be finite and >= 0, got {}", pitch_m)
+    check_number("pitch_m", pitch_m, 0)
     share = np.linspace(0.0, 1.0, max(8, round(24 * turns)) + 1)
     angle = 2 * np.pi * turns * share
     in_camera = np.stack(
@@ -190,8 +188,7 @@ def walking(
     start = as_pose(start, "start")
     _check_positive(duration_s=duration_s, speed_m_s=speed_m_s, steps_hz=steps_hz)
     for name, value in (("bob_m", bob_m), ("sway_m", sway_m), ("nod_rad", nod_rad)):
-        if not 0 <= value < np.inf:
-            raise ValueError(f"{name} must be finite and >= 0, got {value}")
+        check_number(name, value, 0)
     random = np.random.Generator(np.random.PCG64(seed))
     forward, right = _level(start)
     t = _times(duration_s)
@@ -328,5 +325,4 @@ def _unit(direction: npt.ArrayLike) -> FloatArray:
 
 def _check_positive(**values: float) -> None:
     for name, value in values.items():
-        if not 0 < value < np.inf:
-            raise ArgumentError("{argument} must be finite and > 0, got {}", value, argument=name)
+        check_number(name, value, 0, above_low=True)

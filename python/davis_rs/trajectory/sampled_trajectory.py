@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from ..argument_checks import check_number
 from ..argument_error import ArgumentError
 from ..pose import UNIT_NORM_TOLERANCE, FloatArray, body_rates
 from .sample_noise import pose_noise
@@ -85,10 +86,9 @@ class SampledTrajectory(Trajectory):
                 q.shape,
             )
         for name, value in (("position_sigma_m", position_sigma_m), ("rotation_sigma_rad", rotation_sigma_rad)):
-            if value is not None and not 0 <= value < np.inf:
-                raise ArgumentError("{argument} must be finite and >= 0, got {}", value, argument=name)
-        if not 0 < max_gap_s < np.inf:
-            raise ArgumentError("{max_gap_s} must be finite and > 0, got {}", max_gap_s)
+            if value is not None:
+                check_number(name, value, 0)
+        check_number("max_gap_s", max_gap_s, 0, above_low=True)
         name_of = sample_name or (lambda i: f"sample {i} at {t[i]} s")
         _check_samples(t, p, q, max_gap_s, name_of)
 

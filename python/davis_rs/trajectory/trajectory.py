@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from ..argument_checks import check_number, check_type
 from ..argument_error import ArgumentError
 from ..pose import (
     FloatArray,
@@ -124,13 +125,21 @@ class Trajectory(ABC):
         """
         if start_s == 0 and duration_s in (None, self.duration_s):
             return self
+        check_number("start_s", start_s, 0)
+        if not start_s < self.duration_s:
+            raise ArgumentError(
+                "{start_s} must lie within the trajectory, which runs from 0 to {:g} s, got {}",
+                self.duration_s,
+                start_s,
+            )
         if duration_s is None:
             duration_s = self.duration_s - start_s
-        end_s = start_s + duration_s
-        if not (0 <= start_s < self.duration_s and start_s < end_s <= self.duration_s + TIME_TOLERANCE_S):
-            raise ValueError(
-                f"the interval from {start_s} s to {end_s} s must be longer than 0 s and lie inside the trajectory, "
-                f"which runs from 0 to {self.duration_s} s"
+        check_number("duration_s", duration_s, 0, above_low=True)
+        if start_s + duration_s > self.duration_s + TIME_TOLERANCE_S:
+            raise ArgumentError(
+                "{duration_s} must be at most {:g} s from {start_s} {:g} s on, because the trajectory runs from 0 to "
+                "{:g} s; got {}",
+                *(self.duration_s - start_s, start_s, self.duration_s, duration_s),
             )
         return _Cropped(self, float(start_s), min(float(duration_s), self.duration_s - start_s))
 
@@ -152,8 +161,7 @@ class Trajectory(ABC):
         Raises:
             ValueError: for a window that is negative or not finite.
         """
-        if not 0 <= window_s < np.inf:
-            raise ArgumentError("{window_s} must be finite and >= 0, got {}", window_s)
+        check_number("window_s", window_s, 0)
         t, window_s = _windows(self.duration_s, window_s)
         if window_s == 0:
             speeds = np.linalg.norm(self.velocities(t), axis=1)
@@ -216,8 +224,7 @@ def _windows(duration_s: float, window_s: float) -> tuple[FloatArray, float]:
 
 
 def _checked_duration(duration_s: float) -> float:
-    if not (np.isfinite(duration_s) and duration_s > 0):
-        raise ValueError(f"a trajectory's duration must be finite and > 0 s, got {duration_s}")
+    check_number("duration_s", duration_s, 0, above_low=True)
     return float(duration_s)
 
 
@@ -408,7 +415,9 @@ def align(trajectory: Trajectory, pose: PoseLike, at_s: float = 0.0) -> Trajecto
 
     Raises:
         ValueError: if ``at_s`` is outside the trajectory, or as :func:`~davis_rs.as_pose`.
+        TypeError: for what is no trajectory.
     """
+    check_type("trajectory", trajectory, Trajectory, "davis_rs.read_trajectory(...) reads one")
     return _Aligned(trajectory, as_pose(pose), at_s)
 
 

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import numpy.typing as npt
 
-from ..argument_error import ArgumentError
+from ..argument_checks import check_number
 from ..close_names import names_checked
 from ..pose import UNIT_NORM_TOLERANCE, FloatArray
 from .sampled_trajectory import SampledTrajectory
@@ -58,10 +58,8 @@ def waypoint_trajectory(
     norms = np.linalg.norm(q, axis=1)
     if (np.abs(norms - 1) > UNIT_NORM_TOLERANCE).any():
         raise ValueError(f"waypoint quaternions must have norm 1 within {UNIT_NORM_TOLERANCE}, got {norms.tolist()}")
-    if not 0 < speed_m_s < np.inf:
-        raise ArgumentError("{speed_m_s} must be finite and > 0, got {}", speed_m_s)
-    if not 0 <= ramp_s < np.inf:
-        raise ArgumentError("{ramp_s} must be finite and >= 0, got {}", ramp_s)
+    check_number("speed_m_s", speed_m_s, 0, above_low=True)
+    check_number("ramp_s", ramp_s, 0)
     q /= norms[:, None]
     q[1:] *= np.cumprod(np.where((q[1:] * q[:-1]).sum(1) < 0, -1.0, 1.0))[:, None]
     angles = 2 * np.arccos(np.clip((q[1:] * q[:-1]).sum(1), -1, 1))

@@ -1,0 +1,109 @@
+"""Checks of arguments that many functions share: numbers in a range, sizes of sensors, objects of a kind."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+from typing import Any
+
+from .argument_error import ArgumentError
+
+
+def is_number(value: object, *, whole: bool = False) -> bool:
+    """Whether a value is one number, an integer where it must be ``whole``; a truth value is none."""
+    single = not isinstance(value, bool) and getattr(value, "shape", ()) == ()
+    return single and hasattr(value, "__index__" if whole else "__float__")
+
+
+def check_number(
+    argument: str,
+    value: Any,
+    low: float = -math.inf,
+    high: float = math.inf,
+    *,
+    above_low: bool = False,
+    whole: bool = False,
+    unit: str = "",
+) -> None:
+    """Refuse what is no finite number in ``low..high``.
+
+    Args:
+        argument: that has the value.
+        above_low: ``low`` itself is not allowed.
+        whole: it must be an integer.
+        unit: of the number.
+
+    Raises:
+        ArgumentError: with the rule and the value.
+    """
+    one = is_number(value, whole=whole)
+    if one and math.isfinite(value) and low <= value <= high and not (above_low and value == low):
+        return
+    least = "" if low == -math.inf else f"{'>' if above_low else '>='} {_written(low)}"
+    if high < math.inf:
+        range_text = f"{least} and at most {_written(high)}" if above_low else f"in {_written(low)}..{_written(high)}"
+    else:
+        range_text = least
+    if whole:
+        rule = f"be an integer {range_text}"
+    elif not one:
+        rule = "be a number"
+    elif high < math.inf:
+        rule = f"be {range_text}" if above_low else f"lie {range_text}"
+    else:
+        rule = f"be finite and {range_text}" if range_text else "be finite"
+    ending = f" {unit}" if unit and one else ""
+    got = value if one else repr(value)
+    raise ArgumentError("{argument} must {}{}, got {}", rule.rstrip(), ending, got, argument=argument)
+
+
+def _written(bound: float) -> str:
+    """A bound as people write it."""
+    return str(int(bound)) if bound == int(bound) else f"{bound:g}"
+
+
+def parse_size(size: Sequence[int] | str | None, argument: str = "size") -> tuple[int, int] | None:
+    """Return (width, height) from ``WxH`` or from a pair; None stays None.
+
+    Raises:
+        ArgumentError: for something else, or sides outside of 1..65535.
+    """
+    return None if size is None else as_size(size, argument)
+
+
+def as_size(size: Sequence[int] | str, argument: str = "size") -> tuple[int, int]:
+    """Return (width, height) from ``WxH`` or from a pair.
+
+    Raises:
+        ArgumentError: for something else, or sides outside of 1..65535.
+    """
+    pair: Any = size
+    if isinstance(size, str):
+        match = re.fullmatch(r"(\d{1,5})\s*[xX]\s*(\d{1,5})", size.strip())
+        if match is None:
+            rule = "{argument} must be WIDTHxHEIGHT in pixels, such as 346x260, got {!r}"
+            raise ArgumentError(rule, size, argument=argument)
+        pair = (int(match[1]), int(match[2]))
+    if not hasattr(pair, "__len__") or len(pair) != 2 or not all(is_number(side, whole=True) for side in pair):
+        rule = "{argument} must be two integers, width and height in pixels, got {!r}"
+        raise ArgumentError(rule, size, argument=argument)
+    width, height = int(pair[0]), int(pair[1])
+    if not (1 <= width <= 65535 and 1 <= height <= 65535):
+        rule = "{argument} must lie in 1..65535 pixels each way, got {} x {}"
+        raise ArgumentError(rule, width, height, argument=argument)
+    return width, height
+
+
+def check_type(argument: str, value: object, kind: type | tuple[type, ...], hint: str) -> None:
+    """Refuse an object of another kind.
+
+    Args:
+        hint: how one of the right kind is made.
+
+    Raises:
+        TypeError: naming the argument, what it must be and what it is.
+    """
+    if not isinstance(value, kind):
+        kinds = " or ".join(one.__name__ for one in (kind if isinstance(kind, tuple) else (kind,)))
+        raise TypeError(f"{argument} must be {kinds}, got {type(value).__name__}; {hint}")
