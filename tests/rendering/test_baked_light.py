@@ -18,7 +18,7 @@ import numpy.typing as npt
 import pytest
 from scipy.spatial.transform import Rotation
 
-from davis_rs import Pose, Scene, SegmentTrajectory, Simulator, estimate_noise, plan_effects
+from davis_rs import Pose, Scene, SegmentTrajectory, Simulator, estimate_noise, load_scene, plan_effects
 from davis_rs._mitsuba import FAST, load_scene_source, variant
 from davis_rs.accuracy.light_accuracy import LightComparison, light_cost
 from davis_rs.cli import main
@@ -96,6 +96,48 @@ def _corner_factor(a: FloatArray, b: FloatArray) -> FloatArray:
     """Of a parallel rectangle whose corner is above the place (Howell, catalogue of configuration factors, B-4)."""
     p, q = np.sqrt(1 + a**2), np.sqrt(1 + b**2)
     return np.asarray((a / p * np.arctan(b / p) + b / q * np.arctan(a / q)) / (2 * np.pi))
+
+
+PLATE = '<shape type="rectangle"><bsdf type="diffuse"><rgb name="reflectance" value="0.5"/></bsdf></shape>'
+SKY = '<emitter type="constant"><rgb name="radiance" value="1"/></emitter>'
+SUN = f"""<emitter type="directional"><vector name="direction" x="0" y="0" z="-1"/>
+    <rgb name="irradiance" value="{0.42 * np.pi!r}"/></emitter>"""
+
+
+def test_lights_without_a_name_shine(tmp_path: Path) -> None:
+    """A plate of reflectance 0.5 under what shines, by closed forms: nothing in the file has an id."""
+    for lights, luma in ((SKY, 0.5), (SKY + SUN, 0.71)):
+        path = tmp_path / "scene.xml"
+        path.write_text(f'<scene version="3.0.0">{PLATE}{lights}</scene>')
+        renderer = make_renderer(load_scene(path), CAMERA, samples=1, bake_error=0.05)
+        assert renderer.luma(Views.at_rest([DOWN])) == pytest.approx(luma, rel=1e-3), lights
+
+
+def test_light_that_is_baked_nowhere_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Surfaces would be black, and nothing would say so."""
+    monkeypatch.setattr(bake._Job, "sampled", lambda self, lights: ([[] for _ in lights], [None for _ in lights]))
+    with pytest.raises(RuntimeError, match="baked at no point"):
+        build(make_scene(floor=plate(0, 0, 0, (1, 1)), sky={"type": "constant"}))
+
+
+def test_lamps_without_a_name_are_told_apart(tmp_path: Path) -> None:
+    """A large lamp, whose light is baked, and one so small that the renderer has it, neither with an id: together they
+    give the sum of each alone."""
+
+    def lamp_at(x: float, half: float) -> str:
+        place = f'<scale value="{half}"/><rotate x="1" angle="180"/><translate x="{x}" z="2"/>'
+        glows = f'<emitter type="area"><rgb name="radiance" value="{1 / half**2}"/></emitter>'
+        return f'<shape type="rectangle"><transform name="to_world">{place}</transform>{glows}</shape>'
+
+    def luma(*lamps: str) -> npt.NDArray[np.float32]:
+        path = tmp_path / "scene.xml"
+        path.write_text(f'<scene version="3.0.0"><integrator type="direct"/>{PLATE}{"".join(lamps)}</scene>')
+        return make_renderer(load_scene(path), CAMERA, kind="baked", samples=1).luma(Views.at_rest([DOWN]))
+
+    large, small = lamp_at(-0.9, 0.3), lamp_at(0.9, 0.005)
+    alone = luma(large), luma(small)
+    assert min(one.min() for one in alone) > 0.02
+    np.testing.assert_allclose(luma(large, small), alone[0] + alone[1], rtol=0.02)
 
 
 def test_coloured_light_that_bounces_is_the_path_tracers(long: bool) -> None:

@@ -105,6 +105,8 @@ def bake(
     of_sides = job.of_sides(divisions)
     layouts = layouts_of(of_sides)
     texels = [[texels_of(lattice, parts, divisions, layouts) for parts in sampled] for _, sampled, _ in states]
+    if job.points == 0 and any(light.bounces or light.direct_parts for lights, *_ in states for light in lights):
+        raise RuntimeError("light was baked at no point, although it falls on surfaces: this is a fault of davis_rs")
     job.state = ""
     seen("what it errs", job.points, job.points + _MEASURED)
     found = [(lights, gathered, maps) for (lights, _, gathered), maps in zip(states, texels, strict=True)]

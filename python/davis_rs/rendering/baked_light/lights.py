@@ -117,7 +117,7 @@ def emissions(scene: Any, mi: Any, counts: Sequence[int], names: Sequence[str]) 
         radiance, number = 0.0, 0
         if shape.is_emitter():
             radiance = float(_rgb(mi.traverse(shape.emitter())["radiance.value"]) @ LUMA_WEIGHTS)
-            number = _group(area_light_name(shape), names)
+            number = group_of(area_light_name(shape), names)
         luma.append(np.full(count, radiance))
         group.append(np.full(count, number))
     return np.concatenate(luma), np.concatenate(group)
@@ -129,7 +129,7 @@ def background_luma(scene: Any, mi: Any, names: Sequence[str]) -> list[float]:
     if not getattr(scene.integrator(), "hide_emitters", False):
         for name, emitter in named_emitters(scene):
             if emitter.class_name() == "ConstantBackgroundEmitter":
-                shown[_group(name, names)] += float(_rgb(mi.traverse(emitter)["radiance.value"]) @ LUMA_WEIGHTS)
+                shown[group_of(name, names)] += float(_rgb(mi.traverse(emitter)["radiance.value"]) @ LUMA_WEIGHTS)
     return shown
 
 
@@ -163,7 +163,7 @@ def sky_map(scene: Any, mi: Any, names: Sequence[str]) -> SkyMap | None:
             seen.wi = mi.Vector3f(*(mi.Float(np.ascontiguousarray(-column, np.float32)) for column in towards.T))
             rgb = np.array(emitter.eval(seen), np.float64).reshape(3, -1)
             texels = (np.asarray(LUMA_WEIGHTS) @ rgb).astype(np.float32)
-            return SkyMap(_group(name, names), side, texels.reshape(side + 2, side + 2))
+            return SkyMap(group_of(name, names), side, texels.reshape(side + 2, side + 2))
     return None
 
 
@@ -199,9 +199,17 @@ def area_light_name(shape: Any) -> str:
 
 
 def light_groups(scene: Any, changing: Sequence[str]) -> list[str]:
-    """Names of the lights that change, each of which is baked alone, and before them "" for all others."""
+    """Names of the groups of lights: those that change, each baked alone, and before them "" for all others.
+
+    A light that has no name has the id "" in Mitsuba: it belongs to all others, see :func:`group_of`.
+    """
     known = [name for name, _ in named_emitters(scene)]
     return ["", *(name for name in changing if name in known)]
+
+
+def group_of(name: str, names: Sequence[str]) -> int:
+    """The group that a light of this name belongs to: 0 for all that no other group has."""
+    return names.index(name, 1) if name in names[1:] else 0
 
 
 def named_emitters(scene: Any) -> list[tuple[str, Any]]:
@@ -209,11 +217,6 @@ def named_emitters(scene: Any) -> list[tuple[str, Any]]:
     of_shapes = [(area_light_name(shape), shape.emitter()) for shape in scene.shapes() if shape.is_emitter()]
     others = [(emitter.id(), emitter) for emitter in scene.emitters() if emitter.class_name() != "AreaLight"]
     return [*of_shapes, *others]
-
-
-def _group(name: str, names: Sequence[str]) -> int:
-    """The group of a light of this name."""
-    return names.index(name) if name in names else 0
 
 
 @contextmanager
@@ -235,7 +238,7 @@ def irradiance_of(
     placing = _Placing(scene, motion, scale, mi) if motion.objects else None
 
     def at(t_s: float) -> list[Irradiance]:
-        return [_Group(scene, mi, paths, scale, name, names, kept, placing, t_s) for name in names]
+        return [_Group(scene, mi, paths, scale, number, names, kept, placing, t_s) for number in range(len(names))]
 
     yield at
 
@@ -272,29 +275,27 @@ class _Group(Irradiance):
         mi: Any,
         paths: Paths,
         scale: float,
-        name: str,
+        number: int,
         names: Sequence[str],
         kept: PartialBake,
         placing: _Placing | None,
         t_s: float,
     ) -> None:
-        self._own_name, self._placing, self._t_s = name, placing, t_s
-        own, self._others = list[tuple[str, Any]](), list[Any]()
-        for its_name, emitter in named_emitters(scene):
-            mine = its_name == name if name else its_name not in names
-            if mine:
-                own.append((its_name, emitter))
-            else:
+        self._own_name, self._placing, self._t_s = names[number], placing, t_s
+        # Lights are told apart by what they are, not by their names: those without one are called alike.
+        small = [shape.emitter() for shape in small_lamps(scene)]
+        soft, sharp, self._others = list[Any](), list[Any](), list[Any]()
+        for name, emitter in named_emitters(scene):
+            if group_of(name, names) != number:
                 self._others.append(emitter)
-        small = {area_light_name(shape) for shape in small_lamps(scene)}
-        soft, sharp = list[Any](), list[Any]()
-        for its_name, emitter in own:
-            is_soft = emitter.class_name() in _SOFT and its_name not in small
-            (soft if is_soft else sharp).append(emitter)
+            elif emitter.class_name() in _SOFT and emitter not in small:
+                soft.append(emitter)
+            else:
+                sharp.append(emitter)
         depths = {"max_depth": paths.max_depth, "rr_depth": paths.rr_depth}
         poses = None if placing is None else placing.poses(t_s)
         super().__init__(scene, mi, soft, sharp, **depths, scale=scale, kept=kept, poses=poses)
-        self.bounces = self.bounces and bool(own)
+        self.bounces = self.bounces and bool(soft or sharp)
 
     def _name(self) -> str:
         return self._own_name if self._placing is None else f"{self._own_name} at {self._t_s!r} s"
