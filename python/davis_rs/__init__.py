@@ -45,6 +45,8 @@ if TYPE_CHECKING:
     from .sampling.rules import FixedRate, MaxDisplacement
     from .sampling.tolerance import Tolerance
     from .scene.light_profile import Flicker, LightProfile, SampledProfile
+    from .scene.lost_looks import LostLook
+    from .scene.repairs import SceneFileWarning
     from .scene.scene import Scene
     from .scenes import load_scene, start_pose
     from .sensor_fit import FrameSource, MeasuredRecording, SensorFit, StampedFrame, fit_sensor, measure_recording
@@ -108,6 +110,7 @@ _MODULES = {
     "HtmlPage": "inspection.html_page",
     "Imu": "imu",
     "LightProfile": "scene.light_profile",
+    "LostLook": "scene.lost_looks",
     "MaxDisplacement": "sampling.rules",
     "MeasuredRecording": "sensor_fit",
     "MocapClock": "motion_capture",
@@ -128,6 +131,7 @@ _MODULES = {
     "SampledProfile": "scene.light_profile",
     "SampledTrajectory": "trajectory.sampled_trajectory",
     "Scene": "scene.scene",
+    "SceneFileWarning": "scene.repairs",
     "SceneSurfaces": "ground_truth",
     "SegmentTrajectory": "trajectory.trajectory",
     "SensorFit": "sensor_fit",
@@ -235,6 +239,7 @@ __all__ = [
     "HtmlPage",
     "Imu",
     "LightProfile",
+    "LostLook",
     "MaxDisplacement",
     "MeasuredRecording",
     "MocapClock",
@@ -254,6 +259,7 @@ __all__ = [
     "SampledProfile",
     "SampledTrajectory",
     "Scene",
+    "SceneFileWarning",
     "SceneSurfaces",
     "SegmentTrajectory",
     "SensorFit",

@@ -16,7 +16,8 @@ from .due_instants import DueInstant, due_instants
 from .effects import CustomEffects, Effects, with_optics
 from .effects.effects import effects_of
 from .events import EventArray, concatenate_events
-from .ground_truth import SceneSurfaces
+from .ground_truth import SceneSurfaces, lost_look_shares
+from .ground_truth.lost_look_shares import warn_of_lost_looks
 from .packet import Packet
 from .pose import Pose, PoseLike, as_pose
 from .read_ahead import read_ahead
@@ -70,12 +71,17 @@ class Simulator:
         refine: whether event times are polished.
         renderer: what renders, behind the lens.
         surfaces: what gives flow, masks and normals; None where none of them is asked for.
+        lost_looks: the share of the image that each look concerns which the scene's file has and nothing shows; None
+            for a look of no shape.
 
     Raises:
         TypeError: for a setting that does not exist.
         ValueError: for a value out of range, effects that are not :class:`~davis_rs.Effects`, a scene that cannot be
             rendered, or settings that contradict each other.
         OSError: if a scene file or a calibration cannot be read.
+
+    Warns:
+        SceneFileWarning: of the looks that are lost, in one line.
     """
 
     def __init__(self, scene: Scene, **settings: Unpack[SimulatorSettings]) -> None:
@@ -113,6 +119,8 @@ class Simulator:
             edges=self.sampling.edges,
             threads=self.settings["threads"],
         )
+        self.lost_looks = lost_look_shares(self.scene, self.camera, plain)
+        warn_of_lost_looks(self.scene, self.lost_looks, stacklevel=2)
         self.renderer = with_optics(plain, self.effects)
         self._engine = CrossingEngine(
             self.camera.width,
@@ -239,7 +247,8 @@ class Simulator:
             "refine": self.refine,
         }
         described = describe_run(self.scene, self.camera, self.renderer, self.effects, {**self.settings, **resolved})
-        return {**described, "custom_effects": self.custom_effects.describe()}
+        lost = {str(look): share for look, share in self.lost_looks.items()}
+        return {**described, "custom_effects": self.custom_effects.describe(), "lost_looks": lost}
 
     def _packets(self, trajectory: Trajectory, start_us: int, end_us: int, *, ahead: bool = False) -> Iterator[Packet]:
         """Packets of (start_us, end_us], or of the very first instant too; the trajectory starts at ``start_us``.

@@ -258,14 +258,20 @@ def read_davis(path: Path, _: random.Random) -> None:
 
 
 def _gltf(folder: Path) -> list[Path]:
-    """With all that is read: a texture, colours, a light, a camera, an animation; most of it in the JSON."""
+    """With all that is read: a texture, colours, copies, a light, a camera, an animation; most of it in the JSON."""
     gltf = Gltf(extensionsRequired=["KHR_lights_punctual"])
     texture = gltf.texture({"uri": "data:image/png;base64," + _PNG}, {"wrapS": 33071, "wrapT": 33071})
     texture |= {"extensions": {"KHR_texture_transform": {"scale": [2, 2]}}}  # type: ignore[dict-item]
-    paint = gltf.material(baseColorTexture=texture)
+    gloss = {"diffuseFactor": [1, 0.5, 0.5, 1], "diffuseTexture": texture}
+    more = {"extensions": {"KHR_materials_pbrSpecularGlossiness": gloss}, "alphaMode": "MASK"}
+    paint = gltf.material(baseColorTexture=texture, more=more)
     body = gltf.node(mesh=quad(gltf, uv=UV, material=paint), name="body")
     child = gltf.node(root=False, mesh=quad(gltf, colours=np.full((4, 3), 0.5)), scale=[1, 2, 3])
     gltf.node(children=[child], matrix=np.eye(4).ravel().tolist())
+    places = {"TRANSLATION": gltf.array(np.eye(3)), "ROTATION": gltf.array(np.tile([0, 0.6, 0, 0.8], (3, 1)))}
+    strip = {"attributes": {"POSITION": 0}, "indices": gltf.array([0, 1, 3, 2], "u2"), "mode": 5}
+    copied = gltf.add("meshes", {"primitives": [strip]})
+    gltf.node(mesh=copied, extensions={"EXT_mesh_gpu_instancing": {"attributes": places}})
     lens = {"type": "perspective", "perspective": {"yfov": 1.0, "znear": 0.1}}
     camera = gltf.node(camera=gltf.add("cameras", lens), translation=[0, 0, 3])
     gltf.animate(camera, "rotation", [0.0, 1.0], np.array([[0, 0, 0, 1], [0, 0.6, 0, 0.8]]))

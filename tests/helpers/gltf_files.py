@@ -87,11 +87,15 @@ class Gltf:
         animations[0]["channels"].append({"sampler": len(animations[0]["samplers"]) - 1, "target": target})
 
     def save(self, path: Path, *, buffer: str | None = None) -> Path:
-        """Write a .glb, or a .gltf with its data embedded, or in the file ``buffer`` next to it."""
+        """Write a .glb, or a .gltf with its data embedded, or in the file ``buffer`` next to it.
+
+        Buffers of the document itself come after that of the data.
+        """
         document = dict(self.document)
+        others = document.get("buffers", [])
         if path.suffix == ".glb":
             if self.data:
-                document["buffers"] = [{"byteLength": len(self.data)}]
+                document["buffers"] = [{"byteLength": len(self.data)}, *others]
             text = json.dumps(document).encode()
             text += b" " * (-len(text) % 4)
             data = bytes(self.data) + b"\0" * (-len(self.data) % 4)
@@ -104,7 +108,7 @@ class Gltf:
             if buffer is not None:
                 (path.parent / buffer).write_bytes(self.data)
                 uri = buffer
-            document["buffers"] = [{"byteLength": len(self.data), "uri": uri}]
+            document["buffers"] = [{"byteLength": len(self.data), "uri": uri}, *others]
         path.write_text(json.dumps(document))
         return path
 

@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from command_line import davis_rs
-from davis_rs import Scene, load_scene
+from davis_rs import Scene, SceneFileWarning, load_scene
 from davis_rs.luma import LUMA_WEIGHTS
 from davis_rs.rendering.renderers import make_renderer
 from davis_rs.rendering.scene_texture import bilinear
@@ -56,12 +56,14 @@ def first_frame(scene: Scene) -> npt.NDArray[np.float32]:
     return renderer.luma(Views.at_rest([scene.path.pose(0.0)]))[0].astype(np.float32)
 
 
-def ply(kind: str, *, faces: list[list[int]], colours: bool = False) -> bytes:
-    """The cube's vertices with these faces, in ASCII or binary."""
+def ply(kind: str, *, faces: list[list[int]], colours: bool = False, element: str = "face") -> bytes:
+    """The cube's vertices with these faces, in ASCII or binary; strips have lists of more than 255 numbers."""
+    length, code = ("uchar", "B") if element == "face" else ("int", "i")
     paint = "property uchar red\nproperty uchar green\nproperty uchar blue\n" if colours else ""
     header = (
         f"ply\nformat {kind} 1.0\ncomment made for a test\nelement vertex 8\nproperty float x\nproperty float y\n"
-        f"property float z\n{paint}element face {len(faces)}\nproperty list uchar int vertex_indices\nend_header\n"
+        f"property float z\n{paint}element {element} {len(faces)}\n"
+        f"property list {length} int vertex_indices\nend_header\n"
     ).encode()
     order = ">" if kind == "binary_big_endian" else "<"
     body = b""
@@ -75,7 +77,7 @@ def ply(kind: str, *, faces: list[list[int]], colours: bool = False) -> bytes:
         if kind == "ascii":
             body += " ".join(map(str, [len(face), *face])).encode() + b"\n"
         else:
-            body += struct.pack(f"{order}B{len(face)}i", len(face), *face)
+            body += struct.pack(f"{order}{code}{len(face)}i", len(face), *face)
     return header + body
 
 
@@ -175,8 +177,12 @@ BROKEN_OBJ = {
     "two corners": (cube("f 1 2\n"), r":13: a face needs at least 3 corners"),
     "word": ("v 0 zero 0\n", r":1: could not convert"),
     "nan": (cube().replace("v -1 -1 -1", "v nan -1 -1"), r"vertex 1 must be finite, got \(nan"),
-    "no area": (cube("f 1 1 1\n"), "has no area"),
-    "concave": ("v 0 0 0\nv 2 0 0\nv .2 .2 0\nv 0 2 0\nf 2 3 4 1\n", "line 5 has 4 corners and is not convex"),
+    "no area": (cube("f 1 1 1\nf 1 2 1\n"), r"has no faces .* without area are left out: 2 \(the first: line 13\)"),
+    "points": ("v 0 0 0\np 1\np 1\n", r"has no faces .*: points \(p\) have no surface .*: 2 \(the first: line 2\)"),
+    "colours of 255": (
+        "v 0 0 0 0 0 0\nv 1 0 0 0 255 0\nv 0 1 0 0 0 0\nf 1 2 3\n",
+        r"colours of vertices must lie in 0 to 1, vertex 2 has \(0, 255, 0\)",
+    ),
     "no mtl": (cube(before="mtllib none.mtl\n"), r":1: the material file 'none.mtl' is not next to the mesh"),
     "curve": ("curv 0 1 1 2\n", "curves and surfaces"),
 }
@@ -208,14 +214,109 @@ def test_broken_materials(tmp_path: Path, mtl: str, said: str) -> None:
         load_scene(path)
 
 
-def test_what_is_not_shown_is_said(tmp_path: Path) -> None:
-    """Glass is opaque here, and so is a cut-out texture: one line each."""
-    path = painted(tmp_path, np.zeros((4, 4, 3), np.uint8), "newmtl paint\nKd 1 1 1\nd 0.4\n")
-    with pytest.warns(UserWarning, match="opaque and dark: paint"):
-        load_scene(path)
+def test_what_is_not_shown_is_known(tmp_path: Path) -> None:
+    """Of which materials and shapes: glass, a lamp, metal, bumps, and a cut-out texture; nothing of a plain one."""
+    looks = "newmtl {}\nKd 1 1 1\n{}\n"
+    lines = {
+        "glass": "Tr 0.4",
+        "lamp": "Ke 1 1 1",
+        "steel": "Pm 1",
+        "hammered": "bump b.png",
+        "plain": "d 0.9999999\nKe 0",
+    }
+    (tmp_path / "looks.mtl").write_text("".join(looks.format(*one) for one in lines.items()))
+    faces = "".join(f"usemtl {name}\n{face}\n" for name, face in zip(lines, QUADS.splitlines(), strict=False))
+    (tmp_path / "looks.obj").write_text(cube(faces, before="mtllib looks.mtl\n"))
+    found = {look.what: (look.of, look.shapes) for look in load_scene(tmp_path / "looks.obj").lost_looks}
+    assert found == {
+        "transparency": (("glass",), ("mesh_glass",)),
+        "light of their own": (("lamp",), ("mesh_lamp",)),
+        "metal": (("steel",), ("mesh_steel",)),
+        "normal maps": (("hammered",), ("mesh_hammered",)),
+    }
     path = painted(tmp_path, np.zeros((4, 4, 4), np.uint8))
-    with pytest.warns(UserWarning, match=r"paint.png: the texture is transparent in places"):
+    assert [str(look) for look in load_scene(path).lost_looks] == ["transparency of paint"]
+
+
+def test_what_has_no_surface_is_left_out_in_one_line(tmp_path: Path) -> None:
+    """Points, lines and faces without area of an OBJ file; edges of a PLY file. What is left is simulated."""
+    path = tmp_path / "m.obj"
+    path.write_text(cube("f 1 2 3\nl 1 2\np 1\nf 1 1 2\nl 3 4\nf 5 5 5\n"))
+    with pytest.warns(SceneFileWarning) as caught:
+        scene = load_scene(path)
+    (warning,) = caught
+    assert str(warning.message) == (
+        f"{path}: lines (l) have no surface and are left out: 2 (the first: line 14); points (p) have no surface and "
+        "are left out: 1 (the first: line 15); faces without area are left out: 2 (the first: line 16)"
+    )
+    assert scene.name == "m"
+    edges = b"element edge 1\nproperty int vertex1\nproperty int vertex2\nend_header"
+    path = tmp_path / "m.ply"
+    path.write_bytes(ply("ascii", faces=MIXED).replace(b"end_header", edges) + b"0 1\n")
+    with pytest.warns(SceneFileWarning, match=r"m\.ply: edges have no surface and are left out: 1"):
         load_scene(path)
+
+
+@pytest.mark.parametrize("suffix", ["obj", "ply"])
+def test_polygons_that_are_not_convex_are_cut_as_they_are(tmp_path: Path, suffix: str) -> None:
+    """A dart next to a square: its triangles lie within it, with the texture coordinates of its own corners."""
+    outline = [(0, 0), (2, 0), (0.2, 0.2), (0, 2)]
+    path = tmp_path / f"dart.{suffix}"
+    if suffix == "obj":
+        places = "".join(f"v {x} {y} 0\nvt {x} {y}\n" for x, y in outline)
+        path.write_text(places + "f 2/2 3/3 4/4 1/1\n")
+        (part,) = read_obj(path)
+    else:
+        header = "ply\nformat ascii 1.0\nelement vertex 4\n" + "".join(f"property float {name}\n" for name in "xyzuv")
+        header += "element face 1\nproperty list uchar int vertex_indices\nend_header\n"
+        path.write_text(header + "".join(f"{x} {y} 0 {x} {y}\n" for x, y in outline) + "4 1 2 3 0\n")
+        (part,) = read_ply(path)
+    first, second, third = part.corners.swapaxes(0, 1)
+    areas = np.cross(second - first, third - first)[:, 2] / 2
+    assert (areas > 0).all()
+    assert areas.sum() == pytest.approx(0.4)
+    assert part.uv is not None
+    np.testing.assert_allclose(part.uv, part.corners[..., :2])
+
+
+@pytest.mark.parametrize("kind", ["ascii", "binary_little_endian", "binary_big_endian"])
+def test_strips_of_stanfords_files(tmp_path: Path, kind: str) -> None:
+    """One list of vertices with -1 between the strips, longer than any polygon may be."""
+    strips = [0, 1, 3, 2, -1, 4, 5, 7, 6]
+    (tmp_path / "s.ply").write_bytes(ply(kind, faces=[[-1] * 70_000 + strips], element="tristrips"))
+    (part,) = read_ply(tmp_path / "s.ply")
+    corners = np.array(CORNERS)
+    np.testing.assert_array_equal(part.corners, corners[[[0, 1, 3], [1, 2, 3], [4, 5, 7], [5, 6, 7]]])
+
+
+def test_normals_without_direction_are_those_of_the_triangle(tmp_path: Path) -> None:
+    """Zero and not finite: one line; all others are of unit length."""
+    path = tmp_path / "m.obj"
+    path.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nvn 0 0 -3\nvn 0 0 0\nvn nan 0 0\nf 1//1 2//2 3//3\n")
+    with pytest.warns(SceneFileWarning, match="normal has no direction take that of their triangle: 2"):
+        (part,) = read_obj(path)
+    np.testing.assert_array_equal(part.normals, [[[0, 0, -1]] * 3])  # on the side of the normal that is there
+
+
+def test_numbers_that_only_rounding_put_beyond_their_bounds_are_taken(tmp_path: Path) -> None:
+    """Kd, and colours of vertices in OBJ and PLY, by less than 1e-5; by more they are refused (see BROKEN)."""
+    (tmp_path / "m.mtl").write_text("newmtl paint\nKd 1.000001 -1e-7 0.5\n")
+    (tmp_path / "m.obj").write_text(cube(before="mtllib m.mtl\nusemtl paint\n"))
+    (part,) = read_obj(tmp_path / "m.obj")
+    np.testing.assert_array_equal(part.reflectance, [1, 0, 0.5])
+    (tmp_path / "c.obj").write_text("v 0 0 0 1.000001 0 0\nv 1 0 0 0 1 0\nv 0 1 0 0 0 -1e-7\nf 1 2 3\n")
+    (part,) = read_obj(tmp_path / "c.obj")
+    np.testing.assert_array_equal(part.colours, [[[1, 0, 0], [0, 1, 0], [0, 0, 0]]])
+    header = "ply\nformat ascii 1.0\nelement vertex 3\n"
+    header += "".join(f"property float {name}\n" for name in ("x", "y", "z", "red", "green", "blue", "alpha"))
+    header += "element face 1\nproperty list uchar int vertex_indices\nend_header\n"
+    rows = "0 0 0 1.000001 0 0 1\n1 0 0 0 1 0 {}\n0 1 0 0 0 -1e-7 1\n3 0 1 2\n"
+    (tmp_path / "c.ply").write_text(header + rows.format(0.9999999))
+    (part,) = read_ply(tmp_path / "c.ply")
+    np.testing.assert_array_equal(part.colours, [[[1, 0, 0], [0, 1, 0], [0, 0, 0]]])
+    assert part.lost == ()
+    (tmp_path / "c.ply").write_text(header + rows.format(0.5))
+    assert read_ply(tmp_path / "c.ply")[0].lost == ("transparency",)
 
 
 BROKEN_PLY = {
@@ -233,6 +334,14 @@ BROKEN_PLY = {
     ),
     "nan": (ply("ascii", faces=MIXED).replace(b"\n-1 -1 -1", b"\n-1 nan -1"), "vertex 1 must be finite"),
     "two corners": (ply("ascii", faces=[[0, 1]]), "face 1 needs a list of at least 3"),
+    "strip": (
+        ply("ascii", faces=[[0, 1, 2, -1, 2, 8]], element="tristrips"),
+        r"strip 1 names the vertices \[0, 1, 2, -1, 2, 8\], but the file has 8",
+    ),
+    "strip below -1": (
+        ply("ascii", faces=[[0, 1, 2, -2]], element="tristrips"),
+        "strip 1 names",
+    ),
 }
 
 

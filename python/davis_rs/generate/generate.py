@@ -17,7 +17,7 @@ from ..scene.mesh_scene import Axis
 from ..scene.scene import Scene
 from ..scenes import load_scene
 from .folder import discard_hidden
-from .job import begin_worker, make_sequence, noise_of
+from .job import begin_worker, make_sequence, noise_of, warn_of_looks
 from .manifest import Manifest, claim_root, describe_folder, read_manifest, write_plan
 from .sequence import DrawnSequence
 from .sequence_plan import SequencePlan, sequence_name
@@ -123,6 +123,8 @@ def generate_sequences(
         lines = manifest.lines
         kept, failed = set(lines), dict[str, str]()
         missing = DrawnSequences(plan, [k for k, name in enumerate(names) if name not in lines])
+        if missing:
+            warn_of_looks(missing[0])
         packing = None if plan.shards is None else Packing(folder, plan.shards, names)
         if packing is not None and plan.shards is not None:
             for k in range(0, plan.sequences, plan.shards.sequences):

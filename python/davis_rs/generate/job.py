@@ -11,14 +11,17 @@ from pathlib import Path
 from typing import Any
 
 from .._mitsuba import default_variant, variant
+from ..ground_truth import lost_look_shares
+from ..ground_truth.lost_look_shares import warn_of_lost_looks
 from ..monte_carlo_noise import noise_before_run, refuse_noise
 from ..no_events import NoEventsWarning
 from ..noise_estimate import NoiseError, NoiseEstimate, NoiseWarning
 from ..rendering.kept_scenes import keep_scenes
 from ..scene.mesh_scene import Axis
+from ..scene.repairs import SceneFileWarning
 from ..scene.scene import Scene
 from ..scenes import load_scene
-from ..settings import FolderSettings, complete
+from ..settings import FolderSettings, ViewSettings, complete, only, view_scene
 from ..simulation_folder import simulate_to_folder
 from .folder import discard, publish, working_folder
 from .manifest import describe_folder
@@ -97,6 +100,18 @@ def _settings(sequence: DrawnSequence) -> dict[str, Any]:
     return {**sequence.settings, "seed": sequence.parameters["seed"], "accept_noise": sequence.accept_noise}
 
 
+def warn_of_looks(sequence: DrawnSequence) -> None:
+    """Tell which looks are lost of a sequence's scene.
+
+    Warns:
+        SceneFileWarning: as :class:`~davis_rs.Simulator`.
+    """
+    scene = sequence.on_path(sequence.scene())
+    if scene.lost_looks:
+        viewed = view_scene(scene, complete(ViewSettings, only(ViewSettings, sequence.settings), of="generate"))
+        warn_of_lost_looks(viewed.scene, lost_look_shares(viewed.scene, viewed.camera), stacklevel=2)
+
+
 @lru_cache(maxsize=4)
 def _scene_at(name: str, up: Axis | None, scale: float | None) -> Scene:
     """A scene that sequences share: the same object each time, by which what is made of it is known again."""
@@ -105,14 +120,15 @@ def _scene_at(name: str, up: Axis | None, scale: float | None) -> Scene:
 
 def _simulate(sequence: DrawnSequence, folder: Path, threads: int) -> None:
     key = sequence.scene_key
-    scene = sequence.on_path(sequence.scene() if key is None else _scene_at(*key))
     meta: dict[str, Any] = {"generated": origin(sequence)}
-    if scene.file is not None:  # by its name in the plan: where it lies differs from machine to machine
-        scene = replace(scene, file_name=sequence.parameters["scene"])
     with warnings.catch_warnings(), _in_words_of_a_plan():
         # Of the first sequence the run says it before it begins, and of each one its meta.json does.
         warnings.simplefilter("ignore", NoiseWarning)
+        warnings.simplefilter("ignore", SceneFileWarning)
         warnings.simplefilter("ignore", NoEventsWarning)  # the run says at its end which sequences have none
+        scene = sequence.on_path(sequence.scene() if key is None else _scene_at(*key))
+        if scene.file is not None:  # by its name in the plan: where it lies differs from machine to machine
+            scene = replace(scene, file_name=sequence.parameters["scene"])
         report = simulate_to_folder(scene, folder, meta=meta, quiet=True, threads=threads, **_settings(sequence))
     if report.interrupted:
         raise SystemExit(130)

@@ -2,6 +2,7 @@
 
 from .camera_velocities import camera_velocities
 from .event_truth import EVENT_TRUTH_DTYPE, EventTruth, EventTruthArray, event_truth
+from .lost_look_shares import lost_look_shares
 from .scene_surfaces import SceneSurfaces, Surfaces
 
 __all__ = [
@@ -12,4 +13,5 @@ __all__ = [
     "Surfaces",
     "camera_velocities",
     "event_truth",
+    "lost_look_shares",
 ]

@@ -42,12 +42,14 @@ class Surfaces(NamedTuple):
             where a mesh is smooth. NaN where nothing is met.
         flow: float32 (m, 2), pixels per second (x right, y down): the motion in the image, through the lens, of the
             point that is met, by the camera's motion and by its own. NaN where nothing is met.
+        back: bool (m,), whether that side is met on which a triangle's corners go round to the right.
     """
 
     depth: npt.NDArray[np.float32]
     shape: npt.NDArray[np.uint16]
     normal: npt.NDArray[np.float32]
     flow: npt.NDArray[np.float32]
+    back: npt.NDArray[np.bool_]
 
 
 class SceneSurfaces:
@@ -175,6 +177,7 @@ class SceneSurfaces:
         triangle = np.minimum(triangle, len(self._frame_of) - 1)
         normal = np.full((len(depth), 3), np.nan, np.float32)
         flow = np.full((len(depth), 2), np.nan, np.float32)
+        back = np.zeros(len(depth), bool)
         frame = self._frame_of[triangle]
         for number, camera in enumerate(cameras):
             of = np.flatnonzero((frame == number) & np.isfinite(depth))
@@ -187,12 +190,12 @@ class SceneSurfaces:
             own = np.einsum("mij,mj->mi", maps[..., :3], place) + maps[..., 3]
             # Which side is seen is the plane's to tell: at the rim of a smooth mesh the normal may point away from it.
             plane = self._planes[triangle[of], :3]
-            behind = np.einsum("mi,mij,mj->m", plane, rotation, rays) > 0
+            back[of] = np.einsum("mi,mij,mj->m", plane, rotation, rays) > 0
             against = np.einsum("mi,mi->m", own, plane) < 0
-            own *= np.where(behind != against, -1, 1)[:, None] / np.linalg.norm(own, axis=1, keepdims=True)
+            own *= np.where(back[of] != against, -1, 1)[:, None] / np.linalg.norm(own, axis=1, keepdims=True)
             normal[of] = np.einsum("mji,mj->mi", rotation, own)
             flow[of] = self._flow.of_pixels(camera, view[of], pixel[of], depth[of])
-        return Surfaces(depth, self._shape_of[triangle], normal, flow)
+        return Surfaces(depth, self._shape_of[triangle], normal, flow, back)
 
     def _cameras(self, views: Views) -> list[Views]:
         """Return the cameras in the world, and in the frame of each object that moves."""

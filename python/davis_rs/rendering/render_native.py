@@ -12,6 +12,7 @@ from ..lattice import rank1_lattice
 from ..luma import LumaFrames
 from ..pose import FloatArray
 from ..trajectory.views import Views
+from .camera_rays import ray_table
 from .edge_tracks import EdgeTracks
 from .kept_scenes import kept
 from .pixel_rays import pixel_rays
@@ -185,6 +186,29 @@ class NativeRenderer(Renderer):
     def _owners(self, views: Views) -> npt.NDArray[np.uint32]:
         triangles = self._core.depth(pixel_rays(self.camera, 1), self._arrays(views))[1].reshape(self._shape(views))
         return self._frame_of_triangle[np.minimum(triangles, len(self._frame_of_triangle) - 1)]
+
+    def shapes_seen(self, views: Views, view: Indices, pixel: Indices) -> tuple[Indices, npt.NDArray[np.bool_]]:
+        """Which shapes the centres of single pixels see, and where it is the back of their triangles.
+
+        Args:
+            view: (m,) which of the views.
+            pixel: (m,) which pixel, y W + x.
+
+        Returns:
+            The number (m,) of a shape in the names of :attr:`table`, -1 where nothing is seen; and bool (m,), whether
+            that side is seen on which a triangle's corners go round to the right.
+        """
+        _, triangle = self._core.hits(
+            pixel_rays(self.camera, 1), self._arrays(views), view.astype(np.uint32), pixel.astype(np.uint32)
+        )
+        missed = triangle >= len(self.table.planes)
+        triangle = np.where(missed, 0, triangle)
+        rays = np.c_[ray_table(self.camera, 1)[0][pixel], np.ones(len(pixel))]
+        rotations = np.stack([camera.rotations for camera in self.cameras(views)])
+        along = rotations[self._frame_of_triangle[triangle], view] @ rays[:, :, None]
+        back = np.einsum("mi,mij->m", self.table.planes[triangle, :3], along) > 0
+        shapes = np.repeat(np.arange(len(self.table.counts)), self.table.counts)[triangle]
+        return np.where(missed, -1, shapes), back & ~missed
 
     def _shape(self, views: Views) -> tuple[int, int, int]:
         return len(views), self.camera.height, self.camera.width

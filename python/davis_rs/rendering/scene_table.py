@@ -66,7 +66,8 @@ class SceneTable:
     Attributes:
         scene: the Mitsuba scene.
         shadows: whether point and directional lights throw them.
-        counts: how many records each of the scene's shapes has, in their order.
+        names: the ids of the scene's shapes.
+        counts: how many records each of them has, in their order.
         corners: float64 (n, 3, 3), the triangles' corners, metres.
         planes: float64 (n, 4): unit normal and offset, n . p + offset = 0.
         u_maps, v_maps: float64 (n, 4): texture coordinates, the texture's own transform included: u = map . (p, 1).
@@ -137,6 +138,7 @@ class SceneTable:
             normals.append(normal * turned)
             smooth |= is_smooth
         obstacles.refuse()
+        self.names = [str(shape.id()) for shape in scene.shapes()]
         self.counts = [len(part) for part in corners]
         self.corners, self.planes = np.concatenate(corners), np.concatenate(planes)
         self._mesh_uv = np.concatenate(maps_u), np.concatenate(maps_v)

@@ -10,6 +10,7 @@ from __future__ import annotations
 import base64
 import binascii
 import errno
+import json
 import re
 import warnings
 from pathlib import Path
@@ -21,6 +22,7 @@ import numpy.typing as npt
 
 from .._core import DecodeError
 from ..untrusted import decoding, read_limited
+from .rounding import within
 
 MAX_FILE_BYTES = 1 << 30
 """Of the file, and of each file that it names."""
@@ -32,10 +34,37 @@ MAX_UNBACKED = 1 << 20
 _COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 
-READ_EXTENSIONS = {"KHR_lights_punctual", "KHR_texture_transform", "KHR_mesh_quantization"}
-"""What a file may require."""
-
-_COMPRESSED = {"KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_texture_basisu", "EXT_texture_webp"}
+_READ = {
+    "EXT_mesh_gpu_instancing",
+    "EXT_texture_webp",
+    "KHR_animation_pointer",
+    "KHR_lights_punctual",
+    "KHR_mesh_quantization",
+    "KHR_node_visibility",
+    "KHR_texture_transform",
+}
+_UNSEEN = {
+    "EXT_instance_features",
+    "EXT_mesh_features",
+    "EXT_mesh_manifold",
+    "EXT_structural_metadata",
+    "FB_ngon_encoding",
+    "KHR_node_hoverability",
+    "KHR_node_selectability",
+    "KHR_xmp",
+    "KHR_xmp_json_ld",
+    "MSFT_lod",
+}
+"""Extensions that change nothing of what a camera sees; of levels of detail the finest is the node itself."""
+_COMPRESSED = {
+    "EXT_meshopt_compression",
+    "EXT_texture_avif",
+    "KHR_draco_mesh_compression",
+    "KHR_meshopt_compression",
+    "KHR_texture_basisu",
+    "MSFT_texture_dds",
+}
+"""What a file may use next to data that are not compressed; whether these are there is checked where they are read."""
 
 Values = npt.NDArray[Any]
 
@@ -62,9 +91,11 @@ class GltfFile:
         data = read_limited(path, MAX_FILE_BYTES)
         with decoding(path):
             self.document = _parse(data)
-        required = [one for one in self.document.extensionsRequired or [] if one not in READ_EXTENSIONS]
+        required = [
+            one for one in map(str, self.document.extensionsRequired or []) if one in _COMPRESSED or unknown(one)
+        ]
         if required:
-            advice = "; export without compression" if _COMPRESSED & {*map(str, required)} else ""
+            advice = "; export without compression" if _COMPRESSED & {*required} else ""
             raise self.error("extensionsRequired", f"{plain(required[0])} is not read{advice}")
 
     def error(self, place: str, rule: str) -> DecodeError:
@@ -83,18 +114,20 @@ class GltfFile:
         return value
 
     def numbers(self, value: Any, place: str, count: int, *, low: float = -1e18, high: float = 1e18) -> Values:
-        """Return ``count`` finite numbers of the JSON, float64."""
+        """Return ``count`` finite numbers of the JSON, float64; what rounding put beyond a bound is brought back."""
         items = value if isinstance(value, list | tuple) else [value]
         kinds = (isinstance(one, int | float) and not isinstance(one, bool) for one in items)
-        if len(items) != count or not all(kinds) or not all(low <= one <= high for one in items):
+        found = within(np.array(items, np.float64), low, high) if len(items) == count and all(kinds) else None
+        if found is None:
             raise self.error(place, f"must be {count} numbers from {low:g} to {high:g}, got {plain(value)}")
-        return np.array(items, np.float64)
+        return found
 
-    def array(self, index: Any, place: str, *, width: tuple[int, ...]) -> Values:
+    def array(self, index: Any, place: str, *, width: tuple[int, ...], finite: bool = True) -> Values:
         """The values (n, width) of an accessor: float64, integers that are no shares as they are.
 
         Args:
             width: how many numbers an element may have.
+            finite: refuse others.
         """
         accessor = self.item("accessors", index, place)
         if index not in self._arrays:
@@ -102,7 +135,14 @@ class GltfFile:
         values = self._arrays[index]
         if values.shape[1] not in width:
             raise self.error(f"accessors[{index}]", f"must have {' or '.join(map(str, width))} numbers each ({place})")
+        if finite and not (np.abs(values) < 1e18).all():  # squares of lengths must fit in float32; False for NaN too
+            raise self.error(f"accessors[{index}]", f"must have finite values ({place})")
         return values
+
+    def unbacked(self, index: Any, place: str) -> bool:
+        """Whether an accessor has no data of its own: all of it is 0."""
+        accessor = self.item("accessors", index, place)
+        return accessor.bufferView is None and accessor.sparse is None
 
     def image(self, index: Any, place: str) -> tuple[bytes, str, Path | None]:
         """An image's bytes, how messages call it, and its file if it is one of its own."""
@@ -135,10 +175,7 @@ class GltfFile:
             return np.asarray(np.maximum(values / np.iinfo(values.dtype).max, -1.0))
         if values.dtype.kind != "f":
             return values.astype(np.int64)
-        wide = values.astype(np.float64)
-        if not (np.abs(wide) < 1e18).all():  # squares of lengths must fit in float32; False for NaN too
-            raise self.error(place, "must have finite values")
-        return wide
+        return values.astype(np.float64)
 
     def _elements(self, view: Any, offset: Any, count: int, width: int, kind: str, place: str) -> Values:
         data, stride = self._view(view, place)
@@ -191,6 +228,9 @@ class GltfFile:
             else:
                 data = (self.document.binary_blob() if index == 0 else None) or b""
                 if not data:
+                    compressed = [one for one in buffer.extensions or {} if one in _COMPRESSED]
+                    if compressed:
+                        raise self.error(place, f"has data by {compressed[0]} alone, which is not read")
                     raise self.error(place, "has neither a uri nor a binary chunk")
             length = self.whole(buffer.byteLength, f"{place}.byteLength", f"of the {len(data)} bytes", len(data))
             self._buffers[index] = bytes(data[:length])
@@ -222,6 +262,12 @@ class GltfFile:
         return file
 
 
+def unknown(extension: str) -> bool:
+    """Whether an extension may change where surfaces are, for all that is known of it."""
+    known = extension in _READ | _UNSEEN | _COMPRESSED
+    return not known and re.fullmatch(r"[A-Z0-9]+_materials_\w+", extension) is None
+
+
 def plain(value: Any) -> str:
     """Something of the file in a message: short, and on one line."""
     text = repr(value)
@@ -247,10 +293,14 @@ def _parse(data: bytes) -> Any:
             if int.from_bytes(data[12:16], "little") > MAX_JSON_BYTES:
                 raise ValueError(f"the JSON may have {MAX_JSON_BYTES} bytes")
             document = GLTF2.load_from_bytes(data[:length])
+            text = data[20 : 20 + int.from_bytes(data[12:16], "little")].decode()
         else:
             if len(data) > MAX_JSON_BYTES:
                 raise ValueError(f"the JSON may have {MAX_JSON_BYTES} bytes")
-            document = GLTF2.gltf_from_json(data.decode("utf-8-sig"))
+            text = data.decode("utf-8-sig")
+            document = GLTF2.gltf_from_json(text)
+    for node, given in zip(document.nodes or [], json.loads(text).get("nodes", []), strict=True):
+        node.weights = given.get("weights")  # which pygltflib does not know
     if not str(getattr(document.asset, "version", "")).startswith("2."):
         raise ValueError(f"must be glTF 2.0, got version {plain(getattr(document.asset, 'version', None))}")
     return document

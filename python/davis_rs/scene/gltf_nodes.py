@@ -5,6 +5,7 @@ Source: Khronos Group, glTF 2.0 Specification, sections 3.5 (scenes), 3.11 (anim
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -14,6 +15,8 @@ import numpy as np
 from ..pose import FloatArray, hamilton, rotation_matrices
 from ..trajectory.trajectory import CallableTrajectory
 from .gltf_file import GltfFile, plain
+from .lost_looks import LostLook
+from .rounding import ROUNDING
 
 DEEPEST = 100
 """Nodes within nodes."""
@@ -23,6 +26,9 @@ _REST = {"translation": (0.0, 0.0, 0.0), "rotation": (0.0, 0.0, 0.0, 1.0), "scal
 _RIGID = 1e-4
 """A body whose axes are longer or shorter than at first by more than this is no rigid one."""
 _STILL = 1e-12
+_UNIT = 0.01
+"""By how much a quaternion's length may differ from 1: four numbers of 8 bits."""
+_INSTANCING = "EXT_mesh_gpu_instancing"
 
 
 @dataclass(frozen=True)
@@ -116,14 +122,14 @@ class NodeTree:
 
     Attributes:
         duration_s: until the last keyframe of whatever moves in the scene; 0 where nothing does.
-        left_out: what of the animations is not taken, for a message.
+        lost: looks that animations change and the scene keeps.
     """
 
     file: GltfFile
     nodes: dict[int, Node]
     tracks: dict[int, dict[str, Track]]
     duration_s: float
-    left_out: list[str]
+    lost: tuple[LostLook, ...]
 
     @classmethod
     def of(cls, file: GltfFile) -> NodeTree:
@@ -133,13 +139,14 @@ class NodeTree:
             DecodeError: naming the place that breaks a rule.
         """
         nodes = {node.index: node for node in _walk(file)}
-        left_out: list[str] = []
-        tracks = _tracks(file, nodes, left_out)
+        lost: dict[str, dict[str, None]] = {}
+        tracks = _tracks(file, nodes, lost)
         for path in tracks.values():
             for name in [name for name, track in path.items() if not track.moves and len(track.times) > 1]:
                 path[name] = Track(path[name].times[:1], path[name].values[:1], None, "LINEAR")
         ends = [track.times[-1] for path in tracks.values() for track in path.values() if len(track.times) > 1]
-        return cls(file, nodes, tracks, float(max(ends, default=0.0)), left_out)
+        looks = tuple(LostLook(what, tuple(of)) for what, of in lost.items())
+        return cls(file, nodes, tracks, float(max(ends, default=0.0)), looks)
 
     def chain(self, index: int) -> list[Node]:
         """A node and those that it is within, the outermost first."""
@@ -163,6 +170,26 @@ class NodeTree:
             local, local_rate = self._local(node, t)
             matrix, rate = matrix @ local, rate @ local + matrix @ local_rate
         return matrix, rate
+
+    def instances(self, index: int) -> FloatArray:
+        """The transforms (n, 4, 4) within a node of what it shows, of EXT_mesh_gpu_instancing; of one without any."""
+        given = (self.nodes[index].item.extensions or {}).get(_INSTANCING)
+        if given is None:
+            return np.eye(4)[None]
+        place = f"nodes[{index}]: {_INSTANCING}"
+        accessors = given.get("attributes") if isinstance(given, dict) else None
+        if not isinstance(accessors, dict) or not accessors:
+            raise self.file.error(place, f"must have attributes, got {plain(given)}")
+        read = {
+            name: self.file.array(accessors[name.upper()], place, width=(width,)).astype(np.float64)
+            for name, width in _WIDTHS.items()
+            if name.upper() in accessors
+        }
+        counts = sorted({len(values) for values in read.values()}) or [1]  # none: at the node, with marks of their own
+        if len(counts) > 1:
+            raise self.file.error(place, f"must have as many of each attribute, got {' and '.join(map(str, counts))}")
+        every = {name: read.get(name, np.tile(_REST[name], (counts[0], 1))) for name in _WIDTHS}
+        return _composed(every["translation"], _unit(self.file, every["rotation"], place), every["scale"])
 
     def path(self, index: int, to_world: FloatArray, flip: FloatArray, duration_s: float) -> tuple[Any, FloatArray]:
         """How a node moves, as a trajectory, and what its own axes are stretched by first (3, 3).
@@ -253,22 +280,21 @@ class NodeTree:
                 continue
             given = getattr(item, name)
             rest = np.array(_REST[name]) if given is None else self.file.numbers(given, f"{place}.{name}", width)
+            if name == "rotation":
+                rest = _unit(self.file, rest[None], f"{place}.rotation")[0]
             found[name] = np.tile(rest, (len(t), 1)), np.zeros((len(t), width))
         quaternion, turning = found["rotation"]
         length = np.linalg.norm(quaternion, axis=1, keepdims=True)
         if not (length > 1e-6).all():
-            raise self.file.error(f"{place}.rotation", "must be a unit quaternion")
+            raise self.file.error(f"{place}.rotation", "an animation takes it through 0: it has no direction there")
         unit = quaternion / length
         turning = (turning - unit * (unit * turning).sum(1, keepdims=True)) / length
-        rotation = rotation_matrices(unit)
-        rate = 2 * hamilton(unit * [-1, -1, -1, 1], turning)[:, :3]
-        spin = rotation @ _skew(rate)
-        scale, growing = found["scale"]
-        matrix, change = np.tile(np.eye(4), (len(t), 1, 1)), np.zeros((len(t), 4, 4))
-        matrix[:, :3, :3] = rotation * scale[:, None]
-        change[:, :3, :3] = spin * scale[:, None] + rotation * growing[:, None]
-        matrix[:, :3, 3], change[:, :3, 3] = found["translation"]
-        return matrix, change
+        spin = rotation_matrices(unit) @ _skew(2 * hamilton(unit * [-1, -1, -1, 1], turning)[:, :3])
+        (translation, speed), (scale, growing) = found["translation"], found["scale"]
+        change = np.zeros((len(t), 4, 4))
+        change[:, :3, :3] = spin * scale[:, None] + rotation_matrices(unit) * growing[:, None]
+        change[:, :3, 3] = speed
+        return _composed(translation, unit, scale), change
 
 
 def _walk(file: GltfFile) -> Iterator[Node]:
@@ -291,35 +317,52 @@ def _walk(file: GltfFile) -> Iterator[Node]:
         if depth > DEEPEST:
             raise file.error(f"nodes[{index}]", f"nodes may be {DEEPEST} within each other")
         seen.add(index)
+        if (node.extensions or {}).get("KHR_node_visibility") == {"visible": False}:
+            continue  # and all that is within it
         name = plain(node.name)[1:-1] if isinstance(node.name, str) and node.name else f"node_{index}"
         yield Node(index, parent, node, name)
         waiting += [(child, index, depth + 1) for child in reversed(node.children or [])]
 
 
-def _tracks(file: GltfFile, nodes: dict[int, Node], left_out: list[str]) -> dict[int, dict[str, Track]]:
+def _tracks(file: GltfFile, nodes: dict[int, Node], lost: dict[str, dict[str, None]]) -> dict[int, dict[str, Track]]:
     tracks: dict[int, dict[str, Track]] = {}
     for number, animation in enumerate(file.document.animations or []):
         place = f"animations[{number}]"
         samplers = animation.samplers or []
         for channel in animation.channels or []:
-            if channel.target is None or channel.target.node not in nodes:
+            if channel.target is None:
                 continue
-            node, path = channel.target.node, channel.target.path
+            node, path = _target(channel.target)
+            if path not in (*_WIDTHS, "weights"):
+                if path.startswith(("/nodes/", "/meshes/", "/cameras/")):
+                    raise file.error(place, f"animates {plain(path)}, which is not read")
+                lost.setdefault("the animation", {})[plain(path)] = None
+            if path not in (*_WIDTHS, "weights") or node not in nodes:
+                continue
+            which = file.whole(channel.sampler, f"{place}.channels", "of its samplers", len(samplers) - 1)
             if path == "weights":
-                raise file.error(
-                    place, f"moves the shape of node {nodes[node].name} (morph targets), which is not read"
-                )
-            if path not in _WIDTHS:
-                left_out.append(f"the animation of {plain(path)}")
+                weights = file.array(samplers[which].output, f"{place}.samplers[{which}].output", width=(1,))
+                if (np.abs(weights) > ROUNDING).any():
+                    name = nodes[node].name
+                    raise file.error(place, f"moves the shape of node {name} (morph targets), which is not read")
                 continue
             if path in tracks.setdefault(node, {}):
-                left_out.append(f"a second animation of node {nodes[node].name}")
+                lost.setdefault("a second animation", {})[nodes[node].name] = None
                 continue
             if nodes[node].item.matrix is not None:
                 raise file.error(f"nodes[{node}]", "is animated, so it must have no matrix")
-            which = file.whole(channel.sampler, f"{place}.channels", "of its samplers", len(samplers) - 1)
             tracks[node][path] = _track(file, samplers[which], f"{place}.samplers[{which}]", _WIDTHS[path])
     return tracks
+
+
+def _target(target: Any) -> tuple[Any, str]:
+    """The node and its property that a channel moves; for anything else the path of KHR_animation_pointer alone."""
+    given = (target.extensions or {}).get("KHR_animation_pointer")
+    if target.path != "pointer" or not isinstance(given, dict):
+        return target.node, str(target.path)
+    pointer = str(given.get("pointer"))
+    found = re.fullmatch(r"/nodes/(\d{1,9})/(translation|rotation|scale|weights)", pointer)
+    return (int(found[1]), found[2]) if found else (None, pointer)
 
 
 def _track(file: GltfFile, sampler: Any, place: str, width: int) -> Track:
@@ -338,12 +381,27 @@ def _track(file: GltfFile, sampler: Any, place: str, width: int) -> Track:
         incoming, values, outgoing = values.reshape(len(times), 3, width).swapaxes(0, 1)
         tangents = (incoming, outgoing)
     if width == 4:
-        length = np.linalg.norm(values, axis=1, keepdims=True)
-        if not (length > 1e-6).all():
-            raise file.error(f"{place}.output", "rotations must be unit quaternions")
-        if each == 1:
-            values = values / length
+        unit = _unit(file, values, f"{place}.output")
+        values = unit if each == 1 else values
     return Track(times, values, tangents, kind)
+
+
+def _unit(file: GltfFile, quaternions: FloatArray, place: str) -> FloatArray:
+    """Return quaternions (n, 4) of length 1 that were so but for rounding."""
+    length = np.linalg.norm(quaternions, axis=1, keepdims=True)
+    wrong = np.abs(length - 1) > _UNIT
+    if wrong.any():
+        found = quaternions[int(wrong.argmax())].tolist()
+        raise file.error(place, f"rotations must be unit quaternions, got {plain(found)}")
+    return quaternions / length
+
+
+def _composed(translation: FloatArray, rotation: FloatArray, scale: FloatArray) -> FloatArray:
+    """Transforms (n, 4, 4) of translations (n, 3), unit quaternions (n, 4) and scales (n, 3)."""
+    matrix = np.tile(np.eye(4), (len(translation), 1, 1))
+    matrix[:, :3, :3] = rotation_matrices(rotation) * scale[:, None]
+    matrix[:, :3, 3] = translation
+    return matrix
 
 
 def _quaternions(rotations: FloatArray) -> FloatArray:

@@ -6,7 +6,6 @@ Source: Khronos Group, glTF 2.0 Specification (ISO/IEC 12113:2022), and its exte
 from __future__ import annotations
 
 import re
-import warnings
 from pathlib import Path
 from typing import Any
 
@@ -16,13 +15,16 @@ from ..camera import Camera
 from ..pose import FloatArray, Pose
 from ..trajectory.trajectory import SegmentTrajectory, Trajectory
 from ..untrusted import decoding
-from .gltf_file import READ_EXTENSIONS, GltfFile, plain
+from .gltf_file import GltfFile, plain, unknown
 from .gltf_materials import GltfMaterials
-from .gltf_mesh import GltfMeshes, Primitive, joined, shown
+from .gltf_mesh import GltfMeshes, Primitive, joined
 from .gltf_nodes import Node, NodeTree
+from .lost_looks import LostLook, lost_looks, shown
 from .mesh_part import MeshPart
 from .mesh_scene import CAMERA, Axis, around, check_axis_and_scale, mitsuba_shape, to_z_up, usual_light
 from .parts import DIRECT
+from .repairs import Repairs
+from .rounding import ROUNDING
 from .scene import Scene
 
 LUMENS_PER_WATT = 683.0
@@ -33,21 +35,23 @@ WHITE_LUX = LUMENS_PER_WATT * np.pi
 """Illuminance of a white surface of luma 1 under such lights."""
 
 _WIDTH = 240
+_HARD_EDGE = 0.999
+"""Share of a spot's cone in which its light may be even: Mitsuba needs an edge."""
 _FLIP = np.array([1.0, -1.0, -1.0])
 """glTF's cameras look along -z, and their y points up."""
-
-_KNOWN_EXTENSIONS = READ_EXTENSIONS | {"KHR_materials_unlit"}
 
 
 def gltf_scene(path: str | Path, *, up: Axis | None = None, scale: float = 1.0) -> Scene:
     """Return a glTF 2.0 file (.gltf, .glb) as a scene.
 
     Surfaces are matte, opaque and seen from both sides: base colours and their textures are taken, with
-    ``KHR_texture_transform``, or the colours of vertices. Lights of ``KHR_lights_punctual`` shine, 683 lux or candela
+    ``KHR_texture_transform``, or the diffuse ones of ``KHR_materials_pbrSpecularGlossiness``, or the colours of
+    vertices. Lights of ``KHR_lights_punctual`` shine, 683 lux or candela
     as one unit; a file without any gets those of a mesh file. The first perspective camera gives the lens and the path:
     that of its animation, or one at rest where other things move. A file without a camera gets the path around of a
     mesh file. Nodes that are animated are moving objects with the ids ``NODE_MATERIAL``; all others are one shape for
-    each material, ``mesh_MATERIAL``. What the file has and the scene has not is told in one warning.
+    each material, ``mesh_MATERIAL``. Copies of a mesh (``EXT_mesh_gpu_instancing``) are all there. Looks that are not
+    shown (metal, light of their own, transparency) are in :attr:`Scene.lost_looks`, and a simulator tells them.
 
     Args:
         up: the file's axis that points up; None: y, as glTF says.
@@ -56,12 +60,12 @@ def gltf_scene(path: str | Path, *, up: Axis | None = None, scale: float = 1.0) 
     Raises:
         ImportError: without pygltflib (the extra ``scenes``).
         OSError: if the file, or one that it names, cannot be read.
-        DecodeError: naming the file and the place that breaks a rule, or needs what is not read: skins, morph targets
-            in use, compression.
+        DecodeError: naming the file and the place that breaks a rule, or has shapes that would be missing or in the
+            wrong place: skins, morph targets in use, animated scales, points and lines, compression.
         ValueError: for another axis or scale.
 
     Warns:
-        UserWarning: naming what is left out.
+        SceneFileWarning: in one line, of triangles that are left out, and of normals that are mended.
     """
     path = Path(path)
     check_axis_and_scale(up, scale)
@@ -79,14 +83,16 @@ class _GltfScene:
         self.to_world = np.eye(4)
         self.to_world[:3, :3] = to_z_up(up) * scale
         self.materials = GltfMaterials(file)
-        self.meshes = GltfMeshes(file, self.materials)
-        self.left_out = list(dict.fromkeys(self.tree.left_out))
+        self.repairs = Repairs(file.path)
+        self.meshes = GltfMeshes(file, self.materials, self.repairs)
+        self.lost = list(self.tree.lost)
 
     def scene(self) -> Scene:
         shapes, objects = self._shapes()
         corners = self._corners(shapes, objects)
         if not len(corners):
-            raise self.file.error("scene", "it has no triangles: there is nothing that a camera could see")
+            left_out = f" ({self.repairs})" if self.repairs else ""
+            raise self.file.error("scene", f"it has no triangles: there is nothing that a camera could see{left_out}")
         low, high = corners.min(0), corners.max(0)
         if not (high > low).sum() >= 2:
             raise self.file.error("scene", "it has no area: all its vertices lie on a point or a line along an axis")
@@ -95,7 +101,7 @@ class _GltfScene:
         if camera is None:
             centre = (low + high) / 2
             camera, trajectory = CAMERA, around(centre, float(np.linalg.norm(corners - centre, axis=1).max()))
-        self._warn()
+        self.repairs.warn()
         described: dict[str, Any] = lights or usual_light()
         x, y, z = (f"{side:.3g}" for side in high - low)
         size = f"{x} m x {y} m wide and {z} m high, at {self.scale:g} m to a unit and with axis {self.up} up"
@@ -119,6 +125,7 @@ class _GltfScene:
             objects=objects,
             lux_per_luma=WHITE_LUX if lights else 1000.0,
             note=f"{name} is {size}; {shining}; {of_camera}; {_counted(len(objects), 'moving object')}",
+            lost_looks=(*lost_looks(shapes), *self.lost, *self._unknown()),
         )
 
     def _shapes(self) -> tuple[dict[str, MeshPart], dict[str, Trajectory]]:
@@ -129,16 +136,17 @@ class _GltfScene:
         for node in self.tree.nodes.values():
             if node.item.mesh is None:
                 continue
-            primitives = self.meshes.of(node.item, f"nodes[{node.index}]")
+            copies = self.tree.instances(node.index)
+            primitives = self.meshes.of(node.item, f"nodes[{node.index}]", len(copies))
             if self.tree.moves(node.index):
                 trajectory, stretch = self.tree.path(node.index, self.to_world, np.ones(3), self.tree.duration_s)
                 own = np.eye(4)
                 own[:3, :3] = stretch
-                moving.append((node, [primitive.placed(own) for primitive in primitives], trajectory))
+                moving.append((node, [primitive.placed(own @ copies) for primitive in primitives], trajectory))
                 continue
-            matrix = self.to_world @ self.tree.matrices(node.index, start)[0][0]
+            matrices = self.to_world @ self.tree.matrices(node.index, start)[0] @ copies
             for primitive in primitives:
-                at_rest.setdefault(primitive.kind, []).append(primitive.placed(matrix))
+                at_rest.setdefault(primitive.kind, []).append(primitive.placed(matrices))
         shapes: dict[str, MeshPart] = {}
         objects: dict[str, Trajectory] = {}
         for primitives in at_rest.values():
@@ -184,7 +192,7 @@ class _GltfScene:
             if not isinstance(declared[which], dict):
                 raise self.file.error(f"KHR_lights_punctual.lights[{which}]", "must be an object")
             if self.tree.moves(node.index):
-                self.left_out.append(f"the motion of the light {node.name} (it stays where it is at first)")
+                self.lost.append(LostLook("the motion of the light (it stays where it is at first)", (node.name,)))
             light = self._light(declared[which], node, f"KHR_lights_punctual.lights[{which}]")
             lights[_unused(f"light_{node.name}", lights)] = light
         return lights
@@ -198,7 +206,7 @@ class _GltfScene:
         length = np.linalg.norm(axis)
         kind = given.get("type")
         if "range" in given:
-            self.left_out.append(f"the range of the light {node.name} (it shines without end)")
+            self.lost.append(LostLook("the range of the light (it shines without end)", (node.name,)))
         if kind == "point":
             return {"type": "point", "position": matrix[:3, 3].tolist(), "intensity": strength}
         if not length > 0:
@@ -214,11 +222,9 @@ class _GltfScene:
             0
         ]
         inner = self.file.numbers(cone.get("innerConeAngle", 0.0), f"{place}.spot", 1, low=0, high=np.pi / 2)[0]
-        if not inner < outer:
-            raise self.file.error(
-                f"{place}.spot", f"innerConeAngle {inner:g} must be less than outerConeAngle {outer:g}"
-            )
-        self.left_out.append(f"how the edge of the spot light {node.name} falls off (linear in the angle here)")
+        if inner > outer * (1 + ROUNDING):
+            raise self.file.error(f"{place}.spot", f"innerConeAngle {inner:g} must be at most outerConeAngle {outer:g}")
+        self.lost.append(LostLook("how the spot light's edge falls off (linear in the angle here)", (node.name,)))
         to_world = np.eye(4)
         forward = axis / length
         aside = np.cross(forward, np.eye(3)[np.abs(forward).argmin()])
@@ -230,7 +236,7 @@ class _GltfScene:
             "to_world": to_world,
             "intensity": strength,
             "cutoff_angle": float(np.degrees(outer)),
-            "beam_width": float(np.degrees(inner)),
+            "beam_width": float(np.degrees(min(inner, _HARD_EDGE * outer))),
         }
 
     def _extension(self, extensions: Any) -> dict[str, Any]:
@@ -243,14 +249,14 @@ class _GltfScene:
         """Lens, start, path and what is to be said of them; an animated camera comes before others."""
         seen = [node for node in self.tree.nodes.values() if node.item.camera is not None]
         cameras = [(node, self.file.item("cameras", node.item.camera, f"nodes[{node.index}].camera")) for node in seen]
-        for node, camera in cameras:
-            if camera.type != "perspective":
-                self.left_out.append(f"the camera {node.name}, which is not perspective")
         usable = [(node, camera) for node, camera in cameras if camera.type == "perspective"]
         usable.sort(key=lambda one: not self.tree.moves(one[0].index))
-        if not usable:
-            return None, None, None, "no camera, so one that goes around"
-        self.left_out += [f"the camera {node.name}" for node, _ in usable[1:]]
+        taken = usable[0][0] if usable else None
+        others = tuple(f"{node.name}" for node, _ in cameras if node is not taken)
+        unused = f"; not taken: the camera{'s' if len(others) > 1 else ''} {shown(others)}" if others else ""
+        if taken is None:
+            which = "no camera that is perspective" if others else "no camera"
+            return None, None, None, f"{which}, so one that goes around{unused}"
         node, camera = usable[0]
         lens = self._lens(camera.perspective, f"cameras[{node.item.camera}]")
         duration_s = self.tree.duration_s
@@ -258,11 +264,11 @@ class _GltfScene:
         start = trajectory.pose(0.0)
         size = f"the camera {node.name}, {lens.width} x {lens.height} px"
         if duration_s == 0:
-            return lens, start, None, f"{size}, at rest: give a trajectory"
+            return lens, start, None, f"{size}, at rest: give a trajectory{unused}"
         if not self.tree.moves(node.index):
             trajectory = SegmentTrajectory(start, start, duration_s)
-            return lens, start, trajectory, f"{size}, at rest for {duration_s:.4g} s"
-        return lens, start, trajectory, f"{size}, moves for {duration_s:.4g} s"
+            return lens, start, trajectory, f"{size}, at rest for {duration_s:.4g} s{unused}"
+        return lens, start, trajectory, f"{size}, moves for {duration_s:.4g} s{unused}"
 
     def _lens(self, perspective: Any, place: str) -> Camera:
         """Return a lens 240 pixels wide, and as high as the file's aspect ratio says, or 180 without one."""
@@ -275,15 +281,10 @@ class _GltfScene:
         focal = _WIDTH / (2 * aspect * np.tan(angle / 2))
         return Camera(_WIDTH, height, focal, focal, (_WIDTH - 1) / 2, (height - 1) / 2)
 
-    def _warn(self) -> None:
-        found = [f"{what} of {shown(names)}" for what, names in self.materials.left_out.items()]
-        found += [*self.meshes.left_out, *dict.fromkeys(self.left_out)]
-        unknown = [one for one in self.file.document.extensionsUsed or [] if one not in _KNOWN_EXTENSIONS]
-        told = {name for what in self.materials.left_out for name in [what]}
-        found += [f"the extension {plain(one)}" for one in unknown if one not in told]
-        if found:
-            listed = "; ".join(found)
-            warnings.warn(f"{self.file.path}: surfaces are matte, and these are left out: {listed}", stacklevel=5)
+    def _unknown(self) -> list[LostLook]:
+        """Extensions of which nobody knows here what they change."""
+        used = [one for one in map(str, self.file.document.extensionsUsed or []) if unknown(one)]
+        return [LostLook("what unknown extensions say", tuple(plain(one)[1:-1] for one in used))] if used else []
 
 
 def _counted(number: int, what: str) -> str:

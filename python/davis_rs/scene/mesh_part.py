@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from ..pose import FloatArray
+from .repairs import Repairs
 from .textures import Texture
 
 GREY = 0.5
@@ -27,6 +27,7 @@ class MeshPart(NamedTuple):
         material: how the file calls it, for messages and names of shapes.
         files: those that were read in addition to the mesh: of materials, of the texture.
         wrap: how the texture goes on beyond its edges: repeat, clamp or mirror.
+        lost: what the file says of how it looks, and is not shown: kinds of looks.
     """
 
     corners: FloatArray
@@ -37,37 +38,29 @@ class MeshPart(NamedTuple):
     material: str
     files: tuple[Path, ...] = ()
     wrap: str = "repeat"
+    lost: tuple[str, ...] = ()
 
 
-def fan(
-    corners: npt.NDArray[np.int64], positions: FloatArray, what: str, numbers: npt.NDArray[Any]
-) -> npt.NDArray[np.int64]:
-    """How to cut convex polygons into triangles: from the first corner to each edge that does not touch it.
+def unit_normals(normals: FloatArray, corners: FloatArray, what: str, repairs: Repairs) -> FloatArray:
+    """Return normals (m, 3, 3) of unit length; one without a direction becomes that of its triangle.
 
     Args:
-        corners: (m, n), the vertices of m polygons of n corners each.
-        positions: (v, 3) of all vertices.
-        what, numbers: how messages call a polygon: the file and what is numbered, and the (m,) numbers.
-
-    Returns:
-        (n - 2, 3), the triangles as places 0 to n - 1 in a row of ``corners``.
-
-    Raises:
-        ValueError: for a polygon that is not convex, which this would cut wrongly.
+        corners: (m, 3, 3), where they are.
+        what: how messages call what they belong to.
+        repairs: takes note of those without a direction.
     """
-    n = corners.shape[1]
-    cut = np.stack([np.zeros(n - 2, np.int64), np.arange(1, n - 1), np.arange(2, n)], 1)
-    if n > 3:
-        first, second, third = np.moveaxis(positions[corners[:, cut]], 2, 0)
-        normals = np.cross(second - first, third - first)
-        along = np.einsum("mij,mj->mi", normals, normals.sum(1))
-        wrong = (along < -1e-9 * (normals**2).sum((1, 2))[:, None]).any(1)
-        if wrong.any():
-            raise ValueError(
-                f"{what} {int(numbers[wrong.argmax()])} has {n} corners and is not convex; export triangles "
-                "(in Blender: Geometry, Triangulated Mesh)"
-            )
-    return cut
+    length = np.linalg.norm(normals, axis=2, keepdims=True)
+    useless = ~((length > 0) & (length < np.inf))[..., 0]  # True for NaN too
+    unit = np.divide(normals, length, out=np.zeros_like(normals), where=~useless[..., None])
+    if useless.any():
+        of = np.flatnonzero(useless.any(1))
+        own = np.cross(corners[of, 1] - corners[of, 0], corners[of, 2] - corners[of, 0])
+        size = np.linalg.norm(own, axis=1, keepdims=True)
+        own = np.divide(own, size, out=np.zeros_like(own), where=size > 0)
+        own *= np.where(np.einsum("mij,mj->m", unit[of], own) < 0, -1, 1)[:, None]  # the side of its other corners
+        unit[of] = np.where(useless[of][..., None], own[:, None], unit[of])
+        repairs.add("corners whose normal has no direction take that of their triangle", int(useless.sum()), what)
+    return unit
 
 
 def check_finite(values: FloatArray, what: str, where: str) -> None:

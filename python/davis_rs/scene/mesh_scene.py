@@ -12,6 +12,7 @@ from ..argument_error import ArgumentError
 from ..camera import PRESETS
 from ..pose import FloatArray, Pose, hamilton
 from ..trajectory.trajectory import CallableTrajectory
+from .lost_looks import lost_looks
 from .mesh_part import MeshPart
 from .meshes import Mesh, shape
 from .obj_file import read_obj
@@ -54,6 +55,9 @@ def mesh_scene(path: str | Path, *, up: Axis | None = None, scale: float = 1.0) 
     Raises:
         OSError: if the mesh, its materials or a texture cannot be read.
         ValueError: for a file that breaks its format's rules, a mesh without a surface, or another axis or scale.
+
+    Warns:
+        SceneFileWarning: in one line, of what of the file is left out or mended.
     """
     path = Path(path)
     suffix = path.suffix.lower()
@@ -62,12 +66,8 @@ def mesh_scene(path: str | Path, *, up: Axis | None = None, scale: float = 1.0) 
     check_axis_and_scale(up, scale)
     up = USUAL_UP[suffix] if up is None else up
     parts = [_in_world(part, up, scale) for part in READERS[suffix](path)]
-    corners = np.concatenate([np.empty((0, 3)), *(part.corners.reshape(-1, 3) for part in parts)])
-    if not len(corners):
-        raise ValueError(f"{path}: the mesh has no faces: there is nothing that a camera could see")
+    corners = np.concatenate([part.corners.reshape(-1, 3) for part in parts])
     low, high = corners.min(0), corners.max(0)
-    if not (high > low).sum() >= 2:
-        raise ValueError(f"{path}: the mesh has no area: all its vertices lie on a point or a line along an axis")
     centre = (low + high) / 2
     radius = float(np.linalg.norm(corners - centre, axis=1).max())
     shapes = {_shape_id(part, parts): part for part in parts}
@@ -80,6 +80,7 @@ def mesh_scene(path: str | Path, *, up: Axis | None = None, scale: float = 1.0) 
         camera=CAMERA,
         trajectory=around(centre, radius),
         note=f"{path.name} is {x} m x {y} m wide and {z} m high, at {scale:g} m to a unit and with axis {up} up",
+        lost_looks=lost_looks(shapes),
     )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -11,9 +11,13 @@ import numpy as np
 import numpy.typing as npt
 
 from ..pose import FloatArray
-from .mesh_part import GREY, MeshPart, check_finite, fan
+from .lost_looks import TRANSPARENCY
+from .mesh_part import GREY, MeshPart, check_finite, unit_normals
+from .repairs import Repairs
+from .rounding import ROUNDING, within
 from .texture_file import read_texture
-from .textures import from_srgb
+from .textures import Texture, from_srgb
+from .triangulation import cut_polygons, cut_strip, has_area
 
 _TYPES = {
     **dict.fromkeys(("char", "int8"), "i1"),
@@ -29,10 +33,12 @@ _ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">", "ascii": ""}
 _UV = (("s", "t"), ("u", "v"), ("texture_u", "texture_v"))
 _CODES = {"i1": "b", "u1": "B", "i2": "h", "u2": "H", "i4": "i", "u4": "I", "f4": "f", "f8": "d"}
 _LONGEST = 1 << 16
-"""A list of more numbers than this is no face that anybody made."""
+"""A list of more numbers than this is no face that anybody made; strips of triangles may be longer."""
 
 _INDICES = ("vertex_indices", "vertex_index")
+_STRIPS = "tristrips"
 
+Indices = npt.NDArray[np.int64]
 Columns = dict[str, npt.NDArray[np.float64]]
 """Numbers of rows by the property's name: (n,), or (n, k) of a list that has k numbers in each of these rows."""
 
@@ -49,25 +55,37 @@ class _Element:
 def read_ply(path: Path) -> list[MeshPart]:
     """A PLY file as one part: polygons cut into triangles, with normals, texture coordinates and colours of vertices.
 
-    Colours of vertices as integers are taken as sRGB, as floating-point numbers as linear. A texture is named by the
-    header's ``comment TextureFile NAME``, as MeshLab writes it.
+    Strips of triangles (the element ``tristrips``, as in Stanford's repository: lists of vertices, -1 between strips)
+    are read, too. Edges, and faces without area, have no surface: they are left out. Colours of vertices as integers
+    are taken as sRGB, as floating-point numbers as linear. A texture is named by the header's
+    ``comment TextureFile NAME``, as MeshLab writes it.
 
     Raises:
         OSError: if the file or its texture cannot be read.
         ValueError: naming the file and the rule that it breaks.
+
+    Warns:
+        SceneFileWarning: in one line, of what is left out or mended.
     """
     data = path.read_bytes()
     order, texture, elements, start = _header(path, data)
     body = _Body(path, data[start:], order)
-    vertices: Columns = {}
-    faces: list[Columns] = []
-    for element in elements:
-        rows = body.rows(element)
-        if element.name == "vertex":
-            vertices = _vertices(path, element, rows)
-        elif element.name == "face":
-            faces = rows
-    return [_part(path, vertices, faces, texture)]
+    rows = {element.name: body.rows(element) for element in elements}
+    named = {element.name: element for element in elements}
+    vertices = _vertices(path, named["vertex"], rows["vertex"]) if "vertex" in named else {}
+    positions = _stacked(vertices, ("x", "y", "z"))
+    if positions is None:
+        raise ValueError(f"{path}: the PLY file has no vertices with x, y and z")
+    check_finite(positions, "vertex", str(path))
+    repairs = Repairs(path)
+    repairs.add("edges have no surface and are left out", named["edge"].count if "edge" in named else 0, "edge 1")
+    triangles = [*_faces(path, positions, rows.get("face", []), repairs)]
+    triangles += _strips(path, positions, rows.get(_STRIPS, []), repairs)
+    corners = np.concatenate(triangles) if triangles else np.empty((0, 3), np.int64)
+    repairs.refuse_nothing(len(corners))
+    part = _part(path, vertices, positions, corners, texture, repairs)
+    repairs.warn()
+    return [part]
 
 
 def _header(path: Path, data: bytes) -> tuple[str, str, list[_Element], int]:
@@ -145,7 +163,8 @@ class _Body:
             count = 1
             if length is not None:
                 (given,) = self._numbers(length, 1, element)
-                if not 0 <= given <= _LONGEST or given != int(given):
+                most = len(self.data) if element.name == _STRIPS else _LONGEST
+                if not 0 <= given <= most or given != int(given):
                     raise ValueError(f"{self.path}: a list of {given:g} numbers in the element {element.name!r}")
                 count = int(given)
                 lengths.append(count)
@@ -204,58 +223,86 @@ class _Body:
         return columns
 
 
-def _part(path: Path, vertices: Columns, faces: list[Columns], texture: str) -> MeshPart:
-    positions = _stacked(vertices, ("x", "y", "z"))
-    if positions is None:
-        raise ValueError(f"{path}: the PLY file has no vertices with x, y and z")
-    check_finite(positions, "vertex", str(path))
-    triangles = []
+def _faces(path: Path, positions: FloatArray, faces: list[Columns], repairs: Repairs) -> Iterator[Indices]:
+    """The polygons, cut into triangles."""
     for rows in faces:
-        polygons = next((rows[name] for name in _INDICES if name in rows), np.empty((0, 0)))
-        if polygons.ndim != 2 or (len(polygons) and polygons.shape[1] < 3):
+        polygons = _indices(path, rows, "face", len(positions), least=0)
+        if polygons.shape[1] < 3:
             raise ValueError(f"{path}: face {int(rows['row'][0]) + 1} needs a list of at least 3 vertices")
-        outside = ~((polygons >= 0) & (polygons < len(positions))).all(1)
-        if outside.any():
-            worst = int(outside.argmax())
-            raise ValueError(
-                f"{path}: face {int(rows['row'][worst]) + 1} names the vertices {polygons[worst].astype(int).tolist()}"
-                f", but the file has {len(positions)}, counted from 0"
-            )
-        if len(polygons):
-            corners = polygons.astype(np.int64)
-            cut = fan(corners, positions, f"{path}: face", rows["row"] + 1)
-            triangles.append(corners[:, cut].reshape(-1, 3))
-    corners = np.concatenate(triangles) if triangles else np.empty((0, 3), np.int64)
+        numbers = rows["row"].astype(np.int64) + 1
+        yield polygons.ravel()[cut_polygons(polygons, positions, "face", numbers, repairs)]
+
+
+def _strips(path: Path, positions: FloatArray, strips: list[Columns], repairs: Repairs) -> Iterator[Indices]:
+    """The triangles of strips."""
+    for rows in strips:
+        for strip, row in zip(_indices(path, rows, "strip", len(positions), least=-1), rows["row"], strict=True):
+            triangles = cut_strip(strip)
+            whole = has_area(positions[triangles])
+            what = "triangles without area are left out"
+            repairs.add(what, int((~whole).sum()), f"in strip {int(row) + 1}")
+            yield triangles[whole]
+
+
+def _indices(path: Path, rows: Columns, what: str, count: int, *, least: int) -> Indices:
+    """The vertices (m, n) that rows name, each from ``least`` to ``count`` - 1."""
+    given = next((rows[name] for name in _INDICES if name in rows), np.empty((len(rows["row"]), 0)))
+    if given.ndim != 2:
+        given = np.empty((len(rows["row"]), 0))
+    outside = ~((given >= least) & (given < count))
+    if outside.any():
+        worst, place = np.argwhere(outside)[0]
+        named = (
+            f"the vertices {given[worst].astype(int).tolist()}"
+            if given.shape[1] < 10
+            else f"vertex {given[worst, place]:g}"
+        )
+        raise ValueError(
+            f"{path}: {what} {int(rows['row'][worst]) + 1} names {named}, but the file has {count}, counted from 0"
+        )
+    return given.astype(np.int64)
+
+
+def _part(
+    path: Path, vertices: Columns, positions: FloatArray, corners: Indices, texture: str, repairs: Repairs
+) -> MeshPart:
     uv = next((found for names in _UV if (found := _stacked(vertices, names)) is not None), None)
-    normals = _stacked(vertices, ("nx", "ny", "nz"))
-    for values, what in ((uv, "texture coordinates of vertex"), (normals, "normal of vertex")):
-        if values is not None:
-            check_finite(values, what, str(path))
+    if uv is not None:
+        check_finite(uv, "texture coordinates of vertex", str(path))
     if texture and uv is None:
         raise ValueError(
             f"{path}: the texture {texture!r} needs texture coordinates of vertices (s, t), which the file does not "
             "have; export OBJ, or convert those of faces (in MeshLab: Convert PerWedge UV into PerVertex UV)"
         )
+    normals = _stacked(vertices, ("nx", "ny", "nz"))
+    colours, opaque = (None, True) if texture else _colours(path, vertices)
+    reflectance: Texture | FloatArray = np.full(3, GREY)
+    if texture:
+        reflectance, opaque = read_texture(path.parent / texture, str(path))
+    places = positions[corners]
     return MeshPart(
-        positions[corners],
+        places,
         None if uv is None else uv[corners],
-        None if normals is None else normals[corners],
-        read_texture(path.parent / texture, str(path)) if texture else np.full(3, GREY),
-        None if texture else _colours(path, vertices, corners),
+        None if normals is None else unit_normals(normals[corners], places, "the mesh", repairs),
+        reflectance,
+        None if colours is None else colours[corners],
         "",
         (path.parent / texture,) if texture else (),
+        lost=() if opaque else (TRANSPARENCY,),
     )
 
 
-def _colours(path: Path, vertices: Columns, corners: npt.NDArray[np.int64]) -> FloatArray | None:
-    """Linear RGB (m, 3, 3) at each corner, or None where the file has no colours."""
-    colours = _stacked(vertices, ("red", "green", "blue"))
-    if colours is None:
-        return None
+def _colours(path: Path, vertices: Columns) -> tuple[FloatArray | None, bool]:
+    """Linear RGB (v, 3) of the vertices, or None where the file has no colours; and whether all are opaque."""
+    given = _stacked(vertices, ("red", "green", "blue"))
+    if given is None:
+        return None, True
     full = vertices["full scale"][0]
-    if not ((colours >= 0) & (colours <= full)).all():
+    colours = within(given / full, 0.0, 1.0)
+    if colours is None:
         raise ValueError(f"{path}: colours of vertices must lie in 0 to {full:g}")
-    return (colours if full == 1 else from_srgb(colours / full))[corners]
+    alpha = vertices.get("alpha", given[:0, 0])
+    return colours if full == 1 else from_srgb(colours), not (alpha < (1 - ROUNDING) * full).any()
 
 
 def _stacked(columns: Columns, names: Sequence[str]) -> FloatArray | None:

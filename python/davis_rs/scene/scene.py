@@ -14,6 +14,7 @@ from ..close_names import names_checked
 from ..pose import Pose, as_pose
 from ..trajectory.trajectory import SegmentTrajectory, Trajectory
 from .light_profile import LightProfile, ShiftedProfile
+from .lost_looks import LostLook
 
 SceneSource = Path | Mapping[str, Any]
 
@@ -50,6 +51,8 @@ class Scene:
         biases: of a sequence of the public dataset: the set of biases, a key of :data:`~davis_rs.BIAS_SETS`, that its
             recording was made with. ``sensor="recorded"`` takes the sensor that follows from it.
         note: one line about the file that whoever simulates it should see, such as the size of a mesh in metres.
+        lost_looks: what the file says of how shapes look, and no renderer shows. A simulator warns of it, with the
+            share of the image that it concerns.
     """
 
     name: str
@@ -70,6 +73,7 @@ class Scene:
     matte: bool = False
     biases: str | None = None
     note: str = ""
+    lost_looks: tuple[LostLook, ...] = ()
 
     def __post_init__(self) -> None:
         if self.start is not None:

@@ -17,8 +17,9 @@ MOST_TEXELS = 1 << 26
 """Of a texture, 8192 x 8192: a file of some kilobytes may unpack to any number."""
 
 
-def read_texture(path: Path, named_in: str) -> Texture:
-    """An image file as reflectance (H, W, 3) in linear RGB; 8 bits a channel, in sRGB.
+def read_texture(path: Path, named_in: str) -> tuple[Texture, bool]:
+    """An image file as reflectance (H, W, 3) in linear RGB, 8 bits a channel, in sRGB; and whether it is opaque
+    everywhere.
 
     Args:
         named_in: file and line that name it, for messages.
@@ -26,18 +27,12 @@ def read_texture(path: Path, named_in: str) -> Texture:
     Raises:
         OSError: if it cannot be read.
         ValueError: if it is no image, or one of more than 8 bits a channel.
-
-    Warns:
-        UserWarning: if it is partly transparent: all of it is opaque here.
     """
     if not path.is_file():
         raise FileNotFoundError(
             f"{named_in}: the texture {path} is not there; put it there, or remove that line to simulate without it"
         )
-    texture, opaque = texture_of_bytes(read_limited(path), str(path))
-    if not opaque:
-        warnings.warn(f"{path}: the texture is transparent in places; here it is opaque everywhere", stacklevel=2)
-    return texture
+    return texture_of_bytes(read_limited(path), str(path))
 
 
 def texture_of_bytes(data: bytes, name: str, *, formats: tuple[str, ...] | None = None) -> tuple[Texture, bool]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -9,6 +10,7 @@ import numpy as np
 
 from ..untrusted import regular_file
 from .mesh_scene import READERS as MESH_READERS
+from .repairs import SceneFileWarning
 from .texture_file import MOST_TEXELS, read_texture
 from .textures import Texture
 
@@ -66,9 +68,15 @@ def read_image_texture(path: Path, longest_side: int) -> Texture:
 
     Raises:
         OSError, ValueError: as :func:`~davis_rs.scene.texture_file.read_texture` and :func:`check_image`.
+
+    Warns:
+        SceneFileWarning: if it is partly transparent: all of it is opaque here.
     """
     check_image(path)
-    texture = read_texture(path, str(path.parent))
+    texture, opaque = read_texture(path, str(path.parent))
+    if not opaque:
+        message = f"{path}: the texture is transparent in places; here it is opaque everywhere"
+        warnings.warn(message, SceneFileWarning, stacklevel=2)
     height, width = texture.shape[:2]
     if max(height, width) <= longest_side:
         return texture
