@@ -210,7 +210,7 @@ class SensorParameters:
         ``stationary``, as of a camera that has run before; ``zero`` of ideal pixels, of which nothing is given. It
         depends on no effect's being there.
         """
-        return START_PHASES[self != SensorParameters()]
+        return "zero" if self == SensorParameters() else "stationary"
 
     def effects(self, lux_per_luma: float) -> Effects:
         """Return the effects that this sensor has in a scene whose unit of luma is ``lux_per_luma`` lux.

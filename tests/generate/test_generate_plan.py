@@ -119,7 +119,7 @@ def test_numbers_are_read_as_in_json(tmp_path: Path) -> None:
         ("seed: 1\nscene: fence\nseed: 2", "plan.yaml, line 3, column 1: the key 'seed' stands here a second time"),
         ("seed: 1", "a plan needs a scene"),
         ("scene: fence\nspeed: 3", "speed: there is no such key; did you mean seed?"),
-        ("scene: fence\nzzz: 3", "zzz: there is no such key; there are seed, sequences, shards, accept_noise,"),
+        ("scene: fence\nzzz: 3", "zzz: there is no such key; there are seed, sequences, shards, accept_noise, scene,"),
         ("scene: fence\nlog_epps: 1", "log_epps: there is no such key; did you mean log_eps?"),
         ("scene: fence\n3: 4", "must be a mapping whose keys are texts, got 3"),
         ("scene: 4", "scene: must be a text or a distribution"),

@@ -33,7 +33,7 @@ from davis_rs import (
 from davis_rs._mitsuba import FAST, default_variant, variant
 from davis_rs.cli.main import main
 from davis_rs.events import EventArray
-from davis_rs.generate import load_sequence_plan
+from davis_rs.generate import generate, load_sequence_plan
 from davis_rs.generate.generate import draw_sequences
 from davis_rs.generate.job import make_sequence
 from davis_rs.inspection.visual_sequence import open_visual_sequence
@@ -284,7 +284,7 @@ def test_a_run_that_would_be_mostly_noise_is_refused(tmp_path: Path) -> None:
 
 @pytest.mark.usefixtures("llvm")
 @pytest.mark.usefixtures("few_seeds")
-def test_a_plan_says_whether_noise_is_accepted(tmp_path: Path) -> None:
+def test_a_plan_says_whether_noise_is_accepted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A run of it is refused before anything is written, in the words of plans; accepting changes no sequence."""
     noisy_room(tmp_path)
     plan = tmp_path / "plan.yaml"
@@ -310,6 +310,11 @@ def test_a_plan_says_whether_noise_is_accepted(tmp_path: Path) -> None:
     plan.write_text(text + "accept_noise: 0.5\n")
     with pytest.raises(ValueError, match=r"accept_noise: must be true or false, got 0\.5"):
         load_sequence_plan(plan)
+
+    # A first sequence that cannot be made for another reason is no reason not to make the others.
+    monkeypatch.setattr(generate, "_outcomes", lambda *_: (outcome for outcome in ()))
+    plan.write_text(text + "renderer: native\n")
+    assert generate.generate_sequences(load_sequence_plan(plan), tmp_path / "other", quiet=True).made == 0
 
 
 def test_what_is_refused_and_how_long_the_ways_on_take() -> None:

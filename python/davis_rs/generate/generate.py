@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
 
 from ..argument_error import ArgumentError
+from ..noise_estimate import NoiseError
 from ..progress import each, progress
 from ..progress import say as say_above
 from ..scene.mesh_scene import Axis
@@ -114,9 +115,7 @@ def generate_sequences(
         new = DrawnSequences(plan, [*islice(absent, CHECKED_FIRST)])
         check_sequences(plan, new, quiet=quiet)
         if new and not (quiet and plan.accept_noise):
-            noise = noise_of(new[0])
-            if noise is not None and noise.noisy and not quiet:
-                say_above(f"{new[0]}: {noise}")
+            _look_at_noise(new[0], quiet=quiet)
         write_plan(folder, plan)
         discard_hidden(folder)
         manifest = Manifest(folder, taken_up(sequences, folder, say, plan.shards))
@@ -212,6 +211,18 @@ def check_sequences(plan: SequencePlan, sequences: Sequence[DrawnSequence], *, q
             sequence.check(scene_of)
     except ValueError as error:
         raise ValueError(f"{plan.file}: {error}") from None
+
+
+def _look_at_noise(sequence: DrawnSequence, *, quiet: bool) -> None:
+    """Say how many events of a sequence will be Monte Carlo noise; refuse more than its plan accepts."""
+    try:
+        noise = noise_of(sequence)
+    except NoiseError:
+        raise
+    except (ValueError, OSError):
+        return  # it is this sequence alone that cannot be made: whoever makes it says why
+    if noise is not None and noise.noisy and not quiet:
+        say_above(f"{sequence}: {noise}")
 
 
 def _outcomes(
