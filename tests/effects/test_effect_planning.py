@@ -184,8 +184,8 @@ def rendered(name: str) -> tuple[Renderer, EffectPlan]:
 
 def planned(renderer: Renderer, sequence: Sequence, effects: Effects, **settings: Any) -> EffectPlan:
     """The plan of the sequence, with the threshold of all of them."""
-    of_sequence = {"log_eps": sequence.log_eps, "start_phase": sequence.start_phase}
-    return plan_effects_of(renderer, sequence.path, effects, contrast_threshold=C, **of_sequence, **settings)
+    settings = {"log_eps": sequence.log_eps, "start_phase": sequence.start_phase, **settings}
+    return plan_effects_of(renderer, sequence.path, effects, contrast_threshold=C, **settings)
 
 
 def keyframes(renderer: Renderer, sequence: Sequence) -> list[Keyframe]:

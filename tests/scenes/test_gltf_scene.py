@@ -399,7 +399,7 @@ def halves(**right: Any) -> Gltf:
     gltf.node(mesh=gltf.mesh(wide, FACES, material=gltf.material("left")), translation=[-10, 0, 0])
     gltf.node(mesh=gltf.mesh(wide, FACES, material=gltf.material("right", **right)), translation=[10, 0, 0])
     gltf.light({"type": "directional", "intensity": 683.0})
-    gltf.animate(with_camera(gltf), "translation", [0.0, 1.0], [[0, 0, 3], [0, 0.5, 3]])
+    gltf.animate(with_camera(gltf), "translation", [0.0, 1.0], [[0.0, 0.0, 3.0], [0.0, 0.5, 3.0]])
     return gltf
 
 
@@ -436,7 +436,7 @@ def test_backs_are_lost_only_where_they_are_seen(tmp_path: Path, mirrored: bool,
         warnings.simplefilter("error")
         Simulator(saved(gltf, tmp_path), samples=1, renderer=kind)
     gltf.document["nodes"][1]["rotation"] = [0, 1, 0, 0]
-    gltf.animate(1, "translation", [0.0, 1.0], [[10, 0, 0], [10, 0.1, 0]])  # a body that moves has its own axes
+    gltf.animate(1, "translation", [0.0, 1.0], [[10.0, 0.0, 0.0], [10.0, 0.1, 0.0]])  # a body that moves has its own axes
     with pytest.warns(SceneFileWarning, match=r"backs that cannot be seen .* of right \(50 %\)"):
         Simulator(saved(gltf, tmp_path), samples=1, renderer=kind)
 
@@ -445,7 +445,7 @@ def test_copies_of_a_mesh_are_where_they_belong(tmp_path: Path) -> None:
     """EXT_mesh_gpu_instancing: translation, rotation and scale of each, within the node, at rest and on the move."""
     gltf = Gltf(extensionsRequired=["EXT_mesh_gpu_instancing"])
     half = float(np.sqrt(0.5))
-    places, turns = [[0, 0, 0], [5, 0, 0], [0, 7, 1]], [[0, 0, 0, 1], [0, 0, half, half], [0, 0, 0, 1]]
+    places, turns = [[0, 0, 0], [5, 0, 0], [0, 7, 1]], np.array([[0, 0, 0, 1], [0, 0, half, half], [0, 0, 0, 1]])
     sizes = [[1, 1, 1], [2, 1, 1], [-1, 1, 1]]
     attributes = {"TRANSLATION": gltf.array(places), "ROTATION": gltf.array(turns), "SCALE": gltf.array(sizes)}
     copies = {"EXT_mesh_gpu_instancing": {"attributes": {**attributes, "_ID": 0}}}
@@ -536,7 +536,7 @@ def test_numbers_that_only_rounding_put_beyond_their_bounds_are_taken(tmp_path: 
         shape = load_scene_source(source, mi).shapes()[0]
         colour = np.array(mi.traverse(shape.bsdf())["brdf_0.reflectance.value"]).ravel()
         normals = np.array(shape.vertex_normals_buffer()).reshape(-1, 3) @ TURN
-    np.testing.assert_array_equal(colour, np.float32([1, 0, 0.5]))
+    np.testing.assert_array_equal(colour, np.array([1, 0, 0.5], np.float32))
     half = np.float32(np.sqrt(0.5))
     np.testing.assert_allclose(normals[:3], [[0, 0, 1]] * 3, atol=1e-6)
     np.testing.assert_allclose(normals[5], [-0.6, 0, 0.8], atol=1e-6)
@@ -668,7 +668,7 @@ BROKEN: dict[str, tuple[Callable[[Gltf], Any], str]] = {
     ),
     "long quaternion": (put("nodes", 0, rotation=[0, 0, 0, 2]), r"nodes\[0\]\.rotation: rotations must be unit"),
     "short keyframe": (
-        lambda gltf: gltf.animate(1, "rotation", [0.0, 0.5], [[0, 0, 0, 1], [0, 0, 0, 0.5]]),
+        lambda gltf: gltf.animate(1, "rotation", [0.0, 0.5], [[0.0, 0.0, 0.0, 1.0], [0.0, 0.0, 0.0, 0.5]]),
         r"samplers\[1\]\.output: rotations must be unit quaternions, got \[0\.0, 0\.0, 0\.0, 0\.5\]",
     ),
     "copies": (

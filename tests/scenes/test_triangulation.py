@@ -49,7 +49,7 @@ def check(outline: npt.ArrayLike) -> None:
 
 def test_polygons_by_hand() -> None:
     """A dart whose first corner is blind, an L, a comb, a spiral's end, and a square with a square hole by a bridge."""
-    check([[2, 0], [0.2, 0.2], [0, 2], [0, 0]])
+    check([[2.0, 0.0], [0.2, 0.2], [0.0, 2.0], [0.0, 0.0]])
     check([[0, 0], [2, 0], [2, 1], [1, 1], [1, 2], [0, 2]])
     check([*[[x, (x % 2) * 5 + 1] for x in range(21)][::-1], [-1, 0], [21, 0]])
     check([[0, 0], [5, 0], [5, 5], [1, 5], [1, 2], [3, 2], [3, 3], [2, 3], [2, 4], [4, 4], [4, 1], [0, 1]])
@@ -110,7 +110,7 @@ def test_ears_are_clipped_of_so_many_corners_at_most(monkeypatch: pytest.MonkeyP
     comb = [*[[x, (x % 2) * 5 + 1] for x in range(6)][::-1], [-1, 0], [6, 0]]
     check(comb)
     with pytest.raises(ValueError, match=r"mesh\.obj: line 4 has 9 corners, and none that sees all others"):
-        cut([*([x, y, 0] for x, y in comb), [6, 0.5, 0]], 4)
+        cut([*([float(x), float(y), 0.0] for x, y in comb), [6.0, 0.5, 0.0]], 4)
 
 
 def test_strips_turn_every_second_triangle_round() -> None:

@@ -308,10 +308,10 @@ def _compare(dataset: Dataset, events: EventArray, parameters: dict[str, Any]) -
     failed = [instant for instant in instants if not instant.largest < 1 + TOLERANCE]
     if not failed:
         return instants, []
-    first = failed[0]
+    begin = failed[0]
     return instants, [
         f"At {len(failed)} of {len(instants)} instants the events do not give log intensity within (-C_off, C_on): "
-        f"first at {_seconds(first.t_us)}, where pixel ({first.x}, {first.y}) is {first.largest:.6f} C away."
+        f"first at {_seconds(begin.t_us)}, where pixel ({begin.x}, {begin.y}) is {begin.largest:.6f} C away."
     ]
 
 
