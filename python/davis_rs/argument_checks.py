@@ -82,16 +82,19 @@ def as_size(size: Sequence[int] | str, argument: str = "size") -> tuple[int, int
     if isinstance(size, str):
         match = re.fullmatch(r"(\d{1,5})\s*[xX]\s*(\d{1,5})", size.strip())
         if match is None:
-            rule = "{argument} must be WIDTHxHEIGHT in pixels, such as 346x260, got {!r}"
-            raise ArgumentError(rule, size, argument=argument)
+            raise ArgumentError(
+                "{argument} must be WIDTHxHEIGHT in pixels, such as 346x260, got {!r}", size, argument=argument
+            )
         pair = (int(match[1]), int(match[2]))
     if not hasattr(pair, "__len__") or len(pair) != 2 or not all(is_number(side, whole=True) for side in pair):
-        rule = "{argument} must be two integers, width and height in pixels, got {!r}"
-        raise ArgumentError(rule, size, argument=argument)
+        raise ArgumentError(
+            "{argument} must be two integers, width and height in pixels, got {!r}", size, argument=argument
+        )
     width, height = int(pair[0]), int(pair[1])
     if not (1 <= width <= 65535 and 1 <= height <= 65535):
-        rule = "{argument} must lie in 1..65535 pixels each way, got {} x {}"
-        raise ArgumentError(rule, width, height, argument=argument)
+        raise ArgumentError(
+            "{argument} must lie in 1..65535 pixels each way, got {} x {}", width, height, argument=argument
+        )
     return width, height
 
 

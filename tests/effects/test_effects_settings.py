@@ -379,7 +379,7 @@ def test_one_effect_may_stand_alone_and_auto_among_others() -> None:
         ({"hot_pixels": {"frac": 1}}, "got 'frac'; did you mean fraction?"),
         ({"hot_pixels": {"rate_hz": 1}}, "effect hot_pixels needs a value: hot_pixels=FRACTION"),
         ({"readout": None}, "effect readout must be Readout, a number, or a mapping, got None"),
-        ({"leak_rate_hz": "0.1"}, "leak_rate_hz: rate_hz must be a number, got 0.1"),
+        ({"leak_rate_hz": "0.1"}, "leak_rate_hz: rate_hz must be a number, got '0.1'"),
         (
             {"leak_rate_hz": HotPixels(0.1)},
             "must be LeakRate, a number, or a mapping, got HotPixels",

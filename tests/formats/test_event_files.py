@@ -108,7 +108,7 @@ def test_chunks_join_to_the_whole(tmp_path: Path, kind: Kind) -> None:
     with open_reader(path) as reader:
         assert sum(map(len, reader.iter())) == 50_000
         assert 0.99 < reader.progress <= 1
-        with pytest.raises(ValueError, match="chunk must be a positive number of events: got 0"):
+        with pytest.raises(ValueError, match="chunk must be an integer >= 1, got 0"):
             next(reader.iter(0))
 
 
@@ -122,7 +122,7 @@ def test_a_stream_is_written_as_a_file_is(tmp_path: Path, kind: Kind) -> None:
     path = tmp_path / kind.file
     path.write_bytes(buffer.getvalue())
     assert_same(read_events(path), events)
-    with pytest.raises(ValueError, match="give format="):
+    with pytest.raises(ValueError, match="give format"):
         open_writer(buffer, SIZE)
 
 
@@ -233,7 +233,7 @@ def test_sensors_that_a_format_cannot_hold_are_refused(tmp_path: Path, name: str
     """The largest one is held, corner to corner; a larger one leaves no file."""
     kind = KINDS[name]
     for size in ((side + 1, 10), (10, side + 1), (0, 10)):
-        with pytest.raises(ValueError, match=f"{name} holds sensors of 1 x 1 to {side} x {side} pixels"):
+        with pytest.raises(ValueError, match=f"{name} holds sensors of 1 x 1 to {side} x {side}|must lie in 1..65535"):
             kind.writer(tmp_path, size)
     assert not list(tmp_path.iterdir())
     corner = events_of((0, side - 1, side - 1, 1))
@@ -250,7 +250,7 @@ def test_wrong_options_leave_no_file(tmp_path: Path) -> None:
         open_writer(tmp_path / "e.aedat4", SIZE, compression="gzip")
     with pytest.raises(ValueError, match=r"level must lie in -7\.\.22: got 23"):
         open_writer(tmp_path / "e.aedat4", SIZE, compression="zstd", level=23)
-    with pytest.raises(ValueError, match=r"is no event format \(.*\.raw.*\): give format="):
+    with pytest.raises(ValueError, match=r"is no event format \(.*\.raw.*\): give format"):
         open_writer(tmp_path / "e.xyz", SIZE)
     with pytest.raises(ValueError, match=r"format must be one of .*evt3.*: got 'evt4'"):
         open_writer(tmp_path / "e.raw", SIZE, "evt4")

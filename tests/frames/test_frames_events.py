@@ -132,7 +132,9 @@ def test_start_phases_are_a_setting_and_those_of_a_sensor() -> None:
 
     def made(**settings: Any) -> FrameRun:
         settings = {"interpolation": "linear", "contrast_threshold": 0.2, "log_eps": 1e-3, **settings}
-        return FrameRun(ArrayFrames(frames, [0, 40_000, 80_000, 120_000]), complete(FrameSettings, settings, of="a test"))
+        return FrameRun(
+            ArrayFrames(frames, [0, 40_000, 80_000, 120_000]), complete(FrameSettings, settings, of="a test")
+        )
 
     counts: dict[str, int] = {}
     for start_phase in ("zero", "stationary"):

@@ -82,7 +82,7 @@ class TestMotionCapture:
             MocapClock(0.0, 1.0)
         with pytest.raises(ValueError, match=r"position_m must lie in 0\.\.1 m, got -1"):
             MocapNoise(-1.0)
-        with pytest.raises(ValueError, match=r"a rate must lie in"):
+        with pytest.raises(ValueError, match=r"rate_hz must lie in"):
             MotionCapture(-5.0)
 
 

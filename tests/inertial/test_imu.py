@@ -267,7 +267,7 @@ class TestFullScaleAndConverter:
 
 def test_bad_settings_are_refused() -> None:
     """Each rule names the value."""
-    with pytest.raises(ValueError, match=r"rate_hz of an IMU must be > 0 .* got 0"):
+    with pytest.raises(ValueError, match=r"rate_hz must be > 0 .* got 0"):
         Imu(rate_hz=0)
     with pytest.raises(ValueError, match="gravity must be three finite numbers"):
         Imu(gravity=(0.0, 0.0, np.nan))

@@ -92,8 +92,8 @@ def test_a_dataset_without_events_makes_a_figure(tmp_path: Path) -> None:
     [
         ({"t_s": 0.061}, r"t_s must lie in the sequence, 0\.\.0\.06 s, got 0\.061"),
         ({"t_s": float("nan")}, "t_s must lie"),
-        ({"window_s": 0.0}, "window_s must be positive"),
-        ({"window_s": float("inf")}, "window_s must be positive"),
+        ({"window_s": 0.0}, "window_s must be finite and > 0"),
+        ({"window_s": float("inf")}, "window_s must be finite and > 0"),
     ],
 )
 def test_senseless_moments_are_refused(folder: Path, tmp_path: Path, arguments: dict[str, Any], rule: str) -> None:
@@ -136,8 +136,8 @@ def test_the_video_shows_frames_and_events(folder: Path, tmp_path: Path, suffix:
     ("name", "arguments", "rule"),
     [
         ("v.avi", {}, r"must end in \.mp4 or \.gif"),
-        ("v.mp4", {"fps": 0}, "fps must be positive"),
-        ("v.mp4", {"speed": -1.0}, "speed must be positive"),
+        ("v.mp4", {"fps": 0}, "fps must be finite and > 0"),
+        ("v.mp4", {"speed": -1.0}, "speed must be finite and > 0"),
         ("v.gif", {"fps": 60}, "more than 50 pictures"),
     ],
 )

@@ -275,10 +275,10 @@ def test_the_page_needs_no_network(folder: Path, tmp_path: Path) -> None:
     [
         ("p.txt", {}, r"must end in \.html or \.htm"),
         ("p.html", {"t_s": 0.07}, r"t_s must lie in the sequence, 0\.\.0\.06 s, got 0\.07"),
-        ("p.html", {"window_s": 0.0}, "window_s must be positive"),
-        ("p.html", {"speed": float("nan")}, "speed must be positive"),
-        ("p.html", {"max_events": 0}, "max_events must be at least 1, got 0"),
-        ("p.html", {"max_frames": -1}, "max_frames must be at least 1, got -1"),
+        ("p.html", {"window_s": 0.0}, "window_s must be finite and > 0"),
+        ("p.html", {"speed": float("nan")}, "speed must be finite and > 0"),
+        ("p.html", {"max_events": 0}, "max_events must be an integer >= 1, got 0"),
+        ("p.html", {"max_frames": -1}, "max_frames must be an integer >= 1, got -1"),
     ],
 )
 def test_senseless_pages_are_refused(

@@ -312,7 +312,7 @@ def test_a_plan_says_whether_noise_is_accepted(tmp_path: Path, monkeypatch: pyte
         load_sequence_plan(plan)
 
     # A first sequence that cannot be made for another reason is no reason not to make the others.
-    monkeypatch.setattr(generate, "_outcomes", lambda *_: iter(()))
+    monkeypatch.setattr(generate, "_outcomes", lambda *_: (one for one in list[Any]()))
     plan.write_text(text + "renderer: native\n")
     assert generate.generate_sequences(load_sequence_plan(plan), tmp_path / "other", quiet=True).made == 0
 

@@ -74,7 +74,7 @@ def test_rate_zero_and_impossible_rates() -> None:
     """Rate 0 means none; a rate that is negative, NaN or above one a microsecond is refused before anything runs."""
     assert list(periodic_instants(0.0, 0, 10**9)) == []
     for rate_hz in (-1.0, float("nan"), float("inf"), 1_000_001.0):
-        with pytest.raises(ValueError, match=rf"0\.\.1e6 Hz, got {rate_hz} Hz"):
+        with pytest.raises(ValueError, match=rf"0\.\.1000000 Hz, got {rate_hz}"):
             periodic_instants(rate_hz, 0, 1)
 
 
@@ -219,7 +219,7 @@ def test_fixed_rate_renders_at_its_rate() -> None:
 @pytest.mark.parametrize("value", [0.0, -1.0, float("nan"), float("inf")])
 def test_bad_settings_are_refused(value: float) -> None:
     """Displacements and rates that are not positive and finite raise ValueError with the value."""
-    with pytest.raises(ValueError, match=f"must be > 0 pixels, got {value}"):
+    with pytest.raises(ValueError, match=f"pixels must be finite and > 0, got {value}"):
         MaxDisplacement(value)
-    with pytest.raises(ValueError, match=rf"\(0, 1e6\] Hz, got {value} Hz"):
+    with pytest.raises(ValueError, match=f"rate_hz must be > 0 and at most 1000000 Hz, got {value}"):
         FixedRate(value)

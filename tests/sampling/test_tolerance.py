@@ -363,11 +363,11 @@ def test_memory_does_not_grow() -> None:
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"contrast": 0.0}, "contrast must be > 0 and finite, got 0.0"),
+        ({"contrast": 0.0}, "contrast must be finite and > 0, got 0.0"),
         ({"contrast": float("nan")}, "contrast .* got nan"),
         ({"pixels": -1.0}, "pixels .* got -1.0"),
         ({"longest": float("inf")}, "longest .* got inf"),
-        ({"halvings": -1}, "halvings must be >= 0, got -1"),
+        ({"halvings": -1}, "halvings must be an integer >= 0, got -1"),
     ],
 )
 def test_bad_settings_are_refused(settings: dict[str, float], message: str) -> None:

@@ -436,7 +436,9 @@ def test_backs_are_lost_only_where_they_are_seen(tmp_path: Path, mirrored: bool,
         warnings.simplefilter("error")
         Simulator(saved(gltf, tmp_path), samples=1, renderer=kind)
     gltf.document["nodes"][1]["rotation"] = [0, 1, 0, 0]
-    gltf.animate(1, "translation", [0.0, 1.0], [[10.0, 0.0, 0.0], [10.0, 0.1, 0.0]])  # a body that moves has its own axes
+    gltf.animate(
+        1, "translation", [0.0, 1.0], [[10.0, 0.0, 0.0], [10.0, 0.1, 0.0]]
+    )  # a body that moves has its own axes
     with pytest.warns(SceneFileWarning, match=r"backs that cannot be seen .* of right \(50 %\)"):
         Simulator(saved(gltf, tmp_path), samples=1, renderer=kind)
 

@@ -126,7 +126,7 @@ def test_sampled_profiles_go_through_their_factors(factors: list[float], interpo
         (partial(Flicker, 0.0, modulation=0.5), r"> 0 Hz, got 0\.0"),
         (partial(Flicker, float("nan"), modulation=0.5), r"> 0 Hz, got nan"),
         (partial(Flicker, 50.0, modulation=1.1), r"0\.\.1, got 1\.1"),
-        (partial(Flicker, 50.0, modulation=0.1, phase_rad=float("inf")), "phase .* got inf"),
+        (partial(Flicker, 50.0, modulation=0.1, phase_rad=float("inf")), "phase_rad .* got inf"),
         (partial(Flicker, 50.0, modulation=0.1, waveform="saw"), "sine, triangle, square, got 'saw'"),
         (partial(SampledProfile, [0.0], [1.0]), r"n >= 2, got \(1,\) and \(1,\)"),
         (partial(SampledProfile, [0.0, 1.0], [1.0]), r"got \(2,\) and \(1,\)"),

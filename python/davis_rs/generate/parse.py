@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from ..close_names import did_you_mean
+from ..effects import EFFECTS
 from .distributions import Choice, Distribution, Integers, LogUniform, Normal, Uniform
 from .kinds import Key
 from .motion import MOTIONS, motion_keys
@@ -152,10 +153,14 @@ def imu_effects(value: Any, where: Where) -> Any:
 
 
 def _effects(value: Any, where: Where, *, automatic: bool) -> Any:
-    texts = [value] if isinstance(value, str) else value
-    if value is None or (isinstance(texts, list) and texts and all(isinstance(text, str) for text in texts)):
-        return value
     rule = "a mapping from effects to their values, or texts NAME=VALUE" + (", or auto" if automatic else "")
+    texts = [value] if isinstance(value, str) else value
+    if value is None:
+        return value
+    if isinstance(texts, list) and texts and all(isinstance(text, str) for text in texts):
+        if not all("=" in text or text in EFFECTS or (automatic and text == "auto") for text in texts):
+            where.refuse(rule, value)
+        return value
     given = where.mapping(value, rule)
     if "choice" in given:
         return _distribution(given, where, lambda option, at: _effects(option, at, automatic=automatic), "effects")
