@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     from .sampling.rules import FixedRate, MaxDisplacement
     from .sampling.tolerance import Tolerance
     from .scene.light_profile import Flicker, LightProfile, SampledProfile
-    from .scene.lost_looks import LostLook
+    from .scene.lost_looks import LostLook, LostLookWarning
     from .scene.repairs import SceneFileWarning
     from .scene.scene import Scene
     from .scenes import load_scene, start_pose
@@ -111,6 +111,7 @@ _MODULES = {
     "Imu": "imu",
     "LightProfile": "scene.light_profile",
     "LostLook": "scene.lost_looks",
+    "LostLookWarning": "scene.lost_looks",
     "MaxDisplacement": "sampling.rules",
     "MeasuredRecording": "sensor_fit",
     "MocapClock": "motion_capture",
@@ -240,6 +241,7 @@ __all__ = [
     "Imu",
     "LightProfile",
     "LostLook",
+    "LostLookWarning",
     "MaxDisplacement",
     "MeasuredRecording",
     "MocapClock",

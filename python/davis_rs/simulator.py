@@ -81,7 +81,7 @@ class Simulator:
         OSError: if a scene file or a calibration cannot be read.
 
     Warns:
-        SceneFileWarning: of the looks that are lost, in one line.
+        LostLookWarning: of the looks that are lost, in one line.
     """
 
     def __init__(self, scene: Scene, **settings: Unpack[SimulatorSettings]) -> None:

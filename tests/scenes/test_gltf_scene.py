@@ -7,6 +7,7 @@ import re
 import sys
 import warnings
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,8 +16,9 @@ import pytest
 from PIL import Image
 from scipy.spatial.transform import Rotation
 
-from davis_rs import DecodeError, Scene, SceneFileWarning, Simulator, load_scene, simulate
+from davis_rs import DecodeError, LostLookWarning, Scene, SceneFileWarning, Simulator, load_scene, simulate
 from davis_rs._mitsuba import SCALAR, load_scene_source, variant
+from davis_rs.ground_truth import lost_look_shares
 from davis_rs.rendering.renderers import make_renderer
 from davis_rs.rendering.scene_table import SceneTable
 from davis_rs.rendering.scene_texture import WRAP_MODES
@@ -399,7 +401,7 @@ def halves(**right: Any) -> Gltf:
     gltf.node(mesh=gltf.mesh(wide, FACES, material=gltf.material("left")), translation=[-10, 0, 0])
     gltf.node(mesh=gltf.mesh(wide, FACES, material=gltf.material("right", **right)), translation=[10, 0, 0])
     gltf.light({"type": "directional", "intensity": 683.0})
-    gltf.animate(with_camera(gltf), "translation", [0.0, 1.0], [[0.0, 0.0, 3.0], [0.0, 0.5, 3.0]])
+    gltf.animate(with_camera(gltf), "translation", [0.0, 1.0], np.array([[0, 0, 3], [0, 0.5, 3]]))
     return gltf
 
 
@@ -411,7 +413,7 @@ def test_the_share_of_the_image_that_lost_looks_concern(tmp_path: Path) -> None:
     )
     gltf.light({"type": "point", "intensity": 1.0, "range": 3.0}, name="bulb", translation=[0, 0, 5])
     scene = saved(gltf, tmp_path)
-    with pytest.warns(SceneFileWarning) as caught:
+    with pytest.warns(LostLookWarning) as caught:
         simulator = Simulator(scene, samples=1)
     (warning,) = caught
     assert str(warning.message) == (
@@ -426,6 +428,24 @@ def test_the_share_of_the_image_that_lost_looks_concern(tmp_path: Path) -> None:
     }
 
 
+def test_shares_are_not_known_of_a_scene_that_was_changed(tmp_path: Path) -> None:
+    """Where nothing says where the camera is, and where a shape is not made of triangles; the looks are told."""
+    scene = saved(halves(metallicFactor=1.0), tmp_path)
+    (look,) = scene.lost_looks
+    assert lost_look_shares(scene, scene.own_camera) == {look: 0.5}
+    assert lost_look_shares(replace(scene, trajectory=None), scene.own_camera) == {look: 0.5}  # at its start
+    nowhere = replace(scene, trajectory=None, start=None)
+    assert lost_look_shares(nowhere, scene.own_camera) == {look: None}
+
+    def with_ball() -> Any:
+        return {**scene.source(), "ball": {"type": "sphere"}}  # type: ignore[dict-item]
+
+    changed = replace(scene, source=with_ball)
+    assert lost_look_shares(changed, scene.own_camera) == {look: None}
+    with pytest.warns(LostLookWarning, match=r"share not known: metal of right$"):
+        Simulator(changed, samples=1)
+
+
 @pytest.mark.parametrize("kind", ["native", "integrator"])
 @pytest.mark.parametrize("mirrored", [False, True])
 def test_backs_are_lost_only_where_they_are_seen(tmp_path: Path, mirrored: bool, kind: str) -> None:
@@ -437,9 +457,9 @@ def test_backs_are_lost_only_where_they_are_seen(tmp_path: Path, mirrored: bool,
         Simulator(saved(gltf, tmp_path), samples=1, renderer=kind)
     gltf.document["nodes"][1]["rotation"] = [0, 1, 0, 0]
     gltf.animate(
-        1, "translation", [0.0, 1.0], [[10.0, 0.0, 0.0], [10.0, 0.1, 0.0]]
+        1, "translation", [0.0, 1.0], np.array([[10, 0, 0], [10, 0.1, 0]])
     )  # a body that moves has its own axes
-    with pytest.warns(SceneFileWarning, match=r"backs that cannot be seen .* of right \(50 %\)"):
+    with pytest.warns(LostLookWarning, match=r"backs that cannot be seen .* of right \(50 %\)"):
         Simulator(saved(gltf, tmp_path), samples=1, renderer=kind)
 
 
@@ -447,9 +467,13 @@ def test_copies_of_a_mesh_are_where_they_belong(tmp_path: Path) -> None:
     """EXT_mesh_gpu_instancing: translation, rotation and scale of each, within the node, at rest and on the move."""
     gltf = Gltf(extensionsRequired=["EXT_mesh_gpu_instancing"])
     half = float(np.sqrt(0.5))
-    places, turns = [[0, 0, 0], [5, 0, 0], [0, 7, 1]], np.array([[0, 0, 0, 1], [0, 0, half, half], [0, 0, 0, 1]])
+    places, turns = [[0, 0, 0], [5, 0, 0], [0, 7, 1]], [[0, 0, 0, 1], [0, 0, half, half], [0, 0, 0, 1]]
     sizes = [[1, 1, 1], [2, 1, 1], [-1, 1, 1]]
-    attributes = {"TRANSLATION": gltf.array(places), "ROTATION": gltf.array(turns), "SCALE": gltf.array(sizes)}
+    attributes = {
+        "TRANSLATION": gltf.array(places),
+        "ROTATION": gltf.array(np.array(turns)),
+        "SCALE": gltf.array(sizes),
+    }
     copies = {"EXT_mesh_gpu_instancing": {"attributes": {**attributes, "_ID": 0}}}
     gltf.node(mesh=quad(gltf), name="still", extensions=copies, scale=[3, 3, 3])
     mover = gltf.node(mesh=quad(gltf), name="mover", extensions=copies, translation=[0, 0, 9])
@@ -538,7 +562,7 @@ def test_numbers_that_only_rounding_put_beyond_their_bounds_are_taken(tmp_path: 
         shape = load_scene_source(source, mi).shapes()[0]
         colour = np.array(mi.traverse(shape.bsdf())["brdf_0.reflectance.value"]).ravel()
         normals = np.array(shape.vertex_normals_buffer()).reshape(-1, 3) @ TURN
-    np.testing.assert_array_equal(colour, np.array([1, 0, 0.5], np.float32))
+    np.testing.assert_array_equal(colour, np.array([1, 0, 0.5]))
     half = np.float32(np.sqrt(0.5))
     np.testing.assert_allclose(normals[:3], [[0, 0, 1]] * 3, atol=1e-6)
     np.testing.assert_allclose(normals[5], [-0.6, 0, 0.8], atol=1e-6)
@@ -670,7 +694,7 @@ BROKEN: dict[str, tuple[Callable[[Gltf], Any], str]] = {
     ),
     "long quaternion": (put("nodes", 0, rotation=[0, 0, 0, 2]), r"nodes\[0\]\.rotation: rotations must be unit"),
     "short keyframe": (
-        lambda gltf: gltf.animate(1, "rotation", [0.0, 0.5], [[0.0, 0.0, 0.0, 1.0], [0.0, 0.0, 0.0, 0.5]]),
+        lambda gltf: gltf.animate(1, "rotation", [0.0, 0.5], np.array([[0, 0, 0, 1], [0, 0, 0, 0.5]])),
         r"samplers\[1\]\.output: rotations must be unit quaternions, got \[0\.0, 0\.0, 0\.0, 0\.5\]",
     ),
     "copies": (

@@ -110,7 +110,7 @@ def test_ears_are_clipped_of_so_many_corners_at_most(monkeypatch: pytest.MonkeyP
     comb = [*[[x, (x % 2) * 5 + 1] for x in range(6)][::-1], [-1, 0], [6, 0]]
     check(comb)
     with pytest.raises(ValueError, match=r"mesh\.obj: line 4 has 9 corners, and none that sees all others"):
-        cut([*([float(x), float(y), 0.0] for x, y in comb), [6.0, 0.5, 0.0]], 4)
+        cut(flat(np.array([*comb, [6, 0.5]])), 4)
 
 
 def test_strips_turn_every_second_triangle_round() -> None:

@@ -423,8 +423,9 @@ def check_slice(start_us: int | None, stop_us: int | None, roi: Roi | None) -> N
         corners = tuple(roi) if hasattr(roi, "__len__") and not isinstance(roi, str) else ()
         whole = len(corners) == 4 and all(is_number(corner, whole=True) for corner in corners)
         if not (whole and 0 <= corners[0] < corners[2] and 0 <= corners[1] < corners[3]):
-            rule = "{roi} must be (x0, y0, x1, y1), four integers with 0 <= x0 < x1 and 0 <= y0 < y1, got {!r}"
-            raise ArgumentError(rule, roi)
+            raise ArgumentError(
+                "{roi} must be (x0, y0, x1, y1), four integers with 0 <= x0 < x1 and 0 <= y0 < y1, got {!r}", roi
+            )
 
 
 def select(events: EventArray, start_us: int | None, stop_us: int | None, roi: Roi | None) -> EventArray:

@@ -17,8 +17,8 @@ from ..monte_carlo_noise import noise_before_run, refuse_noise
 from ..no_events import NoEventsWarning
 from ..noise_estimate import NoiseError, NoiseEstimate, NoiseWarning
 from ..rendering.kept_scenes import keep_scenes
+from ..scene.lost_looks import LostLookWarning
 from ..scene.mesh_scene import Axis
-from ..scene.repairs import SceneFileWarning
 from ..scene.scene import Scene
 from ..scenes import load_scene
 from ..settings import FolderSettings, ViewSettings, complete, only, view_scene
@@ -104,7 +104,7 @@ def warn_of_looks(sequence: DrawnSequence) -> None:
     """Tell which looks are lost of a sequence's scene.
 
     Warns:
-        SceneFileWarning: as :class:`~davis_rs.Simulator`.
+        LostLookWarning: as :class:`~davis_rs.Simulator`.
     """
     scene = sequence.on_path(sequence.scene())
     if scene.lost_looks:
@@ -124,7 +124,7 @@ def _simulate(sequence: DrawnSequence, folder: Path, threads: int) -> None:
     with warnings.catch_warnings(), _in_words_of_a_plan():
         # Of the first sequence the run says it before it begins, and of each one its meta.json does.
         warnings.simplefilter("ignore", NoiseWarning)
-        warnings.simplefilter("ignore", SceneFileWarning)
+        warnings.simplefilter("ignore", LostLookWarning)
         warnings.simplefilter("ignore", NoEventsWarning)  # the run says at its end which sequences have none
         scene = sequence.on_path(sequence.scene() if key is None else _scene_at(*key))
         if scene.file is not None:  # by its name in the plan: where it lies differs from machine to machine

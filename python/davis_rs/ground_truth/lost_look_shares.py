@@ -11,8 +11,7 @@ import numpy.typing as npt
 from ..camera import Camera
 from ..rendering.render import Renderer
 from ..rendering.render_native import NativeRenderer
-from ..scene.lost_looks import BACKS, LostLook
-from ..scene.repairs import SceneFileWarning
+from ..scene.lost_looks import BACKS, LostLook, LostLookWarning
 from ..scene.scene import Scene
 from ..trajectory.views import Views
 from .scene_surfaces import SceneSurfaces
@@ -65,7 +64,7 @@ def warn_of_lost_looks(scene: Scene, shares: Shares, stacklevel: int) -> None:
     """Tell what is lost of the looks of a scene's file, in one line; the largest share first.
 
     Warns:
-        SceneFileWarning: with the line, if anything is lost.
+        LostLookWarning: with the line, if anything is lost.
     """
     told = {look: share for look, share in shares.items() if look.what != BACKS or share != 0}
     if not told:
@@ -79,7 +78,7 @@ def warn_of_lost_looks(scene: Scene, shares: Shares, stacklevel: int) -> None:
     warnings.warn(
         f"{name}: surfaces are matte and opaque here; these looks are lost, with their share of the image along the "
         f"camera path: {'; '.join(parts)}",
-        SceneFileWarning,
+        LostLookWarning,
         stacklevel=stacklevel + 1,
     )
 

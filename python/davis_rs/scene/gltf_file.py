@@ -43,6 +43,7 @@ _READ = {
     "KHR_node_visibility",
     "KHR_texture_transform",
 }
+"""Extensions that are read; those of materials have names of their own kind (:func:`unknown`)."""
 _UNSEEN = {
     "EXT_instance_features",
     "EXT_mesh_features",

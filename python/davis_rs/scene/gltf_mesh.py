@@ -105,7 +105,8 @@ class GltfMeshes:
             self._known[index] = [primitive for primitive in found if len(primitive.corners)]
         self._triangles += count * sum(len(primitive.corners) for primitive in self._known[index])
         if self._triangles > MOST_TRIANGLES:
-            raise file.error(place, f"a scene may have {MOST_TRIANGLES} triangles, this one has more")
+            has = f"this one has {self._triangles} or more"
+            raise file.error(place, f"a scene may have {MOST_TRIANGLES} triangles with all copies, {has}")
         return self._known[index]
 
     def _primitive(self, item: Any, place: str) -> Primitive:

@@ -15,7 +15,6 @@ import numpy as np
 from ..pose import FloatArray, hamilton, rotation_matrices
 from ..trajectory.trajectory import CallableTrajectory
 from .gltf_file import GltfFile, plain
-from .lost_looks import LostLook
 from .rounding import ROUNDING
 
 DEEPEST = 100
@@ -122,14 +121,14 @@ class NodeTree:
 
     Attributes:
         duration_s: until the last keyframe of whatever moves in the scene; 0 where nothing does.
-        lost: looks that animations change and the scene keeps.
+        lost: what animations change and the scene does not: the names of what they change by its kind.
     """
 
     file: GltfFile
     nodes: dict[int, Node]
     tracks: dict[int, dict[str, Track]]
     duration_s: float
-    lost: tuple[LostLook, ...]
+    lost: dict[str, dict[str, None]]
 
     @classmethod
     def of(cls, file: GltfFile) -> NodeTree:
@@ -145,8 +144,7 @@ class NodeTree:
             for name in [name for name, track in path.items() if not track.moves and len(track.times) > 1]:
                 path[name] = Track(path[name].times[:1], path[name].values[:1], None, "LINEAR")
         ends = [track.times[-1] for path in tracks.values() for track in path.values() if len(track.times) > 1]
-        looks = tuple(LostLook(what, tuple(of)) for what, of in lost.items())
-        return cls(file, nodes, tracks, float(max(ends, default=0.0)), looks)
+        return cls(file, nodes, tracks, float(max(ends, default=0.0)), lost)
 
     def chain(self, index: int) -> list[Node]:
         """A node and those that it is within, the outermost first."""

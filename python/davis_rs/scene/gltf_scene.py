@@ -46,12 +46,12 @@ def gltf_scene(path: str | Path, *, up: Axis | None = None, scale: float = 1.0) 
 
     Surfaces are matte, opaque and seen from both sides: base colours and their textures are taken, with
     ``KHR_texture_transform``, or the diffuse ones of ``KHR_materials_pbrSpecularGlossiness``, or the colours of
-    vertices. Lights of ``KHR_lights_punctual`` shine, 683 lux or candela
-    as one unit; a file without any gets those of a mesh file. The first perspective camera gives the lens and the path:
-    that of its animation, or one at rest where other things move. A file without a camera gets the path around of a
-    mesh file. Nodes that are animated are moving objects with the ids ``NODE_MATERIAL``; all others are one shape for
-    each material, ``mesh_MATERIAL``. Copies of a mesh (``EXT_mesh_gpu_instancing``) are all there. Looks that are not
-    shown (metal, light of their own, transparency) are in :attr:`Scene.lost_looks`, and a simulator tells them.
+    vertices. Lights of ``KHR_lights_punctual`` shine, 683 lux or candela as one unit; a file without any gets those of
+    a mesh file. The first perspective camera gives the lens and the path: that of its animation, or one at rest where
+    other things move. A file without a camera gets the path around of a mesh file. Nodes that are animated are moving
+    objects with the ids ``NODE_MATERIAL``; all others are one shape for each material, ``mesh_MATERIAL``. Copies of a
+    mesh (``EXT_mesh_gpu_instancing``) are all there. Looks that are not shown (metal, light of their own, transparency)
+    are in :attr:`Scene.lost_looks`, and a simulator tells them.
 
     Args:
         up: the file's axis that points up; None: y, as glTF says.
@@ -85,7 +85,7 @@ class _GltfScene:
         self.materials = GltfMaterials(file)
         self.repairs = Repairs(file.path)
         self.meshes = GltfMeshes(file, self.materials, self.repairs)
-        self.lost = list(self.tree.lost)
+        self.lost = {what: dict(names) for what, names in self.tree.lost.items()}
 
     def scene(self) -> Scene:
         shapes, objects = self._shapes()
@@ -102,13 +102,16 @@ class _GltfScene:
             centre = (low + high) / 2
             camera, trajectory = CAMERA, around(centre, float(np.linalg.norm(corners - centre, axis=1).max()))
         self.repairs.warn()
+        for name in map(str, self.file.document.extensionsUsed or []):
+            if unknown(name):
+                self._lose("what unknown extensions say", plain(name)[1:-1])
         described: dict[str, Any] = lights or usual_light()
         x, y, z = (f"{side:.3g}" for side in high - low)
         size = f"{x} m x {y} m wide and {z} m high, at {self.scale:g} m to a unit and with axis {self.up} up"
         shining = "no lights, so a sun and a sky"
         if lights:
             shining = f"{_counted(len(lights), 'light')}, {LUMENS_PER_WATT:g} lux or candela as one unit"
-        name = self.file.path.name
+        file_name = self.file.path.name
         return Scene(
             name=self.file.path.stem,
             source=lambda: {
@@ -124,8 +127,8 @@ class _GltfScene:
             trajectory=trajectory,
             objects=objects,
             lux_per_luma=WHITE_LUX if lights else 1000.0,
-            note=f"{name} is {size}; {shining}; {of_camera}; {_counted(len(objects), 'moving object')}",
-            lost_looks=(*lost_looks(shapes), *self.lost, *self._unknown()),
+            note=f"{file_name} is {size}; {shining}; {of_camera}; {_counted(len(objects), 'moving object')}",
+            lost_looks=(*lost_looks(shapes), *(LostLook(what, tuple(of)) for what, of in self.lost.items())),
         )
 
     def _shapes(self) -> tuple[dict[str, MeshPart], dict[str, Trajectory]]:
@@ -192,7 +195,7 @@ class _GltfScene:
             if not isinstance(declared[which], dict):
                 raise self.file.error(f"KHR_lights_punctual.lights[{which}]", "must be an object")
             if self.tree.moves(node.index):
-                self.lost.append(LostLook("the motion of the light (it stays where it is at first)", (node.name,)))
+                self._lose("the motion of the light (it stays where it is at first)", node.name)
             light = self._light(declared[which], node, f"KHR_lights_punctual.lights[{which}]")
             lights[_unused(f"light_{node.name}", lights)] = light
         return lights
@@ -206,7 +209,7 @@ class _GltfScene:
         length = np.linalg.norm(axis)
         kind = given.get("type")
         if "range" in given:
-            self.lost.append(LostLook("the range of the light (it shines without end)", (node.name,)))
+            self._lose("the range of the light (it shines without end)", node.name)
         if kind == "point":
             return {"type": "point", "position": matrix[:3, 3].tolist(), "intensity": strength}
         if not length > 0:
@@ -224,7 +227,7 @@ class _GltfScene:
         inner = self.file.numbers(cone.get("innerConeAngle", 0.0), f"{place}.spot", 1, low=0, high=np.pi / 2)[0]
         if inner > outer * (1 + ROUNDING):
             raise self.file.error(f"{place}.spot", f"innerConeAngle {inner:g} must be at most outerConeAngle {outer:g}")
-        self.lost.append(LostLook("how the spot light's edge falls off (linear in the angle here)", (node.name,)))
+        self._lose("how the spot light's edge falls off (linear in the angle here)", node.name)
         to_world = np.eye(4)
         forward = axis / length
         aside = np.cross(forward, np.eye(3)[np.abs(forward).argmin()])
@@ -252,7 +255,7 @@ class _GltfScene:
         usable = [(node, camera) for node, camera in cameras if camera.type == "perspective"]
         usable.sort(key=lambda one: not self.tree.moves(one[0].index))
         taken = usable[0][0] if usable else None
-        others = tuple(f"{node.name}" for node, _ in cameras if node is not taken)
+        others = tuple(node.name for node, _ in cameras if node is not taken)
         unused = f"; not taken: the camera{'s' if len(others) > 1 else ''} {shown(others)}" if others else ""
         if taken is None:
             which = "no camera that is perspective" if others else "no camera"
@@ -281,10 +284,9 @@ class _GltfScene:
         focal = _WIDTH / (2 * aspect * np.tan(angle / 2))
         return Camera(_WIDTH, height, focal, focal, (_WIDTH - 1) / 2, (height - 1) / 2)
 
-    def _unknown(self) -> list[LostLook]:
-        """Extensions of which nobody knows here what they change."""
-        used = [one for one in map(str, self.file.document.extensionsUsed or []) if unknown(one)]
-        return [LostLook("what unknown extensions say", tuple(plain(one)[1:-1] for one in used))] if used else []
+    def _lose(self, what: str, name: str) -> None:
+        """Note what is not shown, and of what."""
+        self.lost.setdefault(what, {})[name] = None
 
 
 def _counted(number: int, what: str) -> str:

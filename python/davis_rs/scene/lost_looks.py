@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 from .mesh_part import MeshPart
+from .repairs import SceneFileWarning
 
 TRANSPARENCY = "transparency"
 OWN_LIGHT = "light of their own"
@@ -15,6 +16,10 @@ BACKS = "backs that cannot be seen (they are seen from both sides)"
 """The look of surfaces that have one side; lost only where the camera sees the other."""
 _NAMED = 4
 """So many names are given in a message."""
+
+
+class LostLookWarning(SceneFileWarning):
+    """Looks of a scene's file are lost that a part of the image shows."""
 
 
 class LostLook(NamedTuple):

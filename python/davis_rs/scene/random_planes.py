@@ -257,14 +257,10 @@ def _fitted(path: Path, radius: float) -> Mesh:
     Parts without texture coordinates get those of the box around the mesh, seen along its thinnest side.
     """
     parts = MESH_READERS[path.suffix.lower()](path)
-    corners = np.concatenate([np.empty((0, 3, 3)), *(part.corners for part in parts)])
-    if not len(corners):
-        raise ValueError(f"{path}: the mesh has no faces: there is nothing that a camera could see")
+    corners = np.concatenate([part.corners for part in parts])
     low, high = corners.min((0, 1)), corners.max((0, 1))
     corners = corners - (low + high) / 2
     reach = float(np.linalg.norm(corners, axis=-1).max())
-    if not reach > 0:
-        raise ValueError(f"{path}: the mesh has no area: all its vertices lie on a point")
     wide = np.sort(np.argsort(low - high, kind="stable")[:2])
     spanned = corners[..., wide] / np.maximum((high - low)[wide], 1e-9 * reach) + 0.5
     firsts = np.cumsum([0, *(len(part.corners) for part in parts)])

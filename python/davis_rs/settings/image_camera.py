@@ -79,9 +79,15 @@ def camera_of_size(camera: Camera | str | os.PathLike[str], wanted: tuple[int, i
 def _from_calibration(name: str, wanted: tuple[int, int] | None) -> Camera:
     path = Path(name)
     if not path.is_file():
-        hint = f"; did you mean {{sensor:{name}}}?" if name in SENSORS else ""
-        rule = "{camera} {!r} is neither a preset ({}) nor a calib.txt file" + hint
-        raise ArgumentError(rule, name, ", ".join(PRESETS))
+        presets = ", ".join(PRESETS)
+        if name in SENSORS:
+            raise ArgumentError(
+                "{camera} {!r} is neither a preset ({}) nor a calib.txt file; did you mean {sensor:{}}?",
+                name,
+                presets,
+                name,
+            )
+        raise ArgumentError("{camera} {!r} is neither a preset ({}) nor a calib.txt file", name, presets)
     width, height = wanted or _SIZE_OF_PUBLIC_CALIBRATIONS
     camera = Camera.from_calib(path, width=width, height=height)
     if wanted is None and not _centred(camera):
