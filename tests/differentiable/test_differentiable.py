@@ -115,6 +115,23 @@ def test_a_reflectance_may_be_grey(mi: Any) -> None:
     np.testing.assert_allclose(grey, rgb, rtol=1e-5)
 
 
+def test_what_has_no_id_has_parameters_of_its_own(mi: Any) -> None:
+    """Two floors and two lamps without ids: each is told from the other, and changes nothing else."""
+    parts = {"left": plane(1.0, bitmap(TEXELS), x=-1.0), "right": plane(1.0, bitmap(TEXELS), x=1.0)}
+    lamps = {"lamp": LAMP, "other": LAMP | {"position": [0.4, 0.5, 2.5]}}
+    renderer = DifferentiableRenderer(scene({name: part | {"id": ""} for name, part in {**parts, **lamps}.items()}))
+    named = DifferentiableRenderer(scene({**parts, **lamps}))
+    names = {"shape[0]": "left", "shape[1]": "right", "light[0]": "lamp", "light[1]": "other"}
+    found = {f"{names[own]}.{what}" for own, _, what in (name.partition(".") for name in renderer.parameters)}
+    assert found == set(named.parameters)
+    poses = CameraPoses.at([POSE])
+    for one, value in (("shape[0].reflectance", 0.3 * TEXELS), ("light[1].intensity", [3.0])):
+        own, _, what = one.partition(".")
+        changed = named.luma(poses, {f"{names[own]}.{what}": value}).numpy()
+        np.testing.assert_array_equal(renderer.luma(poses, {one: value}).numpy(), changed)
+        assert not np.array_equal(changed, named.luma(poses).numpy())
+
+
 def one_parameter(renderer: DifferentiableRenderer, poses: CameraPoses, name: str, value: Any) -> Any:
     return renderer.luma(poses, {name: value})
 

@@ -26,12 +26,12 @@ from davis_rs.rendering.baked_light import bake, baked_scene, cache
 from davis_rs.rendering.baked_light.bake import Surfaces
 from davis_rs.rendering.baked_light.irradiance import Irradiance
 from davis_rs.rendering.baked_light.light_maps import LightMaps, looked_up
-from davis_rs.rendering.baked_light.lights import irradiance_of
+from davis_rs.rendering.baked_light.lights import irradiance_of, light_groups
 from davis_rs.rendering.baked_light.partial import PartialBake
 from davis_rs.rendering.baked_light.surface_lattice import RefinementRule, SurfaceLattice, refine
 from davis_rs.rendering.render_integrator import IntegratorRenderer
 from davis_rs.rendering.renderers import make_renderer
-from davis_rs.scene.light_profile import SampledProfile
+from davis_rs.scene.light_profile import LightProfile, SampledProfile
 from davis_rs.trajectory.views import Views
 from lamp_box import lamp_box
 from lit_scenes import (
@@ -113,7 +113,7 @@ def lit_by(scene: Scene) -> AbstractContextManager[tuple[Any, Irradiance]]:
     def light() -> Iterator[tuple[Any, Irradiance]]:
         with variant(FAST) as (mi, _):
             loaded = load_scene_source(scene.source(), mi)
-            with irradiance_of(loaded, mi, [""], PartialBake()) as lights:
+            with irradiance_of(loaded, mi, light_groups(loaded, []), PartialBake()) as lights:
                 yield loaded, lights(0.0)[0]
 
     return light()
@@ -391,6 +391,98 @@ def test_lights_flicker_one_by_one() -> None:
     assert np.abs(both - later).max() > 1.0
 
 
+SUN = """<emitter type="directional"><vector name="direction" x="0.3" y="0.2" z="-1"/></emitter>"""
+SKY = """<emitter type="constant"/>"""
+BULB = """<emitter type="point"><point name="position" x="{}" y="0.4" z="0.9"/></emitter>"""
+PANEL = """<shape type="rectangle" {}>
+    <transform name="to_world"><scale value="{}"/><rotate x="1" angle="180"/><translate x="{}" z="2"/></transform>
+    <emitter type="area" {}><spectrum name="radiance" value="{}"/></emitter>
+</shape>"""
+
+
+def xml_scene(folder: Path, *lights: str, depth: int = 2, profile: dict[str, LightProfile] | None = None) -> Scene:
+    """A file of a floor without an id under lights."""
+    file = folder / "scene.xml"
+    file.write_text(
+        f"""<scene version="3.0.0">
+            <integrator type="path"><integer name="max_depth" value="{depth}"/></integrator>
+            <shape type="rectangle"><transform name="to_world"><scale value="1.5"/></transform></shape>
+            {"".join(lights)}
+        </scene>"""
+    )
+    return Scene("file", lambda: file, lights=profile or {})
+
+
+@pytest.mark.parametrize(
+    "lights",
+    [
+        [SKY],
+        [SUN, SKY],
+        [PANEL.format("", 0.4, 0.3, "", 5.0), SKY],
+        [PANEL.format("", 0.4, 0.3, "", 5.0), PANEL.format("", 0.005, -0.4, "", 9e3)],
+        [BULB.format(0.3), BULB.format(-0.5), SUN, PANEL.format("", 0.3, 0.5, "", 2.0), SKY],
+    ],
+    ids=["sky", "sun, sky", "lamp, sky", "lamp, small lamp", "all"],
+)
+def test_lights_without_an_id_shine(lights: list[str], tmp_path: Path) -> None:
+    """One or several, of one kind or of many: the path tracer's luma, but for its noise."""
+    scene = xml_scene(tmp_path, *lights)
+    baked, traced = luma_of(scene, 0.1), luma_of(scene, kind="integrator", samples=128)
+    assert traced.min() > 0.01
+    assert np.median(baked / traced) == pytest.approx(1.0, abs=0.01)
+    assert np.quantile(np.abs(baked / traced - 1), 0.9) < 0.1
+
+
+@pytest.mark.parametrize(("size", "own_id"), [(0.4, 'id="own"'), (0.005, "")], ids=["large", "small, without an id"])
+def test_the_light_of_a_shape_flickers_whatever_its_own_id_is(size: float, own_id: str, tmp_path: Path) -> None:
+    """``panel.emitter`` is the one light of the shape ``panel``; other lights, which have no names, stay."""
+    panel = PANEL.format('id="panel"', size, 0.3, own_id, 1 / size**2)
+    others = [PANEL.format("", 0.3, -0.4, "", 2.0), SKY]
+
+    def seen(t_s: float, *lights: str) -> npt.NDArray[np.float32]:
+        profile = {"panel.emitter": SampledProfile([0.0, 1.0], [1.0, 0.25])}
+        path = SegmentTrajectory(DOWN, DOWN, 1.0)
+        scene = xml_scene(tmp_path, *lights, profile=profile)
+        return build(scene, 0.1).luma(Views.along(path, np.array([t_s])))[0]
+
+    both, later, alone = seen(0.0, panel, *others), seen(1.0, panel, *others), seen(0.0, panel)
+    assert later == pytest.approx(both - 0.75 * alone, rel=0.02)
+    assert np.abs(both - later).max() > 0.02
+
+
+def test_light_of_the_cache_is_that_of_the_light_that_flickers() -> None:
+    """Two scenes that differ in nothing but which of two lamps has the name that a profile gives."""
+    left, right = plate(-0.5, 0, 2, (0.3, 0.3), up=False), plate(0.5, 0, 2, (0.3, 0.3), up=False)
+    profile = {"first.emitter": SampledProfile([0.0, 1.0], [1.0, 0.0])}
+
+    def slope(**lamps: Parts) -> float:
+        scene = make_scene(DIRECT, profile, floor=plate(0, 0, 0, (1, 1)), **lamps)
+        luma = build(scene, 0.2).luma(Views.along(SegmentTrajectory(DOWN, DOWN, 1.0), np.array([1.0])))[0]
+        return float((luma[:, -1] - luma[:, 0]).mean())
+
+    shining = {"emitter": area(3.0)}
+    assert slope(first=left | shining, second=right | shining) > 0.02
+    assert slope(second=left | shining, first=right | shining) < -0.02
+
+
+def test_light_that_would_be_dropped_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A light that no group has, and light that is known nowhere, end the run: they would be black without a word."""
+    scene = make_scene(DIRECT, floor=plate(0, 0, 0, (1, 1)), panel=lamp(), sky={"type": "constant"})
+    with variant(FAST) as (mi, _):
+        loaded = load_scene_source(scene.source(), mi)
+        (group,) = light_groups(loaded, [])
+        without = [replace(group, lights=group.lights[:1])]
+        with (
+            pytest.raises(ValueError, match="light 'sky', a ConstantBackgroundEmitter, is in no group"),
+            irradiance_of(loaded, mi, without, PartialBake()),
+        ):
+            pass
+    nothing = LightMaps(np.zeros((4, 2), int), [], np.zeros(1), 0.0, 0.0, 0, (0, 0), True, 0.0)
+    monkeypatch.setattr(baked_scene, "bake", lambda *_, **__: nothing)
+    with pytest.raises(ValueError, match="light was baked at no point, although scene 'lit' has light and surfaces"):
+        build(scene, kind="auto")
+
+
 def test_the_same_bits_with_and_without_cache_and_on_any_threads(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -545,7 +637,7 @@ def test_a_full_cache_loses_what_was_not_used_for_longest(folder: Path, monkeypa
         ({"panel": lamp(2.0, [1.0, 1.0, np.nan])}, r"'panel\.emitter', a AreaLight, has radiance\.value nan"),
         (
             {"bulb": {"type": "spot", "texture": {"type": "bitmap", "raw": True, "data": np.ones((2, 2, 3), "f4")}}},
-            "the spot light 'bulb' has a texture",
+            "light 'bulb', a SpotLight, has a texture",
         ),
         ({"sky": environment(np.full((4, 8, 3), np.nan))}, r"'sky', a EnvironmentMapEmitter, has data nan; light is"),
         ({"sky": environment(np.full((4, 8, 3), -2.0))}, r"'sky', a EnvironmentMapEmitter, has data -2; light is"),
@@ -579,6 +671,7 @@ def test_what_is_not_baked_is_left_to_mitsuba() -> None:
     for scene, message in (
         (small, "the small lamp 'bulb' moves"),
         (make_scene({"type": "depth"}, floor=floor, panel=lamp()), "DepthIntegrator"),
+        (make_scene(PATH | {"max_depth": 1}, floor=floor, panel=lamp()), "max_depth 1 show lamps alone"),
     ):
         with pytest.raises(ValueError, match=message):
             build(scene)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -240,6 +242,27 @@ def test_an_unknown_light_is_refused(kind: str, name: str, llvm: str) -> None:
     scene = make_scene({name: PROFILES[0]}, lamp=LAMP, sky=SKY, floor=FLOOR)
     with pytest.raises(ValueError, match=f"has no light '{name}'; it has lamp, sky"):
         make_renderer(scene, CAMERA, kind=kind)
+
+
+def test_a_name_that_no_light_has_alone_is_refused(tmp_path: Path) -> None:
+    """A profile of two lights, or of one without an id, would change some light and not another."""
+    file = tmp_path / "scene.xml"
+    file.write_text(
+        """<scene version="3.0.0">
+            <integrator type="direct"/>
+            <shape type="rectangle" id="lamp"><emitter type="area"/></shape>
+            <emitter type="point" id="lamp.emitter"/>
+            <emitter type="constant"/>
+            <shape type="rectangle"/>
+        </scene>"""
+    )
+    scene = Scene("file", lambda: file)
+    with pytest.raises(ValueError, match=r"scene 'file' has 2 lights 'lamp\.emitter'; give each of them an id"):
+        make_renderer(replace(scene, lights={"lamp.emitter": PROFILES[0]}), CAMERA)
+    with pytest.raises(ValueError, match=r"no light ''; it has lamp\.emitter, 1 without an id, which cannot be named"):
+        make_renderer(replace(scene, lights={"": PROFILES[0]}), CAMERA)
+    with pytest.raises(ValueError, match="no object ''; it has lamp, 1 without an id, which cannot be named"):
+        make_renderer(replace(scene, objects={"": SegmentTrajectory(POSE, POSE, 1.0)}), CAMERA)
 
 
 @pytest.mark.usefixtures("llvm")

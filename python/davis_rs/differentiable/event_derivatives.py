@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..close_names import did_you_mean
+from ..rendering.scene_names import distinct_names
 from .event_levels import EventLevels
 from .log_luma import LogLuma, LogLumaField
 from .moved_path import MovedPath, right_jacobians
@@ -136,13 +137,15 @@ class EventDerivatives(ABC):
         return per_log @ (start - self.field.by_texel(self.t_us, self.levels.pixel))
 
     def texture_columns(self) -> dict[str, IntArray]:
-        """For each shape, ``<id>.reflectance``, the columns (H, W) of its texels in :meth:`reflectance`."""
+        """For each shape, ``<id>.reflectance``, the columns (H, W) of its texels in :meth:`reflectance`.
+
+        A shape without an id is ``shape[number]``, in the order of the scene.
+        """
         table = self.field.renderer.table
+        names = distinct_names([str(shape.id()) for shape in table.scene.shapes()], "shape")
         return {
-            f"{shape.id()}.reflectance": first + np.arange(height * width).reshape(height, width)
-            for shape, (first, width, height, _) in zip(
-                table.scene.shapes(), table.textures.sizes.tolist(), strict=True
-            )
+            f"{name}.reflectance": first + np.arange(height * width).reshape(height, width)
+            for name, (first, width, height, _) in zip(names, table.textures.sizes.tolist(), strict=True)
         }
 
     @abstractmethod

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ..rendering.scene_names import distinct_names
 from ..rendering.scene_table import Light, SceneTable
 from ..rendering.scene_texture import TextureTable, wrap_index
 from ..rendering.table_kernel import TableKernel
@@ -24,12 +25,14 @@ class DifferentiableKernel(TableKernel):
 
     def __init__(self, table: SceneTable, mi: Any) -> None:
         super().__init__(table, mi)
-        self._textures = {f"{shape.id()}.reflectance": number for number, shape in enumerate(table.scene.shapes())}
+        shapes = distinct_names([str(shape.id()) for shape in table.scene.shapes()], "shape")
+        self._textures = {f"{name}.reflectance": number for number, name in enumerate(shapes)}
         self._strengths, self._vectors = {}, {}
-        for number, light in enumerate(table.lights):
-            self._strengths[f"{light.name}.{_STRENGTHS[light.kind]}"] = number
+        lights = distinct_names([light.name for light in table.lights], "light")
+        for number, (name, light) in enumerate(zip(lights, table.lights, strict=True)):
+            self._strengths[f"{name}.{_STRENGTHS[light.kind]}"] = number
             if light.kind in _VECTORS:
-                self._vectors[f"{light.name}.{_VECTORS[light.kind]}"] = number
+                self._vectors[f"{name}.{_VECTORS[light.kind]}"] = number
 
     def parameters(self) -> dict[str, Any]:
         """The scene's own values, ``mi.TensorXf``, by name."""

@@ -63,7 +63,7 @@ class LogLumaField:
     Attributes:
         path: of the camera.
         pixels: of the renderer, and its blur.
-        light_names: of the scene, in its order, each once.
+        light_names: of the scene, in its order, each once; empty for all light that has no name of its own.
         of_light_name: (l, names) 1 where a light of the table has a name.
     """
 

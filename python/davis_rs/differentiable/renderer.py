@@ -84,7 +84,8 @@ class DifferentiableRenderer:
         For each shape ``<id>.reflectance`` (H, W, 3): its texels, linear RGB; (1, 1, 3) for a shape of one colour. For
         each light ``<id>.intensity`` (point, W/sr), ``<id>.irradiance`` (directional, W/m^2) or ``<id>.radiance``
         (constant), (1,), in its strongest channel: the light's colour stays. ``<id>.position`` (3,) of a point light,
-        metres, and ``<id>.direction`` (3,) of a directional one: where its light travels, of any length.
+        metres, and ``<id>.direction`` (3,) of a directional one: where its light travels, of any length. What has no id
+        is ``shape[number]`` or ``light[number]``, in the order of the scene.
         """
         with variant(FAST):
             return self._kernel.parameters()

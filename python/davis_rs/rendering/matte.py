@@ -196,4 +196,5 @@ def _traversal() -> Any:
 def _name(bsdf: Any, shape: Any) -> str:
     """How the scene calls a material: by its id, or by that of the shape where it has none of its own."""
     name = str(bsdf.id())
-    return str(shape.id()) if name in ("", "bsdf") or name.startswith("_") else name
+    own = name not in ("", "bsdf") and not name.startswith("_")
+    return name if own else str(shape.id()) or "one without an id"

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from .scene_names import SceneLight, scene_lights, shape_name
 from .scene_updates import PlacedShape, like, strength_key
 
 SMALLEST, LARGEST = 1.0, 1e4
@@ -80,13 +81,13 @@ def _changes(scene: Any, integrator: Any, mi: Any) -> Iterator[_Change]:
         raise _Unscalable(f"the integrator, a {integrator.class_name()}, whose values may be lengths")
     for shape in scene.shapes():
         yield _shape_change(shape, mi)
-    for emitter in scene.emitters():
-        if emitter.class_name() not in (*_FAR_LIGHTS, *_SURFACE_LIGHTS):
-            yield _light_change(emitter, mi)
+    for light in scene_lights(scene):
+        if light.emitter.class_name() not in (*_FAR_LIGHTS, *_SURFACE_LIGHTS):
+            yield _light_change(light, mi)
 
 
 def _shape_change(shape: Any, mi: Any) -> _Change:
-    name = f"shape {shape.id()!r}, a {shape.class_name()}"
+    name = f"{shape_name(shape)}, a {shape.class_name()}"
     if shape.interior_medium() is not None or shape.exterior_medium() is not None:
         raise _Unscalable(f"the medium of {name}")
     bsdf = str(shape.bsdf())
@@ -102,17 +103,17 @@ def _shape_change(shape: Any, mi: Any) -> _Change:
     raise _Unscalable(name)
 
 
-def _light_change(emitter: Any, mi: Any) -> _Change:
+def _light_change(light: SceneLight, mi: Any) -> _Change:
     """Scales a light that stands in one point: its place, and its strength with the square of the distances."""
-    parameters = mi.traverse(emitter)
-    kind = emitter.class_name()
+    parameters = mi.traverse(light.emitter)
+    kind = light.emitter.class_name()
     if kind == "PointLight":
         place = _multiply(parameters, "position", 1)
     elif kind in ("SpotLight", "Projector"):
         place = _move(parameters, "to_world")
     else:
-        raise _Unscalable(f"light {emitter.id()!r}, a {kind}")
-    strengthen = _multiply(parameters, strength_key("", parameters), 2)
+        raise _Unscalable(f"{light}, a {kind}")
+    strengthen = _multiply(parameters, strength_key(light, parameters), 2)
 
     def change(factor: float) -> None:
         place(factor)

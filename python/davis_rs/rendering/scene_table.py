@@ -19,8 +19,9 @@ from ..luma import LUMA_WEIGHTS
 from .baked_light.bake import Surfaces
 from .baked_light.baked_scene import BakedLight
 from .baked_light.light_maps import map_coordinates
-from .baked_light.lights import SHARP, area_light_name, small_lamps
+from .baked_light.lights import SHARP, small_lamps
 from .mesh_triangles import MeshTriangles
+from .scene_names import SceneLight, scene_lights, shape_name
 from .scene_texture import TextureTable, Unsuitable
 from .shadow_rays import scene_centre
 
@@ -99,10 +100,10 @@ class SceneTable:
         if not any_integrator and bake is None:
             _check_integrator(scene.integrator())
         colours: list[FloatArray] = []
-        direct = [e for e in scene.emitters() if bake is None or e.class_name() in SHARP]
-        self.lights = [_light(emitter, mi, colours) for emitter in direct]
-        for shape in [] if bake is None else small_lamps(scene):
-            self.lights += _lamp_points(shape, mi, colours)
+        direct = [light for light in scene_lights(scene) if bake is None or light.emitter.class_name() in SHARP]
+        self.lights = [_light(light, mi, colours) for light in direct]
+        for lamp in [] if bake is None else small_lamps(scene):
+            self.lights += _lamp_points(lamp, mi, colours)
         group_weights = [np.asarray(LUMA_WEIGHTS) * colour for colour in colours]
         self.textures = TextureTable(mi, group_weights)
         corners, planes, normals, two_sided, frames = [], [], [], [], []
@@ -110,7 +111,7 @@ class SceneTable:
         smooth = False
         for shape in scene.shapes():
             if not shape.is_mesh():
-                raise Unsuitable(f"shape {shape.id()!r} is a {shape.class_name()}, not made of triangles")
+                raise Unsuitable(f"{shape_name(shape)} is a {shape.class_name()}, not made of triangles")
             mesh = MeshTriangles(shape)
             two_sided.append(np.full(mesh.count, self.textures.add(shape, mesh.count), np.uint32))
             frame = self.moving.index(shape.id()) + 1 if shape.id() in self.moving else 0
@@ -227,10 +228,10 @@ def _check_integrator(integrator: Any) -> None:
         )
 
 
-def _light(emitter: Any, mi: Any, colours: list[FloatArray]) -> Light:
-    """The emitter as a light; its colour joins ``colours`` unless one of the same hue is there."""
-    kind = emitter.class_name()
-    parameters = mi.traverse(emitter)
+def _light(light: SceneLight, mi: Any, colours: list[FloatArray]) -> Light:
+    """The same light for the table; its colour joins ``colours`` unless one of the same hue is there."""
+    kind = light.emitter.class_name()
+    parameters = mi.traverse(light.emitter)
     names = {
         "PointLight": ("point", "intensity.value"),
         "DirectionalEmitter": ("directional", "irradiance.value"),
@@ -244,7 +245,7 @@ def _light(emitter: Any, mi: Any, colours: list[FloatArray]) -> Light:
     vector, axis, angles = np.zeros(3), None, None
     if kind == "spot":
         if not np.array_equal(np.array(parameters.get("texture.value", 0.0)).reshape(-1), [1.0]):
-            raise Unsuitable(f"the spot light {emitter.id()!r} has a texture")
+            raise Unsuitable(f"{light}, a {light.emitter.class_name()}, has a texture")
         matrix = np.array(parameters["to_world"].matrix, np.float64).reshape(4, 4)
         vector, axis = matrix[:3, 3], matrix[:3, 2] / np.linalg.norm(matrix[:3, 2])
         full, cutoff = (float(np.array(parameters[key]).reshape(())) for key in ("beam_width", "cutoff_angle"))
@@ -254,7 +255,7 @@ def _light(emitter: Any, mi: Any, colours: list[FloatArray]) -> Light:
     elif kind == "directional":
         vector = np.array(parameters["to_world"].matrix, np.float64).reshape(4, 4)[:3, 2]
         vector = vector / np.linalg.norm(vector)
-    return Light(kind, group, strength, vector, emitter.id(), axis=axis, angles=angles)
+    return Light(kind, group, strength, vector, light.name, axis=axis, angles=angles)
 
 
 def _strength(value: Any, colours: list[FloatArray]) -> tuple[float, int]:
@@ -268,16 +269,17 @@ def _strength(value: Any, colours: list[FloatArray]) -> tuple[float, int]:
     return strength, group
 
 
-def _lamp_points(shape: Any, mi: Any, colours: list[FloatArray]) -> list[Light]:
+def _lamp_points(lamp: SceneLight, mi: Any, colours: list[FloatArray]) -> list[Light]:
     """A small lamp as a lattice of places on it that shine with the cosine of the angle to their normals."""
-    parameters = mi.traverse(shape.emitter())
+    shape, parameters = lamp.shape, mi.traverse(lamp.emitter)
+    assert shape is not None
     if "radiance.value" not in parameters:
-        raise Unsuitable(f"light {area_light_name(shape)!r} has a radiance that differs from place to place")
+        raise Unsuitable(f"{lamp} has a radiance that differs from place to place")
     strength, group = _strength(parameters["radiance.value"], colours)
     share = strength * float(np.array(shape.surface_area()).reshape(())) / LAMP_POINTS
     lights = []
     for x, y in rank1_lattice(LAMP_POINTS) + 0.5:
         sample = shape.sample_position(0.0, mi.Point2f(float(x), float(y)))
         place, normal = (np.array(one, np.float64).reshape(3) for one in (sample.p, sample.n))
-        lights.append(Light("lamp", group, share, place, area_light_name(shape), axis=normal))
+        lights.append(Light("lamp", group, share, place, lamp.name, axis=normal))
     return lights

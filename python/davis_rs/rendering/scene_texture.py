@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from .._mitsuba import FAST
 from ..scene.textures import from_srgb
+from .scene_names import shape_name
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -98,10 +99,10 @@ class TextureTable:
         parameters = self._mi.traverse(bsdf)
         two_sided = bsdf.class_name() == "TwoSidedBRDF"
         if not (two_sided or bsdf.class_name() == "SmoothDiffuse") or "SmoothDiffuse" not in str(bsdf):
-            raise UnsuitableSurface(f"shape {shape.id()!r} has a {bsdf.class_name()} surface, not a diffuse one")
+            raise UnsuitableSurface(f"{shape_name(shape)} has a {bsdf.class_name()} surface, not a diffuse one")
         prefix = "brdf_0.reflectance" if two_sided else "reflectance"
         if two_sided and not _same_on_both_sides(parameters):
-            raise Unsuitable(f"shape {shape.id()!r} has two different sides")
+            raise Unsuitable(f"{shape_name(shape)} has two different sides")
         if f"{prefix}.value" in parameters:
             texels = np.broadcast_to(np.array(parameters[f"{prefix}.value"], np.float64).reshape(-1), (1, 1, 3))
             uv_map, wrap = np.eye(3), 0
@@ -109,7 +110,7 @@ class TextureTable:
             uv_map = np.array(parameters[f"{prefix}.to_uv"].matrix, np.float64).reshape(3, 3)
             texels, wrap = self._lookup(shape, np.array(parameters[f"{prefix}.data"]), uv_map)
         else:
-            raise UnsuitableSurface(f"shape {shape.id()!r} has a reflectance that is neither a constant nor a bitmap")
+            raise UnsuitableSurface(f"{shape_name(shape)} has a reflectance that is neither a constant nor a bitmap")
         height, width = texels.shape[:2]
         first = sum(len(t) for t in self._texels)
         self._texture_of.append(np.full(records, len(self._sizes), np.uint32))
@@ -134,7 +135,7 @@ class TextureTable:
             for wrap in range(len(WRAP_MODES)):
                 if (np.abs(bilinear(texels, mapped, wrap) - own) < tolerance).all():
                     return texels, wrap
-        raise Unsuitable(f"shape {shape.id()!r} has a texture whose lookup is not bilinear")
+        raise Unsuitable(f"{shape_name(shape)} has a texture whose lookup is not bilinear")
 
 
 def _looked_up(mi: Any, bsdf: Any, uv: npt.NDArray[np.float32]) -> FloatArray:

@@ -10,6 +10,7 @@ import numpy.typing as npt
 from ..pose import FloatArray
 from ..scene.scene import Scene
 from .scene_motion import SceneMotion, SceneState
+from .scene_names import SceneLight, light_named, scene_lights, shape_named
 
 _STRENGTHS = (
     *("scale", "intensity.value", "irradiance.value", "radiance.value"),
@@ -21,24 +22,20 @@ def scene_motion(scene: Scene, loaded: Any, mi: Any) -> SceneMotion:
     """What moves and flickers in a scene that is loaded.
 
     Raises:
-        ValueError: for an object or light that the scene does not have (the message names those that it has), or one
-            that cannot move or change.
+        ValueError: for an object or light that the scene does not have (the message names those that it has), or has
+            more than once, or one that cannot move or change.
     """
     if not (scene.objects or scene.lights):
         return SceneMotion({}, {}, {})
-    parameters = mi.traverse(loaded)
-    shapes = {shape.id(): shape for shape in loaded.shapes()}
-    split = [key.rpartition(".") for key in list(parameters.keys())]
-    lights = [name for name, _, parameter in split if parameter == "sampling_weight"]
-    for kind, asked, known in (("object", scene.objects, shapes), ("light", scene.lights, lights)):
-        unknown = [name for name in asked if name not in known]
-        if unknown:
-            raise ValueError(f"scene {scene.name!r} has no {kind} {unknown[0]!r}; it has {', '.join(known) or 'none'}")
-    for name in scene.objects:
-        _place_key(name, shapes[name], parameters)
+    where = f"scene {scene.name!r}"
+    parameters, lights = mi.traverse(loaded), scene_lights(loaded)
+    shapes = {name: shape_named(name, loaded.shapes(), where) for name in scene.objects}
+    for name, shape in shapes.items():
+        _place_key(name, shape, parameters)
     for name in scene.lights:
-        strength_key(name, parameters)
-    boxes = {name: [np.array(end).reshape(3) for end in _corners(shapes[name])] for name in scene.objects}
+        light = light_named(name, lights, where)
+        strength_key(light, mi.traverse(light.emitter))
+    boxes = {name: [np.array(end).reshape(3) for end in _corners(shape)] for name, shape in shapes.items()}
     return SceneMotion(scene.objects, scene.lights, boxes)
 
 
@@ -55,17 +52,33 @@ def _place_key(name: str, shape: Any, parameters: Any) -> str:
     raise ValueError(f"object {name!r} is a {shape.class_name()}, which cannot move; meshes and simple shapes can")
 
 
-def strength_key(name: str, parameters: Any) -> str:
-    """The parameter in which a light is linear.
+def strength_key(light: SceneLight, parameters: Any) -> str:
+    """The parameter, of the light's own, in which it is linear.
 
-    Args:
-        name: of the light; empty for parameters of the light alone.
+    Raises:
+        ValueError: if there is none.
     """
-    for strength in _STRENGTHS:
-        key = f"{name}.{strength}" if name else strength
+    for key in _STRENGTHS:
         if key in parameters:
             return key
-    raise ValueError(f"light {name!r} has none of {', '.join(_STRENGTHS)}: its strength cannot change")
+    raise ValueError(f"{light} has none of {', '.join(_STRENGTHS)}: its strength cannot change")
+
+
+class LightStrength:
+    """The strength of a light, as a multiple of what it was."""
+
+    def __init__(self, light: SceneLight, mi: Any) -> None:
+        self._parameters = mi.traverse(light.emitter)
+        self._key = strength_key(light, self._parameters)
+        self._values = np.array(self._parameters[self._key], np.float64)
+        self._factor = 1.0
+
+    def set(self, factor: float) -> None:
+        """Make the light this strong; what is so already is left alone."""
+        if factor != self._factor:
+            self._parameters[self._key] = like(self._parameters[self._key], self._values * factor)
+            self._parameters.update()
+            self._factor = factor
 
 
 def owner_numbers(scene: Any, motion: SceneMotion, mi: Any, dr: Any) -> npt.NDArray[np.uint32]:
@@ -85,13 +98,11 @@ class SceneUpdates:
 
     def __init__(self, scene: Any, motion: SceneMotion, mi: Any) -> None:
         self._parameters = mi.traverse(scene)
-        shapes = {shape.id(): shape for shape in scene.shapes()}
-        keys = [_place_key(name, shapes[name], self._parameters) for name in motion.objects]
+        shapes, lights = scene.shapes(), scene_lights(scene)
+        keys = [_place_key(name, shape_named(name, shapes), self._parameters) for name in motion.objects]
         self._objects = [PlacedShape(self._parameters, key) for key in keys]
-        self._lights = [strength_key(name, self._parameters) for name in motion.lights]
-        self._strengths = [np.array(self._parameters[key], np.float64) for key in self._lights]
+        self._lights = [LightStrength(light_named(name, lights), mi) for name in motion.lights]
         self._poses = [np.full((4, 4), np.nan)] * len(self._objects)  # nowhere yet
-        self._factors: list[float] = [1.0] * len(self._lights)
 
     def set(self, state: SceneState, instant: int) -> None:
         """Bring the scene to one of a state's instants; what is there already is left alone."""
@@ -101,11 +112,9 @@ class SceneUpdates:
             if not np.array_equal(pose, self._poses[number]):
                 moving.place(pose)
                 self._poses[number] = pose
-        for number, (key, factor) in enumerate(zip(self._lights, state.factors[instant].tolist(), strict=True)):
-            if factor != self._factors[number]:
-                self._parameters[key] = like(self._parameters[key], self._strengths[number] * factor)
-                self._factors[number] = factor
         self._parameters.update()
+        for light, factor in zip(self._lights, state.factors[instant].tolist(), strict=True):
+            light.set(factor)
 
 
 def like(value: Any, values: FloatArray) -> Any:

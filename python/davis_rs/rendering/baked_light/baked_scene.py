@@ -25,6 +25,7 @@ from .lights import (
     background_luma,
     check_lights,
     emissions,
+    has_baked_light,
     irradiance_of,
     light_groups,
     numbers,
@@ -35,7 +36,7 @@ from .lights import (
 
 FloatArray = npt.NDArray[np.float64]
 
-VERSION = 3
+VERSION = 4
 """Of what is computed, so that light of older versions is not taken from the cache."""
 
 
@@ -51,7 +52,7 @@ class BakedLight:
     Attributes:
         maps: irradiance, for each instant and group of lights.
         times: when bodies are where, of the scene.
-        names: of the groups: "" for all lights that do not change, and the names of those that do.
+        names: of the groups: empty for all lights that do not change, and then the names of those that do.
         emitted: (t) luma that each triangle emits from its front.
         emitters: (t) the group that this belongs to.
         backgrounds: luma of a ray that hits nothing, by each group.
@@ -125,17 +126,19 @@ def baked_light(scene: Scene, surfaces: Surfaces, motion: SceneMotion, error: fl
             raise Unsuitable("it has no lights")
         paths = paths_of(loaded.integrator())
         check_lights(loaded, mi)
-        names = light_groups(loaded, list(motion.lights))
-        for shape in small_lamps(loaded):
-            if shape.id() in motion.objects:
+        groups = light_groups(loaded, list(motion.lights))
+        for shape in (lamp.shape for lamp in small_lamps(loaded)):
+            if shape is not None and shape.id() in motion.objects:
                 raise Unsuitable(f"the small lamp {shape.id()!r} moves: its sharp shadows would have to move with it")
         duration_s = None if scene.trajectory is None else scene.trajectory.duration_s
         times = motion_times(motion, duration_s)
-        emitted, emitters = emissions(loaded, mi, surfaces.counts, names)
-        backgrounds = background_luma(loaded, mi, names)
-        sky = sky_map(loaded, mi, names)
+        emitted, emitters = emissions(loaded, mi, surfaces.counts, groups)
+        backgrounds = background_luma(loaded, mi, groups)
+        sky = sky_map(loaded, mi, groups)
         content = _content(loaded, mi, surfaces, _poses(motion, times))
-        settings = (VERSION, sorted(versions(FAST).items()), paths, names, error, content)
+        # Groups by the numbers of their lights: names say nothing of what they are.
+        lights = [group.numbers for group in groups]
+        settings = (VERSION, sorted(versions(FAST).items()), paths, lights, error, content)
         key = hashlib.sha256(repr(settings).encode()).hexdigest()
         maps = _known.get(key)
         if maps is None and (maps := cache.load(key)) is not None:
@@ -145,7 +148,7 @@ def baked_light(scene: Scene, surfaces: Surfaces, motion: SceneMotion, error: fl
             with (
                 progress("baking light", 0, unit="points") as bar,
                 cache.kept_if_stopped(key, kept),
-                irradiance_of(loaded, mi, names, kept, motion) as lights_at,
+                irradiance_of(loaded, mi, groups, kept, motion) as lights_at,
             ):
 
                 def seen(what: str, done: int, expected: int) -> None:
@@ -153,11 +156,17 @@ def baked_light(scene: Scene, surfaces: Surfaces, motion: SceneMotion, error: fl
                     bar.to(done, what)
 
                 maps = bake(surfaces, times, lights_at, error, seen=seen)
+            if not maps.points and has_baked_light(loaded):
+                raise ValueError(
+                    f"light was baked at no point, although scene {scene.name!r} has light and surfaces: all would be "
+                    "black. This is a fault of davis_rs; renderer='integrator' does without baked light"
+                )
             say(f"the scene's light was baked in {maps.seconds:.3g} s, at {maps.points:,} points")
             cache.store(key, maps)
         while len(_known) >= _MOST_KNOWN:
             del _known[next(iter(_known))]
         _known[key] = maps
+    names = [group.name for group in groups]
     return BakedLight(maps, times, names, emitted, emitters, backgrounds, sky, content, cache.holds(key))
 
 

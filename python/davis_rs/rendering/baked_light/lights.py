@@ -6,16 +6,17 @@ import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from ...luma import LUMA_WEIGHTS
 from ..scene_motion import STILL, SceneMotion
+from ..scene_names import SceneLight, light_named, scene_lights
 from ..scene_scale import scale_scene
 from ..scene_texture import Unsuitable
-from ..scene_updates import SceneUpdates, like, strength_key
+from ..scene_updates import LightStrength, SceneUpdates
 from .irradiance import Irradiance
 from .partial import PartialBake
 
@@ -43,6 +44,11 @@ class Paths:
     max_depth: int
     rr_depth: int
 
+    @property
+    def bounce(self) -> bool:
+        """Whether light goes on from the first surface that it meets."""
+        return self.max_depth < 0 or self.max_depth > 2
+
 
 def paths_of(integrator: Any) -> Paths:
     """The paths that a scene's integrator follows.
@@ -59,6 +65,8 @@ def paths_of(integrator: Any) -> Paths:
         raise Unsuitable(f"the scene asks for Mitsuba's {kind}; light is baked for its path and direct integrators")
     found = {name: int(value) for name, value in re.findall(r"(\w+_depth) = (-?\d+)", str(integrator))}
     depth = found.get("max_depth", _PATH_DEPTH)
+    if depth in (0, 1):
+        raise Unsuitable(f"paths of max_depth {depth} show lamps alone, and no light on surfaces")
     return Paths(-1 if depth >= 2**31 else depth, found.get("rr_depth", _ROULETTE_DEPTH))
 
 
@@ -70,9 +78,9 @@ def check_lights(scene: Any, mi: Any) -> None:
         Unsuitable: for a kind of light that is not baked.
     """
     hidden = bool(getattr(scene.integrator(), "hide_emitters", False))
-    for own_name, emitter in named_emitters(scene):
-        kind, parameters = emitter.class_name(), mi.traverse(emitter)
-        name = f"light {own_name!r}, a {kind},"
+    for light in scene_lights(scene):
+        kind, parameters = light.emitter.class_name(), mi.traverse(light.emitter)
+        name = f"{light}, a {kind},"
         for key, values in ((key, _flat(parameters[key])) for key in parameters.keys()):  # noqa: SIM118
             if key.partition(".")[0] not in ("radiance", "intensity", "irradiance", "data", "scale"):
                 continue
@@ -90,32 +98,79 @@ def check_lights(scene: Any, mi: Any) -> None:
                 raise Unsuitable(f"{name} is hidden by the scene's integrator (hide_emitters)")
 
 
-def emissions(scene: Any, mi: Any, counts: Sequence[int], names: Sequence[str]) -> tuple[FloatArray, IntArray]:
+@dataclass(frozen=True, eq=False)
+class LightGroup:
+    """Lights that are baked together, because their strengths change together.
+
+    Attributes:
+        name: of the profile that they follow; empty where their strengths do not change.
+        lights: perhaps none.
+        numbers: of the lights among those of the scene.
+    """
+
+    name: str
+    lights: tuple[SceneLight, ...]
+    numbers: tuple[int, ...]
+
+
+def light_groups(scene: Any, changing: Sequence[str]) -> list[LightGroup]:
+    """All lights that do not change in one group, and after it those that change, each in a group of its own.
+
+    Args:
+        changing: names of the lights that change.
+
+    Raises:
+        ValueError: for a name that no light has, or more than one.
+    """
+    lights = scene_lights(scene)
+    owners = [light_named(name, lights).emitter for name in changing]
+    numbers = [[n for n, light in enumerate(lights) if light.emitter is owner] for owner in owners]
+    apart = {n for own in numbers for n in own}
+    numbers.insert(0, [n for n in range(len(lights)) if n not in apart])
+    return [
+        LightGroup(name, tuple(lights[n] for n in own), tuple(own))
+        for name, own in zip(("", *changing), numbers, strict=True)
+    ]
+
+
+def has_baked_light(scene: Any) -> bool:
+    """Whether a scene has light that has to be known at points: all but the direct light of what is sharp."""
+    lamps = small_lamps(scene)
+    return paths_of(scene.integrator()).bounce or any(_is_soft(light, lamps) for light in scene_lights(scene))
+
+
+def emissions(scene: Any, mi: Any, counts: Sequence[int], groups: Sequence[LightGroup]) -> tuple[FloatArray, IntArray]:
     """Luma that each triangle emits from its front (t), and which of the groups of lights it belongs to (t).
 
     Args:
         counts: of the triangles of the scene's shapes.
-        names: of the groups, see :func:`light_groups`.
     """
+    group_of = {id(light.emitter): number for number, group in enumerate(groups) for light in group.lights}
     luma, group = [], []
     for shape, count in zip(scene.shapes(), counts, strict=True):
         radiance, number = 0.0, 0
         if shape.is_emitter():
-            radiance = float(_rgb(mi.traverse(shape.emitter())["radiance.value"]) @ LUMA_WEIGHTS)
-            number = _group(area_light_name(shape), names)
+            radiance = _emitted_luma(shape.emitter(), mi)
+            number = group_of[id(shape.emitter())]
         luma.append(np.full(count, radiance))
         group.append(np.full(count, number))
     return np.concatenate(luma), np.concatenate(group)
 
 
-def background_luma(scene: Any, mi: Any, names: Sequence[str]) -> list[float]:
+def background_luma(scene: Any, mi: Any, groups: Sequence[LightGroup]) -> list[float]:
     """Luma of a ray that hits nothing, by each group of lights."""
-    shown = [0.0] * len(names)
-    if not getattr(scene.integrator(), "hide_emitters", False):
-        for name, emitter in named_emitters(scene):
-            if emitter.class_name() == "ConstantBackgroundEmitter":
-                shown[_group(name, names)] += float(_rgb(mi.traverse(emitter)["radiance.value"]) @ LUMA_WEIGHTS)
-    return shown
+    if getattr(scene.integrator(), "hide_emitters", False):
+        return [0.0] * len(groups)
+    skies = [
+        [light.emitter for light in group.lights if light.emitter.class_name() == "ConstantBackgroundEmitter"]
+        for group in groups
+    ]
+    return [sum((_emitted_luma(sky, mi) for sky in own), 0.0) for own in skies]
+
+
+def _emitted_luma(emitter: Any, mi: Any) -> float:
+    """Luma of a lamp or a sky that is the same everywhere."""
+    return float(_rgb(mi.traverse(emitter)["radiance.value"]) @ LUMA_WEIGHTS)
 
 
 @dataclass(frozen=True)
@@ -133,23 +188,29 @@ class SkyMap:
     texels: npt.NDArray[np.float32]
 
 
-def sky_map(scene: Any, mi: Any, names: Sequence[str]) -> SkyMap | None:
+def sky_map(scene: Any, mi: Any, groups: Sequence[LightGroup]) -> SkyMap | None:
     """The scene's environment map as it is seen; None where there is none, or the integrator hides it."""
     if getattr(scene.integrator(), "hide_emitters", False):
         return None
-    for name, emitter in named_emitters(scene):
-        if emitter.class_name() == "EnvironmentMapEmitter":
-            import drjit as dr
-
-            height = mi.traverse(emitter)["data"].shape[0]
-            side = min(2 * height, _LARGEST_SKY)
-            towards = _octahedral_directions(side)
-            seen = dr.zeros(mi.SurfaceInteraction3f, len(towards))
-            seen.wi = mi.Vector3f(*(mi.Float(np.ascontiguousarray(-column, np.float32)) for column in towards.T))
-            rgb = np.array(emitter.eval(seen), np.float64).reshape(3, -1)
-            texels = (np.asarray(LUMA_WEIGHTS) @ rgb).astype(np.float32)
-            return SkyMap(_group(name, names), side, texels.reshape(side + 2, side + 2))
+    for number, group in enumerate(groups):
+        for emitter in (light.emitter for light in group.lights):
+            if emitter.class_name() == "EnvironmentMapEmitter":
+                return SkyMap(number, *_seen_sky(emitter, mi))
     return None
+
+
+def _seen_sky(emitter: Any, mi: Any) -> tuple[int, npt.NDArray[np.float32]]:
+    """Side and texels of an environment map as a :class:`SkyMap`."""
+    import drjit as dr
+
+    height = mi.traverse(emitter)["data"].shape[0]
+    side = min(2 * height, _LARGEST_SKY)
+    towards = _octahedral_directions(side)
+    seen = dr.zeros(mi.SurfaceInteraction3f, len(towards))
+    seen.wi = mi.Vector3f(*(mi.Float(np.ascontiguousarray(-column, np.float32)) for column in towards.T))
+    rgb = np.array(emitter.eval(seen), np.float64).reshape(3, -1)
+    texels = (np.asarray(LUMA_WEIGHTS) @ rgb).astype(np.float32)
+    return side, texels.reshape(side + 2, side + 2)
 
 
 def _octahedral_directions(side: int) -> FloatArray:
@@ -168,59 +229,52 @@ def _octahedral_directions(side: int) -> FloatArray:
     return np.asarray(directions / np.linalg.norm(directions, axis=1, keepdims=True))
 
 
-def small_lamps(scene: Any) -> list[Any]:
-    """Shapes that shine and are small next to the scene."""
+def small_lamps(scene: Any) -> list[SceneLight]:
+    """The lights of shapes that are small next to the scene."""
 
     def diagonal(box: Any) -> float:
         return float(np.linalg.norm(_flat(box.max) - _flat(box.min)))
 
     limit = SMALL_LAMP * diagonal(scene.bbox())
-    return [shape for shape in scene.shapes() if shape.is_emitter() and diagonal(shape.bbox()) < limit]
+    return [light for light in scene_lights(scene) if light.shape is not None and diagonal(light.shape.bbox()) < limit]
 
 
-def area_light_name(shape: Any) -> str:
-    """The name by which a profile finds the light of a shape."""
-    return f"{shape.id()}.{shape.emitter().id()}"
-
-
-def light_groups(scene: Any, changing: Sequence[str]) -> list[str]:
-    """Names of the lights that change, each of which is baked alone, and before them "" for all others."""
-    known = [name for name, _ in named_emitters(scene)]
-    return ["", *(name for name in changing if name in known)]
-
-
-def named_emitters(scene: Any) -> list[tuple[str, Any]]:
-    """The lights of a scene, each with the name by which a profile finds it."""
-    of_shapes = [(area_light_name(shape), shape.emitter()) for shape in scene.shapes() if shape.is_emitter()]
-    others = [(emitter.id(), emitter) for emitter in scene.emitters() if emitter.class_name() != "AreaLight"]
-    return [*of_shapes, *others]
-
-
-def _group(name: str, names: Sequence[str]) -> int:
-    """The group of a light of this name."""
-    return names.index(name) if name in names else 0
+def _is_soft(light: SceneLight, small: Sequence[SceneLight]) -> bool:
+    """Whether the direct light of a light is baked: it is of a kind without sharp shadows, and not a small lamp."""
+    return light.emitter.class_name() in _SOFT and all(light.emitter is not lamp.emitter for lamp in small)
 
 
 @contextmanager
 def irradiance_of(
-    scene: Any, mi: Any, names: Sequence[str], kept: PartialBake, motion: SceneMotion = STILL
+    scene: Any, mi: Any, groups: Sequence[LightGroup], kept: PartialBake, motion: SceneMotion = STILL
 ) -> Iterator[Callable[[float], list[Irradiance]]]:
     """A function that gives the light of each group of lights at a time in seconds, to be computed one group at a time.
 
     Args:
         scene: loaded under Mitsuba's LLVM variant, which is in use; it is scaled where its size asks for that, and its
             objects are moved.
-        names: see :func:`light_groups`.
+        groups: see :func:`light_groups`.
         kept: what was computed before.
         motion: of the scene's objects.
+
+    Raises:
+        ValueError: for a light of the scene that is not in one of the groups.
     """
+    taken = {id(light.emitter) for group in groups for light in group.lights}
+    for light in scene_lights(scene):
+        if id(light.emitter) not in taken:
+            raise ValueError(
+                f"{light}, a {light.emitter.class_name()}, is in no group of lights: it would not be baked"
+            )
     integrator = scene.integrator() or mi.load_dict({"type": "path"})
     paths = paths_of(scene.integrator())
     scale = scale_scene(scene, integrator, mi)
     placing = _Placing(scene, motion, scale, mi) if motion.objects else None
+    small = small_lamps(scene)
+    shares = [_Share.of(group, groups, small, mi) for group in groups]
 
     def at(t_s: float) -> list[Irradiance]:
-        return [_Group(scene, mi, paths, scale, name, names, kept, placing, t_s) for name in names]
+        return [_ShareOfLight(scene, mi, paths, scale, share, kept, placing, t_s) for share in shares]
 
     yield at
 
@@ -248,8 +302,33 @@ class _Placing:
             self._t_s = t_s
 
 
-class _Group(Irradiance):
-    """The light of some of a scene's emitters: the others are switched off while it is computed."""
+class _Share(NamedTuple):
+    """One group of lights, among all others.
+
+    Attributes:
+        key: tells it from other groups. Names could not: a light may have none, or that of another.
+        soft, sharp: its emitters of which all light is baked, and those of which only what bounces is.
+        others: the lights of all other groups.
+    """
+
+    key: str
+    soft: list[Any]
+    sharp: list[Any]
+    others: list[LightStrength]
+
+    @classmethod
+    def of(cls, own: LightGroup, groups: Sequence[LightGroup], small: Sequence[SceneLight], mi: Any) -> _Share:
+        others = [light for group in groups if group is not own for light in group.lights]
+        return cls(
+            str(own.numbers),
+            [light.emitter for light in own.lights if _is_soft(light, small)],
+            [light.emitter for light in own.lights if not _is_soft(light, small)],
+            [LightStrength(light, mi) for light in others],
+        )
+
+
+class _ShareOfLight(Irradiance):
+    """The light of one group: the others are switched off while it is computed."""
 
     def __init__(
         self,
@@ -257,52 +336,30 @@ class _Group(Irradiance):
         mi: Any,
         paths: Paths,
         scale: float,
-        name: str,
-        names: Sequence[str],
+        share: _Share,
         kept: PartialBake,
         placing: _Placing | None,
         t_s: float,
     ) -> None:
-        self._own_name, self._placing, self._t_s = name, placing, t_s
-        own, self._others = list[tuple[str, Any]](), list[Any]()
-        for its_name, emitter in named_emitters(scene):
-            mine = its_name == name if name else its_name not in names
-            if mine:
-                own.append((its_name, emitter))
-            else:
-                self._others.append(emitter)
-        small = {area_light_name(shape) for shape in small_lamps(scene)}
-        soft, sharp = list[Any](), list[Any]()
-        for its_name, emitter in own:
-            is_soft = emitter.class_name() in _SOFT and its_name not in small
-            (soft if is_soft else sharp).append(emitter)
+        self._key, self._others, self._placing, self._t_s = share.key, share.others, placing, t_s
         depths = {"max_depth": paths.max_depth, "rr_depth": paths.rr_depth}
         poses = None if placing is None else placing.poses(t_s)
-        super().__init__(scene, mi, soft, sharp, **depths, scale=scale, kept=kept, poses=poses)
-        self.bounces = self.bounces and bool(own)
+        super().__init__(scene, mi, share.soft, share.sharp, **depths, scale=scale, kept=kept, poses=poses)
+        self.bounces = self.bounces and bool(share.soft or share.sharp)
 
     def _name(self) -> str:
-        return self._own_name if self._placing is None else f"{self._own_name} at {self._t_s!r} s"
+        return self._key if self._placing is None else f"{self._key} at {self._t_s!r} s"
 
     def _mean_of_part(self, *arguments: Any) -> FloatArray:
         if self._placing is not None:
             self._placing.put(self._t_s)
-        if not self._others:
-            return super()._mean_of_part(*arguments)
-        kept = []
-        for emitter in self._others:
-            parameters = self._mi.traverse(emitter)
-            key = strength_key("", parameters)
-            kept.append((parameters, key, np.array(parameters[key], np.float64)))
         try:
-            for parameters, key, values in kept:
-                parameters[key] = like(parameters[key], values * 0.0)
-                parameters.update()
+            for light in self._others:
+                light.set(0.0)
             return super()._mean_of_part(*arguments)
         finally:
-            for parameters, key, values in kept:
-                parameters[key] = like(parameters[key], values)
-                parameters.update()
+            for light in self._others:
+                light.set(1.0)
 
 
 def _rgb(value: Any) -> FloatArray:
