@@ -94,9 +94,14 @@ def listed(names: Iterable[str], most: int = 6) -> str:
     return ", ".join(names) if len(names) <= most else f"{', '.join(names[:most])} and {len(names) - most} more"
 
 
+def is_two_sided(bsdf: Any) -> bool:
+    """Whether a material is seen from both sides."""
+    return bool(bsdf.class_name() == "TwoSidedBRDF")
+
+
 def _is_plain(bsdf: Any) -> bool:
     """Whether it is diffuse, or diffuse and seen from both sides, as the direct renderers know it."""
-    if bsdf.class_name() == "TwoSidedBRDF":
+    if is_two_sided(bsdf):
         return all(child.class_name() == "SmoothDiffuse" for child in _children(bsdf).values())
     return bool(bsdf.class_name() == "SmoothDiffuse")
 

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import functools
 import warnings
+from collections.abc import Callable
 from typing import Any
 
 from .._mitsuba import FAST, SCALAR, default_variant, load_scene_source, stay_in, variant, variant_is_free
 from ..camera import Camera
 from ..scene.scene import Scene
 from .baked_light.bake import BAKE_ERROR
-from .baked_light.baked_scene import baked_light
+from .baked_light.baked_scene import baked_light, check_size
 from .kept_scenes import kept
 from .matte import Materials, listed, simplify_materials
 from .render import Renderer
@@ -71,11 +72,13 @@ def make_renderer(
     reason, free = "asked for", variant_is_free()
     known: dict[str, list[float | None]] = {"auto": [None, bake_error], "baked": [bake_error], "integrator": []}
     ways = known.get(kind, [None])
+    load = functools.cache(functools.partial(_load, scene, kind))
     for error in ways:
         try:
             return _make_from_table(
                 scene,
                 camera,
+                load,
                 samples=lattice_samples if samples is None else samples,
                 kind=kind,
                 blur=blur,
@@ -88,6 +91,7 @@ def make_renderer(
                 what = {"native": "native renderer", "baked": "renderer of baked light"}.get(kind, "table kernel")
                 raise ValueError(f"the {what} cannot render this scene: {unsuitable}") from None
             reason = str(unsuitable)
+    load.cache_clear()  # so that a large scene is in memory once
     renderer = _make_integrator(scene, camera, samples=samples, seed=seed, blur=blur, edges=edges, reason=reason)
     if free:
         stay_in(renderer.variant)
@@ -101,9 +105,27 @@ def make_renderer(
     return renderer
 
 
+def _load(scene: Scene, kind: str, variant_name: str) -> tuple[Any, Materials]:
+    """The scene under a variant of Mitsuba's, and what was found of its materials.
+
+    Raises:
+        Unsuitable: under ``auto``, for one that cannot be loaded.
+    """
+    with variant(variant_name) as (mi, _):
+        try:
+            loaded = load_scene_source(scene.source(), mi)
+        except ValueError as error:
+            if kind != "auto":
+                raise
+            # Its other variants may have the plugin.
+            raise Unsuitable(f"{variant_name} cannot load it") from error
+        return loaded, simplify_materials(loaded, mi, matte=scene.matte)
+
+
 def _make_from_table(
     scene: Scene,
     camera: Camera,
+    load: Callable[[str], tuple[Any, Materials]],
     *,
     samples: int,
     kind: str,
@@ -115,6 +137,7 @@ def _make_from_table(
     """The table kernel, where it was asked for, or the native renderer.
 
     Args:
+        load: see :func:`_load`.
         bake_error: of the light, which is baked; None for direct light alone.
 
     Raises:
@@ -126,17 +149,12 @@ def _make_from_table(
     with variant(variant_name) as (mi, _):
 
         def make(bake_error: float | None) -> tuple[Any, Materials, SceneTable]:
-            try:
-                loaded = load_scene_source(scene.source(), mi)
-            except ValueError as error:
-                if kind != "auto":
-                    raise
-                # Its other variants may have the plugin.
-                raise Unsuitable(f"{variant_name} cannot load it") from error
-            materials = simplify_materials(loaded, mi, matte=scene.matte)
+            loaded, materials = load(variant_name)
             motion = scene_motion(scene, loaded, mi)
             bake = None
             if bake_error is not None:
+                if kind == "auto":
+                    check_size(loaded)
                 bake = functools.partial(baked_light, scene, motion=motion, error=bake_error)
             moving = list(motion.objects)
             any_integrator = kind != "auto"

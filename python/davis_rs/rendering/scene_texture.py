@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from .._mitsuba import FAST
 from ..scene.textures import from_srgb
+from .matte import is_two_sided
 from .scene_names import shape_name
 
 FloatArray = npt.NDArray[np.float64]
@@ -97,7 +98,7 @@ class TextureTable:
         """
         bsdf = shape.bsdf()
         parameters = self._mi.traverse(bsdf)
-        two_sided = bsdf.class_name() == "TwoSidedBRDF"
+        two_sided = is_two_sided(bsdf)
         if not (two_sided or bsdf.class_name() == "SmoothDiffuse") or "SmoothDiffuse" not in str(bsdf):
             raise UnsuitableSurface(f"{shape_name(shape)} has a {bsdf.class_name()} surface, not a diffuse one")
         prefix = "brdf_0.reflectance" if two_sided else "reflectance"

@@ -48,7 +48,8 @@ _COARSE_ERROR = 0.04
 """Of light that bounces again before it is gathered: what it errs averages out."""
 
 MOST_POINTS = 400_000
-"""Of each part of the light, where nothing moves; fewer at each of several instants."""
+"""Of each part of the light, where nothing moves, and fewer at each of several instants; but always up to twice as many
+as triangles have corners."""
 
 
 @dataclass(frozen=True)
@@ -335,7 +336,8 @@ class _Job:
         wider = float(np.clip(np.sqrt(error / BAKE_ERROR), 0.25, 4.0))
         spacing, finest = (share * self._diagonal * wider for share in distances)
         # Once its middle is known, an edge errs by a quarter of what it did before.
-        return RefinementRule(spacing, finest, tolerance, 4 * MOST_POINTS // (3 + self.count))
+        most = max(4 * MOST_POINTS // (3 + self.count), 2 * len(self._lattice.positions))
+        return RefinementRule(spacing, finest, tolerance, most)
 
 
 def _unless_buried(light: Irradiance, places: FloatArray, normals: FloatArray, values: FloatArray) -> FloatArray:

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from ..._mitsuba import FAST, default_variant, load_scene_source, variant, versions
 from ...progress import progress, say
 from ...scene.scene import Scene
-from ..matte import simplify_materials
+from ..matte import is_two_sided, simplify_materials
 from ..scene_motion import SceneMotion
 from ..scene_texture import Unsuitable
 from . import cache
@@ -39,6 +39,10 @@ FloatArray = npt.NDArray[np.float64]
 VERSION = 4
 """Of what is computed, so that light of older versions is not taken from the cache."""
 
+
+MOST_CORNERS = 1_000_000
+"""Of triangles, their backs included, at which light is baked without being asked for. Light is computed at each of
+them at least, whatever the camera sees: beyond this, that takes hours and gigabytes."""
 
 _MOST_KNOWN = 4
 _known: dict[str, LightMaps] = {}
@@ -91,8 +95,8 @@ class BakedLight:
 
     @property
     def _limits(self) -> str:
-        instants = f", and {MOST_INSTANTS} instants of the motion," if len(self.maps.instants) > 1 else ""
-        return f"there are {MOST_POINTS:,} points for each part of the light{instants}"
+        instants = f", and {MOST_INSTANTS} instants of the motion" if len(self.maps.instants) > 1 else ""
+        return f"there are {MOST_POINTS:,} points for each part of the light, or two for each corner{instants},"
 
     def at(self, t_s: FloatArray) -> tuple[FloatArray, FloatArray]:
         """How much the light of each instant (k) counts at times (n,), and its rates per second, (n, k) each.
@@ -168,6 +172,26 @@ def baked_light(scene: Scene, surfaces: Surfaces, motion: SceneMotion, error: fl
         _known[key] = maps
     names = [group.name for group in groups]
     return BakedLight(maps, times, names, emitted, emitters, backgrounds, sky, content, cache.holds(key))
+
+
+def check_size(scene: Any) -> None:
+    """Refuse a loaded scene whose triangles have so many corners that its light is only baked on request.
+
+    Raises:
+        Unsuitable: for it, with their number.
+    """
+    corners = sum(_corners(shape) for shape in scene.shapes() if shape.is_mesh())
+    if corners > MOST_CORNERS:
+        raise Unsuitable(
+            f"its light would have to be baked at {corners:,} corners of triangles at least; beyond {MOST_CORNERS:,} "
+            "that is done on request alone: --renderer baked (renderer='baked')"
+        )
+
+
+def _corners(shape: Any) -> int:
+    """Corners of a mesh with different normals, about, of its backs too where they reflect."""
+    flat = "face_normals = 1" in str(shape)
+    return int(3 * shape.face_count() if flat else shape.vertex_count()) * (2 if is_two_sided(shape.bsdf()) else 1)
 
 
 def _poses(motion: SceneMotion, times: MotionTimes) -> FloatArray:
