@@ -7,13 +7,19 @@ from pathlib import Path
 from typing import Literal
 
 from .._core import EventFileReader
+from ..recordings.aedat4 import Aedat4File
 from .core_files import CoreReader, CoreWriter
 from .interface import EventWriter, Format, Limits, Target
 from .reading import ReadRules
+from .recorded import RecordedParts
 
 
-class Aedat4Reader(CoreReader):
+class Aedat4Reader(RecordedParts, CoreReader):
     """Reads AEDAT 4.0; of a slice of time, its packets alone, if the file has a table of contents."""
+
+    def __init__(self, path: str | os.PathLike[str], *, format: str, limits: Limits, rules: ReadRules) -> None:
+        super().__init__(path, format=format, limits=limits, rules=rules)
+        self.recording, self.notes = Aedat4File(self.path, max_packet_bytes=rules.max_packet_bytes), {}
 
     def _open(self, start_us: int | None = None, stop_us: int | None = None) -> EventFileReader:
         limit = self.rules.max_packet_bytes

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..dataset.writer import DatasetWriter
 from ..folder_report import FolderReport
+from ..formats import FORMATS
 from ..packet import Packet
 from ..progress import Progress, progress, say
 from ..settings import FrameFolderSettings, FrameSettings, complete, only, takes_settings
@@ -72,6 +73,7 @@ def frames_to_folder(
     """
     started = time.perf_counter()
     given = complete(FrameFolderSettings, settings, of="frames_to_folder")
+    FORMATS[given["events_format"]].require_libraries()  # before frames are read
     source = frames if isinstance(frames, FrameSource) else open_frames(frames)
     run = FrameRun(source, only(FrameSettings, given), from_zero=True)
     packets = run.packets()
