@@ -20,6 +20,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import davis_rs
+from command_line import davis_rs as command
 from davis_rs import (
     DecodeError,
     Frame,
@@ -32,6 +33,7 @@ from davis_rs import (
 )
 from davis_rs.event_files.random_access import RandomAccess
 from davis_rs.formats.recorded import RecordedParts
+from davis_rs.inspection.visual_sequence import open_visual_sequence
 from davis_rs.recordings import aedat2 as aedat2_module
 from davis_rs.recordings import aedat3 as aedat3_module
 from davis_rs.recordings.recording_file import KINDS
@@ -56,6 +58,7 @@ from recording_files import (
     aedat4_frame,
     aedat4_imu,
     aedat4_triggers,
+    aedat4_xml,
     events_of,
     frame_of,
 )
@@ -584,6 +587,16 @@ def test_kinds_are_read_by_themselves(folder: Path) -> None:
                 for other in KINDS:
                     count = sum(len(getattr(piece, other)) for piece in pieces)
                     assert count == (len(getattr(whole, kind)) if other == kind else 0)
+
+
+def test_frames_alone_are_a_recording(folder: Path) -> None:
+    """An AEDAT 4 without a stream of events is decoded and looked at; who asks for events is told."""
+    frame = frame_of(5, 3, bits=8)
+    (folder / "recording").write_bytes(aedat4((0, aedat4_frame(frame)), xml=aedat4_xml(["FRME"], size=(5, 3))))
+    assert "0 events, 0 IMU samples, 1 frames, 0 triggers" in command("decode", folder / "recording").stdout
+    assert len(open_visual_sequence(folder / "recording").frame_times) == 1
+    with pytest.raises(DecodeError, match="has no stream of events"):
+        davis_rs.read_events(folder / "recording")
 
 
 def test_events_are_read_in_bounded_memory(tmp_path: Path) -> None:
