@@ -37,7 +37,8 @@ nitpick_ignore_regex = [
     # Parts of the package that signatures name and users are not handed.
     (
         r"py:.*",
-        r"davis_rs\.(differentiable\.(event_levels\.EventLevels|log_luma\.LogLuma(Field)?)"
+        r"davis_rs\.(argument_error\.(Argument|NamesArguments)"
+        r"|differentiable\.(event_levels\.EventLevels|log_luma\.LogLuma(Field)?)"
         r"|effect_planning\.luma_sample\.LumaSample|formats\.blocks\.Blocks|formats\.interface\.Releasable"
         r"|rendering\.(edge_tracks\.EdgeTracks|neighbours\.ImageMap|scene_motion\.SceneMotion"
         r"|swept_objects\.MovingSilhouettes)|sampling\.(breaks\.Break|keyframes\.SparseSamples)"

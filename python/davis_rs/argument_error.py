@@ -61,7 +61,7 @@ class ArgumentError(NamesArguments, ValueError):
     >>> raise ArgumentError("{fps} must be positive and finite, got {}", fps)
 
     A name in braces is an argument's, ``{overwrite:True}`` with a value that it should have. Empty braces are filled
-    with the values, as in :meth:`str.format`.
+    with the values, as in ``str.format``.
 
     Args:
         rule: the message.
@@ -71,7 +71,7 @@ class ArgumentError(NamesArguments, ValueError):
     Attributes:
         argument: the name of the argument at fault.
         arguments: the names of all arguments that the message has.
-        parts: the message, in pieces of text and :class:`Argument`.
+        parts: the message, in pieces of text and ``Argument``.
     """
 
     def __init__(self, rule: str, *values: object, **names: str | Sequence[str]) -> None:
