@@ -19,7 +19,7 @@ from command_line import SMALL, davis_rs
 from command_line import in_own_process as run
 from davis_rs.cli.main import COMMANDS, main
 from davis_rs.cli.parser import Parser
-from davis_rs.formats import FORMATS
+from davis_rs.formats.registry import written_formats
 
 HEAVY = ("scipy", "mitsuba", "drjit", "PIL", "matplotlib", "tqdm", "OpenEXR", "yaml", "usb")
 
@@ -208,7 +208,7 @@ def test_maintainers_commands_are_not_offered(capsys: pytest.CaptureFixture[str]
 
 def test_a_formats_options_are_those_that_it_takes() -> None:
     """What is listed in a message is what the writer has."""
-    for format in FORMATS.values():
+    for format in written_formats().values():
         takes = inspect.signature(format.open_writer).parameters
         named = {name for name, one in takes.items() if one.kind is one.KEYWORD_ONLY} - {"overwrite"}
         assert named <= set(format.options)
