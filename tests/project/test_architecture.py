@@ -42,6 +42,7 @@ LAYERS = [
         "_mitsuba_files",
         "yaml_file",
         "untrusted",
+        "budget",
         "_core",
         "close_names",
         "names_elsewhere",
@@ -130,6 +131,7 @@ def test_a_format_knows_events_and_the_core_alone(path: Path) -> None:
     assert {name for level, name in own if level == 2} <= {
         "_core",
         "events",
+        "budget",
         "untrusted",
         "argument_checks",
         "argument_error",
