@@ -42,6 +42,7 @@ LAYERS = [
         "_mitsuba_files",
         "yaml_file",
         "untrusted",
+        "budget",
         "_core",
         "extras",
         "close_names",
@@ -131,6 +132,7 @@ def test_a_format_knows_events_recordings_and_the_core_alone(path: Path) -> None
     assert {name for level, name in own if level == 2} <= {
         "_core",
         "events",
+        "budget",
         "argument_checks",
         "argument_error",
         "extras",

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 from ..argument_error import ArgumentError
-from .common import sensor_size
 from ..whole_file import whole_file
 from .common import EVENTS_HELP, sensor_size
 

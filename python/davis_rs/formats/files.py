@@ -3,7 +3,6 @@ another name."""
 
 from __future__ import annotations
 
-import errno
 import os
 from pathlib import Path
 

@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..argument_error import ArgumentError
-from .extras import from_extra
 from ..extras import from_extra
+from .extras import from_extra
 from .hdf5_disk import Hdf5File
 
 CHUNK = 1 << 16

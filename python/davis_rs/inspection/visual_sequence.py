@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..argument_error import ArgumentError
 from ..camera import Camera
 from ..dataset.files import CALIBRATION
 from ..dataset.folder_format import FolderReader
@@ -18,7 +17,7 @@ from ..dataset.reader import Dataset
 from ..decoded import IMU_DTYPE, Frame
 from ..event_files.read import open_reader
 from ..event_files.sensor_size import sensor_size
-from ..events import EventArray, concatenate_events
+from ..events import EventArray
 from ..formats.recorded import RecordedParts
 from ..noise_estimate import percent
 from ..pose import GroundTruth
