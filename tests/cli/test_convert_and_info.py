@@ -212,7 +212,7 @@ def test_a_size_that_nobody_knows_is_asked_for(tmp_path: Path) -> None:
             ["decode", place, "-o", tmp_path / "e.aedat4"],
         ):
             done = command(*words)
-            assert (done.returncode, "give the size, --size WxH" in done.stderr) == (1, True), done
+            assert (done.returncode, "give --size" in done.stderr) == (1, True), done
             assert command(*words, "--size", "240x180").returncode == 0
             (tmp_path / "e.aedat4").unlink(missing_ok=True)
     assert command("info", tmp_path, "--size", "240x180", "--quiet").stdout.count("240 x 180") == 1
@@ -227,9 +227,7 @@ def test_a_size_that_contradicts_the_file_is_refused(tmp_path: Path) -> None:
         for words in (["info", place], ["convert", place, tmp_path / "f.npy"], ["compare", place, place]):
             done = command(*words, "--quiet", "--size", "346x260")
             assert done.returncode == 1
-            assert (
-                f"{place} says that the sensor has 240 x 180 pixels: a size of 346 x 260 contradicts it" in done.stderr
-            )
+            assert f"{place} says that the sensor has 240 x 180 pixels: --size 346 x 260 contradicts it" in done.stderr
 
 
 def test_a_calibration_has_the_size_that_is_given(tmp_path: Path) -> None:

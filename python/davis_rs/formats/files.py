@@ -6,6 +6,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+from ..argument_error import OverwriteError
 from ..whole_file import is_sink, require_no_file
 
 

@@ -9,7 +9,6 @@ import numpy as np
 import numpy.typing as npt
 
 from ..extras import from_extra
-from .extras import from_extra
 from .hdf5_disk import Hdf5File
 
 CHUNK = 1 << 16
