@@ -584,6 +584,9 @@ class Aedat4Recording:
     def source(self) -> str:
         """The camera that the header names, or ""."""
     @property
+    def has_events(self) -> bool:
+        """Whether the header announces a stream of events."""
+    @property
     def bytes(self) -> int:
         """Bytes of the file that were read."""
     @property

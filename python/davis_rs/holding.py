@@ -13,6 +13,9 @@ class Hold:
     The lock is the system's own (flock): nothing is left behind, whatever becomes of the process. On a file system
     without locks there is none.
 
+    Attributes:
+        is_exclusive: whether there is a lock.
+
     Raises:
         OSError: EBUSY, if another writer has it, in this process or in another; or if it cannot be opened.
     """
@@ -20,6 +23,7 @@ class Hold:
     def __init__(self, path: str | os.PathLike[str]) -> None:
         import fcntl
 
+        self.is_exclusive = True
         self._descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
         try:
             fcntl.flock(self._descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -27,9 +31,11 @@ class Hold:
             self.release()
             raise OSError(errno.EBUSY, "another program is writing into it", os.fspath(path)) from None
         except OSError as error:
-            if error.errno not in (errno.ENOLCK, errno.ENOSYS, errno.ENOTSUP):
+            # EBADF: NFS, which locks no file that was opened for reading.
+            if error.errno not in (errno.ENOLCK, errno.ENOSYS, errno.ENOTSUP, errno.EBADF):
                 self.release()
                 raise
+            self.is_exclusive = False
 
     def release(self) -> None:
         """Let others have it; again is harmless."""

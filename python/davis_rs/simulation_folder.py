@@ -14,11 +14,12 @@ import numpy as np
 import numpy.typing as npt
 
 from ._mitsuba import FAST, default_variant
-from .dataset.event_truth_file import open_event_truth
+from .dataset.event_truth_file import open_event_truth, require_event_truth
 from .dataset.writer import DatasetWriter
 from .effect_planning import EffectPlan
 from .events import EventArray
 from .folder_report import FolderReport, start_line
+from .formats import FORMATS
 from .ground_truth import EventTruth, camera_velocities
 from .imu import IMU_DTYPE, ImuArray, simulate_imu
 from .monte_carlo_noise import refuse_noise
@@ -90,10 +91,13 @@ def simulate_to_folder(
         OSError: if the folder exists or cannot be written; what was written stays readable.
         NoiseError: with ``accept_noise=False``, if more than 20 % of the events would be Monte Carlo noise.
         ValueError: as :func:`simulate` and :class:`~davis_rs.DatasetWriter`.
+        ImportError: if a library is missing that the events or their truth are written with, with its extra.
     """
     check_scene(scene)
     started = time.perf_counter()
     given = complete(FolderSettings, settings, of=simulate_to_folder)
+    FORMATS[given["events_format"]].require_libraries()  # before minutes are spent on what cannot be written
+    require_event_truth(given["event_truth"])
     imu, motion_capture = make_imu(given), make_motion_capture(given)
     scene = scene.crop(start_s, duration_s)
     made = make_simulator(scene, only(SimulationSettings, given))

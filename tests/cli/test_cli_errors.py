@@ -19,7 +19,7 @@ from command_line import SMALL, davis_rs
 from command_line import in_own_process as run
 from davis_rs.cli.main import COMMANDS, main
 from davis_rs.cli.parser import Parser
-from davis_rs.formats import FORMATS
+from davis_rs.formats.registry import written_formats
 
 HEAVY = ("scipy", "mitsuba", "drjit", "PIL", "matplotlib", "tqdm", "OpenEXR", "yaml", "usb")
 
@@ -162,7 +162,7 @@ def test_keys_of_a_file_have_their_own_names(
         (["view", "EVENTS", "--size", "9x9", "--time", "5"], "error: --time must lie in the sequence, "),
         (["view", "EVENTS", "--size", "9x9", "--window", "0"], "error: --window must be finite and > 0, got 0.0"),
         (["view", "EVENTS", "--size", "9x9", "--fps", "5"], "error: --fps means nothing for the picture: leave it out"),
-        (["view", "EVENTS"], "does not say the sensor's size: give --size\n"),
+        (["view", "EVENTS"], "nor does a meta.json or frame next to it: give --size\n"),
         (["compare", "EVENTS", "EVENTS2", "--size", "9x9", "--start", "2", "--stop", "1"], "--start < --stop, got 2.0"),
         (
             ["simulate", "three_planes", "-o", "OUT", "--effects-tolerance", "0.1"],
@@ -208,7 +208,7 @@ def test_maintainers_commands_are_not_offered(capsys: pytest.CaptureFixture[str]
 
 def test_a_formats_options_are_those_that_it_takes() -> None:
     """What is listed in a message is what the writer has."""
-    for format in FORMATS.values():
+    for format in written_formats().values():
         takes = inspect.signature(format.open_writer).parameters
         named = {name for name, one in takes.items() if one.kind is one.KEYWORD_ONLY} - {"overwrite"}
         assert named <= set(format.options)

@@ -12,14 +12,17 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from davis_rs import open_writer, read_events
+from command_line import davis_rs as command
+from davis_rs import EventWindows, open_reader, open_writer, read_events
 from davis_rs.cli.main import main
 from davis_rs.dataset.reader import Dataset
 from davis_rs.event_files.conversion import convert
+from davis_rs.event_files.sensor_size import SensorSizeWarning
 from davis_rs.events import EVENT_DTYPE, EventArray
 from davis_rs.inspection.summary import Gap, dataset_row, draw_rates, summarize_events, top_speeds
 from davis_rs.model_version import MODEL
 from davis_rs.pose import GroundTruth
+from event_files import events_of
 from places import SHARED
 from written_sequence import write_sequence
 
@@ -153,6 +156,88 @@ def test_what_the_target_cannot_hold_is_named(tmp_path: Path, capsys: pytest.Cap
     assert f"{len(folder.frames)} frames, {len(folder.depth_maps)} depth maps" in told
     assert main(["convert", str(tmp_path / "e.npy"), str(tmp_path / "e.npz"), "--size", "24x18", "--quiet"]) == 0
     assert not capsys.readouterr().err
+
+
+def says_the_size(folder: Path, what: str) -> Path:
+    """The file that says how large the sensor is, in a folder with a calib.txt, which does not."""
+    (folder / "calib.txt").write_text("20 20 14.5 9.5 0 0 0 0 0\n")
+    if what == "meta.json":
+        (folder / "meta.json").write_text('{"sensor": {"width": 30, "height": 20}}')
+        return folder / "meta.json"
+    if what == "listed frame":
+        (folder / "images.txt").write_text("0.0 images/a.png\n")
+    (folder / "images").mkdir()
+    Image.new("L", (30, 20)).save(folder / "images" / "a.png")
+    return folder / "images" / "a.png"
+
+
+@pytest.mark.parametrize("what", ["meta.json", "listed frame", "frame"])
+def test_the_size_is_that_of_what_lies_next_to_a_file(tmp_path: Path, what: str) -> None:
+    """Where neither the file nor --size says it; one line says from where. All commands find it alike."""
+    events = events_of((5, 29, 19, 1), (9, 3, 4, 0))
+    source, out = text_file(tmp_path / "part.txt", events), tmp_path / "out"
+    out.mkdir()
+    found = says_the_size(tmp_path, what)
+    for words, said in (
+        (["convert", source, out / "e.aedat4", "--quiet"], "2 events"),
+        (["info", source, "--quiet"], "sensor      30 x 20\n"),
+        (["view", source, "--html", out / "e.html"], "2 of 2 events"),
+        (["compare", source, out / "e.aedat4", "--quiet"], "30 x 20"),
+        (["decode", source, "-o", out / "d.aedat4"], "2 events"),
+    ):
+        done = command(*words)
+        assert (done.returncode, said in done.stdout) == (0, True), done
+        assert f"{source} does not say the sensor's size: 30 x 20 is taken from {found}\n" in done.stderr
+        assert done.stderr.count("\n") == 1
+    with open_reader(out / "e.aedat4") as reader:
+        assert reader.size == (30, 20)
+    with pytest.warns(SensorSizeWarning, match="30 x 20 is taken from"):
+        assert EventWindows(source, "count", count=1).size == (30, 20)
+    done = command("convert", source, out / "f.aedat4", "--quiet", "--size", "31x20")
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_a_size_that_nobody_knows_is_asked_for(tmp_path: Path) -> None:
+    """By the option's name; a calib.txt does not say it, nor does a meta.json that is something else's."""
+    source = text_file(tmp_path / "events.txt", many(10))
+    (tmp_path / "calib.txt").write_text("200 200 119.5 89.5 0 0 0 0 0\n")
+    (tmp_path / "meta.json").write_text("[1]")
+    for place in (source, tmp_path):
+        (tmp_path / "meta.json").unlink(missing_ok=place == tmp_path)
+        for words in (
+            ["convert", place, tmp_path / "e.aedat4", "--quiet"],
+            ["view", place, "--html", tmp_path / "e.html"],
+            ["compare", place, place, "--quiet"],
+            ["calibrate", "sensor", place, "--quiet"],
+            ["decode", place, "-o", tmp_path / "e.aedat4"],
+        ):
+            done = command(*words)
+            assert (done.returncode, "give --size" in done.stderr) == (1, True), done
+            assert command(*words, "--size", "240x180").returncode == 0
+            (tmp_path / "e.aedat4").unlink(missing_ok=True)
+    assert command("info", tmp_path, "--size", "240x180", "--quiet").stdout.count("240 x 180") == 1
+
+
+def test_a_size_that_contradicts_the_file_is_refused(tmp_path: Path) -> None:
+    """As in all places where two things say how large the sensor is: neither is ignored."""
+    text_file(tmp_path / "events.txt", many(10))
+    (tmp_path / "meta.json").write_text('{"sensor": {"width": 240, "height": 180}}')
+    assert command("convert", tmp_path, tmp_path / "e.aedat4", "--quiet").returncode == 0
+    for place in (tmp_path, tmp_path / "e.aedat4"):
+        for words in (["info", place], ["convert", place, tmp_path / "f.npy"], ["compare", place, place]):
+            done = command(*words, "--quiet", "--size", "346x260")
+            assert done.returncode == 1
+            assert f"{place} says that the sensor has 240 x 180 pixels: --size 346 x 260 contradicts it" in done.stderr
+
+
+def test_a_calibration_has_the_size_that_is_given(tmp_path: Path) -> None:
+    """calib.txt has none, and 240 x 180 is only what it has in the public dataset."""
+    (tmp_path / "d").mkdir()
+    text_file(tmp_path / "d" / "events.txt", many(10))
+    (tmp_path / "d" / "calib.txt").write_text("300 300 172.5 129.5 0 0 0 0 0\n")
+    report = convert(tmp_path / "d", tmp_path / "e", size=(346, 260))
+    assert report.parts == {"camera": 1}
+    assert (Dataset(tmp_path / "e").camera.width, Dataset(tmp_path / "e").camera.height) == (346, 260)
 
 
 # ---- info ----

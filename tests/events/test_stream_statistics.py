@@ -6,7 +6,6 @@ import json
 import math
 import re
 from collections import Counter
-from datetime import datetime, timezone
 from itertools import groupby, pairwise
 from pathlib import Path
 from typing import Any
@@ -24,9 +23,8 @@ from davis_rs.events import EVENT_DTYPE, EventArray
 from davis_rs.stream_statistics import StreamMeter, StreamStatistics, bursts
 from davis_rs.stream_statistics.counts import Histogram, bin_edges
 from davis_rs.stream_statistics.stream_statistics import Measured
-from davis_rs.usb.description import DavisDescription
 from davis_rs.usb.raw_file import RawWriter
-from recording_files import aedat2, aedat2_event
+from recording_files import DESCRIPTION, aedat2, aedat2_event
 
 
 def events_of(t: npt.ArrayLike, x: npt.ArrayLike, y: npt.ArrayLike, p: npt.ArrayLike) -> EventArray:
@@ -308,22 +306,17 @@ def test_any_file_gives_the_same_numbers(name: str, tmp_path: Path) -> None:
 def test_a_cameras_bytes_and_a_folder_are_read(tmp_path: Path) -> None:
     """The bytes as the USB stream has them, and the events of a dataset folder."""
     events = small_stream()
-    description = DavisDescription(
-        chip="DAVIS240C", serial="1", product=0x841B, firmware=4, logic_version=18, logic_patch=1, columns=240,
-        rows=180, dvs_orientation=0, aps_columns=240, aps_rows=180, aps_orientation=0, has_global_shutter=True,
-        imu_type=1, imu_flips=0, is_master=True, logic_mhz=90.0, adc_mhz=30.0, usb_mhz=30.0,
-    )  # fmt: skip
-    with RawWriter(tmp_path / "one.davis", description, started=datetime(2026, 1, 1, tzinfo=timezone.utc)) as writer:
+    with RawWriter(tmp_path / "one.davis", DESCRIPTION) as writer:
         writer.write(davis_rs.Encoder("DAVIS240C").encode(events))
     found = measure_stream(tmp_path / "one.davis")
-    assert (found.size, found.kind, found.backward) == ((240, 180), "DAVIS240C", 0)
+    assert (found.size, found.kind, found.backward) == ((240, 180), "camera bytes, DAVIS240C", 0)
     assert found.counts.sum() == len(events)
     (tmp_path / "folder").mkdir()
     with open_writer(tmp_path / "folder" / "events.txt", (240, 180)) as writer:
         writer.write(events)
     folder = measure_stream(tmp_path / "folder", size=(240, 180))
     np.testing.assert_array_equal(folder.counts, found.counts)
-    with pytest.raises(ValueError, match=r"folder does not say the sensor's size: give size"):
+    with pytest.raises(ValueError, match=r"folder: neither meta.json nor frames say the sensor's size: give"):
         measure_stream(tmp_path / "folder")
 
 

@@ -357,7 +357,7 @@ def test_a_writer_that_was_left_in_an_error_keeps_what_it_has(tmp_path: Path, na
 def test_every_format_is_tested_fuzzed_and_documented() -> None:
     """One that is registered is in the tables of these tests, among the targets of the fuzzer, and in the documents."""
     names = set(FORMATS) - {"folder"}  # a dataset folder, which has files of the other formats
-    assert names == set(FILES) | {kind.name for kind in KINDS.values()}
+    assert {name for name in names if FORMATS[name].writable} == set(FILES) | {kind.name for kind in KINDS.values()}
     targets = (ROOT / "tests/fuzz/targets.py").read_text()
     documents = "".join((ROOT / f"docs/{name}.md").read_text() for name in ("formats", "containers"))
     for name in names:

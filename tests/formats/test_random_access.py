@@ -5,6 +5,7 @@ from __future__ import annotations
 import pickle
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -31,7 +32,7 @@ FILES = {
     "parquet": "e.parquet",
     "bag": "e.bag",
 }
-OPTIONS: dict[str, dict[str, int]] = {"parquet": {"row_group": 20_000}}
+OPTIONS: dict[str, dict[str, Any]] = {"parquet": {"row_group": 20_000}}
 
 every_format = pytest.mark.parametrize("name", FILES)
 

@@ -20,10 +20,27 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import davis_rs
-from davis_rs import DecodeError, Frame, Recording, RecordingWarning, read_recording
+from command_line import davis_rs as command
+from davis_rs import (
+    DecodeError,
+    Frame,
+    RawRecording,
+    RawWriter,
+    Recording,
+    RecordingWarning,
+    open_reader,
+    read_recording,
+)
+from davis_rs.event_files.random_access import RandomAccess
+from davis_rs.formats.recorded import RecordedParts
+from davis_rs.inspection.visual_sequence import open_visual_sequence
+from davis_rs.recordings import aedat2 as aedat2_module
+from davis_rs.recordings import aedat3 as aedat3_module
+from davis_rs.recordings.recording_file import KINDS
 from places import SHARED
 from recording_files import (
     COMPRESSIONS,
+    DESCRIPTION,
     TRIGGERS_3,
     TRIGGERS_4,
     aedat2,
@@ -41,6 +58,7 @@ from recording_files import (
     aedat4_frame,
     aedat4_imu,
     aedat4_triggers,
+    aedat4_xml,
     events_of,
     frame_of,
 )
@@ -128,6 +146,12 @@ def test_aedat2_times_run_on_after_31_bits(folder: Path) -> None:
     events = read(folder, aedat2([(0, stamp) for stamp in stamps])).events
     expected = [2**31 - 2, 2**31 - 1, 2**31, 2**32 - 1, 2**32, 2**32 + 2**31 - 1, 2**32 + 2**31]
     assert events["t"].tolist() == expected
+
+
+def test_aedat2_times_that_begin_below_zero(folder: Path) -> None:
+    """A camera that had been on for 36 minutes begins with a stamp below 0: its clock has passed 2^31 us before."""
+    events = read(folder, aedat2([(0, stamp) for stamp in (-(2**31), -5, 3)])).events
+    assert events["t"].tolist() == [2**31, 2**32 - 5, 2**32 + 3]
 
 
 def test_aedat2_scales(folder: Path) -> None:
@@ -530,6 +554,84 @@ def files_of_all() -> Iterator[bytes]:
             (3, aedat4_triggers([(1, 0), (2, 1)])),
             compression=compression,
         )
+
+
+@pytest.mark.parametrize("at_once", [1, 2, 5, 8, 60])
+@pytest.mark.parametrize("content", list(files_of_all())[:2], ids=["2.0", "3.1"])
+def test_pieces_of_any_size_are_the_whole(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, content: bytes, at_once: int
+) -> None:
+    """Samples, frames and times that go on in the next piece; events are found again by the place of their piece."""
+    whole = read(folder, content)
+    for module in (aedat2_module, aedat3_module):
+        monkeypatch.setattr(module, "_AT_ONCE", at_once)
+    parts = read(folder, content)
+    for name in ("events", "imu", "triggers"):
+        np.testing.assert_array_equal(getattr(parts, name), getattr(whole, name))
+        assert len(getattr(parts, name)) > 0 or name == "triggers"
+    assert [frame.pixels.tolist() for frame in parts.frames] == [frame.pixels.tolist() for frame in whole.frames]
+    assert (parts.notes, parts.cut, len(parts.frames) > 0) == (whole.notes, whole.cut, True)
+    access = RandomAccess(folder / "recording")
+    for number, event in enumerate(whole.events):
+        assert access.read(number, number + 1)[0] == event
+
+
+def test_kinds_are_read_by_themselves(folder: Path) -> None:
+    """Each alone is what it is with the others."""
+    for content in files_of_all():
+        whole = read(folder, content)
+        with open_reader(folder / "recording") as reader:
+            assert isinstance(reader, RecordedParts)
+            for kind in KINDS:
+                pieces = [piece.decoded for piece in reader.recording.pieces((kind,))]
+                for other in KINDS:
+                    count = sum(len(getattr(piece, other)) for piece in pieces)
+                    assert count == (len(getattr(whole, kind)) if other == kind else 0)
+
+
+def test_frames_alone_are_a_recording(folder: Path) -> None:
+    """An AEDAT 4 without a stream of events is decoded and looked at; who asks for events is told."""
+    frame = frame_of(5, 3, bits=8)
+    (folder / "recording").write_bytes(aedat4((0, aedat4_frame(frame)), xml=aedat4_xml(["FRME"], size=(5, 3))))
+    assert "0 events, 0 IMU samples, 1 frames, 0 triggers" in command("decode", folder / "recording").stdout
+    assert len(open_visual_sequence(folder / "recording").frame_times) == 1
+    with pytest.raises(DecodeError, match="has no stream of events"):
+        davis_rs.read_events(folder / "recording")
+
+
+def test_events_are_read_in_bounded_memory(tmp_path: Path) -> None:
+    """Of files that are longer: a piece at a time, whatever else lies between the events."""
+    count = 1 << 20
+    records = np.zeros(count, [("address", ">u4"), ("t", ">i4")])
+    records["address"], records["t"] = aedat2_event(1, 2, 1), np.arange(count)
+    (tmp_path / "a.aedat").write_bytes(aedat2([]) + records.tobytes())
+    pairs = np.zeros(count, [("data", "<u4"), ("t", "<i4")])
+    pairs["data"], pairs["t"] = 1 << 17 | 2 << 2 | 3, np.arange(count)
+    packet = struct.pack("<hhiiiiii", 1, 1, 8, 4, 0, count, count, count) + pairs.tobytes()
+    (tmp_path / "b.aedat").write_bytes(aedat3(packet))
+    for name in ("a.aedat", "b.aedat"):
+        tracemalloc.start()
+        assert sum(len(events) for events in davis_rs.iter_events(tmp_path / name, chunk=10_000)) == count
+        peak = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        assert peak < 12 << 20  # the events alone have 16 MiB
+
+
+def test_a_cameras_bytes_are_a_recording(tmp_path: Path) -> None:
+    """What was sent comes back, with what the file says of its camera."""
+    events = events_of([(5, 1, 2, 1), (9, 3, 4, 0)])
+    with RawWriter(tmp_path / "e.davis", DESCRIPTION) as writer:
+        writer.write(davis_rs.Encoder("DAVIS240C").encode(events))
+    recording = read_recording(tmp_path / "e.davis")
+    np.testing.assert_array_equal(recording.events, events)
+    assert (recording.chip, recording.width, recording.height, recording.cut) == ("DAVIS240C", 240, 180, ())
+    assert recording.started == RawRecording(tmp_path / "e.davis").started
+    with pytest.raises(ValueError, match="is of a DAVIS240C: leave out chip="):
+        read_recording(tmp_path / "e.davis", chip="DAVIS346B")
+    content = (tmp_path / "e.davis").read_bytes()
+    (tmp_path / "e.davis").write_bytes(content.replace(b'"complete": true', b'"complete":false'))
+    with pytest.warns(RecordingWarning, match="was not finished; what is there is read"):
+        assert len(read_recording(tmp_path / "e.davis").events) == 2
 
 
 @pytest.mark.parametrize("content", list(files_of_all()), ids=["2.0", "3.1", "4", "4 LZ4", "4 ZSTD"])

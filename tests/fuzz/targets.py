@@ -13,14 +13,16 @@ from typing import Any
 import numpy as np
 
 import davis_rs
+from davis_rs.event_files.random_access import RandomAccess
+from davis_rs.formats.recorded import RecordedParts
 from davis_rs.generate import load_sequence_plan
 from davis_rs.inspection.check import check_dataset
 from davis_rs.inspection.summary import summarize_events
 from davis_rs.sensors import preset_file, read_sensor_file, sensor_yaml
-from davis_rs.usb.description import DavisDescription
 from davis_rs.usb.raw_file import RawRecording, RawWriter
 from gltf_files import CORNERS, UV, Gltf, quad
 from recording_files import (
+    DESCRIPTION,
     aedat2,
     aedat2_event,
     aedat2_imu,
@@ -108,7 +110,7 @@ def _gzip_hdf5(folder: Path) -> list[Path]:
 
 
 def read_event_file(path: Path, rng: random.Random) -> None:
-    """All of it, a slice of it, or its summary."""
+    """All of it, a slice of it, its summary, what lies next to the events, or any of them by number."""
     kind = rng.randrange(6)
     if kind == 0:
         summarize_events(path)
@@ -126,6 +128,13 @@ def read_event_file(path: Path, rng: random.Random) -> None:
         assert not ((events["x"] >= width) | (events["y"] >= height)).any(), "pixels outside"
         if kind == 5:
             np.testing.assert_array_equal(np.concatenate([events[:0], *reader.iter(64)]), events)
+        if kind == 4 and isinstance(reader, RecordedParts):
+            for _, image in reader.images():
+                assert reader.size is None or image.shape == (height, width), "an image that is not the sensor's"
+            list(reader.imu())
+        if kind == 3 and reader.format in ("aedat2", "aedat3"):
+            access = RandomAccess(path)
+            np.testing.assert_array_equal(access.read(0, access.events), events)
 
 
 def _aedat2(folder: Path) -> list[Path]:
@@ -236,17 +245,9 @@ def read_sensor(path: Path, _: random.Random) -> None:
 
 def _davis(folder: Path) -> list[Path]:
     path = folder / "seed.davis"
-    with RawWriter(path, _description(), started=datetime(2026, 1, 1, tzinfo=timezone.utc)) as writer:
+    with RawWriter(path, DESCRIPTION, started=datetime(2026, 1, 1, tzinfo=timezone.utc)) as writer:
         writer.write(davis_rs.Encoder("DAVIS240C").encode(some_events()))
     return [path]
-
-
-def _description() -> DavisDescription:
-    return DavisDescription(
-        chip="DAVIS240C", serial="1", product=0x841B, firmware=4, logic_version=18, logic_patch=1, columns=240,
-        rows=180, dvs_orientation=0, aps_columns=240, aps_rows=180, aps_orientation=0, has_global_shutter=True,
-        imu_type=1, imu_flips=0, is_master=True, logic_mhz=90.0, adc_mhz=30.0, usb_mhz=30.0,
-    )  # fmt: skip
 
 
 def read_davis(path: Path, _: random.Random) -> None:
@@ -351,6 +352,10 @@ EVENT_FILES: dict[str, Callable[[Path], list[Path]]] = {
     "bag-lz4": _written(".bag", compression="lz4"),
     "bag-unfinished": _unfinished_bag,
     "ros2": _written(".mcap"),
+    "aedat2": _aedat2,
+    "aedat3": _aedat3,
+    "aedat4-frames": _aedat4,
+    "camera": _davis,
 }
 
 _OF_SCENES = (davis_rs.DecodeError, FileNotFoundError)

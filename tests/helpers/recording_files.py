@@ -1,4 +1,4 @@
-"""Files of AEDAT 2.0, 3.1 and 4, written by the rules of the formats."""
+"""Files of AEDAT 2.0, 3.1 and 4, written by the rules of the formats, and the camera of a camera's bytes."""
 
 from __future__ import annotations
 
@@ -9,7 +9,14 @@ from typing import Any
 import numpy as np
 
 import davis_rs
-from davis_rs import Frame, TriggerKind
+from davis_rs import DavisDescription, Frame, TriggerKind
+
+DESCRIPTION = DavisDescription(
+    chip="DAVIS240C", serial="1", product=0x841B, firmware=4, logic_version=18, logic_patch=1, columns=240,
+    rows=180, dvs_orientation=0, aps_columns=240, aps_rows=180, aps_orientation=0, has_global_shutter=True,
+    imu_type=1, imu_flips=0, is_master=True, logic_mhz=90.0, adc_mhz=30.0, usb_mhz=30.0,
+)  # fmt: skip
+"""A camera whose bytes are recorded."""
 
 Field = tuple[str, float] | bytes | list[Any] | None
 """Of a FlatBuffers table: a number with its format, a vector (its count first), a vector of tables, or nothing."""

@@ -13,14 +13,16 @@ import pytest
 from imageio.plugins.ffmpeg import get_exe
 from PIL import Image
 
-from davis_rs import EVENT_DTYPE, convert
+from davis_rs import EVENT_DTYPE, RecordingWarning, convert
 from davis_rs.camera import Camera
 from davis_rs.cli.main import main
 from davis_rs.dataset.writer import DatasetWriter
+from davis_rs.event_files.sensor_size import SensorSizeWarning
 from davis_rs.inspection.figure import OFF_RGB, ON_RGB, event_picture, view
 from davis_rs.inspection.video import make_video
 from davis_rs.inspection.visual_sequence import display_grey
 from davis_rs.packet import Packet
+from recording_files import aedat2, aedat2_event
 from written_sequence import HEIGHT, STEPS, WIDTH, packet_of, pose_at, write_sequence
 
 
@@ -186,18 +188,23 @@ def test_an_unknown_suffix_is_refused(
 
 
 def test_an_event_file_and_a_recording_can_be_viewed(folder: Path, tmp_path: Path) -> None:
-    """One that does not know its size needs it; AEDAT 4 and .npy go without a folder."""
-    with pytest.raises(ValueError, match="does not say the sensor's size"):
-        view(folder / "events.txt")
+    """One that does not know its size needs it, or a meta.json next to it; AEDAT 4 and .npy go without a folder."""
     with pytest.warns(UserWarning, match="leaves out"):
         convert(folder, tmp_path / "e.aedat4")
     with pytest.warns(UserWarning, match="leaves out"):
         convert(folder, tmp_path / "e.npy")
+    with pytest.raises(ValueError, match="does not say the sensor's size"):
+        view(tmp_path / "e.npy")
+    with pytest.warns(SensorSizeWarning, match=f"{WIDTH} x {HEIGHT} is taken from .*meta.json"):
+        view(folder / "events.txt")
     for source, size in ((folder / "events.txt", (WIDTH, HEIGHT)), (tmp_path / "e.aedat4", None)):
         pixels = pixels_of(view_dataset(source, tmp_path / "figure.png", size=size))
         assert count_of(pixels, ON_RGB) > 100
         assert count_of(pixels, OFF_RGB) > 100
     make_video(tmp_path / "e.aedat4", tmp_path / "v.gif")
+    (tmp_path / "cut.aedat").write_bytes(aedat2([(aedat2_event(3, 5, 1), 700)]) + b"cut")
+    with pytest.warns(RecordingWarning, match="the last record is cut off"):
+        view(tmp_path / "cut.aedat")
     with pytest.raises(ValueError, match=r"lies outside of the 3 x 3 sensor"):
         view(tmp_path / "e.npy", size=(3, 3))
 

@@ -6,6 +6,8 @@ import csv
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from ..extras import from_extra
+from ..whole_file import whole_file
 from .frame_rates import VideoErrors
 
 _COLUMNS = (
@@ -19,7 +21,7 @@ _COLOURS = {"linear": "#D55E00", "cubic": "#0072B2", "flow": "#009E73", "auto": 
 
 def write_frame_rates_csv(measured: Sequence[VideoErrors], path: Path) -> None:
     """A line for each setting."""
-    with path.open("w", newline="", encoding="utf-8") as file:
+    with whole_file(path) as place, place.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow(_COLUMNS)
         for one in measured:
@@ -67,12 +69,10 @@ def draw_frame_rates(measured: Sequence[VideoErrors], path: Path, title: str) ->
     Raises:
         ImportError: without matplotlib, saying how to get it.
     """
-    try:
+    with from_extra("view"):
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
         from matplotlib.ticker import LogLocator, NullFormatter
-    except ImportError as error:
-        raise ImportError("drawing the figure needs matplotlib: pip install 'davis_rs[view]'") from error
 
     figure = Figure(figsize=(13.5, 4.9), dpi=150, layout="constrained")
     FigureCanvasAgg(figure)
@@ -106,7 +106,8 @@ def draw_frame_rates(measured: Sequence[VideoErrors], path: Path, title: str) ->
     handles, labels = axis.get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=4, frameon=False, fontsize=9)
     figure.suptitle(title, fontsize=11)
-    figure.savefig(path, format="png")
+    with whole_file(path) as place:
+        figure.savefig(place, format="png")
 
 
 def _wrong(one: VideoErrors) -> float:

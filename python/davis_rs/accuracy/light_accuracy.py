@@ -21,6 +21,7 @@ from ..rendering.render_native import NativeRenderer
 from ..rendering.renderers import make_renderer
 from ..scene.scene import Scene
 from ..trajectory.views import Views
+from ..whole_file import whole_file
 
 LIGHT_SAMPLES = (64, 256)
 """Of the path tracer that is compared."""
@@ -136,9 +137,8 @@ class LightComparison:
         luma = tracer.luma(self._views)
         if file is not None:
             file.parent.mkdir(parents=True, exist_ok=True)
-            unfinished = file.with_suffix(".part.npy")
-            np.save(unfinished, luma)
-            unfinished.replace(file)
+            with whole_file(file) as place:
+                np.save(place, luma)
         return luma
 
     def _errors(

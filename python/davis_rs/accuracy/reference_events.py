@@ -24,6 +24,7 @@ from ..sampling.keyframes import exact_log_luma, slope
 from ..sampling.rules import MaxDisplacement
 from ..trajectory.trajectory import Trajectory
 from ..trajectory.views import Views
+from ..whole_file import whole_file
 
 TICKS_PER_US = 10
 
@@ -214,7 +215,7 @@ def fine_reference(
             break
     assert found is not None
     cache.parent.mkdir(parents=True, exist_ok=True)
-    with cache.open("wb") as file:
+    with whole_file(cache) as place, place.open("wb") as file:
         np.savez(file, key=np.array(key), t_us=found.t_us, luma=found.luma)
     return found
 

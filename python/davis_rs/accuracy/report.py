@@ -11,6 +11,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .._core import __version__
+from ..extras import from_extra
+from ..whole_file import whole_file
 from .accuracy_sweep import SLOW_S, Errors, Measurement, Sweep
 from .reference_events import EXACT_PX
 from .settings import PRESETS
@@ -31,12 +33,10 @@ _ERRORS: dict[str, tuple[str, Value]] = {
 def write_csv(measured: Sequence[Measurement], path: Path) -> None:
     """All numbers, one row a setting; replaces the file in one go, so that there is always a whole one."""
     rows = [_row(measurement) for measurement in measured]
-    unfinished = path.with_suffix(".csv.part")
-    with unfinished.open("w", newline="", encoding="utf-8") as file:
+    with whole_file(path) as place, place.open("w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, list(rows[0]) if rows else [])
         writer.writeheader()
         writer.writerows(rows)
-    unfinished.replace(path)
 
 
 def _row(measurement: Measurement) -> dict[str, object]:
@@ -170,11 +170,9 @@ def draw(measured: Sequence[Measurement], path: Path, title: str) -> None:
     Raises:
         ImportError: without matplotlib, saying how to get it.
     """
-    try:
+    with from_extra("view"):
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
-    except ImportError as error:
-        raise ImportError("drawing the figure needs matplotlib: pip install 'davis_rs[view]'") from error
 
     figure = Figure(figsize=(13.5, 8.6), dpi=150, layout="constrained")
     FigureCanvasAgg(figure)
@@ -193,7 +191,8 @@ def draw(measured: Sequence[Measurement], path: Path, title: str) -> None:
     handles, labels = axes[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=5, frameon=False, fontsize=8.5)
     figure.suptitle(title, fontsize=11)
-    figure.savefig(path, format="png")
+    with whole_file(path) as place:
+        figure.savefig(place, format="png")
 
 
 def _panel(axis: Axes, points: Sequence[tuple[Measurement, float, float]], families: Sequence[str]) -> None:

@@ -8,7 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from ..dataset.reader import Dataset
+from ..extras import from_extra
 from ..scene.checkerboard import Checkerboard
+from ..whole_file import whole_file
 from .board_pose import board_pose
 from .corners import BoardView, encode
 from .intrinsics import Intrinsics
@@ -27,11 +29,9 @@ def draw_intrinsics(
         ImportError: without matplotlib, saying how to get it.
         OSError: if the file cannot be written.
     """
-    try:
+    with from_extra("view"):
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
-    except ImportError as error:
-        raise ImportError("drawing the figure needs matplotlib: pip install 'davis_rs[view]'") from error
     camera = result.camera
     used = [view for view in views if view.frame in result.frame_rms_px]
     left = []
@@ -65,5 +65,6 @@ def draw_intrinsics(
         axes.tick_params(labelsize=6)
         axes.set_xlabel(x, fontsize=7)
         axes.set_ylabel(y, fontsize=7)
-    figure.savefig(path)
+    with whole_file(path) as place:
+        figure.savefig(place)
     return Path(path)

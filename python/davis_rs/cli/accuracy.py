@@ -16,9 +16,11 @@ from ..accuracy.report import draw, facts_of, markdown, write_csv
 from ..accuracy.settings import Setting, default_settings
 from ..argument_error import ArgumentError
 from ..camera import Camera
+from ..extras import require
 from ..progress import each, progress
 from ..scene.scene import Scene
 from ..settings import ViewSettings, complete, view_scene
+from ..whole_file import write_whole
 from .common import add_scene, add_trajectory, on_trajectory, scene_of
 from .settings_options import add_settings, given_settings
 
@@ -80,6 +82,7 @@ def _accuracy(options: argparse.Namespace) -> int:
         return _light(options)
     if "bake_error" in given_settings(options, ViewSettings):
         raise ValueError("--bake-error is for --light: what is compared without it renders alike")
+    require("view", "matplotlib")  # it draws at the end
     if options.frames:
         return _frame_rates(options)
     rounds = _ROUNDS if options.rounds is None else options.rounds
@@ -132,7 +135,7 @@ def _light(options: argparse.Namespace) -> int:
         f": `davis-rs {shlex.join(sys.argv[1:])}`"
     )
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / "light.md").write_text("\n".join([facts, "", *table, ""]), "utf-8")
+    write_whole(folder / "light.md", "\n".join([facts, "", *table, ""]))
     print(folder / "light.md")
     return 0
 
@@ -163,7 +166,7 @@ def _frame_rates(options: argparse.Namespace) -> int:
             "judged": f"{prepared.duration_s:.3g} s from {prepared.start_s:.3g} s on, in which the fastest pixel moves "
             f"{prepared.path_px:.1f} px; events match within {prepared.window_us / 1000:.3g} ms",
         }
-        (folder / "frame_rates.md").write_text(frame_rates_markdown(measured, facts), "utf-8")
+        write_whole(folder / "frame_rates.md", frame_rates_markdown(measured, facts))
         draw_frame_rates(measured, folder / "frame_rates.png", f"{scene.name}: events from video")
         print(folder / "frame_rates.md")
     return 130 if interrupted else 0
@@ -176,7 +179,7 @@ def run_sweep(prepared: Sweep, settings: Sequence[Setting], *, rounds: int, comm
 
     Raises:
         OSError: if a file cannot be written.
-        ImportError: without matplotlib, after the tables are written.
+        ImportError: without matplotlib.
     """
     folder = prepared.folder
     folder.mkdir(parents=True, exist_ok=True)
@@ -195,7 +198,7 @@ def run_sweep(prepared: Sweep, settings: Sequence[Setting], *, rounds: int, comm
         interrupted = True
     if measured:
         facts = facts_of(prepared, measured, command=command, interrupted=interrupted)
-        (folder / "accuracy.md").write_text(markdown(measured, facts), "utf-8")
+        write_whole(folder / "accuracy.md", markdown(measured, facts))
         draw(measured, folder / "accuracy.png", f"{prepared.scene.name}: accuracy against time ({facts['machine']})")
         print(folder / "accuracy.md")
     return 130 if interrupted else 0

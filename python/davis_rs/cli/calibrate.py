@@ -26,6 +26,7 @@ from ..camera import Camera, load_camera
 from ..dataset.reader import Dataset
 from ..imu import ImuNoise
 from ..scene.checkerboard import DATASET_BOARD, Checkerboard
+from ..whole_file import write_whole
 from .calibrate_sensor import add_sensor
 from .common import figure_file
 
@@ -112,7 +113,7 @@ def _intrinsics(options: argparse.Namespace) -> int:
     height, width = dataset.read_image(views[0].frame).shape
     result = calibrate_intrinsics(views, board, width=width, height=height)
     if options.calib is not None:
-        options.calib.write_text(result.camera.to_calib())
+        write_whole(options.calib, result.camera.to_calib())
     if options.figure is not None:
         draw_intrinsics(dataset, views, board, result, options.figure)
     return _done(result, options.output)
@@ -158,6 +159,6 @@ def _camera(options: argparse.Namespace, dataset: Dataset) -> Camera:
 
 def _done(result: Any, output: Path | None) -> int:
     if output is not None:
-        output.write_text(json.dumps(as_dict(result), indent=2) + "\n")
+        write_whole(output, json.dumps(as_dict(result), indent=2) + "\n")
     print(report(result))
     return 0

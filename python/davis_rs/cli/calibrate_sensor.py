@@ -6,8 +6,9 @@ import argparse
 from pathlib import Path
 
 from ..sensors import SENSORS
-from .common import figure_file
-from .measured import RECORDING, add_measured, measured_with_frames
+from ..whole_file import write_whole
+from .common import EVENTS_HELP, figure_file
+from .measured import add_measured, measured_with_frames
 
 _LONGEST_S = 60.0
 """Of the static scene that is drawn."""
@@ -20,7 +21,7 @@ def add_sensor(parser: argparse.ArgumentParser) -> None:
         "recordings",
         nargs="+",
         metavar="RECORDING",
-        help=f"of one sensor: {RECORDING}",
+        help=f"of one sensor: {EVENTS_HELP}",
     )
     parser.add_argument("-o", "--output", type=Path, metavar="FILE.yaml", help="write the sensor, as --sensor takes it")
     parser.add_argument(
@@ -63,7 +64,7 @@ def _sensor(options: argparse.Namespace) -> int:
     text = sensor_yaml(fitted)
     print(fit)
     if options.output is not None:
-        options.output.write_text(text, encoding="utf-8")
+        write_whole(options.output, text)
         print(f"{options.output}: --sensor {options.output} simulates it")
     if options.figure is not None:
         real = recordings[0].statistics

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from ..argument_checks import as_size
 from ..argument_error import ArgumentError
+from ..extras import require
 from ..progress import say
 from ..scene.scene import Scene
 from ..scenes import BUILTIN_SCENES, load_scene, start_pose
@@ -18,6 +19,11 @@ SCENE_HELP = (
     f"{', '.join(BUILTIN_SCENES)}, a sequence of davis-rs sequences, a Mitsuba XML or glTF file, or an OBJ or PLY mesh"
 )
 """What a scene may be."""
+
+EVENTS_HELP = (
+    "an event file of any format, a recording (AEDAT 2.0, 3.1, 4, or a camera's bytes), a dataset folder, or a rosbag2"
+)
+"""What has events."""
 
 
 def add_scene(parser: argparse.ArgumentParser) -> None:
@@ -131,9 +137,10 @@ def unnamed(error: ArgumentError) -> str:
 
 
 def figure_file(text: str) -> Path:
-    """A file that a picture can be written to, told by its suffix."""
+    """A file that a picture can be written to, told by its suffix; what draws it must be there."""
     from ..inspection.figure import check_figure_path
 
+    require("view", "matplotlib")
     try:
         return check_figure_path(text)
     except ValueError as error:

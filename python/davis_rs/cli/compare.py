@@ -6,8 +6,9 @@ import argparse
 import json
 from pathlib import Path
 
-from .common import figure_file
-from .measured import RECORDING, add_measured, measured
+from ..whole_file import write_whole
+from .common import EVENTS_HELP, figure_file
+from .measured import add_measured, measured
 
 
 def add_compare(parser: argparse.ArgumentParser) -> None:
@@ -17,7 +18,7 @@ def add_compare(parser: argparse.ArgumentParser) -> None:
         "quiet pixels, parity of columns and rows. docs/sensor.md says what each means."
     )
     parser.set_defaults(run=_compare)
-    parser.add_argument("real", metavar="REAL", help=RECORDING)
+    parser.add_argument("real", metavar="REAL", help=EVENTS_HELP)
     parser.add_argument("simulated", metavar="SIMULATED", help="the simulated stream, in the same forms")
     parser.add_argument(
         "--figure", type=figure_file, metavar="FILE", help="draw both on one page: .png, .pdf, .svg ..."
@@ -34,7 +35,7 @@ def _compare(options: argparse.Namespace) -> int:
     print(comparison)
     if options.json is not None:
         found = {"real": comparison.real.describe(), "simulated": comparison.simulated.describe()}
-        options.json.write_text(json.dumps(found, indent=1) + "\n")
+        write_whole(options.json, json.dumps(found, indent=1) + "\n")
     if options.figure is not None:
         print(draw_comparison(comparison, options.figure))
     return 0

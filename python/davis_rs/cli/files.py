@@ -8,33 +8,33 @@ import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from decimal import Decimal, InvalidOperation
-from pathlib import Path
 from typing import Any
 
 from ..dataset.reader import Dataset
 from ..event_files.conversion import LeftOutWarning, convert
-from ..formats import FORMATS
 from ..formats.parts import ALL_PARTS, PARTS
+from ..formats.registry import written_formats
 from ..formats.ros2 import MESSAGES, STORAGES
-from ..inspection.summary import dataset_contents, dataset_row, draw_rates, summarize_events
+from ..inspection.summary import DATASET_FOLDER, dataset_contents, dataset_row, draw_rates, summarize_events
 from ..progress import progress
 from ..untrusted import MAX_PACKET_BYTES
-from .common import figure_file, sensor_size
+from .common import EVENTS_HELP, figure_file, sensor_size
 
 
 def add_convert(conversion: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
     conversion.description = (
         "Convert from any container to any other, in constant memory: events, and the calibration, frames, depth, "
-        "flow, IMU samples and poses that both hold. Values stay as they are; a message names what OUT cannot hold."
+        "flow, IMU samples and poses that both hold. Values stay as they are; a message names what OUT cannot hold. "
+        "OUT gets its name when it is whole: an error or Ctrl-C leaves nothing."
     )
     conversion.set_defaults(run=_convert)
-    conversion.add_argument("source", metavar="IN", help="a file of any format, a dataset folder, or a rosbag2")
+    conversion.add_argument("source", metavar="IN", help=EVENTS_HELP)
     conversion.add_argument(
         "target", metavar="OUT", help="what to write; without a suffix a dataset folder, or - for standard output"
     )
     conversion.add_argument(
-        "--format", choices=sorted(FORMATS), help="format of OUT; chosen by the suffix if not given"
+        "--format", choices=sorted(written_formats()), help="format of OUT; chosen by the suffix if not given"
     )
     conversion.add_argument(
         "--start", dest="start_us", type=_microseconds, metavar="S", help="only what is from this time of IN on"
@@ -77,7 +77,7 @@ def add_info(info: argparse.ArgumentParser) -> None:
         "the paper's tables: T (duration), TS and RS (top speeds), NE (number of events)."
     )
     info.set_defaults(run=_info)
-    info.add_argument("path", metavar="PATH", help="a file of any format, or a dataset folder")
+    info.add_argument("path", metavar="PATH", help=EVENTS_HELP)
     info.add_argument(
         "--picture", type=figure_file, metavar="FILE", help="draw the rate of each pixel: .png, .pdf, .svg ..."
     )
@@ -144,7 +144,7 @@ def _info(options: argparse.Namespace) -> int:
             options.path, size=options.size, max_packet_bytes=options.max_packet_bytes, progress=told
         )
     print(summary)
-    if Path(options.path).is_dir():
+    if summary.format == DATASET_FOLDER:
         print(dataset_contents(Dataset(options.path)))
         print(dataset_row(options.path, summary))
     if options.picture is not None:

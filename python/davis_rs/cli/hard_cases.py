@@ -15,6 +15,7 @@ from ..accuracy.hard_cases import HardCaseResult, hard_cases_page, measure_hard_
 from ..accuracy.report import processor
 from ..progress import each
 from ..sampling.presets import ACCURACY
+from ..whole_file import write_whole
 
 
 def add_hard_cases(command: argparse.ArgumentParser) -> None:
@@ -51,6 +52,6 @@ def _hard_cases(options: argparse.Namespace) -> int:
         interrupted = True
         facts["interrupted"] = "these are the cases measured until then"
     if results:
-        page.write_text(hard_cases_page(results, facts), "utf-8")
+        write_whole(page, hard_cases_page(results, facts))
         print(page)
     return 130 if interrupted else 0

@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from ..argument_error import ArgumentError
-from .common import sensor_size
+from ..whole_file import whole_file
+from .common import EVENTS_HELP, sensor_size
 
 
 def add_check(parser: argparse.ArgumentParser) -> None:
@@ -20,7 +21,7 @@ def add_check(parser: argparse.ArgumentParser) -> None:
 def add_view(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
     parser.set_defaults(run=_view)
-    parser.add_argument("source", type=Path, metavar="PATH", help="a dataset folder, event file or recording")
+    parser.add_argument("source", type=Path, metavar="PATH", help=EVENTS_HELP)
     outputs = parser.add_argument_group("what is made (give one; a picture if none is given)")
     outputs.add_argument(
         "-o",
@@ -117,7 +118,9 @@ def _view_picture(options: argparse.Namespace, settings: dict[str, Any]) -> Path
 
     in_or_next_to = options.source / "view.png" if options.source.is_dir() else options.source.with_suffix(".png")
     output = check_figure_path(options.output or in_or_next_to)
-    view(options.source, **settings).savefig(output)
+    figure = view(options.source, **settings)
+    with whole_file(output) as place:
+        figure.savefig(place)
     return output
 
 

@@ -12,9 +12,6 @@ if TYPE_CHECKING:
     from ..sensor_fit import MeasuredRecording
     from ..stream_statistics import StreamStatistics
 
-RECORDING = "a dataset folder, an event file of any format, a camera's bytes, or an AEDAT recording"
-"""What can be measured."""
-
 
 def add_measured(parser: argparse.ArgumentParser) -> None:
     """Add what all streams of a command have in common."""

@@ -8,21 +8,32 @@ import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from ..argument_error import ArgumentError
 from ..biases import BIAS_SETS
-from ..decoded import Decoded
+from ..decoded import IMU_DTYPE, Decoded, Frame
 from ..event_files.backward import POLICIES, Policy
-from ..event_files.decoded_output import decoded_output, is_decoded
-from ..recordings import read_recording
+from ..event_files.decoded_output import DecodedOutput, decoded_output, is_decoded
+from ..event_files.read import open_reader
+from ..event_files.sensor_size import sensor_size
+from ..formats.interface import EventReader
+from ..formats.parts import FRAMES, IMU
+from ..formats.recorded import RecordedParts
+from ..recordings import Recording, read_recording
+from ..recordings.camera_bytes import CameraBytesFile
+from ..recordings.recording_file import EMPTY
 from ..usb.davis import Davis
 from ..usb.description import describe
 from ..usb.link import UsbLink, find_devices
 from ..usb.protocol import FX3
-from ..usb.raw_file import RawRecording, RawWriter, is_raw
+from ..usb.raw_file import RawRecording, RawWriter
 from ..usb.settings import ACCELEROMETER_RANGES_G, GYROSCOPE_RANGES_DEG_S, DavisSettings
 from ..usb.virtual_davis import VirtualDavis
-from .common import SCENE_HELP
+from .common import EVENTS_HELP, SCENE_HELP
+from .common import sensor_size as sensor_size_of
 from .files import add_max_packet_bytes
 
 
@@ -79,7 +90,7 @@ def add_decode(decode: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
 
     decode.set_defaults(run=_decode)
-    decode.add_argument("recording", type=Path, metavar="FILE")
+    decode.add_argument("recording", type=Path, metavar="FILE", help=EVENTS_HELP)
     decode.add_argument(
         "-o",
         "--output",
@@ -87,6 +98,7 @@ def add_decode(decode: argparse.ArgumentParser) -> None:
         metavar="OUT",
         help=".npz (all) or an event file; if not given, count",
     )
+    decode.add_argument("--size", type=sensor_size_of, metavar="WxH", help="sensor size, where FILE does not say")
     _add_backward(decode)
     add_max_packet_bytes(decode)
 
@@ -217,23 +229,25 @@ class LiveOutput:
 
 
 def _decode(options: argparse.Namespace) -> int:
-    source = (
-        BytesOfCamera(options.recording)
-        if is_raw(options.recording)
-        else FileOfSoftware(options.recording, options.max_packet_bytes)
-    )
-    output = None if options.output is None else decoded_output(options.output, source.size, backward=options.backward)
-    counts = {"events": 0, "IMU samples": 0, "frames": 0, "triggers": 0}
-    said: list[str] = []
-    try:
-        for decoded in source.pieces():
-            lengths = (len(decoded.events), len(decoded.imu), len(decoded.frames), len(decoded.triggers))
-            counts = {kind: count + more for (kind, count), more in zip(counts.items(), lengths, strict=True)}
+    policy: dict[str, Any] = {"backward": "keep", "outside": "drop", "max_packet_bytes": options.max_packet_bytes}
+    with open_reader(options.recording, **policy) as reader:
+        source = _stream(reader, options)
+        output: DecodedOutput | None = None
+        if options.output is not None:
+            size = sensor_size(reader, options.size)
+            output = decoded_output(options.output, size, backward=options.backward, whole=True)
+        counts = {"events": 0, "IMU samples": 0, "frames": 0, "triggers": 0}
+        try:
+            for decoded in source.pieces():
+                lengths = (len(decoded.events), len(decoded.imu), len(decoded.frames), len(decoded.triggers))
+                counts = {kind: count + more for (kind, count), more in zip(counts.items(), lengths, strict=True)}
+                if output is not None:
+                    output.write(decoded)
+            said = [] if output is None else output.finish()
+        except BaseException:
             if output is not None:
-                output.write(decoded)
-    finally:
-        if output is not None:
-            said = output.finish()
+                output.abandon()
+            raise
     totals = ", ".join(f"{count} {kind}" for kind, count in counts.items())
     print(f"{source.title}: {totals}")
     for line in [*said, *source.remarks()]:
@@ -243,13 +257,19 @@ def _decode(options: argparse.Namespace) -> int:
     return 0
 
 
+def _stream(reader: EventReader, options: argparse.Namespace) -> BytesOfCamera | FileOfSoftware | EventFile:
+    if not isinstance(reader, RecordedParts):
+        return EventFile(reader)
+    if isinstance(reader.recording, CameraBytesFile):
+        return BytesOfCamera(reader.recording.raw)
+    return FileOfSoftware(read_recording(reader.path, max_packet_bytes=options.max_packet_bytes))
+
+
 class BytesOfCamera:
     """A recording of a camera's bytes, decoded."""
 
-    def __init__(self, path: Path) -> None:
-        self._recording = RawRecording(path)
-        self._decoder = self._recording.decoder()
-        self.size = (self._decoder.device.width, self._decoder.device.height)
+    def __init__(self, recording: RawRecording) -> None:
+        self._recording, self._decoder = recording, recording.decoder()
         self.title = f"{self._recording.camera}, {self._recording.started:%Y-%m-%d %H:%M:%S} UTC"
 
     def pieces(self) -> Iterator[Decoded]:
@@ -272,10 +292,8 @@ class BytesOfCamera:
 class FileOfSoftware:
     """An AEDAT file; its times count from its first."""
 
-    def __init__(self, path: Path, max_packet_bytes: int) -> None:
-        recording = read_recording(path, max_packet_bytes=max_packet_bytes)
+    def __init__(self, recording: Recording) -> None:
         self._recording = recording.from_start()
-        self.size = (recording.width, recording.height)
         started = "" if recording.started is None else f", {recording.started:%Y-%m-%d %H:%M:%S}"
         self.title = f"{recording.format}, {recording.chip or 'unknown chip'}{started}, from {recording.start_us} us on"
 
@@ -286,6 +304,36 @@ class FileOfSoftware:
     def remarks(self) -> list[str]:
         """What was assumed."""
         return list(self._recording.notes)
+
+    def losses(self) -> list[str]:
+        """What is cut off was said when it was read."""
+        return []
+
+
+class EventFile:
+    """An event file of another format, or a dataset folder: its events, frames and inertial samples."""
+
+    def __init__(self, reader: EventReader) -> None:
+        self._reader = reader
+        size = "" if reader.size is None else f", {reader.size[0]} x {reader.size[1]} px"
+        self.title = f"{reader.format}{size}"
+
+    def pieces(self) -> Iterator[Decoded]:
+        """What it holds, kind by kind."""
+        for events in self._reader.iter():
+            yield EMPTY._replace(events=events)
+        if (imu := getattr(self._reader, IMU.read, None)) is not None:
+            samples = [(one.t_us, one.acceleration, one.angular_velocity, 0.0) for one in imu()]
+            yield EMPTY._replace(imu=np.array(samples, IMU_DTYPE))
+        if (images := getattr(self._reader, FRAMES.read, None)) is not None:
+            for t_us, grey in images():
+                frame = Frame(t_us, t_us, t_us, t_us, 0, 0, grey.astype(np.uint16) << 8)
+                yield EMPTY._replace(frames=[frame])
+
+    def remarks(self) -> list[str]:
+        """What was left out."""
+        outside = self._reader.check.dropped_outside
+        return [f"{outside} events outside of the sensor left out"] if outside else []
 
     def losses(self) -> list[str]:
         """What is cut off was said when it was read."""

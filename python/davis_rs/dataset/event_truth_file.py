@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..events import EventArray
+from ..extras import from_extra, require
 from ..ground_truth import EventTruthArray
 from .files import EVENT_TRUTH
 
@@ -69,10 +70,8 @@ class Hdf5Truth(EventTruthFile):
     each packet."""
 
     def __init__(self, path: Path, shape_names: Sequence[str]) -> None:
-        try:
+        with from_extra("hdf5"):
             import h5py
-        except ImportError as error:
-            raise ImportError("event_truth h5 needs h5py: pip install 'davis_rs[hdf5]'") from error
         self._file = h5py.File(path, "x")
         for name, kind in COLUMNS.items():
             self._file.create_dataset(
@@ -143,3 +142,13 @@ def open_event_truth(folder: Path, kind: str, shape_names: Sequence[str]) -> Eve
         kind: ``h5`` or ``npz``.
     """
     return {"h5": Hdf5Truth, "npz": NpzTruth}[kind](folder / EVENT_TRUTH[kind], shape_names)
+
+
+def require_event_truth(kind: str | None) -> None:
+    """Check that the library is there that a file of truth at events needs, of ``h5``, ``npz`` or None.
+
+    Raises:
+        ImportError: with the extra that brings it.
+    """
+    if kind == "h5":
+        require("hdf5", "h5py")

@@ -69,10 +69,16 @@ EVENT_FILES = {
 
 
 def check_event_format(format: str, size: tuple[int, int]) -> None:
-    """Refuse, by a ValueError, what is no format of a folder's event file, and one that cannot hold the sensor."""
+    """Refuse what is no format of a folder's event file, one that cannot hold the sensor, and one whose library is not
+    there.
+
+    Raises:
+        ValueError, ImportError: saying what there is, or what to install.
+    """
     if format not in EVENT_FILES:
         raise ArgumentError("{events_format} must be one of {}: got {!r}", ", ".join(EVENT_FILES), format)
     FORMATS[format].limits.check_size(format, size)
+    FORMATS[format].require_libraries()
 
 
 def event_file(folder: Path) -> Path:
@@ -210,10 +216,25 @@ def _plain(value: object) -> object:
 
 def claim_folder(path: Path, *, overwrite: bool) -> Hold:
     """Make ``path`` an empty dataset folder, for one writer alone, or refuse."""
-    if path.exists() and not path.is_dir():
-        raise FileExistsError(errno.EEXIST, "a file is in the way of the dataset folder", str(path))
+    if not path.is_dir():
+        require_folder_room(path, overwrite=overwrite)
     path.mkdir(parents=True, exist_ok=True)
     hold = Hold(path)
+    require_folder_room(path, overwrite=overwrite)
+    remove_dataset(path)
+    return hold
+
+
+def require_folder_room(path: Path, *, overwrite: bool) -> None:
+    """Refuse a path where something is, but for an empty folder, or one with a dataset that may be replaced.
+
+    Raises:
+        FileExistsError: naming the path.
+    """
+    if not path.exists():
+        return
+    if not path.is_dir():
+        raise FileExistsError(errno.EEXIST, "a file is in the way of the dataset folder", str(path))
     if any(path.iterdir()):
         if not overwrite:
             raise OverwriteError(path, "the folder is not empty; {overwrite:True} replaces a dataset in it")
@@ -221,11 +242,9 @@ def claim_folder(path: Path, *, overwrite: bool) -> Hold:
             raise FileExistsError(
                 errno.EEXIST, f"will not overwrite: no dataset in it (no {EVENTS} and {META})", str(path)
             )
-        _remove_dataset(path)
-    return hold
 
 
-def _remove_dataset(path: Path) -> None:
+def remove_dataset(path: Path) -> None:
     """Remove the files that a dataset consists of, and nothing else."""
     for series in IMAGE_SERIES:
         folder = path / series.folder

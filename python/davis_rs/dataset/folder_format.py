@@ -15,6 +15,7 @@ import numpy.typing as npt
 from .._core import DecodeError
 from ..camera import Camera
 from ..events import EventArray
+from ..formats.blocks import Blocks, Place
 from ..formats.interface import EventReader, EventWriter, Format, Limits, Target
 from ..formats.parts import (
     ALL_PARTS,
@@ -31,11 +32,12 @@ from ..formats.parts import (
 )
 from ..formats.parts import FRAMES as FRAMES_PART
 from ..formats.reading import ReadRules
-from ..formats.registry import format_of_content
+from ..formats.registry import FORMATS, format_of_content
 from ..untrusted import regular_file
 from .files import (
     CALIBRATION,
     DEPTH_MAPS,
+    EVENT_FILES,
     FLOW_MAPS,
     FRAMES,
     GROUND_TRUTH,
@@ -50,6 +52,8 @@ from .files import (
     encode_exr,
     encode_png,
     event_file,
+    remove_dataset,
+    require_folder_room,
     stamped_line,
     write_file,
 )
@@ -263,18 +267,20 @@ class FolderReader(EventReader):
         """The calibration as (0, calibration), nothing where there is none."""
         if (self.dataset.path / CALIBRATION).exists():
             camera = self.dataset.camera
-            yield (
-                0,
-                Calibration(
-                    camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy, *camera.distortion
-                ),
-            )
+            size = self.dataset.size or self.sensor or (camera.width, camera.height)
+            yield 0, Calibration(*size, camera.fx, camera.fy, camera.cx, camera.cy, *camera.distortion)
 
     def _packets(self, chunk: int, start_us: int | None, stop_us: int | None) -> Iterator[EventArray]:
         return self._events._packets(chunk, start_us, stop_us)
 
     def _read(self, start_us: int | None, stop_us: int | None) -> EventArray:
         return self._events._read(start_us, stop_us)
+
+    def blocks(self) -> Blocks:
+        return self._events.blocks()
+
+    def read_block(self, place: Place, events: int) -> EventArray:
+        return self._events.read_block(place, events)
 
 
 def part_counts(dataset: Dataset) -> dict[str, int]:
@@ -317,6 +323,17 @@ class FolderFormat(Format):
         except (OSError, DecodeError):
             return False
         return True
+
+    def require_libraries(self, *, events: str = "text", **_: Any) -> None:
+        if events in EVENT_FILES:
+            FORMATS[events].require_libraries()
+
+    def require_room(self, path: Path, *, overwrite: bool) -> None:
+        require_folder_room(path, overwrite=overwrite)
+
+    def make_room(self, path: Path) -> None:
+        if path.is_dir():
+            remove_dataset(path)
 
     def open_writer(self, target: Target, size: tuple[int, int], *, overwrite: bool, **options: Any) -> FolderWriter:
         return FolderWriter(target, format=self.name, size=size, limits=self.limits, overwrite=overwrite, **options)

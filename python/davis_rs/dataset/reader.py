@@ -113,23 +113,33 @@ class Dataset:
         _check_meta(path, meta)
         return meta
 
-    @cached_property
+    @property
     def size(self) -> tuple[int, int] | None:
         """The sensor's (width, height): of ``meta.json``, else of the first frame; None if neither says."""
+        return self._size_and_source[0]
+
+    @property
+    def size_source(self) -> Path | None:
+        """The file that says :attr:`size`."""
+        return self._size_and_source[1]
+
+    @cached_property
+    def _size_and_source(self) -> tuple[tuple[int, int], Path] | tuple[None, None]:
         if "sensor" in self.meta:
+            path = self.path / META
             try:
                 width, height = (int(self.meta["sensor"][name]) for name in ("width", "height"))
             except (KeyError, TypeError, ValueError, OverflowError):
-                raise DecodeError(f'{self.path / META}: "sensor" must hold the numbers width and height') from None
+                raise DecodeError(f'{path}: "sensor" must hold the numbers width and height') from None
             if not (1 <= width <= 65535 and 1 <= height <= 65535):
-                raise DecodeError(
-                    f"{self.path / META}: 'sensor' must be 1..65535 pixels each way, found {width} x {height}"
-                )
-            return width, height
-        if self.frames and self.frames[0].path.exists():
-            height, width = self.read_image(0).shape
-            return width, height
-        return None
+                raise DecodeError(f"{path}: 'sensor' must be 1..65535 pixels each way, found {width} x {height}")
+            return (width, height), path
+        listed = self.frames[0].path if self.frames else None
+        frame = listed or next(iter(sorted((self.path / FRAMES.folder).glob(f"*{FRAMES.suffix}"))), None)
+        if frame is not None and frame.exists():
+            height, width = self._read_png(frame, "L", "an 8-bit").shape
+            return (width, height), frame
+        return None, None
 
     @cached_property
     def camera(self) -> Camera:

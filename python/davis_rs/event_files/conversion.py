@@ -15,14 +15,16 @@ import numpy as np
 from ..argument_error import ArgumentError
 from ..close_names import did_you_mean
 from ..dataset.folder_format import FolderFormat, FolderReader, FolderWriter, part_counts
-from ..dataset.reader import Dataset
 from ..events import EventArray
 from ..formats.interface import EventReader, EventWriter, Roi, Target, WriteReport, check_slice
 from ..formats.parts import ALL_PARTS, PARTS, Part
 from ..formats.reading import Breach
+from ..formats.recorded import RecordedParts
 from ..formats.registry import FORMATS
+from ..recordings import RecordingWarning
 from ..untrusted import MAX_PACKET_BYTES, guarded
 from .read import open_reader
+from .sensor_size import sensor_size
 from .write import open_writer
 
 
@@ -64,15 +66,19 @@ def convert(
     """Convert from any container to any container: events, and all other parts that both hold, in order of time.
 
     Values, times, coordinates and the order of events stay as they are. What the source has and the target cannot hold
-    is a :class:`LeftOutWarning` in one line, and stands in the report.
+    is a :class:`LeftOutWarning` in one line, and stands in the report. The target gets its name when it is whole: after
+    an error or Ctrl-C there is none, and what was there before is as it was.
 
     >>> convert("planes", "planes.bag")
     >>> convert("shapes_6dof.bag", "shapes_6dof", from_zero=True)
 
     Args:
-        source: a file of any format, recognised by its content, a dataset folder, or a rosbag2.
+        source: a file of any format, recognised by its content, a recording of a camera (AEDAT 2.0, 3.1, 4, or a
+            camera's bytes), a dataset folder, or a rosbag2.
         target: a path (without a suffix: a dataset folder), or an open binary stream.
-        size: (width, height) of the sensor, where the source does not say.
+        size: (width, height) of the sensor, where the source does not say. Without it, that of a ``meta.json`` or of
+            frames next to the source is taken, and a :class:`~davis_rs.event_files.sensor_size.SensorSizeWarning` says
+            so.
         format: of the target; by its suffix if not given.
         start_us, stop_us: only what has start_us <= t < stop_us, by the source's times.
         roi: only events with x0 <= x < x1 and y0 <= y < y1, as (x0, y0, x1, y1). Other parts stay whole.
@@ -86,8 +92,9 @@ def convert(
         options: those of the target's format.
 
     Raises:
-        ValueError: if the size is not known, both are one file, a part does not exist, or the target cannot hold a
-            value; what came before it is written.
+        ValueError: if the size is not known or contradicts the source, both are one file, a part does not exist, or the
+            target cannot hold a value.
+        ImportError: if a library is missing, with the extra that brings it.
         OSError, DecodeError: if the source cannot be read, or the target not be written.
     """
     if isinstance(target, str | os.PathLike) and os.path.exists(target) and os.path.samefile(source, target):
@@ -99,10 +106,8 @@ def convert(
         if name not in ALL_PARTS:
             raise ArgumentError("{parts} are {}: got {!r}{}", ", ".join(ALL_PARTS), name, did_you_mean(name, ALL_PARTS))
     with open_reader(source, backward=backward, outside=outside, max_packet_bytes=max_packet_bytes) as reader:
-        sensor = size or reader.size or _size_of_folder(source)
-        if sensor is None:
-            raise ArgumentError("{} ({}) does not say the sensor's size: give {size}", reader.path, reader.format)
-        with open_writer(target, sensor, format, overwrite=overwrite, **options) as writer:
+        sensor = reader.sensor = sensor_size(reader, size)
+        with open_writer(target, sensor, format, overwrite=overwrite, whole=True, **options) as writer:
             if isinstance(writer, FolderWriter):
                 writer.source = Path(source).name
             wanted = [part for part in PARTS if (parts is None or part.name in parts) and hasattr(reader, part.read)]
@@ -111,6 +116,7 @@ def convert(
             written = _write_all(
                 writer, reader.iter(start_us=start_us, stop_us=stop_us, roi=roi), items, reader, from_zero, progress
             )
+        report = writer.finish()
         dropped = reader.check
         if dropped.dropped_backward or dropped.dropped_outside:
             warnings.warn(
@@ -118,10 +124,11 @@ def convert(
                 f"{dropped.dropped_outside} outside of the sensor",
                 stacklevel=2,
             )
+        for note in reader.notes if isinstance(reader, RecordedParts) else ():
+            warnings.warn(f"{reader.path}: {note}", RecordingWarning, 2)
         left_out = "" if parts is not None else _left_out(reader, held)
         if left_out:
-            warnings.warn(f"{writer.path} ({writer.format}) cannot hold, and leaves out: {left_out}", LeftOutWarning, 2)
-        report = writer.finish()
+            warnings.warn(f"{report.path} ({report.format}) cannot hold, and leaves out: {left_out}", LeftOutWarning, 2)
         values = {field.name: getattr(report, field.name) for field in fields(WriteReport)}
         return ConversionReport(**values, parts=written, left_out=left_out)
 
@@ -205,12 +212,7 @@ def _left_out(reader: EventReader, held: list[Part]) -> str:
     if isinstance(reader, FolderReader):
         return ", ".join(f"{count:,} {what}" for what, count in part_counts(reader.dataset).items() if what not in kept)
     others = [part for part in PARTS if part.counted not in kept and hasattr(reader, part.read)]
+    if isinstance(reader, RecordedParts):
+        there = [part.counted for part in others if reader.recording.has(part.name)]
+        return ", ".join([*there, "triggers"] if reader.recording.has("triggers") else there)
     return ", ".join(part.counted for part in others if next(iter(getattr(reader, part.read)()), None) is not None)
-
-
-def _size_of_folder(source: str | os.PathLike[str]) -> tuple[int, int] | None:
-    """The size that a dataset folder states, if it does."""
-    try:
-        return Dataset(Path(source)).size
-    except (NotADirectoryError, FileNotFoundError):
-        return None

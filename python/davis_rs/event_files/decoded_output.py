@@ -10,6 +10,7 @@ import numpy as np
 from ..decoded import IMU_DTYPE, TRIGGER_DTYPE, Decoded, Frame
 from ..events import concatenate_events
 from ..formats.registry import FORMATS
+from ..whole_file import Workplace, require_no_file
 from .backward import Policy, TimeOrder
 from .write import open_writer
 
@@ -26,6 +27,9 @@ class DecodedOutput(Protocol):
     def finish(self) -> list[str]:
         """Complete what is written; returns sentences on what became of the stream."""
 
+    def abandon(self) -> None:
+        """Leave nothing of it, if it gets its name when it is whole."""
+
 
 class EventsOutput:
     """A file of events alone, in time order, of any format that :func:`~davis_rs.open_writer` writes.
@@ -35,16 +39,17 @@ class EventsOutput:
             events.txt, events-1.txt, events-2.txt ...
         size: (width, height) of the sensor.
         backward: what to do where times go back.
+        whole: whether a file gets its name when it is whole; see :func:`~davis_rs.open_writer`.
 
     Raises:
         OSError: if a file exists or cannot be written.
         ValueError: for a suffix that stands for no format; with ``backward="refuse"``, when times go back.
     """
 
-    def __init__(self, path: Path, size: tuple[int, int], *, backward: Policy = "refuse") -> None:
-        self._path, self._size = path, size
+    def __init__(self, path: Path, size: tuple[int, int], *, backward: Policy = "refuse", whole: bool = False) -> None:
+        self._path, self._size, self._whole = path, size, whole
         self._order = TimeOrder(backward)
-        self._writer = open_writer(path, size)
+        self._writer = open_writer(path, size, whole=whole)
         self._runs = 1
         self._events = 0
         self._left_out = {"IMU samples": 0, "frames": 0, "triggers": 0}
@@ -55,7 +60,8 @@ class EventsOutput:
         self._writer.write(first)
         for run in later:
             self._events += self._writer.finish().events
-            self._writer = open_writer(self._path.with_stem(f"{self._path.stem}-{self._runs}"), self._size)
+            next_path = self._path.with_stem(f"{self._path.stem}-{self._runs}")
+            self._writer = open_writer(next_path, self._size, whole=self._whole)
             self._runs += 1
             self._writer.write(run)
         self._left_out["IMU samples"] += len(decoded.imu)
@@ -75,6 +81,11 @@ class EventsOutput:
             said.append(f"not kept, for the format has no place for them: {left_out}")
         return said
 
+    def abandon(self) -> None:
+        """Leave nothing of the file that is written, if it gets its name when it is whole; runs before it are whole."""
+        if self._whole:
+            self._writer.abandon()
+
 
 class ArraysOutput:
     """NumPy's .npz, with all there is, in the order of the wire; held in memory until it is finished.
@@ -92,7 +103,7 @@ class ArraysOutput:
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        self._file = path.open("xb")
+        self._workplace = Workplace(path, require_room=lambda: require_no_file(path, overwrite=False))
         self._parts: list[Decoded] = []
 
     def write(self, decoded: Decoded) -> None:
@@ -110,11 +121,19 @@ class ArraysOutput:
             "frame_regions": np.array([_region(frame) for frame in frames], np.int64).reshape(-1, 4),
         }
         arrays |= {f"frame_{k}": frame.pixels for k, frame in enumerate(frames)}
-        with self._file:
-            np.savez(self._file, **arrays)
+        try:
+            np.savez(self._workplace.place, **arrays)
+            self._workplace.put()
+        except BaseException as error:
+            self._workplace.discard(error)
+            raise
         counts = {"events": "events", "imu": "IMU samples", "triggers": "triggers"}
         said = ", ".join(f"{len(arrays[name])} {kind}" for name, kind in counts.items())
         return [f"{self._path}: {said}, {len(frames)} frames"]
+
+    def abandon(self) -> None:
+        """Leave nothing."""
+        self._workplace.discard()
 
 
 def is_decoded(path: str | Path) -> bool:
@@ -123,18 +142,24 @@ def is_decoded(path: str | Path) -> bool:
     return suffix == ARRAYS_SUFFIX or any(suffix in format.suffixes for format in FORMATS.values())
 
 
-def decoded_output(path: str | Path, size: tuple[int, int], *, backward: Policy = "refuse") -> DecodedOutput:
+def decoded_output(
+    path: str | Path, size: tuple[int, int], *, backward: Policy = "refuse", whole: bool = False
+) -> DecodedOutput:
     """The output for a file's suffix: .npz for all there is, those of event files for events.
 
     Args:
         size: (width, height) of the sensor.
+        backward: what to do where times go back in a file of events.
+        whole: whether a file of events gets its name when it is whole, as a .npz always does.
 
     Raises:
         ValueError: for another suffix.
         OSError: if the file exists or cannot be created.
     """
     path = Path(path)
-    return ArraysOutput(path) if path.suffix.lower() == ARRAYS_SUFFIX else EventsOutput(path, size, backward=backward)
+    if path.suffix.lower() == ARRAYS_SUFFIX:
+        return ArraysOutput(path)
+    return EventsOutput(path, size, backward=backward, whole=whole)
 
 
 def _region(frame: Frame) -> tuple[int, int, int, int]:

@@ -14,13 +14,14 @@ from typing import Any
 import numpy as np
 
 from .._core import DecodeError
-from ..dataset.files import EVENTS
+from ..dataset.folder_format import FolderReader
 from ..events import EVENT_DTYPE, EventArray, concatenate_events
 from ..formats.blocks import UNKNOWN_US, Blocks, pieces
 from ..formats.interface import EventReader
 from ..formats.reading import EventCheck, ReadRules
 from ..untrusted import MAX_PACKET_BYTES, decoding
 from .read import open_reader
+from .sensor_size import find_sensor_size
 
 _CACHED_EVENTS = 1 << 18
 """Events of the blocks that are kept after use, 4 MiB, but always those of the last block."""
@@ -48,31 +49,41 @@ class RandomAccess:
 
     Args:
         path: an event file, or a dataset folder.
+        size: (width, height) of the sensor in pixels, where neither the file nor what lies next to it says.
         max_packet_bytes: see :func:`davis_rs.open_reader`.
 
     Attributes:
-        size: (width, height) of the sensor in pixels, None where the file does not say.
+        size: (width, height) of the sensor in pixels, None where nothing says.
         events: the number of all events.
+        dataset: the folder, None for a file.
 
     Raises:
         OSError: if it cannot be read.
-        DecodeError: if it is malformed, or its times go back.
-        ValueError: for a file that can only be read from its beginning: a compressed .npz, a bag without an index.
+        DecodeError: if it is malformed, its times go back, or it can only be read from its beginning: a compressed
+            .npz, a bag without an index, a rosbag2, a camera's bytes.
+        ValueError: if ``size`` contradicts the file.
     """
 
-    def __init__(self, path: str | os.PathLike[str], *, max_packet_bytes: int = MAX_PACKET_BYTES) -> None:
+    def __init__(
+        self,
+        path: str | os.PathLike[str],
+        *,
+        size: tuple[int, int] | None = None,
+        max_packet_bytes: int = MAX_PACKET_BYTES,
+    ) -> None:
         self.path = Path(path)
-        self._file = self.path / EVENTS if self.path.is_dir() else self.path
         self._rules = ReadRules(max_packet_bytes=max_packet_bytes)
+        reader = open_reader(path, max_packet_bytes=max_packet_bytes)
+        self._file = reader.path  # of a dataset folder, its event file
         self._state = self._file_state()
-        reader = open_reader(self._file, max_packet_bytes=max_packet_bytes)
         try:
+            self.size = find_sensor_size(reader, size)
             with decoding(self._file):
                 self._blocks: Blocks = reader.blocks()
         except BaseException:
             reader.close()
             raise
-        self.size = reader.size
+        self.dataset = reader.dataset if isinstance(reader, FolderReader) else None
         self.format = reader.format
         self.events = int(self._blocks.starts[-1])
         self._extent = reader.size or reader.extent
@@ -144,7 +155,7 @@ class RandomAccess:
         if opened is None or opened.process != os.getpid():
             if self._file_state() != self._state:
                 raise DecodeError(f"{self._file} has changed since it was opened: open it again")
-            opened = self._opened = _Opened(open_reader(self._file, max_packet_bytes=self._rules.max_packet_bytes))
+            opened = self._opened = _Opened(open_reader(self.path, max_packet_bytes=self._rules.max_packet_bytes))
         return opened
 
     def _block_us(self, block: int) -> int:

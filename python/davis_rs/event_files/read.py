@@ -22,7 +22,7 @@ def open_reader(
     outside: Breach = "refuse",
     max_packet_bytes: int = MAX_PACKET_BYTES,
 ) -> EventReader:
-    """Open a reader of an event file, of a dataset folder or of a rosbag2.
+    """Open a reader of an event file, of a camera's recording, of a dataset folder or of a rosbag2.
 
     Args:
         path: a file of any format in docs/formats.md, recognised by its content, or a dataset folder.

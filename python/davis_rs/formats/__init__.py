@@ -10,6 +10,7 @@ from .mvsec import MvsecFormat
 from .npy import NpyFormat
 from .npz import NpzFormat
 from .parquet import ParquetFormat
+from .recorded import AEDAT2, AEDAT3, CAMERA_BYTES
 from .registry import FORMATS, register
 from .ros2 import Ros2Format
 from .text import TextFormat
@@ -37,5 +38,8 @@ register(
     ParquetFormat(),
     BagFormat(),
     Ros2Format(),
+    AEDAT2,
+    AEDAT3,
+    CAMERA_BYTES,
     TextFormat(),
 )

@@ -8,13 +8,19 @@ from typing import Literal
 
 from .._core import EventFileReader
 from ..argument_error import ArgumentError
+from ..recordings.aedat4 import Aedat4File
 from .core_files import CoreReader, CoreWriter
-from .interface import EventWriter, Format, Limits, Target
+from .interface import EventReader, EventWriter, Format, Limits, Target
 from .reading import ReadRules
+from .recorded import RecordedParts, RecordedReader
 
 
-class Aedat4Reader(CoreReader):
+class Aedat4Reader(RecordedParts, CoreReader):
     """Reads AEDAT 4.0; of a slice of time, its packets alone, if the file has a table of contents."""
+
+    def __init__(self, recording: Aedat4File, *, format: str, limits: Limits, rules: ReadRules) -> None:
+        super().__init__(recording.path, format=format, limits=limits, rules=rules)
+        self.recording, self.notes = recording, {}
 
     def _open(self, start_us: int | None = None, stop_us: int | None = None) -> EventFileReader:
         limit = self.rules.max_packet_bytes
@@ -68,5 +74,8 @@ class Aedat4Format(Format):
             start_us=start_us,
         )
 
-    def open_reader(self, path: str | os.PathLike[str], rules: ReadRules = ReadRules()) -> Aedat4Reader:  # noqa: B008
-        return Aedat4Reader(path, format=self.name, limits=self.limits, rules=rules)
+    def open_reader(self, path: str | os.PathLike[str], rules: ReadRules = ReadRules()) -> EventReader:  # noqa: B008
+        recording = Aedat4File(Path(path), max_packet_bytes=rules.max_packet_bytes)
+        if not recording.has_events:  # but frames, perhaps
+            return RecordedReader(recording, format=self.name, rules=rules)
+        return Aedat4Reader(recording, format=self.name, limits=self.limits, rules=rules)

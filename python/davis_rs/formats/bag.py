@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 from .._core import pack_event_message
 from ..argument_error import ArgumentError
 from ..events import EventArray
+from ..extras import from_extra, require
 from . import ros_messages as messages
 from .bag_reader import BagReader
-from .extras import from_extra
 from .files import claim
 from .interface import Format, Limits, Target
 from .parts import ALL_PARTS
@@ -144,6 +144,9 @@ class BagFormat(Format):
 
     def sniff(self, head: bytes, path: Path) -> bool:
         return head.startswith(b"#ROSBAG V2.0\n")
+
+    def require_libraries(self, **_: Any) -> None:
+        require("ros", "rosbags")
 
     def open_writer(self, target: Target, size: tuple[int, int], *, overwrite: bool, **options: Any) -> BagWriter:
         return BagWriter(target, format=self.name, size=size, limits=self.limits, overwrite=overwrite, **options)

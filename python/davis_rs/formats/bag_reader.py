@@ -10,11 +10,11 @@ import numpy as np
 
 from .._core import DecodeError, unpack_event_message
 from ..events import EventArray, concatenate_events
+from ..extras import from_extra
 from ..untrusted import decoding, guarded
 from . import ros_messages as topics
 from .bag_records import scan_messages, unpackers
 from .blocks import Blocks, Place, blocks_of, refuse
-from .extras import from_extra
 from .interface import warn_truncated
 from .reading import ReadRules
 from .ros_events import PacketDecoder

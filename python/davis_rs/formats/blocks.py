@@ -10,6 +10,8 @@ from typing import Any, NoReturn
 import numpy as np
 import numpy.typing as npt
 
+from .._core import DecodeError
+
 UNKNOWN_US = -1
 """Stands for a time that is only known when the block is read."""
 
@@ -58,9 +60,9 @@ def refuse(path: str | os.PathLike[str], why: str) -> NoReturn:
     """Say that a file cannot be read in blocks.
 
     Raises:
-        ValueError: always, with what to do about it.
+        DecodeError: always, with what to do about it.
     """
-    raise ValueError(
+    raise DecodeError(
         f"{os.fspath(path)}: {why}, so that it is only read from its beginning; convert it to another format first "
         "(davis-rs convert IN OUT)"
     )

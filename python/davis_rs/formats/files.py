@@ -3,11 +3,11 @@ another name."""
 
 from __future__ import annotations
 
-import errno
 import os
 from pathlib import Path
 
 from ..argument_error import OverwriteError
+from ..whole_file import is_sink, require_no_file
 
 
 def claim(path: str | os.PathLike[str], *, overwrite: bool) -> Path:
@@ -20,7 +20,7 @@ def claim(path: str | os.PathLike[str], *, overwrite: bool) -> Path:
         OSError: if it cannot be made.
     """
     target = Path(path)
-    if target.exists() and not (target.is_file() or target.is_dir()):
+    if is_sink(target):
         return target
     try:
         target.open("wb" if overwrite else "xb").close()
@@ -41,16 +41,10 @@ class PartFile:
         self.path = Path(path)
         self.part = self.path.with_name(self.path.name + ".part")
         self._overwrite = overwrite
-        self._refuse()
+        require_no_file(self.path, overwrite=overwrite)
         claim(self.part, overwrite=True)
 
     def commit(self) -> None:
         """Give the file its name."""
-        self._refuse()
+        require_no_file(self.path, overwrite=self._overwrite)
         os.replace(self.part, self.path)
-
-    def _refuse(self) -> None:
-        if self.path.is_dir():
-            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(self.path))
-        if not self._overwrite and os.path.lexists(self.path):
-            raise OverwriteError(self.path, "the file exists; {overwrite:True} replaces it")

@@ -15,12 +15,12 @@ import numpy.typing as npt
 
 from .._core import DecodeError, fill_events
 from ..events import EVENT_DTYPE, EventArray
+from ..extras import from_extra, require
 from ..untrusted import decoding
 from .blocks import BLOCK, Blocks, Place, equal_blocks
-from .extras import from_extra
 from .files import claim
 from .hdf5_chunks import check_chunks, check_dataset
-from .hdf5_dataset import CHUNK, GrowingDataset
+from .hdf5_dataset import CHUNK, GrowingDataset, check_compression
 from .hdf5_disk import Hdf5File
 from .interface import EventReader, EventWriter, Format, Limits, Target, warn_truncated
 from .reading import ANY_SIZE, ReadRules
@@ -60,8 +60,7 @@ class Hdf5Writer(EventWriter):
         if not isinstance(target, str | os.PathLike):
             raise ValueError("HDF5 needs a file: it cannot be written into a stream")
         super().__init__(target, format=format, size=size, limits=limits)
-        with from_extra("hdf5"):
-            import h5py  # noqa: F401
+        check_compression(compression, level)
         self._compression, self._level = compression, level
         self._columns: dict[str, GrowingDataset] = {}
         self._rows = 0
@@ -293,6 +292,11 @@ class Hdf5Format(Format):
     writer: ClassVar[type[Hdf5Writer]]
     reader: ClassVar[type[Hdf5Reader]]
 
+    def require_libraries(self, *, compression: str | None = None, **_: Any) -> None:
+        require("hdf5", "h5py")
+        if (compression or self.default_compression) != "none":
+            require("hdf5", "hdf5plugin", "numcodecs")
+
     def open_writer(
         self,
         target: Target,
@@ -303,6 +307,7 @@ class Hdf5Format(Format):
         level: int = 1,
         **options: Any,
     ) -> EventWriter:
+        self.require_libraries(compression=compression)
         return self.writer(
             target,
             format=self.name,

@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..argument_error import ArgumentError
-from .extras import from_extra
+from ..extras import from_extra
 from .hdf5_disk import Hdf5File
 
 CHUNK = 1 << 16
@@ -17,6 +16,18 @@ CHUNK = 1 << 16
 
 COMPRESSIONS = ("none", "lz4", "zstd")
 """Compressions on offer; those of Blosc need hdf5plugin to be read."""
+
+
+def check_compression(compression: str, level: int) -> None:
+    """Refuse what is no compression, and a level that it does not have.
+
+    Raises:
+        ValueError: with what there is.
+    """
+    if compression not in COMPRESSIONS:
+        raise ValueError(f"compression must be one of {', '.join(COMPRESSIONS)}: got {compression!r}")
+    if not 1 <= level <= 9:
+        raise ValueError(f"the level of a compression must be 1..9, got {level}")
 
 
 class GrowingDataset:
@@ -46,10 +57,6 @@ class GrowingDataset:
         bits: bool = False,
         chunk: int = CHUNK,
     ) -> None:
-        if compression not in COMPRESSIONS:
-            raise ArgumentError("{compression} must be one of {}: got {!r}", ", ".join(COMPRESSIONS), compression)
-        if not 1 <= level <= 9:
-            raise ArgumentError("{level} must be 1..9, got {}", level)
         self._hdf5 = hdf5
         self._codec: Any = None
         filters: Mapping[str, Any] = {}

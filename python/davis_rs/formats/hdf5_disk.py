@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .extras import from_extra
+from ..extras import from_extra
 from .system import naming
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import BinaryIO, Protocol, TypeVar, final
+from typing import Any, BinaryIO, Protocol, TypeVar, final
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from ..argument_checks import as_size, check_number, is_number
 from ..argument_error import ArgumentError
 from ..events import EVENT_DTYPE, EventArray, as_events, concatenate_events
 from ..untrusted import decoding, guarded
+from ..whole_file import Workplace, require_no_file
 from .blocks import Blocks, Place, refuse
 from .reading import ANY_SIZE, EventCheck, ReadRules
 
@@ -116,6 +117,8 @@ class EventWriter(ABC):
         self._turn = threading.RLock()
         self.hold: Releasable | None = None
         """What keeps other writers from the file until this one is finished."""
+        self.workplace: Workplace | None = None
+        """Where the file is made, if it gets its name when it is finished."""
 
     def __repr__(self) -> str:
         return f"<{self.format} writer of {self.path}, {self.size[0]} x {self.size[1]} px, {self._events:,} events>"
@@ -152,6 +155,15 @@ class EventWriter(ABC):
                 self._flush()
 
     @final
+    def abandon(self) -> None:
+        """Let go of the file as it is; nothing more is taken."""
+        with self._turn:
+            if self._report is None and not self._failed:
+                self._failed = True
+                self._abandon()
+                self._let_go()
+
+    @final
     def finish(self) -> WriteReport:
         """Write what is left, close the file and report; finishing again only reports.
 
@@ -164,6 +176,7 @@ class EventWriter(ABC):
                     self._refuse_if_over()
                 with Failing(self):
                     size = self._close()
+                self._give_name()
                 self._report = WriteReport(self.path, self.format, self._events, size, self._first_us, self._last_us)
                 self._let_go()
             return self._report
@@ -177,8 +190,11 @@ class EventWriter(ABC):
         exc_value: BaseException | None = None,
         traceback: TracebackType | None = None,
     ) -> None:
-        """Finish; after a failed write, which has been told already, only let go of the file."""
-        if not self._failed:
+        """Finish; after a failed write, which has been told already, only let go of the file, and after any error if
+        the file gets its name when it is whole."""
+        if exc_value is not None and self.workplace is not None:
+            self.abandon()
+        elif not self._failed:
             self.finish()
 
     def _take(self, packet: EventArray) -> None:
@@ -207,9 +223,23 @@ class EventWriter(ABC):
     def _abandon(self) -> None:  # noqa: B027 - not every format holds something
         """Let go of the file after a failure, leaving what is there."""
 
-    def _let_go(self) -> None:
+    def _give_name(self) -> None:
+        """Give the file its name, if it is not written where it stays."""
+        if self.workplace is None:
+            return
+        try:
+            self.workplace.put()
+        except BaseException as error:
+            self._failed = True
+            self._let_go(error)
+            raise
+        self.path = os.fspath(self.workplace.path)
+
+    def _let_go(self, error: BaseException | None = None) -> None:
         if self.hold is not None:
             self.hold.release()
+        if self.workplace is not None:
+            self.workplace.discard(error)
 
     def _refuse_if_over(self) -> None:
         if self._failed:
@@ -228,11 +258,13 @@ class Failing:
     def __enter__(self) -> None:
         pass
 
-    def __exit__(self, exc_type: type[BaseException] | None, *_: object) -> None:
+    def __exit__(
+        self, exc_type: type[BaseException] | None, exc_value: BaseException | None, trace: TracebackType | None
+    ) -> None:
         if exc_type is not None and not issubclass(exc_type, self._but):
             self._writer._failed = True
             self._writer._abandon()
-            self._writer._let_go()
+            self._writer._let_go(exc_value)
 
 
 class EventReader(ABC):
@@ -265,6 +297,8 @@ class EventReader(ABC):
         self.format = format
         self.size = size
         """(width, height) of the sensor in pixels, None where the file does not say."""
+        self.sensor: tuple[int, int] | None = None
+        """The sensor's size as the caller gives it, for frames and a calibration of a file that does not say it."""
         self.rules = rules
         self.extent = extent
         """Width and height that the format can hold, where the file does not state a size."""
@@ -353,8 +387,7 @@ class EventReader(ABC):
         once where it does not say that itself.
 
         Raises:
-            ValueError: if the file can only be read from its beginning.
-            OSError, DecodeError: if it cannot be read, or is malformed.
+            OSError, DecodeError: if it cannot be read, is malformed, or can only be read from its beginning.
         """
         refuse(self.path, f"{self.format} holds nothing to find a place by")
 
@@ -388,8 +421,10 @@ class Format(ABC):
     options: tuple[str, ...] = ()
     """The names of its writer's own options."""
     holds: tuple[str, ...] = ()
-    """What it holds next to events, by the names of ``davis_rs.formats.parts.PARTS``: its writers and readers have
-    the methods of these parts."""
+    """What is written next to events, by the names of ``davis_rs.formats.parts.PARTS``: its writers have the methods of
+    these parts, and its readers have those, and perhaps others'."""
+    writable: bool = True
+    """Whether there is a writer."""
 
     @abstractmethod
     def sniff(self, head: bytes, path: Path) -> bool:
@@ -398,6 +433,24 @@ class Format(ABC):
     def sniff_folder(self, path: Path) -> bool:
         """Return whether a folder is one of this format."""
         return False
+
+    def require_libraries(self, **options: Any) -> None:  # noqa: B027 - most formats need none
+        """Check that the libraries are there that a writer with these options needs.
+
+        Raises:
+            ImportError: with the extra of davis_rs that brings what is missing.
+        """
+
+    def require_room(self, path: Path, *, overwrite: bool) -> None:
+        """Check that a writer may make ``path``.
+
+        Raises:
+            OSError: naming the path: FileExistsError if something is there that may not be replaced.
+        """
+        require_no_file(path, overwrite=overwrite)
+
+    def make_room(self, path: Path) -> None:  # noqa: B027 - a file is replaced as it is renamed
+        """Remove what is there and may be replaced."""
 
     open_writer: Callable[..., EventWriter]
     """``open_writer(target, size, *, overwrite, **options)``: a writer into a new file, with the format's own options;

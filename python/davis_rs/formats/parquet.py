@@ -14,9 +14,9 @@ import numpy.typing as npt
 from .._core import DecodeError, fill_events
 from ..argument_error import ArgumentError
 from ..events import EVENT_DTYPE, EventArray
+from ..extras import from_extra, require
 from ..untrusted import decoding
 from .blocks import UNKNOWN_US, Blocks, Place, blocks_of
-from .extras import from_extra
 from .files import PartFile
 from .interface import CHUNK, EventReader, EventWriter, Format, Limits, Target
 from .parquet_footer import MAGIC, RowGroup, check_pages, read_row_groups
@@ -121,8 +121,9 @@ class ParquetWriter(EventWriter):
         return size
 
     def _abandon(self) -> None:
-        # Its end would be written into the file: what is there stays as it is.
+        # Its end would be written into the file: what is there stays as it is, also when the writer is finalised.
         if self._file is not None:
+            self._writer.is_open = False
             with suppress(OSError):
                 self._sink.close()
 
@@ -241,6 +242,9 @@ class ParquetFormat(Format):
 
     def sniff(self, head: bytes, path: Path) -> bool:
         return head.startswith(MAGIC)
+
+    def require_libraries(self, **_: Any) -> None:
+        require("parquet", "pyarrow")
 
     def open_writer(self, target: Target, size: tuple[int, int], *, overwrite: bool, **options: Any) -> EventWriter:
         return ParquetWriter(target, format=self.name, size=size, limits=self.limits, overwrite=overwrite, **options)

@@ -102,3 +102,14 @@ def check_map(what: str, image: npt.NDArray[np.generic], shape: Iterable[int], d
     """
     if image.shape != tuple(shape) or image.dtype != np.dtype(dtype):
         raise ValueError(f"{what} must be {np.dtype(dtype)} of shape {tuple(shape)}: got {image.dtype}, {image.shape}")
+
+
+def on_sensor(image: npt.NDArray[np.uint8], x: int, y: int, size: tuple[int, int] | None) -> npt.NDArray[np.uint8]:
+    """An image whose first pixel lies at ``x``, ``y`` as one of the whole sensor, 0 where it does not reach."""
+    height, width = image.shape
+    if size is None or (x, y, width, height) == (0, 0, *size):
+        return image
+    whole = np.zeros(size[::-1], np.uint8)
+    part = image[: max(size[1] - y, 0), : max(size[0] - x, 0)]
+    whole[y : y + part.shape[0], x : x + part.shape[1]] = part
+    return whole

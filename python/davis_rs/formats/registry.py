@@ -20,38 +20,45 @@ def register(*formats: Format) -> None:
     FORMATS.update((format.name, format) for format in formats)
 
 
+def written_formats() -> dict[str, Format]:
+    """Those that can be written."""
+    return {name: format for name, format in FORMATS.items() if format.writable}
+
+
 def format_named(name: str) -> Format:
-    """The format of that name.
+    """The format of that name, which can be written.
 
     Raises:
         ValueError: if there is none; the message lists those there are.
     """
-    try:
-        return FORMATS[name]
-    except KeyError:
-        raise ArgumentError("{format} must be one of {}: got {!r}", ", ".join(FORMATS), name) from None
+    formats = written_formats()
+    if name not in formats:
+        only = f"{name} is only read; " if name in FORMATS else ""
+        raise ArgumentError("{}{format} must be one of {}: got {!r}", only, ", ".join(formats), name)
+    return formats[name]
 
 
 def format_of_suffix(path: str | os.PathLike[str]) -> Format:
     """The format that a path's suffix stands for.
 
     Raises:
-        ValueError: if it stands for none; the message lists those that do.
+        ValueError: if it stands for none, or for one that is only read; the message lists those that can be written.
     """
     suffix = Path(path).suffix.lower()
-    for format in FORMATS.values():
-        if suffix in format.suffixes:
-            return format
-    known = ", ".join(dict.fromkeys(suffix for format in FORMATS.values() for suffix in format.suffixes))
-    raise ArgumentError("the suffix of {!r} is no event format ({}): give {format}", os.fspath(path), known)
+    formats = [format for format in FORMATS.values() if suffix in format.suffixes]
+    if formats and formats[0].writable:
+        return formats[0]
+    known = ", ".join(dict.fromkeys(suffix for format in written_formats().values() for suffix in format.suffixes))
+    what = "stands for recordings, which are only read" if formats else "is no event format"
+    raise ArgumentError("the suffix of {!r} {} ({}): give {format}", os.fspath(path), what, known)
 
 
 def format_of_content(path: str | os.PathLike[str]) -> Format:
-    """The format of an existing file, by its first bytes, or of a folder; an empty file is that of its suffix.
+    """The format of an existing file, by its first bytes, or of a folder; an empty file is one of its suffix.
 
     Raises:
         OSError: if it cannot be read.
-        DecodeError: if no format knows it.
+        DecodeError: if no format knows it, or it is empty and its suffix does not tell.
     """
     file = Path(path)
     if file.is_dir():
@@ -62,7 +69,10 @@ def format_of_content(path: str | os.PathLike[str]) -> Format:
     with file.open("rb") as stream:
         head = stream.read(HEAD)
     if not head:
-        return format_of_suffix(file)
+        for format in written_formats().values():
+            if file.suffix.lower() in format.suffixes:
+                return format
+        raise DecodeError(f"{file} is empty")
     for format in FORMATS.values():
         if format.sniff(head, file):
             return format

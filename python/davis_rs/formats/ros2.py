@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 from ..argument_error import ArgumentError, OverwriteError
 from ..events import EventArray
+from ..extras import from_extra, require
 from . import mcap_records, ros_messages, sqlite_records
-from .extras import from_extra
 from .interface import Format, Limits, Target
 from .parts import ALL_PARTS
 from .reading import ReadRules
@@ -64,7 +64,7 @@ class Ros2Writer(RosWriter):
         storage: str | None = None,
         messages: str = "dvs_msgs",
     ) -> None:
-        single = isinstance(target, str | os.PathLike) and Path(target).suffix.lower() == ".mcap"
+        single = isinstance(target, str | os.PathLike) and _is_single(Path(target))
         storage = storage or ("mcap" if single else "sqlite3")
         if storage not in STORAGES or (single and storage != "mcap"):
             raise ArgumentError(
@@ -91,7 +91,8 @@ class Ros2Writer(RosWriter):
         self._unflushed = 0
         self._is_sqlite = storage == "sqlite3"
         path = Path(self.path)
-        _make_room(path, single=single, overwrite=overwrite)
+        _require_room(path, overwrite=overwrite)
+        _make_room(path)
         plugin = StoragePlugin[storage.upper()]
         with naming(path):
             if single:
@@ -179,11 +180,17 @@ class Ros2Writer(RosWriter):
             raise OSError(number, f"{os.strerror(number)} ({error})", self.path) from error
 
 
-def _make_room(path: Path, *, single: bool, overwrite: bool) -> None:
-    """Refuse what exists, or remove a bag that is there.
+def _is_single(path: Path) -> bool:
+    """Whether a rosbag2 of this name is one file of MCAP, and not a folder."""
+    return path.suffix.lower() == ".mcap"
+
+
+def _require_room(path: Path, *, overwrite: bool) -> None:
+    """Refuse what exists, but for a bag that may be replaced.
 
     Raises:
         FileExistsError: without ``overwrite``, and for anything else than a rosbag2.
+        FileNotFoundError: if there is no folder for it.
     """
     if not os.path.lexists(path):
         if not path.parent.is_dir():
@@ -191,14 +198,20 @@ def _make_room(path: Path, *, single: bool, overwrite: bool) -> None:
         return
     if not overwrite:
         raise OverwriteError(path, "it exists; {overwrite:True} replaces it")
+    single = _is_single(path)
     if single and path.is_file():
         return
     found = list(path.iterdir()) if path.is_dir() else []
     if single or not path.is_dir() or not all(file == path / METADATA or file in storage_files(path) for file in found):
         raise FileExistsError(errno.EEXIST, "will not overwrite: no rosbag2 is there", str(path))
-    for file in found:
-        file.unlink()
-    path.rmdir()
+
+
+def _make_room(path: Path) -> None:
+    """Remove the folder of a rosbag2."""
+    if path.is_dir():
+        for file in path.iterdir():
+            file.unlink()
+        path.rmdir()
 
 
 class Ros2Format(Format):
@@ -217,6 +230,15 @@ class Ros2Format(Format):
 
     def sniff_folder(self, path: Path) -> bool:
         return bool(storage_files(path)) or (path / METADATA).is_file()
+
+    def require_libraries(self, **_: Any) -> None:
+        require("ros", "rosbags")
+
+    def require_room(self, path: Path, *, overwrite: bool) -> None:
+        _require_room(path, overwrite=overwrite)
+
+    def make_room(self, path: Path) -> None:
+        _make_room(path)
 
     def open_writer(self, target: Target, size: tuple[int, int], *, overwrite: bool, **options: Any) -> Ros2Writer:
         return Ros2Writer(target, format=self.name, size=size, limits=self.limits, overwrite=overwrite, **options)

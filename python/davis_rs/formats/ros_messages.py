@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from .extras import from_extra
+from ..extras import from_extra
 from .parts import CameraLike
 
 if TYPE_CHECKING:

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 from ..argument_checks import check_type
 from ..dataset.writer import DatasetWriter
 from ..folder_report import FolderReport
+from ..formats import FORMATS
 from ..packet import Packet
 from ..progress import Progress, progress, say
 from ..settings import FrameFolderSettings, FrameSettings, complete, only, takes_settings
@@ -76,6 +77,7 @@ def frames_to_folder(
     given = complete(FrameFolderSettings, settings, of=frames_to_folder)
     made_by = "davis_rs.events_from_frames takes arrays"
     check_type("frames", frames, (FrameSource, str, os.PathLike), made_by)
+    FORMATS[given["events_format"]].require_libraries()  # before frames are read
     source = frames if isinstance(frames, FrameSource) else open_frames(frames)
     run = FrameRun(source, only(FrameSettings, given), from_zero=True)
     packets = run.packets()

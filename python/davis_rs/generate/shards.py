@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 from uuid import uuid4
 
-from ..formats.extras import from_extra
+from ..extras import require
 from .folder import file_sha256, sync, withdraw
 from .hdf5_shard import write_hdf5_shard
 from .webdataset_shard import write_webdataset_shard
@@ -61,8 +61,7 @@ class Packing:
 
     def __init__(self, root: Path, shards: Shards, names: Sequence[str]) -> None:
         if shards.format == "hdf5":  # before sequences are made that could not be packed
-            with from_extra("hdf5"):
-                import h5py  # noqa: F401
+            require("hdf5", "h5py")
         self._root, self._shards, self._names = root, shards, names
         self._thread = ThreadPoolExecutor(1, "packing")
         self._packed: dict[str, Future[dict[str, Any]]] = {}

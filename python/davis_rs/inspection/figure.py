@@ -13,6 +13,7 @@ from ..argument_checks import check_number
 from ..argument_error import ArgumentError
 from ..close_names import names_checked
 from ..events import EventArray
+from ..extras import from_extra
 from .truth_panels import truth_panels
 from .visual_sequence import VisualSequence, display_grey, nearest, open_visual_sequence
 
@@ -141,10 +142,8 @@ def check_figure_path(path: str | Path) -> Path:
 
 
 def _matplotlib() -> Any:
-    try:
+    with from_extra("view"):
         import matplotlib as mpl
-    except ImportError as error:
-        raise ImportError("drawing needs matplotlib: pip install 'davis_rs[view]'") from error
     return mpl
 
 

@@ -23,6 +23,7 @@ from ..argument_error import ArgumentError
 from ..close_names import names_checked
 from ..pose import GroundTruth
 from ..progress import progress
+from ..whole_file import write_whole
 from .sampling_for_display import evenly_spaced, event_counts, sample_events
 from .visual_sequence import VisualSequence, display_grey, open_visual_sequence
 
@@ -141,7 +142,7 @@ def view_html(
         if part
     }
     text = _page(sequence.label, kept, data)
-    output.write_bytes(text)
+    write_whole(output, text)
     return HtmlPage(output, kept, len(text))
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,9 @@ import numpy.typing as npt
 
 from ..argument_checks import check_number
 from ..close_names import names_checked
+from ..extras import from_extra
 from ..progress import each
+from ..whole_file import whole_file
 from .figure import OFF_RGB, ON_RGB, event_picture
 from .flow_picture import flow_picture
 from .sampling_for_display import evenly_spaced, event_counts, sample_events
@@ -90,32 +93,30 @@ def view_rerun(
     sequence = open_visual_sequence(source, size=size)
     if not len(sequence.events) and not sequence.frame_times:
         raise ValueError(f"{source} has neither events nor frames: there is nothing to show in Rerun")
-    if output is not None:
-        output.open("ab").close()  # the SDK would only log that it cannot write
     stream = rr.RecordingStream("davis_rs")
     writer = _Writer(rr, stream, sequence, max_frames, show_progress)
-    if output is None:
-        stream.spawn(default_blueprint=writer.blueprint())
-    else:
-        stream.save(output, default_blueprint=writer.blueprint())
-    stream.send_recording_name(sequence.label)
-    writer.frames()
-    writer.accumulated_events()
-    writer.event_cloud(max_events)
-    writer.event_rates()
-    writer.depth_and_flow()
-    writer.camera()
-    writer.imu()
-    stream.flush()
-    stream.disconnect()
+    with nullcontext() if output is None else whole_file(output) as place:
+        if place is None:
+            stream.spawn(default_blueprint=writer.blueprint())
+        else:
+            place.open("ab").close()  # the SDK would only log that it cannot write
+            stream.save(place, default_blueprint=writer.blueprint())
+        stream.send_recording_name(sequence.label)
+        writer.frames()
+        writer.accumulated_events()
+        writer.event_cloud(max_events)
+        writer.event_rates()
+        writer.depth_and_flow()
+        writer.camera()
+        writer.imu()
+        stream.flush()
+        stream.disconnect()
     return RerunRecording(output, writer.kept, tuple(writer.notes))
 
 
 def _rerun() -> Any:
-    try:
+    with from_extra("rerun"):
         import rerun
-    except ImportError as error:
-        raise ImportError("Rerun's recordings need its SDK: pip install 'davis_rs[rerun]'") from error
     return rerun
 
 

@@ -12,15 +12,18 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ..dataset.folder_format import part_counts
+from ..dataset.folder_format import FolderReader, part_counts
 from ..dataset.reader import Dataset
 from ..event_files.read import open_reader
+from ..event_files.sensor_size import find_sensor_size
+from ..extras import from_extra
 from ..folder_report import start_line
 from ..formats.interface import EventReader
 from ..noise_estimate import share_text
 from ..pose import GroundTruth
 from ..trajectory.trajectory import SPEED_WINDOW_S
 from ..untrusted import MAX_PACKET_BYTES
+from ..whole_file import whole_file
 from .dataset_description import describe_dataset
 from .pixel_counts import PixelCounts
 
@@ -161,13 +164,11 @@ def summarize_events(
 
     Raises:
         OSError, DecodeError: if it cannot be read.
-        ValueError: for events outside of a sensor of ``size``.
+        ValueError: for events outside of a sensor of ``size``, or one that contradicts the file.
     """
-    folder = Dataset(Path(path)) if os.path.isdir(path) else None
     with open_reader(path, backward="keep", outside="drop", max_packet_bytes=max_packet_bytes) as reader:
-        stated = reader.size if folder is None else folder.size
-        known = stated if stated is not None else size
-        format = reader.format if folder is None else DATASET_FOLDER
+        known = find_sensor_size(reader, size)
+        format = DATASET_FOLDER if isinstance(reader, FolderReader) else reader.format
         summary = EventSummary(Path(path), format, known or (0, 0), known is not None)
         _sum_up(reader, summary, progress)
     return summary
@@ -282,12 +283,10 @@ def draw_rates(summary: EventSummary, output: str | Path) -> Path:
         ValueError: if there are no events, or all are at one time.
         OSError: if it cannot be written.
     """
-    try:
+    with from_extra("view"):
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.colors import LogNorm
         from matplotlib.figure import Figure
-    except ImportError as error:
-        raise ImportError("drawing rates needs matplotlib: pip install 'davis_rs[view]'") from error
     if summary.duration_s <= 0:
         raise ValueError(f"{summary.path} has no two events at different times, so no rates to draw")
     rates = summary.counts / summary.duration_s
@@ -305,7 +304,8 @@ def draw_rates(summary: EventSummary, output: str | Path) -> Path:
         f"{summary.path.name}: {summary.events:,} events in {summary.duration_s:.3f} s; grey: no events", fontsize=9
     )
     figure.colorbar(image, ax=axes, label="events a second", shrink=0.9)
-    figure.savefig(output, dpi=150)
+    with whole_file(output) as place:
+        figure.savefig(place, dpi=150)
     return Path(output)
 
 

@@ -12,7 +12,9 @@ import numpy.typing as npt
 from ..argument_checks import check_number
 from ..argument_error import ArgumentError
 from ..close_names import names_checked
+from ..extras import from_extra
 from ..progress import each
+from ..whole_file import whole_file
 from .figure import event_picture
 from .visual_sequence import VisualSequence, display_grey, open_visual_sequence
 
@@ -61,21 +63,18 @@ def make_video(
         check_number(name, value, 0, above_low=True)
     if suffix == ".gif" and fps > 50:
         raise ArgumentError("a GIF cannot show more than 50 pictures a second, got {fps} {}", fps)
-    try:
+    with from_extra("view"):
         import imageio.v2 as imageio
-    except ImportError as error:
-        raise ImportError("making a video needs imageio and ffmpeg: pip install 'davis_rs[view]'") from error
 
     sequence = open_visual_sequence(source, size=size)
     if not len(sequence.events) and not sequence.frame_times:
         raise ValueError(f"{source} has neither events nor frames: there is nothing to show in a video")
     step_us = 1e6 * speed / fps
     count = max(1, math.ceil((sequence.end_us - sequence.start_us) / step_us))
-    if suffix == ".mp4":
-        writer = imageio.get_writer(output, fps=fps, quality=8, macro_block_size=2)
-    else:
-        writer = imageio.get_writer(output, duration=1000 / fps, loop=0)
-    with writer:
+    options = (
+        {"fps": fps, "quality": 8, "macro_block_size": 2} if suffix == ".mp4" else {"duration": 1000 / fps, "loop": 0}
+    )
+    with whole_file(output) as place, imageio.get_writer(place, **options) as writer:
         for picture in each(_pictures(sequence, step_us, count), "drawing", count, unit="pictures", show=show_progress):
             writer.append_data(picture)
     return output

@@ -10,20 +10,20 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..argument_error import ArgumentError
 from ..camera import Camera
 from ..dataset.files import CALIBRATION
+from ..dataset.folder_format import FolderReader
 from ..dataset.reader import Dataset
-from ..decoded import IMU_DTYPE, Decoded, Frame
+from ..decoded import IMU_DTYPE, Frame
 from ..event_files.read import open_reader
-from ..events import EventArray, concatenate_events
+from ..event_files.sensor_size import sensor_size
+from ..events import EventArray
+from ..formats.recorded import RecordedParts
 from ..noise_estimate import percent
 from ..pose import GroundTruth
-from ..recordings import read_recording
-from ..usb.raw_file import RawRecording, is_raw
+from ..recordings import Recording, whole_recording
 from .dataset_description import describe_dataset
 
-_AEDAT = b"#!AER-DAT"
 _FRAME_WHITE = 65_535  # frames of a camera have 16 bits
 
 GreyImage = npt.NDArray[np.float64]
@@ -80,33 +80,23 @@ class VisualSequence:
 
 
 def open_visual_sequence(path: str | Path, *, size: tuple[int, int] | None = None) -> VisualSequence:
-    """Open a dataset folder, an event file of any format, or a recording (AEDAT, or the bytes of a camera).
+    """Open whatever :func:`davis_rs.open_reader` opens: a dataset folder, an event file of any format, or a camera's
+    recording. All events are held in memory, and the frames of a recording.
 
     Args:
         size: (width, height) of the sensor in pixels, where the file does not say.
 
     Raises:
         OSError, DecodeError: if it cannot be read.
-        ValueError: if neither the file nor ``size`` says how large the sensor is, or an event lies outside of it.
+        ValueError: if nothing says how large the sensor is, ``size`` contradicts the file, or an event lies outside.
     """
     path = Path(path)
-    if path.is_dir():
-        return _of_dataset(Dataset(path), size)
-    with path.open("rb") as file:
-        is_aedat = file.read(len(_AEDAT)) == _AEDAT
-    if is_aedat:
-        recording = read_recording(path).from_start()
-        name = recording.chip or recording.format
-        return _of_decoded(path, name, size or (recording.width, recording.height), [recording.decoded])
-    if is_raw(path):
-        raw = RawRecording(path)
-        decoder, device = raw.decoder(), raw.camera.device
-        parts = [decoder.push(chunk) for chunk in raw.chunks()]
-        return _of_decoded(path, raw.camera.chip, size or (device.width, device.height), parts)
     with open_reader(path) as reader:
-        known, events = size or reader.size, reader.read()
-    if known is None:
-        raise ArgumentError("{} does not say the sensor's size: give {size}", path)
+        if isinstance(reader, FolderReader):
+            return _of_dataset(reader.dataset, sensor_size(reader, size))
+        if isinstance(reader, RecordedParts):
+            return _of_recording(whole_recording(reader.recording).from_start(), sensor_size(reader, size))
+        known, events = sensor_size(reader, size), reader.read()
     return _of_events(path, f"{path.name}, sensor {known[0]} x {known[1]}", known, events)
 
 
@@ -131,10 +121,7 @@ def _label(dataset: Dataset, size: tuple[int, int]) -> str:
     return ", ".join(part for part in parts if part)
 
 
-def _of_dataset(dataset: Dataset, size: tuple[int, int] | None) -> VisualSequence:
-    size = size or dataset.size
-    if size is None:
-        raise ArgumentError("{} has neither meta.json nor frames that say the sensor's size: give {size}", dataset.path)
+def _of_dataset(dataset: Dataset, size: tuple[int, int]) -> VisualSequence:
     frame_times = [image.t_us for image in dataset.frames]
     depth_times = [image.t_us for image in dataset.depth_maps]
     events = dataset.events
@@ -163,13 +150,13 @@ def _of_dataset(dataset: Dataset, size: tuple[int, int] | None) -> VisualSequenc
     )
 
 
-def _of_decoded(path: Path, camera: str, size: tuple[int, int], parts: list[Decoded]) -> VisualSequence:
-    frames = [frame for part in parts for frame in part.frames]
-    events = concatenate_events([part.events for part in parts])
-    label = f"{path.name}, {camera}, sensor {size[0]} x {size[1]}"
+def _of_recording(recording: Recording, size: tuple[int, int]) -> VisualSequence:
+    path, frames = recording.path, recording.frames
+    label = f"{path.name}, {recording.chip or recording.format}, sensor {size[0]} x {size[1]}"
     times = [frame.t for frame in frames]
-    imu = np.concatenate([_no_imu(), *(part.imu for part in parts)])
-    return _of_events(path, label, size, events, times, lambda number: _whole(frames[number], size), lambda: imu)
+    return _of_events(
+        path, label, size, recording.events, times, lambda number: _whole(frames[number], size), lambda: recording.imu
+    )
 
 
 def _of_events(

@@ -79,16 +79,15 @@ def read_recording(
         gyroscope_range_deg_s=gyroscope_range_deg_s,
         max_packet_bytes=check_max_packet_bytes(max_packet_bytes),
     )
-    recording = whole_recording(file)
-    for cut in recording.cut:
-        warnings.warn(f"{path}, {cut}", RecordingWarning, stacklevel=3)
-    return recording
+    return whole_recording(file)
 
 
 def whole_recording(file: RecordingFile) -> Recording:
-    """All that a file holds, in memory."""
+    """All that a file holds, in memory; a :class:`RecordingWarning` tells of a cut end."""
     remarks, notes = Remarks(), list[str]()
     parts = [piece.decoded for piece in file.pieces(remarks=remarks)]
+    for cut in remarks.cut:
+        warnings.warn(f"{file.path}, {cut}", RecordingWarning, stacklevel=4)
     events = concatenate_events([part.events for part in parts])
     width, height = file.size or spanned(events)
     events = inside(events, width, height, notes)

@@ -127,6 +127,17 @@ class Aedat2File(RecordingFile):
             frames = assemble(joined, self.width, self.height, samples_count_double=double, notes=remarks.notes)
             yield Piece(EMPTY._replace(frames=frames), 1.0)
 
+    def has(self, kind: str) -> bool:
+        if kind != "frames":
+            return super().has(kind)
+        with self.path.open("rb") as file:  # any sample of one, without putting them together
+            file.seek(self._start)
+            while data := file.read(_AT_ONCE * _RECORD.itemsize):
+                records = np.frombuffer(data, _RECORD, len(data) // _RECORD.itemsize)
+                if len(self._samples(records["address"].astype(np.uint32), records["t"]).t):
+                    return True
+        return False
+
     def events_at(self, place: tuple[int, ...]) -> EventArray:
         at, count, base, last = place
         with self.path.open("rb") as file:

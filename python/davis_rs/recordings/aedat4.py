@@ -9,7 +9,7 @@ from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import Any
 
-from .._core import Aedat4Recording
+from .._core import Aedat4Recording, DecodeError
 from ..decoded import Decoded
 from ..untrusted import MAX_PACKET_BYTES
 from .recording import known_chip, size_of
@@ -19,7 +19,11 @@ MAGIC = b"#!AER-DAT4.0\r\n"
 
 
 class Aedat4File(RecordingFile):
-    """A file of AEDAT 4."""
+    """A file of AEDAT 4.
+
+    Attributes:
+        has_events: whether it has a stream of events.
+    """
 
     format = "AEDAT 4"
     unix_times = True
@@ -30,10 +34,13 @@ class Aedat4File(RecordingFile):
     ) -> None:
         self._limit = max_packet_bytes
         core = Aedat4Recording(path, [], max_packet_bytes)
+        self.has_events = core.has_events
         found = known_chip(chip, core.source)
         super().__init__(path, found, core.size or (size_of(found) if found else None))
 
     def pieces(self, kinds: Collection[str] = KINDS, remarks: Remarks | None = None) -> Iterator[Piece]:
+        if set(kinds) == {"events"} and not self.has_events:
+            raise DecodeError(f"{self.path}: the file has no stream of events (EVTS)")
         remarks = Remarks() if remarks is None else remarks
         core, others = Aedat4Recording(self.path, list(kinds), self._limit), 0
         total = max(self.path.stat().st_size, 1)

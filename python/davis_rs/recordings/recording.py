@@ -21,19 +21,19 @@ RADIANS = math.pi / 180
 
 
 class RecordingWarning(UserWarning):
-    """The end of a recording is cut off; what came before was read."""
+    """Something of a recording is not there or was assumed: its end is cut off, or a conversion tells its notes."""
 
 
 @dataclass(frozen=True, eq=False)
 class Recording:
     """A recording, in the arrays of :class:`davis_rs.Decoder`, each in the order of the file.
 
-    Times are those of the file: of AEDAT 2.0 and 3.1 the camera's clock, of AEDAT 4 microseconds since 1970 (UTC);
+    Times are those of the file: of AEDAT 4 microseconds since 1970 (UTC), of the others those of the camera's clock;
     :meth:`from_start` makes them count from the first.
 
     Attributes:
         path: the file.
-        format: ``"AEDAT 2.0"``, ``"AEDAT 3.1"`` or ``"AEDAT 4"``.
+        format: ``"AEDAT 2.0"``, ``"AEDAT 3.1"``, ``"AEDAT 4"`` or ``"camera bytes"``.
         chip: the camera's, such as ``"DAVIS240C"``; empty if the file does not name one that is known.
         width, height: of the image that events fall on; from the events where nothing else tells.
         events: :data:`davis_rs.EVENT_DTYPE`; y downwards, also where the file has it upwards.

@@ -81,6 +81,14 @@ class RecordingFile(ABC):
             OSError, DecodeError: if it cannot be read, or is malformed.
         """
 
+    def has(self, kind: str) -> bool:
+        """Whether there is any of a kind.
+
+        Raises:
+            OSError, DecodeError: if it cannot be read, or is malformed before the first.
+        """
+        return any(len(getattr(piece.decoded, kind)) for piece in self.pieces((kind,)))
+
     def events_at(self, place: tuple[int, ...]) -> EventArray:
         """The events of a piece that had this place.
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,14 +11,14 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ..dataset.folder_format import FolderReader
 from ..dataset.reader import Dataset
 from ..decoded import Frame
 from ..event_files.read import open_reader
-from ..formats.ros_reader import RosReader
-from ..recordings import RecordingWarning, aedat2, aedat3, aedat4, read_recording
+from ..formats.parts import FRAMES
+from ..formats.recorded import RecordedParts
+from ..recordings.recording_file import RecordingFile
 from ..stream_statistics.stream_statistics import Measured
-from ..untrusted import regular_file
-from ..usb.raw_file import RawRecording, is_raw
 from .signal_samples import StampedFrame
 
 _STEPS = 64  # the 16 bits of a camera's frame over the 10 of its converter
@@ -45,11 +44,11 @@ class FrameSource:
 
 
 def open_frames(path: str | os.PathLike[str], size: tuple[int, int]) -> FrameSource | None:
-    """The frames of a dataset folder, a bag, an AEDAT recording or a camera's bytes; None where there are none.
+    """The frames of whatever :func:`davis_rs.open_reader` opens; None where it has no place for any.
 
-    Frames of AEDAT are held in memory, all others are read one by one. A frame of a camera stands for the middle of its
-    exposure. A dataset folder of this package stamps frames at the end of the exposure that its ``meta.json`` tells;
-    other folders, and bags, do not tell an exposure: the stamp is taken, and what it is off comes out as a lag.
+    Frames of AEDAT 2.0 are held in memory, all others are read one by one. A frame of a camera stands for the middle of
+    its exposure. A dataset folder of this package stamps frames at the end of the exposure that its ``meta.json``
+    tells; other folders and files do not tell an exposure: the stamp is taken, and what it is off comes out as a lag.
 
     Args:
         size: (width, height) of the sensor in pixels.
@@ -58,22 +57,15 @@ def open_frames(path: str | os.PathLike[str], size: tuple[int, int]) -> FrameSou
         OSError, DecodeError: if they cannot be read.
     """
     file = Path(path)
-    if file.is_dir():
-        return _of_folder(Dataset(file), size)
-    with regular_file(file).open("rb") as opened:
-        head = opened.read(16)
-    if head.startswith((aedat2.MAGIC, aedat3.MAGIC, aedat4.MAGIC)):
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", RecordingWarning)  # who read the events has told it
-            frames = read_recording(file).frames
-        return FrameSource(lambda: of_camera(iter(frames), size), "DN", of_camera=True) if frames else None
-    if is_raw(file):
-        raw = RawRecording(file)
-        return FrameSource(lambda: of_camera(_decoded(raw), size), "DN", of_camera=True)
     with open_reader(file) as reader:
-        if not isinstance(reader, RosReader):
+        if isinstance(reader, FolderReader):
+            return _of_folder(reader.dataset, size)
+        if isinstance(reader, RecordedParts):
+            recording = reader.recording
+            return FrameSource(lambda: of_camera(_frames(recording), size), "DN", of_camera=True)
+        if not hasattr(reader, FRAMES.read):
             return None
-    return FrameSource(lambda: _of_bag(file, size), "grey values")
+    return FrameSource(lambda: _of_file(file, size), "grey values")
 
 
 def _of_folder(dataset: Dataset, size: tuple[int, int]) -> FrameSource | None:
@@ -95,10 +87,9 @@ def _of_folder(dataset: Dataset, size: tuple[int, int]) -> FrameSource | None:
     return FrameSource(frames, "grey values", black)
 
 
-def _decoded(raw: RawRecording) -> Iterator[Frame]:
-    decoder = raw.decoder()
-    for chunk in raw.chunks():
-        yield from decoder.push(chunk).frames
+def _frames(recording: RecordingFile) -> Iterator[Frame]:
+    for piece in recording.pieces(("frames",)):
+        yield from piece.decoded.frames
 
 
 def of_camera(frames: Iterator[Frame], size: tuple[int, int]) -> Iterator[StampedFrame]:
@@ -109,10 +100,9 @@ def of_camera(frames: Iterator[Frame], size: tuple[int, int]) -> Iterator[Stampe
         yield StampedFrame(middle_us, exposure_us, _whole(frame.pixels / _STEPS, frame.x, frame.y, size))
 
 
-def _of_bag(file: Path, size: tuple[int, int]) -> Iterator[StampedFrame]:
+def _of_file(file: Path, size: tuple[int, int]) -> Iterator[StampedFrame]:
     with open_reader(file) as reader:
-        assert isinstance(reader, RosReader)
-        for t_us, pixels in reader.images():
+        for t_us, pixels in getattr(reader, FRAMES.read)():
             yield StampedFrame(float(t_us), 0.0, _whole(pixels, 0, 0, size))
 
 

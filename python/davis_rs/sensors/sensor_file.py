@@ -15,6 +15,7 @@ from typing import Any, get_args, get_type_hints
 from .._core import DecodeError
 from ..close_names import did_you_mean
 from ..sensor_parameters import SensorParameters
+from ..whole_file import write_whole
 from ..yaml_file import MOST_BYTES, read_yaml
 
 SENSOR_SUFFIXES = (".yaml", ".yml", ".json")
@@ -177,7 +178,7 @@ def save_sensor(
     encoded = text.encode()
     if len(encoded) > MOST_BYTES:
         raise ValueError(f"{file}: a sensor file may have {MOST_BYTES} bytes, this would have {len(encoded)}")
-    file.write_bytes(encoded)
+    write_whole(file, encoded)
     return file
 
 

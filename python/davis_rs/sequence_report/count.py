@@ -9,13 +9,13 @@ from pathlib import Path
 
 import numpy as np
 
-from ..formats.files import PartFile
 from ..rendering.renderers import make_renderer
 from ..sampling.rules import MaxDisplacement
 from ..sensors import IDEAL
 from ..sequences import Sequence
 from ..simulator import Simulator
 from ..trajectory.views import Views
+from ..whole_file import whole_file
 
 MEASURED = Path(__file__).with_name("measured.csv")
 """The counts that ``davis-rs sequences`` shows: what :func:`count_events` found with the defaults."""
@@ -140,9 +140,7 @@ def read_counts(path: str | Path = MEASURED) -> dict[str, EventCount]:
 
 def write_counts(path: str | Path, counts: Iterable[EventCount]) -> None:
     """Replace a CSV file by one of these counts; a reader sees the old file or the new one, whole."""
-    file = PartFile(path, overwrite=True)
-    with file.part.open("w", newline="") as part:
-        writer = csv.DictWriter(part, [field.name for field in fields(EventCount)], lineterminator="\n")
+    with whole_file(path) as place, place.open("w", newline="") as file:
+        writer = csv.DictWriter(file, [field.name for field in fields(EventCount)], lineterminator="\n")
         writer.writeheader()
         writer.writerows(asdict(count) for count in counts)
-    file.commit()

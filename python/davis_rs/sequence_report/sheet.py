@@ -11,11 +11,11 @@ import numpy.typing as npt
 from ..argument_error import ArgumentError
 from ..dataset.files import as_grey
 from ..dataset.writer import image_gain_for
-from ..formats.files import PartFile
 from ..inspection.figure import event_picture
 from ..inspection.visual_sequence import display_grey
 from ..sequences import Sequence
 from ..simulator import Simulator
+from ..whole_file import whole_file
 
 _SLICE_S = 0.1
 _EVENTS_A_PIXEL = 0.15
@@ -40,21 +40,20 @@ def draw_sheet(sequences: Iterable[Sequence], output_png: str | Path, *, share: 
 
     if not 0 <= share <= 1:
         raise ArgumentError("{share} must lie in 0..1, got {}", share)
-    file = PartFile(output_png, overwrite=True)  # fails before the rendering, if it must
-    tiles = [(sequence.name, _tile(sequence, share)) for sequence in sequences]
-    if not tiles:
-        raise ValueError("a contact sheet needs at least one sequence")
-    height, width = tiles[0][1].shape[:2]
-    rows = -(-len(tiles) // _COLUMNS)
-    sheet = Image.new("RGB", (_COLUMNS * (width + _GAP) - _GAP, rows * (height + _TITLE + _GAP) - _GAP), "white")
-    draw = ImageDraw.Draw(sheet)
-    for number, (name, tile) in enumerate(tiles):
-        left, top = (number % _COLUMNS) * (width + _GAP), (number // _COLUMNS) * (height + _TITLE + _GAP)
-        draw.text((left, top), name, "black", ImageFont.load_default(size=14))
-        sheet.paste(Image.fromarray(tile), (left, top + _TITLE))
-    sheet.save(file.part, format="PNG")
-    file.commit()
-    return file.path
+    with whole_file(output_png) as place:  # fails before the rendering, if it must
+        tiles = [(sequence.name, _tile(sequence, share)) for sequence in sequences]
+        if not tiles:
+            raise ValueError("a contact sheet needs at least one sequence")
+        height, width = tiles[0][1].shape[:2]
+        rows = -(-len(tiles) // _COLUMNS)
+        sheet = Image.new("RGB", (_COLUMNS * (width + _GAP) - _GAP, rows * (height + _TITLE + _GAP) - _GAP), "white")
+        draw = ImageDraw.Draw(sheet)
+        for number, (name, tile) in enumerate(tiles):
+            left, top = (number % _COLUMNS) * (width + _GAP), (number // _COLUMNS) * (height + _TITLE + _GAP)
+            draw.text((left, top), name, "black", ImageFont.load_default(size=14))
+            sheet.paste(Image.fromarray(tile), (left, top + _TITLE))
+        sheet.save(place, format="PNG")
+    return Path(output_png)
 
 
 def _tile(sequence: Sequence, share: float) -> npt.NDArray[np.uint8]:

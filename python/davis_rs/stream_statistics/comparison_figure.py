@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from ..extras import from_extra
+from ..whole_file import whole_file
 from .comparison import StreamComparison
 from .counts import Histogram, bin_edges
 from .stream_statistics import StreamStatistics
@@ -26,11 +28,9 @@ def draw_comparison(comparison: StreamComparison, output: str | Path) -> Path:
         ImportError: without matplotlib, saying how to get it.
         OSError: if it cannot be written.
     """
-    try:
+    with from_extra("view"):
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
-    except ImportError as error:
-        raise ImportError("drawing needs matplotlib: pip install 'davis_rs[view]'") from error
     streams = {"real": comparison.real, "simulated": comparison.simulated}
     figure = Figure(figsize=(13, 7.6), layout="constrained")
     FigureCanvasAgg(figure)
@@ -53,7 +53,8 @@ def draw_comparison(comparison: StreamComparison, output: str | Path) -> Path:
     for ax, (name, stream) in zip(axes[1, :2], streams.items(), strict=True):
         image = _draw_map(ax, stream, name, max(brightest, 10 * _FLOOR_HZ))
     figure.colorbar(image, ax=axes[1, 1], label="events a second", shrink=0.8)
-    figure.savefig(output, dpi=120)
+    with whole_file(output) as place:
+        figure.savefig(place, dpi=120)
     return Path(output)
 
 

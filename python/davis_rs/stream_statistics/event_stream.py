@@ -7,13 +7,11 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..argument_error import ArgumentError
-from ..dataset.reader import Dataset
+from ..dataset.folder_format import FolderReader
 from ..event_files.read import open_reader
+from ..event_files.sensor_size import sensor_size
 from ..events import EventArray
-from ..recordings import aedat2, aedat3, read_recording
-from ..untrusted import regular_file
-from ..usb.raw_file import RawRecording, is_raw
+from ..formats.recorded import RecordedParts
 
 _PIECE = 1 << 18
 
@@ -37,46 +35,25 @@ class EventStream:
 
 
 def open_event_stream(path: str | os.PathLike[str], *, size: tuple[int, int] | None = None) -> EventStream:
-    """Open a dataset folder, an event file of any format, a camera's bytes, or a recording (AEDAT 2, 3.1, 4).
-
-    AEDAT 2 and 3.1 are held in memory while they are read; all else is streamed.
+    """Open whatever :func:`davis_rs.open_reader` opens: a dataset folder, an event file of any format, or a camera's
+    recording. Its events are streamed.
 
     Args:
         size: (width, height) of the sensor in pixels, where the file does not say.
 
     Raises:
         OSError, DecodeError: if it cannot be read.
-        ValueError: if neither the file nor ``size`` says how large the sensor is.
+        ValueError: if nothing says how large the sensor is, or ``size`` contradicts the file.
     """
     file = Path(path)
-    if file.is_dir():
-        known = size or Dataset(file).size
-        return EventStream(
-            file.resolve().name, "dataset folder", _known(file, known), lambda told: _of_file(file, told)
-        )
-    with regular_file(file).open("rb") as opened:
-        head = opened.read(16)
-    if head.startswith((aedat2.MAGIC, aedat3.MAGIC)):
-        recording = read_recording(file)
-        kind = f"{recording.format}, {recording.chip}".rstrip(", ")
-        return EventStream(
-            file.name, kind, size or (recording.width, recording.height), lambda told: cut(recording.events, told)
-        )
-    if is_raw(file):
-        raw = RawRecording(file)
-        device = raw.camera.device
-        return EventStream(
-            file.name, raw.camera.chip, size or (device.width, device.height), lambda told: _of_camera(raw, told)
-        )
     with open_reader(file) as reader:
-        kind, known = reader.format, size or reader.size
-    return EventStream(file.name, kind, _known(file, known), lambda told: _of_file(file, told))
-
-
-def _known(path: Path, size: tuple[int, int] | None) -> tuple[int, int]:
-    if size is None:
-        raise ArgumentError("{} does not say the sensor's size: give {size}", path)
-    return size
+        known, kind = sensor_size(reader, size), reader.format
+        if isinstance(reader, FolderReader):
+            kind = "dataset folder"
+        elif isinstance(reader, RecordedParts):
+            kind = f"{reader.recording.format}, {reader.recording.chip}".rstrip(", ")
+    name = (file.resolve() if file.is_dir() else file).name  # also of "."
+    return EventStream(name, kind, known, lambda told: _of_file(file, told))
 
 
 def _of_file(path: Path, told: Callable[[float], object]) -> Iterator[EventArray]:
@@ -84,14 +61,6 @@ def _of_file(path: Path, told: Callable[[float], object]) -> Iterator[EventArray
         for events in reader.iter(_PIECE):
             yield events
             told(reader.progress)
-
-
-def _of_camera(raw: RawRecording, told: Callable[[float], object]) -> Iterator[EventArray]:
-    decoder, total, done = raw.decoder(), raw.path.stat().st_size, 0
-    for chunk in raw.chunks():
-        yield decoder.push(chunk).events
-        done += len(chunk)
-        told(min(done / total, 1.0))
 
 
 def cut(events: EventArray, told: Callable[[float], object]) -> Iterator[EventArray]:

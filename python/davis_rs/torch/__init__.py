@@ -1,6 +1,6 @@
 """Windows of events as PyTorch data sets (extra ``torch``); imported only when it is asked for."""
 
-from ..formats.extras import from_extra
+from ..extras import from_extra
 
 with from_extra("torch"):
     import torch as _torch  # noqa: F401

@@ -82,16 +82,6 @@ class RawWriter:
             self._file.close()
 
 
-def is_raw(path: str | Path) -> bool:
-    """Whether a file begins as :class:`RawWriter`'s do.
-
-    Raises:
-        OSError: if it cannot be read.
-    """
-    with regular_file(path).open("rb") as file:
-        return file.read(len(MAGIC)) == MAGIC
-
-
 class RawRecording:
     """A recording that was written by :class:`RawWriter`.
 

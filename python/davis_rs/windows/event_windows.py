@@ -12,7 +12,7 @@ import numpy as np
 
 from ..argument_error import ArgumentError
 from ..close_names import names_checked
-from ..dataset.reader import Dataset, StampedImage
+from ..dataset.reader import StampedImage
 from ..event_files.random_access import RandomAccess
 from ..imu import IMU_DTYPE
 from ..pose import GroundTruth, Pose
@@ -34,8 +34,8 @@ class EventWindows(Sequence[EventWindow]):
     have them; threads may share them.
 
     Args:
-        path: an event file of any format that can be read in parts (not: compressed .npz, bags without an index), or a
-            dataset folder.
+        path: an event file or recording that can be read in parts (not: compressed .npz, bags without an index,
+            rosbag2, a camera's bytes), or a dataset folder.
         by: ``"time"``: windows of ``duration_us``; ``"count"``: windows of ``count`` events; ``"frames"``: from each
             frame of a folder to the next one.
         duration_us: by time: how long a window is.
@@ -44,7 +44,7 @@ class EventWindows(Sequence[EventWindow]):
         stride: by count: from the first event of a window to that of the next, in events; ``count`` if not given.
         start_us, stop_us: only windows that lie within start_us <= t < stop_us. Where not given: from 0 in a folder and
             from the first event in a file, to the last event.
-        size: (width, height) of the sensor in pixels, where the file does not say.
+        size: (width, height) of the sensor in pixels, where neither the file nor what lies next to it says.
         max_packet_bytes: see :func:`davis_rs.open_reader`.
 
     Attributes:
@@ -56,8 +56,8 @@ class EventWindows(Sequence[EventWindow]):
 
     Raises:
         OSError: if the file cannot be read.
-        DecodeError: if it is malformed, or its times go back.
-        ValueError: for options that do not belong together, or a file that can only be read from its beginning.
+        DecodeError: if it is malformed, its times go back, or it can only be read from its beginning.
+        ValueError: for options that do not belong together, or a size that contradicts the file.
     """
 
     def __init__(
@@ -83,11 +83,10 @@ class EventWindows(Sequence[EventWindow]):
             raise ValueError(f"windows by {by} take no {', '.join(strange)}")
         self.path = Path(path)
         self.by = by
-        self.dataset = Dataset(self.path) if self.path.is_dir() else None
-        if by == "frames" and self.dataset is None:
+        if by == "frames" and not self.path.is_dir():
             raise ValueError(f"windows between frames need a dataset folder: {self.path} is a file")
-        self._access = RandomAccess(path, max_packet_bytes=max_packet_bytes)
-        self.size = size or self._access.size or (None if self.dataset is None else self.dataset.size)
+        self._access = RandomAccess(path, size=size, max_packet_bytes=max_packet_bytes)
+        self.dataset, self.size = self._access.dataset, self._access.size
         self._first_us, self._stop_us = self._limits(start_us, stop_us)
         if by == "frames" and stop_us is None:
             self._stop_us = 2**62  # frames tell where the last window ends

@@ -84,6 +84,12 @@ impl PyAedat4Recording {
         self.recording.source()
     }
 
+    /// Whether the header announces a stream of events.
+    #[getter]
+    fn has_events(&self) -> bool {
+        self.recording.has(Aedat4Kind::Events)
+    }
+
     /// Bytes of the file that were read.
     #[getter]
     fn bytes(&self) -> usize {

@@ -76,6 +76,11 @@ impl<R: Read> Aedat4Recording<R> {
         self.packets.header.as_ref().and_then(Header::camera).map_or("", |stream| &stream.source)
     }
 
+    /// Whether the header announces a stream of a kind.
+    pub fn has(&self, kind: Kind) -> bool {
+        self.packets.header.as_ref().is_some_and(|header| header.stream(kind).is_some())
+    }
+
     /// Bytes of the file whose packets were handed out.
     pub fn bytes(&self) -> usize {
         self.packets.place
@@ -157,7 +162,9 @@ mod tests {
     fn what_is_written_is_read_and_a_cut_end_is_told() {
         let bytes = written(&some());
         assert_eq!(read(&bytes, &ALL).unwrap(), (some(), 0, None));
-        assert_eq!(Aedat4Recording::new(&bytes[..], vec![], MAX_PACKET_BYTES).unwrap().size(), Some((240, 180)));
+        let recording = Aedat4Recording::new(&bytes[..], vec![], MAX_PACKET_BYTES).unwrap();
+        assert_eq!(recording.size(), Some((240, 180)));
+        assert!(recording.has(Kind::Events) && !recording.has(Kind::Frames));
         let (events, _, cut) = read(&bytes[..1000], &ALL).unwrap();
         assert!(cut.is_some_and(|cut| cut.contains("cut off")) && some().starts_with(&events));
     }
