@@ -12,7 +12,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from davis_rs import SENSORS, Scene, load_scene
-from davis_rs.settings import SimulationSettings
+from davis_rs.settings import SimulationSettings, complete
 from davis_rs.simulation import make_simulator
 
 SCENES = {"three_walls": (0.5, 0.3), "three_planes": (0.5, 0.1), "fence": (0.5, 0.3)}
@@ -31,7 +31,7 @@ def part(name: str) -> Scene:
 def counted(scene: Scene, lux: float, **settings: object) -> tuple[int, float, str]:
     """Events of a whole run, the error that was forecast in percent, and the effects on events that it had."""
     rates = {"frame_rate_hz": 0, "depth_rate_hz": 0, "lux_per_luma": lux}
-    made = make_simulator(scene, {**SimulationSettings(), **rates, **settings})
+    made = make_simulator(scene, complete(SimulationSettings, {**rates, **settings}, of=counted))
     events = sum(len(packet.events) for packet in made.simulator.run())
     together = None if made.plan is None else made.plan.together
     forecast = float("nan") if together is None else together.omission.count_percent
