@@ -1,14 +1,16 @@
 """Whole runs with the effects that a plan chose, and with all of a sensor's: do they make as many events?
 
-python benches/auto_effects.py
+python benches/auto_effects.py            # parts of 0.1 to 0.3 s
+python benches/auto_effects.py --whole    # whole camera paths
 
-Short parts of three scenes are seen by the davis240c in dim, common and very bright light: once with `effects="auto"`,
-and once with all of the sensor's effects, both with the same seed. The difference of the counts of events is printed
-next to the one that the plan forecast.
+Three scenes are seen by the davis240c in dim, common and very bright light: once with `effects="auto"`, and once with
+all of the sensor's effects, both with the same seed. The difference of the counts of events is printed next to the one
+that the plan forecast.
 """
 
 from __future__ import annotations
 
+import argparse
 from dataclasses import replace
 
 from davis_rs import SENSORS, Scene, load_scene
@@ -16,7 +18,7 @@ from davis_rs.settings import SimulationSettings, complete
 from davis_rs.simulation import make_simulator
 
 SCENES = {"three_walls": (0.5, 0.3), "three_planes": (0.5, 0.1), "fence": (0.5, 0.3)}
-"""From where on, and for how long, in seconds."""
+"""From where on, and for how long, in seconds, where a part is looked at."""
 
 LIGHTS_LUX = 5.0, 300.0, 20_000.0
 
@@ -24,8 +26,9 @@ SENSOR = replace(SENSORS["davis240c"], width=None, height=None)
 """What auto takes."""
 
 
-def part(name: str) -> Scene:
-    return load_scene(name).crop(*SCENES[name])
+def shown(name: str, *, whole: bool) -> Scene:
+    """Load a scene, or the part of it that is looked at."""
+    return load_scene(name) if whole else load_scene(name).crop(*SCENES[name])
 
 
 def counted(scene: Scene, lux: float, **settings: object) -> tuple[int, float, str]:
@@ -39,13 +42,16 @@ def counted(scene: Scene, lux: float, **settings: object) -> tuple[int, float, s
 
 
 def main() -> None:
-    """One row a scene and light."""
+    """Print one row a scene and light."""
+    options = argparse.ArgumentParser(description=__doc__)
+    options.add_argument("--whole", action="store_true", help="whole camera paths")
+    whole = options.parse_args().whole
     print("| scene | lux at luma 1 | all effects | auto | difference | forecast | left out |")
     print("|---|---:|---:|---:|---:|---:|---|")
     for name in SCENES:
         for lux in LIGHTS_LUX:
-            everything, _, names = counted(part(name), lux, sensor=SENSOR)
-            chosen, forecast, called_for = counted(part(name), lux, effects="auto")
+            everything, _, names = counted(shown(name, whole=whole), lux, sensor=SENSOR)
+            chosen, forecast, called_for = counted(shown(name, whole=whole), lux, effects="auto")
             left = ", ".join(sorted(set(names.split(", ")) - set(called_for.split(", ")))) or "none"
             difference = 100 * (chosen / everything - 1)
             cells = [

@@ -162,7 +162,7 @@ def test_keys_of_a_file_have_their_own_names(
         (["view", "EVENTS", "--size", "9x9", "--time", "5"], "error: --time must lie in the sequence, "),
         (["view", "EVENTS", "--size", "9x9", "--window", "0"], "error: --window must be finite and > 0, got 0.0"),
         (["view", "EVENTS", "--size", "9x9", "--fps", "5"], "error: --fps means nothing for the picture: leave it out"),
-        (["view", "EVENTS"], "nor does a meta.json or frame next to it: give --size\n"),
+        (["view", "EVENTS"], "nor does a meta.json or frame next to it: give --size WxH\n"),
         (["compare", "EVENTS", "EVENTS2", "--size", "9x9", "--start", "2", "--stop", "1"], "--start < --stop, got 2.0"),
         (
             ["simulate", "three_planes", "-o", "OUT", "--effects-tolerance", "0.1"],

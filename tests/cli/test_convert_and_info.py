@@ -114,7 +114,7 @@ def test_a_closed_pipe_ends_the_conversion(tmp_path: Path) -> None:
 
 
 def test_memory_stays_constant(tmp_path: Path, run_python: Callable[..., str]) -> None:
-    """Ten times the events take no more than 60 MB more."""
+    """Three times the events take no more than 30 MB more; the first million does not fill all buffers yet."""
     pytest.importorskip("pyarrow")
     program = (
         "import resource, sys\n"
@@ -123,7 +123,7 @@ def test_memory_stays_constant(tmp_path: Path, run_python: Callable[..., str]) -
         "print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)\n"
     )
     peaks = []
-    for millions in (1, 10):
+    for millions in (3, 9):
         source = tmp_path / f"{millions}.txt"
         with open_writer(source, SIZE) as writer:
             part = many(1_000_000)
@@ -131,7 +131,7 @@ def test_memory_stays_constant(tmp_path: Path, run_python: Callable[..., str]) -
                 writer.write(part)
                 part["t"] += int(part["t"][-1])
         peaks.append(int(run_python(program, str(source), str(tmp_path / f"{millions}.parquet"))) / 1024)
-    assert peaks[1] < peaks[0] + 60, peaks
+    assert peaks[1] < peaks[0] + 30, peaks
 
 
 def test_progress_ends_at_one(tmp_path: Path) -> None:

@@ -26,7 +26,7 @@ def sensor_size(reader: EventReader, given: tuple[int, int] | None = None) -> tu
         who = "neither meta.json nor frames say the sensor's size"
         if not isinstance(reader, FolderReader):
             who = f"the file ({reader.format}) does not say the sensor's size, nor does a meta.json or frame next to it"
-        raise ArgumentError("{}: {}: give {size}", _name(reader), who)
+        raise ArgumentError("{}: {}: give {size} WxH", _name(reader), who)
     return size
 
 

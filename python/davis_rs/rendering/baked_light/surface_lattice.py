@@ -7,8 +7,9 @@ edge, as long as these have one normal there, so that what is interpolated has n
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -57,12 +58,28 @@ class SurfaceLattice:
         places = corners[self.triangles].reshape(-1, 3)
         facing = np.concatenate([normals, -normals[backs]]).reshape(-1, 3)
         # Not at a multiple of what normals are rounded to: those of flat walls lie there.
-        rounded = np.floor(facing * 10.0**_NORMAL_DIGITS + 0.377)
+        rounded = np.floor(facing * 10.0**_NORMAL_DIGITS + 0.377).astype(np.int16)
         owners = np.repeat(frames[self.triangles], 3)
-        alike = np.hstack([places, rounded, owners[:, None]])
-        _, first, vertex = np.unique(alike, axis=0, return_index=True, return_inverse=True)
+        first, vertex = _distinct_rows([*places.T, *rounded.T, owners])
         self.positions, self.normals, self.frames = places[first], facing[first], owners[first]
-        self.faces = vertex.reshape(-1, 3).astype(np.int64)
+        self.faces = vertex.reshape(-1, 3)
+
+
+def _distinct_rows(columns: Sequence[npt.NDArray[Any]]) -> tuple[IntArray, IntArray]:
+    """Find rows that are alike: the first of each kind, in sorted order, and the kind of every row.
+
+    This is :func:`numpy.unique` along an axis, without its copies of all columns, which fill the memory for millions of
+    triangles.
+    """
+    order = np.lexsort(columns[::-1])
+    differs = np.ones(len(order), bool)
+    differs[1:] = False
+    for column in columns:
+        in_order = column[order]
+        differs[1:] |= in_order[1:] != in_order[:-1]
+    kind = np.empty(len(order), np.int64)
+    kind[order] = np.cumsum(differs) - 1
+    return order[differs], kind
 
 
 @dataclass(frozen=True)
