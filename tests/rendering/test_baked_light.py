@@ -22,6 +22,7 @@ from davis_rs import Pose, Scene, SegmentTrajectory, Simulator, estimate_noise, 
 from davis_rs._mitsuba import FAST, load_scene_source, variant
 from davis_rs.accuracy.light_accuracy import LightComparison, light_cost
 from davis_rs.cli import main
+from davis_rs.rendering import scene_table
 from davis_rs.rendering.baked_light import bake, baked_scene, cache
 from davis_rs.rendering.baked_light.bake import Surfaces
 from davis_rs.rendering.baked_light.irradiance import Irradiance
@@ -30,7 +31,7 @@ from davis_rs.rendering.baked_light.lights import irradiance_of
 from davis_rs.rendering.baked_light.partial import PartialBake
 from davis_rs.rendering.baked_light.surface_lattice import RefinementRule, SurfaceLattice, refine
 from davis_rs.rendering.render_integrator import IntegratorRenderer
-from davis_rs.rendering.renderers import make_renderer
+from davis_rs.rendering.renderers import make_renderer, why_not_noise_free
 from davis_rs.scene.light_profile import SampledProfile
 from davis_rs.trajectory.views import Views
 from lamp_box import lamp_box
@@ -664,3 +665,19 @@ def test_points_within_a_solid_do_not_darken_what_is_next_to_it() -> None:
                 near, outside, inside, grid = near.T, outside.T, inside.T, grid.swapaxes(0, 1)
             assert (~outside).any()
             assert (grid[near & inside] == 1.0).all()
+
+
+def test_meshes_of_many_corners_are_baked_on_request_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Light is baked at every corner at least: hours and gigabytes for millions, which nobody is put through unasked.
+
+    The tables, gigabytes too, are not made before that is known.
+    """
+    scene = make_scene(PATH, lamp=lamp(), floor=plate(0, 0, 0, (3, 3)))
+    monkeypatch.setattr(baked_scene, "MOST_POINTS", 3)
+    monkeypatch.setattr(scene_table, "MeshTriangles", None)
+    (obstacle,) = why_not_noise_free(scene)
+    assert re.match(r"its light would have to be baked at about \d+ corners of triangles; beyond 3 ", obstacle.rule)
+    assert "--renderer baked" in obstacle.remedy
+    monkeypatch.undo()
+    monkeypatch.setattr(baked_scene, "MOST_POINTS", 3)
+    assert make_renderer(scene, CAMERA, kind="baked").name == "native renderer"

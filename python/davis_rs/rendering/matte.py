@@ -105,9 +105,14 @@ def surface_name(bsdf: Any, shape: Any) -> str:
     return f"material {material_id(bsdf)!r}" if material_id(bsdf) else shape_name(shape)
 
 
+def is_two_sided(bsdf: Any) -> bool:
+    """Whether a material reflects on both sides."""
+    return bool(bsdf.class_name() == "TwoSidedBRDF")
+
+
 def is_plain(bsdf: Any) -> bool:
     """Whether it is diffuse, or diffuse and seen from both sides, as the direct renderers know it."""
-    if bsdf.class_name() == "TwoSidedBRDF":
+    if is_two_sided(bsdf):
         return all(child.class_name() == "SmoothDiffuse" for child in _children(bsdf).values())
     return bool(bsdf.class_name() == "SmoothDiffuse")
 

@@ -108,19 +108,18 @@ class NoiseFreeKind(RendererKind):
         replaced = simplify_materials(loaded, mi, matte=scene.matte)
         motion = scene_motion(scene, loaded, mi)
         obstacles = Obstacles()
-        with obstacles.go_on():
-            table = SceneTable(
-                loaded,
-                mi,
-                shadows=scene.shadows,
-                any_integrator=by_name,
-                moving=list(motion.objects),
-                baked=self.baked,
-            )
         if self.baked:
             with obstacles.go_on():
-                check_baking(loaded, mi, motion)
-        obstacles.refuse()
+                check_baking(loaded, mi, motion, by_name=by_name)
+        table = SceneTable(
+            loaded,
+            mi,
+            shadows=scene.shadows,
+            any_integrator=by_name,
+            moving=list(motion.objects),
+            baked=self.baked,
+            obstacles=obstacles,
+        )
         return _Tables(loaded, replaced, motion, table)
 
 

@@ -62,6 +62,8 @@ class SceneTable:
         moving: ids of shapes that move; each is in tables of its own frame.
         baked: the light of lamps and of other surfaces is to be baked, see :meth:`bake`; else there is direct light
             alone.
+        obstacles: that were met before. Where there are any, the scene is only looked through for more of them, because
+            tables of millions of triangles take gigabytes.
 
     Attributes:
         scene: the Mitsuba scene.
@@ -94,10 +96,11 @@ class SceneTable:
         any_integrator: bool,
         moving: Sequence[str] = (),
         baked: bool = False,
+        obstacles: Obstacles | None = None,
     ) -> None:
         self.scene, self.shadows, self.moving = scene, shadows, list(moving)
         self._hides_lights = bool(getattr(scene.integrator(), "hide_emitters", False))
-        obstacles = Obstacles()
+        obstacles = Obstacles() if obstacles is None else obstacles
         if not any_integrator and not baked:
             with obstacles.go_on():
                 _check_integrator(scene.integrator())

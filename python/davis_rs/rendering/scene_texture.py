@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from .._mitsuba import FAST
 from ..scene.textures import from_srgb
-from .matte import is_plain, reflectance_kind, surface_kind, surface_name, surface_remedy
+from .matte import is_plain, is_two_sided, reflectance_kind, surface_kind, surface_name, surface_remedy
 from .obstacles import Unsuitable
 
 FloatArray = npt.NDArray[np.float64]
@@ -90,7 +90,7 @@ class TextureTable:
         """
         bsdf = shape.bsdf()
         parameters, named = self._mi.traverse(bsdf), surface_name(bsdf, shape)
-        two_sided = bsdf.class_name() == "TwoSidedBRDF"
+        two_sided = is_two_sided(bsdf)
         if not is_plain(bsdf):
             rule = f"has a {surface_kind(bsdf)} surface, not a diffuse one"
             raise Unsuitable(rule, surface_remedy(bsdf, self._mi), named)

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from ..._mitsuba import FAST, default_variant, load_scene_source, variant, versions
 from ...progress import progress, say
 from ...scene.scene import Scene
-from ..matte import simplify_materials
+from ..matte import is_two_sided, simplify_materials
 from ..obstacles import Obstacles, Unsuitable
 from ..scene_motion import SceneMotion
 from . import cache
@@ -104,12 +104,13 @@ class BakedLight:
         return hats(self.maps.instants, t_s)
 
 
-def check_baking(loaded: Any, mi: Any, motion: SceneMotion) -> None:
+def check_baking(loaded: Any, mi: Any, motion: SceneMotion, *, by_name: bool) -> None:
     """Refuse a scene whose light cannot be baked.
 
     Args:
         loaded: the scene, under the variant in force.
         motion: of its objects.
+        by_name: the user asked for baked light, so that it may take hours.
 
     Raises:
         Unsuitable: with all lights that this is not made for, for another integrator, or without LLVM.
@@ -131,7 +132,21 @@ def check_baking(loaded: Any, mi: Any, motion: SceneMotion) -> None:
             if shape.id() in motion.objects:
                 rule = "moves: its sharp shadows would have to move with it"
                 raise Unsuitable(rule, "let it rest", f"the small lamp {shape.id()!r}")
+    with obstacles.go_on():
+        corners = sum(_corners(shape) for shape in loaded.shapes() if shape.is_mesh())
+        if corners > MOST_POINTS and not by_name:
+            raise Unsuitable(
+                f"its light would have to be baked at about {corners:,} corners of triangles; beyond {MOST_POINTS:,} "
+                "that takes hours and gigabytes, so it is done on request alone",
+                "ask for it (--renderer baked, renderer='baked'), or give meshes of fewer triangles",
+            )
     obstacles.refuse()
+
+
+def _corners(shape: Any) -> int:
+    """Estimate at how many corners of a mesh light is baked at least, those of backs that reflect included."""
+    flat = "face_normals = 1" in str(shape)
+    return int(3 * shape.face_count() if flat else shape.vertex_count()) * (2 if is_two_sided(shape.bsdf()) else 1)
 
 
 def baked_light(scene: Scene, surfaces: Surfaces, motion: SceneMotion, error: float) -> BakedLight:
