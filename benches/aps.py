@@ -13,8 +13,8 @@ import numpy as np
 from effect_figure import picture
 
 from davis_rs import Camera, Effects, Scene, SegmentTrajectory, Simulator
-from davis_rs.effects import Aps
-from davis_rs.pose import FloatArray, Pose
+from davis_rs.geometry.pose import FloatArray, Pose
+from davis_rs.sensor.effects import Aps
 
 SIZE = 180, 240
 SENSOR = Aps(0, 2.88, 10, 1.0, full_well_e=25_000.0, electrons_per_dn=30.2, prnu=0.02, dsnu_dn=3.0)

@@ -14,8 +14,8 @@ import argparse
 from dataclasses import replace
 
 from davis_rs import SENSORS, Scene, load_scene
-from davis_rs.settings import SimulationSettings, complete
-from davis_rs.simulation import make_simulator
+from davis_rs.simulation.settings import SimulationSettings, complete
+from davis_rs.simulation.simulate import make_simulator
 
 SCENES = {"three_walls": (0.5, 0.3), "three_planes": (0.5, 0.1), "fence": (0.5, 0.3)}
 """From where on, and for how long, in seconds, where a part is looked at."""

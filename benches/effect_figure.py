@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from davis_rs import CrossingEngine, Effects
-from davis_rs.events import EventArray, concatenate_events
-from davis_rs.sensor_fit.static_scene import before_a_leak
+from davis_rs.calibrate.sensor.static_scene import before_a_leak
+from davis_rs.events.arrays import EventArray, concatenate_events
 
 
 @contextmanager

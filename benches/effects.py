@@ -14,10 +14,10 @@ import numpy as np
 import numpy.typing as npt
 
 from davis_rs import SENSORS, Effects, Simulator, compare_events, load_scene
-from davis_rs.effects import Aps, HotPixels, PhotoreceptorBandwidth, Readout
-from davis_rs.events import EventArray, concatenate_events
+from davis_rs.events.arrays import EventArray, concatenate_events
 from davis_rs.inspection.figure import OFF_RGB, ON_RGB
 from davis_rs.inspection.visual_sequence import display_grey
+from davis_rs.sensor.effects import Aps, HotPixels, PhotoreceptorBandwidth, Readout
 
 SCENE = load_scene("three_planes")
 SECONDS = 2.0

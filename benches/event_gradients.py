@@ -26,8 +26,8 @@ import davis_rs
 from davis_rs.differentiable import EventTimeDerivatives
 from davis_rs.differentiable.event_jacobian import EventTimeModel
 from davis_rs.differentiable.log_luma import LogLumaField
-from davis_rs.events import concatenate_events
-from davis_rs.trajectory.views import Views
+from davis_rs.events.arrays import concatenate_events
+from davis_rs.geometry.trajectory.views import Views
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]

@@ -15,8 +15,8 @@ from davis_rs import Scene, Simulator, compare_events
 from davis_rs.accuracy.accuracy_sweep import half_way_s
 from davis_rs.accuracy.brute_force import dense_probe
 from davis_rs.accuracy.hard_case_scenes import sideways, wires
-from davis_rs.events import concatenate_events
-from davis_rs.rendering.renderers import make_renderer
+from davis_rs.events.arrays import concatenate_events
+from davis_rs.render.choice import make_renderer
 
 SECONDS, WIDTH, HEIGHT = 0.003, 160, 120
 WINDOW_US = 2_000

@@ -19,8 +19,8 @@ import numpy as np
 import numpy.typing as npt
 
 from davis_rs import CrossingEngine, events_from_frames, open_frames
-from davis_rs.frames_to_events.frame_source import Encoding
-from davis_rs.frames_to_events.light import Light
+from davis_rs.simulation.from_frames.frame_source import Encoding
+from davis_rs.simulation.from_frames.light import Light
 
 WIDTH, HEIGHT, FPS = 346, 260, 240
 

@@ -9,7 +9,7 @@ import numpy as np
 from effect_figure import of_each_pixel, on_static_scene, picture
 
 from davis_rs import Effects
-from davis_rs.effects import HotPixels
+from davis_rs.sensor.effects import HotPixels
 
 WIDTH, HEIGHT, SECONDS = 240, 180, 60
 RECORDED_HZ, RECORDED_CV = (5.0, 54.0), (0.05, 0.5)

@@ -9,8 +9,8 @@ import numpy as np
 from effect_figure import of_each_pixel, on_static_scene, picture
 
 from davis_rs import Effects
-from davis_rs.effects import LeakRate
-from davis_rs.pose import FloatArray
+from davis_rs.geometry.pose import FloatArray
+from davis_rs.sensor.effects import LeakRate
 
 SIDE, SECONDS = 100, 600
 

@@ -12,8 +12,8 @@ from scipy.spatial.transform import Rotation
 from davis_rs import Camera, Pose, Scene, SegmentTrajectory
 from davis_rs.scene import meshes
 from davis_rs.scene.parts import look_at
+from davis_rs.scene.sequences import SEQUENCES
 from davis_rs.scene.textures import patchwork
-from davis_rs.sequences import SEQUENCES
 
 FloatArray = npt.NDArray[np.float64]
 SWEEP_S = 0.2

@@ -9,7 +9,7 @@ import numpy as np
 from effect_figure import picture
 
 from davis_rs import CrossingEngine, Effects
-from davis_rs.effects import ThresholdMismatch
+from davis_rs.sensor.effects import ThresholdMismatch
 
 WIDTH, HEIGHT = 240, 180
 

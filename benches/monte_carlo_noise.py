@@ -15,11 +15,11 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "helpers"))
 
 from davis_rs import Simulator, compare_events
-from davis_rs._mitsuba import FAST, variant
-from davis_rs.events import EventArray
-from davis_rs.monte_carlo_noise import estimate_noise_of
-from davis_rs.noise_estimate import NoiseEstimate
-from davis_rs.progress import say
+from davis_rs._mitsuba.variants import FAST, variant
+from davis_rs._util.progress import say
+from davis_rs.events.arrays import EventArray
+from davis_rs.simulation.monte_carlo_noise import estimate_noise_of
+from davis_rs.simulation.noise_estimate import NoiseEstimate
 from lamp_box import lamp_box
 
 SAMPLES, TRUTH, TRUTH_SEED = (8, 16, 64), 1024, 99

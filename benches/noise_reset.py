@@ -11,8 +11,8 @@ import numpy as np
 from effect_figure import of_each_pixel, picture
 
 from davis_rs import CrossingEngine, Effects
-from davis_rs.effects import ShotNoise
-from davis_rs.events import EventArray, concatenate_events
+from davis_rs.events.arrays import EventArray, concatenate_events
+from davis_rs.sensor.effects import ShotNoise
 
 SIDE, SECONDS, C, SLOPE = 64, 60, 0.2, 0.02
 NOISE = ShotNoise.of_rate(5.0, C, half_luma=math.inf)

@@ -61,7 +61,7 @@ def _rosbags_write(path: Path, events: EventArray) -> None:
     """Message bytes packed by NumPy."""
     from rosbags.rosbag1 import Writer
 
-    from davis_rs.formats.ros_messages import EVENTS, typestore
+    from davis_rs.io.formats.ros_messages import EVENTS, typestore
 
     path.unlink(missing_ok=True)
     with Writer(path) as bag:
@@ -92,7 +92,7 @@ def _rosbags_read(path: Path) -> object:
 
 
 def _our_grid(_: Path, events: EventArray) -> object:
-    from davis_rs.represent import voxel_grid
+    from davis_rs.events.represent import voxel_grid
 
     return voxel_grid(events, SIZE, 5)
 
@@ -100,7 +100,7 @@ def _our_grid(_: Path, events: EventArray) -> object:
 def _tonics_grid(_: Path, events: EventArray) -> object:
     from tonic.functional import to_voxel_grid_numpy
 
-    from davis_rs.dtypes import to_structured
+    from davis_rs.events.dtypes import to_structured
 
     layout = np.dtype([("x", "i2"), ("y", "i2"), ("t", "i8"), ("p", "i1")])
     return to_voxel_grid_numpy(to_structured(events, layout), (*SIZE, 2), n_time_bins=5)

@@ -27,7 +27,7 @@ import numpy as np
 import numpy.typing as npt
 
 from davis_rs import EVENT_DTYPE, CrossingEngine, compare_events
-from davis_rs.events import EventArray, concatenate_events
+from davis_rs.events.arrays import EventArray, concatenate_events
 
 C, GAP_US = 0.15, 1000
 Frames = npt.NDArray[np.float64]

@@ -11,9 +11,9 @@ import numpy as np
 from effect_figure import picture
 
 from davis_rs import SENSORS, CrossingEngine, Effects
-from davis_rs.effects import PhotoreceptorBandwidth
-from davis_rs.events import concatenate_events
-from davis_rs.pose import FloatArray
+from davis_rs.events.arrays import concatenate_events
+from davis_rs.geometry.pose import FloatArray
+from davis_rs.sensor.effects import PhotoreceptorBandwidth
 
 LUX = 0.0, 1.0, 10.0, 100.0, 1000.0
 """Of the scene; the sensor's dark current comes on top."""

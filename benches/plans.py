@@ -14,7 +14,7 @@ import time
 import numpy as np
 
 from davis_rs import SENSORS, EffectPlan, Effects, Scene, load_scene, plan_effects, simulate
-from davis_rs.events import EventArray, concatenate_events
+from davis_rs.events.arrays import EventArray, concatenate_events
 
 LIGHTS_LUX, START_S, DURATION_S, SEEDS, TOLERANCE = (5.0, 1_000.0, 50_000.0), 0.5, 0.1, (11, 12, 13), 0.06
 

@@ -9,9 +9,9 @@ import numpy as np
 from effect_figure import picture
 
 from davis_rs import CrossingEngine, Effects
-from davis_rs.effects import Readout
-from davis_rs.events import EventArray, concatenate_events
-from davis_rs.pose import FloatArray
+from davis_rs.events.arrays import EventArray, concatenate_events
+from davis_rs.geometry.pose import FloatArray
+from davis_rs.sensor.effects import Readout
 
 WIDTH, HEIGHT, STEP_US = 240, 180, 500
 ROWS_US = 0.0, 0.55

@@ -14,16 +14,16 @@ import mitsuba as mi
 import numpy as np
 
 import davis_rs
-from davis_rs.rendering.render import Renderer
-from davis_rs.rendering.renderers import make_renderer
-from davis_rs.trajectory.views import Views
+from davis_rs.geometry.trajectory.views import Views
+from davis_rs.render.base import Renderer
+from davis_rs.render.choice import make_renderer
 
 POSES, REPETITIONS = 64, 7
 
 
 def mitsuba_render(scene: davis_rs.Scene, samples: int) -> Callable[[Views], None]:
     """``mi.render`` with the scene's integrator and a perspective sensor that is moved for every frame."""
-    from davis_rs._mitsuba import load_scene_source
+    from davis_rs._mitsuba.variants import load_scene_source
 
     mi.set_variant("llvm_ad_rgb")
     loaded = load_scene_source(scene.source(), mi)

@@ -19,15 +19,15 @@ import numpy as np
 
 import davis_rs
 from davis_rs import Scene, Simulator
-from davis_rs._mitsuba import FAST, SCALAR, load_scene_source, variant
-from davis_rs.rendering.render_native import NativeRenderer
-from davis_rs.rendering.renderers import make_renderer
-from davis_rs.rendering.scene_table import SceneTable
-from davis_rs.rendering.scene_updates import scene_motion
+from davis_rs._mitsuba.variants import FAST, SCALAR, load_scene_source, variant
+from davis_rs.geometry.trajectory.views import Views
+from davis_rs.render.choice import make_renderer
+from davis_rs.render.motion.scene_updates import scene_motion
+from davis_rs.render.native.renderer import NativeRenderer
+from davis_rs.render.scene_tables.scene_table import SceneTable
 from davis_rs.scene import meshes
 from davis_rs.scene.meshes import shape
-from davis_rs.sequences import SEQUENCES
-from davis_rs.trajectory.views import Views
+from davis_rs.scene.sequences import SEQUENCES
 
 VIEWS = 16
 ROUNDS, ROUNDS_S, MOST_ROUNDS = 3, 6.0, 40

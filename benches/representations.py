@@ -11,7 +11,7 @@ import numpy as np
 from PIL import Image
 
 import davis_rs
-from davis_rs.represent import count_image, event_spike_tensor, last_event_times, time_surface, voxel_grid
+from davis_rs.events.represent import count_image, event_spike_tensor, last_event_times, time_surface, voxel_grid
 
 
 def main() -> None:

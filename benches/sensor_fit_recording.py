@@ -24,10 +24,10 @@ from davis_rs import (
     measure_stream,
     simulate,
 )
-from davis_rs.events import concatenate_events
-from davis_rs.sensor_fit.static_scene import static_events
-from davis_rs.sensors import load_sensor_file
-from davis_rs.stream_statistics.hot_pixels import LEAST_EVENTS
+from davis_rs.calibrate.sensor.static_scene import static_events
+from davis_rs.events.arrays import concatenate_events
+from davis_rs.inspection.statistics.hot_pixels import LEAST_EVENTS
+from davis_rs.sensor.presets import load_sensor_file
 
 STATIC_S, MOVING_S = 20.0, 0.5
 

@@ -11,8 +11,8 @@ import numpy as np
 from effect_figure import on_static_scene, picture
 
 from davis_rs import Effects
-from davis_rs.effects import ShotNoise
-from davis_rs.pose import FloatArray
+from davis_rs.geometry.pose import FloatArray
+from davis_rs.sensor.effects import ShotNoise
 
 SIDE, LOG_EPS = 64, 1e-6
 NOISE = ShotNoise(0.07, half_luma=1.0, bandwidth_hz=300.0)

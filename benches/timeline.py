@@ -67,7 +67,7 @@ def run(scene: str, preset: str, threads: int | None) -> tuple[list[Work], float
     done: list[Work] = []
     renderer = simulator.renderer
     renderer.luma(
-        davis_rs.trajectory.views.Views.along(part.path, np.zeros(1))
+        davis_rs.geometry.trajectory.views.Views.along(part.path, np.zeros(1))
     )  # what is made when it is first asked for
     kinds = {"luma": "frames", "samples": "single pixels", "depth": "depth"}
     renderer._core = Timed(renderer._core, kinds, done)

@@ -19,13 +19,13 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from davis_rs import simulation_folder
-from davis_rs.dataset.writer import DatasetWriter
 from davis_rs.generate import job, load_sequence_plan
 from davis_rs.generate.generate import draw_sequences
 from davis_rs.generate.sequence import DrawnSequence
+from davis_rs.io.dataset.writer import DatasetWriter
 from davis_rs.scene.textures import patchwork
-from davis_rs.simulator import Simulator
+from davis_rs.simulation import folder as simulation_folder
+from davis_rs.simulation.simulator import Simulator
 
 PLAN = """
 seed: 1

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 import davis_rs
-from davis_rs.events import EVENT_DTYPE, EventArray
+from davis_rs.events.arrays import EVENT_DTYPE, EventArray
 
 SIZE, WINDOW_MS = (640, 480), 5
 FILES = {

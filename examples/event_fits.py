@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from davis_rs import Scene, simulate
-from davis_rs.events import EventArray, concatenate_events
+from davis_rs.events.arrays import EventArray, concatenate_events
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -16,8 +16,8 @@ from event_fits import FloatArray, events_of, spread, tukey, with_noise
 
 from davis_rs import Camera, Scene, load_scene
 from davis_rs.differentiable import event_log_luma_residuals, event_time_residuals
-from davis_rs.events import EventArray
-from davis_rs.trajectory.trajectory import Trajectory
+from davis_rs.events.arrays import EventArray
+from davis_rs.geometry.trajectory.trajectory import Trajectory
 
 BEGIN_S = 0.1003
 """Where in the scene's path the run begins."""

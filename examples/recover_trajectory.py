@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation
 
 from davis_rs import Camera, SampledTrajectory, Scene, load_scene
 from davis_rs.differentiable import event_log_luma_residuals, event_time_residuals, moved, spline_weights
-from davis_rs.events import EventArray
+from davis_rs.events.arrays import EventArray
 
 COARSE_TO_FINE = (4, 6, 10, 20)
 PRIOR = np.array([0.02] * 3 + [np.radians(1.0)] * 3)

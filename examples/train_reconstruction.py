@@ -1,7 +1,7 @@
 """Train a small network that reconstructs intensity from events, on simulated sequences alone.
 
 The script makes images, sequences of planes that carry them (``davis_rs.generate``), and windows of 100 ms with the
-frame at their end (``davis_rs.torch.EventDataset``). The network is a U-Net that sees the voxel grid of a window and
+frame at their end (``davis_rs.data.torch.EventDataset``). The network is a U-Net that sees the voxel grid of a window and
 is asked for the logarithm of that frame, less its mean, which events do not tell. It is judged on sequences with other
 images. Needs ``pip install 'davis_rs[torch,view]'``. Run: python examples/train_reconstruction.py -o reconstruction.png
 """
@@ -21,8 +21,8 @@ from torch import nn
 from torch.nn import functional
 from tqdm import tqdm
 
+from davis_rs.data.torch import EventDataset, collate
 from davis_rs.generate import generate_sequences, load_sequence_plan
-from davis_rs.torch import EventDataset, collate
 
 WIDTH, HEIGHT, BINS = 96, 72, 10
 DARK = 0.02  # added before the logarithm: two percent of white

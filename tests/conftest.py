@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
-from davis_rs._mitsuba import FAST, default_variant
-from davis_rs.rendering.baked_light import baked_scene, cache
+from davis_rs._mitsuba.variants import FAST, default_variant
+from davis_rs.render.baked import baked_scene, cache
 
 # The same examples in every run, and no time limit for one: kernels are compiled on first use. For more of them:
 # pytest --hypothesis-profile=long
@@ -112,7 +112,7 @@ def costs_measured_once(long: bool) -> Iterator[None]:
     """What effects cost in time, which no test judges, is measured in one round; with ``--long`` in three."""
     with pytest.MonkeyPatch.context() as patch:
         if not long:
-            patch.setattr("davis_rs.effect_planning.cost._ROUNDS", 1)
+            patch.setattr("davis_rs.simulation.planning.cost._ROUNDS", 1)
         yield
 
 

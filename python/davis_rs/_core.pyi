@@ -7,7 +7,7 @@ from typing import Any, BinaryIO, Protocol, TypedDict, final
 import numpy as np
 import numpy.typing as npt
 
-from .decoded import Decoded, Frame
+from .events.decoded import Decoded, Frame
 
 __all__ = [
     "RUST_SYSROOT",
@@ -735,7 +735,7 @@ class SceneRenderer:
             (side + 2, side + 2) luma with a frame of one texel; None where that is the lights' background alone.
         shadows: whether point and directional lights throw shadows.
         centre: (3), metres, the middle of the scene.
-        step, end: where shadow rays begin and end, see :mod:`davis_rs.rendering.shadow_rays`.
+        step, end: where shadow rays begin and end, see :mod:`davis_rs.render.rays.shadow_rays`.
         threads: None for as many as there are processors.
 
     Raises:

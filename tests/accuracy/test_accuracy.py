@@ -40,14 +40,14 @@ from davis_rs.accuracy.report import draw, facts_of, markdown, pareto
 from davis_rs.accuracy.settings import Setting, default_settings
 from davis_rs.cli.accuracy import run_sweep
 from davis_rs.cli.main import main
-from davis_rs.event_matching import compare_events
-from davis_rs.events import EventArray, concatenate_events
-from davis_rs.rendering.render import Renderer
-from davis_rs.rendering.renderers import make_renderer
+from davis_rs.events.arrays import EventArray, concatenate_events
+from davis_rs.events.matching import compare_events
+from davis_rs.geometry.trajectory.views import Views
+from davis_rs.render.base import Renderer
+from davis_rs.render.choice import make_renderer
 from davis_rs.sampling.interpolate import interpolated
 from davis_rs.sampling.keyframes import Keyframe, SparseSamples
 from davis_rs.scene import meshes
-from davis_rs.trajectory.views import Views
 
 CAMERA = Camera(40, 30, 200.0, 200.0, 19.5, 14.5)
 """The middle of the ideal camera's image: textures are as sharp as there."""

@@ -11,7 +11,7 @@ from davis_rs import FixedRate, Simulator
 from davis_rs.accuracy.brute_force import dense_probe, early
 from davis_rs.accuracy.hard_case_scenes import START_S, hard_cases, room, starting
 from davis_rs.cli.main import main
-from davis_rs.events import concatenate_events
+from davis_rs.events.arrays import concatenate_events
 from davis_rs.sampling.presets import ACCURACY
 
 

@@ -27,19 +27,19 @@ from calibration_views import (
     write_folder,
 )
 from davis_rs.calibrate import BoardPose, board_pose, board_poses, calibrate_hand_eye, report, tracked_poses
-from davis_rs.calibrate.hand_eye import (
+from davis_rs.calibrate.camera.hand_eye import (
     HandEyePoses,
     Reprojection,
     check_motion,
     covariance_of_sum,
     linear_hand_eye,
 )
-from davis_rs.calibrate.levenberg_marquardt import levenberg_marquardt
-from davis_rs.calibrate.reprojection import inverse, rotation_of, transform
+from davis_rs.calibrate.camera.levenberg_marquardt import levenberg_marquardt
+from davis_rs.calibrate.camera.reprojection import inverse, rotation_of, transform
 from davis_rs.cli.main import main
-from davis_rs.motion_capture import MocapNoise, MotionCapture
-from davis_rs.scene.checkerboard_scene import board_in_world
-from davis_rs.trajectory.sample_noise import pose_noise
+from davis_rs.geometry.trajectory.sample_noise import pose_noise
+from davis_rs.scene.builtin.checkerboard_scene import board_in_world
+from davis_rs.sensor.motion_capture import MocapNoise, MotionCapture
 
 FloatArray = npt.NDArray[np.float64]
 

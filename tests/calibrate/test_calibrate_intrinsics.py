@@ -14,9 +14,9 @@ from hypothesis import strategies as st
 from calibration_views import BOARD, CAMERA, board_camera, exact_view, found_views, frames, write_folder
 from davis_rs import Camera
 from davis_rs.calibrate import BoardView, board_pose, board_poses, calibrate_intrinsics, find_corners
-from davis_rs.calibrate.intrinsics import PARAMETERS
-from davis_rs.calibrate.opencv import load_opencv
-from davis_rs.calibrate.reprojection import moved, projection_jacobian, transform
+from davis_rs.calibrate.camera.intrinsics import PARAMETERS
+from davis_rs.calibrate.camera.opencv import load_opencv
+from davis_rs.calibrate.camera.reprojection import moved, projection_jacobian, transform
 from davis_rs.cli.main import main
 
 

@@ -15,7 +15,7 @@ import pytest
 from command_line import SMALL, davis_rs
 from command_line import in_own_process as run
 from davis_rs import Dataset, __version__, load_scene, start_pose
-from davis_rs.model_version import MODEL
+from davis_rs.simulation.model_version import MODEL
 from places import SHARED
 
 pytestmark = pytest.mark.without_llvm

@@ -19,7 +19,7 @@ from command_line import SMALL, davis_rs
 from command_line import in_own_process as run
 from davis_rs.cli.main import COMMANDS, main
 from davis_rs.cli.parser import Parser
-from davis_rs.formats.registry import written_formats
+from davis_rs.io.formats.registry import written_formats
 
 HEAVY = ("scipy", "mitsuba", "drjit", "PIL", "matplotlib", "tqdm", "OpenEXR", "yaml", "usb")
 
@@ -59,10 +59,10 @@ def test_building_the_parser_imports_no_command() -> None:
         "davis_rs.cli",
         "davis_rs.cli.main",
         "davis_rs.cli.parser",
-        "davis_rs.argument_error",
-        "davis_rs.close_names",
-        "davis_rs.names_elsewhere",
-        "davis_rs.progress",
+        "davis_rs._util.argument_error",
+        "davis_rs._util.close_names",
+        "davis_rs._util.names_elsewhere",
+        "davis_rs._util.progress",
     }
 
 

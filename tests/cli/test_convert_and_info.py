@@ -15,13 +15,13 @@ from PIL import Image
 from command_line import davis_rs as command
 from davis_rs import EventWindows, open_reader, open_writer, read_events
 from davis_rs.cli.main import main
-from davis_rs.dataset.reader import Dataset
-from davis_rs.event_files.conversion import convert
-from davis_rs.event_files.sensor_size import SensorSizeWarning
-from davis_rs.events import EVENT_DTYPE, EventArray
+from davis_rs.events.arrays import EVENT_DTYPE, EventArray
+from davis_rs.geometry.pose import GroundTruth
 from davis_rs.inspection.summary import Gap, dataset_row, draw_rates, summarize_events, top_speeds
-from davis_rs.model_version import MODEL
-from davis_rs.pose import GroundTruth
+from davis_rs.io.dataset.reader import Dataset
+from davis_rs.io.files.conversion import convert
+from davis_rs.io.files.sensor_size import SensorSizeWarning
+from davis_rs.simulation.model_version import MODEL
 from event_files import events_of
 from places import SHARED
 from written_sequence import write_sequence
@@ -118,7 +118,7 @@ def test_memory_stays_constant(tmp_path: Path, run_python: Callable[..., str]) -
     pytest.importorskip("pyarrow")
     program = (
         "import resource, sys\n"
-        "from davis_rs.event_files.conversion import convert\n"
+        "from davis_rs.io.files.conversion import convert\n"
         "convert(sys.argv[1], sys.argv[2], size=(240, 180))\n"
         "print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)\n"
     )

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from davis_rs import EVENT_DTYPE, CrossingEngine, log_intensity, reconstruct
-from davis_rs.events import EventArray
+from davis_rs.events.arrays import EventArray
 from effects_reference import START_PHASE, Draw
 from reference import ExactEngine, ExactPixel, LogFrame, exact_events
 from strategies import EPOCH_US, EXAMPLES, Sequence, intervals, nudged, random_paths, sequences, start_times

@@ -10,7 +10,7 @@ import numpy.typing as npt
 import pytest
 
 from davis_rs import CrossingEngine
-from davis_rs.events import EventArray
+from davis_rs.events.arrays import EventArray
 
 
 def luma(value: float) -> npt.NDArray[np.float32]:

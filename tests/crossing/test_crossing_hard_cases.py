@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from davis_rs import CrossingEngine, log_intensity
-from davis_rs.events import EventArray
+from davis_rs.events.arrays import EventArray
 from reference import exact_events
 from strategies import EPOCH_US
 

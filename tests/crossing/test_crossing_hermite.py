@@ -11,7 +11,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from davis_rs import CrossingEngine
-from davis_rs.events import EventArray
+from davis_rs.events.arrays import EventArray
 
 mpmath.mp.dps = 50
 C_ON, C_OFF = 0.25, 0.375

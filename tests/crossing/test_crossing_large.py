@@ -8,7 +8,7 @@ import pytest
 from test_crossing_state import rates
 
 from davis_rs import CrossingEngine
-from davis_rs.events import EventArray
+from davis_rs.events.arrays import EventArray
 from reference import ExactEngine
 
 LogFrame = npt.NDArray[np.float64]

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from davis_rs import CrossingEngine, log_intensity
-from davis_rs.events import EventArray
+from davis_rs.events.arrays import EventArray
 from reference import ExactPixel, LogFrame
 from strategies import EXAMPLES, base_levels, next_sample, random_paths, steps, threshold_pairs
 

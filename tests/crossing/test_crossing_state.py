@@ -12,7 +12,7 @@ import numpy.typing as npt
 import pytest
 
 from davis_rs import CrossingEngine, log_intensity, reconstruct
-from davis_rs.events import EventArray, concatenate_events
+from davis_rs.events.arrays import EventArray, concatenate_events
 
 SHAPE = (5, 7)
 

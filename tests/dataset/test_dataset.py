@@ -20,12 +20,12 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from davis_rs import DecodeError
-from davis_rs.dataset.files import stamp
-from davis_rs.dataset.reader import Dataset
-from davis_rs.dataset.writer import DatasetWriter
-from davis_rs.events import EventArray
-from davis_rs.packet import Packet
-from davis_rs.pose import Pose
+from davis_rs.events.arrays import EventArray
+from davis_rs.events.packet import Packet
+from davis_rs.geometry.pose import Pose
+from davis_rs.io.dataset.files import stamp
+from davis_rs.io.dataset.reader import Dataset
+from davis_rs.io.dataset.writer import DatasetWriter
 from places import SHARED
 from written_sequence import (
     CAMERA,
@@ -563,7 +563,7 @@ def test_a_folder_that_is_no_dataset_is_refused(tmp_path: Path) -> None:
 def test_heavy_libraries_are_imported_only_when_needed() -> None:
     """Importing the package and these modules loads no image, plotting or rendering library."""
     program = (
-        "import sys, davis_rs.dataset.writer, davis_rs.dataset.reader\n"
+        "import sys, davis_rs.io.dataset.writer, davis_rs.io.dataset.reader\n"
         "from davis_rs.inspection import check, figure, video\n"
         "print(sorted({'OpenEXR', 'PIL', 'matplotlib', 'imageio', 'mitsuba', 'tqdm'} & set(sys.modules)))"
     )

@@ -15,13 +15,13 @@ from scipy.interpolate import BSpline
 from scipy.spatial.transform import Rotation
 
 from davis_rs import Camera, Pose, Scene, SegmentTrajectory
-from davis_rs._mitsuba import SCALAR, variant
+from davis_rs._mitsuba.variants import SCALAR, variant
 from davis_rs.differentiable import CameraPoses, DifferentiableRenderer, spline
 from davis_rs.differentiable.edge_passes import ChangedRays, EdgePasses, Passes
-from davis_rs.luma import blur_3x3
-from davis_rs.rendering.renderers import make_renderer
+from davis_rs.events.luma import blur_3x3
+from davis_rs.geometry.trajectory.views import Views
+from davis_rs.render.choice import make_renderer
 from davis_rs.scene.light_profile import Flicker
-from davis_rs.trajectory.views import Views
 from places import ROOT
 
 FloatArray = npt.NDArray[np.float64]

@@ -27,7 +27,7 @@ from davis_rs.differentiable import (
 )
 from davis_rs.differentiable.event_jacobian import EventTimeModel
 from davis_rs.differentiable.moved_path import MovedPath, right_jacobians
-from davis_rs.events import EventArray
+from davis_rs.events.arrays import EventArray
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -13,10 +13,10 @@ from scipy.spatial.transform import Rotation
 from davis_rs import Camera, Effects, Flicker, Pose, Scene, SegmentTrajectory, load_scene, simulate
 from davis_rs.differentiable import event_time_jacobian
 from davis_rs.differentiable.event_jacobian import EventTimeModel
-from davis_rs.events import EventArray, concatenate_events
-from davis_rs.rendering.render_native import NativeRenderer
-from davis_rs.rendering.renderers import make_renderer
-from davis_rs.trajectory.views import Views
+from davis_rs.events.arrays import EventArray, concatenate_events
+from davis_rs.geometry.trajectory.views import Views
+from davis_rs.render.choice import make_renderer
+from davis_rs.render.native.renderer import NativeRenderer
 
 FloatArray = npt.NDArray[np.float64]
 Parts = dict[str, dict[str, Any]]

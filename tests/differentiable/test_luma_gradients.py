@@ -17,9 +17,9 @@ from davis_rs import Pose, Scene, SegmentTrajectory
 from davis_rs.differentiable import event_time_derivatives, event_time_residuals
 from davis_rs.differentiable import moved as moved_scene
 from davis_rs.differentiable.log_luma import LogLumaField
-from davis_rs.rendering.render_native import NativeRenderer
-from davis_rs.rendering.renderers import make_renderer
-from davis_rs.trajectory.views import Views
+from davis_rs.geometry.trajectory.views import Views
+from davis_rs.render.choice import make_renderer
+from davis_rs.render.native.renderer import NativeRenderer
 from lit_scenes import CAMERA, build, colourful, environment, make_scene, plate
 
 FloatArray = npt.NDArray[np.float64]

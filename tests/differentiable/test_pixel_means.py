@@ -14,10 +14,10 @@ from davis_rs.differentiable import event_time_jacobian
 from davis_rs.differentiable.edge_passes import ChangedRays, EdgePasses, Passes
 from davis_rs.differentiable.log_luma import LogLumaField
 from davis_rs.differentiable.pixel_means import MeanLogLumaField
-from davis_rs.events import concatenate_events
-from davis_rs.rendering.render_native import NativeRenderer
-from davis_rs.rendering.renderers import make_renderer
-from davis_rs.trajectory.views import Views
+from davis_rs.events.arrays import concatenate_events
+from davis_rs.geometry.trajectory.views import Views
+from davis_rs.render.choice import make_renderer
+from davis_rs.render.native.renderer import NativeRenderer
 
 CAMERA = Camera(16, 12, 40.0, 36.0, 7.5, 5.5)
 NEAR_M, SPEED_M_S, DURATION_S, LOG_EPS = 2.0, 4.0, 0.02, 1e-3

@@ -17,11 +17,11 @@ import pytest
 from command_line import davis_rs as command
 from davis_rs import CrossingEngine, Effects, Simulator, check_dataset, load_scene, simulate
 from davis_rs._core import log_intensity
-from davis_rs.camera import Camera
-from davis_rs.effects import Aps, CustomEffects, event_draws
-from davis_rs.effects.custom_effects import load_custom_effect
-from davis_rs.events import EVENT_DTYPE, EventArray, concatenate_events
+from davis_rs.events.arrays import EVENT_DTYPE, EventArray, concatenate_events
+from davis_rs.geometry.camera import Camera
 from davis_rs.sampling.exposure import KeyframeExposure
+from davis_rs.sensor.effects import Aps, CustomEffects, event_draws
+from davis_rs.sensor.effects.custom_effects import load_custom_effect
 
 SMALL = Camera(48, 36, 40.0, 40.0, 23.5, 17.5)
 PLANES = load_scene("three_planes").crop(0.5, 0.3)

@@ -23,12 +23,12 @@ from davis_rs import (
     Trajectory,
     load_scene,
 )
-from davis_rs.effect_planning import EffectPlan, PlannedEffect, plan_effects, plan_effects_of
-from davis_rs.effect_planning.luma_sample import LumaSample, LumaSegment
-from davis_rs.effect_planning.omission_error import OmissionError, TimeScale, omission_error
-from davis_rs.effect_planning.omission_estimator import static_leak_events
-from davis_rs.effect_planning.sequence_sample import MOST_KEYFRAMES, SequenceSample
-from davis_rs.effects import (
+from davis_rs.events.arrays import EVENT_DTYPE, EventArray, concatenate_events
+from davis_rs.render.base import Renderer
+from davis_rs.render.choice import make_renderer
+from davis_rs.sampling.exposure import expose
+from davis_rs.sampling.keyframes import Keyframe
+from davis_rs.sensor.effects import (
     Aps,
     Effect,
     Effects,
@@ -40,12 +40,12 @@ from davis_rs.effects import (
     Vignetting,
     with_optics,
 )
-from davis_rs.events import EVENT_DTYPE, EventArray, concatenate_events
-from davis_rs.rendering.render import Renderer
-from davis_rs.rendering.renderers import make_renderer
-from davis_rs.sampling.exposure import expose
-from davis_rs.sampling.keyframes import Keyframe
-from davis_rs.sensors import SENSORS
+from davis_rs.sensor.presets import SENSORS
+from davis_rs.simulation.planning import EffectPlan, PlannedEffect, plan_effects, plan_effects_of
+from davis_rs.simulation.planning.luma_sample import LumaSample, LumaSegment
+from davis_rs.simulation.planning.omission_error import OmissionError, TimeScale, omission_error
+from davis_rs.simulation.planning.omission_estimator import static_leak_events
+from davis_rs.simulation.planning.sequence_sample import MOST_KEYFRAMES, SequenceSample
 from stretches import shift, stretch
 
 C = 0.1
@@ -388,8 +388,8 @@ def item_of(plan: EffectPlan, name: str) -> PlannedEffect:
 def test_a_long_sequence_is_seen_in_parts(monkeypatch: pytest.MonkeyPatch) -> None:
     """Eight parts with gaps, levels as if nothing lay between: the plan stays close to that of all keyframes."""
     sequence, (renderer, whole) = SEQUENCES["fine texture"], rendered("fine texture")
-    monkeypatch.setattr("davis_rs.effect_planning.sequence_sample.MOST_KEYFRAMES", 16)
-    monkeypatch.setattr("davis_rs.effect_planning.sequence_sample.PARTS", 4)
+    monkeypatch.setattr("davis_rs.simulation.planning.sequence_sample.MOST_KEYFRAMES", 16)
+    monkeypatch.setattr("davis_rs.simulation.planning.sequence_sample.PARTS", 4)
     assert MOST_KEYFRAMES > 16
     effects = Effects(leak_rate_hz=20.0, threshold_mismatch=0.1, readout=Readout(3e5))
     parts = planned(renderer, sequence, effects)

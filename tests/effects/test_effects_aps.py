@@ -11,11 +11,11 @@ import pytest
 from scipy import stats
 
 from davis_rs import Flicker, LightProfile, SampledProfile, Scene, SegmentTrajectory, Trajectory
-from davis_rs.effects.aps import Aps
-from davis_rs.pose import Pose
-from davis_rs.rendering.renderers import make_renderer
+from davis_rs.geometry.pose import Pose
+from davis_rs.render.choice import make_renderer
 from davis_rs.sampling.exposure import SUBFRAME_PX, KeyframeExposure, expose, subframe_instants
 from davis_rs.sampling.keyframes import Stretch
+from davis_rs.sensor.effects.aps import Aps
 from stretches import CAMERA, DOWN, NARROW, built_in, shift, stretch
 
 SIGNIFICANCE = 1e-6

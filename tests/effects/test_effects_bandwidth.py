@@ -13,8 +13,8 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from davis_rs import CrossingEngine, Effects, log_intensity
-from davis_rs.effects import PhotoreceptorBandwidth
-from davis_rs.events import EventArray
+from davis_rs.events.arrays import EventArray
+from davis_rs.sensor.effects import PhotoreceptorBandwidth
 from effects_reference import Crossing, FilteredPixel, collect, constant_corner, corner_of, of_pixel, scene
 from strategies import EPOCH_US, EXAMPLES
 

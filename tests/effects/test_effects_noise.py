@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from davis_rs import CrossingEngine, Effects
-from davis_rs.effects import HotPixels, ShotNoise
-from davis_rs.events import EventArray
+from davis_rs.events.arrays import EventArray
+from davis_rs.sensor.effects import HotPixels, ShotNoise
 from effects_reference import collect, may_be_tick, noisy_pixel, of_pixel, scene
 from strategies import EPOCH_US, EXAMPLES, random_paths
 

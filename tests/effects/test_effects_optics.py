@@ -14,15 +14,15 @@ from hypothesis.extra import numpy as hnp
 from scipy.ndimage import convolve1d
 
 from davis_rs import Camera, Effects, Pose, Scene, load_scene
-from davis_rs.camera import PRESETS
-from davis_rs.effects.lens_blur import LensBlur
-from davis_rs.effects.optics import Optics, with_optics
-from davis_rs.effects.vignetting import Vignetting
-from davis_rs.luma import LumaFrames, blur_3x3, blur_neighbourhoods
-from davis_rs.rendering.neighbours import mirrored
-from davis_rs.rendering.render import Renderer
-from davis_rs.rendering.renderers import make_renderer
-from davis_rs.trajectory.views import Views
+from davis_rs.events.luma import LumaFrames, blur_3x3, blur_neighbourhoods
+from davis_rs.geometry.camera import PRESETS
+from davis_rs.geometry.trajectory.views import Views
+from davis_rs.render.base import Renderer
+from davis_rs.render.choice import make_renderer
+from davis_rs.render.edges.neighbours import mirrored
+from davis_rs.sensor.effects.lens_blur import LensBlur
+from davis_rs.sensor.effects.optics import Optics, with_optics
+from davis_rs.sensor.effects.vignetting import Vignetting
 
 FloatArray = npt.NDArray[np.float64]
 

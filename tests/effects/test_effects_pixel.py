@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from davis_rs import CrossingEngine, Effects, log_intensity
-from davis_rs.effects import LeakRate, ThresholdMismatch
-from davis_rs.events import EventArray
+from davis_rs.events.arrays import EventArray
+from davis_rs.sensor.effects import LeakRate, ThresholdMismatch
 from effects_reference import FIRST, collect, constant_corner, leaky_pixel, may_be_tick, of_pixel, scene
 from strategies import EPOCH_US, EXAMPLES, random_paths
 

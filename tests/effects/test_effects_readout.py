@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from davis_rs import CrossingEngine, Effects
-from davis_rs.effects import HotPixels, Readout, ShotNoise
-from davis_rs.events import EventArray, concatenate_events
+from davis_rs.events.arrays import EventArray, concatenate_events
+from davis_rs.sensor.effects import HotPixels, Readout, ShotNoise
 from effects_reference import collect, read_out, scene, shortest_interval_us
 from strategies import EPOCH_US, EXAMPLES, random_paths
 

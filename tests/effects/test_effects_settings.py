@@ -14,9 +14,7 @@ import pytest
 
 import davis_rs
 from davis_rs import CrossingEngine, Effects, Simulator, load_scene
-from davis_rs.effect_planning import planner
-from davis_rs.effect_planning.omission_estimator import ESTIMATORS
-from davis_rs.effects import (
+from davis_rs.sensor.effects import (
     EFFECTS,
     Aps,
     Effect,
@@ -31,10 +29,12 @@ from davis_rs.effects import (
     Vignetting,
     parse_effect,
 )
-from davis_rs.effects.effects import read_effects
-from davis_rs.frames_to_events.array_frames import ArrayFrames
-from davis_rs.frames_to_events.frame_run import FrameRun
-from davis_rs.settings import FrameSettings, complete
+from davis_rs.sensor.effects.effects import read_effects
+from davis_rs.simulation.from_frames.array_frames import ArrayFrames
+from davis_rs.simulation.from_frames.frame_run import FrameRun
+from davis_rs.simulation.planning import planner
+from davis_rs.simulation.planning.omission_estimator import ESTIMATORS
+from davis_rs.simulation.settings import FrameSettings, complete
 from places import ROOT
 
 PLANES = load_scene("three_planes")

@@ -28,13 +28,13 @@ from davis_rs import (
     simulate_to_folder,
 )
 from davis_rs.cli.main import main
-from davis_rs.effects import EFFECTS, Aps, LeakRate, Readout
-from davis_rs.events import concatenate_events
-from davis_rs.packet import Packet
+from davis_rs.events.arrays import concatenate_events
+from davis_rs.events.packet import Packet
 from davis_rs.scene.scene import Scene
-from davis_rs.sensors import SENSORS
-from davis_rs.settings import SimulationSettings, complete
-from davis_rs.simulation import make_simulator
+from davis_rs.sensor.effects import EFFECTS, Aps, LeakRate, Readout
+from davis_rs.sensor.presets import SENSORS
+from davis_rs.simulation.settings import SimulationSettings, complete
+from davis_rs.simulation.simulate import make_simulator
 from effects_reference import scene
 
 pytestmark = pytest.mark.usefixtures("llvm")

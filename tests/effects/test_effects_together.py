@@ -16,7 +16,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from davis_rs import CrossingEngine, Effects
-from davis_rs.effects import (
+from davis_rs.events.arrays import EventArray, concatenate_events
+from davis_rs.sensor.effects import (
     HotPixels,
     LeakRate,
     PhotoreceptorBandwidth,
@@ -25,8 +26,7 @@ from davis_rs.effects import (
     ShotNoise,
     ThresholdMismatch,
 )
-from davis_rs.effects.effect import Effect
-from davis_rs.events import EventArray, concatenate_events
+from davis_rs.sensor.effects.effect import Effect
 from effects_reference import collect, constant_corner, scene, shortest_interval_us
 from strategies import EPOCH_US, EXAMPLES
 

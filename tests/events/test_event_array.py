@@ -33,8 +33,8 @@ from davis_rs import (
     represent,
     to_tonic,
 )
-from davis_rs.effects import event_draws
-from davis_rs.events import EventArray
+from davis_rs.events.arrays import EventArray
+from davis_rs.sensor.effects import event_draws
 
 FIELDS = [("t", "<i8", 0), ("x", "<u2", 8), ("y", "<u2", 10), ("p", "|u1", 12)]
 

@@ -11,8 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from davis_rs import EVENT_DTYPE
-from davis_rs.event_matching import EventComparison, compare_events
-from davis_rs.events import EventArray
+from davis_rs.events.arrays import EventArray
+from davis_rs.events.matching import EventComparison, compare_events
 from strategies import EPOCH_US, EXAMPLES
 
 WIDTH, HEIGHT = 40, 30

@@ -11,9 +11,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from davis_rs.dtypes import LAYOUTS, from_structured, to_structured, to_tonic
-from davis_rs.events import EVENT_DTYPE, EventArray
-from davis_rs.represent import (
+from davis_rs.events.arrays import EVENT_DTYPE, EventArray
+from davis_rs.events.dtypes import LAYOUTS, from_structured, to_structured, to_tonic
+from davis_rs.events.represent import (
     count_image,
     event_frame,
     event_spike_tensor,

@@ -19,10 +19,10 @@ from hypothesis import strategies as st
 import davis_rs
 from command_line import davis_rs as command
 from davis_rs import compare_streams, measure_stream, open_writer
-from davis_rs.events import EVENT_DTYPE, EventArray
-from davis_rs.stream_statistics import StreamMeter, StreamStatistics, bursts
-from davis_rs.stream_statistics.counts import Histogram, bin_edges
-from davis_rs.stream_statistics.stream_statistics import Measured
+from davis_rs.events.arrays import EVENT_DTYPE, EventArray
+from davis_rs.inspection.statistics import StreamMeter, StreamStatistics, bursts
+from davis_rs.inspection.statistics.counts import Histogram, bin_edges
+from davis_rs.inspection.statistics.stream_statistics import Measured
 from davis_rs.usb.raw_file import RawWriter
 from recording_files import DESCRIPTION, aedat2, aedat2_event
 
@@ -347,7 +347,7 @@ def test_the_command_prints_writes_and_draws(tmp_path: Path, noisy: tuple[EventA
 
 def test_a_page_of_nothing_is_drawn(tmp_path: Path) -> None:
     """Streams without events, and a sensor of one row, draw too."""
-    from davis_rs.stream_statistics.comparison_figure import draw_comparison
+    from davis_rs.inspection.statistics.comparison_figure import draw_comparison
 
     nothing, few = np.zeros(0, EVENT_DTYPE), np.array([(5, 0, 0, 1), (7, 3, 0, 0)], EVENT_DTYPE)
     for size in ((16, 12), (5, 1)):

@@ -12,13 +12,13 @@ import numpy as np
 import pytest
 
 from davis_rs import EventWindows, open_writer, simulate_to_folder
-from davis_rs.represent import count_image, event_spike_tensor, last_event_times, time_surface, voxel_grid
-from davis_rs.scenes import load_scene
+from davis_rs.events.represent import count_image, event_spike_tensor, last_event_times, time_surface, voxel_grid
+from davis_rs.scene.load import load_scene
 from event_files import SIZE, many
 
 torch = pytest.importorskip("torch")
 
-from davis_rs.torch import EventDataset, collate  # noqa: E402
+from davis_rs.data.torch import EventDataset, collate  # noqa: E402
 
 WHOLE = many(20_000)
 
@@ -155,8 +155,8 @@ def test_what_would_fail_or_be_ignored_is_refused(file: Path, tmp_path: Path) ->
 
 
 def test_without_torch_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in [name for name in sys.modules if name.startswith("davis_rs.torch")]:
+    for name in [name for name in sys.modules if name.startswith("davis_rs.data.torch")]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "torch", None)
     with pytest.raises(ImportError, match=r"torch is not installed: pip install 'davis_rs\[torch\]'"):
-        __import__("davis_rs.torch")
+        __import__("davis_rs.data.torch")

@@ -12,8 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from davis_rs import Dataset, EventWindows, open_writer, simulate_to_folder
-from davis_rs.events import EVENT_DTYPE
-from davis_rs.scenes import load_scene
+from davis_rs.events.arrays import EVENT_DTYPE
+from davis_rs.scene.load import load_scene
 from event_files import SIZE, assert_same, many
 
 WHOLE = many(20_000, start_us=1_000)

@@ -3,7 +3,7 @@
 import pytest
 
 from davis_rs import DecodeError
-from davis_rs.budget import VARIABLE, Budget, Limits, limits_in_use
+from davis_rs._util.budget import VARIABLE, Budget, Limits, limits_in_use
 
 
 def test_bytes_that_stay_add_up_and_borrowed_ones_come_back() -> None:
@@ -38,7 +38,7 @@ def test_parts_are_counted_over_all_kinds() -> None:
 
 def test_time_ends(monkeypatch: pytest.MonkeyPatch) -> None:
     now = [100.0]
-    monkeypatch.setattr("davis_rs.budget.time.monotonic", lambda: now[0])
+    monkeypatch.setattr("davis_rs._util.budget.time.monotonic", lambda: now[0])
     budget = Budget("bag.db3", Limits(seconds=5))
     now[0] = 105.0
     budget.check_time("a query")

@@ -18,9 +18,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from davis_rs import DecodeError, open_writer, read_events
-from davis_rs.event_files.read import open_reader
-from davis_rs.events import EVENT_DTYPE, EventArray
-from davis_rs.formats import FORMATS, EventWriter, TruncatedFileWarning
+from davis_rs.events.arrays import EVENT_DTYPE, EventArray
+from davis_rs.io.files.read import open_reader
+from davis_rs.io.formats import FORMATS, EventWriter, TruncatedFileWarning
 from event_files import KINDS, SIZE, assert_same, events_of, many
 from places import ROOT
 

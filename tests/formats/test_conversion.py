@@ -15,14 +15,14 @@ from hypothesis import strategies as st
 
 from davis_rs import DecodeError, open_writer, read_events
 from davis_rs.cli.main import main
-from davis_rs.dataset.reader import Dataset
-from davis_rs.event_files.conversion import LeftOutWarning, convert
-from davis_rs.event_files.read import open_reader
-from davis_rs.events import EVENT_DTYPE, EventArray
-from davis_rs.formats import TruncatedFileWarning
-from davis_rs.formats.parts import ALL_PARTS, PARTS
-from davis_rs.formats.registry import written_formats
+from davis_rs.events.arrays import EVENT_DTYPE, EventArray
 from davis_rs.inspection.check import check_dataset
+from davis_rs.io.dataset.reader import Dataset
+from davis_rs.io.files.conversion import LeftOutWarning, convert
+from davis_rs.io.files.read import open_reader
+from davis_rs.io.formats import TruncatedFileWarning
+from davis_rs.io.formats.parts import ALL_PARTS, PARTS
+from davis_rs.io.formats.registry import written_formats
 from event_files import assert_same, events_of, many
 from recording_files import (
     aedat3,
@@ -200,9 +200,9 @@ def test_a_slice_that_begins_at_zero(folder: Path, tmp_path: Path) -> None:
 @pytest.mark.parametrize("kind", ["bag", "ros2 sqlite3", "mcap file"])
 def test_messages_stand_in_order_of_time(folder: Path, tmp_path: Path, kind: str) -> None:
     """In the file itself, at the time of their stamp (1 ns for 0); with each frame comes its calibration."""
-    from davis_rs.formats.bag_records import scan_messages
-    from davis_rs.formats.mcap_records import McapScan
-    from davis_rs.formats.sqlite_records import SqliteScan
+    from davis_rs.io.formats.bag_records import scan_messages
+    from davis_rs.io.formats.mcap_records import McapScan
+    from davis_rs.io.formats.sqlite_records import SqliteScan
 
     name, options = CONTAINERS[kind]
     quietly(folder, tmp_path / name, **options)
@@ -226,7 +226,7 @@ def test_messages_stand_in_order_of_time(folder: Path, tmp_path: Path, kind: str
 
 def test_a_sample_waits_for_the_events_before_it(tmp_path: Path) -> None:
     """Events that are still gathered when a later sample comes stand before it."""
-    from davis_rs.formats.bag_records import scan_messages
+    from davis_rs.io.formats.bag_records import scan_messages
 
     writer: Any = open_writer(tmp_path / "a.bag", SIZE, message_us=10_000)
     writer.write(events_of((1_000, 1, 2, 1)))
@@ -276,8 +276,8 @@ def streams(draw: st.DrawFn) -> EventArray:
 @given(events=streams(), name=st.sampled_from(["dvs", "", "camera_1", "ab"]))
 def test_event_arrays_are_those_of_rosbags(events: EventArray, name: str) -> None:
     """Packed by us, bytes are those of rosbags' own serializer; what it packs (in either byte order) is read by us."""
-    from davis_rs.formats.ros_events import pack_event_array, unpack_event_array
-    from davis_rs.formats.ros_messages import header, typestore
+    from davis_rs.io.formats.ros_events import pack_event_array, unpack_event_array
+    from davis_rs.io.formats.ros_messages import header, typestore
 
     store = typestore(2)
     types = store.types
@@ -303,8 +303,8 @@ def test_event_arrays_are_those_of_rosbags(events: EventArray, name: str) -> Non
 @given(events=streams())
 def test_event_packets_can_be_read_from_any_one_on(events: EventArray) -> None:
     """Each begins with its own time: all together, and the later half by itself, give the events that were packed."""
-    from davis_rs.formats.ros_events import PacketDecoder, packet_message
-    from davis_rs.formats.ros_messages import typestore
+    from davis_rs.io.formats.ros_events import PacketDecoder, packet_message
+    from davis_rs.io.formats.ros_messages import typestore
 
     parts = np.array_split(events, min(len(events), 4))
     packets = [packet_message(typestore(2), part, (2048, 2048), number, "dvs") for number, part in enumerate(parts)]
@@ -386,7 +386,7 @@ def mcap_bomb(path: Path) -> None:
 
 
 def event_array_that_counts_too_many(path: Path) -> None:
-    from davis_rs.formats.ros_events import pack_event_array
+    from davis_rs.io.formats.ros_events import pack_event_array
 
     data = pack_event_array(events_of((1, 2, 3, 1)), SIZE, "dvs")
     place = data.index(b"\x01\x00\x00\x00\x02\x00\x03\x00")
@@ -464,9 +464,9 @@ def test_mutants_are_read_or_refused(folder: Path, tmp_path: Path, kind: str) ->
 @pytest.mark.parametrize("format", ["text", "npy", "evt3", "aedat4", "dsec", "parquet"])
 def test_a_folder_gets_the_event_file_that_was_asked_for(tmp_path: Path, format: str) -> None:
     """One file in place of events.txt; everything that reads a folder reads it, and overwriting removes it."""
-    from davis_rs.dataset.files import EVENT_FILES
-    from davis_rs.dataset.writer import DatasetWriter
-    from davis_rs.packet import Packet
+    from davis_rs.events.packet import Packet
+    from davis_rs.io.dataset.files import EVENT_FILES
+    from davis_rs.io.dataset.writer import DatasetWriter
 
     events = events_of((10, 1, 2, 1), (20, 3, 4, 0), (20, 5, 6, 1))
     for _ in range(2):

@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from davis_rs import DecodeError, TruncatedFileWarning, iter_events, open_reader, open_writer, read_events
-from davis_rs.events import EVENT_DTYPE, EventArray
-from davis_rs.formats import FORMATS
+from davis_rs.events.arrays import EVENT_DTYPE, EventArray
+from davis_rs.io.formats import FORMATS
 from event_files import KINDS, SIZE, Kind, assert_same, events_of, many, write_events
 
 every_kind = pytest.mark.parametrize("kind", KINDS.values(), ids=KINDS)

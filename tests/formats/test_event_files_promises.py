@@ -17,8 +17,8 @@ import numpy as np
 import pytest
 
 from davis_rs import TruncatedFileWarning, open_writer, read_events
-from davis_rs.events import EventArray
-from davis_rs.formats import EventWriter
+from davis_rs.events.arrays import EventArray
+from davis_rs.io.formats import EventWriter
 from event_files import KINDS, SIZE, Kind, assert_same, events_of, many, write_events
 
 every_kind = pytest.mark.parametrize("kind", KINDS.values(), ids=KINDS)

@@ -13,8 +13,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from davis_rs import EVENT_DTYPE, DecodeError, EventWriter, open_writer
-from davis_rs.events import EventArray
-from davis_rs.formats import FORMATS
+from davis_rs.events.arrays import EventArray
+from davis_rs.io.formats import FORMATS
 from strategies import EPOCH_US, EXAMPLES
 
 

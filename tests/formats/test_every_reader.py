@@ -14,15 +14,15 @@ import pytest
 import davis_rs
 from command_line import davis_rs as command
 from davis_rs import DecodeError, RawWriter, open_writer, read_events
-from davis_rs.event_files.random_access import RandomAccess
-from davis_rs.event_files.read import open_reader
-from davis_rs.event_files.sensor_size import sensor_size
-from davis_rs.events import concatenate_events
-from davis_rs.formats import FORMATS, TruncatedFileWarning
+from davis_rs.calibrate.sensor import measure_recording
+from davis_rs.events.arrays import concatenate_events
+from davis_rs.inspection.statistics import measure_stream
 from davis_rs.inspection.summary import summarize_events
 from davis_rs.inspection.visual_sequence import open_visual_sequence
-from davis_rs.sensor_fit import measure_recording
-from davis_rs.stream_statistics import measure_stream
+from davis_rs.io.files.random_access import RandomAccess
+from davis_rs.io.files.read import open_reader
+from davis_rs.io.files.sensor_size import sensor_size
+from davis_rs.io.formats import FORMATS, TruncatedFileWarning
 from event_files import SIZE, assert_same, many
 from recording_files import (
     DESCRIPTION,
@@ -147,8 +147,8 @@ def test_every_format_is_there(files: dict[str, Path]) -> None:
     assert found | {"folder"} == set(FORMATS)
 
 
-@pytest.mark.filterwarnings("ignore::davis_rs.formats.TruncatedFileWarning")
-@pytest.mark.filterwarnings("ignore::davis_rs.event_files.sensor_size.SensorSizeWarning")
+@pytest.mark.filterwarnings("ignore::davis_rs.io.formats.TruncatedFileWarning")
+@pytest.mark.filterwarnings("ignore::davis_rs.io.files.sensor_size.SensorSizeWarning")
 @every_kind
 def test_functions_take_every_kind(files: dict[str, Path], tmp_path: Path, kind: str) -> None:
     """The same events, whoever reads them; by number where the format can, and else with the reason."""

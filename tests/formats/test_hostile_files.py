@@ -23,9 +23,9 @@ import pytest
 import davis_rs
 from davis_rs import DecodeError
 from davis_rs.cli import main
-from davis_rs.dataset.writer import DatasetWriter
 from davis_rs.generate import load_sequence_plan
 from davis_rs.generate.generate import draw_sequences
+from davis_rs.io.dataset.writer import DatasetWriter
 from davis_rs.usb.raw_file import RawRecording
 from recording_files import aedat4, aedat4_events
 

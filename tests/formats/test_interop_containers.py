@@ -11,11 +11,11 @@ import numpy.typing as npt
 import pytest
 
 from davis_rs import DecodeError, open_writer, read_events
-from davis_rs.dtypes import to_structured
-from davis_rs.event_files.read import open_reader
-from davis_rs.events import EVENT_DTYPE, EventArray
-from davis_rs.formats.e2vid import E2vidReader, E2vidWriter
-from davis_rs.represent import count_image, time_surface, voxel_grid
+from davis_rs.events.arrays import EVENT_DTYPE, EventArray
+from davis_rs.events.dtypes import to_structured
+from davis_rs.events.represent import count_image, time_surface, voxel_grid
+from davis_rs.io.files.read import open_reader
+from davis_rs.io.formats.e2vid import E2vidReader, E2vidWriter
 
 SIZE = (240, 180)
 
@@ -204,8 +204,8 @@ def test_all_topics_of_the_public_bags(tmp_path: Path) -> None:
     """Images, depth, calibration, IMU and poses with the public types, read back by rosbags' checksums and by us."""
     rosbag1 = pytest.importorskip("rosbags.rosbag1")
     from davis_rs import Camera
-    from davis_rs.formats.bag import BagWriter
-    from davis_rs.formats.bag_reader import BagReader
+    from davis_rs.io.formats.bag import BagWriter
+    from davis_rs.io.formats.bag_reader import BagReader
 
     path = tmp_path / "all.bag"
     rng = np.random.default_rng(2)
@@ -254,7 +254,7 @@ def test_all_topics_of_the_public_bags(tmp_path: Path) -> None:
 def test_bags_of_others_are_read(tmp_path: Path) -> None:
     """A bag of message objects in wall-clock nanoseconds, as the public ones are, on a topic of another name."""
     rosbag1 = pytest.importorskip("rosbags.rosbag1")
-    from davis_rs.formats.ros_messages import header, typestore
+    from davis_rs.io.formats.ros_messages import header, typestore
 
     store, path = typestore(), tmp_path / "theirs.bag"
     event = store.types["dvs_msgs/msg/Event"]

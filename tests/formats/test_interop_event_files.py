@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from davis_rs import open_reader, open_writer, read_events
-from davis_rs.events import EVENT_DTYPE, EventArray
+from davis_rs.events.arrays import EVENT_DTYPE, EventArray
 from event_files import KINDS, SIZE, Kind, assert_same, many, write_events
 
 AEDATS = [kind for kind in KINDS.values() if kind.name == "aedat4"]

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from davis_rs import open_writer, read_events
-from davis_rs.dataset.reader import Dataset
+from davis_rs.io.dataset.reader import Dataset
 from event_files import assert_same, events_of
 from recording_folder import SIZE, complete_folder, quietly
 
@@ -155,7 +155,7 @@ def test_mvsecs_own_files_are_read(tmp_path: Path) -> None:
     """As its converter writes them: whole datasets, lzf, no attributes, Unix times, flow without our intervals."""
     import h5py
 
-    from davis_rs.event_files.read import open_reader
+    from davis_rs.io.files.read import open_reader
 
     times = np.array([1_506_119_776.1, 1_506_119_776.2, 1_506_119_776.3])
     flow = np.ones((3, 2, 4, 5))

@@ -13,8 +13,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from davis_rs import DecodeError, open_writer, read_events
-from davis_rs.event_files.random_access import RandomAccess
-from davis_rs.events import EVENT_DTYPE, EventArray
+from davis_rs.events.arrays import EVENT_DTYPE, EventArray
+from davis_rs.io.files.random_access import RandomAccess
 from event_files import SIZE, assert_same, events_of, many
 
 for library in ("h5py", "numcodecs", "hdf5plugin", "pyarrow", "rosbags"):

@@ -31,12 +31,12 @@ from davis_rs import (
     open_reader,
     read_recording,
 )
-from davis_rs.event_files.random_access import RandomAccess
-from davis_rs.formats.recorded import RecordedParts
 from davis_rs.inspection.visual_sequence import open_visual_sequence
-from davis_rs.recordings import aedat2 as aedat2_module
-from davis_rs.recordings import aedat3 as aedat3_module
-from davis_rs.recordings.recording_file import KINDS
+from davis_rs.io.files.random_access import RandomAccess
+from davis_rs.io.formats.recorded import RecordedParts
+from davis_rs.io.recordings import aedat2 as aedat2_module
+from davis_rs.io.recordings import aedat3 as aedat3_module
+from davis_rs.io.recordings.recording_file import KINDS
 from places import SHARED
 from recording_files import (
     COMPRESSIONS,

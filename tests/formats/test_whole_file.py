@@ -15,20 +15,12 @@ import numpy as np
 import pytest
 
 from command_line import davis_rs as command
-from davis_rs import (
-    Camera,
-    convert,
-    frames_to_folder,
-    load_scene,
-    open_writer,
-    read_events,
-    simulate_to_folder,
-    simulation_folder,
-)
-from davis_rs.dataset.writer import DatasetWriter
-from davis_rs.formats import EventWriter
+from davis_rs import Camera, convert, frames_to_folder, load_scene, open_writer, read_events, simulate_to_folder
+from davis_rs._util.whole_file import Workplace, whole_file, write_whole
 from davis_rs.inspection import video
-from davis_rs.whole_file import Workplace, whole_file, write_whole
+from davis_rs.io.dataset.writer import DatasetWriter
+from davis_rs.io.formats import EventWriter
+from davis_rs.simulation import folder as simulation_folder
 from event_files import SIZE, assert_same, many
 from recording_files import aedat2, aedat2_event
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from davis_rs import EVENT_DTYPE, open_writer, read_events
-from davis_rs.events import EventArray
+from davis_rs.events.arrays import EventArray
 
 THREADS, PACKETS, EVENTS = 6, 60, 1000
 WIDTH, HEIGHT = EVENTS, THREADS * PACKETS

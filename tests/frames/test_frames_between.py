@@ -13,13 +13,13 @@ from hypothesis import strategies as st
 
 from clips import moving_texture
 from davis_rs import CrossingEngine, compare_events, events_from_frames, frames_to_folder
-from davis_rs.events import EventArray, concatenate_events
-from davis_rs.frames_to_events.array_frames import ArrayFrames
-from davis_rs.frames_to_events.frame_run import FrameRun
-from davis_rs.frames_to_events.frames_between import instants
-from davis_rs.frames_to_events.interpolation import SensorFrame, with_rates
-from davis_rs.frames_to_events.optical_flow import FlowFinder
-from davis_rs.settings import FrameSettings, complete
+from davis_rs.events.arrays import EventArray, concatenate_events
+from davis_rs.simulation.from_frames.array_frames import ArrayFrames
+from davis_rs.simulation.from_frames.frame_run import FrameRun
+from davis_rs.simulation.from_frames.frames_between import instants
+from davis_rs.simulation.from_frames.interpolation import SensorFrame, with_rates
+from davis_rs.simulation.from_frames.optical_flow import FlowFinder
+from davis_rs.simulation.settings import FrameSettings, complete
 
 WIDTH, HEIGHT, FRAME_US = 96, 64, 30_000
 

@@ -18,8 +18,8 @@ import pytest
 from clips import moving_bars, write_images, write_video
 from davis_rs import Dataset, check_dataset, events_from_frames, frames_to_folder, open_frames
 from davis_rs.cli.main import main
-from davis_rs.events import concatenate_events
-from davis_rs.model_version import MODEL
+from davis_rs.events.arrays import concatenate_events
+from davis_rs.simulation.model_version import MODEL
 
 BARS = moving_bars(12)
 STAMPS_MS = [20 * k + k % 3 for k in range(12)]

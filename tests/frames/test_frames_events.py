@@ -15,11 +15,11 @@ from hypothesis import strategies as st
 import davis_rs
 from clips import moving_bars
 from davis_rs import CrossingEngine, Effects, SensorParameters, events_from_frames, log_intensity
-from davis_rs.events import EventArray, concatenate_events
-from davis_rs.frames_to_events.array_frames import ArrayFrames
-from davis_rs.frames_to_events.frame_run import FrameRun
-from davis_rs.packet import Packet
-from davis_rs.settings import FrameSettings, complete
+from davis_rs.events.arrays import EventArray, concatenate_events
+from davis_rs.events.packet import Packet
+from davis_rs.simulation.from_frames.array_frames import ArrayFrames
+from davis_rs.simulation.from_frames.frame_run import FrameRun
+from davis_rs.simulation.settings import FrameSettings, complete
 from reference import exact_events
 
 BARS = moving_bars()

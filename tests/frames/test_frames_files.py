@@ -17,7 +17,7 @@ from PIL import Image
 from clips import moving_bars, write_exr, write_images
 from davis_rs import DecodeError, check_dataset, frames_to_folder, open_frames
 from davis_rs.cli.main import main
-from davis_rs.frames_to_events.frame_source import StampedFrame
+from davis_rs.simulation.from_frames.frame_source import StampedFrame
 
 BARS = moving_bars(12)
 COLOUR = np.stack([BARS, BARS[::-1], 255 - BARS], -1)

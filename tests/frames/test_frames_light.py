@@ -17,11 +17,11 @@ from hypothesis import strategies as st
 import davis_rs
 from clips import write_images
 from davis_rs import Frame, FrameValuesWarning, NoEventsWarning, events_from_frames, frames_to_folder, open_frames
-from davis_rs.events import EVENT_DTYPE, EventArray, concatenate_events
-from davis_rs.frames_to_events.frame_source import Encoding
-from davis_rs.frames_to_events.frame_values import FrameValues
-from davis_rs.frames_to_events.light import Light, parse_transfer
-from davis_rs.frames_to_events.quantisation import QuantisationCount, dark_level
+from davis_rs.events.arrays import EVENT_DTYPE, EventArray, concatenate_events
+from davis_rs.simulation.from_frames.frame_source import Encoding
+from davis_rs.simulation.from_frames.frame_values import FrameValues
+from davis_rs.simulation.from_frames.light import Light, parse_transfer
+from davis_rs.simulation.from_frames.quantisation import QuantisationCount, dark_level
 from recording_files import aedat4, aedat4_frame, aedat4_xml
 
 

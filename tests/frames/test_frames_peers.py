@@ -10,7 +10,7 @@ import pytest
 
 from clips import moving_texture
 from davis_rs import EVENT_DTYPE, compare_events, events_from_frames
-from davis_rs.events import EventArray, concatenate_events
+from davis_rs.events.arrays import EventArray, concatenate_events
 
 C, LOG_EPS = 0.2, 1e-3
 

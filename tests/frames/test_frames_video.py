@@ -15,11 +15,11 @@ import pytest
 
 from clips import FULL, LIMITED, moving_bars, write_video
 from davis_rs import DecodeError, check_dataset, events_from_frames, frames_to_folder, open_frames
-from davis_rs.events import concatenate_events
-from davis_rs.frames_to_events.frame_run import FrameRun
-from davis_rs.frames_to_events.frame_source import StampedFrame
-from davis_rs.frames_to_events.video import Video
-from davis_rs.settings import FrameSettings, complete
+from davis_rs.events.arrays import concatenate_events
+from davis_rs.simulation.from_frames.frame_run import FrameRun
+from davis_rs.simulation.from_frames.frame_source import StampedFrame
+from davis_rs.simulation.from_frames.video import Video
+from davis_rs.simulation.settings import FrameSettings, complete
 
 BARS = moving_bars(8)
 STAMPS_MS = [0, 33, 50, 117, 150, 151, 200, 300]

@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 
 import davis_rs
-from davis_rs.event_files.random_access import RandomAccess
-from davis_rs.formats.recorded import RecordedParts
 from davis_rs.generate import load_sequence_plan
 from davis_rs.inspection.check import check_dataset
 from davis_rs.inspection.summary import summarize_events
-from davis_rs.sensors import preset_file, read_sensor_file, sensor_yaml
+from davis_rs.io.files.random_access import RandomAccess
+from davis_rs.io.formats.recorded import RecordedParts
+from davis_rs.sensor.presets import preset_file, read_sensor_file, sensor_yaml
 from davis_rs.usb.raw_file import RawRecording, RawWriter
 from gltf_files import CORNERS, UV, Gltf, quad
 from recording_files import (

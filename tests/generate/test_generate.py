@@ -21,7 +21,7 @@ import davis_rs
 from davis_rs.cli.main import main
 from davis_rs.generate import Generated, generate_sequences, load_sequence_plan, verify_sequences
 from davis_rs.generate.folder import CHECKSUMS
-from davis_rs.model_version import MODEL
+from davis_rs.simulation.model_version import MODEL
 from generated import files_of, write_plan
 
 PATIENCE_S = 120.0

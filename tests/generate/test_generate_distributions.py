@@ -11,8 +11,8 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from scipy import stats
 
+from davis_rs._util.random_words import Words
 from davis_rs.generate.distributions import Choice, Distribution, Integers, LogUniform, Normal, Uniform, draw
-from davis_rs.random_words import Words
 
 finite = st.floats(-1e6, 1e6)
 

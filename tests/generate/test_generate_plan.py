@@ -14,13 +14,13 @@ from hypothesis import strategies as st
 
 import davis_rs
 from davis_rs.cli.main import main
-from davis_rs.effects import parse_effect
-from davis_rs.effects.effects import named_effects
 from davis_rs.generate import SequencePlan, load_sequence_plan
 from davis_rs.generate.generate import check_sequences, draw_sequences
 from davis_rs.generate.motion import MOTIONS, make_motion
 from davis_rs.generate.sequence_plan import sequence_name
-from davis_rs.settings import FolderSettings, complete, view_scene
+from davis_rs.sensor.effects import parse_effect
+from davis_rs.sensor.effects.effects import named_effects
+from davis_rs.simulation.settings import FolderSettings, complete, view_scene
 from generated import PLAN, write_plan
 
 

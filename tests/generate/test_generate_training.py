@@ -23,9 +23,9 @@ from davis_rs.generate import generate_sequences, load_sequence_plan, verify_seq
 from davis_rs.generate.generate import draw_sequences
 from davis_rs.generate.job import make_sequence
 from davis_rs.generate.local import Outcome
-from davis_rs.rendering import kept_scenes
-from davis_rs.scene.random_planes import random_textured_planes
-from davis_rs.trajectory.trajectory import SegmentTrajectory
+from davis_rs.geometry.trajectory.trajectory import SegmentTrajectory
+from davis_rs.render import kept_scenes
+from davis_rs.scene.builtin.random_planes import random_textured_planes
 from generated import files_of
 
 TETRAHEDRON = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n"

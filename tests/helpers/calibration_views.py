@@ -12,16 +12,16 @@ from scipy.spatial.transform import Rotation
 
 from davis_rs import Camera, Trajectory, load_scene
 from davis_rs.calibrate import BoardView, find_corners
-from davis_rs.calibrate.reprojection import inverse, transform
-from davis_rs.dataset.writer import DatasetWriter
-from davis_rs.events import EVENT_DTYPE
-from davis_rs.imu import ImuArray
-from davis_rs.packet import Packet
-from davis_rs.pose import GroundTruth, Pose
-from davis_rs.rendering.renderers import make_renderer
-from davis_rs.scene.checkerboard import DATASET_BOARD
-from davis_rs.scene.checkerboard_scene import board_in_world
-from davis_rs.trajectory.views import Views
+from davis_rs.calibrate.camera.reprojection import inverse, transform
+from davis_rs.events.arrays import EVENT_DTYPE
+from davis_rs.events.packet import Packet
+from davis_rs.geometry.pose import GroundTruth, Pose
+from davis_rs.geometry.trajectory.views import Views
+from davis_rs.io.dataset.writer import DatasetWriter
+from davis_rs.render.choice import make_renderer
+from davis_rs.scene.builtin.checkerboard import DATASET_BOARD
+from davis_rs.scene.builtin.checkerboard_scene import board_in_world
+from davis_rs.sensor.imu import ImuArray
 
 FloatArray = npt.NDArray[np.float64]
 

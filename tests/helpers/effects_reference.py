@@ -15,8 +15,8 @@ import numpy as np
 import numpy.typing as npt
 
 from davis_rs import EVENT_DTYPE
-from davis_rs.effects import LeakRate, PhotoreceptorBandwidth, ShotNoise
-from davis_rs.events import EventArray, concatenate_events
+from davis_rs.events.arrays import EventArray, concatenate_events
+from davis_rs.sensor.effects import LeakRate, PhotoreceptorBandwidth, ShotNoise
 
 Corner = Callable[[float, float], Any]
 """The corner frequency in Hz of an interval, by log intensity at both its ends."""
@@ -228,7 +228,7 @@ def noisy_pixel(
 ) -> list[tuple[float, int]]:
     """Times and polarities of the events that a pixel makes along a path of (microseconds, log intensity).
 
-    Crossings, resets and noise in the order of time, as :class:`~davis_rs.effects.ShotNoise` says: arrivals at Rice's
+    Crossings, resets and noise in the order of time, as :class:`~davis_rs.sensor.effects.ShotNoise` says: arrivals at Rice's
     rate in the light in which there are most, of which a share is kept by the light at their instant.
     """
     times, values = zip(*path, strict=True)
@@ -351,7 +351,7 @@ def leaky_pixel(
 ) -> list[tuple[float, int]]:
     """Times and polarities of the events that a leaking pixel makes along a path of (microseconds, log intensity).
 
-    As :class:`~davis_rs.effects.LeakRate` says. ``stamps`` are those of the engine, which name the draws of jitter.
+    As :class:`~davis_rs.sensor.effects.LeakRate` says. ``stamps`` are those of the engine, which name the draws of jitter.
     """
     deviation = math.sqrt(math.log1p(leak.spread**2))
     factor = math.exp(deviation * Draw(seed, LEAK_SPREAD, pixel, 0).normal - deviation**2 / 2)

@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from davis_rs import EVENT_DTYPE, EventReader, EventWriter, open_writer
-from davis_rs.events import EventArray
-from davis_rs.formats import FORMATS
+from davis_rs.events.arrays import EventArray
+from davis_rs.io.formats import FORMATS
 
 SIZE = (240, 180)
 

@@ -9,15 +9,15 @@ import numpy as np
 import numpy.typing as npt
 
 from davis_rs import Camera, Scene
-from davis_rs._mitsuba import SCALAR, load_scene_source, variant
-from davis_rs.luma import LumaFrames
-from davis_rs.rendering.camera_rays import ray_table
-from davis_rs.rendering.render import Indices, Renderer
-from davis_rs.rendering.scene_table import SceneTable
-from davis_rs.rendering.scene_texture import bilinear
-from davis_rs.rendering.scene_updates import scene_motion
-from davis_rs.rendering.shadow_rays import END, STEP
-from davis_rs.trajectory.views import Views
+from davis_rs._mitsuba.variants import SCALAR, load_scene_source, variant
+from davis_rs.events.luma import LumaFrames
+from davis_rs.geometry.trajectory.views import Views
+from davis_rs.render.base import Indices, Renderer
+from davis_rs.render.motion.scene_updates import scene_motion
+from davis_rs.render.rays.camera_rays import ray_table
+from davis_rs.render.rays.shadow_rays import END, STEP
+from davis_rs.render.scene_tables.scene_table import SceneTable
+from davis_rs.render.scene_tables.scene_texture import bilinear
 from ray_caster import met
 
 FloatArray = npt.NDArray[np.float64]

@@ -19,11 +19,19 @@ from davis_rs import (
     fit_sensor,
     measure_recording,
 )
-from davis_rs.effects import Aps, Effects, HotPixels, LeakRate, PhotoreceptorBandwidth, ShotNoise, ThresholdMismatch
-from davis_rs.events import EventArray, concatenate_events
-from davis_rs.sensor_fit import SensorFit
-from davis_rs.sensor_fit.static_scene import before_a_leak, static_events
-from davis_rs.sensors import SensorFile
+from davis_rs.calibrate.sensor import SensorFit
+from davis_rs.calibrate.sensor.static_scene import before_a_leak, static_events
+from davis_rs.events.arrays import EventArray, concatenate_events
+from davis_rs.sensor.effects import (
+    Aps,
+    Effects,
+    HotPixels,
+    LeakRate,
+    PhotoreceptorBandwidth,
+    ShotNoise,
+    ThresholdMismatch,
+)
+from davis_rs.sensor.presets import SensorFile
 
 WIDTH, HEIGHT, STRIP = 80, 72, 24
 MOVES_US, RESTS_US, STEP_US, FRAME_US = 2_000_000, 12_000_000, 1_000, 40_000

@@ -9,10 +9,10 @@ import numpy as np
 import numpy.typing as npt
 
 from davis_rs import Camera, Pose, Scene
-from davis_rs._mitsuba import FAST
-from davis_rs.rendering.render import Renderer
-from davis_rs.rendering.renderers import make_renderer
-from davis_rs.trajectory.views import Views
+from davis_rs._mitsuba.variants import FAST
+from davis_rs.geometry.trajectory.views import Views
+from davis_rs.render.base import Renderer
+from davis_rs.render.choice import make_renderer
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import davis_rs
-from davis_rs.event_files.conversion import ConversionReport, LeftOutWarning, convert
+from davis_rs.io.files.conversion import ConversionReport, LeftOutWarning, convert
 
 SIZE = (32, 24)
 

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from davis_rs import EVENT_DTYPE
-from davis_rs.events import EventArray
+from davis_rs.events.arrays import EventArray
 
 LogFrame = npt.NDArray[np.float64]
 

@@ -23,10 +23,10 @@ import numpy.typing as npt
 
 from davis_rs import Scene, load_scene
 from davis_rs.accuracy.hard_case_scenes import hard_cases
-from davis_rs.rendering.camera_rays import ray_table
-from davis_rs.rendering.renderers import make_renderer
-from davis_rs.sequences import SEQUENCES
-from davis_rs.trajectory.views import Views
+from davis_rs.geometry.trajectory.views import Views
+from davis_rs.render.choice import make_renderer
+from davis_rs.render.rays.camera_rays import ray_table
+from davis_rs.scene.sequences import SEQUENCES
 from exact_scene import Sights, exact_scenes
 
 FloatArray = npt.NDArray[np.float64]

@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from davis_rs import Camera, FixedRate, Pose, Scene, SegmentTrajectory, Trajectory, load_scene
-from davis_rs.rendering.render import Renderer
-from davis_rs.rendering.renderers import make_renderer
+from davis_rs.render.base import Renderer
+from davis_rs.render.choice import make_renderer
 from davis_rs.sampling.keyframes import Keyframe, Stretch
 from davis_rs.sampling.rules import TimeSampling
 

@@ -10,11 +10,11 @@ import numpy as np
 import numpy.typing as npt
 
 from davis_rs import EVENT_DTYPE, CrossingEngine
-from davis_rs.camera import Camera
-from davis_rs.dataset.writer import DatasetWriter
-from davis_rs.events import EventArray
-from davis_rs.packet import Packet
-from davis_rs.pose import Pose
+from davis_rs.events.arrays import EventArray
+from davis_rs.events.packet import Packet
+from davis_rs.geometry.camera import Camera
+from davis_rs.geometry.pose import Pose
+from davis_rs.io.dataset.writer import DatasetWriter
 
 WIDTH, HEIGHT = 24, 18
 CAMERA = Camera(WIDTH, HEIGHT, 20.5, 20.25, 11.5, 8.5, k1=-0.1)

@@ -22,10 +22,10 @@ from davis_rs import (
     simulate_imu,
     start_pose,
 )
-from davis_rs.events import EventArray, concatenate_events
-from davis_rs.pose import Pose
-from davis_rs.trajectory.motions import hand_held
-from davis_rs.trajectory.trajectory_file import read_trajectory
+from davis_rs.events.arrays import EventArray, concatenate_events
+from davis_rs.geometry.pose import Pose
+from davis_rs.geometry.trajectory.motions import hand_held
+from davis_rs.geometry.trajectory.trajectory_file import read_trajectory
 from places import SHARED
 
 POSTER = SHARED / "data" / "poster_6dof.csv"

@@ -10,8 +10,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from davis_rs import IMU_DTYPE, CallableTrajectory, Imu, SegmentTrajectory, Trajectory, simulate_imu
-from davis_rs.camera import load_camera
-from davis_rs.imu import (
+from davis_rs.geometry.camera import load_camera
+from davis_rs.geometry.pose import Pose
+from davis_rs.geometry.trajectory.trajectory_file import read_trajectory
+from davis_rs.sensor.imu import (
     DAVIS_T_IMU_CAMERA,
     ImuLag,
     ImuLowPass,
@@ -23,8 +25,6 @@ from davis_rs.imu import (
     kalibr_camera_chain,
     kalibr_imu,
 )
-from davis_rs.pose import Pose
-from davis_rs.trajectory.trajectory_file import read_trajectory
 from places import SHARED
 
 FloatArray = npt.NDArray[np.float64]

@@ -23,10 +23,10 @@ from davis_rs import (
     simulate_to_folder,
 )
 from davis_rs.cli.main import main
-from davis_rs.events import EVENT_DTYPE
-from davis_rs.imu import IMU_DTYPE, kalibr_camera_chain, kalibr_imu
-from davis_rs.packet import Packet
-from davis_rs.pose import Pose
+from davis_rs.events.arrays import EVENT_DTYPE
+from davis_rs.events.packet import Packet
+from davis_rs.geometry.pose import Pose
+from davis_rs.sensor.imu import IMU_DTYPE, kalibr_camera_chain, kalibr_imu
 
 CAMERA = load_camera("davis240c")
 

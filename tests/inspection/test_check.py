@@ -12,12 +12,12 @@ import pytest
 from PIL import Image
 
 from davis_rs import EVENT_DTYPE
-from davis_rs.dataset.reader import Dataset
-from davis_rs.dataset.writer import DatasetWriter
-from davis_rs.events import EventArray
+from davis_rs.events.arrays import EventArray
 from davis_rs.inspection.check import CheckReport, check_dataset
 from davis_rs.inspection.summary import dataset_contents
-from davis_rs.model_version import MODEL
+from davis_rs.io.dataset.reader import Dataset
+from davis_rs.io.dataset.writer import DatasetWriter
+from davis_rs.simulation.model_version import MODEL
 from places import SHARED
 from written_sequence import (
     CAMERA,

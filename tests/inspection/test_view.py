@@ -14,14 +14,14 @@ from imageio.plugins.ffmpeg import get_exe
 from PIL import Image
 
 from davis_rs import EVENT_DTYPE, RecordingWarning, convert
-from davis_rs.camera import Camera
 from davis_rs.cli.main import main
-from davis_rs.dataset.writer import DatasetWriter
-from davis_rs.event_files.sensor_size import SensorSizeWarning
+from davis_rs.events.packet import Packet
+from davis_rs.geometry.camera import Camera
 from davis_rs.inspection.figure import OFF_RGB, ON_RGB, event_picture, view
 from davis_rs.inspection.video import make_video
 from davis_rs.inspection.visual_sequence import display_grey
-from davis_rs.packet import Packet
+from davis_rs.io.dataset.writer import DatasetWriter
+from davis_rs.io.files.sensor_size import SensorSizeWarning
 from recording_files import aedat2, aedat2_event
 from written_sequence import HEIGHT, STEPS, WIDTH, packet_of, pose_at, write_sequence
 

@@ -22,13 +22,13 @@ from PIL import Image
 
 from command_line import davis_rs
 from davis_rs import EVENT_DTYPE, convert, view_html
-from davis_rs.camera import Camera
-from davis_rs.dataset.reader import Dataset
-from davis_rs.dataset.writer import DatasetWriter
+from davis_rs.geometry.camera import Camera
 from davis_rs.inspection import html_page
 from davis_rs.inspection.figure import OFF_RGB, ON_RGB
 from davis_rs.inspection.sampling_for_display import evenly_spaced, event_counts, sample_events
 from davis_rs.inspection.visual_sequence import display_grey
+from davis_rs.io.dataset.reader import Dataset
+from davis_rs.io.dataset.writer import DatasetWriter
 from recording_files import aedat4, aedat4_events, aedat4_frame, aedat4_imu, events_of, frame_of
 from written_sequence import HEIGHT, STEPS, WIDTH, packet_of, write_sequence
 

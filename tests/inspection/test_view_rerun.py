@@ -14,8 +14,8 @@ from PIL import Image
 
 from command_line import davis_rs
 from davis_rs import convert, view_rerun
-from davis_rs.dataset.reader import Dataset
 from davis_rs.inspection.figure import event_picture
+from davis_rs.io.dataset.reader import Dataset
 from written_sequence import HEIGHT, STEPS, WIDTH, write_sequence
 
 rr: Any = pytest.importorskip("rerun")

@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 
 import davis_rs
 from davis_rs import DavisDescription, DecodeError, RawRecording, RawWriter
-from davis_rs.event_files.backward import TimeOrder
-from davis_rs.event_files.decoded_output import decoded_output
+from davis_rs.io.files.backward import TimeOrder
+from davis_rs.io.files.decoded_output import decoded_output
 from davis_rs.usb.davis import Davis
 from davis_rs.usb.virtual_backend import VirtualBackend
 from davis_rs.usb.virtual_davis import VirtualDavis, paced

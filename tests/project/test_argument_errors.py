@@ -15,13 +15,13 @@ from pathlib import Path
 import pytest
 
 import davis_rs
-from davis_rs.argument_error import ArgumentError, OverwriteError
+from davis_rs._util.argument_error import ArgumentError, OverwriteError
+from davis_rs._util.names_elsewhere import NAMES_ELSEWHERE
 from davis_rs.cli.main import _as_option, make_parser
 from davis_rs.cli.parser import Parser
-from davis_rs.effects import EFFECTS
 from davis_rs.generate.sequence import as_key
-from davis_rs.names_elsewhere import NAMES_ELSEWHERE
-from davis_rs.settings import FolderSettings, FrameFolderSettings, settings_of
+from davis_rs.sensor.effects import EFFECTS
+from davis_rs.simulation.settings import FolderSettings, FrameFolderSettings, settings_of
 from places import ROOT
 
 PACKAGE = ROOT / "python" / "davis_rs"

@@ -27,7 +27,7 @@ import pytest
 
 from clips import moving_bars, write_images, write_video
 from davis_rs import load_sensor
-from davis_rs._mitsuba import variant
+from davis_rs._mitsuba.variants import variant
 from davis_rs.cli.main import COMMANDS, main, make_parser
 from davis_rs.cli.parser import Parser
 from davis_rs.cli.settings_table import settings_markdown

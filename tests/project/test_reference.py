@@ -73,7 +73,7 @@ def test_nothing_is_documented_twice_under_two_names() -> None:
     names: dict[int, str] = {}
     for name, pages in DOCUMENTED.items():
         assert len(pages) <= 1, f"{name}: {pages}"
-        if not name.startswith("davis_rs.torch"):
+        if not name.startswith("davis_rs.data.torch"):
             there = look_up(name)
             if not isinstance(there, str):  # a text may be shared by names that have nothing to do with each other
                 assert id(there) not in names, f"{name} is {names[id(there)]}"

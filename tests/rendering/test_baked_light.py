@@ -19,21 +19,21 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from davis_rs import Pose, Scene, SegmentTrajectory, Simulator, estimate_noise, load_scene, plan_effects
-from davis_rs._mitsuba import FAST, load_scene_source, variant
+from davis_rs._mitsuba.variants import FAST, load_scene_source, variant
 from davis_rs.accuracy.light_accuracy import LightComparison, light_cost
 from davis_rs.cli import main
-from davis_rs.rendering import scene_table
-from davis_rs.rendering.baked_light import bake, baked_scene, cache
-from davis_rs.rendering.baked_light.bake import Surfaces
-from davis_rs.rendering.baked_light.irradiance import Irradiance
-from davis_rs.rendering.baked_light.light_maps import LightMaps, looked_up
-from davis_rs.rendering.baked_light.lights import irradiance_of
-from davis_rs.rendering.baked_light.partial import PartialBake
-from davis_rs.rendering.baked_light.surface_lattice import RefinementRule, SurfaceLattice, refine
-from davis_rs.rendering.render_integrator import IntegratorRenderer
-from davis_rs.rendering.renderers import make_renderer, why_not_noise_free
+from davis_rs.geometry.trajectory.views import Views
+from davis_rs.render.baked import bake, baked_scene, cache
+from davis_rs.render.baked.bake import Surfaces
+from davis_rs.render.baked.irradiance import Irradiance
+from davis_rs.render.baked.light_maps import LightMaps, looked_up
+from davis_rs.render.baked.lights import irradiance_of
+from davis_rs.render.baked.partial import PartialBake
+from davis_rs.render.baked.surface_lattice import RefinementRule, SurfaceLattice, refine
+from davis_rs.render.choice import make_renderer, why_not_noise_free
+from davis_rs.render.integrator.renderer import IntegratorRenderer
+from davis_rs.render.scene_tables import scene_table
 from davis_rs.scene.light_profile import SampledProfile
-from davis_rs.trajectory.views import Views
 from lamp_box import lamp_box
 from lit_scenes import (
     CAMERA,

@@ -12,16 +12,16 @@ from scipy.spatial.transform import Rotation
 
 from davis_rs import Pose, Scene, SegmentTrajectory
 from davis_rs.accuracy.light_accuracy import LightComparison, light_cost
-from davis_rs.rendering.baked_light import baked_scene
-from davis_rs.rendering.baked_light.baked_scene import BakedLight
-from davis_rs.rendering.baked_light.instants import MOST_INSTANTS, chosen, hats, motion_times
-from davis_rs.rendering.baked_light.irradiance import Irradiance
-from davis_rs.rendering.render import Renderer
-from davis_rs.rendering.render_native import NativeRenderer
-from davis_rs.rendering.scene_motion import SceneMotion, held
+from davis_rs.geometry.trajectory.trajectory import CallableTrajectory
+from davis_rs.geometry.trajectory.views import Views
+from davis_rs.render.baked import baked_scene
+from davis_rs.render.baked.baked_scene import BakedLight
+from davis_rs.render.baked.instants import MOST_INSTANTS, chosen, hats, motion_times
+from davis_rs.render.baked.irradiance import Irradiance
+from davis_rs.render.base import Renderer
+from davis_rs.render.motion.scene_motion import SceneMotion, held
+from davis_rs.render.native.renderer import NativeRenderer
 from davis_rs.sampling.breaks import find_breaks
-from davis_rs.trajectory.trajectory import CallableTrajectory
-from davis_rs.trajectory.views import Views
 from lit_scenes import CAMERA, DOWN, PATH, FloatArray, Parts, build, diffuse, lamp, make_scene, plate, shift
 
 pytestmark = pytest.mark.usefixtures("llvm")

@@ -15,9 +15,9 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from davis_rs import Camera, DecodeError, Pose, Scene, load_camera
-from davis_rs.camera import PRESETS
-from davis_rs.rendering.renderers import make_renderer
-from davis_rs.trajectory.views import Views
+from davis_rs.geometry.camera import PRESETS
+from davis_rs.geometry.trajectory.views import Views
+from davis_rs.render.choice import make_renderer
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -8,14 +8,14 @@ import pytest
 
 from davis_rs import Effects, Scene, load_scene
 from davis_rs.accuracy.hard_case_scenes import sideways, wires
-from davis_rs.effects.lens_blur import LensBlur
-from davis_rs.effects.optics import with_optics
-from davis_rs.effects.vignetting import Vignetting
-from davis_rs.rendering.edge_tracks import EdgeTracks, instants_of_spans
-from davis_rs.rendering.render import Renderer
-from davis_rs.rendering.renderers import make_renderer
+from davis_rs.geometry.trajectory.views import Views
+from davis_rs.render.base import Renderer
+from davis_rs.render.choice import make_renderer
+from davis_rs.render.edges.edge_tracks import EdgeTracks, instants_of_spans
 from davis_rs.sampling.observe import CountedRenderer
-from davis_rs.trajectory.views import Views
+from davis_rs.sensor.effects.lens_blur import LensBlur
+from davis_rs.sensor.effects.optics import with_optics
+from davis_rs.sensor.effects.vignetting import Vignetting
 
 LOG_EPS, TOLERATED = 1e-3, 0.05 * 0.15
 START_US = np.array([3000, 5000])

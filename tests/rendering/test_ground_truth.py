@@ -16,12 +16,12 @@ from scipy.spatial.transform import Rotation
 import davis_rs
 from davis_rs import Camera, Dataset, Pose, Scene, SegmentTrajectory, Simulator, Trajectory, Velocities, load_scene
 from davis_rs._core import DecodeError
-from davis_rs.dataset.event_truth_file import open_event_truth
-from davis_rs.dataset.files import EVENT_TRUTH
-from davis_rs.ground_truth import EVENT_TRUTH_DTYPE, EventTruth, SceneSurfaces, camera_velocities, event_truth
+from davis_rs.geometry.trajectory.views import Views
 from davis_rs.inspection.check import check_dataset
 from davis_rs.inspection.flow_picture import flow_picture
-from davis_rs.trajectory.views import Views
+from davis_rs.io.dataset.event_truth_file import open_event_truth
+from davis_rs.io.dataset.files import EVENT_TRUTH
+from davis_rs.render.truth import EVENT_TRUTH_DTYPE, EventTruth, SceneSurfaces, camera_velocities, event_truth
 from moving_scene import BOX, DIRECT, FLOOR, LAMP, OTHER, PATH, diffuse, placed, write_ball
 
 FloatArray = npt.NDArray[np.float64]

@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from scipy.ndimage import convolve
 
-from davis_rs.camera import PRESETS, Camera
-from davis_rs.lattice import rank1_lattice
-from davis_rs.luma import LUMA_WEIGHTS, LumaFrames, blur_3x3
-from davis_rs.rendering.camera_rays import ray_table
+from davis_rs.events.luma import LUMA_WEIGHTS, LumaFrames, blur_3x3
+from davis_rs.geometry.camera import PRESETS, Camera
+from davis_rs.geometry.lattice import rank1_lattice
+from davis_rs.render.rays.camera_rays import ray_table
 
 
 @pytest.mark.parametrize("n", [1, 2, 3, 4, 7, 8, 16, 30, 64, 100, 1024])

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import pytest
 
-from davis_rs import _llvm
 from davis_rs._core import RUST_SYSROOT
-from davis_rs._llvm import find_libllvm, libllvm_major
-from davis_rs._mitsuba import FAST
+from davis_rs._mitsuba import llvm as _llvm
+from davis_rs._mitsuba.llvm import find_libllvm, libllvm_major
+from davis_rs._mitsuba.variants import FAST
 
 INSTALLED = find_libllvm()
 LLVM_15 = Path("/usr/lib/x86_64-linux-gnu/libLLVM-15.so.1")
@@ -165,8 +165,8 @@ def test_an_unusable_choice_is_named(system: Path, monkeypatch: pytest.MonkeyPat
 )
 def test_the_toolchain_of_the_build_renders(run_python: Callable[..., str]) -> None:
     """With no other LLVM on the machine, and no rustc on the path, the library of the build's toolchain is taken."""
-    no_other = "import davis_rs._llvm as l; l._PATTERNS = (); l._of_rustup = lambda: ()\n"
-    told = "from davis_rs._mitsuba import default_variant; print(default_variant()[1])\n"
+    no_other = "import davis_rs._mitsuba.llvm as l; l._PATTERNS = (); l._of_rustup = lambda: ()\n"
+    told = "from davis_rs._mitsuba.variants import default_variant; print(default_variant()[1])\n"
     program = no_other + RENDER + told
     variant, reason, why = run_python(program, DRJIT_LIBLLVM_PATH="", PATH="/nonexistent").splitlines()
     assert variant == FAST

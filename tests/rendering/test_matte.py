@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from davis_rs import Camera, Pose, Scene
-from davis_rs._mitsuba import SCALAR, variant
-from davis_rs.rendering.renderers import make_renderer
-from davis_rs.trajectory.views import Views
+from davis_rs._mitsuba.variants import SCALAR, variant
+from davis_rs.geometry.trajectory.views import Views
+from davis_rs.render.choice import make_renderer
 
 CAMERA = Camera(16, 12, 16.0, 16.0, 7.5, 5.5)
 POSE = Pose([0.2, -0.4, 1.8], [1.0, 0.0, 0.0, 0.0])
@@ -60,8 +60,8 @@ def test_what_is_diffuse_in_fact_is_rendered_as_such(bsdf: dict[str, Any]) -> No
 def test_mitsuba_agrees_that_it_is(bsdf: dict[str, Any]) -> None:
     """Mitsuba's own luma of the material as the scene has it, next to that of the native renderer."""
     with variant("llvm_ad_rgb") as (mi, _):
-        from davis_rs._mitsuba import load_scene_source
-        from davis_rs.rendering.render_integrator import IntegratorRenderer
+        from davis_rs._mitsuba.variants import load_scene_source
+        from davis_rs.render.integrator.renderer import IntegratorRenderer
 
         loaded = load_scene_source(scene_of(bsdf).source(), mi)
     theirs = IntegratorRenderer(loaded, CAMERA, samples=2, blur=False, seed=0, reason="")
@@ -134,7 +134,7 @@ def test_principled_is_never_diffuse_by_itself() -> None:
 
 
 def test_many_names_are_shortened() -> None:
-    from davis_rs.rendering.obstacles import listed
+    from davis_rs.render.obstacles import listed
 
     assert listed("abc") == "a, b, c"
     assert listed("abcdefgh") == "a, b, c, d, e, f and 2 more"

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from davis_rs import DecodeError
-from davis_rs._mitsuba_files import check_ply, check_scene_dictionary, check_scene_file
+from davis_rs._mitsuba.files import check_ply, check_scene_dictionary, check_scene_file
 
 VERTICES = [(0, 0, 0), (1, 0, 0), (0, 1, 0), (1, 1, 0)]
 

@@ -27,23 +27,23 @@ from davis_rs import (
     compare_events,
     estimate_noise,
     load_scene,
-    monte_carlo_noise,
     simulate,
 )
-from davis_rs._mitsuba import FAST, default_variant, variant
+from davis_rs._mitsuba.variants import FAST, default_variant, variant
 from davis_rs.cli.main import main
-from davis_rs.events import EventArray
+from davis_rs.events.arrays import EventArray
 from davis_rs.generate import generate, load_sequence_plan
 from davis_rs.generate.generate import draw_sequences
 from davis_rs.generate.job import make_sequence
 from davis_rs.inspection.visual_sequence import open_visual_sequence
-from davis_rs.monte_carlo_noise import estimate_noise_of, refuse_noise
-from davis_rs.noise_estimate import percent, share_text
-from davis_rs.rendering.renderers import make_renderer
+from davis_rs.render.choice import make_renderer
 from davis_rs.sampling.rules import TimeSampling
 from davis_rs.scene.scene import Scene
-from davis_rs.settings import FolderSettings, complete
-from davis_rs.simulation_folder import simulate_to_folder
+from davis_rs.simulation import monte_carlo_noise
+from davis_rs.simulation.folder import simulate_to_folder
+from davis_rs.simulation.monte_carlo_noise import estimate_noise_of, refuse_noise
+from davis_rs.simulation.noise_estimate import percent, share_text
+from davis_rs.simulation.settings import FolderSettings, complete
 from lamp_box import lamp_box
 
 SIZE = (40, 30)

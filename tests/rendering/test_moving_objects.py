@@ -13,17 +13,17 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from davis_rs import Camera, Flicker, MaxDisplacement, Pose, Scene, SegmentTrajectory, Trajectory, simulate
-from davis_rs._mitsuba import FAST, SCALAR, load_scene_source, variant
-from davis_rs.events import concatenate_events
-from davis_rs.rendering.render import Renderer
-from davis_rs.rendering.render_integrator import IntegratorRenderer
-from davis_rs.rendering.render_scalar import ScalarRenderer
-from davis_rs.rendering.renderers import make_renderer
-from davis_rs.rendering.scene_motion import held, seen_from
-from davis_rs.rendering.scene_updates import scene_motion
-from davis_rs.rendering.swept_objects import MovingSilhouettes
+from davis_rs._mitsuba.variants import FAST, SCALAR, load_scene_source, variant
+from davis_rs.events.arrays import concatenate_events
+from davis_rs.geometry.trajectory.views import Views
+from davis_rs.render.base import Renderer
+from davis_rs.render.choice import make_renderer
+from davis_rs.render.edges.swept_objects import MovingSilhouettes
+from davis_rs.render.integrator.renderer import IntegratorRenderer
+from davis_rs.render.integrator.scalar import ScalarRenderer
+from davis_rs.render.motion.scene_motion import held, seen_from
+from davis_rs.render.motion.scene_updates import scene_motion
 from davis_rs.sampling.displacement import DisplacementClock
-from davis_rs.trajectory.views import Views
 from moving_scene import BOX, DIRECT, FLOOR, LAMP, OTHER, PATH, SKY, SUN, diffuse, placed, turned, write_ball
 
 FloatArray = npt.NDArray[np.float64]

@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 
 from davis_rs import Camera, Pose, Scene
-from davis_rs._mitsuba import FAST, SCALAR, load_scene_source, variant
-from davis_rs.rendering.render import Renderer
-from davis_rs.rendering.render_integrator import IntegratorRenderer
-from davis_rs.rendering.render_scalar import ScalarRenderer
-from davis_rs.rendering.renderers import make_renderer
-from davis_rs.trajectory.views import Views
+from davis_rs._mitsuba.variants import FAST, SCALAR, load_scene_source, variant
+from davis_rs.geometry.trajectory.views import Views
+from davis_rs.render.base import Renderer
+from davis_rs.render.choice import make_renderer
+from davis_rs.render.integrator.renderer import IntegratorRenderer
+from davis_rs.render.integrator.scalar import ScalarRenderer
 
 OTHER = "llvm_ad_spectral"
 """A variant that differentiates, too."""

@@ -18,15 +18,15 @@ from scipy.spatial.transform import Rotation
 
 from davis_rs import Camera, Scene, load_scene
 from davis_rs._core import PixelRays, SceneRenderer
-from davis_rs._mitsuba import SCALAR, load_scene_source, variant
-from davis_rs.rendering.camera_rays import ray_table
-from davis_rs.rendering.render_native import NativeRenderer
-from davis_rs.rendering.renderers import make_renderer
-from davis_rs.rendering.scene_table import SceneTable
-from davis_rs.rendering.scene_updates import scene_motion
-from davis_rs.rendering.shadow_rays import END, STEP, scene_centre
-from davis_rs.sequences import SEQUENCES
-from davis_rs.trajectory.views import Views
+from davis_rs._mitsuba.variants import SCALAR, load_scene_source, variant
+from davis_rs.geometry.trajectory.views import Views
+from davis_rs.render.choice import make_renderer
+from davis_rs.render.motion.scene_updates import scene_motion
+from davis_rs.render.native.renderer import NativeRenderer
+from davis_rs.render.rays.camera_rays import ray_table
+from davis_rs.render.rays.shadow_rays import END, STEP, scene_centre
+from davis_rs.render.scene_tables.scene_table import SceneTable
+from davis_rs.scene.sequences import SEQUENCES
 from ray_caster import cast, distance_to_edges, distance_to_shadow_edges, shadowed, sunless
 from render_agreement import agreement, scene_named
 

@@ -11,13 +11,13 @@ import numpy.typing as npt
 import pytest
 
 from davis_rs import Camera, Pose, Scene
-from davis_rs._mitsuba import FAST, SCALAR, load_scene_source, variant
-from davis_rs.luma import blur_3x3
-from davis_rs.rendering.render import Renderer
-from davis_rs.rendering.render_integrator import IntegratorRenderer
-from davis_rs.rendering.render_scalar import ScalarRenderer
-from davis_rs.rendering.renderers import make_renderer
-from davis_rs.trajectory.views import Views
+from davis_rs._mitsuba.variants import FAST, SCALAR, load_scene_source, variant
+from davis_rs.events.luma import blur_3x3
+from davis_rs.geometry.trajectory.views import Views
+from davis_rs.render.base import Renderer
+from davis_rs.render.choice import make_renderer
+from davis_rs.render.integrator.renderer import IntegratorRenderer
+from davis_rs.render.integrator.scalar import ScalarRenderer
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -12,13 +12,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from davis_rs import Camera, Pose, Scene
-from davis_rs._mitsuba import FAST, SCALAR, load_scene_source, variant
-from davis_rs.luma import LumaFrames
-from davis_rs.rendering.render import Renderer
-from davis_rs.rendering.render_integrator import IntegratorRenderer
-from davis_rs.rendering.render_scalar import ScalarRenderer
-from davis_rs.rendering.renderers import make_renderer
-from davis_rs.trajectory.views import Views
+from davis_rs._mitsuba.variants import FAST, SCALAR, load_scene_source, variant
+from davis_rs.events.luma import LumaFrames
+from davis_rs.geometry.trajectory.views import Views
+from davis_rs.render.base import Renderer
+from davis_rs.render.choice import make_renderer
+from davis_rs.render.integrator.renderer import IntegratorRenderer
+from davis_rs.render.integrator.scalar import ScalarRenderer
 
 Indices = npt.NDArray[np.integer[Any]]
 

@@ -8,9 +8,9 @@ import pytest
 from davis_rs import Scene, Simulator, compare_events
 from davis_rs.accuracy.brute_force import dense_probe
 from davis_rs.accuracy.hard_case_scenes import room, sideways
-from davis_rs.events import EventArray, concatenate_events
-from davis_rs.rendering.render import Renderer
-from davis_rs.rendering.renderers import make_renderer
+from davis_rs.events.arrays import EventArray, concatenate_events
+from davis_rs.render.base import Renderer
+from davis_rs.render.choice import make_renderer
 from exact_scene import ExactRenderer
 
 pytestmark = pytest.mark.without_llvm

@@ -16,14 +16,14 @@ from PIL import Image
 from scipy.spatial.transform import Rotation
 
 from davis_rs import Camera, Pose, Scene, load_scene
-from davis_rs._mitsuba import FAST, load_scene_source, variant
-from davis_rs.luma import LumaFrames
-from davis_rs.rendering.render import Renderer
-from davis_rs.rendering.render_integrator import IntegratorRenderer
-from davis_rs.rendering.render_native import NativeRenderer
-from davis_rs.rendering.render_table import TableRenderer
-from davis_rs.rendering.renderers import make_renderer, why_not_noise_free
-from davis_rs.trajectory.views import Views
+from davis_rs._mitsuba.variants import FAST, load_scene_source, variant
+from davis_rs.events.luma import LumaFrames
+from davis_rs.geometry.trajectory.views import Views
+from davis_rs.render.base import Renderer
+from davis_rs.render.choice import make_renderer, why_not_noise_free
+from davis_rs.render.integrator.renderer import IntegratorRenderer
+from davis_rs.render.native.renderer import NativeRenderer
+from davis_rs.render.table.renderer import TableRenderer
 
 pytestmark = pytest.mark.usefixtures("llvm")
 

@@ -13,11 +13,11 @@ import pytest
 from PIL import Image
 
 from davis_rs import Scene, compare_events, load_scene, simulate
-from davis_rs.events import EventArray
-from davis_rs.luma import LumaFrames
-from davis_rs.rendering.renderers import make_renderer
-from davis_rs.scene.mesh_scene import usual_light
-from davis_rs.trajectory.views import Views
+from davis_rs.events.arrays import EventArray
+from davis_rs.events.luma import LumaFrames
+from davis_rs.geometry.trajectory.views import Views
+from davis_rs.render.choice import make_renderer
+from davis_rs.scene.files.mesh_scene import usual_light
 from gltf_files import Gltf
 
 CORNERS = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.25, 0.75)])

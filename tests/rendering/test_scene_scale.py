@@ -11,15 +11,15 @@ import numpy as np
 import pytest
 
 from davis_rs import Camera, Pose, SegmentTrajectory, Simulator
-from davis_rs._mitsuba import FAST, SCALAR, load_scene_source, variant
+from davis_rs._mitsuba.variants import FAST, SCALAR, load_scene_source, variant
 from davis_rs.accuracy.hard_case_scenes import room, sideways
-from davis_rs.events import concatenate_events
-from davis_rs.rendering.render_integrator import IntegratorRenderer
-from davis_rs.rendering.render_scalar import ScalarRenderer
-from davis_rs.rendering.render_scene import SceneRenderer
-from davis_rs.rendering.scene_motion import SceneMotion
+from davis_rs.events.arrays import concatenate_events
+from davis_rs.geometry.trajectory.views import Views
+from davis_rs.render.integrator.base import SceneRenderer
+from davis_rs.render.integrator.renderer import IntegratorRenderer
+from davis_rs.render.integrator.scalar import ScalarRenderer
+from davis_rs.render.motion.scene_motion import SceneMotion
 from davis_rs.scene.light_profile import Flicker
-from davis_rs.trajectory.views import Views
 
 CAMERA = Camera(15, 11, 18.0, 18.0, 7.0, 5.0)
 POSE = Pose([0.5, -0.9, 1.8], [0.965061, 0.0517277, -0.1125492, -0.2308985])

@@ -15,8 +15,8 @@ from scipy.ndimage import binary_dilation
 from scipy.spatial.transform import Rotation
 
 from davis_rs import Camera, Pose, SegmentTrajectory
-from davis_rs._mitsuba import FAST, load_scene_source, variant
-from davis_rs.rendering.swept import Silhouettes, mesh_edges
+from davis_rs._mitsuba.variants import FAST, load_scene_source, variant
+from davis_rs.render.edges.swept import Silhouettes, mesh_edges
 
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]

@@ -14,14 +14,14 @@ from hypothesis import strategies as st
 from davis_rs import CallableTrajectory, Camera, MaxDisplacement, Pose, Scene, Simulator, compare_events
 from davis_rs.accuracy.brute_force import dense_probe, early
 from davis_rs.accuracy.hard_case_scenes import CAUSE_S, START_S, room, sideways, starting, still, wires
-from davis_rs.events import EventArray, concatenate_events
-from davis_rs.pose import FloatArray
-from davis_rs.rendering.scene_motion import STILL, SceneMotion
+from davis_rs.events.arrays import EventArray, concatenate_events
+from davis_rs.geometry.pose import FloatArray
+from davis_rs.geometry.trajectory.trajectory import Trajectory, align
+from davis_rs.render.motion.scene_motion import STILL, SceneMotion
 from davis_rs.sampling.breaks import break_instants, find_breaks
 from davis_rs.sampling.displacement import LARGEST_BEND, DisplacementClock
 from davis_rs.sampling.presets import ACCURACY
 from davis_rs.scene.light_profile import Flicker, LightProfile, SampledProfile, ShiftedProfile
-from davis_rs.trajectory.trajectory import Trajectory, align
 
 PRESETS = pytest.mark.parametrize("preset", list(ACCURACY))
 CAUSE_US, START_US = round(CAUSE_S * 1e6), round(START_S * 1e6)

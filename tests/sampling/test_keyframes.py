@@ -10,9 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from davis_rs import FixedRate, MaxDisplacement, Tolerance
+from davis_rs.geometry.trajectory.views import Views
 from davis_rs.sampling.keyframes import lagrange_weights, slope
 from davis_rs.sampling.rules import TimeSampling
-from davis_rs.trajectory.views import Views
 from stretches import LOG_EPS, built_in, shift, stretch, times_of
 
 SAMPLINGS = pytest.mark.parametrize(

@@ -20,8 +20,8 @@ from davis_rs import (
     load_scene,
     log_intensity,
 )
-from davis_rs.events import EventArray, concatenate_events
-from davis_rs.rendering.renderers import make_renderer
+from davis_rs.events.arrays import EventArray, concatenate_events
+from davis_rs.render.choice import make_renderer
 from davis_rs.sampling.event_refinement import EventRefinement
 from davis_rs.sampling.keyframes import Keyframe, Stretch
 from davis_rs.sampling.rules import TimeSampling

@@ -15,11 +15,11 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from davis_rs import CallableTrajectory, Camera, FixedRate, MaxDisplacement, Pose, Scene, SegmentTrajectory, Trajectory
-from davis_rs.camera import PRESETS
-from davis_rs.rendering.render import Renderer
-from davis_rs.rendering.renderers import make_renderer
+from davis_rs.geometry.camera import PRESETS
+from davis_rs.geometry.trajectory.views import Views
+from davis_rs.render.base import Renderer
+from davis_rs.render.choice import make_renderer
 from davis_rs.sampling.rules import periodic_instants
-from davis_rs.trajectory.views import Views
 
 FloatArray = npt.NDArray[np.float64]
 

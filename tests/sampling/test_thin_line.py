@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from davis_rs import FixedRate, Scene, Simulator
-from davis_rs.events import EventArray
+from davis_rs.events.arrays import EventArray
 from davis_rs.sampling.rules import TimeSampling
 from davis_rs.sampling.tolerance import Tolerance
 from stretches import CAMERA, DOWN, LAMP, shift

@@ -23,12 +23,12 @@ from davis_rs import (
     load_scene,
     log_intensity,
 )
-from davis_rs.events import EventArray, concatenate_events
-from davis_rs.rendering.renderers import make_renderer
+from davis_rs.events.arrays import EventArray, concatenate_events
+from davis_rs.geometry.trajectory.trajectory import Trajectory
+from davis_rs.render.choice import make_renderer
 from davis_rs.sampling.displacement import DisplacementClock
 from davis_rs.sampling.interpolate import interpolated
 from davis_rs.sampling.keyframes import Keyframe, Stretch
-from davis_rs.trajectory.trajectory import Trajectory
 from stretches import (
     CAMERA,
     DOWN,

@@ -7,8 +7,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from calibration_views import BOARD, CAMERA, SCENE, board_camera, exact_view, frames, path
-from davis_rs.scene.checkerboard import Checkerboard
-from davis_rs.trajectory.views import Views
+from davis_rs.geometry.trajectory.views import Views
+from davis_rs.scene.builtin.checkerboard import Checkerboard
 
 
 def test_the_board_is_the_datasets() -> None:

@@ -17,14 +17,14 @@ from PIL import Image
 from scipy.spatial.transform import Rotation
 
 from davis_rs import DecodeError, LostLookWarning, Scene, SceneFileWarning, Simulator, load_scene, simulate
-from davis_rs._mitsuba import SCALAR, load_scene_source, variant
-from davis_rs.ground_truth import lost_look_shares
-from davis_rs.rendering.renderers import make_renderer
-from davis_rs.rendering.scene_table import SceneTable
-from davis_rs.rendering.scene_texture import WRAP_MODES
-from davis_rs.scene import gltf_mesh
+from davis_rs._mitsuba.variants import SCALAR, load_scene_source, variant
+from davis_rs.geometry.trajectory.views import Views
+from davis_rs.render.choice import make_renderer
+from davis_rs.render.scene_tables.scene_table import SceneTable
+from davis_rs.render.scene_tables.scene_texture import WRAP_MODES
+from davis_rs.render.truth import lost_look_shares
+from davis_rs.scene.files import gltf_mesh
 from davis_rs.scene.textures import from_srgb
-from davis_rs.trajectory.views import Views
 from gltf_files import CORNERS, FACES, UV, Gltf, quad
 
 TURN = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
@@ -792,7 +792,7 @@ def test_one_mesh_shown_too_often_is_refused(tmp_path: Path, monkeypatch: pytest
 
 
 def test_images_that_unpack_to_too_much_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from davis_rs.scene import texture_file
+    from davis_rs.scene.files import texture_file
 
     monkeypatch.setattr(texture_file, "MOST_TEXELS", 15)
     (tmp_path / "big.png").write_bytes(png(np.zeros((4, 4, 3))))

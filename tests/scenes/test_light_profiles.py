@@ -12,16 +12,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from davis_rs import Camera, FixedRate, MaxDisplacement, Pose, Scene, SegmentTrajectory, simulate
-from davis_rs._mitsuba import FAST, SCALAR, load_scene_source, variant
-from davis_rs.events import concatenate_events
-from davis_rs.rendering.render import Renderer
-from davis_rs.rendering.render_integrator import IntegratorRenderer
-from davis_rs.rendering.render_scalar import ScalarRenderer
-from davis_rs.rendering.renderers import make_renderer
-from davis_rs.rendering.scene_updates import scene_motion
+from davis_rs._mitsuba.variants import FAST, SCALAR, load_scene_source, variant
+from davis_rs.events.arrays import concatenate_events
+from davis_rs.geometry.trajectory.views import Views
+from davis_rs.render.base import Renderer
+from davis_rs.render.choice import make_renderer
+from davis_rs.render.integrator.renderer import IntegratorRenderer
+from davis_rs.render.integrator.scalar import ScalarRenderer
+from davis_rs.render.motion.scene_updates import scene_motion
 from davis_rs.sampling.displacement import DARKEST, LIGHT_PER_PIXEL, DisplacementClock
 from davis_rs.scene.light_profile import Flicker, LightProfile, SampledProfile
-from davis_rs.trajectory.views import Views
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -18,13 +18,13 @@ from PIL import Image
 
 from command_line import davis_rs
 from davis_rs import Scene, SceneFileWarning, load_scene
-from davis_rs.luma import LUMA_WEIGHTS
-from davis_rs.rendering.renderers import make_renderer
-from davis_rs.rendering.scene_texture import bilinear
-from davis_rs.scene.mesh_scene import colours_as_texture
-from davis_rs.scene.obj_file import read_obj
-from davis_rs.scene.ply_file import read_ply
-from davis_rs.trajectory.views import Views
+from davis_rs.events.luma import LUMA_WEIGHTS
+from davis_rs.geometry.trajectory.views import Views
+from davis_rs.render.choice import make_renderer
+from davis_rs.render.scene_tables.scene_texture import bilinear
+from davis_rs.scene.files.mesh_scene import colours_as_texture
+from davis_rs.scene.files.obj_file import read_obj
+from davis_rs.scene.files.ply_file import read_ply
 
 SKY = 0.3
 QUADS = (

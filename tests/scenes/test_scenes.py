@@ -11,9 +11,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from davis_rs import Camera, Scene, Trajectory, load_scene, start_pose
-from davis_rs.rendering.renderers import make_renderer
+from davis_rs.geometry.trajectory.views import Views
+from davis_rs.render.choice import make_renderer
 from davis_rs.scene.textures import patchwork
-from davis_rs.trajectory.views import Views
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -13,14 +13,14 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from davis_rs import Camera, Pose, Scene
-from davis_rs._mitsuba import default_variant, load_scene_source, variant
-from davis_rs.rendering.render import Renderer
-from davis_rs.rendering.renderers import make_renderer
-from davis_rs.sequences.dynamic_scene import DURATION_S, dynamic, performance
-from davis_rs.sequences.office_scene import office
-from davis_rs.sequences.person import ANKLE_M, SHIN_M, parts
-from davis_rs.sequences.street_scenes import outdoors, urban
-from davis_rs.trajectory.views import Views
+from davis_rs._mitsuba.variants import default_variant, load_scene_source, variant
+from davis_rs.geometry.trajectory.views import Views
+from davis_rs.render.base import Renderer
+from davis_rs.render.choice import make_renderer
+from davis_rs.scene.sequences.dynamic_scene import DURATION_S, dynamic, performance
+from davis_rs.scene.sequences.office_scene import office
+from davis_rs.scene.sequences.person import ANKLE_M, SHIN_M, parts
+from davis_rs.scene.sequences.street_scenes import outdoors, urban
 
 SCENES = [office, dynamic, outdoors, urban]
 WIDE = Camera(32, 24, 18.0, 18.0, 15.5, 11.5)

@@ -14,15 +14,15 @@ from scipy.ndimage import find_objects, label
 from scipy.spatial.transform import Rotation
 
 from davis_rs import Pose, Scene
-from davis_rs.pose import hamilton
-from davis_rs.rendering.render import Renderer
-from davis_rs.rendering.renderers import make_renderer
-from davis_rs.scenes import start_pose
-from davis_rs.sequences.boxes_scene import boxes
-from davis_rs.sequences.prints import blocks, plain_shapes, stones, text
-from davis_rs.sequences.slider_scenes import slider_depth, slider_wall
-from davis_rs.sequences.wall_scenes import poster, shapes
-from davis_rs.trajectory.views import Views
+from davis_rs.geometry.pose import hamilton
+from davis_rs.geometry.trajectory.views import Views
+from davis_rs.render.base import Renderer
+from davis_rs.render.choice import make_renderer
+from davis_rs.scene.load import start_pose
+from davis_rs.scene.sequences.boxes_scene import boxes
+from davis_rs.scene.sequences.prints import blocks, plain_shapes, stones, text
+from davis_rs.scene.sequences.slider_scenes import slider_depth, slider_wall
+from davis_rs.scene.sequences.wall_scenes import poster, shapes
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -11,9 +11,9 @@ import pytest
 import davis_rs
 from davis_rs.cli.main import main
 from davis_rs.inspection.check import check_dataset
-from davis_rs.sensors import recorded_sensor
+from davis_rs.scene.sequences import SEQUENCES
+from davis_rs.sensor.presets import recorded_sensor
 from davis_rs.sequence_report import MEASURED_RECORDED, EventCount, count_events, mean_luma, read_counts, write_counts
-from davis_rs.sequences import SEQUENCES
 from places import ROOT
 
 NAMES = list(SEQUENCES)

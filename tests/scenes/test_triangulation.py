@@ -11,9 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from davis_rs.scene import triangulation
+from davis_rs.scene.files import triangulation
+from davis_rs.scene.files.triangulation import cut_polygons, cut_strip
 from davis_rs.scene.repairs import Repairs
-from davis_rs.scene.triangulation import cut_polygons, cut_strip
 
 
 def cut(polygon: npt.ArrayLike, number: int = 1) -> tuple[npt.NDArray[np.float64], str]:

@@ -23,14 +23,14 @@ from davis_rs import (
     open_writer,
     save_sensor,
 )
-from davis_rs.effects import Effects, HotPixels, LeakRate, ShotNoise
-from davis_rs.events import EVENT_DTYPE, EventArray, concatenate_events
-from davis_rs.sensor_fit import SensorFit, fit_sensor
-from davis_rs.sensor_fit.finding import Finding
-from davis_rs.sensor_fit.quiet_pixels import neighbours_with_events
-from davis_rs.sensor_fit.static_scene import before_a_leak
-from davis_rs.sensors import SENSORS, SensorFile, read_sensor_file
-from davis_rs.stream_statistics.stream_statistics import Measured
+from davis_rs.calibrate.sensor import SensorFit, fit_sensor
+from davis_rs.calibrate.sensor.finding import Finding
+from davis_rs.calibrate.sensor.quiet_pixels import neighbours_with_events
+from davis_rs.calibrate.sensor.static_scene import before_a_leak
+from davis_rs.events.arrays import EVENT_DTYPE, EventArray, concatenate_events
+from davis_rs.inspection.statistics.stream_statistics import Measured
+from davis_rs.sensor.effects import Effects, HotPixels, LeakRate, ShotNoise
+from davis_rs.sensor.presets import SENSORS, SensorFile, read_sensor_file
 from hidden_sensors import (
     MOVES_US,
     OVER_LIGHT,

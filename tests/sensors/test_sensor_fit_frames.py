@@ -13,18 +13,18 @@ import pytest
 
 from command_line import davis_rs as command
 from davis_rs import CrossingEngine, FrameSource, StampedFrame, load_sensor, measure_stream, open_writer, read_events
-from davis_rs.decoded import Frame
-from davis_rs.events import EVENT_DTYPE, EventArray
-from davis_rs.formats.bag import BagWriter
-from davis_rs.sensor_fit import fit_sensor, measure_recording
-from davis_rs.sensor_fit.frame_noise import FrameNoise, NoiseSampler, fit_frame_noise
-from davis_rs.sensor_fit.frame_source import of_camera, open_frames
-from davis_rs.sensor_fit.signal_samples import SignalSampler
-from davis_rs.sensor_fit.static_scene import static_events
-from davis_rs.sensor_fit.threshold_fit import ThresholdFit, fit_thresholds
-from davis_rs.sensor_parameters import SensorParameters
-from davis_rs.sensors import SensorFile
-from davis_rs.stream_statistics.stream_statistics import Measured
+from davis_rs.calibrate.sensor import fit_sensor, measure_recording
+from davis_rs.calibrate.sensor.frame_noise import FrameNoise, NoiseSampler, fit_frame_noise
+from davis_rs.calibrate.sensor.frame_source import of_camera, open_frames
+from davis_rs.calibrate.sensor.signal_samples import SignalSampler
+from davis_rs.calibrate.sensor.static_scene import static_events
+from davis_rs.calibrate.sensor.threshold_fit import ThresholdFit, fit_thresholds
+from davis_rs.events.arrays import EVENT_DTYPE, EventArray
+from davis_rs.events.decoded import Frame
+from davis_rs.inspection.statistics.stream_statistics import Measured
+from davis_rs.io.formats.bag import BagWriter
+from davis_rs.sensor.parameters import SensorParameters
+from davis_rs.sensor.presets import SensorFile
 from hidden_sensors import HEIGHT, STRIP, WIDTH, draw, draw_over_light, record, recorded
 
 ON, OFF = 0.13, 0.17

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from davis_rs.biases import (
+from davis_rs.sensor.biases import (
     BIAS_SETS,
     DAVIS240C_BIASES,
     DAVIS346_BIASES,
@@ -21,7 +21,7 @@ from davis_rs.biases import (
     as_biases,
     bias_of_word,
 )
-from davis_rs.effects import (
+from davis_rs.sensor.effects import (
     Aps,
     Effects,
     HotPixels,
@@ -31,8 +31,8 @@ from davis_rs.effects import (
     ShotNoise,
     ThresholdMismatch,
 )
-from davis_rs.sensor_parameters import SensorParameters
-from davis_rs.sensors import SENSORS
+from davis_rs.sensor.parameters import SensorParameters
+from davis_rs.sensor.presets import SENSORS
 
 COARSE, FINE = st.integers(0, 7), st.integers(0, 255)
 BIASES = st.builds(CoarseFineBias, COARSE, FINE)

@@ -18,13 +18,13 @@ import davis_rs
 from clips import moving_bars
 from command_line import davis_rs as command
 from davis_rs import DecodeError, SensorParameters, Simulator, load_scene, load_sensor, save_sensor
-from davis_rs.biases import DAVIS240C_BIASES, DAVIS346_BIASES
-from davis_rs.camera import Camera
-from davis_rs.effects import Effects
 from davis_rs.generate import load_sequence_plan
 from davis_rs.generate.generate import check_sequences, draw_sequences
-from davis_rs.sensors import SENSORS, parameter_names, preset_file, read_sensor_file, sensor_yaml, unit_of
-from davis_rs.sensors import presets as presets_module
+from davis_rs.geometry.camera import Camera
+from davis_rs.sensor.biases import DAVIS240C_BIASES, DAVIS346_BIASES
+from davis_rs.sensor.effects import Effects
+from davis_rs.sensor.presets import SENSORS, parameter_names, preset_file, read_sensor_file, sensor_yaml, unit_of
+from davis_rs.sensor.presets import presets as presets_module
 from generated import write_plan
 
 PRESETS = Path(presets_module.__file__).parent

@@ -27,10 +27,10 @@ from davis_rs import (
     simulate_to_folder,
     start_pose,
 )
-from davis_rs._mitsuba import SCALAR, variant
+from davis_rs._mitsuba.variants import SCALAR, variant
 from davis_rs.cli.main import main
 from davis_rs.differentiable import DifferentiableRenderer, event_time_jacobian, event_time_residuals
-from davis_rs.sensors import SENSORS
+from davis_rs.sensor.presets import SENSORS
 
 PLANES = load_scene("three_planes")
 CALIBRATION_346 = "250 251 172 129 -0.3 0.1 0.001 -0.0005 0\n"

@@ -13,8 +13,8 @@ from pathlib import Path
 
 import pytest
 
-from davis_rs import progress as module
-from davis_rs.progress import each, progress, say, speed_of
+from davis_rs._util import progress as module
+from davis_rs._util.progress import each, progress, say, speed_of
 
 PACKAGE = Path(module.__file__).parent
 
@@ -39,7 +39,7 @@ def in_a_terminal(program: str) -> str:
 def test_a_terminal_has_a_bar() -> None:
     """What, share, how much of how much, time, speed, and a note; a line of text goes above it."""
     told = in_a_terminal(
-        "from davis_rs.progress import progress, say\n"
+        "from davis_rs._util.progress import progress, say\n"
         "import time\n"
         "with progress('simulating', 2.0, unit='s') as bar:\n"
         "    for step in range(1, 5):\n"

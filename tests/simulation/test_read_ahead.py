@@ -11,8 +11,8 @@ import pytest
 
 import davis_rs
 from davis_rs import Camera, FixedRate, MaxDisplacement, Simulator, Tolerance
-from davis_rs.events import concatenate_events
-from davis_rs.read_ahead import read_ahead
+from davis_rs._util.read_ahead import read_ahead
+from davis_rs.events.arrays import concatenate_events
 from davis_rs.sampling.keyframes import Keyframe, Stretch
 from davis_rs.sampling.rules import TimeSampling
 

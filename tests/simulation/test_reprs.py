@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from davis_rs import Dataset, Scene, SegmentTrajectory, load_scene, open_reader, open_writer
-from davis_rs.simulator import Simulator
+from davis_rs.simulation.simulator import Simulator
 from written_sequence import HEIGHT, WIDTH, write_sequence
 
 

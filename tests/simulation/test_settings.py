@@ -24,12 +24,12 @@ from davis_rs import (
     plan_effects,
     simulate_to_folder,
 )
-from davis_rs.camera import Camera
 from davis_rs.cli.main import main
 from davis_rs.generate import load_sequence_plan
 from davis_rs.generate.generate import draw_sequences
 from davis_rs.generate.sequence_plan import KEYS, SETTINGS
-from davis_rs.settings import (
+from davis_rs.geometry.camera import Camera
+from davis_rs.simulation.settings import (
     FolderSettings,
     FrameFolderSettings,
     FrameSettings,
@@ -104,7 +104,7 @@ def command_line(monkeypatch: pytest.MonkeyPatch, *options: str) -> dict[str, An
         taken.update({name: value for name, value in given.items() if name in NAMES})
         raise OSError("enough was seen")
 
-    monkeypatch.setattr("davis_rs.simulation_folder.simulate_to_folder", take)
+    monkeypatch.setattr("davis_rs.simulation.folder.simulate_to_folder", take)
     assert main(["simulate", "three_planes", "-o", "no_such_folder", *options]) == 1
     return taken
 

@@ -12,7 +12,7 @@ import pytest
 
 import davis_rs
 from davis_rs import Camera, FixedRate, MaxDisplacement, Packet, Pose, Scene, Simulator, Tolerance, simulate
-from davis_rs.events import EventArray, concatenate_events
+from davis_rs.events.arrays import EventArray, concatenate_events
 from davis_rs.sampling.rules import TimeSampling
 
 pytestmark = pytest.mark.without_llvm

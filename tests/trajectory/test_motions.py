@@ -7,8 +7,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from davis_rs import Trajectory, waypoint_trajectory, write_trajectory
-from davis_rs.pose import Pose
-from davis_rs.trajectory.motions import Kind, hand_held, running, slider, spiral, walking, zigzag
+from davis_rs.geometry.pose import Pose
+from davis_rs.geometry.trajectory.motions import Kind, hand_held, running, slider, spiral, walking, zigzag
 
 # Looking along the world's y axis, x right, y down.
 START = Pose([1.0, 2.0, 1.5], [-np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)])

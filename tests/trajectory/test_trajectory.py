@@ -14,11 +14,11 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from davis_rs import ArgumentError, Scene, as_pose, start_pose
-from davis_rs.pose import Pose
-from davis_rs.trajectory.motions import hand_held, running, slider, spiral, walking, zigzag
-from davis_rs.trajectory.sampled_trajectory import SampledTrajectory
-from davis_rs.trajectory.trajectory import CallableTrajectory, SegmentTrajectory, Trajectory, align
-from davis_rs.trajectory.views import Views
+from davis_rs.geometry.pose import Pose
+from davis_rs.geometry.trajectory.motions import hand_held, running, slider, spiral, walking, zigzag
+from davis_rs.geometry.trajectory.sampled_trajectory import SampledTrajectory
+from davis_rs.geometry.trajectory.trajectory import CallableTrajectory, SegmentTrajectory, Trajectory, align
+from davis_rs.geometry.trajectory.views import Views
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -12,9 +12,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from davis_rs import DecodeError, Pose, align
-from davis_rs.pose import FloatArray
-from davis_rs.trajectory.sampled_trajectory import SampledTrajectory
-from davis_rs.trajectory.trajectory_file import read_trajectory
+from davis_rs.geometry.pose import FloatArray
+from davis_rs.geometry.trajectory.sampled_trajectory import SampledTrajectory
+from davis_rs.geometry.trajectory.trajectory_file import read_trajectory
 from places import SHARED
 
 POSTER = SHARED / "data" / "poster_6dof.csv"

@@ -11,18 +11,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..camera import Camera
-from ..event_matching import compare_events
-from ..events import EventArray, concatenate_events
-from ..pose import FloatArray
-from ..rendering.render import Renderer
-from ..rendering.renderers import make_renderer
+from ..events.arrays import EventArray, concatenate_events
+from ..events.matching import compare_events
+from ..geometry.camera import Camera
+from ..geometry.pose import FloatArray
+from ..geometry.trajectory.trajectory import Trajectory
+from ..render.base import Renderer
+from ..render.choice import make_renderer
 from ..sampling.displacement import DisplacementClock
 from ..sampling.observe import CountedRenderer, LumaRecorder
 from ..sampling.rules import TimeSampling
 from ..scene.scene import Scene
-from ..simulator import Simulator
-from ..trajectory.trajectory import Trajectory
+from ..simulation.simulator import Simulator
 from .reference_events import TICKS_PER_US, FineReference, Recipe, exact_crossings, fine_reference, in_ticks
 from .settings import Setting
 

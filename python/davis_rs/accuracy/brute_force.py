@@ -8,10 +8,10 @@ import numpy as np
 import numpy.typing as npt
 
 from .._core import CrossingEngine, log_intensity
-from ..events import EventArray, concatenate_events
-from ..rendering.render import Renderer
-from ..trajectory.trajectory import Trajectory
-from ..trajectory.views import Views
+from ..events.arrays import EventArray, concatenate_events
+from ..geometry.trajectory.trajectory import Trajectory
+from ..geometry.trajectory.views import Views
+from ..render.base import Renderer
 
 IntArray = npt.NDArray[np.int64]
 

@@ -6,8 +6,8 @@ import csv
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from ..extras import from_extra
-from ..whole_file import whole_file
+from .._util.extras import from_extra
+from .._util.whole_file import whole_file
 from .frame_rates import VideoErrors
 
 _COLUMNS = (

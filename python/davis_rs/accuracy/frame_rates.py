@@ -8,17 +8,17 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ..camera import Camera
-from ..dataset.writer import image_gain_for
-from ..event_matching import compare_events
-from ..events import EventArray, concatenate_events
-from ..frames_to_events.events_from_frames import events_from_frames
+from ..events.arrays import EventArray, concatenate_events
+from ..events.matching import compare_events
+from ..geometry.camera import Camera
 from ..inspection.visual_sequence import display_grey
-from ..rendering.renderers import make_renderer
+from ..io.dataset.writer import image_gain_for
+from ..render.choice import make_renderer
 from ..sampling.displacement import DisplacementClock
 from ..sampling.rules import periodic_instants
 from ..scene.scene import Scene
-from ..settings import INTERPOLATIONS
+from ..simulation.from_frames.events_from_frames import events_from_frames
+from ..simulation.settings import INTERPOLATIONS
 from .accuracy_sweep import half_way_s
 from .reference_events import TICKS_PER_US, Recipe, exact_crossings, in_ticks
 

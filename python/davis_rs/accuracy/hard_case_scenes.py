@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..camera import Camera
-from ..pose import FloatArray, Pose
+from ..geometry.camera import Camera
+from ..geometry.pose import FloatArray, Pose
+from ..geometry.trajectory.trajectory import CallableTrajectory, SegmentTrajectory, Trajectory
 from ..scene.light_profile import Flicker, LightProfile, SampledProfile
 from ..scene.parts import DIRECT, look_at
 from ..scene.scene import Scene
-from ..trajectory.trajectory import CallableTrajectory, SegmentTrajectory, Trajectory
 
 CAUSE_S = 0.0123
 """When the light jumps."""

@@ -8,14 +8,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..event_matching import EventComparison, compare_events
-from ..events import concatenate_events
-from ..rendering.render import Renderer
+from ..events.arrays import concatenate_events
+from ..events.matching import EventComparison, compare_events
+from ..geometry.trajectory.views import Views
+from ..render.base import Renderer
 from ..sampling.observe import LumaRecorder
 from ..sampling.presets import ACCURACY
 from ..scene.scene import Scene
-from ..simulator import Simulator
-from ..trajectory.views import Views
+from ..simulation.simulator import Simulator
 from .brute_force import DenseProbe, dense_probe
 from .hard_case_scenes import HardCase
 

@@ -11,17 +11,17 @@ from pathlib import Path
 import numpy as np
 
 from .._core import CrossingEngine
-from ..camera import Camera
-from ..event_matching import compare_events
-from ..events import EventArray, concatenate_events
-from ..luma import LumaFrames
-from ..rendering.baked_light.bake import BAKE_ERROR
-from ..rendering.render import Renderer
-from ..rendering.render_native import NativeRenderer
-from ..rendering.renderers import make_renderer
+from .._util.whole_file import whole_file
+from ..events.arrays import EventArray, concatenate_events
+from ..events.luma import LumaFrames
+from ..events.matching import compare_events
+from ..geometry.camera import Camera
+from ..geometry.trajectory.views import Views
+from ..render.baked.bake import BAKE_ERROR
+from ..render.base import Renderer
+from ..render.choice import make_renderer
+from ..render.native.renderer import NativeRenderer
 from ..scene.scene import Scene
-from ..trajectory.views import Views
-from ..whole_file import whole_file
 
 LIGHT_SAMPLES = (64, 256)
 """Of the path tracer that is compared."""

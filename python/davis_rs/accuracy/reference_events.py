@@ -16,15 +16,15 @@ import numpy as np
 import numpy.typing as npt
 
 from .._core import CrossingEngine, __version__, log_intensity
-from ..event_matching import compare_events
-from ..events import EVENT_DTYPE, EventArray, concatenate_events
-from ..pose import FloatArray
-from ..rendering.render import Renderer
+from .._util.whole_file import whole_file
+from ..events.arrays import EVENT_DTYPE, EventArray, concatenate_events
+from ..events.matching import compare_events
+from ..geometry.pose import FloatArray
+from ..geometry.trajectory.trajectory import Trajectory
+from ..geometry.trajectory.views import Views
+from ..render.base import Renderer
 from ..sampling.keyframes import exact_log_luma, slope
 from ..sampling.rules import MaxDisplacement
-from ..trajectory.trajectory import Trajectory
-from ..trajectory.views import Views
-from ..whole_file import whole_file
 
 TICKS_PER_US = 10
 

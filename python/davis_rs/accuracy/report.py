@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .._core import __version__
-from ..extras import from_extra
-from ..whole_file import whole_file
+from .._util.extras import from_extra
+from .._util.whole_file import whole_file
 from .accuracy_sweep import SLOW_S, Errors, Measurement, Sweep
 from .reference_events import EXACT_PX
 from .settings import PRESETS

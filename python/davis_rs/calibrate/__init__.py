@@ -1,13 +1,13 @@
 """Calibration from views of a checkerboard: the camera, its pose on a tracked body, and its pose relative to an IMU."""
 
-from .board_pose import BoardPose, board_pose, board_poses
-from .camera_imu import MPU6150_NOISE, CameraImu, calibrate_camera_imu
-from .corners import BoardView, find_board, find_corners
-from .figure import draw_intrinsics
-from .hand_eye import HandEye, calibrate_hand_eye
-from .intrinsics import Intrinsics, calibrate_intrinsics
-from .report import as_dict, report
-from .tracked import tracked_poses
+from .camera.board_pose import BoardPose, board_pose, board_poses
+from .camera.camera_imu import MPU6150_NOISE, CameraImu, calibrate_camera_imu
+from .camera.corners import BoardView, find_board, find_corners
+from .camera.figure import draw_intrinsics
+from .camera.hand_eye import HandEye, calibrate_hand_eye
+from .camera.intrinsics import Intrinsics, calibrate_intrinsics
+from .camera.report import as_dict, report
+from .camera.tracked import tracked_poses
 
 __all__ = [
     "MPU6150_NOISE",

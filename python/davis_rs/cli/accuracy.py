@@ -8,19 +8,19 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from .._util.argument_error import ArgumentError
+from .._util.extras import require
+from .._util.progress import each, progress
+from .._util.whole_file import write_whole
 from ..accuracy.accuracy_sweep import Measurement, Sweep, sweep
 from ..accuracy.frame_rate_report import draw_frame_rates, frame_rates_markdown, write_frame_rates_csv
 from ..accuracy.frame_rates import DURATION_S, FrameRateSweep, VideoErrors, video_settings
 from ..accuracy.light_accuracy import HEADS, LIGHT_SAMPLES, LightComparison
 from ..accuracy.report import draw, facts_of, markdown, write_csv
 from ..accuracy.settings import Setting, default_settings
-from ..argument_error import ArgumentError
-from ..camera import Camera
-from ..extras import require
-from ..progress import each, progress
+from ..geometry.camera import Camera
 from ..scene.scene import Scene
-from ..settings import ViewSettings, complete, view_scene
-from ..whole_file import write_whole
+from ..simulation.settings import ViewSettings, complete, view_scene
 from .common import add_scene, add_trajectory, on_trajectory, scene_of
 from .settings_options import add_settings, given_settings
 

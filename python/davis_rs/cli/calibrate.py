@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from .._util.whole_file import write_whole
 from ..calibrate import (
     MPU6150_NOISE,
     as_dict,
@@ -20,13 +21,12 @@ from ..calibrate import (
     report,
     tracked_poses,
 )
-from ..calibrate.board_pose import BoardPose
-from ..calibrate.corners import BoardView
-from ..camera import Camera, load_camera
-from ..dataset.reader import Dataset
-from ..imu import ImuNoise
-from ..scene.checkerboard import DATASET_BOARD, Checkerboard
-from ..whole_file import write_whole
+from ..calibrate.camera.board_pose import BoardPose
+from ..calibrate.camera.corners import BoardView
+from ..geometry.camera import Camera, load_camera
+from ..io.dataset.reader import Dataset
+from ..scene.builtin.checkerboard import DATASET_BOARD, Checkerboard
+from ..sensor.imu import ImuNoise
 from .calibrate_sensor import add_sensor
 from .common import figure_file
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from ..sensors import SENSORS
-from ..whole_file import write_whole
+from .._util.whole_file import write_whole
+from ..sensor.presets import SENSORS
 from .common import EVENTS_HELP, figure_file
 from .measured import add_measured, measured_with_frames
 
@@ -45,12 +45,12 @@ def add_sensor(parser: argparse.ArgumentParser) -> None:
 
 
 def _sensor(options: argparse.Namespace) -> int:
-    from ..sensor_fit import fit_sensor
-    from ..sensor_fit.static_scene import static_events
-    from ..sensors import load_sensor_file, sensor_yaml
-    from ..stream_statistics import EventStream, StreamComparison, measure_stream
-    from ..stream_statistics.comparison_figure import draw_comparison
-    from ..stream_statistics.event_stream import cut
+    from ..calibrate.sensor import fit_sensor
+    from ..calibrate.sensor.static_scene import static_events
+    from ..inspection.statistics import EventStream, StreamComparison, measure_stream
+    from ..inspection.statistics.comparison_figure import draw_comparison
+    from ..inspection.statistics.event_stream import cut
+    from ..sensor.presets import load_sensor_file, sensor_yaml
 
     base = None if options.base is None else load_sensor_file(options.base)
     lux = options.lux or [None] * len(options.recordings)

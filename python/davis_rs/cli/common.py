@@ -6,14 +6,14 @@ import argparse
 import sys
 from pathlib import Path
 
-from ..argument_checks import as_size
-from ..argument_error import ArgumentError
-from ..extras import require
-from ..progress import say
+from .._util.argument_checks import as_size
+from .._util.argument_error import ArgumentError
+from .._util.extras import require
+from .._util.progress import say
+from ..geometry.trajectory.trajectory import Trajectory, align
+from ..geometry.trajectory.trajectory_file import read_trajectory
+from ..scene.load import BUILTIN_SCENES, load_scene, start_pose
 from ..scene.scene import Scene
-from ..scenes import BUILTIN_SCENES, load_scene, start_pose
-from ..trajectory.trajectory import Trajectory, align
-from ..trajectory.trajectory_file import read_trajectory
 
 SCENE_HELP = (
     f"{', '.join(BUILTIN_SCENES)}, a sequence of davis-rs sequences, a Mitsuba XML or glTF file, or an OBJ or PLY mesh"

@@ -6,7 +6,7 @@ import argparse
 import json
 from pathlib import Path
 
-from ..whole_file import write_whole
+from .._util.whole_file import write_whole
 from .common import EVENTS_HELP, figure_file
 from .measured import add_measured, measured
 
@@ -28,8 +28,8 @@ def add_compare(parser: argparse.ArgumentParser) -> None:
 
 
 def _compare(options: argparse.Namespace) -> int:
-    from ..stream_statistics import StreamComparison
-    from ..stream_statistics.comparison_figure import draw_comparison
+    from ..inspection.statistics import StreamComparison
+    from ..inspection.statistics.comparison_figure import draw_comparison
 
     comparison = StreamComparison(measured(options.real, options), measured(options.simulated, options))
     print(comparison)

@@ -10,14 +10,14 @@ from contextlib import contextmanager
 from decimal import Decimal, InvalidOperation
 from typing import Any
 
-from ..dataset.reader import Dataset
-from ..event_files.conversion import LeftOutWarning, convert
-from ..formats.parts import ALL_PARTS, PARTS
-from ..formats.registry import written_formats
-from ..formats.ros2 import MESSAGES, STORAGES
+from .._util.progress import progress
+from .._util.untrusted import MAX_PACKET_BYTES
 from ..inspection.summary import DATASET_FOLDER, dataset_contents, dataset_row, draw_rates, summarize_events
-from ..progress import progress
-from ..untrusted import MAX_PACKET_BYTES
+from ..io.dataset.reader import Dataset
+from ..io.files.conversion import LeftOutWarning, convert
+from ..io.formats.parts import ALL_PARTS, PARTS
+from ..io.formats.registry import written_formats
+from ..io.formats.ros2 import MESSAGES, STORAGES
 from .common import EVENTS_HELP, figure_file, sensor_size
 
 

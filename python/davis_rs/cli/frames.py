@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 
-from ..settings import FrameFolderSettings
+from ..simulation.settings import FrameFolderSettings
 from .common import require_free
 from .settings_options import add_settings, given_settings
 
@@ -42,8 +42,8 @@ def add_frames(frames: argparse.ArgumentParser) -> None:
 
 
 def _frames(options: argparse.Namespace) -> int:
-    from ..frames_to_events.frames_folder import frames_to_folder
-    from ..frames_to_events.open_frames import open_frames
+    from ..simulation.from_frames.frames_folder import frames_to_folder
+    from ..simulation.from_frames.open_frames import open_frames
 
     require_free(options)
     source = open_frames(options.frames, timestamps=options.timestamps, fps=options.fps, time_unit=options.time_unit)

@@ -10,12 +10,12 @@ import sys
 from pathlib import Path
 
 from .._core import __version__
+from .._util.progress import each
+from .._util.whole_file import write_whole
 from ..accuracy.hard_case_scenes import hard_cases
 from ..accuracy.hard_cases import HardCaseResult, hard_cases_page, measure_hard_cases
 from ..accuracy.report import processor
-from ..progress import each
 from ..sampling.presets import ACCURACY
-from ..whole_file import write_whole
 
 
 def add_hard_cases(command: argparse.ArgumentParser) -> None:

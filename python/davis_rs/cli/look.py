@@ -7,8 +7,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from ..argument_error import ArgumentError
-from ..whole_file import whole_file
+from .._util.argument_error import ArgumentError
+from .._util.whole_file import whole_file
 from .common import EVENTS_HELP, sensor_size
 
 

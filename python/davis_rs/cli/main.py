@@ -14,8 +14,8 @@ from contextlib import contextmanager, suppress
 from functools import partial
 from importlib import import_module
 
-from ..argument_error import Argument, NamesArguments, in_python, told
-from ..progress import say
+from .._util.argument_error import Argument, NamesArguments, in_python, told
+from .._util.progress import say
 from .parser import Parser
 
 COMMANDS = {
@@ -174,7 +174,7 @@ def _in_a_line(error: Exception, options: argparse.Namespace, debug: bool) -> st
 
 
 def _refuses_noise(error: Exception) -> bool:
-    from ..noise_estimate import NoiseError
+    from ..simulation.noise_estimate import NoiseError
 
     return isinstance(error, NoiseError)
 

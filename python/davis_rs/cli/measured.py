@@ -5,12 +5,12 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING, Any
 
-from ..progress import progress
+from .._util.progress import progress
 from .common import sensor_size
 
 if TYPE_CHECKING:
-    from ..sensor_fit import MeasuredRecording
-    from ..stream_statistics import StreamStatistics
+    from ..calibrate.sensor import MeasuredRecording
+    from ..inspection.statistics import StreamStatistics
 
 
 def add_measured(parser: argparse.ArgumentParser) -> None:
@@ -39,7 +39,7 @@ def add_measured(parser: argparse.ArgumentParser) -> None:
 
 def measured(path: str, options: argparse.Namespace) -> StreamStatistics:
     """The statistics of a stream, with a progress bar."""
-    from ..stream_statistics import measure_stream
+    from ..inspection.statistics import measure_stream
 
     with progress(f"reading {path}", 100.0, unit="%", show=not options.quiet) as bar:
         return measure_stream(path, progress=lambda share: bar.to(100.0 * share), **_part(options))
@@ -47,7 +47,7 @@ def measured(path: str, options: argparse.Namespace) -> StreamStatistics:
 
 def measured_with_frames(path: str, options: argparse.Namespace, lux: float | None) -> MeasuredRecording:
     """The same, and the recording's frames; ``lux`` is what its quiet pixels see, None if it is not known."""
-    from ..sensor_fit import measure_recording
+    from ..calibrate.sensor import measure_recording
 
     with progress(f"reading {path}", 100.0, unit="%", show=not options.quiet) as bar:
         return measure_recording(path, progress=lambda share: bar.to(100.0 * share), lux=lux, **_part(options))

@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Callable, Sequence
 from typing import Any, NoReturn
 
-from ..close_names import did_you_mean
+from .._util.close_names import did_you_mean
 
 
 class Parser(argparse.ArgumentParser):
@@ -46,7 +46,7 @@ class Parser(argparse.ArgumentParser):
         options = [option for action in self._actions for option in action.option_strings if option.startswith("--")]
         effects: dict[str, str] = {}
         if "--effect" in options:
-            from ..effects import EFFECTS
+            from ..sensor.effects import EFFECTS
 
             effects = {name: f"--effect {name}=VALUE" for name in EFFECTS}
         return did_you_mean(option, options, effects) if option else ""

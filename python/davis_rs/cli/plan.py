@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from ..settings import PlanSettings, ViewSettings, complete, view_scene
+from ..simulation.settings import PlanSettings, ViewSettings, complete, view_scene
 from .common import add_path, add_scene, on_path, scene_of
 from .settings_options import add_settings, given_settings
 
@@ -35,10 +35,10 @@ def add_plan(plan: argparse.ArgumentParser) -> None:
 
 def _plan(options: argparse.Namespace) -> int:
     from ..accuracy.light_accuracy import light_cost
-    from ..effect_planning import plan_effects
-    from ..monte_carlo_noise import estimate_noise
-    from ..rendering.renderers import make_renderer
-    from ..settings.resolve import renderer_settings
+    from ..render.choice import make_renderer
+    from ..simulation.monte_carlo_noise import estimate_noise
+    from ..simulation.planning import plan_effects
+    from ..simulation.settings.resolve import renderer_settings
 
     scene = on_path(options, scene_of(options))
     plan = plan_effects(

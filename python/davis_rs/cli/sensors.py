@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from ..sensors import SENSORS, SensorFile, load_sensor_file, parameter_names, preset_file, sensor_yaml, unit_of
+from ..sensor.presets import SENSORS, SensorFile, load_sensor_file, parameter_names, preset_file, sensor_yaml, unit_of
 
 
 def add_sensors(sensors: argparse.ArgumentParser) -> None:

@@ -5,8 +5,9 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from ..progress import each, progress
-from ..sensors import IDEAL, RECORDED
+from .._util.progress import each, progress
+from ..scene.sequences import SEQUENCES, Sequence, sequence_named
+from ..sensor.presets import IDEAL, RECORDED
 from ..sequence_report import (
     MEASURED,
     MEASURED_RECORDED,
@@ -19,7 +20,6 @@ from ..sequence_report import (
     table,
     write_counts,
 )
-from ..sequences import SEQUENCES, Sequence, sequence_named
 
 
 def add_sequences(listing: argparse.ArgumentParser) -> None:

@@ -6,9 +6,9 @@ import argparse
 from collections.abc import Callable, Collection
 from typing import Any
 
-from ..argument_checks import parse_size
-from ..argument_error import ArgumentError
-from ..settings import Setting, settings_of
+from .._util.argument_checks import parse_size
+from .._util.argument_error import ArgumentError
+from ..simulation.settings import Setting, settings_of
 from .common import unnamed
 
 

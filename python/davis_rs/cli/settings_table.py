@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Mapping
 
-from ..settings import Declared, FolderSettings, FrameFolderSettings, Setting, settings_of
+from ..simulation.settings import Declared, FolderSettings, FrameFolderSettings, Setting, settings_of
 
 
 def add_settings(table: argparse.ArgumentParser) -> None:

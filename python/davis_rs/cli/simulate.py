@@ -7,8 +7,8 @@ import sys
 from typing import Any
 
 from ..scene.scene import Scene
-from ..sequences import SEQUENCES, sequence_named
-from ..settings import FolderSettings
+from ..scene.sequences import SEQUENCES, sequence_named
+from ..simulation.settings import FolderSettings
 from .common import add_path, add_scene, on_path, require_free, scene_of
 from .settings_options import add_settings, given_settings
 
@@ -77,7 +77,7 @@ def simulate_into(options: argparse.Namespace, scene: Scene, defaults: dict[str,
         defaults: settings of the scene's own, which the options override.
         meta: more for meta.json.
     """
-    from ..simulation_folder import simulate_to_folder
+    from ..simulation.folder import simulate_to_folder
 
     require_free(options)
     report = simulate_to_folder(

@@ -12,19 +12,19 @@ from typing import Any
 
 import numpy as np
 
-from ..argument_error import ArgumentError
-from ..biases import BIAS_SETS
-from ..decoded import IMU_DTYPE, Decoded, Frame
-from ..event_files.backward import POLICIES, Policy
-from ..event_files.decoded_output import DecodedOutput, decoded_output, is_decoded
-from ..event_files.read import open_reader
-from ..event_files.sensor_size import sensor_size
-from ..formats.interface import EventReader
-from ..formats.parts import FRAMES, IMU
-from ..formats.recorded import RecordedParts
-from ..recordings import Recording, read_recording
-from ..recordings.camera_bytes import CameraBytesFile
-from ..recordings.recording_file import EMPTY
+from .._util.argument_error import ArgumentError
+from ..events.decoded import IMU_DTYPE, Decoded, Frame
+from ..io.files.backward import POLICIES, Policy
+from ..io.files.decoded_output import DecodedOutput, decoded_output, is_decoded
+from ..io.files.read import open_reader
+from ..io.files.sensor_size import sensor_size
+from ..io.formats.interface import EventReader
+from ..io.formats.parts import FRAMES, IMU
+from ..io.formats.recorded import RecordedParts
+from ..io.recordings import Recording, read_recording
+from ..io.recordings.camera_bytes import CameraBytesFile
+from ..io.recordings.recording_file import EMPTY
+from ..sensor.biases import BIAS_SETS
 from ..usb.davis import Davis
 from ..usb.description import describe
 from ..usb.link import UsbLink, find_devices
@@ -154,9 +154,9 @@ def _record(options: argparse.Namespace) -> int:
         with Davis.open(options.serial, settings=settings) as camera:
             return _record_camera(camera, options, None)
 
-    from ..scenes import load_scene
+    from ..scene.load import load_scene
+    from ..simulation.virtual_scene import virtual_davis_of_scene
     from ..usb.virtual_backend import VirtualBackend
-    from ..virtual_scene import virtual_davis_of_scene
 
     virtual = virtual_davis_of_scene(load_scene(options.virtual), duration_s=options.duration_s, show_progress=True)
     with Davis.open(options.serial, settings=settings, backend=VirtualBackend(virtual)) as camera:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from ..rendering.neighbours import mirrored
-from ..rendering.render_native import NativeRenderer
+from ..render.edges.neighbours import mirrored
+from ..render.native.renderer import NativeRenderer
 
 IntArray = npt.NDArray[np.int64]
 

@@ -12,10 +12,10 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ..rendering.camera_rays import ray_table
-from ..rendering.render_native import NativeRenderer
-from ..rendering.shadow_rays import STEP
-from ..trajectory.views import Views
+from ..geometry.trajectory.views import Views
+from ..render.native.renderer import NativeRenderer
+from ..render.rays.camera_rays import ray_table
+from ..render.rays.shadow_rays import STEP
 from .blurred_pixels import BlurredPixels
 
 FloatArray = npt.NDArray[np.float64]

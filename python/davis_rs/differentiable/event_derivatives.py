@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from ..argument_error import ArgumentError
-from ..close_names import did_you_mean
+from .._util.argument_error import ArgumentError
+from .._util.close_names import did_you_mean
 from .event_levels import EventLevels
 from .log_luma import LogLuma, LogLumaField
 from .moved_path import MovedPath, right_jacobians

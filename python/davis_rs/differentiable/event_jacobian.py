@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from ..argument_error import ArgumentError
-from ..camera import Camera
-from ..events import EventArray
-from ..rendering.render_native import NativeRenderer
+from .._util.argument_error import ArgumentError
+from ..events.arrays import EventArray
+from ..geometry.camera import Camera
+from ..render.native.renderer import NativeRenderer
 from ..scene.scene import Scene, check_scene
-from ..settings import SimulatorSettings
-from ..simulator import Simulator
+from ..simulation.settings import SimulatorSettings
+from ..simulation.simulator import Simulator
 from .event_crossings import find_crossings
 from .event_derivatives import EventTimeDerivatives, check_quantities
 from .event_jumps import EventJumps

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from ..camera import Camera
-from ..events import EventArray
+from ..events.arrays import EventArray
+from ..geometry.camera import Camera
 from ..scene.scene import Scene, check_scene
 from .event_derivatives import EventTimeDerivatives
 from .event_jacobian import EventTimeModel

@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..camera import Camera
-from ..rendering.render_native import NativeRenderer
-from ..rendering.scene_motion import SceneMotion
-from ..rendering.scene_table import SceneTable
-from ..rendering.table_kernel import TableKernel
-from ..trajectory.views import Views
+from ..geometry.camera import Camera
+from ..geometry.trajectory.views import Views
+from ..render.motion.scene_motion import SceneMotion
+from ..render.native.renderer import NativeRenderer
+from ..render.scene_tables.scene_table import SceneTable
+from ..render.table.kernel import TableKernel
 from .poses import CameraPoses
 from .scene_at import SceneAt
 from .turned_edges import TurnedEdges

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..rendering.scene_table import Light, SceneTable
-from ..rendering.scene_texture import TextureTable, wrap_index
-from ..rendering.table_kernel import TableKernel
+from ..render.scene_tables.scene_table import Light, SceneTable
+from ..render.scene_tables.scene_texture import TextureTable, wrap_index
+from ..render.table.kernel import TableKernel
 from .poses import tensor
 
 _STRENGTHS = {"point": "intensity", "directional": "irradiance", "constant": "radiance"}

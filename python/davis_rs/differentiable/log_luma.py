@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ..rendering.render_native import NativeRenderer
-from ..trajectory.trajectory import Trajectory
-from ..trajectory.views import Views
+from ..geometry.trajectory.trajectory import Trajectory
+from ..geometry.trajectory.views import Views
+from ..render.native.renderer import NativeRenderer
 from .blurred_pixels import BlurredPixels
 
 if TYPE_CHECKING:

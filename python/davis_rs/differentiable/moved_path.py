@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from ..pose import FloatArray, hamilton
+from ..geometry.pose import FloatArray, hamilton
+from ..geometry.trajectory.trajectory import Trajectory
 from ..scene.scene import Scene
-from ..trajectory.trajectory import Trajectory
 from .spline_weights import spline_weight_rates, spline_weights
 
 if TYPE_CHECKING:

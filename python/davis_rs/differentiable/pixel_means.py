@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from ..rendering.render_native import NativeRenderer
-from ..trajectory.trajectory import Trajectory
-from ..trajectory.views import Views
+from ..geometry.trajectory.trajectory import Trajectory
+from ..geometry.trajectory.views import Views
+from ..render.native.renderer import NativeRenderer
 from .log_luma import LogLuma, LogLumaField
 from .turned_edges import TurnedEdges
 

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from .._mitsuba import FAST, variant
-from ..pose import PoseLike
-from ..trajectory.views import Views
+from .._mitsuba.variants import FAST, variant
+from ..geometry.pose import PoseLike
+from ..geometry.trajectory.views import Views
 from .spline_weights import spline_weights
 
 

@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from .._mitsuba import FAST, default_variant, load_scene_source, variant
-from ..argument_error import ArgumentError
-from ..camera import Camera
-from ..rendering.camera_rays import CameraRays, Lanes
-from ..rendering.matte import simplify_materials
-from ..rendering.obstacles import Unsuitable
-from ..rendering.scene_table import SceneTable
-from ..rendering.scene_updates import scene_motion
+from .._mitsuba.variants import FAST, default_variant, load_scene_source, variant
+from .._util.argument_error import ArgumentError
+from ..geometry.camera import Camera
+from ..render.matte import simplify_materials
+from ..render.motion.scene_updates import scene_motion
+from ..render.obstacles import Unsuitable
+from ..render.rays.camera_rays import CameraRays, Lanes
+from ..render.scene_tables.scene_table import SceneTable
 from ..scene.scene import Scene, check_scene
 from .frame_edges import FrameEdges
 from .kernel import DifferentiableKernel
@@ -158,7 +158,7 @@ class DifferentiableRenderer:
 
 
 def _blur_along(luma: Any, size: int, stride: int) -> Any:
-    """One of the two passes of :func:`davis_rs.luma.blur_3x3`: along ``size`` pixels that lie ``stride`` apart."""
+    """One of the two passes of :func:`davis_rs.events.luma.blur_3x3`: along ``size`` pixels that lie ``stride`` apart."""
     import drjit as dr
     import mitsuba as mi
 

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..rendering.moving_lanes import Body, Surroundings
-from ..rendering.scene_motion import SceneMotion
-from ..rendering.scene_table import SceneTable
+from ..render.motion.scene_motion import SceneMotion
+from ..render.scene_tables.scene_table import SceneTable
+from ..render.table.moving_lanes import Body, Surroundings
 
 FloatArray = npt.NDArray[np.float64]
 

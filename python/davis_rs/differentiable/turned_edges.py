@@ -18,8 +18,8 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ..rendering.render_native import NativeRenderer
-from ..trajectory.views import Views
+from ..geometry.trajectory.views import Views
+from ..render.native.renderer import NativeRenderer
 from .edge_passes import EdgePasses, Passes
 
 FloatArray = npt.NDArray[np.float64]

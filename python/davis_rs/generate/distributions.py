@@ -10,7 +10,7 @@ from itertools import accumulate
 from statistics import NormalDist
 from typing import Any
 
-from ..random_words import Words
+from .._util.random_words import Words
 
 
 class Distribution(ABC):

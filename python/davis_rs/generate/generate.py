@@ -10,13 +10,13 @@ from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
 
-from ..argument_error import ArgumentError
-from ..noise_estimate import NoiseError
-from ..progress import each, progress
-from ..progress import say as say_above
-from ..scene.mesh_scene import Axis
+from .._util.argument_error import ArgumentError
+from .._util.progress import each, progress
+from .._util.progress import say as say_above
+from ..scene.files.mesh_scene import Axis
+from ..scene.load import load_scene
 from ..scene.scene import Scene
-from ..scenes import load_scene
+from ..simulation.noise_estimate import NoiseError
 from .folder import discard_hidden
 from .job import begin_worker, make_sequence, noise_of, warn_of_looks
 from .manifest import Manifest, claim_root, describe_folder, read_manifest, write_plan

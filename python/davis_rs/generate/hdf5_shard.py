@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from ..extras import from_extra
+from .._util.extras import from_extra
 from .sequence_arrays import read_sequence
 
 if TYPE_CHECKING:

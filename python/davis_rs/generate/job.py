@@ -10,19 +10,19 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from .._mitsuba import default_variant, variant
-from ..ground_truth import lost_look_shares
-from ..ground_truth.lost_look_shares import warn_of_lost_looks
-from ..monte_carlo_noise import noise_before_run, refuse_noise
-from ..no_events import NoEventsWarning
-from ..noise_estimate import NoiseError, NoiseEstimate, NoiseWarning
-from ..rendering.kept_scenes import keep_scenes
+from .._mitsuba.variants import default_variant, variant
+from ..render.kept_scenes import keep_scenes
+from ..render.truth import lost_look_shares
+from ..render.truth.lost_look_shares import warn_of_lost_looks
+from ..scene.files.mesh_scene import Axis
+from ..scene.load import load_scene
 from ..scene.lost_looks import LostLookWarning
-from ..scene.mesh_scene import Axis
 from ..scene.scene import Scene
-from ..scenes import load_scene
-from ..settings import FolderSettings, ViewSettings, complete, only, view_scene
-from ..simulation_folder import simulate_to_folder
+from ..simulation.folder import simulate_to_folder
+from ..simulation.monte_carlo_noise import noise_before_run, refuse_noise
+from ..simulation.no_events import NoEventsWarning
+from ..simulation.noise_estimate import NoiseError, NoiseEstimate, NoiseWarning
+from ..simulation.settings import FolderSettings, ViewSettings, complete, only, view_scene
 from .folder import discard, publish, working_folder
 from .manifest import describe_folder
 from .sequence import DrawnSequence

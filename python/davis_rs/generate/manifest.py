@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from .._core import __version__
-from ..dataset.files import META
-from ..model_version import MODEL
+from ..io.dataset.files import META
+from ..simulation.model_version import MODEL
 from .folder import folder_sha256, listed_files, sync
 from .sequence_plan import SequencePlan
 

@@ -1,4 +1,4 @@
-"""Camera paths of a plan: the motions of davis_rs.trajectory.motions by name, or a file."""
+"""Camera paths of a plan: the motions of davis_rs.geometry.trajectory.motions by name, or a file."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from ..argument_error import ArgumentError
-from ..pose import Pose, hamilton
+from .._util.argument_error import ArgumentError
+from ..geometry.pose import Pose, hamilton
+from ..geometry.trajectory import motions
+from ..geometry.trajectory.trajectory import Trajectory, align
+from ..geometry.trajectory.trajectory_file import read_trajectory
+from ..scene.load import start_pose
 from ..scene.scene import Scene
-from ..scenes import start_pose
-from ..trajectory import motions
-from ..trajectory.trajectory import Trajectory, align
-from ..trajectory.trajectory_file import read_trajectory
 from .kinds import Key, called_with, keys_of
 
 MOTIONS: dict[str, Callable[..., Trajectory]] = {

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NoReturn
 
-from ..close_names import did_you_mean
-from ..effects import EFFECTS
+from .._util.close_names import did_you_mean
+from ..sensor.effects import EFFECTS
 from .distributions import Choice, Distribution, Integers, LogUniform, Normal, Uniform
 from .kinds import Key
 from .motion import MOTIONS, motion_keys

@@ -7,9 +7,9 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from ..scene.random_planes import random_textured_planes
+from ..scene.builtin.random_planes import random_textured_planes
+from ..scene.files.texture_folder import image_files, mesh_files
 from ..scene.scene import Scene
-from ..scene.texture_folder import image_files, mesh_files
 from .kinds import Key, called_with, keys_of
 
 RANDOM_SCENES: dict[str, Callable[..., Scene]] = {"random_planes": random_textured_planes}

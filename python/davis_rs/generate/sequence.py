@@ -9,14 +9,15 @@ from pathlib import Path
 from typing import Any
 
 from .._core import CrossingEngine
-from ..argument_error import Argument, told
-from ..close_names import without_unit
-from ..effects.effects import read_effects
-from ..pose import Pose
-from ..scene.mesh_scene import Axis
+from .._util.argument_error import Argument, told
+from .._util.close_names import without_unit
+from ..geometry.pose import Pose
+from ..geometry.trajectory.trajectory import align
+from ..scene.files.mesh_scene import Axis
+from ..scene.load import load_scene, start_pose
 from ..scene.scene import Scene
-from ..scenes import load_scene, start_pose
-from ..settings import (
+from ..sensor.effects.effects import read_effects
+from ..simulation.settings import (
     FolderSettings,
     chosen_sampling,
     complete,
@@ -25,7 +26,6 @@ from ..settings import (
     settings_of,
     view_scene,
 )
-from ..trajectory.trajectory import align
 from .motion import make_motion, moved
 from .random_scene import make_random_scene
 from .sequence_plan import KEYS, SETTINGS, resolve

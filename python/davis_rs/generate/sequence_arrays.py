@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ..dataset.files import (
+from ..io.dataset.files import (
     DEPTH_MAPS,
     DISPLACEMENTS,
     EVENT_TRUTH,
@@ -26,7 +26,7 @@ from ..dataset.files import (
     VELOCITY,
     ImageSeries,
 )
-from ..dataset.reader import Dataset, StampedImage
+from ..io.dataset.reader import Dataset, StampedImage
 from .folder import file_names
 
 Arrays = dict[str, npt.NDArray[Any]]

@@ -12,15 +12,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..camera import PRESETS
-from ..effects import EFFECTS
-from ..random_words import Words
-from ..scene.mesh_scene import READERS as MESH_READERS
-from ..scenes import BUILTIN_SCENES, GLTF, load_scene
-from ..sensors import SENSOR_SUFFIXES, SENSORS
-from ..sequences import SEQUENCES
-from ..settings import FolderSettings, Setting, settings_of
-from ..yaml_file import read_yaml
+from .._util.random_words import Words
+from .._util.yaml_file import read_yaml
+from ..geometry.camera import PRESETS
+from ..scene.files.mesh_scene import READERS as MESH_READERS
+from ..scene.load import BUILTIN_SCENES, GLTF, load_scene
+from ..scene.sequences import SEQUENCES
+from ..sensor.effects import EFFECTS
+from ..sensor.presets import SENSOR_SUFFIXES, SENSORS
+from ..simulation.settings import FolderSettings, Setting, settings_of
 from .distributions import Choice, Distribution, draw
 from .parse import Parser, Where, effects, imu_effects, motion, scene, start_pose, value_of
 from .random_scene import FOLDERS

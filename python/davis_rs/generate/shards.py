@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 from uuid import uuid4
 
-from ..extras import require
+from .._util.extras import require
 from .folder import file_sha256, sync, withdraw
 from .hdf5_shard import write_hdf5_shard
 from .webdataset_shard import write_webdataset_shard

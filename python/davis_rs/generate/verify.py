@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from ..dataset.files import META
+from ..io.dataset.files import META
 from .folder import CHECKSUMS, damage, folder_sha256, set_aside, unlisted_files, withdraw
 from .job import origin
 from .manifest import MANIFEST, describe_folder, read_manifest, read_plan

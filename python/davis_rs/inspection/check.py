@@ -11,12 +11,12 @@ import numpy as np
 import numpy.typing as npt
 
 from .._core import DecodeError, log_intensity, reconstruct
-from ..dataset.files import META
-from ..dataset.reader import Dataset, StampedImage
-from ..effects import EFFECTS
-from ..events import EventArray
-from ..noise_estimate import share_text
-from ..pose import GroundTruth
+from ..events.arrays import EventArray
+from ..geometry.pose import GroundTruth
+from ..io.dataset.files import META
+from ..io.dataset.reader import Dataset, StampedImage
+from ..sensor.effects import EFFECTS
+from ..simulation.noise_estimate import share_text
 from .dataset_description import describe_dataset
 
 TOLERANCE = 1e-9
@@ -110,7 +110,7 @@ class CheckReport:
 
 
 def check_dataset(path: str | Path) -> CheckReport:
-    """Check a dataset that :class:`~davis_rs.dataset.writer.DatasetWriter` wrote.
+    """Check a dataset that :class:`~davis_rs.io.dataset.writer.DatasetWriter` wrote.
 
     Its events: log intensity is reconstructed from the first luma map, the start phases and the events, and compared
     with the rendered one wherever luma is stored; in every pixel the error L - R must lie inside (-C_off, C_on), give

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ..dataset.reader import Dataset
-from ..model_version import MODEL
+from ..io.dataset.reader import Dataset
+from ..simulation.model_version import MODEL
 
 
 @dataclass(frozen=True)
@@ -19,7 +19,7 @@ class DatasetDescription:
         noise: share of events that Monte Carlo noise makes missing or spurious, as estimated before the run; None also
             where nothing was drawn at random.
         version: of davis_rs that made it.
-        model: by which its events were made, see :data:`~davis_rs.model_version.MODEL`.
+        model: by which its events were made, see :data:`~davis_rs.simulation.model_version.MODEL`.
     """
 
     scene: str | None

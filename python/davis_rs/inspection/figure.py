@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from ..argument_checks import check_number
-from ..argument_error import ArgumentError
-from ..close_names import names_checked
-from ..events import EventArray
-from ..extras import from_extra
+from .._util.argument_checks import check_number
+from .._util.argument_error import ArgumentError
+from .._util.close_names import names_checked
+from .._util.extras import from_extra
+from ..events.arrays import EventArray
 from .truth_panels import truth_panels
 from .visual_sequence import VisualSequence, display_grey, nearest, open_visual_sequence
 

@@ -18,12 +18,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..argument_checks import check_number
-from ..argument_error import ArgumentError
-from ..close_names import names_checked
-from ..pose import GroundTruth
-from ..progress import progress
-from ..whole_file import write_whole
+from .._util.argument_checks import check_number
+from .._util.argument_error import ArgumentError
+from .._util.close_names import names_checked
+from .._util.progress import progress
+from .._util.whole_file import write_whole
+from ..geometry.pose import GroundTruth
 from .sampling_for_display import evenly_spaced, event_counts, sample_events
 from .visual_sequence import VisualSequence, display_grey, open_visual_sequence
 

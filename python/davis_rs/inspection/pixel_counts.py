@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .._core import count_events
-from ..events import EventArray
+from ..events.arrays import EventArray
 
 _DENSE = 1 << 22
 """Pixels that are counted in an image, 32 MB; of more, those that have events."""

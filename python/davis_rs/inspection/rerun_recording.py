@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..argument_checks import check_number
-from ..close_names import names_checked
-from ..extras import from_extra
-from ..progress import each
-from ..whole_file import whole_file
+from .._util.argument_checks import check_number
+from .._util.close_names import names_checked
+from .._util.extras import from_extra
+from .._util.progress import each
+from .._util.whole_file import whole_file
 from .figure import OFF_RGB, ON_RGB, event_picture
 from .flow_picture import flow_picture
 from .sampling_for_display import evenly_spaced, event_counts, sample_events

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from ..events import EventArray
+from ..events.arrays import EventArray
 
 Indices = npt.NDArray[np.int64]
 

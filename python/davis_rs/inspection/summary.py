@@ -12,18 +12,18 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ..dataset.folder_format import FolderReader, part_counts
-from ..dataset.reader import Dataset
-from ..event_files.read import open_reader
-from ..event_files.sensor_size import find_sensor_size
-from ..extras import from_extra
-from ..folder_report import start_line
-from ..formats.interface import EventReader
-from ..noise_estimate import share_text
-from ..pose import GroundTruth
-from ..trajectory.trajectory import SPEED_WINDOW_S
-from ..untrusted import MAX_PACKET_BYTES
-from ..whole_file import whole_file
+from .._util.extras import from_extra
+from .._util.folder_report import start_line
+from .._util.untrusted import MAX_PACKET_BYTES
+from .._util.whole_file import whole_file
+from ..geometry.pose import GroundTruth
+from ..geometry.trajectory.trajectory import SPEED_WINDOW_S
+from ..io.dataset.folder_format import FolderReader, part_counts
+from ..io.dataset.reader import Dataset
+from ..io.files.read import open_reader
+from ..io.files.sensor_size import find_sensor_size
+from ..io.formats.interface import EventReader
+from ..simulation.noise_estimate import share_text
 from .dataset_description import describe_dataset
 from .pixel_counts import PixelCounts
 

@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from ..argument_checks import check_number
-from ..argument_error import ArgumentError
-from ..close_names import names_checked
-from ..extras import from_extra
-from ..progress import each
-from ..whole_file import whole_file
+from .._util.argument_checks import check_number
+from .._util.argument_error import ArgumentError
+from .._util.close_names import names_checked
+from .._util.extras import from_extra
+from .._util.progress import each
+from .._util.whole_file import whole_file
 from .figure import event_picture
 from .visual_sequence import VisualSequence, display_grey, open_visual_sequence
 

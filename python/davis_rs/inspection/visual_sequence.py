@@ -10,18 +10,18 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..camera import Camera
-from ..dataset.files import CALIBRATION
-from ..dataset.folder_format import FolderReader
-from ..dataset.reader import Dataset
-from ..decoded import IMU_DTYPE, Frame
-from ..event_files.read import open_reader
-from ..event_files.sensor_size import sensor_size
-from ..events import EventArray
-from ..formats.recorded import RecordedParts
-from ..noise_estimate import percent
-from ..pose import GroundTruth
-from ..recordings import Recording, whole_recording
+from ..events.arrays import EventArray
+from ..events.decoded import IMU_DTYPE, Frame
+from ..geometry.camera import Camera
+from ..geometry.pose import GroundTruth
+from ..io.dataset.files import CALIBRATION
+from ..io.dataset.folder_format import FolderReader
+from ..io.dataset.reader import Dataset
+from ..io.files.read import open_reader
+from ..io.files.sensor_size import sensor_size
+from ..io.formats.recorded import RecordedParts
+from ..io.recordings import Recording, whole_recording
+from ..simulation.noise_estimate import percent
 from .dataset_description import describe_dataset
 
 _FRAME_WHITE = 65_535  # frames of a camera have 16 bits

@@ -10,10 +10,10 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ..pose import FloatArray
-from ..rendering.scene_motion import SceneMotion
+from ..geometry.pose import FloatArray
+from ..geometry.trajectory.trajectory import Trajectory
+from ..render.motion.scene_motion import SceneMotion
 from ..scene.light_profile import LightProfile
-from ..trajectory.trajectory import Trajectory
 
 BoolArray = npt.NDArray[np.bool_]
 

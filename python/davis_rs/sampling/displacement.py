@@ -10,13 +10,13 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ..camera import Camera
-from ..pose import FloatArray
-from ..rendering.flow import OpticalFlow
-from ..rendering.render import Renderer
-from ..rendering.scene_motion import held, seen_from
-from ..trajectory.trajectory import Trajectory
-from ..trajectory.views import Views
+from ..geometry.camera import Camera
+from ..geometry.pose import FloatArray
+from ..geometry.trajectory.trajectory import Trajectory
+from ..geometry.trajectory.views import Views
+from ..render.base import Renderer
+from ..render.flow import OpticalFlow
+from ..render.motion.scene_motion import held, seen_from
 from .breaks import break_instants, find_breaks
 
 BoolArray = npt.NDArray[np.bool_]

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ..events import EventArray, concatenate_events
+from ..events.arrays import EventArray, concatenate_events
 from .interpolate import end_slopes
 from .keyframes import Keyframe, Stretch, exact_log_luma
 

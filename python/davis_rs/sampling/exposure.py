@@ -14,9 +14,9 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
-from ..pose import FloatArray
-from ..rendering.render import Renderer
-from ..rendering.scene_motion import SceneMotion
+from ..geometry.pose import FloatArray
+from ..render.base import Renderer
+from ..render.motion.scene_motion import SceneMotion
 from ..scene.light_profile import LightProfile, SampledProfile
 from .displacement import DisplacementClock
 from .keyframes import Stretch

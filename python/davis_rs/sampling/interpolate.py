@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .._core import log_intensity
-from ..pose import FloatArray
+from ..geometry.pose import FloatArray
 from .keyframes import Keyframe
 
 _STEEPEST = 3.0

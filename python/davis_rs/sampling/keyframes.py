@@ -12,11 +12,11 @@ import numpy as np
 import numpy.typing as npt
 
 from .._core import log_intensity
-from ..luma import LumaFrames
-from ..pose import FloatArray
-from ..rendering.render import Renderer
-from ..trajectory.trajectory import Trajectory
-from ..trajectory.views import Views
+from ..events.luma import LumaFrames
+from ..geometry.pose import FloatArray
+from ..geometry.trajectory.trajectory import Trajectory
+from ..geometry.trajectory.views import Views
+from ..render.base import Renderer
 from .breaks import Break, break_instants, find_breaks
 
 BoolArray = npt.NDArray[np.bool_]

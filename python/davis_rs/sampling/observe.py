@@ -7,10 +7,10 @@ from collections.abc import Iterator
 import numpy as np
 import numpy.typing as npt
 
-from ..pose import FloatArray
-from ..rendering.edge_tracks import EdgeTracks
-from ..rendering.render import Indices, Renderer
-from ..trajectory.views import Views
+from ..geometry.pose import FloatArray
+from ..geometry.trajectory.views import Views
+from ..render.base import Indices, Renderer
+from ..render.edges.edge_tracks import EdgeTracks
 from .interpolate import interpolated
 from .keyframes import Keyframe, Stretch
 from .rules import TimeSampling

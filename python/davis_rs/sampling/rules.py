@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from fractions import Fraction
 from itertools import groupby, islice, repeat
 
-from ..argument_checks import check_number
-from ..rendering.render import Launched, Renderer
-from ..trajectory.trajectory import Trajectory
+from .._util.argument_checks import check_number
+from ..geometry.trajectory.trajectory import Trajectory
+from ..render.base import Launched, Renderer
 from .displacement import LARGEST_BEND, DisplacementClock
 from .keyframes import Keyframe, Stretch
 from .plausibility import probed

@@ -11,9 +11,9 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ..argument_checks import check_number
-from ..rendering.edge_tracks import NO_TRACKS, SHORTEST_US, EdgeTracks, instants_of_spans
-from ..rendering.swept import Counts
+from .._util.argument_checks import check_number
+from ..render.edges.edge_tracks import NO_TRACKS, SHORTEST_US, EdgeTracks, instants_of_spans
+from ..render.edges.swept import Counts
 from .breaks import Break, break_instants
 from .displacement import LARGEST_BEND, DisplacementClock
 from .keyframe_window import BoolFrame, KeyframeWindow
@@ -38,7 +38,7 @@ class Tolerance(TimeSampling):
 
     What happens and vanishes between two samples leaves no trace in either: no estimate can see it. Where edges of the
     geometry pass over a pixel that may be so. The native renderer tells at which instants an edge passes each ray, so
-    that such pixels are sampled where their luma jumps, and between (``davis_rs.rendering.edge_tracks``). With
+    that such pixels are sampled where their luma jumps, and between (``davis_rs.render.edges.edge_tracks``). With
     other renderers, and where rays do what neither edges nor their rates tell (shadows), the pixel's interval is halved
     whatever the samples say: twice for one edge, to the end for two, because there may be something thin between them.
     A thin line of a texture has no such protection.

@@ -7,9 +7,9 @@ from abc import ABC, abstractmethod
 import numpy as np
 import numpy.typing as npt
 
-from ..argument_checks import check_number
-from ..argument_error import ArgumentError
-from ..pose import FloatArray
+from .._util.argument_checks import check_number
+from .._util.argument_error import ArgumentError
+from ..geometry.pose import FloatArray
 
 _WAVEFORMS = ("sine", "triangle", "square")
 _INTERPOLATIONS = ("linear", "cubic")

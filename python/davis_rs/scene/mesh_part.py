@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..pose import FloatArray
+from ..geometry.pose import FloatArray
 from .repairs import Repairs
 from .textures import Texture
 

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ..pose import FloatArray
+from ..geometry.pose import FloatArray
 from .textures import Texture, bitmap
 
 Window = tuple[float, float, float, float]

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..pose import FloatArray
+from ..geometry.pose import FloatArray
 from .textures import patchwork
 
 DIRECT = {"type": "direct", "emitter_samples": 1, "bsdf_samples": 0}

@@ -7,12 +7,12 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from ..argument_checks import check_type
-from ..argument_error import ArgumentError
-from ..camera import PRESETS, Camera
-from ..close_names import names_checked
-from ..pose import Pose, as_pose
-from ..trajectory.trajectory import SegmentTrajectory, Trajectory
+from .._util.argument_checks import check_type
+from .._util.argument_error import ArgumentError
+from .._util.close_names import names_checked
+from ..geometry.camera import PRESETS, Camera
+from ..geometry.pose import Pose, as_pose
+from ..geometry.trajectory.trajectory import SegmentTrajectory, Trajectory
 from .light_profile import LightProfile, ShiftedProfile
 from .lost_looks import LostLook
 

@@ -1,4 +1,4 @@
-"""The sequences of :mod:`davis_rs.sequences` compared with the paper's table: listed, counted and drawn."""
+"""The sequences of :mod:`davis_rs.scene.sequences` compared with the paper's table: listed, counted and drawn."""
 
 from .count import MEASURED, MEASURED_RECORDED, EventCount, count_events, mean_luma, read_counts, write_counts
 from .listing import as_markdown, as_text, table

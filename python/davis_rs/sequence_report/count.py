@@ -9,13 +9,13 @@ from pathlib import Path
 
 import numpy as np
 
-from ..rendering.renderers import make_renderer
+from .._util.whole_file import whole_file
+from ..geometry.trajectory.views import Views
+from ..render.choice import make_renderer
 from ..sampling.rules import MaxDisplacement
-from ..sensors import IDEAL
-from ..sequences import Sequence
-from ..simulator import Simulator
-from ..trajectory.views import Views
-from ..whole_file import whole_file
+from ..scene.sequences import Sequence
+from ..sensor.presets import IDEAL
+from ..simulation.simulator import Simulator
 
 MEASURED = Path(__file__).with_name("measured.csv")
 """The counts that ``davis-rs sequences`` shows: what :func:`count_events` found with the defaults."""

@@ -7,7 +7,7 @@ from collections.abc import Sequence as Rows
 
 import numpy as np
 
-from ..sequences import Sequence
+from ..scene.sequences import Sequence
 from .count import EventCount
 
 HEAD = (

@@ -8,14 +8,14 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from ..argument_error import ArgumentError
-from ..dataset.files import as_grey
-from ..dataset.writer import image_gain_for
+from .._util.argument_error import ArgumentError
+from .._util.whole_file import whole_file
 from ..inspection.figure import event_picture
 from ..inspection.visual_sequence import display_grey
-from ..sequences import Sequence
-from ..simulator import Simulator
-from ..whole_file import whole_file
+from ..io.dataset.files import as_grey
+from ..io.dataset.writer import image_gain_for
+from ..scene.sequences import Sequence
+from ..simulation.simulator import Simulator
 
 _SLICE_S = 0.1
 _EVENTS_A_PIXEL = 0.15
@@ -26,7 +26,7 @@ _COLUMNS, _GAP, _TITLE = 3, 8, 20
 def draw_sheet(sequences: Iterable[Sequence], output_png: str | Path, *, share: float = 0.7) -> Path:
     """Draw a frame of each sequence, next to the same frame, faded, with the events that lead up to it.
 
-    The frame is exposed by the rule of :class:`~davis_rs.dataset.writer.DatasetWriter` and drawn with sRGB's curve; as
+    The frame is exposed by the rule of :class:`~davis_rs.io.dataset.writer.DatasetWriter` and drawn with sRGB's curve; as
     many of the last 0.1 s's events are shown as make 0.15 a pixel.
 
     Args:

@@ -11,8 +11,8 @@ from types import TracebackType
 from typing import Any
 
 from .._core import Decoder
-from ..biases import as_biases
-from ..decoded import Decoded
+from ..events.decoded import Decoded
+from ..sensor.biases import as_biases
 from . import protocol
 from .description import DavisDescription, describe
 from .link import FoundDevice, UsbLink, find_devices
@@ -160,7 +160,7 @@ class Davis:
         self._written, self.settings = writes, settings
 
     def set_bias(self, name: str, coarse: int, fine: int) -> None:
-        """Set one bias, the others as they are; see :class:`davis_rs.biases.CoarseFineBias`.
+        """Set one bias, the others as they are; see :class:`davis_rs.sensor.biases.CoarseFineBias`.
 
         Raises:
             ValueError: for a bias that the camera does not have or a value out of range.

@@ -17,7 +17,7 @@ from types import TracebackType
 from typing import Any
 
 from .._core import DecodeError, Decoder
-from ..untrusted import regular_file
+from .._util.untrusted import regular_file
 from .description import DavisDescription
 
 MAGIC = b"#!DAVIS-RAW 1\n"

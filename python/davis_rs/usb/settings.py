@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from ..argument_error import ArgumentError
-from ..biases import DAVIS240C_BIASES, DAVIS346_BIASES, BiasValues, ChipBias, CoarseFineBias, as_biases
-from ..close_names import names_checked
+from .._util.argument_error import ArgumentError
+from .._util.close_names import names_checked
+from ..sensor.biases import DAVIS240C_BIASES, DAVIS346_BIASES, BiasValues, ChipBias, CoarseFineBias, as_biases
 from . import protocol
 from .description import DavisDescription
 from .protocol import Module, Register, Write, set_all
@@ -137,7 +137,7 @@ _DAVIS346_OTHER_BIASES = dict(
         strict=True,
     )
 )
-"""Address -> word of the biases that :data:`davis_rs.biases.DAVIS346_BIASES` has no name for, as dv-processing 2.0
+"""Address -> word of the biases that :data:`davis_rs.sensor.biases.DAVIS346_BIASES` has no name for, as dv-processing 2.0
 sends them to a DAVIS346."""
 
 

@@ -221,7 +221,7 @@ impl PyDecoder {
         };
         let frames = frames.into_iter().map(|frame| self.frame(py, frame)).collect::<PyResult<Vec<_>>>()?;
         let (events, triggers) = (events.into_pyarray(py), triggers.into_pyarray(py));
-        py.import("davis_rs.decoded")?.call_method1("Decoded", (events, imu, PyList::new(py, frames)?, triggers))
+        py.import("davis_rs.events.decoded")?.call_method1("Decoded", (events, imu, PyList::new(py, frames)?, triggers))
     }
 
     /// The camera whose stream is decoded.
@@ -271,7 +271,7 @@ impl PyDecoder {
         let exposure_us = f64::from(frame.exposure_cycles) / self.decoder.device().adc_mhz;
         let pixels = image(py, frame.pixels, SensorSize { width, height })?;
         let fields = (times.0, times.1, times.2, times.3, x, y, pixels, frame.global_shutter, exposure_us);
-        py.import("davis_rs.decoded")?.call_method1("Frame", fields)
+        py.import("davis_rs.events.decoded")?.call_method1("Frame", fields)
     }
 }
 

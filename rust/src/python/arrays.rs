@@ -126,7 +126,7 @@ pub(super) fn size_of<T: Element>(frame: &PyReadonlyArray2<'_, T>) -> PyResult<S
 
 /// An event array; anything with the fields t, x, y, p is taken, `EVENT_DTYPE` without a copy.
 pub(super) fn events<'py>(array: &Bound<'py, PyAny>) -> PyResult<PyReadonlyArray1<'py, Event>> {
-    let converted = array.py().import("davis_rs.events")?.call_method1("as_events", (array,))?;
+    let converted = array.py().import("davis_rs.events.arrays")?.call_method1("as_events", (array,))?;
     Ok(converted.cast_into::<PyArray1<Event>>()?.readonly())
 }
 

@@ -49,7 +49,7 @@ macro_rules! element {
     };
 }
 
-element!(Event, "davis_rs.events", "EVENT_DTYPE");
-element!(ImuReading, "davis_rs.decoded", "IMU_COUNTS_DTYPE");
-element!(ImuSample, "davis_rs.decoded", "IMU_DTYPE");
-element!(Trigger, "davis_rs.decoded", "TRIGGER_DTYPE");
+element!(Event, "davis_rs.events.arrays", "EVENT_DTYPE");
+element!(ImuReading, "davis_rs.events.decoded", "IMU_COUNTS_DTYPE");
+element!(ImuSample, "davis_rs.events.decoded", "IMU_DTYPE");
+element!(Trigger, "davis_rs.events.decoded", "TRIGGER_DTYPE");

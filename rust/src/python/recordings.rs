@@ -144,5 +144,5 @@ fn python_frame(py: Python<'_>, frame: Aedat4Frame) -> PyResult<Bound<'_, PyAny>
     let pixels = image(py, frame.pixels, SensorSize { width: frame.width, height: frame.height })?;
     let times = (frame.t_start, frame.t_exposure_start, frame.t_exposure_end, frame.t_end);
     let fields = (times.0, times.1, times.2, times.3, frame.x, frame.y, pixels, true, exposure_us);
-    py.import("davis_rs.decoded")?.call_method1("Frame", fields)
+    py.import("davis_rs.events.decoded")?.call_method1("Frame", fields)
 }

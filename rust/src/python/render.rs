@@ -69,7 +69,7 @@ impl PyPixelRays {
 ///         (side + 2, side + 2) luma with a frame of one texel; None where that is the lights' background alone.
 ///     shadows: whether point and directional lights throw shadows.
 ///     centre: (3), metres, the middle of the scene.
-///     step, end: where shadow rays begin and end, see :mod:`davis_rs.rendering.shadow_rays`.
+///     step, end: where shadow rays begin and end, see :mod:`davis_rs.render.rays.shadow_rays`.
 ///     threads: None for as many as there are processors.
 ///
 /// Raises:

@@ -1,0 +1,200 @@
+"""Scene files before Mitsuba reads them: it ends the process at XML that is nested too deeply, and at a PLY mesh whose
+faces name vertices that there are not."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+from xml.parsers import expat
+
+import numpy as np
+import numpy.typing as npt
+
+from .._core import DecodeError
+from .._util.untrusted import decoding, read_limited
+
+DEEPEST = 100
+"""Elements within elements; Mitsuba's own scenes have less than ten."""
+_MOST_INCLUDED = 15
+
+_DTYPES = {
+    "char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1", "short": "i2", "int16": "i2", "ushort": "u2",
+    "uint16": "u2", "int": "i4", "int32": "i4", "uint": "u4", "uint32": "u4", "float": "f4", "float32": "f4",
+    "double": "f8", "float64": "f8",
+}  # fmt: skip
+_FACES = ("vertex_index", "vertex_indices")
+
+
+def check_scene_file(path: Path, included: int = 0) -> None:
+    """Check an XML file, those that it includes, and the PLY meshes that they name.
+
+    Raises:
+        OSError: if the file cannot be read.
+        DecodeError: for XML that is malformed or nested too deeply, and for a mesh that is malformed.
+    """
+    if included > _MOST_INCLUDED:
+        raise DecodeError(f"{path}: scene files may include each other {_MOST_INCLUDED} deep")
+    for name in _file_names(path):
+        named = path.parent / name
+        if not named.is_file():  # Mitsuba will say so, or has it elsewhere
+            continue
+        if named.suffix.lower() == ".xml":
+            check_scene_file(named, included + 1)
+        elif named.suffix.lower() == ".ply":
+            check_ply(named)
+
+
+def check_scene_dictionary(node: Mapping[str, Any]) -> None:
+    """Check the PLY meshes that a scene dictionary names.
+
+    Raises:
+        DecodeError: for a mesh that is malformed.
+    """
+    name = node.get("filename")
+    if node.get("type") == "ply" and isinstance(name, str | Path) and Path(name).is_file():
+        check_ply(Path(name))
+    for value in node.values():
+        if isinstance(value, Mapping):
+            check_scene_dictionary(value)
+
+
+def _file_names(path: Path) -> list[str]:
+    """The files that a scene file names, with its defaults in the place of its variables."""
+    depth, names, defaults = 0, list[str](), dict[str, str]()
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        nonlocal depth
+        depth += 1
+        if depth > DEEPEST:
+            raise DecodeError(f"{path}: elements may be nested {DEEPEST} deep")
+        if tag == "default":
+            defaults[attributes.get("name", "")] = attributes.get("value", "")
+        elif tag == "include":
+            names.append(attributes.get("filename", ""))
+        elif tag in ("string", "path") and attributes.get("name") == "filename":
+            names.append(attributes.get("value", ""))
+
+    def end(_: str) -> None:
+        nonlocal depth
+        depth -= 1
+
+    parser = expat.ParserCreate()
+    parser.StartElementHandler, parser.EndElementHandler = start, end
+    try:
+        parser.Parse(read_limited(path), True)
+    except expat.ExpatError as error:
+        raise DecodeError(f"Mitsuba cannot load {path}: no XML: {error}") from None
+    return [re.sub(r"\$(\w+)", lambda match: defaults.get(match[1], match[0]), name) for name in names if name]
+
+
+def check_ply(path: Path) -> None:
+    """Refuse a mesh whose faces name vertices that there are not.
+
+    Raises:
+        OSError: if it cannot be read.
+        DecodeError: if it is malformed.
+    """
+    data = read_limited(path)
+    with decoding(path, "PLY"):
+        form, elements, begin = _header(data)
+        count = {name: number for name, number, _ in elements}.get("vertex", 0)
+        if form == "ascii":
+            indices = _ascii_indices(data[begin:].split(), elements)
+        else:
+            indices = _binary_indices(memoryview(data)[begin:], elements, "<" if "little" in form else ">")
+        for part in indices:
+            if len(part) and not (int(part.min()) >= 0 and int(part.max()) < count):
+                wrong = part[(part < 0) | (part >= count)][0]
+                raise ValueError(f"a face names vertex {wrong} of {count}")
+
+
+_Elements = list[tuple[str, int, list[list[str]]]]
+
+
+def _header(data: bytes) -> tuple[str, _Elements, int]:
+    """Format; name, number and properties of the elements; and where they begin."""
+    end = data.find(b"end_header")
+    if not data.startswith(b"ply") or end < 0:
+        raise ValueError("it must begin with 'ply', and its header must end")
+    begin = data.index(b"\n", end) + 1
+    form, elements = "", _Elements()
+    for line in data[:end].decode("ascii").splitlines():
+        words = line.split()
+        if words[:1] == ["format"]:
+            form = words[1]
+        elif words[:1] == ["element"]:
+            number = int(words[2])
+            if not 0 <= number <= len(data):  # each takes a byte at least
+                raise ValueError(f"there are not {number} of {words[1]}")
+            elements.append((words[1], number, []))
+        elif words[:1] == ["property"]:
+            elements[-1][2].append(words[1:])
+    return form, elements, begin
+
+
+def _ascii_indices(words: list[bytes], elements: _Elements) -> Iterator[npt.NDArray[np.int64]]:
+    at = 0
+    for _, number, properties in elements:
+        for _ in range(number):
+            for one in properties:
+                length = 1
+                if one[0] == "list":
+                    length, at = int(words[at]), at + 1
+                if at + length > len(words) or length < 0:
+                    raise ValueError("it ends before its elements do")
+                if one[0] == "list" and one[-1] in _FACES:
+                    yield np.array(words[at : at + length], np.int64)
+                at += length
+
+
+def _binary_indices(data: memoryview, elements: _Elements, order: str) -> Iterator[npt.NDArray[np.int64]]:
+    at = 0
+    for _, number, properties in elements:
+        if all(one[0] != "list" for one in properties):
+            at += number * sum(np.dtype(_DTYPES[one[0]]).itemsize for one in properties)
+            continue
+        rows = _equal_rows(data[at:], number, properties, order)
+        if rows is not None:
+            at += rows.nbytes
+            yield from (rows[f"values{k}"].ravel().astype(np.int64)
+                        for k, one in enumerate(properties) if one[0] == "list" and one[-1] in _FACES)  # fmt: skip
+            continue
+        for _ in range(number):
+            for one in properties:
+                length, kind = 1, one[0]
+                if one[0] == "list":
+                    count = np.dtype(order + _DTYPES[one[1]])
+                    length, kind, at = int(np.frombuffer(data, count, 1, at)[0]), one[2], at + count.itemsize
+                dtype = np.dtype(order + _DTYPES[kind])
+                if length < 0:
+                    raise ValueError(f"a list of {length} values")
+                values = np.frombuffer(data, dtype, length, at) if length else np.zeros(0, dtype)
+                if one[0] == "list" and one[-1] in _FACES:
+                    yield values.astype(np.int64)
+                at += values.nbytes
+
+
+def _equal_rows(data: memoryview, number: int, properties: list[list[str]], order: str) -> npt.NDArray[Any] | None:
+    """The rows as one array, where each list has as many values as in the first row; triangles have."""
+    fields: list[Any] = []
+    at = 0
+    for k, one in enumerate(properties):
+        if one[0] != "list":
+            fields.append((f"value{k}", order + _DTYPES[one[0]]))
+        elif number:
+            count = np.dtype(order + _DTYPES[one[1]])
+            length = int(np.frombuffer(data, count, 1, at)[0])
+            if not 0 <= length < 1 << 16:
+                return None
+            fields += [(f"count{k}", count), (f"values{k}", order + _DTYPES[one[2]], (length,))]
+        else:
+            fields.append((f"values{k}", order + _DTYPES[one[2]], (0,)))
+        at = np.dtype(fields).itemsize
+    dtype = np.dtype(fields)
+    if number * dtype.itemsize > len(data):
+        return None
+    rows = np.frombuffer(data, dtype, number)
+    equal = all((rows[name] == rows[name][:1]).all() for name, *_ in fields if name.startswith("count"))
+    return rows if equal else None

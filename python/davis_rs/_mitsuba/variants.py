@@ -1,0 +1,166 @@
+"""The only door to Mitsuba and Dr.Jit: imported on first use, under a variant set only for the time of a call."""
+
+from __future__ import annotations
+
+import functools
+import os
+import sys
+import threading
+import warnings
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, nullcontext
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .._util.stop_requests import interrupts_deferred
+from .files import check_scene_dictionary, check_scene_file
+from .llvm import HOW_TO_GET_IT, OLDEST_USABLE, find_libllvm, why_none
+
+FAST, SCALAR = "llvm_ad_rgb", "scalar_rgb"
+
+_FIRST_USE = threading.RLock()
+"""Held while Mitsuba is imported and tried out: a second thread would find the module half made."""
+
+
+def _modules() -> tuple[Any, Any]:
+    """Return (mitsuba, drjit), imported by one thread while the others wait."""
+    with _FIRST_USE:
+        with nullcontext() if "mitsuba" in sys.modules else interrupts_deferred():
+            import drjit as dr
+            import mitsuba as mi
+
+        return mi, dr
+
+
+def default_variant() -> tuple[str, str]:
+    """Return (variant, why): ``llvm_ad_rgb`` and the LLVM it uses, or ``scalar_rgb`` and how to get an LLVM."""
+    with _FIRST_USE:
+        return _usable_variant()
+
+
+@functools.cache
+def _usable_variant() -> tuple[str, str]:
+    library = find_libllvm()
+    if library is None:
+        return SCALAR, f"{why_none()}, so Mitsuba has only its slow scalar variant; {HOW_TO_GET_IT}"
+    os.environ["DRJIT_LIBLLVM_PATH"] = str(library.path)
+    mi, dr = _modules()
+    if FAST not in mi.variants():
+        return SCALAR, f"this Mitsuba was built without {FAST}, so it has only its slow scalar variant; {HOW_TO_GET_IT}"
+    try:
+        with variant(FAST):
+            version = dr.detail.llvm_version()
+    except ImportError as error:  # the library could not be loaded after all
+        return (
+            SCALAR,
+            f"{library.path} could not be used ({error}), so Mitsuba has only its slow scalar variant; {HOW_TO_GET_IT}",
+        )
+    # A program that imported Dr.Jit before us may have loaded another library.
+    if version < (OLDEST_USABLE,):
+        loaded = ".".join(map(str, version))
+        return (
+            SCALAR,
+            f"LLVM {loaded} is loaded already and would abort, so Mitsuba has only its scalar variant; {HOW_TO_GET_IT}",
+        )
+    return FAST, f"LLVM {'.'.join(map(str, version))}, {library.path} ({library.origin})"
+
+
+@contextmanager
+def variant(name: str) -> Iterator[tuple[Any, Any]]:
+    """Set a variant in ``with variant(name) as (mi, dr):``; the caller's own is restored afterwards."""
+    mi, dr = _modules()
+    before = mi.variant()
+    if before != name:
+        _set_variant(mi, name)
+    try:
+        yield mi, dr
+    finally:
+        if before not in (None, name):
+            _set_variant(mi, before)
+
+
+def variant_is_free() -> bool:
+    """Whether nobody has set a variant yet, we included."""
+    return _modules()[0].variant() is None
+
+
+def stay_in(name: str) -> None:
+    """Set a variant for good, where it was free: what renders in it then need not change it for each frame."""
+    _set_variant(_modules()[0], name)
+
+
+def _set_variant(mi: Any, name: str) -> None:
+    """Set Mitsuba's variant.
+
+    To set one that differentiates takes Mitsuba 0.2 s, because it loads its integrators in Python again. Where they are
+    those of that variant already, it is spared that: it takes their package for new if that has no ``common``, imports
+    the modules, which are there, and puts them back.
+
+    Dr.Jit counts how often their functions are decorated, and after 140 changes warns as of the caller's doing.
+    """
+    integrators: Any = sys.modules.get("mitsuba.python.ad.integrators")
+    common = getattr(integrators, "common", None)
+    base = getattr(sys.modules.get(f"mitsuba.{name}"), "CppADIntegrator", None)
+    if base is not None and base in getattr(getattr(common, "ADIntegrator", None), "__mro__", ()):
+        del integrators.common
+    try:
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", "The AST-transforming decorator @drjit.syntax", RuntimeWarning)
+            with interrupts_deferred():  # it loads an extension, and modules that belong together
+                mi.set_variant(name)
+    finally:
+        if common is not None:
+            vars(integrators).setdefault("common", common)
+
+
+def load_scene_source(source: Path | Mapping[str, Any], mi: Any) -> Any:
+    """Load a Mitsuba XML file or scene dictionary.
+
+    In a dictionary, NumPy arrays stand for what Mitsuba wants there: ``to_world`` and ``to_uv`` for transforms, any
+    other key for a tensor (a bitmap's ``data``). Equal objects are not merged, so that every one keeps its name.
+
+    Raises:
+        OSError: if the XML file cannot be read.
+        DecodeError: if it, or a PLY mesh of the scene, is malformed in a way that would end the process.
+        ValueError: if Mitsuba refuses the scene, or it has no shapes.
+    """
+    name = str(source) if isinstance(source, Path) else "the scene dictionary"
+    if isinstance(source, Path):
+        check_scene_file(source)
+    else:
+        check_scene_dictionary(source)
+    try:
+        if isinstance(source, Path):
+            scene = mi.load_file(str(source), optimize=False)
+        else:
+            scene = mi.load_dict(_with_mitsuba_types(source, mi), optimize=False)
+    except RuntimeError as error:
+        hint = "; a lamp on a shape needs a shape with an area" if "no probability mass" in str(error) else ""
+        raise ValueError(f"Mitsuba cannot load {name}: {error}{hint}") from None
+    if not isinstance(scene, mi.Scene):
+        raise ValueError(f"{name} must describe a scene, got a {type(scene).__name__}")
+    if not scene.shapes():
+        raise ValueError(f"{name} has no shapes: there is nothing that a camera could see")
+    return scene
+
+
+def _with_mitsuba_types(node: Mapping[str, Any], mi: Any) -> dict[str, Any]:
+    def convert(key: str, value: Any) -> Any:
+        if isinstance(value, Mapping):
+            return _with_mitsuba_types(value, mi)
+        if isinstance(value, np.ndarray):
+            return {"to_world": mi.ScalarTransform4f, "to_uv": mi.ScalarTransform3f}.get(key, mi.TensorXf)(value)
+        return value
+
+    return {key: convert(key, value) for key, value in node.items()}
+
+
+def versions(variant_name: str) -> dict[str, str]:
+    """Versions of what renders, for a record of the run."""
+    mi, dr = _modules()
+    found = {"mitsuba": mi.__version__, "drjit": dr.__version__, "variant": variant_name}
+    if variant_name == FAST:
+        found["llvm"] = ".".join(map(str, dr.detail.llvm_version()))
+    return found

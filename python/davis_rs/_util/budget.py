@@ -1,0 +1,147 @@
+"""What the reading of one source of untrusted bytes may take, of memory, of parts and of time."""
+
+from __future__ import annotations
+
+import os
+import re
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import NamedTuple
+
+from .._core import DecodeError
+
+VARIABLE = "DAVIS_RS_READ_BUDGET"
+"""The environment variable that sets other limits, such as ``bytes=8GiB items=1e8 seconds=600``."""
+
+
+class Limits(NamedTuple):
+    """What a source may take, unless :data:`VARIABLE` says otherwise.
+
+    Attributes:
+        bytes: that are held in memory at one time.
+        items: parts that the source makes a reader handle one by one: accessors, nodes, materials, rows of a table.
+        seconds: for parts of the work whose length the source alone decides, such as a query of a database.
+    """
+
+    bytes: int = 2 << 30
+    items: int = 10_000_000
+    seconds: float = 120.0
+
+
+class Budget:
+    """An account of what one source takes. Everything that the source makes a reader open or hold is charged to it.
+
+    One account for all of it, because a file with many parts can fill memory although none of them is large. A reader
+    makes one, hands it to what it opens, and charges **before** it allocates.
+
+    Args:
+        source: the file, for messages.
+        limits: those of :data:`VARIABLE` and the defaults of :class:`Limits`, if left out.
+
+    Attributes:
+        source: the same.
+        limits: in use.
+        bytes: in use now.
+        items: seen so far.
+    """
+
+    def __init__(self, source: str | os.PathLike[str], limits: Limits | None = None) -> None:
+        self.source = source
+        self.limits = limits_in_use() if limits is None else limits
+        self.bytes = 0
+        self.items = 0
+        self._end = time.monotonic() + self.limits.seconds
+
+    def take(self, size: int, what: str) -> None:
+        """Charge bytes that stay in memory.
+
+        Raises:
+            DecodeError: if there are not so many left; ``what`` says in the message what needs them.
+        """
+        if self.bytes + size > self.limits.bytes:
+            beyond = f"{what} needs {_readable(size)}"
+            if self.bytes:
+                beyond += f", {_readable(self.bytes)} are in use"
+            raise self._error(f"{beyond}; {_readable(self.limits.bytes)} may be held in memory", "bytes")
+        self.bytes += size
+
+    def give_back(self, size: int) -> None:
+        """Return bytes that are no longer held."""
+        self.bytes -= size
+
+    @contextmanager
+    def borrow(self, size: int, what: str) -> Iterator[None]:
+        """Charge bytes for as long as the block runs.
+
+        Raises:
+            DecodeError: as :meth:`take`.
+        """
+        self.take(size, what)
+        try:
+            yield
+        finally:
+            self.give_back(size)
+
+    def count(self, items: int, what: str) -> None:
+        """Charge parts that are handled one by one.
+
+        Raises:
+            DecodeError: if there are more than may be; ``what`` names them in the plural.
+        """
+        self.items += items
+        if self.items > self.limits.items:
+            raise self._error(f"more than {self.limits.items} parts, the last of them {what}", "items")
+
+    def check_time(self, what: str) -> None:
+        """Go on only while there is time left.
+
+        Raises:
+            DecodeError: once it is over; ``what`` says in the message what took so long.
+        """
+        if self.out_of_time():
+            raise self._error(f"{what} has taken more than {self.limits.seconds:g} s", "seconds")
+
+    def out_of_time(self) -> bool:
+        """Whether there is no time left: for libraries' callbacks, which must not raise."""
+        return time.monotonic() > self._end
+
+    def _error(self, message: str, limit: str) -> DecodeError:
+        return DecodeError(f"{os.fspath(self.source)}: {message} ({VARIABLE}={limit}=... allows more)")
+
+
+_UNITS = {"": 1, "kib": 1 << 10, "mib": 1 << 20, "gib": 1 << 30, "tib": 1 << 40}
+_ENTRY = re.compile(r"(bytes|items|seconds)=([0-9.]+(?:e[0-9]+)?)(|KiB|MiB|GiB|TiB)", re.IGNORECASE)
+
+
+def limits_in_use() -> Limits:
+    """The limits of :data:`VARIABLE`; what it does not name has its default.
+
+    Raises:
+        ValueError: if the variable cannot be understood.
+    """
+    limits = Limits()
+    for entry in os.environ.get(VARIABLE, "").split():
+        found = _ENTRY.fullmatch(entry)
+        try:
+            name, number, unit = found.groups() if found else ("", "", "")
+            value = float(number) * _UNITS[unit.lower()]
+        except ValueError:
+            found = None
+        if found is None or not 0 < value < 2**62 or (unit and name.lower() != "bytes"):
+            raise ValueError(f"{VARIABLE} is like 'bytes=8GiB items=1e8 seconds=600': got {entry!r}")
+        match name.lower():
+            case "bytes":
+                limits = limits._replace(bytes=int(value))
+            case "items":
+                limits = limits._replace(items=int(value))
+            case _:
+                limits = limits._replace(seconds=value)
+    return limits
+
+
+def _readable(size: int) -> str:
+    for unit, one in (("GiB", 1 << 30), ("MiB", 1 << 20), ("KiB", 1 << 10)):
+        if size >= one:
+            return f"{size / one:.3g} {unit}"
+    return f"{size} bytes"

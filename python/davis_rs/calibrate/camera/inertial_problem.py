@@ -1,0 +1,324 @@
+"""What a path, a transform, a lag and biases say that a camera and an IMU measure, against what they did measure."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from ...sensor.imu import ImuNoise
+from .board_pose import BoardPose
+from .body_spline import BodySpline, right_jacobian
+from .levenberg_marquardt import solve
+from .reprojection import cross_matrix, rotation_of, vector_of
+
+FloatArray = npt.NDArray[np.float64]
+
+_GRAVITY = 9.81
+"""m/s^2; on Earth it is between 9.78 and 9.83."""
+
+_GRAVITY_DEVIATION = 0.02
+_GYROSCOPE_BIAS_DEVIATION, _ACCELEROMETER_BIAS_DEVIATION = 0.2, 1.0
+"""What is known beforehand: rad/s and m/s^2."""
+
+_TURN_DEVIATION, _PLACE_DEVIATION = 1.0, 100.0
+"""The standard deviation of the splines' coefficients, rad and m. It only settles those that no measurement reaches."""
+
+_LONGEST_LAG_S = 0.05
+_LONGEST_GAP_S = 0.5
+"""Readings between two views that are farther apart than this are left out, because the path there is not known."""
+
+_STEP_S = 1e-4
+"""The step in time for derivatives of what the IMU sees."""
+
+_LEAST_RATE = np.radians(5.0)
+"""Root mean square of the angular rate about the second axis, rad/s."""
+
+_TAIL = 16
+"""Number of unknowns other than the splines: rotation, lever, lag, biases and gravity, in this order."""
+
+
+class Readings(NamedTuple):
+    """``t_s`` (n,) seconds; ``acceleration`` and ``rate`` (n, 3), m/s^2 and rad/s, IMU axes."""
+
+    t_s: FloatArray
+    acceleration: FloatArray
+    rate: FloatArray
+
+    @property
+    def rate_hz(self) -> float:
+        """How many there are a second."""
+        return (len(self.t_s) - 1) / float(self.t_s[-1] - self.t_s[0])
+
+
+@dataclass(frozen=True, eq=False)
+class InertialState:
+    """All unknowns.
+
+    Attributes:
+        turns, places: coefficients (size, 3) of the splines of small turns (see :class:`BodySpline`) and of the IMU's
+            place in board axes.
+        rotation: R_IMU,E.
+        lever: the IMU's origin in camera axes, metres.
+        lag_s: how late stamps are.
+        gyroscope_bias, accelerometer_bias: (3,) rad/s and m/s^2.
+        gravity: (3,) m/s^2, board axes.
+    """
+
+    turns: FloatArray
+    places: FloatArray
+    rotation: FloatArray
+    lever: FloatArray
+    lag_s: float
+    gyroscope_bias: FloatArray
+    accelerometer_bias: FloatArray
+    gravity: FloatArray
+
+
+class InertialProblem:
+    """Residuals, each in units of its own noise, and their derivatives.
+
+    Residuals are of angular rates, of accelerations, of the board's poses, and of what is known of biases and gravity.
+
+    Args:
+        poses: in the order of time.
+        readings: their noise is taken for white.
+
+    Raises:
+        ValueError: if the two hardly overlap.
+    """
+
+    def __init__(self, poses: Sequence[BoardPose], readings: Readings, noise: ImuNoise, knot_rate_hz: float) -> None:
+        matrices = np.stack([pose.matrix for pose in poses])
+        self._t = np.array([pose.view.t_us for pose in poses]) * 1e-6
+        self._spline = BodySpline(self._t, matrices[:, :3, :3], knot_rate_hz)
+        self._places, self._turns = matrices[:, :3, 3], matrices[:, :3, :3]
+        self._pixel = float(np.sqrt(np.mean([pose.rms_px**2 / 2 for pose in poses])))
+        information = np.stack([pose.information for pose in poses]) / self._pixel**2
+        self._whiten = np.swapaxes(np.linalg.cholesky(information), 1, 2)
+        lag = self._first_lag(readings)
+        inside = self._seen(readings.t_s - lag, _LONGEST_LAG_S)
+        if np.count_nonzero(inside) < 50:
+            raise ValueError(
+                f"the IMU's samples, from {readings.t_s[0]} s to {readings.t_s[-1]} s, hardly overlap the views of the "
+                f"board, from {self._t[0]} s to {self._t[-1]} s"
+            )
+        self._readings = Readings(*(a[inside] for a in readings))
+        self._lag = lag
+        root_rate = np.sqrt(readings.rate_hz)
+        self._gyroscope = noise.gyroscope_noise_density * root_rate
+        self._accelerometer = noise.accelerometer_noise_density * root_rate
+
+    @property
+    def unseen_s(self) -> float:
+        """Seconds between the first and the last view in which readings are left out, because no view is near."""
+        gaps = np.diff(self._t)
+        return float(gaps[gaps > _LONGEST_GAP_S].sum())
+
+    @property
+    def samples(self) -> int:
+        """Number of readings used."""
+        return len(self._readings.t_s)
+
+    def start(self) -> InertialState:
+        """Rotation and lag from the angular rates alone, gravity from the mean acceleration.
+
+        Raises:
+            ValueError: if the motion does not turn about two axes.
+        """
+        r, size = self._readings, self._spline.basis.size
+        zero = np.zeros((size, 3))
+        rates = self._spline.rates(zero, r.t_s - self._lag)
+        rotation, bias = _aligning(rates, r.rate)
+        turns = self._spline.rotations(zero, r.t_s - self._lag)
+        gravity = -(turns @ (rotation.T @ r.acceleration[..., None])).mean(0)[:, 0]
+        return InertialState(zero, zero, rotation, np.zeros(3), self._lag, bias, np.zeros(3), gravity)
+
+    def moved(self, s: InertialState, step: FloatArray) -> InertialState:
+        """The state after a step of all unknowns, in the order of :class:`InertialState`."""
+        n = 3 * self._spline.basis.size
+        tail = step[2 * n :]
+        return InertialState(
+            turns=s.turns + step[:n].reshape(-1, 3),
+            places=s.places + step[n : 2 * n].reshape(-1, 3),
+            rotation=s.rotation @ rotation_of(tail[:3]),
+            lever=s.lever + tail[3:6],
+            # Where splines and readings overlap is fixed beforehand.
+            lag_s=float(np.clip(s.lag_s + tail[6], self._lag - _LONGEST_LAG_S, self._lag + _LONGEST_LAG_S)),
+            gyroscope_bias=s.gyroscope_bias + tail[7:10],
+            accelerometer_bias=s.accelerometer_bias + tail[10:13],
+            gravity=s.gravity + tail[13:],
+        )
+
+    def residuals(self, s: InertialState) -> FloatArray:
+        """Return the residuals (m,), each divided by its standard deviation."""
+        rate, force = self._in_camera(s, s.lag_s)
+        r = self._readings
+        gyroscope = rate @ s.rotation.T + s.gyroscope_bias - r.rate
+        accelerometer = force @ s.rotation.T + s.accelerometer_bias - r.acceleration
+        turns = self._spline.rotations(s.turns, self._t)
+        places = self._spline.basis.matrix(self._t) @ s.places - turns @ s.lever
+        pose = np.concatenate(
+            [
+                vector_of(np.swapaxes(self._turns, 1, 2) @ turns),
+                np.einsum("nji,nj->ni", self._turns, places - self._places),
+            ],
+            1,
+        )
+        known = np.concatenate(
+            [
+                s.turns.ravel() / _TURN_DEVIATION,
+                s.places.ravel() / _PLACE_DEVIATION,
+                s.gyroscope_bias / _GYROSCOPE_BIAS_DEVIATION,
+                s.accelerometer_bias / _ACCELEROMETER_BIAS_DEVIATION,
+                [(np.linalg.norm(s.gravity) - _GRAVITY) / _GRAVITY_DEVIATION],
+            ]
+        )
+        return np.concatenate(
+            [
+                gyroscope.ravel() / self._gyroscope,
+                accelerometer.ravel() / self._accelerometer,
+                (self._whiten @ pose[..., None]).ravel(),
+                known,
+            ]
+        )
+
+    def jacobian(self, s: InertialState) -> Any:
+        """Return d(residuals)/d(step), sparse; of the angular rates to first order in the small turns."""
+        from scipy.sparse import csr_array, diags_array, vstack
+
+        basis, t = self._spline.basis, self._readings.t_s - s.lag_s
+        identity = np.broadcast_to(np.eye(3), (len(t), 3, 3))
+        rate, force = self._in_camera(s, s.lag_s)
+        less_lag, more_lag = self._in_camera(s, s.lag_s - _STEP_S), self._in_camera(s, s.lag_s + _STEP_S)
+        by_lag = [(more - less) / (2 * _STEP_S) @ s.rotation.T for less, more in zip(less_lag, more_lag, strict=True)]
+        turns = self._spline.rotations(s.turns, t)
+        to_imu = s.rotation @ np.swapaxes(turns, 1, 2)
+        by_turn, by_turning = self._spline.rate_derivatives(s.turns, t)
+
+        rows = np.zeros((len(t), 3, _TAIL))
+        rows[..., :3], rows[..., 6], rows[..., 7:10] = -s.rotation @ cross_matrix(rate), by_lag[0], identity
+        gyroscope = _row_blocks(
+            [(basis.matrix(t), s.rotation @ by_turn), (basis.matrix(t, 1), s.rotation @ by_turning)],
+            [],
+            rows,
+            basis.size,
+        )
+        rows = np.zeros((len(t), 3, _TAIL))
+        rows[..., :3], rows[..., 6], rows[..., 10:13] = -s.rotation @ cross_matrix(force), by_lag[1], identity
+        rows[..., 13:] = -to_imu
+        accelerometer = _row_blocks(
+            [(basis.matrix(t), s.rotation @ cross_matrix(force) @ by_turning)],
+            [(basis.matrix(t, 2), to_imu)],
+            rows,
+            basis.size,
+        )
+
+        turns = self._spline.rotations(s.turns, self._t)
+        relative = np.swapaxes(self._turns, 1, 2) @ turns
+        motion = self._spline.motions(s.turns, self._t)
+        by_motion = np.concatenate(
+            [np.linalg.inv(right_jacobian(vector_of(relative))), relative @ cross_matrix(s.lever)], 1
+        )
+        by_place = np.concatenate([np.zeros_like(relative), np.swapaxes(self._turns, 1, 2)], 1)
+        rows = np.zeros((len(self._t), 6, _TAIL))
+        rows[:, 3:, 3:6] = -relative
+        at_views = basis.matrix(self._t)
+        pose = _row_blocks(
+            [(at_views, self._whiten @ by_motion @ motion)],
+            [(at_views, self._whiten @ by_place)],
+            self._whiten @ rows,
+            basis.size,
+        )
+
+        size = 3 * basis.size
+        curves = diags_array(
+            np.repeat([1 / _TURN_DEVIATION, 1 / _PLACE_DEVIATION], size), shape=(2 * size, 2 * size + _TAIL)
+        )
+        known = np.zeros((7, 2 * size + _TAIL))
+        tail = known[:, 2 * size :]
+        tail[:3, 7:10] = np.eye(3) / _GYROSCOPE_BIAS_DEVIATION
+        tail[3:6, 10:13] = np.eye(3) / _ACCELEROMETER_BIAS_DEVIATION
+        tail[6, 13:] = s.gravity / np.linalg.norm(s.gravity) / _GRAVITY_DEVIATION
+        return vstack(
+            [gyroscope / self._gyroscope, accelerometer / self._accelerometer, pose, curves, csr_array(known)],
+            format="csr",
+        )
+
+    def covariance(self, s: InertialState) -> FloatArray:
+        """Return it (7, 7), of steps of rotation (camera axes), lever and lag, given that the IMU's noise is right."""
+        derivative = self.jacobian(s)
+        last = np.zeros((derivative.shape[1], _TAIL))
+        last[-_TAIL:] = np.eye(_TAIL)
+        return solve(derivative.T @ derivative, last)[-_TAIL:][:7, :7]
+
+    def scatter(self, s: InertialState) -> tuple[float, float, float]:
+        """What is left, root mean square of an axis: of angular rates (rad/s), accelerations (m/s^2), corners (px)."""
+        r, n, m = self.residuals(s), 3 * self.samples, 6 * len(self._t)
+        rate, acceleration, pixel = (float(np.sqrt(np.mean(p**2))) for p in np.split(r, [n, 2 * n, 2 * n + m])[:3])
+        return rate * self._gyroscope, acceleration * self._accelerometer, pixel * self._pixel
+
+    def _in_camera(self, s: InertialState, lag_s: float) -> tuple[FloatArray, FloatArray]:
+        """Angular rate and specific force at the IMU, (n, 3) each, in camera axes, when each reading was taken."""
+        t = self._readings.t_s - lag_s
+        acceleration = self._spline.basis.matrix(t, 2) @ s.places
+        turns = self._spline.rotations(s.turns, t)
+        return self._spline.rates(s.turns, t), np.einsum("nji,nj->ni", turns, acceleration - s.gravity)
+
+    def _seen(self, t_s: FloatArray, margin_s: float) -> npt.NDArray[np.bool_]:
+        """Which times lie between two views close to each other, and at least the margin from where no views are."""
+        gap = np.flatnonzero(np.diff(self._t) > _LONGEST_GAP_S)
+        begins = self._t[np.concatenate([[0], gap + 1])] + margin_s
+        ends = self._t[np.concatenate([gap, [-1]])] - margin_s
+        stretch = np.searchsorted(begins, t_s) - 1
+        return np.asarray((stretch >= 0) & (t_s < ends[stretch]))
+
+    def _first_lag(self, readings: Readings) -> float:
+        """The lag to within a few milliseconds, from the turning speeds of both, which do not depend on the axes."""
+        zero = np.zeros((self._spline.basis.size, 3))
+        lags = np.linspace(-_LONGEST_LAG_S, _LONGEST_LAG_S, 41)
+        inside = self._seen(readings.t_s, 2 * _LONGEST_LAG_S)
+        t, speed = readings.t_s[inside], np.linalg.norm(readings.rate[inside], axis=1)
+        if len(t) < 50:
+            return 0.0  # refused where the overlap is looked at
+        differences = [np.std(np.linalg.norm(self._spline.rates(zero, t - lag), axis=1) - speed) for lag in lags]
+        return float(lags[int(np.argmin(differences))])
+
+
+def _aligning(rates: FloatArray, readings: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """R_IMU,E and bias with readings = R rates + bias, (n, 3) each."""
+    from scipy.spatial.transform import Rotation
+
+    spread = np.linalg.svd(rates - rates.mean(0), compute_uv=False) / np.sqrt(len(rates))
+    if spread[1] < _LEAST_RATE:
+        raise ValueError(
+            f"the motion does not tell how the IMU is turned: it must rotate about two axes by at least "
+            f"{np.degrees(_LEAST_RATE):g} degrees/s rms, but has {np.degrees(spread[0]):.2g} and "
+            f"{np.degrees(spread[1]):.2g}"
+        )
+    turn, _ = Rotation.align_vectors(readings - readings.mean(0), rates - rates.mean(0))
+    rotation = np.asarray(turn.as_matrix())
+    return rotation, (readings - rates @ rotation.T).mean(0)
+
+
+def _row_blocks(
+    turn_terms: list[tuple[Any, FloatArray]], place_terms: list[tuple[Any, FloatArray]], tail: FloatArray, size: int
+) -> Any:
+    """Rows of the Jacobian, of residuals (n, k): sums of basis (n, size) times blocks (n, k, 3), then the tail."""
+    from scipy.sparse import csr_array, hstack
+
+    n, k, _ = tail.shape
+    parts = []
+    for terms in (turn_terms, place_terms):
+        part = csr_array((n * k, 3 * size))
+        for basis, matrices in terms:
+            coo = basis.tocoo()
+            values = coo.data[:, None, None] * matrices[coo.row]
+            row = np.broadcast_to(k * coo.row[:, None, None] + np.arange(k)[:, None], values.shape)
+            column = np.broadcast_to(3 * coo.col[:, None, None] + np.arange(3), values.shape)
+            part = part + csr_array((values.ravel(), (row.ravel(), column.ravel())), shape=part.shape)
+        parts.append(part)
+    return hstack([*parts, csr_array(tail.reshape(n * k, -1))], format="csr")

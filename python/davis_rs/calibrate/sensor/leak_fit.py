@@ -1,0 +1,203 @@
+"""Leak from pixels that see no signal: its rate, how it differs from pixel to pixel, and how regular it is."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from ...inspection.statistics import StreamStatistics
+from ...inspection.statistics.stream_statistics import Measured
+from .finding import Finding, combined
+from .quiet_pixels import DIAGONALS, signal_in
+
+_LEAK = ("leak", "leak_rate_hz")
+_SPREAD, _JITTER = ("leak's spread", "leak_spread"), ("leak's jitter", "leak_jitter")
+
+_CALM_SHARE = 0.3
+_MODEL_SHARE = 0.025
+"""What leaks of simulated streams with noise are off, however long they are."""
+
+_LEAST_EVENTS = 5.0
+"""Leak events of a pixel in the mean, from which on its rate tells more than where its first event happens to be."""
+
+_MOST_NOISE = 0.3
+"""OFF events by leak events of the calm pixels, above which noise hides how the leak scatters."""
+
+_LEAST_PAIRS, _LEAST_INTERVALS = 100, 100
+_SPREAD_MODEL, _JITTER_MODEL = 0.02, 0.02
+"""Shares that the models of spread and jitter err by, on simulated streams."""
+
+_STEEPNESS = 8.0
+"""C^2 / (2 rms^2) of noise that makes some events a minute."""
+
+_PHASE_VARIANCE, _PHASE_SIGMA = 1 / 6, 1 / 12
+"""Variance of the number of ticks of a clock in a time, where the clock's phase is not known: from 0 to 1/4, because
+the time is a whole number of periods or not."""
+
+
+def find_leak(recordings: Sequence[StreamStatistics]) -> Finding:
+    """The mean rate: ON less OFF events of quiet pixels, because events of noise come in pairs."""
+    leaks, scatter = [], []
+    for one in recordings:
+        if not one.quiet.any():
+            continue
+        why = signal_in(one) or _signal_hides_leak(one)
+        if why is not None:
+            return Finding(*_LEAK, None, why)
+        # Noise adds to ON less OFF events where a pixel's thresholds differ, so pixels with the least of it tell.
+        calm = _calm(one)
+        net = (one.counts[1] - one.counts[0])[calm].astype(np.float64)
+        leaks.append(mean_rate(net, one.duration_s, 1 / (len(net) * one.duration_s)))
+        events = one.counts.sum(axis=0)[one.quiet]
+        scatter.append(float(events.var() / max(events.mean(), 1e-300)))
+    if not leaks:
+        return Finding(*_LEAK, None, "no pixel is quiet")
+    leak = combined(leaks)
+    if leak.value < -3 * leak.sigma:
+        said = f"ON less OFF events of quiet pixels are {leak} Hz, and a leak makes ON events"
+        return Finding(*_LEAK, None, said)
+    note = (
+        f"ON less OFF events of {sum(int(one.quiet.sum()) for one in recordings):,} quiet pixels, whose counts scatter "
+        f"{max(scatter):.2g} times as much as those of a Poisson process"
+    )
+    sigma = math.hypot(leak.sigma, _MODEL_SHARE * leak.value)
+    return Finding(*_LEAK, Measured(max(leak.value, 0.0), sigma), note)
+
+
+def _signal_hides_leak(one: StreamStatistics) -> str | None:
+    """Why ON less OFF events of the calm pixels are no leak; None if they may be.
+
+    Where nearly every pixel has events, :func:`signal_in` cannot tell. But if pixels have more OFF events than they
+    have ON events above these, and the difference is alike in neighbours, it comes from what they see.
+    """
+    calm, net = _calm(one), (one.counts[1] - one.counts[0]).astype(np.float64)
+    extra, off = float(net[calm].mean()), float(one.counts[0][calm].mean())
+    pairs = np.concatenate([np.stack([net[a], net[b]])[:, calm[a] & calm[b]] for a, b in DIAGONALS], axis=1)
+    if not 0 < extra < off or pairs.shape[1] < _LEAST_PAIRS or not pairs.std(axis=1).all():
+        return None
+    alike = float(np.corrcoef(pairs)[0, 1])
+    # A pixel is in up to four pairs, so they count as fewer.
+    if alike < 4 / math.sqrt(pairs.shape[1] / 2):
+        return None
+    return (
+        f"the quietest pixels of {one.name} see signal: they have {off:.3g} OFF events and {extra:.3g} ON events more "
+        f"than these, which is alike in neighbours (correlation {alike:.2g})"
+    )
+
+
+def find_leak_variation(recordings: Sequence[StreamStatistics], off_over_on: float | None) -> tuple[Finding, Finding]:
+    """How rates differ from pixel to pixel, and how intervals of one pixel do, as shares of their means.
+
+    The spread is that of ON less OFF events between diagonal neighbours, so that what varies smoothly over the sensor,
+    as a signal or light does, is no part of it. Subtracted is what counts of one rate scatter: a clock's unknown phase,
+    and the jitter. The jitter is the scatter of a pixel's intervals, where it has no OFF event, so hardly any noise.
+
+    Args:
+        recordings: of the sensor.
+        off_over_on: C_off / C_on; None if it is not known.
+    """
+    told = [_variation(one, off_over_on) for one in recordings if one.quiet.any()]
+    spreads, jitters = ([part for part in parts if isinstance(part, Measured)] for parts in zip(*told, strict=True))
+    if not told:
+        return Finding(*_SPREAD, None, "no pixel is quiet"), Finding(*_JITTER, None, "no pixel is quiet")
+    why_spread, why_jitter = ("; ".join(sorted({str(one) for one in parts})) for parts in zip(*told, strict=True))
+    return (
+        Finding(*_SPREAD, combined(spreads), "of rates, between diagonal neighbours")
+        if spreads
+        else Finding(*_SPREAD, None, why_spread),
+        Finding(*_JITTER, combined(jitters), "of intervals of pixels that have no OFF event")
+        if jitters
+        else Finding(*_JITTER, None, why_jitter),
+    )
+
+
+class _Variation(NamedTuple):
+    """What one recording tells of both, or why it does not."""
+
+    spread: Measured | str
+    jitter: Measured | str
+
+
+def _variation(one: StreamStatistics, off_over_on: float | None) -> _Variation:
+    why = signal_in(one)
+    if why is not None:
+        return _Variation(why, why)
+    calm = _calm(one)
+    off, on = (counts.astype(np.float64) for counts in one.counts)
+    events, noise = float((on - off)[calm].mean()), float(off[calm].mean())
+    if events < _LEAST_EVENTS:
+        few = f"quiet pixels have {max(events, 0.0):.2g} leak events each, {_LEAST_EVENTS:g} are needed"
+        return _Variation(few, few)
+    if noise > _MOST_NOISE * events:
+        noisy = f"quiet pixels have {noise:.2g} noise events of each polarity for {events:.2g} leak events"
+        return _Variation(noisy, noisy)
+    early = _variance_of_early_events(off_over_on, float(off[one.quiet].mean()) / events)
+    jitter = _jitter(one, calm & (off == 0), early)
+    return _Variation(_spread(on - off, calm, jitter if isinstance(jitter, Measured) else None), jitter)
+
+
+def _variance_of_early_events(off_over_on: float | None, noise: float) -> Measured:
+    """What noise adds to the relative variance of leak intervals of pixels without an OFF event.
+
+    Shortly before a leak event noise may make the ON event, and no OFF event follows, see
+    :func:`~davis_rs.calibrate.sensor.noise_fit.find_noise`. The higher C_off, the more of the noise does so.
+
+    Args:
+        off_over_on: C_off / C_on; None if it is not known.
+        noise: OFF events by leak events, of all quiet pixels.
+    """
+    if off_over_on is None:
+        return Measured(0.2 * noise, 0.3 * noise)
+    near = min(off_over_on / 2, 0.95)
+    begins_off = math.exp(-_STEEPNESS * (off_over_on**2 - 1))
+    share = 2 * near**3 / 3 / (1 - near + begins_off)
+    return Measured(share * noise, (0.2 * share + 0.03) * noise)
+
+
+def _jitter(one: StreamStatistics, alone: npt.NDArray[np.bool_], early: Measured) -> Measured | str:
+    count, total, squares = (part[alone] for part in one.on_intervals)
+    enough = count > 1
+    count, total, squares = count[enough], total[enough], squares[enough]
+    freedom = int((count - 1).sum())
+    if freedom < _LEAST_INTERVALS:
+        return f"pixels without an OFF event have {freedom} intervals to compare, {_LEAST_INTERVALS} are needed"
+    mean = total / count
+    variance = float(((squares - count * mean**2) / mean**2).sum() / freedom)
+    value = math.sqrt(max(variance - early.value, 0.25 * variance))
+    of_square = math.hypot(variance * math.sqrt(2 / freedom), early.sigma)
+    sigma = of_square / (2 * value) if value > 0 else math.sqrt(of_square)
+    return Measured(value, math.hypot(sigma, _JITTER_MODEL * value))
+
+
+def _spread(net: npt.NDArray[np.float64], calm: npt.NDArray[np.bool_], jitter: Measured | None) -> Measured | str:
+    squares = np.concatenate(
+        [((net[here] - net[there])[calm[here] & calm[there]]) ** 2 / 2 for here, there in DIAGONALS]
+    )
+    if len(squares) < _LEAST_PAIRS:
+        return f"there are {len(squares)} pairs of calm neighbours, {_LEAST_PAIRS} are needed"
+    mean = float(net[calm].mean())
+    own = _PHASE_VARIANCE + (0.0 if jitter is None else jitter.value**2 * mean)
+    variance = (float(squares.mean()) - own) / mean**2
+    # A pixel is in up to four pairs, so they count as fewer.
+    sigma = math.hypot(float(squares.std()) / math.sqrt(len(squares) / 2), _PHASE_SIGMA) / mean**2
+    if variance < 2 * sigma:
+        most = math.sqrt(max(variance, 0.0) + 2 * sigma)
+        return f"it is at most {most:.2g}: counts scatter no more than those of clocks of one rate"
+    value = math.sqrt(variance)
+    return Measured(value, math.hypot(sigma / (2 * value), _SPREAD_MODEL * value))
+
+
+def _calm(one: StreamStatistics) -> npt.NDArray[np.bool_]:
+    """Those of the quiet pixels that have the fewest OFF events."""
+    off = one.counts[0]
+    return np.asarray(one.quiet & (off <= np.quantile(off[one.quiet], _CALM_SHARE)))
+
+
+def mean_rate(counts: npt.NDArray[np.float64], duration_s: float, least: float) -> Measured:
+    """Mean rate of pixels, with the standard deviation of their scatter, but no less than ``least``."""
+    scatter = float(counts.std(ddof=1)) / math.sqrt(len(counts)) / duration_s if len(counts) > 1 else math.inf
+    return Measured(float(counts.mean()) / duration_s, max(scatter, least))

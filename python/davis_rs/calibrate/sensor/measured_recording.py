@@ -1,0 +1,79 @@
+"""A recording in one pass: the statistics of its events, and its frames next to them."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from ..._util.argument_error import ArgumentError
+from ..._util.close_names import names_checked
+from ...events.arrays import EventArray
+from ...inspection.statistics import StreamStatistics, measure_stream, open_event_stream
+from ...inspection.statistics.event_stream import EventStream
+from ...inspection.statistics.stream_statistics import Region
+from .frame_source import FrameSource, open_frames
+from .signal_samples import SignalSampler, SignalSamples
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredRecording:
+    """What was measured of a recording, for :func:`fit_sensor`.
+
+    Attributes:
+        statistics: of the events.
+        source: of the frames; None without any.
+        samples: of the frames, next to what events say.
+        lux: illuminance that quiet pixels see; None if it is not known.
+    """
+
+    statistics: StreamStatistics
+    source: FrameSource | None = None
+    samples: SignalSamples | None = None
+    lux: float | None = None
+
+
+@names_checked
+def measure_recording(
+    source: str | os.PathLike[str] | EventStream | EventArray,
+    *,
+    frames: FrameSource | None = None,
+    size: tuple[int, int] | None = None,
+    quiet: Region | None = None,
+    start_s: float = 0.0,
+    stop_s: float | None = None,
+    lux: float | None = None,
+    progress: Callable[[float], object] | None = None,
+) -> MeasuredRecording:
+    """Measure a recording for :func:`fit_sensor`: its events as :func:`measure_stream` does, and its frames.
+
+    Args:
+        source: as of :func:`measure_stream`.
+        frames: next to a stream or an array; those of a file or folder are found.
+        size, quiet, start_s, stop_s, progress: as of :func:`measure_stream`.
+        lux: illuminance that the quiet pixels see, > 0, in the lux of :class:`~davis_rs.SensorParameters`; None if it
+            is not known. Shot noise, and how bandwidth goes with light, are fitted where it is.
+
+    Raises:
+        OSError, DecodeError, ValueError: as of :func:`measure_stream`; ValueError for an illuminance that is not finite
+            and > 0.
+    """
+    if lux is not None and not 0 < lux < math.inf:
+        raise ArgumentError("{lux} must be finite and > 0, or None, got {!r}", lux)
+    if isinstance(source, str | os.PathLike):
+        path, source = source, open_event_stream(source, size=size)
+        frames = open_frames(path, source.size)
+    known = source.size if isinstance(source, EventStream) else size
+    sampler = None if frames is None or known is None else SignalSampler(*known, frames.frames())
+    statistics = measure_stream(
+        source,
+        size=size,
+        quiet=quiet,
+        start_s=start_s,
+        stop_s=stop_s,
+        progress=progress,
+        also=None if sampler is None else sampler.add,
+    )
+    samples = None if sampler is None else sampler.finish()
+    return MeasuredRecording(statistics, frames, samples if samples is not None and samples.frames else None, lux)

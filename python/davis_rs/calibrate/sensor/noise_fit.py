@@ -1,0 +1,225 @@
+"""Shot noise from how often pixels fire in known light."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from ...inspection.statistics import StreamStatistics
+from ...inspection.statistics.stream_statistics import Measured
+from ...sensor.effects import ShotNoise, ThresholdMismatch
+from ...sensor.parameters import SensorParameters
+from .finding import Finding, combined
+from .known_parameters import KnownParameters
+from .leak_fit import find_leak, mean_rate
+from .quiet_pixels import DIAGONALS, signal_in
+
+_RMS, _HALF = ("shot noise", "shot_noise_rms"), ("noise over light", "shot_noise_half_lux")
+
+_LIGHTS_APART = 1.5
+"""By what factor the light of recordings must differ to tell how noise goes with it."""
+
+_LEAST_EVENTS = 20
+"""OFF events of quiet pixels in a recording, below which it does not count."""
+
+_MODEL_SHARE, _LIGHT_SHARE = 0.07, 0.015
+"""What Rice's rate errs by on simulated streams, as shares: in all lights alike, and in each."""
+
+
+def find_noise(
+    recordings: Sequence[StreamStatistics],
+    lux: Sequence[float | None],
+    parameters: KnownParameters,
+) -> tuple[Finding, Finding]:
+    """The rms of the noise, and the light in which its square is halved.
+
+    Quiet pixels make as many pairs of noise events as Rice's formula says, see :class:`~davis_rs.sensor.effects.ShotNoise`,
+    in the mean over their thresholds. OFF events are counted, because a leak makes none.
+
+    Args:
+        recordings: of the sensor.
+        lux: illuminance that the quiet pixels of each see; None where it is not known.
+        parameters: thresholds, their mismatch, and the noise's bandwidth.
+    """
+    rates = [_off_rate(one) for one in recordings]
+    leaks = [find_leak([one]).value for one in recordings]
+    known = [
+        _Quiet(light, rate, 0.0 if leak is None else leak.value)
+        for light, rate, leak in zip(lux, rates, leaks, strict=True)
+        if light is not None and rate is not None
+    ]
+    here = [rate for rate in rates if rate is not None]
+    if not here:
+        why = "; ".join(sorted({signal_in(one) or "quiet pixels have too few OFF events" for one in recordings}))
+        return Finding(*_RMS, None, why), Finding(*_HALF, None, "it needs shot noise")
+    off = combined(here)
+    makes = f"it makes {Measured(2 * off.value, 2 * off.sigma)} Hz here"
+    if not known:
+        light = "the recordings' light is not known (--lux)"
+        return Finding(*_RMS, None, f"{light}; {makes}"), Finding(*_HALF, None, "likewise")
+    problem = _problem(known, parameters)
+    if isinstance(problem, str):
+        return Finding(*_RMS, None, f"{problem}; {makes}"), Finding(*_HALF, None, "it needs shot noise")
+    rms, half = problem.solve()
+    note = f"{makes}; {problem.said}"
+    if half is not None:
+        return Finding(*_RMS, rms, note), Finding(*_HALF, half, f"from {len(known)} recordings of different light")
+    lights = "recordings of different light are needed; it is taken from the base"
+    return Finding(*_RMS, rms, note), Finding(*_HALF, None, lights)
+
+
+class _Quiet(NamedTuple):
+    """Quiet pixels of a recording: their light, and OFF events and leak events of a pixel per second."""
+
+    lux: float
+    off: Measured
+    leak_hz: float
+
+
+def _off_rate(one: StreamStatistics) -> Measured | None:
+    """OFF events of a quiet pixel per second; None where signal or too few events are seen.
+
+    Pixels with low thresholds make most of the noise, and some of them look hot: they are counted.
+    """
+    if not one.quiet.any() or signal_in(one) is not None:
+        return None
+    quiet = one.quiet.copy()
+    around = np.zeros(quiet.shape, np.int64)
+    for here, there in DIAGONALS:
+        around[here] += one.quiet[there]
+        around[there] += one.quiet[here]
+    hot = one.hot_pixels
+    quiet[hot.y, hot.x] |= around[hot.y, hot.x] >= 2
+    off = one.counts[0][quiet].astype(np.float64)
+    if off.sum() < _LEAST_EVENTS:
+        return None
+    return mean_rate(off, one.duration_s, 1 / (len(off) * one.duration_s))
+
+
+@dataclass(frozen=True)
+class _Problem:
+    """Logarithms of rates against Rice's formula.
+
+    Attributes:
+        lux: of each recording, dark current included.
+        quiet: of each recording.
+        given: ON and OFF threshold, their mismatch, the bandwidth, and the model's own error as a logarithm, each with
+            its standard deviation or 0.
+        parity: of columns' thresholds.
+        half_lux: where the square of the noise is halved; None if it is to be found.
+        said: where all else comes from.
+    """
+
+    lux: npt.NDArray[np.float64]
+    quiet: Sequence[_Quiet]
+    given: Sequence[Measured]
+    parity: float
+    half_lux: float | None
+    said: str
+
+    def solve(self) -> tuple[Measured, Measured | None]:
+        """The rms, and the half light if it is to be found."""
+        from scipy.optimize import least_squares
+
+        given = [one for one in self.given if one.sigma > 0]
+        # A third or fourth of a threshold is noise that makes few events.
+        start = [math.log(self.given[0].value / 3.5)]
+        start += [] if self.half_lux is not None else [math.log(float(np.sqrt(self.lux.min() * self.lux.max())))]
+        start += [one.value for one in given]
+        found = least_squares(self._residuals, start, x_scale="jac")
+        covariance = np.linalg.pinv(found.jac.T @ found.jac)
+        sigmas = np.sqrt(np.diag(covariance))
+        # Rates that scatter by more than their errors say so.
+        freedom = len(self.quiet) - (1 if self.half_lux is not None else 2)
+        misfit = math.sqrt(max(2 * found.cost / freedom, 1.0)) if freedom > 0 else 1.0
+        rms, *rest = (
+            Measured(math.exp(value), math.exp(value) * misfit * sigma)
+            for value, sigma in zip(found.x.tolist(), sigmas.tolist(), strict=True)
+        )
+        return rms, rest[0] if self.half_lux is None else None
+
+    def _residuals(self, at: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        rms, rest = math.exp(at[0]), at[1:]
+        half = self.half_lux
+        if half is None:
+            half, rest = math.exp(rest[0]), rest[1:]
+        values, own, pulls = [], iter(rest.tolist()), []
+        for one in self.given:
+            values.append(next(own) if one.sigma > 0 else one.value)
+            if one.sigma > 0:
+                pulls.append((values[-1] - one.value) / one.sigma)
+        on, off, mismatch, bandwidth, model = values
+        factors, weights = ThresholdMismatch(min(max(mismatch, 0.0), 1.0), column_parity=self.parity).nodes()
+        # ON and OFF thresholds of a pixel are independent: each of one with each of the other.
+        pixel_on, pixel_off = on * factors[:, :, None], off * factors[:, None]
+        noise = ShotNoise(rms, half, bandwidth)
+        weights = 2 * weights[:, None] * weights
+        mean = [
+            float((weights * _off_events_hz(noise, pixel_on, pixel_off, light, one.leak_hz)).sum())
+            for light, one in zip(self.lux, self.quiet, strict=True)
+        ]
+        logs = model + np.log(np.maximum(mean, 1e-300) / [one.off.value for one in self.quiet])
+        sigmas = np.hypot([one.off.sigma / one.off.value for one in self.quiet], _LIGHT_SHARE)
+        return np.concatenate([logs / sigmas, pulls])
+
+
+def _off_events_hz(
+    noise: ShotNoise,
+    on: npt.NDArray[np.float64],
+    off: npt.NDArray[np.float64],
+    light: float,
+    leak_hz: float,
+) -> npt.NDArray[np.float64]:
+    """OFF events of pixels with these thresholds per second.
+
+    Each pair that begins with an OFF event has one. One that begins with an ON event has none where the leak has
+    brought the signal within half of C_off of the next ON event: noise on its way back then does not reach the OFF
+    level. While noise makes r such ON events a second, and the leak v, a pixel is that near for the share
+    (v / r) (1 - exp(-r C_off / (2 C_on v))) of the time.
+    """
+    nothing = np.full_like(on, np.inf)
+    first_on, first_off = noise.rate_hz(on, nothing, light) / 2, noise.rate_hz(nothing, off, light) / 2
+    if leak_hz <= 0:
+        return np.asarray(first_on + first_off)
+    near = np.minimum(off / (2 * on), 1.0)
+    return np.asarray(first_on + first_off + leak_hz * np.expm1(-first_on * near / leak_hz))
+
+
+def _problem(known: Sequence[_Quiet], parameters: KnownParameters) -> _Problem | str:
+    on = parameters.get("contrast_threshold")
+    if on is None:
+        return "its rms needs thresholds (--base)"
+    off = parameters.get("contrast_threshold_off") or on
+    mismatch = parameters.get("threshold_mismatch") or Measured(0.0, 0.0)
+    parity = parameters.get("threshold_column_parity") or Measured(0.0, 0.0)
+    # A bandwidth that was found is that of both poles in the recordings' light.
+    bandwidth = parameters.of_base("shot_noise_bandwidth_hz") or parameters.of_base("source_follower_bandwidth_hz")
+    if bandwidth is None:
+        bandwidth = Measured(ShotNoise.bandwidth_hz, 0.0)
+    dark_lux = parameters.base.dark_luma(1.0) or 0.0
+    lights = np.array([one.lux for one in known]) + dark_lux
+    half = None
+    if lights.max() < _LIGHTS_APART * lights.min():
+        half = _half_lux(parameters.base)
+        if half is None:
+            return (
+                "its rms needs the light in which its square is halved (shot_noise_half_lux of --base), or recordings "
+                f"whose light differs by a factor of {_LIGHTS_APART:g}"
+            )
+    said = (
+        f"thresholds {on.value:.3g}, {off.value:.3g}, mismatch {mismatch.value:.2g}, bandwidth {bandwidth.value:.3g} Hz"
+    )
+    return _Problem(
+        lights, known, (on, off, mismatch, bandwidth, Measured(0.0, _MODEL_SHARE)), parity.value, half, said
+    )
+
+
+def _half_lux(parameters: SensorParameters) -> float | None:
+    """As the sensor's own effects have it."""
+    noise = SensorParameters.effects(parameters, 1.0).shot_noise_rms
+    return None if noise is None or math.isinf(noise.half_luma) else noise.half_luma

@@ -1,0 +1,61 @@
+"""Bounds that any stream gives: on the refractory period and on the bus; and the parity of columns and rows."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+
+from ...inspection.statistics import StreamStatistics
+from ...inspection.statistics.stream_statistics import Measured
+from .finding import Finding, combined
+
+_TIMES_QUIET = 10.0
+
+
+def find_refractory_period(shortest: int | None) -> Finding:
+    bound = (
+        "no pixel has two events" if shortest is None else f"at most {shortest:,} us, the shortest interval of a pixel"
+    )
+    return Finding("refractory period", "refractory_period_us", None, bound)
+
+
+def find_readout(recordings: Sequence[StreamStatistics]) -> Iterable[Finding]:
+    rows = max(one.bursts.rows_per_window.most or 0 for one in recordings)
+    yield Finding(
+        "readout", "readout_events_per_s", None,
+        f"at least {rows} row bursts in 10 us were carried: a row costs at most {10 / max(rows, 1):.2g} us",
+    )  # fmt: skip
+
+
+def find_parity(recordings: Sequence[StreamStatistics]) -> Iterable[Finding]:
+    """Events at even places over those at odd ones, and what that says of thresholds if events go by 1 / C."""
+    ratios: dict[tuple[str, int], Measured] = {}
+    for words, pairs in (
+        ("even / odd columns", [one.column_parity for one in recordings]),
+        ("even / odd rows", [one.row_parity for one in recordings]),
+    ):
+        for polarity, name in ((1, "ON"), (0, "OFF")):
+            known = [pair[polarity] for pair in pairs if math.isfinite(pair[polarity].sigma)]
+            found = combined(known) if known else None
+            if found is not None:
+                ratios[words, polarity] = found
+            yield Finding(f"{words}, {name}", None, found)
+    yield _column_parity(recordings, [ratios[key] for key in ratios if key[0] == "even / odd columns"])
+
+
+COLUMN_PARITY = ("parity of columns", "threshold_column_parity")
+
+
+def _column_parity(recordings: Sequence[StreamStatistics], ratios: Sequence[Measured]) -> Finding:
+    events = sum(one.events / one.counts[0].size / one.duration_s for one in recordings) / len(recordings)
+    quiet = max(one.quiet_rate_hz.value for one in recordings)
+    if len(ratios) < 2:
+        return Finding(*COLUMN_PARITY, None, "it needs events of both polarities in even and odd columns")
+    if not events > _TIMES_QUIET * quiet:
+        why = "events are not those of a moving scene: the quietest pixels have as many as a tenth of the mean"
+        return Finding(*COLUMN_PARITY, None, why)
+    shares = [Measured((r - 1) / (r + 1), 2 * sigma / (r + 1) ** 2) for r, sigma in ratios]
+    found = combined(shares)
+    apart = abs(shares[0].value - shares[1].value) / 2
+    said = "of thresholds, if events go by 1 / C"
+    return Finding(*COLUMN_PARITY, Measured(found.value, math.hypot(found.sigma, apart)), said)

@@ -1,0 +1,1 @@
+"""Events for training: windows over a stream, and datasets for PyTorch."""

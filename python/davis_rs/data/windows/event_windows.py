@@ -1,0 +1,191 @@
+"""Any event file, or a dataset folder, as a sequence of windows."""
+
+from __future__ import annotations
+
+import copy
+import os
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, Literal, overload
+
+import numpy as np
+
+from ..._util.argument_error import ArgumentError
+from ..._util.close_names import names_checked
+from ..._util.untrusted import MAX_PACKET_BYTES
+from ...geometry.pose import GroundTruth, Pose
+from ...io.dataset.reader import StampedImage
+from ...io.files.random_access import RandomAccess
+from ...sensor.imu import IMU_DTYPE
+from .cuts import CountCuts, Cuts, FrameCuts, TimeCuts, positive, windows_that_fit
+from .window import EventWindow, WindowImages
+
+By = Literal["time", "count", "frames"]
+
+
+@names_checked
+class EventWindows(Sequence[EventWindow]):
+    """Windows of an event file or a dataset folder, read when they are asked for, in any order.
+
+    ``windows[i]`` is an :class:`EventWindow`, whose events are a slice of the file's; ``windows[a:b:c]`` are the same
+    windows, fewer of them. Of a folder, frames, depth, flow, displacements, masks, inertial samples and poses of the
+    same stretch come with it. Where events are is found once: see docs/training.md for what that costs in each format.
+    A window is read in bounded memory. Pickled windows are small and open the file again, so that worker processes can
+    have them; threads may share them.
+
+    Args:
+        path: an event file or recording that can be read in parts (not: compressed .npz, bags without an index,
+            rosbag2, a camera's bytes), or a dataset folder.
+        by: ``"time"``: windows of ``duration_us``; ``"count"``: windows of ``count`` events; ``"frames"``: from each
+            frame of a folder to the next one.
+        duration_us: by time: how long a window is.
+        stride_us: by time: from the start of one window to that of the next; ``duration_us`` if not given.
+        count: by count: how many events a window has.
+        stride: by count: from the first event of a window to that of the next, in events; ``count`` if not given.
+        start_us, stop_us: only windows that lie within start_us <= t < stop_us. Where not given: from 0 in a folder and
+            from the first event in a file, to the last event.
+        size: (width, height) of the sensor in pixels, where neither the file nor what lies next to it says.
+        max_packet_bytes: see :func:`davis_rs.open_reader`.
+
+    Attributes:
+        size: (width, height) of the sensor in pixels, None where it is not known.
+        dataset: the folder, None for a file.
+
+    Only whole windows are made: what is left over at the end of a stream is in none. A window by count ends 1 us after
+    its last event; events of equal time may lie in two of them. A window between frames has both frames.
+
+    Raises:
+        OSError: if the file cannot be read.
+        DecodeError: if it is malformed, its times go back, or it can only be read from its beginning.
+        ValueError: for options that do not belong together, or a size that contradicts the file.
+    """
+
+    def __init__(
+        self,
+        path: str | os.PathLike[str],
+        by: By = "time",
+        *,
+        duration_us: int | None = None,
+        stride_us: int | None = None,
+        count: int | None = None,
+        stride: int | None = None,
+        start_us: int | None = None,
+        stop_us: int | None = None,
+        size: tuple[int, int] | None = None,
+        max_packet_bytes: int = MAX_PACKET_BYTES,
+    ) -> None:
+        given = {"duration_us": duration_us, "stride_us": stride_us, "count": count, "stride": stride}
+        belong = {"time": {"duration_us", "stride_us"}, "count": {"count", "stride"}, "frames": set[str]()}
+        if by not in belong:
+            raise ArgumentError("{by} must be one of {}: got {!r}", ", ".join(belong), by)
+        strange = [name for name, value in given.items() if value is not None and name not in belong[by]]
+        if strange:
+            raise ValueError(f"windows by {by} take no {', '.join(strange)}")
+        self.path = Path(path)
+        self.by = by
+        if by == "frames" and not self.path.is_dir():
+            raise ValueError(f"windows between frames need a dataset folder: {self.path} is a file")
+        self._access = RandomAccess(path, size=size, max_packet_bytes=max_packet_bytes)
+        self.dataset, self.size = self._access.dataset, self._access.size
+        self._first_us, self._stop_us = self._limits(start_us, stop_us)
+        if by == "frames" and stop_us is None:
+            self._stop_us = 2**62  # frames tell where the last window ends
+        if by == "time":
+            duration_us = positive("duration_us", duration_us)
+            stride_us = duration_us if stride_us is None else positive("stride_us", stride_us)
+            number = windows_that_fit(self._stop_us - self._first_us, duration_us, stride_us)
+            self._cuts: Cuts = TimeCuts(self._first_us, duration_us, stride_us, number)
+        elif by == "count":
+            count = positive("count", count)
+            stride = count if stride is None else positive("stride", stride)
+            first, stop = self._access.number_at(self._first_us), self._access.number_at(self._stop_us)
+            self._cuts = CountCuts(first, count, stride, windows_that_fit(stop - first, count, stride))
+        else:
+            self._cuts = self._frame_cuts()
+        self._numbers = range(len(self._cuts))
+
+    def __len__(self) -> int:
+        return len(self._numbers)
+
+    @overload
+    def __getitem__(self, index: int) -> EventWindow: ...
+    @overload
+    def __getitem__(self, index: slice) -> EventWindows: ...
+    def __getitem__(self, index: int | slice) -> EventWindow | EventWindows:
+        if isinstance(index, slice):
+            part = copy.copy(self)
+            part._numbers = self._numbers[index]
+            return part
+        try:
+            number = self._numbers[index]
+        except IndexError:
+            raise IndexError(f"{self.path} has {len(self)} windows: there is none {index}") from None
+        start_us, end_us, events = self._cuts.window(self._access, number)
+        return EventWindow(start_us, end_us, events, self.size, **self._of_folder(start_us, end_us))
+
+    def __repr__(self) -> str:
+        return f"<EventWindows of {self.path} by {self.by}, {len(self):,} windows, {self._access.events:,} events>"
+
+    def close(self) -> None:
+        """Let go of the file; it is opened again when a window is asked for."""
+        self._access.close()
+
+    def _limits(self, start_us: int | None, stop_us: int | None) -> tuple[int, int]:
+        """Return where the first window may begin, and the last one end."""
+        first_us = 0 if self.dataset is not None else self._access.first_us or 0
+        last_us = self._access.last_us
+        end_us = first_us if last_us is None else last_us + 1
+        return first_us if start_us is None else start_us, end_us if stop_us is None else stop_us
+
+    def _frame_cuts(self) -> FrameCuts:
+        assert self.dataset is not None
+        t_us = _times(self.dataset.frames)
+        if (np.diff(t_us) <= 0).any():
+            raise ValueError(f"{self.path}: frames must follow each other in time, without two at one instant")
+        return FrameCuts(t_us[(t_us >= self._first_us) & (t_us <= self._stop_us)])
+
+    def _of_folder(self, start_us: int, end_us: int) -> dict[str, Any]:
+        """What a folder has of a window."""
+        if (folder := self.dataset) is None:
+            return {}
+        until_us = end_us + 1 if self.by == "frames" else end_us
+        imu, poses = folder.imu, folder.groundtruth
+        samples = slice(*np.searchsorted(imu["t"], (start_us, end_us)))
+        return {
+            "frames": _images(folder.frames, start_us, until_us, folder.read_image),
+            "depth_maps": _images(folder.depth_maps, start_us, until_us, folder.read_depth),
+            "flow_maps": _images(folder.flow_maps, start_us, until_us, folder.read_flow),
+            "displacements": _images(folder.displacements, start_us, until_us, folder.read_displacement),
+            "masks": _images(folder.masks, start_us, until_us, folder.read_mask),
+            "imu": imu[samples].copy() if len(imu) else np.zeros(0, IMU_DTYPE),
+            "start_pose": _pose_at(poses, start_us),
+            "end_pose": _pose_at(poses, end_us),
+        }
+
+
+def _times(images: list[StampedImage]) -> np.ndarray[Any, np.dtype[np.int64]]:
+    return np.array([image.t_us for image in images], np.int64)
+
+
+def _images(images: list[StampedImage], start_us: int, end_us: int, read: Callable[[int], Any]) -> WindowImages[Any]:
+    t_us = _times(images)
+    first, stop = np.searchsorted(t_us, (start_us, end_us)).tolist()
+    return WindowImages(t_us[first:stop], first, read)
+
+
+def _pose_at(poses: GroundTruth, t_us: int) -> Pose | None:
+    """The pose at an instant between the first and the last one."""
+    after = int(np.searchsorted(poses.t_us, t_us))
+    if after == len(poses.t_us):
+        return None
+    if poses.t_us[after] == t_us:
+        return Pose(poses.positions[after], poses.quaternions[after])
+    if after == 0:
+        return None
+    from scipy.spatial.transform import Rotation, Slerp
+
+    span_us = poses.t_us[after - 1 : after + 1]
+    share = float(t_us - span_us[0]) / float(span_us[1] - span_us[0])
+    position = poses.positions[after - 1] * (1 - share) + poses.positions[after] * share
+    arc = Slerp([0.0, 1.0], Rotation.from_quat(poses.quaternions[after - 1 : after + 1]))
+    return Pose(position, arc(share).as_quat())

@@ -1,0 +1,193 @@
+"""The pose of a camera, and the quaternion algebra that it needs: (x, y, z, w), Hamilton."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from .._util.argument_error import ArgumentError
+
+# scipy is imported where it is used: it costs more than the 0.2 s that `import davis_rs` may take.
+
+FloatArray = npt.NDArray[np.float64]
+
+UNIT_NORM_TOLERANCE = 1e-3
+_ROTATION_TOLERANCE = 1e-6
+
+
+@dataclass(frozen=True, eq=False, init=False)
+class Pose:
+    """T_world_camera: maps points in camera axes (x right, y down, z forward) to the world.
+
+    Args:
+        position: the camera's centre in the world, metres, shape (3,).
+        quaternion: rotation R_world_camera as (x, y, z, w), Hamilton, of norm 1 within 1e-3; it is then normalised.
+
+    Both are held as read-only float64 arrays.
+
+    Raises:
+        ValueError: for another shape, a value that is not finite, or a quaternion that is not of norm 1.
+    """
+
+    position: FloatArray
+    quaternion: FloatArray
+
+    def __init__(self, position: npt.ArrayLike, quaternion: npt.ArrayLike) -> None:
+        for name, size, values in (("position", 3, position), ("quaternion", 4, quaternion)):
+            array = _numbers(values, f"pose {name}")
+            if array.shape != (size,):
+                raise ValueError(f"pose {name} must have shape ({size},), got {array.shape}")
+            if not np.isfinite(array).all():
+                raise ValueError(f"pose {name} must be finite, got {array.tolist()}")
+            if name == "quaternion":
+                norm = float(np.linalg.norm(array))
+                if abs(norm - 1.0) > UNIT_NORM_TOLERANCE:
+                    raise ValueError(
+                        f"pose quaternion must have norm 1 within {UNIT_NORM_TOLERANCE}, got norm {norm:.9g}"
+                    )
+                array /= norm
+            array.flags.writeable = False
+            object.__setattr__(self, name, array)
+
+    @property
+    def rotation(self) -> FloatArray:
+        """R_world_camera, shape (3, 3)."""
+        return rotation_matrices(self.quaternion)
+
+    @property
+    def matrix(self) -> FloatArray:
+        """T_world_camera, shape (4, 4)."""
+        matrix = np.eye(4)
+        matrix[:3, :3] = self.rotation
+        matrix[:3, 3] = self.position
+        return matrix
+
+    @classmethod
+    def from_matrix(cls, matrix: npt.ArrayLike) -> Pose:
+        """Return the pose of a T_world_camera (4, 4); the sign of its quaternion is free.
+
+        Raises:
+            ValueError: if it is not a rigid transform (rotation within 1e-6, last row 0 0 0 1).
+        """
+        from scipy.spatial.transform import Rotation
+
+        m = _numbers(matrix, "a pose matrix")
+        if m.shape != (4, 4) or not np.isfinite(m).all() or not np.array_equal(m[3], (0.0, 0.0, 0.0, 1.0)):
+            raise ValueError(f"a pose matrix must be finite, of shape (4, 4), with last row 0 0 0 1, got {m.tolist()}")
+        r = m[:3, :3]
+        off = float(np.abs(r @ r.T - np.eye(3)).max())
+        if off > _ROTATION_TOLERANCE or np.linalg.det(r) < 0:
+            found = f"is off by {off:.3g}" if off > _ROTATION_TOLERANCE else "is mirrored"
+            raise ValueError(
+                f"a pose matrix must hold a rotation (orthonormal within {_ROTATION_TOLERANCE:g}, right-handed), "
+                f"got {r.tolist()}, which {found}"
+            )
+        return cls(m[:3, 3], Rotation.from_matrix(r).as_quat())
+
+
+PoseLike: TypeAlias = Pose | npt.ArrayLike | tuple[npt.ArrayLike, npt.ArrayLike]
+"""What stands for a pose, see :func:`as_pose`."""
+
+
+def as_pose(given: PoseLike, argument: str = "pose") -> Pose:
+    """Return the pose that something stands for.
+
+    >>> as_pose(np.eye(4))
+    >>> as_pose(((0, 0, -1), (0, 0, 0, 1)))
+
+    Args:
+        given: a :class:`Pose`; a matrix T_world_camera (4, 4); or a pair of position (3,) in metres and quaternion (4,)
+            of R_world_camera as (x, y, z, w).
+        argument: what gives it, for messages.
+
+    Raises:
+        ArgumentError: for anything else, for what is no rigid, right-handed transform, a quaternion that is not of norm
+            1, or a value that is not finite; with the rule and the value.
+    """
+    if isinstance(given, Pose):
+        return given
+    pair = given if isinstance(given, tuple | list) and len(given) == 2 else None
+    try:
+        return Pose.from_matrix(given) if pair is None else Pose(*pair)  # type: ignore[arg-type]
+    except ValueError as error:
+        raise ArgumentError(
+            "{argument} must be a Pose, a 4 x 4 matrix T_world_camera, or (position, quaternion (x, y, z, w)): {}",
+            error,
+            argument=argument,
+        ) from None
+
+
+def _numbers(values: Any, what: str) -> FloatArray:
+    """A new array of numbers."""
+    try:
+        if values is None:
+            raise TypeError
+        return np.array(values, np.float64)
+    except (TypeError, ValueError):
+        raise ValueError(f"{what} must be numbers, got {values!r}") from None
+
+
+class GroundTruth(NamedTuple):
+    """Poses of the camera, T_world_camera, as a motion-capture system stamps them.
+
+    ``t_us`` int64 (n,); ``positions`` float64 (n, 3) in metres; ``quaternions`` float64 (n, 4) as (x, y, z, w).
+    """
+
+    t_us: npt.NDArray[np.int64]
+    positions: FloatArray
+    quaternions: FloatArray
+
+
+class Velocities(NamedTuple):
+    """How the camera moves, in its own axes (x right, y down, z ahead).
+
+    ``t_us`` int64 (n,); the others float64 (n, 3): ``linear`` velocity of its centre (m/s), ``angular`` rate (rad/s),
+    and their rates of change in the world, turned into camera axes: ``linear_acceleration`` (m/s^2, without gravity)
+    and ``angular_acceleration`` (rad/s^2).
+    """
+
+    t_us: npt.NDArray[np.int64]
+    linear: FloatArray
+    angular: FloatArray
+    linear_acceleration: FloatArray
+    angular_acceleration: FloatArray
+
+    def part(self, which: slice) -> Velocities:
+        """Return some of them."""
+        return Velocities(self.t_us[which], *(values[which] for values in self[1:]))
+
+
+NO_VELOCITIES = Velocities(np.empty(0, np.int64), *[np.empty((0, 3))] * 4)
+"""Velocities at no instants."""
+
+
+def describe_pose(pose: Pose) -> dict[str, object]:
+    return {"position": pose.position.tolist(), "quaternion": pose.quaternion.tolist()}
+
+
+def hamilton(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Hamilton product a * b of quaternions (..., 4) in the order (x, y, z, w).
+
+    Unlike a product of scipy's Rotations it is linear in both, so that the sign stays continuous.
+    """
+    av, aw, bv, bw = a[..., :3], a[..., 3:], b[..., :3], b[..., 3:]
+    return np.concatenate([aw * bv + bw * av + np.cross(av, bv), aw * bw - (av * bv).sum(-1, keepdims=True)], -1)
+
+
+def conjugate(q: FloatArray) -> FloatArray:
+    return q * (-1.0, -1.0, -1.0, 1.0)
+
+
+def body_rates(q: FloatArray, dq_dt: FloatArray) -> FloatArray:
+    """Angular rate (..., 3) in body axes, rad/s, of unit quaternions: q' = q * (omega, 0) / 2 (Hamilton)."""
+    return 2.0 * hamilton(conjugate(q), dq_dt)[..., :3]
+
+
+def rotation_matrices(q: FloatArray) -> FloatArray:
+    from scipy.spatial.transform import Rotation
+
+    matrices: FloatArray = Rotation.from_quat(q).as_matrix()
+    return matrices

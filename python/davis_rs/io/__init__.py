@@ -1,0 +1,1 @@
+"""Files: event formats, dataset folders and recordings of cameras."""

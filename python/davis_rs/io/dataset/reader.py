@@ -1,0 +1,396 @@
+"""Reading a dataset folder: one of ours, or one of the public Event-Camera Dataset."""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+import re
+import warnings
+from collections.abc import Iterator
+from functools import cached_property
+from pathlib import Path, PurePosixPath
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from ..._core import DecodeError
+from ..._util.untrusted import decoding, read_limited, read_text
+from ...events.arrays import EventArray
+from ...events.packet import Displacement
+from ...geometry.camera import Camera
+from ...geometry.pose import GroundTruth, Velocities
+from ...sensor.imu import IMU_DTYPE, ImuArray
+from ..formats.interface import TruncatedFileWarning
+from ..formats.registry import format_of_content
+from .files import (
+    CALIBRATION,
+    DEPTH_MAPS,
+    DISPLACEMENTS,
+    EVENT_FILES,
+    EVENTS,
+    FLOW_MAPS,
+    FRAMES,
+    GROUND_TRUTH,
+    INERTIAL,
+    LUMA_MAPS,
+    MASKS,
+    META,
+    NORMAL_MAPS,
+    SHAPE_NAMES,
+    VELOCITY,
+    ImageSeries,
+    event_file,
+)
+
+_MOST_PIXELS = 1 << 26
+"""Of an image, 268 MB of float32."""
+
+
+class StampedImage(NamedTuple):
+    """One image of a series: its time in microseconds and its file."""
+
+    t_us: int
+    path: Path
+
+
+class Dataset:
+    """A dataset folder, each part of it read when it is first asked for.
+
+    A part that the folder lacks is empty (``meta`` is then ``{}``), but for ``events`` and ``camera``, which raise
+    FileNotFoundError. Times are parsed from text to integer microseconds without a float between; where a file of
+    the public dataset has nanoseconds, to the nearest microsecond. In a dataset that was not completed, a last line
+    without its newline is left out: its writer was killed in the middle of it.
+
+    Raises:
+        FileNotFoundError: if the path does not exist, or is a folder without any of a dataset's files.
+        NotADirectoryError: if it is a file.
+        DecodeError: from any attribute or method, for the first malformed line of a file or a malformed image, naming
+            the file and the line.
+
+    Source: Mueggler et al., IJRR 2017, section 5 (file formats).
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        self.path = Path(path)
+        names = {entry.name for entry in self.path.iterdir()}
+        if names.isdisjoint({*EVENT_FILES.values(), META, CALIBRATION, GROUND_TRUTH, FRAMES.list_name}):
+            said = f"{self.path} is not a dataset: none of {EVENTS}, {META}, {CALIBRATION}, ... in it"
+            inside = next((name for name in sorted(names) if (self.path / name / META).is_file()), None)
+            hint = "" if inside is None else f"; its folders are datasets, such as {self.path / inside}"
+            raise FileNotFoundError(said + hint)
+
+    @property
+    def image_gain(self) -> float | None:
+        """Grey value of a frame over 255 x luma, from ``meta.json``; older folders call it ``exposure``. None: not
+        known."""
+        gain = self.meta.get("image_gain", self.meta.get("exposure"))
+        return None if gain is None else float(gain)
+
+    def __repr__(self) -> str:
+        duration_us = self.meta.get("duration_us")
+        parts = [str(self.path), "sensor unknown" if self.size is None else "{} x {} px".format(*self.size)]
+        if isinstance(duration_us, int):
+            parts.append(f"{duration_us / 1e6:.6g} s")
+        return f"<Dataset {', '.join(parts)}>"
+
+    @cached_property
+    def meta(self) -> dict[str, Any]:
+        """The contents of ``meta.json``."""
+        path = self.path / META
+        if not path.exists():
+            return {}
+        text = read_text(path)
+        try:
+            meta = json.loads(text)
+        except json.JSONDecodeError as error:
+            raise DecodeError(f"{path}, line {error.lineno}: {error.msg}") from None
+        except (RecursionError, ValueError) as error:  # nested too deeply, or a number of too many digits
+            raise DecodeError(f"{path}: {error}") from None
+        if not isinstance(meta, dict):
+            raise DecodeError(f"{path}: expected a JSON object, found {type(meta).__name__}")
+        _check_meta(path, meta)
+        return meta
+
+    @property
+    def size(self) -> tuple[int, int] | None:
+        """The sensor's (width, height): of ``meta.json``, else of the first frame; None if neither says."""
+        return self._size_and_source[0]
+
+    @property
+    def size_source(self) -> Path | None:
+        """The file that says :attr:`size`."""
+        return self._size_and_source[1]
+
+    @cached_property
+    def _size_and_source(self) -> tuple[tuple[int, int], Path] | tuple[None, None]:
+        if "sensor" in self.meta:
+            path = self.path / META
+            try:
+                width, height = (int(self.meta["sensor"][name]) for name in ("width", "height"))
+            except (KeyError, TypeError, ValueError, OverflowError):
+                raise DecodeError(f'{path}: "sensor" must hold the numbers width and height') from None
+            if not (1 <= width <= 65535 and 1 <= height <= 65535):
+                raise DecodeError(f"{path}: 'sensor' must be 1..65535 pixels each way, found {width} x {height}")
+            return (width, height), path
+        listed = self.frames[0].path if self.frames else None
+        frame = listed or next(iter(sorted((self.path / FRAMES.folder).glob(f"*{FRAMES.suffix}"))), None)
+        if frame is not None and frame.exists():
+            height, width = self._read_png(frame, "L", "an 8-bit").shape
+            return (width, height), frame
+        return None, None
+
+    @cached_property
+    def camera(self) -> Camera:
+        """The calibration; its size is :attr:`size`, or 240 x 180 (the public dataset's) where nothing says it."""
+        width, height = self.size or (240, 180)
+        return Camera.from_calib(self.path / CALIBRATION, width=width, height=height)
+
+    @cached_property
+    def events(self) -> EventArray:
+        """All events, ``EVENT_DTYPE``."""
+        path = event_file(self.path)
+        with warnings.catch_warnings(), format_of_content(path).open_reader(path) as reader:
+            warnings.simplefilter("ignore" if self._unfinished else "error", TruncatedFileWarning)
+            try:
+                return reader.read()
+            except TruncatedFileWarning as warning:
+                raise DecodeError(str(warning)) from None
+
+    @cached_property
+    def frames(self) -> list[StampedImage]:
+        """The intensity frames."""
+        return self._series(FRAMES)
+
+    @cached_property
+    def depth_maps(self) -> list[StampedImage]:
+        """The depth maps."""
+        return self._series(DEPTH_MAPS)
+
+    @cached_property
+    def flow_maps(self) -> list[StampedImage]:
+        """The maps of optical flow (the public dataset has none)."""
+        return self._series(FLOW_MAPS)
+
+    @cached_property
+    def displacements(self) -> list[StampedImage]:
+        """The maps of how far points go in the image (likewise)."""
+        return self._series(DISPLACEMENTS)
+
+    @cached_property
+    def masks(self) -> list[StampedImage]:
+        """The maps of shapes (likewise)."""
+        return self._series(MASKS)
+
+    @cached_property
+    def normal_maps(self) -> list[StampedImage]:
+        """The maps of surface normals (likewise)."""
+        return self._series(NORMAL_MAPS)
+
+    @cached_property
+    def shape_names(self) -> tuple[str, ...]:
+        """The names of the shapes in :attr:`masks`: number 1 is the first."""
+        path = self.path / SHAPE_NAMES
+        if not path.exists():
+            return ()
+        with decoding(path):
+            names = json.loads(read_text(path))
+        if not isinstance(names, dict) or list(names) != [str(k + 1) for k in range(len(names))]:
+            raise DecodeError(f"{path}: expected names by the numbers 1, 2, ...")
+        return tuple(map(str, names.values()))
+
+    @cached_property
+    def velocities(self) -> Velocities:
+        """How the camera moves, in its own axes (the public dataset does not say)."""
+        layout = "timestamp vx vy vz wx wy wz ax ay az dwx dwy dwz"
+        t_us, values = self._stamped_rows(VELOCITY, layout, "velocities")
+        return Velocities(t_us, *np.split(values, 4, axis=1))
+
+    @cached_property
+    def luma(self) -> list[StampedImage]:
+        """The maps of exact linear luma (the public dataset has none)."""
+        return self._series(LUMA_MAPS)
+
+    @cached_property
+    def groundtruth(self) -> GroundTruth:
+        """The camera's poses."""
+        t_us, poses = self._stamped_rows(GROUND_TRUTH, "timestamp px py pz qx qy qz qw", "poses")
+        return GroundTruth(t_us, poses[:, :3], poses[:, 3:])
+
+    @cached_property
+    def imu(self) -> ImuArray:
+        """The samples of the IMU, ``IMU_DTYPE``: m/s^2 and rad/s."""
+        t_us, values = self._stamped_rows(INERTIAL, "timestamp ax ay az gx gy gz", "IMU samples")
+        samples = np.zeros(len(t_us), IMU_DTYPE)
+        samples["t"], samples["accel"], samples["gyro"] = t_us, values[:, :3], values[:, 3:]
+        return samples
+
+    def read_image(self, index: int) -> npt.NDArray[np.uint8]:
+        """Return intensity frame ``index``: uint8 (H, W)."""
+        return self._read_png(self.frames[index].path, "L", "an 8-bit")
+
+    def _read_png(self, path: Path, mode: str, what: str) -> npt.NDArray[Any]:
+        """A grey image of a mode of Pillow."""
+        from PIL import Image
+
+        data = read_limited(path)
+        with decoding(path), Image.open(io.BytesIO(data)) as image:
+            if image.width * image.height > _MOST_PIXELS:
+                raise DecodeError(f"{path}: an image may have {_MOST_PIXELS} pixels, found {image.size}")
+            found, pixels = image.mode, np.array(image)
+        if found != mode:
+            raise DecodeError(f"{path}: expected {what} grey image, found mode {found}")
+        return pixels
+
+    def read_depth(self, index: int) -> npt.NDArray[np.float32]:
+        """Return depth map ``index``: z along the optical axis in metres, float32 (H, W), inf where nothing is hit."""
+        return _read_exr(self.depth_maps[index].path, "Z")
+
+    def read_flow(self, index: int) -> npt.NDArray[np.float32]:
+        """Return flow map ``index``: pixels/s (x right, y down), float32 (H, W, 2), NaN where nothing is hit."""
+        return _read_exr(self.flow_maps[index].path, "U", "V")
+
+    def read_displacement(self, index: int) -> Displacement:
+        """Return displacement map ``index``."""
+        path = self.displacements[index].path
+        channels = _read_exr(path, "U", "V", "occluded")
+        return Displacement(channels[..., :2], channels[..., 2] > 0)
+
+    def read_mask(self, index: int) -> npt.NDArray[np.uint16]:
+        """Return mask ``index``: the number of the shape that each pixel sees, uint16 (H, W), 0 for nothing."""
+        return self._read_png(self.masks[index].path, "I;16", "a 16-bit").astype(np.uint16)
+
+    def read_normals(self, index: int) -> npt.NDArray[np.float32]:
+        """Return normals ``index``: unit vectors in camera axes, float32 (H, W, 3), NaN where nothing is hit."""
+        return _read_exr(self.normal_maps[index].path, "X", "Y", "Z")
+
+    def read_luma(self, index: int) -> npt.NDArray[np.float32]:
+        """Return luma map ``index``: linear luma, float32 (H, W)."""
+        path = self.luma[index].path
+        luma = _read_exr(path, "Y")
+        wrong = ~((luma >= 0) & (luma < np.inf))
+        if wrong.any():
+            y, x = divmod(int(wrong.argmax()), luma.shape[1])
+            raise DecodeError(f"{path}: luma must be finite and >= 0, found {luma[y, x]} at pixel ({x}, {y})")
+        return luma
+
+    @property
+    def _unfinished(self) -> bool:
+        return self.meta.get("complete") is False
+
+    def _series(self, series: ImageSeries) -> list[StampedImage]:
+        path = self.path / series.list_name
+        images = []
+        for number, words in self._lines(series.list_name, f"timestamp {series.folder}/name{series.suffix}"):
+            name = PurePosixPath(words[1])
+            if "\0" in words[1] or name.is_absolute() or ".." in name.parts:
+                raise DecodeError(f"{path}, line {number}: expected a file of this folder, found {words[1][:60]!r}")
+            images.append(StampedImage(_parse_stamp(words[0], path, number), self.path / name))
+        return images
+
+    def _stamped_rows(self, name: str, layout: str, what: str) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float64]]:
+        """A text file of stamps and numbers: times (n,) and numbers (n, k)."""
+        path = self.path / name
+        times, rows = [], []
+        for number, words in self._lines(name, layout):
+            times.append(_parse_stamp(words[0], path, number))
+            try:
+                row = [float(word) for word in words[1:]]
+            except ValueError as error:
+                raise DecodeError(f"{path}, line {number}: {error}") from None
+            if not all(map(math.isfinite, row)):
+                raise DecodeError(f"{path}, line {number}: {what} must be finite")
+            rows.append(row)
+        return np.array(times, np.int64), np.array(rows, np.float64).reshape(-1, len(layout.split()) - 1)
+
+    def _lines(self, name: str, layout: str) -> Iterator[tuple[int, list[str]]]:
+        """The numbered lines of a text file, in words; none where it does not exist. '#' starts a comment line."""
+        path = self.path / name
+        if not path.exists():
+            return
+        text = read_text(path)
+        if self._unfinished:
+            text = text[: text.rfind("\n") + 1]
+        for number, line in enumerate(text.splitlines(), 1):
+            words = line.split()
+            if not words or words[0].startswith("#"):
+                continue
+            if len(words) != len(layout.split()):
+                raise DecodeError(f"{path}, line {number}: expected '{layout}', found {line[:60]!r}")
+            yield number, words
+
+
+_META_TYPES: dict[str, tuple[type, ...]] = {
+    "sensor": (dict,),
+    "complete": (bool,),
+    "interrupted": (bool,),
+    "duration_us": (int,),
+    "counts": (dict,),
+    "parameters": (dict,),
+    "effects": (dict,),
+    "davis_rs": (str,),
+    "model": (int,),
+    "monte_carlo_noise": (dict,),
+}
+"""Of what is read from ``meta.json``; null stands for what is not known."""
+_POSITIVE_PARAMETERS = ("contrast_threshold", "contrast_threshold_off", "log_eps")
+_RATES = ("frame_rate_hz", "depth_rate_hz")
+"""0 stands for none."""
+
+
+def _check_meta(path: Path, meta: dict[str, Any]) -> None:
+    """Refuse values of types that nobody expects."""
+    for key, types in _META_TYPES.items():
+        value = meta.get(key)
+        if value is not None and (not isinstance(value, types) or (bool not in types and isinstance(value, bool))):
+            raise DecodeError(f"{path}: {key!r} must be of type {types[0].__name__}, found {value!r:.60}")
+    if not -(2**63) <= (meta.get("duration_us") or 0) < 2**63:
+        raise DecodeError(f"{path}: 'duration_us' must fit 64 bits, found {meta['duration_us']!r:.60}")
+    share = (meta.get("monte_carlo_noise") or {}).get("share")
+    if share is not None and not (_is_number(share) and 0 <= share < _LARGEST_PARAMETER):
+        raise DecodeError(f"{path}: the share of 'monte_carlo_noise' must be a number >= 0, found {share!r:.60}")
+    parameters = meta.get("parameters") or {}
+    for key in (*_POSITIVE_PARAMETERS, *_RATES):
+        value = parameters.get(key)
+        number = _is_number(value)
+        if value is None or (number and 0 < value < _LARGEST_PARAMETER) or (number and value == 0 and key in _RATES):
+            continue
+        rule = "a number >= 0" if key in _RATES else "a positive number"
+        raise DecodeError(f"{path}: the parameter {key!r} must be {rule}, found {value!r:.60}")
+
+
+_LARGEST_PARAMETER = 1e12
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _parse_stamp(word: str, path: Path, number: int) -> int:
+    """Decimal seconds to microseconds in integer arithmetic, to the nearest (halves up)."""
+    match = re.fullmatch(r"([0-9]{1,12})(?:\.([0-9]{1,18}))?", word)
+    if match is None:
+        raise DecodeError(f"{path}, line {number}: expected a time in decimal seconds, found {word[:40]!r}")
+    seconds, decimals = match[1], (match[2] or "").ljust(7, "0")
+    return int(seconds + decimals[:6]) + (decimals[6] >= "5")
+
+
+def _read_exr(path: Path, *names: str) -> npt.NDArray[np.float32]:
+    """Channels of an image, float32: (H, W) of one, (H, W, k) of several."""
+    import OpenEXR
+
+    data = read_limited(path)
+    with decoding(path):
+        # Its size before its pixels, for which it would take the memory.
+        with OpenEXR.File(io.BytesIO(data), header_only=True) as file:
+            low, high = (np.asarray(corner, np.int64) for corner in file.header()["dataWindow"])
+        if (high < low).any() or (high - low + 1).prod() > _MOST_PIXELS:
+            raise DecodeError(f"{path}: an image may have {_MOST_PIXELS} pixels, found a window of {low} to {high}")
+        with OpenEXR.File(io.BytesIO(data)) as file:
+            channels = dict(file.channels())
+            pixels = [np.asarray(channels[name].pixels) for name in names if name in channels]
+    if len(pixels) != len(names) or any(found.dtype != np.float32 for found in pixels):
+        asked = f"a float32 channel {names[0]!r}" if len(names) == 1 else f"float32 channels {', '.join(names)}"
+        raise DecodeError(f"{path}: expected {asked}, found {sorted(channels)}")
+    return pixels[0] if len(names) == 1 else np.stack(pixels, -1)

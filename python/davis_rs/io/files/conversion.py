@@ -1,0 +1,218 @@
+"""From one container to another, with all parts of a recording that both can hold, in constant memory."""
+
+from __future__ import annotations
+
+import heapq
+import os
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..._util.argument_error import ArgumentError
+from ..._util.close_names import did_you_mean
+from ..._util.untrusted import MAX_PACKET_BYTES, guarded
+from ...events.arrays import EventArray
+from ..dataset.folder_format import FolderFormat, FolderReader, FolderWriter, part_counts
+from ..formats.interface import EventReader, EventWriter, Roi, Target, WriteReport, check_slice
+from ..formats.parts import ALL_PARTS, PARTS, Part
+from ..formats.reading import Breach
+from ..formats.recorded import RecordedParts
+from ..formats.registry import FORMATS
+from ..recordings import RecordingWarning
+from .read import open_reader
+from .sensor_size import sensor_size
+from .write import open_writer
+
+
+class LeftOutWarning(UserWarning):
+    """The target of a conversion cannot hold all that its source has; the message names it."""
+
+
+@dataclass(frozen=True)
+class ConversionReport(WriteReport):
+    """What a conversion has written.
+
+    Attributes:
+        parts: how many frames, samples and so on were written, by the names of the parts.
+        left_out: what the source has and the target does not hold, empty where nothing is lost.
+    """
+
+    parts: dict[str, int]
+    left_out: str
+
+
+def convert(
+    source: str | os.PathLike[str],
+    target: Target,
+    *,
+    size: tuple[int, int] | None = None,
+    format: str | None = None,
+    start_us: int | None = None,
+    stop_us: int | None = None,
+    roi: Roi | None = None,
+    parts: Sequence[str] | None = None,
+    from_zero: bool = False,
+    backward: Breach = "refuse",
+    outside: Breach = "refuse",
+    max_packet_bytes: int = MAX_PACKET_BYTES,
+    overwrite: bool = False,
+    progress: Callable[[float], object] | None = None,
+    **options: Any,
+) -> ConversionReport:
+    """Convert from any container to any container: events, and all other parts that both hold, in order of time.
+
+    Values, times, coordinates and the order of events stay as they are. What the source has and the target cannot hold
+    is a :class:`LeftOutWarning` in one line, and stands in the report. The target gets its name when it is whole: after
+    an error or Ctrl-C there is none, and what was there before is as it was.
+
+    >>> convert("planes", "planes.bag")
+    >>> convert("shapes_6dof.bag", "shapes_6dof", from_zero=True)
+
+    Args:
+        source: a file of any format, recognised by its content, a recording of a camera (AEDAT 2.0, 3.1, 4, or a
+            camera's bytes), a dataset folder, or a rosbag2.
+        target: a path (without a suffix: a dataset folder), or an open binary stream.
+        size: (width, height) of the sensor, where the source does not say. Without it, that of a ``meta.json`` or of
+            frames next to the source is taken, and a :class:`~davis_rs.io.files.sensor_size.SensorSizeWarning` says
+            so.
+        format: of the target; by its suffix if not given.
+        start_us, stop_us: only what has start_us <= t < stop_us, by the source's times.
+        roi: only events with x0 <= x < x1 and y0 <= y < y1, as (x0, y0, x1, y1). Other parts stay whole.
+        parts: which parts to convert next to the events, by the names camera, frames, depth, flow, imu and poses; all
+            if not given, and () for events alone.
+        from_zero: take the time of the first event, frame or sample off all times.
+        backward, outside, max_packet_bytes: see :func:`davis_rs.open_reader`; how many events were dropped is a
+            ``UserWarning``.
+        overwrite: whether an existing target may be replaced.
+        progress: is told the share of the source that is done, 0..1.
+        options: those of the target's format.
+
+    Raises:
+        ValueError: if the size is not known or contradicts the source, both are one file, a part does not exist, or the
+            target cannot hold a value.
+        ImportError: if a library is missing, with the extra that brings it.
+        OSError, DecodeError: if the source cannot be read, or the target not be written.
+    """
+    if isinstance(target, str | os.PathLike) and os.path.exists(target) and os.path.samefile(source, target):
+        raise ValueError(f"{os.fspath(source)} cannot be converted onto itself")
+    if format is None and isinstance(target, str | os.PathLike) and not Path(target).suffix:
+        format = FolderFormat.name
+    check_slice(start_us, stop_us, roi)
+    for name in ALL_PARTS if parts is None else parts:
+        if name not in ALL_PARTS:
+            raise ArgumentError("{parts} are {}: got {!r}{}", ", ".join(ALL_PARTS), name, did_you_mean(name, ALL_PARTS))
+    with open_reader(source, backward=backward, outside=outside, max_packet_bytes=max_packet_bytes) as reader:
+        sensor = reader.sensor = sensor_size(reader, size)
+        with open_writer(target, sensor, format, overwrite=overwrite, whole=True, **options) as writer:
+            if isinstance(writer, FolderWriter):
+                writer.source = Path(source).name
+            wanted = [part for part in PARTS if (parts is None or part.name in parts) and hasattr(reader, part.read)]
+            held = [part for part in wanted if part.name in FORMATS[writer.format].holds]
+            items = heapq.merge(*(_items(reader, part, start_us, stop_us) for part in held), key=lambda item: item.t_us)
+            written = _write_all(
+                writer, reader.iter(start_us=start_us, stop_us=stop_us, roi=roi), items, reader, from_zero, progress
+            )
+        report = writer.finish()
+        dropped = reader.check
+        if dropped.dropped_backward or dropped.dropped_outside:
+            warnings.warn(
+                f"{reader.path}: left out are {dropped.dropped_backward} events earlier than one before them, "
+                f"{dropped.dropped_outside} outside of the sensor",
+                stacklevel=2,
+            )
+        for note in reader.notes if isinstance(reader, RecordedParts) else ():
+            warnings.warn(f"{reader.path}: {note}", RecordingWarning, 2)
+        left_out = "" if parts is not None else _left_out(reader, held)
+        if left_out:
+            warnings.warn(f"{report.path} ({report.format}) cannot hold, and leaves out: {left_out}", LeftOutWarning, 2)
+        values = {field.name: getattr(report, field.name) for field in fields(WriteReport)}
+        return ConversionReport(**values, parts=written, left_out=left_out)
+
+
+class _Item(NamedTuple):
+    """One frame, sample or the like, as its writer takes it."""
+
+    t_us: int
+    part: Part
+    values: tuple[Any, ...]
+
+
+def _items(reader: EventReader, part: Part, start_us: int | None, stop_us: int | None) -> Iterator[_Item]:
+    """What a reader has of a part; a calibration holds for all times."""
+    for t_us, *values in guarded(reader.path, iter(getattr(reader, part.read)())):
+        if part.name == "camera" or ((start_us is None or t_us >= start_us) and (stop_us is None or t_us < stop_us)):
+            yield _Item(int(t_us), part, tuple(values))
+
+
+def _write_all(
+    writer: EventWriter,
+    packets: Iterator[EventArray],
+    items: Iterator[_Item],
+    reader: EventReader,
+    from_zero: bool,
+    progress: Callable[[float], object] | None,
+) -> dict[str, int]:
+    """Write events and the rest in one order of time, events of one time first; how many of each part there were."""
+    written = dict.fromkeys(ALL_PARTS, 0)
+    shift: int | None = None if from_zero else 0
+
+    def write(item: _Item) -> None:
+        t_us = max(0, item.t_us - (shift or 0)) if item.part.name == "camera" else item.t_us - (shift or 0)
+        getattr(writer, item.part.write)(t_us, *item.values)
+        written[item.part.name] += 1
+
+    item = next(items, None)
+    held_back: list[_Item] = []  # a calibration has a time of no meaning: it does not decide where time begins
+    while shift is None and item is not None and item.part.name == "camera":
+        held_back.append(item)
+        item = next(items, None)
+    for events in packets:
+        if shift is None:
+            shift = min(int(events["t"][0]), int(events["t"][0]) if item is None else item.t_us)
+        for early in held_back:
+            write(early)
+        held_back.clear()
+        done, t_us = 0, events["t"]
+        while item is not None and item.t_us < t_us[-1]:
+            due = int(np.searchsorted(t_us, item.t_us, "right"))
+            if due > done:
+                writer.write(_moved(events[done:due], shift))
+                done = due
+            write(item)
+            item = next(items, None)
+        writer.write(_moved(events[done:], shift))
+        if progress is not None:
+            progress(reader.progress)
+    if shift is None:
+        shift = 0 if item is None else item.t_us
+    for late in [*held_back, *([] if item is None else [item])]:
+        write(late)
+    for late in items:
+        write(late)
+    if progress is not None:
+        progress(1.0)
+    return {name: count for name, count in written.items() if count}
+
+
+def _moved(events: EventArray, shift: int) -> EventArray:
+    if not shift:
+        return events
+    moved = events.copy()
+    moved["t"] -= shift
+    return moved
+
+
+def _left_out(reader: EventReader, held: list[Part]) -> str:
+    """What a source has next to its events and the parts that are held, with counts where they are known."""
+    kept = {part.counted for part in held}
+    if isinstance(reader, FolderReader):
+        return ", ".join(f"{count:,} {what}" for what, count in part_counts(reader.dataset).items() if what not in kept)
+    others = [part for part in PARTS if part.counted not in kept and hasattr(reader, part.read)]
+    if isinstance(reader, RecordedParts):
+        there = [part.counted for part in others if reader.recording.has(part.name)]
+        return ", ".join([*there, "triggers"] if reader.recording.has("triggers") else there)
+    return ", ".join(part.counted for part in others if next(iter(getattr(reader, part.read)()), None) is not None)

@@ -1,0 +1,198 @@
+"""NumPy's .npz: a zip archive, here with the one array ``events``."""
+
+from __future__ import annotations
+
+import os
+import struct
+import zipfile
+import zlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import BinaryIO
+
+import numpy as np
+
+from ..._core import DecodeError, crc32, crc32_combine
+from ..._util.untrusted import decoding
+from ...events.arrays import EventArray
+from .blocks import BLOCK, Blocks, equal_blocks, refuse
+from .files import PartFile
+from .interface import EventReader, EventWriter, Format, Target, warn_truncated
+from .npy import HEADER, NpyReader, NpyWriter, npy_header, read_header, to_events
+from .reading import ReadRules
+
+_NAME = b"events.npy"
+_LOCAL = struct.Struct("<4s5H3L2H")
+"""Signature, version, flags, method, time, date, CRC-32, two sizes, lengths of name and extra field."""
+_DATE = (0, 0x21)
+"""Midnight of 1980-01-01: the same events are the same bytes."""
+_LATER = 0xFFFFFFFF
+"""A size that stands in the extra field, where it has 64 bits."""
+
+
+class NpzWriter(NpyWriter):
+    """Writes the archive next to its path, as ``NAME.npz.part``, and renames it on finishing, because other programs
+    cannot open an unfinished archive. :func:`davis_rs.read_events` reads what a killed process has left in it."""
+
+    _part: PartFile | None = None
+    _crc = 0
+
+    def _open(self, target: Target, *, overwrite: bool) -> BinaryIO:
+        if not isinstance(target, str | os.PathLike):
+            return target
+        self._part = PartFile(target, overwrite=overwrite)
+        return self._part.part.open("r+b", buffering=0)
+
+    def _begin(self) -> None:
+        self._archive = self._start
+        self._put(_local_header(0, 0))
+        self._start = self._file.tell()
+        super()._begin()
+
+    def _encode(self, packet: EventArray) -> None:
+        super()._encode(packet)
+        self._crc = crc32(packet.view(np.uint8), self._crc)
+
+    def _close(self) -> int:
+        data = self._count * 16
+        crc = crc32_combine(zlib.crc32(npy_header(self._count)), self._crc, data)
+        self._put(_directory(crc, HEADER + data, self._file.tell() - self._archive))
+        self._patch(self._archive, _local_header(crc, HEADER + data))
+        self._start = self._archive
+        size = super()._close()
+        if self._part is not None:
+            self._part.commit()
+        return size
+
+
+class DeflatedReader(EventReader):
+    """Reads an array from an archive that compresses it, from its beginning."""
+
+    def __init__(self, path: str | os.PathLike[str], *, format: str, rules: ReadRules, member: str) -> None:
+        super().__init__(path, format=format, rules=rules)
+        self._member = member
+        with zipfile.ZipFile(self.path) as archive, archive.open(member) as file:
+            self._dtype, self._count = read_header(file, self.path, rules.max_packet_bytes)
+        self._done = 0
+
+    @property
+    def events(self) -> int:
+        return self._count
+
+    @property
+    def progress(self) -> float:
+        return self._done / max(self._count, 1)
+
+    def blocks(self) -> Blocks:
+        refuse(self.path, "the archive is compressed")
+
+    def _packets(self, chunk: int, start_us: int | None, stop_us: int | None) -> Iterator[EventArray]:
+        self._done = 0
+        with zipfile.ZipFile(self.path) as archive, archive.open(self._member) as file:
+            read_header(file, self.path, self.rules.max_packet_bytes)
+            at_once = min(chunk, self.rules.max_packet_bytes // self._dtype.itemsize)
+            while self._done < self._count:
+                with decoding(self.path, f"after event {self._done}"):
+                    data = file.read(min(at_once, self._count - self._done) * self._dtype.itemsize)
+                packet = np.frombuffer(bytearray(data), self._dtype, len(data) // self._dtype.itemsize)
+                if not len(packet):
+                    raise DecodeError(f"{self.path}: {self._member} holds {self._done} of {self._count} events")
+                self._done += len(packet)
+                yield to_events(packet, self.path)
+
+
+class CutReader(NpyReader):
+    """Reads what is left of an archive of :class:`NpzWriter` without its directory at the end."""
+
+    def __init__(self, path: str | os.PathLike[str], *, format: str, rules: ReadRules) -> None:
+        super().__init__(path, format=format, rules=rules, start=len(_local_header(0, 0)))
+
+    def _packets(self, chunk: int, start_us: int | None, stop_us: int | None) -> Iterator[EventArray]:
+        yield from super()._packets(chunk, start_us, stop_us)
+        self._warn_cut()
+
+    def blocks(self) -> Blocks:
+        self._warn_cut()
+        return equal_blocks(self.events, BLOCK)
+
+    def _warn_cut(self) -> None:
+        warn_truncated(self.path, f"the archive was cut, or never finished; {self.events} events are left")
+
+
+class NpzFormat(Format):
+    """Without options. The archive holds one array ``events`` of :data:`davis_rs.EVENT_DTYPE`, not compressed; read are
+    also archives of another single array of events, and compressed ones.
+
+    Source: NumPy, ``numpy.savez``; PKWARE, APPNOTE.TXT.
+    """
+
+    name = "npz"
+    suffixes = (".npz",)
+
+    def sniff(self, head: bytes, path: Path) -> bool:
+        return head.startswith(b"PK\x03\x04")
+
+    def open_writer(self, target: Target, size: tuple[int, int], *, overwrite: bool) -> EventWriter:
+        return NpzWriter(target, format=self.name, size=size, limits=self.limits, overwrite=overwrite)
+
+    def open_reader(self, path: str | os.PathLike[str], rules: ReadRules = ReadRules()) -> EventReader:  # noqa: B008
+        file = Path(path)
+        try:
+            with zipfile.ZipFile(file) as archive:
+                member = _events_of(archive, file)
+        except zipfile.BadZipFile as error:
+            if _is_ours(file):
+                return CutReader(file, format=self.name, rules=rules)
+            raise DecodeError(f"{file}: {error}") from None
+        if member.flag_bits & 1:
+            raise DecodeError(f"{file}: {member.filename} is encrypted")
+        if member.compress_type == zipfile.ZIP_DEFLATED:
+            return DeflatedReader(file, format=self.name, rules=rules, member=member.filename)
+        # Others unpack without a limit, and NumPy does not write them.
+        if member.compress_type != zipfile.ZIP_STORED:
+            raise DecodeError(
+                f"{file}: {member.filename} must be stored or deflated, not method {member.compress_type}"
+            )
+        with file.open("rb") as stream:
+            stream.seek(member.header_offset)
+            *_, name, extra = _LOCAL.unpack(stream.read(_LOCAL.size))
+        start = member.header_offset + _LOCAL.size + name + extra
+        return NpyReader(file, format=self.name, rules=rules, start=start, end=start + member.file_size)
+
+
+def _events_of(archive: zipfile.ZipFile, path: Path) -> zipfile.ZipInfo:
+    members = archive.infolist()
+    chosen = [member for member in members if member.filename == _NAME.decode()] or members
+    if len(chosen) != 1:
+        names = ", ".join(member.filename for member in members)
+        raise DecodeError(f"{path}: expected one array of events, named events; found {names or 'none'}")
+    return chosen[0]
+
+
+def _is_ours(path: Path) -> bool:
+    """Whether the file begins as those of :class:`NpzWriter` do, whatever is said of sizes."""
+    with path.open("rb") as file:
+        begin, whole = file.read(_LOCAL.size + len(_NAME)), _local_header(0, 0)
+    return begin[:14] == whole[:14] and begin[18:] == whole[18 : len(begin)]
+
+
+def _local_header(crc: int, size: int) -> bytes:
+    sizes = struct.pack("<2H2Q", 1, 16, size, size)
+    fields = (45, 0, zipfile.ZIP_STORED, *_DATE, crc, _LATER, _LATER, len(_NAME), len(sizes))
+    return _LOCAL.pack(b"PK\x03\x04", *fields) + _NAME + sizes
+
+
+def _directory(crc: int, size: int, place: int) -> bytes:
+    """The central directory, which begins at ``place``, and its two ends, of 64 and of 32 bits."""
+    sizes = struct.pack("<2H2Q", 1, 16, size, size)
+    fields = (45, 45, 0, zipfile.ZIP_STORED, *_DATE, crc, _LATER, _LATER, len(_NAME), len(sizes), 0, 0, 0, 0, 0)
+    entry = struct.pack("<4s6H3L5H2L", b"PK\x01\x02", *fields) + _NAME + sizes
+    end = place + len(entry)
+    return b"".join(
+        [
+            entry,
+            struct.pack("<4sQ2H2L4Q", b"PK\x06\x06", 44, 45, 45, 0, 0, 1, 1, len(entry), place),
+            struct.pack("<4sLQL", b"PK\x06\x07", 0, end, 1),
+            struct.pack("<4s4H2LH", b"PK\x05\x06", 0, 0, 1, 1, len(entry), _LATER, 0),
+        ]
+    )

@@ -1,0 +1,54 @@
+"""AEDAT 4, DV's format, as the Rust core reads it.
+
+Source: docs.inivation.com, AEDAT 4.0; the schemas of dv-processing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator
+from pathlib import Path
+from typing import Any
+
+from ..._core import Aedat4Recording, DecodeError
+from ..._util.untrusted import MAX_PACKET_BYTES
+from ...events.decoded import Decoded
+from .recording import known_chip, size_of
+from .recording_file import KINDS, Piece, RecordingFile, Remarks
+
+MAGIC = b"#!AER-DAT4.0\r\n"
+
+
+class Aedat4File(RecordingFile):
+    """A file of AEDAT 4.
+
+    Attributes:
+        has_events: whether it has a stream of events.
+    """
+
+    format = "AEDAT 4"
+    unix_times = True
+    one_way = "a packet does not say where the next one of its stream is"
+
+    def __init__(
+        self, path: Path, *, chip: str | None = None, max_packet_bytes: int = MAX_PACKET_BYTES, **_: Any
+    ) -> None:
+        self._limit = max_packet_bytes
+        core = Aedat4Recording(path, [], max_packet_bytes)
+        self.has_events = core.has_events
+        found = known_chip(chip, core.source)
+        super().__init__(path, found, core.size or (size_of(found) if found else None))
+
+    def pieces(self, kinds: Collection[str] = KINDS, remarks: Remarks | None = None) -> Iterator[Piece]:
+        if set(kinds) == {"events"} and not self.has_events:
+            raise DecodeError(f"{self.path}: the file has no stream of events (EVTS)")
+        remarks = Remarks() if remarks is None else remarks
+        core, others = Aedat4Recording(self.path, list(kinds), self._limit), 0
+        total = max(self.path.stat().st_size, 1)
+        while (parts := core.read()) is not None:
+            others += parts["other_packets"]
+            decoded = Decoded(parts["events"], parts["imu"], parts["frames"], parts["triggers"])
+            yield Piece(decoded, min(core.bytes / total, 1.0))
+        if others and set(kinds) == set(KINDS):
+            remarks.notes.append(f"{others} packets of other streams left out; read is the first of each kind")
+        if core.cut is not None:
+            remarks.cut.append(core.cut)

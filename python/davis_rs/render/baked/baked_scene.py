@@ -1,0 +1,227 @@
+"""The baked light of a scene: from the cache, or computed now."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..._mitsuba.variants import FAST, default_variant, load_scene_source, variant, versions
+from ..._util.progress import progress, say
+from ...scene.scene import Scene
+from ..matte import is_two_sided, simplify_materials
+from ..motion.scene_motion import SceneMotion
+from ..obstacles import Obstacles, Unsuitable
+from . import cache
+from .bake import MOST_POINTS, Surfaces, bake
+from .instants import MOST_INSTANTS, MotionTimes, hats, motion_times
+from .light_maps import LightMaps
+from .lights import (
+    SkyMap,
+    background_luma,
+    check_lights,
+    check_strengths,
+    emissions,
+    irradiance_of,
+    light_groups,
+    numbers,
+    paths_of,
+    sky_map,
+    small_lamps,
+)
+
+FloatArray = npt.NDArray[np.float64]
+
+VERSION = 3
+"""Of what is computed, so that light of older versions is not taken from the cache."""
+
+
+_MOST_KNOWN = 4
+_known: dict[str, LightMaps] = {}
+"""The last that were used: a run makes several renderers of one scene."""
+
+
+@dataclass(frozen=True)
+class BakedLight:
+    """Light on the surfaces of a scene, and what its lamps and its sky look like themselves.
+
+    Attributes:
+        maps: irradiance, for each instant and group of lights.
+        times: when bodies are where, of the scene.
+        names: of the groups: "" for all lights that do not change, and the names of those that do.
+        emitted: (t) luma that each triangle emits from its front.
+        emitters: (t) the group that this belongs to.
+        backgrounds: luma of a ray that hits nothing, by each group.
+        sky: what such a ray sees in addition; None where there is no environment map.
+        content: a hash of the scene's surfaces, materials and lights.
+        cached: whether it is in the cache now.
+    """
+
+    maps: LightMaps
+    times: MotionTimes
+    names: list[str]
+    emitted: FloatArray
+    emitters: npt.NDArray[np.int64]
+    backgrounds: list[float]
+    sky: SkyMap | None
+    content: str
+    cached: bool
+
+    @property
+    def description(self) -> str:
+        """What it is, for people."""
+        maps = self.maps
+        coarse = "" if maps.complete else f", coarser than asked for: {self._limits} at most"
+        return f"baked light at {maps.points:,} points, whose error is estimated at {self.errors}{coarse}"
+
+    @property
+    def errors(self) -> str:
+        """How much it errs, for people."""
+        maps, count = self.maps, len(self.maps.instants)
+        error = f"{100 * maps.error:.2g} %"
+        if count == 1:
+            return error
+        return (
+            f"{error}, and at up to {100 * maps.motion_error:.2g} % between its {count} instants where bodies change it"
+        )
+
+    @property
+    def _limits(self) -> str:
+        instants = f", and {MOST_INSTANTS} instants of the motion," if len(self.maps.instants) > 1 else ""
+        return f"there are {MOST_POINTS:,} points for each part of the light{instants}"
+
+    def at(self, t_s: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """How much the light of each instant (k) counts at times (n,), and its rates per second, (n, k) each.
+
+        Raises:
+            ValueError: for times that it is not baked for.
+        """
+        self.times.check(t_s)
+        return hats(self.maps.instants, t_s)
+
+
+def check_baking(loaded: Any, mi: Any, motion: SceneMotion, *, by_name: bool) -> None:
+    """Refuse a scene whose light cannot be baked.
+
+    Args:
+        loaded: the scene, under the variant in force.
+        motion: of its objects.
+        by_name: the user asked for baked light, so that it may take hours.
+
+    Raises:
+        Unsuitable: with all lights that this is not made for, for another integrator, or without LLVM.
+    """
+    obstacles = Obstacles()
+    name, why = default_variant()
+    with obstacles.go_on():
+        if name != FAST:
+            raise Unsuitable(f"its light would have to be baked, which needs LLVM: {why}")
+    with obstacles.go_on():
+        if not loaded.emitters():
+            raise Unsuitable("it has no lights", "give it one")
+    with obstacles.go_on():
+        paths_of(loaded.integrator())
+    with obstacles.go_on():
+        check_lights(loaded, mi)
+    for shape in small_lamps(loaded):
+        with obstacles.go_on():
+            if shape.id() in motion.objects:
+                rule = "moves: its sharp shadows would have to move with it"
+                raise Unsuitable(rule, "let it rest", f"the small lamp {shape.id()!r}")
+    with obstacles.go_on():
+        corners = sum(_corners(shape) for shape in loaded.shapes() if shape.is_mesh())
+        if corners > MOST_POINTS and not by_name:
+            raise Unsuitable(
+                f"its light would have to be baked at about {corners:,} corners of triangles; beyond {MOST_POINTS:,} "
+                "that takes hours and gigabytes, so it is done on request alone",
+                "ask for it (--renderer baked, renderer='baked'), or give meshes of fewer triangles",
+            )
+    obstacles.refuse()
+
+
+def _corners(shape: Any) -> int:
+    """Estimate at how many corners of a mesh light is baked at least, those of backs that reflect included."""
+    flat = "face_normals = 1" in str(shape)
+    return int(3 * shape.face_count() if flat else shape.vertex_count()) * (2 if is_two_sided(shape.bsdf()) else 1)
+
+
+def baked_light(scene: Scene, surfaces: Surfaces, motion: SceneMotion, error: float) -> BakedLight:
+    """Bake a scene's light, or take it from the cache.
+
+    Args:
+        scene: that :func:`check_baking` takes.
+        surfaces: of the scene, in the order of its shapes.
+        motion: of the scene's objects, whose light is baked at several instants of it, and of its lights.
+        error: that is allowed, relative.
+
+    Raises:
+        ValueError: for lights that cannot be.
+    """
+    with variant(FAST) as (mi, _):
+        loaded = load_scene_source(scene.source(), mi)
+        simplify_materials(loaded, mi, matte=scene.matte)
+        check_strengths(loaded, mi)
+        paths = paths_of(loaded.integrator())
+        names = light_groups(loaded, list(motion.lights))
+        duration_s = None if scene.trajectory is None else scene.trajectory.duration_s
+        times = motion_times(motion, duration_s)
+        emitted, emitters = emissions(loaded, mi, surfaces.counts, names)
+        backgrounds = background_luma(loaded, mi, names)
+        sky = sky_map(loaded, mi, names)
+        content = _content(loaded, mi, surfaces, _poses(motion, times))
+        settings = (VERSION, sorted(versions(FAST).items()), paths, names, error, content)
+        key = hashlib.sha256(repr(settings).encode()).hexdigest()
+        maps = _known.get(key)
+        if maps is None and (maps := cache.load(key)) is not None:
+            say(f"the scene's light was baked before, and comes from {cache.cache_folder()}")
+        if maps is None:
+            kept = cache.load_partial(key)
+            with (
+                progress("baking light", 0, unit="points") as bar,
+                cache.kept_if_stopped(key, kept),
+                irradiance_of(loaded, mi, names, kept, motion) as lights_at,
+            ):
+
+                def seen(what: str, done: int, expected: int) -> None:
+                    bar.total = max(bar.total, expected)
+                    bar.to(done, what)
+
+                maps = bake(surfaces, times, lights_at, error, seen=seen)
+            say(f"the scene's light was baked in {maps.seconds:.3g} s, at {maps.points:,} points")
+            cache.store(key, maps)
+        while len(_known) >= _MOST_KNOWN:
+            del _known[next(iter(_known))]
+        _known[key] = maps
+    return BakedLight(maps, times, names, emitted, emitters, backgrounds, sky, content, cache.holds(key))
+
+
+def _poses(motion: SceneMotion, times: MotionTimes) -> FloatArray:
+    """Time and poses of the objects at all instants at which light may be baked, (instants, 1 + 12 objects)."""
+    poses = motion.at(times.tests).objects
+    places = [np.hstack([pose.positions, pose.rotations.reshape(-1, 9)]) for pose in poses]
+    return np.hstack([times.tests[:, None], *places])
+
+
+def _content(scene: Any, mi: Any, surfaces: Surfaces, poses: FloatArray) -> str:
+    """A hash of surfaces, materials and lights, and of how they move."""
+    digest = hashlib.sha256()
+    for array in (surfaces.corners, surfaces.normals, surfaces.two_sided, surfaces.frames, poses):
+        digest.update(repr(array.shape).encode())
+        digest.update(np.ascontiguousarray(array).tobytes())
+    for part in _parts(scene):
+        parameters = mi.traverse(part)
+        digest.update(f"{part.class_name()} {part}".encode())
+        for name in sorted(key for key, _ in parameters):
+            value = numbers(parameters[name])
+            digest.update(f"{name} {value.shape} {value.dtype}".encode())
+            digest.update(np.ascontiguousarray(value).tobytes())
+    return digest.hexdigest()
+
+
+def _parts(scene: Any) -> Iterable[Any]:
+    yield from scene.shapes()
+    yield from scene.emitters()

@@ -1,0 +1,363 @@
+"""The points at which irradiance is known on surfaces: a lattice on each triangle, dense where the light bends.
+
+A triangle is divided into four by the middles of its edges, and each part again where that is needed. Between the
+points of the densest division everything is linear along edges. A point on an edge belongs to all triangles at the
+edge, as long as these have one normal there, so that what is interpolated has no seam.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ...events.luma import LUMA_WEIGHTS
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+
+MOST_DIVISIONS = 10
+"""A triangle's edge has 2 to the power of that many parts at most."""
+
+_INWARDS = 0.02
+"""Points are moved by that share of the way to the middle of the triangles around them, so that those in a corner of a
+room are not within its wall."""
+
+_NORMAL_DIGITS = 4
+_BURIED_SPACING = 4.0
+"""How many times as far apart points are where no light comes."""
+
+_DARK = 1e-3
+"""What is darker than this share of the median is held to the error of that share."""
+
+
+class SurfaceLattice:
+    """The sides of a scene's triangles that reflect, over common vertices.
+
+    Args:
+        corners: float64 (t, 3, 3), of the triangles, metres.
+        normals: float64 (t, 3, 3), unit shading normals of the front at the corners.
+        two_sided: (t), whether the back reflects too.
+        frames: (t), the frame that each is in: 0 for the world, 1, 2, ... for bodies that move.
+
+    Attributes:
+        positions, normals: (v, 3), of the vertices.
+        frames: (v), of the vertices.
+        faces: (f, 3), the vertices of each side: the fronts of all triangles, then the backs of those that have one.
+        triangles: (f), the triangle of each side.
+    """
+
+    def __init__(
+        self, corners: FloatArray, normals: FloatArray, two_sided: npt.NDArray[np.bool_], frames: IntArray
+    ) -> None:
+        backs = np.flatnonzero(two_sided)
+        self.triangles = np.concatenate([np.arange(len(corners)), backs])
+        places = corners[self.triangles].reshape(-1, 3)
+        facing = np.concatenate([normals, -normals[backs]]).reshape(-1, 3)
+        # Not at a multiple of what normals are rounded to: those of flat walls lie there.
+        rounded = np.floor(facing * 10.0**_NORMAL_DIGITS + 0.377).astype(np.int16)
+        owners = np.repeat(frames[self.triangles], 3)
+        first, vertex = _distinct_rows([*places.T, *rounded.T, owners])
+        self.positions, self.normals, self.frames = places[first], facing[first], owners[first]
+        self.faces = vertex.reshape(-1, 3)
+
+
+def _distinct_rows(columns: Sequence[npt.NDArray[Any]]) -> tuple[IntArray, IntArray]:
+    """Find rows that are alike: the first of each kind, in sorted order, and the kind of every row.
+
+    This is :func:`numpy.unique` along an axis, without its copies of all columns, which fill the memory for millions of
+    triangles.
+    """
+    order = np.lexsort(columns[::-1])
+    differs = np.ones(len(order), bool)
+    differs[1:] = False
+    for column in columns:
+        in_order = column[order]
+        differs[1:] |= in_order[1:] != in_order[:-1]
+    kind = np.empty(len(order), np.int64)
+    kind[order] = np.cumsum(differs) - 1
+    return order[differs], kind
+
+
+@dataclass(frozen=True)
+class RefinementRule:
+    """How densely a lattice is sampled.
+
+    Attributes:
+        spacing: edges longer than this are always divided, metres.
+        finest: edges shorter than this never, metres.
+        tolerance: an edge whose middle is off by more than this share of the light is divided.
+        most_points: once the lattice has this many points, only the worst edges are divided.
+    """
+
+    spacing: float
+    finest: float
+    tolerance: float
+    most_points: int
+
+
+@dataclass(frozen=True)
+class SampledLight:
+    """Light at the points of a :class:`SurfaceLattice` and of its divisions.
+
+    Attributes:
+        faces: (f, 3), vertices of the sides.
+        values: (n, 3), RGB at the points; vertices come first.
+        edges: int64 (e), sorted: divided edges, each the number of its one end times 2^32 plus that of the other,
+            larger one.
+        middles: (e), the points in their middles.
+        error: root mean square of how far the last middles were off, over 4: what interpolation errs, relative.
+        complete: whether all edges were divided that should be.
+        places, normals, frames: (n, 3) and (n), where the points' light was computed.
+        buried: bool (n), points that no light reaches: theirs is that of their neighbours.
+        levels: the cells before and after each division, vertices (c, 3) each.
+    """
+
+    faces: IntArray
+    values: FloatArray
+    edges: IntArray
+    middles: IntArray
+    error: float
+    complete: bool
+    places: FloatArray
+    normals: FloatArray
+    frames: IntArray
+    buried: npt.NDArray[np.bool_]
+    levels: list[IntArray]
+
+    def with_light(self, light_at: Callable[[FloatArray, FloatArray, IntArray], FloatArray]) -> SampledLight:
+        """Other light, RGB (k, 3) at places (k, 3) with normals (k, 3) in frames (k), at the same points."""
+        values = np.full_like(self.values, np.nan)
+        seen = ~self.buried
+        values[seen] = light_at(self.places[seen], self.normals[seen], self.frames[seen])
+        return replace(self, values=_without_buried(values, self.levels))
+
+    def middle_of(self, a: IntArray, b: IntArray) -> IntArray:
+        """The point in the middle of each edge, -1 where it was not divided or has an end of -1."""
+        keys = _keys(np.minimum(a, b), np.maximum(a, b))
+        if not len(self.edges):
+            return np.full(keys.shape, -1)
+        at = np.searchsorted(self.edges, keys).clip(max=len(self.edges) - 1)
+        found = (self.edges[at] == keys) & (a >= 0) & (b >= 0)
+        return np.where(found, self.middles[at], -1)
+
+    def divisions(self) -> IntArray:
+        """Return how often (f) each side is divided anywhere, its edges included."""
+        depth = np.zeros(len(self.faces), np.int64)
+        faces, ids = np.arange(len(self.faces)), _first_grid(self.faces)
+        for level in range(1, MOST_DIVISIONS + 1):
+            ids = _finer_ids(self, ids)
+            grown = (ids[:, 1::2] >= 0).any((1, 2)) | (ids[:, ::2, 1::2] >= 0).any((1, 2))
+            faces, ids = faces[grown], ids[grown]
+            depth[faces] = level
+            if not len(faces):
+                break
+        return depth
+
+    def grids(self, depth: IntArray) -> Iterator[tuple[IntArray, FloatArray]]:
+        """Sides that are divided equally often, by ``depth`` (f), and their values on grids (m, n + 1, n + 1, 3).
+
+        Place [i, j] of a grid is corner 0 plus i / n of the edge to corner 1 and j / n of that to corner 2. Beyond the
+        third edge the nearest places go on so that bilinear interpolation is linear on that edge.
+        """
+        faces, ids = np.arange(len(self.faces)), _first_grid(self.faces)
+        values = np.where(ids[..., None] >= 0, self.values[ids], 0.0)
+        for level in range(MOST_DIVISIONS + 1):
+            done = depth[faces] == level
+            if done.any():
+                yield faces[done], _beyond_third_edge(values[done])
+            faces, ids, values = faces[~done], ids[~done], values[~done]
+            if not len(faces):
+                return
+            ids, values = self._finer(ids, values)
+
+    def _finer(self, ids: IntArray, values: FloatArray) -> tuple[IntArray, FloatArray]:
+        ids = _finer_ids(self, ids)
+        n = ids.shape[1] - 1
+        finer = np.zeros((*ids.shape, 3))
+        finer[:, ::2, ::2] = values
+        finer[:, 1::2, ::2] = (values[:, :-1] + values[:, 1:]) / 2
+        finer[:, ::2, 1::2] = (values[:, :, :-1] + values[:, :, 1:]) / 2
+        finer[:, 1::2, 1::2] = (values[:, :-1, 1:] + values[:, 1:, :-1]) / 2
+        inside = np.add.outer(np.arange(n + 1), np.arange(n + 1)) <= n
+        known = (ids >= 0) & inside
+        finer[known] = self.values[ids[known]]
+        finer[:, ~inside] = 0.0
+        return ids, finer
+
+
+def refine(
+    lattice: SurfaceLattice,
+    light_at: Callable[[FloatArray, FloatArray, IntArray], tuple[FloatArray, FloatArray]],
+    rule: RefinementRule,
+    seen: Callable[[int, int], None] = lambda *_: None,
+) -> SampledLight:
+    """Sample light on a lattice, and divide triangles where it bends.
+
+    Args:
+        light_at: RGB (k, 3) at places (k, 3) with unit normals (k, 3) in frames (k), or NaN where no light can come:
+            within a solid; and luma (k) of what other light there is: an error is small or large in relation to all of
+            it.
+        seen: is told before each step how many points there are, and how many there will be.
+    """
+    positions, normals, frames, cells = lattice.positions, lattice.normals, lattice.frames, lattice.faces
+    where = [_inside(positions, normals, cells, np.arange(len(positions)), cells)]
+    values, others = light_at(*where[0], frames)
+    keys, middles = [np.empty(0, np.int64)], [np.empty(0, np.int64)]
+    levels, errors, complete = [cells], [np.zeros(1)], True
+    failed = np.zeros(len(cells), bool)
+    for level in range(MOST_DIVISIONS):
+        size = _longest_edges(positions, cells)
+        spread = _bend(values, others, cells)
+        first = failed if level else spread > rule.tolerance
+        # What lies within a solid, or behind a wall, is only looked through for what does not.
+        spacing = np.where(np.isnan(values[cells, 0]).all(1), _BURIED_SPACING, 1.0) * rule.spacing
+        cells = cells[(size > rule.finest) & ((size > spacing) | first)]
+        room = rule.most_points - len(positions)
+        if len(cells) * 3 // 2 > room and len(cells):
+            complete = False
+            # The worst first; a test of all edges would cost what there is no room for.
+            worst = np.argsort(-np.nan_to_num(_bend(values, others, cells), nan=np.inf), kind="stable")
+            cells = cells[np.sort(worst[: max(room, 0) * 2 // 3])]
+        if not len(cells):
+            break
+        ends = np.sort(np.stack([cells[:, [0, 1]], cells[:, [1, 2]], cells[:, [2, 0]]], 1), -1)
+        key, of_cell = np.unique(_keys(ends[..., 0], ends[..., 1]), return_inverse=True)
+        of_cell = of_cell.reshape(-1, 3)
+        a, b = key >> 32, key & 0xFFFFFFFF
+        seen(len(positions), len(positions) + len(key))
+        new = len(positions) + np.arange(len(key))
+        positions = np.concatenate([positions, (positions[a] + positions[b]) / 2])
+        sum_of_normals = normals[a] + normals[b]
+        normals = np.concatenate([normals, _unit(sum_of_normals, normals[a])])
+        middle = new[of_cell]
+        frames = np.concatenate([frames, frames[a]])
+        where.append(_inside(positions, normals, cells, new, middle))
+        found, other = light_at(*where[-1], frames[new])
+        values, others = np.concatenate([values, found]), np.concatenate([others, other])
+        keys.append(key)
+        middles.append(new)
+        off = _relative(values[new] - (values[a] + values[b]) / 2, values[new], others[new], values)
+        buried = np.isnan(values[[a, b, new], 0])
+        off = np.where(buried.all(0), 0.0, np.where(buried.any(0), np.inf, off))
+        divided = _parts(cells, middle)
+        levels.append(divided)
+        failed_edge = off > rule.tolerance
+        # A neighbour of what bends may bend where its own middles do not show it.
+        near = np.zeros(len(positions), bool)
+        near[np.concatenate([a[failed_edge], b[failed_edge], new[failed_edge]])] = True
+        failed = np.tile(near[cells].any(1), 4)
+        errors.append(off[~failed_edge])
+        cells = divided
+    buried = np.isnan(values[:, 0])
+    order = np.argsort(every := np.concatenate(keys), kind="stable")
+    return SampledLight(
+        lattice.faces,
+        _without_buried(values, levels),
+        every[order],
+        np.concatenate(middles)[order],
+        float(np.sqrt(np.mean(np.concatenate(errors) ** 2)) / 4),
+        complete,
+        np.concatenate([places for places, _ in where]),
+        np.concatenate([facing for _, facing in where]),
+        frames,
+        buried,
+        levels,
+    )
+
+
+def _keys(low: IntArray, high: IntArray) -> IntArray:
+    return np.asarray((low << 32) | high)
+
+
+def _first_grid(faces: IntArray) -> IntArray:
+    grid = np.full((len(faces), 2, 2), -1)
+    grid[:, 0, 0], grid[:, 1, 0], grid[:, 0, 1] = faces.T
+    return grid
+
+
+def _finer_ids(light: SampledLight, ids: IntArray) -> IntArray:
+    n = 2 * (ids.shape[1] - 1)
+    finer = np.full((len(ids), n + 1, n + 1), -1)
+    finer[:, ::2, ::2] = ids
+    finer[:, 1::2, ::2] = light.middle_of(ids[:, :-1], ids[:, 1:])
+    finer[:, ::2, 1::2] = light.middle_of(ids[:, :, :-1], ids[:, :, 1:])
+    finer[:, 1::2, 1::2] = light.middle_of(ids[:, :-1, 1:], ids[:, 1:, :-1])
+    return finer
+
+
+def _beyond_third_edge(values: FloatArray) -> FloatArray:
+    n = values.shape[1] - 1
+    i = np.arange(1, n + 1)
+    j = n + 1 - i
+    values = values.copy()
+    values[:, i, j] = values[:, i, j - 1] + values[:, i - 1, j] - values[:, i - 1, j - 1]
+    return values
+
+
+def _parts(cells: IntArray, middle: IntArray) -> IntArray:
+    """The four parts of cells (c, 3) whose edges 01, 12 and 20 have these middles (c, 3)."""
+    a, b, c = cells.T
+    ab, bc, ca = middle.T
+    return np.concatenate([np.stack(part, 1) for part in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))])
+
+
+def _longest_edges(positions: FloatArray, cells: IntArray) -> FloatArray:
+    corners = positions[cells]
+    return np.asarray(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=-1).max(1))
+
+
+def _inside(
+    positions: FloatArray, normals: FloatArray, cells: IntArray, points: IntArray, of_cell: IntArray
+) -> tuple[FloatArray, FloatArray]:
+    """Places and normals of points (p), moved towards the middles of cells (c, 3) that have them (c, 3)."""
+    centres = np.repeat(positions[cells].mean(1), 3, axis=0)
+    at = of_cell.ravel() - points[0]
+    count = np.bincount(at, minlength=len(points))
+    sums = np.stack([np.bincount(at, centres[:, axis], len(points)) for axis in range(3)], 1)
+    middle = sums / np.maximum(count, 1)[:, None]
+    places = positions[points]
+    return places + np.where(count[:, None] > 0, _INWARDS, 0.0) * (middle - places), normals[points]
+
+
+def _unit(vectors: FloatArray, otherwise: FloatArray) -> FloatArray:
+    length = np.linalg.norm(vectors, axis=1, keepdims=True)
+    return np.where(length > 1e-6, vectors / np.maximum(length, 1e-6), otherwise)
+
+
+def _relative(difference: FloatArray, value: FloatArray, other: FloatArray, values: FloatArray) -> FloatArray:
+    """Differences (k, 3) as a share of light (k, 3) and other light (k), all channels weighted as luma is."""
+    luma = values @ LUMA_WEIGHTS
+    lit = luma[luma > 0]
+    floor = _DARK * float(np.median(lit)) if len(lit) else 1.0
+    return np.asarray((np.abs(difference) @ LUMA_WEIGHTS) / (np.nan_to_num(value) @ LUMA_WEIGHTS + other + floor))
+
+
+def _bend(values: FloatArray, others: FloatArray, cells: IntArray) -> FloatArray:
+    corners = values[cells]
+    return _relative(np.ptp(corners, axis=1), corners.mean(1), others[cells].mean(1), values)
+
+
+def _without_buried(values: FloatArray, levels: list[IntArray]) -> FloatArray:
+    """Values of points within solids from the nearest points that are not: they are seen by nobody, yet what is seen
+    next to them is interpolated from them too. Those that have no such neighbour become 0."""
+    values = values.copy()
+    for cells in reversed(levels):
+        for _ in range(2):
+            corners = values[cells]
+            known = ~np.isnan(corners[..., 0])
+            mixed = known.any(1) & ~known.all(1)
+            if not mixed.any():
+                break
+            mean = np.nansum(corners[mixed], axis=1) / known[mixed].sum(1)[:, None]
+            unknown = ~known[mixed]
+            target = cells[mixed][unknown]
+            means = np.repeat(mean, unknown.sum(1), axis=0)
+            count = np.bincount(target, minlength=len(values))
+            sums = np.stack([np.bincount(target, means[:, c], len(values)) for c in range(values.shape[1])], 1)
+            fill = count > 0
+            values[fill] = sums[fill] / count[fill, None]
+    return np.nan_to_num(values, nan=0.0)

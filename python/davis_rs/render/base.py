@@ -1,0 +1,243 @@
+"""The renderer: views in; frames of linear luma, their rates, single pixels, depth maps and optical flow out."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator
+from functools import cached_property, partial
+
+import numpy as np
+import numpy.typing as npt
+
+from ..events.luma import LumaFrames, blur_3x3, blur_neighbourhoods
+from ..geometry.camera import Camera
+from ..geometry.lattice import rank1_lattice
+from ..geometry.pose import FloatArray
+from ..geometry.trajectory.views import Views
+from .edges.edge_tracks import EdgeTracks, composed_tracks
+from .edges.neighbours import ImageMap, Neighbours
+from .edges.swept_objects import MovingSilhouettes
+from .flow import OpticalFlow
+from .motion.scene_motion import STILL, SceneMotion, seen_from
+from .rate_difference import rate_by_differences
+from .rays.camera_rays import pixel_centres
+
+Indices = npt.NDArray[np.int64]
+
+
+Launched = Callable[[], tuple[LumaFrames, LumaFrames | None]]
+"""Frames that are on their way, and their rates where they were asked for."""
+
+
+class Renderer(ABC):
+    """Renders a scene through a camera's own rays, so that images match its calibration and distortion.
+
+    Each pixel averages ``rays`` rays of a fixed lattice over its square; depth and flow are those of the ray through
+    its centre. The same view gives the same bits, whatever is rendered before it, with it or after it.
+    """
+
+    name: str
+    """What renders, for people."""
+
+    reason: str
+    """Why it was chosen, for people."""
+
+    variant: str
+    """The Mitsuba variant."""
+
+    poses_per_launch: int
+    """How many views are best rendered in one call."""
+
+    concurrent: bool = False
+    """Whether several threads may call it at once."""
+
+    motion: SceneMotion
+    """What moves and flickers in the scene, by the times of the views."""
+
+    def __init__(self, camera: Camera, *, samples: int, blur: bool, motion: SceneMotion = STILL) -> None:
+        self.camera, self.rays, self.blur, self.motion = camera, samples, blur, motion
+
+    silhouettes: MovingSilhouettes | None = None
+    """The geometry's edges, where somebody wants to know them."""
+
+    optics: ImageMap | None = None
+    """What the lens does to luma and its rates, after the blur; None for a perfect one."""
+
+    @property
+    def reach_px(self) -> int:
+        """The largest distance in pixels, in x or y, from which blur and lens bring light to a pixel."""
+        return int(self.blur) + (0 if self.optics is None else self.optics.reach)
+
+    def luma(self, views: Views) -> LumaFrames:
+        """Return linear luma (n, H, W), float32, of n views."""
+        return self.begin_luma(views)()[0]
+
+    def begin_luma(self, views: Views) -> Launched:
+        """Begin to render :meth:`luma`; a call of the result waits for it and gives (luma, None)."""
+        frames = self._begin_luma(views) if len(views) else partial(self._blank, views)
+        return lambda: (self._finished(frames()), None)
+
+    def begin_luma_and_rate(self, views: Views) -> Launched:
+        """Do as :meth:`begin_luma` does, for :meth:`luma_and_rate`. It is rendered at once."""
+        both = self.luma_and_rate(views)
+        return lambda: both
+
+    def luma_and_rate(self, views: Views) -> tuple[LumaFrames, LumaFrames]:
+        """Return :meth:`luma`, and dY/dt in luma per second at each instant, (n, H, W), float32.
+
+        The rate is total: of the camera, of all that moves, and of the lights. It is that of the surfaces which the
+        rays hit, shading and texture included. What appears, vanishes or passes into shadow is not in it: at the edges
+        of surfaces and shadows the true luma changes otherwise. The native renderer and the table kernel differentiate,
+        and inside surfaces are as exact as float32; the others take differences over 0.04 pixels of motion, with the
+        same random numbers, good to about 1 %.
+        """
+        frames, rates = self._luma_and_rate(views) if len(views) else (self._blank(views), self._blank(views))
+        return self._finished(frames), self._finished(rates)
+
+    def samples(
+        self, views: Views, view: npt.ArrayLike, pixel: npt.ArrayLike, *, rays: int | None = None
+    ) -> LumaFrames:
+        """Return luma (m,), float32, of m single pixels: the bits of ``luma(views)[view, y, x]``, without the rest.
+
+        Args:
+            view: (m,) which of the views.
+            pixel: (m,) which pixel, y W + x.
+            rays: how many lattice rays a pixel; None means the renderer's own.
+
+        Raises:
+            ValueError: for indices of another shape or out of range, or ``rays`` outside of 1..1024.
+        """
+        size = self.camera.width * self.camera.height
+        view, pixel = _indices("view", view, len(views)), _indices("pixel", pixel, size)
+        if view.shape != pixel.shape:
+            raise ValueError(f"view and pixel must be of one length, got {len(view)} and {len(pixel)}")
+        rays = self.rays if rays is None else rays
+        rank1_lattice(rays)  # refuses bad numbers
+        if len(view) == 0:
+            return np.empty(0, np.float32)
+        if self.reach_px:
+            neighbours = Neighbours(self.camera, len(views), view, pixel, self.reach_px)
+            squares = neighbours.squares(self._samples(views, neighbours.view, neighbours.pixel, rays))
+        else:
+            squares = self._samples(views, view, pixel, rays).reshape(1, 1, -1)
+        return self._composed(squares, pixel)
+
+    def edge_tracks(self, views: Views, t_us: Indices, *, tolerated: float, log_eps: float) -> list[EdgeTracks] | None:
+        """Return luma of the pixels that edges of the geometry pass, through each of n spans of time.
+
+        Of a span's pixels some rays see one surface all the time, and change evenly. The others jump, at the instants
+        at which an edge passes them; these follow from the geometry. What the rays see is rendered at three instants,
+        or at five where luma bends or where a ray is passed twice between two of them.
+
+        Args:
+            views: five of each span (5 n), at the instants of
+                ``davis_rs.render.edges.edge_tracks.instants_of_spans``; the fastest pixel may go half a pixel.
+            t_us: int64 (n, 5): these instants, microseconds of the sequence.
+            tolerated: change of log luma that is tolerated.
+            log_eps: dark level in units of luma.
+
+        Returns:
+            None where the renderer does not know its rays' surfaces.
+        """
+        found = self._edge_tracks(views, t_us, tolerated, log_eps)
+        if found is None:
+            return None
+        return [composed_tracks(tracks, self.camera, self.reach_px, self._composed) for tracks in found]
+
+    def _composed(self, squares: LumaFrames, pixel: Indices) -> LumaFrames:
+        """What the blur and the lens make of the squares around pixels."""
+        if self.blur:
+            squares = blur_neighbourhoods(squares)
+        return squares[0, 0] if self.optics is None else self.optics.pixels(squares, pixel)
+
+    def depth(self, views: Views) -> npt.NDArray[np.float32]:
+        """Return depth (n, H, W), float32: z along the optical axis in metres; inf where a ray hits nothing."""
+        return self._depth(views) if len(views) else self._blank(views)
+
+    def flow(self, views: Views) -> npt.NDArray[np.float32]:
+        """Return optical flow (n, H, W, 2), float32, in pixels/s (x right, y down); NaN where a ray hits nothing.
+
+        It is the motion in the image, through the lens, of the surface point that the pixel's centre sees: by the
+        camera's motion, and by its own.
+        """
+        depth = self.depth(views)
+        flows = np.empty((*depth.shape, 2), np.float32)
+        for flow, z, exact in zip(flows, depth, self._flows(views, depth), strict=True):
+            flow[:] = exact.reshape(flow.shape)
+            flow[np.isinf(z)] = np.nan
+        return flows
+
+    def _flows(self, views: Views, depth: npt.NDArray[np.float32]) -> Iterator[FloatArray]:
+        """Flow (H * W, 2) of each view; where depth is inf, that of the camera's rotation."""
+        poses: tuple[Views, ...] = ()
+        if self.motion.objects and len(views):
+            poses = self.motion.at(views.t_s).objects
+        owners = self._owners(views) if poses else None
+        for i, depths in enumerate(depth):
+            view, z = views[i : i + 1], depths.reshape(1, -1)
+            flow = self._centre_flow(view, z)[0]
+            for number, pose in enumerate(poses, 1):
+                assert owners is not None
+                seen = owners[i].ravel() == number
+                if seen.any():
+                    flow[seen] = self._centre_flow(seen_from(view, pose[i : i + 1]), z)[0][seen]
+            yield flow
+
+    @cached_property
+    def _centre_flow(self) -> OpticalFlow:
+        return OpticalFlow(self.camera, pixel_centres(self.camera))
+
+    def _finished(self, frames: LumaFrames) -> LumaFrames:
+        """What the blur and the lens make of rendered frames, or of their rates: both are linear."""
+        blurred = blur_3x3(frames) if self.blur else frames
+        return blurred if self.optics is None else self.optics.frames(blurred)
+
+    def _blank(self, views: Views) -> npt.NDArray[np.float32]:
+        return np.empty((len(views), self.camera.height, self.camera.width), np.float32)
+
+    # What an implementation gives, for at least one view or pixel, before the blur and the lens.
+
+    @abstractmethod
+    def _luma(self, views: Views) -> LumaFrames: ...
+
+    def _begin_luma(self, views: Views) -> Callable[[], LumaFrames]:
+        """Begin to render :meth:`_luma`, in parallel with other work if the renderer can do that."""
+        frames = self._luma(views)
+        return lambda: frames
+
+    @abstractmethod
+    def _samples(self, views: Views, view: Indices, pixel: Indices, rays: int) -> LumaFrames: ...
+
+    @abstractmethod
+    def _depth(self, views: Views) -> npt.NDArray[np.float32]: ...
+
+    def _owners(self, views: Views) -> npt.NDArray[np.uint32]:
+        """Return what each pixel's centre sees, (n, H, W): object 1, 2, ... of ``motion``, or 0 for all else."""
+        return np.zeros((len(views), self.camera.height, self.camera.width), np.uint32)
+
+    def _edge_tracks(self, views: Views, t_us: Indices, tolerated: float, log_eps: float) -> list[EdgeTracks] | None:
+        """Do as :meth:`edge_tracks`, with samples of all pixels that luma is taken from, at the spans' ends too."""
+        return None
+
+    def _luma_and_rate(self, views: Views) -> tuple[LumaFrames, LumaFrames]:
+        # What is infinitely far counts too: it may be a background that a rotation carries past.
+        depths = (self.depth(views[i : i + 1]) for i in range(len(views)))
+        flows = (flow for i, depth in enumerate(depths) for flow in self._flows(views[i : i + 1], depth))
+        speeds = np.array([np.linalg.norm(flow, axis=-1).max() for flow in flows])
+        return rate_by_differences(partial(self._luma_after, views), speeds)
+
+    def _luma_after(self, views: Views, step_s: FloatArray) -> LumaFrames:
+        """Luma when each view and all that moves has gone on for its own time (n,), for rates by differences."""
+        return self._luma(views.moved(step_s))
+
+
+def _indices(name: str, values: npt.ArrayLike, size: int) -> Indices:
+    array = np.asarray(values)
+    if array.size == 0:
+        array = array.astype(np.int64)
+    if array.ndim != 1 or array.dtype.kind not in "iu":
+        raise ValueError(f"{name} must be whole numbers of shape (m,), got {array.dtype} of shape {array.shape}")
+    if array.size and not (array.min() >= 0 and array.max() < size):
+        wrong = array[(array < 0) | (array >= size)][0]
+        raise ValueError(f"{name} must lie in 0..{size - 1}, got {wrong}")
+    return array.astype(np.int64, copy=False)

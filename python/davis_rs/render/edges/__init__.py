@@ -1,0 +1,1 @@
+"""Pixels that an occlusion edge may pass between two instants."""

@@ -1,0 +1,1 @@
+"""Mitsuba's own integrators, for every scene, with noise."""

@@ -1,0 +1,117 @@
+"""What the renderers share that ask Mitsuba's own integrators, with LLVM and without."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from copy import copy
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..._mitsuba.variants import variant
+from ...events.luma import LumaFrames
+from ...geometry.camera import Camera
+from ...geometry.pose import FloatArray
+from ...geometry.trajectory.views import Views
+from ..base import Indices, Renderer
+from ..motion.scene_motion import STILL, SceneMotion, SceneState
+from ..motion.scene_scale import scale_scene
+from ..motion.scene_updates import SceneUpdates
+
+_SEED_STEP = 15_485_863
+"""Between the seeds of :meth:`SceneRenderer.reseeded`: the scalar variant counts on from a seed, by a ray each."""
+
+
+def _integrator(scene: Any, mi: Any) -> Any:
+    """The scene's integrator; path tracing where it names none.
+
+    Raises:
+        ValueError: for one that cannot be asked what a ray sees: a particle tracer, or one made for derivatives.
+    """
+    integrator = scene.integrator() or mi.load_dict({"type": "path"})
+    if not isinstance(integrator, mi.SamplingIntegrator) or isinstance(integrator, mi.CppADIntegrator):
+        raise ValueError(
+            f"the scene asks for Mitsuba's {type(integrator).__name__}, which cannot follow single rays; "
+            "name one that can (direct, path, volpath)"
+        )
+    return integrator
+
+
+class SceneRenderer(Renderer):
+    """Any scene, through the integrator that it names.
+
+    Where objects move or lights flicker the scene itself is changed from view to view, see :class:`SceneUpdates`.
+    A scene that is very small or very large is scaled first, see :func:`scale_scene`, and the views with it.
+
+    Args:
+        scene: loaded under :attr:`variant`; it is the renderer's own from here on.
+
+    Warns:
+        UserWarning: if a scene that is too small or too large cannot be scaled.
+    """
+
+    poses_per_launch = 1
+
+    scale: float
+    """How many times as large as it is the scene is rendered."""
+
+    def __init__(
+        self,
+        scene: Any,
+        camera: Camera,
+        *,
+        samples: int,
+        blur: bool,
+        seed: int,
+        reason: str,
+        motion: SceneMotion = STILL,
+    ) -> None:
+        super().__init__(camera, samples=samples, blur=blur, motion=motion)
+        self._scene, self._seed, self.reason = scene, seed, reason
+        with variant(self.variant) as (mi, _):
+            self._integrator = _integrator(scene, mi)
+            self.scale = scale_scene(scene, self._integrator, mi)
+            self._updates = SceneUpdates(scene, motion, mi)
+        self.name = f"Mitsuba's {self._integrator.class_name()}"
+
+    def reseeded(self, number: int) -> SceneRenderer:
+        """Another renderer of the same scene with other random numbers: those of a seed ``number`` + 1 places on."""
+        other = copy(self)
+        other._seed = (self._seed + _SEED_STEP * (number + 1)) % 2**31
+        return other
+
+    def _luma(self, views: Views) -> LumaFrames:
+        return self._render(views.scaled(self.scale), self._state(views))
+
+    def _luma_after(self, views: Views, step_s: FloatArray) -> LumaFrames:
+        return self._render(views.moved(step_s).scaled(self.scale), self._state(views).moved(step_s))
+
+    def _samples(self, views: Views, view: Indices, pixel: Indices, rays: int) -> LumaFrames:
+        return self._samples_at(self._state(views), views.scaled(self.scale), view, pixel, rays)
+
+    def _depth(self, views: Views) -> npt.NDArray[np.float32]:
+        return self._scaled_depth(views.scaled(self.scale)) / np.float32(self.scale)
+
+    def _owners(self, views: Views) -> npt.NDArray[np.uint32]:
+        return self._scaled_owners(views.scaled(self.scale))
+
+    def _state(self, views: Views) -> SceneState:
+        """The scene when the views see it, as large as it is rendered."""
+        return self.motion.at(views.t_s).scaled(self.scale)
+
+    # What an implementation gives, of the scene and the views as large as they are rendered.
+
+    @abstractmethod
+    def _scaled_depth(self, views: Views) -> npt.NDArray[np.float32]: ...
+
+    @abstractmethod
+    def _scaled_owners(self, views: Views) -> npt.NDArray[np.uint32]: ...
+
+    @abstractmethod
+    def _render(self, views: Views, state: SceneState) -> LumaFrames:
+        """Frames of views, of the scene in as many states."""
+
+    @abstractmethod
+    def _samples_at(self, state: SceneState, views: Views, view: Indices, pixel: Indices, rays: int) -> LumaFrames:
+        """Single pixels of views, of the scene in as many states."""

@@ -1,0 +1,113 @@
+"""Mitsuba's own integrators on our own rays, for every scene that the table kernel does not cover."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..._mitsuba.variants import FAST, variant
+from ...events.luma import LUMA_WEIGHTS, LumaFrames
+from ...geometry.camera import Camera
+from ...geometry.trajectory.views import Views
+from ..base import Indices
+from ..motion.scene_motion import SceneState
+from ..motion.scene_updates import owner_numbers
+from ..rays.camera_rays import CameraRays, Lanes
+from ..rays.frame_sampler import frame_sampler
+from .base import SceneRenderer
+
+
+class IntegratorRenderer(SceneRenderer):
+    """Any scene, through the integrator that it names, in the LLVM variant.
+
+    The random numbers of a ray depend on the seed and on its place in the frame alone: so a still image makes no
+    events, and a single pixel is what it is in the frame. Rates are differences: Mitsuba's forward mode through these
+    integrators is slow, not always the slope of the luma that is seen, and aborts the process in a volumetric one.
+    """
+
+    variant = FAST
+
+    def __init__(self, scene: Any, camera: Camera, *, samples: int, **settings: Any) -> None:
+        super().__init__(scene, camera, samples=samples, **settings)
+        self._camera_rays = CameraRays(camera)
+        self._camera_rays.prepare(samples)
+
+    def _scaled_depth(self, views: Views) -> npt.NDArray[np.float32]:
+        depths = self._blank(views)
+        for i, depth in enumerate(depths):
+            with variant(FAST) as (_, dr):
+                found, length = self._centre_hits(views, i)
+                # Mitsuba's distance is along unit directions.
+                z = dr.select(found.is_valid(), found.t / length, dr.inf)
+                depth[:] = z.numpy().reshape(depth.shape)
+        return depths
+
+    def _scaled_owners(self, views: Views) -> npt.NDArray[np.uint32]:
+        owners = np.zeros((len(views), self.camera.height, self.camera.width), np.uint32)
+        with variant(FAST) as (mi, dr):
+            table = mi.UInt32(owner_numbers(self._scene, self.motion, mi, dr))
+            for i, owner in enumerate(owners):
+                found, _ = self._centre_hits(views, i)
+                shape = dr.reinterpret_array(mi.UInt32, found.shape)
+                owner[:] = dr.gather(mi.UInt32, table, shape, found.is_valid()).numpy().reshape(owner.shape)
+        return owners
+
+    def _centre_hits(self, views: Views, index: int) -> tuple[Any, Any]:
+        """What the pixels' centres see in one view, and how long a ray is whose camera-frame z is 1."""
+        import drjit as dr
+        import mitsuba as mi
+
+        if self.motion:
+            self._updates.set(self._state(views[index : index + 1]), 0)
+        lanes, _, _ = self._lanes(views, *self._frame(index), 1, mi, dr)
+        ray = self._camera_rays.ray(lanes, 0, 1)
+        # Mitsuba expects unit directions.
+        length = dr.norm(ray.d)
+        return self._scene.ray_intersect_preliminary(mi.Ray3f(ray.o, ray.d / length), coherent=True), length
+
+    def _render(self, views: Views, state: SceneState) -> LumaFrames:
+        frames = self._blank(views)
+        for i, frame in enumerate(frames):
+            frame[:] = self._samples_at(state, views, *self._frame(i), self.rays).reshape(frame.shape)
+        return frames
+
+    def _samples_at(self, state: SceneState, views: Views, view: Indices, pixel: Indices, rays: int) -> LumaFrames:
+        if not self.motion:
+            return self._traced(views, view, pixel, rays)
+        luma = np.empty(len(view), np.float32)
+        for i in np.unique(view):
+            of_view = view == i
+            with variant(FAST):
+                self._updates.set(state, i)
+            luma[of_view] = self._traced(views, view[of_view], pixel[of_view], rays)
+        return luma
+
+    def _traced(self, views: Views, view: Indices, pixel: Indices, rays: int) -> LumaFrames:
+        """Luma of pixels of views, in the scene as it is."""
+        with variant(FAST) as (mi, dr):
+            lanes, sample, place = self._lanes(views, view, pixel, rays, mi, dr)
+            ray = self._camera_rays.ray(lanes, sample, rays)
+            ray = mi.RayDifferential3f(mi.Ray3f(ray.o, dr.normalize(ray.d)))
+            sampler = frame_sampler()(dr.opaque(mi.UInt32, self._seed), place)
+            colour, valid, *_ = self._integrator.sample(self._scene, sampler, ray, None, True)
+            del valid  # a ray that hits nothing has the background's colour
+            luma = colour[0] * LUMA_WEIGHTS[0] + colour[1] * LUMA_WEIGHTS[1] + colour[2] * LUMA_WEIGHTS[2]
+            # The rays of a pixel lie side by side, and are summed in order.
+            return np.array((dr.block_sum(luma, rays) / rays).numpy(), np.float32)
+
+    def _frame(self, index: int) -> tuple[Indices, Indices]:
+        """All pixels of one view."""
+        pixels = self._camera_rays.pixels
+        return np.full(pixels, index), np.arange(pixels)
+
+    def _lanes(
+        self, views: Views, view: Indices, pixel: Indices, rays: int, mi: Any, dr: Any
+    ) -> tuple[Lanes, Any, Any]:
+        """Return (lanes, which lattice ray each is, its place in the frame): a pixel's rays side by side."""
+        lane = dr.arange(mi.UInt32, len(view) * rays)
+        pair = lane // rays
+        views_of, pixels = (dr.gather(mi.UInt32, mi.UInt32(index.astype(np.uint32)), pair) for index in (view, pixel))
+        sample = lane - pair * rays
+        return self._camera_rays.lanes(views, views_of, pixels, motion=False), sample, pixels * rays + sample

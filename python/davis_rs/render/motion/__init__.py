@@ -1,0 +1,1 @@
+"""What moves and changes in a scene besides the camera."""

@@ -1,0 +1,136 @@
+"""What changes in a scene besides the camera: objects that move, and lights whose strength runs a profile."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from ...geometry.pose import FloatArray
+from ...geometry.trajectory.trajectory import TIME_TOLERANCE_S, Trajectory
+from ...geometry.trajectory.views import Views
+from ...scene.light_profile import LightProfile
+
+
+@dataclass(frozen=True, eq=False)
+class SceneState:
+    """A scene at n instants.
+
+    Attributes:
+        objects: pose and motion of each moving object at the instants: T_world_object, rates in the object's axes.
+        factors: (n, lights) on the strengths of the lights that run a profile.
+        rates: (n, lights) their derivatives, per second.
+    """
+
+    objects: tuple[Views, ...]
+    factors: FloatArray
+    rates: FloatArray
+
+    def moved(self, step_s: FloatArray) -> SceneState:
+        """Return the state (n,) seconds after each instant, at constant velocity, body rate and rate."""
+        factors = self.factors + self.rates * step_s[:, None]
+        return SceneState(tuple(pose.moved(step_s) for pose in self.objects), factors, self.rates)
+
+    def scaled(self, factor: float) -> SceneState:
+        """The same scene in a world that is ``factor`` times as large."""
+        return SceneState(tuple(pose.scaled(factor) for pose in self.objects), self.factors, self.rates)
+
+
+class SceneMotion:
+    """The trajectories of a scene's objects and the profiles of its lights, by their ids.
+
+    Args:
+        boxes: for each object the lowest and highest corner (2, 3) around it in its own frame, metres.
+        bends_s: seconds, in addition to what paths and profiles say, when the rate of luma jumps.
+    """
+
+    def __init__(
+        self,
+        objects: Mapping[str, Trajectory],
+        lights: Mapping[str, LightProfile],
+        boxes: Mapping[str, npt.ArrayLike],
+        bends_s: npt.ArrayLike = (),
+    ) -> None:
+        self.bends_s = np.asarray(bends_s, np.float64)
+        self.objects, self.lights = dict(objects), dict(lights)
+        self.boxes = [np.asarray(boxes[name], np.float64) for name in self.objects]
+
+    def __bool__(self) -> bool:
+        """Whether anything changes."""
+        return bool(self.objects or self.lights)
+
+    def with_bends(self, instants: npt.ArrayLike) -> SceneMotion:
+        """The same motion, in which light bends at these instants, if there is more than one."""
+        if np.size(instants) < 2:
+            return self
+        return SceneMotion(self.objects, self.lights, dict(zip(self.objects, self.boxes, strict=True)), instants)
+
+    def at(self, t_s: FloatArray) -> SceneState:
+        """The scene at times (n,) of the sequence.
+
+        Raises:
+            ValueError: where a profile gives another shape, or a factor that is negative or not finite.
+        """
+        poses = tuple(held(trajectory, t_s) for trajectory in self.objects.values())
+        rates = [_checked(name, "rate", light.rate(t_s), t_s, -np.inf) for name, light in self.lights.items()]
+        return SceneState(poses, self.factors(t_s), _columns(rates, len(t_s)))
+
+    def factors(self, t_s: FloatArray) -> FloatArray:
+        """Return the factors of :meth:`at` alone."""
+        factors = [_checked(name, "factor", light.factor(t_s), t_s, 0.0) for name, light in self.lights.items()]
+        return _columns(factors, len(t_s))
+
+
+STILL = SceneMotion({}, {}, {})
+"""A scene in which nothing changes."""
+
+
+def held(trajectory: Trajectory, t_s: FloatArray) -> Views:
+    """Poses of an object at any times (n,): before and after its trajectory it stands still at that's ends."""
+    inside = np.clip(t_s, 0.0, trajectory.duration_s)
+    path = Views.along(trajectory, inside)
+    moves = (np.abs(t_s - inside) <= TIME_TOLERANCE_S)[:, None]
+    velocities, rates = (np.where(moves, twist, 0.0) for twist in (path.velocities, path.angular_rates))
+    return Views(t_s, path.positions, path.rotations, velocities, rates)
+
+
+def pose_arrays(cameras: Sequence[Views]) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Cameras in f frames, n views each, as the Rust core takes them, flat: places (n, f, 3), rotations (n, f, 3, 3),
+    velocities (n, f, 3) and angular rates (n, f, 3)."""
+    positions, rotations, velocities, angular_rates = (
+        np.stack([getattr(camera, name) for camera in cameras], 1).ravel()
+        for name in ("positions", "rotations", "velocities", "angular_rates")
+    )
+    return positions, rotations, velocities, angular_rates
+
+
+def seen_from(cameras: Views, objects: Views) -> Views:
+    """The cameras in the frames of objects (n each), as if those stood still and the cameras made all of the motion."""
+    to_object = objects.rotations.swapaxes(1, 2)
+    offset = cameras.positions - objects.positions
+    turning = np.einsum("nij,nj->ni", objects.rotations, objects.angular_rates)  # world axes
+    velocities = cameras.velocities - objects.velocities - np.cross(turning, offset)
+    return Views(
+        cameras.t_s,
+        np.einsum("nij,nj->ni", to_object, offset),
+        to_object @ cameras.rotations,
+        np.einsum("nij,nj->ni", to_object, velocities),
+        cameras.angular_rates - np.einsum("nji,nj->ni", cameras.rotations, turning),
+    )
+
+
+def _columns(columns: list[FloatArray], length: int) -> FloatArray:
+    return np.stack(columns, 1) if columns else np.empty((length, 0))
+
+
+def _checked(name: str, what: str, values: npt.ArrayLike, t_s: FloatArray, least: float) -> FloatArray:
+    array = np.asarray(values, np.float64)
+    if array.shape != t_s.shape:
+        raise ValueError(f"the {what} of light {name!r} must have shape {t_s.shape}, got {array.shape}")
+    wrong = ~((array >= least) & np.isfinite(array))
+    if wrong.any():
+        rule = "finite and >= 0" if least == 0 else "finite"
+        raise ValueError(f"the {what} of light {name!r} must be {rule}, got {array[wrong][0]} at {t_s[wrong][0]} s")
+    return array

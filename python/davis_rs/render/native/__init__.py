@@ -1,0 +1,1 @@
+"""The renderer in the Rust core: diffuse triangles, without noise."""

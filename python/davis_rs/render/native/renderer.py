@@ -1,0 +1,287 @@
+"""The native renderer: the Rust core's, which wants a scene's tables and nothing else."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from ..._core import PixelRays, SceneRenderer
+from ..._mitsuba.variants import SCALAR
+from ...events.luma import LumaFrames
+from ...geometry.camera import Camera
+from ...geometry.lattice import rank1_lattice
+from ...geometry.pose import FloatArray
+from ...geometry.trajectory.views import Views
+from ..base import Indices, Renderer
+from ..edges.edge_tracks import EdgeTracks
+from ..kept_scenes import kept
+from ..motion.scene_motion import STILL, SceneMotion, pose_arrays, seen_from
+from ..rays.camera_rays import ray_table
+from ..rays.pixel_rays import pixel_rays
+from ..rays.shadow_rays import END, STEP
+from ..scene_tables.scene_table import SceneTable
+
+_KINDS = {"spot": "point", "lamp": "point"}
+
+_PIXELS_PER_LAUNCH = 1 << 21
+
+_MOST_ACROSS = 65535
+"""Of what the core takes as the pixels of a row."""
+
+ViewArrays = tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]
+
+
+class NativeRenderer(Renderer):
+    """Renders a :class:`SceneTable`: direct light on diffuse triangles, without noise, in Rust.
+
+    Needs Mitsuba only to load the scene, and no LLVM. Constant light is taken as unoccluded; shadows of the other
+    lights are traced where the table asks for them. Rates are closed forms along the surfaces that the rays see. A
+    pixel has the same bits in any batch, on any number of threads and on any processor of one architecture.
+
+    Args:
+        threads: None for all that there are.
+
+    Attributes:
+        baked: the light that was computed beforehand; None where there is none.
+        table: of the scene.
+    """
+
+    name = "native renderer"
+    variant = SCALAR
+    concurrent = True
+
+    def __init__(
+        self,
+        table: SceneTable,
+        camera: Camera,
+        *,
+        samples: int,
+        blur: bool,
+        motion: SceneMotion = STILL,
+        threads: int | None = None,
+    ) -> None:
+        if table.baked is not None:
+            motion = motion.with_bends(table.baked.maps.instants)
+        super().__init__(camera, samples=samples, blur=blur, motion=motion)
+        rank1_lattice(samples)  # refuses bad numbers
+        self.reason, self.baked, self.table = table.description, table.baked, table
+        columns = {name: column for column, name in enumerate(motion.lights)}
+        self._profiles = [columns.get(light.name) for light in table.lights]
+        self._instants = [light.instant for light in table.lights]
+        self.poses_per_launch = int(np.clip(_PIXELS_PER_LAUNCH // (camera.width * camera.height), 1, 64))
+        # The last one is that of a ray that hits nothing.
+        self._frame_of_triangle = np.append(table.frames, np.uint32(0))
+        self._core = kept((table, threads), lambda: _core_of(table, threads))
+
+    def without_blur(self) -> NativeRenderer:
+        """The same rays of the same scene, each pixel alone."""
+        return NativeRenderer(self.table, self.camera, samples=self.rays, blur=False, motion=self.motion)
+
+    def _luma(self, views: Views) -> LumaFrames:
+        luma, _ = self._core.luma(pixel_rays(self.camera, self.rays), self._arrays(views))
+        return luma.reshape(self._shape(views))
+
+    def _luma_and_rate(self, views: Views) -> tuple[LumaFrames, LumaFrames]:
+        luma, rate = self._core.luma(pixel_rays(self.camera, self.rays), self._arrays(views), rate=True)
+        assert rate is not None
+        return luma.reshape(self._shape(views)), rate.reshape(self._shape(views))
+
+    def _samples(self, views: Views, view: Indices, pixel: Indices, rays: int) -> LumaFrames:
+        return self._core.samples(pixel_rays(self.camera, rays), self._arrays(views), view, pixel)
+
+    def gradients(
+        self, views: Views, view: npt.NDArray[np.uint32], pixel: npt.NDArray[np.uint32], weights: FloatArray
+    ) -> FloatArray:
+        """Luma in float64 with its derivatives, of the renderer's own rays before the blur and the lens.
+
+        Args:
+            view: (k,) which of the views.
+            pixel: (k, m) pixels, y W + x, which are added up.
+            weights: (m,) by which they are multiplied before.
+
+        Returns:
+            (k, 8 + l): luma; its rate per second; its derivatives by the camera's position in world axes, per metre,
+            and by a rotation vector in camera axes, per radian; and the part of each light in it, by the number of the
+            light in :attr:`table`.
+        """
+        found = self._core.gradients(
+            pixel_rays(self.camera, self.rays), self._arrays(views), view, np.ascontiguousarray(pixel).ravel(), weights
+        )
+        return found.reshape(len(view), 8 + len(self.table.lights))
+
+    def texel_gradients(
+        self, views: Views, view: npt.NDArray[np.uint32], pixel: npt.NDArray[np.uint32], weights: FloatArray
+    ) -> tuple[npt.NDArray[np.uint32], npt.NDArray[np.int64], FloatArray]:
+        """Derivatives of luma by the reflectance of texels, all of a texel's channels alike; light that bounces stays.
+
+        Args:
+            view, pixel, weights: as in :meth:`gradients`.
+
+        Returns:
+            How many texels each of k pixels sees (k,); their numbers in the texels of :attr:`table`, one pixel's after
+            the other's, a number more than once where it is seen through the frame of its texture; and luma by the
+            reflectance, as many.
+        """
+        textures = self.table.textures
+        steps = np.array([weights.sum() for weights in textures.group_weights], np.float64)
+        counts, texels, values = self._core.texel_gradients(
+            pixel_rays(self.camera, self.rays),
+            self._arrays(views),
+            view,
+            np.ascontiguousarray(pixel).ravel(),
+            weights,
+            steps,
+        )
+        return counts, textures.of_framed[texels], values
+
+    def ray_sights(
+        self, views: Views, view: npt.NDArray[np.uint32], pixel: npt.NDArray[np.uint32]
+    ) -> tuple[npt.NDArray[np.uint32], npt.NDArray[np.uint64], FloatArray]:
+        """What each of r rays of single pixels (k,) sees, in float64.
+
+        Returns:
+            (k, r) each: the number of the triangle in :attr:`table`, 2^32 - 1 for none; which lights are hidden (bit
+            n mod 64 is turned over for each light n that something hides); and luma.
+        """
+        shape = len(pixel), self.rays
+        triangle, hidden, luma = self._core.ray_sights(
+            pixel_rays(self.camera, self.rays), self._arrays(views), view, pixel
+        )
+        return triangle.reshape(shape), hidden.reshape(shape), luma.reshape(shape)
+
+    def ray_luma(self, views: Views, rays: FloatArray) -> FloatArray:
+        """Luma (n,), in float64, along one ray of each of n views: (n, 3), x, y and 1 in camera axes."""
+        found = [np.zeros(0)]
+        for first in range(0, len(views), _MOST_ACROSS):
+            some = views[first : first + _MOST_ACROSS]
+            table = np.ascontiguousarray(rays[first : first + _MOST_ACROSS, :2], np.float32)
+            number = np.arange(len(some), dtype=np.uint32)
+            of_rays = PixelRays(len(some), 1, 1, table.ravel())
+            found.append(self._core.ray_sights(of_rays, self._arrays(some), number, number)[2])
+        return np.concatenate(found)
+
+    def cameras(self, views: Views) -> list[Views]:
+        """The cameras in the world, and in the frame of each body that moves."""
+        return [views, *(seen_from(views, poses) for poses in self.motion.at(views.t_s).objects)]
+
+    def _edge_tracks(self, views: Views, t_us: Indices, tolerated: float, log_eps: float) -> list[EdgeTracks]:
+        found = self._core.edge_tracks(
+            pixel_rays(self.camera, self.rays),
+            self._arrays(views),
+            t_us.ravel(),
+            reach=self.reach_px,
+            tolerated=tolerated,
+            log_eps=log_eps,
+        )
+        return [
+            EdgeTracks(
+                pixels.astype(np.int64), unknown.astype(np.int64), pixel.astype(np.int64), sample_us, luma, rendered
+            )
+            for pixels, unknown, pixel, sample_us, luma, rendered in found
+        ]
+
+    def _depth(self, views: Views) -> npt.NDArray[np.float32]:
+        return self._core.depth(pixel_rays(self.camera, 1), self._arrays(views))[0].reshape(self._shape(views))
+
+    def _owners(self, views: Views) -> npt.NDArray[np.uint32]:
+        triangles = self._core.depth(pixel_rays(self.camera, 1), self._arrays(views))[1].reshape(self._shape(views))
+        return self._frame_of_triangle[np.minimum(triangles, len(self._frame_of_triangle) - 1)]
+
+    def shapes_seen(self, views: Views, view: Indices, pixel: Indices) -> tuple[Indices, npt.NDArray[np.bool_]]:
+        """Which shapes the centres of single pixels see, and where it is the back of their triangles.
+
+        Args:
+            view: (m,) which of the views.
+            pixel: (m,) which pixel, y W + x.
+
+        Returns:
+            The number (m,) of a shape in the names of :attr:`table`, -1 where nothing is seen; and bool (m,), whether
+            that side is seen on which a triangle's corners go round to the right.
+        """
+        _, triangle = self._core.hits(
+            pixel_rays(self.camera, 1), self._arrays(views), view.astype(np.uint32), pixel.astype(np.uint32)
+        )
+        missed = triangle >= len(self.table.planes)
+        triangle = np.where(missed, 0, triangle)
+        rays = np.c_[ray_table(self.camera, 1)[0][pixel], np.ones(len(pixel))]
+        rotations = np.stack([camera.rotations for camera in self.cameras(views)])
+        along = rotations[self._frame_of_triangle[triangle], view] @ rays[:, :, None]
+        back = np.einsum("mi,mij->m", self.table.planes[triangle, :3], along) > 0
+        shapes = np.repeat(np.arange(len(self.table.counts)), self.table.counts)[triangle]
+        return np.where(missed, -1, shapes), back & ~missed
+
+    def _shape(self, views: Views) -> tuple[int, int, int]:
+        return len(views), self.camera.height, self.camera.width
+
+    def _arrays(self, views: Views) -> ViewArrays:
+        """The cameras in the world and in the objects' frames, and the lights' factors with their rates."""
+        shape = (len(views), len(self._profiles))
+        factors, rates = np.ones(shape), np.zeros(shape)
+        cameras = [views]
+        if self.motion:
+            state = self.motion.at(views.t_s)
+            cameras += [seen_from(views, poses) for poses in state.objects]
+            for light, column in enumerate(self._profiles):
+                if column is not None:
+                    factors[:, light], rates[:, light] = state.factors[:, column], state.rates[:, column]
+        if self.baked is not None and len(self.baked.maps.instants) > 1:
+            weights, weight_rates = self.baked.at(views.t_s)
+            for light, instant in enumerate(self._instants):
+                if instant is not None:
+                    weight, weight_rate = weights[:, instant], weight_rates[:, instant]
+                    rates[:, light] = weight * rates[:, light] + weight_rate * factors[:, light]
+                    factors[:, light] *= weight
+        return *pose_arrays(cameras), factors.ravel(), rates.ravel()
+
+
+def _core_of(table: SceneTable, threads: int | None) -> SceneRenderer:
+    """What the core makes of a table."""
+    textures = table.textures
+    return SceneRenderer(
+        corners=table.corners.ravel(),
+        planes=table.planes.ravel(),
+        u_maps=table.u_maps.ravel(),
+        v_maps=table.v_maps.ravel(),
+        normal_maps=None if table.normal_maps is None else table.normal_maps.ravel(),
+        textures=textures.texture_of,
+        two_sided=table.two_sided,
+        frames=table.frames,
+        frame_count=1 + len(table.moving),
+        layouts=textures.framed_sizes.astype(np.int64).ravel(),
+        texels=[textures.framed(group) for group in range(len(textures.group_weights))],
+        lights=[
+            (
+                _KINDS.get(light.kind, light.kind),
+                light.group,
+                light.strength,
+                table.background_per_strength(light),
+                light.vector.tolist(),
+                light.beam,
+            )
+            for light in table.lights
+        ],
+        light_maps=_light_maps(table),
+        emissions=None if table.baked is None else (table.baked.emitted, table.emission_lights),
+        sky=_sky(table),
+        shadows=table.shadows,
+        centre=table.centre.tolist(),
+        step=STEP,
+        end=END,
+        threads=threads,
+    )
+
+
+def _sky(table: SceneTable) -> tuple[int, int, npt.NDArray[np.float32]] | None:
+    if table.baked is None or table.baked.sky is None:
+        return None
+    sky = table.baked.sky
+    return table.light_of_group(sky.group), sky.side, sky.texels.ravel()
+
+
+def _light_maps(
+    table: SceneTable,
+) -> tuple[FloatArray, FloatArray, npt.NDArray[np.int64], list[npt.NDArray[np.float32]]] | None:
+    if table.baked is None:
+        return None
+    u, v = table.light_map_coordinates()
+    return u.ravel(), v.ravel(), table.baked.maps.layouts.ravel(), table.irradiance

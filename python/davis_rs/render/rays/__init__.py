@@ -1,0 +1,1 @@
+"""A camera's rays, and where shadow rays begin and end."""

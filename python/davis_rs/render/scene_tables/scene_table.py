@@ -1,0 +1,310 @@
+"""A diffuse scene of triangles as flat tables: what the native renderer and the table kernel have of it.
+
+Each triangle becomes one record: its plane, and affine maps from a point on it to texture coordinates (and to the
+interpolated normal, where a mesh is smooth). All textures lie in one flat buffer of texels, already weighted to luma:
+one buffer for each light colour, so that a red light sees the red of a texture.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ...events.luma import LUMA_WEIGHTS
+from ...geometry.lattice import rank1_lattice
+from ..baked.bake import Surfaces
+from ..baked.baked_scene import BakedLight
+from ..baked.light_maps import map_coordinates
+from ..baked.lights import SHARP, area_light_name, small_lamps, textured_lamp
+from ..obstacles import Obstacles, Unsuitable, plugin_name, shape_name
+from ..rays.shadow_rays import scene_centre
+from .mesh_triangles import MeshTriangles
+from .scene_texture import TextureTable
+
+FloatArray = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Light:
+    """One light: its kind, colour group, strength and id.
+
+    ``vector`` is the position (point, spot and lamp, metres) or the direction that light travels (directional, unit).
+    ``background`` is what baked light of strength 1 adds to luma where nothing is hit. ``axis`` is the middle of a
+    spot's beam, and the normal of a place on a small lamp; ``angles`` (radians) are those from a spot's axis up to
+    which it shines fully, and at all. ``instant`` is that of baked light, see :class:`BakedLight`; the light that is
+    itself seen of the same lamps and skies is one of kind ``visible``.
+    """
+
+    kind: str
+    group: int
+    strength: float
+    vector: FloatArray
+    name: str = ""
+    background: float = 0.0
+    axis: FloatArray | None = None
+    angles: tuple[float, float] | None = None
+    instant: int | None = None
+
+    @property
+    def beam(self) -> tuple[list[float], tuple[float, float] | None] | None:
+        """Axis and angles, as the Rust core takes them."""
+        return None if self.axis is None else (self.axis.tolist(), self.angles)
+
+
+class SceneTable:
+    """The tables of a Mitsuba scene, loaded under any variant.
+
+    Args:
+        moving: ids of shapes that move; each is in tables of its own frame.
+        baked: the light of lamps and of other surfaces is to be baked, see :meth:`bake`; else there is direct light
+            alone.
+        obstacles: that were met before. Where there are any, the scene is only looked through for more of them, because
+            tables of millions of triangles take gigabytes.
+
+    Attributes:
+        scene: the Mitsuba scene.
+        shadows: whether point and directional lights throw them.
+        names: the ids of the scene's shapes.
+        counts: how many records each of them has, in their order.
+        corners: float64 (n, 3, 3), the triangles' corners, metres.
+        planes: float64 (n, 4): unit normal and offset, n . p + offset = 0.
+        u_maps, v_maps: float64 (n, 4): texture coordinates, the texture's own transform included: u = map . (p, 1).
+        normal_maps: float64 (n, 3, 4), the interpolated vertex normal before normalisation; None where all is flat.
+        textures: the textures, and which one each record has.
+        two_sided: uint32 (n): 1 where the back of the surface reflects too.
+        frames: uint32 (n): 0 for what stands still, 1, 2, ... for the shapes of ``moving``.
+        moving: their ids.
+        centre: (3,), the middle of what stands still, see :mod:`shadow_rays`.
+        lights: the lights.
+        baked: light that was computed beforehand; None before :meth:`bake`.
+        emission_lights: uint32 (n), for triangles that emit the number of their light.
+
+    Raises:
+        Unsuitable: with all that is not diffuse triangles under direct light.
+    """
+
+    def __init__(
+        self,
+        scene: Any,
+        mi: Any,
+        *,
+        shadows: bool,
+        any_integrator: bool,
+        moving: Sequence[str] = (),
+        baked: bool = False,
+        obstacles: Obstacles | None = None,
+    ) -> None:
+        self.scene, self.shadows, self.moving = scene, shadows, list(moving)
+        self._hides_lights = bool(getattr(scene.integrator(), "hide_emitters", False))
+        obstacles = Obstacles() if obstacles is None else obstacles
+        if not any_integrator and not baked:
+            with obstacles.go_on():
+                _check_integrator(scene.integrator())
+        colours: list[FloatArray] = []
+        self.lights: list[Light] = []
+        for emitter in scene.emitters():
+            if not baked or emitter.class_name() in SHARP:
+                with obstacles.go_on():
+                    self.lights.append(_light(emitter, mi, colours))
+        for shape in small_lamps(scene) if baked else ():
+            with obstacles.go_on():
+                self.lights += _lamp_points(shape, mi, colours)
+        self.textures = TextureTable(mi, [np.asarray(LUMA_WEIGHTS) * colour for colour in colours])
+        corners, planes, normals, two_sided, frames = [], [], [], [], []
+        maps_u, maps_v = list[FloatArray](), list[FloatArray]()
+        smooth = False
+        for shape in scene.shapes():
+            faces, has_back = 0, False
+            with obstacles.go_on():
+                faces = _triangles(shape)
+            with obstacles.go_on():
+                has_back = self.textures.add(shape, faces)
+            if obstacles.met:
+                continue
+            mesh = MeshTriangles(shape)
+            two_sided.append(np.full(mesh.count, has_back, np.uint32))
+            frame = self.moving.index(shape.id()) + 1 if shape.id() in self.moving else 0
+            frames.append(np.full(mesh.count, frame, np.uint32))
+            corners.append(mesh.corners)
+            u, v = mesh.texture_maps()
+            maps_u.append(u)
+            maps_v.append(v)
+            normal, is_smooth = mesh.normal_maps()
+            # Which side is the front matters only where the back is another, or the front alone emits.
+            one_front = not two_sided[-1].any() or (baked and shape.is_emitter())
+            turned = mesh.turned(normal, mi) if one_front else 1.0
+            planes.append(mesh.planes() * turned)
+            normals.append(normal * turned)
+            smooth |= is_smooth
+        obstacles.refuse()
+        self.names = [str(shape.id()) for shape in scene.shapes()]
+        self.counts = [len(part) for part in corners]
+        self.corners, self.planes = np.concatenate(corners), np.concatenate(planes)
+        self._mesh_uv = np.concatenate(maps_u), np.concatenate(maps_v)
+        self.u_maps, self.v_maps = self.uv_maps(np.float64)
+        self.normal_maps = np.concatenate(normals) if smooth else None
+        self.two_sided, self.frames = np.concatenate(two_sided), np.concatenate(frames)
+        self.centre = scene_centre(self.corners[self.frames == 0].reshape(-1, 3))
+        self.baked: BakedLight | None = None
+
+    def bake(self, light: Callable[[Surfaces], BakedLight]) -> None:
+        """Take the light that is computed beforehand on the surfaces."""
+        maps = self.normal_maps
+        if maps is None:
+            at_corners = np.repeat(self.planes[:, None, :3], 3, axis=1)
+        else:
+            at_corners = np.einsum("tij,tkj->tki", maps[..., :3], self.corners) + maps[:, None, :, 3]
+        length = np.linalg.norm(at_corners, axis=-1, keepdims=True)
+        unit = np.divide(at_corners, length, out=np.zeros_like(at_corners), where=length > 0)
+        frames = self.frames.astype(np.int64)
+        self.baked = light(Surfaces(self.corners, unit, self.two_sided == 1, self.counts, frames))
+        self._first_baked = self._add_baked(self.baked)
+        self.emission_lights = self.light_of_group(self.baked.emitters).astype(np.uint32)
+
+    def _add_baked(self, baked: BakedLight) -> int:
+        """Add baked light to the lights: one that is seen for each of its groups, and one that falls on surfaces for
+        each instant, group and colour. Returns the number of the first."""
+        grey = self.textures.is_grey and all((texels == texels[:, :1]).all() for texels in baked.maps.texels)
+        self._channels = 1 if grey else 3
+        group_weights = self.textures.group_weights
+        first, group = len(self.lights), len(group_weights)
+        group_weights += [np.asarray(LUMA_WEIGHTS)] if grey else list(np.diag(LUMA_WEIGHTS))
+        nowhere = np.zeros(3)
+        for name, background in zip(baked.names, baked.backgrounds, strict=True):
+            self.lights.append(Light("visible", group, 1.0, nowhere, name, background))
+        for instant in range(len(baked.maps.instants)):
+            for name in baked.names:
+                for channel in range(self._channels):
+                    self.lights.append(Light("baked", group + channel, 1.0, nowhere, name, instant=instant))
+        return first
+
+    def light_of_group(self, group: Any) -> Any:
+        """The number of the light that is seen of groups of baked lights."""
+        return self._first_baked + group
+
+    @property
+    def irradiance(self) -> list[npt.NDArray[np.float32]]:
+        """The texels of the maps of each baked light, irradiance / pi."""
+        maps = [] if self.baked is None else self.baked.maps.texels
+        return [np.ascontiguousarray(texels[:, channel]) for texels in maps for channel in range(self._channels)]
+
+    def light_map_coordinates(self) -> tuple[FloatArray, FloatArray]:
+        """Return (n, 2, 4) maps of a place to coordinates u and v in the light maps of a triangle's front and back."""
+        assert self.baked is not None
+        return map_coordinates(self.corners, self.baked.maps.divisions)
+
+    def uv_maps(self, precision: type[np.floating[Any]]) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
+        """Return :attr:`u_maps` and :attr:`v_maps`, computed in a precision from maps that were rounded to it."""
+        u, v = (maps.astype(precision) for maps in self._mesh_uv)
+        # The texture's own uv transform is affine too: fold it into the mesh's maps.
+        own = self.textures.uv_maps.astype(precision)[self.textures.texture_of]
+        offset = np.array([0, 0, 0, 1], precision)
+        folded = [own[:, i, :1] * u + own[:, i, 1:2] * v + own[:, i, 2:] * offset for i in (0, 1)]
+        return folded[0], folded[1]
+
+    @property
+    def description(self) -> str:
+        """What the scene is made of, for people."""
+        if self.baked is not None:
+            return f"diffuse triangles under {self.baked.description}"
+        kinds = sorted({light.kind for light in self.lights})
+        lights = f"{' and '.join(kinds)} light" if kinds else "no light"
+        return f"diffuse triangles under {lights}, {'with' if self.shadows else 'without'} shadows"
+
+    @property
+    def background_luma(self) -> float:
+        """Luma of a ray that hits nothing: the radiance of the constant lights, unless the scene hides its lights."""
+        return float(self.background(self.lights))
+
+    def background(self, lights: Sequence[Light]) -> Any:
+        """Return :attr:`background_luma` under these lights, whose strengths may be Dr.Jit arrays."""
+        shown = ((light.strength, self.background_per_strength(light)) for light in lights)
+        return sum(strength * share for strength, share in shown if share)
+
+    def background_per_strength(self, light: Light) -> float:
+        """What a light of strength 1 adds to :attr:`background_luma`."""
+        if light.kind in ("baked", "visible"):
+            return light.background
+        if self._hides_lights or light.kind != "constant":
+            return 0.0
+        return float(self.textures.group_weights[light.group].sum())
+
+
+LAMP_POINTS = 16
+"""Places on a small lamp that stand for all of it, each with its exact shadow."""
+
+
+def _check_integrator(integrator: Any) -> None:
+    remedy = "name the integrator direct, for direct light alone"
+    if integrator is None:
+        raise Unsuitable("the scene names no integrator, so it means a path tracer's light, with all bounces", remedy)
+    if integrator.class_name() != "DirectIntegrator":
+        raise Unsuitable(f"the scene asks for the light of Mitsuba's {integrator.class_name()}", remedy)
+
+
+def _triangles(shape: Any) -> int:
+    """How many triangles a mesh has."""
+    if not shape.is_mesh():
+        raise Unsuitable(f"is a {plugin_name(shape)}, not made of triangles", "give it as a mesh", shape_name(shape))
+    return int(shape.face_count())
+
+
+def _light(emitter: Any, mi: Any, colours: list[FloatArray]) -> Light:
+    """The emitter as a light; its colour joins ``colours`` unless one of the same hue is there."""
+    kind = emitter.class_name()
+    parameters = mi.traverse(emitter)
+    names = {
+        "PointLight": ("point", "intensity.value"),
+        "DirectionalEmitter": ("directional", "irradiance.value"),
+        "SpotLight": ("spot", "intensity.value"),
+        "ConstantBackgroundEmitter": ("constant", "radiance.value"),
+    }
+    if kind not in names or names[kind][1] not in parameters:
+        rule = f"a light is a {kind}, not a point, spot, directional or constant one of one colour"
+        raise Unsuitable(rule, "give it as one of these")
+    kind, name = names[kind]
+    strength, group = _strength(parameters[name], colours)
+    vector, axis, angles = np.zeros(3), None, None
+    if kind == "spot":
+        if not np.array_equal(np.array(parameters.get("texture.value", 0.0)).reshape(-1), [1.0]):
+            raise Unsuitable("has a texture", "leave its texture out", f"the spot light {emitter.id()!r}")
+        matrix = np.array(parameters["to_world"].matrix, np.float64).reshape(4, 4)
+        vector, axis = matrix[:3, 3], matrix[:3, 2] / np.linalg.norm(matrix[:3, 2])
+        full, cutoff = (float(np.array(parameters[key]).reshape(())) for key in ("beam_width", "cutoff_angle"))
+        angles = (float(np.radians(full)), float(np.radians(cutoff)))
+    if kind == "point":
+        vector = np.array(parameters["position"], np.float64).reshape(3)
+    elif kind == "directional":
+        vector = np.array(parameters["to_world"].matrix, np.float64).reshape(4, 4)[:3, 2]
+        vector = vector / np.linalg.norm(vector)
+    return Light(kind, group, strength, vector, emitter.id(), axis=axis, angles=angles)
+
+
+def _strength(value: Any, colours: list[FloatArray]) -> tuple[float, int]:
+    """The strongest channel of a light, and the number of its colour, which joins ``colours`` unless it is there."""
+    rgb = np.broadcast_to(np.array(value, np.float64).reshape(-1), (3,))
+    strength = float(rgb.max())
+    colour = rgb / strength if strength > 0 else np.ones(3)
+    group = next((i for i, known in enumerate(colours) if np.allclose(known, colour, atol=1e-6)), len(colours))
+    if group == len(colours):
+        colours.append(colour)
+    return strength, group
+
+
+def _lamp_points(shape: Any, mi: Any, colours: list[FloatArray]) -> list[Light]:
+    """A small lamp as a lattice of places on it that shine with the cosine of the angle to their normals."""
+    parameters = mi.traverse(shape.emitter())
+    if "radiance.value" not in parameters:
+        raise textured_lamp(area_light_name(shape))
+    strength, group = _strength(parameters["radiance.value"], colours)
+    share = strength * float(np.array(shape.surface_area()).reshape(())) / LAMP_POINTS
+    lights = []
+    for x, y in rank1_lattice(LAMP_POINTS) + 0.5:
+        sample = shape.sample_position(0.0, mi.Point2f(float(x), float(y)))
+        place, normal = (np.array(one, np.float64).reshape(3) for one in (sample.p, sample.n))
+        lights.append(Light("lamp", group, share, place, area_light_name(shape), axis=normal))
+    return lights

@@ -1,0 +1,195 @@
+"""The textures of a diffuse scene in one flat buffer of texels, weighted to luma for each light colour."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..._mitsuba.variants import FAST
+from ...scene.textures import from_srgb
+from ..matte import is_plain, is_two_sided, reflectance_kind, surface_kind, surface_name, surface_remedy
+from ..obstacles import Unsuitable
+
+FloatArray = npt.NDArray[np.float64]
+
+WRAP_MODES = ("repeat", "clamp", "mirror")
+
+
+class TextureTable:
+    """Diffuse reflectances of a scene's shapes: bitmaps with bilinear lookup, or constants (bitmaps of one texel).
+
+    Args:
+        mi: Mitsuba, under the variant that loaded the scene.
+        group_weights: for each light colour the weights (3,) that turn reflected RGB into luma.
+
+    Attributes:
+        sizes: int32 (textures, 4): first texel, width, height, index into :data:`WRAP_MODES`.
+        texture_of: uint32 (records): each record's texture.
+    """
+
+    def __init__(self, mi: Any, group_weights: list[FloatArray]) -> None:
+        self._mi, self.group_weights = mi, group_weights
+        self._texels: list[FloatArray] = []
+        self._sizes: list[tuple[int, int, int, int]] = []
+        self._uv_maps: list[FloatArray] = []
+        self._texture_of: list[npt.NDArray[np.uint32]] = []
+
+    @property
+    def sizes(self) -> npt.NDArray[np.int32]:
+        return np.array(self._sizes, np.int32)
+
+    @property
+    def is_grey(self) -> bool:
+        """Whether no texel has a hue."""
+        return all(bool((texels == texels[:, :1]).all()) for texels in self._texels)
+
+    @property
+    def uv_maps(self) -> FloatArray:
+        """Each texture's own affine map of (u, v, 1), (textures, 2, 3)."""
+        return np.array(self._uv_maps, np.float64).reshape(-1, 2, 3)
+
+    @property
+    def texture_of(self) -> npt.NDArray[np.uint32]:
+        return np.concatenate(self._texture_of)
+
+    def texels(self, group: int) -> npt.NDArray[np.float32]:
+        """All texels as luma under a light of the group's colour, float32."""
+        return (np.concatenate(self._texels) @ self.group_weights[group]).astype(np.float32)
+
+    def framed(self, group: int) -> npt.NDArray[np.float32]:
+        """Return :meth:`texels` with a frame of one texel around each texture: what its wrap mode puts there."""
+        return self._framed(self.texels(group))
+
+    @property
+    def of_framed(self) -> npt.NDArray[np.int64]:
+        """The number in :meth:`texels` of each texel of :meth:`framed`."""
+        return self._framed(np.arange(sum(map(len, self._texels))))
+
+    def _framed(self, texels: npt.NDArray[Any]) -> npt.NDArray[Any]:
+        images = []
+        for first, width, height, wrap in self.sizes.tolist():
+            image = texels[first : first + width * height].reshape(height, width)
+            images.append(np.pad(image, 1, mode="wrap" if WRAP_MODES[wrap] == "repeat" else "edge").ravel())
+        return np.concatenate(images)
+
+    @property
+    def framed_sizes(self) -> npt.NDArray[np.int32]:
+        """The :attr:`sizes`, with the first texel's number among those of :meth:`framed`."""
+        layout = self.sizes.copy()
+        layout[:, 0] = np.cumsum([0, *((layout[:, 1] + 2) * (layout[:, 2] + 2))])[:-1]
+        return layout
+
+    def add(self, shape: Any, records: int) -> bool:
+        """Take the reflectance of a shape that has ``records`` records; returns whether it is two-sided.
+
+        Raises:
+            Unsuitable: if its BSDF is not diffuse, or its texture neither a constant nor a bilinear bitmap.
+        """
+        bsdf = shape.bsdf()
+        parameters, named = self._mi.traverse(bsdf), surface_name(bsdf, shape)
+        two_sided = is_two_sided(bsdf)
+        if not is_plain(bsdf):
+            rule = f"has a {surface_kind(bsdf)} surface, not a diffuse one"
+            raise Unsuitable(rule, surface_remedy(bsdf, self._mi), named)
+        prefix = "brdf_0.reflectance" if two_sided else "reflectance"
+        if two_sided and not _same_on_both_sides(parameters):
+            raise Unsuitable("has two different sides", "give both the same diffuse material", named)
+        if f"{prefix}.value" in parameters:
+            texels = np.broadcast_to(np.array(parameters[f"{prefix}.value"], np.float64).reshape(-1), (1, 1, 3))
+            uv_map, wrap = np.eye(3), 0
+        elif f"{prefix}.data" in parameters:
+            uv_map = np.array(parameters[f"{prefix}.to_uv"].matrix, np.float64).reshape(3, 3)
+            texels, wrap = self._lookup(shape, np.array(parameters[f"{prefix}.data"]), uv_map)
+        else:
+            rule = f"has a {reflectance_kind(bsdf)} as its reflectance, neither a constant nor a bitmap"
+            raise Unsuitable(rule, "give it as a bitmap", named)
+        height, width = texels.shape[:2]
+        first = sum(len(t) for t in self._texels)
+        self._texture_of.append(np.full(records, len(self._sizes), np.uint32))
+        self._sizes.append((first, width, height, wrap))
+        self._uv_maps.append(uv_map[:2])
+        self._texels.append(texels.reshape(-1, 3))
+        return two_sided
+
+    def _lookup(self, shape: Any, data: npt.NDArray[Any], uv_map: FloatArray) -> tuple[FloatArray, int]:
+        """Reflectances (H, W, 3) and wrap mode of a bitmap.
+
+        Mitsuba does not tell a bitmap's encoding, wrap mode or filter: find those whose lookup agrees with its own.
+        """
+        mi = self._mi
+        uv = np.random.RandomState(0).uniform(-2, 3, (2, 256)).astype(np.float32)
+        own = _looked_up(mi, shape.bsdf(), uv)
+        mapped = uv_map[:2, :2] @ uv.astype(np.float64) + uv_map[:2, 2:]
+        # Mitsuba's coordinates are float32: far out on a fine texture they are wrong by a good part of a texel.
+        texels_off = np.abs(mapped).max(0) * max(data.shape[:2]) * 2.0**-22
+        for texels in map(_rgb, _decoded(data)):
+            tolerance = 1e-3 + np.ptp(texels) * texels_off[:, None]
+            for wrap in range(len(WRAP_MODES)):
+                if (np.abs(bilinear(texels, mapped, wrap) - own) < tolerance).all():
+                    return texels, wrap
+        name = surface_name(shape.bsdf(), shape)
+        raise Unsuitable("has a texture whose lookup is not bilinear", "give its bitmap the filter_type bilinear", name)
+
+
+def _looked_up(mi: Any, bsdf: Any, uv: npt.NDArray[np.float32]) -> FloatArray:
+    """Mitsuba's own reflectances (n, 3) at uv (2, n)."""
+
+    def at(uv: Any) -> FloatArray:
+        si = mi.SurfaceInteraction3f()
+        si.uv, si.wi = mi.Point2f(uv), mi.Vector3f(0, 0, 1)
+        return np.array(bsdf.eval_diffuse_reflectance(si), np.float64)
+
+    return at(uv).T if mi.variant() == FAST else np.array([at(pair) for pair in uv.T.tolist()])
+
+
+def bilinear(texels: FloatArray, uv: FloatArray, wrap: int) -> FloatArray:
+    """Reference lookup: (n, 3) from texels (H, W, 3) at uv (2, n); texel centres lie at (i + 0.5) / size."""
+    height, width = texels.shape[:2]
+    x, y = uv[0] * width - 0.5, uv[1] * height - 0.5
+    x0, y0 = np.floor(x).astype(int), np.floor(y).astype(int)
+    fx, fy = (x - x0)[:, None], (y - y0)[:, None]
+    columns = [wrap_index(x0 + i, width, wrap) for i in (0, 1)]
+    rows = [wrap_index(y0 + i, height, wrap) for i in (0, 1)]
+    top, bottom = (texels[row, columns[0]] * (1 - fx) + texels[row, columns[1]] * fx for row in rows)
+    return np.asarray(top * (1 - fy) + bottom * fy)
+
+
+def wrap_index(index: npt.NDArray[Any], n: int, wrap: int) -> npt.NDArray[Any]:
+    """The texel that an index outside of 0..n-1 stands for."""
+    if WRAP_MODES[wrap] == "clamp":
+        return np.clip(index, 0, n - 1)
+    if WRAP_MODES[wrap] == "repeat":
+        return index % n
+    folded = index % (2 * n)
+    return np.minimum(folded, 2 * n - 1 - folded)
+
+
+def _decoded(data: npt.NDArray[Any]) -> Iterator[FloatArray]:
+    """What a bitmap's data may stand for: 8-bit images stay encoded until they are looked up, in sRGB unless raw."""
+    if data.dtype != np.uint8:
+        yield data.astype(np.float64)
+        return
+    encoded = data / 255
+    yield from_srgb(encoded)
+    yield encoded
+
+
+def _rgb(data: FloatArray) -> FloatArray:
+    """Bitmap data as (H, W, 3)."""
+    data = data.reshape(data.shape[0], data.shape[1], -1)
+    return np.ascontiguousarray(np.broadcast_to(data[..., :3], (*data.shape[:2], 3)))
+
+
+def _same_on_both_sides(parameters: Any) -> bool:
+    front, back = (
+        {key[7:]: _numbers(value) for key, value in parameters if key.startswith(f"brdf_{side}.")} for side in (0, 1)
+    )
+    # One BSDF for both sides is listed once.
+    return not back or (front.keys() == back.keys() and all(np.array_equal(front[key], back[key]) for key in front))
+
+
+def _numbers(value: Any) -> npt.NDArray[Any]:
+    return np.array(getattr(value, "matrix", value))

@@ -1,0 +1,1 @@
+"""The table kernel on Dr.Jit: the same scenes as the native renderer, with derivatives."""

@@ -1,0 +1,132 @@
+"""The table renderer: the table kernel on the lattice rays of many views, or of single pixels, in one launch."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..._mitsuba.variants import FAST, variant
+from ...events.luma import LumaFrames
+from ...geometry.camera import Camera
+from ...geometry.trajectory.views import Views
+from ..base import Indices, Renderer
+from ..motion.scene_motion import STILL, SceneMotion
+from ..rays.camera_rays import CameraRays, Lanes, rate_of
+from ..scene_tables.scene_table import SceneTable
+from .kernel import TableKernel
+from .moving_lanes import MovingLanes
+
+_RAYS_PER_LAUNCH = 1 << 22
+_PACKET = 16
+"""Pixels of a view are padded to whole ray packets. So no packet has rays of two views, and no result depends on which
+views are rendered together."""
+
+
+class TableRenderer(Renderer):
+    """Renders a :class:`SceneTable`: direct light on diffuse triangles, without noise.
+
+    The kernel loops over a pixel's lattice rays and adds them in a fixed order. Constant light is taken as unoccluded;
+    shadows of the other lights are traced where the table asks for them. Rates are forward-mode derivatives, made
+    inside of that loop.
+    """
+
+    name = "table kernel"
+    variant = FAST
+
+    def __init__(
+        self, table: SceneTable, camera: Camera, *, samples: int, blur: bool, motion: SceneMotion = STILL
+    ) -> None:
+        super().__init__(camera, samples=samples, blur=blur, motion=motion)
+        self.reason = table.description
+        self._camera_rays = CameraRays(camera)
+        columns = {name: column for column, name in enumerate(motion.lights)}
+        self._profiles = [columns.get(light.name) for light in table.lights]
+        self._padded = -(-self._camera_rays.pixels // _PACKET) * _PACKET
+        self.poses_per_launch = int(np.clip(_RAYS_PER_LAUNCH // self._padded, 1, 64))
+        with variant(FAST) as (mi, _):
+            self._kernel = TableKernel(table, mi)
+        self._camera_rays.prepare(samples)
+
+    def _depth(self, views: Views) -> npt.NDArray[np.float32]:
+        with variant(FAST) as (mi, dr):
+            lanes, around = self._frame_lanes(views, mi, dr)
+            ray = self._camera_rays.ray(lanes, 0, 1)
+            if around is None:
+                distance, hit, _, _ = self._kernel.hit(ray)
+            else:
+                distance, hit, _ = self._kernel.nearest(ray, around.of_rays(0, 1).bodies)
+            return self._frames(dr.select(hit, distance, dr.inf), len(views))
+
+    def _owners(self, views: Views) -> npt.NDArray[np.uint32]:
+        with variant(FAST) as (mi, dr):
+            lanes, around = self._frame_lanes(views, mi, dr)
+            if around is None:
+                return super()._owners(views)
+            _, _, owner = self._kernel.nearest(self._camera_rays.ray(lanes, 0, 1), around.of_rays(0, 1).bodies)
+            return self._frames(owner, len(views))
+
+    def _luma(self, views: Views) -> LumaFrames:
+        return self._begin_luma(views)()
+
+    def _begin_luma(self, views: Views) -> Callable[[], LumaFrames]:
+        with variant(FAST) as (mi, dr):
+            luma, _ = self._mean(*self._frame_lanes(views, mi, dr), self.rays, mi, dr)
+            dr.eval(luma)  # returns while Dr.Jit's threads are at it
+            return partial(self._frames, luma, len(views))
+
+    def _luma_and_rate(self, views: Views) -> tuple[LumaFrames, LumaFrames]:
+        with variant(FAST) as (mi, dr):
+            both = self._mean(*self._frame_lanes(views, mi, dr, motion=True), self.rays, mi, dr)
+            dr.eval(both)
+            luma, rate = (self._frames(values, len(views)) for values in both)
+            return luma, rate
+
+    def _samples(self, views: Views, view: Indices, pixel: Indices, rays: int) -> LumaFrames:
+        padding = (0, -len(view) % _PACKET)
+        with variant(FAST) as (mi, dr):
+            lanes = [mi.UInt32(np.pad(index.astype(np.uint32), padding, mode="edge")) for index in (view, pixel)]
+            luma, _ = self._mean(*self._lanes(views, *lanes, motion=False), rays, mi, dr)
+            return np.array(luma.numpy()[: len(view)])
+
+    def _frame_lanes(self, views: Views, mi: Any, dr: Any, *, motion: bool = False) -> tuple[Lanes, MovingLanes | None]:
+        """Every pixel of every view."""
+        lane = dr.arange(mi.UInt32, self._padded * len(views))
+        view = lane // self._padded
+        pixel = dr.minimum(lane - view * self._padded, self._camera_rays.pixels - 1)
+        return self._lanes(views, view, pixel, motion=motion)
+
+    def _lanes(self, views: Views, view: Any, pixel: Any, *, motion: bool) -> tuple[Lanes, MovingLanes | None]:
+        """Lanes of the cameras and pixels, and the objects that move around them; None if nothing moves."""
+        lanes = self._camera_rays.lanes(views, view, pixel, motion=motion)
+        if not self.motion:
+            return lanes, None
+        state = self.motion.at(views.t_s)
+        return lanes, MovingLanes(self._camera_rays, state, views, view, pixel, profiles=self._profiles, motion=motion)
+
+    def _mean(self, lanes: Lanes, around: MovingLanes | None, rays: int, mi: Any, dr: Any) -> tuple[Any, Any]:
+        """Luma, averaged over the lattice rays of each lane's pixel, and its rate (0 for lanes without motion)."""
+        self._camera_rays.prepare(rays)
+
+        def one(sample: Any) -> tuple[Any, Any]:
+            ray = self._camera_rays.ray(lanes, sample, rays)
+            luma = self._kernel.luma(ray) if around is None else self._kernel.luma(ray, around.of_rays(sample, rays))
+            return dr.detach(luma), rate_of(luma)
+
+        def body(sample: Any, luma: Any, rate: Any) -> tuple[Any, Any, Any]:
+            more_luma, more_rate = one(sample)
+            return sample + 1, luma + more_luma, rate + more_rate
+
+        if rays == 1:
+            return one(mi.UInt32(0))
+        count, zero = mi.UInt32(rays), dr.zeros(mi.Float, dr.width(lanes.pixel))
+        _, luma, rate = dr.while_loop((mi.UInt32(0), zero, zero), lambda sample, *_: sample < count, body)
+        return luma / rays, rate / rays
+
+    def _frames(self, lanes: Any, count: int) -> npt.NDArray[Any]:
+        height, width = self.camera.height, self.camera.width
+        frames = lanes.numpy().reshape(count, self._padded)[:, : height * width]
+        return np.ascontiguousarray(frames).reshape(count, height, width)

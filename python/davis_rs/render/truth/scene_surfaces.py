@@ -1,0 +1,226 @@
+"""What the pixels' rays meet: depth, shape, surface normal and optical flow, at any instant, of frames and of single
+pixels."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from ..._core import PixelRays, SceneRenderer
+from ..._mitsuba.variants import SCALAR, load_scene_source, variant
+from ...events.packet import Displacement
+from ...geometry.camera import Camera
+from ...geometry.pose import FloatArray
+from ...geometry.trajectory.views import Views
+from ...scene.scene import Scene
+from ..flow import OpticalFlow
+from ..motion.scene_motion import pose_arrays, seen_from
+from ..motion.scene_updates import scene_motion
+from ..rays.camera_rays import pixel_centres, ray_table
+from ..rays.pixel_rays import pixel_rays
+from ..rays.shadow_rays import END, STEP, scene_centre
+from ..scene_tables.mesh_triangles import MeshTriangles
+
+_MOST_SHAPES = 65_535
+
+_VISIBLE = 1e-3
+"""Share of its depth by which a surface may lie before a point and still be the point's own, by rounding."""
+
+Indices = npt.NDArray[np.int64]
+
+
+class Surfaces(NamedTuple):
+    """What rays meet, each array with one row a ray; a frame's rays are its pixels' centres, row by row.
+
+    Attributes:
+        depth: float32 (m,), z along the optical axis, metres; inf where nothing is met.
+        shape: uint16 (m,), 1 for the first of :attr:`SceneSurfaces.names`; 0 where nothing is met.
+        normal: float32 (m, 3), unit, in camera axes (x right, y down, z ahead), on the side that is seen; interpolated
+            where a mesh is smooth. NaN where nothing is met.
+        flow: float32 (m, 2), pixels per second (x right, y down): the motion in the image, through the lens, of the
+            point that is met, by the camera's motion and by its own. NaN where nothing is met.
+        back: bool (m,), whether that side is met on which a triangle's corners go round to the right.
+    """
+
+    depth: npt.NDArray[np.float32]
+    shape: npt.NDArray[np.uint16]
+    normal: npt.NDArray[np.float32]
+    flow: npt.NDArray[np.float32]
+    back: npt.NDArray[np.bool_]
+
+
+class SceneSurfaces:
+    """The surfaces of a scene as a camera's pixels see them, whatever they are made of and however they are lit.
+
+    Args:
+        scene: made of triangles alone.
+        camera: its lens and size.
+        threads: None for all that there are.
+
+    Attributes:
+        names: the ids of the scene's shapes; shape number 1 is the first.
+
+    Raises:
+        ValueError: for a shape that is not made of triangles, more than 65,535 shapes, or a scene that cannot be
+            loaded.
+        OSError: if a scene file cannot be read.
+    """
+
+    def __init__(self, scene: Scene, camera: Camera, *, threads: int | None = None) -> None:
+        self.camera = camera
+        with variant(SCALAR) as (mi, _):
+            loaded = load_scene_source(scene.source(), mi)
+            self._motion = scene_motion(scene, loaded, mi)
+            shapes = list(loaded.shapes())
+            if len(shapes) > _MOST_SHAPES:
+                raise ValueError(f"a map of shapes has {_MOST_SHAPES} at most, scene {scene.name!r} has {len(shapes)}")
+            for shape in shapes:
+                if not shape.is_mesh():
+                    raise ValueError(
+                        f"flow, masks, normals and truth at events need shapes made of triangles, but shape "
+                        f"{shape.id()!r} of scene {scene.name!r} is a {shape.class_name()}"
+                    )
+            meshes = [MeshTriangles(shape) for shape in shapes]
+            self.names = tuple(str(shape.id()) for shape in shapes)
+        moving = list(self._motion.objects)
+        numbers = [moving.index(name) + 1 if name in moving else 0 for name in self.names]
+        counts = [mesh.count for mesh in meshes]
+        # One more for rays that meet nothing.
+        self._frame_of = np.append(np.repeat(np.array(numbers, np.uint32), counts), np.uint32(0))
+        self._shape_of = np.append(np.repeat(np.arange(1, len(meshes) + 1), counts), 0).astype(np.uint16)
+        self._normal_maps = np.concatenate([mesh.normal_maps()[0] for mesh in meshes])
+        self._planes = np.concatenate([mesh.planes() for mesh in meshes])
+        corners = np.concatenate([mesh.corners for mesh in meshes])
+        count, frames = len(corners), self._frame_of[:-1]
+        flat = np.zeros((count, 4))
+        self._core = SceneRenderer(
+            corners=corners.ravel(),
+            planes=self._planes.ravel(),
+            # Luma is not asked for: there is no light, and one texture of one texel.
+            u_maps=flat.ravel(),
+            v_maps=flat.ravel(),
+            normal_maps=None,
+            textures=np.zeros(count, np.uint32),
+            two_sided=np.ones(count, np.uint32),
+            frames=frames,
+            frame_count=1 + len(moving),
+            layouts=np.array([0, 1, 1, 0], np.int64),
+            texels=[],
+            lights=[],
+            shadows=False,
+            centre=scene_centre(corners[frames == 0].reshape(-1, 3)).tolist(),
+            step=STEP,
+            end=END,
+            threads=threads,
+        )
+
+    def frame(self, views: Views, number: int = 0) -> Surfaces:
+        """Return what all pixels of one of the views see; arrays of H W rows."""
+        view = views[number : number + 1]
+        cameras = self._cameras(view)
+        depth, triangle = self._core.depth(self._pixel_rays, _arrays(cameras))
+        pixel = np.arange(len(depth))
+        return self._surfaces(cameras, np.zeros_like(pixel), pixel, depth, triangle)
+
+    def of_pixels(self, views: Views, view: Indices, pixel: Indices) -> Surfaces:
+        """Return what single pixels see.
+
+        Args:
+            view: (m,) which of the views.
+            pixel: (m,) which pixel, y W + x.
+        """
+        cameras = self._cameras(views)
+        depth, triangle = self._core.hits(
+            self._pixel_rays, _arrays(cameras), view.astype(np.uint32), pixel.astype(np.uint32)
+        )
+        return self._surfaces(cameras, view, pixel, depth, triangle)
+
+    def displacement(self, views: Views) -> Displacement:
+        """Return how far the points seen by the first of two views move in the image until the second.
+
+        Each point is followed with its surface: on a body that moves, with the body.
+        """
+        cameras = self._cameras(views)
+        first = [camera[:1] for camera in cameras]
+        depth, triangle = self._core.depth(self._pixel_rays, _arrays(first))
+        triangle = np.minimum(triangle, len(self._frame_of) - 1)
+        seen = np.isfinite(depth)
+        points = self._rays * np.where(seen, depth, 1.0)[:, None]
+        later = np.full((len(depth), 3), np.nan)
+        for number, camera in enumerate(cameras):
+            of = seen & (self._frame_of[triangle] == number)
+            place = points[of] @ camera.rotations[0].T + camera.positions[0]
+            later[of] = (place - camera.positions[1]) @ camera.rotations[1]
+        ahead = seen & (later[:, 2] > 0)
+        later[~ahead] = self._rays[~ahead]  # looked along in vain
+        ends = PixelRays(
+            self.camera.width, self.camera.height, 1, (later[:, :2] / later[:, 2:]).astype(np.float32).ravel()
+        )
+        nearest, _ = self._core.depth(ends, _arrays([camera[1:] for camera in cameras]))
+        pixels = np.full((len(depth), 2), np.nan, np.float32)
+        pixels[ahead] = self.camera.project(later[ahead]) - self._centres[ahead]
+        occluded = seen & (~ahead | (nearest < (1 - _VISIBLE) * later[:, 2]))
+        shape = self.camera.height, self.camera.width
+        return Displacement(pixels.reshape(*shape, 2), occluded.reshape(shape))
+
+    def _surfaces(
+        self,
+        cameras: list[Views],
+        view: Indices,
+        pixel: Indices,
+        depth: npt.NDArray[np.float32],
+        triangle: npt.NDArray[np.uint32],
+    ) -> Surfaces:
+        triangle = np.minimum(triangle, len(self._frame_of) - 1)
+        normal = np.full((len(depth), 3), np.nan, np.float32)
+        flow = np.full((len(depth), 2), np.nan, np.float32)
+        back = np.zeros(len(depth), bool)
+        frame = self._frame_of[triangle]
+        for number, camera in enumerate(cameras):
+            of = np.flatnonzero((frame == number) & np.isfinite(depth))
+            if not len(of):
+                continue
+            rays = self._rays[pixel[of]]
+            rotation = camera.rotations[view[of]]
+            place = np.einsum("mij,mj->mi", rotation, rays * depth[of, None]) + camera.positions[view[of]]
+            maps = self._normal_maps[triangle[of]]
+            own = np.einsum("mij,mj->mi", maps[..., :3], place) + maps[..., 3]
+            # Which side is seen is the plane's to tell: at the rim of a smooth mesh the normal may point away from it.
+            plane = self._planes[triangle[of], :3]
+            back[of] = np.einsum("mi,mij,mj->m", plane, rotation, rays) > 0
+            against = np.einsum("mi,mi->m", own, plane) < 0
+            own *= np.where(back[of] != against, -1, 1)[:, None] / np.linalg.norm(own, axis=1, keepdims=True)
+            normal[of] = np.einsum("mji,mj->mi", rotation, own)
+            flow[of] = self._flow.of_pixels(camera, view[of], pixel[of], depth[of])
+        return Surfaces(depth, self._shape_of[triangle], normal, flow, back)
+
+    def _cameras(self, views: Views) -> list[Views]:
+        """Return the cameras in the world, and in the frame of each object that moves."""
+        return [views, *(seen_from(views, poses) for poses in self._motion.at(views.t_s).objects)]
+
+    @cached_property
+    def _centres(self) -> FloatArray:
+        return pixel_centres(self.camera)
+
+    @cached_property
+    def _rays(self) -> FloatArray:
+        """The rays (H W, 3) in camera axes, with z = 1."""
+        xy = ray_table(self.camera, 1)[0]
+        return np.concatenate([xy, np.ones((len(xy), 1))], 1)
+
+    @property
+    def _pixel_rays(self) -> PixelRays:
+        return pixel_rays(self.camera, 1)
+
+    @cached_property
+    def _flow(self) -> OpticalFlow:
+        return OpticalFlow(self.camera, self._centres)
+
+
+def _arrays(cameras: list[Views]) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Views as the core takes them, without lights."""
+    none = np.empty(0)
+    return *pose_arrays(cameras), none, none

@@ -1,0 +1,1 @@
+"""Scenes that are made in code."""

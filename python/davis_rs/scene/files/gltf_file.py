@@ -1,0 +1,307 @@
+"""glTF 2.0 files (.gltf and .glb): their JSON by pygltflib, and the numbers and images that it refers to.
+
+The files are untrusted: every index, size and offset is checked, and no file outside of the scene's folder is read.
+
+Source: Khronos Group, glTF 2.0 Specification (ISO/IEC 12113:2022), sections 3.6 (binary data) and 4 (GLB).
+"""
+
+from __future__ import annotations
+
+import base64
+import binascii
+import errno
+import json
+import re
+import warnings
+from pathlib import Path
+from typing import Any
+from urllib.parse import unquote
+
+import numpy as np
+import numpy.typing as npt
+
+from ..._core import DecodeError
+from ..._util.untrusted import decoding, read_limited
+from .rounding import within
+
+MAX_FILE_BYTES = 1 << 30
+"""Of the file, and of each file that it names."""
+MAX_JSON_BYTES = 1 << 28
+"""Of the JSON, with what is embedded there."""
+MAX_UNBACKED = 1 << 20
+"""Elements of an accessor without data of its own, which takes no bytes in the file."""
+
+_COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
+_WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
+
+_READ = {
+    "EXT_mesh_gpu_instancing",
+    "EXT_texture_webp",
+    "KHR_animation_pointer",
+    "KHR_lights_punctual",
+    "KHR_mesh_quantization",
+    "KHR_node_visibility",
+    "KHR_texture_transform",
+}
+"""Extensions that are read; those of materials have names of their own kind (:func:`unknown`)."""
+_UNSEEN = {
+    "EXT_instance_features",
+    "EXT_mesh_features",
+    "EXT_mesh_manifold",
+    "EXT_structural_metadata",
+    "FB_ngon_encoding",
+    "KHR_node_hoverability",
+    "KHR_node_selectability",
+    "KHR_xmp",
+    "KHR_xmp_json_ld",
+    "MSFT_lod",
+}
+"""Extensions that change nothing of what a camera sees; of levels of detail the finest is the node itself."""
+_COMPRESSED = {
+    "EXT_meshopt_compression",
+    "EXT_texture_avif",
+    "KHR_draco_mesh_compression",
+    "KHR_meshopt_compression",
+    "KHR_texture_basisu",
+    "MSFT_texture_dds",
+}
+"""What a file may use next to data that are not compressed; whether these are there is checked where they are read."""
+
+Values = npt.NDArray[Any]
+
+
+class GltfFile:
+    """A glTF file.
+
+    Attributes:
+        path: where it is.
+        document: pygltflib's ``GLTF2``; its values are as they are in the file, unchecked.
+        files: what was read in addition to it.
+
+    Raises:
+        ImportError: without pygltflib.
+        OSError: if it cannot be read.
+        DecodeError: naming the file and the place that breaks a rule; from all methods, too.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.files: dict[Path, None] = {}
+        self._arrays: dict[int, Values] = {}
+        self._buffers: dict[int, bytes] = {}
+        data = read_limited(path, MAX_FILE_BYTES)
+        with decoding(path):
+            self.document = _parse(data)
+        required = [
+            one for one in map(str, self.document.extensionsRequired or []) if one in _COMPRESSED or unknown(one)
+        ]
+        if required:
+            advice = "; export without compression" if _COMPRESSED & {*required} else ""
+            raise self.error("extensionsRequired", f"{plain(required[0])} is not read{advice}")
+
+    def error(self, place: str, rule: str) -> DecodeError:
+        """The error for what breaks a rule at a place of the file."""
+        return DecodeError(f"{self.path}: {place}: {rule}")
+
+    def item(self, name: str, index: Any, place: str) -> Any:
+        """Number ``index`` of one of the document's lists, that ``place`` names."""
+        items = getattr(self.document, name) or []
+        return items[self.whole(index, place, f"of the {len(items)} {name}", len(items) - 1)]
+
+    def whole(self, value: Any, place: str, what: str, most: int) -> int:
+        """A whole number from 0 to ``most``."""
+        if not isinstance(value, int) or isinstance(value, bool) or not 0 <= value <= most:
+            raise self.error(place, f"must be a number {what}, counted from 0, got {plain(value)}")
+        return value
+
+    def numbers(self, value: Any, place: str, count: int, *, low: float = -1e18, high: float = 1e18) -> Values:
+        """Return ``count`` finite numbers of the JSON, float64; what rounding put beyond a bound is brought back."""
+        items = value if isinstance(value, list | tuple) else [value]
+        kinds = (isinstance(one, int | float) and not isinstance(one, bool) for one in items)
+        found = within(np.array(items, np.float64), low, high) if len(items) == count and all(kinds) else None
+        if found is None:
+            raise self.error(place, f"must be {count} numbers from {low:g} to {high:g}, got {plain(value)}")
+        return found
+
+    def array(self, index: Any, place: str, *, width: tuple[int, ...], finite: bool = True) -> Values:
+        """The values (n, width) of an accessor: float64, integers that are no shares as they are.
+
+        Args:
+            width: how many numbers an element may have.
+            finite: refuse others.
+        """
+        accessor = self.item("accessors", index, place)
+        if index not in self._arrays:
+            self._arrays[index] = self._read(accessor, f"accessors[{index}]")
+        values = self._arrays[index]
+        if values.shape[1] not in width:
+            raise self.error(f"accessors[{index}]", f"must have {' or '.join(map(str, width))} numbers each ({place})")
+        if finite and not (np.abs(values) < 1e18).all():  # squares of lengths must fit in float32; False for NaN too
+            raise self.error(f"accessors[{index}]", f"must have finite values ({place})")
+        return values
+
+    def unbacked(self, index: Any, place: str) -> bool:
+        """Whether an accessor has no data of its own: all of it is 0."""
+        accessor = self.item("accessors", index, place)
+        return accessor.bufferView is None and accessor.sparse is None
+
+    def image(self, index: Any, place: str) -> tuple[bytes, str, Path | None]:
+        """An image's bytes, how messages call it, and its file if it is one of its own."""
+        image = self.item("images", index, place)
+        place = f"images[{index}]"
+        if image.bufferView is not None:
+            return self._view(image.bufferView, place)[0], f"{self.path}, {place}", None
+        if not isinstance(image.uri, str):
+            raise self.error(place, "must have a bufferView or a uri")
+        if image.uri.startswith("data:"):
+            return self._embedded(image.uri, place), f"{self.path}, {place}", None
+        file = self._local(image.uri, place)
+        return read_limited(file, MAX_FILE_BYTES), str(file), file
+
+    def _read(self, accessor: Any, place: str) -> Values:
+        count = self.whole(accessor.count, f"{place}.count", "of elements", 2**31 - 1)
+        kind, width = _COMPONENTS.get(accessor.componentType), _WIDTHS.get(accessor.type)
+        if kind is None or width is None:
+            found = f"{plain(accessor.componentType)}, {plain(accessor.type)}"
+            raise self.error(place, f"must have a componentType and a type of glTF 2.0, got {found}")
+        if accessor.bufferView is None:
+            if count > MAX_UNBACKED:
+                raise self.error(place, f"without a bufferView it may have {MAX_UNBACKED} elements, got {count}")
+            values = np.zeros((count, width), kind)
+        else:
+            values = self._elements(accessor.bufferView, accessor.byteOffset, count, width, kind, place)
+        if accessor.sparse is not None:
+            values = self._with_sparse(values, accessor.sparse, kind, place)
+        if values.dtype.kind != "f" and accessor.normalized:
+            return np.asarray(np.maximum(values / np.iinfo(values.dtype).max, -1.0))
+        if values.dtype.kind != "f":
+            return values.astype(np.int64)
+        return values.astype(np.float64)
+
+    def _elements(self, view: Any, offset: Any, count: int, width: int, kind: str, place: str) -> Values:
+        data, stride = self._view(view, place)
+        size = width * np.dtype(kind).itemsize
+        begin = self.whole(0 if offset is None else offset, f"{place}.byteOffset", "of bytes", len(data))
+        stride = size if stride is None else self.whole(stride, f"{place}: byteStride", "of bytes", 252)
+        if stride < size or begin + (count - 1) * stride + size > len(data):
+            raise self.error(place, f"{count} elements of {size} bytes, {stride} apart, exceed its bufferView")
+        return np.ndarray((count, width), kind, data, begin, (stride, np.dtype(kind).itemsize))
+
+    def _with_sparse(self, values: Values, sparse: Any, kind: str, place: str) -> Values:
+        count = self.whole(sparse.count, f"{place}.sparse.count", "of elements", len(values))
+        if count == 0 or sparse.indices is None or sparse.values is None:
+            raise self.error(f"{place}.sparse", "must have a count, indices and values")
+        indices_kind = _COMPONENTS.get(sparse.indices.componentType, "")
+        if indices_kind[1:2] != "u":
+            raise self.error(f"{place}.sparse.indices", "must be unsigned integers")
+        where = f"{place}.sparse"
+        indices = self._elements(
+            sparse.indices.bufferView, sparse.indices.byteOffset, count, 1, indices_kind, where
+        ).ravel()
+        if indices.max() >= len(values):
+            raise self.error(where, f"names element {indices.max()} of {len(values)}")
+        changed = values.copy()
+        changed[indices] = self._elements(
+            sparse.values.bufferView, sparse.values.byteOffset, count, values.shape[1], kind, where
+        )
+        return changed
+
+    def _view(self, index: Any, place: str) -> tuple[bytes, Any]:
+        """The bytes of a buffer view, and its stride."""
+        view = self.item("bufferViews", index, f"{place}.bufferView")
+        place = f"bufferViews[{index}]"
+        buffer = self._buffer(view.buffer, place)
+        offset = self.whole(0 if view.byteOffset is None else view.byteOffset, place, "of bytes", len(buffer))
+        length = self.whole(view.byteLength, f"{place}.byteLength", "of bytes of its buffer", len(buffer) - offset)
+        return buffer[offset : offset + length], view.byteStride
+
+    def _buffer(self, index: Any, place: str) -> bytes:
+        buffer = self.item("buffers", index, f"{place}.buffer")
+        if index not in self._buffers:
+            place = f"buffers[{index}]"
+            if isinstance(buffer.uri, str):
+                embedded = buffer.uri.startswith("data:")
+                data = (
+                    self._embedded(buffer.uri, place)
+                    if embedded
+                    else read_limited(self._local(buffer.uri, place), MAX_FILE_BYTES)
+                )
+            else:
+                data = (self.document.binary_blob() if index == 0 else None) or b""
+                if not data:
+                    compressed = [one for one in buffer.extensions or {} if one in _COMPRESSED]
+                    if compressed:
+                        raise self.error(place, f"has data by {compressed[0]} alone, which is not read")
+                    raise self.error(place, "has neither a uri nor a binary chunk")
+            length = self.whole(buffer.byteLength, f"{place}.byteLength", f"of the {len(data)} bytes", len(data))
+            self._buffers[index] = bytes(data[:length])
+        return self._buffers[index]
+
+    def _embedded(self, uri: str, place: str) -> bytes:
+        head, _, text = uri.partition(",")
+        if not head.endswith(";base64"):
+            raise self.error(place, "a data: uri must be in base64")
+        try:
+            return base64.b64decode(unquote(text), validate=True)
+        except (binascii.Error, ValueError) as error:
+            raise self.error(place, f"is no base64: {error}") from None
+
+    def _local(self, uri: str, place: str) -> Path:
+        """A file next to this one, or below."""
+        name = unquote(uri)
+        folder = self.path.parent.resolve()
+        if re.match(r"[A-Za-z][\w+.-]*:", name) or "\\" in name or "\0" in name or not name:
+            raise self.error(place, f"must be a file in the scene's folder, got {plain(uri)}")
+        file = (folder / name).resolve()
+        if not file.is_relative_to(folder):
+            raise self.error(place, f"names {plain(uri)}, which lies outside of the scene's folder: move it there")
+        if not file.is_file():
+            missing = FileNotFoundError(f"{self.path}: {place}: the file {plain(uri)} is not there")
+            missing.errno = errno.ENOENT  # the system's word, not that of the bytes
+            raise missing
+        self.files[file] = None
+        return file
+
+
+def unknown(extension: str) -> bool:
+    """Whether an extension may change where surfaces are, for all that is known of it."""
+    known = extension in _READ | _UNSEEN | _COMPRESSED
+    return not known and re.fullmatch(r"[A-Z0-9]+_materials_\w+", extension) is None
+
+
+def plain(value: Any) -> str:
+    """Something of the file in a message: short, and on one line."""
+    text = repr(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+def _parse(data: bytes) -> Any:
+    try:
+        from pygltflib import GLTF2
+    except ImportError as error:
+        raise ImportError(
+            f"glTF files need pygltflib: pip install 'davis_rs[scenes]' ({error})", name=error.name
+        ) from None
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of values that are missing: each that is needed is checked here
+        if data[:4] == b"glTF":
+            if len(data) < 20:
+                raise ValueError(f"a GLB file must have a header and a chunk of JSON, this has {len(data)} bytes")
+            version, length = np.frombuffer(data, "<u4", 2, 4).tolist()
+            if version != 2 or length > len(data) or data[16:20] != b"JSON":
+                found = f"version {version}, {length} of {len(data)} bytes"
+                raise ValueError(f"a GLB file must be of version 2, whole, and begin with its JSON, got {found}")
+            if int.from_bytes(data[12:16], "little") > MAX_JSON_BYTES:
+                raise ValueError(f"the JSON may have {MAX_JSON_BYTES} bytes")
+            document = GLTF2.load_from_bytes(data[:length])
+            text = data[20 : 20 + int.from_bytes(data[12:16], "little")].decode()
+        else:
+            if len(data) > MAX_JSON_BYTES:
+                raise ValueError(f"the JSON may have {MAX_JSON_BYTES} bytes")
+            text = data.decode("utf-8-sig")
+            document = GLTF2.gltf_from_json(text)
+    for node, given in zip(document.nodes or [], json.loads(text).get("nodes", []), strict=True):
+        node.weights = given.get("weights")  # which pygltflib does not know
+    if not str(getattr(document.asset, "version", "")).startswith("2."):
+        raise ValueError(f"must be glTF 2.0, got version {plain(getattr(document.asset, 'version', None))}")
+    return document

@@ -1,0 +1,181 @@
+"""The materials of a glTF file, as matte ones: base colours and their textures. What else there is, is told.
+
+Source: Khronos Group, glTF 2.0 Specification, section 3.9; extensions KHR_texture_transform, EXT_texture_webp and
+KHR_materials_pbrSpecularGlossiness.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ...geometry.pose import FloatArray
+from ..lost_looks import BACKS, BUMPS, METAL, OWN_LIGHT, TRANSPARENCY
+from ..textures import Texture
+from .gltf_file import GltfFile, plain
+from .rounding import ROUNDING
+from .texture_file import texture_of_bytes
+
+_WRAPS = {10497: "repeat", 33071: "clamp", 33648: "mirror"}
+_NEAREST = {9728, 9984, 9986}
+_GLOSS = "KHR_materials_pbrSpecularGlossiness"
+_WEBP = "EXT_texture_webp"
+_IMAGES = ("PNG", "JPEG", "WEBP")
+_UNTOLD = {_GLOSS, "KHR_materials_emissive_strength", "KHR_materials_ior", "KHR_materials_unlit"}
+"""Extensions of materials of which nothing is lost, or what is told by another name."""
+
+
+class Matte(NamedTuple):
+    """A material by its diffuse colour.
+
+    Attributes:
+        name: of the file, or its number.
+        reflectance: a texture, or a colour (3,), linear RGB.
+        factor: (3,), what colours of vertices are multiplied by.
+        uv_set: which texture coordinates the texture takes; None without one.
+        uv_transform: (2, 3), of them, v downwards.
+        wrap: repeat, clamp or mirror.
+        files: that the texture was read from.
+        transparent: it may be, where an alpha says so.
+        lost: what of it is not shown: kinds of looks.
+    """
+
+    name: str
+    reflectance: Texture | FloatArray
+    factor: FloatArray
+    uv_set: int | None
+    uv_transform: FloatArray
+    wrap: str
+    files: tuple[Path, ...]
+    transparent: bool = False
+    lost: tuple[str, ...] = ()
+
+
+class GltfMaterials:
+    """The materials of a file, each read when it is asked for."""
+
+    def __init__(self, file: GltfFile) -> None:
+        self._file = file
+        self._known: dict[int | None, Matte] = {}
+        self._images: dict[int, tuple[Texture, bool, tuple[Path, ...]]] = {}
+
+    def __getitem__(self, index: int | None) -> Matte:
+        """The material of this number; that of surfaces without one for None."""
+        if index not in self._known:
+            self._known[index] = self._default() if index is None else self._read(index)
+        return self._known[index]
+
+    def _default(self) -> Matte:
+        return Matte("material", np.ones(3), np.ones(3), None, np.eye(2, 3), "repeat", ())
+
+    def _read(self, index: int) -> Matte:
+        file, place = self._file, f"materials[{index}]"
+        item = file.item("materials", index, "a primitive's material")
+        name = plain(item.name)[1:-1] if isinstance(item.name, str) and item.name else f"material_{index}"
+        kind, given, info = _diffuse(item)
+        place = f"{place}: {kind}"
+        lost = dict.fromkeys(self._lost(item))
+        factor = file.numbers([1.0] * 4 if given is None else given, f"{place}Factor", 4, low=0, high=1)
+        transparent = item.alphaMode in ("MASK", "BLEND")
+        opaque = factor[3] >= 1 - ROUNDING
+        colour = factor[:3]
+        made = Matte(name, colour, colour, None, np.eye(2, 3), "repeat", (), transparent)
+        if info is not None:
+            made, solid = self._textured(made, info, f"{place}Texture", lost)
+            opaque = opaque and solid
+        if transparent and not opaque:
+            lost[TRANSPARENCY] = None
+        return made._replace(lost=tuple(lost))
+
+    def _textured(self, made: Matte, info: Any, place: str, lost: dict[str, None]) -> tuple[Matte, bool]:
+        """A material with its texture, and whether that is opaque everywhere."""
+        file, info = self._file, _dictionary(info)
+        texture = file.item("textures", info.get("index"), place)
+        source = texture.source
+        if source is None:
+            source = _dictionary(_dictionary(texture.extensions).get(_WEBP)).get("source")
+        if source is None:
+            raise file.error(place, "has no image of a kind that is read (PNG, JPEG, WebP): export with such textures")
+        image, opaque, files = self._image(source, place)
+        uv_set = file.whole(info.get("texCoord") or 0, f"{place}.texCoord", "of texture coordinates", 15)
+        uv_set, transform = self._transform(info.get("extensions"), uv_set, place)
+        colour = made.factor
+        tinted = image if (colour == 1).all() else (image * colour).astype(np.float32)
+        wrap = self._wrap(texture, lost)
+        return made._replace(reflectance=tinted, uv_set=uv_set, uv_transform=transform, wrap=wrap, files=files), opaque
+
+    def _image(self, index: Any, place: str) -> tuple[Texture, bool, tuple[Path, ...]]:
+        data, named, own = self._file.image(index, place)
+        if index not in self._images:
+            texture, opaque = texture_of_bytes(data, named, formats=_IMAGES)
+            self._images[index] = texture, opaque, () if own is None else (own,)
+        return self._images[index]
+
+    def _transform(self, extensions: Any, uv_set: int, place: str) -> tuple[int, FloatArray]:
+        """Set and transform of texture coordinates: uv' = T R S uv, R by the angle from u towards -v."""
+        given = _dictionary(extensions).get("KHR_texture_transform")
+        if given is None:
+            return uv_set, np.eye(2, 3)
+        place = f"{place}: KHR_texture_transform"
+        if not isinstance(given, dict):
+            raise self._file.error(place, f"must be an object, got {plain(given)}")
+        offset = self._file.numbers(given.get("offset", [0, 0]), f"{place}.offset", 2)
+        scale = self._file.numbers(given.get("scale", [1, 1]), f"{place}.scale", 2)
+        angle = self._file.numbers(given.get("rotation", 0), f"{place}.rotation", 1)[0]
+        cos, sin = np.cos(angle), np.sin(angle)
+        turn = np.array([[cos, sin], [-sin, cos]])
+        uv_set = self._file.whole(given.get("texCoord", uv_set), f"{place}.texCoord", "of texture coordinates", 15)
+        return uv_set, np.concatenate([turn * scale, offset[:, None]], 1)
+
+    def _wrap(self, texture: Any, lost: dict[str, None]) -> str:
+        if texture.sampler is None:
+            return "repeat"
+        sampler = self._file.item("samplers", texture.sampler, "a texture's sampler")
+        wraps = []
+        for value in (sampler.wrapS, sampler.wrapT):
+            value = 10497 if value is None else value
+            if value not in _WRAPS:
+                raise self._file.error(f"samplers[{texture.sampler}]", f"there is no wrap mode {plain(value)}")
+            wraps.append(_WRAPS[value])
+        if wraps[0] != wraps[1]:
+            lost[f"the wrap mode {wraps[1]} along v ({wraps[0]} is taken both ways)"] = None
+        if sampler.magFilter in _NEAREST or sampler.minFilter in _NEAREST:
+            lost["texels with hard edges (they are taken as bilinear)"] = None
+        return wraps[0]
+
+    def _lost(self, item: Any) -> Iterator[str]:
+        """What of a material is not shown."""
+        surface, extensions = item.pbrMetallicRoughness, _dictionary(item.extensions)
+        metallic = 1.0 if surface is None or surface.metallicFactor is None else surface.metallicFactor
+        if "KHR_materials_unlit" in extensions:
+            yield "being unlit"
+        elif _GLOSS in extensions:
+            yield "gloss"
+        elif metallic != 0:
+            yield METAL
+        if any(item.emissiveFactor or []):
+            yield OWN_LIGHT
+        if item.normalTexture is not None:
+            yield BUMPS
+        if item.occlusionTexture is not None:
+            yield "occlusion maps"
+        if item.doubleSided is not True:
+            yield BACKS
+        yield from (plain(name)[1:-1] for name in extensions if name not in _UNTOLD)
+
+
+def _diffuse(item: Any) -> tuple[str, Any, Any]:
+    """How the file calls a material's diffuse colour, its factor, and its texture; the latter as they are."""
+    surface, gloss = item.pbrMetallicRoughness, _dictionary(item.extensions).get(_GLOSS)
+    if gloss is not None:
+        gloss = _dictionary(gloss)
+        return f"{_GLOSS}: diffuse", gloss.get("diffuseFactor"), gloss.get("diffuseTexture")
+    return "baseColor", getattr(surface, "baseColorFactor", None), getattr(surface, "baseColorTexture", None)
+
+
+def _dictionary(value: Any) -> dict[str, Any]:
+    """An object of the file, as the JSON has it or as pygltflib has made it; {} for anything else."""
+    return value if isinstance(value, dict) else getattr(value, "__dict__", {})

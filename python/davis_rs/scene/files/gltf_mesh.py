@@ -1,0 +1,227 @@
+"""The meshes of a glTF file as triangles.
+
+Source: Khronos Group, glTF 2.0 Specification, section 3.7 (geometry).
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from ...geometry.pose import FloatArray
+from ..lost_looks import TRANSPARENCY
+from ..mesh_part import MeshPart, unit_normals
+from ..repairs import Repairs
+from .gltf_file import GltfFile
+from .gltf_materials import GltfMaterials, Matte
+from .rounding import ROUNDING, within
+from .triangulation import cut_strip, distinct, has_area
+
+MOST_TRIANGLES = 4_000_000
+"""Of a scene: nodes may show one mesh many times, so a small file could ask for any number."""
+
+_WITHOUT_SURFACE = {0: "points", 1: "lines", 2: "lines", 3: "lines"}
+_DRACO = "KHR_draco_mesh_compression"
+_COLOURS_LOST = "colours of vertices on the texture"
+_COLOURS_CUT = "colours of vertices beyond 0 to 1 (they are cut there)"
+
+
+class Primitive(NamedTuple):
+    """Triangles of one material, in their node's own axes, uv as in the file (v downwards).
+
+    Attributes:
+        corners: (m, 3, 3).
+        normals, colours: (m, 3, 3) or None.
+        uv: (m, 3, 2) or None.
+        lost: what is not shown of their look besides that of the material.
+    """
+
+    material: int | None
+    corners: FloatArray
+    normals: FloatArray | None
+    uv: FloatArray | None
+    colours: FloatArray | None
+    lost: tuple[str, ...] = ()
+
+    def placed(self, matrices: FloatArray) -> Primitive:
+        """Return the primitive as transforms (k, 4, 4) place it, once for each.
+
+        The corners of mirrored ones are turned round, so that they go round to the left on the same side as before.
+        """
+        linear, offset = matrices[:, :3, :3], matrices[:, None, :3, 3]
+        mirrored = np.linalg.det(linear) < 0
+        shape = len(matrices), *self.corners.shape[:2]
+
+        def each(values: FloatArray) -> FloatArray:
+            """Values at the corners of each copy as (k m, 3, ...), from those of all copies or of one."""
+            values = np.broadcast_to(values.reshape(-1, *shape[1:], values.shape[-1]), (*shape, values.shape[-1]))
+            turned = np.where(mirrored[:, None, None, None], values[:, :, ::-1], values)
+            return turned.reshape(-1, 3, values.shape[-1])
+
+        normals = self.normals
+        if normals is not None:
+            rows = [np.cross(linear[:, (i + 1) % 3], linear[:, (i + 2) % 3]) for i in range(3)]
+            cofactor = np.stack(rows, 1) * np.where(mirrored, -1.0, 1.0)[:, None, None]
+            normals = each(normals.reshape(-1, 3) @ cofactor.swapaxes(1, 2))
+            length = np.linalg.norm(normals, axis=2, keepdims=True)
+            normals = np.divide(normals, length, out=np.zeros_like(normals), where=length > 0)
+        return self._replace(
+            corners=each(self.corners.reshape(-1, 3) @ linear.swapaxes(1, 2) + offset),
+            normals=normals,
+            uv=None if self.uv is None else each(self.uv),
+            colours=None if self.colours is None else each(self.colours),
+        )
+
+    @property
+    def kind(self) -> tuple[int | None, bool, bool]:
+        """What primitives of one shape have in common."""
+        return self.material, self.normals is not None, self.colours is not None
+
+
+class GltfMeshes:
+    """The meshes of a file, each read when it is asked for."""
+
+    def __init__(self, file: GltfFile, materials: GltfMaterials, repairs: Repairs) -> None:
+        self._file, self._materials, self._repairs = file, materials, repairs
+        self._known: dict[int, list[Primitive]] = {}
+        self._triangles = 0
+
+    def of(self, node: Any, place: str, count: int = 1) -> list[Primitive]:
+        """The primitives of a node's mesh, which it shows ``count`` times."""
+        file, index = self._file, node.mesh
+        mesh = file.item("meshes", index, f"{place}.mesh")
+        if node.skin is not None:
+            raise file.error(place, "has a skin (an armature's deformation), which is not read: apply it before export")
+        weights = node.weights or mesh.weights or []
+        if any(abs(weight) > ROUNDING for weight in weights):
+            raise file.error(f"meshes[{index}]", "is deformed by morph targets, which are not read: apply them")
+        if index not in self._known:
+            found = (
+                self._primitive(primitive, f"meshes[{index}].primitives[{number}]")
+                for number, primitive in enumerate(mesh.primitives or [])
+            )
+            self._known[index] = [primitive for primitive in found if len(primitive.corners)]
+        self._triangles += count * sum(len(primitive.corners) for primitive in self._known[index])
+        if self._triangles > MOST_TRIANGLES:
+            has = f"this one has {self._triangles} or more"
+            raise file.error(place, f"a scene may have {MOST_TRIANGLES} triangles with all copies, {has}")
+        return self._known[index]
+
+    def _primitive(self, item: Any, place: str) -> Primitive:
+        file = self._file
+        mode = 4 if item.mode is None else file.whole(item.mode, f"{place}.mode", "of a kind of primitives", 6)
+        if mode in _WITHOUT_SURFACE:
+            what = _WITHOUT_SURFACE[mode]
+            raise file.error(place, f"is made of {what}, which have no surface: remove them, or make triangles of them")
+        given = getattr(item.attributes, "__dict__", {})
+        attributes = {name: value for name, value in given.items() if value is not None}
+        if "POSITION" not in attributes:
+            raise file.error(place, "has no POSITION")
+        if _DRACO in (item.extensions or {}) and file.unbacked(attributes["POSITION"], place):
+            raise file.error(place, f"has data by {_DRACO} alone, which is not read: export without compression")
+        positions = self._attribute(attributes, "POSITION", place, (3,))
+        assert positions is not None
+        faces = self._faces(item, mode, len(positions), place)
+        whole = has_area(positions[faces])
+        self._repairs.add("triangles without area are left out", int((~whole).sum()), place)
+        faces = faces[whole]
+        if len(faces) > MOST_TRIANGLES:
+            raise file.error(place, f"a scene may have {MOST_TRIANGLES} triangles, this one has more")
+        vertices = {
+            "NORMAL": self._attribute(attributes, "NORMAL", place, (3,), finite=False),
+            "COLOR_0": self._attribute(attributes, "COLOR_0", place, (3, 4)),
+        }
+        for name, values in vertices.items():
+            if values is not None and len(values) != len(positions):
+                raise file.error(place, f"has {len(values)} of {name} for {len(positions)} of POSITION")
+        corners, normals = positions[faces], vertices["NORMAL"]
+        matte = self._materials[item.material]
+        uv = self._uv(attributes, matte, len(positions), place)
+        colours, lost = self._colours(vertices["COLOR_0"], matte)
+        return Primitive(
+            item.material,
+            corners,
+            None if normals is None else unit_normals(normals[faces], corners, place, self._repairs),
+            None if uv is None else uv[faces],
+            None if colours is None else colours[faces] * matte.factor,
+            lost,
+        )
+
+    def _colours(self, given: FloatArray | None, matte: Matte) -> tuple[FloatArray | None, tuple[str, ...]]:
+        """Colours of vertices (v, 3) where they are shown, and what is lost of them."""
+        if given is None:
+            return None, ()
+        lost = []
+        colours = np.clip(given[:, :3], 0.0, 1.0)
+        if within(given[:, :3], 0.0, 1.0) is None:
+            lost.append(_COLOURS_CUT)
+        if matte.transparent and (given[:, 3:] < 1 - ROUNDING).any():
+            lost.append(TRANSPARENCY)
+        if (colours >= 1 - ROUNDING).all():
+            return None, tuple(lost)
+        if matte.uv_set is not None:
+            return None, (*lost, _COLOURS_LOST)
+        return colours, tuple(lost)
+
+    def _uv(self, attributes: dict[str, Any], matte: Matte, count: int, place: str) -> FloatArray | None:
+        """The texture coordinates that the material's texture takes, as it transforms them."""
+        if matte.uv_set is None:
+            return None
+        name = f"TEXCOORD_{matte.uv_set}"
+        uv = self._attribute(attributes, name, place, (2,))
+        if uv is None or len(uv) != count:
+            raise self._file.error(place, f"lacks the {name} that the texture of material {matte.name} needs")
+        moved: FloatArray = uv @ matte.uv_transform[:, :2].T + matte.uv_transform[:, 2]
+        return moved
+
+    def _attribute(
+        self, attributes: dict[str, Any], name: str, place: str, width: tuple[int, ...], *, finite: bool = True
+    ) -> FloatArray | None:
+        if name not in attributes:
+            return None
+        return self._file.array(attributes[name], f"{place}: {name}", width=width, finite=finite).astype(np.float64)
+
+    def _faces(self, item: Any, mode: int, count: int, place: str) -> npt.NDArray[np.int64]:
+        """The vertices (m, 3) of the triangles, in lists, strips or fans."""
+        if item.indices is None:
+            order = np.arange(count)
+        else:
+            order = self._file.array(item.indices, f"{place}: indices", width=(1,)).ravel()
+            if order.dtype.kind not in "iu":
+                raise self._file.error(f"{place}: indices", "must be integers")
+            if len(order) and not (order.min() >= 0 and order.max() < count):
+                wrong = order[(order < 0) | (order >= count)][0]
+                raise self._file.error(f"{place}: indices", f"name vertex {wrong} of {count}")
+        if mode == 4:
+            if len(order) % 3:
+                raise self._file.error(place, f"{len(order)} corners make no whole number of triangles")
+            return order.reshape(-1, 3)
+        if mode == 5:
+            return cut_strip(order)
+        first = np.arange(max(0, len(order) - 2))
+        return distinct(order[np.stack([0 * first, first + 1, first + 2], 1)])
+
+
+def joined(primitives: list[Primitive], matte: Matte) -> MeshPart:
+    """Primitives of one :attr:`Primitive.kind` as one part."""
+    first = primitives[0]
+
+    def together(name: str) -> FloatArray | None:
+        parts = [getattr(primitive, name) for primitive in primitives]
+        return None if parts[0] is None else np.concatenate(parts)
+
+    corners, uv = together("corners"), together("uv")
+    assert corners is not None
+    return MeshPart(
+        corners,
+        None if uv is None else uv * [1, -1] + [0, 1],
+        together("normals") if first.normals is not None else None,
+        matte.reflectance,
+        together("colours"),
+        matte.name,
+        matte.files,
+        matte.wrap,
+        tuple(dict.fromkeys([*matte.lost, *(what for primitive in primitives for what in primitive.lost)])),
+    )

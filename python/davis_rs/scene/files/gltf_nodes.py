@@ -1,0 +1,421 @@
+"""The nodes of a glTF file: where they are, and how animations move them.
+
+Source: Khronos Group, glTF 2.0 Specification, sections 3.5 (scenes), 3.11 (animations) and appendix C (interpolation).
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ...geometry.pose import FloatArray, hamilton, rotation_matrices
+from ...geometry.trajectory.trajectory import CallableTrajectory
+from .gltf_file import GltfFile, plain
+from .rounding import ROUNDING
+
+DEEPEST = 100
+"""Nodes within nodes."""
+
+_WIDTHS = {"translation": 3, "rotation": 4, "scale": 3}
+_REST = {"translation": (0.0, 0.0, 0.0), "rotation": (0.0, 0.0, 0.0, 1.0), "scale": (1.0, 1.0, 1.0)}
+_RIGID = 1e-4
+"""A body whose axes are longer or shorter than at first by more than this is no rigid one."""
+_STILL = 1e-12
+_UNIT = 0.01
+"""By how much a quaternion's length may differ from 1: four numbers of 8 bits."""
+_INSTANCING = "EXT_mesh_gpu_instancing"
+
+
+@dataclass(frozen=True)
+class Node:
+    """A node of the scene: its number, that of its parent, and what the file says of it."""
+
+    index: int
+    parent: int | None
+    item: Any
+    name: str
+
+
+class Track(NamedTuple):
+    """The keyframes of one property of a node: times (k,) in seconds, values (k, width), tangents (k, width) or None.
+
+    ``kind`` is LINEAR, STEP or CUBICSPLINE.
+    """
+
+    times: FloatArray
+    values: FloatArray
+    tangents: tuple[FloatArray, FloatArray] | None
+    kind: str
+
+    def at(self, t: FloatArray, end_s: float) -> tuple[FloatArray, FloatArray]:
+        """Values and rates (n, width) at times (n,); ``end_s`` is when everything ends."""
+        times, values = self.times, self.values
+        if len(times) == 1:
+            return np.repeat(values, len(t), 0), np.zeros((len(t), values.shape[1]))
+        # At a keyframe what holds from there on; at the very end what held until there.
+        segment = np.clip(np.searchsorted(times, t, side="right") - 1, 0, len(times) - 2)
+        held = (t < times[0]) | (t > times[-1]) | ((t == times[-1]) & (times[-1] < end_s))
+        span = np.diff(times)[segment]
+        share = np.clip((t - times[segment]) / span, 0.0, 1.0)[:, None]
+        first, second = values[segment], values[segment + 1]
+        if self.kind == "STEP":
+            found = np.where(share >= 1, second, first)
+            rate = np.zeros_like(found)
+        elif self.kind == "CUBICSPLINE":
+            found, rate = self._cubic(segment, span[:, None], share)
+        elif values.shape[1] == 4:
+            found, rate = _slerp(first, second, share, span[:, None])
+        else:
+            found = first + share * (second - first)
+            rate = (second - first) / span[:, None]
+        return found, np.where(held[:, None], 0.0, rate)
+
+    def _cubic(self, segment: Any, span: FloatArray, s: FloatArray) -> tuple[FloatArray, FloatArray]:
+        assert self.tangents is not None
+        incoming, outgoing = self.tangents
+        first, second = self.values[segment], self.values[segment + 1]
+        start, end = span * outgoing[segment], span * incoming[segment + 1]
+        found = (2 * s**3 - 3 * s**2 + 1) * first + (s**3 - 2 * s**2 + s) * start
+        found = found + (3 * s**2 - 2 * s**3) * second + (s**3 - s**2) * end
+        rate = (6 * s**2 - 6 * s) * (first - second) + (3 * s**2 - 4 * s + 1) * start + (3 * s**2 - 2 * s) * end
+        return found, rate / span
+
+    @property
+    def moves(self) -> bool:
+        """Whether it is not the same all the time."""
+        tangents = () if self.tangents is None else self.tangents
+        return bool((np.abs(self.values - self.values[0]) > _STILL).any()) or any(one.any() for one in tangents)
+
+    @property
+    def corners(self) -> FloatArray:
+        """The times at which it is not smooth."""
+        if self.kind != "CUBICSPLINE" or self.tangents is None:
+            return self.times
+        incoming, outgoing = self.tangents
+        smooth = np.abs(incoming - outgoing).max(1) <= 1e-6 * (1 + np.abs(outgoing).max(1))
+        smooth[[0, -1]] = False
+        return self.times[~smooth]
+
+
+def _slerp(first: FloatArray, second: FloatArray, share: FloatArray, span: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the interpolation along the shorter arc between unit quaternions, and its rate."""
+    dot = (first * second).sum(1, keepdims=True)
+    second, dot = np.where(dot < 0, -second, second), np.abs(dot)
+    angle = np.arccos(np.minimum(dot, 1.0))
+    sine = np.where(angle > 1e-6, np.sin(angle), 1.0)
+    near = angle <= 1e-6
+    a = np.where(near, 1 - share, np.sin((1 - share) * angle) / sine)
+    b = np.where(near, share, np.sin(share * angle) / sine)
+    da = np.where(near, -1.0, -angle * np.cos((1 - share) * angle) / sine) / span
+    db = np.where(near, 1.0, angle * np.cos(share * angle) / sine) / span
+    return a * first + b * second, da * first + db * second
+
+
+@dataclass(frozen=True)
+class NodeTree:
+    """The nodes of a file's scene, parents before children, and what moves them.
+
+    Attributes:
+        duration_s: until the last keyframe of whatever moves in the scene; 0 where nothing does.
+        lost: what animations change and the scene does not: the names of what they change by its kind.
+    """
+
+    file: GltfFile
+    nodes: dict[int, Node]
+    tracks: dict[int, dict[str, Track]]
+    duration_s: float
+    lost: dict[str, dict[str, None]]
+
+    @classmethod
+    def of(cls, file: GltfFile) -> NodeTree:
+        """Return the nodes of the file's default scene.
+
+        Raises:
+            DecodeError: naming the place that breaks a rule.
+        """
+        nodes = {node.index: node for node in _walk(file)}
+        lost: dict[str, dict[str, None]] = {}
+        tracks = _tracks(file, nodes, lost)
+        for path in tracks.values():
+            for name in [name for name, track in path.items() if not track.moves and len(track.times) > 1]:
+                path[name] = Track(path[name].times[:1], path[name].values[:1], None, "LINEAR")
+        ends = [track.times[-1] for path in tracks.values() for track in path.values() if len(track.times) > 1]
+        return cls(file, nodes, tracks, float(max(ends, default=0.0)), lost)
+
+    def chain(self, index: int) -> list[Node]:
+        """A node and those that it is within, the outermost first."""
+        found, at = [], self.nodes[index]
+        while True:
+            found.append(at)
+            if at.parent is None:
+                return found[::-1]
+            at = self.nodes[at.parent]
+
+    def moves(self, index: int) -> bool:
+        """Whether an animation moves a node, or one that it is within."""
+        return any(
+            len(track.times) > 1 for node in self.chain(index) for track in self.tracks.get(node.index, {}).values()
+        )
+
+    def matrices(self, index: int, t: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """The node's transform to the scene's axes (n, 4, 4) at times (n,), and its rate."""
+        matrix, rate = np.tile(np.eye(4), (len(t), 1, 1)), np.zeros((len(t), 4, 4))
+        for node in self.chain(index):
+            local, local_rate = self._local(node, t)
+            matrix, rate = matrix @ local, rate @ local + matrix @ local_rate
+        return matrix, rate
+
+    def instances(self, index: int) -> FloatArray:
+        """The transforms (n, 4, 4) within a node of what it shows, of EXT_mesh_gpu_instancing; of one without any."""
+        given = (self.nodes[index].item.extensions or {}).get(_INSTANCING)
+        if given is None:
+            return np.eye(4)[None]
+        place = f"nodes[{index}]: {_INSTANCING}"
+        accessors = given.get("attributes") if isinstance(given, dict) else None
+        if not isinstance(accessors, dict) or not accessors:
+            raise self.file.error(place, f"must have attributes, got {plain(given)}")
+        read = {
+            name: self.file.array(accessors[name.upper()], place, width=(width,)).astype(np.float64)
+            for name, width in _WIDTHS.items()
+            if name.upper() in accessors
+        }
+        counts = sorted({len(values) for values in read.values()}) or [1]  # none: at the node, with marks of their own
+        if len(counts) > 1:
+            raise self.file.error(place, f"must have as many of each attribute, got {' and '.join(map(str, counts))}")
+        every = {name: read.get(name, np.tile(_REST[name], (counts[0], 1))) for name in _WIDTHS}
+        return _composed(every["translation"], _unit(self.file, every["rotation"], place), every["scale"])
+
+    def path(self, index: int, to_world: FloatArray, flip: FloatArray, duration_s: float) -> tuple[Any, FloatArray]:
+        """How a node moves, as a trajectory, and what its own axes are stretched by first (3, 3).
+
+        Args:
+            to_world: (4, 4), from the scene's axes.
+            flip: (3,), signs of the body's axes in those of the node.
+            duration_s: of the trajectory, > 0.
+
+        Raises:
+            DecodeError: for a node that is no rigid body, because its animation scales it.
+        """
+        start, _ = self.matrices(index, np.zeros(1))
+        linear = (to_world @ start[0])[:3, :3]
+        left, lengths, right = np.linalg.svd(linear)
+        name = self.nodes[index].name
+        if lengths[-1] <= 1e-9 * lengths[0] or lengths[0] == 0:
+            raise self.file.error(f"node {name}", "moves, and its scale is 0 at first: it can be no rigid body")
+        if np.linalg.det(left @ right) < 0:
+            left = left * [1, 1, -1]  # a mirror image belongs to the body
+        stretch = (left @ right).T @ linear
+        unstretched = np.eye(4)
+        unstretched[:3, :3] = np.linalg.inv(stretch)
+
+        def rigid(t: FloatArray) -> tuple[FloatArray, FloatArray]:
+            matrix, rate = self.matrices(index, t)
+            return to_world @ matrix @ unstretched, to_world @ rate @ unstretched
+
+        times = {0.0, duration_s} | {
+            float(t)
+            for node in self.chain(index)
+            for track in self.tracks.get(node.index, {}).values()
+            for t in track.times
+            if 0 < t < duration_s
+        }
+        grid = np.unique(np.linspace(sorted(times)[:-1], sorted(times)[1:], 5))
+        axes = rigid(grid)[0][:, :3, :3]
+        off = np.abs(np.swapaxes(axes, 1, 2) @ axes - np.eye(3)).max((1, 2))
+        if off.max() > _RIGID:
+            worst = float(grid[off.argmax()])
+            raise self.file.error(
+                f"node {name}", f"its animation scales or shears it (at {worst:g} s): only rigid bodies may move"
+            )
+        reference = _continuous(_quaternions(axes * flip))
+        signs = np.diag(flip)
+
+        def quaternion(t: FloatArray) -> FloatArray:
+            found = _quaternions(rigid(t)[0][:, :3, :3] * flip)
+            near = reference[np.clip(np.searchsorted(grid, t, side="right") - 1, 0, len(grid) - 1)]
+            return np.where((found * near).sum(1, keepdims=True) < 0, -found, found)
+
+        def angular_rate(t: FloatArray) -> FloatArray:
+            matrix, rate = rigid(t)
+            turning = np.swapaxes(matrix[:, :3, :3], 1, 2) @ rate[:, :3, :3]
+            skew = signs @ (turning - np.swapaxes(turning, 1, 2)) @ signs / 2
+            return np.stack([skew[:, 2, 1], skew[:, 0, 2], skew[:, 1, 0]], 1)
+
+        corners = {
+            float(t)
+            for node in self.chain(index)
+            for track in self.tracks.get(node.index, {}).values()
+            if len(track.times) > 1
+            for t in track.corners
+            if 0 < t < duration_s
+        }
+        trajectory = CallableTrajectory(
+            duration_s,
+            position=lambda t: rigid(t)[0][:, :3, 3],
+            velocity=lambda t: rigid(t)[1][:, :3, 3],
+            quaternion=quaternion,
+            angular_rate=angular_rate,
+            breaks_s=sorted(corners),
+            description={"path": "of an animation", "file": self.file.path.name, "node": name},
+        )
+        return trajectory, stretch
+
+    def _local(self, node: Node, t: FloatArray) -> tuple[FloatArray, FloatArray]:
+        tracks, item, place = self.tracks.get(node.index, {}), node.item, f"nodes[{node.index}]"
+        if not tracks and item.matrix is not None:
+            matrix = self.file.numbers(item.matrix, f"{place}.matrix", 16).reshape(4, 4).T
+            if np.abs(matrix[3] - [0, 0, 0, 1]).max() > 1e-6:
+                raise self.file.error(f"{place}.matrix", "must be an affine transform")
+            return np.tile(matrix, (len(t), 1, 1)), np.zeros((len(t), 4, 4))
+        found: dict[str, tuple[FloatArray, FloatArray]] = {}
+        for name, width in _WIDTHS.items():
+            if name in tracks:
+                found[name] = tracks[name].at(t, self.duration_s)
+                continue
+            given = getattr(item, name)
+            rest = np.array(_REST[name]) if given is None else self.file.numbers(given, f"{place}.{name}", width)
+            if name == "rotation":
+                rest = _unit(self.file, rest[None], f"{place}.rotation")[0]
+            found[name] = np.tile(rest, (len(t), 1)), np.zeros((len(t), width))
+        quaternion, turning = found["rotation"]
+        length = np.linalg.norm(quaternion, axis=1, keepdims=True)
+        if not (length > 1e-6).all():
+            raise self.file.error(f"{place}.rotation", "an animation takes it through 0: it has no direction there")
+        unit = quaternion / length
+        turning = (turning - unit * (unit * turning).sum(1, keepdims=True)) / length
+        spin = rotation_matrices(unit) @ _skew(2 * hamilton(unit * [-1, -1, -1, 1], turning)[:, :3])
+        (translation, speed), (scale, growing) = found["translation"], found["scale"]
+        change = np.zeros((len(t), 4, 4))
+        change[:, :3, :3] = spin * scale[:, None] + rotation_matrices(unit) * growing[:, None]
+        change[:, :3, 3] = speed
+        return _composed(translation, unit, scale), change
+
+
+def _walk(file: GltfFile) -> Iterator[Node]:
+    """The nodes of the default scene, parents first."""
+    document = file.document
+    every = document.nodes or []
+    if document.scenes:
+        scene = file.item("scenes", 0 if document.scene is None else document.scene, "scene")
+        roots = scene.nodes or []
+    else:
+        children = {child for node in every for child in node.children or [] if isinstance(child, int)}
+        roots = [index for index in range(len(every)) if index not in children]
+    seen: set[int] = set()
+    waiting: list[tuple[Any, int | None, int]] = [(root, None, 0) for root in reversed(roots)]
+    while waiting:
+        index, parent, depth = waiting.pop()
+        node = file.item("nodes", index, "scenes" if parent is None else f"nodes[{parent}].children")
+        if index in seen:
+            raise file.error(f"nodes[{index}]", "is within itself, or within two nodes")
+        if depth > DEEPEST:
+            raise file.error(f"nodes[{index}]", f"nodes may be {DEEPEST} within each other")
+        seen.add(index)
+        if (node.extensions or {}).get("KHR_node_visibility") == {"visible": False}:
+            continue  # and all that is within it
+        name = plain(node.name)[1:-1] if isinstance(node.name, str) and node.name else f"node_{index}"
+        yield Node(index, parent, node, name)
+        waiting += [(child, index, depth + 1) for child in reversed(node.children or [])]
+
+
+def _tracks(file: GltfFile, nodes: dict[int, Node], lost: dict[str, dict[str, None]]) -> dict[int, dict[str, Track]]:
+    tracks: dict[int, dict[str, Track]] = {}
+    for number, animation in enumerate(file.document.animations or []):
+        place = f"animations[{number}]"
+        samplers = animation.samplers or []
+        for channel in animation.channels or []:
+            if channel.target is None:
+                continue
+            node, path = _target(channel.target)
+            if path not in (*_WIDTHS, "weights"):
+                if path.startswith(("/nodes/", "/meshes/", "/cameras/")):
+                    raise file.error(place, f"animates {plain(path)}, which is not read")
+                lost.setdefault("the animation", {})[plain(path)] = None
+            if path not in (*_WIDTHS, "weights") or node not in nodes:
+                continue
+            which = file.whole(channel.sampler, f"{place}.channels", "of its samplers", len(samplers) - 1)
+            if path == "weights":
+                weights = file.array(samplers[which].output, f"{place}.samplers[{which}].output", width=(1,))
+                if (np.abs(weights) > ROUNDING).any():
+                    name = nodes[node].name
+                    raise file.error(place, f"moves the shape of node {name} (morph targets), which is not read")
+                continue
+            if path in tracks.setdefault(node, {}):
+                lost.setdefault("a second animation", {})[nodes[node].name] = None
+                continue
+            if nodes[node].item.matrix is not None:
+                raise file.error(f"nodes[{node}]", "is animated, so it must have no matrix")
+            tracks[node][path] = _track(file, samplers[which], f"{place}.samplers[{which}]", _WIDTHS[path])
+    return tracks
+
+
+def _target(target: Any) -> tuple[Any, str]:
+    """The node and its property that a channel moves; for anything else the path of KHR_animation_pointer alone."""
+    given = (target.extensions or {}).get("KHR_animation_pointer")
+    if target.path != "pointer" or not isinstance(given, dict):
+        return target.node, str(target.path)
+    pointer = str(given.get("pointer"))
+    found = re.fullmatch(r"/nodes/(\d{1,9})/(translation|rotation|scale|weights)", pointer)
+    return (int(found[1]), found[2]) if found else (None, pointer)
+
+
+def _track(file: GltfFile, sampler: Any, place: str, width: int) -> Track:
+    times = file.array(sampler.input, f"{place}.input", width=(1,)).ravel().astype(np.float64)
+    values = file.array(sampler.output, f"{place}.output", width=(width,)).astype(np.float64)
+    kind = sampler.interpolation or "LINEAR"
+    if kind not in ("LINEAR", "STEP", "CUBICSPLINE"):
+        raise file.error(f"{place}.interpolation", f"must be LINEAR, STEP or CUBICSPLINE, got {plain(kind)}")
+    if len(times) == 0 or times[0] < 0 or not (np.diff(times) > 0).all() or times[-1] > 1e6:
+        raise file.error(f"{place}.input", "times must increase, from 0 s or later to 1e6 s at most")
+    each = 3 if kind == "CUBICSPLINE" else 1
+    if len(values) != each * len(times):
+        raise file.error(f"{place}.output", f"must have {each * len(times)} values for its times, got {len(values)}")
+    tangents = None
+    if each == 3:
+        incoming, values, outgoing = values.reshape(len(times), 3, width).swapaxes(0, 1)
+        tangents = (incoming, outgoing)
+    if width == 4:
+        unit = _unit(file, values, f"{place}.output")
+        values = unit if each == 1 else values
+    return Track(times, values, tangents, kind)
+
+
+def _unit(file: GltfFile, quaternions: FloatArray, place: str) -> FloatArray:
+    """Return quaternions (n, 4) of length 1 that were so but for rounding."""
+    length = np.linalg.norm(quaternions, axis=1, keepdims=True)
+    wrong = np.abs(length - 1) > _UNIT
+    if wrong.any():
+        found = quaternions[int(wrong.argmax())].tolist()
+        raise file.error(place, f"rotations must be unit quaternions, got {plain(found)}")
+    return quaternions / length
+
+
+def _composed(translation: FloatArray, rotation: FloatArray, scale: FloatArray) -> FloatArray:
+    """Transforms (n, 4, 4) of translations (n, 3), unit quaternions (n, 4) and scales (n, 3)."""
+    matrix = np.tile(np.eye(4), (len(translation), 1, 1))
+    matrix[:, :3, :3] = rotation_matrices(rotation) * scale[:, None]
+    matrix[:, :3, 3] = translation
+    return matrix
+
+
+def _quaternions(rotations: FloatArray) -> FloatArray:
+    from scipy.spatial.transform import Rotation
+
+    found: FloatArray = Rotation.from_matrix(rotations).as_quat()
+    return found
+
+
+def _continuous(quaternions: FloatArray) -> FloatArray:
+    """Return the quaternions with signs such that no neighbours are far apart."""
+    dots = (quaternions[1:] * quaternions[:-1]).sum(1)
+    return quaternions * np.concatenate([[1.0], np.cumprod(np.where(dots < 0, -1.0, 1.0))])[:, None]
+
+
+def _skew(vector: FloatArray) -> FloatArray:
+    x, y, z = vector.T
+    zero = np.zeros_like(x)
+    return np.stack([zero, -z, y, z, zero, -x, -y, x, zero], 1).reshape(-1, 3, 3)

@@ -1,0 +1,303 @@
+"""A glTF file as a scene: meshes, base colours, lights, and what its animations move.
+
+Source: Khronos Group, glTF 2.0 Specification (ISO/IEC 12113:2022), and its extension KHR_lights_punctual.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..._util.untrusted import decoding
+from ...geometry.camera import Camera
+from ...geometry.pose import FloatArray, Pose
+from ...geometry.trajectory.trajectory import SegmentTrajectory, Trajectory
+from ..lost_looks import LostLook, lost_looks, shown
+from ..mesh_part import MeshPart
+from ..parts import DIRECT
+from ..repairs import Repairs
+from ..scene import Scene
+from .gltf_file import GltfFile, plain, unknown
+from .gltf_materials import GltfMaterials
+from .gltf_mesh import GltfMeshes, Primitive, joined
+from .gltf_nodes import Node, NodeTree
+from .mesh_scene import CAMERA, Axis, around, check_axis_and_scale, mitsuba_shape, to_z_up, usual_light
+from .rounding import ROUNDING
+
+LUMENS_PER_WATT = 683.0
+"""Lux or candela for one unit of Mitsuba's linear light, because glTF gives lights in these. Blender's exporter uses
+the same luminous efficacy, so the resulting numbers are those in Blender: watts divided by 4 pi for lamps."""
+
+WHITE_LUX = LUMENS_PER_WATT * np.pi
+"""Illuminance of a white surface of luma 1 under such lights."""
+
+_WIDTH = 240
+_HARD_EDGE = 0.999
+"""Share of a spot's cone in which its light may be even: Mitsuba needs an edge."""
+_FLIP = np.array([1.0, -1.0, -1.0])
+"""glTF's cameras look along -z, and their y points up."""
+
+
+def gltf_scene(path: str | Path, *, up: Axis | None = None, scale: float = 1.0) -> Scene:
+    """Return a glTF 2.0 file (.gltf, .glb) as a scene.
+
+    Surfaces are matte, opaque and seen from both sides: base colours and their textures are taken, with
+    ``KHR_texture_transform``, or the diffuse ones of ``KHR_materials_pbrSpecularGlossiness``, or the colours of
+    vertices. Lights of ``KHR_lights_punctual`` shine, 683 lux or candela as one unit; a file without any gets those of
+    a mesh file. The first perspective camera gives the lens and the path: that of its animation, or one at rest where
+    other things move. A file without a camera gets the path around of a mesh file. Nodes that are animated are moving
+    objects with the ids ``NODE_MATERIAL``; all others are one shape for each material, ``mesh_MATERIAL``. Copies of a
+    mesh (``EXT_mesh_gpu_instancing``) are all there. Looks that are not shown (metal, light of their own, transparency)
+    are in :attr:`Scene.lost_looks`, and a simulator tells them.
+
+    Args:
+        up: the file's axis that points up; None: y, as glTF says.
+        scale: metres in the file's unit; glTF's is the metre.
+
+    Raises:
+        ImportError: without pygltflib (the extra ``scenes``).
+        OSError: if the file, or one that it names, cannot be read.
+        DecodeError: naming the file and the place that breaks a rule, or has shapes that would be missing or in the
+            wrong place: skins, morph targets in use, animated scales, points and lines, compression.
+        ValueError: for another axis or scale.
+
+    Warns:
+        SceneFileWarning: in one line, of triangles that are left out, and of normals that are mended.
+    """
+    path = Path(path)
+    check_axis_and_scale(up, scale)
+    file = GltfFile(path)
+    with decoding(path):
+        return _GltfScene(file, up or "y", scale).scene()
+
+
+class _GltfScene:
+    """What is made of a file."""
+
+    def __init__(self, file: GltfFile, up: Axis, scale: float) -> None:
+        self.file, self.up, self.scale = file, up, scale
+        self.tree = NodeTree.of(file)
+        self.to_world = np.eye(4)
+        self.to_world[:3, :3] = to_z_up(up) * scale
+        self.materials = GltfMaterials(file)
+        self.repairs = Repairs(file.path)
+        self.meshes = GltfMeshes(file, self.materials, self.repairs)
+        self.lost = {what: dict(names) for what, names in self.tree.lost.items()}
+
+    def scene(self) -> Scene:
+        shapes, objects = self._shapes()
+        corners = self._corners(shapes, objects)
+        if not len(corners):
+            left_out = f" ({self.repairs})" if self.repairs else ""
+            raise self.file.error("scene", f"it has no triangles: there is nothing that a camera could see{left_out}")
+        low, high = corners.min(0), corners.max(0)
+        if not (high > low).sum() >= 2:
+            raise self.file.error("scene", "it has no area: all its vertices lie on a point or a line along an axis")
+        lights = self._lights()
+        camera, start, trajectory, of_camera = self._camera()
+        if camera is None:
+            centre = (low + high) / 2
+            camera, trajectory = CAMERA, around(centre, float(np.linalg.norm(corners - centre, axis=1).max()))
+        self.repairs.warn()
+        for name in map(str, self.file.document.extensionsUsed or []):
+            if unknown(name):
+                self._lose("what unknown extensions say", plain(name)[1:-1])
+        described: dict[str, Any] = lights or usual_light()
+        x, y, z = (f"{side:.3g}" for side in high - low)
+        size = f"{x} m x {y} m wide and {z} m high, at {self.scale:g} m to a unit and with axis {self.up} up"
+        shining = "no lights, so a sun and a sky"
+        if lights:
+            shining = f"{_counted(len(lights), 'light')}, {LUMENS_PER_WATT:g} lux or candela as one unit"
+        file_name = self.file.path.name
+        return Scene(
+            name=self.file.path.stem,
+            source=lambda: {
+                "type": "scene",
+                "integrator": DIRECT,
+                **described,
+                **{name: mitsuba_shape(part) for name, part in shapes.items()},
+            },
+            file=self.file.path,
+            files=tuple(self.file.files),
+            camera=camera,
+            start=start,
+            trajectory=trajectory,
+            objects=objects,
+            lux_per_luma=WHITE_LUX if lights else 1000.0,
+            note=f"{file_name} is {size}; {shining}; {of_camera}; {_counted(len(objects), 'moving object')}",
+            lost_looks=(*lost_looks(shapes), *(LostLook(what, tuple(of)) for what, of in self.lost.items())),
+        )
+
+    def _shapes(self) -> tuple[dict[str, MeshPart], dict[str, Trajectory]]:
+        """All parts by their ids: those at rest in the world, those that move in their own axes, with their paths."""
+        at_rest: dict[tuple[Any, ...], list[Primitive]] = {}
+        moving: list[tuple[Node, list[Primitive], Trajectory]] = []
+        start = np.zeros(1)
+        for node in self.tree.nodes.values():
+            if node.item.mesh is None:
+                continue
+            copies = self.tree.instances(node.index)
+            primitives = self.meshes.of(node.item, f"nodes[{node.index}]", len(copies))
+            if self.tree.moves(node.index):
+                trajectory, stretch = self.tree.path(node.index, self.to_world, np.ones(3), self.tree.duration_s)
+                own = np.eye(4)
+                own[:3, :3] = stretch
+                moving.append((node, [primitive.placed(own @ copies) for primitive in primitives], trajectory))
+                continue
+            matrices = self.to_world @ self.tree.matrices(node.index, start)[0] @ copies
+            for primitive in primitives:
+                at_rest.setdefault(primitive.kind, []).append(primitive.placed(matrices))
+        shapes: dict[str, MeshPart] = {}
+        objects: dict[str, Trajectory] = {}
+        for primitives in at_rest.values():
+            part = self._part(primitives)
+            shapes[_unused(f"mesh_{part.material}", shapes)] = part
+        for node, primitives, trajectory in moving:
+            by_kind: dict[tuple[Any, ...], list[Primitive]] = {}
+            for primitive in primitives:
+                by_kind.setdefault(primitive.kind, []).append(primitive)
+            for alike in by_kind.values():
+                part = self._part(alike)
+                name = _unused(f"{node.name}_{part.material}", shapes)
+                shapes[name], objects[name] = part, trajectory
+        return {name: part for name, part in shapes.items() if len(part.corners)}, {
+            name: path for name, path in objects.items() if len(shapes[name].corners)
+        }
+
+    def _part(self, primitives: list[Primitive]) -> MeshPart:
+        return joined(primitives, self.materials[primitives[0].material])
+
+    def _corners(self, shapes: dict[str, MeshPart], objects: dict[str, Trajectory]) -> FloatArray:
+        """All corners where they are at first."""
+        found = [np.empty((0, 3))]
+        for name, part in shapes.items():
+            corners = part.corners.reshape(-1, 3)
+            if name in objects:
+                pose = objects[name].pose(0.0)
+                corners = corners @ pose.rotation.T + pose.position
+            found.append(corners)
+        return np.concatenate(found)
+
+    def _lights(self) -> dict[str, Any]:
+        declared = self._extension(self.file.document.extensions).get("lights", [])
+        if not isinstance(declared, list):
+            raise self.file.error("KHR_lights_punctual.lights", "must be a list")
+        lights: dict[str, Any] = {}
+        for node in self.tree.nodes.values():
+            given = self._extension(node.item.extensions)
+            if "light" not in given:
+                continue
+            place = f"nodes[{node.index}]: KHR_lights_punctual"
+            which = self.file.whole(given["light"], place, f"of the {len(declared)} lights", len(declared) - 1)
+            if not isinstance(declared[which], dict):
+                raise self.file.error(f"KHR_lights_punctual.lights[{which}]", "must be an object")
+            if self.tree.moves(node.index):
+                self._lose("the motion of the light (it stays where it is at first)", node.name)
+            light = self._light(declared[which], node, f"KHR_lights_punctual.lights[{which}]")
+            lights[_unused(f"light_{node.name}", lights)] = light
+        return lights
+
+    def _light(self, given: dict[str, Any], node: Node, place: str) -> dict[str, Any]:
+        matrix = self.to_world @ self.tree.matrices(node.index, np.zeros(1))[0][0]
+        intensity = self.file.numbers(given.get("intensity", 1.0), f"{place}.intensity", 1, low=0)[0] / LUMENS_PER_WATT
+        colour = self.file.numbers(given.get("color", [1, 1, 1]), f"{place}.color", 3, low=0)
+        strength = {"type": "rgb", "value": (colour * intensity).tolist()}
+        axis = -matrix[:3, 2]
+        length = np.linalg.norm(axis)
+        kind = given.get("type")
+        if "range" in given:
+            self._lose("the range of the light (it shines without end)", node.name)
+        if kind == "point":
+            return {"type": "point", "position": matrix[:3, 3].tolist(), "intensity": strength}
+        if not length > 0:
+            raise self.file.error(f"nodes[{node.index}]", "is scaled to nothing, so its light has no direction")
+        if kind == "directional":
+            return {"type": "directional", "direction": (axis / length).tolist(), "irradiance": strength}
+        if kind != "spot":
+            raise self.file.error(f"{place}.type", f"must be point, directional or spot, got {plain(kind)}")
+        cone = given.get("spot", {})
+        if not isinstance(cone, dict):
+            raise self.file.error(f"{place}.spot", "must be an object")
+        outer = self.file.numbers(cone.get("outerConeAngle", np.pi / 4), f"{place}.spot", 1, low=1e-4, high=np.pi / 2)[
+            0
+        ]
+        inner = self.file.numbers(cone.get("innerConeAngle", 0.0), f"{place}.spot", 1, low=0, high=np.pi / 2)[0]
+        if inner > outer * (1 + ROUNDING):
+            raise self.file.error(f"{place}.spot", f"innerConeAngle {inner:g} must be at most outerConeAngle {outer:g}")
+        self._lose("how the spot light's edge falls off (linear in the angle here)", node.name)
+        to_world = np.eye(4)
+        forward = axis / length
+        aside = np.cross(forward, np.eye(3)[np.abs(forward).argmin()])
+        aside /= np.linalg.norm(aside)
+        to_world[:3, :3] = np.stack([aside, np.cross(forward, aside), forward], 1)
+        to_world[:3, 3] = matrix[:3, 3]
+        return {
+            "type": "spot",
+            "to_world": to_world,
+            "intensity": strength,
+            "cutoff_angle": float(np.degrees(outer)),
+            "beam_width": float(np.degrees(min(inner, _HARD_EDGE * outer))),
+        }
+
+    def _extension(self, extensions: Any) -> dict[str, Any]:
+        given = (extensions if isinstance(extensions, dict) else {}).get("KHR_lights_punctual", {})
+        if not isinstance(given, dict):
+            raise self.file.error("KHR_lights_punctual", "must be an object")
+        return given
+
+    def _camera(self) -> tuple[Camera | None, Pose | None, Trajectory | None, str]:
+        """Lens, start, path and what is to be said of them; an animated camera comes before others."""
+        seen = [node for node in self.tree.nodes.values() if node.item.camera is not None]
+        cameras = [(node, self.file.item("cameras", node.item.camera, f"nodes[{node.index}].camera")) for node in seen]
+        usable = [(node, camera) for node, camera in cameras if camera.type == "perspective"]
+        usable.sort(key=lambda one: not self.tree.moves(one[0].index))
+        taken = usable[0][0] if usable else None
+        others = tuple(node.name for node, _ in cameras if node is not taken)
+        unused = f"; not taken: the camera{'s' if len(others) > 1 else ''} {shown(others)}" if others else ""
+        if taken is None:
+            which = "no camera that is perspective" if others else "no camera"
+            return None, None, None, f"{which}, so one that goes around{unused}"
+        node, camera = usable[0]
+        lens = self._lens(camera.perspective, f"cameras[{node.item.camera}]")
+        duration_s = self.tree.duration_s
+        trajectory, _ = self.tree.path(node.index, self.to_world, _FLIP, duration_s or 1.0)
+        start = trajectory.pose(0.0)
+        size = f"the camera {node.name}, {lens.width} x {lens.height} px"
+        if duration_s == 0:
+            return lens, start, None, f"{size}, at rest: give a trajectory{unused}"
+        if not self.tree.moves(node.index):
+            trajectory = SegmentTrajectory(start, start, duration_s)
+            return lens, start, trajectory, f"{size}, at rest for {duration_s:.4g} s{unused}"
+        return lens, start, trajectory, f"{size}, moves for {duration_s:.4g} s{unused}"
+
+    def _lens(self, perspective: Any, place: str) -> Camera:
+        """Return a lens 240 pixels wide, and as high as the file's aspect ratio says, or 180 without one."""
+        if perspective is None:
+            raise self.file.error(place, "has no perspective")
+        angle = self.file.numbers(perspective.yfov, f"{place}.yfov", 1, low=1e-3, high=np.pi - 1e-3)[0]
+        given = perspective.aspectRatio
+        aspect = 4 / 3 if given is None else self.file.numbers(given, f"{place}.aspectRatio", 1, low=0.1, high=10)[0]
+        height = max(1, round(_WIDTH / aspect))
+        focal = _WIDTH / (2 * aspect * np.tan(angle / 2))
+        return Camera(_WIDTH, height, focal, focal, (_WIDTH - 1) / 2, (height - 1) / 2)
+
+    def _lose(self, what: str, name: str) -> None:
+        """Note what is not shown, and of what."""
+        self.lost.setdefault(what, {})[name] = None
+
+
+def _counted(number: int, what: str) -> str:
+    return f"{number or 'no'} {what}{'' if number == 1 else 's'}"
+
+
+def _unused(name: str, taken: Any) -> str:
+    """A shape's or a light's id: letters, digits and _, and no other's."""
+    plain_name = re.sub(r"\W", "_", name)[:80]
+    number, found = 1, plain_name
+    while found in taken:
+        number += 1
+        found = f"{plain_name}_{number}"
+    return found

@@ -1,0 +1,212 @@
+"""A mesh file as a scene: default light, a plain background, and a camera path around the mesh."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from ..._util.argument_error import ArgumentError
+from ...geometry.camera import PRESETS
+from ...geometry.pose import FloatArray, Pose, hamilton
+from ...geometry.trajectory.trajectory import CallableTrajectory
+from ..lost_looks import lost_looks
+from ..mesh_part import MeshPart
+from ..meshes import Mesh, shape
+from ..parts import DIRECT, look_at
+from ..scene import Scene
+from ..textures import Texture
+from .obj_file import read_obj
+from .ply_file import read_ply
+
+Axis = Literal["y", "z"]
+
+READERS = {".obj": read_obj, ".ply": read_ply}
+"""How the files are read, by their suffix."""
+
+USUAL_UP: dict[str, Axis] = {".obj": "y", ".ply": "z"}
+"""The axis that points up if nobody says so: the defaults of Blender's exports."""
+
+CAMERA = PRESETS["ideal"]
+"""Of a file that has none."""
+_FILLED = 0.6
+"""Share of the image's height that a ball around the mesh fills."""
+
+_ELEVATION_RAD, _TURN_S = np.radians(30.0), 10.0
+
+_SUN, _SKY = 2.0, 0.3
+"""Irradiance of the sun; radiance of the light from all sides, which is the background's luma too."""
+
+
+def mesh_scene(path: str | Path, *, up: Axis | None = None, scale: float = 1.0) -> Scene:
+    """Return an OBJ or PLY mesh in the light of a sun and an even sky, before a plain background, seen from all around.
+
+    Surfaces are diffuse, opaque, and seen from both sides. A shape's id is ``mesh``, or ``mesh_MATERIAL`` where faces
+    use several materials. The camera (``ideal``) goes once around the mesh in 10 s, 30 degrees above its middle, so far
+    away that a ball around the mesh fills 60 % of the image's height. The sun stands behind the camera's start, to its
+    left and above.
+
+    Args:
+        up: the file's axis that points up, ``"y"`` or ``"z"``; None: y for OBJ, z for PLY, as Blender exports them.
+        scale: metres in the file's unit, > 0: 0.001 for millimetres.
+
+    Raises:
+        OSError: if the mesh, its materials or a texture cannot be read.
+        ValueError: for a file that breaks its format's rules, a mesh without a surface, or another axis or scale.
+
+    Warns:
+        SceneFileWarning: in one line, of what of the file is left out or mended.
+    """
+    path = Path(path)
+    suffix = path.suffix.lower()
+    if suffix not in READERS:
+        raise ValueError(f"a mesh must be one of {', '.join(READERS)}, got {path}")
+    check_axis_and_scale(up, scale)
+    up = USUAL_UP[suffix] if up is None else up
+    parts = [_in_world(part, up, scale) for part in READERS[suffix](path)]
+    corners = np.concatenate([part.corners.reshape(-1, 3) for part in parts])
+    low, high = corners.min(0), corners.max(0)
+    centre = (low + high) / 2
+    radius = float(np.linalg.norm(corners - centre, axis=1).max())
+    shapes = {_shape_id(part, parts): part for part in parts}
+    x, y, z = (f"{side:.3g}" for side in high - low)
+    return Scene(
+        name=path.stem,
+        source=lambda: _source(shapes),
+        file=path,
+        files=tuple(dict.fromkeys(file for part in parts for file in part.files)),
+        camera=CAMERA,
+        trajectory=around(centre, radius),
+        note=f"{path.name} is {x} m x {y} m wide and {z} m high, at {scale:g} m to a unit and with axis {up} up",
+        lost_looks=lost_looks(shapes),
+    )
+
+
+def check_axis_and_scale(up: str | None, scale: float) -> None:
+    """Refuse another axis than y or z, and a scale that is not positive and finite.
+
+    Raises:
+        ValueError: naming the one that is wrong.
+    """
+    if up not in (None, "y", "z"):
+        raise ArgumentError("{up} must be y or z, got {!r}", up)
+    if not 0 < scale < np.inf:
+        raise ArgumentError("{scale} must be finite and larger than 0, got {}", scale)
+
+
+def to_z_up(up: Axis) -> FloatArray:
+    """The rotation (3, 3) of a file's axes into the world's."""
+    return np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]) if up == "y" else np.eye(3)
+
+
+def _in_world(part: MeshPart, up: Axis, scale: float) -> MeshPart:
+    """A part in metres, with z up."""
+    turn = to_z_up(up)
+    normals = None if part.normals is None else part.normals @ turn.T
+    return part._replace(corners=part.corners @ turn.T * scale, normals=normals)
+
+
+def _shape_id(part: MeshPart, parts: list[MeshPart]) -> str:
+    if len(parts) == 1:
+        return "mesh"
+    name = re.sub(r"\W", "_", part.material)
+    # Names that differ only in characters that an id cannot have are told apart by their place.
+    alike = [other for other in parts if re.sub(r"\W", "_", other.material) == name]
+    return f"mesh_{name}" if len(alike) == 1 else f"mesh_{name}_{parts.index(part)}"
+
+
+def _source(parts: dict[str, MeshPart]) -> dict[str, Any]:
+    return {
+        "type": "scene",
+        "integrator": DIRECT,
+        **usual_light(),
+        **{name: mitsuba_shape(part) for name, part in parts.items()},
+    }
+
+
+def usual_light() -> dict[str, Any]:
+    """A sun behind the start of :func:`around`, to its left and above, and light from all sides."""
+    right, down, forward = look_at(_direction(0.0), np.zeros(3)).T
+    direction = (forward + 0.6 * down + 0.6 * right).tolist()
+    return {
+        "sun": {"type": "directional", "direction": direction, "irradiance": _SUN},
+        "sky": {"type": "constant", "radiance": _SKY},
+    }
+
+
+def mitsuba_shape(part: MeshPart) -> Any:
+    """A part in world axes as a shape; made under the variant that loads the scene."""
+    reflectance, uv = part.reflectance, part.uv
+    if part.colours is not None:
+        reflectance, uv = colours_as_texture(part.colours)
+    flipped = np.zeros((*part.corners.shape[:2], 2)) if uv is None else uv * [1, -1] + [0, 1]  # row 0 lies at v = 0
+    count = 3 * len(part.corners)
+    mesh = Mesh(part.corners.reshape(-1, 3), np.arange(count).reshape(-1, 3), flipped.reshape(-1, 2))
+    normals = None if part.normals is None else part.normals.reshape(-1, 3)
+    return shape(mesh, reflectance, normals=normals, wrap=part.wrap)
+
+
+def colours_as_texture(colours: FloatArray) -> tuple[Texture, FloatArray]:
+    """A texture that shows colours at corners, linear between: of 2 x 2 texels for each triangle.
+
+    Corners lie at the centres of three of the four texels. The fourth continues the plane through their colours, so
+    that the bilinear lookup between them is linear. It may lie outside of 0 to 1, but no point of the triangle does.
+
+    Args:
+        colours: (m, 3, 3), linear RGB at the three corners of m triangles.
+
+    Returns:
+        The texture, and the corners' texture coordinates (m, 3, 2), v upwards.
+    """
+    columns = int(np.ceil(np.sqrt(len(colours))))
+    rows = -(-len(colours) // columns)
+    row, column = np.divmod(np.arange(len(colours)), columns)
+    texels = np.zeros((rows, 2, columns, 2, 3), np.float32)
+    first, second, third = colours.swapaxes(0, 1)
+    for below, right, colour in ((0, 0, first), (0, 1, second), (1, 0, third), (1, 1, second + third - first)):
+        texels[row, below, column, right] = colour
+    x = (column[:, None] * 2 + [0.5, 1.5, 0.5]) / (2 * columns)
+    y = (row[:, None] * 2 + [0.5, 0.5, 1.5]) / (2 * rows)
+    return texels.reshape(2 * rows, 2 * columns, 3), np.stack([x, 1 - y], 2)
+
+
+def _direction(angle_rad: float) -> FloatArray:
+    """Unit vector from the mesh to the camera, turned so far from its start in front of the mesh (-y)."""
+    out, rise = np.cos(_ELEVATION_RAD), np.sin(_ELEVATION_RAD)
+    return np.array([out * np.sin(angle_rad), -out * np.cos(angle_rad), rise])
+
+
+def around(centre: FloatArray, radius: float) -> CallableTrajectory:
+    """Once around a ball, which fills :data:`_FILLED` of the image's height, looking at its centre."""
+    # The rim of a ball is seen at the angle whose sine is radius / distance.
+    distance = radius * np.hypot(1.0, 2 * CAMERA.fy / (_FILLED * CAMERA.height))
+    rate = 2 * np.pi / _TURN_S
+    axes = look_at(_direction(0.0), np.zeros(3))
+    start = Pose.from_matrix(np.block([[axes, np.zeros((3, 1))], [np.zeros((1, 3)), np.ones((1, 1))]]))
+
+    def positions(t: FloatArray) -> FloatArray:
+        return centre + distance * np.stack([_direction(float(angle)) for angle in rate * t])
+
+    def velocities(t: FloatArray) -> FloatArray:
+        speed = rate * distance * np.cos(_ELEVATION_RAD)
+        return speed * np.stack([np.cos(rate * t), np.sin(rate * t), 0 * t], 1)
+
+    def quaternions(t: FloatArray) -> FloatArray:
+        turn = np.stack([0 * t, 0 * t, np.sin(rate * t / 2), np.cos(rate * t / 2)], 1)
+        return hamilton(turn, np.broadcast_to(start.quaternion, turn.shape))
+
+    return CallableTrajectory(
+        duration_s=_TURN_S,
+        position=positions,
+        velocity=velocities,
+        quaternion=quaternions,
+        angular_rate=lambda t: np.tile(rate * axes[2], (len(t), 1)),
+        description={
+            "path": "a circle around a mesh, looking at its centre",
+            "centre_m": centre.tolist(),
+            "distance_m": float(distance),
+            "elevation_deg": float(np.degrees(_ELEVATION_RAD)),
+        },
+    )

@@ -1,0 +1,190 @@
+"""Wavefront OBJ meshes with their materials."""
+
+from __future__ import annotations
+
+from array import array
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from ...geometry.pose import FloatArray
+from ..mesh_part import GREY, MeshPart, check_finite, unit_normals
+from ..repairs import Repairs
+from ..textures import from_srgb
+from .mtl_file import Materials
+from .rounding import within
+from .triangulation import cut_polygons
+
+_WIDTH = {"v": 3, "vt": 2, "vn": 3}
+_UNREAD = {"curv", "curv2", "surf", "call"}
+_WITHOUT_SURFACE = {"p": "points", "l": "lines"}
+
+
+def read_obj(path: Path) -> list[MeshPart]:
+    """The parts of an OBJ file, one a material that faces use, in the order of their first use.
+
+    Polygons are cut into triangles; ``v x y z r g b`` gives a colour (sRGB) to the vertices of faces without a
+    material. Points, lines and faces without area have no surface: they are left out. Groups have no meaning here.
+
+    Raises:
+        OSError: if the file, its material file or a texture cannot be read.
+        ValueError: naming the line and the rule that it breaks.
+
+    Warns:
+        SceneFileWarning: in one line, of what is left out or mended.
+    """
+    file = _ObjFile(path)
+    parts = file.parts()
+    file.repairs.refuse_nothing(len(parts))
+    file.repairs.warn()
+    return parts
+
+
+class _ObjFile:
+    """The numbers of a file, and its faces by material and number of corners."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.numbers = {"v": array("d"), "vt": array("d"), "vn": array("d")}
+        self.colours = array("d")
+        self.faces: dict[tuple[str, int], array[int]] = {}
+        """(line, then position, texture coordinate and normal of each corner) for each; from 1, 0 for none."""
+        self.materials: dict[str, Materials] = {}
+        self.repairs = Repairs(path)
+        self.names_materials = False
+        self._read()
+
+    def _read(self) -> None:
+        material = ""
+        text = self.path.read_text("utf-8", errors="replace")
+        if "\0" in text:
+            raise ValueError(f"{self.path}: must be a text in UTF-8 or ASCII, but it has bytes that are 0")
+        for number, line in enumerate(text.splitlines(), 1):
+            words = line.split()
+            key = words[0] if words else "#"
+            try:
+                if key in _WIDTH:
+                    self._number(key, words[1:])
+                elif key == "f":
+                    self._face(material, number, words[1:])
+                elif key == "usemtl":
+                    material = line.strip()[6:].strip()
+                elif key == "mtllib":
+                    self._read_materials(line.strip()[6:].strip(), number)
+                elif key in _WITHOUT_SURFACE:
+                    what = f"{_WITHOUT_SURFACE[key]} ({key}) have no surface and are left out"
+                    self.repairs.add(what, 1, f"line {number}")
+                elif key in _UNREAD:
+                    raise ValueError(f"{key} (curves and surfaces) is not read: export a mesh of polygons")
+            except ValueError as error:
+                raise ValueError(f"{self.path}:{number}: {error}") from None
+
+    def _number(self, key: str, words: list[str]) -> None:
+        width = _WIDTH[key]
+        if len(words) < (1 if key == "vt" else width):
+            raise ValueError(f"{key} needs {width} numbers, got {len(words)}")
+        values = [float(word) for word in words]
+        self.numbers[key].extend([*values, 0.0][:width])
+        if key == "v" and len(values) >= 6:
+            self.colours.extend(values[3:6])
+
+    def _face(self, material: str, line: int, words: list[str]) -> None:
+        if len(words) < 3:
+            raise ValueError(f"a face needs at least 3 corners, got {len(words)}")
+        counts = [len(self.numbers[key]) // width for key, width in _WIDTH.items()]
+        row = [line]
+        for word in words:
+            fields = word.split("/")
+            if len(fields) > 3:
+                raise ValueError(f"a corner is v, v/vt, v//vn or v/vt/vn, got {word!r}")
+            for place in range(3):
+                field = fields[place] if place < len(fields) else ""
+                index = int(field) if field else 0
+                if index < 0:
+                    index += counts[place] + 1
+                if (index < 1 and field) or (place == 0 and not field) or index >= 1 << 32:
+                    raise ValueError(f"a corner's index counts from 1, or from -1 backwards, got {word!r}")
+                row.append(index)
+        self.faces.setdefault((material, len(words)), array("q")).extend(row)
+
+    def _read_materials(self, name: str, line: int) -> None:
+        path = self.path.parent / name.replace("\\", "/")
+        self.names_materials = True
+        if not path.is_file():
+            raise ValueError(
+                f"the material file {name!r} is not next to the mesh; put it there, or remove the lines 'mtllib' to "
+                "simulate it in grey"
+            )
+        materials = Materials(path)
+        self.materials |= dict.fromkeys(materials.colours, materials)
+
+    def parts(self) -> list[MeshPart]:
+        values = {key: np.array(self.numbers[key]).reshape(-1, width) for key, width in _WIDTH.items()}
+        for key, what in (("v", "vertex"), ("vt", "texture coordinate")):
+            check_finite(values[key], what, str(self.path))
+        colours = self._vertex_colours(len(values["v"]))
+        by_material: dict[str, list[npt.NDArray[np.int64]]] = {}
+        for (material, corners), rows in self.faces.items():
+            faces = np.array(rows).reshape(-1, 1 + 3 * corners)
+            by_material.setdefault(material, []).append(self._triangles(faces, values))
+        joined = {material: np.concatenate(triangles) for material, triangles in by_material.items()}
+        return [
+            self._part(material, triangles, values, colours) for material, triangles in joined.items() if len(triangles)
+        ]
+
+    def _vertex_colours(self, count: int) -> FloatArray | None:
+        """Linear RGB (count, 3) of the vertices, or None where not all have one."""
+        if len(self.colours) != 3 * count or not count:
+            if self.colours:
+                what = f"colours of vertices are left out because not all of the {count} have one"
+                self.repairs.add(what, len(self.colours) // 3, "see the lines v")
+            return None
+        given = np.array(self.colours).reshape(-1, 3)
+        check_finite(given, "colour of vertex", str(self.path))
+        colours = within(given, 0, 1)
+        if colours is None:
+            wrong = int(((given < 0) | (given > 1)).any(1).argmax())
+            shown = ", ".join(f"{value:g}" for value in given[wrong])
+            raise ValueError(f"{self.path}: colours of vertices must lie in 0 to 1, vertex {wrong + 1} has ({shown})")
+        return from_srgb(colours)
+
+    def _triangles(self, faces: npt.NDArray[np.int64], values: dict[str, FloatArray]) -> npt.NDArray[np.int64]:
+        """Return indices of position, texture coordinate and normal of each corner, (m, 3, 3), from 0; -1 for none."""
+        lines, corners = faces[:, 0], faces[:, 1:].reshape(len(faces), -1, 3) - 1
+        for place, key in enumerate(_WIDTH):
+            outside = (corners[..., place] >= len(values[key])).any(1)
+            if outside.any():
+                worst = int(outside.argmax())
+                raise ValueError(
+                    f"{self.path}:{lines[worst]}: a face names {key} {corners[worst, :, place].max() + 1}, but the "
+                    f"file has {len(values[key])}"
+                )
+        return corners.reshape(-1, 3)[cut_polygons(corners[..., 0], values["v"], "line", lines, self.repairs)]
+
+    def _part(
+        self, material: str, triangles: npt.NDArray[np.int64], values: dict[str, FloatArray], colours: FloatArray | None
+    ) -> MeshPart:
+        position, texture, normal = np.moveaxis(triangles, 2, 0)
+        uv = values["vt"][texture] if (texture >= 0).all() else None
+        places = values["v"][position]
+        normals = None
+        if (normal >= 0).all():
+            normals = unit_normals(values["vn"][normal], places, material or "the mesh", self.repairs)
+        if material not in self.materials:
+            if self.names_materials and material:
+                raise ValueError(
+                    f"{self.path}: no material file of this mesh has the material {material!r} that faces use"
+                )
+            own = None if colours is None else colours[position]
+            return MeshPart(places, uv, normals, np.full(3, GREY), own, material)
+        materials = self.materials[material]
+        reflectance, lost = materials.reflectance(material)
+        image = materials.texture(material)
+        files = (materials.path,) if image is None else (materials.path, image)
+        if reflectance.ndim == 3 and uv is None:
+            raise ValueError(
+                f"{self.path}: faces of the material {material!r} lack the texture coordinates (vt) that its texture "
+                "needs; unwrap the mesh before you export it"
+            )
+        return MeshPart(places, uv, normals, reflectance, None, material, files, lost=lost)

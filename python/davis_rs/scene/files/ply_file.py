@@ -1,0 +1,312 @@
+"""PLY meshes (Stanford's polygon format): ASCII and binary, with colours of vertices or a texture."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from ...geometry.pose import FloatArray
+from ..lost_looks import TRANSPARENCY
+from ..mesh_part import GREY, MeshPart, check_finite, unit_normals
+from ..repairs import Repairs
+from ..textures import Texture, from_srgb
+from .rounding import ROUNDING, within
+from .texture_file import read_texture
+from .triangulation import cut_polygons, cut_strip, has_area
+
+_TYPES = {
+    **dict.fromkeys(("char", "int8"), "i1"),
+    **dict.fromkeys(("uchar", "uint8"), "u1"),
+    **dict.fromkeys(("short", "int16"), "i2"),
+    **dict.fromkeys(("ushort", "uint16"), "u2"),
+    **dict.fromkeys(("int", "int32"), "i4"),
+    **dict.fromkeys(("uint", "uint32"), "u4"),
+    **dict.fromkeys(("float", "float32"), "f4"),
+    **dict.fromkeys(("double", "float64"), "f8"),
+}
+_ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">", "ascii": ""}
+_UV = (("s", "t"), ("u", "v"), ("texture_u", "texture_v"))
+_CODES = {"i1": "b", "u1": "B", "i2": "h", "u2": "H", "i4": "i", "u4": "I", "f4": "f", "f8": "d"}
+_LONGEST = 1 << 16
+"""A list of more numbers than this is no face that anybody made; strips of triangles may be longer."""
+
+_INDICES = ("vertex_indices", "vertex_index")
+_STRIPS = "tristrips"
+
+Indices = npt.NDArray[np.int64]
+Columns = dict[str, npt.NDArray[np.float64]]
+"""Numbers of rows by the property's name: (n,), or (n, k) of a list that has k numbers in each of these rows."""
+
+
+@dataclass
+class _Element:
+    """What the header says of one kind of rows: its properties as (name, type, type of a list's length or None)."""
+
+    name: str
+    count: int
+    properties: list[tuple[str, str, str | None]] = field(default_factory=list)
+
+
+def read_ply(path: Path) -> list[MeshPart]:
+    """A PLY file as one part: polygons cut into triangles, with normals, texture coordinates and colours of vertices.
+
+    Strips of triangles (the element ``tristrips``, as in Stanford's repository: lists of vertices, -1 between strips)
+    are read, too. Edges, and faces without area, have no surface: they are left out. Colours of vertices as integers
+    are taken as sRGB, as floating-point numbers as linear. A texture is named by the header's
+    ``comment TextureFile NAME``, as MeshLab writes it.
+
+    Raises:
+        OSError: if the file or its texture cannot be read.
+        ValueError: naming the file and the rule that it breaks.
+
+    Warns:
+        SceneFileWarning: in one line, of what is left out or mended.
+    """
+    data = path.read_bytes()
+    order, texture, elements, start = _header(path, data)
+    body = _Body(path, data[start:], order)
+    rows = {element.name: body.rows(element) for element in elements}
+    named = {element.name: element for element in elements}
+    vertices = _vertices(path, named["vertex"], rows["vertex"]) if "vertex" in named else {}
+    positions = _stacked(vertices, ("x", "y", "z"))
+    if positions is None:
+        raise ValueError(f"{path}: the PLY file has no vertices with x, y and z")
+    check_finite(positions, "vertex", str(path))
+    repairs = Repairs(path)
+    repairs.add("edges have no surface and are left out", named["edge"].count if "edge" in named else 0, "edge 1")
+    triangles = [*_faces(path, positions, rows.get("face", []), repairs)]
+    triangles += _strips(path, positions, rows.get(_STRIPS, []), repairs)
+    corners = np.concatenate(triangles) if triangles else np.empty((0, 3), np.int64)
+    repairs.refuse_nothing(len(corners))
+    part = _part(path, vertices, positions, corners, texture, repairs)
+    repairs.warn()
+    return [part]
+
+
+def _header(path: Path, data: bytes) -> tuple[str, str, list[_Element], int]:
+    """Byte order, name of the texture or nothing, elements, and where the body starts."""
+    first, _, _ = data[:8].partition(b"\n")
+    end = data.find(b"end_header")
+    start = data.find(b"\n", end) + 1
+    if first.strip() != b"ply" or end < 0 or start == 0:
+        raise ValueError(f"{path}: not a PLY file: it must start with 'ply' and have a header that ends")
+    order, texture = None, ""
+    elements: list[_Element] = []
+    for number, line in enumerate(data[:end].decode("utf-8", errors="replace").splitlines()[1:], 2):
+        try:
+            match line.split():
+                case ["format", name, "1.0"] if name in _ORDERS:
+                    order = _ORDERS[name]
+                case ["comment", "TextureFile", *_]:
+                    texture = line.split("TextureFile", 1)[1].strip()
+                case [] | ["comment" | "obj_info", *_]:
+                    pass
+                case ["element", name, count] if count.isdecimal():
+                    elements.append(_Element(name, int(count)))
+                case ["property", "list", length, kind, name] if elements and _TYPES[length][0] != "f":
+                    elements[-1].properties.append((name, _TYPES[kind], _TYPES[length]))
+                case ["property", kind, name] if elements:
+                    elements[-1].properties.append((name, _TYPES[kind], None))
+                case _:
+                    raise KeyError
+        except KeyError:
+            raise ValueError(f"{path}:{number}: not a line of a PLY header: {line!r}") from None
+    if order is None:
+        raise ValueError(f"{path}: the PLY header names no format")
+    return order, texture, elements, start
+
+
+def _vertices(path: Path, element: _Element, rows: list[Columns]) -> Columns:
+    """The columns of the vertices, and as "full scale" the number that stands for a colour of 1."""
+    if len(rows) > 1:
+        raise ValueError(f"{path}: vertices with lists of different lengths are not read")
+    kind = next((kind for name, kind, _ in element.properties if name == "red"), "f4")
+    full = 1.0 if kind[0] == "f" else float(np.iinfo(kind).max)
+    return {**columns, "full scale": np.array([full])} if (columns := rows[0] if rows else {}) else {}
+
+
+class _Body:
+    """The numbers after the header, read from the front."""
+
+    def __init__(self, path: Path, data: bytes, order: str) -> None:
+        self.path, self.order = path, order
+        self.data = data
+        self.words = [] if order else data.split()
+        self.at = 0
+
+    def rows(self, element: _Element) -> list[Columns]:
+        """All rows of an element, those together whose lists are of the same lengths; "row" is a row's number."""
+        if not element.properties or not element.count:
+            return []
+        start = self.at
+        lengths = self._row(element)[0]
+        self.at = start
+        columns = self._alike(element, lengths)
+        if columns is not None:
+            return [columns]
+        found: dict[tuple[int, ...], list[list[float]]] = {}
+        for row in range(element.count):
+            lengths, values = self._row(element)
+            found.setdefault(tuple(lengths), []).append([row, *values])
+        return [self._columns(element, lengths, np.array(values)) for lengths, values in found.items()]
+
+    def _row(self, element: _Element) -> tuple[list[int], list[float]]:
+        """The next row: the lengths of its lists, and all its numbers but these."""
+        lengths: list[int] = []
+        values: list[float] = []
+        for _, kind, length in element.properties:
+            count = 1
+            if length is not None:
+                (given,) = self._numbers(length, 1, element)
+                most = len(self.data) if element.name == _STRIPS else _LONGEST
+                if not 0 <= given <= most or given != int(given):
+                    raise ValueError(f"{self.path}: a list of {given:g} numbers in the element {element.name!r}")
+                count = int(given)
+                lengths.append(count)
+            values += self._numbers(kind, count, element)
+        return lengths, values
+
+    def _numbers(self, kind: str, count: int, element: _Element) -> list[float]:
+        size = count * np.dtype(kind).itemsize if self.order else count
+        if self.at + size > len(self.data if self.order else self.words):
+            raise ValueError(f"{self.path}: the file ends within the element {element.name!r}")
+        start, self.at = self.at, self.at + size
+        if self.order:
+            return list(struct.unpack_from(f"{self.order}{count}{_CODES[kind]}", self.data, start))
+        return self._floats(self.words[start : self.at], element)
+
+    def _floats(self, words: list[bytes], element: _Element) -> list[float]:
+        try:
+            return [float(word) for word in words]
+        except ValueError as error:
+            raise ValueError(f"{self.path}: in the element {element.name!r}: {error}") from None
+
+    def _alike(self, element: _Element, lengths: list[int]) -> Columns | None:
+        """The rows of an element whose lists all have these lengths, or None where some have others."""
+        layout: list[tuple[str, str, tuple[int, ...]]] = []
+        left = iter(lengths)
+        for index, (_, kind, length) in enumerate(element.properties):
+            if length is not None:
+                layout.append((f"length {index}", self.order + length, ()))
+            layout.append((f"{index}", self.order + kind, () if length is None else (next(left),)))
+        width = sum(int(np.prod(shape)) for _, _, shape in layout)
+        size = np.dtype(layout).itemsize if self.order else width
+        end = self.at + element.count * size
+        if end > len(self.data if self.order else self.words):
+            return None  # reading row by row will say where it ends, if no row is shorter
+        if self.order:
+            table = np.frombuffer(self.data, np.dtype(layout), element.count, self.at)
+            parts = [table[name].reshape(element.count, -1).astype(np.float64) for name, _, _ in layout]
+        else:
+            words = np.array(self._floats(self.words[self.at : end], element)).reshape(element.count, width)
+            parts = np.split(words, np.cumsum([int(np.prod(shape)) for _, _, shape in layout])[:-1], axis=1)
+        given = [part for part, (name, _, _) in zip(parts, layout, strict=True) if name.startswith("length")]
+        if any((part != wanted).any() for part, wanted in zip(given, lengths, strict=True)):
+            return None
+        self.at = end
+        kept = [part for part, (name, _, _) in zip(parts, layout, strict=True) if not name.startswith("length")]
+        rows = np.arange(element.count, dtype=np.float64)[:, None]
+        return self._columns(element, lengths, np.concatenate([rows, *kept], 1))
+
+    @staticmethod
+    def _columns(element: _Element, lengths: Sequence[int], table: FloatArray) -> Columns:
+        columns, at, left = {"row": table[:, 0]}, 1, iter(lengths)
+        for name, _, length in element.properties:
+            width = 1 if length is None else next(left)
+            columns[name] = table[:, at] if length is None else table[:, at : at + width]
+            at += width
+        return columns
+
+
+def _faces(path: Path, positions: FloatArray, faces: list[Columns], repairs: Repairs) -> Iterator[Indices]:
+    """The polygons, cut into triangles."""
+    for rows in faces:
+        polygons = _indices(path, rows, "face", len(positions), least=0)
+        if polygons.shape[1] < 3:
+            raise ValueError(f"{path}: face {int(rows['row'][0]) + 1} needs a list of at least 3 vertices")
+        numbers = rows["row"].astype(np.int64) + 1
+        yield polygons.ravel()[cut_polygons(polygons, positions, "face", numbers, repairs)]
+
+
+def _strips(path: Path, positions: FloatArray, strips: list[Columns], repairs: Repairs) -> Iterator[Indices]:
+    """The triangles of strips."""
+    for rows in strips:
+        for strip, row in zip(_indices(path, rows, "strip", len(positions), least=-1), rows["row"], strict=True):
+            triangles = cut_strip(strip)
+            whole = has_area(positions[triangles])
+            what = "triangles without area are left out"
+            repairs.add(what, int((~whole).sum()), f"in strip {int(row) + 1}")
+            yield triangles[whole]
+
+
+def _indices(path: Path, rows: Columns, what: str, count: int, *, least: int) -> Indices:
+    """The vertices (m, n) that rows name, each from ``least`` to ``count`` - 1."""
+    given = next((rows[name] for name in _INDICES if name in rows), np.empty((len(rows["row"]), 0)))
+    if given.ndim != 2:
+        given = np.empty((len(rows["row"]), 0))
+    outside = ~((given >= least) & (given < count))
+    if outside.any():
+        worst, place = np.argwhere(outside)[0]
+        named = (
+            f"the vertices {given[worst].astype(int).tolist()}"
+            if given.shape[1] < 10
+            else f"vertex {given[worst, place]:g}"
+        )
+        raise ValueError(
+            f"{path}: {what} {int(rows['row'][worst]) + 1} names {named}, but the file has {count}, counted from 0"
+        )
+    return given.astype(np.int64)
+
+
+def _part(
+    path: Path, vertices: Columns, positions: FloatArray, corners: Indices, texture: str, repairs: Repairs
+) -> MeshPart:
+    uv = next((found for names in _UV if (found := _stacked(vertices, names)) is not None), None)
+    if uv is not None:
+        check_finite(uv, "texture coordinates of vertex", str(path))
+    if texture and uv is None:
+        raise ValueError(
+            f"{path}: the texture {texture!r} needs texture coordinates of vertices (s, t), which the file does not "
+            "have; export OBJ, or convert those of faces (in MeshLab: Convert PerWedge UV into PerVertex UV)"
+        )
+    normals = _stacked(vertices, ("nx", "ny", "nz"))
+    colours, opaque = (None, True) if texture else _colours(path, vertices)
+    reflectance: Texture | FloatArray = np.full(3, GREY)
+    if texture:
+        reflectance, opaque = read_texture(path.parent / texture, str(path))
+    places = positions[corners]
+    return MeshPart(
+        places,
+        None if uv is None else uv[corners],
+        None if normals is None else unit_normals(normals[corners], places, "the mesh", repairs),
+        reflectance,
+        None if colours is None else colours[corners],
+        "",
+        (path.parent / texture,) if texture else (),
+        lost=() if opaque else (TRANSPARENCY,),
+    )
+
+
+def _colours(path: Path, vertices: Columns) -> tuple[FloatArray | None, bool]:
+    """Linear RGB (v, 3) of the vertices, or None where the file has no colours; and whether all are opaque."""
+    given = _stacked(vertices, ("red", "green", "blue"))
+    if given is None:
+        return None, True
+    full = vertices["full scale"][0]
+    colours = within(given / full, 0.0, 1.0)
+    if colours is None:
+        raise ValueError(f"{path}: colours of vertices must lie in 0 to {full:g}")
+    alpha = vertices.get("alpha", given[:0, 0])
+    return colours if full == 1 else from_srgb(colours), not (alpha < (1 - ROUNDING) * full).any()
+
+
+def _stacked(columns: Columns, names: Sequence[str]) -> FloatArray | None:
+    """These columns side by side, or None where one is not there."""
+    if not all(name in columns and columns[name].ndim == 1 for name in names):
+        return None
+    return np.stack([columns[name] for name in names], 1)

@@ -1,0 +1,97 @@
+"""A user's folder of images as textures, or of meshes: what is in it, and reading one of them."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from ..._util.untrusted import regular_file
+from ..repairs import SceneFileWarning
+from ..textures import Texture
+from .mesh_scene import READERS as MESH_READERS
+from .texture_file import MOST_TEXELS, read_texture
+
+IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".tga")
+"""Of files that are taken as images; others of the folder are not looked at."""
+
+SMALLEST_SIDE = 16
+"""An image of fewer pixels on a side is no texture: it would be a few blurred patches."""
+
+
+def image_files(folder: str | Path) -> tuple[Path, ...]:
+    """The images in a folder and its subfolders, by their suffix, in the order of their names.
+
+    Raises:
+        OSError: if there is no such folder, or it cannot be read.
+        ValueError: if it has no images.
+    """
+    return _files(Path(folder), IMAGE_SUFFIXES, "images")
+
+
+def mesh_files(folder: str | Path) -> tuple[Path, ...]:
+    """The meshes (OBJ, PLY) in a folder and its subfolders, likewise."""
+    return _files(Path(folder), tuple(MESH_READERS), "meshes")
+
+
+def check_image(path: Path) -> None:
+    """Refuse what is no image that can be a texture, as far as its first bytes tell.
+
+    Raises:
+        OSError: if it cannot be read.
+        ValueError: naming the file.
+    """
+    from PIL import Image, UnidentifiedImageError
+
+    regular_file(path)
+    try:
+        with Image.open(path) as image:
+            width, height = image.size
+    except UnidentifiedImageError:
+        raise ValueError(f"{path}: not an image that can be read as a texture") from None
+    except (Image.DecompressionBombError, Image.DecompressionBombWarning, SyntaxError) as error:
+        raise ValueError(f"{path}: the texture cannot be read: {error}") from None
+    if min(width, height) < SMALLEST_SIDE:
+        raise ValueError(
+            f"{path}: an image must have at least {SMALLEST_SIDE} pixels each way, this has {width} x {height}"
+        )
+    if width * height > MOST_TEXELS:
+        raise ValueError(f"{path}: a texture may have {MOST_TEXELS} texels, got {width} x {height}")
+
+
+def read_image_texture(path: Path, longest_side: int) -> Texture:
+    """An image as reflectance (H, W, 3) in linear RGB, with at most ``longest_side`` texels on a side.
+
+    A larger one is made smaller by means over areas, in linear light.
+
+    Raises:
+        OSError, ValueError: as :func:`~davis_rs.scene.files.texture_file.read_texture` and :func:`check_image`.
+
+    Warns:
+        SceneFileWarning: if it is partly transparent: all of it is opaque here.
+    """
+    check_image(path)
+    texture, opaque = read_texture(path, str(path.parent))
+    if not opaque:
+        message = f"{path}: the texture is transparent in places; here it is opaque everywhere"
+        warnings.warn(message, SceneFileWarning, stacklevel=2)
+    height, width = texture.shape[:2]
+    if max(height, width) <= longest_side:
+        return texture
+    import cv2
+
+    share = longest_side / max(height, width)
+    size = max(1, round(width * share)), max(1, round(height * share))
+    return np.clip(cv2.resize(texture, size, interpolation=cv2.INTER_AREA), 0.0, 1.0).astype(np.float32)
+
+
+def _files(folder: Path, suffixes: Sequence[str], what: str) -> tuple[Path, ...]:
+    if not folder.is_dir():
+        raise NotADirectoryError(f"{folder} is no folder: it must be one with {what}")
+    found = (path for path in folder.rglob("*") if path.suffix.lower() in suffixes and path.is_file())
+    files = sorted((path for path in found if not path.name.startswith(".")), key=lambda path: path.as_posix())
+    if not files:
+        raise ValueError(f"{folder}: there are no {what} in it ({', '.join(suffixes)})")
+    return tuple(files)

@@ -1,0 +1,143 @@
+"""Scenes by name or file, and where a camera starts in them."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .._mitsuba.variants import default_variant, load_scene_source, variant
+from .._util.argument_error import ArgumentError
+from .._util.close_names import did_you_mean, names_checked
+from ..geometry.camera import Camera
+from ..geometry.pose import Pose
+from .builtin.checkerboard_scene import checkerboard
+from .builtin.fence_scene import fence
+from .builtin.planes_and_walls import three_planes, three_walls
+from .files.gltf_scene import gltf_scene
+from .files.mesh_scene import READERS as MESH_READERS
+from .files.mesh_scene import Axis, mesh_scene
+from .scene import Scene, check_scene
+
+BUILTIN_SCENES = {
+    "three_planes": three_planes,
+    "three_walls": three_walls,
+    "fence": fence,
+    "checkerboard": checkerboard,
+}
+
+
+GLTF = (".gltf", ".glb")
+"""Whole scenes, by their suffix."""
+
+_CONVERTIBLE = (".fbx", ".stl", ".dae", ".usd", ".usda", ".usdc", ".usdz", ".3ds", ".abc", ".off")
+
+
+@names_checked
+def load_scene(name_or_path: str | Path, *, up: Axis | None = None, scale: float | None = None) -> Scene:
+    """Load a built-in scene or a public sequence by name, a Mitsuba XML or glTF file, or an OBJ or PLY mesh.
+
+    Names are keys of :data:`BUILTIN_SCENES` and of :data:`~davis_rs.scene.sequences.SEQUENCES`.
+
+    The first perspective sensor of an XML file gives the scene's camera (field of view, size of the film, principal
+    point) and its start (``to_world``). A mesh gets light, background and a camera path around it:
+    :func:`~davis_rs.scene.files.mesh_scene.mesh_scene`. A glTF file (.gltf, .glb) brings its own:
+    :func:`~davis_rs.scene.files.gltf_scene.gltf_scene`.
+
+    Args:
+        up: of a mesh or a glTF file, the axis that points up, ``"y"`` or ``"z"``; None: y for OBJ and glTF, z for PLY.
+        scale: of these, metres in the file's unit; None: 1.
+
+    Raises:
+        ValueError: if it is neither a name nor a file that can be read, or Mitsuba cannot load the file; for ``up`` or
+            ``scale`` of what is no mesh.
+        OSError: if the file cannot be read.
+    """
+    path = Path(name_or_path)
+    suffix = path.suffix.lower()
+    if suffix in MESH_READERS and path.is_file():
+        return mesh_scene(path, up=up, scale=1.0 if scale is None else scale)
+    if suffix in GLTF and path.is_file():
+        return gltf_scene(path, up=up, scale=1.0 if scale is None else scale)
+    if suffix == ".blend":
+        raise ValueError(f"{path}: Blender's files are not read; in Blender choose File, Export, glTF 2.0 (.glb)")
+    if suffix in _CONVERTIBLE:
+        raise ValueError(
+            f"{path}: {suffix} files are not read; import the file in Blender and choose File, Export, glTF 2.0 "
+            "(.glb) or Wavefront (.obj)"
+        )
+    if up is not None or scale is not None:
+        raise ArgumentError(
+            "{up} and {scale} are for a mesh that is there (OBJ, PLY or glTF), got {!r}", str(name_or_path)
+        )
+    if str(name_or_path) in BUILTIN_SCENES:
+        return BUILTIN_SCENES[str(name_or_path)]()
+    from .sequences import SEQUENCES  # many small scenes, which `import davis_rs` need not wait for
+
+    if str(name_or_path) in SEQUENCES:
+        return SEQUENCES[str(name_or_path)].scene()
+    if not path.is_file():
+        raise ValueError(
+            f"scene {str(name_or_path)!r} is neither one of {', '.join(BUILTIN_SCENES)}, a sequence of the dataset, "
+            "nor a file (Mitsuba XML, glTF, OBJ or PLY)" + did_you_mean(path.name, [*BUILTIN_SCENES, *SEQUENCES])
+        )
+    if suffix != ".xml":
+        raise ValueError(
+            f"{path}: a scene file must be a Mitsuba scene (.xml), glTF ({', '.join(GLTF)}) or a mesh "
+            f"({', '.join(MESH_READERS)}), got {suffix!r}"
+        )
+    return _scene_of_file(path)
+
+
+def start_pose(scene: Scene) -> Pose:
+    """Return where a camera starts in a scene: its trajectory's first pose, or the scene's own start.
+
+    Raises:
+        TypeError: for what is no scene.
+        ValueError: if it has neither.
+    """
+    check_scene(scene)
+    if scene.trajectory is not None:
+        return scene.trajectory.pose(0.0)
+    if scene.start is None:
+        raise ValueError(f"scene {scene.name!r} has neither a trajectory nor a sensor that a trajectory could start at")
+    return scene.start
+
+
+def _scene_of_file(path: Path) -> Scene:
+    """A Mitsuba XML file, with the camera and the start that its first sensor gives."""
+    camera: Camera | None = None
+    start: Pose | None = None
+    with variant(default_variant()[0]) as (mi, _):
+        sensors = load_scene_source(path, mi).sensors()
+        if sensors:
+            camera, start = _camera_and_pose(sensors[0], mi)
+    return Scene(name=path.stem, source=lambda: path, file=path, camera=camera, start=start)
+
+
+def _camera_and_pose(sensor: Any, mi: Any) -> tuple[Camera | None, Pose]:
+    """A sensor's pinhole camera, None if it is not a perspective one, and where it stands."""
+    parameters = mi.traverse(sensor)
+    matrix = np.array(parameters["to_world"].matrix, np.float64).reshape(4, 4)
+    # Mitsuba's cameras look along z too, but their x points left and their y up.
+    pose = Pose.from_matrix(matrix @ np.diag([-1.0, -1.0, 1.0, 1.0]))
+    if "x_fov" not in parameters:
+        return None, pose
+    if "aperture_radius" in parameters:
+        warnings.warn("the scene's thin lens is taken as a pinhole: depth of field is not simulated", stacklevel=2)
+    film = sensor.film()
+    (full_width, full_height), (left, top) = film.size(), film.crop_offset()
+    width, height = film.crop_size()
+    focal = full_width / (2 * math.tan(math.radians(float(np.ravel(parameters["x_fov"])[0])) / 2))
+    share_x, share_y = (
+        float(np.ravel(parameters[f"principal_point_offset_{axis}"])[0])
+        if f"principal_point_offset_{axis}" in parameters
+        else 0.0
+        for axis in "xy"
+    )
+    cx = (0.5 - share_x) * full_width - 0.5 - left
+    cy = (0.5 - share_y) * full_height - 0.5 - top
+    return Camera(int(width), int(height), focal, focal, cx, cy), pose

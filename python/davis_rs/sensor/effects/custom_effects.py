@@ -1,0 +1,241 @@
+"""Effects of a user's own: what they are asked for, and what they may give back."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.util
+import inspect
+import json
+import sys
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, is_dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..._core import log_intensity
+from ..._util.close_names import did_you_mean
+from ...events.arrays import EVENT_DTYPE, EventArray, as_events
+
+_METHODS = ("luma", "log_intensity", "events")
+_Frame = npt.NDArray[Any]
+
+
+class CustomEffects:
+    """A user's own effects, in the order in which they act; docs/effects.md says what methods one may have.
+
+    Each is an object with one or more of these methods, and need not derive from anything:
+
+    - ``luma(t_us, luma)``: linear luma, float32 (H, W), of each keyframe in the order of time; behind the lens, before
+      the pixels. Returns luma of the same shape, finite and >= 0.
+    - ``log_intensity(t_us, log_intensity)``: likewise ln(luma + log_eps), float64 (H, W), before the photoreceptor.
+      Returns finite numbers.
+    - ``events(start_us, end_us, events)``: the events in (start_us, end_us], behind the bus; the intervals follow each
+      other without a gap. Returns events in that interval, sorted by (t, y, x), in the sensor. What is to come later is
+      kept for a later call. After the last interval ``end_us`` is None: all that was kept comes then.
+    - ``begin(width, height, seed)``: called before all others, at the begin of a run.
+
+    Args:
+        effects: one such object, ``MODULE:NAME``, ``FILE.py:NAME``, or a sequence of these; None for none. A name that
+            stands for a class or a function is called without arguments, and gives the object.
+        width, height: of the sensor in pixels.
+        seed: of the simulation.
+
+    Raises:
+        ValueError: for an object without any of these methods, or an entry that is not there.
+        OSError: if a file cannot be read.
+    """
+
+    def __init__(self, effects: object, width: int, height: int, seed: int) -> None:
+        if effects is None:
+            given: Sequence[object] = ()
+        else:
+            given = effects if isinstance(effects, list | tuple) else (effects,)
+        self._effects = [load_custom_effect(one) if isinstance(one, str) else one for one in given]
+        for one in self._effects:
+            if isinstance(one, type) or not any(callable(getattr(one, method, None)) for method in _METHODS):
+                hint = "; an object is wanted, this is a class" if isinstance(one, type) else ""
+                raise ValueError(
+                    f"a custom effect must have one of the methods {', '.join(_METHODS)}, got {one!r}{hint}"
+                )
+        self._width, self._height = width, height
+        for one in self._effects:
+            if callable(getattr(one, "begin", None)):
+                one.begin(width, height, seed)  # type: ignore[attr-defined]
+
+    def __bool__(self) -> bool:
+        """Whether there is any."""
+        return bool(self._effects)
+
+    @property
+    def on_luma(self) -> bool:
+        """Whether one acts on luma."""
+        return any(True for _ in self._having("luma"))
+
+    @property
+    def on_log_intensity(self) -> bool:
+        """Whether one acts on log intensity."""
+        return any(True for _ in self._having("log_intensity"))
+
+    def luma(self, t_us: int, luma: _Frame) -> npt.NDArray[np.float32]:
+        """Return luma as the pixels see it.
+
+        Raises:
+            ValueError: for a result that is no luma, naming effect, time, rule and pixel.
+        """
+        for effect, act in self._having("luma"):
+            luma = _frame(effect, "luma", t_us, act(t_us, luma.copy()), luma.shape, np.float32)
+            if luma.min() < 0:
+                y, x = np.unravel_index(luma.argmin(), luma.shape)
+                raise ValueError(f"{_at(effect, 'luma', t_us)} must be >= 0, got {luma[y, x]} at pixel ({x}, {y})")
+        return luma
+
+    def log_intensity(self, t_us: int, luma: _Frame, log_eps: float) -> npt.NDArray[np.float64]:
+        """Return log intensity as the photoreceptor sees it.
+
+        Raises:
+            ValueError: for a result that is no log intensity, naming effect, time, rule and pixel.
+        """
+        logs: npt.NDArray[Any] = np.asarray(log_intensity(luma, log_eps))
+        for effect, act in self._having("log_intensity"):
+            logs = _frame(effect, "log_intensity", t_us, act(t_us, logs.copy()), logs.shape, np.float64)
+        return logs
+
+    def events(self, start_us: int, end_us: int | None, events: EventArray) -> EventArray:
+        """Return the events of (start_us, end_us], or, where that is None, all that are still held.
+
+        Raises:
+            ValueError: for a result that is no stream of this interval and this sensor, naming effect, rule and event.
+        """
+        for effect, act in self._having("events"):
+            events = self._stream(effect, start_us, end_us, act(start_us, end_us, events.copy()))
+        return events
+
+    def describe(self) -> list[dict[str, Any]]:
+        """Return a record of each effect: its class, where it acts, its parameters, its source file's SHA-256."""
+        return [_described(one) for one in self._effects]
+
+    def _having(self, method: str) -> Iterable[tuple[object, Any]]:
+        return ((one, getattr(one, method)) for one in self._effects if callable(getattr(one, method, None)))
+
+    def _stream(self, effect: object, start_us: int, end_us: int | None, result: Any) -> EventArray:
+        end = "the end" if end_us is None else f"{end_us}"
+        where = f"{_name(effect)}.events of ({start_us}, {end}] us"
+        try:
+            events = as_events(result)
+        except (ValueError, TypeError) as error:
+            raise ValueError(f"{where}: {error}") from None
+        t, x, y = events["t"], events["x"].astype(np.int64), events["y"].astype(np.int64)
+        late = np.zeros(len(t), np.bool_) if end_us is None else t > end_us
+        pixel = y * 65536 + x
+        backward = np.zeros(len(t), np.bool_)
+        backward[1:] = (t[1:] < t[:-1]) | ((t[1:] == t[:-1]) & (pixel[1:] < pixel[:-1]))
+        for wrong, rule in (
+            ((x >= self._width) | (y >= self._height), f"events must lie in {self._width} x {self._height} pixels"),
+            (events["p"] > 1, "p must be 0 or 1"),
+            ((t <= start_us) | late, "events must lie in that interval"),
+            (backward, "events must be sorted by (t, y, x)"),
+        ):
+            if wrong.any():
+                first = int(wrong.argmax())
+                raise ValueError(f"{where}: {rule}, got {events[first]} as number {first} of {len(t)}")
+        whole = np.zeros(len(t), EVENT_DTYPE)  # padding included: equal streams are equal bytes
+        for name in EVENT_DTYPE.names or ():
+            whole[name] = events[name]
+        return whole
+
+
+def load_custom_effect(entry: str) -> object:
+    """The object that ``MODULE:NAME`` or ``FILE.py:NAME`` stands for.
+
+    The working directory's modules are found as well. A class or a function is called without arguments.
+
+    Raises:
+        ValueError: if there is no such module or name.
+        OSError: if there is no such file.
+    """
+    where, colon, name = entry.rpartition(":")
+    if not colon or not where or not name.isidentifier():
+        raise ValueError(f"a custom effect must be MODULE:NAME or FILE.py:NAME, got {entry!r}")
+    if where.endswith(".py"):
+        file = Path(where).resolve(strict=True)
+        spec = importlib.util.spec_from_file_location(f"custom_effects.{file.stem}", file)
+        assert spec is not None
+        assert spec.loader is not None
+        module = importlib.util.module_from_spec(spec)
+        sys.modules[module.__name__] = module  # where inspect and dataclasses look for the module of a class
+        spec.loader.exec_module(module)
+    else:
+        module = _import(where, entry)
+    if not hasattr(module, name):
+        names = [one for one in vars(module) if not one.startswith("_")]
+        raise ValueError(f"custom effect {entry!r}: {where} has no {name}{did_you_mean(name, names)}")
+    found = getattr(module, name)
+    if isinstance(found, type) or inspect.isfunction(found):
+        try:
+            inspect.signature(found).bind()
+        except TypeError as error:
+            raise ValueError(f"custom effect {entry!r}: {name}() is called without arguments: {error}") from None
+        return found()
+    return found
+
+
+def _import(name: str, entry: str) -> Any:
+    folder = str(Path.cwd())
+    added = folder not in sys.path
+    if added:
+        sys.path.append(folder)
+    try:
+        return import_module(name)
+    except ModuleNotFoundError as error:
+        if error.name is None or not f"{name}.".startswith(f"{error.name}."):
+            raise
+        raise ValueError(f"custom effect {entry!r}: there is no module {error.name!r}") from None
+    finally:
+        if added:
+            sys.path.remove(folder)
+
+
+def _frame(effect: object, method: str, t_us: int, result: Any, shape: tuple[int, ...], dtype: Any) -> _Frame:
+    """What an effect returned, if it is a finite frame of that shape."""
+    where = _at(effect, method, t_us)
+    array = np.asarray(result)
+    if array.shape != shape:
+        raise ValueError(f"{where} must have the shape {shape}, got {'None' if result is None else array.shape}")
+    if array.dtype.kind not in "fiu":
+        raise ValueError(f"{where} must be numbers, got dtype {array.dtype}")
+    with np.errstate(over="ignore"):  # told below
+        frame = np.ascontiguousarray(array, dtype)
+    finite = np.isfinite(frame)
+    if not finite.all():
+        y, x = np.unravel_index(finite.argmin(), shape)
+        raise ValueError(f"{where} must be finite, got {frame[y, x]} at pixel ({x}, {y})")
+    return frame
+
+
+def _at(effect: object, method: str, t_us: int) -> str:
+    return f"{_name(effect)}.{method} at {t_us} us"
+
+
+def _name(effect: object) -> str:
+    return type(effect).__qualname__
+
+
+def _described(effect: object) -> dict[str, Any]:
+    kind = type(effect)
+    parameters: Any = asdict(effect) if is_dataclass(effect) and not isinstance(effect, type) else repr(effect)
+    try:
+        json.dumps(parameters)
+    except (TypeError, ValueError):
+        parameters = repr(effect)
+    source = inspect.getsourcefile(kind) if kind.__module__ in sys.modules else None
+    sha256 = hashlib.sha256(Path(source).read_bytes()).hexdigest() if source and Path(source).is_file() else None
+    return {
+        "class": f"{kind.__module__}:{kind.__qualname__}",
+        "acts_on": [method for method in _METHODS if callable(getattr(effect, method, None))],
+        "parameters": parameters,
+        "source_sha256": sha256,
+    }

@@ -1,0 +1,29 @@
+"""Simulates an inertial measurement unit (IMU) that is fixed to the sensor. All imperfections are off by default."""
+
+from ...events.decoded import IMU_DTYPE
+from .imu import IMU_EFFECTS, Imu, ImuArray, as_imu, simulate_imu
+from .kalibr import kalibr_camera_chain, kalibr_imu
+from .lag import ImuLag
+from .low_pass import ImuLowPass
+from .mounting import DAVIS_T_IMU_CAMERA, Mounting
+from .noise import ImuNoise
+from .quantisation import ImuQuantisation
+from .saturation import ImuSaturation
+
+__all__ = [
+    "DAVIS_T_IMU_CAMERA",
+    "IMU_DTYPE",
+    "IMU_EFFECTS",
+    "Imu",
+    "ImuArray",
+    "ImuLag",
+    "ImuLowPass",
+    "ImuNoise",
+    "ImuQuantisation",
+    "ImuSaturation",
+    "Mounting",
+    "as_imu",
+    "kalibr_camera_chain",
+    "kalibr_imu",
+    "simulate_imu",
+]

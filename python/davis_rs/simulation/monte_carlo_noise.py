@@ -1,0 +1,342 @@
+"""How many events of a scene that Mitsuba's integrators render are Monte Carlo noise: an estimate before the run.
+
+Light paths are drawn at random. The random numbers of a ray depend on the seed and on the ray's place in the frame,
+and are the same in every frame. So a pixel at rest makes no events of noise. When the camera moves, each pixel's error
+changes with what the pixel sees, and crosses levels that the light does not.
+
+A few pixels are followed through a few short stretches of the path, rendered with many seeds. Averages of disjoint
+seeds are runs of more samples, independent of each other. So the estimate is a measurement, not a model: an average of
+few seeds against that of all others, through the crossing engine, matched event by event.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Mapping
+from itertools import islice
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from .._core import CrossingEngine
+from .._mitsuba.variants import SCALAR, variant
+from ..events.arrays import EventArray
+from ..events.matching import compare_events
+from ..geometry.pose import FloatArray
+from ..geometry.trajectory.trajectory import Trajectory
+from ..geometry.trajectory.views import Views
+from ..render.base import Renderer
+from ..render.choice import make_renderer, why_not_noise_free
+from ..render.integrator.base import SceneRenderer
+from ..sampling.rules import FixedRate, MaxDisplacement, TimeSampling
+from ..sampling.tolerance import Tolerance
+from ..scene.scene import Scene
+from .noise_estimate import NOISE_LIMIT, NoiseError, NoiseEstimate, percent, share_text
+from .settings import AUTO, ViewSettings, chosen_sampling, complete, renderer_settings, takes_settings, view_scene
+
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
+
+PIXELS = 256
+"""How many pixels are followed."""
+
+STRETCHES, KEYFRAMES = 4, 25
+"""The path is sampled in ``STRETCHES`` stretches of ``KEYFRAMES`` keyframes: 8 pixels of motion each, at the paper's
+third of a pixel a keyframe."""
+
+SEEDS = 48
+"""How often the pixels are rendered, each time with other random numbers."""
+
+MOST_BASE_SAMPLES = 16
+"""Samples of one rendering at most: averages of several stand for more."""
+
+COST_SHARE, FEWEST_RAYS = 0.02, 1_000_000
+"""The estimate casts at most ``COST_SHARE`` of the run's rays, or ``FEWEST_RAYS`` if that is more."""
+
+FEWEST_RAYS_SCALAR = 30_000
+"""The same without LLVM, where a ray takes some 50 us, and the path is looked at in one stretch."""
+
+FEWEST_SEEDS, FEWEST_PIXELS = 12, 64
+
+FEWEST_EVENTS = 30
+"""Of the reference: from fewer no share can be told."""
+
+SAMPLE_NUMBERS = (8, 13, 21, 34, 55, 89, 144, 233, 377, 610, 987, 1024)
+"""What ``samples="auto"`` takes one of: Fibonacci numbers, whose lattices integrate edges best, and the most."""
+
+IntArray = npt.NDArray[np.int64]
+
+
+@takes_settings(ViewSettings)
+def estimate_noise(scene: Scene, **settings: Unpack[ViewSettings]) -> NoiseEstimate | None:
+    """Estimate how many events along a scene's camera path will be Monte Carlo noise; None where there is none at all.
+
+    Only what Mitsuba's integrators render has noise: for the native renderer and the table kernel it is None.
+
+    >>> estimate = estimate_noise(load_scene("room.xml"))
+    >>> print(estimate)
+    about 84 % of these events are Monte Carlo noise (missing or spurious) at 8 samples; 64 samples: about 34 %
+    >>> simulate(scene, samples=estimate.samples_for(0.05))
+
+    Args:
+        scene: with the camera path.
+        {settings}
+
+    Raises:
+        TypeError: for a setting that does not exist.
+        ValueError: for a value out of range, a scene without a camera path, or one that cannot be rendered.
+        OSError: if a scene file or a calibration cannot be read.
+    """
+    return _estimate_in(scene, complete(ViewSettings, settings, of=estimate_noise))
+
+
+def _estimate_in(scene: Scene, given: Mapping[str, Any], sampling: TimeSampling | None = None) -> NoiseEstimate | None:
+    viewed = view_scene(scene, given)
+    renderer = make_renderer(viewed.scene, viewed.camera, **renderer_settings(given))
+    return estimate_noise_of(
+        renderer,
+        viewed.scene.path,
+        contrast_threshold=viewed.contrast_threshold,
+        contrast_threshold_off=viewed.contrast_threshold_off,
+        log_eps=viewed.log_eps,
+        sampling=sampling,
+    )
+
+
+def estimate_noise_of(
+    renderer: Renderer,
+    trajectory: Trajectory,
+    *,
+    contrast_threshold: float,
+    contrast_threshold_off: float,
+    log_eps: float,
+    sampling: TimeSampling | None = None,
+    cost_share: float = COST_SHARE,
+) -> NoiseEstimate | None:
+    """The same as :func:`estimate_noise`, for an existing renderer, which may have a lens.
+
+    The same arguments give the same estimate.
+
+    Args:
+        renderer: of the run, with its number of samples.
+        trajectory: of the run, from t = 0 on.
+        sampling: of the run: keyframes lie as far apart as those of :class:`MaxDisplacement`, or else 1/3 px.
+        cost_share: see :data:`COST_SHARE`.
+    """
+    if not isinstance(renderer, SceneRenderer):
+        return None
+    thresholds = contrast_threshold, contrast_threshold_off
+    rule = sampling if isinstance(sampling, MaxDisplacement) else MaxDisplacement()
+    with variant(renderer.variant):  # once, not for each of many small renderings
+        look = _Look(renderer, trajectory, MaxDisplacement(rule.pixels), cost_share)
+        return _estimate(look, thresholds, log_eps, round(look.run_rays * _frames(sampling, look)))
+
+
+def _frames(sampling: TimeSampling | None, look: _Look) -> float:
+    """How many frames a rule renders, roughly, for each keyframe that the estimate counts."""
+    if isinstance(sampling, FixedRate):
+        return sampling.rate_hz * look.trajectory.duration_s / look.keyframes
+    if isinstance(sampling, Tolerance):
+        # Half of them are intervals that it halves, and single pixels.
+        return 2 * look.spacing_px / sampling.pixels
+    return 2.0 if isinstance(sampling, MaxDisplacement) and sampling.hermite else 1.0
+
+
+def _estimate(look: _Look, thresholds: tuple[float, float], log_eps: float, run_rays: int) -> NoiseEstimate:
+    renderer = look.renderer
+    if look.is_the_same():
+        return NoiseEstimate(renderer.rays, rays=look.rays, run_rays=run_rays, noisy=False)
+    frames = look.luma()
+    logs = np.log(np.concatenate([part.reshape(len(part), -1) for part in frames], 1, dtype=np.float64) + log_eps)
+    noise = float(np.sqrt(logs.var(0, ddof=1).mean())) * math.sqrt(look.base / renderer.rays) / min(thresholds)
+    measured, events = [], 0
+    blocks = 1
+    while blocks <= max(1, look.seeds // 4):
+        share, events = _mismatch(frames, look.times, blocks, thresholds, log_eps)
+        # An average of k seeds against that of all others: errors of both add up, as if of an average of fewer.
+        effective = 1 / (1 / blocks + 1 / (look.seeds - blocks))
+        measured.append((look.base * effective, share))
+        blocks *= 2
+    if events < FEWEST_EVENTS:
+        measured = []
+    return NoiseEstimate(
+        renderer.rays, tuple(measured), noise, events, rays=look.rays, run_rays=run_rays, ray_s=look.ray_s
+    )
+
+
+def noise_before_run(scene: Scene, settings: Mapping[str, Any]) -> NoiseEstimate | None:
+    """The same as :func:`estimate_noise`, for a run with complete settings."""
+    return _estimate_in(scene, settings, chosen_sampling(settings).sampling)
+
+
+def refuse_noise(noise: NoiseEstimate | None, scene: Scene, settings: Mapping[str, Any]) -> None:
+    """Refuse a run that would have too much noise.
+
+    Args:
+        noise: that was estimated.
+        scene: of the run.
+        settings: of the run, complete.
+
+    Raises:
+        NoiseError: if more than 20 % of the events would be noise, or than ``noise_share`` if that is more. It has all
+            that keeps the renderers without noise from the scene, and the ways on.
+    """
+    if noise is None:
+        return
+    limit = max(NOISE_LIMIT, settings["noise_share"])
+    by_auto = noise.samples_for(settings["noise_share"])
+    samples = by_auto if settings["samples"] == AUTO else noise.samples
+    share = noise.share_at(samples)
+    if not share > limit:
+        return
+    obstacles = why_not_noise_free(view_scene(scene, settings).scene)
+
+    def said(given: Callable[[str, str], str]) -> str:
+        lines = [
+            f"{share_text(share, 'the events would be')} at {samples} samples; above {percent(limit)} nothing is "
+            "rendered",
+            "what keeps the renderers without noise from this scene:",
+        ]
+        if settings["renderer"] != AUTO:
+            lines.append(f"- Mitsuba's integrators were asked for: give {given('renderer', AUTO)}")
+        lines += [f"- {obstacle}" for obstacle in obstacles]
+        lines += ["the ways on:", "- mend what is listed: then no event is noise"]
+        if settings["samples"] != AUTO:
+            left = noise.share_at(by_auto)
+            above = ", still above the limit," if left > limit else ""
+            auto = f"with {by_auto} samples about {percent(left)} are noise{above} and the run takes"
+            lines.append(f"- {given('samples', AUTO)}: {auto} {_about(noise.run_s(by_auto))}")
+        lines.append(f"- {given('accept_noise', '')}: as it is, the run takes {_about(noise.run_s(samples))}")
+        return "\n".join(lines)
+
+    raise NoiseError(
+        said(lambda name, value: f"--{name.replace('_', '-')} {value}".rstrip()),
+        in_plan=said(lambda name, value: f"{name}: {value or 'true'}"),
+    )
+
+
+def _about(seconds: float) -> str:
+    """A time as people say it: ``about 5 minutes``."""
+    units = {"second": 1, "minute": 60, "hour": 3600, "day": 86400}
+    unit = [unit for unit, length in units.items() if seconds >= 1.5 * length or unit == "second"][-1]
+    count = seconds / units[unit]
+    count = max(1, round(count, -1 if count > 20 else 0))
+    return f"about {count:.0f} {unit}{'s' * (count > 1)}"
+
+
+class _Look:
+    """A few pixels in a few stretches of a path, and how many seeds the cost allows."""
+
+    def __init__(
+        self, renderer: SceneRenderer, trajectory: Trajectory, rule: MaxDisplacement, cost_share: float
+    ) -> None:
+        self.renderer, self.trajectory, self.spacing_px = renderer, trajectory, rule.pixels
+        self.rays, self.ray_s = 0, math.nan
+        self.base = math.ceil(renderer.rays / 2 ** max(0, math.ceil(math.log2(renderer.rays / MOST_BASE_SAMPLES))))
+        scalar = renderer.variant == SCALAR
+        self.times = _stretches(renderer, trajectory, rule, 1 if scalar else STRETCHES)
+        size = renderer.camera.width * renderer.camera.height
+        span_us = sum(int(t_us[-1] - t_us[0]) for t_us in self.times)
+        keyframes = sum(len(t_us) for t_us in self.times)
+        per_us = (keyframes - len(self.times)) / span_us if span_us else 0.0
+        self.keyframes = per_us * trajectory.duration_s * 1e6 + 1
+        self.run_rays = round(self.keyframes * size * renderer.rays)
+        # With a blur or a lens each pixel brings its neighbours.
+        a_seed = keyframes * self.base * (2 * renderer.reach_px + 1) ** 2
+        allowed = max(cost_share * self.run_rays, FEWEST_RAYS_SCALAR if scalar else FEWEST_RAYS) / a_seed
+        self.seeds = int(np.clip(allowed // PIXELS, FEWEST_SEEDS, SEEDS))
+        self.pixel = _spread_pixels(size, int(np.clip(allowed // self.seeds, min(FEWEST_PIXELS, size), PIXELS)))
+
+    def is_the_same(self) -> bool:
+        """Whether two seeds give the same luma at the first and the last instant."""
+        ends = np.array([self.times[0][0], self.times[-1][-1]])
+        return np.array_equal(self._samples(ends, 0), self._samples(ends, 1))
+
+    def luma(self) -> list[npt.NDArray[np.float32]]:
+        """Return the luma (seeds, keyframes, pixels) of each stretch; takes the time of a ray."""
+        before, started = self.rays, time.perf_counter()
+        # A scene that changes is put into the state of an instant once, for all seeds.
+        step = 1 if self.renderer.motion else max(map(len, self.times))
+        luma = [
+            np.concatenate(
+                [
+                    np.stack([self._samples(t_us[i : i + step], seed) for seed in range(self.seeds)])
+                    for i in range(0, len(t_us), step)
+                ],
+                1,
+            )
+            for t_us in self.times
+        ]
+        self.ray_s = (time.perf_counter() - started) / (self.rays - before)
+        return luma
+
+    def _samples(self, t_us: IntArray, seed: int) -> npt.NDArray[np.float32]:
+        views, count = Views.along(self.trajectory, t_us * 1e-6), len(self.pixel)
+        seeded = self.renderer.reseeded(seed)
+        self.rays += len(t_us) * count * self.base * (2 * self.renderer.reach_px + 1) ** 2
+        view = np.repeat(np.arange(len(views)), count)
+        return seeded.samples(views, view, np.tile(self.pixel, len(views)), rays=self.base).reshape(-1, count)
+
+
+def _stretches(renderer: Renderer, trajectory: Trajectory, rule: MaxDisplacement, stretches: int) -> list[IntArray]:
+    """The keyframes of stretches, spread evenly over the path; of a short path all that there are."""
+    end_us = round(trajectory.duration_s * 1e6)
+    wanted = stretches * KEYFRAMES
+    first = [0, *islice(rule.instants(renderer, trajectory, end_us), wanted)]
+    if len(first) <= wanted:
+        return [np.unique(np.array([*first, end_us], np.int64))]
+    found = [np.array(first[:KEYFRAMES], np.int64)]
+    for number in range(1, stretches):
+        start_us = max(end_us * number // stretches, int(found[-1][-1]))
+        rest = trajectory.crop(start_us * 1e-6)
+        instants = islice(rule.instants(renderer, rest, end_us - start_us, start_us=start_us), KEYFRAMES - 1)
+        t_us = np.array([start_us, *(start_us + t_us for t_us in instants)], np.int64)
+        if len(t_us) > 1:
+            found.append(t_us)
+    return found
+
+
+def _spread_pixels(size: int, count: int) -> IntArray:
+    """Indices y W + x of ``count`` pixels: one in each of ``count`` equal runs, at places that form no pattern."""
+    edges = np.linspace(0, size, count + 1)
+    golden = np.arange(count) * ((math.sqrt(5) - 1) / 2) % 1
+    return np.minimum((edges[:-1] + golden * np.diff(edges)).astype(np.int64), size - 1)
+
+
+def _mismatch(
+    frames: list[npt.NDArray[np.float32]],
+    times: list[IntArray],
+    blocks: int,
+    thresholds: tuple[float, float],
+    log_eps: float,
+) -> tuple[float, int]:
+    """Return (share of events missing or spurious, events of the reference) of averages over ``blocks`` seeds.
+
+    Up to four disjoint groups of seeds are averaged. Each is compared with the average of all other seeds.
+    """
+    wrong = right = 0
+    for luma, t_us in zip(frames, times, strict=True):
+        total = luma.sum(0, dtype=np.float64)
+        for group in range(min(4, len(luma) // blocks)):
+            part = luma[group * blocks : (group + 1) * blocks].sum(0, dtype=np.float64)
+            streams = [part / blocks, (total - part) / (len(luma) - blocks)]
+            ours, theirs = (_events(mean, t_us, thresholds, log_eps) for mean in streams)
+            found = compare_events(ours, theirs, size=(luma.shape[2], 1))
+            wrong, right = wrong + found.missing + found.spurious, right + found.reference
+    return (wrong / right if right else math.nan), right
+
+
+def _events(luma: FloatArray, t_us: IntArray, thresholds: tuple[float, float], log_eps: float) -> EventArray:
+    """The events of pixels (keyframes, pixels)."""
+    engine = CrossingEngine(
+        luma.shape[1],
+        1,
+        contrast_threshold=thresholds[0],
+        contrast_threshold_off=thresholds[1],
+        log_eps=log_eps,
+        threads=1,
+    )
+    rows = luma.astype(np.float32)[:, None]
+    return np.concatenate([engine.push(t, row) for t, row in zip((t_us - t_us[0]).tolist(), rows, strict=True)])

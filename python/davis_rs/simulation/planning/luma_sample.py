@@ -1,0 +1,151 @@
+"""Parts of a sequence as some pixels see them, and what an engine makes of them under effects."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from ..._core import CrossingEngine
+from ...events.arrays import EventArray, concatenate_events
+from ...events.luma import LumaFrames
+from ...geometry.pose import FloatArray
+from ...sensor.effects import Effects
+
+IntArray = npt.NDArray[np.int64]
+
+
+class LumaSegment(NamedTuple):
+    """Consecutive keyframes of some or all pixels.
+
+    Attributes:
+        t_us: (k,) microseconds of the sequence.
+        luma: (k, H, W) float32; single pixels are a row.
+    """
+
+    t_us: IntArray
+    luma: LumaFrames
+
+
+@dataclass(frozen=True)
+class LumaSample:
+    """Parts of a sequence as some pixels see them, and the engine that turns them into events.
+
+    Levels are those of references that begin at the sequence's first instant: there each part's engine begins, too, and
+    goes straight to where the part does. What happens on the way does not count, but what has leaked until then has.
+
+    Attributes:
+        origin: (1, H, W), the first instant.
+        parts: in order, without overlap.
+        contrast_threshold, contrast_threshold_off, log_eps, start_phase, seed: of the engine.
+        sensor_share: share of the sensor's pixels.
+    """
+
+    origin: LumaFrames
+    parts: Sequence[LumaSegment]
+    contrast_threshold: float
+    contrast_threshold_off: float
+    log_eps: float
+    start_phase: str
+    seed: int
+    sensor_share: float
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height."""
+        return self.origin.shape[2], self.origin.shape[1]
+
+    @property
+    def pixels(self) -> int:
+        return self.size[0] * self.size[1]
+
+    @property
+    def pixel_frames(self) -> int:
+        """How many pixels of how many keyframes there are, but for the first of each part."""
+        return sum(len(part.t_us) - 1 for part in self.parts) * self.pixels
+
+    @cached_property
+    def ideal_parts(self) -> list[EventArray]:
+        """The events of ideal pixels, part by part."""
+        return [self.part_events(part, None) for part in self.parts]
+
+    @cached_property
+    def ideal(self) -> EventArray:
+        """The events of ideal pixels."""
+        return concatenate_events(self.ideal_parts)
+
+    def events(self, effects: Effects | None) -> EventArray:
+        """The events of the parts under effects."""
+        return concatenate_events([self.part_events(part, effects) for part in self.parts])
+
+    def part_events(self, part: LumaSegment, effects: Effects | None) -> EventArray:
+        """The events of one part."""
+        return concatenate_events(push_all(self.engine_at(part, effects), part))
+
+    def engine_at(self, part: LumaSegment, effects: Effects | None) -> CrossingEngine:
+        """An engine that has taken the first frame of a part."""
+        width, height = self.size
+        engine = CrossingEngine(
+            width,
+            height,
+            contrast_threshold=self.contrast_threshold,
+            contrast_threshold_off=self.contrast_threshold_off,
+            log_eps=self.log_eps,
+            effects=effects,
+            start_phase=self.start_phase,
+            seed=self.seed,
+            threads=1,
+        )
+        if part.t_us[0] > 0:
+            engine.push(0, self.origin[0])
+        engine.push(int(part.t_us[0]), part.luma[0])
+        return engine
+
+    def through(self, lens: Callable[[LumaFrames], LumaFrames]) -> LumaSample:
+        """The same behind a lens, which maps luma (k, H, W) to luma."""
+        parts = [LumaSegment(part.t_us, lens(part.luma)) for part in self.parts]
+        return replace(self, origin=lens(self.origin), parts=parts)
+
+    def steps(self) -> Steps:
+        """All keyframes with their next ones."""
+        eps = np.float32(self.log_eps)
+        pairs = [(np.diff(part.t_us) * 1e-6, part.luma.reshape(len(part.luma), -1)) for part in self.parts]
+        return Steps(
+            np.concatenate([length_s for length_s, _ in pairs]),
+            np.concatenate([(luma[:-1] + luma[1:]) / 2 for _, luma in pairs]),
+            np.concatenate([(np.log(luma[:-1] + eps) + np.log(luma[1:] + eps)) / 2 for _, luma in pairs]),
+            np.concatenate([np.diff(np.log(luma + eps), axis=0) for _, luma in pairs]),
+        )
+
+
+def push_all(engine: CrossingEngine, part: LumaSegment) -> list[EventArray]:
+    """The events of all frames of a part but the first, which the engine has."""
+    return [engine.push(t_us, luma) for t_us, luma in zip(part.t_us[1:].tolist(), part.luma[1:], strict=True)]
+
+
+def event_intervals_us(events: EventArray) -> IntArray:
+    """Times between consecutive events of a pixel."""
+    order = np.lexsort((events["t"], events["x"], events["y"]))
+    ordered = events[order]
+    same = (np.diff(ordered["x"].astype(int)) == 0) & (np.diff(ordered["y"].astype(int)) == 0)
+    return np.asarray(np.diff(ordered["t"])[same])
+
+
+class Steps(NamedTuple):
+    """What lies between consecutive keyframes.
+
+    Attributes:
+        length_s: (k,) seconds.
+        luma: (k, n) mean luma of both ends.
+        log: (k, n) mean log luma.
+        change: (k, n) of log luma.
+    """
+
+    length_s: FloatArray
+    luma: LumaFrames
+    log: LumaFrames
+    change: LumaFrames

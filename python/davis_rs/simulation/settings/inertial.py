@@ -1,0 +1,57 @@
+"""The IMU and the motion capture that settings stand for."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+from ..._util.argument_error import ArgumentError
+from ...sensor.effects.effects import named_effects
+from ...sensor.imu import IMU_EFFECTS, Imu, Mounting
+from ...sensor.motion_capture import MocapClock, MocapNoise, MotionCapture
+
+_MAKERS = {"ideal": Imu, "davis": lambda: Imu(mounting=Mounting()), "mpu6150": Imu.mpu6150}
+
+
+def make_imu(settings: Mapping[str, Any]) -> Imu | None:
+    """The IMU; None for none.
+
+    Args:
+        settings: complete ones of :class:`~davis_rs.simulation.settings.FolderSettings`.
+
+    Raises:
+        ValueError: for an effect that is not there or out of range, or a rate or effects where there is no IMU.
+    """
+    imu, rate_hz, effects = settings["imu"], settings["imu_rate_hz"], settings["imu_effects"]
+    if imu in (None, "none"):
+        if rate_hz is not None or effects:
+            raise ArgumentError("{imu_rate_hz} and {imu_effects} are those of an IMU, but {imu} is none: choose an IMU")
+        return None
+    made: Imu = imu if isinstance(imu, Imu) else _MAKERS[imu]()
+    given: dict[str, Any] = dict(named_effects(effects, IMU_EFFECTS))
+    # Together, so that lag and low-pass are looked at as a pair.
+    return replace(made, rate_hz=made.rate_hz if rate_hz is None else rate_hz, **given)
+
+
+def make_motion_capture(settings: Mapping[str, Any]) -> MotionCapture:
+    """What gives the ground truth.
+
+    Args:
+        settings: complete ones of :class:`~davis_rs.simulation.settings.FolderSettings`.
+
+    Raises:
+        ValueError: for a value out of range, or a motion capture next to settings of another one.
+    """
+    parts = ("pose_noise_m", "rotation_noise_rad", "clock_offset_s", "clock_drift_ms_per_min")
+    given = {name: settings[name] for name in parts if settings[name] is not None}
+    if settings["motion_capture"] is not None:
+        if given:
+            raise ArgumentError("{motion_capture} is given: {others} would be ignored", others=list(given))
+        made: MotionCapture = settings["motion_capture"]
+        return made
+    noise = MocapNoise(given.get("pose_noise_m", 0.0), given.get("rotation_noise_rad", 0.0))
+    clock = MocapClock(given.get("clock_offset_s", 0.0), given.get("clock_drift_ms_per_min", 0.0) * 1e-3 / 60)
+    return MotionCapture(
+        settings["pose_rate_hz"], noise=None if noise.neutral else noise, clock=None if clock.neutral else clock
+    )

@@ -1,0 +1,389 @@
+"""The simulator: a scene with its camera path in, packets of events, frames, depth and poses out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from .._core import CrossingEngine
+from .._util.argument_checks import check_number
+from .._util.argument_error import ArgumentError
+from .._util.read_ahead import read_ahead
+from ..events.arrays import EventArray, concatenate_events
+from ..events.packet import Packet
+from ..geometry.pose import Pose, PoseLike, as_pose
+from ..geometry.trajectory.trajectory import SegmentTrajectory, Trajectory
+from ..geometry.trajectory.views import Views
+from ..render.choice import make_renderer
+from ..render.truth import SceneSurfaces, lost_look_shares
+from ..render.truth.lost_look_shares import warn_of_lost_looks
+from ..sampling.event_refinement import EventRefinement
+from ..sampling.exposure import KeyframeExposure, expose
+from ..sampling.keyframes import Keyframe, Stretch
+from ..scene.scene import Scene
+from ..sensor.effects import CustomEffects, Effects, with_optics
+from ..sensor.effects.effects import effects_of
+from .due_instants import DueInstant, due_instants
+from .run_description import describe_run
+from .settings import (
+    AUTO,
+    SimulatorSettings,
+    chosen_sampling,
+    complete,
+    fixed_sensor,
+    renderer_settings,
+    takes_settings,
+    view_scene,
+    whole_frame_sampling,
+)
+
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
+
+TRUTH_MAPS = ("flow", "mask", "normal")
+"""Maps of the ground truth that fall due at rates of their own."""
+
+
+@takes_settings(SimulatorSettings)
+class Simulator:
+    """A DAVIS in a scene.
+
+    :meth:`run` follows the scene's camera path; :meth:`step` serves a controller that decides the next pose as it goes.
+    Every intensity frame and depth map is one of the rendered instants, so events, frames and depth agree exactly.
+
+    Args:
+        scene: what is seen, with the camera path that :meth:`run` follows.
+        {settings}
+
+    Attributes:
+        scene: in the settings' light.
+        camera: lens and size of the image.
+        settings: all settings by name, with the defaults of those that were not given.
+        contrast_threshold, contrast_threshold_off: C_on and C_off, from settings, sensor or scene.
+        start_phase: where references lie at the first frame, from settings or sensor.
+        sampling: when luma is rendered.
+        effects: those of the pixels, readout and frames.
+        custom_effects: those of the user's own.
+        refine: whether event times are polished.
+        renderer: what renders, behind the lens.
+        surfaces: what gives flow, masks and normals; None where none of them is asked for.
+        lost_looks: the share of the image that each look concerns which the scene's file has and nothing shows; None
+            for a look of no shape.
+
+    Raises:
+        TypeError: for a setting that does not exist.
+        ValueError: for a value out of range, effects that are not :class:`~davis_rs.Effects`, a scene that cannot be
+            rendered, or settings that contradict each other.
+        OSError: if a scene file or a calibration cannot be read.
+
+    Warns:
+        LostLookWarning: of the looks that are lost, in one line.
+    """
+
+    def __init__(self, scene: Scene, **settings: Unpack[SimulatorSettings]) -> None:
+        _require_samples(settings.get("samples"))
+        self.settings: dict[str, Any] = complete(SimulatorSettings, settings, of=Simulator)
+        self.settings["sensor"] = fixed_sensor(scene, self.settings["sensor"])
+        viewed, chosen = view_scene(scene, self.settings), chosen_sampling(self.settings)
+        self.scene, self.camera = viewed.scene, viewed.camera
+        self.settings["log_eps"] = viewed.log_eps
+        self.contrast_threshold = viewed.contrast_threshold
+        self.contrast_threshold_off = viewed.contrast_threshold_off
+        self.start_phase = viewed.start_phase
+        self.custom_effects = CustomEffects(
+            self.settings["custom_effects"], self.camera.width, self.camera.height, self.settings["seed"]
+        )
+        self._on_light = self.custom_effects.on_luma or self.custom_effects.on_log_intensity
+        self.sampling = whole_frame_sampling(self.settings) if self._on_light else chosen.sampling
+        given = effects_of(self.settings["effects"], not_planned=_NOT_PLANNED)
+        self.effects = given.with_defaults(viewed.sensor_effects)
+        in_engine = self.effects.engine_settings()
+        _check_exposure(self.effects, self.settings["frame_rate_hz"], self.camera.height)
+        if self.settings["refine"] and in_engine:
+            raise ArgumentError(
+                "{refine} finds the times of ideal pixels: it cannot be combined with {}", ", ".join(in_engine)
+            )
+        if self.settings["refine"] and self._on_light:
+            raise ArgumentError(
+                "{refine} asks the renderer for times: it cannot be combined with custom effects on light"
+            )
+        self.refine = chosen.refine and not in_engine and not self._on_light
+        plain = make_renderer(
+            self.scene,
+            self.camera,
+            **renderer_settings(self.settings),
+            edges=self.sampling.edges,
+            threads=self.settings["threads"],
+        )
+        self.lost_looks = lost_look_shares(self.scene, self.camera, plain)
+        warn_of_lost_looks(self.scene, self.lost_looks, stacklevel=2)
+        self.renderer = with_optics(plain, self.effects)
+        self._engine = CrossingEngine(
+            self.camera.width,
+            self.camera.height,
+            contrast_threshold=self.contrast_threshold,
+            contrast_threshold_off=self.contrast_threshold_off,
+            log_eps=self.settings["log_eps"],
+            interpolation=self.sampling.interpolation,
+            effects=in_engine,
+            start_phase=self.start_phase,
+            seed=self.settings["seed"],
+            threads=self.settings["threads"],
+        )
+        asked = any(self.settings[f"{name}_rate_hz"] > 0 for name in TRUTH_MAPS)
+        self.surfaces = SceneSurfaces(self.scene, self.camera, threads=self.settings["threads"]) if asked else None
+        if self.settings["flow_interval_s"] is not None and self.settings["flow_rate_hz"] == 0:
+            raise ArgumentError("{flow_interval_s} is that of maps of flow: give {flow_rate_hz}")
+        self._pose: Pose | None = None
+        self._last: Keyframe | None = None
+        self._t_us = 0
+        self._exposed: list[Stretch] = []
+        aps = self.effects.aps
+        exposure_us, row_readout_us = (0, 0.0) if aps is None else (round(aps.exposure_us), aps.row_readout_us)
+        self._shutter_us = 0.0 if aps is None else exposure_us + aps.readout_us(self.camera.height)
+        # The renderer's sub-frames would lack what an effect of the user's own does to luma.
+        on_luma = self.custom_effects.on_luma
+        self._exposure = KeyframeExposure(exposure_us, row_readout_us, self.camera.height) if on_luma else None
+        self._frames = 0
+
+    def __repr__(self) -> str:
+        size = f"{self.camera.width} x {self.camera.height} px"
+        return (
+            f"<Simulator of {self.scene.name!r}, {size}, C = {self.contrast_threshold:g}, at {self._t_us / 1e6:.6g} s>"
+        )
+
+    @property
+    def shape_names(self) -> tuple[str, ...]:
+        """The names of the shapes in masks: number 1 is the first; () if no map of the ground truth was requested."""
+        return () if self.surfaces is None else self.surfaces.names
+
+    def run(self) -> Iterator[Packet]:
+        """Simulate the scene's camera path from its start to its end; memory stays bounded, however long it is.
+
+        Yields:
+            Packets that tile the time; the first ends at 0 and has no events. One ends at every instant where a frame
+            or a depth map falls due, and at the end. Where a readout still holds events then, one more brings them.
+
+        Raises:
+            ValueError: if the scene has no camera path, the simulator has run before, or no ray hits anything anywhere
+                along the path.
+        """
+        trajectory = self.scene.path
+        if self._pose is not None:
+            raise ValueError("this simulator has run already; its pixels remember: make a new one for a new sequence")
+        self._refuse_empty_view(trajectory)
+        # Two threads pay only where the caller has not asked for one.
+        ahead = self.renderer.concurrent and self.settings["threads"] != 1
+        yield from self._packets(trajectory, 0, round(trajectory.duration_s * 1e6), ahead=ahead)
+        yield from self.flush()
+
+    def step(self, t_us: int, pose: PoseLike) -> list[Packet]:
+        """Move the camera to ``pose`` at ``t_us``; return the packets since the last step.
+
+        Between two poses the camera moves at constant velocity and body rate, and is rendered as often as ``sampling``
+        asks. The first step must be at 0: it sets the references. The last packet ends at ``t_us``; the others
+        end where frames and depth maps fall due between.
+
+        A pose is a :class:`~davis_rs.Pose`, a matrix T_world_camera (4, 4), or (position, quaternion (x, y, z, w)).
+
+        There is a keyframe at the end of each step. So steps shorter than the spacing of keyframes in :meth:`run`
+        sample more finely: where their events differ from those of a run along the same path, those of the steps are
+        nearer the truth. docs/accuracy.md says by how much.
+
+        Raises:
+            ValueError: for a first step that is not at 0, a time that is no integer or does not increase, what is no
+                pose, or a ``flow_interval_s``, because nobody knows yet where the camera goes.
+        """
+        if self.settings["flow_interval_s"] is not None:
+            raise ArgumentError("{flow_interval_s} looks ahead along a path: it is for run, not for step")
+        check_number("t_us", t_us, whole=True)
+        pose = as_pose(pose)
+        if self._pose is None:
+            if t_us != 0:
+                raise ValueError(f"the first step must be at t = 0 us, got {t_us} us")
+            # A duration is needed for a trajectory, but nothing after its start is rendered.
+            return list(self._packets(SegmentTrajectory(pose, pose, 1.0), 0, 0))
+        if t_us <= self._t_us:
+            raise ValueError(f"the time of a step must be after the last one ({self._t_us} us), got {t_us} us")
+        segment = SegmentTrajectory(self._pose, pose, (t_us - self._t_us) * 1e-6)
+        return list(self._packets(segment, self._t_us, t_us))
+
+    def flush(self) -> list[Packet]:
+        """Return what a readout still holds: a packet of events requested until now and stamped later, if any.
+
+        :meth:`run` ends with it by itself; after :meth:`step` it is the caller's to ask for.
+        """
+        if self._pose is None:
+            return []
+        late = self.custom_effects.events(self._t_us, None, self._engine.flush())
+        if not len(late):
+            return []
+        return [Packet(self._t_us, int(late["t"][-1]), late, self._pose)]
+
+    @property
+    def dropped_events(self) -> int:
+        """Number of events that the readout has dropped; 0 unless it is set to drop events."""
+        return self._engine.dropped_events
+
+    @property
+    def missed_events(self) -> int:
+        """How often a pixel reached a level before its last event was read out and its reset over; 0 without a bus."""
+        return self._engine.missed_events
+
+    def describe(self) -> dict[str, Any]:
+        """Return everything that is needed to repeat the run, for meta.json."""
+        resolved = {
+            "lux_per_luma": self.scene.lux_per_luma,
+            "contrast_threshold": self.contrast_threshold,
+            "contrast_threshold_off": self.contrast_threshold_off,
+            "start_phase": self.start_phase,
+            "samples": self.renderer.rays,
+            "blur": self.renderer.blur,
+            "sampling": repr(self.sampling),
+            "refine": self.refine,
+        }
+        described = describe_run(self.scene, self.camera, self.renderer, self.effects, {**self.settings, **resolved})
+        lost = {str(look): share for look, share in self.lost_looks.items()}
+        return {**described, "custom_effects": self.custom_effects.describe(), "lost_looks": lost}
+
+    def _packets(self, trajectory: Trajectory, start_us: int, end_us: int, *, ahead: bool = False) -> Iterator[Packet]:
+        """Packets of (start_us, end_us], or of the very first instant too; the trajectory starts at ``start_us``.
+
+        Args:
+            ahead: render in a thread of its own, while the crossing engine works on the keyframes before.
+        """
+        rates_hz = {name: self.settings[f"{name}_rate_hz"] for name in ("frame", "depth", *TRUTH_MAPS)}
+        due_between = partial(due_instants, start_us, end_us, rates_hz, first=self._pose is None)
+        stretch = Stretch(
+            renderer=self.renderer,
+            trajectory=trajectory,
+            start_us=start_us,
+            end_us=end_us,
+            first=self._pose is None,
+            due=(instant.t_us for instant in due_between()),
+            contrast_threshold=min(self.contrast_threshold, self.contrast_threshold_off),
+            log_eps=self.settings["log_eps"],
+            batch=self.settings["poses_per_launch"] or self.renderer.poses_per_launch,
+        )
+        # A shutter that is open now may have opened some stretches ago.
+        open_us = start_us - self._shutter_us
+        self._exposed = [*(before for before in self._exposed if before.end_us > open_us), stretch]
+        thresholds = self.contrast_threshold, self.contrast_threshold_off
+        refinement = EventRefinement(stretch, thresholds) if self.refine else None
+        pending: list[EventArray] = []
+        instants = due_between()
+        due = next(instants)
+        keyframes = self.sampling.keyframes(stretch)
+        for rendered in read_ahead(keyframes, most=stretch.batch) if ahead else keyframes:
+            keyframe = self._lit(rendered)
+            pending.append(self._take(keyframe, refinement, due=keyframe.t_us >= due.t_us))
+            if keyframe.t_us < due.t_us:
+                continue
+            depth = self.renderer.depth(stretch.views([due.t_us]))[0] if "depth" in due.due else None
+            truth = self._truth(stretch, due)
+            pose = trajectory.pose((due.t_us - start_us) * 1e-6)
+            packet_start, self._t_us, self._pose = self._t_us, due.t_us, pose
+            events = concatenate_events(pending)
+            pending.clear()
+            if self.custom_effects and due.t_us > packet_start:
+                events = self.custom_effects.events(packet_start, due.t_us, events)
+            luma = keyframe.luma.copy() if "frame" in due.due else None
+            frame = None if luma is None else self._frame(luma, due.t_us)
+            yield Packet(packet_start, due.t_us, events, pose, luma, depth, frame, **truth)
+            due = next(instants, due)
+
+    def _truth(self, stretch: Stretch, due: DueInstant) -> dict[str, Any]:
+        """The packet's maps of the ground truth that fall due."""
+        maps: dict[str, Any] = {}
+        if self.surfaces is None or due.due.isdisjoint(TRUTH_MAPS):
+            return maps
+        size = self.camera.height, self.camera.width
+        seen = self.surfaces.frame(stretch.views([due.t_us]))
+        if "flow" in due.due:
+            maps["flow"] = seen.flow.reshape(*size, 2)
+            later_us = due.t_us + round(1e6 * (self.settings["flow_interval_s"] or 0.0))
+            if due.t_us < later_us <= stretch.end_us:
+                maps["displacement"] = self.surfaces.displacement(stretch.views([due.t_us, later_us]))
+        if "mask" in due.due:
+            maps["shapes"] = seen.shape.reshape(size)
+        if "normal" in due.due:
+            maps["normals"] = seen.normal.reshape(*size, 3)
+        return maps
+
+    def _frame(self, luma: npt.NDArray[np.float32], t_us: int) -> npt.NDArray[np.float32] | None:
+        """The frame that active pixels make, where they are not ideal."""
+        aps = self.effects.aps
+        if aps is None:
+            return None
+        if self._exposure is not None:
+            exposed = self._exposure.mean(t_us)
+        else:
+            exposed = expose(luma, self._exposed, t_us, round(aps.exposure_us), aps.row_readout_us)
+        number, self._frames = self._frames, self._frames + 1
+        return aps.read_out(exposed, frame=number, seed=self.settings["seed"])
+
+    def _lit(self, keyframe: Keyframe) -> Keyframe:
+        """The keyframe as the pixels see it."""
+        if self._exposure is None:
+            return keyframe
+        keyframe = keyframe._replace(luma=self.custom_effects.luma(keyframe.t_us, keyframe.luma))
+        self._exposure.add(keyframe.t_us, keyframe.luma)
+        return keyframe
+
+    def _take(self, keyframe: Keyframe, refinement: EventRefinement | None, *, due: bool) -> EventArray:
+        """Feed the crossing engine; return the events since the last keyframe.
+
+        Events that are refined come together where a packet falls ``due``.
+        """
+        last, self._last = self._last, keyframe
+        if self.custom_effects.on_log_intensity:
+            logs = self.custom_effects.log_intensity(keyframe.t_us, keyframe.luma, self.settings["log_eps"])
+            return self._engine.push_log(keyframe.t_us, logs)
+        if refinement is None or last is None:
+            return self._engine.push(keyframe.t_us, keyframe.luma, keyframe.rate, sparse=keyframe.sparse)
+        reference = self._engine.reference
+        events = self._engine.push(keyframe.t_us, keyframe.luma, keyframe.rate, sparse=keyframe.sparse)
+        refinement.add(events, reference, last, keyframe)
+        return refinement.take() if due else events[:0]
+
+    def _refuse_empty_view(self, trajectory: Trajectory) -> None:
+        views = Views.along(trajectory, np.linspace(0, trajectory.duration_s, 9))
+        if any(np.isfinite(self.renderer.depth(views[i : i + 1])).any() for i in range(len(views))):
+            return
+        pose = trajectory.pose(0.0)
+        raise ValueError(
+            f"no ray hits anything in scene {self.scene.name!r}, from nowhere along the trajectory; the camera starts "
+            f"at {np.round(pose.position, 3).tolist()} m and looks along {np.round(pose.rotation[:, 2], 3).tolist()}; "
+            "align the trajectory with the scene (--align), or check axes and units"
+        )
+
+
+_NOT_PLANNED = (
+    "must be resolved before a simulator is made: "
+    "Simulator(scene, effects=plan_effects(scene, sensor=...).effects), or simulate(scene, effects='auto')"
+)
+
+
+def _require_samples(samples: int | str | None) -> None:
+    """Refuse ``auto`` by naming what resolves it."""
+    if samples == AUTO:
+        raise ArgumentError(
+            "{samples:auto} must be resolved before a simulator is made: simulate(scene, samples='auto'), or the "
+            "number that estimate_noise(scene).samples_for(0.05) gives"
+        )
+
+
+def _check_exposure(effects: Effects, frame_rate_hz: float, height: int) -> None:
+    """Refuse frames whose exposure, or whose readout row by row, takes longer than the time between them."""
+    if effects.aps is None:
+        return
+    readout_us = effects.aps.readout_us(height)
+    for what, length_us in (("exposure", effects.aps.exposure_us), (f"readout of {height} rows", readout_us)):
+        if length_us * frame_rate_hz > 1e6:
+            raise ValueError(
+                f"the {what} of {length_us:g} us must not exceed the frames' period of {1e6 / frame_rate_hz:g} us"
+            )
