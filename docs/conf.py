@@ -37,12 +37,12 @@ nitpick_ignore_regex = [
     # Parts of the package that signatures name and users are not handed.
     (
         r"py:.*",
-        r"davis_rs\.(argument_error\.(Argument|NamesArguments)"
+        r"davis_rs\.(_util\.(argument_error\.(Argument|NamesArguments)|whole_file\.Workplace)"
         r"|differentiable\.(event_levels\.EventLevels|log_luma\.LogLuma(Field)?)"
-        r"|effect_planning\.luma_sample\.LumaSample|formats\.blocks\.Blocks|formats\.interface\.Releasable"
-        r"|rendering\.(edge_tracks\.EdgeTracks|neighbours\.ImageMap|scene_motion\.SceneMotion"
-        r"|swept_objects\.MovingSilhouettes)|sampling\.(breaks\.Break|keyframes\.SparseSamples)"
-        r"|usb\.(link\.UsbLink|protocol\.Write)|windows\.window\._Image)|SampleArray|SparseSamples",
+        r"|simulation\.planning\.luma_sample\.LumaSample|io\.formats\.(blocks\.Blocks|interface\.Releasable)"
+        r"|render\.(edges\.(edge_tracks\.EdgeTracks|neighbours\.ImageMap|swept_objects\.MovingSilhouettes)"
+        r"|motion\.scene_motion\.SceneMotion)|sampling\.(breaks\.Break|keyframes\.SparseSamples)"
+        r"|usb\.(link\.UsbLink|protocol\.Write)|data\.windows\.window\._Image)|SampleArray|SparseSamples",
     ),
 ]
 

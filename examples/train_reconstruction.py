@@ -1,9 +1,10 @@
 """Train a small network that reconstructs intensity from events, on simulated sequences alone.
 
 The script makes images, sequences of planes that carry them (``davis_rs.generate``), and windows of 100 ms with the
-frame at their end (``davis_rs.data.torch.EventDataset``). The network is a U-Net that sees the voxel grid of a window and
-is asked for the logarithm of that frame, less its mean, which events do not tell. It is judged on sequences with other
-images. Needs ``pip install 'davis_rs[torch,view]'``. Run: python examples/train_reconstruction.py -o reconstruction.png
+frame at their end (``davis_rs.data.torch.EventDataset``). The network is a U-Net that sees the voxel grid of a window
+and is asked for the logarithm of that frame, less its mean, which events do not tell. It is judged on sequences with
+other images. Needs ``pip install 'davis_rs[torch,view]'``. Run: python examples/train_reconstruction.py -o
+reconstruction.png
 """
 
 from __future__ import annotations

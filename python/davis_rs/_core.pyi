@@ -990,7 +990,7 @@ def latest_times(
 def voxel_grid(
     events: npt.NDArray[np.void], size: tuple[int, int], bins: int, start_us: int, stop_us: int, endpoint: bool
 ) -> npt.NDArray[np.float64]:
-    """Sum polarities (+1 ON, -1 OFF) in planes of time; :func:`davis_rs.represent.voxel_grid` is made of it.
+    """Sum polarities (+1 ON, -1 OFF) in planes of time; :func:`davis_rs.events.represent.voxel_grid` is made of it.
 
     Each event is shared by the two planes around it, in proportion to how near it is to each.
 
@@ -1011,7 +1011,7 @@ def voxel_grid(
 def spike_tensor(
     events: npt.NDArray[np.void], size: tuple[int, int], bins: int, start_us: int, stop_us: int, times: bool
 ) -> npt.NDArray[np.float64]:
-    """Sum measurements of events in planes of time, by polarity: :func:`davis_rs.represent.event_spike_tensor`.
+    """Sum measurements of events in planes of time, by polarity: :func:`davis_rs.events.represent.event_spike_tensor`.
 
     Each event is shared by the two planes around it, in proportion to how near it is to each.
 

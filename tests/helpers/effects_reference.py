@@ -228,8 +228,8 @@ def noisy_pixel(
 ) -> list[tuple[float, int]]:
     """Times and polarities of the events that a pixel makes along a path of (microseconds, log intensity).
 
-    Crossings, resets and noise in the order of time, as :class:`~davis_rs.sensor.effects.ShotNoise` says: arrivals at Rice's
-    rate in the light in which there are most, of which a share is kept by the light at their instant.
+    Crossings, resets and noise in the order of time, as :class:`~davis_rs.sensor.effects.ShotNoise` says: arrivals at
+    Rice's rate in the light in which there are most, of which a share is kept by the light at their instant.
     """
     times, values = zip(*path, strict=True)
     in_any_light = math.isinf(noise.half_luma)
@@ -351,7 +351,8 @@ def leaky_pixel(
 ) -> list[tuple[float, int]]:
     """Times and polarities of the events that a leaking pixel makes along a path of (microseconds, log intensity).
 
-    As :class:`~davis_rs.sensor.effects.LeakRate` says. ``stamps`` are those of the engine, which name the draws of jitter.
+    As :class:`~davis_rs.sensor.effects.LeakRate` says. ``stamps`` are those of the engine, which name the draws of
+    jitter.
     """
     deviation = math.sqrt(math.log1p(leak.spread**2))
     factor = math.exp(deviation * Draw(seed, LEAK_SPREAD, pixel, 0).normal - deviation**2 / 2)

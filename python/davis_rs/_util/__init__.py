@@ -1,1 +1,1 @@
-"""Helpers that know nothing of cameras: checks and errors of arguments, files that appear when they are whole, progress."""
+"""Helpers that know nothing of cameras: arguments and their errors, files that appear when they are whole, progress."""

@@ -158,7 +158,7 @@ class DifferentiableRenderer:
 
 
 def _blur_along(luma: Any, size: int, stride: int) -> Any:
-    """One of the two passes of :func:`davis_rs.events.luma.blur_3x3`: along ``size`` pixels that lie ``stride`` apart."""
+    """One of the two passes of :func:`davis_rs.events.luma.blur_3x3`: along ``size`` pixels, ``stride`` apart."""
     import drjit as dr
     import mitsuba as mi
 

@@ -41,7 +41,8 @@ class Packet:
         depth: z along the optical axis in metres, float32 (H, W), inf where nothing is hit, where a depth map fell
             due at ``end_us``, else None.
         frame: the intensity frame as active pixels made it (exposed, noisy, digitised), float32 (H, W), in units of
-            luma, where one fell due and :class:`~davis_rs.sensor.effects.Aps` is on; else None, and ``luma`` is the frame.
+            luma, where one fell due and :class:`~davis_rs.sensor.effects.Aps` is on; else None, and ``luma`` is the
+            frame.
         flow: optical flow in pixels per second (x right, y down), float32 (H, W, 2), NaN where nothing is hit, where it
             fell due at ``end_us``, else None.
         displacement: where the points that the pixels see at ``end_us`` are some time later, where flow fell due and

@@ -1,1 +1,1 @@
-"""A sensor: its parameters and presets, the effects of its pixels, and the inertial and motion-capture sensors next to it."""
+"""A sensor: parameters, presets, effects of its pixels, and the inertial and motion-capture sensors next to it."""

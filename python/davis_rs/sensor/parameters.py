@@ -70,8 +70,8 @@ class SensorParameters:
         photoreceptor_bandwidth_lux: see there.
         source_follower_bandwidth_hz: corner frequency of the source follower behind it, in any light.
         dark_current_lux: the illuminance whose photocurrent is as large as the photodiode's dark current at 25 degrees
-            Celsius. It doubles in 8 degrees, as the leak does (:class:`~davis_rs.sensor.effects.LeakRate`). It is the dark
-            level ``log_eps`` of a simulation, unless that is given.
+            Celsius. It doubles in 8 degrees, as the leak does (:class:`~davis_rs.sensor.effects.LeakRate`). It is the
+            dark level ``log_eps`` of a simulation, unless that is given.
         refractory_period_us: how long a pixel is held in reset after each event.
         leak_rate_hz: ON events of a pixel on a static scene in the dark at 25 degrees Celsius.
         leak_spread: standard deviation of that rate from pixel to pixel, as a share; None takes the effect's own value.

@@ -26,8 +26,8 @@ _COLUMNS, _GAP, _TITLE = 3, 8, 20
 def draw_sheet(sequences: Iterable[Sequence], output_png: str | Path, *, share: float = 0.7) -> Path:
     """Draw a frame of each sequence, next to the same frame, faded, with the events that lead up to it.
 
-    The frame is exposed by the rule of :class:`~davis_rs.io.dataset.writer.DatasetWriter` and drawn with sRGB's curve; as
-    many of the last 0.1 s's events are shown as make 0.15 a pixel.
+    The frame is exposed by the rule of :class:`~davis_rs.io.dataset.writer.DatasetWriter` and drawn with sRGB's
+    curve; as many of the last 0.1 s's events are shown as make 0.15 a pixel.
 
     Args:
         share: of the sequence's time that has passed, in 0..1.

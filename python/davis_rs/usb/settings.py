@@ -137,8 +137,8 @@ _DAVIS346_OTHER_BIASES = dict(
         strict=True,
     )
 )
-"""Address -> word of the biases that :data:`davis_rs.sensor.biases.DAVIS346_BIASES` has no name for, as dv-processing 2.0
-sends them to a DAVIS346."""
+"""Address -> word of the biases that :data:`davis_rs.sensor.biases.DAVIS346_BIASES` has no name for, as dv-processing
+2.0 sends them to a DAVIS346."""
 
 
 def _bias_writes(chip: str, biases: Mapping[str, CoarseFineBias]) -> tuple[Write, ...]:

@@ -55,7 +55,7 @@ pub(super) fn latest_times<'py>(
     planes(py, py.detach(|| represent::latest_times(events, size, until_us, depth))?, size)
 }
 
-/// Sum polarities (+1 ON, -1 OFF) in planes of time; :func:`davis_rs.represent.voxel_grid` is made of it.
+/// Sum polarities (+1 ON, -1 OFF) in planes of time; :func:`davis_rs.events.represent.voxel_grid` is made of it.
 ///
 /// Each event is shared by the two planes around it, in proportion to how near it is to each.
 ///
@@ -87,7 +87,7 @@ pub(super) fn voxel_grid<'py>(
     planes(py, py.detach(|| represent::voxel_grid(events, size, bins))?, size)
 }
 
-/// Sum measurements of events in planes of time, by polarity: :func:`davis_rs.represent.event_spike_tensor`.
+/// Sum measurements of events in planes of time, by polarity: :func:`davis_rs.events.represent.event_spike_tensor`.
 ///
 /// Each event is shared by the two planes around it, in proportion to how near it is to each.
 ///

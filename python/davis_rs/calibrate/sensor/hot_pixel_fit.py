@@ -26,8 +26,8 @@ def find_hot_pixels(recordings: Sequence[StreamStatistics]) -> tuple[Finding, ..
     """Their share of the pixels that are calm enough to show them, and the median of their rates.
 
     Noise makes pixels with low thresholds fire often, too, at random and with both polarities: those are counted, but
-    not taken as hot. Rates are taken to be log-normal with the spread of :class:`~davis_rs.sensor.effects.HotPixels`. Pixels
-    with less than 10 events are not seen: the median is the mean of the medians that this allows, and the share
+    not taken as hot. Rates are taken to be log-normal with the spread of :class:`~davis_rs.sensor.effects.HotPixels`.
+    Pixels with less than 10 events are not seen: the median is the mean of the medians that this allows, and the share
     counts those below.
     """
     longest = max(recordings, key=lambda one: one.duration_s)

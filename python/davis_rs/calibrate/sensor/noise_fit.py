@@ -38,8 +38,9 @@ def find_noise(
 ) -> tuple[Finding, Finding]:
     """The rms of the noise, and the light in which its square is halved.
 
-    Quiet pixels make as many pairs of noise events as Rice's formula says, see :class:`~davis_rs.sensor.effects.ShotNoise`,
-    in the mean over their thresholds. OFF events are counted, because a leak makes none.
+    Quiet pixels make as many pairs of noise events as Rice's formula says, see
+    :class:`~davis_rs.sensor.effects.ShotNoise`, in the mean over their thresholds. OFF events are counted, because a
+    leak makes none.
 
     Args:
         recordings: of the sensor.

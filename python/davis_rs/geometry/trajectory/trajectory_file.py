@@ -41,10 +41,10 @@ def read_trajectory(
     Lines that are empty or begin with ``#`` are skipped, and so is a CSV's header. A header that puts qw before qx
     (EuRoC's order) is refused; without a header that order cannot be told.
 
-    Noise that is not given is estimated from the samples (``davis_rs.geometry.trajectory.sample_noise.pose_noise``). It is
-    0, so that the path goes through every sample, where nothing is to be seen beyond the rounding to the file's digits,
-    where noise cannot be told from motion, and with fewer than 40 samples. :meth:`SampledTrajectory.smoothing` says
-    what was done, and by how much it moved the path.
+    Noise that is not given is estimated from the samples (``davis_rs.geometry.trajectory.sample_noise.pose_noise``).
+    It is 0, so that the path goes through every sample, where nothing is to be seen beyond the rounding to the file's
+    digits, where noise cannot be told from motion, and with fewer than 40 samples.
+    :meth:`SampledTrajectory.smoothing` says what was done, and by how much it moved the path.
 
     On the public dataset's hand-held poster_6dof (200 Hz) the estimates are 0.58 mm and 3.9 mrad. The path then has
     tops of 2.78 m/s, 1,158 deg/s and 54 m/s^2, where a spline through every sample has 3.5 m/s, 1,690 deg/s (in a

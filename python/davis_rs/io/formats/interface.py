@@ -421,8 +421,8 @@ class Format(ABC):
     options: tuple[str, ...] = ()
     """The names of its writer's own options."""
     holds: tuple[str, ...] = ()
-    """What is written next to events, by the names of ``davis_rs.io.formats.parts.PARTS``: its writers have the methods of
-    these parts, and its readers have those, and perhaps others'."""
+    """What is written next to events, by the names of ``davis_rs.io.formats.parts.PARTS``: its writers have the
+    methods of these parts, and its readers have those, and perhaps others'."""
     writable: bool = True
     """Whether there is a writer."""
 

@@ -112,10 +112,10 @@ def plan_effects_of(
     comparison is made on pixels that the choice was not made on: :class:`~davis_rs.simulation.planning.SetForecast`.
 
     What an effect in the pixel or on the stream does is seen on a few pixels that are followed all the time (see
-    :class:`~davis_rs.simulation.planning.sequence_sample.SequenceSample`), by the crossing engine itself or, of noise, from
-    its known rate. Because these pixels are a sample, a result that is close to the tolerance may fall on either side
-    of it. Of a sequence of more than 4096 keyframes only parts are seen: what mismatch and refractory period add up
-    to over more than 170 px is left out.
+    :class:`~davis_rs.simulation.planning.sequence_sample.SequenceSample`), by the crossing engine itself or, of
+    noise, from its known rate. Because these pixels are a sample, a result that is close to the tolerance may fall on
+    either side of it. Of a sequence of more than 4096 keyframes only parts are seen: what mismatch and refractory
+    period add up to over more than 170 px is left out.
 
     Raises:
         ValueError: for a value out of range, or a renderer with a lens.

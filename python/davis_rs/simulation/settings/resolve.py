@@ -58,7 +58,8 @@ def view_scene(scene: Scene, settings: Mapping[str, Any]) -> ViewedScene:
     """Decide what :class:`~davis_rs.simulation.settings.ViewSettings` leave open.
 
     Raises:
-        ValueError, OSError: as :func:`~davis_rs.simulation.settings.image_camera.image_camera` and :func:`~davis_rs.load_sensor`.
+        ValueError, OSError: as :func:`~davis_rs.simulation.settings.image_camera.image_camera` and
+            :func:`~davis_rs.load_sensor`.
     """
     check_scene(scene)
     if settings["lux_per_luma"] is not None:
