@@ -347,8 +347,8 @@ ENDLESS_WRITER = """
 import sys
 import numpy as np
 from davis_rs import EVENT_DTYPE
-from davis_rs.dataset.writer import DatasetWriter
-from davis_rs.packet import Packet
+from davis_rs.io.dataset.writer import DatasetWriter
+from davis_rs.events.packet import Packet
 from written_sequence import CAMERA, depth_at, luma_at, parameters, pose_at
 events = np.zeros(5000, EVENT_DTYPE)
 with DatasetWriter(sys.argv[1], CAMERA, meta={"parameters": parameters()}) as writer:

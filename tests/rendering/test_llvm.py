@@ -185,8 +185,8 @@ if "preload" in sys.argv:
     assert drjit.detail.llvm_version()[0] == 15
     del os.environ["DRJIT_LIBLLVM_PATH"]
 from davis_rs import Camera, Pose, Scene
-from davis_rs.rendering.renderers import make_renderer
-from davis_rs.trajectory.views import Views
+from davis_rs.render.choice import make_renderer
+from davis_rs.geometry.trajectory.views import Views
 
 floor = {"type": "rectangle", "bsdf": {"type": "diffuse", "reflectance": 0.5}}
 light = {"type": "point", "position": [0.0, 0.0, 2.0], "intensity": 1.0}

@@ -207,8 +207,8 @@ WITHOUT_LLVM = """
 import numpy as np
 from davis_rs import Camera, Pose, Scene
 from davis_rs._mitsuba import versions
-from davis_rs.rendering.renderers import make_renderer
-from davis_rs.trajectory.views import Views
+from davis_rs.render.choice import make_renderer
+from davis_rs.geometry.trajectory.views import Views
 
 floor = {"type": "rectangle", "bsdf": {"type": "diffuse", "reflectance": 0.5}}
 light = {"type": "point", "position": [0.0, 0.0, 2.0], "intensity": 1.0}

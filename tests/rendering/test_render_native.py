@@ -337,8 +337,8 @@ def test_no_llvm_is_needed(run_python: Callable[..., str]) -> None:
 import hashlib
 import numpy as np
 from davis_rs import Simulator, load_scene
-from davis_rs.rendering.renderers import make_renderer
-from davis_rs.trajectory.views import Views
+from davis_rs.render.choice import make_renderer
+from davis_rs.geometry.trajectory.views import Views
 scene = load_scene("three_planes")
 renderer = make_renderer(scene, scene.own_camera, samples=2)
 assert renderer.name == "native renderer", renderer.name

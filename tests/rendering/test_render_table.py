@@ -510,8 +510,8 @@ MISSES = """
 import sys
 import numpy as np
 from davis_rs import Camera, Pose, Scene
-from davis_rs.rendering.renderers import make_renderer
-from davis_rs.trajectory.views import Views
+from davis_rs.render.choice import make_renderer
+from davis_rs.geometry.trajectory.views import Views
 
 floor = {
     "type": "rectangle",

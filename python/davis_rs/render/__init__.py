@@ -1,1 +1,17 @@
-"""How to render: the table kernel and Mitsuba's integrators behind one interface."""
+"""How to render: renderers behind one interface, and the choice between them.
+
+``base`` is the interface (:class:`~davis_rs.render.base.Renderer`), ``choice`` takes the first renderer that a
+scene suits. A renderer refuses a scene with all ``obstacles``, each with its remedy. ``matte`` knows which
+materials are diffuse, or may be taken so.
+
+- ``native`` (the Rust core) and ``table`` (Dr.Jit, with derivatives) take the same ``scene_tables``: diffuse
+  triangles under direct light, without noise. ``auto`` prefers the native one, because it is faster and needs no
+  LLVM.
+- ``baked`` computes light beforehand, which the native renderer looks up.
+- ``integrator``: Mitsuba's own, for every scene, with noise.
+- What they share: ``rays``, ``motion`` (what moves and flickers), ``edges`` (pixels that an occlusion edge passes),
+  ``flow``. ``truth`` says which surfaces pixels see; its tables are of its own, so that they do not depend on the
+  renderer.
+
+A pose has the same bits in any batch: pixels are padded to whole ray packets, and rays are added in a fixed order.
+"""

@@ -1,1 +1,4 @@
-"""Mitsuba's own integrators, for every scene, with noise."""
+"""Mitsuba's own integrators, for every scene, with noise.
+
+``renderer`` is that of the LLVM variant, ``scalar`` that of machines without LLVM; ``base`` is what they share.
+"""

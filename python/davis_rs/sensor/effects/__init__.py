@@ -1,4 +1,10 @@
-"""A real sensor's imperfections, each off unless asked for."""
+"""A real sensor's imperfections, each off unless asked for.
+
+One module an effect: its parameters, ranges and source. ``optics`` carries out those on luma, for every renderer
+and for frames, rates and single samples alike; those in the pixel are carried out by ``rust/src/crossing/effects``.
+``custom_effects`` are objects of a user's own: they see whole keyframes and whole intervals, each once and in the
+order of time, so that they may have a state.
+"""
 
 from .aps import Aps
 from .custom_effects import CustomEffects

@@ -1,4 +1,8 @@
-"""The settings of a simulation: their declarations, and what they stand for with a given scene."""
+"""The settings of a simulation: their declarations, and what they stand for with a given scene.
+
+A setting is declared once, with its type, range, unit and help. Options of the command line, keys of a plan,
+arguments of Python, their checks, ``meta.json`` and docs/settings.md follow, so that they cannot disagree.
+"""
 
 from .frame_settings import INTERPOLATIONS, FrameFolderSettings, FrameSettings
 from .image_camera import camera_of_size
