@@ -22,12 +22,12 @@ from typing import Any
 
 import numpy as np
 from light_scenes import SCENES
+from sequence_tables import COARSE_PX, COARSE_SAMPLES
 
 from davis_rs import Camera, Scene, Simulator
 from davis_rs.accuracy.light_accuracy import HEADS, LightComparison
 from davis_rs.events.luma import LumaFrames
 from davis_rs.sampling.rules import MaxDisplacement
-from davis_rs.sequence_report.count import COARSE_PX, COARSE_SAMPLES
 
 
 def main() -> None:

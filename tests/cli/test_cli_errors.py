@@ -196,16 +196,6 @@ def test_errors_say_what_is_meant(
     assert sorted(tmp_path.iterdir()) == before
 
 
-def test_maintainers_commands_are_not_offered(capsys: pytest.CaptureFixture[str]) -> None:
-    """They are there, but neither --help nor a misspelt command lists them."""
-    for arguments in (["--help"], ["nonsense"]):
-        with pytest.raises(SystemExit):
-            main(arguments)
-        told = "".join(capsys.readouterr())
-        assert "simulate" in told
-        assert "sequences-count" not in told
-
-
 def test_a_formats_options_are_those_that_it_takes() -> None:
     """What is listed in a message is what the writer has."""
     for format in written_formats().values():
@@ -266,8 +256,8 @@ def test_a_scene_file_needs_a_trajectory(tmp_path: Path, capsys: pytest.CaptureF
 
 
 def test_a_broken_pipe_ends_it_quietly() -> None:
-    """davis-rs settings | head -1, where head is gone before there is anything to read."""
-    command = [sys.executable, "-m", "davis_rs.cli", "settings"]
+    """davis-rs sensors | head -1, where head is gone before there is anything to read."""
+    command = [sys.executable, "-m", "davis_rs.cli", "sensors"]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     assert process.stdout is not None
     assert process.stderr is not None
@@ -329,7 +319,7 @@ def test_ctrl_c_while_mitsuba_is_loaded_waits_until_it_is_whole(run_python: Call
     """Python aborts in a half-made extension, or when it ends."""
     program = """
 import os, signal, sys
-from davis_rs._mitsuba import variant
+from davis_rs._mitsuba.variants import variant
 
 class CtrlC:
     def find_spec(self, name, *_):

@@ -24,13 +24,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from settings_table import settings_markdown
 
 from clips import moving_bars, write_images, write_video
 from davis_rs import load_sensor
 from davis_rs._mitsuba.variants import variant
 from davis_rs.cli.main import COMMANDS, main, make_parser
 from davis_rs.cli.parser import Parser
-from davis_rs.cli.settings_table import settings_markdown
 from davis_rs.generate import load_sequence_plan
 from places import ROOT
 
@@ -47,7 +47,6 @@ SHORTENED = {
     "sequence": "--start 1 --duration 0.1 --samples 1",  # at its start the camera rests
     "record": "--duration 0.02",
     "plan": "--duration 0.02",
-    "sequences-sheet": "shapes_rotation",
 }
 """What is added to a command to make it short, by its name."""
 
@@ -76,8 +75,6 @@ NOT_RUN = {
     "davis-rs devices": "needs libusb, and tells what is plugged in",
     "davis-rs simulate mesh.obj -o DIR": "needs a mesh; tests/project/test_own_scene_page.py makes one",
     "davis-rs record -o FILE": "needs a camera",
-    "davis-rs sequences-count -o FILE": "takes hours",
-    "davis-rs sequences-count --sensor recorded -o FILE": "takes hours",
     "davis-rs accuracy SCENE -o COSTS": "its reference takes a minute; tests/accuracy/test_accuracy.py runs small ones",
     "davis-rs accuracy SCENE -o DIR": "the same",
     "davis-rs accuracy three_planes --frames -o three_planes": "takes minutes",

@@ -9,7 +9,7 @@ import pytest
 
 SCRIPT = """
 import sys, threading
-from davis_rs._mitsuba import default_variant, variant
+from davis_rs._mitsuba.variants import default_variant, variant
 
 sys.setswitchinterval(1e-6)
 start, errors = threading.Barrier(6), []

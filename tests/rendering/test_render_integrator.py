@@ -206,7 +206,7 @@ def test_integrators_are_loaded_again_only_for_another_variant(monkeypatch: pyte
 WITHOUT_LLVM = """
 import numpy as np
 from davis_rs import Camera, Pose, Scene
-from davis_rs._mitsuba import versions
+from davis_rs._mitsuba.variants import versions
 from davis_rs.render.choice import make_renderer
 from davis_rs.geometry.trajectory.views import Views
 

@@ -7,13 +7,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from sequence_tables import count_events, mean_luma, write_counts
+from sequence_tables import main as tables
 
 import davis_rs
 from davis_rs.cli.main import main
 from davis_rs.inspection.check import check_dataset
 from davis_rs.scene.sequences import SEQUENCES
+from davis_rs.scene.sequences.event_counts import MEASURED_RECORDED, EventCount, read_counts
 from davis_rs.sensor.presets import recorded_sensor
-from davis_rs.sequence_report import MEASURED_RECORDED, EventCount, count_events, mean_luma, read_counts, write_counts
 from places import ROOT
 
 NAMES = list(SEQUENCES)
@@ -87,7 +89,7 @@ def test_duration_and_top_speeds_are_the_tables(name: str) -> None:
 
 @pytest.mark.parametrize("name", COUNTED)
 def test_the_counts_on_record_are_within_a_factor_of_three(name: str) -> None:
-    """Of the whole sequence, as davis-rs sequences-count found them."""
+    """Of the whole sequence, as benches/sequence_tables.py found them."""
     count = read_counts()[name]
     paper = SEQUENCES[name].paper
     assert count.duration_s == pytest.approx(paper.duration_s, rel=0.01)
@@ -241,13 +243,13 @@ def test_the_list_has_the_paper_beside_ours(tmp_path: Path, capsys: pytest.Captu
     assert urban[-3:] == ["5,359,539", "-", "-"]
     assert urban[-7] == "n/a"
     assert [line[0] for line in differs] == ["slider_depth,", "urban,"]
-    assert main(["sequences-table", "slider_depth", *measured]) == 0
+    assert tables(["table", "slider_depth", *measured]) == 0
     assert capsys.readouterr().out.splitlines()[2].startswith("| slider_depth | motorized slider | davis240c |")
 
 
 def test_the_table_in_the_docs_is_what_the_command_prints(capsys: pytest.CaptureFixture[str]) -> None:
     """All 27 rows, as they are now."""
-    assert main(["sequences-table"]) == 0
+    assert tables(["table"]) == 0
     printed = capsys.readouterr().out
     assert len(printed.splitlines()) == 29
     assert printed in (ROOT / "docs" / "sequences.md").read_text()
@@ -258,16 +260,17 @@ def test_counting_goes_on_where_it_was_stopped(tmp_path: Path, capsys: pytest.Ca
     """What the file has is not counted again."""
     path = tmp_path / "counts.csv"
     write_counts(path, [EventCount(name, 10.7, 7, 3, 1.0, 5, 0.5, 0.1) for name in ("a_users_own", "urban")])
-    assert main(["sequences-count", "simulation_3planes", "urban", "-o", str(path)]) == 0
+    assert tables(["count", "simulation_3planes", "urban", "-o", str(path)]) == 0
     assert capsys.readouterr().out.startswith("simulation_3planes: ")
     counts = read_counts(path)
     assert list(counts) == ["urban", "simulation_3planes", "a_users_own"]
     assert counts["urban"].events == 7
-    assert main(["sequences-count", "slider_depth", "-o", str(tmp_path / "no" / "counts.csv")]) == 1
-    assert main(["sequences-count", "slider_depth", "-o", str(path), "--sensor", "recorded"]) == 1
-    assert "has counts of --sensor ideal, these are of recorded" in capsys.readouterr().err
+    with pytest.raises(FileNotFoundError):
+        tables(["count", "slider_depth", "-o", str(tmp_path / "no" / "counts.csv")])
+    with pytest.raises(ValueError, match="has counts of --sensor ideal, these are of recorded"):
+        tables(["count", "slider_depth", "-o", str(path), "--sensor", "recorded"])
     recorded = tmp_path / "recorded.csv"
-    assert main(["sequences-count", "simulation_3planes", "-o", str(recorded), "--sensor", "recorded"]) == 0
+    assert tables(["count", "simulation_3planes", "-o", str(recorded), "--sensor", "recorded"]) == 0
     assert read_counts(recorded) == {}  # nothing was recorded
 
 
@@ -276,7 +279,7 @@ def test_the_sheet_shows_frames_and_events(tmp_path: Path) -> None:
     """One tile a sequence, three a row: a grey frame, and the same faded with red and blue events."""
     from PIL import Image
 
-    assert main(["sequences-sheet", "simulation_3planes", "slider_depth", "-o", str(tmp_path / "sheet.png")]) == 0
+    assert tables(["sheet", "simulation_3planes", "slider_depth", "-o", str(tmp_path / "sheet.png")]) == 0
     picture = np.asarray(Image.open(tmp_path / "sheet.png")).astype(int)
     assert picture.shape == (200, 3 * 488 - 8, 3)
     for left in (0, 488):

@@ -41,16 +41,8 @@ COMMANDS = {
         "look at a dataset, an event file or a recording: a picture, a video, an interactive page, or Rerun",
     ),
     "hard-cases": ("hard_cases", "measure the presets on scenes in which sampling is easily wrong"),
-    # What the documents' own tables and pictures are made with.
-    "sequences-table": ("sequences", "the list of the sequences as a table of Markdown"),
-    "sequences-sheet": ("sequences", "draw a frame and events of each sequence"),
-    "sequences-count": ("sequences", "simulate sequences whole and count their events"),
-    "settings": ("settings_table", "list all settings of a simulation as a table of Markdown"),
 }
 """For each command, the module in this package that defines ``add_COMMAND(parser)``, and a line on what it does."""
-
-_NOT_LISTED = {"sequences-table", "sequences-sheet", "sequences-count", "settings"}
-"""Commands for those who write the documents: ``--help`` does not list them."""
 
 _DEBUG = "show the traceback of an error"
 
@@ -138,11 +130,7 @@ def make_parser() -> Parser:
     parser.add_argument("--debug", action="store_true", help=_DEBUG)
     commands = parser.add_subparsers(required=True, metavar="COMMAND", parser_class=Parser)
     for name, (module, does) in COMMANDS.items():
-        fill = _fill(name, module)
-        if name in _NOT_LISTED:
-            parser.commands[name] = commands.add_parser(name, description=does, fill=fill)
-        else:
-            parser.commands[name] = commands.add_parser(name, help=does, fill=fill)
+        parser.commands[name] = commands.add_parser(name, help=does, fill=_fill(name, module))
     return parser
 
 

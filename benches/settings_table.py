@@ -1,24 +1,10 @@
-"""The command line: davis-rs settings."""
+"""Prints the tables of docs/settings.md: python benches/settings_table.py"""
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Mapping
 
-from ..simulation.settings import Declared, FolderSettings, FrameFolderSettings, Setting, settings_of
-
-
-def add_settings(table: argparse.ArgumentParser) -> None:
-    """Add the command's arguments."""
-    table.description = (
-        "List all settings of a simulation: option of the command line, key of a plan, argument of Python."
-    )
-    table.set_defaults(run=_settings)
-
-
-def _settings(_: argparse.Namespace) -> int:
-    print(settings_markdown())
-    return 0
+from davis_rs.simulation.settings import Declared, FolderSettings, FrameFolderSettings, Setting, settings_of
 
 
 def settings_markdown() -> str:
@@ -60,3 +46,7 @@ def _row(setting: Setting) -> str:
     values = " ".join(part for part in (setting.range_text, one.unit) if part)
     cells = (option, f"`{setting.name}`", values, default or "not given", one.help)
     return f"| {' | '.join(cell.replace('|', '/') for cell in cells)} |"
+
+
+if __name__ == "__main__":
+    print(settings_markdown())

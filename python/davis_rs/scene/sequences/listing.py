@@ -7,8 +7,8 @@ from collections.abc import Sequence as Rows
 
 import numpy as np
 
-from ..scene.sequences import Sequence
-from .count import EventCount
+from .event_counts import EventCount
+from .sequence import Sequence
 
 HEAD = (
     *("sequence", "motion", "lens", "biases"),
@@ -17,7 +17,7 @@ HEAD = (
 )
 """What the columns of :func:`table` are."""
 
-_WORDS = 4
+WORDS = 4
 """The number of columns from the left that hold words; the others hold numbers."""
 
 
@@ -59,17 +59,11 @@ def as_text(rows: Rows[Rows[str]]) -> str:
     widths = [max(map(len, column)) for column in zip(HEAD, *rows, strict=True)]
     return "\n".join(
         "  ".join(
-            cell.ljust(width) if place < _WORDS else cell.rjust(width)
+            cell.ljust(width) if place < WORDS else cell.rjust(width)
             for place, (cell, width) in enumerate(zip(row, widths, strict=True))
         ).rstrip()
         for row in (HEAD, *rows)
     )
-
-
-def as_markdown(rows: Rows[Rows[str]]) -> str:
-    """The same as a table of Markdown."""
-    lines = [HEAD, ["---"] * _WORDS + ["--:"] * (len(HEAD) - _WORDS), *rows]
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 
 def _cell(value: float | None, digits: int) -> str:
