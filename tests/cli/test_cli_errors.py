@@ -59,6 +59,7 @@ def test_building_the_parser_imports_no_command() -> None:
         "davis_rs.cli",
         "davis_rs.cli.main",
         "davis_rs.cli.parser",
+        "davis_rs._util",
         "davis_rs._util.argument_error",
         "davis_rs._util.close_names",
         "davis_rs._util.names_elsewhere",

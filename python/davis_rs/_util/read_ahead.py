@@ -1,4 +1,4 @@
-"""Working ahead: what is next is made in a thread of its own while what came before it is worked on."""
+"""Prefetches an iterator in a background thread."""
 
 from __future__ import annotations
 

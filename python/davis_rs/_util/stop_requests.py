@@ -1,4 +1,4 @@
-"""When Ctrl-C is obeyed: as a wish, where what was written is whole, or only after a library was loaded."""
+"""Shuts down gracefully: defers SIGINT and SIGTERM to a safe point."""
 
 from __future__ import annotations
 

@@ -43,7 +43,7 @@ def above_limit(path: str | os.PathLike[str], what: str, limit: int) -> DecodeEr
 
 
 def regular_file(path: str | os.PathLike[str]) -> Path:
-    """The path, of a file that ends: not of a pipe, which may wait for ever, or of a device, which may go on for ever.
+    """Return the path of a regular file. Rejects pipes and devices, which may never reach their end.
 
     Raises:
         OSError: if there is none, or it is something else.

@@ -1,4 +1,4 @@
-"""Reading YAML so that nothing is lost or mistaken without a word."""
+"""Reads strict YAML: rejects duplicate keys and values that are easily mistaken, and limits aliases."""
 
 from __future__ import annotations
 

@@ -24,7 +24,7 @@ _RAYS_TOGETHER = 1 << 22
 """Rays that are followed in one call."""
 
 _MOST_UNKNOWN = 0.01
-"""The share of what changes at edges that may stay unexplained without a word."""
+"""The fraction of the change at edges that may stay unexplained without a warning."""
 
 
 class FrameEdges:

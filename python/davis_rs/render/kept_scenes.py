@@ -1,6 +1,6 @@
-"""What renderers make of a scene, kept for the next simulation of the same scene in this process.
+"""Caches what renderers make of a scene, for the next simulation of the same scene in this process.
 
-Nobody's scenes are kept unless he asks for it: a source may give something else when it is called again.
+Caching is opt-in, because a source may not be deterministic.
 """
 
 from __future__ import annotations

@@ -31,7 +31,7 @@ pub(super) struct Caster {
     receivers: Vec<Receiver>,
     /// Of each receiver its normal in each of the scene's frames.
     normals: Vec<[f32; 3]>,
-    /// Of each receiver and light 1 where the light is on the side that the normal points to, else -1.
+    /// Per receiver and light: +1 where the light is on the front side, else -1.
     sides: Vec<f32>,
     frames: usize,
     lights: usize,

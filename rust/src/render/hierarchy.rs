@@ -91,8 +91,8 @@ impl Hierarchy {
         (hierarchy, order)
     }
 
-    /// Makes a node of some forks, the largest of which are opened until it is full, and of all below them. Gives its
-    /// number.
+    /// Collapses the binary tree into a wide node, largest area first, and does the same below it. Returns the node's
+    /// index.
     fn gather(&mut self, forks: &[Fork], mut members: Vec<usize>) -> u32 {
         while members.len() < WIDTH {
             let open = (0..members.len()).filter(|&i| forks[members[i]].first.is_some());

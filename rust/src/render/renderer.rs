@@ -24,7 +24,7 @@ use super::visibility::NOTHING;
 use crate::error::{Error, Result};
 use crate::threads::{SHARED, Threads};
 
-/// Of a ray that hits nothing.
+/// The triangle index of a miss.
 pub const NO_TRIANGLE: u32 = NOTHING;
 
 /// Renders a scene through any camera's rays.
@@ -166,7 +166,10 @@ impl Renderer {
         check_room(pixels.len(), found.len())?;
         let size = rays.width * rays.height;
         if let Some((view, pixel)) = pixels.iter().find(|(v, p)| *v as usize >= views.len() || *p as usize >= size) {
-            return Err(Error::Argument(format!("pixel {pixel} of view {view}: there are {size} of {}", views.len())));
+            return Err(Error::Argument(format!(
+                "pixel {pixel} of view {view} is outside of the {size} pixels of {} views",
+                views.len()
+            )));
         }
         let order = samples::sorted(rays, views.len(), pixels);
         let of_views: Vec<&[Sample]> = order.chunk_by(|a, b| a.view == b.view).collect();

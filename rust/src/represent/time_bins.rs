@@ -17,8 +17,8 @@ pub struct TimeBins {
     pub endpoint: bool,
 }
 
-/// Sums what `measure` makes of an event and its place in the window (0 at the start, 1 at the end) into planes, in the
-/// measure of its nearness to each. There are `bins.count` planes for each of `groups` groups; `group` says which one an
+/// Splats each event linearly into the two nearest time bins. `measure` gives its weight from the event and its time in
+/// the window (0 at the start, 1 at the end). There are `bins.count` planes for each of `groups` groups; `group` says which one an
 /// event belongs to.
 ///
 /// Events outside of the window count nowhere. The window may be an instant: all its events are then in the first plane.

@@ -53,7 +53,7 @@ def instants_of_spans(start_us: IntArray, end_us: IntArray) -> IntArray:
 
 
 def composed_tracks(tracks: EdgeTracks, camera: Camera, reach: int, composed: Composed) -> EdgeTracks:
-    """Tracks of pixels that take luma from those within reach, of these pixels' tracks, the span's ends among them."""
+    """Combine the tracks of neighbouring pixels into those of pixels that are a blur of them, ``reach`` pixels wide."""
     if len(tracks.pixels) == 0:
         return tracks
     if reach == 0:

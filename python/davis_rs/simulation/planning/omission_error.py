@@ -117,9 +117,9 @@ def omission_error(
 
 
 def omission_error_of_added(made: float, events: float) -> OmissionError:
-    """What leaving out ``made`` events does that come on top of ``events`` of the scene, both in expectation.
+    """Compute the error of leaving out an effect that adds ``made`` events to the scene's own ``events``.
 
-    Less than one event counts as that part of an event.
+    Both numbers are expectations, so they may be fractions.
     """
     error_us = 0.0 if events else math.nan
     return replace(NO_ERROR, median_us=error_us, p99_us=error_us).with_added(made, events)

@@ -77,7 +77,7 @@ def view_scene(scene: Scene, settings: Mapping[str, Any]) -> ViewedScene:
 def fixed_sensor(
     scene: Scene, sensor: str | os.PathLike[str] | SensorParameters | None
 ) -> str | SensorParameters | None:
-    """A sensor that depends neither on a file nor on the scene: its parameters where it does, else as it is given.
+    """Resolve a sensor that is a file or the recording's to its parameters; leave any other as it is.
 
     A run decides it once, so that all of its parts, and its record, have the same one.
 
