@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import random
 import struct
 from collections.abc import Callable
@@ -13,11 +14,14 @@ from typing import Any
 import numpy as np
 
 import davis_rs
+from bag_databases import PROGRAMS, database, in_circles
 from davis_rs.generate import load_sequence_plan
 from davis_rs.inspection.check import check_dataset
 from davis_rs.inspection.summary import summarize_events
 from davis_rs.io.files.random_access import RandomAccess
 from davis_rs.io.formats.recorded import RecordedParts
+from davis_rs.render.baked import cache
+from davis_rs.render.baked.light_maps import LightMaps, check_maps, layouts_of, texel_count
 from davis_rs.sensor.presets import preset_file, read_sensor_file, sensor_yaml
 from davis_rs.usb.raw_file import RawRecording, RawWriter
 from gltf_files import CORNERS, UV, Gltf, quad
@@ -49,7 +53,8 @@ class Target:
     """A reader.
 
     ``make`` writes a file to begin with, or several, into a folder; ``read`` reads a mutant and raises AssertionError
-    where what comes out breaks a promise. ``allowed`` are the errors that a reader may raise, ``warns`` is how those of
+    where what comes out breaks a promise. ``harmful`` writes files that must be refused, and whose mutants are read
+    like those of the others. ``allowed`` are the errors that a reader may raise, ``warns`` is how those of
     its warnings begin that have no class of their own.
     """
 
@@ -57,6 +62,7 @@ class Target:
     read: Callable[[Path, random.Random], None]
     allowed: tuple[type[Exception], ...] = (davis_rs.DecodeError,)
     warns: tuple[str, ...] = ()
+    harmful: Callable[[Path], list[Path]] = lambda _: []
 
 
 def some_events(count: int = 300) -> Any:
@@ -98,15 +104,30 @@ def _unfinished_bag(folder: Path) -> list[Path]:
     return [path]
 
 
+def _bag_database(folder: Path) -> list[Path]:
+    path = folder / "seed"
+    with davis_rs.open_writer(path, SIZE, "ros2") as writer:
+        writer.write(some_events())
+    return [path / "seed.db3"]
+
+
+def _harmful_databases(folder: Path) -> list[Path]:
+    made = [database(folder / f"harmful{k}.db3", *statements) for k, statements in enumerate(PROGRAMS.values())]
+    return [*made, in_circles(folder / "circles.db3")]
+
+
 def _gzip_hdf5(folder: Path) -> list[Path]:
     import h5py
 
-    path, events = folder / "seed.h5", some_events()
-    with h5py.File(path, "w") as file:
-        for name in "txyp":
-            file.create_dataset(f"events/{name}", data=events[name], chunks=(100,), compression="gzip", shuffle=True)
-        file.attrs["sensor_resolution"] = [180, 240]
-    return [path]
+    events = some_events()
+    paths = [folder / "seed.h5", folder / "one_chunk.h5"]
+    for path, chunk in zip(paths, (100, 1 << 16), strict=True):
+        with h5py.File(path, "w") as file:
+            for name in "txyp":
+                column = {"data": events[name], "maxshape": (None,), "chunks": (chunk,)}
+                file.create_dataset(f"events/{name}", **column, compression="gzip", shuffle=chunk == 100)
+            file.attrs["sensor_resolution"] = [180, 240]
+    return paths
 
 
 def read_event_file(path: Path, rng: random.Random) -> None:
@@ -352,18 +373,44 @@ EVENT_FILES: dict[str, Callable[[Path], list[Path]]] = {
     "bag-lz4": _written(".bag", compression="lz4"),
     "bag-unfinished": _unfinished_bag,
     "ros2": _written(".mcap"),
+    "ros2-database": _bag_database,
     "aedat2": _aedat2,
     "aedat3": _aedat3,
     "aedat4-frames": _aedat4,
     "camera": _davis,
 }
 
+HARMFUL: dict[str, Callable[[Path], list[Path]]] = {
+    "ros2-database": _harmful_databases,
+}
+"""Of event files: what must be refused, see :class:`Target`."""
+
+
+def _baked_light(folder: Path) -> list[Path]:
+    divisions = np.array([[1, -1], [0, 2]])
+    texels = [np.ones((texel_count(layouts_of(divisions)), 3), np.float32)]
+    maps = LightMaps(divisions, texels, np.zeros(1), 0.01, 0.0, 40, (16, 64), True, 1.5)
+    (folder / "seed.light").write_bytes(cache._packed(maps))
+    return [folder / "seed.light"]
+
+
+def read_baked_light(path: Path, _: random.Random) -> None:
+    """A mutant whose checksum is right: whoever can write the file can write that, too."""
+    content = path.read_bytes()[32:]
+    maps = cache._unpacked(hashlib.sha256(content).digest() + content)
+    check_maps(maps, two_sided=np.array([False, True]), lights=1, tests=np.zeros(1))
+    assert np.isfinite(maps.texels[0]).all(), "light that is not finite"
+
+
 _OF_SCENES = (davis_rs.DecodeError, FileNotFoundError)
 _SCENE_WARNINGS = ("/",)
 """A scene's warnings begin with its file."""
 
 TARGETS: dict[str, Target] = {
-    **{name: Target(make, read_event_file) for name, make in EVENT_FILES.items()},
+    **{
+        name: Target(make, read_event_file, harmful=HARMFUL.get(name, lambda _: []))
+        for name, make in EVENT_FILES.items()
+    },
     "recording-aedat2": Target(_aedat2, read_recording),
     "recording-aedat3": Target(_aedat3, read_recording),
     "recording-aedat4": Target(_aedat4, read_recording),
@@ -372,6 +419,7 @@ TARGETS: dict[str, Target] = {
     "sensor": Target(_sensor, read_sensor),
     "plan": Target(_plan, read_plan, allowed=(ValueError, FileNotFoundError)),
     "davis": Target(_davis, read_davis),
+    "baked-light": Target(_baked_light, read_baked_light, allowed=(ValueError,)),
     "gltf": Target(_gltf, read_scene, allowed=_OF_SCENES, warns=_SCENE_WARNINGS),
     "glb": Target(_glb, read_scene, allowed=_OF_SCENES, warns=_SCENE_WARNINGS),
     **{f"check-{key}": Target(_dataset_file(name), _check_with(name), allowed=()) for key, name in DATASET.items()},

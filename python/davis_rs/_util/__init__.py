@@ -7,7 +7,8 @@
   (what may be opened, libraries' errors as DecodeError), ``budget`` (how much one source may take), ``yaml_file``
   (strict YAML).
 - Long work: ``progress`` (all bars), ``read_ahead`` (prefetches in a background thread), ``stop_requests`` (Ctrl-C is
-  deferred to a safe point), ``folder_report`` (what a run wrote).
+  deferred to a safe point), ``folder_report`` (what a run wrote), ``terminal_text`` (text that
+  came from files is escaped).
 - ``random_words``: a draw is the SHA-256 of (seed, sequence, key), so that a new key changes no other draw.
   ``extras``: libraries that only some parts need.
 

@@ -51,7 +51,8 @@ class Budget:
         self.limits = limits_in_use() if limits is None else limits
         self.bytes = 0
         self.items = 0
-        self._end = time.monotonic() + self.limits.seconds
+        self._spent = 0.0
+        self.start_clock()
 
     def take(self, size: int, what: str) -> None:
         """Charge bytes that stay in memory.
@@ -93,6 +94,10 @@ class Budget:
         if self.items > self.limits.items:
             raise self._error(f"more than {self.limits.items} parts, the last of them {what}", "items")
 
+    def start_clock(self) -> None:
+        """Count the seconds from now on, for a reader whose user may take any time between two parts of the work."""
+        self._end = time.monotonic() + self.limits.seconds
+
     def check_time(self, what: str) -> None:
         """Go on only while there is time left.
 
@@ -100,6 +105,16 @@ class Budget:
             DecodeError: once it is over; ``what`` says in the message what took so long.
         """
         if self.out_of_time():
+            raise self._error(f"{what} has taken more than {self.limits.seconds:g} s", "seconds")
+
+    def spend(self, seconds: float, what: str) -> None:
+        """Charge time of work that is done again and again, wherever the clock stands.
+
+        Raises:
+            DecodeError: once there are no more seconds; ``what`` says in the message what takes so long.
+        """
+        self._spent += seconds
+        if self._spent > self.limits.seconds:
             raise self._error(f"{what} has taken more than {self.limits.seconds:g} s", "seconds")
 
     def out_of_time(self) -> bool:

@@ -11,6 +11,7 @@ from pathlib import Path
 from .._util.argument_error import ArgumentError
 from .._util.extras import require
 from .._util.progress import each, progress
+from .._util.terminal_text import tell
 from .._util.whole_file import write_whole
 from ..accuracy.accuracy_sweep import Measurement, Sweep, sweep
 from ..accuracy.frame_rate_report import draw_frame_rates, frame_rates_markdown, write_frame_rates_csv
@@ -129,14 +130,14 @@ def _light(options: argparse.Namespace) -> int:
     table = [f"| {' | '.join(HEADS)} |", "|---|" + "---:|" * (len(HEADS) - 1)]
     for errors in each(comparison.measure(), "light", 2 + len(LIGHT_SAMPLES), show=not options.quiet):
         table.append(str(errors))
-        print(errors, flush=True)
+        tell(errors, flush=True)
     facts = (
         f"{scene.name}, {camera.width} x {camera.height}, {comparison.duration_s:g} s, C = {scene.contrast_threshold:g}"
         f": `davis-rs {shlex.join(sys.argv[1:])}`"
     )
     folder.mkdir(parents=True, exist_ok=True)
     write_whole(folder / "light.md", "\n".join([facts, "", *table, ""]))
-    print(folder / "light.md")
+    tell(folder / "light.md")
     return 0
 
 
@@ -168,7 +169,7 @@ def _frame_rates(options: argparse.Namespace) -> int:
         }
         write_whole(folder / "frame_rates.md", frame_rates_markdown(measured, facts))
         draw_frame_rates(measured, folder / "frame_rates.png", f"{scene.name}: events from video")
-        print(folder / "frame_rates.md")
+        tell(folder / "frame_rates.md")
     return 130 if interrupted else 0
 
 
@@ -200,5 +201,5 @@ def run_sweep(prepared: Sweep, settings: Sequence[Setting], *, rounds: int, comm
         facts = facts_of(prepared, measured, command=command, interrupted=interrupted)
         write_whole(folder / "accuracy.md", markdown(measured, facts))
         draw(measured, folder / "accuracy.png", f"{prepared.scene.name}: accuracy against time ({facts['machine']})")
-        print(folder / "accuracy.md")
+        tell(folder / "accuracy.md")
     return 130 if interrupted else 0

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from .._util.terminal_text import tell
 from .._util.whole_file import write_whole
 from ..sensor.presets import SENSORS
 from .common import EVENTS_HELP, figure_file
@@ -62,15 +63,15 @@ def _sensor(options: argparse.Namespace) -> int:
     fit = fit_sensor(recordings, base)
     fitted = fit.file(base)
     text = sensor_yaml(fitted)
-    print(fit)
+    tell(fit)
     if options.output is not None:
         write_whole(options.output, text)
-        print(f"{options.output}: --sensor {options.output} simulates it")
+        tell(f"{options.output}: --sensor {options.output} simulates it")
     if options.figure is not None:
         real = recordings[0].statistics
         events = static_events(fitted.parameters, real.size, min(real.duration_s, _LONGEST_S))
         simulated = measure_stream(
             EventStream("static scene, fitted sensor", "simulated", real.size, lambda told: cut(events, told))
         )
-        print(draw_comparison(StreamComparison(real, simulated), options.figure))
+        tell(draw_comparison(StreamComparison(real, simulated), options.figure))
     return 0

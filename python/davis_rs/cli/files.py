@@ -6,11 +6,13 @@ import argparse
 import sys
 import warnings
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from decimal import Decimal, InvalidOperation
 from typing import Any
 
+from .._core import DecodeError
 from .._util.progress import progress
+from .._util.terminal_text import tell
 from .._util.untrusted import MAX_PACKET_BYTES
 from ..inspection.summary import DATASET_FOLDER, dataset_contents, dataset_row, draw_rates, summarize_events
 from ..io.dataset.reader import Dataset
@@ -127,29 +129,42 @@ def _convert(options: argparse.Namespace) -> int:
     except TypeError as error:  # an option that the format does not have
         raise ValueError(str(error)) from error
     others = "".join(f", {report.parts[part.name]:,} {part.counted}" for part in PARTS if part.name in report.parts)
-    print(
+    tell(
         f"{report.path}: {report.format}, {report.events:,} events{others}, {report.bytes:,} bytes",
         file=sys.stderr if to_stream else sys.stdout,
     )
     if report.left_out:
-        print(
+        tell(
             f"davis-rs: {report.path} ({report.format}) cannot hold, and leaves out: {report.left_out}", file=sys.stderr
         )
     return 0
 
 
 def _info(options: argparse.Namespace) -> int:
-    with _bar("reading", quiet=options.quiet) as told:
-        summary = summarize_events(
-            options.path, size=options.size, max_packet_bytes=options.max_packet_bytes, progress=told
-        )
-    print(summary)
+    try:
+        with _bar("reading", quiet=options.quiet) as told:
+            summary = summarize_events(
+                options.path, size=options.size, max_packet_bytes=options.max_packet_bytes, progress=told
+            )
+    except (OSError, DecodeError):
+        _print_rest(options.path)
+        raise
+    tell(summary)
     if summary.format == DATASET_FOLDER:
-        print(dataset_contents(Dataset(options.path)))
-        print(dataset_row(options.path, summary))
+        tell(dataset_contents(Dataset(options.path)))
+        tell(dataset_row(options.path, summary))
     if options.picture is not None:
-        print(draw_rates(summary, options.picture))
+        tell(draw_rates(summary, options.picture))
     return 0
+
+
+def _print_rest(path: str) -> None:
+    """Say what a dataset folder holds that was never finished, and whose events cannot be read."""
+    with suppress(OSError, DecodeError):
+        dataset = Dataset(path)
+        if dataset.meta.get("complete") is False:
+            tell(f"{path}: {DATASET_FOLDER}")
+            tell(dataset_contents(dataset))
 
 
 @contextmanager

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from .._core import __version__
 from .._util.progress import each
+from .._util.terminal_text import tell
 from .._util.whole_file import write_whole
 from ..accuracy.hard_case_scenes import hard_cases
 from ..accuracy.hard_cases import HardCaseResult, hard_cases_page, measure_hard_cases
@@ -53,5 +54,5 @@ def _hard_cases(options: argparse.Namespace) -> int:
         facts["interrupted"] = "these are the cases measured until then"
     if results:
         write_whole(page, hard_cases_page(results, facts))
-        print(page)
+        tell(page)
     return 130 if interrupted else 0

@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 
 from .._util.progress import each
+from .._util.terminal_text import tell
 from ..scene.sequences import SEQUENCES, Sequence, sequence_named
 from ..scene.sequences.event_counts import MEASURED, MEASURED_RECORDED, EventCount, read_counts
 from ..scene.sequences.listing import as_text, table
@@ -45,7 +46,7 @@ def _chosen(options: argparse.Namespace) -> list[Sequence]:
 
 def _list(options: argparse.Namespace) -> int:
     chosen = _chosen(options)
-    print(as_text(table(each(chosen, "listing", len(chosen), unit="sequences"), *_counts(options))))
+    tell(as_text(table(each(chosen, "listing", len(chosen), unit="sequences"), *_counts(options))))
     for sequence in chosen if options.names else ():
-        print(f"{sequence.name}, next to the recording: {sequence.differs}")
+        tell(f"{sequence.name}, next to the recording: {sequence.differs}")
     return 0

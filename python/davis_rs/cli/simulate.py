@@ -6,6 +6,7 @@ import argparse
 import sys
 from typing import Any
 
+from .._util.terminal_text import tell
 from ..scene.scene import Scene
 from ..scene.sequences import SEQUENCES, sequence_named
 from ..simulation.settings import FolderSettings
@@ -89,6 +90,6 @@ def simulate_into(options: argparse.Namespace, scene: Scene, defaults: dict[str,
         **({"accept_noise": False} | defaults | given_settings(options, FolderSettings)),
     )
     if report.plan is not None and not options.quiet:
-        print(report.plan, file=sys.stderr)
-    print(report)
+        tell(report.plan, file=sys.stderr)
+    tell(report)
     return 130 if report.interrupted else 0

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from .._util.argument_error import ArgumentError
+from .._util.terminal_text import tell
 from ..events.decoded import IMU_DTYPE, Decoded, Frame
 from ..io.files.backward import POLICIES, Policy
 from ..io.files.decoded_output import DecodedOutput, decoded_output, is_decoded
@@ -119,7 +120,7 @@ def _devices(_: argparse.Namespace) -> int:
         kind = "FX3" if device.product == FX3 else "FX2"
         line = f"bus {device.bus} address {device.address}  {kind} firmware {device.firmware}"
         if device.problem is not None:
-            print(f"{line}\n{device.problem}")
+            tell(f"{line}\n{device.problem}")
             continue
         try:
             link = UsbLink(device)
@@ -130,11 +131,11 @@ def _devices(_: argparse.Namespace) -> int:
             finally:
                 link.close()
             size = f"{camera.device.width} x {camera.device.height}"
-            print(f"{line}  {camera.chip}  serial {camera.serial}  {size}  logic {camera.logic_version}")
+            tell(f"{line}  {camera.chip}  serial {camera.serial}  {size}  logic {camera.logic_version}")
         except OSError as error:
-            print(f"{line}  serial {device.serial}\n{error.strerror or error}")
+            tell(f"{line}  serial {device.serial}\n{error.strerror or error}")
     if not found:
-        print("no DAVIS camera on the USB", file=sys.stderr)
+        tell("no DAVIS camera on the USB", file=sys.stderr)
     return 0 if found else 1
 
 
@@ -167,7 +168,7 @@ def _record_camera(camera: Davis, options: argparse.Namespace, virtual: VirtualD
     """Record until the end, however it comes, and complete the file; returns the exit status."""
     raw = not is_decoded(options.output)
     output = RawOutput(options.output, camera) if raw else LiveOutput(options.output, camera, options.backward)
-    print(f"recording {camera.description}; Ctrl-C ends it", file=sys.stderr)
+    tell(f"recording {camera.description}; Ctrl-C ends it", file=sys.stderr)
     status = 0
     started = time.monotonic()
     try:
@@ -184,13 +185,13 @@ def _record_camera(camera: Davis, options: argparse.Namespace, virtual: VirtualD
     except OSError as error:
         if error.errno != errno.ENODEV:
             raise
-        print(f"davis-rs: error: {error.strerror}: the recording ends there", file=sys.stderr)
+        tell(f"davis-rs: error: {error.strerror}: the recording ends there", file=sys.stderr)
         status = 1
     finally:
         said = output.finish()
-    print("\n".join(said))
+    tell("\n".join(said))
     if camera.lost_bytes:
-        print(f"{camera.lost_bytes} of {camera.received_bytes} bytes were lost", file=sys.stderr)
+        tell(f"{camera.lost_bytes} of {camera.received_bytes} bytes were lost", file=sys.stderr)
     return status
 
 
@@ -249,11 +250,11 @@ def _decode(options: argparse.Namespace) -> int:
                 output.abandon()
             raise
     totals = ", ".join(f"{count} {kind}" for kind, count in counts.items())
-    print(f"{source.title}: {totals}")
+    tell(f"{source.title}: {totals}")
     for line in [*said, *source.remarks()]:
-        print(line)
+        tell(line)
     for line in source.losses():
-        print(line, file=sys.stderr)
+        tell(line, file=sys.stderr)
     return 0
 
 

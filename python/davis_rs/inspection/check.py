@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .._core import DecodeError, log_intensity, reconstruct
+from .._util.terminal_text import printable
 from ..events.arrays import EventArray
 from ..geometry.pose import GroundTruth
 from ..io.dataset.files import META
@@ -106,7 +107,7 @@ class CheckReport:
             lines.append(f"{holds}, noise included" if self.noise else holds)
         else:
             lines.append(f"the check fails: {len(self.problems)} problem{'s' * (len(self.problems) > 1)}")
-        return "\n".join(lines)
+        return "\n".join(map(printable, lines))
 
 
 def check_dataset(path: str | Path) -> CheckReport:

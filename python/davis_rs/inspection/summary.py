@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from .._util.extras import from_extra
 from .._util.folder_report import start_line
+from .._util.terminal_text import printable
 from .._util.untrusted import MAX_PACKET_BYTES
 from .._util.whole_file import whole_file
 from ..geometry.pose import GroundTruth
@@ -107,7 +108,7 @@ class EventSummary:
         known = "" if self.size_known else " (spanned by the events; the file does not say)"
         lines = [f"{self.path}: {self.format}", f"sensor      {width} x {height}{known}"]
         if not self.events:
-            return "\n".join([*lines, "events      0"])
+            return "\n".join(map(printable, [*lines, "events      0"]))
         x, y, most = self.pixels.busiest
         silent = width * height - self.pixels.with_events
         lines += [
@@ -123,7 +124,7 @@ class EventSummary:
             lines.append(f"warning: {self.outside:,} events lie outside of the sensor, and are left out")
         if self.backward:
             lines.append(f"warning: {self.backward:,} events are earlier than the one before them")
-        return "\n".join(lines)
+        return "\n".join(map(printable, lines))
 
 
 class DatasetRow(NamedTuple):
@@ -236,13 +237,14 @@ def dataset_contents(dataset: Dataset) -> str:
         lines.append("note        cut short: its writer was stopped, by Ctrl-C or an error, and finished the folder")
     elif dataset.meta.get("complete") is False:
         lines.append("warning: the folder was never finished: its writer was killed or failed")
-    return "\n".join(lines)
+    return "\n".join(map(printable, lines))
 
 
 def dataset_row(path: str | Path, summary: EventSummary) -> DatasetRow:
     """The paper's columns for a dataset folder whose events were summed up.
 
-    The duration is that of ``meta.json`` where there is one, else that of the events.
+    The duration is that of ``meta.json`` where there is one, else that of the events. In a folder that was never
+    finished ``meta.json`` may be older than the events: there it is the longer one.
 
     Raises:
         OSError, DecodeError: if the ground truth cannot be read.
@@ -250,6 +252,8 @@ def dataset_row(path: str | Path, summary: EventSummary) -> DatasetRow:
     dataset = Dataset(path)
     stated_us = dataset.meta.get("duration_us")
     duration_s = stated_us / 1e6 if isinstance(stated_us, int) else summary.duration_s
+    if dataset.meta.get("complete") is False:
+        duration_s = max(duration_s, summary.duration_s)
     return DatasetRow(duration_s, *top_speeds(dataset.groundtruth), summary.events)
 
 

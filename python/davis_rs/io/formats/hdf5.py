@@ -14,14 +14,16 @@ import numpy as np
 import numpy.typing as npt
 
 from ..._core import DecodeError, fill_events
+from ..._util.budget import Budget
 from ..._util.extras import from_extra, require
 from ..._util.untrusted import decoding
 from ...events.arrays import EVENT_DTYPE, EventArray
 from .blocks import BLOCK, Blocks, Place, equal_blocks
 from .files import claim
-from .hdf5_chunks import check_chunks, check_dataset
+from .hdf5_chunks import Rows
 from .hdf5_dataset import CHUNK, GrowingDataset, check_compression
 from .hdf5_disk import Hdf5File
+from .hdf5_links import find_inside
 from .interface import EventReader, EventWriter, Format, Limits, Target, warn_truncated
 from .reading import ANY_SIZE, ReadRules
 
@@ -148,19 +150,20 @@ class Hdf5Reader(EventReader):
     """The shape of their values."""
 
     def __init__(self, path: str | os.PathLike[str], *, format: str, rules: ReadRules) -> None:
+        self.path = Path(path)
         self._file = open_hdf5(path)
         try:
             with decoding(path):
-                missing = [name for name in self.names if name not in self._file]
+                datasets = [find_inside(path, self._file, name) for name in self.names]
+                missing = [name for name, dataset in zip(self.names, datasets, strict=True) if dataset is None]
                 if missing:
                     raise DecodeError(f"{os.fspath(path)}: no dataset {', '.join(missing)}")
                 super().__init__(path, format=format, size=self._size(), rules=rules)
                 self._done = 0
-                self._datasets = [self._file[name] for name in self.names]
-                lengths = {dataset.name: len(dataset) for dataset in self._datasets}
+                self._budget = Budget(path)
+                lengths = {dataset.name: len(dataset) for dataset in datasets}
                 self._count = min(lengths.values())
-                for dataset in self._datasets:
-                    check_dataset(path, dataset, self._count, rules.max_packet_bytes, self.row)
+                self._datasets = [self._rows_of(dataset, self._count, self.row) for dataset in datasets]
                 finished = self._file.attrs.get(COMPLETE, 1) != 0
                 if finished and len(set(lengths.values())) > 1:
                     raise DecodeError(f"{path}: datasets of events differ in length: {lengths}")
@@ -181,6 +184,14 @@ class Hdf5Reader(EventReader):
     def close(self) -> None:
         self._file.close()
 
+    def _find(self, name: str) -> Any:
+        """The dataset or group of a name, None where there is none."""
+        return find_inside(self.path, self._file, name)
+
+    def _rows_of(self, dataset: h5py.Dataset, rows: int, row: tuple[int | None, ...] = ()) -> Rows:
+        """The rows of a dataset of the file, within its limits."""
+        return Rows(self.path, dataset, rows, self.rules.max_packet_bytes, self._budget, row)
+
     @abstractmethod
     def _times(self, values: npt.NDArray[Any]) -> npt.NDArray[np.int64]:
         """Microseconds from what the dataset of times holds."""
@@ -196,7 +207,7 @@ class Hdf5Reader(EventReader):
         first, end = self._place(start_us, 0), self._place(stop_us, self._count)
         while first < end:
             # Cut where the file's own chunks are, so that none is decompressed twice.
-            step = (self._datasets[0].chunks or (chunk,))[0]
+            step = self._datasets[0].chunk or chunk
             stop = min(end, first + chunk)
             if stop < end and stop - stop % step > first:
                 stop -= stop % step
@@ -207,8 +218,8 @@ class Hdf5Reader(EventReader):
         return self._slice(self._place(start_us, 0), self._place(stop_us, self._count))
 
     def blocks(self) -> Blocks:
-        chunks = self._datasets[0].chunks
-        return equal_blocks(self._count, BLOCK if chunks is None else max(chunks[0], BLOCK // 4))
+        chunk = self._datasets[0].chunk
+        return equal_blocks(self._count, BLOCK if chunk is None else max(chunk, BLOCK // 4))
 
     def read_block(self, place: Place, events: int) -> EventArray:
         return self._slice(int(place[0]), int(place[1]))
@@ -219,8 +230,7 @@ class Hdf5Reader(EventReader):
         times = self._datasets[0]
 
         def time(row: int) -> int:
-            check_chunks(self.path, times, row, row + 1, self.rules.max_packet_bytes)
-            return int(self._times(times[row : row + 1])[0])
+            return int(self._times(times.read(row, row + 1))[0])
 
         return bisect_left(range(self._count), t_us, key=time)
 
@@ -234,8 +244,6 @@ class Hdf5Reader(EventReader):
         return events
 
     def _fill(self, events: EventArray, start: int, end: int) -> None:
-        for dataset in self._datasets:
-            check_chunks(self.path, dataset, start, end, self.rules.max_packet_bytes)
         with decoding(self.path, f"events {start}..{end}"):  # a filter that fails on what it is given, or is missing
             t, x, y, p = self._columns(start, end)
         x, y = self._coordinate("x", x, start), self._coordinate("y", y, start)
@@ -248,7 +256,7 @@ class Hdf5Reader(EventReader):
 
     def _columns(self, start: int, end: int) -> tuple[npt.NDArray[Any], ...]:
         """Return t, x, y and p of some events, as the file has them."""
-        return tuple(dataset[start:end] for dataset in self._datasets)
+        return tuple(rows.read(start, end) for rows in self._datasets)
 
     def _coordinate(self, name: str, column: npt.NDArray[Any], start: int) -> npt.NDArray[np.uint16]:
         if column.dtype == np.uint16:
@@ -327,6 +335,6 @@ class Hdf5Format(Format):
             return False
         try:
             with open_hdf5(path) as file, decoding(path):
-                return all(name in file for name in self.marks)
+                return all(find_inside(path, file, name) is not None for name in self.marks)
         except (ImportError, DecodeError):
             return True  # whose reader says what is wrong

@@ -121,11 +121,16 @@ class MvsecReader(Hdf5PartsReader):
     def flow_maps(self) -> Iterator[tuple[int, npt.NDArray[np.float32]]]:
         """Maps of optical flow as (t_us, float32 (height, width, 2) in pixels per second)."""
         series = SERIES[FLOW.name]
-        if series.times not in self._file:
-            return
         with decoding(self.path, series.times):
-            times = self._file[series.times]
-            intervals = self._file[_INTERVALS][:] if _INTERVALS in self._file else np.diff(times[:])
+            times, dataset = self._find(series.times), self._find(_INTERVALS)
+            if times is None:
+                return
+            given = dataset is not None
+            dataset = dataset if given else times
+            self._budget.take(8 * len(dataset), "the intervals of flow_dist")
+            with self._rows_of(dataset, len(dataset)) as rows:
+                intervals = np.asarray(rows.read(0, len(dataset)), np.float64)
+            intervals = intervals if given else np.diff(intervals)
             if not len(intervals):
                 raise DecodeError(f"{self.path}: one map of flow_dist alone has no interval")
         for number, (t_us, displacement) in enumerate(self._rows(FLOW, (2, None, None))):
@@ -144,7 +149,7 @@ class MvsecReader(Hdf5PartsReader):
 
     def _size(self) -> tuple[int, int] | None:
         size = super()._size()
-        images = self._file.get(SERIES[FRAMES.name].values)
+        images = self._find(SERIES[FRAMES.name].values)
         if size is None and images is not None and images.ndim == 3 and min(images.shape[1:]) > 0:
             size = (images.shape[2], images.shape[1])
         return size
@@ -157,7 +162,7 @@ class MvsecReader(Hdf5PartsReader):
         return microseconds.astype(np.int64)
 
     def _columns(self, start: int, end: int) -> tuple[npt.NDArray[Any], ...]:
-        rows = self._datasets[0][start:end]
+        rows = self._datasets[0].read(start, end)
         x, y = rows[:, 0], rows[:, 1]
         wrong = ~((np.floor(x) == x) & (np.floor(y) == y) & (np.abs(x) < 2**31) & (np.abs(y) < 2**31))
         if wrong.any():
