@@ -51,7 +51,7 @@ class Budget:
         self.limits = limits_in_use() if limits is None else limits
         self.bytes = 0
         self.items = 0
-        self._end = time.monotonic() + self.limits.seconds
+        self.start_clock()
 
     def take(self, size: int, what: str) -> None:
         """Charge bytes that stay in memory.
@@ -92,6 +92,10 @@ class Budget:
         self.items += items
         if self.items > self.limits.items:
             raise self._error(f"more than {self.limits.items} parts, the last of them {what}", "items")
+
+    def start_clock(self) -> None:
+        """Count the seconds from now on, for a reader whose user may take any time between two parts of the work."""
+        self._end = time.monotonic() + self.limits.seconds
 
     def check_time(self, what: str) -> None:
         """Go on only while there is time left.

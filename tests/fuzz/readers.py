@@ -70,6 +70,13 @@ def child(say: Connection, target_name: str, seed: int, numbers: range, folder: 
         whole = folder / ("whole" + path.suffix)
         shutil.copy(path, whole)
         target.read(whole, random.Random(0))
+    for path in target.harmful(folder):
+        contents.append(path.read_bytes())
+        try:
+            target.read(path, random.Random(0))
+        except target.allowed:
+            continue
+        raise AssertionError(f"{path.name} was read, and must be refused")
     for number in numbers:
         rng = random.Random(f"{seed}/{target_name}/{number}")
         data = mutant(contents, rng)

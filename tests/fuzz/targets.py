@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 import davis_rs
+from bag_databases import PROGRAMS, database, in_circles
 from davis_rs.event_files.random_access import RandomAccess
 from davis_rs.formats.recorded import RecordedParts
 from davis_rs.generate import load_sequence_plan
@@ -49,7 +50,8 @@ class Target:
     """A reader.
 
     ``make`` writes a file to begin with, or several, into a folder; ``read`` reads a mutant and raises AssertionError
-    where what comes out breaks a promise. ``allowed`` are the errors that a reader may raise, ``warns`` is how those of
+    where what comes out breaks a promise. ``harmful`` writes files that must be refused, and whose mutants are read
+    like those of the others. ``allowed`` are the errors that a reader may raise, ``warns`` is how those of
     its warnings begin that have no class of their own.
     """
 
@@ -57,6 +59,7 @@ class Target:
     read: Callable[[Path, random.Random], None]
     allowed: tuple[type[Exception], ...] = (davis_rs.DecodeError,)
     warns: tuple[str, ...] = ()
+    harmful: Callable[[Path], list[Path]] = lambda _: []
 
 
 def some_events(count: int = 300) -> Any:
@@ -96,6 +99,18 @@ def _unfinished_bag(folder: Path) -> list[Path]:
     struct.pack_into("<Q", content, place, 0)
     path.write_bytes(content)
     return [path]
+
+
+def _bag_database(folder: Path) -> list[Path]:
+    path = folder / "seed"
+    with davis_rs.open_writer(path, SIZE, "ros2") as writer:
+        writer.write(some_events())
+    return [path / "seed.db3"]
+
+
+def _harmful_databases(folder: Path) -> list[Path]:
+    made = [database(folder / f"harmful{k}.db3", *statements) for k, statements in enumerate(PROGRAMS.values())]
+    return [*made, in_circles(folder / "circles.db3")]
 
 
 def _gzip_hdf5(folder: Path) -> list[Path]:
@@ -352,18 +367,27 @@ EVENT_FILES: dict[str, Callable[[Path], list[Path]]] = {
     "bag-lz4": _written(".bag", compression="lz4"),
     "bag-unfinished": _unfinished_bag,
     "ros2": _written(".mcap"),
+    "ros2-database": _bag_database,
     "aedat2": _aedat2,
     "aedat3": _aedat3,
     "aedat4-frames": _aedat4,
     "camera": _davis,
 }
 
+HARMFUL: dict[str, Callable[[Path], list[Path]]] = {
+    "ros2-database": _harmful_databases,
+}
+"""Of event files: what must be refused, see :class:`Target`."""
+
 _OF_SCENES = (davis_rs.DecodeError, FileNotFoundError)
 _SCENE_WARNINGS = ("/",)
 """A scene's warnings begin with its file."""
 
 TARGETS: dict[str, Target] = {
-    **{name: Target(make, read_event_file) for name, make in EVENT_FILES.items()},
+    **{
+        name: Target(make, read_event_file, harmful=HARMFUL.get(name, lambda _: []))
+        for name, make in EVENT_FILES.items()
+    },
     "recording-aedat2": Target(_aedat2, read_recording),
     "recording-aedat3": Target(_aedat3, read_recording),
     "recording-aedat4": Target(_aedat4, read_recording),
