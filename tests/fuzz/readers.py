@@ -13,6 +13,7 @@ Mutants are read in child processes, each of which goes from one to the next unt
 from __future__ import annotations
 
 import argparse
+import gc
 import multiprocessing
 import os
 import random
@@ -36,8 +37,8 @@ MOST_SILENT_SECONDS = 20.0
 """Of a child's processor time, without a word of it."""
 MOST_BLOCKED_SECONDS = 600.0
 """By the wall clock, for a child that waits rather than works; the machine may be busy with other things."""
-ADDRESS_SPACE = 12 << 30
-"""Of a child: above what libraries reserve, below what would harm others."""
+ADDRESS_SPACE = 3 << 30
+"""Of a child: above what libraries reserve, below the 4 GiB that a length of 32 bits can ask for."""
 
 
 @dataclass
@@ -77,6 +78,8 @@ def child(say: Connection, target_name: str, seed: int, numbers: range, folder: 
         except target.allowed:
             continue
         raise AssertionError(f"{path.name} was read, and must be refused")
+    gc.collect()
+    gc.freeze()
     for number in numbers:
         rng = random.Random(f"{seed}/{target_name}/{number}")
         data = mutant(contents, rng)
@@ -96,6 +99,7 @@ def child(say: Connection, target_name: str, seed: int, numbers: range, folder: 
                 pass
             except BaseException as error:
                 found = f"{type(error).__module__}.{type(error).__name__}: {str(error)[:200]}"
+            gc.collect()  # a file that was left open is warned of when it is found
         seconds = time.process_time() - started
         grown = max(0, _peak() - before) - len(data)
         others = {

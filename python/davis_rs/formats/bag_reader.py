@@ -13,7 +13,7 @@ from ..events import EventArray, concatenate_events
 from ..extras import from_extra
 from ..untrusted import decoding, guarded
 from . import ros_messages as topics
-from .bag_records import scan_messages, unpackers
+from .bag_records import scan_messages
 from .blocks import Blocks, Place, blocks_of, refuse
 from .interface import warn_truncated
 from .reading import ReadRules
@@ -21,7 +21,7 @@ from .ros_events import PacketDecoder
 from .ros_reader import RawMessage, RosReader, Wanted
 
 if TYPE_CHECKING:
-    from rosbags.rosbag1 import Reader
+    from .bag_index import BagIndex
 
 
 class BagReader(RosReader):
@@ -43,45 +43,30 @@ class BagReader(RosReader):
 
     def __init__(self, path: Path, *, format: str, caller: str, rules: ReadRules) -> None:
         with from_extra("ros"):
-            from rosbags.rosbag1 import Reader
+            from .bag_index import BagIndex
         path.open("rb").close()  # the system's own error, where there is one
-        self._reader: Reader | None = Reader(path)
+        self.path = path
         self._done = 0.0
         self._scanned: set[str] | None = None
         self._limit = rules.max_packet_bytes
-        with decoding(path, "the index"):
-            try:
-                self._reader.open()
-            except Exception as error:
-                if "not indexed" not in str(error):
-                    raise
-                self._reader = None
-        if self._reader is None:
-            warn_truncated(path, "the bag was never finished and has no index; what is whole in it is read")
-        else:
-            self._limit_chunks(self._reader)
         self._caller = caller
-        self.path = path
+        self._reader: BagIndex | None = BagIndex(path, self._limit)
         try:
+            with decoding(path, "the index"):
+                try:
+                    self._reader.open()
+                except Exception as error:
+                    if "not indexed" not in str(error):
+                        raise
+                    self._reader = None
+            if self._reader is None:
+                warn_truncated(path, "the bag was never finished and has no index; what is whole in it is read")
             with decoding(path):
                 size = self._first_size()
         except BaseException:
             self.close()
             raise
         super().__init__(path, format=format, size=size, rules=rules)
-
-    def _limit_chunks(self, reader: Reader) -> None:
-        """Have a bag's chunks unpacked to no more than the limit."""
-        from rosbags.rosbag1.reader import decompressors
-
-        path = Path(reader.path)
-        limited = unpackers(path, self._limit)
-        names = {id(decompressor): name for name, decompressor in decompressors.items()}
-        size = path.stat().st_size
-        for place, chunk in reader.chunks.items():
-            if chunk.datasize > size:
-                raise DecodeError(f"{path}: a chunk of {chunk.datasize} bytes goes beyond the file's end")
-            reader.chunks[place] = chunk._replace(decompressor=limited[names[id(chunk.decompressor)]])
 
     @property
     def progress(self) -> float:

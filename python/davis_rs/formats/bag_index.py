@@ -1,0 +1,90 @@
+"""A bag's index and its chunks by rosbags, which trusts what a bag says of sizes: here it may not."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, BinaryIO
+
+from rosbags.rosbag1 import Reader
+
+from .._core import DecodeError
+from ..budget import Budget
+from .bag_records import unpackers
+
+if TYPE_CHECKING:
+    from rosbags.rosbag1.reader import Chunk, IndexData
+
+_ENTRIES_AT = 51
+"""Where a part of the index says how many bytes its entries have."""
+_ENTRY, _ENTRY_HELD = 12, 160
+"""Bytes of an entry of the index, in the file and in memory."""
+
+
+class BagIndex(Reader):  # type: ignore[misc] # rosbags is not looked into
+    """Reads the index of a bag of ROS 1, and messages by it.
+
+    No read goes beyond the file's end, all parts of the index together are no longer than the file, and a chunk unpacks
+    to at most ``limit`` bytes. Otherwise a few bytes could ask for any amount of memory.
+
+    Raises:
+        DecodeError: on opening, for an index that says more.
+    """
+
+    def __init__(self, path: Path, limit: int) -> None:
+        super().__init__(_BoundedPath(path))
+        self._file = path
+        self._size = path.stat().st_size
+        self._unpackers = unpackers(path, limit)
+        self._budget = Budget(path)
+        self._read = 0
+
+    def read_chunk(self) -> Chunk:
+        from rosbags.rosbag1.reader import decompressors
+
+        chunk = super().read_chunk()
+        if chunk.datapos + chunk.datasize > self._size:
+            raise DecodeError(f"{self._file}: a chunk of {chunk.datasize} bytes goes beyond the file's end")
+        name = next(name for name, unpack in decompressors.items() if unpack is chunk.decompressor)
+        return chunk._replace(decompressor=self._unpackers[name])
+
+    def read_index_data(self, pos: int, indexes: dict[int, list[IndexData]]) -> None:
+        assert self.bio is not None
+        begin = self.bio.tell()
+        size = int.from_bytes(self.bio.read(_ENTRIES_AT + 4)[_ENTRIES_AT:], "little")
+        self.bio.seek(begin)
+        self._read += _ENTRIES_AT + 4 + size
+        if self._read > self._size:
+            raise DecodeError(f"{self._file}: damaged: all parts of the index have more bytes than the file")
+        self._budget.take(size // _ENTRY * _ENTRY_HELD, "the index")
+        super().read_index_data(pos, indexes)
+
+
+class _Bounded(io.BufferedReader):
+    """A file of which no more is asked than it has: a read takes memory for what is asked."""
+
+    def __init__(self, path: Path) -> None:
+        raw = io.FileIO(path)
+        super().__init__(raw)
+        self._end = raw.seek(0, io.SEEK_END)
+        raw.seek(0)
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        left = max(0, self._end - self.tell())
+        return super().read(left if size is None or size < 0 else min(size, left))
+
+
+class _BoundedPath:
+    """A path as rosbags takes one, whose file is :class:`_Bounded`."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+
+    def __str__(self) -> str:
+        return str(self._path)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._path, name)
+
+    def open(self, *_: Any, **__: Any) -> BinaryIO:
+        return _Bounded(self._path)
