@@ -116,12 +116,15 @@ def _harmful_databases(folder: Path) -> list[Path]:
 def _gzip_hdf5(folder: Path) -> list[Path]:
     import h5py
 
-    path, events = folder / "seed.h5", some_events()
-    with h5py.File(path, "w") as file:
-        for name in "txyp":
-            file.create_dataset(f"events/{name}", data=events[name], chunks=(100,), compression="gzip", shuffle=True)
-        file.attrs["sensor_resolution"] = [180, 240]
-    return [path]
+    events = some_events()
+    paths = [folder / "seed.h5", folder / "one_chunk.h5"]
+    for path, chunk in zip(paths, (100, 1 << 16), strict=True):
+        with h5py.File(path, "w") as file:
+            for name in "txyp":
+                column = {"data": events[name], "maxshape": (None,), "chunks": (chunk,)}
+                file.create_dataset(f"events/{name}", **column, compression="gzip", shuffle=chunk == 100)
+            file.attrs["sensor_resolution"] = [180, 240]
+    return paths
 
 
 def read_event_file(path: Path, rng: random.Random) -> None:

@@ -91,12 +91,21 @@ class DsecReader(Hdf5PartsReader):
         super().__init__(path, format=format, rules=rules)
         try:
             with decoding(path, "t_offset"):
-                self._offset_us = int(self._file["t_offset"][()]) if "t_offset" in self._file else 0
+                self._offset_us = self._offset() if "t_offset" in self._file else 0
                 if not -_LATEST_US < self._offset_us < _LATEST_US:
                     raise ValueError(f"it must lie within +-2^62 us: found {self._offset_us}")
         except BaseException:
             self.close()
             raise
+
+    def _offset(self) -> int:
+        dataset = self._file["t_offset"]
+        if dataset.shape == ():
+            return int(dataset[()])
+        if dataset.shape != (1,):
+            raise ValueError(f"it must be one number: found an array of {dataset.shape}")
+        with self._rows_of(dataset, 1) as rows:
+            return int(rows.read(0, 1)[0])
 
     def _times(self, values: npt.NDArray[Any]) -> npt.NDArray[np.int64]:
         if values.dtype.kind not in "iu":

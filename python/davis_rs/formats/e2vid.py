@@ -101,7 +101,13 @@ class E2vidReader(Hdf5Reader):
         group = self._file.get("images", {})
         for name in sorted(group):
             with decoding(self.path, f"image {name}"):
-                t_us, image = round(float(group[name].attrs["timestamp"]) * 1e6), group[name][:]
+                dataset = group[name]
+                t_us, height = round(float(dataset.attrs["timestamp"]) * 1e6), len(dataset)
+                with (
+                    self._budget.borrow(dataset.size * dataset.dtype.itemsize, f"image {name}"),
+                    self._rows_of(dataset, height, (None,)) as rows,
+                ):
+                    image = rows.read(0, height)
             yield t_us, image
 
     def _times(self, values: npt.NDArray[Any]) -> npt.NDArray[np.int64]:

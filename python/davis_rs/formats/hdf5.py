@@ -14,12 +14,13 @@ import numpy as np
 import numpy.typing as npt
 
 from .._core import DecodeError, fill_events
+from ..budget import Budget
 from ..events import EVENT_DTYPE, EventArray
 from ..extras import from_extra, require
 from ..untrusted import decoding
 from .blocks import BLOCK, Blocks, Place, equal_blocks
 from .files import claim
-from .hdf5_chunks import check_chunks, check_dataset
+from .hdf5_chunks import Rows
 from .hdf5_dataset import CHUNK, GrowingDataset, check_compression
 from .hdf5_disk import Hdf5File
 from .interface import EventReader, EventWriter, Format, Limits, Target, warn_truncated
@@ -156,11 +157,11 @@ class Hdf5Reader(EventReader):
                     raise DecodeError(f"{os.fspath(path)}: no dataset {', '.join(missing)}")
                 super().__init__(path, format=format, size=self._size(), rules=rules)
                 self._done = 0
-                self._datasets = [self._file[name] for name in self.names]
-                lengths = {dataset.name: len(dataset) for dataset in self._datasets}
+                self._budget = Budget(path)
+                datasets = [self._file[name] for name in self.names]
+                lengths = {dataset.name: len(dataset) for dataset in datasets}
                 self._count = min(lengths.values())
-                for dataset in self._datasets:
-                    check_dataset(path, dataset, self._count, rules.max_packet_bytes, self.row)
+                self._datasets = [self._rows_of(dataset, self._count, self.row) for dataset in datasets]
                 finished = self._file.attrs.get(COMPLETE, 1) != 0
                 if finished and len(set(lengths.values())) > 1:
                     raise DecodeError(f"{path}: datasets of events differ in length: {lengths}")
@@ -181,6 +182,10 @@ class Hdf5Reader(EventReader):
     def close(self) -> None:
         self._file.close()
 
+    def _rows_of(self, dataset: h5py.Dataset, rows: int, row: tuple[int | None, ...] = ()) -> Rows:
+        """The rows of a dataset of the file, within its limits."""
+        return Rows(self.path, dataset, rows, self.rules.max_packet_bytes, self._budget, row)
+
     @abstractmethod
     def _times(self, values: npt.NDArray[Any]) -> npt.NDArray[np.int64]:
         """Microseconds from what the dataset of times holds."""
@@ -196,7 +201,7 @@ class Hdf5Reader(EventReader):
         first, end = self._place(start_us, 0), self._place(stop_us, self._count)
         while first < end:
             # Cut where the file's own chunks are, so that none is decompressed twice.
-            step = (self._datasets[0].chunks or (chunk,))[0]
+            step = self._datasets[0].chunk or chunk
             stop = min(end, first + chunk)
             if stop < end and stop - stop % step > first:
                 stop -= stop % step
@@ -207,8 +212,8 @@ class Hdf5Reader(EventReader):
         return self._slice(self._place(start_us, 0), self._place(stop_us, self._count))
 
     def blocks(self) -> Blocks:
-        chunks = self._datasets[0].chunks
-        return equal_blocks(self._count, BLOCK if chunks is None else max(chunks[0], BLOCK // 4))
+        chunk = self._datasets[0].chunk
+        return equal_blocks(self._count, BLOCK if chunk is None else max(chunk, BLOCK // 4))
 
     def read_block(self, place: Place, events: int) -> EventArray:
         return self._slice(int(place[0]), int(place[1]))
@@ -219,8 +224,7 @@ class Hdf5Reader(EventReader):
         times = self._datasets[0]
 
         def time(row: int) -> int:
-            check_chunks(self.path, times, row, row + 1, self.rules.max_packet_bytes)
-            return int(self._times(times[row : row + 1])[0])
+            return int(self._times(times.read(row, row + 1))[0])
 
         return bisect_left(range(self._count), t_us, key=time)
 
@@ -234,8 +238,6 @@ class Hdf5Reader(EventReader):
         return events
 
     def _fill(self, events: EventArray, start: int, end: int) -> None:
-        for dataset in self._datasets:
-            check_chunks(self.path, dataset, start, end, self.rules.max_packet_bytes)
         with decoding(self.path, f"events {start}..{end}"):  # a filter that fails on what it is given, or is missing
             t, x, y, p = self._columns(start, end)
         x, y = self._coordinate("x", x, start), self._coordinate("y", y, start)
@@ -248,7 +250,7 @@ class Hdf5Reader(EventReader):
 
     def _columns(self, start: int, end: int) -> tuple[npt.NDArray[Any], ...]:
         """Return t, x, y and p of some events, as the file has them."""
-        return tuple(dataset[start:end] for dataset in self._datasets)
+        return tuple(rows.read(start, end) for rows in self._datasets)
 
     def _coordinate(self, name: str, column: npt.NDArray[Any], start: int) -> npt.NDArray[np.uint16]:
         if column.dtype == np.uint16:

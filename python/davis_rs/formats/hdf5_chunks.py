@@ -1,4 +1,8 @@
-"""HDF5's chunks before HDF5 unpacks them: its filters take memory for whatever a chunk claims, or unpacks to."""
+"""Rows of HDF5's datasets, each chunk of which is checked and unpacked once.
+
+HDF5's filters take memory for whatever a chunk claims, or unpacks to. HDF5 forgets a chunk of more than 1 MiB at once,
+so that it would be unpacked again for each piece that is read of it.
+"""
 
 from __future__ import annotations
 
@@ -6,10 +10,15 @@ import itertools
 import math
 import os
 import zlib
-from typing import TYPE_CHECKING
+from types import TracebackType
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
 
 from .._core import DecodeError
-from ..untrusted import above_limit
+from ..budget import Budget
+from ..untrusted import above_limit, decoding
 
 if TYPE_CHECKING:
     import h5py
@@ -19,6 +28,140 @@ _LZF, _BLOSC, _LZ4, _BITSHUFFLE, _ZSTD = 32000, 32001, 32004, 32008, 32015
 """Numbers of filters. Source: HDF5's registry of filters."""
 _LONGEST_RATIO = {_DEFLATE: 1032, _LZF: 88}
 """What a byte can become, of formats that do not state what they unpack to."""
+
+
+class Rows:
+    """Reads rows of a dataset. The chunk that the last ones came from is kept, so that the next ones are there.
+
+    What is kept is charged to the budget; it is given back on :meth:`close`, or at the end of a ``with`` block.
+
+    Args:
+        path: the file, in which all rows must lie.
+        rows: of the dataset, that may be read.
+        limit: bytes that a row, and a chunk that is unpacked, may have.
+        budget: of the file.
+        row: the shape that a row must have, None for any number.
+
+    Raises:
+        DecodeError: here, for a dataset of another shape, or not of numbers; for one that does not hold its rows in the
+            file itself; for chunks above the limit or the budget, and filters that are not known.
+    """
+
+    def __init__(
+        self,
+        path: str | os.PathLike[str],
+        dataset: h5py.Dataset,
+        rows: int,
+        limit: int,
+        budget: Budget,
+        row: tuple[int | None, ...] = (),
+    ) -> None:
+        check_dataset(path, dataset, rows, limit, row)
+        self._path, self._dataset, self._limit, self._budget = path, dataset, limit, budget
+        self.dtype: np.dtype[Any] = dataset.dtype
+        self._filters = _filters(path, dataset)
+        self._first = -1
+        self._kept: npt.NDArray[Any] = np.zeros(0, self.dtype)
+        self._charged = 0
+        if any(number not in (_SHUFFLE, _FLETCHER) for number in self._filters):
+            self._places = list(
+                itertools.product(
+                    *(range(0, side, step) for side, step in zip(dataset.shape[1:], dataset.chunks[1:], strict=True))
+                )
+            )
+            self._chunk_bytes = math.prod(dataset.chunks) * self.dtype.itemsize
+            self._charged = len(self._places) * self._chunk_bytes
+            budget.take(self._charged, f"a chunk of {dataset.name}")
+
+    @property
+    def chunk(self) -> int | None:
+        """Rows of a chunk, None where there are none."""
+        chunks = self._dataset.chunks
+        return None if chunks is None else int(chunks[0])
+
+    def read(self, start: int, end: int) -> npt.NDArray[Any]:
+        """Return rows ``start`` to ``end``, an array of its own.
+
+        Raises:
+            DecodeError: for a chunk that is damaged, or may unpack to more than the limit.
+        """
+        if not self._charged:
+            with decoding(self._path, f"{self._dataset.name}, {start}..{end}"):
+                found: npt.NDArray[Any] = self._dataset[start:end]
+            return found
+        step = self._dataset.chunks[0]
+        rows = np.empty((max(0, end - start), *self._dataset.shape[1:]), self.dtype)
+        for first in range(start - start % step, end, step):
+            begin, stop = max(start, first), min(end, first + step)
+            rows[begin - start : stop - start] = self._chunk_at(first)[begin - first : stop - first]
+        return rows
+
+    def close(self) -> None:
+        """Forget what is kept."""
+        self._first, self._kept = -1, self._kept[:0]
+        self._budget.give_back(self._charged)
+        self._charged = 0
+
+    def __enter__(self) -> Rows:
+        return self
+
+    def __exit__(self, _: type[BaseException] | None, __: BaseException | None, ___: TracebackType | None) -> None:
+        self.close()
+
+    def _chunk_at(self, first: int) -> npt.NDArray[Any]:
+        """The rows of the chunk, or of all chunks side by side, that begins at a row."""
+        if first != self._first:
+            self._first, self._kept = -1, self._kept[:0]
+            with decoding(self._path, f"{self._dataset.name}, the chunk at {first}"):
+                if len(self._places) == 1:
+                    self._kept = self._unpack((first, *self._places[0]))
+                else:
+                    shape = (min(self._dataset.chunks[0], len(self._dataset) - first), *self._dataset.shape[1:])
+                    self._kept = np.empty(shape, self.dtype)
+                    for place in self._places:
+                        part = self._unpack((first, *place))
+                        inside = (slice(o, o + n) for o, n in zip((0, *place), part.shape, strict=True))
+                        self._kept[tuple(inside)] = part
+            self._first = first
+        return self._kept
+
+    def _unpack(self, place: tuple[int, ...]) -> npt.NDArray[Any]:
+        """What a chunk holds, as far as it lies within the dataset."""
+        dataset = self._dataset
+        inside = tuple(
+            slice(o, min(o + step, side)) for o, step, side in zip(place, dataset.chunks, dataset.shape, strict=True)
+        )
+        skipped, data = dataset.id.read_direct_chunk(place)
+        filters = [number for k, number in enumerate(self._filters) if not skipped >> k & 1]
+        if filters in ([_DEFLATE], [_SHUFFLE, _DEFLATE]) and self._is_plain():
+            with self._budget.borrow(2 * self._chunk_bytes, f"a chunk of {dataset.name}"):
+                values = self._inflated(data, shuffled=len(filters) > 1).reshape(dataset.chunks)
+            return values[tuple(slice(one.stop - one.start) for one in inside)]
+        for number in filters:
+            if number not in (_SHUFFLE, _FLETCHER) and _unpacked(number, data, self._limit) > self._limit:
+                raise above_limit(self._path, f"the chunk of {dataset.name} at {place[0]}", self._limit)
+        found: npt.NDArray[Any] = dataset[inside]
+        return found
+
+    def _is_plain(self) -> bool:
+        """Whether values lie in the file as they do in an array."""
+        import h5py
+
+        return self.dtype.kind in "iuf" and self._dataset.id.get_type() == h5py.h5t.py_create(self.dtype)
+
+    def _inflated(self, data: bytes, *, shuffled: bool) -> npt.NDArray[Any]:
+        """The values of a chunk of gzip's: here, because HDF5 unpacks it without a limit, so that it would have to be
+        unpacked before."""
+        stream = zlib.decompressobj()
+        values = stream.decompress(data, self._chunk_bytes + 1)
+        if len(values) != self._chunk_bytes or not stream.eof:
+            raise DecodeError(
+                f"{os.fspath(self._path)}: a chunk of {self._dataset.name} is damaged: it does not unpack to its "
+                f"{self._chunk_bytes} bytes"
+            )
+        if shuffled:  # first bytes of all values, then second ones, and so on
+            values = np.frombuffer(values, np.uint8).reshape(self.dtype.itemsize, -1).T.tobytes()
+        return np.frombuffer(values, self.dtype)
 
 
 def check_dataset(
@@ -52,28 +195,21 @@ def check_dataset(
         raise DecodeError(f"{file}: {name} says {rows} values, and does not hold all of their chunks")
 
 
-def check_chunks(path: str | os.PathLike[str], dataset: h5py.Dataset, start: int, end: int, limit: int) -> None:
-    """Refuse a chunk among those of the values ``start`` .. ``end`` that may unpack to more than the limit.
+def _filters(path: str | os.PathLike[str], dataset: h5py.Dataset) -> list[int]:
+    """The numbers of a dataset's filters, in the order in which they were applied.
 
     Raises:
-        DecodeError: with the chunk's first value; and for a compression of which that is not known.
+        DecodeError: for a compression of which it is not known what it unpacks to.
     """
     properties = dataset.id.get_create_plist()
     filters = [properties.get_filter(k)[0] for k in range(properties.get_nfilters())]
     packing = [number for number in filters if number not in (_SHUFFLE, _FLETCHER)]
-    if not packing:
-        return
-    if len(packing) > 1 or packing[0] not in (_DEFLATE, _LZF, _BLOSC, _LZ4, _BITSHUFFLE, _ZSTD):
+    if len(packing) > 1 or not set(packing) <= {_DEFLATE, _LZF, _BLOSC, _LZ4, _BITSHUFFLE, _ZSTD}:
         raise DecodeError(
             f"{os.fspath(path)}: {dataset.name} is compressed by HDF5's filters {packing}: expected one of gzip, lzf, "
             "Blosc, LZ4, bitshuffle and Zstandard"
         )
-    in_chunk = dataset.chunks[0]
-    rest = [range(0, side, step) for side, step in zip(dataset.shape[1:], dataset.chunks[1:], strict=True)]
-    for first, *others in itertools.product(range(start - start % in_chunk, end, in_chunk), *rest):
-        _, data = dataset.id.read_direct_chunk((first, *others))
-        if _unpacked(packing[0], data, limit) > limit:
-            raise above_limit(path, f"the chunk of {dataset.name} at {first}", limit)
+    return filters
 
 
 def _unpacked(number: int, data: bytes, limit: int) -> int:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -12,7 +11,6 @@ import numpy.typing as npt
 from .._core import DecodeError
 from ..untrusted import decoding
 from .hdf5 import Hdf5Reader, Hdf5Writer
-from .hdf5_chunks import check_chunks, check_dataset
 from .hdf5_dataset import GrowingDataset
 from .interface import Failing
 from .parts import (
@@ -30,8 +28,6 @@ from .parts import (
 )
 
 if TYPE_CHECKING:
-    import h5py
-
     from .hdf5_disk import Hdf5File
 
 CALIBRATION = "calib"
@@ -83,48 +79,6 @@ class SeriesWriter:
         """Let the datasets have all rows so far; the times last, so that there is an array to each."""
         self._values.settle()
         self._times.settle()
-
-
-def read_series(
-    file: h5py.File, path: Path, series: Series, row: tuple[int | None, ...], limit: int
-) -> Iterator[tuple[int, npt.NDArray[Any]]]:
-    """Yield (t_us, array) of a series, nothing where the file has none; times that are floats are seconds.
-
-    Raises:
-        DecodeError: for other shapes than ``row``, datasets of different lengths, times that are not finite, and
-            chunks that unpack to more than the limit.
-    """
-    if series.values not in file:
-        return
-    with decoding(path, series.values):
-        if series.times not in file:
-            raise DecodeError(f"{path}: {series.values} has no times: no dataset {series.times}")
-        values, times = file[series.values], file[series.times]
-        count = len(times)
-        if len(values) < count:
-            raise DecodeError(f"{path}: {series.values} has {len(values)} rows, {series.times} has {count}")
-        check_dataset(path, values, count, limit, row)
-        check_dataset(path, times, count, limit)
-    step = _NUMBERS if len(row) < 2 else 1
-    for first in range(0, count, _NUMBERS):
-        stamps = _microseconds(path, times, first, min(count, first + _NUMBERS), limit)
-        for start in range(0, len(stamps), step):
-            end = min(len(stamps), start + step)
-            check_chunks(path, values, first + start, first + end, limit)
-            with decoding(path, f"{series.values}, rows {first + start}..{first + end}"):
-                rows = values[first + start : first + end]
-            yield from zip(stamps[start:end], rows, strict=True)
-
-
-def _microseconds(path: Path, times: h5py.Dataset, start: int, end: int, limit: int) -> list[int]:
-    check_chunks(path, times, start, end, limit)
-    with decoding(path, times.name):
-        found = times[start:end]
-    if found.dtype.kind == "f":
-        found = np.rint(np.asarray(found, np.float64) * 1e6)
-        if not (np.abs(found) < 2.0**62).all():  # NaN is not, either
-            raise DecodeError(f"{path}: {times.name}: times must be finite, and below 2^62 us")
-    return [int(t_us) for t_us in found]
 
 
 class Hdf5PartsWriter(Hdf5Writer):
@@ -245,14 +199,45 @@ class Hdf5PartsReader(Hdf5Reader):
         if CALIBRATION not in self._file:
             return
         group = self._file[CALIBRATION]
+        values = []
         with decoding(self.path, CALIBRATION):
             for name, count in (("resolution", 2), ("intrinsics", 4), ("distortion_coeffs", 5)):
                 if group[name].shape != (count,):
                     raise DecodeError(f"{self.path}: {CALIBRATION}/{name} must have {count} values")
-            (width, height), k = group["resolution"][:].tolist(), group["intrinsics"][:].tolist()
-            calibration = Calibration(int(width), int(height), *k, *group["distortion_coeffs"][:].tolist())
+                with self._rows_of(group[name], count) as rows:
+                    values += rows.read(0, count).tolist()
+            calibration = Calibration(int(values[0]), int(values[1]), *values[2:])
         yield 0, calibration
 
     def _rows(self, part: Part, row: tuple[int | None, ...]) -> Iterator[tuple[int, npt.NDArray[Any]]]:
-        limit = self.rules.max_packet_bytes
-        return read_series(self._file, self.path, self.series[part.name], row, limit)
+        """Yield (t_us, array) of a part, nothing where the file has none; times that are floats are seconds.
+
+        Raises:
+            DecodeError: for other shapes than ``row``, datasets of different lengths, times that are not finite, and
+                chunks that unpack to more than the limit.
+        """
+        series = self.series[part.name]
+        if series.values not in self._file:
+            return
+        with decoding(self.path, series.values):
+            if series.times not in self._file:
+                raise DecodeError(f"{self.path}: {series.values} has no times: no dataset {series.times}")
+            values, times = self._file[series.values], self._file[series.times]
+            count = len(times)
+            if len(values) < count:
+                raise DecodeError(f"{self.path}: {series.values} has {len(values)} rows, {series.times} has {count}")
+            value_rows, time_rows = self._rows_of(values, count, row), self._rows_of(times, count)
+        step = _NUMBERS if len(row) < 2 else 1
+        with value_rows, time_rows:
+            for first in range(0, count, _NUMBERS):
+                stamps = self._microseconds(series, time_rows.read(first, min(count, first + _NUMBERS)))
+                for start in range(0, len(stamps), step):
+                    end = min(len(stamps), start + step)
+                    yield from zip(stamps[start:end], value_rows.read(first + start, first + end), strict=True)
+
+    def _microseconds(self, series: Series, times: npt.NDArray[Any]) -> list[int]:
+        if times.dtype.kind == "f":
+            times = np.rint(np.asarray(times, np.float64) * 1e6)
+            if not (np.abs(times) < 2.0**62).all():  # NaN is not, either
+                raise DecodeError(f"{self.path}: {series.times}: times must be finite, and below 2^62 us")
+        return [int(t_us) for t_us in times]

@@ -124,8 +124,12 @@ class MvsecReader(Hdf5PartsReader):
         if series.times not in self._file:
             return
         with decoding(self.path, series.times):
-            times = self._file[series.times]
-            intervals = self._file[_INTERVALS][:] if _INTERVALS in self._file else np.diff(times[:])
+            given = _INTERVALS in self._file
+            dataset = self._file[_INTERVALS if given else series.times]
+            self._budget.take(8 * len(dataset), "the intervals of flow_dist")
+            with self._rows_of(dataset, len(dataset)) as rows:
+                intervals = np.asarray(rows.read(0, len(dataset)), np.float64)
+            intervals = intervals if given else np.diff(intervals)
             if not len(intervals):
                 raise DecodeError(f"{self.path}: one map of flow_dist alone has no interval")
         for number, (t_us, displacement) in enumerate(self._rows(FLOW, (2, None, None))):
@@ -157,7 +161,7 @@ class MvsecReader(Hdf5PartsReader):
         return microseconds.astype(np.int64)
 
     def _columns(self, start: int, end: int) -> tuple[npt.NDArray[Any], ...]:
-        rows = self._datasets[0][start:end]
+        rows = self._datasets[0].read(start, end)
         x, y = rows[:, 0], rows[:, 1]
         wrong = ~((np.floor(x) == x) & (np.floor(y) == y) & (np.abs(x) < 2**31) & (np.abs(y) < 2**31))
         if wrong.any():
