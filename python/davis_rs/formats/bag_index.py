@@ -6,13 +6,13 @@ import io
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
-from rosbags.rosbag1 import Reader
-
 from .._core import DecodeError
 from ..budget import Budget
+from ..extras import from_extra
 from .bag_records import unpackers
 
 if TYPE_CHECKING:
+    from rosbags.rosbag1 import Reader
     from rosbags.rosbag1.reader import Chunk, IndexData
 
 _ENTRIES_AT = 51
@@ -21,43 +21,43 @@ _ENTRY, _ENTRY_HELD = 12, 160
 """Bytes of an entry of the index, in the file and in memory."""
 
 
-class BagIndex(Reader):  # type: ignore[misc] # rosbags is not looked into
-    """Reads the index of a bag of ROS 1, and messages by it.
+def bag_index(path: Path, limit: int) -> Reader:
+    """A reader of a bag of ROS 1, still to be opened, that takes memory for no more than the bag holds.
 
     No read goes beyond the file's end, all parts of the index together are no longer than the file, and a chunk unpacks
-    to at most ``limit`` bytes. Otherwise a few bytes could ask for any amount of memory.
+    to at most ``limit`` bytes. Otherwise a few bytes could ask for any amount of memory. Opening it raises a
+    :class:`~davis_rs.DecodeError` for an index that says more.
 
     Raises:
-        DecodeError: on opening, for an index that says more.
+        ImportError: without rosbags, with the extra that brings it.
     """
-
-    def __init__(self, path: Path, limit: int) -> None:
-        super().__init__(_BoundedPath(path))
-        self._file = path
-        self._size = path.stat().st_size
-        self._unpackers = unpackers(path, limit)
-        self._budget = Budget(path)
-        self._read = 0
-
-    def read_chunk(self) -> Chunk:
+    with from_extra("ros"):
+        from rosbags.rosbag1 import Reader
         from rosbags.rosbag1.reader import decompressors
 
-        chunk = super().read_chunk()
-        if chunk.datapos + chunk.datasize > self._size:
-            raise DecodeError(f"{self._file}: a chunk of {chunk.datasize} bytes goes beyond the file's end")
-        name = next(name for name, unpack in decompressors.items() if unpack is chunk.decompressor)
-        return chunk._replace(decompressor=self._unpackers[name])
+    size, budget = path.stat().st_size, Budget(path)
+    limited = {id(decompressors[name]): unpack for name, unpack in unpackers(path, limit).items()}
 
-    def read_index_data(self, pos: int, indexes: dict[int, list[IndexData]]) -> None:
-        assert self.bio is not None
-        begin = self.bio.tell()
-        size = int.from_bytes(self.bio.read(_ENTRIES_AT + 4)[_ENTRIES_AT:], "little")
-        self.bio.seek(begin)
-        self._read += _ENTRIES_AT + 4 + size
-        if self._read > self._size:
-            raise DecodeError(f"{self._file}: damaged: all parts of the index have more bytes than the file")
-        self._budget.take(size // _ENTRY * _ENTRY_HELD, "the index")
-        super().read_index_data(pos, indexes)
+    class BoundedReader(Reader):  # type: ignore[misc] # rosbags is not looked into
+        index_bytes = 0
+
+        def read_chunk(self) -> Chunk:
+            chunk = super().read_chunk()
+            if chunk.datapos + chunk.datasize > size:
+                raise DecodeError(f"{path}: a chunk of {chunk.datasize} bytes goes beyond the file's end")
+            return chunk._replace(decompressor=limited[id(chunk.decompressor)])
+
+        def read_index_data(self, pos: int, indexes: dict[int, list[IndexData]]) -> None:
+            begin = self.bio.tell()
+            entries = int.from_bytes(self.bio.read(_ENTRIES_AT + 4)[_ENTRIES_AT:], "little")
+            self.bio.seek(begin)
+            self.index_bytes += _ENTRIES_AT + 4 + entries
+            if self.index_bytes > size:
+                raise DecodeError(f"{path}: damaged: all parts of the index have more bytes than the file")
+            budget.take(entries // _ENTRY * _ENTRY_HELD, "the index")
+            super().read_index_data(pos, indexes)
+
+    return BoundedReader(_BoundedPath(path))
 
 
 class _Bounded(io.BufferedReader):

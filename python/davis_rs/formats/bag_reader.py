@@ -10,9 +10,9 @@ import numpy as np
 
 from .._core import DecodeError, unpack_event_message
 from ..events import EventArray, concatenate_events
-from ..extras import from_extra
 from ..untrusted import decoding, guarded
 from . import ros_messages as topics
+from .bag_index import bag_index
 from .bag_records import scan_messages
 from .blocks import Blocks, Place, blocks_of, refuse
 from .interface import warn_truncated
@@ -21,7 +21,7 @@ from .ros_events import PacketDecoder
 from .ros_reader import RawMessage, RosReader, Wanted
 
 if TYPE_CHECKING:
-    from .bag_index import BagIndex
+    from rosbags.rosbag1 import Reader
 
 
 class BagReader(RosReader):
@@ -42,15 +42,13 @@ class BagReader(RosReader):
     event_types = (topics.EVENTS.type, topics.EVENT_PACKETS)
 
     def __init__(self, path: Path, *, format: str, caller: str, rules: ReadRules) -> None:
-        with from_extra("ros"):
-            from .bag_index import BagIndex
         path.open("rb").close()  # the system's own error, where there is one
         self.path = path
         self._done = 0.0
         self._scanned: set[str] | None = None
         self._limit = rules.max_packet_bytes
         self._caller = caller
-        self._reader: BagIndex | None = BagIndex(path, self._limit)
+        self._reader: Reader | None = bag_index(path, self._limit)
         try:
             with decoding(path, "the index"):
                 try:
