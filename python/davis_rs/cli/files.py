@@ -6,10 +6,11 @@ import argparse
 import sys
 import warnings
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from decimal import Decimal, InvalidOperation
 from typing import Any
 
+from .._core import DecodeError
 from ..dataset.reader import Dataset
 from ..event_files.conversion import LeftOutWarning, convert
 from ..formats.parts import ALL_PARTS, PARTS
@@ -139,10 +140,14 @@ def _convert(options: argparse.Namespace) -> int:
 
 
 def _info(options: argparse.Namespace) -> int:
-    with _bar("reading", quiet=options.quiet) as told:
-        summary = summarize_events(
-            options.path, size=options.size, max_packet_bytes=options.max_packet_bytes, progress=told
-        )
+    try:
+        with _bar("reading", quiet=options.quiet) as told:
+            summary = summarize_events(
+                options.path, size=options.size, max_packet_bytes=options.max_packet_bytes, progress=told
+            )
+    except (OSError, DecodeError):
+        _print_rest(options.path)
+        raise
     print(summary)
     if summary.format == DATASET_FOLDER:
         print(dataset_contents(Dataset(options.path)))
@@ -150,6 +155,15 @@ def _info(options: argparse.Namespace) -> int:
     if options.picture is not None:
         print(draw_rates(summary, options.picture))
     return 0
+
+
+def _print_rest(path: str) -> None:
+    """Say what a dataset folder holds that was never finished, and whose events cannot be read."""
+    with suppress(OSError, DecodeError):
+        dataset = Dataset(path)
+        if dataset.meta.get("complete") is False:
+            print(f"{path}: {DATASET_FOLDER}")
+            print(dataset_contents(dataset))
 
 
 @contextmanager

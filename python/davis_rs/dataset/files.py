@@ -7,8 +7,8 @@ import io
 import json
 import os
 import re
-from collections.abc import Mapping
-from contextlib import suppress
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,9 +16,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from .._core import DecodeError
 from ..argument_error import ArgumentError, OverwriteError
 from ..events import EventArray
 from ..formats import FORMATS
+from ..formats.files import part_of
 from ..formats.system import naming
 from ..holding import Hold
 from ..pose import Pose
@@ -67,6 +69,9 @@ EVENT_FILES = {
 }
 """The event file of a folder, by its format; the first one that is there is read."""
 
+CLAIMED = b'{"complete": false}\n'
+"""The ``meta.json`` of a folder whose writer has not said more yet."""
+
 
 def check_event_format(format: str, size: tuple[int, int]) -> None:
     """Refuse what is no format of a folder's event file, one that cannot hold the sensor, and one whose library is not
@@ -82,8 +87,27 @@ def check_event_format(format: str, size: tuple[int, int]) -> None:
 
 
 def event_file(folder: Path) -> Path:
-    """The folder's event file; ``events.txt`` where there is none at all."""
-    return next((folder / name for name in EVENT_FILES.values() if (folder / name).is_file()), folder / EVENTS)
+    """The folder's event file; where there is none, the one that a killed writer left unfinished, as NAME.part;
+    ``events.txt`` where there is nothing at all."""
+    whole = [folder / name for name in EVENT_FILES.values()]
+    parts = [part_of(path) for path in whole]
+    return next((path for path in (*whole, *parts) if path.is_file()), folder / EVENTS)
+
+
+@contextmanager
+def unfinished_told(path: Path) -> Iterator[None]:
+    """Say, where an event file that a killed writer left cannot be opened, why, and what can be done.
+
+    Raises:
+        DecodeError: for a file that is in no format that can be read in part.
+    """
+    try:
+        yield
+    except DecodeError as error:
+        if path.suffix != part_of(path).suffix:
+            raise
+        advice = "its other files can be read; make the dataset again, with overwrite (--overwrite)"
+        raise DecodeError(f"{error}. The writer of this folder was killed: {advice}") from None
 
 
 class EventFile:
@@ -215,13 +239,19 @@ def _plain(value: object) -> object:
 
 
 def claim_folder(path: Path, *, overwrite: bool) -> Hold:
-    """Make ``path`` an empty dataset folder, for one writer alone, or refuse."""
+    """Make ``path`` a dataset folder for one writer alone, empty but for a ``meta.json`` that says so, or refuse.
+
+    A ``meta.json`` is there from the first moment to the last. So whenever the writer is killed, the next one finds a
+    dataset that may be replaced.
+    """
     if not path.is_dir():
         require_folder_room(path, overwrite=overwrite)
     path.mkdir(parents=True, exist_ok=True)
     hold = Hold(path)
     require_folder_room(path, overwrite=overwrite)
-    remove_dataset(path)
+    write_file(path / META_PART, CLAIMED)
+    (path / META_PART).replace(path / META)
+    _remove_parts(path)
     return hold
 
 
@@ -238,14 +268,27 @@ def require_folder_room(path: Path, *, overwrite: bool) -> None:
     if any(path.iterdir()):
         if not overwrite:
             raise OverwriteError(path, "the folder is not empty; {overwrite:True} replaces a dataset in it")
-        if not (event_file(path).is_file() and (path / META).is_file()):
+        if not ((path / META).is_file() and (event_file(path).is_file() or _is_claimed(path))):
             raise FileExistsError(
                 errno.EEXIST, f"will not overwrite: no dataset in it (no {EVENTS} and {META})", str(path)
             )
 
 
+def _is_claimed(path: Path) -> bool:
+    """Whether a writer was killed before it had an event file."""
+    meta = path / META
+    return meta.stat().st_size == len(CLAIMED) and meta.read_bytes() == CLAIMED
+
+
 def remove_dataset(path: Path) -> None:
     """Remove the files that a dataset consists of, and nothing else."""
+    _remove_parts(path)
+    # What marks the folder as a dataset goes last, so that an overwrite that was cut short can be repeated.
+    (path / META).unlink(missing_ok=True)
+
+
+def _remove_parts(path: Path) -> None:
+    """Remove all of a dataset but its ``meta.json``."""
     for series in IMAGE_SERIES:
         folder = path / series.folder
         if folder.is_symlink():  # the link is the dataset's, what it leads to is not
@@ -260,8 +303,8 @@ def remove_dataset(path: Path) -> None:
     for part in path.glob(f"{EVENT_TRUTH['npz']}.part*"):  # of a run that was killed
         part.unlink()
     for name in EVENT_FILES.values():
-        (path / f"{name}.part").unlink(missing_ok=True)
-    # What marks the folder as a dataset goes last, so that an overwrite that was cut short can be repeated.
+        part_of(path / name).unlink(missing_ok=True)
+    # The events go last: together with what describes them they mark the folder as a dataset.
     texts = (GROUND_TRUTH, INERTIAL, VELOCITY, SHAPE_NAMES, KALIBR_IMU, KALIBR_CAMERA_CHAIN, CALIBRATION)
-    for name in (*texts, *EVENT_TRUTH.values(), META_PART, *EVENT_FILES.values(), META):
+    for name in (*texts, *EVENT_TRUTH.values(), META_PART, *EVENT_FILES.values()):
         (path / name).unlink(missing_ok=True)

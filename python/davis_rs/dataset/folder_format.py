@@ -55,6 +55,7 @@ from .files import (
     remove_dataset,
     require_folder_room,
     stamped_line,
+    unfinished_told,
     write_file,
 )
 from .reader import Dataset
@@ -220,7 +221,8 @@ class FolderReader(EventReader):
     def __init__(self, path: Path, rules: ReadRules) -> None:
         self.dataset = Dataset(path)
         file = regular_file(event_file(path))
-        self._events = format_of_content(file).open_reader(file, rules)
+        with unfinished_told(file):
+            self._events = format_of_content(file).open_reader(file, rules)
         # As the file's own reader: what it says names the file, and sizes are as it states them.
         super().__init__(file, format=self._events.format, size=self._events.size, rules=rules)
         self.extent = self._events.extent

@@ -42,6 +42,7 @@ from .files import (
     VELOCITY,
     ImageSeries,
     event_file,
+    unfinished_told,
 )
 
 _MOST_PIXELS = 1 << 26
@@ -151,7 +152,9 @@ class Dataset:
     def events(self) -> EventArray:
         """All events, ``EVENT_DTYPE``."""
         path = event_file(self.path)
-        with warnings.catch_warnings(), format_of_content(path).open_reader(path) as reader:
+        with unfinished_told(path):
+            reader = format_of_content(path).open_reader(path)
+        with warnings.catch_warnings(), reader:
             warnings.simplefilter("ignore" if self._unfinished else "error", TruncatedFileWarning)
             try:
                 return reader.read()

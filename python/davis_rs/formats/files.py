@@ -29,6 +29,11 @@ def claim(path: str | os.PathLike[str], *, overwrite: bool) -> Path:
     return target
 
 
+def part_of(path: Path) -> Path:
+    """Where a file is written until it is whole: ``NAME.part`` next to it."""
+    return path.with_name(path.name + ".part")
+
+
 class PartFile:
     """A file that is written next to its path, as ``NAME.part``, and takes its name when it is whole.
 
@@ -39,7 +44,7 @@ class PartFile:
 
     def __init__(self, path: str | os.PathLike[str], *, overwrite: bool) -> None:
         self.path = Path(path)
-        self.part = self.path.with_name(self.path.name + ".part")
+        self.part = part_of(self.path)
         self._overwrite = overwrite
         require_no_file(self.path, overwrite=overwrite)
         claim(self.part, overwrite=True)
