@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -19,7 +20,7 @@ from ..scene_motion import SceneMotion
 from . import cache
 from .bake import MOST_POINTS, Surfaces, bake
 from .instants import MOST_INSTANTS, MotionTimes, hats, motion_times
-from .light_maps import LightMaps
+from .light_maps import LightMaps, check_maps
 from .lights import (
     SkyMap,
     background_luma,
@@ -161,7 +162,8 @@ def baked_light(scene: Scene, surfaces: Surfaces, motion: SceneMotion, error: fl
         settings = (VERSION, sorted(versions(FAST).items()), paths, names, error, content)
         key = hashlib.sha256(repr(settings).encode()).hexdigest()
         maps = _known.get(key)
-        if maps is None and (maps := cache.load(key)) is not None:
+        check = partial(check_maps, two_sided=surfaces.two_sided, lights=len(names), tests=times.tests)
+        if maps is None and (maps := cache.load(key, check)) is not None:
             say(f"the scene's light was baked before, and comes from {cache.cache_folder()}")
         if maps is None:
             kept = cache.load_partial(key)

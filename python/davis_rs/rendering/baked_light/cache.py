@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import contextlib
-import hashlib
-import io
 import os
 import tempfile
-import zipfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 import platformdirs
 
+from ...budget import Budget
 from ...progress import say
+from ...untrusted import read_limited, regular_file
+from .kept_arrays import packed_arrays, unpacked_arrays
 from .light_maps import LightMaps
 from .partial import PartialBake
 
@@ -26,7 +26,6 @@ MOST_BYTES = 2 << 30
 """When the folder holds more, what was not used for longest is deleted."""
 
 _SUFFIX, _PARTIAL_SUFFIX = ".light", ".partial"
-_HASH_BYTES = 32
 
 _Content = TypeVar("_Content")
 
@@ -39,9 +38,19 @@ def cache_folder() -> Path | None:
     return Path(platformdirs.user_cache_dir("davis_rs")) / "baked_light"
 
 
-def load(key: str) -> LightMaps | None:
-    """What is kept under a key; None where there is nothing, or it is damaged, which is said in one line."""
-    return _read(key + _SUFFIX, _unpacked)
+def load(key: str, check: Callable[[LightMaps], object]) -> LightMaps | None:
+    """What is kept under a key; None where there is nothing, or it is damaged, which is said in one line.
+
+    Args:
+        check: raises a ValueError for light that is not that of the scene.
+    """
+
+    def unpacked(data: bytes) -> LightMaps:
+        maps = _unpacked(data)
+        check(maps)
+        return maps
+
+    return _read(key + _SUFFIX, unpacked)
 
 
 def holds(key: str) -> bool:
@@ -94,17 +103,19 @@ def _read(name: str, unpacked: Callable[[bytes], _Content]) -> _Content | None:
         return None
     file = folder / name
     try:
-        data = file.read_bytes()
-        with contextlib.suppress(OSError):
-            os.utime(file)
+        size = regular_file(file).stat().st_size
+        budget = Budget(file)
+        with budget.borrow(2 * size, "baked light"):
+            data = read_limited(file, size)
+            with contextlib.suppress(OSError):
+                os.utime(file)
+            return unpacked(data)
     except FileNotFoundError:
         return None
     except OSError as error:
         say(f"baked light cannot be read from its cache ({error}): it is baked again")
         return None
-    try:
-        return unpacked(data)
-    except (ValueError, KeyError, OSError, EOFError, zipfile.BadZipFile) as error:
+    except ValueError as error:
         say(f"baked light in {file} is damaged ({error}): it is baked again")
         return None
 
@@ -130,33 +141,34 @@ def _write(folder: Path, name: str, data: bytes, otherwise: str) -> bool:
 
 
 def _packed(maps: LightMaps) -> bytes:
-    buffer = io.BytesIO()
     numbers = np.array(
         [maps.error, maps.motion_error, maps.points, *maps.samples, maps.complete, maps.seconds], np.float64
     )
-    texels: dict[str, Any] = {f"texels_{i}": one for i, one in enumerate(maps.texels)}
-    np.savez(buffer, divisions=maps.divisions, instants=maps.instants, numbers=numbers, **texels)
-    data = buffer.getvalue()
-    return hashlib.sha256(data).digest() + data
+    texels = {f"texels_{i}": one for i, one in enumerate(maps.texels)}
+    return packed_arrays({"divisions": maps.divisions, "instants": maps.instants, "numbers": numbers, **texels})
 
 
 def _unpacked(data: bytes) -> LightMaps:
-    if hashlib.sha256(data[_HASH_BYTES:]).digest() != data[:_HASH_BYTES]:
-        raise ValueError("its checksum is wrong")
-    with np.load(io.BytesIO(data[_HASH_BYTES:]), allow_pickle=False) as arrays:
-        error, motion_error, points, lamp, paths, complete, seconds = arrays["numbers"].tolist()
-        texels = [arrays[f"texels_{i}"] for i in range(len(arrays.files) - 3)]
-        return LightMaps(
-            arrays["divisions"],
-            texels,
-            arrays["instants"],
-            error,
-            motion_error,
-            int(points),
-            (int(lamp), int(paths)),
-            bool(complete),
-            seconds,
-        )
+    arrays = unpacked_arrays(data)
+    others = ("divisions", "instants", "numbers")
+    texels = [f"texels_{i}" for i in range(len(arrays) - len(others))]
+    if arrays.keys() != {*others, *texels}:
+        raise ValueError("its arrays are not those of baked light")
+    numbers = arrays["numbers"]
+    if numbers.shape != (7,) or not ((numbers >= 0) & (numbers < 2.0**53)).all():
+        raise ValueError(f"its numbers must be 7, finite and >= 0: found {numbers.shape}")
+    error, motion_error, points, lamp, paths, complete, seconds = numbers.tolist()
+    return LightMaps(
+        arrays["divisions"],
+        [arrays[name] for name in texels],
+        arrays["instants"],
+        error,
+        motion_error,
+        int(points),
+        (int(lamp), int(paths)),
+        bool(complete),
+        seconds,
+    )
 
 
 def _delete_oldest(folder: Path, name: str) -> None:

@@ -49,6 +49,45 @@ class LightMaps:
         return layouts_of(self.divisions)
 
 
+_FINEST = 15
+"""More divisions than any map has: their texels would take 12 GB."""
+
+
+def check_maps(maps: LightMaps, *, two_sided: npt.NDArray[np.bool_], lights: int, tests: FloatArray) -> None:
+    """Refuse maps that are not those of a scene's light.
+
+    Args:
+        two_sided: bool (t), of the scene's triangles.
+        lights: how many there are.
+        tests: seconds (k), the instants at which light may be baked.
+
+    Raises:
+        ValueError: for the first rule that is broken.
+    """
+    divisions, instants = maps.divisions, maps.instants
+    if divisions.dtype != np.int64 or divisions.shape != (len(two_sided), 2):
+        raise ValueError(f"divisions must be int64 ({len(two_sided)}, 2), found {divisions.dtype} {divisions.shape}")
+    least = np.stack([np.zeros(len(two_sided), np.int64), np.where(two_sided, 0, -1)], 1)
+    if not ((divisions >= least) & (divisions <= _FINEST) & ((divisions < 0) == (least < 0))).all():
+        raise ValueError(f"divisions must be 0..{_FINEST}, and -1 for backs that do not reflect")
+    in_order = instants.dtype == np.float64 and instants.ndim == 1 and len(instants) and (np.diff(instants) > 0).all()
+    if not in_order or not np.isin(instants, tests).all():
+        raise ValueError("its instants are not those of the scene's motion")
+    if len(maps.texels) != len(instants) * lights:
+        raise ValueError(f"{len(instants)} instants of {lights} lights need as many maps, found {len(maps.texels)}")
+    count = texel_count(maps.layouts)
+    for texels in maps.texels:
+        if texels.dtype != np.float32 or texels.shape != (count, 3):
+            raise ValueError(f"texels must be float32 ({count}, 3), found {texels.dtype} {texels.shape}")
+        if not ((texels >= 0) & (texels < np.inf)).all():
+            raise ValueError("texels must be finite and >= 0")
+
+
+def texel_count(layouts: IntArray) -> int:
+    """How many texels all maps of these layouts (t, 2, 4) have."""
+    return int((layouts[..., 0] + (layouts[..., 1] + 2) ** 2).max())
+
+
 def layouts_of(divisions: IntArray) -> IntArray:
     sides = 2 ** divisions.clip(min=0) + 1
     sizes = np.where(divisions >= 0, (sides + 2) ** 2, 0).ravel()
@@ -83,8 +122,7 @@ def looked_up(texels: npt.NDArray[np.float32], layouts: IntArray, weight: FloatA
 def texels_of(
     lattice: SurfaceLattice, parts: Sequence[SampledLight], divisions: IntArray, layouts: IntArray
 ) -> npt.NDArray[np.float32]:
-    size = int((layouts[..., 0] + (layouts[..., 1] + 2) ** 2).max())
-    texels = np.zeros((size, 3), np.float32)
+    texels = np.zeros((texel_count(layouts), 3), np.float32)
     sides = side_of(lattice)
     for part in parts:
         for faces, grids in part.grids(divisions):
