@@ -8,6 +8,8 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any, TypeVar
 
+from .terminal_text import printable, tell
+
 LINE_EVERY_S = 60.0
 """How often a line is written where there is no terminal."""
 
@@ -49,6 +51,7 @@ def progress(what: str, total: float, *, unit: str = "", start: float = 0.0, sho
         start: how much of it is done already.
         show: False for silence.
     """
+    what = printable(what)
     if not show:
         yield Progress(total)
     elif sys.stderr.isatty():
@@ -72,9 +75,9 @@ def each(items: Iterable[_Item], what: str, total: int, *, unit: str = "", show:
 def say(text: str) -> None:
     """Write a line to standard error, above a bar that may be there."""
     if _shown:
-        _shown[-1].say(text)
+        _shown[-1].say(printable(text, lines=True))
     else:
-        print(text, file=sys.stderr)
+        tell(text, file=sys.stderr)
 
 
 def speed_of(done: float, seconds: float, unit: str) -> str:
@@ -107,7 +110,7 @@ class _Bar(Progress):
     def _show(self, note: str) -> None:
         self._bar.total = self.total
         if note:
-            self._bar.set_postfix_str(note, refresh=False)
+            self._bar.set_postfix_str(printable(note), refresh=False)
         self._bar.update(self.done - self._bar.n)
 
     def say(self, text: str) -> None:
@@ -142,7 +145,7 @@ class _Lines(Progress):
         speed = speed_of(self.done - self._start, now - self._began, self._unit)
         share = 100 * self.done / self.total if self.total else 100.0
         more = f", {note}" if note else ""
-        print(
+        tell(
             f"{self._what}: {share:.0f} %, {self.done:.4g} of {self.total:.4g}{self._unit}, {speed}{more}",
             file=sys.stderr,
             flush=True,

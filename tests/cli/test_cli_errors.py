@@ -63,6 +63,7 @@ def test_building_the_parser_imports_no_command() -> None:
         "davis_rs.close_names",
         "davis_rs.names_elsewhere",
         "davis_rs.progress",
+        "davis_rs.terminal_text",
     }
 
 

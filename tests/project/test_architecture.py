@@ -51,6 +51,7 @@ LAYERS = [
         "argument_error",
         "random_words",
         "progress",
+        "terminal_text",
         "read_ahead",
         "stop_requests",
         "folder_report",

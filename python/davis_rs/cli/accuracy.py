@@ -20,6 +20,7 @@ from ..extras import require
 from ..progress import each, progress
 from ..scene.scene import Scene
 from ..settings import ViewSettings, complete, view_scene
+from ..terminal_text import tell
 from ..whole_file import write_whole
 from .common import add_scene, add_trajectory, on_trajectory, scene_of
 from .settings_options import add_settings, given_settings
@@ -129,14 +130,14 @@ def _light(options: argparse.Namespace) -> int:
     table = [f"| {' | '.join(HEADS)} |", "|---|" + "---:|" * (len(HEADS) - 1)]
     for errors in each(comparison.measure(), "light", 2 + len(LIGHT_SAMPLES), show=not options.quiet):
         table.append(str(errors))
-        print(errors, flush=True)
+        tell(errors, flush=True)
     facts = (
         f"{scene.name}, {camera.width} x {camera.height}, {comparison.duration_s:g} s, C = {scene.contrast_threshold:g}"
         f": `davis-rs {shlex.join(sys.argv[1:])}`"
     )
     folder.mkdir(parents=True, exist_ok=True)
     write_whole(folder / "light.md", "\n".join([facts, "", *table, ""]))
-    print(folder / "light.md")
+    tell(folder / "light.md")
     return 0
 
 
@@ -168,7 +169,7 @@ def _frame_rates(options: argparse.Namespace) -> int:
         }
         write_whole(folder / "frame_rates.md", frame_rates_markdown(measured, facts))
         draw_frame_rates(measured, folder / "frame_rates.png", f"{scene.name}: events from video")
-        print(folder / "frame_rates.md")
+        tell(folder / "frame_rates.md")
     return 130 if interrupted else 0
 
 
@@ -200,5 +201,5 @@ def run_sweep(prepared: Sweep, settings: Sequence[Setting], *, rounds: int, comm
         facts = facts_of(prepared, measured, command=command, interrupted=interrupted)
         write_whole(folder / "accuracy.md", markdown(measured, facts))
         draw(measured, folder / "accuracy.png", f"{prepared.scene.name}: accuracy against time ({facts['machine']})")
-        print(folder / "accuracy.md")
+        tell(folder / "accuracy.md")
     return 130 if interrupted else 0

@@ -26,6 +26,7 @@ from ..camera import Camera, load_camera
 from ..dataset.reader import Dataset
 from ..imu import ImuNoise
 from ..scene.checkerboard import DATASET_BOARD, Checkerboard
+from ..terminal_text import tell
 from ..whole_file import write_whole
 from .calibrate_sensor import add_sensor
 from .common import figure_file
@@ -149,7 +150,7 @@ def _views(options: argparse.Namespace) -> tuple[Dataset, Checkerboard, list[Boa
     board = Checkerboard(rows, columns, options.tile_m)
     dataset = Dataset(options.dataset)
     views = find_board(dataset, board, start_s=options.start_s, stop_s=options.stop_s)
-    print(f"all {len(board.corners)} corners found in {len(views)} of {len(dataset.frames)} frames", file=sys.stderr)
+    tell(f"all {len(board.corners)} corners found in {len(views)} of {len(dataset.frames)} frames", file=sys.stderr)
     return dataset, board, views
 
 
@@ -160,5 +161,5 @@ def _camera(options: argparse.Namespace, dataset: Dataset) -> Camera:
 def _done(result: Any, output: Path | None) -> int:
     if output is not None:
         write_whole(output, json.dumps(as_dict(result), indent=2) + "\n")
-    print(report(result))
+    tell(report(result))
     return 0

@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 
 from ..sensors import SENSORS
+from ..terminal_text import tell
 from ..whole_file import write_whole
 from .common import EVENTS_HELP, figure_file
 from .measured import add_measured, measured_with_frames
@@ -62,15 +63,15 @@ def _sensor(options: argparse.Namespace) -> int:
     fit = fit_sensor(recordings, base)
     fitted = fit.file(base)
     text = sensor_yaml(fitted)
-    print(fit)
+    tell(fit)
     if options.output is not None:
         write_whole(options.output, text)
-        print(f"{options.output}: --sensor {options.output} simulates it")
+        tell(f"{options.output}: --sensor {options.output} simulates it")
     if options.figure is not None:
         real = recordings[0].statistics
         events = static_events(fitted.parameters, real.size, min(real.duration_s, _LONGEST_S))
         simulated = measure_stream(
             EventStream("static scene, fitted sensor", "simulated", real.size, lambda told: cut(events, told))
         )
-        print(draw_comparison(StreamComparison(real, simulated), options.figure))
+        tell(draw_comparison(StreamComparison(real, simulated), options.figure))
     return 0

@@ -12,6 +12,7 @@ from ..extras import require
 from ..progress import say
 from ..scene.scene import Scene
 from ..scenes import BUILTIN_SCENES, load_scene, start_pose
+from ..terminal_text import tell
 from ..trajectory.trajectory import Trajectory, align
 from ..trajectory.trajectory_file import read_trajectory
 
@@ -122,11 +123,11 @@ def on_trajectory(options: argparse.Namespace, scene: Scene, *, at_s: float = 0.
     sigmas = {"position_sigma_m": options.position_sigma_m, "rotation_sigma_rad": options.rotation_sigma_rad}
     trajectory: Trajectory = (sampled := read_trajectory(options.trajectory, max_gap_s=options.max_gap_s, **sigmas))
     if not quiet:
-        print(f"{options.trajectory}: {sampled.smoothing()} (--position-sigma, --rotation-sigma)", file=sys.stderr)
+        tell(f"{options.trajectory}: {sampled.smoothing()} (--position-sigma, --rotation-sigma)", file=sys.stderr)
     # A built-in scene shares no world with anybody's trajectory, a user's own file may.
     if scene.trajectory is not None if options.align is None else options.align:
         if not quiet:
-            print("trajectory moved so that it starts where the scene's camera does (--no-align)", file=sys.stderr)
+            tell("trajectory moved so that it starts where the scene's camera does (--no-align)", file=sys.stderr)
         trajectory = align(trajectory, start_pose(scene), at_s)
     return scene.with_trajectory(trajectory)
 

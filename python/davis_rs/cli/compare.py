@@ -6,6 +6,7 @@ import argparse
 import json
 from pathlib import Path
 
+from ..terminal_text import tell
 from ..whole_file import write_whole
 from .common import EVENTS_HELP, figure_file
 from .measured import add_measured, measured
@@ -32,10 +33,10 @@ def _compare(options: argparse.Namespace) -> int:
     from ..stream_statistics.comparison_figure import draw_comparison
 
     comparison = StreamComparison(measured(options.real, options), measured(options.simulated, options))
-    print(comparison)
+    tell(comparison)
     if options.json is not None:
         found = {"real": comparison.real.describe(), "simulated": comparison.simulated.describe()}
         write_whole(options.json, json.dumps(found, indent=1) + "\n")
     if options.figure is not None:
-        print(draw_comparison(comparison, options.figure))
+        tell(draw_comparison(comparison, options.figure))
     return 0

@@ -18,6 +18,7 @@ from ..formats.registry import written_formats
 from ..formats.ros2 import MESSAGES, STORAGES
 from ..inspection.summary import DATASET_FOLDER, dataset_contents, dataset_row, draw_rates, summarize_events
 from ..progress import progress
+from ..terminal_text import tell
 from ..untrusted import MAX_PACKET_BYTES
 from .common import EVENTS_HELP, figure_file, sensor_size
 
@@ -128,12 +129,12 @@ def _convert(options: argparse.Namespace) -> int:
     except TypeError as error:  # an option that the format does not have
         raise ValueError(str(error)) from error
     others = "".join(f", {report.parts[part.name]:,} {part.counted}" for part in PARTS if part.name in report.parts)
-    print(
+    tell(
         f"{report.path}: {report.format}, {report.events:,} events{others}, {report.bytes:,} bytes",
         file=sys.stderr if to_stream else sys.stdout,
     )
     if report.left_out:
-        print(
+        tell(
             f"davis-rs: {report.path} ({report.format}) cannot hold, and leaves out: {report.left_out}", file=sys.stderr
         )
     return 0
@@ -148,12 +149,12 @@ def _info(options: argparse.Namespace) -> int:
     except (OSError, DecodeError):
         _print_rest(options.path)
         raise
-    print(summary)
+    tell(summary)
     if summary.format == DATASET_FOLDER:
-        print(dataset_contents(Dataset(options.path)))
-        print(dataset_row(options.path, summary))
+        tell(dataset_contents(Dataset(options.path)))
+        tell(dataset_row(options.path, summary))
     if options.picture is not None:
-        print(draw_rates(summary, options.picture))
+        tell(draw_rates(summary, options.picture))
     return 0
 
 
@@ -162,8 +163,8 @@ def _print_rest(path: str) -> None:
     with suppress(OSError, DecodeError):
         dataset = Dataset(path)
         if dataset.meta.get("complete") is False:
-            print(f"{path}: {DATASET_FOLDER}")
-            print(dataset_contents(dataset))
+            tell(f"{path}: {DATASET_FOLDER}")
+            tell(dataset_contents(dataset))
 
 
 @contextmanager

@@ -6,6 +6,7 @@ import argparse
 import sys
 
 from ..settings import FrameFolderSettings
+from ..terminal_text import tell
 from .common import require_free
 from .settings_options import add_settings, given_settings
 
@@ -55,5 +56,5 @@ def _frames(options: argparse.Namespace) -> int:
         quiet=options.quiet,
         **given_settings(options, FrameFolderSettings),
     )
-    print(report)
+    tell(report)
     return 130 if report.interrupted else 0

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ..generate import generate_sequences, load_sequence_plan, verify_sequences
+from ..terminal_text import tell
 
 SHOWN = 1000
 """Sequences that --dry-run checks and shows."""
@@ -46,9 +47,9 @@ def _generate(options: argparse.Namespace) -> int:
 
         drawn = draw_sequences(plan)[:SHOWN]
         check_sequences(plan, drawn, quiet=options.quiet)
-        print("\n".join(_table({one.name: dict(_flat(one.parameters)) for one in drawn})))
+        tell("\n".join(_table({one.name: dict(_flat(one.parameters)) for one in drawn})))
         if plan.sequences > SHOWN:
-            print(f"... these are the first {SHOWN} of {plan.sequences} sequences; the others were not looked at")
+            tell(f"... these are the first {SHOWN} of {plan.sequences} sequences; the others were not looked at")
         return 0
     if options.output is None:
         raise ValueError("-o ROOT must be given: the folder of the sequences")
@@ -56,8 +57,8 @@ def _generate(options: argparse.Namespace) -> int:
         plan, options.output, workers=options.workers, cluster=options.cluster, quiet=options.quiet
     )
     for name, error in generated.failed.items():
-        print(f"davis-rs: error: {name}: {error}", file=sys.stderr)
-    print(generated)
+        tell(f"davis-rs: error: {name}: {error}", file=sys.stderr)
+    tell(generated)
     return 1 if generated.failed else 0
 
 
@@ -67,10 +68,10 @@ def _verify(options: argparse.Namespace) -> int:
     root: Path = options.root
     wrong = verify_sequences(root)
     for name, added in added_files(root).items():
-        print(f"{root / name}: there are other files than those that it was made with: {', '.join(added)}")
+        tell(f"{root / name}: there are other files than those that it was made with: {', '.join(added)}")
     for name, fault in wrong.items():
-        print(f"{root / name}: {fault}")
-    print(f"{root}: {len(wrong)} sequences have changed" if wrong else f"{root}: all files are unchanged")
+        tell(f"{root / name}: {fault}")
+    tell(f"{root}: {len(wrong)} sequences have changed" if wrong else f"{root}: all files are unchanged")
     return 1 if wrong else 0
 
 

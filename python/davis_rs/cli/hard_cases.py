@@ -15,6 +15,7 @@ from ..accuracy.hard_cases import HardCaseResult, hard_cases_page, measure_hard_
 from ..accuracy.report import processor
 from ..progress import each
 from ..sampling.presets import ACCURACY
+from ..terminal_text import tell
 from ..whole_file import write_whole
 
 
@@ -53,5 +54,5 @@ def _hard_cases(options: argparse.Namespace) -> int:
         facts["interrupted"] = "these are the cases measured until then"
     if results:
         write_whole(page, hard_cases_page(results, facts))
-        print(page)
+        tell(page)
     return 130 if interrupted else 0

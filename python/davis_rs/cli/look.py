@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ..argument_error import ArgumentError
+from ..terminal_text import tell
 from ..whole_file import whole_file
 from .common import EVENTS_HELP, sensor_size
 
@@ -94,7 +95,7 @@ def _check(options: argparse.Namespace) -> int:
     from ..inspection.check import check_dataset
 
     report = check_dataset(options.dataset)
-    print(report)
+    tell(report)
     return 0 if report.ok else 1
 
 
@@ -109,7 +110,7 @@ def _view(options: argparse.Namespace) -> int:
     for name in sorted(given.keys() - set(_SETTINGS[kind])):
         what = "the picture" if kind == "output" else f"--{kind}"
         raise ArgumentError("{option} means nothing for {}: leave it out", what, option=name)
-    print(_MAKERS[kind](options, given | {"size": options.size}))
+    tell(_MAKERS[kind](options, given | {"size": options.size}))
     return 0
 
 

@@ -16,6 +16,7 @@ from importlib import import_module
 
 from ..argument_error import Argument, NamesArguments, in_python, told
 from ..progress import say
+from ..terminal_text import tell
 from .parser import Parser
 
 COMMANDS = {
@@ -85,8 +86,8 @@ def _status(arguments: Sequence[str] | None) -> int:
         if _interrupted(error):
             raise KeyboardInterrupt from error
         if debug:
-            traceback.print_exc()
-        print(f"davis-rs: error: {_in_a_line(error, options, debug)}", file=sys.stderr)
+            tell(traceback.format_exc(), file=sys.stderr, end="")
+        tell(f"davis-rs: error: {_in_a_line(error, options, debug)}", file=sys.stderr)
         return 2 if _refuses_noise(error) else 1
 
 
@@ -158,7 +159,7 @@ class _Version(argparse.Action):
     def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
         from .._core import __version__
 
-        print(f"davis-rs {__version__}")
+        tell(f"davis-rs {__version__}")
         parser.exit()
 
 

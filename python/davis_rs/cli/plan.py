@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 
 from ..settings import PlanSettings, ViewSettings, complete, view_scene
+from ..terminal_text import tell
 from .common import add_path, add_scene, on_path, scene_of
 from .settings_options import add_settings, given_settings
 
@@ -46,13 +47,13 @@ def _plan(options: argparse.Namespace) -> int:
         options.effects,
         **given_settings(options, PlanSettings),
     )
-    print(plan.explain() if options.explain else plan)
+    tell(plan.explain() if options.explain else plan)
     noise = estimate_noise(scene, **given_settings(options, ViewSettings))
     if noise is not None:
-        print(noise)
+        tell(noise)
     given = complete(ViewSettings, given_settings(options, ViewSettings), of="davis-rs plan")
     viewed = view_scene(scene, given)
     light = light_cost(make_renderer(viewed.scene, viewed.camera, **renderer_settings(given)), viewed.scene)
     if light is not None:
-        print(light)
+        tell(light)
     return 0

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 
 from ..sensors import SENSORS, SensorFile, load_sensor_file, parameter_names, preset_file, sensor_yaml, unit_of
+from ..terminal_text import tell
 
 
 def add_sensors(sensors: argparse.ArgumentParser) -> None:
@@ -23,7 +24,7 @@ def add_sensors(sensors: argparse.ArgumentParser) -> None:
 def _list(_: argparse.Namespace) -> int:
     for name in SENSORS:
         sensor = preset_file(name)
-        print(f"{name:<10} {_in_short(sensor)}")
+        tell(f"{name:<10} {_in_short(sensor)}")
     return 0
 
 
@@ -35,11 +36,11 @@ def _in_short(sensor: SensorFile) -> str:
 
 def _show(options: argparse.Namespace) -> int:
     sensor = load_sensor_file(options.sensor)
-    print(sensor_yaml(sensor), end="")
+    tell(sensor_yaml(sensor), end="")
     open_ones = [name for name in parameter_names() if name not in sensor.given]
     if open_ones:
-        print("# Not given, so that the effect is off, or the scene or the effect's own value decides:")
+        tell("# Not given, so that the effect is off, or the scene or the effect's own value decides:")
         for name in open_ones:
             unit = "" if unit_of(name) == "1" else f" [{unit_of(name)}]"
-            print(f"#   {name}{unit}")
+            tell(f"#   {name}{unit}")
     return 0

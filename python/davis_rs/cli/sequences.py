@@ -20,6 +20,7 @@ from ..sequence_report import (
     write_counts,
 )
 from ..sequences import SEQUENCES, Sequence, sequence_named
+from ..terminal_text import tell
 
 
 def add_sequences(listing: argparse.ArgumentParser) -> None:
@@ -87,21 +88,21 @@ def _chosen(options: argparse.Namespace) -> list[Sequence]:
 
 def _list(options: argparse.Namespace) -> int:
     chosen = _chosen(options)
-    print(as_text(table(each(chosen, "listing", len(chosen), unit="sequences"), *_counts(options))))
+    tell(as_text(table(each(chosen, "listing", len(chosen), unit="sequences"), *_counts(options))))
     for sequence in chosen if options.names else ():
-        print(f"{sequence.name}, next to the recording: {sequence.differs}")
+        tell(f"{sequence.name}, next to the recording: {sequence.differs}")
     return 0
 
 
 def _table(options: argparse.Namespace) -> int:
     chosen = each(_chosen(options), "listing", len(_chosen(options)), unit="sequences")
-    print(as_markdown(table(chosen, *_counts(options))))
+    tell(as_markdown(table(chosen, *_counts(options))))
     return 0
 
 
 def _sheet(options: argparse.Namespace) -> int:
     chosen = each(_chosen(options), "simulating", len(_chosen(options)), unit="sequences")
-    print(draw_sheet(chosen, options.output))
+    tell(draw_sheet(chosen, options.output))
     return 0
 
 
@@ -119,5 +120,5 @@ def _count(options: argparse.Namespace) -> int:
         with progress(sequence.name, sequence.paper.duration_s, unit="s") as bar:
             counts[sequence.name] = count_events(sequence, sensor=options.sensor, progress=bar.advance)
         write_counts(path, sorted(counts.values(), key=lambda count: places.get(count.name, len(places))))
-        print(f"{sequence.name}: {counts[sequence.name].events:,} events")
+        tell(f"{sequence.name}: {counts[sequence.name].events:,} events")
     return 0

@@ -6,6 +6,7 @@ import argparse
 from collections.abc import Mapping
 
 from ..settings import Declared, FolderSettings, FrameFolderSettings, Setting, settings_of
+from ..terminal_text import tell
 
 
 def add_settings(table: argparse.ArgumentParser) -> None:
@@ -17,7 +18,7 @@ def add_settings(table: argparse.ArgumentParser) -> None:
 
 
 def _settings(_: argparse.Namespace) -> int:
-    print(settings_markdown())
+    tell(settings_markdown())
     return 0
 
 

@@ -9,6 +9,7 @@ from typing import Any
 from ..scene.scene import Scene
 from ..sequences import SEQUENCES, sequence_named
 from ..settings import FolderSettings
+from ..terminal_text import tell
 from .common import add_path, add_scene, on_path, require_free, scene_of
 from .settings_options import add_settings, given_settings
 
@@ -89,6 +90,6 @@ def simulate_into(options: argparse.Namespace, scene: Scene, defaults: dict[str,
         **({"accept_noise": False} | defaults | given_settings(options, FolderSettings)),
     )
     if report.plan is not None and not options.quiet:
-        print(report.plan, file=sys.stderr)
-    print(report)
+        tell(report.plan, file=sys.stderr)
+    tell(report)
     return 130 if report.interrupted else 0

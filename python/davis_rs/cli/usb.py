@@ -25,6 +25,7 @@ from ..formats.recorded import RecordedParts
 from ..recordings import Recording, read_recording
 from ..recordings.camera_bytes import CameraBytesFile
 from ..recordings.recording_file import EMPTY
+from ..terminal_text import tell
 from ..usb.davis import Davis
 from ..usb.description import describe
 from ..usb.link import UsbLink, find_devices
@@ -119,7 +120,7 @@ def _devices(_: argparse.Namespace) -> int:
         kind = "FX3" if device.product == FX3 else "FX2"
         line = f"bus {device.bus} address {device.address}  {kind} firmware {device.firmware}"
         if device.problem is not None:
-            print(f"{line}\n{device.problem}")
+            tell(f"{line}\n{device.problem}")
             continue
         try:
             link = UsbLink(device)
@@ -130,11 +131,11 @@ def _devices(_: argparse.Namespace) -> int:
             finally:
                 link.close()
             size = f"{camera.device.width} x {camera.device.height}"
-            print(f"{line}  {camera.chip}  serial {camera.serial}  {size}  logic {camera.logic_version}")
+            tell(f"{line}  {camera.chip}  serial {camera.serial}  {size}  logic {camera.logic_version}")
         except OSError as error:
-            print(f"{line}  serial {device.serial}\n{error.strerror or error}")
+            tell(f"{line}  serial {device.serial}\n{error.strerror or error}")
     if not found:
-        print("no DAVIS camera on the USB", file=sys.stderr)
+        tell("no DAVIS camera on the USB", file=sys.stderr)
     return 0 if found else 1
 
 
@@ -167,7 +168,7 @@ def _record_camera(camera: Davis, options: argparse.Namespace, virtual: VirtualD
     """Record until the end, however it comes, and complete the file; returns the exit status."""
     raw = not is_decoded(options.output)
     output = RawOutput(options.output, camera) if raw else LiveOutput(options.output, camera, options.backward)
-    print(f"recording {camera.description}; Ctrl-C ends it", file=sys.stderr)
+    tell(f"recording {camera.description}; Ctrl-C ends it", file=sys.stderr)
     status = 0
     started = time.monotonic()
     try:
@@ -184,13 +185,13 @@ def _record_camera(camera: Davis, options: argparse.Namespace, virtual: VirtualD
     except OSError as error:
         if error.errno != errno.ENODEV:
             raise
-        print(f"davis-rs: error: {error.strerror}: the recording ends there", file=sys.stderr)
+        tell(f"davis-rs: error: {error.strerror}: the recording ends there", file=sys.stderr)
         status = 1
     finally:
         said = output.finish()
-    print("\n".join(said))
+    tell("\n".join(said))
     if camera.lost_bytes:
-        print(f"{camera.lost_bytes} of {camera.received_bytes} bytes were lost", file=sys.stderr)
+        tell(f"{camera.lost_bytes} of {camera.received_bytes} bytes were lost", file=sys.stderr)
     return status
 
 
@@ -249,11 +250,11 @@ def _decode(options: argparse.Namespace) -> int:
                 output.abandon()
             raise
     totals = ", ".join(f"{count} {kind}" for kind, count in counts.items())
-    print(f"{source.title}: {totals}")
+    tell(f"{source.title}: {totals}")
     for line in [*said, *source.remarks()]:
-        print(line)
+        tell(line)
     for line in source.losses():
-        print(line, file=sys.stderr)
+        tell(line, file=sys.stderr)
     return 0
 
 

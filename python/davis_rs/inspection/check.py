@@ -17,6 +17,7 @@ from ..effects import EFFECTS
 from ..events import EventArray
 from ..noise_estimate import share_text
 from ..pose import GroundTruth
+from ..terminal_text import printable
 from .dataset_description import describe_dataset
 
 TOLERANCE = 1e-9
@@ -106,7 +107,7 @@ class CheckReport:
             lines.append(f"{holds}, noise included" if self.noise else holds)
         else:
             lines.append(f"the check fails: {len(self.problems)} problem{'s' * (len(self.problems) > 1)}")
-        return "\n".join(lines)
+        return "\n".join(map(printable, lines))
 
 
 def check_dataset(path: str | Path) -> CheckReport:

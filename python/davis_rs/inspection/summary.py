@@ -21,6 +21,7 @@ from ..folder_report import start_line
 from ..formats.interface import EventReader
 from ..noise_estimate import share_text
 from ..pose import GroundTruth
+from ..terminal_text import printable
 from ..trajectory.trajectory import SPEED_WINDOW_S
 from ..untrusted import MAX_PACKET_BYTES
 from ..whole_file import whole_file
@@ -107,7 +108,7 @@ class EventSummary:
         known = "" if self.size_known else " (spanned by the events; the file does not say)"
         lines = [f"{self.path}: {self.format}", f"sensor      {width} x {height}{known}"]
         if not self.events:
-            return "\n".join([*lines, "events      0"])
+            return "\n".join(map(printable, [*lines, "events      0"]))
         x, y, most = self.pixels.busiest
         silent = width * height - self.pixels.with_events
         lines += [
@@ -123,7 +124,7 @@ class EventSummary:
             lines.append(f"warning: {self.outside:,} events lie outside of the sensor, and are left out")
         if self.backward:
             lines.append(f"warning: {self.backward:,} events are earlier than the one before them")
-        return "\n".join(lines)
+        return "\n".join(map(printable, lines))
 
 
 class DatasetRow(NamedTuple):
@@ -236,7 +237,7 @@ def dataset_contents(dataset: Dataset) -> str:
         lines.append("note        cut short: its writer was stopped, by Ctrl-C or an error, and finished the folder")
     elif dataset.meta.get("complete") is False:
         lines.append("warning: the folder was never finished: its writer was killed or failed")
-    return "\n".join(lines)
+    return "\n".join(map(printable, lines))
 
 
 def dataset_row(path: str | Path, summary: EventSummary) -> DatasetRow:

@@ -22,6 +22,7 @@ from ..formats.recorded import RecordedParts
 from ..noise_estimate import percent
 from ..pose import GroundTruth
 from ..recordings import Recording, whole_recording
+from ..terminal_text import printable
 from .dataset_description import describe_dataset
 
 _FRAME_WHITE = 65_535  # frames of a camera have 16 bits
@@ -118,7 +119,7 @@ def _label(dataset: Dataset, size: tuple[int, int]) -> str:
         sensor += f", with {', '.join(said.effects)}" if said.effects else ", ideal"
     noise = f"{percent(said.noise)} Monte Carlo noise" if said.noise else None
     parts = [said.scene or dataset.path.resolve().name, said.threshold, sensor, noise]
-    return ", ".join(part for part in parts if part)
+    return printable(", ".join(part for part in parts if part))
 
 
 def _of_dataset(dataset: Dataset, size: tuple[int, int]) -> VisualSequence:
@@ -126,7 +127,7 @@ def _of_dataset(dataset: Dataset, size: tuple[int, int]) -> VisualSequence:
     depth_times = [image.t_us for image in dataset.depth_maps]
     events = dataset.events
     _check_inside(events, size, dataset.path)
-    ends = [*frame_times[-1:], *depth_times[-1:], int(dataset.meta.get("duration_us", 0))]
+    ends = [*frame_times[-1:], *depth_times[-1:], dataset.meta.get("duration_us") or 0]
     return VisualSequence(
         _label(dataset, size),
         size,
@@ -141,7 +142,7 @@ def _of_dataset(dataset: Dataset, size: tuple[int, int]) -> VisualSequence:
         dataset.read_flow,
         [image.t_us for image in dataset.masks],
         dataset.read_mask,
-        dataset.shape_names,
+        tuple(map(printable, dataset.shape_names)),
         [image.t_us for image in dataset.normal_maps],
         dataset.read_normals,
         lambda: dataset.imu,
@@ -175,7 +176,9 @@ def _of_events(
         raise ValueError(f"{path}: event {at} is earlier than the one before it: such times cannot be drawn")
     times = [*frame_times, *events["t"][:1].tolist(), *events["t"][-1:].tolist()]
     start_us, end_us = min(times, default=0), max(times, default=0)
-    return VisualSequence(label, size, events, start_us, end_us, frame_times, (), read_frame, read_imu=read_imu)
+    return VisualSequence(
+        printable(label), size, events, start_us, end_us, frame_times, (), read_frame, read_imu=read_imu
+    )
 
 
 def _whole(frame: Frame, size: tuple[int, int]) -> GreyImage:

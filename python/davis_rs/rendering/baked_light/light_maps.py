@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from .surface_lattice import SampledLight, SurfaceLattice
+from .surface_lattice import MOST_DIVISIONS, SampledLight, SurfaceLattice
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -49,10 +49,6 @@ class LightMaps:
         return layouts_of(self.divisions)
 
 
-_FINEST = 15
-"""More divisions than any map has: their texels would take 12 GB."""
-
-
 def check_maps(maps: LightMaps, *, two_sided: npt.NDArray[np.bool_], lights: int, tests: FloatArray) -> None:
     """Refuse maps that are not those of a scene's light.
 
@@ -68,19 +64,33 @@ def check_maps(maps: LightMaps, *, two_sided: npt.NDArray[np.bool_], lights: int
     if divisions.dtype != np.int64 or divisions.shape != (len(two_sided), 2):
         raise ValueError(f"divisions must be int64 ({len(two_sided)}, 2), found {divisions.dtype} {divisions.shape}")
     least = np.stack([np.zeros(len(two_sided), np.int64), np.where(two_sided, 0, -1)], 1)
-    if not ((divisions >= least) & (divisions <= _FINEST) & ((divisions < 0) == (least < 0))).all():
-        raise ValueError(f"divisions must be 0..{_FINEST}, and -1 for backs that do not reflect")
+    if not ((divisions >= least) & (divisions <= MOST_DIVISIONS) & ((divisions < 0) == (least < 0))).all():
+        raise ValueError(f"divisions must be 0..{MOST_DIVISIONS}, and -1 for backs that do not reflect")
     in_order = instants.dtype == np.float64 and instants.ndim == 1 and len(instants) and (np.diff(instants) > 0).all()
     if not in_order or not np.isin(instants, tests).all():
         raise ValueError("its instants are not those of the scene's motion")
     if len(maps.texels) != len(instants) * lights:
         raise ValueError(f"{len(instants)} instants of {lights} lights need as many maps, found {len(maps.texels)}")
-    count = texel_count(maps.layouts)
+    inside = _inside(divisions)
+    count = len(inside)
     for texels in maps.texels:
         if texels.dtype != np.float32 or texels.shape != (count, 3):
             raise ValueError(f"texels must be float32 ({count}, 3), found {texels.dtype} {texels.shape}")
-        if not ((texels >= 0) & (texels < np.inf)).all():
-            raise ValueError("texels must be finite and >= 0")
+        if not (np.isfinite(texels).all() and (texels[inside] >= 0).all()):
+            raise ValueError("texels must be finite, and >= 0 within triangles")
+
+
+def _inside(divisions: IntArray) -> npt.NDArray[np.bool_]:
+    """Which texels lie within their triangle or on its edges. Beyond the third edge light goes on as it falls or rises,
+    below 0 too."""
+    layouts = layouts_of(divisions)
+    inside = np.zeros(texel_count(layouts), bool)
+    for level in np.unique(divisions[divisions >= 0]).tolist():
+        cells = 2**level
+        at = np.clip(np.arange(-1, cells + 2), 0, cells)
+        within = np.flatnonzero(np.add.outer(at, at) <= cells)
+        inside[layouts[divisions == level, 0][:, None] + within] = True
+    return inside
 
 
 def texel_count(layouts: IntArray) -> int:
