@@ -51,6 +51,7 @@ class Budget:
         self.limits = limits_in_use() if limits is None else limits
         self.bytes = 0
         self.items = 0
+        self._spent = 0.0
         self.start_clock()
 
     def take(self, size: int, what: str) -> None:
@@ -104,6 +105,16 @@ class Budget:
             DecodeError: once it is over; ``what`` says in the message what took so long.
         """
         if self.out_of_time():
+            raise self._error(f"{what} has taken more than {self.limits.seconds:g} s", "seconds")
+
+    def spend(self, seconds: float, what: str) -> None:
+        """Charge time of work that is done again and again, wherever the clock stands.
+
+        Raises:
+            DecodeError: once there are no more seconds; ``what`` says in the message what takes so long.
+        """
+        self._spent += seconds
+        if self._spent > self.limits.seconds:
             raise self._error(f"{what} has taken more than {self.limits.seconds:g} s", "seconds")
 
     def out_of_time(self) -> bool:

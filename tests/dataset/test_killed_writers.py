@@ -22,15 +22,17 @@ import numpy as np
 import davis_rs
 from davis_rs.dataset.writer import DatasetWriter
 writer = DatasetWriter(sys.argv[1], (8, 6), events_format=sys.argv[2], meta={"scene": {"name": "planes"}})
-events = np.array([(5, 1, 2, 1), (9, 3, 4, 0)], davis_rs.EVENT_DTYPE)
+events = np.array([(5000, 1, 2, 1), (9000, 3, 4, 0)], davis_rs.EVENT_DTYPE)
 image = np.full((6, 8), 0.5, np.float32)
-writer.write(davis_rs.Packet(0, 10, events, davis_rs.Pose([0, 0, 0], [0, 0, 0, 1]), luma=image, frame=image))
+writer.write(davis_rs.Packet(0, 10_000, events, davis_rs.Pose([0, 0, 0], [0, 0, 0, 1]), luma=image, frame=image))
+events = np.array([(25000, 1, 1, 1)], davis_rs.EVENT_DTYPE)
+writer.write(davis_rs.Packet(10_000, 30_000, events, davis_rs.Pose([0, 0, 0], [0, 0, 0, 1])))
 os.kill(os.getpid(), signal.SIGKILL)
 """
 
 
 def killed(folder: Path, format: str) -> Path:
-    """A folder with two events and a frame whose writer was killed."""
+    """A folder with three events and a frame whose writer was killed."""
     done = subprocess.run([sys.executable, "-c", KILLED, str(folder), format], capture_output=True, timeout=60)
     assert done.returncode == -9, done.stderr.decode()[-2000:]
     return folder
@@ -45,12 +47,18 @@ def replaced(folder: Path) -> None:
 
 def test_npz_is_read_as_far_as_it_was_written(tmp_path: Path) -> None:
     folder = killed(tmp_path / "d", "npz")
-    assert Dataset(folder).events.tolist() == [(5, 1, 2, 1), (9, 3, 4, 0)]
+    assert Dataset(folder).events.tolist() == [(5000, 1, 2, 1), (9000, 3, 4, 0), (25000, 1, 1, 1)]
     with pytest.warns(davis_rs.TruncatedFileWarning, match=r"events.npz.part: the archive was cut, or never finished"):
-        assert len(davis_rs.read_events(folder)) == 2
+        assert len(davis_rs.read_events(folder)) == 3
     said = run("info", folder, "--quiet")
     assert said.returncode == 0, said.stderr
-    for line in ("sensor      8 x 6", "events      2", "scene       planes", "the folder was never finished"):
+    for line in (
+        "sensor      8 x 6",
+        "events      3",
+        "scene       planes",
+        "the folder was never finished",
+        "T = 0.020 s",
+    ):
         assert line in said.stdout
     replaced(folder)
 

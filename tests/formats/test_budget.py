@@ -65,3 +65,11 @@ def test_a_variable_that_cannot_be_understood_is_an_error(monkeypatch: pytest.Mo
     monkeypatch.setenv(VARIABLE, wrong)
     with pytest.raises(ValueError, match=r"DAVIS_RS_READ_BUDGET is like .*: got '"):
         limits_in_use()
+
+
+def test_time_that_is_spent_adds_up() -> None:
+    budget = Budget("a.bag", Limits(seconds=5))
+    budget.spend(3.0, "unpacking")
+    budget.start_clock()
+    with pytest.raises(DecodeError, match=r"a.bag: unpacking has taken more than 5 s \(DAVIS_RS_READ_BUDGET=seconds"):
+        budget.spend(2.5, "unpacking")

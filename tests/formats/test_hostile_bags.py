@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import bz2
 import gc
 import struct
 import tracemalloc
@@ -13,6 +14,8 @@ import pytest
 
 import davis_rs
 from davis_rs import DecodeError
+from davis_rs.formats import bag_records
+from davis_rs.formats.bag_index import bag_index
 
 CHUNK, ENTRIES, CHUNK_INFO = 5, 4, 6
 MOST = 2**32 - 1
@@ -101,3 +104,81 @@ def test_the_index_is_charged(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     assert (
         "the index needs 15.6 KiB; 10 KiB may be held in memory (DAVIS_RS_READ_BUDGET=bytes=... allows more)" in message
     )
+
+
+def fields(**values: bytes) -> bytes:
+    """A header, or what is laid out like one."""
+    packed = [name.encode() + b"=" + value for name, value in values.items()]
+    return b"".join(struct.pack("<I", len(one)) + one for one in packed)
+
+
+def a_record(header: bytes, data: bytes) -> bytes:
+    return struct.pack("<I", len(header)) + header + struct.pack("<I", len(data)) + data
+
+
+def in_turns(folder: Path, chunks: int, turns: int) -> Path:
+    """A bag of a message, which each of its chunks has; the index asks for it in turns."""
+    bag(folder / "one.bag", packets=1)
+    reader = bag_index(folder / "one.bag", 1 << 20)
+    reader.open()
+    [(connection, t_ns, message)] = reader.messages()
+    stamp = struct.pack("<II", *divmod(t_ns, 10**9))
+    content = bytearray(b"#ROSBAG V2.0\n")
+    head = {"op": b"\x03", "index_pos": bytes(8), "conn_count": struct.pack("<I", 1)}
+    begin = len(content)
+    content += a_record(fields(**head, chunk_count=struct.pack("<I", chunks * turns)), b"")
+    plain = a_record(fields(op=b"\x02", conn=bytes(4), time=stamp), message)
+    infos = []
+    for _ in range(chunks):
+        place = len(content)
+        size = struct.pack("<I", len(plain))
+        content += a_record(fields(op=b"\x05", compression=b"bz2", size=size), bz2.compress(plain))
+        entries = a_record(
+            fields(op=b"\x04", ver=struct.pack("<I", 1), conn=bytes(4), count=struct.pack("<I", 1)), stamp + bytes(4)
+        )
+        content += entries
+        infos.append(
+            a_record(
+                fields(
+                    op=b"\x06",
+                    ver=struct.pack("<I", 1),
+                    chunk_pos=struct.pack("<Q", place),
+                    start_time=stamp,
+                    end_time=stamp,
+                    count=struct.pack("<I", 1),
+                ),
+                bytes(4) + struct.pack("<I", 1),
+            )
+        )
+    head["index_pos"] = struct.pack("<Q", len(content))
+    content[begin : begin + len(a_record(fields(**head, chunk_count=bytes(4)), b""))] = a_record(
+        fields(**head, chunk_count=struct.pack("<I", chunks * turns)), b""
+    )
+    described = fields(
+        topic=b"/dvs/events", type=b"dvs_msgs/EventArray", md5sum=connection.digest.encode(), message_definition=b""
+    )
+    content += a_record(fields(op=b"\x07", conn=bytes(4), topic=b"/dvs/events"), described)
+    content += b"".join(infos * turns)
+    reader.close()
+    (folder / "turns.bag").write_bytes(content)
+    return folder / "turns.bag"
+
+
+def test_chunks_in_turns_are_unpacked_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Once for the size of the sensor, and kept since."""
+    path = in_turns(tmp_path, chunks=3, turns=4)
+    unpacked = []
+    unpack = bag_records.unpack_bz2
+    monkeypatch.setattr(bag_records, "unpack_bz2", lambda *all: (unpacked.append(1), unpack(*all))[1])
+    assert davis_rs.read_events(path).tolist() == [(0, 1, 2, 1)] * 12
+    assert len(unpacked) == 3
+
+
+def test_an_index_that_asks_for_many_chunks_in_turns(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = in_turns(tmp_path, chunks=5, turns=4)
+    assert len(davis_rs.read_events(path)) == 20
+    monkeypatch.setenv("DAVIS_RS_READ_BUDGET", "seconds=0.0000001")
+    with pytest.raises(
+        DecodeError, match="the unpacking of the same chunks, again and again, has taken more than 1e-07 s"
+    ):
+        davis_rs.read_events(path)

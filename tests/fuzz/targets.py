@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import random
 import struct
 from collections.abc import Callable
@@ -19,6 +20,8 @@ from davis_rs.formats.recorded import RecordedParts
 from davis_rs.generate import load_sequence_plan
 from davis_rs.inspection.check import check_dataset
 from davis_rs.inspection.summary import summarize_events
+from davis_rs.rendering.baked_light import cache
+from davis_rs.rendering.baked_light.light_maps import LightMaps, check_maps, layouts_of, texel_count
 from davis_rs.sensors import preset_file, read_sensor_file, sensor_yaml
 from davis_rs.usb.raw_file import RawRecording, RawWriter
 from gltf_files import CORNERS, UV, Gltf, quad
@@ -382,6 +385,23 @@ HARMFUL: dict[str, Callable[[Path], list[Path]]] = {
 }
 """Of event files: what must be refused, see :class:`Target`."""
 
+
+def _baked_light(folder: Path) -> list[Path]:
+    divisions = np.array([[1, -1], [0, 2]])
+    texels = [np.ones((texel_count(layouts_of(divisions)), 3), np.float32)]
+    maps = LightMaps(divisions, texels, np.zeros(1), 0.01, 0.0, 40, (16, 64), True, 1.5)
+    (folder / "seed.light").write_bytes(cache._packed(maps))
+    return [folder / "seed.light"]
+
+
+def read_baked_light(path: Path, _: random.Random) -> None:
+    """A mutant whose checksum is right: whoever can write the file can write that, too."""
+    content = path.read_bytes()[32:]
+    maps = cache._unpacked(hashlib.sha256(content).digest() + content)
+    check_maps(maps, two_sided=np.array([False, True]), lights=1, tests=np.zeros(1))
+    assert np.isfinite(maps.texels[0]).all(), "light that is not finite"
+
+
 _OF_SCENES = (davis_rs.DecodeError, FileNotFoundError)
 _SCENE_WARNINGS = ("/",)
 """A scene's warnings begin with its file."""
@@ -399,6 +419,7 @@ TARGETS: dict[str, Target] = {
     "sensor": Target(_sensor, read_sensor),
     "plan": Target(_plan, read_plan, allowed=(ValueError, FileNotFoundError)),
     "davis": Target(_davis, read_davis),
+    "baked-light": Target(_baked_light, read_baked_light, allowed=(ValueError,)),
     "gltf": Target(_gltf, read_scene, allowed=_OF_SCENES, warns=_SCENE_WARNINGS),
     "glb": Target(_glb, read_scene, allowed=_OF_SCENES, warns=_SCENE_WARNINGS),
     **{f"check-{key}": Target(_dataset_file(name), _check_with(name), allowed=()) for key, name in DATASET.items()},

@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import io
+import time
+from collections import OrderedDict
+from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
@@ -15,6 +19,8 @@ if TYPE_CHECKING:
     from rosbags.rosbag1 import Reader
     from rosbags.rosbag1.reader import Chunk, IndexData
 
+_KEPT = 4
+"""Chunks that are kept."""
 _ENTRIES_AT = 51
 """Where a part of the index says how many bytes its entries have."""
 _ENTRY, _ENTRY_HELD = 12, 160
@@ -37,6 +43,7 @@ def bag_index(path: Path, limit: int) -> Reader:
 
     size, budget = path.stat().st_size, Budget(path)
     limited = {id(decompressors[name]): unpack for name, unpack in unpackers(path, limit).items()}
+    chunks = _Unpacked(budget)
 
     class BoundedReader(Reader):  # type: ignore[misc] # rosbags is not looked into
         index_bytes = 0
@@ -45,7 +52,8 @@ def bag_index(path: Path, limit: int) -> Reader:
             chunk = super().read_chunk()
             if chunk.datapos + chunk.datasize > size:
                 raise DecodeError(f"{path}: a chunk of {chunk.datasize} bytes goes beyond the file's end")
-            return chunk._replace(decompressor=limited[id(chunk.decompressor)])
+            unpack = limited[id(chunk.decompressor)]
+            return chunk._replace(decompressor=partial(chunks.get, chunk.datapos, unpack))
 
         def read_index_data(self, pos: int, indexes: dict[int, list[IndexData]]) -> None:
             begin = self.bio.tell()
@@ -57,7 +65,44 @@ def bag_index(path: Path, limit: int) -> Reader:
             budget.take(entries // _ENTRY * _ENTRY_HELD, "the index")
             super().read_index_data(pos, indexes)
 
+        def messages(self, *arguments: Any, **named: Any) -> Iterator[tuple[Any, int, bytes]]:
+            chunks.begin()
+            yield from super().messages(*arguments, **named)
+
     return BoundedReader(_BoundedPath(path))
+
+
+class _Unpacked:
+    """The last chunks that were unpacked, because messages of chunks that overlap in time stand in turns in each.
+
+    An index can ask for its chunks in turns as often as it likes. So the time in which chunks are unpacked again within
+    one pass over the messages is charged.
+    """
+
+    def __init__(self, budget: Budget) -> None:
+        self._budget = budget
+        self._kept: OrderedDict[int, bytes] = OrderedDict()
+        self._seen: set[int] = set()
+
+    def begin(self) -> None:
+        """Begin another pass."""
+        self._seen.clear()
+
+    def get(self, place: int, unpack: Callable[[bytes], bytes], packed: bytes) -> bytes:
+        """What the chunk at a place unpacks to."""
+        if place in self._kept:
+            self._kept.move_to_end(place)
+            return self._kept[place]
+        started = time.monotonic()
+        data = unpack(packed)
+        if place in self._seen:
+            self._budget.spend(time.monotonic() - started, "the unpacking of the same chunks, again and again,")
+        self._seen.add(place)
+        while len(self._kept) >= _KEPT:
+            self._budget.give_back(len(self._kept.popitem(last=False)[1]))
+        self._budget.take(len(data), "a chunk")
+        self._kept[place] = data
+        return data
 
 
 class _Bounded(io.BufferedReader):

@@ -243,7 +243,8 @@ def dataset_contents(dataset: Dataset) -> str:
 def dataset_row(path: str | Path, summary: EventSummary) -> DatasetRow:
     """The paper's columns for a dataset folder whose events were summed up.
 
-    The duration is that of ``meta.json`` where there is one, else that of the events.
+    The duration is that of ``meta.json`` where there is one, else that of the events. In a folder that was never
+    finished ``meta.json`` may be older than the events: there it is the longer one.
 
     Raises:
         OSError, DecodeError: if the ground truth cannot be read.
@@ -251,6 +252,8 @@ def dataset_row(path: str | Path, summary: EventSummary) -> DatasetRow:
     dataset = Dataset(path)
     stated_us = dataset.meta.get("duration_us")
     duration_s = stated_us / 1e6 if isinstance(stated_us, int) else summary.duration_s
+    if dataset.meta.get("complete") is False:
+        duration_s = max(duration_s, summary.duration_s)
     return DatasetRow(duration_s, *top_speeds(dataset.groundtruth), summary.events)
 
 
