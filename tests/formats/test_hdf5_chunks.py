@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import zlib
 from pathlib import Path
 from typing import Any
@@ -209,4 +210,39 @@ def test_an_offset_of_many_numbers(tmp_path: Path) -> None:
         del file["t_offset"]
         huge(file, "t_offset", (70_000_000,))
     with pytest.raises(DecodeError, match="t_offset: it must be one number"):
+        davis_rs.read_events(path)
+
+
+def test_links_to_other_files_are_not_followed(tmp_path: Path) -> None:
+    """HDF5 would wait for ever for a pipe."""
+    os.mkfifo(tmp_path / "pipe")
+    for number, layout in enumerate(("dsec", "e2vid", "mvsec")):
+        path = written(tmp_path / f"{number}.h5", layout)
+        name = next(iter(columns(layout)))
+        with h5py.File(path, "a") as file:
+            del file[name]
+            file[name] = h5py.ExternalLink(str(tmp_path / "pipe"), "/t")
+        with pytest.raises(DecodeError, match=f"{name} lies in another file: it must be in this one"):
+            davis_rs.read_events(path)
+    path = written(tmp_path / "parts.h5", "dsec")
+    with h5py.File(path, "a") as file:
+        file["t_offset"] = h5py.SoftLink("/elsewhere")
+        file["elsewhere"] = h5py.ExternalLink(str(tmp_path / "pipe"), "/t")
+    with pytest.raises(DecodeError, match="elsewhere lies in another file"):
+        davis_rs.read_events(path)
+
+
+def test_soft_links_are_followed_and_not_in_circles(tmp_path: Path) -> None:
+    path = written(tmp_path / "e.h5", "dsec")
+    with h5py.File(path, "a") as file:
+        file["events/moved"] = file["events/x"]
+        del file["events/x"]
+        file["events/x"] = h5py.SoftLink("moved")
+        file["t_offset"] = h5py.SoftLink("/nowhere")
+    np.testing.assert_array_equal(davis_rs.read_events(path), events())
+    with h5py.File(path, "a") as file:
+        del file["t_offset"]
+        file["t_offset"] = h5py.SoftLink("/circle")
+        file["circle"] = h5py.SoftLink("/t_offset")
+    with pytest.raises(DecodeError, match="leads in circles"):
         davis_rs.read_events(path)

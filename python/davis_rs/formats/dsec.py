@@ -91,7 +91,7 @@ class DsecReader(Hdf5PartsReader):
         super().__init__(path, format=format, rules=rules)
         try:
             with decoding(path, "t_offset"):
-                self._offset_us = self._offset() if "t_offset" in self._file else 0
+                self._offset_us = self._offset()
                 if not -_LATEST_US < self._offset_us < _LATEST_US:
                     raise ValueError(f"it must lie within +-2^62 us: found {self._offset_us}")
         except BaseException:
@@ -99,7 +99,9 @@ class DsecReader(Hdf5PartsReader):
             raise
 
     def _offset(self) -> int:
-        dataset = self._file["t_offset"]
+        dataset = self._find("t_offset")
+        if dataset is None:
+            return 0
         if dataset.shape == ():
             return int(dataset[()])
         if dataset.shape != (1,):

@@ -12,6 +12,7 @@ from .._core import DecodeError
 from ..events import EventArray
 from ..untrusted import decoding
 from .hdf5 import Hdf5Format, Hdf5Reader, Hdf5Writer
+from .hdf5_links import find_inside
 from .interface import Failing, Limits
 from .parts import FRAMES
 
@@ -98,10 +99,12 @@ class E2vidReader(Hdf5Reader):
 
     def images(self) -> Iterator[tuple[int, npt.NDArray[np.uint8]]]:
         """Intensity frames as (t_us, uint8 (height, width)), in the order of their names."""
-        group = self._file.get("images", {})
-        for name in sorted(group):
+        with decoding(self.path, "images"):
+            group = self._find("images")
+            names = [] if group is None else sorted(group)
+        for name in names:
             with decoding(self.path, f"image {name}"):
-                dataset = group[name]
+                dataset = find_inside(self.path, group, name)
                 t_us, height = round(float(dataset.attrs["timestamp"]) * 1e6), len(dataset)
                 with (
                     self._budget.borrow(dataset.size * dataset.dtype.itemsize, f"image {name}"),

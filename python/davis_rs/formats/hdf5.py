@@ -23,6 +23,7 @@ from .files import claim
 from .hdf5_chunks import Rows
 from .hdf5_dataset import CHUNK, GrowingDataset, check_compression
 from .hdf5_disk import Hdf5File
+from .hdf5_links import find_inside
 from .interface import EventReader, EventWriter, Format, Limits, Target, warn_truncated
 from .reading import ANY_SIZE, ReadRules
 
@@ -149,16 +150,17 @@ class Hdf5Reader(EventReader):
     """The shape of their values."""
 
     def __init__(self, path: str | os.PathLike[str], *, format: str, rules: ReadRules) -> None:
+        self.path = Path(path)
         self._file = open_hdf5(path)
         try:
             with decoding(path):
-                missing = [name for name in self.names if name not in self._file]
+                datasets = [find_inside(path, self._file, name) for name in self.names]
+                missing = [name for name, dataset in zip(self.names, datasets, strict=True) if dataset is None]
                 if missing:
                     raise DecodeError(f"{os.fspath(path)}: no dataset {', '.join(missing)}")
                 super().__init__(path, format=format, size=self._size(), rules=rules)
                 self._done = 0
                 self._budget = Budget(path)
-                datasets = [self._file[name] for name in self.names]
                 lengths = {dataset.name: len(dataset) for dataset in datasets}
                 self._count = min(lengths.values())
                 self._datasets = [self._rows_of(dataset, self._count, self.row) for dataset in datasets]
@@ -181,6 +183,10 @@ class Hdf5Reader(EventReader):
 
     def close(self) -> None:
         self._file.close()
+
+    def _find(self, name: str) -> Any:
+        """The dataset or group of a name, None where there is none."""
+        return find_inside(self.path, self._file, name)
 
     def _rows_of(self, dataset: h5py.Dataset, rows: int, row: tuple[int | None, ...] = ()) -> Rows:
         """The rows of a dataset of the file, within its limits."""
@@ -329,6 +335,6 @@ class Hdf5Format(Format):
             return False
         try:
             with open_hdf5(path) as file, decoding(path):
-                return all(name in file for name in self.marks)
+                return all(find_inside(path, file, name) is not None for name in self.marks)
         except (ImportError, DecodeError):
             return True  # whose reader says what is wrong

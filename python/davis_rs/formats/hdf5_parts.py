@@ -196,15 +196,15 @@ class Hdf5PartsReader(Hdf5Reader):
 
     def cameras(self) -> Iterator[tuple[int, Calibration]]:
         """The calibration as (0, calibration), nothing where there is none."""
-        if CALIBRATION not in self._file:
-            return
-        group = self._file[CALIBRATION]
         values = []
         with decoding(self.path, CALIBRATION):
+            if self._find(CALIBRATION) is None:
+                return
             for name, count in (("resolution", 2), ("intrinsics", 4), ("distortion_coeffs", 5)):
-                if group[name].shape != (count,):
+                dataset = self._find(f"{CALIBRATION}/{name}")
+                if dataset is None or dataset.shape != (count,):
                     raise DecodeError(f"{self.path}: {CALIBRATION}/{name} must have {count} values")
-                with self._rows_of(group[name], count) as rows:
+                with self._rows_of(dataset, count) as rows:
                     values += rows.read(0, count).tolist()
             calibration = Calibration(int(values[0]), int(values[1]), *values[2:])
         yield 0, calibration
@@ -217,12 +217,12 @@ class Hdf5PartsReader(Hdf5Reader):
                 chunks that unpack to more than the limit.
         """
         series = self.series[part.name]
-        if series.values not in self._file:
-            return
         with decoding(self.path, series.values):
-            if series.times not in self._file:
+            values, times = self._find(series.values), self._find(series.times)
+            if values is None:
+                return
+            if times is None:
                 raise DecodeError(f"{self.path}: {series.values} has no times: no dataset {series.times}")
-            values, times = self._file[series.values], self._file[series.times]
             count = len(times)
             if len(values) < count:
                 raise DecodeError(f"{self.path}: {series.values} has {len(values)} rows, {series.times} has {count}")

@@ -121,11 +121,12 @@ class MvsecReader(Hdf5PartsReader):
     def flow_maps(self) -> Iterator[tuple[int, npt.NDArray[np.float32]]]:
         """Maps of optical flow as (t_us, float32 (height, width, 2) in pixels per second)."""
         series = SERIES[FLOW.name]
-        if series.times not in self._file:
-            return
         with decoding(self.path, series.times):
-            given = _INTERVALS in self._file
-            dataset = self._file[_INTERVALS if given else series.times]
+            times, dataset = self._find(series.times), self._find(_INTERVALS)
+            if times is None:
+                return
+            given = dataset is not None
+            dataset = dataset if given else times
             self._budget.take(8 * len(dataset), "the intervals of flow_dist")
             with self._rows_of(dataset, len(dataset)) as rows:
                 intervals = np.asarray(rows.read(0, len(dataset)), np.float64)
@@ -148,7 +149,7 @@ class MvsecReader(Hdf5PartsReader):
 
     def _size(self) -> tuple[int, int] | None:
         size = super()._size()
-        images = self._file.get(SERIES[FRAMES.name].values)
+        images = self._find(SERIES[FRAMES.name].values)
         if size is None and images is not None and images.ndim == 3 and min(images.shape[1:]) > 0:
             size = (images.shape[2], images.shape[1])
         return size
