@@ -12,7 +12,7 @@ import pytest
 
 import davis_rs
 from davis_rs import DecodeError
-from davis_rs.formats import hdf5_chunks
+from davis_rs.formats.hdf5_chunks import Rows
 
 h5py = pytest.importorskip("h5py")
 hdf5plugin = pytest.importorskip("hdf5plugin")
@@ -53,13 +53,18 @@ def written(path: Path, layout: str, chunk: tuple[int, ...] = (COUNT,), **filter
     return path
 
 
+def opened(path: Path) -> Any:
+    """A reader, with the methods of its format."""
+    return davis_rs.open_reader(path)
+
+
 class Unpackings:
     """Counts what zlib is asked to unpack."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.count = 0
         self.decompressobj = zlib.decompressobj
-        monkeypatch.setattr(hdf5_chunks.zlib, "decompressobj", self)
+        monkeypatch.setattr("davis_rs.formats.hdf5_chunks.zlib.decompressobj", self)
 
     def __call__(self) -> Any:
         self.count += 1
@@ -104,8 +109,13 @@ def test_chunks_that_hdf5_unpacks_are_asked_for_once(
 ) -> None:
     path = written(tmp_path / "e.h5", "dsec", **filters)
     asked = []
-    unpack = hdf5_chunks.Rows._unpack
-    monkeypatch.setattr(hdf5_chunks.Rows, "_unpack", lambda rows, place: (asked.append(place), unpack(rows, place))[1])
+    unpack = Rows._unpack
+
+    def counted(rows: Rows, place: tuple[int, ...]) -> Any:
+        asked.append(place)
+        return unpack(rows, place)
+
+    monkeypatch.setattr(Rows, "_unpack", counted)
     with davis_rs.open_reader(path) as reader:
         np.testing.assert_array_equal(np.concatenate(list(reader.iter(10_000))), events())
     assert len(asked) == (16 if "chunk" in filters else 4)
@@ -128,7 +138,7 @@ def test_a_chunk_of_many_images_is_unpacked_once(tmp_path: Path, monkeypatch: py
         file.create_dataset("images/data", data=images, chunks=(50, 6, 2), compression="gzip")
         file["images/t"] = np.arange(50)
     unpackings = Unpackings(monkeypatch)
-    with davis_rs.open_reader(path) as reader:
+    with opened(path) as reader:
         found = [image for _, image in reader.images()]
     np.testing.assert_array_equal(found, images)
     assert unpackings.count == 2
@@ -185,7 +195,7 @@ def test_images_and_intervals_are_limited(tmp_path: Path) -> None:
         huge(file, "images/image0", (8_192, 9_000))
         file["images/image0"].attrs["timestamp"] = 0.0
     with (
-        davis_rs.open_reader(path) as reader,
+        opened(path) as reader,
         pytest.raises(DecodeError, match="a chunk of /images/image0 may have 67108864 bytes"),
     ):
         list(reader.images())
@@ -195,7 +205,7 @@ def test_images_and_intervals_are_limited(tmp_path: Path) -> None:
         file["davis/left/flow_dist_ts"] = [0.0]
         huge(file, "davis/left/flow_dist_dt", (70_000_000,))
     with (
-        davis_rs.open_reader(path) as reader,
+        opened(path) as reader,
         pytest.raises(DecodeError, match="a chunk of /davis/left/flow_dist_dt may have 67108864 bytes"),
     ):
         list(reader.flow_maps())

@@ -14,8 +14,8 @@ import pytest
 
 import davis_rs
 from davis_rs import DecodeError
-from davis_rs.formats import bag_records
 from davis_rs.formats.bag_index import bag_index
+from davis_rs.formats.unpack import unpack_bz2
 
 CHUNK, ENTRIES, CHUNK_INFO = 5, 4, 6
 MOST = 2**32 - 1
@@ -29,7 +29,7 @@ def bag(path: Path, packets: int = 3) -> bytearray:
     return bytearray(path.read_bytes())
 
 
-def record(content: bytes, operation: int) -> tuple[int, int, int]:
+def record(content: bytes | bytearray, operation: int) -> tuple[int, int, int]:
     """Where the first record of an operation begins, where the length of its data stands, and where it ends."""
     place = len(b"#ROSBAG V2.0\n")
     while place < len(content):
@@ -42,7 +42,7 @@ def record(content: bytes, operation: int) -> tuple[int, int, int]:
     raise AssertionError(f"no record of operation {operation}")
 
 
-def refused(path: Path, content: bytes) -> tuple[str, int]:
+def refused(path: Path, content: bytes | bytearray) -> tuple[str, int]:
     """What is said of a bag, and how much memory was asked for meanwhile; no file stays open."""
     path.write_bytes(content)
     with warnings.catch_warnings(record=True) as said:
@@ -168,8 +168,12 @@ def test_chunks_in_turns_are_unpacked_once(tmp_path: Path, monkeypatch: pytest.M
     """Once for the size of the sensor, and kept since."""
     path = in_turns(tmp_path, chunks=3, turns=4)
     unpacked = []
-    unpack = bag_records.unpack_bz2
-    monkeypatch.setattr(bag_records, "unpack_bz2", lambda *all: (unpacked.append(1), unpack(*all))[1])
+
+    def counted(path: Path, data: bytes, limit: int) -> bytes:
+        unpacked.append(path)
+        return unpack_bz2(path, data, limit)
+
+    monkeypatch.setattr("davis_rs.formats.bag_records.unpack_bz2", counted)
     assert davis_rs.read_events(path).tolist() == [(0, 1, 2, 1)] * 12
     assert len(unpacked) == 3
 
