@@ -29,6 +29,7 @@ from davis_rs.inspection import html_page
 from davis_rs.inspection.figure import OFF_RGB, ON_RGB
 from davis_rs.inspection.sampling_for_display import evenly_spaced, event_counts, sample_events
 from davis_rs.inspection.visual_sequence import display_grey
+from davis_rs.terminal_text import printable
 from recording_files import aedat4, aedat4_events, aedat4_frame, aedat4_imu, events_of, frame_of
 from written_sequence import HEIGHT, STEPS, WIDTH, packet_of, write_sequence
 
@@ -229,7 +230,7 @@ def test_what_a_source_lacks_is_left_out(folder: Path, tmp_path: Path) -> None:
 
 
 def test_names_from_files_stay_text(tmp_path: Path) -> None:
-    """A scene's name with markup adds no element, and the text is the name."""
+    """A scene's name with markup adds no element, and the text is the name, with its line separator escaped."""
     name = "</title></script><script>alert(1)</script><!--&amp;$label ${script}\u2028'\""
     with DatasetWriter(tmp_path / "d", Camera(WIDTH, HEIGHT, 20, 20, 11.5, 8.5)) as writer:
         writer.write(packet_of(0, 100, (50, 3, 4, 1), (60, 9, 9, 0)))
@@ -239,8 +240,8 @@ def test_names_from_files_stay_text(tmp_path: Path) -> None:
     view_html(tmp_path / "d", tmp_path / "p.html")
     page = Page(tmp_path / "p.html")
     assert [tag for tag, _ in page.elements].count("script") == 2
-    assert page.texts["title"][0].startswith(name)
-    assert page.texts["h1"][0].startswith(name)
+    assert page.texts["title"][0].startswith(printable(name))
+    assert page.texts["h1"][0].startswith(printable(name))
     assert not set(page.texts["script"][0]) & set("<>&")
 
 
