@@ -154,7 +154,7 @@ def test_what_is_no_file(file: Path, make: Callable[[Path], None], capsys: pytes
 def test_files_are_limited(file: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     cache.store(KEY, maps())
     assert loaded() is not None
-    monkeypatch.setenv("DAVIS_RS_READ_BUDGET", "bytes=4KiB")
+    monkeypatch.setenv("DAVIS_RS_READ_BUDGET", "bytes=2KiB")
     refused(capsys, "baked light needs")
 
 

@@ -105,7 +105,7 @@ def _read(name: str, unpacked: Callable[[bytes], _Content]) -> _Content | None:
     try:
         size = regular_file(file).stat().st_size
         budget = Budget(file)
-        with budget.borrow(2 * size, "baked light"):
+        with budget.borrow(size, "baked light"):
             data = read_limited(file, size)
             with contextlib.suppress(OSError):
                 os.utime(file)

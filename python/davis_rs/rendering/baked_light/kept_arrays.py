@@ -36,11 +36,11 @@ def unpacked_arrays(data: bytes) -> dict[str, npt.NDArray[Any]]:
     Raises:
         ValueError: for anything else.
     """
-    if hashlib.sha256(data[_HASH_BYTES:]).digest() != data[:_HASH_BYTES]:
+    if hashlib.sha256(memoryview(data)[_HASH_BYTES:]).digest() != data[:_HASH_BYTES]:
         raise ValueError("its checksum is wrong")
     arrays = {}
     try:
-        with zipfile.ZipFile(io.BytesIO(data[_HASH_BYTES:])) as archive:
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:  # which may stand behind other bytes: here the checksum
             for member in archive.infolist():
                 if member.compress_type != zipfile.ZIP_STORED or member.file_size > len(data):
                     raise ValueError("it holds arrays that are compressed")
