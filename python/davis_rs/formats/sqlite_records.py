@@ -88,7 +88,7 @@ class SqliteScan:
         """How many messages there are: before anything sorts them, because pages that lead in circles never end."""
         if self._rows is None:
             most = self._size // _LEAST_ROW + 1
-            query = f"SELECT count(*), total(length(data)) FROM (SELECT data FROM messages LIMIT {most})"
+            query = f"SELECT count(*), total(size) FROM (SELECT length(data) AS size FROM messages LIMIT {most})"
             [(rows, held)] = self._select(database, query, 1)
             if rows >= most or held > self._size:
                 raise DecodeError(f"{self._path}: damaged: messages have more rows or bytes than the file has")
