@@ -7,3 +7,5 @@ and tensors of events, ``matching`` one stream compared with another.
 Luma is 0.299 R + 0.587 G + 0.114 B on linear RGB, as in the original simulator; Mitsuba's own luminance has other
 weights.
 """
+
+from . import represent as represent  # so that it is davis_rs.represent, too
