@@ -22,7 +22,6 @@ LATE |= {
     "distributed",
     "argcomplete",
     "av",
-    "pygltflib",
     "rerun",
     "torch",
 }

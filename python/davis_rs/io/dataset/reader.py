@@ -16,7 +16,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ..._core import DecodeError
-from ..._util.untrusted import decoding, read_limited, read_text
+from ..._util.budget import Budget
+from ..._util.untrusted import decoding, read_charged, read_text
 from ...events.arrays import EventArray
 from ...events.packet import Displacement
 from ...geometry.camera import Camera
@@ -45,8 +46,8 @@ from .files import (
     unfinished_told,
 )
 
-_MOST_PIXELS = 1 << 26
-"""Of an image, 268 MB of float32."""
+_PIXEL_BYTES = 8
+"""Of a value of an image: as it is decoded, and in an array."""
 
 
 class StampedImage(NamedTuple):
@@ -237,10 +238,10 @@ class Dataset:
         """A grey image of a mode of Pillow."""
         from PIL import Image
 
-        data = read_limited(path)
+        budget = Budget(path)
+        data = read_charged(path, budget)
         with decoding(path), Image.open(io.BytesIO(data)) as image:
-            if image.width * image.height > _MOST_PIXELS:
-                raise DecodeError(f"{path}: an image may have {_MOST_PIXELS} pixels, found {image.size}")
+            budget.take(_PIXEL_BYTES * image.width * image.height, f"an image of {image.width} x {image.height} pixels")
             found, pixels = image.mode, np.array(image)
         if found != mode:
             raise DecodeError(f"{path}: expected {what} grey image, found mode {found}")
@@ -383,13 +384,17 @@ def _read_exr(path: Path, *names: str) -> npt.NDArray[np.float32]:
     """Channels of an image, float32: (H, W) of one, (H, W, k) of several."""
     import OpenEXR
 
-    data = read_limited(path)
+    budget = Budget(path)
+    data = read_charged(path, budget)
     with decoding(path):
         # Its size before its pixels, for which it would take the memory.
         with OpenEXR.File(io.BytesIO(data), header_only=True) as file:
             low, high = (np.asarray(corner, np.int64) for corner in file.header()["dataWindow"])
-        if (high < low).any() or (high - low + 1).prod() > _MOST_PIXELS:
-            raise DecodeError(f"{path}: an image may have {_MOST_PIXELS} pixels, found a window of {low} to {high}")
+            count = len(file.header()["channels"])
+        if (high < low).any():
+            raise DecodeError(f"{path}: an image must have pixels, found a window of {low} to {high}")
+        width, height = (high - low + 1).tolist()
+        budget.take(_PIXEL_BYTES * width * height * count, f"{count} channels of {width} x {height} pixels")
         with OpenEXR.File(io.BytesIO(data)) as file:
             channels = dict(file.channels())
             pixels = [np.asarray(channels[name].pixels) for name in names if name in channels]

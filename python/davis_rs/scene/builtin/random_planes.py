@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from ..._util.argument_error import ArgumentError
+from ..._util.budget import Budget
 from ..._util.random_words import Words
 from ...geometry.camera import PRESETS
 from ...geometry.pose import FloatArray, Pose, hamilton, rotation_matrices
@@ -256,7 +257,7 @@ def _fitted(path: Path, radius: float) -> Mesh:
 
     Parts without texture coordinates get those of the box around the mesh, seen along its thinnest side.
     """
-    parts = MESH_READERS[path.suffix.lower()](path)
+    parts = MESH_READERS[path.suffix.lower()](path, Budget(path))
     corners = np.concatenate([part.corners for part in parts])
     low, high = corners.min((0, 1)), corners.max((0, 1))
     corners = corners - (low + high) / 2
