@@ -15,6 +15,7 @@ from typing import TypeVar
 
 from ._core import DecodeError
 from .argument_error import ArgumentError
+from .budget import Budget
 
 _Item = TypeVar("_Item")
 
@@ -70,6 +71,19 @@ def read_limited(path: str | os.PathLike[str], limit: int = MAX_TEXT_BYTES) -> b
     return data
 
 
+def read_charged(path: str | os.PathLike[str], budget: Budget) -> bytes:
+    """The contents of a file that is held in memory, charged to the account of the source that names it.
+
+    Raises:
+        OSError: if it cannot be read, or is no regular file.
+        DecodeError: if it is longer than the budget has bytes left.
+    """
+    with regular_file(path).open("rb") as file:
+        size = os.fstat(file.fileno()).st_size
+        budget.take(size, f"the file {os.fspath(path)}")
+        return file.read(size)
+
+
 def read_text(path: str | os.PathLike[str], limit: int = MAX_TEXT_BYTES) -> str:
     """The contents of a file in UTF-8, with or without a byte-order mark.
 
@@ -119,7 +133,7 @@ _ABOUT_BYTES = (
 """What Python and its libraries raise about bytes that they did not expect; RecursionError and NotImplementedError are
 RuntimeErrors, UnicodeDecodeError is a ValueError."""
 
-_LIBRARIES = {"PIL", "backports", "compression", "h5py", "pyarrow", "rosbags", "sqlite3", "yaml", "zipfile"}
+_LIBRARIES = {"PIL", "backports", "compression", "cv2", "h5py", "pyarrow", "rosbags", "sqlite3", "yaml", "zipfile"}
 """Libraries that have error classes of their own."""
 
 

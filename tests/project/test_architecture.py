@@ -70,7 +70,6 @@ LATE |= {
     "distributed",
     "argcomplete",
     "av",
-    "pygltflib",
     "rerun",
     "torch",
 }

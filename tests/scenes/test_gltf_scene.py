@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import re
-import sys
 import warnings
 from collections.abc import Callable
 from dataclasses import replace
@@ -664,7 +663,7 @@ BROKEN: dict[str, tuple[Callable[[Gltf], Any], str]] = {
     ),
     "no mesh": (put("nodes", 0, mesh=7), r"nodes\[0\]\.mesh: must be a number of the 1 meshes, counted from 0, got 7"),
     "negative": (put("nodes", 0, mesh=-1), "got -1"),
-    "word": (put("nodes", 0, translation=["a", 0, 0]), "could not convert string to float: 'a'"),
+    "word": (put("nodes", 0, translation=["a", 0, 0]), r"translation: must be 3 numbers .* got \['a', 0, 0\]"),
     "nan": (put("nodes", 0, scale=[float("nan"), 1, 1]), r"nodes\[0\]\.scale: must be 3 numbers"),
     "circle": (put("nodes", 0, children=[0]), r"nodes\[0\]: is within itself"),
     "shared child": (put("nodes", 1, children=[0]), "is within itself, or within two nodes"),
@@ -673,7 +672,7 @@ BROKEN: dict[str, tuple[Callable[[Gltf], Any], str]] = {
     "no position": (in_primitive(attributes={}), "has no POSITION"),
     "count": (put("accessors", 0, count=1000), r"accessors\[0\]: 1000 elements of 12 bytes, 12 apart, exceed"),
     "huge": (put("accessors", 0, count=2**31 - 1), "exceed its bufferView"),
-    "zeros": (put("accessors", 0, count=2**31 - 1, bufferView=None), "without a bufferView it may have 1048576"),
+    "zeros": (put("accessors", 0, count=2**31 - 1, bufferView=None), "2147483647 elements of 3 numbers needs 48 GiB"),
     "type": (put("accessors", 0, type="VEC9"), "must have a componentType and a type"),
     "width": (put("accessors", 0, type="VEC2", count=4), r"must have 3 numbers each"),
     "view": (put("bufferViews", 0, byteLength=10**9), r"bufferViews\[0\]\.byteLength: must be a number of bytes"),
@@ -742,8 +741,8 @@ BROKEN: dict[str, tuple[Callable[[Gltf], Any], str]] = {
     "outside": (textured("../secret.png"), r"images\[0\]: names '\.\./secret\.png', which lies outside"),
     "encoded outside": (textured("%2e%2e/secret.png"), "which lies outside of the scene's folder"),
     "root": (textured("/etc/passwd"), "which lies outside of the scene's folder"),
-    "internet": (textured("https://example.org/a.png"), "must be a file in the scene's folder"),
-    "windows": (textured("C:\\a.png"), "must be a file in the scene's folder"),
+    "internet": (textured("https://example.org/a.png"), "must name a file in the scene's folder"),
+    "windows": (textured("C:\\a.png"), "must name a file in the scene's folder"),
     "data": (textured("data:image/png;base64,####"), r"images\[0\]: is no base64"),
     "no image": (textured("data:image/png;base64,aGVsbG8="), "not an image that can be read as a texture"),
     "nothing": (lambda gltf: gltf.document.update(nodes=[{}] * 3, animations=[]), "it has no triangles"),
@@ -788,24 +787,6 @@ def test_one_mesh_shown_too_often_is_refused(tmp_path: Path, monkeypatch: pytest
     for _ in range(4):
         gltf.node(mesh=mesh)
     with pytest.raises(DecodeError, match=r"nodes\[3\]: a scene may have 7 triangles"):
-        saved(gltf, tmp_path)
-
-
-def test_images_that_unpack_to_too_much_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from davis_rs.scene import texture_file
-
-    monkeypatch.setattr(texture_file, "MOST_TEXELS", 15)
-    (tmp_path / "big.png").write_bytes(png(np.zeros((4, 4, 3))))
-    gltf = broken(textured("big.png"))
-    with pytest.raises(DecodeError, match=r"big\.png: a texture may have 15 texels, got 4 x 4"):
-        load_scene(gltf.save(tmp_path / "scene.gltf"))
-
-
-def test_without_pygltflib_it_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "pygltflib", None)
-    gltf = Gltf()
-    gltf.node(mesh=quad(gltf))
-    with pytest.raises(ImportError, match=re.escape("pip install 'davis_rs[scenes]'")):
         saved(gltf, tmp_path)
 
 

@@ -18,6 +18,7 @@ from PIL import Image
 
 from command_line import davis_rs
 from davis_rs import Scene, SceneFileWarning, load_scene
+from davis_rs.budget import Budget
 from davis_rs.luma import LUMA_WEIGHTS
 from davis_rs.rendering.renderers import make_renderer
 from davis_rs.rendering.scene_texture import bilinear
@@ -123,7 +124,7 @@ def test_every_part_has_its_material(tmp_path: Path) -> None:
     (tmp_path / "a b.mtl").write_text("newmtl one\nKd 1 0 0\nnewmtl two\nKd 0 0 0.5\n")
     faces = "usemtl two\nf 1 2 3\nusemtl one\nf -8 -7 -6 -5\nusemtl two\nf 1//1 2//1 3//1\n"
     (tmp_path / "m.obj").write_text(cube(faces, before="mtllib a b.mtl\nvn 0 0 1\n"))
-    two, one = read_obj(tmp_path / "m.obj")
+    two, one = read_obj(tmp_path / "m.obj", Budget(tmp_path / "m.obj"))
     assert (two.material, len(two.corners), one.material, len(one.corners)) == ("two", 2, "one", 2)
     np.testing.assert_array_equal(one.corners[1], np.array(CORNERS)[[0, 2, 3]])
     np.testing.assert_array_equal(one.reflectance, [1, 0, 0])
@@ -265,12 +266,12 @@ def test_polygons_that_are_not_convex_are_cut_as_they_are(tmp_path: Path, suffix
     if suffix == "obj":
         places = "".join(f"v {x} {y} 0\nvt {x} {y}\n" for x, y in outline)
         path.write_text(places + "f 2/2 3/3 4/4 1/1\n")
-        (part,) = read_obj(path)
+        (part,) = read_obj(path, Budget(path))
     else:
         header = "ply\nformat ascii 1.0\nelement vertex 4\n" + "".join(f"property float {name}\n" for name in "xyzuv")
         header += "element face 1\nproperty list uchar int vertex_indices\nend_header\n"
         path.write_text(header + "".join(f"{x} {y} 0 {x} {y}\n" for x, y in outline) + "4 1 2 3 0\n")
-        (part,) = read_ply(path)
+        (part,) = read_ply(path, Budget(path))
     first, second, third = part.corners.swapaxes(0, 1)
     areas = np.cross(second - first, third - first)[:, 2] / 2
     assert (areas > 0).all()
@@ -284,7 +285,7 @@ def test_strips_of_stanfords_files(tmp_path: Path, kind: str) -> None:
     """One list of vertices with -1 between the strips, longer than any polygon may be."""
     strips = [0, 1, 3, 2, -1, 4, 5, 7, 6]
     (tmp_path / "s.ply").write_bytes(ply(kind, faces=[[-1] * 70_000 + strips], element="tristrips"))
-    (part,) = read_ply(tmp_path / "s.ply")
+    (part,) = read_ply(tmp_path / "s.ply", Budget(tmp_path / "s.ply"))
     corners = np.array(CORNERS)
     np.testing.assert_array_equal(part.corners, corners[[[0, 1, 3], [1, 2, 3], [4, 5, 7], [5, 6, 7]]])
 
@@ -294,7 +295,7 @@ def test_normals_without_direction_are_those_of_the_triangle(tmp_path: Path) -> 
     path = tmp_path / "m.obj"
     path.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nvn 0 0 -3\nvn 0 0 0\nvn nan 0 0\nf 1//1 2//2 3//3\n")
     with pytest.warns(SceneFileWarning, match="normal has no direction take that of their triangle: 2"):
-        (part,) = read_obj(path)
+        (part,) = read_obj(path, Budget(path))
     np.testing.assert_array_equal(part.normals, [[[0, 0, -1]] * 3])  # on the side of the normal that is there
 
 
@@ -302,21 +303,21 @@ def test_numbers_that_only_rounding_put_beyond_their_bounds_are_taken(tmp_path: 
     """Kd, and colours of vertices in OBJ and PLY, by less than 1e-5; by more they are refused (see BROKEN)."""
     (tmp_path / "m.mtl").write_text("newmtl paint\nKd 1.000001 -1e-7 0.5\n")
     (tmp_path / "m.obj").write_text(cube(before="mtllib m.mtl\nusemtl paint\n"))
-    (part,) = read_obj(tmp_path / "m.obj")
+    (part,) = read_obj(tmp_path / "m.obj", Budget(tmp_path / "m.obj"))
     np.testing.assert_array_equal(part.reflectance, [1, 0, 0.5])
     (tmp_path / "c.obj").write_text("v 0 0 0 1.000001 0 0\nv 1 0 0 0 1 0\nv 0 1 0 0 0 -1e-7\nf 1 2 3\n")
-    (part,) = read_obj(tmp_path / "c.obj")
+    (part,) = read_obj(tmp_path / "c.obj", Budget(tmp_path / "c.obj"))
     np.testing.assert_array_equal(part.colours, [[[1, 0, 0], [0, 1, 0], [0, 0, 0]]])
     header = "ply\nformat ascii 1.0\nelement vertex 3\n"
     header += "".join(f"property float {name}\n" for name in ("x", "y", "z", "red", "green", "blue", "alpha"))
     header += "element face 1\nproperty list uchar int vertex_indices\nend_header\n"
     rows = "0 0 0 1.000001 0 0 1\n1 0 0 0 1 0 {}\n0 1 0 0 0 -1e-7 1\n3 0 1 2\n"
     (tmp_path / "c.ply").write_text(header + rows.format(0.9999999))
-    (part,) = read_ply(tmp_path / "c.ply")
+    (part,) = read_ply(tmp_path / "c.ply", Budget(tmp_path / "c.ply"))
     np.testing.assert_array_equal(part.colours, [[[1, 0, 0], [0, 1, 0], [0, 0, 0]]])
     assert part.lost == ()
     (tmp_path / "c.ply").write_text(header + rows.format(0.5))
-    assert read_ply(tmp_path / "c.ply")[0].lost == ("transparency",)
+    assert read_ply(tmp_path / "c.ply", Budget(tmp_path / "c.ply"))[0].lost == ("transparency",)
 
 
 BROKEN_PLY = {
@@ -365,7 +366,7 @@ def test_any_bytes_give_parts_or_a_value_error(tmp_path_factory: pytest.TempPath
     path = tmp_path_factory.mktemp("any") / "m"
     path.write_bytes(changed)
     with contextlib.suppress(ValueError):
-        parts = read_obj(path) if kind == "obj" else read_ply(path)
+        parts = read_obj(path, Budget(path)) if kind == "obj" else read_ply(path, Budget(path))
         assert all(np.isfinite(part.corners).all() for part in parts)
 
 

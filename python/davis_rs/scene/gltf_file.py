@@ -1,4 +1,4 @@
-"""glTF 2.0 files (.gltf and .glb): their JSON by pygltflib, and the numbers and images that it refers to.
+"""glTF 2.0 files (.gltf and .glb): their JSON, and the numbers and images that it refers to.
 
 The files are untrusted: every index, size and offset is checked, and no file outside of the scene's folder is read.
 
@@ -12,7 +12,7 @@ import binascii
 import errno
 import json
 import re
-import warnings
+import struct
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
@@ -21,15 +21,15 @@ import numpy as np
 import numpy.typing as npt
 
 from .._core import DecodeError
-from ..untrusted import decoding, read_limited
+from ..budget import Budget
+from ..untrusted import decoding, read_charged
+from .named_file import named_file
 from .rounding import within
 
-MAX_FILE_BYTES = 1 << 30
-"""Of the file, and of each file that it names."""
-MAX_JSON_BYTES = 1 << 28
-"""Of the JSON, with what is embedded there."""
-MAX_UNBACKED = 1 << 20
-"""Elements of an accessor without data of its own, which takes no bytes in the file."""
+_VALUE_BYTES = 100
+"""About what a value of the JSON takes in memory: one is no more than a sign of punctuation in the text."""
+_HEADER_BYTES = 20
+"""Of a GLB file, with those of its first chunk, which is the JSON."""
 
 _COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
@@ -70,28 +70,40 @@ _COMPRESSED = {
 Values = npt.NDArray[Any]
 
 
+class Item(dict[str, Any]):
+    """An object of the JSON. Its values are attributes too, unchecked; what it does not say is None."""
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("__"):
+            raise AttributeError(name)
+        return self.get(name)
+
+
 class GltfFile:
     """A glTF file.
 
-    Attributes:
+    Args:
         path: where it is.
-        document: pygltflib's ``GLTF2``; its values are as they are in the file, unchecked.
+        budget: what it may take, with all that it names; a new one if not given.
+
+    Attributes:
+        path, budget: the same.
+        document: its JSON.
         files: what was read in addition to it.
 
     Raises:
-        ImportError: without pygltflib.
         OSError: if it cannot be read.
         DecodeError: naming the file and the place that breaks a rule; from all methods, too.
     """
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
+    def __init__(self, path: Path, budget: Budget | None = None) -> None:
+        self.path, self.budget = path, budget or Budget(path)
         self.files: dict[Path, None] = {}
         self._arrays: dict[int, Values] = {}
-        self._buffers: dict[int, bytes] = {}
-        data = read_limited(path, MAX_FILE_BYTES)
+        self._buffers: dict[int, memoryview] = {}
         with decoding(path):
-            self.document = _parse(data)
+            text, self._chunk = _parts(read_charged(path, self.budget))
+            self.document = self._parsed(text)
         required = [
             one for one in map(str, self.document.extensionsRequired or []) if one in _COMPRESSED or unknown(one)
         ]
@@ -145,18 +157,28 @@ class GltfFile:
         accessor = self.item("accessors", index, place)
         return accessor.bufferView is None and accessor.sparse is None
 
-    def image(self, index: Any, place: str) -> tuple[bytes, str, Path | None]:
-        """An image's bytes, how messages call it, and its file if it is one of its own."""
-        image = self.item("images", index, place)
-        place = f"images[{index}]"
-        if image.bufferView is not None:
-            return self._view(image.bufferView, place)[0], f"{self.path}, {place}", None
-        if not isinstance(image.uri, str):
+    def image(self, item: Any, place: str) -> tuple[bytes | memoryview, Path | None]:
+        """The bytes of one of the images, which ``place`` names, and its file if it is one of its own."""
+        if item.bufferView is not None:
+            return self._view(item.bufferView, place)[0], None
+        if not isinstance(item.uri, str):
             raise self.error(place, "must have a bufferView or a uri")
-        if image.uri.startswith("data:"):
-            return self._embedded(image.uri, place), f"{self.path}, {place}", None
-        file = self._local(image.uri, place)
-        return read_limited(file, MAX_FILE_BYTES), str(file), file
+        if item.uri.startswith("data:"):
+            return self._embedded(item.uri, place), None
+        file = self._local(item.uri, place)
+        return read_charged(file, self.budget), file
+
+    def _parsed(self, text: bytes) -> Item:
+        """The JSON, charged before there is more of it than its text."""
+        values = sum(map(text.count, (b",", b":", b"[", b"{")))
+        self.budget.take(_VALUE_BYTES * values, f"JSON with {values} values")
+        self.budget.count(text.count(b"{"), "objects of the JSON")
+        with self.budget.borrow(4 * len(text), "JSON, while it is parsed,"):
+            document = json.loads(text.decode("utf-8-sig"), object_hook=Item)
+        version = getattr(getattr(document, "asset", None), "version", None)
+        if not str(version).startswith("2."):
+            raise ValueError(f"must be glTF 2.0, got version {plain(version)}")
+        return document
 
     def _read(self, accessor: Any, place: str) -> Values:
         count = self.whole(accessor.count, f"{place}.count", "of elements", 2**31 - 1)
@@ -164,12 +186,13 @@ class GltfFile:
         if kind is None or width is None:
             found = f"{plain(accessor.componentType)}, {plain(accessor.type)}"
             raise self.error(place, f"must have a componentType and a type of glTF 2.0, got {found}")
-        if accessor.bufferView is None:
-            if count > MAX_UNBACKED:
-                raise self.error(place, f"without a bufferView it may have {MAX_UNBACKED} elements, got {count}")
-            values = np.zeros((count, width), kind)
-        else:
+        wanted = f"{place}: {count} elements of {width} numbers"
+        if accessor.bufferView is not None:
             values = self._elements(accessor.bufferView, accessor.byteOffset, count, width, kind, place)
+            self.budget.take(8 * count * width, wanted)
+        else:
+            self.budget.take(8 * count * width, wanted)
+            values = np.zeros((count, width), kind)
         if accessor.sparse is not None:
             values = self._with_sparse(values, accessor.sparse, kind, place)
         if values.dtype.kind != "f" and accessor.normalized:
@@ -189,7 +212,8 @@ class GltfFile:
 
     def _with_sparse(self, values: Values, sparse: Any, kind: str, place: str) -> Values:
         count = self.whole(sparse.count, f"{place}.sparse.count", "of elements", len(values))
-        if count == 0 or sparse.indices is None or sparse.values is None:
+        values_of = sparse.get("values")  # as an attribute it is a dictionary's method
+        if count == 0 or sparse.indices is None or values_of is None:
             raise self.error(f"{place}.sparse", "must have a count, indices and values")
         indices_kind = _COMPONENTS.get(sparse.indices.componentType, "")
         if indices_kind[1:2] != "u":
@@ -202,11 +226,11 @@ class GltfFile:
             raise self.error(where, f"names element {indices.max()} of {len(values)}")
         changed = values.copy()
         changed[indices] = self._elements(
-            sparse.values.bufferView, sparse.values.byteOffset, count, values.shape[1], kind, where
+            values_of.bufferView, values_of.byteOffset, count, values.shape[1], kind, where
         )
         return changed
 
-    def _view(self, index: Any, place: str) -> tuple[bytes, Any]:
+    def _view(self, index: Any, place: str) -> tuple[memoryview, Any]:
         """The bytes of a buffer view, and its stride."""
         view = self.item("bufferViews", index, f"{place}.bufferView")
         place = f"bufferViews[{index}]"
@@ -215,32 +239,33 @@ class GltfFile:
         length = self.whole(view.byteLength, f"{place}.byteLength", "of bytes of its buffer", len(buffer) - offset)
         return buffer[offset : offset + length], view.byteStride
 
-    def _buffer(self, index: Any, place: str) -> bytes:
+    def _buffer(self, index: Any, place: str) -> memoryview:
         buffer = self.item("buffers", index, f"{place}.buffer")
         if index not in self._buffers:
             place = f"buffers[{index}]"
             if isinstance(buffer.uri, str):
                 embedded = buffer.uri.startswith("data:")
-                data = (
+                data: bytes | memoryview = (
                     self._embedded(buffer.uri, place)
                     if embedded
-                    else read_limited(self._local(buffer.uri, place), MAX_FILE_BYTES)
+                    else read_charged(self._local(buffer.uri, place), self.budget)
                 )
             else:
-                data = (self.document.binary_blob() if index == 0 else None) or b""
-                if not data:
+                data = self._chunk if index == 0 else b""
+                if not len(data):
                     compressed = [one for one in buffer.extensions or {} if one in _COMPRESSED]
                     if compressed:
                         raise self.error(place, f"has data by {compressed[0]} alone, which is not read")
                     raise self.error(place, "has neither a uri nor a binary chunk")
             length = self.whole(buffer.byteLength, f"{place}.byteLength", f"of the {len(data)} bytes", len(data))
-            self._buffers[index] = bytes(data[:length])
+            self._buffers[index] = memoryview(data)[:length]
         return self._buffers[index]
 
     def _embedded(self, uri: str, place: str) -> bytes:
         head, _, text = uri.partition(",")
         if not head.endswith(";base64"):
             raise self.error(place, "a data: uri must be in base64")
+        self.budget.take(3 * len(text) // 4, f"{place}: its data: uri")
         try:
             return base64.b64decode(unquote(text), validate=True)
         except (binascii.Error, ValueError) as error:
@@ -249,12 +274,9 @@ class GltfFile:
     def _local(self, uri: str, place: str) -> Path:
         """A file next to this one, or below."""
         name = unquote(uri)
-        folder = self.path.parent.resolve()
-        if re.match(r"[A-Za-z][\w+.-]*:", name) or "\\" in name or "\0" in name or not name:
-            raise self.error(place, f"must be a file in the scene's folder, got {plain(uri)}")
-        file = (folder / name).resolve()
-        if not file.is_relative_to(folder):
-            raise self.error(place, f"names {plain(uri)}, which lies outside of the scene's folder: move it there")
+        if re.match(r"[A-Za-z][\w+.-]*:", name) or "\\" in name:
+            raise self.error(place, f"must name a file in the scene's folder, got {plain(uri)}")
+        file = named_file(name, self.path, self.path.parent, f"{self.path}: {place}")
         if not file.is_file():
             missing = FileNotFoundError(f"{self.path}: {place}: the file {plain(uri)} is not there")
             missing.errno = errno.ENOENT  # the system's word, not that of the bytes
@@ -275,33 +297,23 @@ def plain(value: Any) -> str:
     return text if len(text) <= 60 else f"{text[:57]}..."
 
 
-def _parse(data: bytes) -> Any:
-    try:
-        from pygltflib import GLTF2
-    except ImportError as error:
-        raise ImportError(
-            f"glTF files need pygltflib: pip install 'davis_rs[scenes]' ({error})", name=error.name
-        ) from None
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of values that are missing: each that is needed is checked here
-        if data[:4] == b"glTF":
-            if len(data) < 20:
-                raise ValueError(f"a GLB file must have a header and a chunk of JSON, this has {len(data)} bytes")
-            version, length = np.frombuffer(data, "<u4", 2, 4).tolist()
-            if version != 2 or length > len(data) or data[16:20] != b"JSON":
-                found = f"version {version}, {length} of {len(data)} bytes"
-                raise ValueError(f"a GLB file must be of version 2, whole, and begin with its JSON, got {found}")
-            if int.from_bytes(data[12:16], "little") > MAX_JSON_BYTES:
-                raise ValueError(f"the JSON may have {MAX_JSON_BYTES} bytes")
-            document = GLTF2.load_from_bytes(data[:length])
-            text = data[20 : 20 + int.from_bytes(data[12:16], "little")].decode()
-        else:
-            if len(data) > MAX_JSON_BYTES:
-                raise ValueError(f"the JSON may have {MAX_JSON_BYTES} bytes")
-            text = data.decode("utf-8-sig")
-            document = GLTF2.gltf_from_json(text)
-    for node, given in zip(document.nodes or [], json.loads(text).get("nodes", []), strict=True):
-        node.weights = given.get("weights")  # which pygltflib does not know
-    if not str(getattr(document.asset, "version", "")).startswith("2."):
-        raise ValueError(f"must be glTF 2.0, got version {plain(getattr(document.asset, 'version', None))}")
-    return document
+def _parts(data: bytes) -> tuple[bytes, memoryview]:
+    """The JSON of a file, and its binary chunk, which may be empty."""
+    if data[:4] != b"glTF":
+        return data, memoryview(b"")
+    if len(data) < _HEADER_BYTES:
+        raise ValueError(f"a GLB file must have a header and a chunk of JSON, this has {len(data)} bytes")
+    version, length, first = struct.unpack_from("<3I", data, 4)
+    end = _HEADER_BYTES + first
+    if version != 2 or not end <= length <= len(data) or data[16:20] != b"JSON":
+        found = f"version {version}, {length} of {len(data)} bytes"
+        raise ValueError(f"a GLB file must be of version 2, whole, and begin with its JSON, got {found}")
+    text, at = data[_HEADER_BYTES:end], end
+    while at + 8 <= length:  # chunks of kinds that are not known are passed over
+        size, kind = struct.unpack_from("<I4s", data, at)
+        if kind == b"BIN\0":
+            if at + 8 + size > length:
+                raise ValueError(f"its binary chunk has {length - at - 8} of {size} bytes")
+            return text, memoryview(data)[at + 8 : at + 8 + size]
+        at += 8 + size
+    return text, memoryview(b"")

@@ -16,8 +16,7 @@ from ..pose import FloatArray
 from .gltf_file import GltfFile, plain
 from .lost_looks import BACKS, BUMPS, METAL, OWN_LIGHT, TRANSPARENCY
 from .rounding import ROUNDING
-from .texture_file import texture_of_bytes
-from .textures import Texture
+from .texture_file import EncodedTexture, texture_of_bytes
 
 _WRAPS = {10497: "repeat", 33071: "clamp", 33648: "mirror"}
 _NEAREST = {9728, 9984, 9986}
@@ -44,7 +43,7 @@ class Matte(NamedTuple):
     """
 
     name: str
-    reflectance: Texture | FloatArray
+    reflectance: EncodedTexture | FloatArray
     factor: FloatArray
     uv_set: int | None
     uv_transform: FloatArray
@@ -55,12 +54,12 @@ class Matte(NamedTuple):
 
 
 class GltfMaterials:
-    """The materials of a file, each read when it is asked for."""
+    """The materials of a file, each read when it is asked for. Its texture is charged for one shape that shows it."""
 
     def __init__(self, file: GltfFile) -> None:
         self._file = file
         self._known: dict[int | None, Matte] = {}
-        self._images: dict[int, tuple[Texture, bool, tuple[Path, ...]]] = {}
+        self._images: dict[int, tuple[EncodedTexture, tuple[Path, ...]]] = {}
 
     def __getitem__(self, index: int | None) -> Matte:
         """The material of this number; that of surfaces without one for None."""
@@ -99,19 +98,24 @@ class GltfMaterials:
             source = _dictionary(_dictionary(texture.extensions).get(_WEBP)).get("source")
         if source is None:
             raise file.error(place, "has no image of a kind that is read (PNG, JPEG, WebP): export with such textures")
-        image, opaque, files = self._image(source, place)
+        image, files = self._image(source, place)
         uv_set = file.whole(info.get("texCoord") or 0, f"{place}.texCoord", "of texture coordinates", 15)
         uv_set, transform = self._transform(info.get("extensions"), uv_set, place)
-        colour = made.factor
-        tinted = image if (colour == 1).all() else (image * colour).astype(np.float32)
         wrap = self._wrap(texture, lost)
-        return made._replace(reflectance=tinted, uv_set=uv_set, uv_transform=transform, wrap=wrap, files=files), opaque
+        tinted = image.tinted(made.factor)
+        tinted.charge(file.budget, place)
+        textured = made._replace(reflectance=tinted, uv_set=uv_set, uv_transform=transform, wrap=wrap, files=files)
+        return textured, image.opaque
 
-    def _image(self, index: Any, place: str) -> tuple[Texture, bool, tuple[Path, ...]]:
-        data, named, own = self._file.image(index, place)
+    def _image(self, index: Any, place: str) -> tuple[EncodedTexture, tuple[Path, ...]]:
+        file, item = self._file, self._file.item("images", index, place)
         if index not in self._images:
-            texture, opaque = texture_of_bytes(data, named, formats=_IMAGES)
-            self._images[index] = texture, opaque, () if own is None else (own,)
+            place = f"images[{index}]"
+            data, own = file.image(item, place)
+            texture = texture_of_bytes(data, f"{file.path}, {place}" if own is None else str(own), file.budget, _IMAGES)
+            if item.bufferView is None:  # nobody else needs its bytes
+                file.budget.give_back(len(data))
+            self._images[index] = texture, () if own is None else (own,)
         return self._images[index]
 
     def _transform(self, extensions: Any, uv_set: int, place: str) -> tuple[int, FloatArray]:
@@ -177,5 +181,5 @@ def _diffuse(item: Any) -> tuple[str, Any, Any]:
 
 
 def _dictionary(value: Any) -> dict[str, Any]:
-    """An object of the file, as the JSON has it or as pygltflib has made it; {} for anything else."""
-    return value if isinstance(value, dict) else getattr(value, "__dict__", {})
+    """An object of the file; {} for anything else."""
+    return value if isinstance(value, dict) else {}

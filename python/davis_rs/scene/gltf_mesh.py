@@ -14,7 +14,7 @@ from ..pose import FloatArray
 from .gltf_file import GltfFile
 from .gltf_materials import GltfMaterials, Matte
 from .lost_looks import TRANSPARENCY
-from .mesh_part import MeshPart, unit_normals
+from .mesh_part import MeshPart, charge_triangles, unit_normals
 from .repairs import Repairs
 from .rounding import ROUNDING, within
 from .triangulation import cut_strip, distinct, has_area
@@ -103,7 +103,9 @@ class GltfMeshes:
                 for number, primitive in enumerate(mesh.primitives or [])
             )
             self._known[index] = [primitive for primitive in found if len(primitive.corners)]
-        self._triangles += count * sum(len(primitive.corners) for primitive in self._known[index])
+        each = sum(len(primitive.corners) for primitive in self._known[index])
+        charge_triangles(file.budget, count * each, 2 * (3 + 3 + 2 + 3), f"{place}: {count} of its mesh")
+        self._triangles += count * each
         if self._triangles > MOST_TRIANGLES:
             has = f"this one has {self._triangles} or more"
             raise file.error(place, f"a scene may have {MOST_TRIANGLES} triangles with all copies, {has}")
@@ -115,7 +117,7 @@ class GltfMeshes:
         if mode in _WITHOUT_SURFACE:
             what = _WITHOUT_SURFACE[mode]
             raise file.error(place, f"is made of {what}, which have no surface: remove them, or make triangles of them")
-        given = getattr(item.attributes, "__dict__", {})
+        given = item.attributes if isinstance(item.attributes, dict) else {}
         attributes = {name: value for name, value in given.items() if value is not None}
         if "POSITION" not in attributes:
             raise file.error(place, "has no POSITION")
@@ -136,6 +138,7 @@ class GltfMeshes:
         for name, values in vertices.items():
             if values is not None and len(values) != len(positions):
                 raise file.error(place, f"has {len(values)} of {name} for {len(positions)} of POSITION")
+        charge_triangles(file.budget, len(faces), 3 + 3 + 2 + 3, place)
         corners, normals = positions[faces], vertices["NORMAL"]
         matte = self._materials[item.material]
         uv = self._uv(attributes, matte, len(positions), place)
@@ -181,7 +184,8 @@ class GltfMeshes:
     ) -> FloatArray | None:
         if name not in attributes:
             return None
-        return self._file.array(attributes[name], f"{place}: {name}", width=width, finite=finite).astype(np.float64)
+        values = self._file.array(attributes[name], f"{place}: {name}", width=width, finite=finite)
+        return np.asarray(values, np.float64)
 
     def _faces(self, item: Any, mode: int, count: int, place: str) -> npt.NDArray[np.int64]:
         """The vertices (m, 3) of the triangles, in lists, strips or fans."""

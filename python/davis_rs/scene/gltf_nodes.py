@@ -27,6 +27,14 @@ _RIGID = 1e-4
 _STILL = 1e-12
 _UNIT = 0.01
 """By how much a quaternion's length may differ from 1: four numbers of 8 bits."""
+_KEYFRAME_BYTES = 200
+"""About what a keyframe takes besides its own numbers."""
+_LOOKED_AT = 4
+"""Instants from one keyframe to the next at which a body is looked at: whether it is rigid, and how it is turned."""
+_LOOKED_AT_BYTES = 150
+"""About what such an instant takes."""
+_PIECE = 1 << 14
+"""Instants that are looked at together."""
 _INSTANCING = "EXT_mesh_gpu_instancing"
 
 
@@ -216,22 +224,23 @@ class NodeTree:
             matrix, rate = self.matrices(index, t)
             return to_world @ matrix @ unstretched, to_world @ rate @ unstretched
 
-        times = {0.0, duration_s} | {
-            float(t)
-            for node in self.chain(index)
-            for track in self.tracks.get(node.index, {}).values()
-            for t in track.times
-            if 0 < t < duration_s
-        }
-        grid = np.unique(np.linspace(sorted(times)[:-1], sorted(times)[1:], 5))
-        axes = rigid(grid)[0][:, :3, :3]
-        off = np.abs(np.swapaxes(axes, 1, 2) @ axes - np.eye(3)).max((1, 2))
-        if off.max() > _RIGID:
-            worst = float(grid[off.argmax()])
-            raise self.file.error(
-                f"node {name}", f"its animation scales or shears it (at {worst:g} s): only rigid bodies may move"
-            )
-        reference = _continuous(_quaternions(axes * flip))
+        tracks = [track for node in self.chain(index) for track in self.tracks.get(node.index, {}).values()]
+        times = _within([track.times for track in tracks], duration_s)
+        self.file.budget.take(_LOOKED_AT_BYTES * _LOOKED_AT * len(times), f"the path of node {name}")
+        times = np.concatenate([[0.0], times, [duration_s]])
+        grid = np.unique(np.linspace(times[:-1], times[1:], _LOOKED_AT + 1))
+        reference = np.empty((len(grid), 4))
+        for begin in range(0, len(grid), _PIECE):
+            piece = slice(begin, begin + _PIECE)
+            axes = rigid(grid[piece])[0][:, :3, :3]
+            off = np.abs(np.swapaxes(axes, 1, 2) @ axes - np.eye(3)).max((1, 2))
+            if off.max() > _RIGID:
+                worst = float(grid[piece][off.argmax()])
+                raise self.file.error(
+                    f"node {name}", f"its animation scales or shears it (at {worst:g} s): only rigid bodies may move"
+                )
+            reference[piece] = _quaternions(axes * flip)
+        reference = _continuous(reference)
         signs = np.diag(flip)
 
         def quaternion(t: FloatArray) -> FloatArray:
@@ -245,21 +254,14 @@ class NodeTree:
             skew = signs @ (turning - np.swapaxes(turning, 1, 2)) @ signs / 2
             return np.stack([skew[:, 2, 1], skew[:, 0, 2], skew[:, 1, 0]], 1)
 
-        corners = {
-            float(t)
-            for node in self.chain(index)
-            for track in self.tracks.get(node.index, {}).values()
-            if len(track.times) > 1
-            for t in track.corners
-            if 0 < t < duration_s
-        }
+        corners = _within([track.corners for track in tracks if len(track.times) > 1], duration_s)
         trajectory = CallableTrajectory(
             duration_s,
             position=lambda t: rigid(t)[0][:, :3, 3],
             velocity=lambda t: rigid(t)[1][:, :3, 3],
             quaternion=quaternion,
             angular_rate=angular_rate,
-            breaks_s=sorted(corners),
+            breaks_s=corners,
             description={"path": "of an animation", "file": self.file.path.name, "node": name},
         )
         return trajectory, stretch
@@ -364,8 +366,9 @@ def _target(target: Any) -> tuple[Any, str]:
 
 
 def _track(file: GltfFile, sampler: Any, place: str, width: int) -> Track:
-    times = file.array(sampler.input, f"{place}.input", width=(1,)).ravel().astype(np.float64)
-    values = file.array(sampler.output, f"{place}.output", width=(width,)).astype(np.float64)
+    times = np.asarray(file.array(sampler.input, f"{place}.input", width=(1,)).ravel(), np.float64)
+    values = np.asarray(file.array(sampler.output, f"{place}.output", width=(width,)), np.float64)
+    file.budget.take(_KEYFRAME_BYTES * len(times), f"{place}: {len(times)} keyframes")
     kind = sampler.interpolation or "LINEAR"
     if kind not in ("LINEAR", "STEP", "CUBICSPLINE"):
         raise file.error(f"{place}.interpolation", f"must be LINEAR, STEP or CUBICSPLINE, got {plain(kind)}")
@@ -400,6 +403,12 @@ def _composed(translation: FloatArray, rotation: FloatArray, scale: FloatArray) 
     matrix[:, :3, :3] = rotation_matrices(rotation) * scale[:, None]
     matrix[:, :3, 3] = translation
     return matrix
+
+
+def _within(times: list[FloatArray], end_s: float) -> FloatArray:
+    """All times between 0 and the end, each once, in order."""
+    every = np.unique(np.concatenate([np.empty(0), *times]))
+    return every[(every > 0) & (every < end_s)]
 
 
 def _quaternions(rotations: FloatArray) -> FloatArray:

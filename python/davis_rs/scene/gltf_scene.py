@@ -26,6 +26,7 @@ from .parts import DIRECT
 from .repairs import Repairs
 from .rounding import ROUNDING
 from .scene import Scene
+from .texture_file import EncodedTexture
 
 LUMENS_PER_WATT = 683.0
 """Lux or candela for one unit of Mitsuba's linear light, because glTF gives lights in these. Blender's exporter uses
@@ -58,7 +59,6 @@ def gltf_scene(path: str | Path, *, up: Axis | None = None, scale: float = 1.0) 
         scale: metres in the file's unit; glTF's is the metre.
 
     Raises:
-        ImportError: without pygltflib (the extra ``scenes``).
         OSError: if the file, or one that it names, cannot be read.
         DecodeError: naming the file and the place that breaks a rule, or has shapes that would be missing or in the
             wrong place: skins, morph targets in use, animated scales, points and lines, compression.
@@ -85,6 +85,7 @@ class _GltfScene:
         self.materials = GltfMaterials(file)
         self.repairs = Repairs(file.path)
         self.meshes = GltfMeshes(file, self.materials, self.repairs)
+        self.shown: set[int | None] = set()
         self.lost = {what: dict(names) for what, names in self.tree.lost.items()}
 
     def scene(self) -> Scene:
@@ -152,23 +153,29 @@ class _GltfScene:
                 at_rest.setdefault(primitive.kind, []).append(primitive.placed(matrices))
         shapes: dict[str, MeshPart] = {}
         objects: dict[str, Trajectory] = {}
+        names = _Names()
         for primitives in at_rest.values():
             part = self._part(primitives)
-            shapes[_unused(f"mesh_{part.material}", shapes)] = part
+            shapes[names.unused(f"mesh_{part.material}")] = part
         for node, primitives, trajectory in moving:
             by_kind: dict[tuple[Any, ...], list[Primitive]] = {}
             for primitive in primitives:
                 by_kind.setdefault(primitive.kind, []).append(primitive)
             for alike in by_kind.values():
                 part = self._part(alike)
-                name = _unused(f"{node.name}_{part.material}", shapes)
+                name = names.unused(f"{node.name}_{part.material}")
                 shapes[name], objects[name] = part, trajectory
         return {name: part for name, part in shapes.items() if len(part.corners)}, {
             name: path for name, path in objects.items() if len(shapes[name].corners)
         }
 
     def _part(self, primitives: list[Primitive]) -> MeshPart:
-        return joined(primitives, self.materials[primitives[0].material])
+        index = primitives[0].material
+        matte = self.materials[index]
+        if index in self.shown and isinstance(matte.reflectance, EncodedTexture):
+            matte.reflectance.charge(self.file.budget, f"one more shape of the material {matte.name}")
+        self.shown.add(index)
+        return joined(primitives, matte)
 
     def _corners(self, shapes: dict[str, MeshPart], objects: dict[str, Trajectory]) -> FloatArray:
         """All corners where they are at first."""
@@ -186,6 +193,7 @@ class _GltfScene:
         if not isinstance(declared, list):
             raise self.file.error("KHR_lights_punctual.lights", "must be a list")
         lights: dict[str, Any] = {}
+        names = _Names()
         for node in self.tree.nodes.values():
             given = self._extension(node.item.extensions)
             if "light" not in given:
@@ -197,7 +205,7 @@ class _GltfScene:
             if self.tree.moves(node.index):
                 self._lose("the motion of the light (it stays where it is at first)", node.name)
             light = self._light(declared[which], node, f"KHR_lights_punctual.lights[{which}]")
-            lights[_unused(f"light_{node.name}", lights)] = light
+            lights[names.unused(f"light_{node.name}")] = light
         return lights
 
     def _light(self, given: dict[str, Any], node: Node, place: str) -> dict[str, Any]:
@@ -293,11 +301,19 @@ def _counted(number: int, what: str) -> str:
     return f"{number or 'no'} {what}{'' if number == 1 else 's'}"
 
 
-def _unused(name: str, taken: Any) -> str:
-    """A shape's or a light's id: letters, digits and _, and no other's."""
-    plain_name = re.sub(r"\W", "_", name)[:80]
-    number, found = 1, plain_name
-    while found in taken:
-        number += 1
-        found = f"{plain_name}_{number}"
-    return found
+class _Names:
+    """The ids of shapes, or of lights: letters, digits and _, and no two alike."""
+
+    def __init__(self) -> None:
+        self._next: dict[str, int] = {}
+
+    def unused(self, name: str) -> str:
+        """An id like ``name`` that no other has."""
+        plain_name = re.sub(r"\W", "_", name)[:80]
+        found, number = plain_name, self._next.get(plain_name, 1)
+        while found in self._next:
+            number += 1
+            found = f"{plain_name}_{number}"
+        self._next[plain_name] = number
+        self._next.setdefault(found, 1)
+        return found

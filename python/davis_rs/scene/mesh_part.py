@@ -7,9 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..budget import Budget
 from ..pose import FloatArray
 from .repairs import Repairs
-from .textures import Texture
+from .texture_file import EncodedTexture
 
 GREY = 0.5
 """Reflectance of what has no material."""
@@ -33,12 +34,21 @@ class MeshPart(NamedTuple):
     corners: FloatArray
     uv: FloatArray | None
     normals: FloatArray | None
-    reflectance: Texture | FloatArray
+    reflectance: EncodedTexture | FloatArray
     colours: FloatArray | None
     material: str
     files: tuple[Path, ...] = ()
     wrap: str = "repeat"
     lost: tuple[str, ...] = ()
+
+
+def charge_triangles(budget: Budget, triangles: int, numbers: int, where: str) -> None:
+    """Charge triangles that have so many numbers at each corner, float64.
+
+    Raises:
+        DecodeError: if there is not so much left.
+    """
+    budget.take(3 * 8 * numbers * triangles, f"{where}: {triangles} triangles of {numbers} numbers at a corner")
 
 
 def unit_normals(normals: FloatArray, corners: FloatArray, what: str, repairs: Repairs) -> FloatArray:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 
 from ..argument_error import ArgumentError
+from ..budget import Budget
 from ..camera import PRESETS
 from ..pose import FloatArray, Pose, hamilton
 from ..trajectory.trajectory import CallableTrajectory
@@ -19,6 +21,7 @@ from .obj_file import read_obj
 from .parts import DIRECT, look_at
 from .ply_file import read_ply
 from .scene import Scene
+from .texture_file import EncodedTexture
 from .textures import Texture
 
 Axis = Literal["y", "z"]
@@ -65,12 +68,12 @@ def mesh_scene(path: str | Path, *, up: Axis | None = None, scale: float = 1.0) 
         raise ValueError(f"a mesh must be one of {', '.join(READERS)}, got {path}")
     check_axis_and_scale(up, scale)
     up = USUAL_UP[suffix] if up is None else up
-    parts = [_in_world(part, up, scale) for part in READERS[suffix](path)]
+    parts = [_in_world(part, up, scale) for part in READERS[suffix](path, Budget(path))]
     corners = np.concatenate([part.corners.reshape(-1, 3) for part in parts])
     low, high = corners.min(0), corners.max(0)
     centre = (low + high) / 2
     radius = float(np.linalg.norm(corners - centre, axis=1).max())
-    shapes = {_shape_id(part, parts): part for part in parts}
+    shapes = dict(zip(_shape_ids(parts), parts, strict=True))
     x, y, z = (f"{side:.3g}" for side in high - low)
     return Scene(
         name=path.stem,
@@ -108,13 +111,13 @@ def _in_world(part: MeshPart, up: Axis, scale: float) -> MeshPart:
     return part._replace(corners=part.corners @ turn.T * scale, normals=normals)
 
 
-def _shape_id(part: MeshPart, parts: list[MeshPart]) -> str:
+def _shape_ids(parts: list[MeshPart]) -> list[str]:
+    """The ids of all parts. Names that differ only in characters that an id cannot have are told apart by place."""
     if len(parts) == 1:
-        return "mesh"
-    name = re.sub(r"\W", "_", part.material)
-    # Names that differ only in characters that an id cannot have are told apart by their place.
-    alike = [other for other in parts if re.sub(r"\W", "_", other.material) == name]
-    return f"mesh_{name}" if len(alike) == 1 else f"mesh_{name}_{parts.index(part)}"
+        return ["mesh"]
+    names = [re.sub(r"\W", "_", part.material) for part in parts]
+    alike = Counter(names)
+    return [f"mesh_{name}" if alike[name] == 1 else f"mesh_{name}_{place}" for place, name in enumerate(names)]
 
 
 def _source(parts: dict[str, MeshPart]) -> dict[str, Any]:
@@ -138,7 +141,8 @@ def usual_light() -> dict[str, Any]:
 
 def mitsuba_shape(part: MeshPart) -> Any:
     """A part in world axes as a shape; made under the variant that loads the scene."""
-    reflectance, uv = part.reflectance, part.uv
+    given, uv = part.reflectance, part.uv
+    reflectance: Texture | FloatArray = given.linear() if isinstance(given, EncodedTexture) else given
     if part.colours is not None:
         reflectance, uv = colours_as_texture(part.colours)
     flipped = np.zeros((*part.corners.shape[:2], 2)) if uv is None else uv * [1, -1] + [0, 1]  # row 0 lies at v = 0

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import io
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
+from ..budget import Budget
 from ..pose import FloatArray
+from ..untrusted import read_charged
 from .lost_looks import BUMPS, METAL, OWN_LIGHT, TRANSPARENCY
 from .mesh_part import GREY
+from .named_file import named_file
 from .rounding import ROUNDING, within
-from .texture_file import read_texture
-from .textures import Texture
+from .texture_file import EncodedTexture, TextureFiles
 
 _LOOKS = {
     "d": TRANSPARENCY,
@@ -24,6 +28,8 @@ _LOOKS = {
     **dict.fromkeys(("bump", "map_bump", "map_Bump", "norm", "disp"), BUMPS),
 }
 """What is lost of a material that has one of these lines."""
+_MATERIAL_BYTES = 1000
+"""About what a material takes in memory, without its texture."""
 _USUAL = {"d": 1.0, "Tr": 0.0, "Ke": 0.0, "Pm": 0.0}
 """With these numbers nothing is lost."""
 
@@ -33,23 +39,28 @@ class Materials:
 
     Surfaces are diffuse and opaque: highlights are not read.
 
+    Args:
+        folder: the scene's own, in which textures must lie.
+        budget: what the scene's file may take.
+
     Raises:
         OSError: if the file cannot be read.
         ValueError: naming the line that is malformed.
     """
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
+    def __init__(self, path: Path, folder: Path, budget: Budget) -> None:
+        self.path, self._folder = path, folder
         self.colours: dict[str, FloatArray] = {}
         self._textures: dict[str, tuple[str, str]] = {}
         self._lost: dict[str, dict[str, None]] = {}
         name = ""
-        for number, line in enumerate(path.read_text("utf-8", errors="replace").splitlines(), 1):
+        for number, line in enumerate(text_lines(read_charged(path, budget), budget), 1):
             where = f"{path}:{number}"
             key, rest = [*line.split(None, 1), "", ""][:2]
             rest = rest.strip()
             if key == "newmtl":
                 name = rest
+                budget.take(_MATERIAL_BYTES, f"{where}: a material")
                 self.colours[name] = np.full(3, GREY)
                 self._lost[name] = {}
             elif key == "Kd" and name:
@@ -62,10 +73,17 @@ class Materials:
                 self._lost[name][_LOOKS[key]] = None
 
     def texture(self, name: str) -> Path | None:
-        """The file of a material's texture; None without one."""
-        return self.path.parent / self._textures[name][0].replace("\\", "/") if name in self._textures else None
+        """The file of a material's texture; None without one.
 
-    def reflectance(self, name: str) -> tuple[Texture | FloatArray, tuple[str, ...]]:
+        Raises:
+            DecodeError: if it does not lie in the scene's folder.
+        """
+        if name not in self._textures:
+            return None
+        given, where = self._textures[name]
+        return named_file(given.replace("\\", "/"), self.path, self._folder, f"{where}: map_Kd")
+
+    def reflectance(self, name: str, textures: TextureFiles) -> tuple[EncodedTexture | FloatArray, tuple[str, ...]]:
         """Return a material's texture, or its colour (3,); and the looks that are lost of it.
 
         Raises:
@@ -74,8 +92,18 @@ class Materials:
         image, lost = self.texture(name), dict(self._lost[name])
         if image is None:
             return self.colours[name], tuple(lost)
-        texture, opaque = read_texture(image, self._textures[name][1])
-        return texture, tuple(lost if opaque else lost | {TRANSPARENCY: None})
+        texture = textures.read(image, self._textures[name][1])
+        return texture, tuple(lost if texture.opaque else lost | {TRANSPARENCY: None})
+
+
+def text_lines(data: bytes, budget: Budget) -> Iterator[str]:
+    """The lines of a text of OBJ or MTL, in UTF-8 or nearly so, each made when it is asked for.
+
+    Raises:
+        DecodeError: if there are more than the budget allows.
+    """
+    budget.count(max(data.count(b"\n"), data.count(b"\r")) + 1, "lines")
+    return iter(io.TextIOWrapper(io.BytesIO(data), "utf-8", errors="replace"))
 
 
 def _colour(text: str, where: str) -> FloatArray:

@@ -8,24 +8,36 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from .._core import DecodeError
+from ..budget import Budget
 from ..pose import FloatArray
-from .mesh_part import GREY, MeshPart, check_finite, unit_normals
-from .mtl_file import Materials
+from ..untrusted import read_charged
+from .mesh_part import GREY, MeshPart, charge_triangles, check_finite, unit_normals
+from .mtl_file import Materials, text_lines
+from .named_file import named_file
 from .repairs import Repairs
 from .rounding import within
+from .texture_file import EncodedTexture, TextureFiles
 from .textures import from_srgb
 from .triangulation import cut_polygons
 
 _WIDTH = {"v": 3, "vt": 2, "vn": 3}
 _UNREAD = {"curv", "curv2", "surf", "call"}
+_FACE_BYTES = 9 * 8 * 2
+"""Of a triangle's indices: those of one number of corners, and of all of them together."""
 _WITHOUT_SURFACE = {"p": "points", "l": "lines"}
 
 
-def read_obj(path: Path) -> list[MeshPart]:
+def read_obj(path: Path, budget: Budget) -> list[MeshPart]:
     """The parts of an OBJ file, one a material that faces use, in the order of their first use.
 
     Polygons are cut into triangles; ``v x y z r g b`` gives a colour (sRGB) to the vertices of faces without a
     material. Points, lines and faces without area have no surface: they are left out. Groups have no meaning here.
+
+    Material files and textures must lie in the mesh's folder, or below.
+
+    Args:
+        budget: what the file may take, with all that it names.
 
     Raises:
         OSError: if the file, its material file or a texture cannot be read.
@@ -34,7 +46,7 @@ def read_obj(path: Path) -> list[MeshPart]:
     Warns:
         SceneFileWarning: in one line, of what is left out or mended.
     """
-    file = _ObjFile(path)
+    file = _ObjFile(path, budget)
     parts = file.parts()
     file.repairs.refuse_nothing(len(parts))
     file.repairs.warn()
@@ -44,23 +56,25 @@ def read_obj(path: Path) -> list[MeshPart]:
 class _ObjFile:
     """The numbers of a file, and its faces by material and number of corners."""
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
+    def __init__(self, path: Path, budget: Budget) -> None:
+        self.path, self.budget = path, budget
         self.numbers = {"v": array("d"), "vt": array("d"), "vn": array("d")}
         self.colours = array("d")
         self.faces: dict[tuple[str, int], array[int]] = {}
         """(line, then position, texture coordinate and normal of each corner) for each; from 1, 0 for none."""
-        self.materials: dict[str, Materials] = {}
+        self.libraries: dict[Path, Materials] = {}
+        """Material files, each read once, in the order in which they were named last: later ones count."""
+        self.textures = TextureFiles(budget)
         self.repairs = Repairs(path)
-        self.names_materials = False
         self._read()
+        self.materials = {name: library for library in self.libraries.values() for name in library.colours}
 
     def _read(self) -> None:
         material = ""
-        text = self.path.read_text("utf-8", errors="replace")
-        if "\0" in text:
+        data = read_charged(self.path, self.budget)
+        if b"\0" in data:
             raise ValueError(f"{self.path}: must be a text in UTF-8 or ASCII, but it has bytes that are 0")
-        for number, line in enumerate(text.splitlines(), 1):
+        for number, line in enumerate(text_lines(data, self.budget), 1):
             words = line.split()
             key = words[0] if words else "#"
             try:
@@ -77,6 +91,8 @@ class _ObjFile:
                     self.repairs.add(what, 1, f"line {number}")
                 elif key in _UNREAD:
                     raise ValueError(f"{key} (curves and surfaces) is not read: export a mesh of polygons")
+            except DecodeError:
+                raise
             except ValueError as error:
                 raise ValueError(f"{self.path}:{number}: {error}") from None
 
@@ -85,6 +101,7 @@ class _ObjFile:
         if len(words) < (1 if key == "vt" else width):
             raise ValueError(f"{key} needs {width} numbers, got {len(words)}")
         values = [float(word) for word in words]
+        self.budget.take(8 * len(values), "its vertices")
         self.numbers[key].extend([*values, 0.0][:width])
         if key == "v" and len(values) >= 6:
             self.colours.extend(values[3:6])
@@ -106,18 +123,18 @@ class _ObjFile:
                 if (index < 1 and field) or (place == 0 and not field) or index >= 1 << 32:
                     raise ValueError(f"a corner's index counts from 1, or from -1 backwards, got {word!r}")
                 row.append(index)
+        self.budget.take(8 * len(row), "its faces")
         self.faces.setdefault((material, len(words)), array("q")).extend(row)
 
     def _read_materials(self, name: str, line: int) -> None:
-        path = self.path.parent / name.replace("\\", "/")
-        self.names_materials = True
+        path = named_file(name.replace("\\", "/"), self.path, self.path.parent, f"{self.path}:{line}: mtllib")
         if not path.is_file():
             raise ValueError(
                 f"the material file {name!r} is not next to the mesh; put it there, or remove the lines 'mtllib' to "
                 "simulate it in grey"
             )
-        materials = Materials(path)
-        self.materials |= dict.fromkeys(materials.colours, materials)
+        known = self.libraries.pop(path, None)
+        self.libraries[path] = known or Materials(path, self.path.parent, self.budget)
 
     def parts(self) -> list[MeshPart]:
         values = {key: np.array(self.numbers[key]).reshape(-1, width) for key, width in _WIDTH.items()}
@@ -126,6 +143,7 @@ class _ObjFile:
         colours = self._vertex_colours(len(values["v"]))
         by_material: dict[str, list[npt.NDArray[np.int64]]] = {}
         for (material, corners), rows in self.faces.items():
+            self.budget.take(_FACE_BYTES * (corners - 2) * (len(rows) // (1 + 3 * corners)), "its triangles")
             faces = np.array(rows).reshape(-1, 1 + 3 * corners)
             by_material.setdefault(material, []).append(self._triangles(faces, values))
         joined = {material: np.concatenate(triangles) for material, triangles in by_material.items()}
@@ -165,6 +183,7 @@ class _ObjFile:
     def _part(
         self, material: str, triangles: npt.NDArray[np.int64], values: dict[str, FloatArray], colours: FloatArray | None
     ) -> MeshPart:
+        charge_triangles(self.budget, len(triangles), 3 + 2 + 3 + 3, f"{self.path}: {material or 'the mesh'}")
         position, texture, normal = np.moveaxis(triangles, 2, 0)
         uv = values["vt"][texture] if (texture >= 0).all() else None
         places = values["v"][position]
@@ -172,19 +191,21 @@ class _ObjFile:
         if (normal >= 0).all():
             normals = unit_normals(values["vn"][normal], places, material or "the mesh", self.repairs)
         if material not in self.materials:
-            if self.names_materials and material:
+            if self.libraries and material:
                 raise ValueError(
                     f"{self.path}: no material file of this mesh has the material {material!r} that faces use"
                 )
             own = None if colours is None else colours[position]
             return MeshPart(places, uv, normals, np.full(3, GREY), own, material)
         materials = self.materials[material]
-        reflectance, lost = materials.reflectance(material)
+        reflectance, lost = materials.reflectance(material, self.textures)
         image = materials.texture(material)
         files = (materials.path,) if image is None else (materials.path, image)
-        if reflectance.ndim == 3 and uv is None:
-            raise ValueError(
-                f"{self.path}: faces of the material {material!r} lack the texture coordinates (vt) that its texture "
-                "needs; unwrap the mesh before you export it"
-            )
+        if isinstance(reflectance, EncodedTexture):
+            if uv is None:
+                raise ValueError(
+                    f"{self.path}: faces of the material {material!r} lack the texture coordinates (vt) that its "
+                    "texture needs; unwrap the mesh before you export it"
+                )
+            reflectance.charge(self.budget, f"the material {material!r}")
         return MeshPart(places, uv, normals, reflectance, None, material, files, lost=lost)

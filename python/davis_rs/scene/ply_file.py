@@ -10,13 +10,16 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from ..budget import Budget
 from ..pose import FloatArray
+from ..untrusted import read_charged
 from .lost_looks import TRANSPARENCY
-from .mesh_part import GREY, MeshPart, check_finite, unit_normals
+from .mesh_part import GREY, MeshPart, charge_triangles, check_finite, unit_normals
+from .named_file import named_file
 from .repairs import Repairs
 from .rounding import ROUNDING, within
-from .texture_file import read_texture
-from .textures import Texture, from_srgb
+from .texture_file import EncodedTexture, TextureFiles
+from .textures import from_srgb
 from .triangulation import cut_polygons, cut_strip, has_area
 
 _TYPES = {
@@ -32,6 +35,9 @@ _TYPES = {
 _ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">", "ascii": ""}
 _UV = (("s", "t"), ("u", "v"), ("texture_u", "texture_v"))
 _CODES = {"i1": "b", "u1": "B", "i2": "h", "u2": "H", "i4": "i", "u4": "I", "f4": "f", "f8": "d"}
+_SPACES = (b" ", b"\n", b"\t", b"\r", b"\v", b"\f")
+_WORD_BYTES, _ROW_BYTES, _NUMBER_BYTES = 50, 100, 40
+"""About what a word, a list of numbers and each of its numbers take as objects of Python."""
 _LONGEST = 1 << 16
 """A list of more numbers than this is no face that anybody made; strips of triangles may be longer."""
 
@@ -52,13 +58,16 @@ class _Element:
     properties: list[tuple[str, str, str | None]] = field(default_factory=list)
 
 
-def read_ply(path: Path) -> list[MeshPart]:
+def read_ply(path: Path, budget: Budget) -> list[MeshPart]:
     """A PLY file as one part: polygons cut into triangles, with normals, texture coordinates and colours of vertices.
 
     Strips of triangles (the element ``tristrips``, as in Stanford's repository: lists of vertices, -1 between strips)
     are read, too. Edges, and faces without area, have no surface: they are left out. Colours of vertices as integers
     are taken as sRGB, as floating-point numbers as linear. A texture is named by the header's
-    ``comment TextureFile NAME``, as MeshLab writes it.
+    ``comment TextureFile NAME``, as MeshLab writes it; it must lie in the mesh's folder, or below.
+
+    Args:
+        budget: what the file may take, with its texture.
 
     Raises:
         OSError: if the file or its texture cannot be read.
@@ -67,9 +76,9 @@ def read_ply(path: Path) -> list[MeshPart]:
     Warns:
         SceneFileWarning: in one line, of what is left out or mended.
     """
-    data = path.read_bytes()
+    data = read_charged(path, budget)
     order, texture, elements, start = _header(path, data)
-    body = _Body(path, data[start:], order)
+    body = _Body(path, memoryview(data)[start:], order, budget)
     rows = {element.name: body.rows(element) for element in elements}
     named = {element.name: element for element in elements}
     vertices = _vertices(path, named["vertex"], rows["vertex"]) if "vertex" in named else {}
@@ -83,7 +92,7 @@ def read_ply(path: Path) -> list[MeshPart]:
     triangles += _strips(path, positions, rows.get(_STRIPS, []), repairs)
     corners = np.concatenate(triangles) if triangles else np.empty((0, 3), np.int64)
     repairs.refuse_nothing(len(corners))
-    part = _part(path, vertices, positions, corners, texture, repairs)
+    part = _part(path, vertices, positions, corners, texture, repairs, budget)
     repairs.warn()
     return [part]
 
@@ -133,11 +142,16 @@ def _vertices(path: Path, element: _Element, rows: list[Columns]) -> Columns:
 class _Body:
     """The numbers after the header, read from the front."""
 
-    def __init__(self, path: Path, data: bytes, order: str) -> None:
-        self.path, self.order = path, order
+    def __init__(self, path: Path, data: memoryview, order: str, budget: Budget) -> None:
+        self.path, self.order, self.budget = path, order, budget
         self.data = data
-        self.words = [] if order else data.split()
+        self.words = [] if order else self._split()
         self.at = 0
+
+    def _split(self) -> list[bytes]:
+        text = bytes(self.data)
+        self.budget.take(len(text) + _WORD_BYTES * sum(map(text.count, _SPACES)), "its words")
+        return text.split()
 
     def rows(self, element: _Element) -> list[Columns]:
         """All rows of an element, those together whose lists are of the same lengths; "row" is a row's number."""
@@ -150,8 +164,11 @@ class _Body:
         if columns is not None:
             return [columns]
         found: dict[tuple[int, ...], list[list[float]]] = {}
+        of = f"rows of the element {element.name!r}"
         for row in range(element.count):
+            self.budget.count(1, of)
             lengths, values = self._row(element)
+            self.budget.take(_ROW_BYTES + _NUMBER_BYTES * len(values), of)
             found.setdefault(tuple(lengths), []).append([row, *values])
         return [self._columns(element, lengths, np.array(values)) for lengths, values in found.items()]
 
@@ -199,6 +216,20 @@ class _Body:
         end = self.at + element.count * size
         if end > len(self.data if self.order else self.words):
             return None  # reading row by row will say where it ends, if no row is shorter
+        numbers = 8 * element.count * (1 + width)
+        self.budget.take(numbers, f"the element {element.name!r}")
+        with self.budget.borrow(numbers if self.order else _NUMBER_BYTES * element.count * width, "its numbers"):
+            return self._table(element, lengths, layout, width, end)
+
+    def _table(
+        self,
+        element: _Element,
+        lengths: list[int],
+        layout: list[tuple[str, str, tuple[int, ...]]],
+        width: int,
+        end: int,
+    ) -> Columns | None:
+        """The rows of an element until ``end`` as one table, or None where some have lists of other lengths."""
         if self.order:
             table = np.frombuffer(self.data, np.dtype(layout), element.count, self.at)
             parts = [table[name].reshape(element.count, -1).astype(np.float64) for name, _, _ in layout]
@@ -264,8 +295,15 @@ def _indices(path: Path, rows: Columns, what: str, count: int, *, least: int) ->
 
 
 def _part(
-    path: Path, vertices: Columns, positions: FloatArray, corners: Indices, texture: str, repairs: Repairs
+    path: Path,
+    vertices: Columns,
+    positions: FloatArray,
+    corners: Indices,
+    texture: str,
+    repairs: Repairs,
+    budget: Budget,
 ) -> MeshPart:
+    charge_triangles(budget, len(corners), 3 + 2 + 3 + 3, str(path))
     uv = next((found for names in _UV if (found := _stacked(vertices, names)) is not None), None)
     if uv is not None:
         check_finite(uv, "texture coordinates of vertex", str(path))
@@ -276,9 +314,13 @@ def _part(
         )
     normals = _stacked(vertices, ("nx", "ny", "nz"))
     colours, opaque = (None, True) if texture else _colours(path, vertices)
-    reflectance: Texture | FloatArray = np.full(3, GREY)
+    reflectance: EncodedTexture | FloatArray = np.full(3, GREY)
+    files: tuple[Path, ...] = ()
     if texture:
-        reflectance, opaque = read_texture(path.parent / texture, str(path))
+        files = (named_file(texture, path, path.parent, f"{path}: TextureFile"),)
+        reflectance = TextureFiles(budget).read(files[0], str(path))
+        reflectance.charge(budget, str(path))
+        opaque = reflectance.opaque
     places = positions[corners]
     return MeshPart(
         places,
@@ -287,7 +329,7 @@ def _part(
         reflectance,
         None if colours is None else colours[corners],
         "",
-        (path.parent / texture,) if texture else (),
+        files,
         lost=() if opaque else (TRANSPARENCY,),
     )
 

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from ..argument_error import ArgumentError
+from ..budget import Budget
 from ..camera import PRESETS
 from ..pose import FloatArray, Pose, hamilton, rotation_matrices
 from ..random_words import Words
@@ -256,7 +257,7 @@ def _fitted(path: Path, radius: float) -> Mesh:
 
     Parts without texture coordinates get those of the box around the mesh, seen along its thinnest side.
     """
-    parts = MESH_READERS[path.suffix.lower()](path)
+    parts = MESH_READERS[path.suffix.lower()](path, Budget(path))
     corners = np.concatenate([part.corners for part in parts])
     low, high = corners.min((0, 1)), corners.max((0, 1))
     corners = corners - (low + high) / 2

@@ -6,61 +6,168 @@ import io
 import struct
 import warnings
 import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
+import numpy.typing as npt
 
-from ..untrusted import read_limited
+from .._core import DecodeError
+from ..budget import Budget
+from ..pose import FloatArray
+from ..untrusted import read_charged
 from .textures import Texture, from_srgb
 
-MOST_TEXELS = 1 << 26
-"""Of a texture, 8192 x 8192: a file of some kilobytes may unpack to any number."""
+if TYPE_CHECKING:
+    from PIL.Image import Image
+
+FORMATS = ("PNG", "JPEG", "TIFF", "BMP", "TGA", "WEBP")
+"""Pillow's names of the kinds of images that are read as textures."""
+
+MOST_SIDE = 1 << 16
+"""Texels on a side: float32 coordinates tell no more of them apart."""
+
+_DECODED_BYTES, _TEXEL_BYTES, _LINEAR_BYTES = 4, 3, 12
+"""Of a texel: while Pillow decodes it, kept, and as float32 in linear light."""
+
+_STRIP = 1 << 20
+"""Texels that are converted at a time."""
 
 
-def read_texture(path: Path, named_in: str) -> tuple[Texture, bool]:
-    """An image file as reflectance (H, W, 3) in linear RGB, 8 bits a channel, in sRGB; and whether it is opaque
-    everywhere.
+@dataclass(frozen=True, eq=False)
+class EncodedTexture:
+    """An image's texels as its file has them. They become light when a shape is made of them.
+
+    Attributes:
+        texels: uint8 (H, W, 3), in sRGB; row 0 is the upper edge.
+        opaque: whether the image is so everywhere.
+        tint: (3,), factors of red, green and blue in linear light.
+    """
+
+    texels: npt.NDArray[np.uint8]
+    opaque: bool
+    tint: FloatArray
+
+    def tinted(self, factor: FloatArray) -> EncodedTexture:
+        """Return the same texels in another tint (3,)."""
+        return replace(self, tint=factor)
+
+    def charge(self, budget: Budget, where: str) -> None:
+        """Charge what :meth:`linear` takes, for a shape that shows the texture.
+
+        Raises:
+            DecodeError: if there is not so much left.
+        """
+        height, width = self.texels.shape[:2]
+        budget.take(_LINEAR_BYTES * height * width, f"{where}: a texture of {width} x {height} texels in linear light")
+
+    def linear(self) -> Texture:
+        """Return the reflectance (H, W, 3) in linear RGB."""
+        height, width = self.texels.shape[:2]
+        light_of = from_srgb(np.arange(256) / 255).astype(np.float32).astype(np.float64)
+        tables = (light_of[:, None] * self.tint).astype(np.float32).T
+        found = np.empty(self.texels.shape, np.float32)
+        for rows in _strips(height, width):
+            for channel, light in enumerate(tables):
+                found[rows, :, channel] = light[self.texels[rows, :, channel]]
+        return found
+
+
+class TextureFiles:
+    """The image files that a scene's file names, each read once, however many materials show it.
 
     Args:
-        named_in: file and line that name it, for messages.
-
-    Raises:
-        OSError: if it cannot be read.
-        ValueError: if it is no image, or one of more than 8 bits a channel.
+        budget: what the scene's file may take.
     """
-    if not path.is_file():
-        raise FileNotFoundError(
-            f"{named_in}: the texture {path} is not there; put it there, or remove that line to simulate without it"
-        )
-    return texture_of_bytes(read_limited(path), str(path))
+
+    def __init__(self, budget: Budget) -> None:
+        self._budget = budget
+        self._known: dict[Path, EncodedTexture] = {}
+
+    def read(self, path: Path, named_in: str) -> EncodedTexture:
+        """The texels of a file of 8 bits a channel, in sRGB.
+
+        Args:
+            named_in: file and line that name it, for messages.
+
+        Raises:
+            OSError: if it cannot be read.
+            ValueError: as :func:`texture_of_bytes`.
+        """
+        if path not in self._known:
+            if not path.is_file():
+                raise FileNotFoundError(
+                    f"{named_in}: the texture {path} is not there; put it there, or remove that line to simulate "
+                    "without it"
+                )
+            data = read_charged(path, self._budget)
+            self._known[path] = texture_of_bytes(data, str(path), self._budget)
+            self._budget.give_back(len(data))
+        return self._known[path]
 
 
-def texture_of_bytes(data: bytes, name: str, *, formats: tuple[str, ...] | None = None) -> tuple[Texture, bool]:
-    """An image file's bytes as :func:`read_texture`, and whether it is opaque everywhere.
+def texture_of_bytes(
+    data: bytes | memoryview, name: str, budget: Budget, formats: tuple[str, ...] = FORMATS
+) -> EncodedTexture:
+    """An image file's bytes as texels. The size in its header is charged before they are decoded.
 
     Args:
         name: how messages call it.
-        formats: which of Pillow's it may have; all if not given.
+        formats: which of Pillow's it may have.
 
     Raises:
-        ValueError: if it is no such image, one of more than 8 bits a channel, or of more than :data:`MOST_TEXELS`.
+        ValueError: if it is no such image, one of more than 8 bits a channel, or of more than :data:`MOST_SIDE` texels
+            on a side; DecodeError if it needs more than the budget has left.
     """
-    from PIL import Image, UnidentifiedImageError
+    import PIL.Image
+    from PIL import UnidentifiedImageError
 
-    kinds = ", ".join(formats or ("PNG", "JPEG", "TIFF", "BMP", "TGA"))
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of Pillow's own limit, which is higher than ours, and of odd metadata
-            with Image.open(io.BytesIO(data), formats=formats) as image:
+            warnings.simplefilter("ignore")  # of Pillow's own limit, in whose place the budget is, and of odd metadata
+            with PIL.Image.open(io.BytesIO(data), formats=formats) as image:
+                check_size(image.width, image.height, name)
                 if image.mode.startswith(("I", "F")):
                     raise ValueError(f"{name}: a texture must have 8 bits a channel, got an image of mode {image.mode}")
-                if image.width * image.height > MOST_TEXELS:
-                    size = f"{image.width} x {image.height}"
-                    raise ValueError(f"{name}: a texture may have {MOST_TEXELS} texels, got {size}")
-                rgba = np.asarray(image.convert("RGBA"))
+                return _decoded(image, name, budget)
     except UnidentifiedImageError:
+        kinds = ", ".join(formats)
         raise ValueError(f"{name}: not an image that can be read as a texture ({kinds})") from None
-    except (Image.DecompressionBombError, SyntaxError, EOFError, OSError, struct.error, zlib.error) as error:
+    except DecodeError:
+        raise
+    except (PIL.Image.DecompressionBombError, SyntaxError, EOFError, OSError, struct.error, zlib.error) as error:
         raise ValueError(f"{name}: the texture cannot be read: {error}") from None
-    texture = from_srgb(np.arange(256) / 255).astype(np.float32)[rgba[..., :3]]
-    return texture, bool(rgba[..., 3].min() == 255)
+
+
+def check_size(width: int, height: int, name: str) -> None:
+    """Refuse an image with more than :data:`MOST_SIDE` texels on a side.
+
+    Raises:
+        ValueError: naming the image and its size.
+    """
+    if max(width, height) > MOST_SIDE:
+        raise ValueError(f"{name}: a texture may have {MOST_SIDE} texels on a side, got {width} x {height}")
+
+
+def _decoded(image: Image, name: str, budget: Budget) -> EncodedTexture:
+    """The texels, strip by strip, so that no second copy of the whole is made."""
+    width, height = image.size
+    size = f"{name}: a texture of {width} x {height} texels"
+    budget.take(_TEXEL_BYTES * width * height, size)
+    with budget.borrow(_DECODED_BYTES * width * height, f"{size}, while it is decoded,"):
+        image.load()
+        texels, opaque = np.empty((height, width, 3), np.uint8), True
+        for rows in _strips(height, width):
+            strip = np.asarray(image.crop((0, rows.start, width, rows.stop)).convert("RGBA"))
+            texels[rows] = strip[..., :3]
+            opaque = opaque and bool(strip[..., 3].min() == 255)
+    return EncodedTexture(texels, opaque, np.ones(3))
+
+
+def _strips(height: int, width: int) -> Iterator[slice]:
+    """The rows of an image, about :data:`_STRIP` texels at a time."""
+    step = max(1, _STRIP // width)
+    for start in range(0, height, step):
+        yield slice(start, min(start + step, height))

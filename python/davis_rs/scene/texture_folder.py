@@ -8,10 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
+from ..budget import Budget
 from ..untrusted import regular_file
 from .mesh_scene import READERS as MESH_READERS
 from .repairs import SceneFileWarning
-from .texture_file import MOST_TEXELS, read_texture
+from .texture_file import FORMATS, TextureFiles, check_size
 from .textures import Texture
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".tga")
@@ -47,7 +48,7 @@ def check_image(path: Path) -> None:
 
     regular_file(path)
     try:
-        with Image.open(path) as image:
+        with Image.open(path, formats=FORMATS) as image:
             width, height = image.size
     except UnidentifiedImageError:
         raise ValueError(f"{path}: not an image that can be read as a texture") from None
@@ -57,8 +58,7 @@ def check_image(path: Path) -> None:
         raise ValueError(
             f"{path}: an image must have at least {SMALLEST_SIDE} pixels each way, this has {width} x {height}"
         )
-    if width * height > MOST_TEXELS:
-        raise ValueError(f"{path}: a texture may have {MOST_TEXELS} texels, got {width} x {height}")
+    check_size(width, height, str(path))
 
 
 def read_image_texture(path: Path, longest_side: int) -> Texture:
@@ -67,16 +67,19 @@ def read_image_texture(path: Path, longest_side: int) -> Texture:
     A larger one is made smaller by means over areas, in linear light.
 
     Raises:
-        OSError, ValueError: as :func:`~davis_rs.scene.texture_file.read_texture` and :func:`check_image`.
+        OSError, ValueError: as :func:`~davis_rs.scene.texture_file.TextureFiles.read` and :func:`check_image`.
 
     Warns:
         SceneFileWarning: if it is partly transparent: all of it is opaque here.
     """
     check_image(path)
-    texture, opaque = read_texture(path, str(path.parent))
-    if not opaque:
+    budget = Budget(path)
+    encoded = TextureFiles(budget).read(path, str(path.parent))
+    if not encoded.opaque:
         message = f"{path}: the texture is transparent in places; here it is opaque everywhere"
         warnings.warn(message, SceneFileWarning, stacklevel=2)
+    encoded.charge(budget, str(path))
+    texture = encoded.linear()
     height, width = texture.shape[:2]
     if max(height, width) <= longest_side:
         return texture

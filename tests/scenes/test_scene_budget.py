@@ -1,0 +1,238 @@
+"""What a scene's file may take of memory and of parts, with all that it names; and which files it may name."""
+
+from __future__ import annotations
+
+import re
+import struct
+import zlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from davis_rs import DecodeError, load_scene
+from davis_rs.budget import VARIABLE
+from davis_rs.scene import mesh_scene, obj_file, texture_file
+from davis_rs.scene.gltf_nodes import NodeTree
+from gltf_files import UV, Gltf, quad
+
+FACE = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\n"
+
+
+def blank_png(width: int, height: int) -> bytes:
+    """Black, of 8 bits a channel."""
+
+    def chunk(kind: bytes, data: bytes) -> bytes:
+        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+    header = chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0))
+    rows = zlib.compress(bytes((1 + 3 * width) * min(height, 1 << 10)))
+    return b"\x89PNG\r\n\x1a\n" + header + chunk(b"IDAT", rows) + chunk(b"IEND", b"")
+
+
+def textured(folder: Path, kind: str, *names: str) -> Path:
+    """A scene that shows these textures."""
+    path = folder / f"scene.{kind}"
+    if kind == "obj":
+        uses = "".join(f"usemtl m{k}\nf 1/1 2/2 3/3\n" for k in range(len(names)))
+        path.write_text(f"mtllib m.mtl\n{FACE}{uses}")
+        (folder / "m.mtl").write_text("".join(f"newmtl m{k}\nmap_Kd {name}\n" for k, name in enumerate(names)))
+    elif kind == "ply":
+        corners = "0 0 0 0 0\n1 0 0 1 0\n0 1 0 0 1\n"
+        properties = "".join(f"property float {name}\n" for name in ("x", "y", "z", "s", "t"))
+        path.write_text(
+            f"ply\nformat ascii 1.0\ncomment TextureFile {names[0]}\nelement vertex 3\n{properties}"
+            f"element face 1\nproperty list uchar int vertex_indices\nend_header\n{corners}3 0 1 2\n"
+        )
+    else:
+        gltf = Gltf()
+        for name in names:
+            gltf.node(mesh=quad(gltf, uv=UV, material=gltf.material(baseColorTexture=gltf.texture({"uri": name}))))
+        gltf.save(path)
+    return path
+
+
+@pytest.mark.parametrize("kind", ["obj", "ply", "gltf"])
+def test_a_texture_is_charged_before_it_is_decoded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str) -> None:
+    """A file of some kilobytes whose header says 8192 x 8192."""
+    monkeypatch.setenv(VARIABLE, "bytes=100MiB")
+    (tmp_path / "big.png").write_bytes(blank_png(8192, 8192))
+    with pytest.raises(DecodeError, match=r"scene\.\w+: .*big\.png: a texture of 8192 x 8192 texels needs 192 MiB"):
+        load_scene(textured(tmp_path, kind, "big.png"))
+
+
+@pytest.mark.parametrize("kind", ["obj", "gltf"])
+def test_all_textures_of_a_file_share_one_budget(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str) -> None:
+    """Each takes 15 bytes a texel in the end, 240 KiB; two of them pass, and three do not."""
+    monkeypatch.setenv(VARIABLE, "bytes=700KiB")
+    names = [f"{k}.png" for k in range(3)]
+    for name in names:
+        (tmp_path / name).write_bytes(blank_png(128, 128))
+    assert load_scene(textured(tmp_path, kind, *names[:2])) is not None
+    with pytest.raises(DecodeError, match=r"texture of 128 x 128 texels.* needs .* are in use; 700 KiB may be held"):
+        load_scene(textured(tmp_path, kind, *names))
+
+
+def test_a_texture_that_several_shapes_show_is_decoded_once_and_charged_for_each(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Materials that share an image of 192 KiB in linear light."""
+    monkeypatch.setenv(VARIABLE, "bytes=2MiB")
+    (tmp_path / "a.png").write_bytes(blank_png(128, 128))
+    decoded = []
+    whole = texture_file.texture_of_bytes
+    monkeypatch.setattr(texture_file, "texture_of_bytes", lambda *given: decoded.append(given) or whole(*given))
+    load_scene(textured(tmp_path, "obj", *["a.png"] * 9))
+    assert len(decoded) == 1
+    with pytest.raises(DecodeError, match="the material 'm10': a texture of 128 x 128 texels in linear light"):
+        load_scene(textured(tmp_path, "obj", *["a.png"] * 30))
+
+
+@pytest.mark.parametrize("kind", ["obj", "ply", "gltf"])
+def test_sides_of_textures_are_checked_by_the_header(tmp_path: Path, kind: str) -> None:
+    (tmp_path / "thin.png").write_bytes(blank_png(1, 1 << 26))
+    with pytest.raises(ValueError, match=r"thin\.png: a texture may have 65536 texels on a side, got 1 x 67108864"):
+        load_scene(textured(tmp_path, kind, "thin.png"))
+
+
+def test_accessors_without_data_share_one_budget(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each of them is small; they take no bytes in the file."""
+    monkeypatch.setenv(VARIABLE, "bytes=10MiB")
+    gltf = Gltf()
+    numbers = [gltf.add("accessors", {"componentType": 5126, "type": "VEC3", "count": 1 << 14}) for _ in range(40)]
+    indices = gltf.array([0, 1, 2], "u4")
+    gltf.node(
+        mesh=gltf.add("meshes", {"primitives": [{"attributes": {"POSITION": k}, "indices": indices} for k in numbers]})
+    )
+    with pytest.raises(DecodeError, match=r"accessors\[\d\d\]: 16384 elements of 3 numbers needs 384 KiB, .* in use"):
+        load_scene(gltf.save(tmp_path / "scene.glb"))
+
+
+def test_objects_of_the_json_are_counted_before_they_are_made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    gltf = Gltf()
+    gltf.node(mesh=quad(gltf))
+    for _ in range(300):
+        gltf.node()
+    path = gltf.save(tmp_path / "scene.gltf")
+    load_scene(path)
+    monkeypatch.setenv(VARIABLE, "items=200")
+    with pytest.raises(DecodeError, match="more than 200 parts, the last of them objects of the JSON"):
+        load_scene(path)
+    monkeypatch.setenv(VARIABLE, "bytes=20KiB")
+    with pytest.raises(DecodeError, match=r"JSON with \d+ values needs"):
+        load_scene(path)
+
+
+def test_keyframes_are_looked_at_in_pieces(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """So that an animation of many keyframes takes little more than its numbers."""
+    asked = []
+    matrices = NodeTree.matrices
+
+    def counted(self: NodeTree, index: int, t: Any) -> Any:
+        asked.append(len(t))
+        return matrices(self, index, t)
+
+    monkeypatch.setattr(NodeTree, "matrices", counted)
+    gltf = Gltf()
+    node, keys = gltf.node(mesh=quad(gltf)), 30_000
+    gltf.animate(node, "translation", np.arange(keys) / 100, np.random.default_rng(0).random((keys, 3)))
+    path = gltf.save(tmp_path / "scene.glb")
+    scene = load_scene(path)
+    assert max(asked) <= 1 << 14
+    assert 4 * (keys - 1) <= sum(asked) < 5 * keys
+    np.testing.assert_allclose(scene.objects["node_0_material"].breaks_s(), np.arange(1, keys - 1) / 100, rtol=1e-6)
+    monkeypatch.setenv(VARIABLE, "bytes=20MiB")
+    with pytest.raises(DecodeError, match=r"the path of node node_0 needs"):
+        load_scene(path)
+
+
+def test_many_shapes_of_one_name_are_numbered_in_one_pass(tmp_path: Path) -> None:
+    gltf = Gltf()
+    mesh = quad(gltf)
+    for _ in range(200):
+        node = gltf.node(mesh=mesh, name="a b")
+        gltf.animate(node, "translation", [0.0, 1.0], [[0, 0, 0], [1, 0, 0]])
+    scene = load_scene(gltf.save(tmp_path / "scene.glb"))
+    assert [*scene.objects] == ["a_b_material", *(f"a_b_material_{k}" for k in range(2, 201))]
+
+
+def test_a_material_file_is_read_once_however_often_it_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """And what is named last counts."""
+    read = []
+    materials = obj_file.Materials
+    monkeypatch.setattr(obj_file, "Materials", lambda *given: read.append(given) or materials(*given))
+    (tmp_path / "a.mtl").write_text("newmtl paint\nKd 1 0 0\n")
+    (tmp_path / "b.mtl").write_text("newmtl paint\nKd 0 1 0\n")
+    path = tmp_path / "m.obj"
+    path.write_text("mtllib a.mtl\nmtllib b.mtl\n" * 50 + "mtllib a.mtl\n" + FACE + "usemtl paint\nf 1 2 3\n")
+    (part,) = obj_file.read_obj(path, mesh_scene.Budget(path))
+    assert len(read) == 2
+    np.testing.assert_array_equal(part.reflectance, [1, 0, 0])
+
+
+def test_names_of_shapes_are_made_once_each(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Not once for each pair of materials."""
+    made = []
+    sub = re.sub
+
+    def counted(pattern: str, *given: Any) -> str:
+        made.append(pattern)
+        return sub(pattern, *given)
+
+    path = tmp_path / "m.obj"
+    path.write_text(FACE + "".join(f"usemtl m {k}\nf 1 2 3\n" for k in range(50)) + "usemtl m_7\nf 1 2 3\n")
+    monkeypatch.setattr(mesh_scene.re, "sub", counted)
+    scene = load_scene(path)
+    assert made.count(r"\W") == 51
+    assert [look.shapes for look in scene.lost_looks] == []
+
+
+@pytest.mark.parametrize("text", ["f 1 2 3\n", "v 0 0 0\n", "\n"])
+def test_lines_of_an_obj_are_charged(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, text: str) -> None:
+    path = tmp_path / "m.obj"
+    path.write_text(FACE + text * 1000)
+    monkeypatch.setenv(VARIABLE, "bytes=20KiB" if text != "\n" else "items=900")
+    with pytest.raises(DecodeError, match=rf"m\.obj: .*{re.escape(VARIABLE)}"):
+        load_scene(path)
+
+
+@pytest.mark.parametrize("form", ["ascii", "binary"])
+def test_rows_of_a_ply_are_charged(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, form: str) -> None:
+    """Lists of different lengths are objects of Python; alike ones are a table of float64."""
+    count = 1000
+    kind = "ascii" if form == "ascii" else "binary_little_endian"
+    header = f"ply\nformat {kind} 1.0\nelement vertex {count}\n"
+    header += "".join(f"property uchar {name}\n" for name in "xyz") + "end_header\n"
+    path = tmp_path / "m.ply"
+    path.write_bytes(header.encode() + (b"0 0 0\n" * count if form == "ascii" else bytes(3 * count)))
+    monkeypatch.setenv(VARIABLE, "bytes=30KiB")
+    with pytest.raises(DecodeError, match=r"m\.ply: (its words|the element 'vertex') needs"):
+        load_scene(path)
+
+
+@pytest.mark.parametrize("name", ["../secret", "{}/secret", "link"])
+@pytest.mark.parametrize("kind", ["mtllib", "map_Kd", "TextureFile"])
+def test_files_outside_of_the_scenes_folder_are_not_opened(tmp_path: Path, kind: str, name: str) -> None:
+    (tmp_path / "secret").write_bytes(blank_png(4, 4))
+    folder = tmp_path / "scene"
+    folder.mkdir()
+    (folder / "link").symlink_to(tmp_path / "secret")
+    name = name.format(tmp_path)
+    if kind == "mtllib":
+        path = folder / "scene.obj"
+        path.write_text(f"mtllib {name}\n{FACE}f 1 2 3\n")
+    else:
+        path = textured(folder, "obj" if kind == "map_Kd" else "ply", name)
+    with pytest.raises(DecodeError, match=rf"{kind}: names .* which lies outside of the scene's folder: move it there"):
+        load_scene(path)
+
+
+def test_a_material_file_may_name_a_texture_beside_its_folder(tmp_path: Path) -> None:
+    (tmp_path / "materials").mkdir()
+    (tmp_path / "paint.png").write_bytes(blank_png(4, 4))
+    (tmp_path / "materials" / "m.mtl").write_text("newmtl paint\nmap_Kd ..\\paint.png\n")
+    (tmp_path / "m.obj").write_text(f"mtllib materials/m.mtl\n{FACE}usemtl paint\nf 1/1 2/2 3/3\n")
+    assert tmp_path / "paint.png" in load_scene(tmp_path / "m.obj").files
