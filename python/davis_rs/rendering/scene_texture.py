@@ -15,6 +15,9 @@ from .obstacles import Unsuitable
 
 FloatArray = npt.NDArray[np.float64]
 
+_PIECE = 1 << 18
+"""Texels that are weighted together."""
+
 WRAP_MODES = ("repeat", "clamp", "mirror")
 
 
@@ -32,7 +35,8 @@ class TextureTable:
 
     def __init__(self, mi: Any, group_weights: list[FloatArray]) -> None:
         self._mi, self.group_weights = mi, group_weights
-        self._texels: list[FloatArray] = []
+        self._texels: list[Texels] = []
+        self._count = 0
         self._sizes: list[tuple[int, int, int, int]] = []
         self._uv_maps: list[FloatArray] = []
         self._texture_of: list[npt.NDArray[np.uint32]] = []
@@ -44,7 +48,7 @@ class TextureTable:
     @property
     def is_grey(self) -> bool:
         """Whether no texel has a hue."""
-        return all(bool((texels == texels[:, :1]).all()) for texels in self._texels)
+        return all(texels.is_grey for texels in self._texels)
 
     @property
     def uv_maps(self) -> FloatArray:
@@ -57,7 +61,11 @@ class TextureTable:
 
     def texels(self, group: int) -> npt.NDArray[np.float32]:
         """All texels as luma under a light of the group's colour, float32."""
-        return (np.concatenate(self._texels) @ self.group_weights[group]).astype(np.float32)
+        found = np.empty(self._count, np.float32)
+        for (first, *_), texels in zip(self._sizes, self._texels, strict=True):
+            for start, piece in texels.pieces():
+                found[first + start : first + start + len(piece)] = piece @ self.group_weights[group]
+        return found
 
     def framed(self, group: int) -> npt.NDArray[np.float32]:
         """Return :meth:`texels` with a frame of one texel around each texture: what its wrap mode puts there."""
@@ -66,7 +74,7 @@ class TextureTable:
     @property
     def of_framed(self) -> npt.NDArray[np.int64]:
         """The number in :meth:`texels` of each texel of :meth:`framed`."""
-        return self._framed(np.arange(sum(map(len, self._texels))))
+        return self._framed(np.arange(self._count))
 
     def _framed(self, texels: npt.NDArray[Any]) -> npt.NDArray[Any]:
         images = []
@@ -98,23 +106,24 @@ class TextureTable:
         if two_sided and not _same_on_both_sides(parameters):
             raise Unsuitable("has two different sides", "give both the same diffuse material", named)
         if f"{prefix}.value" in parameters:
-            texels = np.broadcast_to(np.array(parameters[f"{prefix}.value"], np.float64).reshape(-1), (1, 1, 3))
+            value = np.array(parameters[f"{prefix}.value"], np.float64).reshape(-1)
+            texels = Texels(np.broadcast_to(value, (1, 1, 3)))
             uv_map, wrap = np.eye(3), 0
         elif f"{prefix}.data" in parameters:
             uv_map = np.array(parameters[f"{prefix}.to_uv"].matrix, np.float64).reshape(3, 3)
-            texels, wrap = self._lookup(shape, np.array(parameters[f"{prefix}.data"]), uv_map)
+            texels, wrap = self._lookup(shape, np.asarray(parameters[f"{prefix}.data"]), uv_map)
         else:
             rule = f"has a {reflectance_kind(bsdf)} as its reflectance, neither a constant nor a bitmap"
             raise Unsuitable(rule, "give it as a bitmap", named)
         height, width = texels.shape[:2]
-        first = sum(len(t) for t in self._texels)
+        first, self._count = self._count, self._count + height * width
         self._texture_of.append(np.full(records, len(self._sizes), np.uint32))
         self._sizes.append((first, width, height, wrap))
         self._uv_maps.append(uv_map[:2])
-        self._texels.append(texels.reshape(-1, 3))
+        self._texels.append(texels)
         return two_sided
 
-    def _lookup(self, shape: Any, data: npt.NDArray[Any], uv_map: FloatArray) -> tuple[FloatArray, int]:
+    def _lookup(self, shape: Any, data: npt.NDArray[Any], uv_map: FloatArray) -> tuple[Texels, int]:
         """Reflectances (H, W, 3) and wrap mode of a bitmap.
 
         Mitsuba does not tell a bitmap's encoding, wrap mode or filter: find those whose lookup agrees with its own.
@@ -125,8 +134,8 @@ class TextureTable:
         mapped = uv_map[:2, :2] @ uv.astype(np.float64) + uv_map[:2, 2:]
         # Mitsuba's coordinates are float32: far out on a fine texture they are wrong by a good part of a texel.
         texels_off = np.abs(mapped).max(0) * max(data.shape[:2]) * 2.0**-22
-        for texels in map(_rgb, _decoded(data)):
-            tolerance = 1e-3 + np.ptp(texels) * texels_off[:, None]
+        for texels in _decoded(data):
+            tolerance = 1e-3 + texels.range * texels_off[:, None]
             for wrap in range(len(WRAP_MODES)):
                 if (np.abs(bilinear(texels, mapped, wrap) - own) < tolerance).all():
                     return texels, wrap
@@ -145,7 +154,7 @@ def _looked_up(mi: Any, bsdf: Any, uv: npt.NDArray[np.float32]) -> FloatArray:
     return at(uv).T if mi.variant() == FAST else np.array([at(pair) for pair in uv.T.tolist()])
 
 
-def bilinear(texels: FloatArray, uv: FloatArray, wrap: int) -> FloatArray:
+def bilinear(texels: FloatArray | Texels, uv: FloatArray, wrap: int) -> FloatArray:
     """Reference lookup: (n, 3) from texels (H, W, 3) at uv (2, n); texel centres lie at (i + 0.5) / size."""
     height, width = texels.shape[:2]
     x, y = uv[0] * width - 0.5, uv[1] * height - 0.5
@@ -167,20 +176,54 @@ def wrap_index(index: npt.NDArray[Any], n: int, wrap: int) -> npt.NDArray[Any]:
     return np.minimum(folded, 2 * n - 1 - folded)
 
 
-def _decoded(data: npt.NDArray[Any]) -> Iterator[FloatArray]:
+class Texels:
+    """The texels of a bitmap as Mitsuba holds them, and as linear RGB in float64 where they are asked for.
+
+    All of them at a time would be the largest of all copies of a texture.
+
+    Args:
+        data: (H, W) or (H, W, channels), of which the first three count.
+        light: what an integer of ``data`` stands for; None where the numbers are light themselves.
+    """
+
+    def __init__(self, data: npt.NDArray[Any], light: FloatArray | None = None) -> None:
+        self._data = data.reshape(data.shape[0], data.shape[1], -1)[..., :3]
+        self._light = light
+        self.shape = (*data.shape[:2], 3)
+
+    def __getitem__(self, where: Any) -> FloatArray:
+        """Those at the rows and columns of an index, (..., 3)."""
+        return self._rgb(self._data[where])
+
+    def pieces(self) -> Iterator[tuple[int, FloatArray]]:
+        """All of them row by row, (n, 3) at a time, each piece with the number of its first."""
+        flat = self._data.reshape(-1, self._data.shape[2])
+        return ((start, self._rgb(flat[start : start + _PIECE])) for start in range(0, len(flat), _PIECE))
+
+    @property
+    def range(self) -> float:
+        """How far apart the smallest and the largest value lie."""
+        low, high = (self._rgb(np.array([[value]]))[0, 0] for value in (self._data.min(), self._data.max()))
+        return float(high - low)
+
+    @property
+    def is_grey(self) -> bool:
+        """Whether none has a hue."""
+        return bool((self._data == self._data[..., :1]).all())
+
+    def _rgb(self, values: npt.NDArray[Any]) -> FloatArray:
+        found = values.astype(np.float64) if self._light is None else self._light[values]
+        return np.broadcast_to(found, (*found.shape[:-1], 3))
+
+
+def _decoded(data: npt.NDArray[Any]) -> Iterator[Texels]:
     """What a bitmap's data may stand for: 8-bit images stay encoded until they are looked up, in sRGB unless raw."""
     if data.dtype != np.uint8:
-        yield data.astype(np.float64)
+        yield Texels(data)
         return
-    encoded = data / 255
-    yield from_srgb(encoded)
-    yield encoded
-
-
-def _rgb(data: FloatArray) -> FloatArray:
-    """Bitmap data as (H, W, 3)."""
-    data = data.reshape(data.shape[0], data.shape[1], -1)
-    return np.ascontiguousarray(np.broadcast_to(data[..., :3], (*data.shape[:2], 3)))
+    encoded = np.arange(256) / 255
+    yield Texels(data, from_srgb(encoded))
+    yield Texels(data, encoded)
 
 
 def _same_on_both_sides(parameters: Any) -> bool:

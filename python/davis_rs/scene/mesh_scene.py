@@ -141,8 +141,11 @@ def usual_light() -> dict[str, Any]:
 
 def mitsuba_shape(part: MeshPart) -> Any:
     """A part in world axes as a shape; made under the variant that loads the scene."""
+    import mitsuba as mi
+
     given, uv = part.reflectance, part.uv
-    reflectance: Texture | FloatArray = given.linear() if isinstance(given, EncodedTexture) else given
+    # Of a large texture no copy is kept but the tensor, which Mitsuba copies.
+    reflectance: Any = mi.TensorXf(given.linear()) if isinstance(given, EncodedTexture) else given
     if part.colours is not None:
         reflectance, uv = colours_as_texture(part.colours)
     flipped = np.zeros((*part.corners.shape[:2], 2)) if uv is None else uv * [1, -1] + [0, 1]  # row 0 lies at v = 0

@@ -111,7 +111,7 @@ def _grid(points: FloatArray, window: Window) -> Mesh:
 
 def shape(
     mesh: Mesh,
-    reflectance: Texture | FloatArray | float,
+    reflectance: Texture | FloatArray | float | Any,
     *,
     normals: FloatArray | None = None,
     wrap: str = "repeat",
@@ -119,13 +119,13 @@ def shape(
     """Return a mesh as a diffuse Mitsuba shape, seen from both sides; made under the variant that loads the scene.
 
     Args:
-        reflectance: a texture (H, W, 3), a colour (3,) in linear RGB, or grey.
+        reflectance: a texture (H, W, 3) or Mitsuba's tensor of one, a colour (3,) in linear RGB, or grey.
         normals: (n, 3) at the vertices of a smooth surface; None: every triangle is flat.
         wrap: what lies beyond a texture's edges: repeat, clamp or mirror.
     """
     import mitsuba as mi
 
-    if isinstance(reflectance, np.ndarray) and reflectance.ndim == 3:
+    if isinstance(reflectance, mi.TensorXf) or (isinstance(reflectance, np.ndarray) and reflectance.ndim == 3):
         colour = bitmap(mi.TensorXf(reflectance), wrap=wrap)
     else:
         colour = {"type": "rgb", "value": reflectance.tolist() if isinstance(reflectance, np.ndarray) else reflectance}
