@@ -300,7 +300,7 @@ BAD: dict[str, tuple[Callable[[Path], Path], str]] = {
     "avi cut short": (_avi, "a.avi"),
     "unknown codec": (_unknown_codec, "a.avi: its codec is not one that FFmpeg knows"),
     "text": (_text, "a.mp4: "),
-    "sound": (_sound, "a.wav: there is no video stream in it"),
+    "sound": (_sound, "a.wav: it is no video of a kind that is read"),
     "alpha": (_alpha, "pixel format yuva420p has an alpha channel"),
     "bayer": (_bayer, "pixel format bayer_rggb8 cannot be taken"),
     "interlaced": (_interlaced, "frame 0: it is interlaced"),

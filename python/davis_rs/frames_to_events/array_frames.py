@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ..budget import Budget
 from ..untrusted import decoding, regular_file
-from .frame_source import MOST_PIXELS, Encoding, FrameSource, GivenStamps, StampedFrame, Stamps
+from .frame_source import Encoding, FrameSource, GivenStamps, StampedFrame, Stamps, charge_frame
 
 
 class ArrayFrames(FrameSource):
@@ -74,6 +75,5 @@ def _checked(image: npt.NDArray[Any], where: str) -> npt.NDArray[Any]:
         raise ValueError(f"{where}: a frame must not have an alpha channel: give red, green and blue alone")
     if image.ndim not in (2, 3) or (image.ndim == 3 and image.shape[2] != 3) or 0 in image.shape:
         raise ValueError(f"{where}: a frame must have the shape (H, W) or (H, W, 3), got {image.shape}")
-    if image.shape[0] * image.shape[1] > MOST_PIXELS:
-        raise ValueError(f"{where}: a frame may have {MOST_PIXELS} pixels, got {image.shape}")
+    charge_frame(Budget(where), image.shape[1], image.shape[0])
     return image

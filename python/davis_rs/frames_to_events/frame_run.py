@@ -25,6 +25,7 @@ from ..read_ahead import read_ahead
 from ..sensor_parameters import SensorParameters
 from ..sensors import read_once, sensor_parameters
 from ..settings import LOG_EPS, camera_of_size
+from .event_forecast import EventForecast
 from .frame_part import FramePart, frame_part
 from .frame_source import Encoding, FrameSource, StampedFrame
 from .frame_values import FrameValues, FrameValuesWarning
@@ -99,6 +100,8 @@ class FrameRun:
         # What is averaged over areas or blurred has finer levels than the frames, and rounding shows less.
         plain = self._optics is None and self.size == (self._part.width, self._part.height)
         self.quantisation = QuantisationCount(self.light.levels if plain else None)
+        refractory = self.effects.refractory_period_us
+        self._forecast = EventForecast(min(on, off), self.log_eps, 0.0 if refractory is None else refractory.period_us)
         self.interpolation = self._interpolation()
         self._engine = CrossingEngine(
             *self.size,
@@ -301,7 +304,7 @@ class FrameRun:
     def _seen(self, frames: Iterator[StampedFrame]) -> Iterator[SensorFrame]:
         shape, dtype = self._first.image.shape, self._first.image.dtype
         scale = 1000 * self.settings["slow_motion"]
-        last_us = -1
+        last_us, last = -1, None
         for frame in frames:
             if frame.image.shape != shape:
                 raise ValueError(
@@ -323,7 +326,11 @@ class FrameRun:
             luma = self._part.reduce(self.light.luma(self._part.cut(frame.image), frame.where))
             if self._optics is not None:
                 luma = self._optics.frames(luma[None])[0]
-            yield SensorFrame(t_us, luma, frame.where)
+            seen = SensorFrame(t_us, luma, frame.where)
+            if last is not None:
+                self._forecast.check(last, seen)
+            last = seen
+            yield seen
 
     def _part_of(self, first: StampedFrame, sensor: SensorParameters) -> FramePart:
         height, width = first.image.shape[:2]

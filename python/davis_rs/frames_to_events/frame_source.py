@@ -10,8 +10,19 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-MOST_PIXELS = 1 << 26
-"""Of a frame: 268 MB of float32. A file may claim any size; memory is taken only up to this one."""
+from ..budget import Budget
+
+PIXEL_BYTES = 32
+"""What a pixel of a frame takes while it becomes luma: as it is decoded, and in floating point."""
+
+
+def charge_frame(budget: Budget, width: int, height: int) -> None:
+    """Charge a frame, whose size a file may claim to be anything, before it is decoded.
+
+    Raises:
+        DecodeError: if it needs more than the budget has left.
+    """
+    budget.take(PIXEL_BYTES * width * height, f"a frame of {width} x {height} pixels")
 
 
 Stamps = Iterator[int] | Sequence[int]

@@ -120,10 +120,12 @@ class FramesBetween(Interpolation):
         for start in range(0, len(shares), _BATCH):
             asked = shares[start : start + _BATCH]
             given = 0
-            for image in self._interpolator(last.luma, frame.luma, asked):
-                luma = np.ascontiguousarray(image, np.float32)
-                if luma.shape != frame.luma.shape:
-                    raise ValueError(f"{where}: frames must have the shape {frame.luma.shape}, got {luma.shape}")
+            # Copies: what it writes into them must not change the frames that the events come from.
+            images = self._interpolator(last.luma.copy(), frame.luma.copy(), asked.copy())
+            if not isinstance(images, Iterable):
+                raise ValueError(f"{where}: it must give {len(asked)} frames, got {type(images).__name__}")
+            for image in images:
+                luma = _as_luma(image, frame.luma.shape, where)
                 bad = ~(np.isfinite(luma) & (luma >= 0))
                 if bad.any():
                     y, x = np.argwhere(bad)[0].tolist()
@@ -197,6 +199,17 @@ class Auto(Interpolation):
             f"moves by up to {motion.largest_px:.3g} px"
         )
         yield from motion.warnings()
+
+
+def _as_luma(image: npt.ArrayLike, shape: tuple[int, ...], where: str) -> LumaFrame:
+    """What an interpolator gave for a frame, as a copy of our own: it may use one array for all."""
+    array = np.asarray(image)
+    if array.shape != shape:
+        raise ValueError(f"{where}: frames must have the shape {shape}, got {'None' if image is None else array.shape}")
+    if array.dtype.kind not in "fiu":
+        raise ValueError(f"{where}: frames must be real numbers, got dtype {array.dtype}")
+    with np.errstate(over="ignore"):  # told as not finite
+        return np.array(array, np.float32, order="C")
 
 
 def instants(start_us: int, end_us: int, moved_px: float, step_px: float) -> npt.NDArray[np.int64]:

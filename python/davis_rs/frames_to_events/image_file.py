@@ -10,14 +10,18 @@ import numpy as np
 import numpy.typing as npt
 
 from .._core import DecodeError
-from ..untrusted import decoding, read_limited
-from .frame_source import MOST_PIXELS
+from ..budget import Budget
+from ..untrusted import decoding, read_charged
+from .frame_source import charge_frame
 
 if TYPE_CHECKING:
     from PIL.Image import Image
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".exr")
 """Of the files of a folder that are taken for its frames."""
+
+_FORMATS = ("PNG", "JPEG", "TIFF", "BMP")
+"""Pillow's names of the kinds of files that are read, whatever the file's name says; OpenEXR's goes by its name."""
 
 _GREY, _COLOUR, _WITH_ALPHA = {"1", "L"}, {"RGB", "P"}, {"LA", "RGBA", "PA", "La", "RGBa"}
 
@@ -33,20 +37,21 @@ def read_frame_image(path: Path) -> npt.NDArray[Any]:
             grey and red, green, blue.
         ImportError: for an image that needs OpenCV, without it.
     """
-    data = read_limited(path)
+    budget = Budget(path)
+    data = read_charged(path, budget)
     if path.suffix.lower() == ".exr":
-        return _read_exr(path, data)
-    return _read_with_pillow(path, data)
+        return _read_exr(path, data, budget)
+    return _read_with_pillow(path, data, budget)
 
 
-def _read_with_pillow(path: Path, data: bytes) -> npt.NDArray[Any]:
+def _read_with_pillow(path: Path, data: bytes, budget: Budget) -> npt.NDArray[Any]:
     import PIL.Image
     from PIL import ImageOps, UnidentifiedImageError
 
     deep = False
     try:
-        with decoding(path), PIL.Image.open(io.BytesIO(data)) as opened:
-            _check_size(path, opened.width, opened.height)
+        with decoding(path), PIL.Image.open(io.BytesIO(data), formats=_FORMATS) as opened:
+            charge_frame(budget, opened.width, opened.height)
             deep = _has_deep_colour(opened, data)
             if not deep:
                 image = ImageOps.exif_transpose(opened)
@@ -54,7 +59,11 @@ def _read_with_pillow(path: Path, data: bytes) -> npt.NDArray[Any]:
     except DecodeError as error:
         if not isinstance(error.__cause__, UnidentifiedImageError):
             raise
+        if data[:4] not in _TIFF:
+            kinds = f"{', '.join(_FORMATS)}, or OpenEXR by its name"
+            raise DecodeError(f"{path}: not an image of a kind that is read: {kinds}") from None
         deep = True  # a layout that Pillow does not have, such as TIFF with 16-bit colour
+        charge_frame(budget, *_tiff_size(path, data))
     if deep:
         return _read_with_opencv(path, data)
     mode = image.mode
@@ -87,7 +96,21 @@ def _has_deep_colour(image: Image, data: bytes) -> bool:
     return False
 
 
-_BITS_PER_SAMPLE = 258
+def _tiff_size(path: Path, data: bytes) -> tuple[int, int]:
+    """Width and height by the first directory of a TIFF file."""
+    from PIL.TiffImagePlugin import ImageFileDirectory_v2
+
+    with decoding(path):
+        directory = ImageFileDirectory_v2(data[:16] if data[:4] in _BIG_TIFF else data[:8])
+        file = io.BytesIO(data)
+        file.seek(directory.next)
+        directory.load(file)
+        return int(directory[_WIDTH]), int(directory[_HEIGHT])
+
+
+_BIG_TIFF = (b"II+\0", b"MM\0+")
+_TIFF = (b"II*\0", b"MM\0*", *_BIG_TIFF)
+_WIDTH, _HEIGHT, _BITS_PER_SAMPLE = 256, 257, 258
 
 
 def _read_with_opencv(path: Path, data: bytes) -> npt.NDArray[Any]:
@@ -99,7 +122,6 @@ def _read_with_opencv(path: Path, data: bytes) -> npt.NDArray[Any]:
         image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     if image is None:
         raise DecodeError(f"{path}: not an image that Pillow or OpenCV can read, or cut short")
-    _check_size(path, image.shape[1], image.shape[0])
     if image.dtype not in (np.uint8, np.uint16, np.float32):
         raise DecodeError(f"{path}: values must be 8 or 16 bits or float32, found {image.dtype}")
     if image.ndim == 2:
@@ -111,15 +133,19 @@ def _read_with_opencv(path: Path, data: bytes) -> npt.NDArray[Any]:
     return np.ascontiguousarray(image[..., 2::-1])  # OpenCV has blue first
 
 
-def _read_exr(path: Path, data: bytes) -> npt.NDArray[Any]:
+def _read_exr(path: Path, data: bytes, budget: Budget) -> npt.NDArray[Any]:
     import OpenEXR
 
     with decoding(path):
         # Its size before its pixels, for which it would take the memory.
         with OpenEXR.File(io.BytesIO(data), header_only=True) as file:
             low, high = (np.asarray(corner, np.int64) for corner in file.header()["dataWindow"])
+            count = len(file.header()["channels"])
         wide, high_px = (high - low + 1).tolist()
-        _check_size(path, wide, high_px)
+        if wide < 1 or high_px < 1:
+            raise DecodeError(f"{path}: an image must have pixels, found {wide} x {high_px}")
+        charge_frame(budget, wide, high_px)
+        budget.take(4 * wide * high_px * count, f"its {count} channels of {wide} x {high_px} pixels")
         with OpenEXR.File(io.BytesIO(data), separate_channels=True) as file:
             channels = {name: channel.pixels for name, channel in file.channels().items()}
     alpha = channels.get("A")
@@ -139,8 +165,3 @@ def _read_exr(path: Path, data: bytes) -> npt.NDArray[Any]:
         y, x = (int(i) for i in np.argwhere(bad)[0][:2])
         raise DecodeError(f"{path}: light must be finite and >= 0, found {image[y, x]} at pixel ({x}, {y})")
     return image
-
-
-def _check_size(path: Path, width: int, height: int) -> None:
-    if not (width >= 1 and height >= 1 and width * height <= MOST_PIXELS):
-        raise DecodeError(f"{path}: an image may have {MOST_PIXELS} pixels, found {width} x {height}")

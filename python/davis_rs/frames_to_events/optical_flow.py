@@ -9,12 +9,17 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ..argument_error import ArgumentError
+
 LumaFrame = npt.NDArray[np.float32]
 FlowField = npt.NDArray[np.float32]
 """(H, W, 2): by how many pixels (x, y) what is seen there moves until the other frame."""
 
 _SMALLEST = 32
 """Sides that DIS is given at the least; smaller frames are mirrored at their edges."""
+
+_MOST_SIDE = 32766
+"""OpenCV's remap counts pixels in 16 bits."""
 
 _GAMMA = 1 / 2.2
 """Flow is sought in values of about equal steps to the eye, as DIS was made for, not in linear light."""
@@ -60,8 +65,18 @@ class FlowFinder:
         self._dis = self._cv2.DISOpticalFlow_create(self._cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
 
     def flow(self, before: LumaFrame, after: LumaFrame) -> FlowField:
-        """The flow from each pixel of ``before`` (H, W) to its place in ``after``."""
+        """The flow from each pixel of ``before`` (H, W) to its place in ``after``.
+
+        Raises:
+            ValueError: for frames of more than 32,766 pixels on a side.
+        """
         height, width = before.shape
+        if max(before.shape) > _MOST_SIDE:
+            raise ArgumentError(
+                "optical flow takes frames of up to {} pixels on a side, got {} x {}: give {size}, {crop} or "
+                "{interpolation:cubic}",
+                *(_MOST_SIDE, width, height),
+            )
         white = max(_white(before), _white(after))
         grey = [self._padded(_as_grey(frame, white)) for frame in (before, after)]
         threads = self._cv2.getNumThreads()

@@ -29,12 +29,22 @@ def rate_stamps(fps: float) -> Iterator[int]:
     """Stamps of frames at a fixed rate, from 0 on.
 
     Raises:
-        ValueError: for a rate that is not positive and finite.
+        ValueError: for a rate that is not positive and finite, or so low that the second frame would have no stamp of
+            64 bits; from the iterator for the first frame that would have none.
     """
     check_number("fps", fps, 0, above_low=True)
     # A rate such as 29.97 stands for 30000/1001; rounded to nanoseconds, neither drifts against the other's text.
     period_ns = Fraction(1_000_000_000) / Fraction(str(fps))
-    return (round(number * period_ns) for number in count())
+    if period_ns >= _LARGEST_NS:
+        raise ArgumentError("{fps} must be above {:.3g}, so that stamps fit 64 bits of nanoseconds, got {}",
+                            1e9 / _LARGEST_NS, fps)  # fmt: skip
+    return (_within_64_bits(round(number * period_ns), number, fps) for number in count())
+
+
+def _within_64_bits(t_ns: int, number: int, fps: float) -> int:
+    if t_ns >= _LARGEST_NS:
+        raise ArgumentError("frame {} at {fps:{}} has no stamp that fits 64 bits of nanoseconds", number, fps)
+    return t_ns
 
 
 def read_stamps(path: str | Path, unit: str | None = None) -> IntArray:

@@ -12,8 +12,9 @@ import numpy as np
 import numpy.typing as npt
 
 from .._core import DecodeError
+from ..budget import limits_in_use
 from ..untrusted import regular_file
-from .frame_source import MOST_PIXELS, Encoding, FrameSource, GivenStamps, StampedFrame, Stamps
+from .frame_source import PIXEL_BYTES, Encoding, FrameSource, GivenStamps, StampedFrame, Stamps
 
 _FULL, _LIMITED = 2, 1
 """FFmpeg's numbers of colour ranges; 0 is unspecified."""
@@ -48,6 +49,14 @@ _TRANSFER_NAMES = {
     17: "SMPTE 428",
     18: "HLG",
 }
+
+
+_CONTAINERS = (
+    "apng", "asf", "avi", "dv", "flv", "gif", "h264", "hevc", "ivf", "m4v", "matroska", "mjpeg", "mov", "mpeg", "mpegts",
+    "mpegvideo", "mxf", "nut", "obu", "ogg", "wtv", "yuv4mpegpipe",
+)  # fmt: skip
+"""FFmpeg's names of the kinds of files that are read: those that hold their frames themselves. Playlists and lists of
+files (HLS, DASH, concat, image2) open whatever they name."""
 
 
 class Video(FrameSource):
@@ -145,7 +154,12 @@ class Video(FrameSource):
         av = _pyav()
         with _ffmpeg_errors(self.name):
             # A file, whatever its name looks like, and nothing that its contents may refer to elsewhere.
-            container = av.open(f"file:{self._path}", options={"protocol_whitelist": "file"})
+            options = {"protocol_whitelist": "file", "format_whitelist": ",".join(_CONTAINERS)}
+            try:
+                container = av.open(f"file:{self._path}", options=options)
+            except av.ArgumentError as error:  # what FFmpeg says of a kind that it must not read
+                kinds = "MP4, MOV, Matroska, WebM, AVI, MPEG, and others that hold their frames themselves"
+                raise DecodeError(f"{self.name}: it is no video of a kind that is read: {kinds}") from error
         with container:
             if not container.streams.video:
                 raise DecodeError(f"{self.name}: there is no video stream in it")
@@ -154,7 +168,8 @@ class Video(FrameSource):
                 raise DecodeError(f"{self.name}: its codec is not one that FFmpeg knows")
             codec = stream.codec_context
             # The library's own limits and its own report of damage, in place of its guesses at what was there.
-            codec.options = {"max_pixels": str(MOST_PIXELS), "err_detect": "explode"}
+            most = limits_in_use().bytes // PIXEL_BYTES
+            codec.options = {"max_pixels": str(most), "err_detect": "explode"}
             stream.thread_type = "AUTO"
             yield container, stream
 
