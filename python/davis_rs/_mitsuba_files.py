@@ -1,9 +1,11 @@
 """Scene files before Mitsuba reads them: it ends the process at XML that is nested too deeply, and at a PLY mesh whose
-faces name vertices that there are not."""
+faces name vertices that there are not; and it decodes images of any size."""
 
 from __future__ import annotations
 
+import os
 import re
+import warnings
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -13,11 +15,14 @@ import numpy as np
 import numpy.typing as npt
 
 from ._core import DecodeError
-from .untrusted import decoding, read_limited
+from .budget import Budget
+from .untrusted import decoding, read_charged, regular_file
 
 DEEPEST = 100
 """Elements within elements; Mitsuba's own scenes have less than ten."""
 _MOST_INCLUDED = 15
+_TEXEL_BYTES = 16
+"""Of an image: as Mitsuba holds it, and as a renderer does."""
 
 _DTYPES = {
     "char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1", "short": "i2", "int16": "i2", "ushort": "u2",
@@ -27,23 +32,53 @@ _DTYPES = {
 _FACES = ("vertex_index", "vertex_indices")
 
 
-def check_scene_file(path: Path, included: int = 0) -> None:
-    """Check an XML file, those that it includes, and the PLY meshes that they name.
+def check_scene_file(path: Path, included: int = 0, budget: Budget | None = None) -> None:
+    """Check an XML file, those that it includes, and the PLY meshes and images that they name.
+
+    Args:
+        included: in so many others.
+        budget: what all of them together may take; a new one if not given.
 
     Raises:
         OSError: if the file cannot be read.
-        DecodeError: for XML that is malformed or nested too deeply, and for a mesh that is malformed.
+        DecodeError: for XML that is malformed or nested too deeply, for a mesh that is malformed, and where images
+            would fill memory.
     """
+    budget = budget or Budget(path)
     if included > _MOST_INCLUDED:
         raise DecodeError(f"{path}: scene files may include each other {_MOST_INCLUDED} deep")
-    for name in _file_names(path):
+    for name in _file_names(path, budget):
         named = path.parent / name
         if not named.is_file():  # Mitsuba will say so, or has it elsewhere
             continue
         if named.suffix.lower() == ".xml":
-            check_scene_file(named, included + 1)
+            check_scene_file(named, included + 1, budget)
         elif named.suffix.lower() == ".ply":
-            check_ply(named)
+            check_ply(named, budget)
+        else:
+            _charge_image(named, budget)
+
+
+def _charge_image(path: Path, budget: Budget) -> None:
+    """Charge an image by its header; what is none, or of a kind that only Mitsuba knows, is left to Mitsuba."""
+    from PIL import Image, UnidentifiedImageError
+
+    width = height = 0
+    if path.suffix.lower() == ".exr":
+        import OpenEXR
+
+        with decoding(path), OpenEXR.File(os.fspath(regular_file(path)), header_only=True) as file:
+            low, high = (np.asarray(corner, np.int64) for corner in file.header()["dataWindow"])
+        width, height = (high - low + 1).tolist()
+    else:
+        with warnings.catch_warnings(), decoding(path):
+            warnings.simplefilter("ignore")  # of Pillow's own limit, in whose place the budget is
+            try:
+                with Image.open(regular_file(path)) as image:
+                    width, height = image.size
+            except UnidentifiedImageError:
+                return
+    budget.take(_TEXEL_BYTES * width * height, f"the image {path} of {width} x {height} texels")
 
 
 def check_scene_dictionary(node: Mapping[str, Any]) -> None:
@@ -54,13 +89,13 @@ def check_scene_dictionary(node: Mapping[str, Any]) -> None:
     """
     name = node.get("filename")
     if node.get("type") == "ply" and isinstance(name, str | Path) and Path(name).is_file():
-        check_ply(Path(name))
+        check_ply(Path(name), Budget(name))
     for value in node.values():
         if isinstance(value, Mapping):
             check_scene_dictionary(value)
 
 
-def _file_names(path: Path) -> list[str]:
+def _file_names(path: Path, budget: Budget) -> list[str]:
     """The files that a scene file names, with its defaults in the place of its variables."""
     depth, names, defaults = 0, list[str](), dict[str, str]()
 
@@ -83,20 +118,20 @@ def _file_names(path: Path) -> list[str]:
     parser = expat.ParserCreate()
     parser.StartElementHandler, parser.EndElementHandler = start, end
     try:
-        parser.Parse(read_limited(path), True)
+        parser.Parse(read_charged(path, budget), True)
     except expat.ExpatError as error:
         raise DecodeError(f"Mitsuba cannot load {path}: no XML: {error}") from None
     return [re.sub(r"\$(\w+)", lambda match: defaults.get(match[1], match[0]), name) for name in names if name]
 
 
-def check_ply(path: Path) -> None:
+def check_ply(path: Path, budget: Budget) -> None:
     """Refuse a mesh whose faces name vertices that there are not.
 
     Raises:
         OSError: if it cannot be read.
         DecodeError: if it is malformed.
     """
-    data = read_limited(path)
+    data = read_charged(path, budget)
     with decoding(path, "PLY"):
         form, elements, begin = _header(data)
         count = {name: number for name, number, _ in elements}.get("vertex", 0)

@@ -47,6 +47,8 @@ if TYPE_CHECKING:
 TRUTH_MAPS = ("flow", "mask", "normal")
 """Maps of the ground truth that fall due at rates of their own."""
 
+_LATEST_US = 1 << 53
+
 
 @takes_settings(SimulatorSettings)
 class Simulator:
@@ -195,8 +197,8 @@ class Simulator:
         nearer the truth. docs/accuracy.md says by how much.
 
         Raises:
-            ValueError: for a first step that is not at 0, a time that is no integer or does not increase, what is no
-                pose, or a ``flow_interval_s``, because nobody knows yet where the camera goes.
+            ValueError: for a first step that is not at 0, a time that is no integer, does not increase or is 2^53 us
+                or later, what is no pose, or a ``flow_interval_s``, because nobody knows yet where the camera goes.
         """
         if self.settings["flow_interval_s"] is not None:
             raise ArgumentError("{flow_interval_s} looks ahead along a path: it is for run, not for step")
@@ -207,6 +209,9 @@ class Simulator:
                 raise ValueError(f"the first step must be at t = 0 us, got {t_us} us")
             # A duration is needed for a trajectory, but nothing after its start is rendered.
             return list(self._packets(SegmentTrajectory(pose, pose, 1.0), 0, 0))
+        if t_us >= _LATEST_US:
+            raise ArgumentError("{t_us} must be below 2^53 us, where seconds in floating point still tell microseconds "
+                                "apart, got {}", t_us)  # fmt: skip
         if t_us <= self._t_us:
             raise ValueError(f"the time of a step must be after the last one ({self._t_us} us), got {t_us} us")
         segment = SegmentTrajectory(self._pose, pose, (t_us - self._t_us) * 1e-6)

@@ -216,11 +216,11 @@ def test_a_formats_options_are_those_that_it_takes() -> None:
             assert named == set(format.options)
 
 
-def test_an_unexpected_error_is_one_line(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    """The net under everything; --debug shows the traceback."""
+def break_with(monkeypatch: pytest.MonkeyPatch, error: Exception) -> None:
+    """Give the command line a command ``break`` that raises the error."""
 
     def broken(_: argparse.Namespace) -> int:
-        raise RuntimeError("the drum\nis broken")
+        raise error
 
     def fill(parser: argparse.ArgumentParser) -> None:
         parser.set_defaults(run=broken)
@@ -232,6 +232,21 @@ def test_an_unexpected_error_is_one_line(monkeypatch: pytest.MonkeyPatch, capsys
         return made
 
     monkeypatch.setattr(sys.modules["davis_rs.cli.main"], "make_parser", parser)
+
+
+@pytest.mark.parametrize("said", ["", "8 GiB for an array"])
+def test_a_lack_of_memory_is_one_line(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], said: str
+) -> None:
+    break_with(monkeypatch, MemoryError(said))
+    assert main(["break"]) == 1
+    told = capsys.readouterr().err
+    assert told == f"davis-rs: error: there is not enough memory{said and f': {said}'}\n"
+
+
+def test_an_unexpected_error_is_one_line(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    """The net under everything; --debug shows the traceback."""
+    break_with(monkeypatch, RuntimeError("the drum\nis broken"))
     assert main(["break"]) == 1
     told = capsys.readouterr().err
     assert told == "davis-rs: error: unexpected RuntimeError: the drum is broken; --debug shows where\n"

@@ -5,10 +5,14 @@ from __future__ import annotations
 import struct
 from pathlib import Path
 
+import numpy as np
 import pytest
+from PIL import Image
 
+from clips import write_exr
 from davis_rs import DecodeError
 from davis_rs._mitsuba_files import check_ply, check_scene_dictionary, check_scene_file
+from davis_rs.budget import VARIABLE, Budget
 
 VERTICES = [(0, 0, 0), (1, 0, 0), (0, 1, 0), (1, 1, 0)]
 
@@ -36,18 +40,18 @@ def test_meshes(tmp_path: Path, form: str) -> None:
     path = tmp_path / "mesh.ply"
     for faces in ([[0, 1, 2], [3, 2, 1]], [[0, 1, 2], [0, 1, 3, 2]], []):
         path.write_bytes(ply(faces, form))
-        check_ply(path)
+        check_ply(path, Budget(path))
     for faces in ([[0, 1, 2], [3, 2, 4]], [[0, 1, 2], [0, 1, 3, -1]], [[0, 1, 99_999_999]]):
         path.write_bytes(ply(faces, form))
         with pytest.raises(DecodeError, match=r"mesh.ply, PLY: a face names vertex (4|-1|99999999) of 4"):
-            check_ply(path)
+            check_ply(path, Budget(path))
     whole = ply([[0, 1, 2], [3, 2, 1]], form)
     path.write_bytes(whole[:-4])
     with pytest.raises(DecodeError):
-        check_ply(path)
+        check_ply(path, Budget(path))
     path.write_bytes(whole.replace(b"element vertex 4", b"element vertex 4000000000"))
     with pytest.raises(DecodeError, match="there are not 4000000000 of vertex"):
-        check_ply(path)
+        check_ply(path, Budget(path))
 
 
 def test_scene_files(tmp_path: Path) -> None:
@@ -71,3 +75,30 @@ def test_scene_files(tmp_path: Path) -> None:
     outer.write_text("<scene")
     with pytest.raises(DecodeError, match="no XML"):
         check_scene_file(outer)
+
+
+@pytest.mark.parametrize("suffix", [".png", ".exr"])
+def test_images_are_charged_by_their_headers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, suffix: str) -> None:
+    """Mitsuba would decode them at once; all images of a scene share one budget."""
+    for name in "ab":
+        if suffix == ".png":
+            Image.new("L", (200, 100)).save(tmp_path / f"{name}.png")
+        else:
+            write_exr(tmp_path / f"{name}.exr", {"Y": np.ones((100, 200), np.float32)})
+    bitmaps = "".join(
+        f'<texture type="bitmap" id="{name}"><string name="filename" value="{name}{suffix}"/></texture>'
+        for name in "ab"
+    )
+    path = tmp_path / "scene.xml"
+    path.write_text(f'<scene version="3.0.0">{bitmaps}</scene>')
+    check_scene_file(path)
+    monkeypatch.setenv(VARIABLE, "bytes=400KiB")
+    with pytest.raises(DecodeError, match=rf"scene\.xml: the image .*b\{suffix} of 200 x 100 texels needs 312 KiB"):
+        check_scene_file(path)
+
+
+def test_what_is_no_image_is_left_to_mitsuba(tmp_path: Path) -> None:
+    (tmp_path / "spot.ies").write_text("IESNA")
+    path = tmp_path / "scene.xml"
+    path.write_text('<scene version="3.0.0"><string name="filename" value="spot.ies"/></scene>')
+    check_scene_file(path)

@@ -18,7 +18,8 @@ from davis_rs import CallableTrajectory, Camera, FixedRate, MaxDisplacement, Pos
 from davis_rs.camera import PRESETS
 from davis_rs.rendering.render import Renderer
 from davis_rs.rendering.renderers import make_renderer
-from davis_rs.sampling.rules import periodic_instants
+from davis_rs.sampling.displacement import DisplacementClock
+from davis_rs.sampling.rules import ManyRendersWarning, periodic_instants
 from davis_rs.trajectory.views import Views
 
 FloatArray = npt.NDArray[np.float64]
@@ -214,6 +215,25 @@ def test_fixed_rate_renders_at_its_rate() -> None:
     renderer, trajectory = tilted_floor(PLAIN), SegmentTrajectory(START, START, 0.1)
     assert list(FixedRate(300.0).instants(renderer, trajectory, 10_000)) == [3333, 6667, 10_000]
     assert list(FixedRate(1000.0).instants(renderer, trajectory, 2999)) == [1000, 2000]
+
+
+def test_a_tiny_displacement_is_a_render_each_microsecond_and_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The number of renders is forecast, and found in as many steps: not in one for each of 10^9 displacements."""
+    asked = []
+    span_end = DisplacementClock.span_end
+
+    def counted(*given: object) -> object:
+        asked.append(given)
+        assert len(asked) < 2000
+        return span_end(*given)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(DisplacementClock, "span_end", counted)
+    renderer = tilted_floor(PLAIN)
+    assert list(MaxDisplacement(1e-9).instants(renderer, translation(), 500)) == list(range(1, 500))
+    with pytest.warns(
+        ManyRendersWarning, match=r"displacement of 1e-09 px .* asks for about 1\.2e\+05 renders of 0\.12 s"
+    ):
+        next(MaxDisplacement(1e-9).instants(renderer, translation(), 120_000))
 
 
 @pytest.mark.parametrize("value", [0.0, -1.0, float("nan"), float("inf")])

@@ -184,6 +184,16 @@ def test_the_record_of_a_run_names_its_sampling(scene: Scene) -> None:
     assert Simulator(scene, **PARAMETERS).describe()["parameters"]["refine"] is False
 
 
+@pytest.mark.parametrize("t_us", [2**53, 2**63])
+def test_steps_beyond_all_times_are_refused(scene: Scene, monkeypatch: pytest.MonkeyPatch, t_us: int) -> None:
+    """Before anything is rendered for them."""
+    stepper, pose = Simulator(scene, **PARAMETERS), davis_rs.start_pose(scene)
+    stepper.step(0, pose)
+    monkeypatch.setattr(stepper, "_packets", lambda *_: [])
+    with pytest.raises(ValueError, match=rf"t_us must be below 2\^53 us, .* got {t_us}"):
+        stepper.step(t_us, pose)
+
+
 def test_a_camera_at_rest_makes_no_events(scene: Scene) -> None:
     """Any noise of the renderer would show here as events."""
     start = davis_rs.start_pose(scene)

@@ -169,6 +169,8 @@ def _in_a_line(error: Exception, options: argparse.Namespace, debug: bool) -> st
         return said if error.filename is None else f"{error.filename}: {said}"
     if isinstance(error, ValueError | OSError | ImportError):
         return said
+    if isinstance(error, MemoryError):
+        return f"there is not enough memory{f': {said}' if said else ''}"
     hint = "" if debug else "; --debug shows where"
     return f"unexpected {type(error).__name__}: {' '.join(said.split())}{hint}"
 

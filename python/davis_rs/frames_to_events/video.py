@@ -52,8 +52,8 @@ _TRANSFER_NAMES = {
 
 
 _CONTAINERS = (
-    "apng", "asf", "avi", "dv", "flv", "gif", "h264", "hevc", "ivf", "m4v", "matroska", "mjpeg", "mov", "mpeg", "mpegts",
-    "mpegvideo", "mxf", "nut", "obu", "ogg", "wtv", "yuv4mpegpipe",
+    "apng", "asf", "avi", "dv", "flv", "gif", "h264", "hevc", "ivf", "m4v", "matroska", "mjpeg", "mov", "mpeg",
+    "mpegts", "mpegvideo", "mxf", "nut", "obu", "ogg", "wtv", "yuv4mpegpipe",
 )  # fmt: skip
 """FFmpeg's names of the kinds of files that are read: those that hold their frames themselves. Playlists and lists of
 files (HLS, DASH, concat, image2) open whatever they name."""

@@ -25,6 +25,8 @@ _BLOCK_US = 10_000
 _STEP_US = 1_000
 _BLOCKS_A_LAUNCH = 4
 _LIGHT_STEP_US = 50
+_ESTIMATE = 17
+"""Instants by which the length of a path is estimated."""
 _TILE, _OBJECT_TILE = 4, 8
 _NEARER = 0.1
 """Share of the nearest depth seen below which no point of a moving object is taken to be."""
@@ -121,6 +123,12 @@ class DisplacementClock:
                 return None
             self._extend()
         return int(np.interp(path, self._path, self._t_us))
+
+    def estimated_path(self) -> float:
+        """About how long the whole path is: by the speeds at a few instants, without the change of lights."""
+        t_us = np.unique(np.linspace(0, self._end_us, _ESTIMATE).astype(np.int64))
+        speeds = [float(self._fastest(self._pooled([int(one)])[0], np.array([one * 1e-6]))[0]) for one in t_us]
+        return float(np.sum(np.diff(t_us) * np.add(speeds[1:], speeds[:-1]) / 2) * 1e-6)
 
     def span_end(self, start_us: int, path: float, bend_px: float, until_us: int | None = None) -> SpanEnd | None:
         """Return where a span from ``start_us`` should end: where the path has the length ``path``, or before.
@@ -229,10 +237,14 @@ class DisplacementClock:
         if t_us not in self._ahead:
             # Several maps in one launch; those of blocks to come are kept for them.
             times = sorted({min(t_us + i * _BLOCK_US, self._end_us) for i in range(_BLOCKS_A_LAUNCH)})
-            depths = self._renderer.depth(self._views(np.array(times) * 1e-6))
-            pooled = np.minimum.reduceat(np.minimum.reduceat(depths, self._rows, 1), self._columns, 2)
-            self._ahead = dict(zip(times, pooled.reshape(len(times), -1).astype(np.float64), strict=True))
+            self._ahead = dict(zip(times, self._pooled(times), strict=True))
         return self._ahead[t_us]
+
+    def _pooled(self, times: list[int]) -> FloatArray:
+        """The least depth in each tile (n, tiles) at instants in microseconds."""
+        depths = self._renderer.depth(self._views(np.array(times) * 1e-6))
+        pooled = np.minimum.reduceat(np.minimum.reduceat(depths, self._rows, 1), self._columns, 2)
+        return pooled.reshape(len(times), -1).astype(np.float64)
 
     def _fastest(self, depth: FloatArray, t_s: FloatArray) -> FloatArray:
         """The largest flow of any tile at each time, in pixels per second."""

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import heapq
+import math
+import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -38,6 +40,14 @@ def _periodic_instants(rate_hz: Fraction, start_us: int, end_us: int) -> Iterato
         if t_us >= start_us:
             yield t_us
         k += 1
+
+
+_FINE_PX, _MANY_RENDERS = 0.01, 1e5
+"""For finer displacements than this the number of renders is forecast, and told if it is larger."""
+
+
+class ManyRendersWarning(UserWarning):
+    """Warns that a simulation will render very often, and so take very long."""
 
 
 class TimeSampling(ABC):
@@ -139,6 +149,9 @@ class MaxDisplacement(ScheduledSampling):
     Raises:
         ValueError: for a displacement that is not positive and finite.
 
+    Warns:
+        ManyRendersWarning: where so small a displacement asks for very many renders.
+
     Source: Mueggler et al., IJRR 2017, section 6; Rebecq, Gehrig, Scaramuzza, ESIM, CoRL 2018 (sampling by flow).
     """
 
@@ -150,9 +163,23 @@ class MaxDisplacement(ScheduledSampling):
 
     def instants(self, renderer: Renderer, trajectory: Trajectory, end_us: int, *, start_us: int = 0) -> Iterator[int]:
         clock = DisplacementClock(renderer, trajectory, end_us, start_us=start_us)
+        if self.pixels < _FINE_PX and end_us > 0:
+            self._warn(clock, end_us)
         last_us, count = 0, 1
         while (end := clock.span_end(last_us, count * self.pixels, LARGEST_BEND * self.pixels)) is not None:
             if end.t_us > last_us:
                 last_us = end.t_us
                 yield last_us
-            count += end.reached
+                count += end.reached
+            else:  # several fall in one microsecond: go on behind it
+                count = max(count + end.reached, math.ceil(clock.path_at(last_us + 1) / self.pixels))
+
+    def _warn(self, clock: DisplacementClock, end_us: int) -> None:
+        renders = min(clock.estimated_path() / self.pixels, end_us)
+        if renders > _MANY_RENDERS:
+            warnings.warn(
+                f"a displacement of {self.pixels:g} px between renders (max_displacement_px) asks for about "
+                f"{renders:.2g} renders of {end_us * 1e-6:g} s; 1/3 px is usual",
+                ManyRendersWarning,
+                stacklevel=2,
+            )
