@@ -154,7 +154,12 @@ def test_events_that_would_fill_memory_are_refused_before_flow_is_sought(monkeyp
     """By the change of light alone; a refractory period that leaves few of them is heeded."""
     sought = []
     flow = optical_flow.FlowFinder.flow
-    monkeypatch.setattr(optical_flow.FlowFinder, "flow", lambda *given: sought.append(given) or flow(*given))
+
+    def noted(*given: Any) -> Any:
+        sought.append(given)
+        return flow(*given)
+
+    monkeypatch.setattr(optical_flow.FlowFinder, "flow", noted)
     how: dict[str, Any] = {"fps": 30, "interpolation": "flow", "contrast_threshold": 1e-3, "log_eps": 1e-3}
     with pytest.raises(ValueError, match=r"frame 1: .* 512 x 256 pixels would make about \d\.\d+e\+08 events: .*size"):
         list(events_from_frames(sparse_image(0, 255), **how))

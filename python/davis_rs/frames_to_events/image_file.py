@@ -103,7 +103,7 @@ def _tiff_size(path: Path, data: bytes) -> tuple[int, int]:
     with decoding(path):
         directory = ImageFileDirectory_v2(data[:16] if data[:4] in _BIG_TIFF else data[:8])
         file = io.BytesIO(data)
-        file.seek(directory.next)
+        file.seek(directory.next)  # type: ignore[attr-defined]  # set by its header
         directory.load(file)
         return int(directory[_WIDTH]), int(directory[_HEIGHT])
 
