@@ -19,7 +19,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
 
+from clips import write_exr
 from davis_rs import DecodeError
+from davis_rs.budget import VARIABLE
 from davis_rs.dataset.files import stamp
 from davis_rs.dataset.reader import Dataset
 from davis_rs.dataset.writer import DatasetWriter
@@ -569,3 +571,21 @@ def test_heavy_libraries_are_imported_only_when_needed() -> None:
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+def test_sizes_of_images_are_charged_before_they_are_decoded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of all the channels that an EXR has, not only of those that are asked for."""
+    (tmp_path / "images").mkdir()
+    Image.new("L", (200, 100)).save(tmp_path / "images" / "a.png")
+    (tmp_path / "images.txt").write_text("0.0 images/a.png\n")
+    (tmp_path / "depthmaps").mkdir()
+    maps = {name: np.ones((100, 200), np.float32) for name in ("Z", "a", "b")}
+    write_exr(tmp_path / "depthmaps" / "a.exr", maps)
+    (tmp_path / "depthmaps.txt").write_text("0.0 depthmaps/a.exr\n")
+    dataset = Dataset(tmp_path)
+    assert dataset.read_image(0).shape == dataset.read_depth(0).shape == (100, 200)
+    monkeypatch.setenv(VARIABLE, "bytes=120KiB")
+    with pytest.raises(DecodeError, match=r"a\.png: an image of 200 x 100 pixels needs 156 KiB"):
+        dataset.read_image(0)
+    with pytest.raises(DecodeError, match=r"a\.exr: (3 channels of 200 x 100 pixels|the file .*) needs"):
+        dataset.read_depth(0)

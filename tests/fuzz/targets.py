@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import random
 import struct
 from collections.abc import Callable
@@ -13,8 +14,10 @@ from typing import Any
 import numpy as np
 
 import davis_rs
+from clips import write_exr
 from davis_rs.event_files.random_access import RandomAccess
 from davis_rs.formats.recorded import RecordedParts
+from davis_rs.frames_to_events.image_file import read_frame_image
 from davis_rs.generate import load_sequence_plan
 from davis_rs.inspection.check import check_dataset
 from davis_rs.inspection.summary import summarize_events
@@ -278,7 +281,20 @@ def _gltf(folder: Path) -> list[Path]:
     gltf.animate(camera, "rotation", [0.0, 1.0], np.array([[0, 0, 0, 1], [0, 0.6, 0, 0.8]]))
     gltf.animate(body, "translation", [0.0, 1.0], np.zeros((6, 3)), "CUBICSPLINE")
     gltf.light({"type": "spot", "intensity": 100.0, "spot": {"outerConeAngle": 0.5}}, translation=[0, 0, 2])
-    return [gltf.save(folder / "seed.gltf"), gltf.save(folder / "embedded.gltf")]
+    return [gltf.save(folder / "seed.gltf"), gltf.save(folder / "embedded.gltf"), _zeros(folder / "zeros.gltf")]
+
+
+def _zeros(path: Path) -> Path:
+    """Accessors without data, nodes without anything, and an image whose header may claim any size."""
+    gltf = Gltf()
+    numbers = [gltf.add("accessors", {"componentType": 5126, "type": "VEC3", "count": 99}) for _ in range(20)]
+    primitives = [{"attributes": {"POSITION": number}} for number in numbers]
+    gltf.node(mesh=gltf.add("meshes", {"primitives": primitives}))
+    gltf.node(mesh=quad(gltf, uv=UV, material=gltf.material(baseColorTexture=gltf.texture({"uri": "seed.png"}))))
+    for _ in range(20):
+        gltf.node()
+    (path.parent / "seed.png").write_bytes(base64.b64decode(_PNG))
+    return gltf.save(path)
 
 
 def _glb(folder: Path) -> list[Path]:
@@ -286,6 +302,70 @@ def _glb(folder: Path) -> list[Path]:
     gltf = Gltf()
     gltf.node(mesh=quad(gltf, uv=UV, normals=CORNERS, material=gltf.material()))
     return [gltf.save(folder / "seed.glb")]
+
+
+def _obj(folder: Path) -> list[Path]:
+    """Two materials, one of them with a texture."""
+    (folder / "seed.png").write_bytes(base64.b64decode(_PNG))
+    (folder / "seed.mtl").write_text("newmtl a\nKd 1 0.5 0\nnewmtl b\nmap_Kd seed.png\n")
+    path = folder / "seed.obj"
+    path.write_text(
+        "mtllib seed.mtl\nmtllib seed.mtl\nv 0 0 0 1 0 0\nv 1 0 0 0 1 0\nv 0 1 0 0 0 1\nv 1 1 0 1 1 1\nvt 0 0\nvt 1 0\n"
+        "vt 0 1\nvn 0 0 1\nusemtl a\nf 1 2 4 3\nusemtl b\nf 1/1/1 2/2/1 3/3/1\nf -1/1 -2/2 -3/3\nl 1 2\n"
+    )
+    return [path]
+
+
+def _ply(folder: Path) -> list[Path]:
+    """Text and binary, with a texture, lists of two lengths, and strips."""
+    (folder / "seed.png").write_bytes(base64.b64decode(_PNG))
+    header = (
+        "ply\nformat {} 1.0\ncomment TextureFile seed.png\nelement vertex 4\nproperty float x\nproperty float y\n"
+        "property float z\nproperty float s\nproperty float t\nelement face 2\n"
+        "property list uchar int vertex_indices\nelement tristrips 1\nproperty list int int vertex_indices\n"
+        "end_header\n"
+    )
+    corners = [(0, 0, 0, 0, 0), (1, 0, 0, 1, 0), (0, 1, 0, 0, 1), (1, 1, 0, 1, 1)]
+    faces, strip = [(0, 1, 2), (0, 1, 3, 2)], (0, 1, 2, 3, -1, 2, 1, 0)
+    text, binary = folder / "seed.ply", folder / "binary.ply"
+    rows = [*corners, *((len(face), *face) for face in faces), (len(strip), *strip)]
+    text.write_text(header.format("ascii") + "".join(" ".join(map(str, row)) + "\n" for row in rows))
+    body = b"".join(struct.pack("<5f", *row) for row in corners)
+    body += b"".join(struct.pack(f"<B{len(face)}i", len(face), *face) for face in faces)
+    body += struct.pack(f"<i{len(strip)}i", len(strip), *strip)
+    binary.write_bytes(header.format("binary_little_endian").encode() + body)
+    return [text, binary]
+
+
+def _pictures(*kinds: str) -> Callable[[Path], list[Path]]:
+    """Grey, colour, 16 bits."""
+
+    def make(folder: Path) -> list[Path]:
+        import cv2
+
+        rng = np.random.default_rng(0)
+        paths = []
+        for kind in kinds:
+            images = [rng.integers(0, 256, shape, np.uint8) for shape in ((9, 7), (9, 7, 3))]
+            if kind in ("png", "tif"):
+                images.append(rng.integers(0, 65536, (9, 7, 3), np.uint16))  # type: ignore[arg-type]
+            for number, image in enumerate(images):
+                paths.append(folder / f"seed{number}.{kind}")
+                cv2.imwrite(str(paths[-1]), image)
+        return paths
+
+    return make
+
+
+def _exr(folder: Path) -> list[Path]:
+    write_exr(folder / "seed.exr", {"RGB": np.ones((5, 4, 3), np.float32)})
+    return [folder / "seed.exr"]
+
+
+def read_picture(path: Path, _: random.Random) -> None:
+    """As a frame."""
+    image = read_frame_image(path)
+    assert image.size > 0, "an image without pixels"
 
 
 _PNG = "iVBORw0KGgoAAAANSUhEUgAAAAIAAAACCAIAAAD91JpzAAAAFklEQVR4nGM8kWLkw8DAwMBo9D/lPwAZowRB0xAnPAAAAABJRU5ErkJggg=="
@@ -359,6 +439,13 @@ EVENT_FILES: dict[str, Callable[[Path], list[Path]]] = {
 }
 
 _OF_SCENES = (davis_rs.DecodeError, FileNotFoundError)
+_OF_PILLOW = (
+    "Corrupt EXIF data",
+    "Truncated File Read",
+    "Metadata Warning",
+    "Tag data larger than file",
+    "Image appears to be a malformed MPO",
+)
 _SCENE_WARNINGS = ("/",)
 """A scene's warnings begin with its file."""
 
@@ -374,5 +461,11 @@ TARGETS: dict[str, Target] = {
     "davis": Target(_davis, read_davis),
     "gltf": Target(_gltf, read_scene, allowed=_OF_SCENES, warns=_SCENE_WARNINGS),
     "glb": Target(_glb, read_scene, allowed=_OF_SCENES, warns=_SCENE_WARNINGS),
+    "obj": Target(_obj, read_scene, allowed=(ValueError, FileNotFoundError), warns=_SCENE_WARNINGS),
+    "ply": Target(_ply, read_scene, allowed=(ValueError, FileNotFoundError), warns=_SCENE_WARNINGS),
+    "frame-png": Target(_pictures("png"), read_picture, warns=_OF_PILLOW),
+    "frame-tiff": Target(_pictures("tif"), read_picture, warns=_OF_PILLOW),
+    "frame-jpeg": Target(_pictures("jpg", "bmp"), read_picture, warns=_OF_PILLOW),
+    "frame-exr": Target(_exr, read_picture),
     **{f"check-{key}": Target(_dataset_file(name), _check_with(name), allowed=()) for key, name in DATASET.items()},
 }

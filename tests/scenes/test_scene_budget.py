@@ -231,6 +231,14 @@ def test_files_outside_of_the_scenes_folder_are_not_opened(tmp_path: Path, kind:
         load_scene(path)
 
 
+def test_a_name_that_the_system_refuses(tmp_path: Path) -> None:
+    name = "a" * 3000
+    path = tmp_path / "scene.obj"
+    path.write_text(f"mtllib {name}\n{FACE}f 1 2 3\n")
+    with pytest.raises(DecodeError, match=r"scene\.obj:1: mtllib: '.* names no file: "):
+        load_scene(path)
+
+
 def test_a_material_file_may_name_a_texture_beside_its_folder(tmp_path: Path) -> None:
     (tmp_path / "materials").mkdir()
     (tmp_path / "paint.png").write_bytes(blank_png(4, 4))

@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .._core import DecodeError
+from ..budget import Budget
 from ..camera import Camera
 from ..events import EventArray
 from ..formats.interface import TruncatedFileWarning
@@ -23,7 +24,7 @@ from ..formats.registry import format_of_content
 from ..imu import IMU_DTYPE, ImuArray
 from ..packet import Displacement
 from ..pose import GroundTruth, Velocities
-from ..untrusted import decoding, read_limited, read_text
+from ..untrusted import decoding, read_charged, read_text
 from .files import (
     CALIBRATION,
     DEPTH_MAPS,
@@ -44,8 +45,8 @@ from .files import (
     event_file,
 )
 
-_MOST_PIXELS = 1 << 26
-"""Of an image, 268 MB of float32."""
+_PIXEL_BYTES = 8
+"""Of a value of an image: as it is decoded, and in an array."""
 
 
 class StampedImage(NamedTuple):
@@ -234,10 +235,10 @@ class Dataset:
         """A grey image of a mode of Pillow."""
         from PIL import Image
 
-        data = read_limited(path)
+        budget = Budget(path)
+        data = read_charged(path, budget)
         with decoding(path), Image.open(io.BytesIO(data)) as image:
-            if image.width * image.height > _MOST_PIXELS:
-                raise DecodeError(f"{path}: an image may have {_MOST_PIXELS} pixels, found {image.size}")
+            budget.take(_PIXEL_BYTES * image.width * image.height, f"an image of {image.width} x {image.height} pixels")
             found, pixels = image.mode, np.array(image)
         if found != mode:
             raise DecodeError(f"{path}: expected {what} grey image, found mode {found}")
@@ -380,13 +381,17 @@ def _read_exr(path: Path, *names: str) -> npt.NDArray[np.float32]:
     """Channels of an image, float32: (H, W) of one, (H, W, k) of several."""
     import OpenEXR
 
-    data = read_limited(path)
+    budget = Budget(path)
+    data = read_charged(path, budget)
     with decoding(path):
         # Its size before its pixels, for which it would take the memory.
         with OpenEXR.File(io.BytesIO(data), header_only=True) as file:
             low, high = (np.asarray(corner, np.int64) for corner in file.header()["dataWindow"])
-        if (high < low).any() or (high - low + 1).prod() > _MOST_PIXELS:
-            raise DecodeError(f"{path}: an image may have {_MOST_PIXELS} pixels, found a window of {low} to {high}")
+            count = len(file.header()["channels"])
+        if (high < low).any():
+            raise DecodeError(f"{path}: an image must have pixels, found a window of {low} to {high}")
+        width, height = (high - low + 1).tolist()
+        budget.take(_PIXEL_BYTES * width * height * count, f"{count} channels of {width} x {height} pixels")
         with OpenEXR.File(io.BytesIO(data)) as file:
             channels = dict(file.channels())
             pixels = [np.asarray(channels[name].pixels) for name in names if name in channels]

@@ -21,7 +21,11 @@ def named_file(name: str, beside: Path, folder: Path, place: str) -> Path:
     shown = repr(name) if len(name) <= 60 else f"{name[:57]!r}..."
     if not name or "\0" in name:
         raise DecodeError(f"{place}: must name a file in the scene's folder, got {shown}")
-    file = (beside.parent / name).resolve()
+    try:
+        file = (beside.parent / name).resolve()
+        file.is_file()
+    except (OSError, RuntimeError) as error:  # a name that is too long, links that go round in a circle
+        raise DecodeError(f"{place}: {shown} names no file: {getattr(error, 'strerror', None) or error}") from None
     if not file.is_relative_to(folder.resolve()):
         raise DecodeError(f"{place}: names {shown}, which lies outside of the scene's folder: move it there")
     return file
