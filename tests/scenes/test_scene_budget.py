@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from davis_rs import DecodeError, load_scene
+from davis_rs import DecodeError, SceneFileWarning, load_scene
 from davis_rs.budget import VARIABLE, Budget
 from davis_rs.scene import obj_file, texture_file
 from davis_rs.scene.gltf_nodes import NodeTree
@@ -132,6 +132,23 @@ def test_objects_of_the_json_are_counted_before_they_are_made(tmp_path: Path, mo
         load_scene(path)
     monkeypatch.setenv(VARIABLE, "bytes=20KiB")
     with pytest.raises(DecodeError, match=r"JSON with \d+ values needs"):
+        load_scene(path)
+
+
+def test_many_users_of_one_accessor_cost_time_and_triangles(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What they have is no more than a line of the JSON, also where their triangles have no area."""
+    gltf = Gltf()
+    zeros = gltf.add("accessors", {"componentType": 5126, "type": "VEC3", "count": 300})
+    gltf.node(mesh=gltf.add("meshes", {"primitives": [{"attributes": {"POSITION": zeros}}] * 50}))
+    gltf.node(mesh=quad(gltf))
+    path = gltf.save(tmp_path / "scene.glb")
+    with pytest.warns(SceneFileWarning, match="triangles without area are left out: 5000"):
+        load_scene(path)
+    monkeypatch.setenv(VARIABLE, "items=3000")
+    with pytest.raises(DecodeError, match="more than 3000 parts, the last of them triangles"):
+        load_scene(path)
+    monkeypatch.setenv(VARIABLE, "seconds=0.000000001")
+    with pytest.raises(DecodeError, match="reading its meshes has taken more than 1e-09 s"):
         load_scene(path)
 
 

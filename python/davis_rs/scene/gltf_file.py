@@ -100,6 +100,8 @@ class GltfFile:
         self.path, self.budget = path, budget or Budget(path)
         self.files: dict[Path, None] = {}
         self._arrays: dict[int, Values] = {}
+        self._finite: set[int] = set()
+        """The accessors that were looked at, so that many users of one cost no more than one."""
         self._buffers: dict[int, memoryview] = {}
         with decoding(path):
             text, self._chunk = _parts(read_charged(path, self.budget))
@@ -148,8 +150,10 @@ class GltfFile:
         values = self._arrays[index]
         if values.shape[1] not in width:
             raise self.error(f"accessors[{index}]", f"must have {' or '.join(map(str, width))} numbers each ({place})")
-        if finite and not (np.abs(values) < 1e18).all():  # squares of lengths must fit in float32; False for NaN too
-            raise self.error(f"accessors[{index}]", f"must have finite values ({place})")
+        if finite and index not in self._finite:
+            if not (np.abs(values) < 1e18).all():  # squares of lengths must fit in float32; False for NaN too
+                raise self.error(f"accessors[{index}]", f"must have finite values ({place})")
+            self._finite.add(index)
         return values
 
     def unbacked(self, index: Any, place: str) -> bool:

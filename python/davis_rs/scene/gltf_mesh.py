@@ -113,6 +113,7 @@ class GltfMeshes:
 
     def _primitive(self, item: Any, place: str) -> Primitive:
         file = self._file
+        file.budget.check_time("reading its meshes")
         mode = 4 if item.mode is None else file.whole(item.mode, f"{place}.mode", "of a kind of primitives", 6)
         if mode in _WITHOUT_SURFACE:
             what = _WITHOUT_SURFACE[mode]
@@ -126,6 +127,7 @@ class GltfMeshes:
         positions = self._attribute(attributes, "POSITION", place, (3,))
         assert positions is not None
         faces = self._faces(item, mode, len(positions), place)
+        file.budget.count(len(faces), "triangles")
         whole = has_area(positions[faces])
         self._repairs.add("triangles without area are left out", int((~whole).sum()), place)
         faces = faces[whole]

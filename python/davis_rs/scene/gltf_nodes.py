@@ -29,6 +29,8 @@ _UNIT = 0.01
 """By how much a quaternion's length may differ from 1: four numbers of 8 bits."""
 _KEYFRAME_BYTES = 200
 """About what a keyframe takes besides its own numbers."""
+_COPY_BYTES = 300
+"""About what the transform of a copy takes."""
 _LOOKED_AT = 4
 """Instants from one keyframe to the next at which a body is looked at: whether it is rigid, and how it is turned."""
 _LOOKED_AT_BYTES = 150
@@ -67,7 +69,7 @@ class Track(NamedTuple):
         # At a keyframe what holds from there on; at the very end what held until there.
         segment = np.clip(np.searchsorted(times, t, side="right") - 1, 0, len(times) - 2)
         held = (t < times[0]) | (t > times[-1]) | ((t == times[-1]) & (times[-1] < end_s))
-        span = np.diff(times)[segment]
+        span = times[segment + 1] - times[segment]
         share = np.clip((t - times[segment]) / span, 0.0, 1.0)[:, None]
         first, second = values[segment], values[segment + 1]
         if self.kind == "STEP":
@@ -194,6 +196,7 @@ class NodeTree:
         counts = sorted({len(values) for values in read.values()}) or [1]  # none: at the node, with marks of their own
         if len(counts) > 1:
             raise self.file.error(place, f"must have as many of each attribute, got {' and '.join(map(str, counts))}")
+        self.file.budget.take(_COPY_BYTES * counts[0], f"{place}: {counts[0]} copies")
         every = {name: read.get(name, np.tile(_REST[name], (counts[0], 1))) for name in _WIDTHS}
         return _composed(every["translation"], _unit(self.file, every["rotation"], place), every["scale"])
 
@@ -208,6 +211,7 @@ class NodeTree:
         Raises:
             DecodeError: for a node that is no rigid body, because its animation scales it.
         """
+        self.file.budget.check_time("reading its animations")
         start, _ = self.matrices(index, np.zeros(1))
         linear = (to_world @ start[0])[:3, :3]
         left, lengths, right = np.linalg.svd(linear)
