@@ -219,7 +219,10 @@ class _Body:
         numbers = 8 * element.count * (1 + width)
         self.budget.take(numbers, f"the element {element.name!r}")
         with self.budget.borrow(numbers if self.order else _NUMBER_BYTES * element.count * width, "its numbers"):
-            return self._table(element, lengths, layout, width, end)
+            found = self._table(element, lengths, layout, width, end)
+        if found is None:
+            self.budget.give_back(numbers)
+        return found
 
     def _table(
         self,

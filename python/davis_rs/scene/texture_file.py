@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from .._core import DecodeError
 from ..budget import Budget
 from ..pose import FloatArray
 from ..untrusted import read_charged
@@ -135,8 +134,6 @@ def texture_of_bytes(
     except UnidentifiedImageError:
         kinds = ", ".join(formats)
         raise ValueError(f"{name}: not an image that can be read as a texture ({kinds})") from None
-    except DecodeError:
-        raise
     except (PIL.Image.DecompressionBombError, SyntaxError, EOFError, OSError, struct.error, zlib.error) as error:
         raise ValueError(f"{name}: the texture cannot be read: {error}") from None
 
