@@ -348,7 +348,7 @@ def _pictures(*kinds: str) -> Callable[[Path], list[Path]]:
         for kind in kinds:
             images = [rng.integers(0, 256, shape, np.uint8) for shape in ((9, 7), (9, 7, 3))]
             if kind in ("png", "tif"):
-                images.append(rng.integers(0, 65536, (9, 7, 3), np.uint16))  # type: ignore[arg-type]
+                images.append(rng.integers(0, 65536, (9, 7, 3), np.uint16))
             for number, image in enumerate(images):
                 paths.append(folder / f"seed{number}.{kind}")
                 cv2.imwrite(str(paths[-1]), image)
