@@ -13,7 +13,8 @@ import pytest
 
 from davis_rs import DecodeError, SceneFileWarning, load_scene
 from davis_rs._util.budget import VARIABLE, Budget
-from davis_rs.scene.files import obj_file, texture_file
+from davis_rs.scene import texture_file
+from davis_rs.scene.files import obj_file
 from davis_rs.scene.files.gltf_nodes import NodeTree
 from gltf_files import UV, Gltf, quad
 

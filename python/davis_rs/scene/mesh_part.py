@@ -9,8 +9,8 @@ import numpy as np
 
 from .._util.budget import Budget
 from ..geometry.pose import FloatArray
-from .files.texture_file import EncodedTexture
 from .repairs import Repairs
+from .texture_file import EncodedTexture
 
 GREY = 0.5
 """Reflectance of what has no material."""

@@ -14,9 +14,9 @@ import numpy as np
 
 from ...geometry.pose import FloatArray
 from ..lost_looks import BACKS, BUMPS, METAL, OWN_LIGHT, TRANSPARENCY
+from ..texture_file import EncodedTexture, texture_of_bytes
 from .gltf_file import GltfFile, plain
 from .rounding import ROUNDING
-from .texture_file import EncodedTexture, texture_of_bytes
 
 _WRAPS = {10497: "repeat", 33071: "clamp", 33648: "mirror"}
 _NEAREST = {9728, 9984, 9986}

@@ -20,13 +20,13 @@ from ..mesh_part import MeshPart
 from ..parts import DIRECT
 from ..repairs import Repairs
 from ..scene import Scene
+from ..texture_file import EncodedTexture
 from .gltf_file import GltfFile, plain, unknown
 from .gltf_materials import GltfMaterials
 from .gltf_mesh import GltfMeshes, Primitive, joined
 from .gltf_nodes import Node, NodeTree
 from .mesh_scene import CAMERA, Axis, around, check_axis_and_scale, mitsuba_shape, to_z_up, usual_light
 from .rounding import ROUNDING
-from .texture_file import EncodedTexture
 
 LUMENS_PER_WATT = 683.0
 """Lux or candela for one unit of Mitsuba's linear light, because glTF gives lights in these. Blender's exporter uses

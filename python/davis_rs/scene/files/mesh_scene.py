@@ -19,10 +19,10 @@ from ..mesh_part import MeshPart
 from ..meshes import Mesh, shape
 from ..parts import DIRECT, look_at
 from ..scene import Scene
+from ..texture_file import EncodedTexture
 from ..textures import Texture
 from .obj_file import read_obj
 from .ply_file import read_ply
-from .texture_file import EncodedTexture
 
 Axis = Literal["y", "z"]
 

@@ -14,8 +14,8 @@ from ...geometry.pose import FloatArray
 from ..lost_looks import BUMPS, METAL, OWN_LIGHT, TRANSPARENCY
 from ..mesh_part import GREY
 from ..named_file import named_file
+from ..texture_file import EncodedTexture, TextureFiles
 from .rounding import ROUNDING, within
-from .texture_file import EncodedTexture, TextureFiles
 
 _LOOKS = {
     "d": TRANSPARENCY,

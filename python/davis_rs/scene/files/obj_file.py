@@ -15,10 +15,10 @@ from ...geometry.pose import FloatArray
 from ..mesh_part import GREY, MeshPart, charge_triangles, check_finite, unit_normals
 from ..named_file import named_file
 from ..repairs import Repairs
+from ..texture_file import EncodedTexture, TextureFiles
 from ..textures import from_srgb
 from .mtl_file import Materials, text_lines
 from .rounding import within
-from .texture_file import EncodedTexture, TextureFiles
 from .triangulation import cut_polygons
 
 _WIDTH = {"v": 3, "vt": 2, "vn": 3}

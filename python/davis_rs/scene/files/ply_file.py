@@ -17,9 +17,9 @@ from ..lost_looks import TRANSPARENCY
 from ..mesh_part import GREY, MeshPart, charge_triangles, check_finite, unit_normals
 from ..named_file import named_file
 from ..repairs import Repairs
+from ..texture_file import EncodedTexture, TextureFiles
 from ..textures import from_srgb
 from .rounding import ROUNDING, within
-from .texture_file import EncodedTexture, TextureFiles
 from .triangulation import cut_polygons, cut_strip, has_area
 
 _TYPES = {

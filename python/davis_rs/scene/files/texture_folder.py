@@ -11,9 +11,9 @@ import numpy as np
 from ..._util.budget import Budget
 from ..._util.untrusted import regular_file
 from ..repairs import SceneFileWarning
+from ..texture_file import FORMATS, TextureFiles, check_size
 from ..textures import Texture
 from .mesh_scene import READERS as MESH_READERS
-from .texture_file import FORMATS, TextureFiles, check_size
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".tga")
 """Of files that are taken as images; others of the folder are not looked at."""
@@ -67,7 +67,7 @@ def read_image_texture(path: Path, longest_side: int) -> Texture:
     A larger one is made smaller by means over areas, in linear light.
 
     Raises:
-        OSError, ValueError: as :func:`~davis_rs.scene.files.texture_file.TextureFiles.read` and :func:`check_image`.
+        OSError, ValueError: as :func:`~davis_rs.scene.texture_file.TextureFiles.read` and :func:`check_image`.
 
     Warns:
         SceneFileWarning: if it is partly transparent: all of it is opaque here.

@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from ..._util.budget import Budget
-from ..._util.untrusted import read_charged
-from ...geometry.pose import FloatArray
-from ..textures import Texture, from_srgb
+from .._util.budget import Budget
+from .._util.untrusted import read_charged
+from ..geometry.pose import FloatArray
+from .textures import Texture, from_srgb
 
 if TYPE_CHECKING:
     from PIL.Image import Image
