@@ -9,7 +9,8 @@
 - Long work: ``progress`` (all bars), ``read_ahead`` (prefetches in a background thread), ``stop_requests`` (Ctrl-C is
   deferred to a safe point), ``folder_report`` (what a run wrote), ``terminal_text`` (text that
   came from files is escaped).
-- ``random_words``: a draw is the SHA-256 of (seed, sequence, key), so that a new key changes no other draw.
+- ``memory_forecast``: how much a run will take, and what there is. ``random_words``: a draw is the SHA-256 of (seed,
+sequence, key), so that a new key changes no other draw.
   ``extras``: libraries that only some parts need.
 
 What is made at once gets its name when it is whole, in a hidden folder next to it. A writer of events gets its name

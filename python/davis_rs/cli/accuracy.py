@@ -10,7 +10,7 @@ from pathlib import Path
 
 from .._util.argument_error import ArgumentError
 from .._util.extras import require
-from .._util.progress import each, progress
+from .._util.progress import each, progress, say
 from .._util.terminal_text import tell
 from .._util.whole_file import write_whole
 from ..accuracy.accuracy_sweep import Measurement, Sweep, sweep
@@ -23,6 +23,7 @@ from ..geometry.camera import Camera
 from ..scene.scene import Scene
 from ..simulation.settings import ViewSettings, complete, view_scene
 from .common import add_scene, add_trajectory, on_trajectory, scene_of
+from .ctrl_c import LINE
 from .settings_options import add_settings, given_settings
 
 _SETTINGS = ("camera", "size", "bake_error")
@@ -159,6 +160,7 @@ def _frame_rates(options: argparse.Namespace) -> int:
             measured.append(one)
             write_frame_rates_csv(measured, folder / "frame_rates.csv")
     except KeyboardInterrupt:
+        say(LINE)
         interrupted = True
     if measured:
         facts = {
@@ -196,6 +198,7 @@ def run_sweep(prepared: Sweep, settings: Sequence[Setting], *, rounds: int, comm
         ):
             write_csv(measured, folder / "accuracy.csv")
     except KeyboardInterrupt:
+        say(LINE)
         interrupted = True
     if measured:
         facts = facts_of(prepared, measured, command=command, interrupted=interrupted)

@@ -10,13 +10,14 @@ import sys
 from pathlib import Path
 
 from .._core import __version__
-from .._util.progress import each
+from .._util.progress import each, say
 from .._util.terminal_text import tell
 from .._util.whole_file import write_whole
 from ..accuracy.hard_case_scenes import hard_cases
 from ..accuracy.hard_cases import HardCaseResult, hard_cases_page, measure_hard_cases
 from ..accuracy.report import processor
 from ..sampling.presets import ACCURACY
+from .ctrl_c import LINE
 
 
 def add_hard_cases(command: argparse.ArgumentParser) -> None:
@@ -50,6 +51,7 @@ def _hard_cases(options: argparse.Namespace) -> int:
         for result in each(runs, "hard cases", len(cases) * len(ACCURACY), unit="runs", show=not options.quiet):
             results.append(result)
     except KeyboardInterrupt:
+        say(LINE)
         interrupted = True
         facts["interrupted"] = "these are the cases measured until then"
     if results:

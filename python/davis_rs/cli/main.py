@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-import _thread
 import argparse
 import os
+import signal
 import sys
-import threading
 import traceback
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from importlib import import_module
 
 from .._util.argument_error import Argument, NamesArguments, in_python, told
 from .._util.progress import say
 from .._util.terminal_text import tell
+from . import leave_at_once
+from .ctrl_c import exit_status
 from .parser import Parser
 
 COMMANDS = {
@@ -54,20 +54,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     That is 0, 1 for a failure or a check that does not hold, 2 for what is refused before anything is done (options
     that are wrong, a run that would have too much noise), 130 after Ctrl-C.
     """
-    try:
-        return _status(arguments)
-    except KeyboardInterrupt:  # wherever it comes, also while an error is told
-        with suppress(KeyboardInterrupt):
-            say("davis-rs: stopped by Ctrl-C")
-        return 130
+    return exit_status(partial(_status, arguments), say)
 
 
 def _status(arguments: Sequence[str] | None) -> int:
     debug = "--debug" in (sys.argv[1:] if arguments is None else arguments)
     options = argparse.Namespace()
     try:
-        with _interrupts_kept():
-            status = _run(arguments, options)
+        status = _run(arguments, options)
         sys.stdout.flush()  # here, where a reader that is gone can still be told from an error
         return status
     except BrokenPipeError:
@@ -83,33 +77,12 @@ def _status(arguments: Sequence[str] | None) -> int:
         return 2 if _refuses_noise(error) else 1
 
 
-@contextmanager
-def _interrupts_kept() -> Iterator[None]:
-    """Send Ctrl-C again where Python could not raise it.
-
-    A KeyboardInterrupt inside of a weak reference's callback or a finaliser, such as importlib has, is only printed as
-    "Exception ignored", and the command would go on. It must be sent after the hook has returned, so a timer does it.
-    """
-    before = sys.unraisablehook
-
-    def hook(unraisable: sys.UnraisableHookArgs) -> None:
-        if isinstance(unraisable.exc_value, KeyboardInterrupt):
-            threading.Timer(0.01, _thread.interrupt_main).start()
-        else:
-            before(unraisable)
-
-    sys.unraisablehook = hook
-    try:
-        yield
-    finally:
-        sys.unraisablehook = before
-
-
 def _run(arguments: Sequence[str] | None, options: argparse.Namespace) -> int:
     parser = make_parser()
     if "_ARGCOMPLETE" in os.environ:  # the shell asks what could come next
         import argcomplete
 
+        signal.signal(signal.SIGINT, leave_at_once)  # argcomplete goes on after a KeyboardInterrupt
         for name in os.environ["COMP_LINE"].split():
             if name in parser.commands:
                 parser.commands[name].fill()  # argcomplete has to find the arguments there

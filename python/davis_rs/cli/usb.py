@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from .._util.argument_error import ArgumentError
+from .._util.progress import say
 from .._util.terminal_text import tell
 from ..events.decoded import IMU_DTYPE, Decoded, Frame
 from ..io.files.backward import POLICIES, Policy
@@ -35,6 +36,7 @@ from ..usb.settings import ACCELEROMETER_RANGES_G, GYROSCOPE_RANGES_DEG_S, Davis
 from ..usb.virtual_davis import VirtualDavis
 from .common import EVENTS_HELP, SCENE_HELP
 from .common import sensor_size as sensor_size_of
+from .ctrl_c import LINE
 from .files import add_max_packet_bytes
 
 
@@ -181,6 +183,7 @@ def _record_camera(camera: Davis, options: argparse.Namespace, virtual: VirtualD
             if over:
                 camera.stop()
     except KeyboardInterrupt:
+        say(LINE)
         status = 130
     except OSError as error:
         if error.errno != errno.ENODEV:

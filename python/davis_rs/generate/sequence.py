@@ -11,6 +11,7 @@ from typing import Any
 from .._core import CrossingEngine
 from .._util.argument_error import Argument, told
 from .._util.close_names import without_unit
+from .._util.memory_forecast import MemoryForecast
 from ..geometry.pose import Pose
 from ..geometry.trajectory.trajectory import align
 from ..scene.files.mesh_scene import Axis
@@ -23,6 +24,7 @@ from ..simulation.settings import (
     complete,
     make_imu,
     make_motion_capture,
+    memory_of,
     settings_of,
     view_scene,
 )
@@ -123,11 +125,14 @@ class DrawnSequence:
             raise ValueError(f"time must lie on the scene's path, 0..{scene.path.duration_s:g} s, got {given['time']}")
         return moved(scene.path.pose(given["time"]), given)
 
-    def check(self, scene_of: Callable[[DrawnSequence], Scene] = scene) -> None:
+    def check(self, scene_of: Callable[[DrawnSequence], Scene] = scene) -> MemoryForecast:
         """Refuse what can be refused without rendering; the rest shows when the simulator is made.
 
         Args:
             scene_of: the sequence's scene; sequences of one plan may share theirs.
+
+        Returns:
+            What the sequence is forecast to take, without its rays.
 
         Raises:
             ValueError: naming sequence, keys, values and rule.
@@ -147,6 +152,9 @@ class DrawnSequence:
         thresholds = ("contrast_threshold", "contrast_threshold_off", "log_eps")
         given = {name: settings[name] for name in thresholds if settings[name] is not None}
         self._named(lambda: CrossingEngine(1, 1, **given, effects=effects.engine_settings()), *thresholds, "effects")
+        memory = memory_of(viewed.camera, settings, effects.with_defaults(viewed.sensor_effects))
+        self._named(memory.refuse, "size", "camera", "sensor")
+        return memory
 
     def _named(self, make: Callable[[], Any], *keys: str) -> Any:
         try:

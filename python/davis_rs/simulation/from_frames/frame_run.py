@@ -14,6 +14,7 @@ import numpy as np
 from ..._core import CrossingEngine, __version__
 from ..._util.argument_error import ArgumentError
 from ..._util.folder_report import start_line
+from ..._util.memory_forecast import frames_forecast
 from ..._util.read_ahead import read_ahead
 from ...events.arrays import EventArray, concatenate_events
 from ...events.packet import Packet
@@ -63,9 +64,11 @@ class FrameRun:
         left_out: effects of the sensor that frames cannot have.
         quantisation: events that rounding may have made.
         interpolation: what lies between frames.
+        memory: what the run is forecast to take.
 
     Raises:
-        ValueError: for settings that are out of range or contradict each other.
+        ValueError: for settings that are out of range or contradict each other, or frames for which there is not enough
+            memory.
         OSError, DecodeError: if the first frame cannot be read.
     """
 
@@ -103,6 +106,13 @@ class FrameRun:
         refractory = self.effects.refractory_period_us
         self._forecast = EventForecast(min(on, off), self.log_eps, 0.0 if refractory is None else refractory.period_us)
         self.interpolation = self._interpolation()
+        self.memory = frames_forecast(
+            self.size,
+            frame_bytes=first.image.nbytes / math.prod(self.size),
+            flow=self.settings["interpolation"] in ("auto", "flow"),
+            effects=bool(self.effects.engine_settings()),
+        )
+        self.memory.refuse()
         self._engine = CrossingEngine(
             *self.size,
             contrast_threshold=on,
@@ -237,6 +247,8 @@ class FrameRun:
                 f"log_eps {self.log_eps:.3g}: with {self._dark_luma:.3g} one grey level in the dark would be more than "
                 f"C = {min(self.contrast_threshold, self.contrast_threshold_off):g} (--log-eps)"
             )
+        if line := self.memory.line():
+            yield line
         if self.left_out:
             names = ", ".join(self.left_out)
             yield f"of the sensor's effects {names} is left out: the intensity frames are what came in"
