@@ -1,9 +1,11 @@
 """A simulator of the DAVIS event camera: 3D scene and camera path in, events, frames, depth and ground truth out."""
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from __future__ import annotations
 
+TYPE_CHECKING = False  # as typing's; that is not imported here, because the command line's first line comes after this
 if TYPE_CHECKING:
+    from typing import Any
+
     from . import represent
     from ._core import CrossingEngine, DecodeError, Decoder, Device, Encoder, __version__, log_intensity, reconstruct
     from .argument_error import ArgumentError
@@ -325,13 +327,18 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    if name == "represent":
-        return import_module(".represent", __name__)
-    if name not in _MODULES:
+    from importlib import import_module
+
+    if name not in _MODULES and name != "represent":
         from .close_names import did_you_mean
 
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}{did_you_mean(name, __all__)}", name=name)
-    return getattr(import_module(f".{_MODULES[name]}", __name__), name)
+    from .stop_requests import interrupts_deferred
+
+    with interrupts_deferred():
+        if name == "represent":
+            return import_module(".represent", __name__)
+        return getattr(import_module(f".{_MODULES[name]}", __name__), name)
 
 
 def __dir__() -> list[str]:

@@ -1,7 +1,7 @@
 """The Rust core."""
 
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, BinaryIO, Protocol, TypedDict, final
 
 import numpy as np
@@ -690,6 +690,33 @@ class PixelRays:
     """
 
     def __new__(cls, width: int, height: int, rays: int, table: npt.NDArray[np.float32]) -> PixelRays: ...
+    @staticmethod
+    def from_parts(
+        width: int, height: int, rays: int, rows: int, next: Callable[[int], npt.NDArray[np.float32]]
+    ) -> PixelRays:
+        """Make the rays of a sensor from tables of a few rows each, so that no table of all of them is needed.
+
+        Args:
+            width, height, rays: as for the class.
+            rows: rows of the image in a table, a multiple of 8; the last one may have fewer.
+            next: called with the first row of a part; returns its table, as that of the class.
+
+        Raises:
+            ValueError: as the class does.
+        """
+
+    @staticmethod
+    def grid(width: int, height: int, rays: int, x: npt.NDArray[np.float32], y: npt.NDArray[np.float32]) -> PixelRays:
+        """Make the rays of a sensor without distortion. They take next to no memory, and have the bits of a table.
+
+        Args:
+            width, height, rays: as for the class.
+            x: float32 (rays * width), flat: x of (x, y, 1) by ray of the lattice and column.
+            y: float32 (rays * height), flat: y by ray of the lattice and row.
+
+        Raises:
+            ValueError: as the class does.
+        """
 
 _Views = tuple[
     npt.NDArray[np.float64],

@@ -37,8 +37,8 @@ def stop_requests() -> Iterator[Callable[[], bool]]:
 def interrupts_deferred() -> Iterator[None]:
     """Hold a Ctrl-C back until the end of the block.
 
-    Where a C++ extension is being loaded: one whose initialisation meets a KeyboardInterrupt is half made, and the
-    process then crashes, at once or when it ends.
+    Where modules are being loaded: an extension whose initialisation meets a KeyboardInterrupt is half made, and the
+    process then crashes, at once or when it ends; and where a process is started, which would miss what it is sent.
     """
     before = signal.getsignal(signal.SIGINT)
     in_main = threading.current_thread() is threading.main_thread()  # where alone Ctrl-C is raised

@@ -57,6 +57,7 @@ def test_building_the_parser_imports_no_command() -> None:
     assert not found & {"numpy", *HEAVY}
     assert {name for name in found if name.startswith("davis_rs.")} == {
         "davis_rs.cli",
+        "davis_rs.cli.ctrl_c",
         "davis_rs.cli.main",
         "davis_rs.cli.parser",
         "davis_rs.argument_error",

@@ -17,11 +17,12 @@ from ..accuracy.settings import Setting, default_settings
 from ..argument_error import ArgumentError
 from ..camera import Camera
 from ..extras import require
-from ..progress import each, progress
+from ..progress import each, progress, say
 from ..scene.scene import Scene
 from ..settings import ViewSettings, complete, view_scene
 from ..whole_file import write_whole
 from .common import add_scene, add_trajectory, on_trajectory, scene_of
+from .ctrl_c import LINE
 from .settings_options import add_settings, given_settings
 
 _SETTINGS = ("camera", "size", "bake_error")
@@ -158,6 +159,7 @@ def _frame_rates(options: argparse.Namespace) -> int:
             measured.append(one)
             write_frame_rates_csv(measured, folder / "frame_rates.csv")
     except KeyboardInterrupt:
+        say(LINE)
         interrupted = True
     if measured:
         facts = {
@@ -195,6 +197,7 @@ def run_sweep(prepared: Sweep, settings: Sequence[Setting], *, rounds: int, comm
         ):
             write_csv(measured, folder / "accuracy.csv")
     except KeyboardInterrupt:
+        say(LINE)
         interrupted = True
     if measured:
         facts = facts_of(prepared, measured, command=command, interrupted=interrupted)

@@ -13,9 +13,10 @@ from .._core import __version__
 from ..accuracy.hard_case_scenes import hard_cases
 from ..accuracy.hard_cases import HardCaseResult, hard_cases_page, measure_hard_cases
 from ..accuracy.report import processor
-from ..progress import each
+from ..progress import each, say
 from ..sampling.presets import ACCURACY
 from ..whole_file import write_whole
+from .ctrl_c import LINE
 
 
 def add_hard_cases(command: argparse.ArgumentParser) -> None:
@@ -49,6 +50,7 @@ def _hard_cases(options: argparse.Namespace) -> int:
         for result in each(runs, "hard cases", len(cases) * len(ACCURACY), unit="runs", show=not options.quiet):
             results.append(result)
     except KeyboardInterrupt:
+        say(LINE)
         interrupted = True
         facts["interrupted"] = "these are the cases measured until then"
     if results:

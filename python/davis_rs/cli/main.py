@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import _thread
 import argparse
 import os
 import sys
-import threading
 import traceback
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from importlib import import_module
 
 from ..argument_error import Argument, NamesArguments, in_python, told
 from ..progress import say
+from .ctrl_c import exit_status
 from .parser import Parser
 
 COMMANDS = {
@@ -61,20 +59,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     That is 0, 1 for a failure or a check that does not hold, 2 for what is refused before anything is done (options
     that are wrong, a run that would have too much noise), 130 after Ctrl-C.
     """
-    try:
-        return _status(arguments)
-    except KeyboardInterrupt:  # wherever it comes, also while an error is told
-        with suppress(KeyboardInterrupt):
-            say("davis-rs: stopped by Ctrl-C")
-        return 130
+    return exit_status(partial(_status, arguments), say)
 
 
 def _status(arguments: Sequence[str] | None) -> int:
     debug = "--debug" in (sys.argv[1:] if arguments is None else arguments)
     options = argparse.Namespace()
     try:
-        with _interrupts_kept():
-            status = _run(arguments, options)
+        status = _run(arguments, options)
         sys.stdout.flush()  # here, where a reader that is gone can still be told from an error
         return status
     except BrokenPipeError:
@@ -88,28 +80,6 @@ def _status(arguments: Sequence[str] | None) -> int:
             traceback.print_exc()
         print(f"davis-rs: error: {_in_a_line(error, options, debug)}", file=sys.stderr)
         return 2 if _refuses_noise(error) else 1
-
-
-@contextmanager
-def _interrupts_kept() -> Iterator[None]:
-    """Send Ctrl-C again where Python could not raise it.
-
-    A KeyboardInterrupt inside of a weak reference's callback or a finaliser, such as importlib has, is only printed as
-    "Exception ignored", and the command would go on. It must be sent after the hook has returned, so a timer does it.
-    """
-    before = sys.unraisablehook
-
-    def hook(unraisable: sys.UnraisableHookArgs) -> None:
-        if isinstance(unraisable.exc_value, KeyboardInterrupt):
-            threading.Timer(0.01, _thread.interrupt_main).start()
-        else:
-            before(unraisable)
-
-    sys.unraisablehook = hook
-    try:
-        yield
-    finally:
-        sys.unraisablehook = before
 
 
 def _run(arguments: Sequence[str] | None, options: argparse.Namespace) -> int:

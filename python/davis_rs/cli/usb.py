@@ -22,6 +22,7 @@ from ..event_files.sensor_size import sensor_size
 from ..formats.interface import EventReader
 from ..formats.parts import FRAMES, IMU
 from ..formats.recorded import RecordedParts
+from ..progress import say
 from ..recordings import Recording, read_recording
 from ..recordings.camera_bytes import CameraBytesFile
 from ..recordings.recording_file import EMPTY
@@ -34,6 +35,7 @@ from ..usb.settings import ACCELEROMETER_RANGES_G, GYROSCOPE_RANGES_DEG_S, Davis
 from ..usb.virtual_davis import VirtualDavis
 from .common import EVENTS_HELP, SCENE_HELP
 from .common import sensor_size as sensor_size_of
+from .ctrl_c import LINE
 from .files import add_max_packet_bytes
 
 
@@ -180,6 +182,7 @@ def _record_camera(camera: Davis, options: argparse.Namespace, virtual: VirtualD
             if over:
                 camera.stop()
     except KeyboardInterrupt:
+        say(LINE)
         status = 130
     except OSError as error:
         if error.errno != errno.ENODEV:

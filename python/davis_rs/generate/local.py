@@ -16,6 +16,8 @@ from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from typing import Generic, TypeVar
 
+from ..stop_requests import interrupts_deferred
+
 Task = TypeVar("Task")
 Result = TypeVar("Result")
 
@@ -90,12 +92,14 @@ def run_locally(
         process = context.Process(target=_work, args=(theirs, function, begin), daemon=True)
         # Before the signal is blocked, because starting it unblocks the signal (until Python 3.12).
         resource_tracker.ensure_running()
-        # A Ctrl-C waits until the worker is there, and the worker, which inherits that, lets it wait while it imports.
-        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-        try:
-            process.start()
-        finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        # A Ctrl-C waits until the worker is there and has all that it is sent: another thread may still receive it. The
+        # worker inherits the mask, and lets it wait while it imports.
+        with interrupts_deferred():
+            before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+            try:
+                process.start()
+            finally:
+                signal.pthread_sigmask(signal.SIG_SETMASK, before)
         theirs.close()  # the worker's alone: when it dies, ours is at its end
         return _Worker(process, ours)
 

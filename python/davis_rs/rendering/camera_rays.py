@@ -14,9 +14,9 @@ from ..lattice import rank1_lattice
 from ..trajectory.views import Views
 
 
-def pixel_centres(camera: Camera) -> npt.NDArray[np.float64]:
-    """Coordinates (H * W, 2) of a camera's pixels, row by row."""
-    x, y = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
+def pixel_centres(camera: Camera, first: int = 0, end: int | None = None) -> npt.NDArray[np.float64]:
+    """Coordinates (H * W, 2) of a camera's pixels, row by row; of the rows first to end - 1 alone, if given."""
+    x, y = np.meshgrid(np.arange(camera.width), np.arange(first, camera.height if end is None else end))
     return np.stack([x, y], -1).reshape(-1, 2).astype(np.float64)
 
 

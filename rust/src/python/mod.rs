@@ -57,6 +57,9 @@ impl From<Error> for PyErr {
 /// The module that maturin builds.
 #[pymodule]
 fn _core(m: &Bound<'_, PyModule>) -> PyResult<()> {
+    // NumPy's functions are looked up here, where Ctrl-C waits for the import: where an array is made, it would panic.
+    m.py().import("numpy")?;
+    numpy::dtype::<f64>(m.py());
     m.add("__version__", env!("CARGO_PKG_VERSION"))?;
     m.add("RUST_SYSROOT", env!("DAVIS_RS_RUST_SYSROOT"))?;
     m.add("DecodeError", m.py().get_type::<DecodeError>())?;

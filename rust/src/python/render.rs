@@ -31,6 +31,38 @@ impl PyPixelRays {
         Ok(Self(PixelRays::new(width, height, rays, column::<f32>(table, "table")?.as_slice()?)?))
     }
 
+    /// Make the rays of a sensor from tables of a few rows each, so that no table of all of them is needed.
+    ///
+    /// Args:
+    ///     width, height, rays: as for the class.
+    ///     rows: rows of the image in a table, a multiple of 8; the last one may have fewer.
+    ///     next: called with the first row of a part; returns its table, as that of the class.
+    ///
+    /// Raises:
+    ///     ValueError: as the class does.
+    #[staticmethod]
+    fn from_parts(width: usize, height: usize, rays: usize, rows: usize, next: &Bound<'_, PyAny>) -> PyResult<Self> {
+        let part = |first: usize| -> PyResult<Vec<f32>> {
+            Ok(column::<f32>(&next.call1((first,))?, "table")?.as_slice()?.to_vec())
+        };
+        Ok(Self(PixelRays::from_parts(width, height, rays, rows, part)?))
+    }
+
+    /// Make the rays of a sensor without distortion. They take next to no memory, and have the bits of a table.
+    ///
+    /// Args:
+    ///     width, height, rays: as for the class.
+    ///     x: float32 (rays * width), flat: x of (x, y, 1) by ray of the lattice and column.
+    ///     y: float32 (rays * height), flat: y by ray of the lattice and row.
+    ///
+    /// Raises:
+    ///     ValueError: as the class does.
+    #[staticmethod]
+    fn grid(width: usize, height: usize, rays: usize, x: &Bound<'_, PyAny>, y: &Bound<'_, PyAny>) -> PyResult<Self> {
+        let (x, y) = (column::<f32>(x, "x")?, column::<f32>(y, "y")?);
+        Ok(Self(PixelRays::grid(width, height, rays, x.as_slice()?, y.as_slice()?)?))
+    }
+
     fn __repr__(&self) -> String {
         format!("PixelRays({} x {}, rays={})", self.0.width(), self.0.height(), self.0.rays())
     }

@@ -9,7 +9,7 @@
 use std::collections::HashMap;
 
 use super::linear::{Linear, Rect};
-use super::pixel_rays::{LANES, PixelRays};
+use super::pixel_rays::{LANES, Part, PixelRays, TileRays};
 use super::scene::Scene;
 use super::vector::{Vector, cross, dot, largest, single, sub};
 use super::view::View;
@@ -250,9 +250,13 @@ impl Edges {
             moving.push(edge);
         }
         tiles.sort_unstable();
-        let mut found = vec![];
-        for (tile, edge) in tiles {
-            self::of_tile(&moving[edge as usize], rays, tile as usize, &mut found);
+        let (mut found, mut room) = (vec![], TileRays::default());
+        for edges in tiles.chunk_by(|a, b| a.0 == b.0) {
+            let tile = edges[0].0 as usize;
+            let part = rays.of_tile(tile, &mut room);
+            for (_, edge) in edges {
+                self::of_tile(&moving[*edge as usize], rays, tile, &part, &mut found);
+            }
         }
         found.sort_unstable_by(|a, b| (a.pixel, a.ray).cmp(&(b.pixel, b.ray)).then(a.share.total_cmp(&b.share)));
         found
@@ -260,8 +264,7 @@ impl Edges {
 }
 
 /// The rays of a tile that an edge passes.
-fn of_tile(edge: &MovingEdge, rays: &PixelRays, tile: usize, found: &mut Vec<Pass>) {
-    let part = rays.of_tile(tile);
+fn of_tile(edge: &MovingEdge, rays: &PixelRays, tile: usize, part: &Part, found: &mut Vec<Pass>) {
     let lines = edge.normal.map(|n| Linear(single(n)));
     let per_block = part.x.len() / part.blocks.len();
     for (block, around) in part.blocks.iter().enumerate() {

@@ -13,7 +13,7 @@ use super::cast::Caster;
 use super::lanes::{Lanes, MOST};
 use super::lights::Surroundings;
 use super::patch::Patch;
-use super::pixel_rays::{BLOCKS, LANES, PIXELS, Part, PixelRays};
+use super::pixel_rays::{BLOCKS, LANES, PIXELS, Part, PixelRays, TileRays};
 use super::samples::Pixels;
 use super::shade::Shader;
 use super::sorted::{Picked, Portion, Sorted};
@@ -34,6 +34,7 @@ pub(super) struct TileView<'a> {
 #[derive(Debug, Default)]
 pub(super) struct TileScratch {
     list: Vec<Entry>,
+    rays: TileRays,
     pub(super) nearest: Nearest,
     caster: Caster,
     sorted: Vec<Sorted>,
@@ -69,9 +70,11 @@ pub(super) fn luma<'a, const RATE: bool>(
     before: &mut Shaders<'a>,
     image: &mut TileImage,
 ) {
-    let part = of.rays.of_tile(tile);
+    let mut room = std::mem::take(&mut scratch.rays);
+    let part = of.rays.of_tile(tile, &mut room);
     of.bins.of_tile(tile, part.around, &mut scratch.list);
     shade::<RATE>(of, &part, scratch, before);
+    scratch.rays = room;
     image.luma = mean(&scratch.luma);
     if RATE {
         image.rate = mean(&scratch.rate);
@@ -116,7 +119,7 @@ pub(super) fn sights(of: &TileView, number: usize, pixels: &Pixels, scratch: &mu
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 fn shade<'a, const RATE: bool>(of: &TileView<'a>, part: &Part, scratch: &mut TileScratch, before: &mut Shaders<'a>) {
     let Part { x, y, around, .. } = *part;
-    let TileScratch { list, nearest, caster, sorted, visible, picked, luma, rate } = scratch;
+    let TileScratch { list, nearest, caster, sorted, visible, picked, luma, rate, .. } = scratch;
     luma.clear();
     luma.resize(x.len(), of.background.0);
     rate.clear();
@@ -267,7 +270,7 @@ pub(super) fn nearest<Each: FnMut(usize, f32, u32)>(
     scratch: &mut TileScratch,
     mut each: Each,
 ) {
-    let part = rays.of_tile(tile);
+    let part = rays.of_tile(tile, &mut scratch.rays);
     bins.of_tile(tile, part.around, &mut scratch.list);
     let (x, y) = (part.x, part.y);
     let nearest = &mut scratch.nearest;

@@ -1,0 +1,103 @@
+"""Ctrl-C at any instant of a command: exit status 130, one line, and nothing else."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import textwrap
+from pathlib import Path
+
+import pytest
+
+PROGRAM = Path(__file__).with_name("signals.py")
+
+
+def test_ctrl_c_at_random_instants_ends_in_one_line() -> None:
+    """The short form of the program: its long one is in .ci/nightly."""
+    only = [word for name in ("sensors", "convert", "completion", "help") for word in ("--only", name)]
+    done = subprocess.run(
+        [sys.executable, str(PROGRAM), "--runs", "12", "--seed", "3", *only],
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+CTRL_C = """
+    import os, signal, sys
+
+    class CtrlC:
+        '''Sends it when a module is looked for.'''
+
+        def find_spec(self, name, *_):
+            if name == AWAITED:
+                sys.meta_path.remove(self)
+                os.kill(os.getpid(), signal.SIGINT)
+
+    sys.argv = ["davis-rs", *sys.argv[1:]]
+    sys.meta_path.insert(0, CtrlC())
+"""
+"""A program's beginning: it passes for davis-rs, and Ctrl-C comes at a known place."""
+
+
+def ended_at(awaited: str, program: str, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """How a program ends to which Ctrl-C comes when it imports a module."""
+    text = textwrap.dedent(CTRL_C).replace("AWAITED", repr(awaited)) + textwrap.dedent(program)
+    command = [sys.executable, "-c", text, *arguments]
+    return subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+
+
+def printed(program: str, awaited: str = "none") -> str:
+    """What a program prints that ends well and says nothing else."""
+    ended = ended_at(awaited, program)
+    assert (ended.returncode, ended.stderr) == (0, "")
+    return ended.stdout
+
+
+@pytest.mark.parametrize("awaited", ["argparse", "davis_rs.cli.parser", "davis_rs.cli.sensors", "numpy.linalg", "yaml"])
+def test_ctrl_c_while_modules_load(awaited: str) -> None:
+    """Modules of Python, of the command line, of a command, of NumPy amid its own import, and what is needed late."""
+    program = "from davis_rs.cli import main\nsys.exit(main(sys.argv[1:]))"
+    ended = ended_at(awaited, program, "sensors")
+    assert (ended.returncode, ended.stderr) == (130, "davis-rs: stopped by Ctrl-C\n")
+
+
+def test_the_core_finds_numpy_when_it_is_imported() -> None:
+    """NumPy's functions are not looked up when the first array is made: Ctrl-C would then be a panic."""
+    assert printed("import davis_rs._core\nprint('numpy' in sys.modules)") == "True\n"
+
+
+def test_ctrl_c_after_the_result_changes_nothing() -> None:
+    """What comes while Python ends would only print a traceback of the threads that are waited for."""
+    program = """
+    import threading, time
+    from davis_rs.cli import main
+    status = main(["sensors"])
+    threading.Thread(target=lambda: (time.sleep(0.05), os.kill(os.getpid(), signal.SIGINT), time.sleep(0.05))).start()
+    sys.exit(status)
+    """
+    assert "davis240c" in printed(program)
+
+
+def test_ctrl_c_in_a_program_that_calls_the_command_line_keeps_its_meaning() -> None:
+    """The program's own handler is there again when a command has ended."""
+    program = """
+    sys.argv[0] = "mine"
+    from davis_rs.cli import main
+    print(main(["sensors"]), signal.getsignal(signal.SIGINT) is signal.default_int_handler)
+    """
+    assert printed(program).splitlines()[-1] == "0 True"
+
+
+def test_ctrl_c_waits_until_a_lazy_export_is_whole() -> None:
+    """For users of the library, too: the name is there afterwards, and Ctrl-C is raised."""
+    program = """
+    import davis_rs
+    try:
+        davis_rs.load_scene
+    except KeyboardInterrupt:
+        print("davis_rs.scenes" in sys.modules, "numpy.linalg" in sys.modules)
+    """
+    assert printed(program, "davis_rs.scenes") == "True True\n"
