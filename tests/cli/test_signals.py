@@ -101,3 +101,23 @@ def test_ctrl_c_waits_until_a_lazy_export_is_whole() -> None:
         print("davis_rs.scenes" in sys.modules, "numpy.linalg" in sys.modules)
     """
     assert printed(program, "davis_rs.scenes") == "True True\n"
+
+
+def test_ctrl_c_while_the_shell_completes_ends_it() -> None:
+    """The library that completes goes on after a KeyboardInterrupt, and then fails at what it has left half done."""
+    pytest.importorskip("argcomplete")
+    program = """
+    from davis_rs.cli import main
+    from davis_rs.cli.parser import Parser
+
+    def interrupted(*arguments, **more):
+        os.kill(os.getpid(), signal.SIGINT)
+        return parse(*arguments, **more)
+
+    parse, Parser.parse_known_args = Parser.parse_known_args, interrupted
+    os.environ |= {"_ARGCOMPLETE": "1", "_ARGCOMPLETE_STDOUT_FILENAME": os.devnull}
+    os.environ |= {"COMP_LINE": "davis-rs sim", "COMP_POINT": "12"}
+    sys.exit(main())
+    """
+    ended = ended_at("none", program)
+    assert (ended.returncode, ended.stderr.splitlines()[-1:]) == (130, ["davis-rs: stopped by Ctrl-C"])

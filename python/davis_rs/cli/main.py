@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import signal
 import sys
 import traceback
 import warnings
@@ -13,6 +14,7 @@ from importlib import import_module
 
 from ..argument_error import Argument, NamesArguments, in_python, told
 from ..progress import say
+from . import leave_at_once
 from .ctrl_c import exit_status
 from .parser import Parser
 
@@ -87,6 +89,7 @@ def _run(arguments: Sequence[str] | None, options: argparse.Namespace) -> int:
     if "_ARGCOMPLETE" in os.environ:  # the shell asks what could come next
         import argcomplete
 
+        signal.signal(signal.SIGINT, leave_at_once)  # argcomplete goes on after a KeyboardInterrupt
         for name in os.environ["COMP_LINE"].split():
             if name in parser.commands:
                 parser.commands[name].fill()  # argcomplete has to find the arguments there
