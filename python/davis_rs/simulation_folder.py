@@ -76,8 +76,8 @@ def simulate_to_folder(
         path, overwrite: see :class:`~davis_rs.DatasetWriter`.
         start_s, duration_s: the part of the camera path to simulate, by default all from ``start_s`` on.
         meta: more for meta.json.
-        quiet: no progress bar, and no lines that say who renders, how much noise that makes, and what t = 0 is on the
-            clock of the camera path's file.
+        quiet: no progress bar, and no lines that say who renders, how much noise that makes, that much memory will be
+            taken, and what t = 0 is on the clock of the camera path's file.
         {settings}
 
     Noise of IMU and motion capture has the same seed as the simulation.
@@ -110,6 +110,8 @@ def simulate_to_folder(
         say(_rendering_with(simulator.renderer))
         if made.noise_line:
             say(made.noise_line)
+        if line := simulator.memory.line():
+            say(line)
         if scene.path.start_time_ns:
             say(start_line(scene.path.start_time_ns, "the camera path"))
     truth = motion_capture.poses(scene.path, seed=given["seed"])

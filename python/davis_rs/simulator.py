@@ -33,6 +33,7 @@ from .settings import (
     chosen_sampling,
     complete,
     fixed_sensor,
+    memory_of,
     renderer_settings,
     takes_settings,
     view_scene,
@@ -71,13 +72,14 @@ class Simulator:
         refine: whether event times are polished.
         renderer: what renders, behind the lens.
         surfaces: what gives flow, masks and normals; None where none of them is asked for.
+        memory: what it is forecast to take.
         lost_looks: the share of the image that each look concerns which the scene's file has and nothing shows; None
             for a look of no shape.
 
     Raises:
         TypeError: for a setting that does not exist.
         ValueError: for a value out of range, effects that are not :class:`~davis_rs.Effects`, a scene that cannot be
-            rendered, or settings that contradict each other.
+            rendered, settings that contradict each other, or a sensor for which there is not enough memory.
         OSError: if a scene file or a calibration cannot be read.
 
     Warns:
@@ -112,6 +114,7 @@ class Simulator:
                 "{refine} asks the renderer for times: it cannot be combined with custom effects on light"
             )
         self.refine = chosen.refine and not in_engine and not self._on_light
+        memory_of(self.camera, self.settings, self.effects).refuse()  # before light is baked, which takes time
         plain = make_renderer(
             self.scene,
             self.camera,
@@ -119,6 +122,8 @@ class Simulator:
             edges=self.sampling.edges,
             threads=self.settings["threads"],
         )
+        self.memory = memory_of(self.camera, self.settings, self.effects, ray_bytes=plain.ray_bytes)
+        self.memory.refuse()
         self.lost_looks = lost_look_shares(self.scene, self.camera, plain)
         warn_of_lost_looks(self.scene, self.lost_looks, stacklevel=2)
         self.renderer = with_optics(plain, self.effects)

@@ -18,6 +18,7 @@ from ..effects import Effects, Optics
 from ..effects.effects import effects_of
 from ..events import EventArray, concatenate_events
 from ..folder_report import start_line
+from ..memory_forecast import frames_forecast
 from ..model_version import MODEL
 from ..no_events import warned_without_events
 from ..packet import Packet
@@ -62,9 +63,11 @@ class FrameRun:
         left_out: effects of the sensor that frames cannot have.
         quantisation: events that rounding may have made.
         interpolation: what lies between frames.
+        memory: what the run is forecast to take.
 
     Raises:
-        ValueError: for settings that are out of range or contradict each other.
+        ValueError: for settings that are out of range or contradict each other, or frames for which there is not enough
+            memory.
         OSError, DecodeError: if the first frame cannot be read.
     """
 
@@ -100,6 +103,13 @@ class FrameRun:
         plain = self._optics is None and self.size == (self._part.width, self._part.height)
         self.quantisation = QuantisationCount(self.light.levels if plain else None)
         self.interpolation = self._interpolation()
+        self.memory = frames_forecast(
+            self.size,
+            frame_bytes=first.image.nbytes / math.prod(self.size),
+            flow=self.settings["interpolation"] in ("auto", "flow"),
+            effects=bool(self.effects.engine_settings()),
+        )
+        self.memory.refuse()
         self._engine = CrossingEngine(
             *self.size,
             contrast_threshold=on,
@@ -234,6 +244,8 @@ class FrameRun:
                 f"log_eps {self.log_eps:.3g}: with {self._dark_luma:.3g} one grey level in the dark would be more than "
                 f"C = {min(self.contrast_threshold, self.contrast_threshold_off):g} (--log-eps)"
             )
+        if line := self.memory.line():
+            yield line
         if self.left_out:
             names = ", ".join(self.left_out)
             yield f"of the sensor's effects {names} is left out: the intensity frames are what came in"

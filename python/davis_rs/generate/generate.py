@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
 
 from ..argument_error import ArgumentError
+from ..memory_forecast import MemoryForecast, readable
 from ..noise_estimate import NoiseError
 from ..progress import each, progress
 from ..progress import say as say_above
@@ -83,7 +84,8 @@ def generate_sequences(
     Args:
         plan: see :func:`load_sequence_plan`.
         root: made if it does not exist. One of the same plan, perhaps with fewer sequences, is continued.
-        workers: processes of this machine, which share its cores; None for one a core.
+        workers: processes of this machine, which share its cores; None for one a core. There are fewer where they would
+            take more memory than is available.
         cluster: a Dask cluster in their place: the address of its scheduler, a scheduler file or a client. Its workers
             must see ``root`` and the plan's files under the same paths, and have the same versions of everything.
         quiet: no progress bar, and no line that says how many events of the first new sequence will be Monte Carlo
@@ -113,7 +115,9 @@ def generate_sequences(
         there = {name for name, line in read_manifest(folder).items() if "shard" in line}
         absent = (k for k, name in enumerate(names) if name not in there and not (folder / name).is_dir())
         new = DrawnSequences(plan, [*islice(absent, CHECKED_FIRST)])
-        check_sequences(plan, new, quiet=quiet)
+        memory = check_sequences(plan, new, quiet=quiet)
+        if cluster is None and new:
+            workers = _fitting_workers(workers, plan.sequences, memory, say)
         if new and not (quiet and plan.accept_noise):
             _look_at_noise(new[0], quiet=quiet)
         write_plan(folder, plan)
@@ -192,8 +196,13 @@ def draw_sequences(plan: SequencePlan) -> DrawnSequences:
     return DrawnSequences(plan)
 
 
-def check_sequences(plan: SequencePlan, sequences: Sequence[DrawnSequence], *, quiet: bool = True) -> None:
+def check_sequences(
+    plan: SequencePlan, sequences: Sequence[DrawnSequence], *, quiet: bool = True
+) -> MemoryForecast | None:
     """Refuse a plan of which a sequence cannot be made, as far as that can be told without rendering.
+
+    Returns:
+        What the largest of the sequences is forecast to take; None if there are none.
 
     Raises:
         ValueError: naming plan, sequence, keys, values and rule.
@@ -207,10 +216,27 @@ def check_sequences(plan: SequencePlan, sequences: Sequence[DrawnSequence], *, q
         return one.scene() if one.scene_key is None else scene_at(*one.scene_key)
 
     try:
-        for sequence in each(sequences, "checking", len(sequences), unit="sequences", show=not quiet):
-            sequence.check(scene_of)
+        checked = each(sequences, "checking", len(sequences), unit="sequences", show=not quiet)
+        forecasts = [sequence.check(scene_of) for sequence in checked]
     except ValueError as error:
         raise ValueError(f"{plan.file}: {error}") from None
+    return max(forecasts, key=lambda forecast: forecast.bytes, default=None)
+
+
+def _fitting_workers(
+    workers: int | None, sequences: int, memory: MemoryForecast | None, say: Callable[[str], None]
+) -> int:
+    """How many processes work at a time; says so where memory allows fewer than there would be."""
+    wanted = min(workers or len(os.sched_getaffinity(0)), sequences)
+    if memory is None:
+        return wanted
+    fitting = memory.workers(wanted)
+    if fitting < wanted:
+        say(
+            f"{fitting} of {wanted} processes at a time: a sequence of {memory.width} x {memory.height} pixels will "
+            f"take about {readable(memory.bytes)} of memory"
+        )
+    return fitting
 
 
 def _look_at_noise(sequence: DrawnSequence, *, quiet: bool) -> None:

@@ -12,6 +12,7 @@ from .._core import CrossingEngine
 from ..argument_error import Argument, told
 from ..close_names import without_unit
 from ..effects.effects import read_effects
+from ..memory_forecast import MemoryForecast
 from ..pose import Pose
 from ..scene.mesh_scene import Axis
 from ..scene.scene import Scene
@@ -22,6 +23,7 @@ from ..settings import (
     complete,
     make_imu,
     make_motion_capture,
+    memory_of,
     settings_of,
     view_scene,
 )
@@ -123,11 +125,14 @@ class DrawnSequence:
             raise ValueError(f"time must lie on the scene's path, 0..{scene.path.duration_s:g} s, got {given['time']}")
         return moved(scene.path.pose(given["time"]), given)
 
-    def check(self, scene_of: Callable[[DrawnSequence], Scene] = scene) -> None:
+    def check(self, scene_of: Callable[[DrawnSequence], Scene] = scene) -> MemoryForecast:
         """Refuse what can be refused without rendering; the rest shows when the simulator is made.
 
         Args:
             scene_of: the sequence's scene; sequences of one plan may share theirs.
+
+        Returns:
+            What the sequence is forecast to take, without its rays.
 
         Raises:
             ValueError: naming sequence, keys, values and rule.
@@ -147,6 +152,9 @@ class DrawnSequence:
         thresholds = ("contrast_threshold", "contrast_threshold_off", "log_eps")
         given = {name: settings[name] for name in thresholds if settings[name] is not None}
         self._named(lambda: CrossingEngine(1, 1, **given, effects=effects.engine_settings()), *thresholds, "effects")
+        memory = memory_of(viewed.camera, settings, effects.with_defaults(viewed.sensor_effects))
+        self._named(memory.refuse, "size", "camera", "sensor")
+        return memory
 
     def _named(self, make: Callable[[], Any], *keys: str) -> Any:
         try:

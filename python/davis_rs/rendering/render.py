@@ -64,6 +64,11 @@ class Renderer(ABC):
     """What the lens does to luma and its rates, after the blur; None for a perfect one."""
 
     @property
+    def ray_bytes(self) -> float:
+        """What is kept of the rays of a pixel, or takes part in the rendering of all of them at once."""
+        return 8.0 * self.rays
+
+    @property
     def reach_px(self) -> int:
         """The largest distance in pixels, in x or y, from which blur and lens bring light to a pixel."""
         return int(self.blur) + (0 if self.optics is None else self.optics.reach)

@@ -15,7 +15,7 @@ from ..trajectory.views import Views
 from .camera_rays import ray_table
 from .edge_tracks import EdgeTracks
 from .kept_scenes import kept
-from .pixel_rays import pixel_rays
+from .pixel_rays import pixel_rays, table_bytes
 from .render import Indices, Renderer
 from .scene_motion import STILL, SceneMotion, pose_arrays, seen_from
 from .scene_table import SceneTable
@@ -72,6 +72,11 @@ class NativeRenderer(Renderer):
         # The last one is that of a ray that hits nothing.
         self._frame_of_triangle = np.append(table.frames, np.uint32(0))
         self._core = kept((table, threads), lambda: _core_of(table, threads))
+
+    @property
+    def ray_bytes(self) -> float:
+        tables = table_bytes(self.camera, self.rays) + table_bytes(self.camera, 1)
+        return tables / (self.camera.width * self.camera.height)
 
     def without_blur(self) -> NativeRenderer:
         """The same rays of the same scene, each pixel alone."""

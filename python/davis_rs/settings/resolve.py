@@ -10,6 +10,7 @@ from typing import Any
 from ..argument_error import ArgumentError
 from ..camera import Camera
 from ..effects import Effects
+from ..memory_forecast import MemoryForecast, simulation_forecast
 from ..sampling.presets import ACCURACY, DEFAULT_ACCURACY
 from ..sampling.rules import FixedRate, MaxDisplacement, TimeSampling
 from ..sampling.tolerance import Tolerance
@@ -58,7 +59,8 @@ def view_scene(scene: Scene, settings: Mapping[str, Any]) -> ViewedScene:
     """Decide what :class:`~davis_rs.settings.ViewSettings` leave open.
 
     Raises:
-        ValueError, OSError: as :func:`~davis_rs.settings.image_camera.image_camera` and :func:`~davis_rs.load_sensor`.
+        ValueError, OSError: as :func:`~davis_rs.settings.image_camera.image_camera` and :func:`~davis_rs.load_sensor`;
+            ValueError also for an image for which there is not enough memory, whatever else is asked for.
     """
     check_scene(scene)
     if settings["lux_per_luma"] is not None:
@@ -67,6 +69,7 @@ def view_scene(scene: Scene, settings: Mapping[str, Any]) -> ViewedScene:
         scene = replace(scene, matte=True)
     sensor = sensor_parameters(fixed_sensor(scene, settings["sensor"]))
     camera = image_camera(scene, settings["camera"], settings["size"], sensor)
+    simulation_forecast((camera.width, camera.height)).refuse()
     log_eps = _first(settings["log_eps"], sensor.dark_luma(scene.lux_per_luma), LOG_EPS)
     on = _first(settings["contrast_threshold"], sensor.contrast_threshold, scene.contrast_threshold)
     off = _first(settings["contrast_threshold_off"], sensor.contrast_threshold_off, on)
@@ -141,6 +144,28 @@ def chosen_sampling(settings: Mapping[str, Any]) -> TimeSamplingChoice:
     return TimeSamplingChoice(
         sampling,
         preset.refine if settings["refine"] is None else settings["refine"],
+    )
+
+
+def memory_of(
+    camera: Camera, settings: Mapping[str, Any], effects: Effects, *, ray_bytes: float = 0.0
+) -> MemoryForecast:
+    """What a simulation will take.
+
+    Args:
+        settings: complete ones of :class:`~davis_rs.settings.SimulatorSettings`.
+        effects: of the pixels, readout and frames.
+        ray_bytes: what the renderer keeps of the rays of a pixel.
+    """
+    chosen, in_engine = chosen_sampling(settings), bool(effects.engine_settings())
+    return simulation_forecast(
+        (camera.width, camera.height),
+        cubic=chosen.sampling.interpolation != "linear",
+        refine=chosen.refine and not in_engine,
+        effects=in_engine,
+        frames=effects.aps is not None,
+        truth=any(settings[f"{name}_rate_hz"] > 0 for name in ("flow", "mask", "normal")),
+        ray_bytes=ray_bytes,
     )
 
 

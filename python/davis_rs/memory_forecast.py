@@ -1,0 +1,200 @@
+"""How much memory a run will take, before it takes any: told if it is much, refused if there is not so much."""
+
+from __future__ import annotations
+
+import math
+import os
+import resource
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from .argument_error import ArgumentError
+
+TOLD_ABOVE = 0.25
+"""A forecast above this share of what is available is told."""
+
+WORKER_BYTES = 250 << 20
+"""What a process takes that simulates a sensor of a few pixels: Python and its libraries."""
+
+
+@dataclass(frozen=True)
+class MemoryForecast:
+    """What a run will take in addition to what its process has when it begins, which includes the scene's textures.
+
+    Args:
+        width, height: of the sensor, in pixels.
+        bytes_per_pixel: by what takes them.
+    """
+
+    width: int
+    height: int
+    bytes_per_pixel: Mapping[str, float]
+
+    @property
+    def bytes(self) -> int:
+        """All of it."""
+        return math.ceil(self.width * self.height * sum(self.bytes_per_pixel.values()))
+
+    def refuse(self, available: int | None = None) -> None:
+        """Refuse a run for which there is not enough memory.
+
+        Args:
+            available: bytes; what the system says, if left out.
+
+        Raises:
+            ValueError: with what takes how much, and the size that fits.
+        """
+        available = available_bytes() if available is None else available
+        if available is None or self.bytes <= available:
+            return
+        pixels = self.width * self.height
+        takes = ", ".join(f"{what} {readable(int(pixels * size))}" for what, size in self.bytes_per_pixel.items())
+        side = math.sqrt(available / self.bytes)
+        fits = f"{max(1, math.floor(self.width * side))} x {max(1, math.floor(self.height * side))}"
+        raise ArgumentError(
+            "a {size} of {} x {} pixels needs about {} of memory ({}), and {} are available: {} would fit",
+            *(self.width, self.height, readable(self.bytes), takes, readable(available), fits),
+        )
+
+    def line(self, available: int | None = None) -> str:
+        """What is to be said of a run that takes much of the memory; "" of others."""
+        available = available_bytes() if available is None else available
+        if available is None or self.bytes <= TOLD_ABOVE * available:
+            return ""
+        size = f"{self.width} x {self.height} pixels"
+        return f"{size} will take about {readable(self.bytes)} of memory; {readable(available)} are available"
+
+    def workers(self, most: int, available: int | None = None) -> int:
+        """How many of ``most`` processes can make such runs at the same time; at least 1."""
+        available = available_bytes() if available is None else available
+        if available is None:
+            return most
+        return max(1, min(most, available // (self.bytes + WORKER_BYTES)))
+
+
+def simulation_forecast(
+    size: tuple[int, int],
+    *,
+    cubic: bool = False,
+    refine: bool = False,
+    effects: bool = False,
+    frames: bool = False,
+    truth: bool = False,
+    ray_bytes: float = 0,
+) -> MemoryForecast:
+    """The forecast of a simulation.
+
+    Bytes a pixel are measured (``python benches/memory.py``), with room to spare for events.
+
+    Args:
+        size: of the sensor, (width, height) in pixels.
+        cubic: keyframes have rates.
+        refine: event times are polished.
+        effects: pixels are not ideal.
+        frames: active pixels are not ideal.
+        truth: there are maps of flow, shapes or normals.
+        ray_bytes: what the rays of a pixel take.
+    """
+    parts = {
+        "the state of pixels": _STATE + _STATE_OF_EFFECTS * effects,
+        "luma": _LUMA + _RATES * cubic + _FRAMES * frames,
+        "events": _EVENTS + _REFINED * refine,
+        "ground truth": _TRUTH * truth,
+        "rays": ray_bytes,
+    }
+    return MemoryForecast(*size, {what: taken for what, taken in parts.items() if taken})
+
+
+def frames_forecast(
+    size: tuple[int, int], *, frame_bytes: float, flow: bool = False, effects: bool = False
+) -> MemoryForecast:
+    """The forecast of a run over frames.
+
+    Args:
+        size: of the sensor, (width, height) in pixels.
+        frame_bytes: of a frame as it is read, by pixel of the sensor.
+        flow: light between frames is interpolated along optical flow.
+        effects: pixels are not ideal.
+    """
+    parts = {
+        "the state of pixels": _STATE + _STATE_OF_EFFECTS * effects,
+        "frames": _OF_FRAMES + _FRAMES_AT_ONCE * frame_bytes,
+        "events": _EVENTS,
+        "optical flow": _FLOW * flow,
+    }
+    return MemoryForecast(*size, {what: taken for what, taken in parts.items() if taken})
+
+
+_STATE, _STATE_OF_EFFECTS = 44, 150
+_LUMA, _RATES, _FRAMES = 50, 28, 20
+_EVENTS, _REFINED = 48, 230
+_TRUTH = 640
+_OF_FRAMES, _FRAMES_AT_ONCE, _FLOW = 50, 8, 150
+
+
+def available_bytes() -> int | None:
+    """What this process may still take: by the system, by its control groups and by its limits; None if nobody says."""
+    found = [_of_the_system(), _of_the_limit(), *_of_the_groups()]
+    return min((max(0, size) for size in found if size is not None), default=None)
+
+
+def readable(size: int) -> str:
+    """A size in the unit that suits it."""
+    unit, one = next(((unit, one) for unit, one in _UNITS if size >= one), _UNITS[-1])
+    return f"{size / one:.3g} {unit}"
+
+
+_UNITS = (("GiB", 1 << 30), ("MiB", 1 << 20), ("KiB", 1 << 10))
+
+
+def _of_the_system() -> int | None:
+    kib = _fields(Path("/proc/meminfo")).get("MemAvailable:")
+    return None if kib is None else kib * 1024
+
+
+def _of_the_limit() -> int | None:
+    """What RLIMIT_AS leaves of the address space."""
+    limit, _ = resource.getrlimit(resource.RLIMIT_AS)
+    pages = _read(Path("/proc/self/statm")).split()
+    if limit == resource.RLIM_INFINITY or not pages:
+        return None
+    return limit - int(pages[0]) * os.sysconf("SC_PAGE_SIZE")
+
+
+def _of_the_groups(root: Path = Path("/sys/fs/cgroup"), own: Path = Path("/proc/self/cgroup")) -> list[int]:
+    """What the control groups leave that this process is in, of both versions; caches can be given up."""
+    found = []
+    for line in _read(own).splitlines():
+        number, controllers, path = line.split(":", 2)
+        version_2 = (number, controllers) == ("0", "")
+        if not version_2 and "memory" not in controllers.split(","):
+            continue
+        base = root if version_2 else root / "memory"
+        limit, usage = (
+            ("memory.max", "memory.current") if version_2 else ("memory.limit_in_bytes", "memory.usage_in_bytes")
+        )
+        # A limit of any group around holds too; a container often sees its own as the root.
+        inner = base / path.lstrip("/")
+        for group in {inner, *(up for up in inner.parents if up == base or base in up.parents)}:
+            most, used = _read(group / limit).strip(), _read(group / usage).strip()
+            if most.isdigit() and used.isdigit() and int(most) < _NO_LIMIT:
+                stat = _fields(group / "memory.stat")
+                cached = stat.get("inactive_file", 0) if version_2 else stat.get("total_inactive_file", 0)
+                found.append(int(most) - int(used) + cached)
+    return found
+
+
+_NO_LIMIT = 1 << 60
+
+
+def _fields(path: Path) -> dict[str, int]:
+    lines = (line.split() for line in _read(path).splitlines())
+    return {words[0]: int(words[1]) for words in lines if len(words) > 1 and words[1].isdigit()}
+
+
+def _read(path: Path) -> str:
+    try:
+        return path.read_text()
+    except OSError:
+        return ""
