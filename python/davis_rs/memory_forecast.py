@@ -85,7 +85,7 @@ def simulation_forecast(
 ) -> MemoryForecast:
     """The forecast of a simulation.
 
-    Bytes a pixel are measured (``python benches/memory.py``), with room to spare for events.
+    Bytes a pixel are measured (``python benches/memory_forecast.py``), with room to spare for events.
 
     Args:
         size: of the sensor, (width, height) in pixels.

@@ -66,7 +66,7 @@ class Renderer(ABC):
     @property
     def ray_bytes(self) -> float:
         """What is kept of the rays of a pixel, or takes part in the rendering of all of them at once."""
-        return 8.0 * self.rays
+        return 16.0 * self.rays
 
     @property
     def reach_px(self) -> int:

@@ -69,6 +69,10 @@ class TableRenderer(Renderer):
             _, _, owner = self._kernel.nearest(self._camera_rays.ray(lanes, 0, 1), around.of_rays(0, 1).bodies)
             return self._frames(owner, len(views))
 
+    @property
+    def ray_bytes(self) -> float:
+        return 110.0 * self.rays
+
     def _luma(self, views: Views) -> LumaFrames:
         return self._begin_luma(views)()
 
