@@ -71,7 +71,7 @@ class TableRenderer(Renderer):
 
     @property
     def ray_bytes(self) -> float:
-        return 110.0 * self.rays
+        return 28.0 * self.rays
 
     def _luma(self, views: Views) -> LumaFrames:
         return self._begin_luma(views)()
