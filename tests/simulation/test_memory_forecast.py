@@ -112,7 +112,7 @@ def test_each_way_forecasts(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> 
     plan.write_text("sequences: 4\nseed: 1\nscene: three_planes\nduration: 0.01\nsize: 80x60\nsamples: 1\n")
     ways: dict[str, list[object]] = {
         "simulate": ["simulate", "three_planes", "--duration", "0.01", "--size", "80x60", "--samples", 1],
-        "frames": ["frames", frames, "--fps", 100],
+        "frames": ["frames", frames, "--fps", 100, "--interpolation", "linear"],
         "generate": ["generate", plan, "--workers", 4],
     }
     for name, words in ways.items():
