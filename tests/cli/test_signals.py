@@ -121,3 +121,43 @@ def test_ctrl_c_while_the_shell_completes_ends_it() -> None:
     """
     ended = ended_at("none", program)
     assert (ended.returncode, ended.stderr.splitlines()[-1:]) == (130, ["davis-rs: stopped by Ctrl-C"])
+
+
+ANOTHER_THREAD = """
+import signal, sys, threading, time
+from multiprocessing import util
+from davis_rs.generate.local import run_locally
+
+def nothing(): pass
+
+if __name__ == "__main__":
+    started, spawn = threading.Event(), util.spawnv_passfds
+
+    def interrupt():
+        started.wait()
+        signal.pthread_kill(threading.get_ident(), signal.SIGINT)
+        started.clear()
+
+    def spawn_and_interrupt(path, arguments, descriptors):
+        number = spawn(path, arguments, descriptors)
+        if "spawn_main" in str(arguments):
+            started.set()
+            while started.is_set():
+                time.sleep(0.001)
+        return number
+
+    util.spawnv_passfds = spawn_and_interrupt
+    threading.Thread(target=interrupt).start()
+    try:
+        list(run_locally(str, ["a"], workers=1, begin=nothing, report=print))
+    except KeyboardInterrupt:
+        sys.exit(130)
+"""
+
+
+def test_ctrl_c_while_a_worker_is_started_waits_until_it_has_all(tmp_path: Path) -> None:
+    """Also if another thread than the one that starts it receives the signal; the worker would miss what it is sent."""
+    script = tmp_path / "starts.py"
+    script.write_text(ANOTHER_THREAD)
+    ended = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, timeout=60, check=False)
+    assert (ended.returncode, ended.stderr) == (130, "")
