@@ -134,7 +134,6 @@ def test_a_format_knows_events_recordings_and_the_core_alone(path: Path) -> None
         "_core",
         "events",
         "budget",
-        "memory_forecast",
         "argument_checks",
         "argument_error",
         "extras",
