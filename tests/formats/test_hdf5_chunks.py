@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import re
+import struct
 import zlib
 from pathlib import Path
 from typing import Any
@@ -255,4 +257,33 @@ def test_soft_links_are_followed_and_not_in_circles(tmp_path: Path) -> None:
         file["t_offset"] = h5py.SoftLink("/circle")
         file["circle"] = h5py.SoftLink("/t_offset")
     with pytest.raises(DecodeError, match="leads in circles"):
+        davis_rs.read_events(path)
+
+
+@pytest.mark.parametrize("name", ["Blosc", "Bitshuffle"])
+def test_a_filter_without_its_parameters_is_refused(tmp_path: Path, name: str) -> None:
+    """It would read beyond its parameters, and the process would end."""
+    path = written(tmp_path / "e.h5", "dsec", **getattr(hdf5plugin, name)())
+    number = {"Blosc": 32001, "Bitshuffle": 32008}[name]
+    # A filter in an object's header: its number, the length of its name, flags, and how many parameters follow.
+    head = re.compile(
+        struct.pack("<H", number) + rb"(.\x00)(.\x00)[\x01-\x20]\x00" + name.lower()[:4].encode(), re.DOTALL
+    )
+    content, count = head.subn(
+        lambda found: struct.pack("<H", number) + found[1] + found[2] + b"\0\0" + name.lower()[:4].encode(),
+        path.read_bytes(),
+    )
+    assert count == 4
+    path.write_bytes(content)
+    with pytest.raises(DecodeError, match=f"has 0 parameters of HDF5's filter {number}: expected [34] or more"):
+        davis_rs.read_events(path)
+
+
+def test_times_too_large_for_seconds_are_refused_without_a_warning(tmp_path: Path) -> None:
+    path = tmp_path / "e.h5"
+    with h5py.File(path, "w") as file:
+        for name, values in {"xs": [1], "ys": [1], "ps": [1], "ts": [1e304]}.items():
+            file[f"events/{name}"] = np.array(values, np.float64 if name == "ts" else np.int16)
+        file.attrs["sensor_resolution"] = [180, 240]
+    with pytest.raises(DecodeError, match="times must be finite"):
         davis_rs.read_events(path)

@@ -326,6 +326,12 @@ BROKEN_PLY = {
     "type": (b"ply\nformat ascii 1.0\nelement vertex 1\nproperty half x\nend_header\n", "ply:4: not a line"),
     "no faces": (ply("ascii", faces=[]), "has no faces"),
     "index too large": (ply("ascii", faces=[[0, 1, 8]]), r"face 1 names the vertices \[0, 1, 8\], but the file has 8"),
+    "index that is none": (
+        ply("ascii", faces=[[0, 1, 2]])
+        .replace(b"int vertex_ind", b"float vertex_ind")
+        .replace(b"\n3 0 1 2", b"\n3 0 1 nan"),
+        r"face 1 names the vertices \[0, 1, nan\]",
+    ),
     "binary index": (ply("binary_little_endian", faces=[[0, 1, 2], [0, 1, -3]]), "face 2 names the vertices"),
     "cut": (ply("binary_little_endian", faces=MIXED)[:-3], "the file ends within the element 'face'"),
     "ascii cut": (ply("ascii", faces=MIXED)[:-8], "the file ends within the element 'face'"),

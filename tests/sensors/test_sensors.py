@@ -216,6 +216,16 @@ def test_what_is_neither_a_name_nor_a_file_is_refused(tmp_path: Path) -> None:
         load_sensor(tmp_path / "folder.yaml")
 
 
+def test_why_a_value_is_not_known_is_kept(tmp_path: Path) -> None:
+    """A source without a value says it: it is read, written, and read again."""
+    path = tmp_path / "mine.yaml"
+    path.write_text("leak_rate_hz:\n  value: null\n  source: nothing in the recording stands still\n")
+    sensor = read_sensor_file(path)
+    path.write_text(sensor_yaml(sensor))
+    assert read_sensor_file(path) == sensor
+    assert sensor.sources["leak_rate_hz"] == "nothing in the recording stands still"
+
+
 def test_a_file_that_could_not_be_read_back_is_not_written(tmp_path: Path) -> None:
     """A misspelt source, and more text than a file may have."""
     with pytest.raises(

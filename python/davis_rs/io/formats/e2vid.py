@@ -114,7 +114,8 @@ class E2vidReader(Hdf5Reader):
             yield t_us, image
 
     def _times(self, values: npt.NDArray[Any]) -> npt.NDArray[np.int64]:
-        microseconds = np.rint(np.asarray(values, np.float64) * 1e6)
+        with np.errstate(over="ignore"):  # what is infinite is refused
+            microseconds = np.rint(np.asarray(values, np.float64) * 1e6)
         if not (np.abs(microseconds) < 2.0**63).all():  # NaN is not, either
             raise DecodeError(f"{self.path}: times must be finite, and below 2^63 us")
         return microseconds.astype(np.int64)

@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 _DEFLATE, _SHUFFLE, _FLETCHER = 1, 2, 3
 _LZF, _BLOSC, _LZ4, _BITSHUFFLE, _ZSTD = 32000, 32001, 32004, 32008, 32015
 """Numbers of filters. Source: HDF5's registry of filters."""
+_PARAMETERS = {_BLOSC: 4, _BITSHUFFLE: 3}
+"""How many parameters a filter reads without looking how many there are: fewer crash the process."""
 _LONGEST_RATIO = {_DEFLATE: 1032, _LZF: 88}
 """What a byte can become, of formats that do not state what they unpack to."""
 
@@ -202,7 +204,14 @@ def _filters(path: str | os.PathLike[str], dataset: h5py.Dataset) -> list[int]:
         DecodeError: for a compression of which it is not known what it unpacks to.
     """
     properties = dataset.id.get_create_plist()
-    filters = [properties.get_filter(k)[0] for k in range(properties.get_nfilters())]
+    found = [properties.get_filter(k) for k in range(properties.get_nfilters())]
+    for number, _, parameters, _ in found:
+        if len(parameters) < _PARAMETERS.get(number, 0):
+            raise DecodeError(
+                f"{os.fspath(path)}: {dataset.name} has {len(parameters)} parameters of HDF5's filter {number}: "
+                f"expected {_PARAMETERS[number]} or more"
+            )
+    filters = [number for number, *_ in found]
     packing = [number for number in filters if number not in (_SHUFFLE, _FLETCHER)]
     if len(packing) > 1 or not set(packing) <= {_DEFLATE, _LZF, _BLOSC, _LZ4, _BITSHUFFLE, _ZSTD}:
         raise DecodeError(

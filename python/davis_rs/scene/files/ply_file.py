@@ -287,7 +287,7 @@ def _indices(path: Path, rows: Columns, what: str, count: int, *, least: int) ->
     if outside.any():
         worst, place = np.argwhere(outside)[0]
         named = (
-            f"the vertices {given[worst].astype(int).tolist()}"
+            f"the vertices [{', '.join(f'{one:g}' for one in given[worst])}]"
             if given.shape[1] < 10
             else f"vertex {given[worst, place]:g}"
         )

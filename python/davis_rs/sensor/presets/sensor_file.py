@@ -195,15 +195,19 @@ def sensor_yaml(sensor: SensorFile) -> str:
     parts = [_HEADING]
     if sensor.description:
         parts.append(dumped(_DESCRIPTION, sensor.description))
-    for name, value in sensor.given.items():
-        entry = {
-            "value": value,
+    told = [name for name in parameter_names() if name in {**sensor.given, **sensor.sources, **sensor.uncertainties}]
+    for name in told:
+        notes = {
             "unit": unit_of(name),
             "uncertainty": sensor.uncertainties.get(name),
             "source": sensor.sources.get(name),
         }
-        parts.append(dumped(name, {key: one for key, one in entry.items() if one is not None}))
-    if not sensor.given:
+        parts.append(
+            dumped(
+                name, {"value": sensor.given.get(name)} | {key: one for key, one in notes.items() if one is not None}
+            )
+        )
+    if not told:
         parts.append("{}\n" if not sensor.description else "")
     return "".join(parts)
 
