@@ -47,7 +47,7 @@ def row(name: str) -> str:
         scene.path,
         step_us=1,
         contrast_threshold=scene.contrast_threshold,
-        log_eps=simulator.settings["log_eps"],
+        log_eps=simulator.log_eps,
     ).events
     size = (scene.own_camera.width, scene.own_camera.height)
     found = compare_events(events, truth, size=size, window_us=WINDOW_US)

@@ -83,7 +83,7 @@ def test_the_dark_level_is_given_then_the_sensors_dark_current() -> None:
     ):
         simulator = Simulator(PLANES, **settings)
         assert simulator.describe()["parameters"]["log_eps"] == pytest.approx(expected)
-        assert simulator.settings["log_eps"] == pytest.approx(expected)
+        assert simulator.log_eps == pytest.approx(expected)
 
 
 def test_the_start_phase_is_given_then_the_sensors() -> None:
@@ -103,7 +103,7 @@ def test_the_start_phase_is_given_then_the_sensors() -> None:
         assert simulator.describe()["parameters"]["start_phase"] == simulator.start_phase == expected
         [first] = simulator.step(0, PLANES.path.pose(0))
         assert first.luma is not None
-        references = simulator._engine.reference - log_intensity(first.luma, simulator.settings["log_eps"])
+        references = simulator._engine.reference - log_intensity(first.luma, simulator.log_eps)
         assert np.abs(references).max() > 0.1 if expected == "stationary" else not references.any()
 
 

@@ -57,7 +57,7 @@ def measure_hard_cases(cases: Sequence[HardCase]) -> Iterator[HardCaseResult]:
 
 def _measure(case: HardCase, preset: str, references: dict[int, DenseProbe]) -> HardCaseResult:
     simulator = _simulator(case, case.part, preset)
-    recorder = LumaRecorder(simulator.sampling, np.empty(0, np.int64), simulator.settings["log_eps"])
+    recorder = LumaRecorder(simulator.sampling, np.empty(0, np.int64), simulator.log_eps)
     simulator.sampling = recorder
     began = time.perf_counter()
     events = concatenate_events([packet.events for packet in simulator.run()])
@@ -70,7 +70,7 @@ def _measure(case: HardCase, preset: str, references: dict[int, DenseProbe]) -> 
             case.true_part.path,
             step_us=STEP_US,
             contrast_threshold=case.contrast_threshold,
-            log_eps=simulator.settings["log_eps"],
+            log_eps=simulator.log_eps,
         )
     probe = references[renderer.rays]
     size = (renderer.camera.width, renderer.camera.height)

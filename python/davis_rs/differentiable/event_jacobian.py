@@ -105,9 +105,7 @@ class EventTimeModel:
         self.simulator, self.refined = simulator, simulator.refine
         self.path = simulator.scene.path
         of_means = edges == "mean"
-        self.field = (MeanLogLumaField if of_means else LogLumaField)(
-            renderer, self.path, simulator.settings["log_eps"]
-        )
+        self.field = (MeanLogLumaField if of_means else LogLumaField)(renderer, self.path, simulator.log_eps)
         self.jumps = None if of_means else EventJumps(self.field)
         self.thresholds = _threshold_maps(simulator, thresholds)
 

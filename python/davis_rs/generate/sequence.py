@@ -149,8 +149,12 @@ class DrawnSequence:
         self._named(lambda: make_motion_capture(settings), *(name for name in _CAPTURE if name in self.parameters))
         self._named(lambda: make_imu(settings), "imu", "imu_rate", "imu_effects")
         effects, _ = self._named(lambda: read_effects(settings["effects"]), "effects")
-        thresholds = ("contrast_threshold", "contrast_threshold_off", "log_eps")
-        given = {name: settings[name] for name in thresholds if settings[name] is not None}
+        thresholds = {
+            "contrast_threshold": settings["contrast_threshold"],
+            "contrast_threshold_off": settings["contrast_threshold_off"],
+            "log_eps": settings["log_eps"],
+        }
+        given: dict[str, Any] = {name: value for name, value in thresholds.items() if value is not None}
         self._named(lambda: CrossingEngine(1, 1, **given, effects=effects.engine_settings()), *thresholds, "effects")
         memory = memory_of(viewed.camera, settings, effects.with_defaults(viewed.sensor_effects))
         self._named(memory.refuse, "size", "camera", "sensor")

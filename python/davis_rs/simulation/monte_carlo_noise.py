@@ -13,9 +13,9 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from itertools import islice
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -34,7 +34,16 @@ from ..sampling.rules import FixedRate, MaxDisplacement, TimeSampling
 from ..sampling.tolerance import Tolerance
 from ..scene.scene import Scene
 from .noise_estimate import NOISE_LIMIT, NoiseError, NoiseEstimate, percent, share_text
-from .settings import AUTO, ViewSettings, chosen_sampling, complete, renderer_settings, takes_settings, view_scene
+from .settings import (
+    AUTO,
+    FolderSettings,
+    ViewSettings,
+    chosen_sampling,
+    complete,
+    renderer_settings,
+    takes_settings,
+    view_scene,
+)
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
@@ -92,7 +101,7 @@ def estimate_noise(scene: Scene, **settings: Unpack[ViewSettings]) -> NoiseEstim
     return _estimate_in(scene, complete(ViewSettings, settings, of=estimate_noise))
 
 
-def _estimate_in(scene: Scene, given: Mapping[str, Any], sampling: TimeSampling | None = None) -> NoiseEstimate | None:
+def _estimate_in(scene: Scene, given: ViewSettings, sampling: TimeSampling | None = None) -> NoiseEstimate | None:
     viewed = view_scene(scene, given)
     renderer = make_renderer(viewed.scene, viewed.camera, **renderer_settings(given))
     return estimate_noise_of(
@@ -166,12 +175,12 @@ def _estimate(look: _Look, thresholds: tuple[float, float], log_eps: float, run_
     )
 
 
-def noise_before_run(scene: Scene, settings: Mapping[str, Any]) -> NoiseEstimate | None:
+def noise_before_run(scene: Scene, settings: FolderSettings) -> NoiseEstimate | None:
     """The same as :func:`estimate_noise`, for a run with complete settings."""
     return _estimate_in(scene, settings, chosen_sampling(settings).sampling)
 
 
-def refuse_noise(noise: NoiseEstimate | None, scene: Scene, settings: Mapping[str, Any]) -> None:
+def refuse_noise(noise: NoiseEstimate | None, scene: Scene, settings: FolderSettings) -> None:
     """Refuse a run that would have too much noise.
 
     Args:

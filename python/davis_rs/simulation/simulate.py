@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from .._util.argument_error import ArgumentError
 from ..events.packet import Packet
@@ -88,7 +88,7 @@ class MadeSimulator:
         """
         one = self.simulator
         thresholds = (one.contrast_threshold, one.contrast_threshold_off)
-        return warned_without_events(one.run(), thresholds, one.settings["log_eps"])
+        return warned_without_events(one.run(), thresholds, one.log_eps)
 
     @property
     def noise_line(self) -> str:
@@ -123,7 +123,7 @@ class MadeSimulator:
         return self.noise is not None and self.noise.share_at(self.simulator.renderer.rays) > self.noise_share
 
 
-def make_simulator(scene: Scene, settings: Mapping[str, Any]) -> MadeSimulator:
+def make_simulator(scene: Scene, settings: SimulationSettings) -> MadeSimulator:
     """A simulator of a scene's camera path; its effects are planned and its samples chosen where that is asked for.
 
     Args:
@@ -132,7 +132,7 @@ def make_simulator(scene: Scene, settings: Mapping[str, Any]) -> MadeSimulator:
     Raises:
         ValueError, OSError: as :func:`simulate`.
     """
-    given = dict(settings)
+    given = settings.copy()
     given["sensor"] = fixed_sensor(scene, given["sensor"])
     named, planned = read_effects(given["effects"])
     plan: EffectPlan | None = None
@@ -157,11 +157,12 @@ def make_simulator(scene: Scene, settings: Mapping[str, Any]) -> MadeSimulator:
         simulator.scene.path,
         contrast_threshold=simulator.contrast_threshold,
         contrast_threshold_off=simulator.contrast_threshold_off,
-        log_eps=simulator.settings["log_eps"],
+        log_eps=simulator.log_eps,
         sampling=simulator.sampling,
     )
     if chose_samples and noise is not None:
         samples = noise.samples_for(given["noise_share"])
         if samples != simulator.renderer.rays:
-            simulator = Simulator(scene, **{**chosen, "samples": samples})
+            chosen["samples"] = samples
+            simulator = Simulator(scene, **chosen)
     return MadeSimulator(simulator, plan, noise, given["noise_share"], chose_samples)

@@ -38,6 +38,7 @@ from .settings import (
     memory_of,
     renderer_settings,
     takes_settings,
+    truth_rates_hz,
     view_scene,
     whole_frame_sampling,
 )
@@ -67,6 +68,7 @@ class Simulator:
         camera: lens and size of the image.
         settings: all settings by name, with the defaults of those that were not given.
         contrast_threshold, contrast_threshold_off: C_on and C_off, from settings, sensor or scene.
+        log_eps: the dark level in units of luma, from settings or sensor.
         start_phase: where references lie at the first frame, from settings or sensor.
         sampling: when luma is rendered.
         effects: those of the pixels, readout and frames.
@@ -90,11 +92,11 @@ class Simulator:
 
     def __init__(self, scene: Scene, **settings: Unpack[SimulatorSettings]) -> None:
         _require_samples(settings.get("samples"))
-        self.settings: dict[str, Any] = complete(SimulatorSettings, settings, of=Simulator)
+        self.settings: SimulatorSettings = complete(SimulatorSettings, settings, of=Simulator)
         self.settings["sensor"] = fixed_sensor(scene, self.settings["sensor"])
         viewed, chosen = view_scene(scene, self.settings), chosen_sampling(self.settings)
         self.scene, self.camera = viewed.scene, viewed.camera
-        self.settings["log_eps"] = viewed.log_eps
+        self.settings["log_eps"] = self.log_eps = viewed.log_eps
         self.contrast_threshold = viewed.contrast_threshold
         self.contrast_threshold_off = viewed.contrast_threshold_off
         self.start_phase = viewed.start_phase
@@ -134,14 +136,14 @@ class Simulator:
             self.camera.height,
             contrast_threshold=self.contrast_threshold,
             contrast_threshold_off=self.contrast_threshold_off,
-            log_eps=self.settings["log_eps"],
+            log_eps=self.log_eps,
             interpolation=self.sampling.interpolation,
             effects=in_engine,
             start_phase=self.start_phase,
             seed=self.settings["seed"],
             threads=self.settings["threads"],
         )
-        asked = any(self.settings[f"{name}_rate_hz"] > 0 for name in TRUTH_MAPS)
+        asked = any(rate_hz > 0 for rate_hz in truth_rates_hz(self.settings).values())
         self.surfaces = SceneSurfaces(self.scene, self.camera, threads=self.settings["threads"]) if asked else None
         if self.settings["flow_interval_s"] is not None and self.settings["flow_rate_hz"] == 0:
             raise ArgumentError("{flow_interval_s} is that of maps of flow: give {flow_rate_hz}")
@@ -266,7 +268,8 @@ class Simulator:
         Args:
             ahead: render in a thread of its own, while the crossing engine works on the keyframes before.
         """
-        rates_hz = {name: self.settings[f"{name}_rate_hz"] for name in ("frame", "depth", *TRUTH_MAPS)}
+        settings = self.settings
+        rates_hz = {"frame": settings["frame_rate_hz"], "depth": settings["depth_rate_hz"], **truth_rates_hz(settings)}
         due_between = partial(due_instants, start_us, end_us, rates_hz, first=self._pose is None)
         stretch = Stretch(
             renderer=self.renderer,
@@ -276,7 +279,7 @@ class Simulator:
             first=self._pose is None,
             due=(instant.t_us for instant in due_between()),
             contrast_threshold=min(self.contrast_threshold, self.contrast_threshold_off),
-            log_eps=self.settings["log_eps"],
+            log_eps=self.log_eps,
             batch=self.settings["poses_per_launch"] or self.renderer.poses_per_launch,
         )
         # A shutter that is open now may have opened some stretches ago.
@@ -351,7 +354,7 @@ class Simulator:
         """
         last, self._last = self._last, keyframe
         if self.custom_effects.on_log_intensity:
-            logs = self.custom_effects.log_intensity(keyframe.t_us, keyframe.luma, self.settings["log_eps"])
+            logs = self.custom_effects.log_intensity(keyframe.t_us, keyframe.luma, self.log_eps)
             return self._engine.push_log(keyframe.t_us, logs)
         if refinement is None or last is None:
             return self._engine.push(keyframe.t_us, keyframe.luma, keyframe.rate, sparse=keyframe.sparse)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import asdict
 from itertools import chain
 from typing import Any
@@ -25,7 +25,7 @@ from ...sensor.parameters import SensorParameters
 from ...sensor.presets import read_once, sensor_parameters
 from ..model_version import MODEL
 from ..no_events import warned_without_events
-from ..settings import LOG_EPS, camera_of_size
+from ..settings import LOG_EPS, FrameSettings, camera_of_size
 from .event_forecast import EventForecast
 from .frame_part import FramePart, frame_part
 from .frame_source import Encoding, FrameSource, StampedFrame
@@ -72,8 +72,8 @@ class FrameRun:
         OSError, DecodeError: if the first frame cannot be read.
     """
 
-    def __init__(self, source: FrameSource, settings: Mapping[str, Any], *, from_zero: bool = False) -> None:
-        self.settings = dict(settings)
+    def __init__(self, source: FrameSource, settings: FrameSettings, *, from_zero: bool = False) -> None:
+        self.settings = settings.copy()
         self.settings["sensor"] = read_once(self.settings["sensor"])
         self.source = source
         _check_times(self.settings)
@@ -192,7 +192,7 @@ class FrameRun:
             "camera": None if self.camera is None else asdict(self.camera),
             "parameters": {
                 **given,
-                "sensor": sensor if sensor is None or isinstance(sensor, str) else asdict(sensor),
+                "sensor": asdict(sensor) if isinstance(sensor, SensorParameters) else sensor,
                 "contrast_threshold": self.contrast_threshold,
                 "contrast_threshold_off": self.contrast_threshold_off,
                 "start_phase": self.start_phase,
@@ -346,8 +346,8 @@ class FrameRun:
 
     def _part_of(self, first: StampedFrame, sensor: SensorParameters) -> FramePart:
         height, width = first.image.shape[:2]
-        given = {name: self.settings[name] for name in ("crop", "roi", "size")}
-        part = frame_part(width, height, **given)
+        asked = self.settings
+        part = frame_part(width, height, crop=asked["crop"], roi=asked["roi"], size=asked["size"])
         (width, height), own = part.size, (sensor.width, sensor.height)
         if own[0] is None or own[1] is None or part.size == own:
             return part
@@ -384,7 +384,7 @@ class FrameRun:
         try:
             if chosen == "auto":
                 return Auto(self.log_eps, step_px)
-            return FramesBetween(step_px, None if chosen == "flow" else chosen)
+            return FramesBetween(step_px, None if isinstance(chosen, str) else chosen)
         except ImportError as error:
             raise ImportError(f"{error}; or choose interpolation linear or cubic, which do without") from error
 
@@ -401,7 +401,7 @@ _SAME_DARK_LEVEL = 0.05
 _TOLD_ELSEWHERE = {"camera", "size", "effects", "threads", "crop", "roi", "transfer", "white_level", "interpolation"}
 
 
-def _check_times(settings: Mapping[str, Any]) -> None:
+def _check_times(settings: FrameSettings) -> None:
     if settings["stop_s"] is not None and settings["stop_s"] <= settings["start_s"]:
         raise ArgumentError(
             "{stop_s} must be after {start_s}, got {:g} s and {:g} s", settings["stop_s"], settings["start_s"]

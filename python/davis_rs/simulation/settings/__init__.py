@@ -15,6 +15,7 @@ from .resolve import (
     fixed_sensor,
     memory_of,
     renderer_settings,
+    truth_rates_hz,
     view_scene,
     whole_frame_sampling,
 )
@@ -54,6 +55,7 @@ __all__ = [
     "renderer_settings",
     "settings_of",
     "takes_settings",
+    "truth_rates_hz",
     "view_scene",
     "whole_frame_sampling",
 ]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -10,11 +9,12 @@ from ..._util.argument_error import ArgumentError
 from ...sensor.effects.effects import named_effects
 from ...sensor.imu import IMU_EFFECTS, Imu, Mounting
 from ...sensor.motion_capture import MocapClock, MocapNoise, MotionCapture
+from .simulation_settings import FolderSettings
 
 _MAKERS = {"ideal": Imu, "davis": lambda: Imu(mounting=Mounting()), "mpu6150": Imu.mpu6150}
 
 
-def make_imu(settings: Mapping[str, Any]) -> Imu | None:
+def make_imu(settings: FolderSettings) -> Imu | None:
     """The IMU; None for none.
 
     Args:
@@ -34,7 +34,7 @@ def make_imu(settings: Mapping[str, Any]) -> Imu | None:
     return replace(made, rate_hz=made.rate_hz if rate_hz is None else rate_hz, **given)
 
 
-def make_motion_capture(settings: Mapping[str, Any]) -> MotionCapture:
+def make_motion_capture(settings: FolderSettings) -> MotionCapture:
     """What gives the ground truth.
 
     Args:
@@ -43,12 +43,17 @@ def make_motion_capture(settings: Mapping[str, Any]) -> MotionCapture:
     Raises:
         ValueError: for a value out of range, or a motion capture next to settings of another one.
     """
-    parts = ("pose_noise_m", "rotation_noise_rad", "clock_offset_s", "clock_drift_ms_per_min")
-    given = {name: settings[name] for name in parts if settings[name] is not None}
-    if settings["motion_capture"] is not None:
+    parts = {
+        "pose_noise_m": settings["pose_noise_m"],
+        "rotation_noise_rad": settings["rotation_noise_rad"],
+        "clock_offset_s": settings["clock_offset_s"],
+        "clock_drift_ms_per_min": settings["clock_drift_ms_per_min"],
+    }
+    given = {name: value for name, value in parts.items() if value is not None}
+    made = settings["motion_capture"]
+    if made is not None:
         if given:
             raise ArgumentError("{motion_capture} is given: {others} would be ignored", others=list(given))
-        made: MotionCapture = settings["motion_capture"]
         return made
     noise = MocapNoise(given.get("pose_noise_m", 0.0), given.get("rotation_noise_rad", 0.0))
     clock = MocapClock(given.get("clock_offset_s", 0.0), given.get("clock_drift_ms_per_min", 0.0) * 1e-3 / 60)

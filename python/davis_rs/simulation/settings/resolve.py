@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, cast
 
 from ..._util.argument_error import ArgumentError
 from ..._util.memory_forecast import MemoryForecast, simulation_forecast
@@ -18,6 +17,7 @@ from ...sensor.effects import Effects
 from ...sensor.parameters import SensorParameters
 from ...sensor.presets import RECORDED, read_once, recorded_sensor, sensor_parameters
 from .image_camera import image_camera
+from .simulation_settings import SimulatorSettings, ViewSettings
 
 AUTO = "auto"
 """In place of a number of samples: chosen by the noise, see :mod:`~davis_rs.simulation.monte_carlo_noise`."""
@@ -55,7 +55,7 @@ class ViewedScene:
         return self.sensor.effects(self.scene.lux_per_luma)
 
 
-def view_scene(scene: Scene, settings: Mapping[str, Any]) -> ViewedScene:
+def view_scene(scene: Scene, settings: ViewSettings) -> ViewedScene:
     """Decide what :class:`~davis_rs.simulation.settings.ViewSettings` leave open.
 
     Raises:
@@ -99,7 +99,7 @@ def fixed_sensor(
     return recorded_sensor(scene.biases)
 
 
-def renderer_settings(settings: Mapping[str, Any]) -> dict[str, Any]:
+def renderer_settings(settings: ViewSettings) -> dict[str, Any]:
     """What :func:`~davis_rs.render.choice.make_renderer` takes of :class:`~davis_rs.simulation.settings.ViewSettings`.
 
     All that render a scene before its run take it from here, so that they render what the run does, and light is baked
@@ -107,7 +107,7 @@ def renderer_settings(settings: Mapping[str, Any]) -> dict[str, Any]:
     """
     return {
         "samples": None if settings["samples"] == AUTO else settings["samples"],
-        "lattice_samples": ACCURACY[settings.get("accuracy", DEFAULT_ACCURACY)].samples,
+        "lattice_samples": ACCURACY[cast(SimulatorSettings, settings).get("accuracy", DEFAULT_ACCURACY)].samples,
         "seed": settings["seed"],
         "kind": settings["renderer"],
         "blur": settings["blur"],
@@ -128,28 +128,42 @@ class TimeSamplingChoice:
     refine: bool
 
 
-def chosen_sampling(settings: Mapping[str, Any]) -> TimeSamplingChoice:
+def chosen_sampling(settings: SimulatorSettings) -> TimeSamplingChoice:
     """The rule of sampling that the settings ask for, and what belongs to it.
 
     Raises:
         ValueError: for more than one rule, or a value out of range.
     """
     preset = ACCURACY[settings["accuracy"]]
-    given = {name: settings[name] for name in (*_RULES, "sampling") if settings[name] is not None}
+    rules: dict[str, TimeSampling | float | None] = {
+        "render_rate_hz": settings["render_rate_hz"],
+        "max_displacement_px": settings["max_displacement_px"],
+        "tolerance": settings["tolerance"],
+        "sampling": settings["sampling"],
+    }
+    given = {name: value for name, value in rules.items() if value is not None}
     if len(given) > 1:
-        rules = (*_RULES, "sampling")
-        raise ArgumentError("only one of {rules} may be given, got {given}", rules=rules, given=list(given))
+        raise ArgumentError("only one of {rules} may be given, got {given}", rules=list(rules), given=list(given))
     sampling = preset.sampling
     for name, value in given.items():
-        sampling = value if name == "sampling" else _RULES[name](value)
+        sampling = _RULES[name](value) if isinstance(value, int | float) else value
     return TimeSamplingChoice(
         sampling,
         preset.refine if settings["refine"] is None else settings["refine"],
     )
 
 
+def truth_rates_hz(settings: SimulatorSettings) -> dict[str, float]:
+    """The rates of the maps of the ground truth that fall due at rates of their own, by what they show."""
+    return {
+        "flow": settings["flow_rate_hz"],
+        "mask": settings["mask_rate_hz"],
+        "normal": settings["normal_rate_hz"],
+    }
+
+
 def memory_of(
-    camera: Camera, settings: Mapping[str, Any], effects: Effects, *, ray_bytes: float = 0.0
+    camera: Camera, settings: SimulatorSettings, effects: Effects, *, ray_bytes: float = 0.0
 ) -> MemoryForecast:
     """What a simulation will take.
 
@@ -165,12 +179,12 @@ def memory_of(
         refine=chosen.refine and not in_engine,
         effects=in_engine,
         frames=effects.aps is not None,
-        truth=any(settings[f"{name}_rate_hz"] > 0 for name in ("flow", "mask", "normal")),
+        truth=any(rate_hz > 0 for rate_hz in truth_rates_hz(settings).values()),
         ray_bytes=ray_bytes,
     )
 
 
-def whole_frame_sampling(settings: Mapping[str, Any]) -> TimeSampling:
+def whole_frame_sampling(settings: SimulatorSettings) -> TimeSampling:
     """A rule that renders whole frames, between which light runs straight, as effects of a user's own on light need.
 
     It is the one that is asked for if it is such a one, or else as many renders as keep the image within a third of a

@@ -10,12 +10,15 @@ import types
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache
-from typing import Annotated, Any, TypeVar, Union, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, TypeVar, Union, cast, get_args, get_origin, get_type_hints
 
 from ..._util.argument_checks import is_number
 from ..._util.argument_error import ArgumentError
 from ..._util.close_names import did_you_mean, names_of, no_argument, without_unit
 from ...sensor.effects import EFFECTS
+
+Settings = TypeVar("Settings")
+"""A TypedDict that declares settings: its keys are known to type checkers and editors."""
 
 
 @dataclass(frozen=True)
@@ -153,7 +156,7 @@ def settings_of(declaration: type) -> Mapping[str, Setting]:
     return found
 
 
-def complete(declaration: type, given: Mapping[str, Any], *, of: Callable[..., Any] | str) -> dict[str, Any]:
+def complete(declaration: type[Settings], given: Mapping[str, object], *, of: Callable[..., Any] | str) -> Settings:
     """The given settings, checked, and the defaults of all others.
 
     Args:
@@ -165,20 +168,20 @@ def complete(declaration: type, given: Mapping[str, Any], *, of: Callable[..., A
         TypeError: for a name that is not declared, with the one that is close.
         ArgumentError: for a value that is not allowed.
     """
-    declared = settings_of(declaration)
+    declared = settings_of(cast(type, declaration))
     for name, value in given.items():
         if name not in declared:
             known = declared if isinstance(of, str) else names_of(of)
             effects = {effect: f"effects={{{effect!r}: ...}}" for effect in EFFECTS} if "effects" in declared else {}
             raise TypeError(no_argument(of, name, known, effects))
         declared[name].check(value)
-    return {name: given.get(name, setting.declared.default) for name, setting in declared.items()}
+    return cast(Settings, {name: given.get(name, setting.declared.default) for name, setting in declared.items()})
 
 
-def only(declaration: type, given: Mapping[str, Any]) -> dict[str, Any]:
+def only(declaration: type[Settings], given: Mapping[str, object]) -> Settings:
     """Return those of the given settings that a declaration has."""
-    declared = settings_of(declaration)
-    return {name: value for name, value in given.items() if name in declared}
+    declared = settings_of(cast(type, declaration))
+    return cast(Settings, {name: value for name, value in given.items() if name in declared})
 
 
 Taker = TypeVar("Taker", bound=Callable[..., Any])
