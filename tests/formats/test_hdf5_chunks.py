@@ -287,3 +287,16 @@ def test_times_too_large_for_seconds_are_refused_without_a_warning(tmp_path: Pat
         file.attrs["sensor_resolution"] = [180, 240]
     with pytest.raises(DecodeError, match="times must be finite"):
         davis_rs.read_events(path)
+
+
+def test_a_chunk_that_says_more_bytes_than_the_file_has(tmp_path: Path) -> None:
+    """HDF5 would take memory for all of them first."""
+    path = written(tmp_path / "e.h5", "dsec", (COUNT // 4,))
+    with h5py.File(path) as file:
+        stored = file["events/x"].id.get_chunk_info(0)
+    # In the index of chunks a chunk's size and filter mask come before its place in the dataset.
+    content = path.read_bytes()
+    at = content.index(struct.pack("<IIQ", stored.size, 0, 0))
+    path.write_bytes(content[:at] + struct.pack("<I", 0xF0000000) + content[at + 4 :])
+    with pytest.raises(DecodeError, match=r"says 4026531840 bytes, more than the file has"):
+        davis_rs.read_events(path)

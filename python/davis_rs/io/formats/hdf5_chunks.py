@@ -133,6 +133,10 @@ class Rows:
         inside = tuple(
             slice(o, min(o + step, side)) for o, step, side in zip(place, dataset.chunks, dataset.shape, strict=True)
         )
+        stored = dataset.id.get_chunk_info_by_coord(place)
+        if stored.size > os.path.getsize(self._path):
+            message = f"a chunk of {dataset.name} is damaged: it says {stored.size} bytes, more than the file has"
+            raise DecodeError(f"{os.fspath(self._path)}: {message}")
         skipped, data = dataset.id.read_direct_chunk(place)
         filters = [number for k, number in enumerate(self._filters) if not skipped >> k & 1]
         if filters in ([_DEFLATE], [_SHUFFLE, _DEFLATE]) and self._is_plain():
