@@ -61,10 +61,10 @@ class Budget:
             DecodeError: if there are not so many left; ``what`` says in the message what needs them.
         """
         if self.bytes + size > self.limits.bytes:
-            beyond = f"{what} needs {_readable(size)}"
+            beyond = f"{what} needs {readable_bytes(size)}"
             if self.bytes:
-                beyond += f", {_readable(self.bytes)} are in use"
-            raise self._error(f"{beyond}; {_readable(self.limits.bytes)} may be held in memory", "bytes")
+                beyond += f", {readable_bytes(self.bytes)} are in use"
+            raise self._error(f"{beyond}; {readable_bytes(self.limits.bytes)} may be held in memory", "bytes")
         self.bytes += size
 
     def give_back(self, size: int) -> None:
@@ -155,7 +155,8 @@ def limits_in_use() -> Limits:
     return limits
 
 
-def _readable(size: int) -> str:
+def readable_bytes(size: int) -> str:
+    """Write a number of bytes in the unit that suits it."""
     for unit, one in (("GiB", 1 << 30), ("MiB", 1 << 20), ("KiB", 1 << 10)):
         if size >= one:
             return f"{size / one:.3g} {unit}"

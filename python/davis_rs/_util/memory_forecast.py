@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from .argument_error import ArgumentError
+from .budget import readable_bytes
 
 TOLD_ABOVE = 0.25
 """A forecast above this share of what is available is told."""
@@ -49,12 +50,12 @@ class MemoryForecast:
         if available is None or self.bytes <= available:
             return
         pixels = self.width * self.height
-        takes = ", ".join(f"{what} {readable(int(pixels * size))}" for what, size in self.bytes_per_pixel.items())
+        takes = ", ".join(f"{what} {readable_bytes(int(pixels * size))}" for what, size in self.bytes_per_pixel.items())
         side = math.sqrt(available / self.bytes)
         fits = f"{max(1, math.floor(self.width * side))} x {max(1, math.floor(self.height * side))}"
         raise ArgumentError(
             "a {size} of {} x {} pixels needs about {} of memory ({}), and {} are available: {} would fit",
-            *(self.width, self.height, readable(self.bytes), takes, readable(available), fits),
+            *(self.width, self.height, readable_bytes(self.bytes), takes, readable_bytes(available), fits),
         )
 
     def line(self, available: int | None = None) -> str:
@@ -63,7 +64,9 @@ class MemoryForecast:
         if available is None or self.bytes <= TOLD_ABOVE * available:
             return ""
         size = f"{self.width} x {self.height} pixels"
-        return f"{size} will take about {readable(self.bytes)} of memory; {readable(available)} are available"
+        return (
+            f"{size} will take about {readable_bytes(self.bytes)} of memory; {readable_bytes(available)} are available"
+        )
 
     def workers(self, most: int, available: int | None = None) -> int:
         """How many of ``most`` processes can make such runs at the same time; at least 1."""
@@ -137,15 +140,6 @@ def available_bytes() -> int | None:
     """What this process may still take: by the system, by its control groups and by its limits; None if nobody says."""
     found = [_of_the_system(), _of_the_limit(), *_of_the_groups()]
     return min((max(0, size) for size in found if size is not None), default=None)
-
-
-def readable(size: int) -> str:
-    """A size in the unit that suits it."""
-    unit, one = next(((unit, one) for unit, one in _UNITS if size >= one), _UNITS[-1])
-    return f"{size / one:.3g} {unit}"
-
-
-_UNITS = (("GiB", 1 << 30), ("MiB", 1 << 20), ("KiB", 1 << 10))
 
 
 def _of_the_system() -> int | None:

@@ -11,7 +11,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
 
 from .._util.argument_error import ArgumentError
-from .._util.memory_forecast import MemoryForecast, readable
+from .._util.budget import readable_bytes
+from .._util.memory_forecast import MemoryForecast
 from .._util.progress import each, progress
 from .._util.progress import say as say_above
 from ..scene.files.mesh_scene import Axis
@@ -234,7 +235,7 @@ def _fitting_workers(
     if fitting < wanted:
         say(
             f"{fitting} of {wanted} processes at a time: a sequence of {memory.width} x {memory.height} pixels will "
-            f"take about {readable(memory.bytes)} of memory"
+            f"take about {readable_bytes(memory.bytes)} of memory"
         )
     return fitting
 
