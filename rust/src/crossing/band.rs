@@ -9,7 +9,8 @@
 //! What must not break:
 //! - Events leave in raster order and, within a pixel, in the order of crossing. The sort by time is stable and relies
 //!   on it.
-//! - Whenever a pixel's reference moves, its bounds are set again. Bounds that are out of date would hide events.
+//! - Whenever a pixel's reference moves, its mark is set again. A mark that is out of date would hide events.
+//! - Candidates are checked before they are decided, because bad values have no log intensity.
 //! - Times of last events are written to the state one frame late. Until then the events themselves hold them, so that
 //!   a push can be undone.
 
@@ -19,12 +20,13 @@ use super::decision::Verdict;
 use super::frame::SparseSamples;
 use super::level::Level;
 use super::line::Line;
+use super::marks::{MarkingPart, mark};
 use super::parameters::CrossingParameters;
 use super::pixel::follow;
-use super::room::{Allowance, Full, Room, most_events};
+use super::prefetch::prefetch;
+use super::room::{Allowance, Full, Room, Stop, most_events};
 use super::sample::Sample;
-use super::scan::{Found, MOST_FOUND, TILE};
-use super::steps::Steps;
+use super::scan::{Found, MOST_FOUND, TILE, Tile};
 use crate::event::{Event, SensorSize};
 
 /// The interval that a frame ends.
@@ -42,8 +44,8 @@ pub(crate) struct Share<'a, S> {
     pub(crate) last: &'a [S],
     /// Takes the new frame, and becomes `last` once the push is done.
     pub(crate) next: &'a mut [S],
-    pub(crate) low: &'a mut [S],
-    pub(crate) high: &'a mut [S],
+    pub(crate) marks: &'a mut [f32],
+    pub(crate) marking: MarkingPart<'a>,
     pub(crate) new: &'a [S],
     /// Rates of change at the interval's start and end.
     pub(crate) rates: Option<(&'a [S], &'a [S])>,
@@ -90,7 +92,7 @@ impl<S: Sample> Band<S> {
         size: SensorSize,
         p: &CrossingParameters,
         allowance: Allowance,
-    ) -> Result<(), Full> {
+    ) -> Result<(), Stop> {
         for event in self.events.events() {
             share.last_event_us[event.pixel(size) - share.first_pixel] = event.t;
         }
@@ -98,12 +100,19 @@ impl<S: Sample> Band<S> {
         self.found.count = 0;
         for start in (0..share.new.len()).step_by(TILE) {
             let end = (start + TILE).min(share.new.len());
-            let rates = share.rates.map(|(from, to)| (&from[start..end], &to[start..end]));
-            let bounds = (&share.low[start..end], &share.high[start..end]);
-            let samples = (&share.last[start..end], &mut share.next[start..end]);
             let sparse = share.sparse.of(share.first_pixel + start, share.first_pixel + end).pixel;
             let also = sparse.iter().map(|&pixel| pixel as usize - share.first_pixel - start);
-            self.found.scan(start, &share.new[start..end], samples, bounds, rates, also);
+            let tile = Tile {
+                start,
+                new: &share.new[start..end],
+                last: &share.last[start..end],
+                next: &mut share.next[start..end],
+                marks: &share.marks[start..end],
+                marking: share.marking.of(start..end),
+                rates: share.rates.map(|(from, to)| (&from[start..end], &to[start..end])),
+            };
+            prefetch(&share.new[end..(end + TILE).min(share.new.len())]);
+            self.found.scan(tile, also);
             if self.found.is_full() {
                 self.decide(&mut share, at, size, p)?;
             }
@@ -111,16 +120,20 @@ impl<S: Sample> Band<S> {
         self.decide(&mut share, at, size, p)
     }
 
-    /// Decides what was found, makes its events, and moves its pixels and bounds on.
+    /// Decides what was found, makes its events, and moves its pixels and marks on.
     fn decide(
         &mut self,
         share: &mut Share<'_, S>,
         at: Interval,
         size: SensorSize,
         p: &CrossingParameters,
-    ) -> Result<(), Full> {
+    ) -> Result<(), Stop> {
+        if !S::all_valid(&self.found.to[..self.found.count]) {
+            return Err(Stop::BadValue);
+        }
         self.candidates.take_logs(&self.found, p.log_eps);
         self.candidates.decide(&self.found, share.references, share.rates, share.first_pixel, at.ticks, p);
+        self.candidates.mark(&self.found, share.marking.ground);
         if !share.sparse.is_empty() {
             for (verdict, &place) in self.candidates.verdict.iter_mut().zip(&self.found.place[..self.found.count]) {
                 if !share.sparse_of(place).is_empty() {
@@ -163,8 +176,7 @@ impl<S: Sample> Band<S> {
             };
             let reference = &mut share.references[in_share];
             *if on { &mut reference.on } else { &mut reference.off } += 1;
-            share.low[in_share] = self.candidates.low[j];
-            share.high[in_share] = self.candidates.high[j];
+            share.marks[in_share] = self.candidates.marks[j];
             // A place in an array is cheaper than a push.
             self.clear[made] = Event::new(at.start_us + self.candidates.tick[j], x, y, on);
             made += 1;
@@ -213,10 +225,7 @@ impl<S: Sample> Band<S> {
             }
         };
         if moved {
-            let Steps { on, off, rise, fall } = Steps::new(c);
-            let steps = Steps { on: &[on][..], off: &[off], rise: &[rise], fall: &[fall] };
-            let bounds = (&mut share.low[in_share..=in_share], &mut share.high[in_share..=in_share]);
-            S::bounds(&[reference.value(c)], steps, p.log_eps, bounds);
+            share.marks[in_share] = mark::<S>(*reference, c, share.marking.ground);
         }
         Ok(())
     }

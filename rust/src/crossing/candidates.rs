@@ -1,4 +1,4 @@
-//! Decides pixels that left their bounds, many at a time in vector registers, where there is no doubt: straight lines.
+//! Decides pixels that left their reach, many at a time in vector registers, where there is no doubt: straight lines.
 //!
 //! Nearly all of these candidates reach exactly one level, clearly, at a moment clearly between two ticks. The loop in
 //! [`decide`] computes for each the level, the tick and a bound of the rounding errors. If the bound leaves any doubt,
@@ -6,12 +6,14 @@
 //! cubics.
 //!
 //! [`Candidates`] keeps each quantity in an array of its own, padded to whole vectors, because the loops need that to
-//! become vector code. It also computes the bounds that a pixel has after its event.
+//! become vector code. It also computes the mark that a pixel has after its event.
 //!
 //! What must not break:
 //! - A verdict other than `Unclear` is what the exact rule says. So the error bounds must cover every rounding. The
 //!   tests below compare with the exact rule, also as near to levels and ticks as floats can lie.
 //! - The loop in [`decide`] has no branches and no calls that are not inlined, or it is no longer vector code.
+
+use std::marker::PhantomData;
 
 use multiversion::multiversion;
 
@@ -19,7 +21,7 @@ use super::cubic_candidates::{Slopes, decide_cubics};
 use super::decision::{Decisions, LARGEST_TICK, Lines, References, Verdict, ceiling, integer};
 use super::level::Level;
 use super::parameters::CrossingParameters;
-use super::sample::Sample;
+use super::sample::{Ground, Sample};
 use super::scan::{Found, MOST_FOUND};
 use super::steps::{StepArrays, Steps};
 
@@ -39,9 +41,9 @@ pub(crate) struct Candidates<S> {
     pub(crate) tick: Vec<i64>,
     pub(crate) verdict: Vec<Verdict>,
     after: Vec<f64>,
-    /// The bounds that belong to that reference.
-    pub(crate) low: Vec<S>,
-    pub(crate) high: Vec<S>,
+    /// The mark of that reference.
+    pub(crate) marks: Vec<f32>,
+    samples: PhantomData<S>,
 }
 
 /// Arrays are worked on in whole vectors: up to the next multiple.
@@ -63,8 +65,8 @@ impl<S: Sample> Candidates<S> {
             tick: vec![0; length],
             verdict: vec![Verdict::Nothing; length],
             after: zeros(),
-            low: vec![S::default(); length],
-            high: vec![S::default(); length],
+            marks: vec![0.0; length],
+            samples: PhantomData,
         }
     }
 
@@ -103,12 +105,17 @@ impl<S: Sample> Candidates<S> {
                 *to = found.to[j].log_rate(rates.1[place as usize], p.log_eps) * seconds;
             }
         }
-        self.decide_set(found.count, rates.is_some(), ticks, p.log_eps);
+        self.decide_set(found.count, rates.is_some(), ticks);
+    }
+
+    /// Computes the marks of what was decided.
+    pub(crate) fn mark(&mut self, found: &Found<S>, ground: Ground) {
+        S::marks(&self.after[..found.count], ground, &mut self.marks[..found.count]);
     }
 
     /// Decides the first `count` candidates, of which all is set.
     #[allow(clippy::cast_precision_loss, reason = "ticks < 2^53")]
-    fn decide_set(&mut self, count: usize, cubics: bool, ticks: i64, log_eps: f64) {
+    fn decide_set(&mut self, count: usize, cubics: bool, ticks: i64) {
         let n = count.next_multiple_of(VECTOR);
         let steps = self.steps.first(n);
         let lines = Lines { from: &self.from[..n], to: &self.to[..n], ticks: ticks as f64 };
@@ -121,7 +128,6 @@ impl<S: Sample> Candidates<S> {
         } else {
             decide(&lines, &references, steps, decisions);
         }
-        S::bounds(&self.after[..n], steps, log_eps, (&mut self.low[..n], &mut self.high[..n]));
     }
 }
 

@@ -17,12 +17,12 @@ use super::cubic::Cubic;
 use super::frame::Frame;
 use super::level::Level;
 use super::line::Line;
+use super::marks::Marking;
 use super::parameters::CrossingParameters;
-use super::room::{Allowance, Full, Tally};
+use super::room::{Allowance, Stop, Tally};
 use super::sample::Sample;
 use super::scan::TILE;
 use super::state::EngineState;
-use super::steps::StepArrays;
 use crate::event::{Event, SensorSize};
 
 /// No event yet.
@@ -31,7 +31,7 @@ pub(crate) const NEVER: i64 = -1;
 /// The pixels of a sensor: a push runs them over a frame, and then keeps what it found, or undoes it.
 pub(crate) trait Pixels<S> {
     /// Runs every pixel over one checked frame, within an allowance of events: then [`Self::settle`], or [`Self::undo`].
-    fn advance(&mut self, push: &Push<'_, S>, allowance: Allowance) -> std::result::Result<(), Full>;
+    fn advance(&mut self, push: &Push<'_, S>, allowance: Allowance) -> std::result::Result<(), Stop>;
 
     /// The events of the last frame: parts that together are in raster order.
     fn events(&self) -> Vec<&[Event]>;
@@ -55,14 +55,14 @@ pub(crate) struct Push<'a, S> {
     pub(crate) pool: Option<&'a rayon::ThreadPool>,
 }
 
-/// State of 40 bytes a pixel for luma (the rate of change takes four more), in arrays: what every frame touches lies
+/// State of 36 bytes a pixel for luma (the rate of change takes four more), in arrays: what every frame touches lies
 /// together, apart from what only an event touches.
 pub(crate) struct Core<S> {
     last: Vec<S>,
     /// The frame that a push brings, until it is done and this becomes `last`.
     next: Vec<S>,
-    low: Vec<S>,
-    high: Vec<S>,
+    marks: Vec<f32>,
+    marking: Marking,
     /// Empty where interpolation is linear.
     rates: Vec<S>,
     references: Vec<Level>,
@@ -90,14 +90,14 @@ impl<S: Sample> Core<S> {
         let mut core = Self {
             last: first.to_vec(),
             next: samples(),
-            low: samples(),
-            high: samples(),
+            marks: vec![0.0; first.len()],
+            marking: Marking::new::<S>(parameters, first.len()),
             rates: rates.map_or(vec![], <[S]>::to_vec),
             references: logs.iter().enumerate().map(|(i, &log)| parameters.first_reference(log, i, seed)).collect(),
             last_event_us: vec![NEVER; first.len()],
             bands: (0..bands).map(|_| Band::new(parameters)).collect(),
         };
-        core.reset_bounds(parameters);
+        core.reset_marks(parameters);
         core
     }
 
@@ -107,7 +107,7 @@ impl<S: Sample> Core<S> {
             *reference = Level { base: state.base[i], on: state.on[i], off: state.off[i] };
         }
         self.last_event_us.copy_from_slice(&state.last_event_us);
-        self.reset_bounds(&state.parameters);
+        self.reset_marks(&state.parameters);
     }
 
     pub(crate) fn last(&self) -> &[S] {
@@ -131,18 +131,14 @@ impl<S: Sample> Core<S> {
         times
     }
 
-    /// Computes the bounds of all pixels afresh.
-    fn reset_bounds(&mut self, parameters: &CrossingParameters) {
-        let mut steps = StepArrays::new(TILE, parameters);
+    /// Computes the marks of all pixels afresh.
+    fn reset_marks(&mut self, parameters: &CrossingParameters) {
         let mut values = vec![0.0; TILE];
-        for (tile, references) in self.references.chunks(TILE).enumerate() {
-            let (first, n) = (tile * TILE, references.len());
-            steps.take(|j| first + j, n, parameters);
-            for ((j, value), reference) in values.iter_mut().enumerate().zip(references) {
-                *value = reference.value(parameters.thresholds(first + j));
+        for (tile, (references, marks)) in self.references.chunks(TILE).zip(self.marks.chunks_mut(TILE)).enumerate() {
+            for (j, (value, reference)) in values.iter_mut().zip(references).enumerate() {
+                *value = reference.value(parameters.thresholds(tile * TILE + j));
             }
-            let bounds = (&mut self.low[first..first + n], &mut self.high[first..first + n]);
-            S::bounds(&values[..n], steps.first(n), parameters.log_eps, bounds);
+            S::marks(&values[..references.len()], self.marking.ground(), marks);
         }
     }
 }
@@ -152,46 +148,48 @@ impl<S: Sample> Pixels<S> for Core<S> {
         self.bands.iter().map(|band| band.events.events()).collect()
     }
 
-    fn advance(&mut self, push: &Push<'_, S>, allowance: Allowance) -> std::result::Result<(), Full> {
+    fn advance(&mut self, push: &Push<'_, S>, allowance: Allowance) -> std::result::Result<(), Stop> {
         let Push { frame, at, size, p: parameters, pool } = *push;
-        let Self { last, next, low, high, rates: before, references, last_event_us, bands } = self;
+        let Self { last, next, marks, marking, rates: before, references, last_event_us, bands } = self;
+        let marking = &*marking;
         let rates_at =
             |start: usize, n: usize| frame.rate.map(|now| (&before[start..start + n], &now[start..start + n]));
         let (new, sparse) = (frame.samples, frame.sparse);
         match pool {
             None => {
                 let rates = rates_at(0, new.len());
+                let marking = marking.of(0..new.len());
                 let share =
-                    Share { first_pixel: 0, references, last_event_us, last, next, low, high, new, rates, sparse };
+                    Share { first_pixel: 0, references, last_event_us, last, next, marks, marking, new, rates, sparse };
                 bands[0].advance(share, at, size, parameters, allowance)
             }
             Some(pool) => {
                 let length = new.len().div_ceil(bands.len()).next_multiple_of(TILE);
                 pool.install(|| {
                     let state = (references.par_chunks_mut(length), last_event_us.par_chunks_mut(length));
-                    let bounds = (low.par_chunks_mut(length), high.par_chunks_mut(length));
                     let samples = (last.par_chunks(length), next.par_chunks_mut(length), new.par_chunks(length));
-                    let shares = (state, bounds, samples, bands.par_iter_mut()).into_par_iter().enumerate();
+                    let shares = (state, marks.par_chunks_mut(length), samples, bands.par_iter_mut())
+                        .into_par_iter()
+                        .enumerate();
                     // Every band begins, also where another one is full: what it holds is then of this frame.
-                    let outcomes =
-                        shares.map(|(i, ((references, last_event_us), (low, high), (last, next, new), band))| {
-                            let (first_pixel, rates) = (i * length, rates_at(i * length, new.len()));
-                            let sparse = sparse.of(first_pixel, first_pixel + new.len());
-                            let share = Share {
-                                first_pixel,
-                                references,
-                                last_event_us,
-                                last,
-                                next,
-                                low,
-                                high,
-                                new,
-                                rates,
-                                sparse,
-                            };
-                            band.advance(share, at, size, parameters, allowance)
-                        });
-                    outcomes.reduce(|| Ok(()), Result::and)
+                    let outcomes = shares.map(|(i, ((references, last_event_us), marks, (last, next, new), band))| {
+                        let (first_pixel, rates) = (i * length, rates_at(i * length, new.len()));
+                        let sparse = sparse.of(first_pixel, first_pixel + new.len());
+                        let share = Share {
+                            first_pixel,
+                            references,
+                            last_event_us,
+                            last,
+                            next,
+                            marks,
+                            marking: marking.of(first_pixel..first_pixel + new.len()),
+                            new,
+                            rates,
+                            sparse,
+                        };
+                        band.advance(share, at, size, parameters, allowance)
+                    });
+                    outcomes.reduce(|| Ok(()), Stop::both)
                 })
             }
         }
@@ -213,7 +211,7 @@ impl<S: Sample> Pixels<S> for Core<S> {
             }
             band.events.clear();
         }
-        self.reset_bounds(push.p);
+        self.reset_marks(push.p);
     }
 
     #[cold]

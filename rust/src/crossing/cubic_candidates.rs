@@ -117,7 +117,7 @@ mod tests {
         let lines = Lines { from: &[from], to: &[to], ticks: ticks as f64 };
         let references =
             References { base: &[reference.base], on: &[f64::from(reference.on)], off: &[f64::from(reference.off)] };
-        let steps = Steps { on: &[c.on][..], off: &[c.off], rise: &[1.0], fall: &[1.0] };
+        let steps = Steps { on: &[c.on][..], off: &[c.off] };
         let (mut tick, mut verdict, mut after) = ([0], [Verdict::Unclear], [0.0]);
         let decisions = Decisions { tick: &mut tick, verdict: &mut verdict, after: &mut after };
         decide_cubics(&lines, &Slopes { from: &[p], to: &[q] }, &references, steps, decisions);

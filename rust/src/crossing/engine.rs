@@ -1,14 +1,15 @@
 //! The engine that users see: it checks a frame, runs the pixels over it and sorts the events.
 //!
-//! Everything that can be wrong with a frame is checked before any state changes. So a refused frame leaves the engine
-//! as it was, and the code behind the check need not handle errors. The one exception is the memory for events, whose
-//! number is not known before: see [`super::room`].
+//! What can be wrong with a frame is checked before any state changes, with two exceptions: the memory for events, whose
+//! number is not known before ([`super::room`]), and bad values in a frame of ideal pixels, which are found while these
+//! run, because reading the frame twice would cost time. A push that stops for one of these is undone. So a refused frame
+//! leaves the engine as it was.
 //!
 //! Pixels are kept in one of three forms: for luma, for log intensity, and under effects. The first frame decides
-//! which. Ideal pixels fed with luma need no logarithm for samples within their bounds.
+//! which. Ideal pixels fed with luma need no logarithm for samples within reach of their mark.
 //!
 //! What must not break:
-//! - Checks come before changes.
+//! - Checks come before changes, or changes are undone.
 //! - The same input gives the same bytes on any number of threads.
 
 use rayon::ThreadPool;
@@ -20,7 +21,7 @@ use super::effects::{EffectCore, Effects, ThresholdMismatch, mismatched};
 use super::frame::Frame;
 use super::level::Level;
 use super::parameters::{CrossingParameters, Interpolation};
-use super::room::{Allowance, Full, MOST_EVENTS, out_of_memory, refuse};
+use super::room::{Allowance, MOST_EVENTS, Stop, out_of_memory, refuse};
 use super::sample::Sample;
 use crate::error::{Error, Result};
 use crate::event::{Event, SensorSize};
@@ -253,7 +254,15 @@ impl CrossingEngine {
     pub(super) fn take<S: Feed>(&mut self, frame: Frame<'_, S>, events: &mut Vec<Event>) -> Result<()> {
         let pool = self.threads.as_ref().map(Threads::pool).transpose()?;
         let pool = pool.as_deref();
-        let at = self.check_frame(&frame, pool)?;
+        let at = self.check_frame(&frame)?;
+        // Ideal pixels find bad values themselves.
+        if S::core(&mut self.samples).is_none() {
+            self.check_values(frame.samples, frame.t_us, pool)?;
+        }
+        if let Err(error) = self.check_interval(&frame, at) {
+            S::check(frame.samples, self.size, frame.t_us)?;
+            return Err(error);
+        }
         let push = Push { frame, at, size: self.size, p: &self.parameters, pool };
         if let Some(pixels) = S::pixels(&mut self.samples) {
             run(pixels, &push, self.most_events, &mut self.sort, events)?;
@@ -292,9 +301,9 @@ impl CrossingEngine {
         self.references().into_iter().map(largest).max().unwrap_or(0).into()
     }
 
-    /// Everything that can be wrong with a frame; what is left cannot fail. Returns the interval that it ends.
-    fn check_frame<S: Sample>(&mut self, frame: &Frame<'_, S>, pool: Option<&ThreadPool>) -> Result<Interval> {
-        let Frame { t_us, samples, rate, sparse } = *frame;
+    /// What can be wrong with a frame's shape and time. Returns the interval that it ends.
+    fn check_frame<S: Sample>(&self, frame: &Frame<'_, S>) -> Result<Interval> {
+        let Frame { t_us, samples, rate, .. } = *frame;
         let pixels = self.size.pixels();
         for (name, length) in [("a frame", Some(samples.len())), ("a rate of change", rate.map(<[S]>::len))] {
             if length.is_some_and(|length| length != pixels) {
@@ -330,23 +339,30 @@ impl CrossingEngine {
                 "two frames must be less than 2^53 us apart, got {start_us} us and {t_us} us"
             )));
         }
+        Ok(Interval { start_us, ticks })
+    }
+
+    /// Refuses bad values.
+    fn check_values<S: Sample>(&self, samples: &[S], t_us: i64, pool: Option<&ThreadPool>) -> Result<()> {
         let valid = match pool {
             None => S::all_valid(samples),
             Some(pool) => pool.install(|| samples.par_chunks(CHECKED_AT_A_TIME).all(S::all_valid)),
         };
-        if !valid {
-            S::check(samples, self.size, t_us)?;
-        }
+        if valid { Ok(()) } else { S::check(samples, self.size, t_us) }
+    }
+
+    /// What can be wrong with what happens in the interval that a frame ends.
+    fn check_interval<S: Sample>(&mut self, frame: &Frame<'_, S>, at: Interval) -> Result<()> {
+        let sparse = frame.sparse;
         if !sparse.is_empty() {
             if self.t_us.is_none() {
                 return Err(Error::Argument(
                     "the first frame can have no sparse samples: nothing lies before it".into(),
                 ));
             }
-            sparse.check(self.size, start_us, t_us)?;
+            sparse.check(self.size, at.start_us, frame.t_us)?;
         }
-        self.make_room(sparse.most_of_a_pixel(), ticks)?;
-        Ok(Interval { start_us, ticks })
+        self.make_room(sparse.most_of_a_pixel(), at.ticks)
     }
 
     /// Counters must not overflow; whether one could is estimated from above, and counted only when it comes near.
@@ -383,17 +399,27 @@ fn run<S: Sample>(
     sort: &mut TimeSort,
     events: &mut Vec<Event>,
 ) -> Result<()> {
-    let Err(Full) = attempt(pixels, push, most, Allowance::Usual, sort, events) else { return Ok(()) };
+    let bad_value = || {
+        let refused = S::check(push.frame.samples, push.size, push.frame.t_us);
+        refused.and_then(|()| Err(Error::Argument(S::RULE.into())))
+    };
+    match attempt(pixels, push, most, Allowance::Usual, sort, events) {
+        Ok(()) => return Ok(()),
+        Err(Stop::BadValue) => return bad_value(),
+        Err(Stop::Full) => {}
+    }
+    if !S::all_valid(push.frame.samples) {
+        return bad_value(); // one that comes after what was too much
+    }
     let count = pixels.count(push);
     let (places, least, t_us) = (push.size.pixels(), push.p.least_threshold(), push.frame.t_us);
     if count > most {
         return Err(refuse(count, most, places, least, t_us));
     }
-    attempt(pixels, push, most, Allowance::Counted, sort, events)
-        .map_err(|Full| out_of_memory(count, places, least, t_us))
+    attempt(pixels, push, most, Allowance::Counted, sort, events).map_err(|_| out_of_memory(count, places, least, t_us))
 }
 
-/// Runs pixels over a frame and sorts their events; where there is no room for them, nothing is changed.
+/// Runs pixels over a frame and sorts their events; where that cannot be done, nothing is changed.
 fn attempt<S: Sample>(
     pixels: &mut dyn Pixels<S>,
     push: &Push<'_, S>,
@@ -401,18 +427,18 @@ fn attempt<S: Sample>(
     allowance: Allowance,
     sort: &mut TimeSort,
     events: &mut Vec<Event>,
-) -> std::result::Result<(), Full> {
+) -> std::result::Result<(), Stop> {
     let made = pixels.advance(push, allowance).and_then(|()| {
         let parts = pixels.events();
         let total: u64 = parts.iter().map(|part| part.len() as u64).sum();
         if total > most && matches!(allowance, Allowance::Usual) {
-            return Err(Full);
+            return Err(Stop::Full);
         }
-        sort.sort(parts.into_iter(), push.at.start_us, push.at.ticks, events).map_err(|_| Full)
+        sort.sort(parts.into_iter(), push.at.start_us, push.at.ticks, events).map_err(|_| Stop::Full)
     });
     match made {
         Ok(()) => pixels.settle(push),
-        Err(Full) => pixels.undo(push),
+        Err(_) => pixels.undo(push),
     }
     made
 }

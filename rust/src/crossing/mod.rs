@@ -1,7 +1,7 @@
 //! The crossing engine: an event occurs wherever the log intensity of a pixel reaches one of its levels.
 //!
 //! ```text
-//! frame -> scan        which samples left their pixel's bounds?
+//! frame -> scan        which samples left the reach of their pixel's mark?
 //!       -> candidates  those, many at a time in vector registers, where the event is beyond doubt
 //!       -> pixel       the rest, exactly
 //!       -> order       all events by time
@@ -10,9 +10,9 @@
 //! [`pixel`] is the whole rule: it says which events one new sample makes. [`level`] says where the levels lie.
 //! [`curve`], [`mod@line`] and [`cubic`] say when log intensity reaches one. [`start_phase`] says where references begin.
 //!
-//! Running that rule on every pixel would be slow. So [`sample`], [`steps`], [`scan`], [`decision`], [`candidates`] and
-//! [`cubic_candidates`] decide nearly all pixels in vector code, and leave to [`pixel`] what they cannot decide beyond
-//! doubt. [`band`] does all of it for a band of rows ([`room`] keeps its events), and [`core`] runs the bands on
+//! Running that rule on every pixel would be slow. So [`sample`], [`marks`], [`steps`], [`scan`], [`decision`], [`candidates`]
+//! and [`cubic_candidates`] decide nearly all pixels in vector code, and leave to [`pixel`] what they cannot decide beyond
+//! doubt. [`band`] does all of it for a band of rows ([`prefetch`] brings its frame near, [`room`] keeps its events), and [`core`] runs the bands on
 //! threads. [`engine`] is what the user sees, and [`restore`] stores and restores it. Pixels under [`effects`] take a
 //! different way from frame to events.
 //!
@@ -32,8 +32,10 @@ mod exponential;
 mod frame;
 mod level;
 mod line;
+mod marks;
 mod parameters;
 mod pixel;
+mod prefetch;
 mod reconstruct;
 mod restore;
 mod room;

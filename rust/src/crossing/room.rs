@@ -22,6 +22,31 @@ pub(crate) const MOST_EVENTS: u64 = 1 << 27;
 #[derive(Debug)]
 pub(crate) struct Full;
 
+/// Why a push stops before its end.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Stop {
+    /// There are more events than there is room for.
+    Full,
+    /// A sample has no log intensity.
+    BadValue,
+}
+
+impl From<Full> for Stop {
+    fn from(Full: Full) -> Self {
+        Self::Full
+    }
+}
+
+impl Stop {
+    /// What two parts of a frame come to together: bad values are told first, because the frame is refused for them.
+    pub(crate) fn both(one: Result<(), Self>, other: Result<(), Self>) -> Result<(), Self> {
+        match (one, other) {
+            (Err(Self::BadValue), _) | (_, Err(Self::BadValue)) => Err(Self::BadValue),
+            (one, other) => one.and(other),
+        }
+    }
+}
+
 /// How many events a band may make.
 #[derive(Clone, Copy)]
 pub(crate) enum Allowance {

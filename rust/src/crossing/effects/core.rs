@@ -17,7 +17,7 @@ use crate::crossing::core::{Pixels, Push};
 use crate::crossing::frame::Frame;
 use crate::crossing::level::Level;
 use crate::crossing::parameters::CrossingParameters;
-use crate::crossing::room::{Allowance, Full};
+use crate::crossing::room::{Allowance, Stop};
 use crate::crossing::sample::Sample;
 use crate::crossing::scan::TILE;
 use crate::crossing::state::{EffectState, EngineState};
@@ -197,9 +197,9 @@ impl EffectCore {
 }
 
 impl<S: Sample> Pixels<S> for EffectCore {
-    fn advance(&mut self, push: &Push<'_, S>, allowance: Allowance) -> std::result::Result<(), Full> {
+    fn advance(&mut self, push: &Push<'_, S>, allowance: Allowance) -> std::result::Result<(), Stop> {
         let sensor = &self.sensor;
-        let advance = |band: &mut Band| band.advance(&band.share(push), push.p, sensor, allowance);
+        let advance = |band: &mut Band| band.advance(&band.share(push), push.p, sensor, allowance).map_err(Stop::from);
         // Every band begins, also where another one is full: what it holds is then of this frame.
         match push.pool {
             None => self.bands.iter_mut().map(advance).fold(Ok(()), std::result::Result::and),
