@@ -4,30 +4,30 @@
 //! frame would cost more than a quiet frame does. Candidates are decided in batches that fit into the first-level
 //! cache.
 //!
-//! Pixels with sparse samples always take the exact rule, because no single curve describes their interval.
+//! Pixels with sparse samples always take the exact rule, because no single curve describes their interval. So do all
+//! pixels in intervals longer than half an hour.
 //!
 //! What must not break:
 //! - Events leave in raster order and, within a pixel, in the order of crossing. The sort by time is stable and relies
 //!   on it.
 //! - Whenever a pixel's reference moves, its mark is set again. A mark that is out of date would hide events.
 //! - Candidates are checked before they are decided, because bad values have no log intensity.
-//! - Times of last events are written to the state one frame late. Until then the events themselves hold them, so that
-//!   a push can be undone.
 
 use super::candidates::Candidates;
 use super::cubic::Cubic;
 use super::decision::Verdict;
 use super::frame::SparseSamples;
-use super::level::Level;
 use super::line::Line;
+use super::made::{Key, Made, Place};
 use super::marks::{MarkingPart, mark};
 use super::parameters::CrossingParameters;
 use super::pixel::follow;
 use super::prefetch::prefetch;
-use super::room::{Allowance, Full, Room, Stop, most_events};
+use super::record::Record;
+use super::room::{Allowance, Stop, most_events};
 use super::sample::Sample;
-use super::scan::{Found, MOST_FOUND, TILE, Tile};
-use crate::event::{Event, SensorSize};
+use super::scan::{Found, TILE, Tile};
+use crate::event::SensorSize;
 
 /// The interval that a frame ends.
 #[derive(Clone, Copy)]
@@ -37,10 +37,13 @@ pub(crate) struct Interval {
 }
 
 /// A band's share of the engine's state and of the new frame.
-pub(crate) struct Share<'a, S> {
+pub(crate) struct Share<'a, S, R: Record> {
     pub(crate) first_pixel: usize,
-    pub(crate) references: &'a mut [Level],
-    pub(crate) last_event_us: &'a mut [i64],
+    pub(crate) records: &'a mut [R],
+    /// The zero of the records' times.
+    pub(crate) zero_us: i64,
+    /// Takes the events.
+    pub(crate) made: &'a mut Made<R>,
     pub(crate) last: &'a [S],
     /// Takes the new frame, and becomes `last` once the push is done.
     pub(crate) next: &'a mut [S],
@@ -53,7 +56,7 @@ pub(crate) struct Share<'a, S> {
     pub(crate) sparse: SparseSamples<'a, S>,
 }
 
-impl<'a, S: Sample> Share<'a, S> {
+impl<'a, S: Sample, R: Record> Share<'a, S, R> {
     /// The sparse samples of the pixel at a place of the share.
     fn sparse_of(&self, place: u32) -> SparseSamples<'a, S> {
         let pixel = self.first_pixel + place as usize;
@@ -63,40 +66,27 @@ impl<'a, S: Sample> Share<'a, S> {
 
 /// Memory that a band keeps from frame to frame.
 pub(crate) struct Band<S> {
-    /// The events of the last frame, in raster order.
-    pub(crate) events: Room,
     found: Found<S>,
     candidates: Candidates<S>,
-    /// Room for the events of candidates that are clear.
-    clear: Vec<Event>,
     /// Log intensity of a pixel's sparse samples.
     logs: Vec<f64>,
 }
 
 impl<S: Sample> Band<S> {
     pub(crate) fn new(p: &CrossingParameters) -> Self {
-        Self {
-            events: Room::default(),
-            found: Found::new(),
-            candidates: Candidates::new(p),
-            clear: vec![Event::default(); MOST_FOUND],
-            logs: Vec::new(),
-        }
+        Self { found: Found::new(), candidates: Candidates::new(p), logs: Vec::new() }
     }
 
     /// Takes the frame's share: finds the events and moves the state on.
-    pub(crate) fn advance(
+    pub(crate) fn advance<R: Record>(
         &mut self,
-        mut share: Share<'_, S>,
+        mut share: Share<'_, S, R>,
         at: Interval,
         size: SensorSize,
         p: &CrossingParameters,
         allowance: Allowance,
     ) -> Result<(), Stop> {
-        for event in self.events.events() {
-            share.last_event_us[event.pixel(size) - share.first_pixel] = event.t;
-        }
-        self.events.begin(allowance, share.new.len());
+        share.made.begin(allowance, share.new.len(), at.ticks);
         self.found.count = 0;
         for start in (0..share.new.len()).step_by(TILE) {
             let end = (start + TILE).min(share.new.len());
@@ -121,21 +111,24 @@ impl<S: Sample> Band<S> {
     }
 
     /// Decides what was found, makes its events, and moves its pixels and marks on.
-    fn decide(
+    fn decide<R: Record>(
         &mut self,
-        share: &mut Share<'_, S>,
+        share: &mut Share<'_, S, R>,
         at: Interval,
         size: SensorSize,
         p: &CrossingParameters,
     ) -> Result<(), Stop> {
-        if !S::all_valid(&self.found.to[..self.found.count]) {
+        let count = self.found.count;
+        if !S::all_valid(&self.found.to[..count]) {
             return Err(Stop::BadValue);
         }
         self.candidates.take_logs(&self.found, p.log_eps);
-        self.candidates.decide(&self.found, share.references, share.rates, share.first_pixel, at.ticks, p);
+        self.candidates.decide(&self.found, share.records, share.rates, share.first_pixel, at.ticks, p);
         self.candidates.mark(&self.found, share.marking.ground);
-        if !share.sparse.is_empty() {
-            for (verdict, &place) in self.candidates.verdict.iter_mut().zip(&self.found.place[..self.found.count]) {
+        if share.made.is_long() {
+            self.candidates.verdict[..count].fill(Verdict::Unclear);
+        } else if !share.sparse.is_empty() {
+            for (verdict, &place) in self.candidates.verdict.iter_mut().zip(&self.found.place[..count]) {
                 if !share.sparse_of(place).is_empty() {
                     *verdict = Verdict::Unclear; // no single curve tells
                 }
@@ -146,63 +139,85 @@ impl<S: Sample> Band<S> {
         Ok(())
     }
 
-    fn carry_out(
+    fn carry_out<R: Record>(
         &mut self,
-        share: &mut Share<'_, S>,
+        share: &mut Share<'_, S, R>,
         at: Interval,
         size: SensorSize,
         p: &CrossingParameters,
-    ) -> Result<(), Full> {
+    ) -> Result<(), Stop> {
         let width = usize::from(size.width);
-        let (mut row_start, mut y, mut made) = (0, 0, 0);
-        for j in 0..self.found.count {
-            let in_share = self.found.place[j] as usize;
-            let index = share.first_pixel + in_share;
-            // Places go up, so the row is followed instead of divided for.
+        let (mut row_start, mut y) = (0, 0);
+        // Places go up, so the row is followed instead of divided for.
+        let mut place_of = |index: usize| {
             if index >= row_start + width {
                 (row_start, y) = (index - index % width, index / width);
             }
             #[allow(clippy::cast_possible_truncation, reason = "within the sensor's u16 sides")]
-            let (x, y) = ((index - row_start) as u16, y as u16);
-            let on = match self.candidates.verdict[j] {
-                Verdict::Nothing => continue,
-                Verdict::Unclear => {
-                    self.events.extend(&self.clear[..made])?;
-                    made = 0;
-                    self.follow(share, j, (x, y), at, p)?;
-                    continue;
+            Place::new((index - row_start) as u16, y as u16)
+        };
+        let mut next = 0;
+        while next < self.found.count {
+            let n = self.found.count - next;
+            let candidates = next..next + n;
+            let clear = self.candidates.verdict[candidates.clone()].iter().zip(&self.found.place[candidates.clone()]);
+            let outcomes = self.candidates.tick[candidates.clone()].iter().zip(&self.candidates.marks[candidates]);
+            let (mut made, mut passed, mut fits) = (0, 0, true);
+            if !share.made.is_long() {
+                share.made.reserve(n)?;
+                let (keys, old) = share.made.spare(n);
+                for ((&verdict, &in_share), (&tick, &mark)) in clear.zip(outcomes) {
+                    if verdict == Verdict::Unclear {
+                        break;
+                    }
+                    passed += 1;
+                    if verdict == Verdict::Nothing {
+                        continue;
+                    }
+                    let on = verdict == Verdict::On;
+                    let record = &mut share.records[in_share as usize];
+                    old[made] = record.old();
+                    keys[made] = Key::new(tick, place_of(share.first_pixel + in_share as usize), on);
+                    fits &= record.count(on, at.start_us + tick, share.zero_us);
+                    share.marks[in_share as usize] = mark;
+                    made += 1;
                 }
-                verdict => verdict == Verdict::On,
-            };
-            let reference = &mut share.references[in_share];
-            *if on { &mut reference.on } else { &mut reference.off } += 1;
-            share.marks[in_share] = self.candidates.marks[j];
-            // A place in an array is cheaper than a push.
-            self.clear[made] = Event::new(at.start_us + self.candidates.tick[j], x, y, on);
-            made += 1;
+                share.made.take(made);
+            }
+            if !fits {
+                return Err(Stop::Narrow);
+            }
+            next += passed;
+            if next < self.found.count {
+                let place = place_of(share.first_pixel + self.found.place[next] as usize);
+                self.follow(share, next, place, at, p)?;
+                next += 1;
+            }
         }
-        self.events.extend(&self.clear[..made])
+        Ok(())
     }
 
     /// Runs one candidate through the interval exactly.
     #[cold]
-    fn follow(
+    fn follow<R: Record>(
         &mut self,
-        share: &mut Share<'_, S>,
+        share: &mut Share<'_, S, R>,
         candidate: usize,
-        (x, y): (u16, u16),
+        place: Place,
         at: Interval,
         p: &CrossingParameters,
-    ) -> Result<(), Full> {
+    ) -> Result<(), Stop> {
         let in_share = self.found.place[candidate] as usize;
         let sparse = share.sparse_of(self.found.place[candidate]);
         let c = p.thresholds(share.first_pixel + in_share);
-        let reference = &mut share.references[in_share];
-        let events = &mut self.events;
+        let record = share.records[in_share];
+        let (mut reference, old) = (record.level(), record.old());
+        let mut last_event_us = record.last_event_us(share.zero_us);
+        let made = &mut *share.made;
         let line = Line { from: self.candidates.from[candidate], to: self.candidates.to[candidate], ticks: at.ticks };
-        let mut run = |reference: &mut Level, line: &Line, start_us| {
-            events.reserve(most_events(*reference, line, c))?;
-            Ok(follow(reference, line, start_us, c, |t_us, on| events.push(Event::new(t_us, x, y, on))))
+        let mut emit = |made: &mut Made<R>, t_us: i64, on| {
+            made.push(at.start_us, t_us - at.start_us, place, on, old);
+            last_event_us = t_us;
         };
         let moved = match share.rates {
             _ if !sparse.is_empty() => {
@@ -211,21 +226,27 @@ impl<S: Sample> Band<S> {
                 let (mut from, mut start_us, mut moved) = (line.from, at.start_us, false);
                 let end = (at.start_us + at.ticks, line.to);
                 for (t_us, to) in sparse.t_us.iter().copied().zip(self.logs.iter().copied()).chain([end]) {
-                    moved |= run(reference, &Line { from, to, ticks: t_us - start_us }, start_us)?;
+                    let line = Line { from, to, ticks: t_us - start_us };
+                    made.reserve(most_events(reference, &line, c))?;
+                    moved |= follow(&mut reference, &line, start_us, c, |t_us, on| emit(made, t_us, on));
                     (from, start_us) = (to, t_us);
                 }
                 moved
             }
-            None => run(reference, &line, at.start_us)?,
+            None => {
+                made.reserve(most_events(reference, &line, c))?;
+                follow(&mut reference, &line, at.start_us, c, |t_us, on| emit(made, t_us, on))
+            }
             Some(_) => {
                 let (from, to) = (self.candidates.slope_from[candidate], self.candidates.slope_to[candidate]);
                 let curve = Cubic::new(line, from, to);
-                events.reserve(most_events(*reference, &curve, c))?;
-                follow(reference, &curve, at.start_us, c, |t_us, on| events.push(Event::new(t_us, x, y, on)))
+                made.reserve(most_events(reference, &curve, c))?;
+                follow(&mut reference, &curve, at.start_us, c, |t_us, on| emit(made, t_us, on))
             }
         };
         if moved {
-            share.marks[in_share] = mark::<S>(*reference, c, share.marking.ground);
+            share.records[in_share] = R::new(reference, last_event_us, share.zero_us).ok_or(Stop::Narrow)?;
+            share.marks[in_share] = mark::<S>(reference, c, share.marking.ground);
         }
         Ok(())
     }

@@ -19,8 +19,8 @@ use multiversion::multiversion;
 
 use super::cubic_candidates::{Slopes, decide_cubics};
 use super::decision::{Decisions, LARGEST_TICK, Lines, References, Verdict, ceiling, integer};
-use super::level::Level;
 use super::parameters::CrossingParameters;
+use super::record::Record;
 use super::sample::{Ground, Sample};
 use super::scan::{Found, MOST_FOUND};
 use super::steps::{StepArrays, Steps};
@@ -79,11 +79,11 @@ impl<S: Sample> Candidates<S> {
 
     /// Decides all candidates that were found, over an interval of `ticks` ticks.
     ///
-    /// `references` begin at pixel `first_pixel`. So do `rates`, the rates of change at the interval's ends, if given.
-    pub(crate) fn decide(
+    /// `records` begin at pixel `first_pixel`. So do `rates`, the rates of change at the interval's ends, if given.
+    pub(crate) fn decide<R: Record>(
         &mut self,
         found: &Found<S>,
-        references: &[Level],
+        records: &[R],
         rates: Option<(&[S], &[S])>,
         first_pixel: usize,
         ticks: i64,
@@ -92,7 +92,7 @@ impl<S: Sample> Candidates<S> {
         let places = &found.place[..found.count];
         let counts = self.count_on.iter_mut().zip(&mut self.count_off);
         for ((&place, base), (on, off)) in places.iter().zip(&mut self.base).zip(counts) {
-            let reference = references[place as usize];
+            let reference = records[place as usize].level();
             (*base, *on, *off) = (reference.base, f64::from(reference.on), f64::from(reference.off));
         }
         self.steps.take(|j| first_pixel + places[j] as usize, found.count, p);
@@ -174,10 +174,11 @@ fn decide(lines: &Lines<'_>, references: &References<'_>, steps: Steps<&[f64]>, 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::crossing::level::Thresholds;
+    use crate::crossing::level::{Level, Thresholds};
     use crate::crossing::line::Line;
     use crate::crossing::parameters::{Interpolation, Threshold};
     use crate::crossing::pixel::follow;
+    use crate::crossing::record::{NEVER, Wide};
     use proptest::prelude::*;
 
     const C: Thresholds = Thresholds { on: 0.25, off: 0.5 };
@@ -193,7 +194,8 @@ mod tests {
         let mut found = Found::new();
         (found.count, found.from[0], found.to[0]) = (1, from, to);
         candidates.take_logs(&found, 1e-3);
-        candidates.decide(&found, &[reference], None, 0, ticks, &parameters);
+        let record = Wide::of(reference, NEVER);
+        candidates.decide(&found, &[record], None, 0, ticks, &parameters);
         (candidates.verdict[0], candidates.tick[0])
     }
 
@@ -294,10 +296,11 @@ mod tests {
         let mut found = Found::new();
         (found.count, found.from[0], found.to[0]) = (1, 0.0, 0.3);
         candidates.take_logs(&found, 1e-3);
+        let zero = Wide::of(ZERO, NEVER);
         // Over 7 ticks, slopes of 0 and 3 over the interval.
-        candidates.decide(&found, &[ZERO], Some((&[0.0], &[3.0 / 7e-6])), 0, 7, &parameters);
+        candidates.decide(&found, &[zero], Some((&[0.0], &[3.0 / 7e-6])), 0, 7, &parameters);
         assert_eq!((candidates.verdict[0], candidates.tick[0]), (Verdict::On, 7));
-        candidates.decide(&found, &[ZERO], Some((&[3.0 / 7e-6], &[0.0])), 0, 7, &parameters);
+        candidates.decide(&found, &[zero], Some((&[3.0 / 7e-6], &[0.0])), 0, 7, &parameters);
         assert_ne!((candidates.verdict[0], candidates.tick[0]), (Verdict::On, 7));
     }
 

@@ -16,11 +16,12 @@ use rayon::ThreadPool;
 use rayon::prelude::*;
 
 use super::band::Interval;
-use super::core::{Core, NEVER, Pixels, Push};
+use super::core::{Core, Pixels, Push};
 use super::effects::{EffectCore, Effects, ThresholdMismatch, mismatched};
 use super::frame::Frame;
 use super::level::Level;
 use super::parameters::{CrossingParameters, Interpolation};
+use super::record::NEVER;
 use super::room::{Allowance, MOST_EVENTS, Stop, out_of_memory, refuse};
 use super::sample::Sample;
 use crate::error::{Error, Result};
@@ -230,12 +231,12 @@ impl CrossingEngine {
     /// pixel is held. Under a limited bandwidth it is to be compared with the last low-pass's output.
     #[must_use]
     pub fn reference(&self) -> Vec<f64> {
-        let value = |(i, level): (usize, &Level)| level.exact(self.parameters.thresholds(i)).value();
-        let values = |levels: &[Level]| levels.iter().enumerate().map(value).collect();
+        let value = |(i, level): (usize, Level)| level.exact(self.parameters.thresholds(i)).value();
+        let values = |levels: Vec<Level>| levels.into_iter().enumerate().map(value).collect();
         match &self.samples {
             Samples::None => vec![f64::NAN; self.size.pixels()],
-            Samples::Luma(core) => values(core.references()),
-            Samples::Log(core) => values(core.references()),
+            Samples::Luma(core) => values(core.levels()),
+            Samples::Log(core) => values(core.levels()),
             Samples::Effects(core, _) => core.reference(self.t_us.unwrap_or_default(), &self.parameters),
         }
     }
@@ -245,8 +246,8 @@ impl CrossingEngine {
     pub fn last_event_us(&self) -> Vec<i64> {
         match &self.samples {
             Samples::None => vec![NEVER; self.size.pixels()],
-            Samples::Luma(core) => core.last_event_us(self.size),
-            Samples::Log(core) => core.last_event_us(self.size),
+            Samples::Luma(core) => core.last_event_us(),
+            Samples::Log(core) => core.last_event_us(),
             Samples::Effects(core, _) => core.last_event_us(),
         }
     }
@@ -271,7 +272,7 @@ impl CrossingEngine {
                 let core = EffectCore::new(&frame, self.size, push.p, &self.effects, self.seed, push.pool);
                 Samples::Effects(Box::new(core), S::NAME)
             } else {
-                S::wrap(Core::new(frame.samples, frame.rate, push.p, self.seed, push.pool))
+                S::wrap(Core::new(&frame, push.p, self.seed, push.pool))
             };
             events.clear();
         } else {
@@ -287,18 +288,17 @@ impl CrossingEngine {
         Ok(())
     }
 
-    pub(super) fn references(&self) -> Vec<&Level> {
+    pub(super) fn levels(&self) -> Vec<Level> {
         match &self.samples {
             Samples::None => vec![],
-            Samples::Luma(core) => core.references().iter().collect(),
-            Samples::Log(core) => core.references().iter().collect(),
-            Samples::Effects(core, _) => core.references().collect(),
+            Samples::Luma(core) => core.levels(),
+            Samples::Log(core) => core.levels(),
+            Samples::Effects(core, _) => core.references().copied().collect(),
         }
     }
 
     pub(super) fn count_largest(&self) -> u64 {
-        let largest = |level: &Level| level.on.max(level.off);
-        self.references().into_iter().map(largest).max().unwrap_or(0).into()
+        self.levels().into_iter().map(|level| level.on.max(level.off)).max().unwrap_or(0).into()
     }
 
     /// What can be wrong with a frame's shape and time. Returns the interval that it ends.
@@ -406,7 +406,7 @@ fn run<S: Sample>(
     match attempt(pixels, push, most, Allowance::Usual, sort, events) {
         Ok(()) => return Ok(()),
         Err(Stop::BadValue) => return bad_value(),
-        Err(Stop::Full) => {}
+        Err(Stop::Full | Stop::Narrow) => {}
     }
     if !S::all_valid(push.frame.samples) {
         return bad_value(); // one that comes after what was too much
@@ -429,12 +429,10 @@ fn attempt<S: Sample>(
     events: &mut Vec<Event>,
 ) -> std::result::Result<(), Stop> {
     let made = pixels.advance(push, allowance).and_then(|()| {
-        let parts = pixels.events();
-        let total: u64 = parts.iter().map(|part| part.len() as u64).sum();
-        if total > most && matches!(allowance, Allowance::Usual) {
+        if pixels.made() > most && matches!(allowance, Allowance::Usual) {
             return Err(Stop::Full);
         }
-        sort.sort(parts.into_iter(), push.at.start_us, push.at.ticks, events).map_err(|_| Stop::Full)
+        pixels.sort(push, sort, events).map_err(|_| Stop::Full)
     });
     match made {
         Ok(()) => pixels.settle(push),
