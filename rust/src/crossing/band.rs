@@ -18,7 +18,7 @@ use super::cubic::Cubic;
 use super::decision::Verdict;
 use super::frame::SparseSamples;
 use super::line::Line;
-use super::made::{Key, Made, Place};
+use super::made::{Grid, Made};
 use super::marks::{MarkingPart, mark};
 use super::parameters::CrossingParameters;
 use super::pixel::follow;
@@ -102,7 +102,11 @@ impl<S: Sample> Band<S> {
                 rates: share.rates.map(|(from, to)| (&from[start..end], &to[start..end])),
             };
             prefetch(&share.new[end..(end + TILE).min(share.new.len())]);
+            let before = self.found.count;
             self.found.scan(tile, also);
+            for &place in &self.found.place[before..self.found.count] {
+                prefetch(&share.records[place as usize..=place as usize]);
+            }
             if self.found.is_full() {
                 self.decide(&mut share, at, size, p)?;
             }
@@ -122,9 +126,7 @@ impl<S: Sample> Band<S> {
         if !S::all_valid(&self.found.to[..count]) {
             return Err(Stop::BadValue);
         }
-        self.candidates.take_logs(&self.found, p.log_eps);
         self.candidates.decide(&self.found, share.records, share.rates, share.first_pixel, at.ticks, p);
-        self.candidates.mark(&self.found, share.marking.ground);
         if share.made.is_long() {
             self.candidates.verdict[..count].fill(Verdict::Unclear);
         } else if !share.sparse.is_empty() {
@@ -134,67 +136,57 @@ impl<S: Sample> Band<S> {
                 }
             }
         }
-        self.carry_out(share, at, size, p)?;
+        let grid = Grid::new(share.first_pixel, size);
+        let since = at.start_us - share.zero_us;
+        if self.candidates.finish::<R>(&self.found, grid, since, share.marking.ground) {
+            return Err(Stop::Narrow);
+        }
+        let mut next = 0;
+        while next < count {
+            next += self.carry_out(share, next, at)?;
+            if next < count {
+                self.follow(share, next, grid, at, p)?;
+                next += 1;
+            }
+        }
         self.found.count = 0;
         Ok(())
     }
 
+    /// Makes the events of candidates from `first` on, up to one that is unclear; returns of how many.
     fn carry_out<R: Record>(
         &mut self,
         share: &mut Share<'_, S, R>,
+        first: usize,
         at: Interval,
-        size: SensorSize,
-        p: &CrossingParameters,
-    ) -> Result<(), Stop> {
-        let width = usize::from(size.width);
-        let (mut row_start, mut y) = (0, 0);
-        // Places go up, so the row is followed instead of divided for.
-        let mut place_of = |index: usize| {
-            if index >= row_start + width {
-                (row_start, y) = (index - index % width, index / width);
-            }
-            #[allow(clippy::cast_possible_truncation, reason = "within the sensor's u16 sides")]
-            Place::new((index - row_start) as u16, y as u16)
-        };
-        let mut next = 0;
-        while next < self.found.count {
-            let n = self.found.count - next;
-            let candidates = next..next + n;
-            let clear = self.candidates.verdict[candidates.clone()].iter().zip(&self.found.place[candidates.clone()]);
-            let outcomes = self.candidates.tick[candidates.clone()].iter().zip(&self.candidates.marks[candidates]);
-            let (mut made, mut passed, mut fits) = (0, 0, true);
-            if !share.made.is_long() {
-                share.made.reserve(n)?;
-                let (keys, old) = share.made.spare(n);
-                for ((&verdict, &in_share), (&tick, &mark)) in clear.zip(outcomes) {
-                    if verdict == Verdict::Unclear {
-                        break;
-                    }
-                    passed += 1;
-                    if verdict == Verdict::Nothing {
-                        continue;
-                    }
-                    let on = verdict == Verdict::On;
-                    let record = &mut share.records[in_share as usize];
-                    old[made] = record.old();
-                    keys[made] = Key::new(tick, place_of(share.first_pixel + in_share as usize), on);
-                    fits &= record.count(on, at.start_us + tick, share.zero_us);
-                    share.marks[in_share as usize] = mark;
-                    made += 1;
-                }
-                share.made.take(made);
-            }
-            if !fits {
-                return Err(Stop::Narrow);
-            }
-            next += passed;
-            if next < self.found.count {
-                let place = place_of(share.first_pixel + self.found.place[next] as usize);
-                self.follow(share, next, place, at, p)?;
-                next += 1;
-            }
+    ) -> Result<usize, Stop> {
+        if share.made.is_long() {
+            return Ok(0);
         }
-        Ok(())
+        let (end, decided) = (self.found.count, &self.candidates);
+        let n = end - first;
+        share.made.reserve(n)?;
+        let (keys, old) = share.made.spare(n);
+        let places = decided.verdict[first..end].iter().zip(&self.found.place[first..end]);
+        let after = decided.words[first..end].iter().zip(&decided.marks[first..end]);
+        let (mut passed, mut made) = (0, 0);
+        for (((&verdict, &place), (&word, &mark)), (&key, &tick)) in
+            places.zip(after).zip(decided.keys[first..end].iter().zip(&decided.tick[first..end]))
+        {
+            if verdict == Verdict::Unclear {
+                break;
+            }
+            // All is written, and kept where there is an event: no branch to mispredict.
+            let is = verdict != Verdict::Nothing;
+            let (record, old_mark) = (&mut share.records[place as usize], &mut share.marks[place as usize]);
+            (keys[made], old[made]) = (key, record.old());
+            record.take(word, is, at.start_us + tick);
+            *old_mark = if is { mark } else { *old_mark };
+            made += usize::from(is);
+            passed += 1;
+        }
+        share.made.take(made);
+        Ok(passed)
     }
 
     /// Runs one candidate through the interval exactly.
@@ -203,18 +195,21 @@ impl<S: Sample> Band<S> {
         &mut self,
         share: &mut Share<'_, S, R>,
         candidate: usize,
-        place: Place,
+        grid: Grid,
         at: Interval,
         p: &CrossingParameters,
     ) -> Result<(), Stop> {
         let in_share = self.found.place[candidate] as usize;
+        let place = grid.place(self.found.place[candidate]);
         let sparse = share.sparse_of(self.found.place[candidate]);
         let c = p.thresholds(share.first_pixel + in_share);
         let record = share.records[in_share];
         let (mut reference, old) = (record.level(), record.old());
         let mut last_event_us = record.last_event_us(share.zero_us);
         let made = &mut *share.made;
-        let line = Line { from: self.candidates.from[candidate], to: self.candidates.to[candidate], ticks: at.ticks };
+        let mut logs = [0.0; 2];
+        S::logs(&[self.found.from[candidate], self.found.to[candidate]], p.log_eps, &mut logs);
+        let line = Line { from: logs[0], to: logs[1], ticks: at.ticks };
         let mut emit = |made: &mut Made<R>, t_us: i64, on| {
             made.push(at.start_us, t_us - at.start_us, place, on, old);
             last_event_us = t_us;

@@ -19,6 +19,7 @@ use multiversion::multiversion;
 
 use super::cubic_candidates::{Slopes, decide_cubics};
 use super::decision::{Decisions, LARGEST_TICK, Lines, References, Verdict, ceiling, integer};
+use super::made::{Grid, Key};
 use super::parameters::CrossingParameters;
 use super::record::Record;
 use super::sample::{Ground, Sample};
@@ -27,9 +28,9 @@ use super::steps::{StepArrays, Steps};
 
 /// Candidates as arrays.
 pub(crate) struct Candidates<S> {
-    /// Log intensity at the interval's start and end.
-    pub(crate) from: Vec<f64>,
-    pub(crate) to: Vec<f64>,
+    /// Room for log intensity at the interval's start and end.
+    from: Vec<f64>,
+    to: Vec<f64>,
     base: Vec<f64>,
     count_on: Vec<f64>,
     count_off: Vec<f64>,
@@ -43,6 +44,10 @@ pub(crate) struct Candidates<S> {
     after: Vec<f64>,
     /// The mark of that reference.
     pub(crate) marks: Vec<f32>,
+    /// The words of the records: before the event, then after it.
+    pub(crate) words: Vec<u64>,
+    /// The events themselves.
+    pub(crate) keys: Vec<Key>,
     samples: PhantomData<S>,
 }
 
@@ -66,15 +71,10 @@ impl<S: Sample> Candidates<S> {
             verdict: vec![Verdict::Nothing; length],
             after: zeros(),
             marks: vec![0.0; length],
+            words: vec![0; length],
+            keys: vec![Key::default(); length],
             samples: PhantomData,
         }
-    }
-
-    /// Computes log intensity of all candidates found.
-    pub(crate) fn take_logs(&mut self, found: &Found<S>, log_eps: f64) {
-        let count = found.count;
-        S::logs(&found.from[..count], log_eps, &mut self.from[..count]);
-        S::logs(&found.to[..count], log_eps, &mut self.to[..count]);
     }
 
     /// Decides all candidates that were found, over an interval of `ticks` ticks.
@@ -90,11 +90,11 @@ impl<S: Sample> Candidates<S> {
         p: &CrossingParameters,
     ) {
         let places = &found.place[..found.count];
-        let counts = self.count_on.iter_mut().zip(&mut self.count_off);
-        for ((&place, base), (on, off)) in places.iter().zip(&mut self.base).zip(counts) {
-            let reference = records[place as usize].level();
-            (*base, *on, *off) = (reference.base, f64::from(reference.on), f64::from(reference.off));
+        for ((&place, base), word) in places.iter().zip(&mut self.base).zip(&mut self.words) {
+            let record = records[place as usize];
+            (*base, *word) = (record.base(), record.word());
         }
+        unpack::<R>(&self.words[..found.count], &mut self.count_on, &mut self.count_off);
         self.steps.take(|j| first_pixel + places[j] as usize, found.count, p);
         if let Some(rates) = rates {
             #[allow(clippy::cast_precision_loss, reason = "ticks < 2^53")]
@@ -105,30 +105,67 @@ impl<S: Sample> Candidates<S> {
                 *to = found.to[j].log_rate(rates.1[place as usize], p.log_eps) * seconds;
             }
         }
-        self.decide_set(found.count, rates.is_some(), ticks);
-    }
-
-    /// Computes the marks of what was decided.
-    pub(crate) fn mark(&mut self, found: &Found<S>, ground: Ground) {
-        S::marks(&self.after[..found.count], ground, &mut self.marks[..found.count]);
-    }
-
-    /// Decides the first `count` candidates, of which all is set.
-    #[allow(clippy::cast_precision_loss, reason = "ticks < 2^53")]
-    fn decide_set(&mut self, count: usize, cubics: bool, ticks: i64) {
-        let n = count.next_multiple_of(VECTOR);
+        let n = found.count.next_multiple_of(VECTOR);
         let steps = self.steps.first(n);
-        let lines = Lines { from: &self.from[..n], to: &self.to[..n], ticks: ticks as f64 };
+        let (from, to) = (&found.from[..n], &found.to[..n]);
+        let (from, to) = (S::logs_in(from, p.log_eps, &mut self.from), S::logs_in(to, p.log_eps, &mut self.to));
+        #[allow(clippy::cast_precision_loss, reason = "ticks < 2^53")]
+        let lines = Lines { from, to, ticks: ticks as f64 };
         let references = References { base: &self.base[..n], on: &self.count_on[..n], off: &self.count_off[..n] };
         let decisions =
             Decisions { tick: &mut self.tick[..n], verdict: &mut self.verdict[..n], after: &mut self.after[..n] };
-        if cubics {
+        if rates.is_some() {
             let slopes = Slopes { from: &self.slope_from[..n], to: &self.slope_to[..n] };
             decide_cubics(&lines, &slopes, &references, steps, decisions);
         } else {
             decide(&lines, &references, steps, decisions);
         }
     }
+
+    /// Computes the events that were decided, and the marks and records after them. `since` is from the zero of times to the
+    /// interval's start. Returns whether a record is full, and cannot take its event.
+    pub(crate) fn finish<R: Record>(&mut self, found: &Found<S>, grid: Grid, since: i64, ground: Ground) -> bool {
+        let n = found.count;
+        S::marks(&self.after[..n], ground, &mut self.marks[..n]);
+        let decided = Decided { place: &found.place[..n], verdict: &self.verdict[..n], tick: &self.tick[..n] };
+        finish::<R>(&decided, grid, since, &mut self.words[..n], &mut self.keys[..n])
+    }
+}
+
+/// The counters of words, as floats.
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
+fn unpack<R: Record>(words: &[u64], on: &mut [f64], off: &mut [f64]) {
+    let n = words.len();
+    let (on, off) = (&mut on[..n], &mut off[..n]);
+    for j in 0..n {
+        (on[j], off[j]) = R::counters(words[j]);
+    }
+}
+
+/// What was decided of the candidates at these places.
+struct Decided<'a> {
+    place: &'a [u32],
+    verdict: &'a [Verdict],
+    tick: &'a [i64],
+}
+
+/// The events of candidates, and their records' words after them; returns whether a record is full.
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
+#[allow(clippy::needless_bitwise_bool, reason = "a lazy operator is a branch, which vectors cannot take")]
+fn finish<R: Record>(decided: &Decided<'_>, grid: Grid, since: i64, words: &mut [u64], keys: &mut [Key]) -> bool {
+    let n = words.len();
+    let (place, verdict, tick) = (&decided.place[..n], &decided.verdict[..n], &decided.tick[..n]);
+    let keys = &mut keys[..n];
+    let mut full = false;
+    for j in 0..n {
+        let on = verdict[j] as u8 == Verdict::On as u8;
+        let one = on | (verdict[j] as u8 == Verdict::Off as u8);
+        keys[j] = Key::new(tick[j], grid.place(place[j]), on);
+        full |= one & R::is_full(words[j], on);
+        let after = R::stepped(words[j], on, since + tick[j]);
+        words[j] = if one { after } else { words[j] };
+    }
+    full
 }
 
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
@@ -193,7 +230,6 @@ mod tests {
         let mut candidates = Candidates::<f64>::new(&parameters);
         let mut found = Found::new();
         (found.count, found.from[0], found.to[0]) = (1, from, to);
-        candidates.take_logs(&found, 1e-3);
         let record = Wide::of(reference, NEVER);
         candidates.decide(&found, &[record], None, 0, ticks, &parameters);
         (candidates.verdict[0], candidates.tick[0])
@@ -295,7 +331,6 @@ mod tests {
         let mut candidates = Candidates::<f64>::new(&parameters);
         let mut found = Found::new();
         (found.count, found.from[0], found.to[0]) = (1, 0.0, 0.3);
-        candidates.take_logs(&found, 1e-3);
         let zero = Wide::of(ZERO, NEVER);
         // Over 7 ticks, slopes of 0 and 3 over the interval.
         candidates.decide(&found, &[zero], Some((&[0.0], &[3.0 / 7e-6])), 0, 7, &parameters);

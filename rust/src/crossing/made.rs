@@ -6,6 +6,8 @@
 //!
 //! What must not break: there is one change for each event, in the same order.
 
+use super::decision::integer;
+use super::exponential::ROUND;
 use super::record::Record;
 use super::room::{Allowance, Full, Room};
 use crate::event::{Event, SensorSize};
@@ -23,9 +25,10 @@ const PLACE: u64 = (1 << TICK) - 1;
 
 impl Key {
     /// The event at a tick below [`LONG`].
-    #[inline]
+    #[inline(always)]
+    #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
     pub(crate) fn new(tick: i64, place: Place, on: bool) -> Self {
-        Self(tick.cast_unsigned() << TICK | u64::from(on) << (TICK - 1) | u64::from(place.0))
+        Self(tick.cast_unsigned() << TICK | u64::from(on) << (TICK - 1) | place.0)
     }
 }
 
@@ -41,14 +44,35 @@ impl Stamped for Key {
     }
 }
 
-/// x and y, in one number.
+/// x and y of a pixel, in one number.
 #[derive(Clone, Copy)]
-pub(crate) struct Place(u32);
+pub(crate) struct Place(u64);
 
-impl Place {
-    #[inline]
-    pub(crate) fn new(x: u16, y: u16) -> Self {
-        Self(u32::from(y) << 16 | u32::from(x))
+/// Where the pixels of a share lie on the sensor.
+#[derive(Clone, Copy)]
+pub(crate) struct Grid {
+    first_pixel: f64,
+    width: f64,
+    rows_per_pixel: f64,
+}
+
+impl Grid {
+    #[allow(clippy::cast_precision_loss, reason = "no sensor has 2^32 pixels")]
+    pub(crate) fn new(first_pixel: usize, size: SensorSize) -> Self {
+        let width = f64::from(size.width);
+        Self { first_pixel: first_pixel as f64, width, rows_per_pixel: 1.0 / width }
+    }
+
+    /// The place of a pixel, by its number in the share.
+    ///
+    /// In floats, because vector units cannot divide integers. The row's number is half a pixel or more away from where it
+    /// would be rounded wrongly.
+    #[inline(always)]
+    #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
+    pub(crate) fn place(self, in_share: u32) -> Place {
+        let pixel = self.first_pixel + f64::from(in_share);
+        let y = ((pixel + 0.5) * self.rows_per_pixel - 0.5 + ROUND) - ROUND;
+        Place(integer(pixel + y * (65_536.0 - self.width)).cast_unsigned())
     }
 }
 
@@ -108,8 +132,7 @@ impl<R: Record> Made<R> {
     /// Takes an event, for which room was made, at a tick after `start_us`.
     pub(crate) fn push(&mut self, start_us: i64, tick: i64, place: Place, on: bool, old: R::Old) {
         if self.is_long {
-            let [x, y] = [place.0, place.0 >> 16].map(|side| (side & 0xffff) as u16);
-            self.long.push(Event::new(start_us + tick, x, y, on));
+            self.long.push(Key::new(0, place, on).event(start_us + tick));
         } else {
             self.keys.push(Key::new(tick, place, on));
         }
@@ -144,5 +167,30 @@ impl<R: Record> Made<R> {
         self.keys.clear();
         self.long.clear();
         self.old.clear();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn keys_are_the_events(
+            width in 1u16..=u16::MAX, height in 1u16..=u16::MAX, pixel in 0.0f64..1.0, edge in 0u8..4, tick in 0..LONG, on: bool,
+        ) {
+            let size = SensorSize { width, height };
+            #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, clippy::cast_precision_loss, reason = "a pixel")]
+            let pixel = (pixel * size.pixels() as f64) as usize;
+            let row = pixel - pixel % usize::from(width);
+            let pixel = [pixel, row, row + usize::from(width) - 1, size.pixels() - 1][usize::from(edge)];
+            let (x, y) = size.xy(pixel);
+            for first in [0, pixel / 2, pixel] {
+                let key = Key::new(tick, Grid::new(first, size).place(u32::try_from(pixel - first).unwrap()), on);
+                prop_assert_eq!(key.event(9), Event::new(9 + tick, x, y, on));
+                prop_assert_eq!(key.tick(9), tick);
+            }
+        }
     }
 }

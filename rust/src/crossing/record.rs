@@ -29,8 +29,23 @@ pub(crate) trait Record: Copy + Default + Send + Sync {
 
     fn restore(&mut self, old: Self::Old);
 
-    /// Takes an event. False where the record cannot hold it, and then is as it was.
-    fn count(&mut self, on: bool, t_us: i64, zero_us: i64) -> bool;
+    /// `B` of the level.
+    fn base(self) -> f64;
+
+    /// What the vector code needs besides: the counters, and all that [`Self::stepped`] changes.
+    fn word(self) -> u64;
+
+    /// The ON and OFF events of a word.
+    fn counters(word: u64) -> (f64, f64);
+
+    /// Can no other event of this polarity be counted?
+    fn is_full(word: u64, on: bool) -> bool;
+
+    /// The word after an event, `since` microseconds after the zero of times.
+    fn stepped(word: u64, on: bool, since: i64) -> u64;
+
+    /// Takes the word after an event at `t_us`; or its own word again, where there `is` none.
+    fn take(&mut self, word: u64, is: bool, t_us: i64);
 }
 
 /// A record of 16 bytes.
@@ -46,6 +61,7 @@ pub(crate) struct Narrow {
 const BITS: u32 = 16;
 const COUNTER: u64 = u16::MAX as u64;
 
+#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 impl Record for Narrow {
     type Old = u64;
 
@@ -80,15 +96,38 @@ impl Record for Narrow {
         self.word = old;
     }
 
+    #[inline(always)]
+    fn base(self) -> f64 {
+        self.base
+    }
+
+    #[inline(always)]
+    fn word(self) -> u64 {
+        self.word
+    }
+
+    #[inline(always)]
+    #[allow(clippy::cast_possible_truncation, reason = "masked")]
+    fn counters(word: u64) -> (f64, f64) {
+        (f64::from((word & COUNTER) as u16), f64::from((word >> BITS & COUNTER) as u16))
+    }
+
+    #[inline(always)]
+    fn is_full(word: u64, on: bool) -> bool {
+        let counter = if on { word } else { word >> BITS };
+        counter & COUNTER == COUNTER
+    }
+
     /// The time is taken to fit: a push sees to that before it begins.
-    #[inline]
-    fn count(&mut self, on: bool, t_us: i64, zero_us: i64) -> bool {
-        let shift = if on { 0 } else { BITS };
-        let fits = self.word >> shift & COUNTER != COUNTER;
-        let counters = (self.word + (1 << shift)) & (1 << (2 * BITS)) - 1;
-        let since = (t_us - zero_us).cast_unsigned();
-        self.word = if fits { counters | since << (2 * BITS) } else { self.word };
-        fits
+    #[inline(always)]
+    fn stepped(word: u64, on: bool, since: i64) -> u64 {
+        let counters = (word + if on { 1 } else { 1 << BITS }) & ((1 << (2 * BITS)) - 1);
+        counters | since.cast_unsigned() << (2 * BITS)
+    }
+
+    #[inline(always)]
+    fn take(&mut self, word: u64, _: bool, _: i64) {
+        self.word = word;
     }
 }
 
@@ -96,48 +135,74 @@ impl Record for Narrow {
 #[derive(Clone, Copy, Default)]
 pub(crate) struct Wide {
     base: f64,
-    on: u32,
-    off: u32,
+    /// From the lowest bit: 32 bits of ON events and 32 bits of OFF events.
+    word: u64,
     last_event_us: i64,
 }
 
 impl Wide {
     pub(crate) fn of(level: Level, last_event_us: i64) -> Self {
-        Self { base: level.base, on: level.on, off: level.off, last_event_us }
+        Self { base: level.base, word: u64::from(level.on) | u64::from(level.off) << 32, last_event_us }
     }
 }
 
+#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 impl Record for Wide {
-    type Old = (u32, u32, i64);
+    type Old = (u64, i64);
 
     fn new(level: Level, last_event_us: i64, _: i64) -> Option<Self> {
         Some(Self::of(level, last_event_us))
     }
 
-    #[inline]
+    #[allow(clippy::cast_possible_truncation, reason = "split")]
     fn level(self) -> Level {
-        Level { base: self.base, on: self.on, off: self.off }
+        Level { base: self.base, on: self.word as u32, off: (self.word >> 32) as u32 }
     }
 
     fn last_event_us(self, _: i64) -> i64 {
         self.last_event_us
     }
 
-    #[inline]
-    fn old(self) -> (u32, u32, i64) {
-        (self.on, self.off, self.last_event_us)
+    #[inline(always)]
+    fn old(self) -> (u64, i64) {
+        (self.word, self.last_event_us)
     }
 
-    fn restore(&mut self, old: (u32, u32, i64)) {
-        (self.on, self.off, self.last_event_us) = old;
+    fn restore(&mut self, old: (u64, i64)) {
+        (self.word, self.last_event_us) = old;
+    }
+
+    #[inline(always)]
+    fn base(self) -> f64 {
+        self.base
+    }
+
+    #[inline(always)]
+    fn word(self) -> u64 {
+        self.word
+    }
+
+    #[inline(always)]
+    #[allow(clippy::cast_possible_truncation, reason = "split")]
+    fn counters(word: u64) -> (f64, f64) {
+        (f64::from(word as u32), f64::from((word >> 32) as u32))
     }
 
     /// Counters have room: the engine sees to that.
-    #[inline]
-    fn count(&mut self, on: bool, t_us: i64, _: i64) -> bool {
-        *if on { &mut self.on } else { &mut self.off } += 1;
-        self.last_event_us = t_us;
-        true
+    #[inline(always)]
+    fn is_full(_: u64, _: bool) -> bool {
+        false
+    }
+
+    #[inline(always)]
+    fn stepped(word: u64, on: bool, _: i64) -> u64 {
+        word + if on { 1 } else { 1 << 32 }
+    }
+
+    #[inline(always)]
+    fn take(&mut self, word: u64, is: bool, t_us: i64) {
+        self.word = word;
+        self.last_event_us = if is { t_us } else { self.last_event_us };
     }
 }
 
@@ -157,7 +222,7 @@ mod tests {
             let record = narrow(on, off, t_us, zero_us).unwrap();
             assert_eq!(record.level(), Level { on, off, ..LEVEL });
             assert_eq!(record.last_event_us(zero_us), t_us);
-            let record = Wide::new(record.level(), t_us, zero_us).unwrap();
+            let record = Wide::of(record.level(), t_us);
             assert_eq!((record.level(), record.last_event_us(zero_us)), (Level { on, off, ..LEVEL }, t_us));
         }
     }
@@ -176,22 +241,29 @@ mod tests {
     fn events_are_counted_and_taken_back() {
         fn count<R: Record>(mut record: R) {
             let before = record.old();
-            assert!(record.count(true, 500, 100) && record.count(false, 600, 100) && record.count(false, 700, 100));
+            for (on, t_us) in [(true, 500), (false, 600), (false, 700)] {
+                record.take(R::stepped(record.word(), on, t_us - 100), true, t_us);
+            }
             assert_eq!(record.level(), Level { on: 8, off: 11, ..LEVEL });
+            assert_eq!((record.base(), R::counters(record.word())), (LEVEL.base, (8.0, 11.0)));
             assert_eq!(record.last_event_us(100), 700);
+            record.take(record.word(), false, 800);
+            assert_eq!((record.level().off, record.last_event_us(100)), (11, 700));
             record.restore(before);
             assert_eq!((record.level(), record.last_event_us(100)), (LEVEL, NEVER));
         }
         count(narrow(7, 9, NEVER, 100).unwrap());
-        count(Wide::new(LEVEL, NEVER, 100).unwrap());
+        count(Wide::of(LEVEL, NEVER));
     }
 
     #[test]
-    fn a_full_counter_counts_no_further() {
-        let mut record = narrow(65_534, 65_534, NEVER, 0).unwrap();
-        assert!(record.count(true, 1, 0) && !record.count(true, 2, 0));
-        assert!(record.count(false, 3, 0) && !record.count(false, 4, 0));
-        assert_eq!(record.level(), Level { on: 65_535, off: 65_535, ..LEVEL });
-        assert_eq!(record.last_event_us(0), 3);
+    fn narrow_counters_tell_when_they_are_full() {
+        for (on, off) in [(65_534, 65_535), (65_535, 65_534), (65_534, 65_534), (65_535, 65_535)] {
+            let word = narrow(on, off, 9, 0).unwrap().word();
+            assert_eq!(Narrow::is_full(word, true), on == 65_535);
+            assert_eq!(Narrow::is_full(word, false), off == 65_535);
+        }
+        let last = Narrow::stepped(narrow(65_534, 65_534, 9, 0).unwrap().word(), true, u32::MAX.into());
+        assert_eq!(Narrow::counters(last), (65_535.0, 65_534.0));
     }
 }

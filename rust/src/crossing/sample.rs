@@ -50,6 +50,9 @@ pub(crate) trait Sample: Copy + Debug + Default + PartialOrd + Send + Sync + 'st
     /// Log intensity of each sample.
     fn logs(samples: &[Self], log_eps: f64, logs: &mut [f64]);
 
+    /// The same, in `room` or wherever it is already.
+    fn logs_in<'a>(samples: &'a [Self], log_eps: f64, room: &'a mut [f64]) -> &'a [f64];
+
     /// What goes with this dark level, where no pixel's reach down is less than `least_down`.
     fn ground(log_eps: f64, least_down: f32) -> Ground;
 
@@ -87,6 +90,12 @@ impl Sample for f32 {
 
     fn logs(samples: &[Self], log_eps: f64, logs: &mut [f64]) {
         log_intensities(samples, log_eps, logs);
+    }
+
+    fn logs_in<'a>(samples: &'a [Self], log_eps: f64, room: &'a mut [f64]) -> &'a [f64] {
+        let logs = &mut room[..samples.len()];
+        log_intensities(samples, log_eps, logs);
+        logs
     }
 
     fn ground(log_eps: f64, least_down: f32) -> Ground {
@@ -139,6 +148,10 @@ impl Sample for f64 {
 
     fn logs(samples: &[Self], _: f64, logs: &mut [f64]) {
         logs.copy_from_slice(samples);
+    }
+
+    fn logs_in<'a>(samples: &'a [Self], _: f64, _: &'a mut [f64]) -> &'a [f64] {
+        samples
     }
 
     fn ground(_: f64, _: f32) -> Ground {

@@ -42,8 +42,8 @@ pub(crate) struct Found<S> {
 /// Candidates are decided once there are this many: enough to fill vectors, few enough for the first-level cache.
 const BATCH: usize = 256;
 
-/// The most candidates that there can be before they are decided: a batch less one, and all of another tile.
-pub(crate) const MOST_FOUND: usize = BATCH - 1 + TILE;
+/// More candidates than there can be before they are decided: a batch, and all of another tile. A multiple of all vectors.
+pub(crate) const MOST_FOUND: usize = BATCH + TILE;
 
 /// A tile's samples, and what they are compared with.
 pub(crate) struct Tile<'a, S> {
