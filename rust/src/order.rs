@@ -1,6 +1,7 @@
 //! The one order of a simulated stream: (t, y, x, order of crossing).
 
 use std::collections::TryReserveError;
+use std::hint::black_box;
 
 use crate::event::Event;
 
@@ -12,7 +13,8 @@ pub(crate) trait Stamped: Copy {
     /// Its time since the interval's start.
     fn tick(self, start_us: i64) -> i64;
 
-    fn event(self, start_us: i64) -> Event;
+    /// The event. `all` is a number with all bits set, of which the compiler does not know that.
+    fn event(self, start_us: i64, all: u64) -> Event;
 }
 
 impl Stamped for Event {
@@ -22,7 +24,7 @@ impl Stamped for Event {
     }
 
     #[inline]
-    fn event(self, _: i64) -> Event {
+    fn event(self, _: i64, _: u64) -> Event {
         self
     }
 }
@@ -65,9 +67,10 @@ impl TimeSort {
         for i in 1..self.starts.len() {
             self.starts[i] += self.starts[i - 1];
         }
+        let all = black_box(u64::MAX);
         for &event in parts.flatten() {
             let place = &mut self.starts[bucket(event)];
-            sorted[*place] = event.event(start_us);
+            sorted[*place] = event.event(start_us, all);
             *place += 1;
         }
         if shift > 0 {

@@ -29,6 +29,12 @@ use super::sample::Sample;
 use super::scan::{Found, TILE, Tile};
 use crate::event::SensorSize;
 
+/// Bytes by which the frame is fetched ahead of the scan.
+const AHEAD: usize = 8192;
+
+/// Where one of so many pixels of a tile was noted, all that candidates need of a tile to come is fetched as well.
+const DENSE: usize = 16;
+
 /// The interval that a frame ends.
 #[derive(Clone, Copy)]
 pub(crate) struct Interval {
@@ -88,6 +94,7 @@ impl<S: Sample> Band<S> {
     ) -> Result<(), Stop> {
         share.made.begin(allowance, share.new.len(), at.ticks);
         self.found.count = 0;
+        let mut before = 0;
         for start in (0..share.new.len()).step_by(TILE) {
             let end = (start + TILE).min(share.new.len());
             let sparse = share.sparse.of(share.first_pixel + start, share.first_pixel + end).pixel;
@@ -101,14 +108,23 @@ impl<S: Sample> Band<S> {
                 marking: share.marking.of(start..end),
                 rates: share.rates.map(|(from, to)| (&from[start..end], &to[start..end])),
             };
-            prefetch(&share.new[end..(end + TILE).min(share.new.len())]);
-            let before = self.found.count;
+            let ahead = |place: usize| (place + AHEAD / size_of::<S>()).min(share.new.len());
+            prefetch(&share.new[ahead(start)..ahead(end)]);
+            let dense = self.found.count - before >= TILE / DENSE;
+            before = self.found.count;
+            if dense {
+                prefetch(&share.last[ahead(start)..ahead(end)]);
+                prefetch(&share.records[ahead(start)..ahead(end)]);
+            }
             self.found.scan(tile, also);
-            for &place in &self.found.place[before..self.found.count] {
-                prefetch(&share.records[place as usize..=place as usize]);
+            if !dense {
+                for &place in &self.found.place[before..self.found.count] {
+                    prefetch(&share.records[place as usize..=place as usize]);
+                }
             }
             if self.found.is_full() {
                 self.decide(&mut share, at, size, p)?;
+                before = 0;
             }
         }
         self.decide(&mut share, at, size, p)
@@ -168,10 +184,11 @@ impl<S: Sample> Band<S> {
         share.made.reserve(n)?;
         let (keys, old) = share.made.spare(n);
         let places = decided.verdict[first..end].iter().zip(&self.found.place[first..end]);
-        let after = decided.words[first..end].iter().zip(&decided.marks[first..end]);
+        let words = decided.words[first..end].iter().zip(&decided.words_after[first..end]);
+        let events = decided.keys[first..end].iter().zip(&decided.tick[first..end]);
         let (mut passed, mut made) = (0, 0);
-        for (((&verdict, &place), (&word, &mark)), (&key, &tick)) in
-            places.zip(after).zip(decided.keys[first..end].iter().zip(&decided.tick[first..end]))
+        for (((&verdict, &place), (&before, &after)), ((&key, &tick), &mark)) in
+            places.zip(words).zip(events.zip(&decided.marks[first..end]))
         {
             if verdict == Verdict::Unclear {
                 break;
@@ -179,8 +196,8 @@ impl<S: Sample> Band<S> {
             // All is written, and kept where there is an event: no branch to mispredict.
             let is = verdict != Verdict::Nothing;
             let (record, old_mark) = (&mut share.records[place as usize], &mut share.marks[place as usize]);
-            (keys[made], old[made]) = (key, record.old());
-            record.take(word, is, at.start_us + tick);
+            (keys[made], old[made]) = (key, record.old(before));
+            record.take(after, is, at.start_us + tick);
             *old_mark = if is { mark } else { *old_mark };
             made += usize::from(is);
             passed += 1;
@@ -204,7 +221,7 @@ impl<S: Sample> Band<S> {
         let sparse = share.sparse_of(self.found.place[candidate]);
         let c = p.thresholds(share.first_pixel + in_share);
         let record = share.records[in_share];
-        let (mut reference, old) = (record.level(), record.old());
+        let (mut reference, old) = (record.level(), record.old(record.word()));
         let mut last_event_us = record.last_event_us(share.zero_us);
         let made = &mut *share.made;
         let mut logs = [0.0; 2];

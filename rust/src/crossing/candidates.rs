@@ -44,8 +44,9 @@ pub(crate) struct Candidates<S> {
     after: Vec<f64>,
     /// The mark of that reference.
     pub(crate) marks: Vec<f32>,
-    /// The words of the records: before the event, then after it.
+    /// The words of the records, before the event and after it.
     pub(crate) words: Vec<u64>,
+    pub(crate) words_after: Vec<u64>,
     /// The events themselves.
     pub(crate) keys: Vec<Key>,
     samples: PhantomData<S>,
@@ -72,6 +73,7 @@ impl<S: Sample> Candidates<S> {
             after: zeros(),
             marks: vec![0.0; length],
             words: vec![0; length],
+            words_after: vec![0; length],
             keys: vec![Key::default(); length],
             samples: PhantomData,
         }
@@ -128,7 +130,7 @@ impl<S: Sample> Candidates<S> {
         let n = found.count;
         S::marks(&self.after[..n], ground, &mut self.marks[..n]);
         let decided = Decided { place: &found.place[..n], verdict: &self.verdict[..n], tick: &self.tick[..n] };
-        finish::<R>(&decided, grid, since, &mut self.words[..n], &mut self.keys[..n])
+        finish::<R>(&decided, grid, since, &self.words[..n], (&mut self.words_after[..n], &mut self.keys[..n]))
     }
 }
 
@@ -152,18 +154,24 @@ struct Decided<'a> {
 /// The events of candidates, and their records' words after them; returns whether a record is full.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
 #[allow(clippy::needless_bitwise_bool, reason = "a lazy operator is a branch, which vectors cannot take")]
-fn finish<R: Record>(decided: &Decided<'_>, grid: Grid, since: i64, words: &mut [u64], keys: &mut [Key]) -> bool {
+fn finish<R: Record>(
+    decided: &Decided<'_>,
+    grid: Grid,
+    since: i64,
+    words: &[u64],
+    (after, keys): (&mut [u64], &mut [Key]),
+) -> bool {
     let n = words.len();
     let (place, verdict, tick) = (&decided.place[..n], &decided.verdict[..n], &decided.tick[..n]);
-    let keys = &mut keys[..n];
+    let (after, keys) = (&mut after[..n], &mut keys[..n]);
     let mut full = false;
     for j in 0..n {
         let on = verdict[j] as u8 == Verdict::On as u8;
         let one = on | (verdict[j] as u8 == Verdict::Off as u8);
         keys[j] = Key::new(tick[j], grid.place(place[j]), on);
         full |= one & R::is_full(words[j], on);
-        let after = R::stepped(words[j], on, since + tick[j]);
-        words[j] = if one { after } else { words[j] };
+        let stepped = R::stepped(words[j], on, since + tick[j]);
+        after[j] = if one { stepped } else { words[j] };
     }
     full
 }

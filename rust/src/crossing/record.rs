@@ -24,8 +24,8 @@ pub(crate) trait Record: Copy + Default + Send + Sync {
     /// The time of the last event in microseconds, or [`NEVER`].
     fn last_event_us(self, zero_us: i64) -> i64;
 
-    /// What the next event will change.
-    fn old(self) -> Self::Old;
+    /// What the next event will change, of a record whose word is this.
+    fn old(&self, word: u64) -> Self::Old;
 
     fn restore(&mut self, old: Self::Old);
 
@@ -87,9 +87,10 @@ impl Record for Narrow {
         }
     }
 
-    #[inline]
-    fn old(self) -> u64 {
-        self.word
+    /// Without a look at the record itself.
+    #[inline(always)]
+    fn old(&self, word: u64) -> u64 {
+        word
     }
 
     fn restore(&mut self, old: u64) {
@@ -164,8 +165,8 @@ impl Record for Wide {
     }
 
     #[inline(always)]
-    fn old(self) -> (u64, i64) {
-        (self.word, self.last_event_us)
+    fn old(&self, word: u64) -> (u64, i64) {
+        (word, self.last_event_us)
     }
 
     fn restore(&mut self, old: (u64, i64)) {
@@ -240,7 +241,7 @@ mod tests {
     #[test]
     fn events_are_counted_and_taken_back() {
         fn count<R: Record>(mut record: R) {
-            let before = record.old();
+            let before = record.old(record.word());
             for (on, t_us) in [(true, 500), (false, 600), (false, 700)] {
                 record.take(R::stepped(record.word(), on, t_us - 100), true, t_us);
             }

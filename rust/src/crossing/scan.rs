@@ -18,7 +18,7 @@ use super::marks::{MarkingPart, ReachesPart};
 use super::sample::{Ground, Reach, Sample};
 
 /// Pixels scanned at a time.
-pub(crate) const TILE: usize = 1024;
+pub(crate) const TILE: usize = 512;
 
 /// Pixels that are skipped together where every sample is within reach.
 const BLOCK: usize = 64;
@@ -40,7 +40,7 @@ pub(crate) struct Found<S> {
 }
 
 /// Candidates are decided once there are this many: enough to fill vectors, few enough for the first-level cache.
-const BATCH: usize = 256;
+const BATCH: usize = 128;
 
 /// More candidates than there can be before they are decided: a batch, and all of another tile. A multiple of all vectors.
 pub(crate) const MOST_FOUND: usize = BATCH + TILE;
