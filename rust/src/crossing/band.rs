@@ -170,12 +170,7 @@ impl<S: Sample> Band<S> {
     }
 
     /// Makes the events of candidates from `first` on, up to one that is unclear; returns of how many.
-    fn carry_out<R: Record>(
-        &mut self,
-        share: &mut Share<'_, S, R>,
-        first: usize,
-        at: Interval,
-    ) -> Result<usize, Stop> {
+    fn carry_out<R: Record>(&mut self, share: &mut Share<'_, S, R>, first: usize, at: Interval) -> Result<usize, Stop> {
         if share.made.is_long() {
             return Ok(0);
         }

@@ -130,7 +130,12 @@ fn band_length(pixels: usize, bands: usize) -> usize {
 
 impl<S: Sample> Core<S> {
     /// Takes the first frame, at which references begin.
-    pub(crate) fn new(frame: &Frame<'_, S>, p: &CrossingParameters, seed: u64, pool: Option<&rayon::ThreadPool>) -> Self {
+    pub(crate) fn new(
+        frame: &Frame<'_, S>,
+        p: &CrossingParameters,
+        seed: u64,
+        pool: Option<&rayon::ThreadPool>,
+    ) -> Self {
         let (first, zero_us) = (frame.samples, frame.t_us - 1);
         let mut logs = vec![0.0; first.len()];
         S::logs(first, p.log_eps, &mut logs);

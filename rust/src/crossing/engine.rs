@@ -51,6 +51,8 @@ pub const MOST_THREADS: usize = 1024;
 pub struct CrossingEngine {
     pub(super) size: SensorSize,
     pub(super) parameters: CrossingParameters,
+    /// Of all pixels: to look for it at every frame would take as long as a quiet frame.
+    least_threshold: f64,
     pub(super) effects: Effects,
     pub(super) seed: u64,
     /// None for one thread, which then is the caller's.
@@ -154,6 +156,7 @@ impl CrossingEngine {
         let readout = effects.readout.filter(|bus| !bus.is_neutral());
         Ok(Self {
             size,
+            least_threshold: parameters.least_threshold(),
             parameters,
             readout: readout.map(|bus| Readout::new(size, bus, seed, effects.refractory_period_us)),
             effects,
@@ -376,7 +379,7 @@ impl CrossingEngine {
         // Log intensity spans less than 1500; a Hermite curve goes there and back, and so may each sparse sample.
         let ways = 2.0 + sparse as f64;
         let leaked = self.effects.leak.most_hz() * 1e-6 * ticks as f64;
-        let most = (ways * 1500.0 / self.parameters.least_threshold() + leaked) as u64 + 2;
+        let most = (ways * 1500.0 / self.least_threshold + leaked) as u64 + 2;
         if self.largest_counter + most > u32::MAX.into() {
             self.largest_counter = self.count_largest();
             if self.largest_counter + most > u32::MAX.into() {

@@ -19,6 +19,8 @@
 //! What must not break: the events are those of [`pixel`] alone, the same on any number of threads and for any split of
 //! the pixels into bands. An error changes no state.
 
+#[cfg(test)]
+mod against_rule;
 mod band;
 mod candidates;
 mod core;

@@ -219,7 +219,8 @@ mod tests {
 
     #[test]
     fn records_give_back_what_they_hold() {
-        for (on, off, t_us, zero_us) in [(7, 9, NEVER, 0), (0, 65_535, 12, 11), (65_535, 0, 0, -1), (1, 2, 1 << 32, 1)] {
+        for (on, off, t_us, zero_us) in [(7, 9, NEVER, 0), (0, 65_535, 12, 11), (65_535, 0, 0, -1), (1, 2, 1 << 32, 1)]
+        {
             let record = narrow(on, off, t_us, zero_us).unwrap();
             assert_eq!(record.level(), Level { on, off, ..LEVEL });
             assert_eq!(record.last_event_us(zero_us), t_us);

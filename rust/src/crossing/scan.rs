@@ -40,7 +40,7 @@ pub(crate) struct Found<S> {
 }
 
 /// Candidates are decided once there are this many: enough to fill vectors, few enough for the first-level cache.
-const BATCH: usize = 128;
+const BATCH: usize = 256;
 
 /// More candidates than there can be before they are decided: a batch, and all of another tile. A multiple of all vectors.
 pub(crate) const MOST_FOUND: usize = BATCH + TILE;

@@ -206,9 +206,7 @@ impl<S: Sample> Pixels<S> for EffectCore {
         // Every band begins, also where another one is full: what it holds is then of this frame.
         match push.pool {
             None => self.bands.iter_mut().map(advance).fold(Ok(()), Result::and),
-            Some(pool) => {
-                pool.install(|| self.bands.par_iter_mut().map(advance).reduce(|| Ok(()), Result::and))
-            }
+            Some(pool) => pool.install(|| self.bands.par_iter_mut().map(advance).reduce(|| Ok(()), Result::and)),
         }
     }
 
