@@ -264,7 +264,7 @@ fn runs_go_on_beyond_72_minutes() {
         let quiet = |k: usize| if k < 3 { 0 } else { 1 << 20 };
         let signals = [
             (0..times.len()).map(|k| [0, 300_000][k % 2]).collect(),
-            (0..times.len()).map(|k| quiet(k)).collect(),
+            (0..times.len()).map(quiet).collect(),
             vec![5; times.len()],
         ];
         compare_with_integers(&times, &signals, 100_000, 1);

@@ -13,11 +13,17 @@ pub(crate) trait Stamped: Copy {
     /// Its time since the interval's start.
     fn tick(self, start_us: i64) -> i64;
 
-    /// The event. `all` is a number with all bits set, of which the compiler does not know that.
-    fn event(self, start_us: i64, all: u64) -> Event;
+    /// The bits of its place on the sensor.
+    const PLACE: u64;
+
+    /// The event. `place` is [`Self::PLACE`], as a number that the compiler does not know: if it knew which bits are zero,
+    /// it would store events byte by byte.
+    fn event(self, start_us: i64, place: u64) -> Event;
 }
 
 impl Stamped for Event {
+    const PLACE: u64 = 0;
+
     #[inline]
     fn tick(self, start_us: i64) -> i64 {
         self.t - start_us
@@ -61,17 +67,24 @@ impl TimeSort {
         let buckets = (ticks >> shift) as usize + 1;
         self.starts.clear();
         self.starts.resize(buckets + 1, 0);
-        for &event in parts.clone().flatten() {
-            self.starts[bucket(event) + 1] += 1;
+        // Loops of their own: a flat iterator costs more than what is done here.
+        let starts = &mut self.starts[..=buckets];
+        for part in parts.clone() {
+            for &event in part {
+                starts[bucket(event) + 1] += 1;
+            }
         }
         for i in 1..self.starts.len() {
             self.starts[i] += self.starts[i - 1];
         }
-        let all = black_box(u64::MAX);
-        for &event in parts.flatten() {
-            let place = &mut self.starts[bucket(event)];
-            sorted[*place] = event.event(start_us, all);
-            *place += 1;
+        let place_bits = black_box(E::PLACE);
+        let (starts, places) = (&mut self.starts[..buckets], &mut sorted[..]);
+        for part in parts {
+            for &event in part {
+                let place = &mut starts[bucket(event)];
+                places[*place] = event.event(start_us, place_bits);
+                *place += 1;
+            }
         }
         if shift > 0 {
             // Each bucket's start has moved on to its end.

@@ -26,8 +26,13 @@ impl Random {
         z ^ (z >> 31)
     }
 
-    fn below(&mut self, n: u64) -> u64 {
-        self.next() % n
+    fn below(&mut self, n: usize) -> usize {
+        (self.next() % n as u64) as usize
+    }
+
+    /// In 1..=n.
+    fn ticks(&mut self, n: i64) -> i64 {
+        1 + (self.next() % n.cast_unsigned()).cast_signed()
     }
 
     fn uniform(&mut self, low: f64, high: f64) -> f64 {
@@ -85,15 +90,15 @@ struct Slow<S> {
 }
 
 /// Where a pixel's log intensity goes next: a step of its kind, or a level of its own, or nearly, or its first value.
-fn next_log<S>(pixel: &Slow<S>, from: f64, c: Thresholds, kind: u64, random: &mut Random) -> f64 {
+fn next_log<S>(pixel: &Slow<S>, from: f64, c: Thresholds, kind: usize, random: &mut Random) -> f64 {
     let level = |steps: i32| {
         let value = pixel.level.value(c);
         value + f64::from(steps) * if steps > 0 { c.on } else { c.off }
     };
     let to = match (kind, random.below(40)) {
         (_, 0) => pixel.first,
-        (_, 1) => level([-2, -1, 1, 2][random.below(4) as usize]),
-        (_, 2) => level([-1, 1][random.below(2) as usize]) * (1.0 + random.uniform(-4e-16, 4e-16)),
+        (_, 1) => level([-2, -1, 1, 2][random.below(4)]),
+        (_, 2) => level([-1, 1][random.below(2)]) * (1.0 + random.uniform(-4e-16, 4e-16)),
         (_, 3) => from + random.uniform(-8.0, 8.0) * c.on,
         (0, _) => from,
         (1, _) => from + random.uniform(-0.02, 0.02) * c.on,
@@ -116,25 +121,25 @@ fn compare<S: Walked>(seed: u64, frames: usize) {
     let size = SensorSize { width: 1 + random.below(90) as u16, height: 1 + random.below(40) as u16 };
     let n = size.pixels();
     let [on, off] = [0; 2].map(|_| random.uniform(0.02, 0.4));
-    let off = [on, off][random.below(2) as usize];
+    let off = [on, off][random.below(2)];
     let each = random.below(3) == 0;
-    let mut threshold = |c: f64| match each {
-        true => Threshold::PerPixel((0..n).map(|_| c * random.uniform(0.9, 1.1)).collect()),
-        false => Threshold::Uniform(c),
+    let mut threshold = |c: f64| {
+        let of_pixels = (0..n).map(|_| c * random.uniform(0.9, 1.1));
+        if each { Threshold::PerPixel(of_pixels.collect()) } else { Threshold::Uniform(c) }
     };
     let (contrast_threshold, contrast_threshold_off) = (threshold(on), threshold(off));
     let hermite = random.below(3) == 0;
     let parameters = CrossingParameters {
         contrast_threshold,
         contrast_threshold_off,
-        log_eps: [1e-3, 1e-12, 0.5][random.below(3) as usize],
+        log_eps: [1e-3, 1e-12, 0.5][random.below(3)],
         interpolation: if hermite { Interpolation::Hermite } else { Interpolation::Linear },
         ..CrossingParameters::default()
     };
-    let (eps, threads) = (parameters.log_eps, [1, 1, 3][random.below(3) as usize]);
+    let (eps, threads) = (parameters.log_eps, [1, 1, 3][random.below(3)]);
     let context = format!("seed {seed}: {size:?}, {threads} threads, C = {on} {off}, each: {each}, Hermite: {hermite}");
     let mut engine = CrossingEngine::new(size, parameters.clone(), Some(threads)).unwrap();
-    let mut t_us = random.below(1 << 40) as i64;
+    let mut t_us = random.ticks(1 << 40);
     let quiet = random.below(2) == 0;
     let mut pixels: Vec<Slow<S>> = (0..n)
         .map(|_| {
@@ -143,7 +148,7 @@ fn compare<S: Walked>(seed: u64, frames: usize) {
             Slow { level: Level { base: first, on: 0, off: 0 }, first, last, rate: S::default(), last_event_us: -1 }
         })
         .collect();
-    let kinds: Vec<u64> = (0..n).map(|_| random.below(if quiet { 2 } else { 5 })).collect();
+    let kinds: Vec<usize> = (0..n).map(|_| random.below(if quiet { 2 } else { 5 })).collect();
     let (mut samples, mut rates): (Vec<S>, Vec<S>) =
         (pixels.iter().map(|pixel| pixel.last).collect(), vec![S::default(); n]);
     let mut events = vec![];
@@ -151,7 +156,7 @@ fn compare<S: Walked>(seed: u64, frames: usize) {
     frame.rate = hermite.then_some(&rates[..]);
     engine.take(frame, &mut events).unwrap();
     for k in 0..frames {
-        let ticks = [1 + random.below(20) as i64, 1000, 1 + random.below(100_000) as i64][random.below(3) as usize];
+        let ticks = [random.ticks(20), 1000, random.ticks(100_000)][random.below(3)];
         let seconds = ticks as f64 * 1e-6;
         let (mut between, mut expected) = ((vec![], vec![], vec![]), vec![]);
         let brings_sparse = ticks > 10 && random.below(3) == 0;
@@ -160,11 +165,11 @@ fn compare<S: Walked>(seed: u64, frames: usize) {
             let from = log(pixel.last, eps);
             let now = S::of(next_log(pixel, from, c, kinds[i], &mut random), eps);
             let change = [line_change(from, now, eps), random.uniform(-1.5, 1.5) * c.on, f64::NAN];
-            let rate = S::rate_of(change[random.below(9).saturating_sub(6) as usize] / seconds, now, eps);
+            let rate = S::rate_of(change[random.below(9).saturating_sub(6)] / seconds, now, eps);
             let mut nodes = vec![];
             if brings_sparse && random.below(20) == 0 {
                 let sample = S::of(next_log(pixel, from, c, 4, &mut random), eps);
-                let tick = 1 + random.below(ticks as u64 - 1) as i64;
+                let tick = random.ticks(ticks - 1);
                 nodes.push((tick, log(sample, eps)));
                 between.0.push(i as u32);
                 between.1.push(t_us + tick);

@@ -99,7 +99,7 @@ impl<S: Sample> Band<S> {
             let end = (start + TILE).min(share.new.len());
             let sparse = share.sparse.of(share.first_pixel + start, share.first_pixel + end).pixel;
             let also = sparse.iter().map(|&pixel| pixel as usize - share.first_pixel - start);
-            let tile = Tile {
+            let mut tile = Tile {
                 start,
                 new: &share.new[start..end],
                 last: &share.last[start..end],
@@ -116,7 +116,7 @@ impl<S: Sample> Band<S> {
                 prefetch(&share.last[ahead(start)..ahead(end)]);
                 prefetch(&share.records[ahead(start)..ahead(end)]);
             }
-            self.found.scan(tile, also);
+            self.found.scan(&mut tile, also);
             if !dense {
                 for &place in &self.found.place[before..self.found.count] {
                     prefetch(&share.records[place as usize..=place as usize]);
@@ -174,31 +174,38 @@ impl<S: Sample> Band<S> {
         if share.made.is_long() {
             return Ok(0);
         }
-        let (end, decided) = (self.found.count, &self.candidates);
-        let n = end - first;
+        let decided = &self.candidates;
+        let verdicts = &decided.verdict[first..self.found.count];
+        let n = verdicts.iter().position(|&verdict| verdict == Verdict::Unclear).unwrap_or(verdicts.len());
+        let (run, verdicts) = (first..first + n, &verdicts[..n]);
+        let places = &self.found.place[run.clone()];
+        let (keys, words) = (&decided.keys[run.clone()], &decided.words[run.clone()]);
         share.made.reserve(n)?;
-        let (keys, old) = share.made.spare(n);
-        let places = decided.verdict[first..end].iter().zip(&self.found.place[first..end]);
-        let words = decided.words[first..end].iter().zip(&decided.words_after[first..end]);
-        let events = decided.keys[first..end].iter().zip(&decided.tick[first..end]);
-        let (mut passed, mut made) = (0, 0);
-        for (((&verdict, &place), (&before, &after)), ((&key, &tick), &mark)) in
-            places.zip(words).zip(events.zip(&decided.marks[first..end]))
-        {
-            if verdict == Verdict::Unclear {
-                break;
+        let (made_keys, old) = share.made.spare(n);
+        let all = verdicts.iter().fold(true, |all, &verdict| all & (verdict != Verdict::Nothing));
+        let mut made = n;
+        if all {
+            made_keys.copy_from_slice(keys);
+            for ((old, &word), &place) in old.iter_mut().zip(words).zip(places) {
+                *old = R::old(share.records, place, word);
             }
-            // All is written, and kept where there is an event: no branch to mispredict.
-            let is = verdict != Verdict::Nothing;
-            let (record, old_mark) = (&mut share.records[place as usize], &mut share.marks[place as usize]);
-            (keys[made], old[made]) = (key, record.old(before));
-            record.take(after, is, at.start_us + tick);
-            *old_mark = if is { mark } else { *old_mark };
-            made += usize::from(is);
-            passed += 1;
+        } else {
+            made = 0;
+            for ((&verdict, &key), (&word, &place)) in verdicts.iter().zip(keys).zip(words.iter().zip(places)) {
+                // Written anyway, and kept where there is an event: no branch to mispredict.
+                (made_keys[made], old[made]) = (key, R::old(share.records, place, word));
+                made += usize::from(verdict != Verdict::Nothing);
+            }
         }
         share.made.take(made);
-        Ok(passed)
+        let after = decided.words_after[run.clone()].iter().zip(&decided.marks[run.clone()]);
+        let events = verdicts.iter().zip(&decided.tick[run]);
+        for ((&place, (&word, &mark)), (&verdict, &tick)) in places.iter().zip(after).zip(events) {
+            let is = verdict != Verdict::Nothing;
+            share.records[place as usize].take(word, is, at.start_us + tick);
+            share.marks[place as usize] = mark;
+        }
+        Ok(n)
     }
 
     /// Runs one candidate through the interval exactly.
@@ -216,7 +223,8 @@ impl<S: Sample> Band<S> {
         let sparse = share.sparse_of(self.found.place[candidate]);
         let c = p.thresholds(share.first_pixel + in_share);
         let record = share.records[in_share];
-        let (mut reference, old) = (record.level(), record.old(record.word()));
+        let old = R::old(share.records, self.found.place[candidate], record.word());
+        let mut reference = record.level();
         let mut last_event_us = record.last_event_us(share.zero_us);
         let made = &mut *share.made;
         let mut logs = [0.0; 2];

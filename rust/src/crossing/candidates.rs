@@ -38,7 +38,7 @@ pub(crate) struct Candidates<S> {
     /// Slopes at the interval's start and end, in log intensity over the interval, where curves are cubics.
     pub(crate) slope_from: Vec<f64>,
     pub(crate) slope_to: Vec<f64>,
-    /// The tick of the event, where there is one, and the reference that it leaves behind.
+    /// The tick of the event, where there is one, and the reference that is left behind.
     pub(crate) tick: Vec<i64>,
     pub(crate) verdict: Vec<Verdict>,
     after: Vec<f64>,
@@ -194,7 +194,9 @@ fn decide(lines: &Lines<'_>, references: &References<'_>, steps: Steps<&[f64]>, 
         let level = reference + sign * c;
         let past_first = sign * (to[j] - level);
         let past_second = sign * (to[j] - (level + sign * c));
-        let nothing = past_first < -error;
+        // What is left of the reference must have a mark within its accuracy, too.
+        let accurate = error < 1e-10;
+        let nothing = (past_first < -error) & accurate;
 
         let span = to[j] - from[j];
         let scale = ticks / span;
@@ -209,9 +211,9 @@ fn decide(lines: &Lines<'_>, references: &References<'_>, steps: Steps<&[f64]>, 
             & (ceiling - estimate > doubt)
             & (estimate - (ceiling - 1.0) > doubt)
             & (1.0..LARGEST_TICK).contains(&ceiling)
-            & (error < 1e-10);
+            & accurate;
         tick[j] = integer(ceiling);
-        after[j] = level;
+        after[j] = if one { level } else { reference };
         verdict[j] = Verdict::of(one, brighter, nothing);
     }
 }

@@ -32,15 +32,16 @@ impl Key {
 }
 
 impl Stamped for Key {
+    const PLACE: u64 = (1 << TICK) - 1;
+
     #[inline]
     fn tick(self, _: i64) -> i64 {
         (self.0 >> TICK).cast_signed()
     }
 
-    /// If the compiler knew which bits are zero, it would store the event byte by byte.
     #[inline]
-    fn event(self, start_us: i64, all: u64) -> Event {
-        Event::from_words(start_us + self.tick(start_us), self.0 & (all >> (u64::BITS - TICK)))
+    fn event(self, start_us: i64, place: u64) -> Event {
+        Event::from_words(start_us + self.tick(start_us), self.0 & place)
     }
 }
 
@@ -132,7 +133,7 @@ impl<R: Record> Made<R> {
     /// Takes an event, for which room was made, at a tick after `start_us`.
     pub(crate) fn push(&mut self, start_us: i64, tick: i64, place: Place, on: bool, old: R::Old) {
         if self.is_long {
-            self.long.push(Key::new(0, place, on).event(start_us + tick, u64::MAX));
+            self.long.push(Key::new(0, place, on).event(start_us + tick, Key::PLACE));
         } else {
             self.keys.push(Key::new(tick, place, on));
         }
@@ -155,7 +156,7 @@ impl<R: Record> Made<R> {
     /// Puts back what all these events changed, and drops them. The records begin at pixel `first_pixel`.
     #[cold]
     pub(crate) fn undo(&mut self, records: &mut [R], first_pixel: usize, size: SensorSize) {
-        let of_key = |key: &Key| key.event(0, u64::MAX).pixel(size);
+        let of_key = |key: &Key| key.event(0, Key::PLACE).pixel(size);
         let pixels: Box<dyn Iterator<Item = usize>> = if self.is_long {
             Box::new(self.long.made().iter().rev().map(|event| event.pixel(size)))
         } else {
@@ -188,7 +189,7 @@ mod tests {
             let (x, y) = size.xy(pixel);
             for first in [0, pixel / 2, pixel] {
                 let key = Key::new(tick, Grid::new(first, size).place(u32::try_from(pixel - first).unwrap()), on);
-                prop_assert_eq!(key.event(9, u64::MAX), Event::new(9 + tick, x, y, on));
+                prop_assert_eq!(key.event(9, Key::PLACE), Event::new(9 + tick, x, y, on));
                 prop_assert_eq!(key.tick(9), tick);
             }
         }

@@ -9,7 +9,7 @@
 use std::ops::Range;
 
 use super::level::{Level, Thresholds};
-use super::parameters::{CrossingParameters, Threshold};
+use super::parameters::CrossingParameters;
 use super::sample::{Ground, Reach, Sample};
 
 /// How far samples may lie from their marks.
@@ -43,12 +43,11 @@ pub(crate) enum ReachesPart<'a> {
 impl Marking {
     pub(crate) fn new<S: Sample>(p: &CrossingParameters, pixels: usize) -> Self {
         let reach = |pixel| S::reach(p.thresholds(pixel));
-        let reaches = match (&p.contrast_threshold, &p.contrast_threshold_off) {
-            (Threshold::Uniform(_), Threshold::Uniform(_)) => Reaches::Same(reach(0)),
-            _ => {
-                let (up, down) = (0..pixels).map(reach).map(|reach| (reach.up, reach.down)).unzip();
-                Reaches::Each(up, down)
-            }
+        let reaches = if p.is_uniform() {
+            Reaches::Same(reach(0))
+        } else {
+            let (up, down) = (0..pixels).map(reach).map(|reach| (reach.up, reach.down)).unzip();
+            Reaches::Each(up, down)
         };
         let least_down = match &reaches {
             Reaches::Same(reach) => reach.down,

@@ -24,8 +24,8 @@ pub(crate) trait Record: Copy + Default + Send + Sync {
     /// The time of the last event in microseconds, or [`NEVER`].
     fn last_event_us(self, zero_us: i64) -> i64;
 
-    /// What the next event will change, of a record whose word is this.
-    fn old(&self, word: u64) -> Self::Old;
+    /// What the next event will change, of the record at a place, whose word is this.
+    fn old(records: &[Self], place: u32, word: u64) -> Self::Old;
 
     fn restore(&mut self, old: Self::Old);
 
@@ -87,9 +87,9 @@ impl Record for Narrow {
         }
     }
 
-    /// Without a look at the record itself.
+    /// Without a look at the record.
     #[inline(always)]
-    fn old(&self, word: u64) -> u64 {
+    fn old(_: &[Self], _: u32, word: u64) -> u64 {
         word
     }
 
@@ -165,8 +165,8 @@ impl Record for Wide {
     }
 
     #[inline(always)]
-    fn old(&self, word: u64) -> (u64, i64) {
-        (word, self.last_event_us)
+    fn old(records: &[Self], place: u32, word: u64) -> (u64, i64) {
+        (word, records[place as usize].last_event_us)
     }
 
     fn restore(&mut self, old: (u64, i64)) {
@@ -242,7 +242,7 @@ mod tests {
     #[test]
     fn events_are_counted_and_taken_back() {
         fn count<R: Record>(mut record: R) {
-            let before = record.old(record.word());
+            let before = R::old(&[record], 0, record.word());
             for (on, t_us) in [(true, 500), (false, 600), (false, 700)] {
                 record.take(R::stepped(record.word(), on, t_us - 100), true, t_us);
             }

@@ -211,7 +211,7 @@ const FARTHEST: f64 = 100.0;
 fn luma_marks(references: &[f64], least: f64, marks: &mut [f32]) {
     for (mark, &reference) in marks.iter_mut().zip(references) {
         let light = exp(reference);
-        let usable = (reference >= -80.0) & (reference <= 88.0) & (light >= least);
+        let usable = (-80.0..=88.0).contains(&reference) & (light >= least);
         *mark = if usable { light as f32 } else { f32::NAN };
     }
 }

@@ -81,7 +81,7 @@ impl<S: Sample> Found<S> {
     ///
     /// `also` are places that are noted whatever their samples.
     #[allow(clippy::cast_possible_truncation, reason = "no sensor has 2^32 pixels")]
-    pub(crate) fn scan(&mut self, tile: Tile<'_, S>, also: impl ExactSizeIterator<Item = usize>) {
+    pub(crate) fn scan(&mut self, tile: &mut Tile<'_, S>, also: impl ExactSizeIterator<Item = usize>) {
         let n = tile.new.len();
         let noted = &mut self.noted[..n];
         match tile.marking.reaches {

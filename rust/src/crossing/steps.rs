@@ -3,7 +3,7 @@
 //! If all pixels have the same thresholds, the arrays are filled once. If each pixel has its own, they are filled for
 //! each batch.
 
-use super::parameters::{CrossingParameters, Threshold};
+use super::parameters::CrossingParameters;
 
 /// The thresholds of many pixels.
 #[derive(Clone, Copy, Debug)]
@@ -25,8 +25,7 @@ impl StepArrays {
     /// Takes the thresholds of `count` pixels.
     #[inline]
     pub(crate) fn take(&mut self, pixel: impl Fn(usize) -> usize, count: usize, p: &CrossingParameters) {
-        if matches!((&p.contrast_threshold, &p.contrast_threshold_off), (Threshold::Uniform(_), Threshold::Uniform(_)))
-        {
+        if p.is_uniform() {
             return; // they are there
         }
         let Self(Steps { on, off }) = self;
