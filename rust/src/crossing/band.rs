@@ -94,7 +94,7 @@ impl<S: Sample> Band<S> {
     ) -> Result<(), Stop> {
         share.made.begin(allowance, share.new.len(), at.ticks);
         self.found.count = 0;
-        let mut before = 0;
+        let mut noted = 0;
         for start in (0..share.new.len()).step_by(TILE) {
             let end = (start + TILE).min(share.new.len());
             let sparse = share.sparse.of(share.first_pixel + start, share.first_pixel + end).pixel;
@@ -110,13 +110,14 @@ impl<S: Sample> Band<S> {
             };
             let ahead = |place: usize| (place + AHEAD / size_of::<S>()).min(share.new.len());
             prefetch(&share.new[ahead(start)..ahead(end)]);
-            let dense = self.found.count - before >= TILE / DENSE;
-            before = self.found.count;
+            let dense = noted >= TILE / DENSE;
             if dense {
                 prefetch(&share.last[ahead(start)..ahead(end)]);
                 prefetch(&share.records[ahead(start)..ahead(end)]);
             }
+            let before = self.found.count;
             self.found.scan(&mut tile, also);
+            noted = self.found.count - before;
             if !dense {
                 for &place in &self.found.place[before..self.found.count] {
                     prefetch(&share.records[place as usize..=place as usize]);
@@ -124,7 +125,6 @@ impl<S: Sample> Band<S> {
             }
             if self.found.is_full() {
                 self.decide(&mut share, at, size, p)?;
-                before = 0;
             }
         }
         self.decide(&mut share, at, size, p)
@@ -182,9 +182,9 @@ impl<S: Sample> Band<S> {
         let (keys, words) = (&decided.keys[run.clone()], &decided.words[run.clone()]);
         share.made.reserve(n)?;
         let (made_keys, old) = share.made.spare(n);
-        let all = verdicts.iter().fold(true, |all, &verdict| all & (verdict != Verdict::Nothing));
+        let nothing = verdicts.iter().filter(|&&verdict| verdict == Verdict::Nothing).count();
         let mut made = n;
-        if all {
+        if nothing == 0 {
             made_keys.copy_from_slice(keys);
             for ((old, &word), &place) in old.iter_mut().zip(words).zip(places) {
                 *old = R::old(share.records, place, word);

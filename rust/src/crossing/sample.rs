@@ -255,6 +255,18 @@ mod tests {
         f32::from_bits(((log.exp() - log_eps).max(0.0) as f32).to_bits().saturating_add_signed(nudge))
     }
 
+    /// Dark levels that float32 holds with few digits or none, and luma as small.
+    #[test]
+    fn luma_s_reach_is_inward_next_to_no_dark_level() {
+        for k in 1..4000i32 {
+            let log_eps = 1e-45 * 1.003f64.powi(k);
+            let luma = f32::from_bits(k.unsigned_abs() * 7);
+            let (reference, log) = (-79.5, log_intensity(luma, log_eps));
+            let c = Thresholds { on: 0.5, off: reference - log };
+            assert!(!is_within(luma, reference, c, log_eps), "{luma} {log_eps}");
+        }
+    }
+
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(20_000))]
 
