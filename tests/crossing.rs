@@ -258,22 +258,27 @@ fn counters_go_on_beyond_16_bits() {
 /// Times of last events are kept for longer than 2^32 us, which are 71.6 minutes.
 #[test]
 fn runs_go_on_beyond_72_minutes() {
+    // Up and down over one level, clearly.
+    let one_event = |k: usize| [-40_000, 150_000][k % 2];
     let minutes: Vec<i64> = vec![0, 1, 30, 59, 70, 71, 72, 73, 90, 143, 144, 300];
     for first in [0, 1, 1 << 40] {
         let times: Vec<i64> = minutes.iter().map(|minute| first + minute * 60_000_000).collect();
         let quiet = |k: usize| if k < 3 { 0 } else { 1 << 20 };
         let signals = [
             (0..times.len()).map(|k| [0, 300_000][k % 2]).collect(),
+            (0..times.len()).map(one_event).collect(),
             (0..times.len()).map(quiet).collect(),
             vec![5; times.len()],
         ];
         compare_with_integers(&times, &signals, 100_000, 1);
     }
-    // Frame by frame across the end of 32 bits.
+    // Frame by frame across the end of 32 bits: of one event each, or of one and several.
     let end = 1 << 32;
-    let times: Vec<i64> = [7, 1007].into_iter().chain((end - 3..end + 13).step_by(2)).collect();
-    let signals = [(0..times.len()).map(|k| [0, 350_000][k % 2]).collect(), vec![0; times.len()]];
-    compare_with_integers(&times, &signals, 100_000, 2);
+    let times: Vec<i64> = (0..end - 3).step_by(1 << 30).chain((end - 3..end + 13).step_by(2)).collect();
+    let one_each: Vec<i64> = (0..times.len()).map(one_event).collect();
+    let several = (0..times.len()).map(|k| [0, 350_000][k % 2]).collect();
+    compare_with_integers(&times, &[one_each.clone(), vec![0; times.len()]], 100_000, 1);
+    compare_with_integers(&times, &[one_each, several], 100_000, 2);
 }
 
 /// Intervals of 2^31 us and more have stamps that no key holds.

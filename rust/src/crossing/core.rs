@@ -361,3 +361,37 @@ impl<S: Sample> Pixels<S> for Core<S> {
         self.levels().into_iter().enumerate().map(count).fold(0, u64::saturating_add)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::crossing::engine::CrossingEngine;
+
+    const SIZE: SensorSize = SensorSize { width: 4, height: 1 };
+
+    /// Does an engine that goes on from these times of last events and counters keep narrow records?
+    fn is_narrow(last_event_us: [i64; 4], on: u32) -> bool {
+        let parameters = CrossingParameters::default();
+        let mut engine = CrossingEngine::new(SIZE, parameters.clone(), Some(1)).unwrap();
+        let frame = Frame::new(5_000_000_000, &[0.0; 4][..]);
+        engine.push_log(frame, &mut vec![]).unwrap();
+        let state = EngineState { last_event_us: last_event_us.to_vec(), on: vec![0, 0, on, 0], ..engine.state() };
+        let mut core = Core::new(&frame, &parameters, 0, None);
+        core.restore(&state);
+        assert_eq!((core.last_event_us(), core.levels()[2].on), (last_event_us.to_vec(), on));
+        matches!(core.records, Records::Narrow(_))
+    }
+
+    /// What fits into narrow records stays in them: first events just before the last frame, or long ago.
+    #[test]
+    fn a_restored_engine_keeps_narrow_records_where_they_suffice() {
+        assert!(is_narrow([NEVER; 4], 65_535));
+        assert!(is_narrow([5_000_000_000, NEVER, 4_999_999_999, NEVER], 1));
+        assert!(is_narrow([5_000_000_000, NEVER, 4_999_999_999, 5_000_000_000 - (1 << 32) + 2], 1));
+        assert!(!is_narrow([5_000_000_000, NEVER, 4_999_999_999, 5_000_000_000 - (1 << 32)], 1));
+        assert!(!is_narrow([0, NEVER, NEVER, 5_000_000_000], 1));
+        assert!(!is_narrow([NEVER; 4], 65_536));
+        // No engine says so; a state may.
+        assert!(!is_narrow([NEVER, -7, NEVER, NEVER], 1));
+    }
+}
