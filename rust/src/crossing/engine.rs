@@ -553,6 +553,30 @@ mod tests {
         }
     }
 
+    /// A frame with a bad value is refused for that value, whatever else is wrong with it: sparse samples, or more events
+    /// than the usual allowance before the value is met.
+    #[test]
+    fn bad_values_are_told_before_what_else_is_wrong() {
+        let parameters =
+            CrossingParameters { contrast_threshold: Threshold::Uniform(1e-5), ..CrossingParameters::default() };
+        let mut engine = CrossingEngine::new(SIZE, parameters, Some(1)).unwrap();
+        let mut events = vec![];
+        engine.push_log(Frame::new(0, &vec![0.0; SIZE.pixels()]), &mut events).unwrap();
+        let before = engine.state();
+        let mut spoiled = vec![0.5; SIZE.pixels()];
+        spoiled[SIZE.pixels() - 1] = f64::NAN;
+        let mut frame = Frame::new(1000, &spoiled[..]);
+        for sparse in [
+            SparseSamples { pixel: &[], t_us: &[], samples: &[] },
+            SparseSamples { pixel: &[3], t_us: &[2000], samples: &[0.0] },
+        ] {
+            frame.sparse = sparse;
+            let error = engine.push_log(frame, &mut events).unwrap_err().to_string();
+            assert!(error.contains("(x, y) = (69, 39)") && error.contains("NaN"), "{error}");
+            assert_eq!(engine.state(), before);
+        }
+    }
+
     #[test]
     fn threads_have_a_limit() {
         for threads in [0, MOST_THREADS + 1, usize::MAX] {

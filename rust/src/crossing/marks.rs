@@ -87,3 +87,26 @@ pub(crate) fn mark<S: Sample>(reference: Level, c: Thresholds, ground: Ground) -
     S::marks(&[reference.value(c)], ground, &mut mark);
     mark[0]
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::crossing::parameters::Threshold;
+
+    /// Without a dark level to speak of, no mark may be so small that the farthest reach of any pixel underflows.
+    #[test]
+    fn the_farthest_reach_down_limits_all_marks() {
+        let p = |off: Vec<f64>| CrossingParameters {
+            contrast_threshold_off: Threshold::PerPixel(off),
+            log_eps: 1e-40,
+            ..CrossingParameters::default()
+        };
+        let mark = |off: Vec<f64>| {
+            let reference = Level { base: -60.0, on: 0, off: 0 };
+            let c = Thresholds { on: 0.15, off: off[0] };
+            mark::<f32>(reference, c, Marking::new::<f32>(&p(off), 2).ground())
+        };
+        assert!(mark(vec![1.0, 1.0]) > 0.0);
+        assert!(mark(vec![1.0, 80.0]).is_nan() && mark(vec![80.0, 1.0]).is_nan());
+    }
+}
