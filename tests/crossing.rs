@@ -181,3 +181,119 @@ fn what_was_in_the_vector_is_replaced() {
     engine.push_log(Frame::new(0, &[0.0]), &mut events).expect("a valid frame");
     assert!(events.is_empty());
 }
+
+/// Pushes signals of several pixels, each a sample (log intensity in units) at each of these times, and compares events,
+/// counters and times of last events with integer arithmetic. Before each push, a frame that is refused at its last pixel
+/// must change nothing; and an engine of the stored state must go on alike.
+fn compare_with_integers(times: &[i64], signals: &[Vec<i64>], c: i64, threads: usize) {
+    let size = SensorSize { width: u16::try_from(signals.len()).expect("few"), height: 1 };
+    let mut engine = engine(size, to_float(c), to_float(c), threads);
+    let events_of = |pixel: usize| {
+        let samples: Vec<(i64, i64)> = times.iter().copied().zip(signals[pixel].iter().copied()).collect();
+        oracle(&samples, c, c)
+    };
+    let expected: Vec<Vec<(i64, bool)>> = (0..signals.len()).map(events_of).collect();
+    let mut start = -1;
+    for (k, &t) in times.iter().enumerate() {
+        let logs: Vec<f64> = signals.iter().map(|signal| to_float(signal[k])).collect();
+        let mut spoiled = logs.clone();
+        spoiled[signals.len() - 1] = 747.0;
+        let before = engine.state();
+        push_log(&mut engine, t, &spoiled).unwrap_err();
+        assert_eq!(engine.state(), before, "at {t} us");
+        let mut restored = CrossingEngine::from_state(&before, Some(threads)).unwrap();
+        let events = push_log(&mut engine, t, &logs).unwrap();
+        assert_eq!(push_log(&mut restored, t, &logs).unwrap(), events, "at {t} us");
+        assert_eq!(restored.state(), engine.state(), "at {t} us");
+        let mut all: Vec<Event> = vec![];
+        for (x, pixel) in (0..size.width).zip(&expected) {
+            let of_now = pixel.iter().filter(|(at, _)| start < *at && *at <= t);
+            all.extend(of_now.map(|&(at, on)| Event::new(at, x, 0, on)));
+        }
+        all.sort_by_key(|event| event.t);
+        assert_eq!(events, all, "at {t} us");
+        let last = |pixel: &Vec<(i64, bool)>| pixel.iter().map(|(at, _)| *at).filter(|at| *at <= t).max().unwrap_or(-1);
+        assert_eq!(engine.last_event_us(), expected.iter().map(last).collect::<Vec<i64>>(), "at {t} us");
+        start = t;
+    }
+}
+
+/// A pixel may have more than 65,535 events of a polarity: what is one more comes alone, among others, and in others.
+#[test]
+fn counters_go_on_beyond_16_bits() {
+    const C: i64 = 1024;
+    // Up and down by 8,000 levels: 64,000 events of each polarity. Then level by level, or far beyond at once.
+    let far: Vec<i64> = (0..17).map(|k| [0, 8000][k % 2]).collect();
+    let after = |steps: &dyn Fn(i64) -> i64| -> Vec<i64> {
+        far.iter().map(|levels| levels * C).chain((1..=1600).map(steps)).collect()
+    };
+    let signals = [
+        after(&|k| k * C + 100),        // ON events alone
+        after(&|k| -k * C - 100),       // OFF events alone
+        after(&|k| (k % 2) * 1700 * C), // both, many at once
+        after(&|_| 0),                  // none
+    ];
+    let shortened: Vec<Vec<i64>> =
+        signals.iter().map(|signal| signal[..17].iter().chain(&signal[1540..]).copied().collect()).collect();
+    let times: Vec<i64> = (0..).step_by(1000).take(shortened[0].len()).map(|t| t + 5).collect();
+    for threads in [1, 2] {
+        compare_with_integers(&times, &shortened, C, threads);
+    }
+    // One by one, from 64,000 to beyond 65,535.
+    let slow: Vec<Vec<i64>> = signals[..2].to_vec();
+    let times: Vec<i64> = (0..).step_by(1000).take(slow[0].len()).collect();
+    let size = SensorSize { width: 2, height: 1 };
+    let mut engine = engine(size, to_float(C), to_float(C), 1);
+    let mut counted = [0u32; 2];
+    for (k, &t) in times.iter().enumerate() {
+        let events = push_log(&mut engine, t, &[to_float(slow[0][k]), to_float(slow[1][k])]).unwrap();
+        for event in events {
+            counted[usize::from(event.x)] += u32::from(event.p == u8::from(event.x == 0));
+        }
+    }
+    assert_eq!([engine.state().on[0], engine.state().off[1]], counted);
+    assert_eq!(counted, [65_600, 65_600]);
+}
+
+/// Times of last events are kept for longer than 2^32 us, which are 71.6 minutes.
+#[test]
+fn runs_go_on_beyond_72_minutes() {
+    // Up and down over one level, clearly.
+    let one_event = |k: usize| [-40_000, 150_000][k % 2];
+    let minutes: Vec<i64> = vec![0, 1, 30, 59, 70, 71, 72, 73, 90, 143, 144, 300];
+    for first in [0, 1, 1 << 40] {
+        let times: Vec<i64> = minutes.iter().map(|minute| first + minute * 60_000_000).collect();
+        let quiet = |k: usize| if k < 3 { 0 } else { 1 << 20 };
+        let signals = [
+            (0..times.len()).map(|k| [0, 300_000][k % 2]).collect(),
+            (0..times.len()).map(one_event).collect(),
+            (0..times.len()).map(quiet).collect(),
+            vec![5; times.len()],
+        ];
+        compare_with_integers(&times, &signals, 100_000, 1);
+    }
+    // Frame by frame across the end of 32 bits: of one event each, or of one and several.
+    let end = 1 << 32;
+    let times: Vec<i64> = (0..end - 3).step_by(1 << 30).chain((end - 3..end + 13).step_by(2)).collect();
+    let one_each: Vec<i64> = (0..times.len()).map(one_event).collect();
+    let several = (0..times.len()).map(|k| [0, 350_000][k % 2]).collect();
+    compare_with_integers(&times, &[one_each.clone(), vec![0; times.len()]], 100_000, 1);
+    compare_with_integers(&times, &[one_each, several], 100_000, 2);
+}
+
+/// Intervals of 2^31 us and more have stamps that no key holds.
+#[test]
+fn intervals_may_be_longer_than_half_an_hour() {
+    for gap in [(1 << 31) - 1, 1 << 31, (1 << 31) + 1, (1 << 32) - 1, 1 << 32, 1 << 50] {
+        let times: Vec<i64> = [3, 1003, 1003 + gap, 2003 + gap, 2003 + 2 * gap].to_vec();
+        let signals = [
+            vec![0, 150_000, 900_000, 100_000, 1_000_000],
+            vec![0, 0, 0, 0, 0],
+            vec![50_000, 10_000, -140_000, 220_000, 150_000],
+            vec![0, 90_000, 100_000, 100_001, -3],
+        ];
+        for threads in [1, 2] {
+            compare_with_integers(&times, &signals, 100_000, threads);
+        }
+    }
+}

@@ -1,11 +1,39 @@
 //! The one order of a simulated stream: (t, y, x, order of crossing).
 
 use std::collections::TryReserveError;
+use std::hint::black_box;
 
 use crate::event::Event;
 
 /// Times are sorted into buckets by this many leading bits. In a short interval, each tick has a bucket of its own.
 const BUCKET_BITS: u32 = 12;
+
+/// An event of an interval, in whatever form.
+pub(crate) trait Stamped: Copy {
+    /// Its time since the interval's start.
+    fn tick(self, start_us: i64) -> i64;
+
+    /// The bits of its place on the sensor.
+    const PLACE: u64;
+
+    /// The event. `place` is [`Self::PLACE`], as a number that the compiler does not know: if it knew which bits are zero,
+    /// it would store events byte by byte.
+    fn event(self, start_us: i64, place: u64) -> Event;
+}
+
+impl Stamped for Event {
+    const PLACE: u64 = 0;
+
+    #[inline]
+    fn tick(self, start_us: i64) -> i64 {
+        self.t - start_us
+    }
+
+    #[inline]
+    fn event(self, _: i64, _: u64) -> Event {
+        self
+    }
+}
 
 /// Sorts the events of an interval by time: stably, from raster order (y, x, order of crossing).
 ///
@@ -18,14 +46,14 @@ pub(crate) struct TimeSort {
 impl TimeSort {
     /// Puts the events of `parts`, which together are in raster order and lie in `(start_us, start_us + ticks]`, into
     /// `sorted`; where memory does not suffice, nothing is changed.
-    pub(crate) fn sort<'a>(
+    pub(crate) fn sort<'a, E: Stamped + 'a>(
         &mut self,
-        parts: impl Iterator<Item = &'a [Event]> + Clone,
+        parts: impl Iterator<Item = &'a [E]> + Clone,
         start_us: i64,
         ticks: i64,
         sorted: &mut Vec<Event>,
     ) -> Result<(), TryReserveError> {
-        let total: usize = parts.clone().map(<[Event]>::len).sum();
+        let total: usize = parts.clone().map(<[E]>::len).sum();
         sorted.try_reserve_exact(total.saturating_sub(sorted.len()))?;
         // What is in there will be overwritten: no need to clear it.
         sorted.resize(total, Event::default());
@@ -34,21 +62,29 @@ impl TimeSort {
         }
         let shift = (i64::BITS - ticks.leading_zeros()).saturating_sub(BUCKET_BITS);
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "BUCKET_BITS are left")]
-        let bucket = |event: &Event| ((event.t - start_us) >> shift) as usize;
+        let bucket = |event: E| (event.tick(start_us) >> shift) as usize;
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "BUCKET_BITS are left")]
         let buckets = (ticks >> shift) as usize + 1;
         self.starts.clear();
         self.starts.resize(buckets + 1, 0);
-        for event in parts.clone().flatten() {
-            self.starts[bucket(event) + 1] += 1;
+        // Loops of their own: a flat iterator costs more than what is done here.
+        let starts = &mut self.starts[..=buckets];
+        for part in parts.clone() {
+            for &event in part {
+                starts[bucket(event) + 1] += 1;
+            }
         }
         for i in 1..self.starts.len() {
             self.starts[i] += self.starts[i - 1];
         }
-        for event in parts.flatten() {
-            let place = &mut self.starts[bucket(event)];
-            sorted[*place] = *event;
-            *place += 1;
+        let place_bits = black_box(E::PLACE);
+        let (starts, places) = (&mut self.starts[..buckets], &mut sorted[..]);
+        for part in parts {
+            for &event in part {
+                let place = &mut starts[bucket(event)];
+                places[*place] = event.event(start_us, place_bits);
+                *place += 1;
+            }
         }
         if shift > 0 {
             // Each bucket's start has moved on to its end.

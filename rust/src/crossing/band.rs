@@ -4,28 +4,36 @@
 //! frame would cost more than a quiet frame does. Candidates are decided in batches that fit into the first-level
 //! cache.
 //!
-//! Pixels with sparse samples always take the exact rule, because no single curve describes their interval.
+//! Pixels with sparse samples always take the exact rule, because no single curve describes their interval. So do all
+//! pixels in intervals longer than half an hour.
 //!
 //! What must not break:
 //! - Events leave in raster order and, within a pixel, in the order of crossing. The sort by time is stable and relies
 //!   on it.
-//! - Whenever a pixel's reference moves, its bounds are set again. Bounds that are out of date would hide events.
-//! - Times of last events are written to the state one frame late. Until then the events themselves hold them, so that
-//!   a push can be undone.
+//! - Whenever a pixel's reference moves, its mark is set again. A mark that is out of date would hide events.
+//! - Candidates are checked before they are decided, because bad values have no log intensity.
 
 use super::candidates::Candidates;
 use super::cubic::Cubic;
 use super::decision::Verdict;
 use super::frame::SparseSamples;
-use super::level::Level;
 use super::line::Line;
+use super::made::{Grid, Made};
+use super::marks::{MarkingPart, mark};
 use super::parameters::CrossingParameters;
 use super::pixel::follow;
-use super::room::{Allowance, Full, Room, most_events};
+use super::prefetch::prefetch;
+use super::record::Record;
+use super::room::{Allowance, Stop, most_events};
 use super::sample::Sample;
-use super::scan::{Found, MOST_FOUND, TILE};
-use super::steps::Steps;
-use crate::event::{Event, SensorSize};
+use super::scan::{Found, TILE, Tile};
+use crate::event::SensorSize;
+
+/// Bytes by which the frame is fetched ahead of the scan.
+const AHEAD: usize = 8192;
+
+/// Where one of so many pixels of a tile was noted, all that candidates need of a tile to come is fetched as well.
+const DENSE: usize = 16;
 
 /// The interval that a frame ends.
 #[derive(Clone, Copy)]
@@ -35,15 +43,18 @@ pub(crate) struct Interval {
 }
 
 /// A band's share of the engine's state and of the new frame.
-pub(crate) struct Share<'a, S> {
+pub(crate) struct Share<'a, S, R: Record> {
     pub(crate) first_pixel: usize,
-    pub(crate) references: &'a mut [Level],
-    pub(crate) last_event_us: &'a mut [i64],
+    pub(crate) records: &'a mut [R],
+    /// The zero of the records' times.
+    pub(crate) zero_us: i64,
+    /// Takes the events.
+    pub(crate) made: &'a mut Made<R>,
     pub(crate) last: &'a [S],
     /// Takes the new frame, and becomes `last` once the push is done.
     pub(crate) next: &'a mut [S],
-    pub(crate) low: &'a mut [S],
-    pub(crate) high: &'a mut [S],
+    pub(crate) marks: &'a mut [f32],
+    pub(crate) marking: MarkingPart<'a>,
     pub(crate) new: &'a [S],
     /// Rates of change at the interval's start and end.
     pub(crate) rates: Option<(&'a [S], &'a [S])>,
@@ -51,7 +62,7 @@ pub(crate) struct Share<'a, S> {
     pub(crate) sparse: SparseSamples<'a, S>,
 }
 
-impl<'a, S: Sample> Share<'a, S> {
+impl<'a, S: Sample, R: Record> Share<'a, S, R> {
     /// The sparse samples of the pixel at a place of the share.
     fn sparse_of(&self, place: u32) -> SparseSamples<'a, S> {
         let pixel = self.first_pixel + place as usize;
@@ -61,49 +72,57 @@ impl<'a, S: Sample> Share<'a, S> {
 
 /// Memory that a band keeps from frame to frame.
 pub(crate) struct Band<S> {
-    /// The events of the last frame, in raster order.
-    pub(crate) events: Room,
     found: Found<S>,
     candidates: Candidates<S>,
-    /// Room for the events of candidates that are clear.
-    clear: Vec<Event>,
     /// Log intensity of a pixel's sparse samples.
     logs: Vec<f64>,
 }
 
 impl<S: Sample> Band<S> {
     pub(crate) fn new(p: &CrossingParameters) -> Self {
-        Self {
-            events: Room::default(),
-            found: Found::new(),
-            candidates: Candidates::new(p),
-            clear: vec![Event::default(); MOST_FOUND],
-            logs: Vec::new(),
-        }
+        Self { found: Found::new(), candidates: Candidates::new(p), logs: Vec::new() }
     }
 
     /// Takes the frame's share: finds the events and moves the state on.
-    pub(crate) fn advance(
+    pub(crate) fn advance<R: Record>(
         &mut self,
-        mut share: Share<'_, S>,
+        mut share: Share<'_, S, R>,
         at: Interval,
         size: SensorSize,
         p: &CrossingParameters,
         allowance: Allowance,
-    ) -> Result<(), Full> {
-        for event in self.events.events() {
-            share.last_event_us[event.pixel(size) - share.first_pixel] = event.t;
-        }
-        self.events.begin(allowance, share.new.len());
+    ) -> Result<(), Stop> {
+        share.made.begin(allowance, share.new.len(), at.ticks);
         self.found.count = 0;
+        let mut noted = 0;
         for start in (0..share.new.len()).step_by(TILE) {
             let end = (start + TILE).min(share.new.len());
-            let rates = share.rates.map(|(from, to)| (&from[start..end], &to[start..end]));
-            let bounds = (&share.low[start..end], &share.high[start..end]);
-            let samples = (&share.last[start..end], &mut share.next[start..end]);
             let sparse = share.sparse.of(share.first_pixel + start, share.first_pixel + end).pixel;
             let also = sparse.iter().map(|&pixel| pixel as usize - share.first_pixel - start);
-            self.found.scan(start, &share.new[start..end], samples, bounds, rates, also);
+            let mut tile = Tile {
+                start,
+                new: &share.new[start..end],
+                last: &share.last[start..end],
+                next: &mut share.next[start..end],
+                marks: &share.marks[start..end],
+                marking: share.marking.of(start..end),
+                rates: share.rates.map(|(from, to)| (&from[start..end], &to[start..end])),
+            };
+            let ahead = |place: usize| (place + AHEAD / size_of::<S>()).min(share.new.len());
+            prefetch(&share.new[ahead(start)..ahead(end)]);
+            let dense = noted >= TILE / DENSE;
+            if dense {
+                prefetch(&share.last[ahead(start)..ahead(end)]);
+                prefetch(&share.records[ahead(start)..ahead(end)]);
+            }
+            let before = self.found.count;
+            self.found.scan(&mut tile, also);
+            noted = self.found.count - before;
+            if !dense {
+                for &place in &self.found.place[before..self.found.count] {
+                    prefetch(&share.records[place as usize..=place as usize]);
+                }
+            }
             if self.found.is_full() {
                 self.decide(&mut share, at, size, p)?;
             }
@@ -111,86 +130,109 @@ impl<S: Sample> Band<S> {
         self.decide(&mut share, at, size, p)
     }
 
-    /// Decides what was found, makes its events, and moves its pixels and bounds on.
-    fn decide(
+    /// Decides what was found, makes its events, and moves its pixels and marks on.
+    fn decide<R: Record>(
         &mut self,
-        share: &mut Share<'_, S>,
+        share: &mut Share<'_, S, R>,
         at: Interval,
         size: SensorSize,
         p: &CrossingParameters,
-    ) -> Result<(), Full> {
-        self.candidates.take_logs(&self.found, p.log_eps);
-        self.candidates.decide(&self.found, share.references, share.rates, share.first_pixel, at.ticks, p);
-        if !share.sparse.is_empty() {
-            for (verdict, &place) in self.candidates.verdict.iter_mut().zip(&self.found.place[..self.found.count]) {
+    ) -> Result<(), Stop> {
+        let count = self.found.count;
+        if !S::all_valid(&self.found.to[..count]) {
+            return Err(Stop::BadValue);
+        }
+        self.candidates.decide(&self.found, share.records, share.rates, share.first_pixel, at.ticks, p);
+        if share.made.is_long() {
+            self.candidates.verdict[..count].fill(Verdict::Unclear);
+        } else if !share.sparse.is_empty() {
+            for (verdict, &place) in self.candidates.verdict.iter_mut().zip(&self.found.place[..count]) {
                 if !share.sparse_of(place).is_empty() {
                     *verdict = Verdict::Unclear; // no single curve tells
                 }
             }
         }
-        self.carry_out(share, at, size, p)?;
+        let grid = Grid::new(share.first_pixel, size);
+        let since = at.start_us - share.zero_us;
+        if self.candidates.finish::<R>(&self.found, grid, since, share.marking.ground) {
+            return Err(Stop::Narrow);
+        }
+        let mut next = 0;
+        while next < count {
+            next += self.carry_out(share, next, at)?;
+            if next < count {
+                self.follow(share, next, grid, at, p)?;
+                next += 1;
+            }
+        }
         self.found.count = 0;
         Ok(())
     }
 
-    fn carry_out(
-        &mut self,
-        share: &mut Share<'_, S>,
-        at: Interval,
-        size: SensorSize,
-        p: &CrossingParameters,
-    ) -> Result<(), Full> {
-        let width = usize::from(size.width);
-        let (mut row_start, mut y, mut made) = (0, 0, 0);
-        for j in 0..self.found.count {
-            let in_share = self.found.place[j] as usize;
-            let index = share.first_pixel + in_share;
-            // Places go up, so the row is followed instead of divided for.
-            if index >= row_start + width {
-                (row_start, y) = (index - index % width, index / width);
-            }
-            #[allow(clippy::cast_possible_truncation, reason = "within the sensor's u16 sides")]
-            let (x, y) = ((index - row_start) as u16, y as u16);
-            let on = match self.candidates.verdict[j] {
-                Verdict::Nothing => continue,
-                Verdict::Unclear => {
-                    self.events.extend(&self.clear[..made])?;
-                    made = 0;
-                    self.follow(share, j, (x, y), at, p)?;
-                    continue;
-                }
-                verdict => verdict == Verdict::On,
-            };
-            let reference = &mut share.references[in_share];
-            *if on { &mut reference.on } else { &mut reference.off } += 1;
-            share.low[in_share] = self.candidates.low[j];
-            share.high[in_share] = self.candidates.high[j];
-            // A place in an array is cheaper than a push.
-            self.clear[made] = Event::new(at.start_us + self.candidates.tick[j], x, y, on);
-            made += 1;
+    /// Makes the events of candidates from `first` on, up to one that is unclear; returns of how many.
+    fn carry_out<R: Record>(&mut self, share: &mut Share<'_, S, R>, first: usize, at: Interval) -> Result<usize, Stop> {
+        if share.made.is_long() {
+            return Ok(0);
         }
-        self.events.extend(&self.clear[..made])
+        let decided = &self.candidates;
+        let verdicts = &decided.verdict[first..self.found.count];
+        let n = verdicts.iter().position(|&verdict| verdict == Verdict::Unclear).unwrap_or(verdicts.len());
+        let (run, verdicts) = (first..first + n, &verdicts[..n]);
+        let places = &self.found.place[run.clone()];
+        let (keys, words) = (&decided.keys[run.clone()], &decided.words[run.clone()]);
+        share.made.reserve(n)?;
+        let (made_keys, old) = share.made.spare(n);
+        let nothing = verdicts.iter().filter(|&&verdict| verdict == Verdict::Nothing).count();
+        let mut made = n;
+        if nothing == 0 {
+            made_keys.copy_from_slice(keys);
+            for ((old, &word), &place) in old.iter_mut().zip(words).zip(places) {
+                *old = R::old(share.records, place, word);
+            }
+        } else {
+            made = 0;
+            for ((&verdict, &key), (&word, &place)) in verdicts.iter().zip(keys).zip(words.iter().zip(places)) {
+                // Written anyway, and kept where there is an event: no branch to mispredict.
+                (made_keys[made], old[made]) = (key, R::old(share.records, place, word));
+                made += usize::from(verdict != Verdict::Nothing);
+            }
+        }
+        share.made.take(made);
+        let after = decided.words_after[run.clone()].iter().zip(&decided.marks[run.clone()]);
+        let events = verdicts.iter().zip(&decided.tick[run]);
+        for ((&place, (&word, &mark)), (&verdict, &tick)) in places.iter().zip(after).zip(events) {
+            let is = verdict != Verdict::Nothing;
+            share.records[place as usize].take(word, is, at.start_us + tick);
+            share.marks[place as usize] = mark;
+        }
+        Ok(n)
     }
 
     /// Runs one candidate through the interval exactly.
     #[cold]
-    fn follow(
+    fn follow<R: Record>(
         &mut self,
-        share: &mut Share<'_, S>,
+        share: &mut Share<'_, S, R>,
         candidate: usize,
-        (x, y): (u16, u16),
+        grid: Grid,
         at: Interval,
         p: &CrossingParameters,
-    ) -> Result<(), Full> {
+    ) -> Result<(), Stop> {
         let in_share = self.found.place[candidate] as usize;
+        let place = grid.place(self.found.place[candidate]);
         let sparse = share.sparse_of(self.found.place[candidate]);
         let c = p.thresholds(share.first_pixel + in_share);
-        let reference = &mut share.references[in_share];
-        let events = &mut self.events;
-        let line = Line { from: self.candidates.from[candidate], to: self.candidates.to[candidate], ticks: at.ticks };
-        let mut run = |reference: &mut Level, line: &Line, start_us| {
-            events.reserve(most_events(*reference, line, c))?;
-            Ok(follow(reference, line, start_us, c, |t_us, on| events.push(Event::new(t_us, x, y, on))))
+        let record = share.records[in_share];
+        let old = R::old(share.records, self.found.place[candidate], record.word());
+        let mut reference = record.level();
+        let mut last_event_us = record.last_event_us(share.zero_us);
+        let made = &mut *share.made;
+        let mut logs = [0.0; 2];
+        S::logs(&[self.found.from[candidate], self.found.to[candidate]], p.log_eps, &mut logs);
+        let line = Line { from: logs[0], to: logs[1], ticks: at.ticks };
+        let mut emit = |made: &mut Made<R>, t_us: i64, on| {
+            made.push(at.start_us, t_us - at.start_us, place, on, old);
+            last_event_us = t_us;
         };
         let moved = match share.rates {
             _ if !sparse.is_empty() => {
@@ -199,24 +241,27 @@ impl<S: Sample> Band<S> {
                 let (mut from, mut start_us, mut moved) = (line.from, at.start_us, false);
                 let end = (at.start_us + at.ticks, line.to);
                 for (t_us, to) in sparse.t_us.iter().copied().zip(self.logs.iter().copied()).chain([end]) {
-                    moved |= run(reference, &Line { from, to, ticks: t_us - start_us }, start_us)?;
+                    let line = Line { from, to, ticks: t_us - start_us };
+                    made.reserve(most_events(reference, &line, c))?;
+                    moved |= follow(&mut reference, &line, start_us, c, |t_us, on| emit(made, t_us, on));
                     (from, start_us) = (to, t_us);
                 }
                 moved
             }
-            None => run(reference, &line, at.start_us)?,
+            None => {
+                made.reserve(most_events(reference, &line, c))?;
+                follow(&mut reference, &line, at.start_us, c, |t_us, on| emit(made, t_us, on))
+            }
             Some(_) => {
                 let (from, to) = (self.candidates.slope_from[candidate], self.candidates.slope_to[candidate]);
                 let curve = Cubic::new(line, from, to);
-                events.reserve(most_events(*reference, &curve, c))?;
-                follow(reference, &curve, at.start_us, c, |t_us, on| events.push(Event::new(t_us, x, y, on)))
+                made.reserve(most_events(reference, &curve, c))?;
+                follow(&mut reference, &curve, at.start_us, c, |t_us, on| emit(made, t_us, on))
             }
         };
         if moved {
-            let Steps { on, off, rise, fall } = Steps::new(c);
-            let steps = Steps { on: &[on][..], off: &[off], rise: &[rise], fall: &[fall] };
-            let bounds = (&mut share.low[in_share..=in_share], &mut share.high[in_share..=in_share]);
-            S::bounds(&[reference.value(c)], steps, p.log_eps, bounds);
+            share.records[in_share] = R::new(reference, last_event_us, share.zero_us).ok_or(Stop::Narrow)?;
+            share.marks[in_share] = mark::<S>(reference, c, share.marking.ground);
         }
         Ok(())
     }

@@ -1,4 +1,4 @@
-//! Decides pixels that left their bounds, many at a time in vector registers, where there is no doubt: straight lines.
+//! Decides pixels that left their reach, many at a time in vector registers, where there is no doubt: straight lines.
 //!
 //! Nearly all of these candidates reach exactly one level, clearly, at a moment clearly between two ticks. The loop in
 //! [`decide`] computes for each the level, the tick and a bound of the rounding errors. If the bound leaves any doubt,
@@ -6,28 +6,31 @@
 //! cubics.
 //!
 //! [`Candidates`] keeps each quantity in an array of its own, padded to whole vectors, because the loops need that to
-//! become vector code. It also computes the bounds that a pixel has after its event.
+//! become vector code. It also computes the mark that a pixel has after its event.
 //!
 //! What must not break:
 //! - A verdict other than `Unclear` is what the exact rule says. So the error bounds must cover every rounding. The
 //!   tests below compare with the exact rule, also as near to levels and ticks as floats can lie.
 //! - The loop in [`decide`] has no branches and no calls that are not inlined, or it is no longer vector code.
 
+use std::marker::PhantomData;
+
 use multiversion::multiversion;
 
 use super::cubic_candidates::{Slopes, decide_cubics};
 use super::decision::{Decisions, LARGEST_TICK, Lines, References, Verdict, ceiling, integer};
-use super::level::Level;
+use super::made::{Grid, Key};
 use super::parameters::CrossingParameters;
-use super::sample::Sample;
+use super::record::Record;
+use super::sample::{Ground, Sample};
 use super::scan::{Found, MOST_FOUND};
 use super::steps::{StepArrays, Steps};
 
 /// Candidates as arrays.
 pub(crate) struct Candidates<S> {
-    /// Log intensity at the interval's start and end.
-    pub(crate) from: Vec<f64>,
-    pub(crate) to: Vec<f64>,
+    /// Room for log intensity at the interval's start and end.
+    from: Vec<f64>,
+    to: Vec<f64>,
     base: Vec<f64>,
     count_on: Vec<f64>,
     count_off: Vec<f64>,
@@ -35,13 +38,18 @@ pub(crate) struct Candidates<S> {
     /// Slopes at the interval's start and end, in log intensity over the interval, where curves are cubics.
     pub(crate) slope_from: Vec<f64>,
     pub(crate) slope_to: Vec<f64>,
-    /// The tick of the event, where there is one, and the reference that it leaves behind.
+    /// The tick of the event, where there is one, and the reference that is left behind.
     pub(crate) tick: Vec<i64>,
     pub(crate) verdict: Vec<Verdict>,
     after: Vec<f64>,
-    /// The bounds that belong to that reference.
-    pub(crate) low: Vec<S>,
-    pub(crate) high: Vec<S>,
+    /// The mark of that reference.
+    pub(crate) marks: Vec<f32>,
+    /// The words of the records, before the event and after it.
+    pub(crate) words: Vec<u64>,
+    pub(crate) words_after: Vec<u64>,
+    /// The events themselves.
+    pub(crate) keys: Vec<Key>,
+    samples: PhantomData<S>,
 }
 
 /// Arrays are worked on in whole vectors: up to the next multiple.
@@ -63,36 +71,32 @@ impl<S: Sample> Candidates<S> {
             tick: vec![0; length],
             verdict: vec![Verdict::Nothing; length],
             after: zeros(),
-            low: vec![S::default(); length],
-            high: vec![S::default(); length],
+            marks: vec![0.0; length],
+            words: vec![0; length],
+            words_after: vec![0; length],
+            keys: vec![Key::default(); length],
+            samples: PhantomData,
         }
-    }
-
-    /// Computes log intensity of all candidates found.
-    pub(crate) fn take_logs(&mut self, found: &Found<S>, log_eps: f64) {
-        let count = found.count;
-        S::logs(&found.from[..count], log_eps, &mut self.from[..count]);
-        S::logs(&found.to[..count], log_eps, &mut self.to[..count]);
     }
 
     /// Decides all candidates that were found, over an interval of `ticks` ticks.
     ///
-    /// `references` begin at pixel `first_pixel`. So do `rates`, the rates of change at the interval's ends, if given.
-    pub(crate) fn decide(
+    /// `records` begin at pixel `first_pixel`. So do `rates`, the rates of change at the interval's ends, if given.
+    pub(crate) fn decide<R: Record>(
         &mut self,
         found: &Found<S>,
-        references: &[Level],
+        records: &[R],
         rates: Option<(&[S], &[S])>,
         first_pixel: usize,
         ticks: i64,
         p: &CrossingParameters,
     ) {
         let places = &found.place[..found.count];
-        let counts = self.count_on.iter_mut().zip(&mut self.count_off);
-        for ((&place, base), (on, off)) in places.iter().zip(&mut self.base).zip(counts) {
-            let reference = references[place as usize];
-            (*base, *on, *off) = (reference.base, f64::from(reference.on), f64::from(reference.off));
+        for ((&place, base), word) in places.iter().zip(&mut self.base).zip(&mut self.words) {
+            let record = records[place as usize];
+            (*base, *word) = (record.base(), record.word());
         }
+        unpack::<R>(&self.words[..found.count], &mut self.count_on, &mut self.count_off);
         self.steps.take(|j| first_pixel + places[j] as usize, found.count, p);
         if let Some(rates) = rates {
             #[allow(clippy::cast_precision_loss, reason = "ticks < 2^53")]
@@ -103,26 +107,73 @@ impl<S: Sample> Candidates<S> {
                 *to = found.to[j].log_rate(rates.1[place as usize], p.log_eps) * seconds;
             }
         }
-        self.decide_set(found.count, rates.is_some(), ticks, p.log_eps);
-    }
-
-    /// Decides the first `count` candidates, of which all is set.
-    #[allow(clippy::cast_precision_loss, reason = "ticks < 2^53")]
-    fn decide_set(&mut self, count: usize, cubics: bool, ticks: i64, log_eps: f64) {
-        let n = count.next_multiple_of(VECTOR);
+        let n = found.count.next_multiple_of(VECTOR);
         let steps = self.steps.first(n);
-        let lines = Lines { from: &self.from[..n], to: &self.to[..n], ticks: ticks as f64 };
+        let (from, to) = (&found.from[..n], &found.to[..n]);
+        let (from, to) = (S::logs_in(from, p.log_eps, &mut self.from), S::logs_in(to, p.log_eps, &mut self.to));
+        #[allow(clippy::cast_precision_loss, reason = "ticks < 2^53")]
+        let lines = Lines { from, to, ticks: ticks as f64 };
         let references = References { base: &self.base[..n], on: &self.count_on[..n], off: &self.count_off[..n] };
         let decisions =
             Decisions { tick: &mut self.tick[..n], verdict: &mut self.verdict[..n], after: &mut self.after[..n] };
-        if cubics {
+        if rates.is_some() {
             let slopes = Slopes { from: &self.slope_from[..n], to: &self.slope_to[..n] };
             decide_cubics(&lines, &slopes, &references, steps, decisions);
         } else {
             decide(&lines, &references, steps, decisions);
         }
-        S::bounds(&self.after[..n], steps, log_eps, (&mut self.low[..n], &mut self.high[..n]));
     }
+
+    /// Computes the events that were decided, and the marks and records after them. `since` is from the zero of times to the
+    /// interval's start. Returns whether a record is full, and cannot take its event.
+    pub(crate) fn finish<R: Record>(&mut self, found: &Found<S>, grid: Grid, since: i64, ground: Ground) -> bool {
+        let n = found.count;
+        S::marks(&self.after[..n], ground, &mut self.marks[..n]);
+        let decided = Decided { place: &found.place[..n], verdict: &self.verdict[..n], tick: &self.tick[..n] };
+        finish::<R>(&decided, grid, since, &self.words[..n], (&mut self.words_after[..n], &mut self.keys[..n]))
+    }
+}
+
+/// The counters of words, as floats.
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
+fn unpack<R: Record>(words: &[u64], on: &mut [f64], off: &mut [f64]) {
+    let n = words.len();
+    let (on, off) = (&mut on[..n], &mut off[..n]);
+    for j in 0..n {
+        (on[j], off[j]) = R::counters(words[j]);
+    }
+}
+
+/// What was decided of the candidates at these places.
+struct Decided<'a> {
+    place: &'a [u32],
+    verdict: &'a [Verdict],
+    tick: &'a [i64],
+}
+
+/// The events of candidates, and their records' words after them; returns whether a record is full.
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
+#[allow(clippy::needless_bitwise_bool, reason = "a lazy operator is a branch, which vectors cannot take")]
+fn finish<R: Record>(
+    decided: &Decided<'_>,
+    grid: Grid,
+    since: i64,
+    words: &[u64],
+    (after, keys): (&mut [u64], &mut [Key]),
+) -> bool {
+    let n = words.len();
+    let (place, verdict, tick) = (&decided.place[..n], &decided.verdict[..n], &decided.tick[..n]);
+    let (after, keys) = (&mut after[..n], &mut keys[..n]);
+    let mut full = false;
+    for j in 0..n {
+        let on = verdict[j] as u8 == Verdict::On as u8;
+        let one = on | (verdict[j] as u8 == Verdict::Off as u8);
+        keys[j] = Key::new(tick[j], grid.place(place[j]), on);
+        full |= one & R::is_full(words[j], on);
+        let stepped = R::stepped(words[j], on, since + tick[j]);
+        after[j] = if one { stepped } else { words[j] };
+    }
+    full
 }
 
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
@@ -143,7 +194,9 @@ fn decide(lines: &Lines<'_>, references: &References<'_>, steps: Steps<&[f64]>, 
         let level = reference + sign * c;
         let past_first = sign * (to[j] - level);
         let past_second = sign * (to[j] - (level + sign * c));
-        let nothing = past_first < -error;
+        // What is left of the reference must have a mark within its accuracy, too.
+        let accurate = error < 1e-10;
+        let nothing = (past_first < -error) & accurate;
 
         let span = to[j] - from[j];
         let scale = ticks / span;
@@ -158,9 +211,9 @@ fn decide(lines: &Lines<'_>, references: &References<'_>, steps: Steps<&[f64]>, 
             & (ceiling - estimate > doubt)
             & (estimate - (ceiling - 1.0) > doubt)
             & (1.0..LARGEST_TICK).contains(&ceiling)
-            & (error < 1e-10);
+            & accurate;
         tick[j] = integer(ceiling);
-        after[j] = level;
+        after[j] = if one { level } else { reference };
         verdict[j] = Verdict::of(one, brighter, nothing);
     }
 }
@@ -168,10 +221,11 @@ fn decide(lines: &Lines<'_>, references: &References<'_>, steps: Steps<&[f64]>, 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::crossing::level::Thresholds;
+    use crate::crossing::level::{Level, Thresholds};
     use crate::crossing::line::Line;
     use crate::crossing::parameters::{Interpolation, Threshold};
     use crate::crossing::pixel::follow;
+    use crate::crossing::record::{NEVER, Wide};
     use proptest::prelude::*;
 
     const C: Thresholds = Thresholds { on: 0.25, off: 0.5 };
@@ -186,8 +240,8 @@ mod tests {
         let mut candidates = Candidates::<f64>::new(&parameters);
         let mut found = Found::new();
         (found.count, found.from[0], found.to[0]) = (1, from, to);
-        candidates.take_logs(&found, 1e-3);
-        candidates.decide(&found, &[reference], None, 0, ticks, &parameters);
+        let record = Wide::of(reference, NEVER);
+        candidates.decide(&found, &[record], None, 0, ticks, &parameters);
         (candidates.verdict[0], candidates.tick[0])
     }
 
@@ -287,11 +341,11 @@ mod tests {
         let mut candidates = Candidates::<f64>::new(&parameters);
         let mut found = Found::new();
         (found.count, found.from[0], found.to[0]) = (1, 0.0, 0.3);
-        candidates.take_logs(&found, 1e-3);
+        let zero = Wide::of(ZERO, NEVER);
         // Over 7 ticks, slopes of 0 and 3 over the interval.
-        candidates.decide(&found, &[ZERO], Some((&[0.0], &[3.0 / 7e-6])), 0, 7, &parameters);
+        candidates.decide(&found, &[zero], Some((&[0.0], &[3.0 / 7e-6])), 0, 7, &parameters);
         assert_eq!((candidates.verdict[0], candidates.tick[0]), (Verdict::On, 7));
-        candidates.decide(&found, &[ZERO], Some((&[3.0 / 7e-6], &[0.0])), 0, 7, &parameters);
+        candidates.decide(&found, &[zero], Some((&[3.0 / 7e-6], &[0.0])), 0, 7, &parameters);
         assert_ne!((candidates.verdict[0], candidates.tick[0]), (Verdict::On, 7));
     }
 

@@ -64,7 +64,9 @@ pub(crate) fn decide_cubics(
         let (first, second) = (from[j] + p * (1.0 / 3.0), to[j] - q * (1.0 / 3.0));
         let highest = from[j].max(to[j]).max(first.max(second));
         let lowest = from[j].min(to[j]).min(first.min(second));
-        let nothing = (highest < reference + c_on[j] - error) & (lowest > reference - c_off[j] + error);
+        // What is left of the reference must have a mark within its accuracy, too.
+        let accurate = error < 1e-10;
+        let nothing = (highest < reference + c_on[j] - error) & (lowest > reference - c_off[j] + error) & accurate;
 
         let brighter = to[j] > reference;
         let (sign, step) = if brighter { (1.0, c_on[j]) } else { (-1.0, c_off[j]) };
@@ -90,9 +92,9 @@ pub(crate) fn decide_cubics(
             // Reached at this tick, not at the one before, both beyond doubt: so it is the tick, however it was found.
             & (sign * (at(ceiling / ticks) - level) > error)
             & (sign * (at((ceiling - 1.0) / ticks) - level) < -error)
-            & (error < 1e-10);
+            & accurate;
         tick[j] = integer(ceiling);
-        after[j] = level;
+        after[j] = if one { level } else { reference };
         verdict[j] = Verdict::of(one, brighter, nothing);
     }
 }
@@ -117,7 +119,7 @@ mod tests {
         let lines = Lines { from: &[from], to: &[to], ticks: ticks as f64 };
         let references =
             References { base: &[reference.base], on: &[f64::from(reference.on)], off: &[f64::from(reference.off)] };
-        let steps = Steps { on: &[c.on][..], off: &[c.off], rise: &[1.0], fall: &[1.0] };
+        let steps = Steps { on: &[c.on][..], off: &[c.off] };
         let (mut tick, mut verdict, mut after) = ([0], [Verdict::Unclear], [0.0]);
         let decisions = Decisions { tick: &mut tick, verdict: &mut verdict, after: &mut after };
         decide_cubics(&lines, &Slopes { from: &[p], to: &[q] }, &references, steps, decisions);

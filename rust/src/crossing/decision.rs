@@ -12,7 +12,7 @@ use super::exponential::ROUND;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
 pub(crate) enum Verdict {
-    /// Left its bounds, which are drawn inward, without reaching a level.
+    /// Left its reach, which is drawn inward, without reaching a level.
     Nothing,
     /// One OFF event.
     Off,
@@ -71,7 +71,8 @@ pub(crate) struct References<'a> {
     pub(crate) off: &'a [f64],
 }
 
-/// Where the decisions go, one of each a candidate. `tick` and `after` mean something only where there is one event.
+/// Where the decisions go, one of each a candidate. `tick` means something only where there is one event. `after` is the
+/// reference after the interval, within 1e-9, unless that is unclear.
 pub(crate) struct Decisions<'a> {
     pub(crate) tick: &'a mut [i64],
     pub(crate) verdict: &'a mut [Verdict],

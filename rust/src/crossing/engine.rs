@@ -1,26 +1,28 @@
 //! The engine that users see: it checks a frame, runs the pixels over it and sorts the events.
 //!
-//! Everything that can be wrong with a frame is checked before any state changes. So a refused frame leaves the engine
-//! as it was, and the code behind the check need not handle errors. The one exception is the memory for events, whose
-//! number is not known before: see [`super::room`].
+//! What can be wrong with a frame is checked before any state changes, with two exceptions: the memory for events, whose
+//! number is not known before ([`super::room`]), and bad values in a frame of ideal pixels, which are found while these
+//! run, because reading the frame twice would cost time. A push that stops for one of these is undone. So a refused frame
+//! leaves the engine as it was.
 //!
 //! Pixels are kept in one of three forms: for luma, for log intensity, and under effects. The first frame decides
-//! which. Ideal pixels fed with luma need no logarithm for samples within their bounds.
+//! which. Ideal pixels fed with luma need no logarithm for samples within reach of their mark.
 //!
 //! What must not break:
-//! - Checks come before changes.
+//! - Checks come before changes, or changes are undone.
 //! - The same input gives the same bytes on any number of threads.
 
 use rayon::ThreadPool;
 use rayon::prelude::*;
 
 use super::band::Interval;
-use super::core::{Core, NEVER, Pixels, Push};
+use super::core::{Core, Pixels, Push};
 use super::effects::{EffectCore, Effects, ThresholdMismatch, mismatched};
 use super::frame::Frame;
 use super::level::Level;
 use super::parameters::{CrossingParameters, Interpolation};
-use super::room::{Allowance, Full, MOST_EVENTS, out_of_memory, refuse};
+use super::record::NEVER;
+use super::room::{Allowance, MOST_EVENTS, Stop, out_of_memory, refuse};
 use super::sample::Sample;
 use crate::error::{Error, Result};
 use crate::event::{Event, SensorSize};
@@ -49,6 +51,8 @@ pub const MOST_THREADS: usize = 1024;
 pub struct CrossingEngine {
     pub(super) size: SensorSize,
     pub(super) parameters: CrossingParameters,
+    /// Of all pixels: to look for it at every frame would take as long as a quiet frame.
+    least_threshold: f64,
     pub(super) effects: Effects,
     pub(super) seed: u64,
     /// None for one thread, which then is the caller's.
@@ -152,6 +156,7 @@ impl CrossingEngine {
         let readout = effects.readout.filter(|bus| !bus.is_neutral());
         Ok(Self {
             size,
+            least_threshold: parameters.least_threshold(),
             parameters,
             readout: readout.map(|bus| Readout::new(size, bus, seed, effects.refractory_period_us)),
             effects,
@@ -229,12 +234,12 @@ impl CrossingEngine {
     /// pixel is held. Under a limited bandwidth it is to be compared with the last low-pass's output.
     #[must_use]
     pub fn reference(&self) -> Vec<f64> {
-        let value = |(i, level): (usize, &Level)| level.exact(self.parameters.thresholds(i)).value();
-        let values = |levels: &[Level]| levels.iter().enumerate().map(value).collect();
+        let value = |(i, level): (usize, Level)| level.exact(self.parameters.thresholds(i)).value();
+        let values = |levels: Vec<Level>| levels.into_iter().enumerate().map(value).collect();
         match &self.samples {
             Samples::None => vec![f64::NAN; self.size.pixels()],
-            Samples::Luma(core) => values(core.references()),
-            Samples::Log(core) => values(core.references()),
+            Samples::Luma(core) => values(core.levels()),
+            Samples::Log(core) => values(core.levels()),
             Samples::Effects(core, _) => core.reference(self.t_us.unwrap_or_default(), &self.parameters),
         }
     }
@@ -244,8 +249,8 @@ impl CrossingEngine {
     pub fn last_event_us(&self) -> Vec<i64> {
         match &self.samples {
             Samples::None => vec![NEVER; self.size.pixels()],
-            Samples::Luma(core) => core.last_event_us(self.size),
-            Samples::Log(core) => core.last_event_us(self.size),
+            Samples::Luma(core) => core.last_event_us(),
+            Samples::Log(core) => core.last_event_us(),
             Samples::Effects(core, _) => core.last_event_us(),
         }
     }
@@ -253,7 +258,15 @@ impl CrossingEngine {
     pub(super) fn take<S: Feed>(&mut self, frame: Frame<'_, S>, events: &mut Vec<Event>) -> Result<()> {
         let pool = self.threads.as_ref().map(Threads::pool).transpose()?;
         let pool = pool.as_deref();
-        let at = self.check_frame(&frame, pool)?;
+        let at = self.check_frame(&frame)?;
+        // Ideal pixels find bad values themselves.
+        if S::core(&mut self.samples).is_none() {
+            self.check_values(frame.samples, frame.t_us, pool)?;
+        }
+        if let Err(error) = self.check_interval(&frame, at) {
+            S::check(frame.samples, self.size, frame.t_us)?;
+            return Err(error);
+        }
         let push = Push { frame, at, size: self.size, p: &self.parameters, pool };
         if let Some(pixels) = S::pixels(&mut self.samples) {
             run(pixels, &push, self.most_events, &mut self.sort, events)?;
@@ -262,7 +275,7 @@ impl CrossingEngine {
                 let core = EffectCore::new(&frame, self.size, push.p, &self.effects, self.seed, push.pool);
                 Samples::Effects(Box::new(core), S::NAME)
             } else {
-                S::wrap(Core::new(frame.samples, frame.rate, push.p, self.seed, push.pool))
+                S::wrap(Core::new(&frame, push.p, self.seed, push.pool))
             };
             events.clear();
         } else {
@@ -278,23 +291,22 @@ impl CrossingEngine {
         Ok(())
     }
 
-    pub(super) fn references(&self) -> Vec<&Level> {
+    pub(super) fn levels(&self) -> Vec<Level> {
         match &self.samples {
             Samples::None => vec![],
-            Samples::Luma(core) => core.references().iter().collect(),
-            Samples::Log(core) => core.references().iter().collect(),
-            Samples::Effects(core, _) => core.references().collect(),
+            Samples::Luma(core) => core.levels(),
+            Samples::Log(core) => core.levels(),
+            Samples::Effects(core, _) => core.references().copied().collect(),
         }
     }
 
     pub(super) fn count_largest(&self) -> u64 {
-        let largest = |level: &Level| level.on.max(level.off);
-        self.references().into_iter().map(largest).max().unwrap_or(0).into()
+        self.levels().into_iter().map(|level| level.on.max(level.off)).max().unwrap_or(0).into()
     }
 
-    /// Everything that can be wrong with a frame; what is left cannot fail. Returns the interval that it ends.
-    fn check_frame<S: Sample>(&mut self, frame: &Frame<'_, S>, pool: Option<&ThreadPool>) -> Result<Interval> {
-        let Frame { t_us, samples, rate, sparse } = *frame;
+    /// What can be wrong with a frame's shape and time. Returns the interval that it ends.
+    fn check_frame<S: Sample>(&self, frame: &Frame<'_, S>) -> Result<Interval> {
+        let Frame { t_us, samples, rate, .. } = *frame;
         let pixels = self.size.pixels();
         for (name, length) in [("a frame", Some(samples.len())), ("a rate of change", rate.map(<[S]>::len))] {
             if length.is_some_and(|length| length != pixels) {
@@ -330,23 +342,30 @@ impl CrossingEngine {
                 "two frames must be less than 2^53 us apart, got {start_us} us and {t_us} us"
             )));
         }
+        Ok(Interval { start_us, ticks })
+    }
+
+    /// Refuses bad values.
+    fn check_values<S: Sample>(&self, samples: &[S], t_us: i64, pool: Option<&ThreadPool>) -> Result<()> {
         let valid = match pool {
             None => S::all_valid(samples),
             Some(pool) => pool.install(|| samples.par_chunks(CHECKED_AT_A_TIME).all(S::all_valid)),
         };
-        if !valid {
-            S::check(samples, self.size, t_us)?;
-        }
+        if valid { Ok(()) } else { S::check(samples, self.size, t_us) }
+    }
+
+    /// What can be wrong with what happens in the interval that a frame ends.
+    fn check_interval<S: Sample>(&mut self, frame: &Frame<'_, S>, at: Interval) -> Result<()> {
+        let sparse = frame.sparse;
         if !sparse.is_empty() {
             if self.t_us.is_none() {
                 return Err(Error::Argument(
                     "the first frame can have no sparse samples: nothing lies before it".into(),
                 ));
             }
-            sparse.check(self.size, start_us, t_us)?;
+            sparse.check(self.size, at.start_us, frame.t_us)?;
         }
-        self.make_room(sparse.most_of_a_pixel(), ticks)?;
-        Ok(Interval { start_us, ticks })
+        self.make_room(sparse.most_of_a_pixel(), at.ticks)
     }
 
     /// Counters must not overflow; whether one could is estimated from above, and counted only when it comes near.
@@ -360,7 +379,7 @@ impl CrossingEngine {
         // Log intensity spans less than 1500; a Hermite curve goes there and back, and so may each sparse sample.
         let ways = 2.0 + sparse as f64;
         let leaked = self.effects.leak.most_hz() * 1e-6 * ticks as f64;
-        let most = (ways * 1500.0 / self.parameters.least_threshold() + leaked) as u64 + 2;
+        let most = (ways * 1500.0 / self.least_threshold + leaked) as u64 + 2;
         if self.largest_counter + most > u32::MAX.into() {
             self.largest_counter = self.count_largest();
             if self.largest_counter + most > u32::MAX.into() {
@@ -383,17 +402,27 @@ fn run<S: Sample>(
     sort: &mut TimeSort,
     events: &mut Vec<Event>,
 ) -> Result<()> {
-    let Err(Full) = attempt(pixels, push, most, Allowance::Usual, sort, events) else { return Ok(()) };
+    let bad_value = || {
+        let refused = S::check(push.frame.samples, push.size, push.frame.t_us);
+        refused.and_then(|()| Err(Error::Argument(S::RULE.into())))
+    };
+    match attempt(pixels, push, most, Allowance::Usual, sort, events) {
+        Ok(()) => return Ok(()),
+        Err(Stop::BadValue) => return bad_value(),
+        Err(Stop::Full | Stop::Narrow) => {}
+    }
+    if !S::all_valid(push.frame.samples) {
+        return bad_value(); // one that comes after what was too much
+    }
     let count = pixels.count(push);
     let (places, least, t_us) = (push.size.pixels(), push.p.least_threshold(), push.frame.t_us);
     if count > most {
         return Err(refuse(count, most, places, least, t_us));
     }
-    attempt(pixels, push, most, Allowance::Counted, sort, events)
-        .map_err(|Full| out_of_memory(count, places, least, t_us))
+    attempt(pixels, push, most, Allowance::Counted, sort, events).map_err(|_| out_of_memory(count, places, least, t_us))
 }
 
-/// Runs pixels over a frame and sorts their events; where there is no room for them, nothing is changed.
+/// Runs pixels over a frame and sorts their events; where that cannot be done, nothing is changed.
 fn attempt<S: Sample>(
     pixels: &mut dyn Pixels<S>,
     push: &Push<'_, S>,
@@ -401,18 +430,16 @@ fn attempt<S: Sample>(
     allowance: Allowance,
     sort: &mut TimeSort,
     events: &mut Vec<Event>,
-) -> std::result::Result<(), Full> {
+) -> std::result::Result<(), Stop> {
     let made = pixels.advance(push, allowance).and_then(|()| {
-        let parts = pixels.events();
-        let total: u64 = parts.iter().map(|part| part.len() as u64).sum();
-        if total > most && matches!(allowance, Allowance::Usual) {
-            return Err(Full);
+        if pixels.made() > most && matches!(allowance, Allowance::Usual) {
+            return Err(Stop::Full);
         }
-        sort.sort(parts.into_iter(), push.at.start_us, push.at.ticks, events).map_err(|_| Full)
+        pixels.sort(push, sort, events).map_err(|_| Stop::Full)
     });
     match made {
         Ok(()) => pixels.settle(push),
-        Err(Full) => pixels.undo(push),
+        Err(_) => pixels.undo(push),
     }
     made
 }
@@ -523,6 +550,30 @@ mod tests {
                     assert!(counted.abs_diff(events.len() as u64) <= 2, "{counted} {}", events.len());
                 }
             }
+        }
+    }
+
+    /// A frame with a bad value is refused for that value, whatever else is wrong with it: sparse samples, or more events
+    /// than the usual allowance before the value is met.
+    #[test]
+    fn bad_values_are_told_before_what_else_is_wrong() {
+        let parameters =
+            CrossingParameters { contrast_threshold: Threshold::Uniform(1e-5), ..CrossingParameters::default() };
+        let mut engine = CrossingEngine::new(SIZE, parameters, Some(1)).unwrap();
+        let mut events = vec![];
+        engine.push_log(Frame::new(0, &vec![0.0; SIZE.pixels()]), &mut events).unwrap();
+        let before = engine.state();
+        let mut spoiled = vec![0.5; SIZE.pixels()];
+        spoiled[SIZE.pixels() - 1] = f64::NAN;
+        let mut frame = Frame::new(1000, &spoiled[..]);
+        for sparse in [
+            SparseSamples { pixel: &[], t_us: &[], samples: &[] },
+            SparseSamples { pixel: &[3], t_us: &[2000], samples: &[0.0] },
+        ] {
+            frame.sparse = sparse;
+            let error = engine.push_log(frame, &mut events).unwrap_err().to_string();
+            assert!(error.contains("(x, y) = (69, 39)") && error.contains("NaN"), "{error}");
+            assert_eq!(engine.state(), before);
         }
     }
 

@@ -1,7 +1,7 @@
 //! The crossing engine: an event occurs wherever the log intensity of a pixel reaches one of its levels.
 //!
 //! ```text
-//! frame -> scan        which samples left their pixel's bounds?
+//! frame -> scan        which samples left the reach of their pixel's mark?
 //!       -> candidates  those, many at a time in vector registers, where the event is beyond doubt
 //!       -> pixel       the rest, exactly
 //!       -> order       all events by time
@@ -10,15 +10,17 @@
 //! [`pixel`] is the whole rule: it says which events one new sample makes. [`level`] says where the levels lie.
 //! [`curve`], [`mod@line`] and [`cubic`] say when log intensity reaches one. [`start_phase`] says where references begin.
 //!
-//! Running that rule on every pixel would be slow. So [`sample`], [`steps`], [`scan`], [`decision`], [`candidates`] and
-//! [`cubic_candidates`] decide nearly all pixels in vector code, and leave to [`pixel`] what they cannot decide beyond
-//! doubt. [`band`] does all of it for a band of rows ([`room`] keeps its events), and [`core`] runs the bands on
-//! threads. [`engine`] is what the user sees, and [`restore`] stores and restores it. Pixels under [`effects`] take a
-//! different way from frame to events.
+//! Running that rule on every pixel would be slow. So [`sample`], [`marks`], [`steps`], [`scan`], [`decision`],
+//! [`candidates`] and [`cubic_candidates`] decide nearly all pixels in vector code, and leave to [`pixel`] what they cannot
+//! decide beyond doubt. [`band`] does all of it for a band of rows: [`prefetch`] brings its frame near, [`record`] is what
+//! only events touch, [`made`] and [`room`] keep the events. [`core`] runs the bands on threads. [`engine`] is what the
+//! user sees, and [`restore`] stores and restores it. Pixels under [`effects`] take a different way from frame to events.
 //!
 //! What must not break: the events are those of [`pixel`] alone, the same on any number of threads and for any split of
 //! the pixels into bands. An error changes no state.
 
+#[cfg(test)]
+mod against_rule;
 mod band;
 mod candidates;
 mod core;
@@ -32,9 +34,13 @@ mod exponential;
 mod frame;
 mod level;
 mod line;
+mod made;
+mod marks;
 mod parameters;
 mod pixel;
+mod prefetch;
 mod reconstruct;
+mod record;
 mod restore;
 mod room;
 mod sample;

@@ -111,6 +111,14 @@ impl CrossingParameters {
         Level { base, on: 0, off: 0 }
     }
 
+    /// Do all pixels have the same thresholds?
+    pub(crate) fn is_uniform(&self) -> bool {
+        matches!(
+            (&self.contrast_threshold, &self.contrast_threshold_off),
+            (Threshold::Uniform(_), Threshold::Uniform(_))
+        )
+    }
+
     /// The least threshold of any pixel.
     pub(crate) fn least_threshold(&self) -> f64 {
         self.contrast_threshold.least().min(self.contrast_threshold_off.least())

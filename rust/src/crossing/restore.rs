@@ -16,7 +16,7 @@ impl CrossingEngine {
     /// The state, to be stored.
     #[must_use]
     pub fn state(&self) -> EngineState {
-        let levels = self.references();
+        let levels = self.levels();
         let (luma, log_intensity, rate) = match &self.samples {
             Samples::None => (vec![], vec![], vec![]),
             Samples::Luma(core) => (core.last().to_vec(), vec![], core.rates().iter().map(|&r| r.into()).collect()),

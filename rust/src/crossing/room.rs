@@ -13,7 +13,6 @@
 use super::curve::{Curve, Piece};
 use super::level::{Level, Thresholds};
 use crate::error::Error;
-use crate::event::Event;
 
 /// The most events of one push: 2 GiB of them, and as much again while they are sorted.
 pub(crate) const MOST_EVENTS: u64 = 1 << 27;
@@ -21,6 +20,35 @@ pub(crate) const MOST_EVENTS: u64 = 1 << 27;
 /// A band needs more room than it is allowed, or than there is.
 #[derive(Debug)]
 pub(crate) struct Full;
+
+/// Why a push stops before its end.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Stop {
+    /// There are more events than there is room for.
+    Full,
+    /// A sample has no log intensity.
+    BadValue,
+    /// A pixel's record cannot hold what happens to it.
+    Narrow,
+}
+
+impl From<Full> for Stop {
+    fn from(Full: Full) -> Self {
+        Self::Full
+    }
+}
+
+impl Stop {
+    /// What two parts of a frame come to together: what the frame is refused for comes first.
+    pub(crate) fn both(one: Result<(), Self>, other: Result<(), Self>) -> Result<(), Self> {
+        for stop in [Self::BadValue, Self::Full, Self::Narrow] {
+            if one == Err(stop) || other == Err(stop) {
+                return Err(stop);
+            }
+        }
+        Ok(())
+    }
+}
 
 /// How many events a band may make.
 #[derive(Clone, Copy)]
@@ -41,54 +69,64 @@ impl Allowance {
     }
 }
 
-/// The events of a band, whose memory is kept from frame to frame.
+/// What a band makes of each event, whose memory is kept from frame to frame.
 #[derive(Default)]
-pub(crate) struct Room {
-    events: Vec<Event>,
+pub(crate) struct Room<T> {
+    /// Those made, and room for more.
+    items: Vec<T>,
+    made: usize,
     most: usize,
 }
 
-impl Room {
-    /// Drops the last frame's events and sets the allowance for the next frame, of `pixels` pixels.
+impl<T: Copy + Default> Room<T> {
+    /// Drops those of the last frame and sets the allowance for the next frame, of `pixels` pixels.
     pub(crate) fn begin(&mut self, allowance: Allowance, pixels: usize) {
-        self.events.clear();
+        self.made = 0;
         self.most = allowance.of(pixels);
     }
 
     pub(crate) fn clear(&mut self) {
-        self.events.clear();
+        self.made = 0;
     }
 
-    pub(crate) fn events(&self) -> &[Event] {
-        &self.events
+    pub(crate) fn made(&self) -> &[T] {
+        &self.items[..self.made]
     }
 
-    /// Makes room for `more` events.
+    /// Makes room for `more`.
     #[inline]
     pub(crate) fn reserve(&mut self, more: usize) -> Result<(), Full> {
-        if more <= self.events.capacity() - self.events.len() { Ok(()) } else { self.grow(more) }
+        if more <= self.items.len() - self.made { Ok(()) } else { self.grow(more) }
     }
 
     #[cold]
     fn grow(&mut self, more: usize) -> Result<(), Full> {
-        if self.events.len().saturating_add(more) > self.most {
+        let needed = self.made.saturating_add(more);
+        if needed > self.most {
             return Err(Full);
         }
-        self.events.try_reserve(more).map_err(|_| Full)
-    }
-
-    /// Takes an event, for which room was made.
-    #[inline]
-    pub(crate) fn push(&mut self, event: Event) {
-        self.events.push(event);
-    }
-
-    /// Takes events.
-    #[inline]
-    pub(crate) fn extend(&mut self, events: &[Event]) -> Result<(), Full> {
-        self.reserve(events.len())?;
-        self.events.extend_from_slice(events);
+        self.items.try_reserve(needed - self.items.len()).map_err(|_| Full)?;
+        self.items.resize(self.items.capacity(), T::default());
         Ok(())
+    }
+
+    /// Takes one, for which room was made.
+    #[inline]
+    pub(crate) fn push(&mut self, item: T) {
+        self.items[self.made] = item;
+        self.made += 1;
+    }
+
+    /// The room that was made for `more`, to be filled from its start: then [`Self::take`].
+    #[inline]
+    pub(crate) fn spare(&mut self, more: usize) -> &mut [T] {
+        &mut self.items[self.made..self.made + more]
+    }
+
+    /// Takes what fills the start of [`Self::spare`].
+    #[inline]
+    pub(crate) fn take(&mut self, more: usize) {
+        self.made += more;
     }
 }
 

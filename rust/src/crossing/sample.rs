@@ -1,21 +1,40 @@
-//! What a frame is made of: linear luma (float32) or log intensity (float64), and bounds in the same terms.
+//! What a frame is made of: linear luma (float32) or log intensity (float64), and how far it may move without an event.
 //!
-//! A sample strictly between its pixel's bounds has reached no level, so a quiet pixel costs two comparisons and no
-//! logarithm. Bounds are rounded inward. A sample between a bound and its level becomes a candidate, which costs only
-//! time.
+//! Each pixel has a mark: its reference in the terms of its samples, as a float32. A sample within reach of its mark has
+//! reached no level, so a quiet pixel costs two comparisons and no logarithm. Reaches are rounded inward. A sample
+//! between its reach and its level becomes a candidate, which costs only time.
 //!
-//! What must not break: no sample that has reached a level lies within its bounds. [`MARGIN`] covers the errors of the
-//! reference, of the exponential and of rounding to float32.
+//! What must not break:
+//! - No sample that has reached a level is within reach of its mark. [`MARGIN`] and [`LOG_MARGIN`] cover the errors of
+//!   the reference, of the exponential and of all roundings to float32.
+//! - No bad sample is within reach of any mark. So the scan finds bad values among the samples that left, for nothing.
 
 use std::fmt::Debug;
 
 use multiversion::multiversion;
 
 use super::exponential::exp;
-use super::steps::Steps;
+use super::level::Thresholds;
 use crate::error::Result;
 use crate::event::SensorSize;
 use crate::log_intensity::{LUMA_RULE, all_luma_valid, check_luma, check_none, log_intensities};
+
+/// How far above and below its mark a sample may lie, without doubt within its levels: factors of luma, differences of log
+/// intensity.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Reach {
+    pub(crate) up: f32,
+    pub(crate) down: f32,
+}
+
+/// What else marks are compared by, the same for all pixels.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Ground {
+    /// The dark level, that is added to luma.
+    dark: f32,
+    /// A pixel whose mark would be less has none.
+    least_mark: f64,
+}
 
 /// A sample of a frame.
 pub(crate) trait Sample: Copy + Debug + Default + PartialOrd + Send + Sync + 'static {
@@ -31,9 +50,20 @@ pub(crate) trait Sample: Copy + Debug + Default + PartialOrd + Send + Sync + 'st
     /// Log intensity of each sample.
     fn logs(samples: &[Self], log_eps: f64, logs: &mut [f64]);
 
-    /// The bounds (below, above) of samples whose log intensity lies strictly between the levels around a reference,
-    /// which is given within 1e-9.
-    fn bounds(references: &[f64], steps: Steps<&[f64]>, log_eps: f64, bounds: (&mut [Self], &mut [Self]));
+    /// The same, in `room` or wherever it is already.
+    fn logs_in<'a>(samples: &'a [Self], log_eps: f64, room: &'a mut [f64]) -> &'a [f64];
+
+    /// What goes with this dark level, where no pixel's reach down is less than `least_down`.
+    fn ground(log_eps: f64, least_down: f32) -> Ground;
+
+    /// How far samples may lie from their mark, where these are the thresholds.
+    fn reach(c: Thresholds) -> Reach;
+
+    /// The marks of references, which are given within 1e-9. NaN where every sample is worth a look.
+    fn marks(references: &[f64], ground: Ground, marks: &mut [f32]);
+
+    /// Has the sample surely reached no level? False for what is no valid sample.
+    fn is_within(self, mark: f32, reach: Reach, ground: Ground) -> bool;
 
     /// Change of log intensity per second, from the sample and its own rate of change.
     fn log_rate(self, rate: Self, log_eps: f64) -> f64;
@@ -62,8 +92,38 @@ impl Sample for f32 {
         log_intensities(samples, log_eps, logs);
     }
 
-    fn bounds(references: &[f64], steps: Steps<&[f64]>, log_eps: f64, bounds: (&mut [Self], &mut [Self])) {
-        luma_bounds(references, steps, log_eps, bounds);
+    fn logs_in<'a>(samples: &'a [Self], log_eps: f64, room: &'a mut [f64]) -> &'a [f64] {
+        let logs = &mut room[..samples.len()];
+        log_intensities(samples, log_eps, logs);
+        logs
+    }
+
+    fn ground(log_eps: f64, least_down: f32) -> Ground {
+        #[allow(clippy::cast_possible_truncation, reason = "the margin allows for rounding")]
+        let dark = log_eps as f32;
+        // Next to a dark level like this, what underflows is too small to matter. Without one, nothing may underflow.
+        let least_mark = if dark >= 1e-30 { 0.0 } else { 1e-36 / f64::from(least_down) };
+        Ground { dark, least_mark }
+    }
+
+    #[allow(clippy::cast_possible_truncation, reason = "the margin allows for rounding")]
+    fn reach(c: Thresholds) -> Reach {
+        // Not so far that a factor is infinite or zero: that is nearer than the level.
+        let up = (exp(c.on) * (1.0 - MARGIN)).min(f32::MAX.into()) as f32;
+        let down = (exp(-c.off) * (1.0 + MARGIN)).max(f32::MIN_POSITIVE.into()) as f32;
+        Reach { up, down }
+    }
+
+    fn marks(references: &[f64], ground: Ground, marks: &mut [f32]) {
+        luma_marks(references, ground.least_mark, marks);
+    }
+
+    #[inline(always)]
+    #[allow(clippy::inline_always, reason = "becomes the scan's vector code")]
+    #[allow(clippy::needless_bitwise_bool, reason = "a lazy operator is a branch, which vectors cannot take")]
+    fn is_within(self, mark: f32, reach: Reach, ground: Ground) -> bool {
+        let light = self + ground.dark;
+        (self >= 0.0) & (light < mark * reach.up) & (light > mark * reach.down)
     }
 
     fn log_rate(self, rate: Self, log_eps: f64) -> f64 {
@@ -90,12 +150,32 @@ impl Sample for f64 {
         logs.copy_from_slice(samples);
     }
 
-    fn bounds(references: &[f64], steps: Steps<&[f64]>, _: f64, bounds: (&mut [Self], &mut [Self])) {
-        // References are within 1e-9, and adding rounds by less.
-        for (i, reference) in references.iter().enumerate() {
-            bounds.0[i] = reference - steps.off[i] + 3e-9;
-            bounds.1[i] = reference + steps.on[i] - 3e-9;
-        }
+    fn logs_in<'a>(samples: &'a [Self], _: f64, _: &'a mut [f64]) -> &'a [f64] {
+        samples
+    }
+
+    fn ground(_: f64, _: f32) -> Ground {
+        Ground { dark: 0.0, least_mark: 0.0 }
+    }
+
+    #[allow(clippy::cast_possible_truncation, reason = "the margin allows for rounding")]
+    fn reach(c: Thresholds) -> Reach {
+        let inward = |c: f64| (c * (1.0 - LOG_MARGIN) - 3e-9).min(FARTHEST) as f32;
+        Reach { up: inward(c.on), down: -inward(c.off) }
+    }
+
+    fn marks(references: &[f64], _: Ground, marks: &mut [f32]) {
+        log_marks(references, marks);
+    }
+
+    #[inline(always)]
+    #[allow(clippy::inline_always, reason = "becomes the scan's vector code")]
+    #[allow(clippy::needless_bitwise_bool, reason = "a lazy operator is a branch, which vectors cannot take")]
+    #[allow(clippy::cast_possible_truncation, reason = "the margin allows for rounding")]
+    fn is_within(self, mark: f32, reach: Reach, _: Ground) -> bool {
+        let change = self as f32 - mark;
+        let inward = mark.abs() * INWARD;
+        (change < reach.up - inward) & (change > reach.down + inward)
     }
 
     fn log_rate(self, rate: Self, _: f64) -> f64 {
@@ -103,68 +183,145 @@ impl Sample for f64 {
     }
 }
 
-/// Bounds are drawn inward by this share of luma plus dark level: a reference is off by less than 1e-9, the exponential
-/// and the step by 1e-9 each, and rounding to float32 takes 2^-24, all together less than half of it.
-const MARGIN: f64 = 1.0 / 2_097_152.0;
-
-/// exp(reference) * step * `margin` - `log_eps`; too large for float32 is infinity.
+/// Luma's reaches are drawn inward by this share of luma plus dark level.
 ///
-/// A reference that no luma can lead to (float32 ends at 89) makes every sample worth a look.
+/// The reference is off by less than 1e-9, the exponentials of reference and threshold by 1e-9 each, and five roundings
+/// to float32 (of the mark, the reach, their product, the dark level, and the sum with it) take 2^-24 each: all together
+/// less than half of it.
+const MARGIN: f64 = 1.0 / 1_048_576.0;
+
+/// Reaches in log intensity are drawn inward by this share of the threshold, by 3e-9 for the reference, and by
+/// [`INWARD`] of the mark.
+///
+/// A level lies a threshold from the reference. So its rounding to float32, that of the mark and those of the differences
+/// are below 2^-24 of threshold and mark together, five times: less than a half of these margins.
+const LOG_MARGIN: f64 = 1e-6;
+
+/// 2^-21: by this share of the mark, reaches in log intensity are drawn inward.
+const INWARD: f32 = 1.0 / 2_097_152.0;
+
+/// Log intensity beyond has no mark, and no reach is larger than that: so what is within reach lies within +-746.
+const LARGEST_MARK: f64 = 600.0;
+const FARTHEST: f64 = 100.0;
+
+/// exp(reference), where neither it nor what it is multiplied by leaves float32's range; else NaN.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
 #[allow(clippy::cast_possible_truncation, reason = "the margin allows for rounding")]
-fn luma_bounds(references: &[f64], steps: Steps<&[f64]>, log_eps: f64, bounds: (&mut [f32], &mut [f32])) {
-    let n = references.len();
-    let (rise, fall) = (&steps.rise[..n], &steps.fall[..n]);
-    let (below, above) = (&mut bounds.0[..n], &mut bounds.1[..n]);
-    for i in 0..n {
-        let usable = (-700.0..=100.0).contains(&references[i]);
-        let luma = exp(references[i]);
-        let (low, high) = (luma * (fall[i] * (1.0 + MARGIN)) - log_eps, luma * (rise[i] * (1.0 - MARGIN)) - log_eps);
-        below[i] = if usable { low as f32 } else { f32::INFINITY };
-        above[i] = if usable { high as f32 } else { f32::NEG_INFINITY };
+#[allow(clippy::needless_bitwise_bool, reason = "a lazy operator is a branch, which vectors cannot take")]
+fn luma_marks(references: &[f64], least: f64, marks: &mut [f32]) {
+    for (mark, &reference) in marks.iter_mut().zip(references) {
+        let light = exp(reference);
+        let usable = (-80.0..=88.0).contains(&reference) & (light >= least);
+        *mark = if usable { light as f32 } else { f32::NAN };
+    }
+}
+
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
+#[allow(clippy::cast_possible_truncation, reason = "the margin allows for rounding")]
+fn log_marks(references: &[f64], marks: &mut [f32]) {
+    for (mark, &reference) in marks.iter_mut().zip(references) {
+        *mark = if reference.abs() <= LARGEST_MARK { reference as f32 } else { f32::NAN };
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::crossing::level::Thresholds;
     use crate::log_intensity::log_intensity;
     use proptest::prelude::*;
 
+    /// Is the sample within reach of the mark of this reference?
+    fn is_within<S: Sample>(sample: S, reference: f64, c: Thresholds, log_eps: f64) -> bool {
+        let (mut mark, reach) = ([0.0], S::reach(c));
+        let ground = S::ground(log_eps, reach.down);
+        S::marks(&[reference], ground, &mut mark);
+        sample.is_within(mark[0], reach, ground)
+    }
+
+    /// Dark levels as they are, and as far as they may go.
+    fn dark_levels() -> impl Strategy<Value = f64> {
+        prop_oneof![4 => -12.0f64..3.0, 1 => -300.0f64..300.0, 1 => -46.0f64..-28.0].prop_map(|x| 10f64.powf(x))
+    }
+
+    /// Thresholds from a few ulp of float32 to beyond all of its range.
+    fn thresholds() -> impl Strategy<Value = Thresholds> {
+        let one = || prop_oneof![6 => 1e-6f64..3.0, 1 => 1e-6f64..1e-4, 2 => 60.0f64..110.0, 1 => 3.0f64..1e3];
+        (one(), one()).prop_map(|(on, off)| Thresholds { on, off })
+    }
+
+    /// The float32 nearest to the luma of this log intensity, a few floats off.
+    #[allow(clippy::cast_possible_truncation, reason = "the test wants float32")]
+    fn luma_near(log: f64, log_eps: f64, nudge: i32) -> f32 {
+        f32::from_bits(((log.exp() - log_eps).max(0.0) as f32).to_bits().saturating_add_signed(nudge))
+    }
+
+    /// Dark levels that float32 holds with few digits or none, and luma as small.
+    #[test]
+    fn luma_s_reach_is_inward_next_to_no_dark_level() {
+        for k in 1..4000i32 {
+            let log_eps = 1e-45 * 1.003f64.powi(k);
+            let luma = f32::from_bits(k.unsigned_abs() * 7);
+            let (reference, log) = (-79.5, log_intensity(luma, log_eps));
+            let c = Thresholds { on: 0.5, off: reference - log };
+            assert!(!is_within(luma, reference, c, log_eps), "{luma} {log_eps}");
+        }
+    }
+
     proptest! {
-        /// Luma strictly inside of the bounds has its logarithm strictly inside of the levels.
+        #![proptest_config(ProptestConfig::with_cases(20_000))]
+
+        /// Luma within reach has its logarithm strictly inside of the levels: as near to both as floats lie.
         #[test]
-        fn bounds_are_inward(reference in -30.0f64..88.0, gap in 1e-6f64..3.0, share in 0.1f64..10.0, exponent in -12.0f64..3.0, nudge in -3i32..4) {
-            let log_eps = 10f64.powf(exponent);
-            let (mut low, mut high) = ([0.0], [0.0]);
-            let Steps { on, off, rise, fall } = Steps::new(Thresholds { on: gap, off: share * gap });
-            let steps = Steps { on: &[on][..], off: &[off], rise: &[rise], fall: &[fall] };
-            f32::bounds(&[reference], steps, log_eps, (&mut low, &mut high));
-            let ([low], [high]) = (low, high);
-            for bound in [low, high] {
-                let luma = f32::from_bits(bound.max(0.0).to_bits().saturating_add_signed(nudge));
-                if luma.is_finite() && low < luma && luma < high {
-                    let log = log_intensity(luma, log_eps);
-                    prop_assert!(reference - off < log && log < reference + on);
+        fn luma_s_reach_is_inward(reference in prop_oneof![6 => -30.0f64..88.0, 1 => -120.0f64..130.0, 1 => -700.0f64..700.0], c in thresholds(), log_eps in dark_levels(), nudge in -40i32..40) {
+            for level in [reference + c.on, reference - c.off] {
+                let luma = luma_near(level, log_eps, nudge);
+                let log = log_intensity(luma, log_eps);
+                if luma.is_finite() && (log >= reference + c.on - 1e-9 || log <= reference - c.off + 1e-9) {
+                    prop_assert!(!is_within(luma, reference, c, log_eps), "{luma} {reference} {c:?} {log_eps}");
                 }
             }
         }
 
-
-        /// Luma clear of the levels lies strictly between its bounds: what leads to no event costs no second look.
+        /// The same, of log intensity.
         #[test]
-        fn bounds_are_sharp(reference in -30.0f64..88.0, on in 1e-4f64..3.0, off in 1e-4f64..3.0, place in 0.01f64..0.99, exponent in -12.0f64..3.0) {
+        fn log_intensity_s_reach_is_inward(reference in prop_oneof![6 => -8.0f64..8.0, 2 => -1e-3f64..1e-3, 1 => -746.0f64..746.0, 1 => -1e30f64..1e30], c in thresholds(), inside in prop_oneof![Just(0.0), 0.0f64..2e-9]) {
+            for (level, inward) in [(reference + c.on, -inside), (reference - c.off, inside)] {
+                prop_assert!(!is_within(level + inward.clamp(-1e-9, 1e-9), reference, c, 1e-3));
+            }
+        }
+
+        /// Luma clear of the levels lies within reach: what leads to no event costs no second look.
+        #[test]
+        fn luma_s_reach_is_sharp(reference in -30.0f64..87.0, on in 2e-4f64..3.0, off in 2e-4f64..3.0, place in 0.01f64..0.99, exponent in -12.0f64..3.0) {
             let log_eps = 10f64.powf(exponent);
             let log = reference - off + place * (on + off);
-            #[allow(clippy::cast_possible_truncation, reason = "the test wants float32")]
-            let luma = (log.exp() - log_eps) as f32;
-            prop_assume!(luma.is_normal() && luma > 0.0);
-            let (mut low, mut high) = ([0.0], [0.0]);
-            let Steps { on, off, rise, fall } = Steps::new(Thresholds { on, off });
-            let steps = Steps { on: &[on][..], off: &[off], rise: &[rise], fall: &[fall] };
-            f32::bounds(&[reference], steps, log_eps, (&mut low, &mut high));
-            prop_assert!(low[0] < luma && luma < high[0]);
+            let luma = luma_near(log, log_eps, 0);
+            // Next to a large dark level float32 may have no luma there.
+            let log = log_intensity(luma, log_eps);
+            let place = (log - (reference - off)) / (on + off);
+            if !(0.01..0.99).contains(&place) {
+                return Ok(());
+            }
+            let c = Thresholds { on, off };
+            prop_assert!(is_within(luma, reference, c, log_eps));
+        }
+
+        /// The same, of log intensity.
+        #[test]
+        fn log_intensity_s_reach_is_sharp(reference in -16.0f64..16.0, on in 1e-3f64..3.0, off in 1e-3f64..3.0, place in 0.01f64..0.99) {
+            let c = Thresholds { on, off };
+            prop_assert!(is_within(reference - off + place * (on + off), reference, c, 1e-3));
+        }
+
+        /// What is no valid sample is within reach of nothing.
+        #[test]
+        fn bad_values_are_never_within_reach(reference in prop_oneof![-30.0f64..100.0, -1000.0f64..1000.0], c in thresholds(), log_eps in dark_levels(), beyond in prop_oneof![746.000_001f64..747.0, 747.0f64..1e300]) {
+            for bad in [-f32::MIN_POSITIVE, -1e-4, -1e-3, -1.0, f32::NEG_INFINITY, f32::INFINITY, f32::NAN] {
+                prop_assert!(!is_within(bad, reference, c, log_eps));
+            }
+            for bad in [beyond, -beyond, f64::INFINITY, f64::NEG_INFINITY, f64::NAN] {
+                prop_assert!(!is_within(bad, reference, c, log_eps));
+            }
         }
     }
 }

@@ -1,31 +1,32 @@
-//! The common path: compares new samples with their pixel's bounds, stores them, and notes those that are out of
-//! bounds.
+//! The common path: compares new samples with their pixel's mark, stores them, and notes those that may have had an
+//! event.
 //!
 //! Most samples of a frame end here, so this is written for memory speed. It runs in vector code over tiles of [`TILE`]
-//! pixels. A block of 64 pixels with no sample out of bounds is skipped at once. In other blocks, places are written by
+//! pixels. A block of 64 pixels with every sample within reach is skipped at once. In other blocks, places are written by
 //! a table of bit positions, without a branch.
 //!
 //! With rates of change, a pixel is also noted where the rates at both ends differ in sign, because its curve may leave
-//! the bounds in between. Pixels with sparse samples are always noted.
+//! the reach in between. Pixels with sparse samples are always noted. So are bad values, which nothing else looks for.
 //!
 //! What must not break:
-//! - No sample at or beyond a bound is passed over. Noting one too many costs only time.
+//! - No sample out of reach is passed over. Noting one too many costs only time.
 //! - Places come in raster order, because events must leave a band in that order.
 
 use multiversion::multiversion;
 
-use super::sample::Sample;
+use super::marks::{MarkingPart, ReachesPart};
+use super::sample::{Ground, Reach, Sample};
 
 /// Pixels scanned at a time.
-pub(crate) const TILE: usize = 1024;
+pub(crate) const TILE: usize = 512;
 
-/// Pixels that are skipped together when none of them is out of bounds.
+/// Pixels that are skipped together where every sample is within reach.
 const BLOCK: usize = 64;
 
 /// Places are written in groups of this many.
 const GROUP: usize = 8;
 
-/// Samples out of bounds, of one or more tiles: their place in the band's share, and the samples before and now, of which
+/// Samples that were noted, of one or more tiles: their place in the band's share, and the samples before and now, of which
 /// log intensity is computed next.
 pub(crate) struct Found<S> {
     pub(crate) count: usize,
@@ -34,109 +35,136 @@ pub(crate) struct Found<S> {
     pub(crate) to: Vec<S>,
     /// Places in a tile.
     in_tile: Vec<u16>,
+    /// 1 for each pixel of a tile that is noted, else 0.
+    noted: Vec<u8>,
 }
 
 /// Candidates are decided once there are this many: enough to fill vectors, few enough for the first-level cache.
 const BATCH: usize = 256;
 
-/// The most candidates that there can be before they are decided: a batch less one, and all of another tile.
-pub(crate) const MOST_FOUND: usize = BATCH - 1 + TILE;
+/// More candidates than there can be before they are decided: a batch, and all of another tile. A multiple of all vectors.
+pub(crate) const MOST_FOUND: usize = BATCH + TILE;
+
+/// A tile's samples, and what they are compared with.
+pub(crate) struct Tile<'a, S> {
+    /// Where it begins in the share.
+    pub(crate) start: usize,
+    pub(crate) new: &'a [S],
+    pub(crate) last: &'a [S],
+    /// Takes the new samples.
+    pub(crate) next: &'a mut [S],
+    pub(crate) marks: &'a [f32],
+    pub(crate) marking: MarkingPart<'a>,
+    /// Rates of change at the interval's start and end, where they are known: an extremum between makes a pixel worth a
+    /// look wherever its samples lie.
+    pub(crate) rates: Option<(&'a [S], &'a [S])>,
+}
 
 impl<S: Sample> Found<S> {
     pub(crate) fn new() -> Self {
         let samples = || vec![S::default(); MOST_FOUND];
-        Self { count: 0, place: vec![0; MOST_FOUND], from: samples(), to: samples(), in_tile: vec![0; TILE] }
+        Self {
+            count: 0,
+            place: vec![0; MOST_FOUND],
+            from: samples(),
+            to: samples(),
+            in_tile: vec![0; TILE],
+            noted: vec![0; TILE],
+        }
     }
 
     pub(crate) fn is_full(&self) -> bool {
         self.count >= BATCH
     }
 
-    /// Compares a tile's new samples with their bounds, stores them as the `next` last ones, and notes those that left.
+    /// Compares a tile's new samples with their marks, stores them as the `next` last ones, and notes those out of reach.
     ///
-    /// The tile begins at `start` of the share. `rates` are the rates of change at the interval's start and end, where
-    /// they are known: an extremum between makes a pixel worth a look wherever its samples lie. `also` are places that
-    /// are noted whatever their samples.
+    /// `also` are places that are noted whatever their samples.
     #[allow(clippy::cast_possible_truncation, reason = "no sensor has 2^32 pixels")]
-    pub(crate) fn scan(
-        &mut self,
-        start: usize,
-        new: &[S],
-        (last, next): (&[S], &mut [S]),
-        bounds: (&[S], &[S]),
-        rates: Option<(&[S], &[S])>,
-        also: impl ExactSizeIterator<Item = usize>,
-    ) {
-        let mut count = match rates {
-            None => out_of_bounds(new, bounds.0, bounds.1, &mut self.in_tile),
-            Some(rates) => out_of_bounds_or_sign_change(new, bounds, rates, &mut self.in_tile),
-        };
-        if also.len() > 0 {
-            count = add(&mut self.in_tile, count, also);
+    pub(crate) fn scan(&mut self, tile: &mut Tile<'_, S>, also: impl ExactSizeIterator<Item = usize>) {
+        let n = tile.new.len();
+        let noted = &mut self.noted[..n];
+        match tile.marking.reaches {
+            ReachesPart::Same(reach) => {
+                note(tile.new, tile.marks, tile.next, reach, tile.marking.ground, noted);
+            }
+            ReachesPart::Each(up, down) => {
+                note_each(tile.new, tile.marks, tile.next, (up, down), tile.marking.ground, noted);
+            }
         }
+        if let Some(rates) = tile.rates {
+            note_sign_changes(rates, noted);
+        }
+        for place in also {
+            noted[place] = 1;
+        }
+        let count = places(noted, &mut self.in_tile);
         let found = self.count..self.count + count;
         let (place, from, to) =
             (&mut self.place[found.clone()], &mut self.from[found.clone()], &mut self.to[found.clone()]);
         for (((&i, place), from), to) in self.in_tile[..count].iter().zip(place).zip(from).zip(to) {
-            *place = start as u32 + u32::from(i);
-            *from = last[usize::from(i)];
-            *to = new[usize::from(i)];
+            *place = tile.start as u32 + u32::from(i);
+            *from = tile.last[usize::from(i)];
+            *to = tile.new[usize::from(i)];
         }
         self.count = found.end;
-        next.copy_from_slice(new);
     }
 }
 
-/// The places of samples at or beyond their bounds, in order; returns how many.
+/// Stores the new samples, and notes (by a 1) those that are not within reach of their marks.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
-#[allow(clippy::needless_bitwise_bool, reason = "a lazy operator is a branch, which vectors cannot take")]
-fn out_of_bounds<S: Sample>(new: &[S], low: &[S], high: &[S], places: &mut [u16]) -> usize {
-    places_where(new.len(), places, |start, n| {
-        let (new, low, high) = (&new[start..start + n], &low[start..start + n], &high[start..start + n]);
-        move |i| (new[i] >= high[i]) | (new[i] <= low[i])
-    })
+fn note<S: Sample>(new: &[S], marks: &[f32], next: &mut [S], reach: Reach, ground: Ground, noted: &mut [u8]) {
+    let n = new.len();
+    let (marks, next, noted) = (&marks[..n], &mut next[..n], &mut noted[..n]);
+    for i in 0..n {
+        next[i] = new[i];
+        noted[i] = u8::from(!new[i].is_within(marks[i], reach, ground));
+    }
 }
 
-/// [`out_of_bounds`], and the places where the rates of change at the ends differ in sign.
+/// [`note`], where every pixel has a reach of its own.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
-#[allow(clippy::needless_bitwise_bool, reason = "a lazy operator is a branch, which vectors cannot take")]
-fn out_of_bounds_or_sign_change<S: Sample>(
+fn note_each<S: Sample>(
     new: &[S],
-    bounds: (&[S], &[S]),
-    rates: (&[S], &[S]),
-    places: &mut [u16],
-) -> usize {
-    places_where(new.len(), places, |start, n| {
-        let (new, low, high) = (&new[start..start + n], &bounds.0[start..start + n], &bounds.1[start..start + n]);
-        let (from, to) = (&rates.0[start..start + n], &rates.1[start..start + n]);
-        move |i| (new[i] >= high[i]) | (new[i] <= low[i]) | S::signs_differ(from[i], to[i])
-    })
+    marks: &[f32],
+    next: &mut [S],
+    (up, down): (&[f32], &[f32]),
+    ground: Ground,
+    noted: &mut [u8],
+) {
+    let n = new.len();
+    let (marks, next, noted, up, down) = (&marks[..n], &mut next[..n], &mut noted[..n], &up[..n], &down[..n]);
+    for i in 0..n {
+        next[i] = new[i];
+        noted[i] = u8::from(!new[i].is_within(marks[i], Reach { up: up[i], down: down[i] }, ground));
+    }
 }
 
-/// The places in 0..n where something is true, in order; returns how many.
-///
-/// `of(start, n)` tells it for the n places from `start` on: of whole blocks, whose length the compiler knows.
-#[inline(always)]
-#[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
+/// Notes the pixels whose rates of change at the ends differ in sign.
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
+fn note_sign_changes<S: Sample>((from, to): (&[S], &[S]), noted: &mut [u8]) {
+    let n = noted.len();
+    let (from, to) = (&from[..n], &to[..n]);
+    for i in 0..n {
+        noted[i] |= u8::from(S::signs_differ(from[i], to[i]));
+    }
+}
+
+/// The places that are noted, in order; returns how many.
 #[allow(clippy::cast_possible_truncation, reason = "places lie below TILE")]
-fn places_where<F: Fn(usize) -> bool>(n: usize, places: &mut [u16], of: impl Fn(usize, usize) -> F) -> usize {
+fn places(noted: &[u8], places: &mut [u16]) -> usize {
     let mut count = 0;
-    let whole = n - n % BLOCK;
-    for start in (0..whole).step_by(BLOCK) {
-        let is = of(start, BLOCK);
-        if (0..BLOCK).fold(0, |any, i| any | u32::from(is(i))) == 0 {
+    let (blocks, rest) = noted.as_chunks::<BLOCK>();
+    for (block, noted) in blocks.iter().enumerate() {
+        let (groups, _) = noted.as_chunks::<GROUP>();
+        if groups.iter().fold(0, |any, &group| any | u64::from_le_bytes(group)) == 0 {
             continue;
         }
-        let mut found = [0u8; BLOCK];
-        for (i, found) in found.iter_mut().enumerate() {
-            *found = u8::from(is(i));
-        }
-        for (group, found) in found.chunks_exact(GROUP).enumerate() {
+        for (group, noted) in groups.iter().enumerate() {
             // Eight bytes of 0 or 1 to eight bits: each lands in the top byte at a place of its own.
-            let bytes = u64::from_le_bytes(found.try_into().unwrap_or_default());
-            let bits = (bytes.wrapping_mul(0x0102_0408_1020_4080) >> 56) as usize;
-            let first = (start + group * GROUP) as u16;
-            // All eight are written, those that left kept: no branch to mispredict.
+            let bits = (u64::from_le_bytes(*noted).wrapping_mul(0x0102_0408_1020_4080) >> 56) as usize;
+            let first = (block * BLOCK + group * GROUP) as u16;
+            // All eight are written, those that were noted kept: no branch to mispredict.
             let (places, (positions, kept)) = (&mut places[count..count + GROUP], &POSITIONS[bits]);
             for (place, position) in places.iter_mut().zip(positions) {
                 *place = first + position;
@@ -144,23 +172,11 @@ fn places_where<F: Fn(usize) -> bool>(n: usize, places: &mut [u16], of: impl Fn(
             count += *kept as usize;
         }
     }
-    let is = of(whole, n - whole);
-    for i in whole..n {
-        places[count] = i as u16;
-        count += usize::from(is(i - whole));
+    for (i, &noted) in rest.iter().enumerate() {
+        places[count] = (blocks.len() * BLOCK + i) as u16;
+        count += usize::from(noted);
     }
     count
-}
-
-/// Adds places (each may come several times, or be there) to the first `count`, in order; returns how many there are.
-#[allow(clippy::cast_possible_truncation, reason = "places lie below TILE")]
-fn add(places: &mut [u16], count: usize, also: impl Iterator<Item = usize>) -> usize {
-    let mut noted = [false; TILE];
-    for place in places[..count].iter().map(|&place| usize::from(place)).chain(also) {
-        noted[place] = true;
-    }
-    let all = noted.iter().enumerate().filter(|(_, noted)| **noted).map(|(place, _)| place as u16);
-    places.iter_mut().zip(all).map(|(to, place)| *to = place).count()
 }
 
 /// The positions of the set bits of each byte, in order, and their number.

@@ -22,10 +22,11 @@ use super::scan::{
 use super::sensor::Sensor;
 use super::timeline::{FREE, Pixel};
 use crate::crossing::band::Interval;
-use crate::crossing::core::{NEVER, Push};
+use crate::crossing::core::Push;
 use crate::crossing::frame::SparseSamples;
 use crate::crossing::level::{Level, Thresholds};
 use crate::crossing::parameters::CrossingParameters;
+use crate::crossing::record::NEVER;
 use crate::crossing::room::{Allowance, Full, Room};
 use crate::crossing::sample::Sample;
 use crate::crossing::scan::TILE;
@@ -43,7 +44,7 @@ pub(super) struct Share<'a, S> {
 pub(super) struct Band {
     pub(super) first_pixel: usize,
     /// The last frame's, in raster order.
-    pub(super) events: Room,
+    pub(super) events: Room<Event>,
     /// Log intensity, and its change per second, at the last frame.
     pub(super) logs: Vec<f64>,
     pub(super) slopes: Vec<f64>,

@@ -5,6 +5,8 @@
 //!
 //! What must not break: the cut into bands changes no event. A stored state is checked before any of it is used.
 
+use std::collections::TryReserveError;
+
 use rayon::prelude::*;
 
 use super::arrivals::Arrivals;
@@ -17,12 +19,13 @@ use crate::crossing::core::{Pixels, Push};
 use crate::crossing::frame::Frame;
 use crate::crossing::level::Level;
 use crate::crossing::parameters::CrossingParameters;
-use crate::crossing::room::{Allowance, Full};
+use crate::crossing::room::{Allowance, Stop};
 use crate::crossing::sample::Sample;
 use crate::crossing::scan::TILE;
 use crate::crossing::state::{EffectState, EngineState};
-use crate::error::{Error, Result};
+use crate::error::{self, Error};
 use crate::event::{Event, SensorSize};
+use crate::order::TimeSort;
 
 /// The counterpart of [`crate::crossing::core::Core`] for pixels under effects. It always keeps log intensity.
 pub(crate) struct EffectCore {
@@ -110,7 +113,7 @@ impl EffectCore {
     }
 
     /// Takes up a stored state, the last frame being that of the state.
-    pub(crate) fn restore(&mut self, engine: &EngineState, state: &EffectState) -> Result<()> {
+    pub(crate) fn restore(&mut self, engine: &EngineState, state: &EffectState) -> error::Result<()> {
         self.sensor.started_us = state.started_us;
         let hot = self.bands.iter().map(|band| band.hot.len()).sum::<usize>();
         let (n, filtered) = (self.sensor.size.pixels(), self.sensor.effects.filters());
@@ -197,20 +200,22 @@ impl EffectCore {
 }
 
 impl<S: Sample> Pixels<S> for EffectCore {
-    fn advance(&mut self, push: &Push<'_, S>, allowance: Allowance) -> std::result::Result<(), Full> {
+    fn advance(&mut self, push: &Push<'_, S>, allowance: Allowance) -> Result<(), Stop> {
         let sensor = &self.sensor;
-        let advance = |band: &mut Band| band.advance(&band.share(push), push.p, sensor, allowance);
+        let advance = |band: &mut Band| band.advance(&band.share(push), push.p, sensor, allowance).map_err(Stop::from);
         // Every band begins, also where another one is full: what it holds is then of this frame.
         match push.pool {
-            None => self.bands.iter_mut().map(advance).fold(Ok(()), std::result::Result::and),
-            Some(pool) => {
-                pool.install(|| self.bands.par_iter_mut().map(advance).reduce(|| Ok(()), std::result::Result::and))
-            }
+            None => self.bands.iter_mut().map(advance).fold(Ok(()), Result::and),
+            Some(pool) => pool.install(|| self.bands.par_iter_mut().map(advance).reduce(|| Ok(()), Result::and)),
         }
     }
 
-    fn events(&self) -> Vec<&[Event]> {
-        self.bands.iter().map(|band| band.events.events()).collect()
+    fn made(&self) -> u64 {
+        self.bands.iter().map(|band| band.events.made().len() as u64).sum()
+    }
+
+    fn sort(&self, push: &Push<'_, S>, sort: &mut TimeSort, events: &mut Vec<Event>) -> Result<(), TryReserveError> {
+        sort.sort(self.bands.iter().map(|band| band.events.made()), push.at.start_us, push.at.ticks, events)
     }
 
     fn settle(&mut self, push: &Push<'_, S>) {
