@@ -5,7 +5,7 @@ catches it. A module that is being imported is left half made, and a library may
 panic or crash. And once the result stands, all that it can do is to print a traceback.
 
 So it ends the process at once while the command line is imported; the first lines of this package see to that. Within a
-command it waits for the end of an import. After a command it does nothing.
+command it waits for the end of an import, or of the command if that comes first. After a command it does nothing.
 """
 
 from __future__ import annotations
@@ -36,21 +36,25 @@ def exit_status(run: Callable[[], int], say: Callable[[str], None]) -> int:
     before = signal.getsignal(signal.SIGINT)
     if not callable(before) or not _in_main_thread(before):
         return run()  # Ctrl-C is ignored, or another thread's
-    over = False
+    over = waits = False
     outermost, thread = sys._getframe(), _thread.get_ident()
     hook = sys.unraisablehook
 
     def obey(_: int, frame: FrameType | None) -> None:
+        nonlocal waits
         if over:
             return
-        if _importing(frame, outermost):
+        waits = _importing(frame, outermost)
+        if waits:
             send_again(thread)
         else:
             raise KeyboardInterrupt
 
     def kept(unraisable: sys.UnraisableHookArgs) -> None:
         """Send Ctrl-C again where Python cannot raise it, but only print it: in a finaliser, or a callback of C."""
+        nonlocal waits
         if isinstance(unraisable.exc_value, KeyboardInterrupt):
+            waits = True
             send_again(thread)
         else:
             hook(unraisable)
@@ -61,10 +65,13 @@ def exit_status(run: Callable[[], int], say: Callable[[str], None]) -> int:
             signal.signal(signal.SIGINT, obey)
             sys.unraisablehook = kept
             status = run()
+            if waits:  # the command was over before it was sent again
+                raise KeyboardInterrupt
         finally:
             over = True
     except KeyboardInterrupt:  # wherever it comes, also while an error is told
         over = True
+        status = 130
         say(LINE)
     finally:
         sys.unraisablehook = hook
