@@ -129,9 +129,9 @@ def frames_forecast(
     return MemoryForecast(*size, {what: taken for what, taken in parts.items() if taken})
 
 
-_STATE, _STATE_OF_EFFECTS = 44, 150
+_STATE, _STATE_OF_EFFECTS = 36, 150
 _LUMA, _RATES, _FRAMES = 50, 28, 20
-_EVENTS, _REFINED = 48, 230
+_EVENTS, _REFINED = 30, 230
 _TRUTH = 640
 _OF_FRAMES, _FRAMES_AT_ONCE, _FLOW = 130, 8, 2400
 
