@@ -19,6 +19,7 @@ from davis_rs import DecodeError, events_from_frames, open_frames
 from davis_rs._util.budget import VARIABLE
 from davis_rs.events.arrays import concatenate_events
 from davis_rs.simulation.from_frames import optical_flow
+from davis_rs.simulation.from_frames.image_file import read_frame_image
 
 BARS = moving_bars(3)
 
@@ -87,6 +88,15 @@ def test_sizes_are_charged_before_pixels_are_decoded(
     (tmp_path / name).write_bytes(content)
     with pytest.raises(DecodeError, match=rf"{name}: a frame of 8192 x 8192 pixels needs 2 GiB, .* 1 GiB may be held"):
         list(open_frames(tmp_path, fps=30).frames())
+
+
+def test_many_pixels_are_the_budgets_matter_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pillow would warn of an image that the budget allows or refuses: the refusal is all that is said."""
+    path = tmp_path / "0.png"
+    path.write_bytes(png_header(10_000, 9_000, 8))
+    monkeypatch.setenv(VARIABLE, "bytes=1MiB")
+    with pytest.raises(DecodeError, match="may be held in memory"):
+        read_frame_image(path)
 
 
 def test_channels_of_an_exr_are_charged(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -14,6 +14,7 @@ from PIL import Image
 from davis_rs import EVENT_DTYPE
 from davis_rs.events.arrays import EventArray
 from davis_rs.inspection.check import CheckReport, check_dataset
+from davis_rs.inspection.dataset_description import describe_dataset
 from davis_rs.inspection.summary import dataset_contents
 from davis_rs.io.dataset.reader import Dataset
 from davis_rs.io.dataset.writer import DatasetWriter
@@ -130,6 +131,15 @@ def test_the_report_reads_well(folder: Path) -> None:
     assert " C at 0.0" in lines[1]
     assert "pixel (" in lines[1]
     assert lines[2] == "the check holds"
+
+
+def test_a_threshold_that_is_not_said_is_not_described(folder: Path) -> None:
+    """Although that of OFF events is, as somebody's meta.json may have it."""
+    path = folder / "meta.json"
+    meta = json.loads(path.read_text())
+    meta["parameters"] |= {"contrast_threshold": None, "contrast_threshold_off": 0.2}
+    path.write_text(json.dumps(meta))
+    assert describe_dataset(Dataset(folder)).threshold is None
 
 
 def test_noise_and_an_older_model_are_told_and_are_no_failure(folder: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -44,13 +45,21 @@ def read_frame_image(path: Path) -> npt.NDArray[Any]:
     return _read_with_pillow(path, data, budget)
 
 
-def _read_with_pillow(path: Path, data: bytes, budget: Budget) -> npt.NDArray[Any]:
+def _opened(data: bytes) -> Image:
+    """Open an image by its header, without Pillow's warning of many pixels: they are charged to the budget."""
     import PIL.Image
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", PIL.Image.DecompressionBombWarning)
+        return PIL.Image.open(io.BytesIO(data), formats=_FORMATS)
+
+
+def _read_with_pillow(path: Path, data: bytes, budget: Budget) -> npt.NDArray[Any]:
     from PIL import ImageOps, UnidentifiedImageError
 
     deep = False
     try:
-        with decoding(path), PIL.Image.open(io.BytesIO(data), formats=_FORMATS) as opened:
+        with decoding(path), _opened(data) as opened:
             charge_frame(budget, opened.width, opened.height)
             deep = _has_deep_colour(opened, data)
             if not deep:
