@@ -81,6 +81,26 @@ def test_ctrl_c_after_the_result_changes_nothing() -> None:
     assert "davis240c" in printed(program)
 
 
+def test_ctrl_c_that_waited_for_an_import_is_told_once() -> None:
+    """A command that ends early by itself, and has said so, gets no second line about it."""
+    program = """
+    import time
+    from davis_rs._util.stop_requests import stop_requests
+    from davis_rs.cli.ctrl_c import exit_status
+
+    def run():
+        import wave  # Ctrl-C comes here
+
+        with stop_requests() as asked:
+            while not asked():
+                time.sleep(0.001)
+        return 130
+
+    print(exit_status(run, print))
+    """
+    assert printed(program, "wave") == "130\n"
+
+
 def test_ctrl_c_in_a_program_that_calls_the_command_line_keeps_its_meaning() -> None:
     """The program's own handler is there again when a command has ended."""
     program = """

@@ -65,7 +65,7 @@ def exit_status(run: Callable[[], int], say: Callable[[str], None]) -> int:
             signal.signal(signal.SIGINT, obey)
             sys.unraisablehook = kept
             status = run()
-            if waits:  # the command was over before it was sent again
+            if waits and status != 130:  # the command was over before it was sent again, or has told of it by itself
                 raise KeyboardInterrupt
         finally:
             over = True
