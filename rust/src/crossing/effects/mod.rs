@@ -22,6 +22,7 @@
 
 mod arrivals;
 mod band;
+mod chords;
 mod core;
 mod estimate;
 mod excursion;
