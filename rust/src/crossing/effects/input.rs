@@ -102,7 +102,7 @@ impl Input {
     }
 
     /// Follows the output of one low-pass over a chord, which runs from `outputs.0` to `outputs.1`.
-    fn follow_filtered(
+    pub(super) fn follow_filtered(
         &self,
         pixel: &mut Pixel<'_>,
         chord: &Chord,
@@ -116,7 +116,13 @@ impl Input {
         if pixel.rests_until(chord.end(), (least + leaked, most + will_leak)) {
             return;
         }
-        let curve = Filtered {
+        pixel.follow(&self.filtered(chord, decay, outputs), chord.start, |t| chord.light_at(t), emit);
+    }
+
+    /// Returns what a comparator sees of the output of one low-pass.
+    pub(super) fn filtered(&self, chord: &Chord, decay: f64, outputs: (f64, f64)) -> Filtered {
+        let (leaked, will_leak) = self.leaked(chord);
+        Filtered {
             start: outputs.0 + leaked,
             end: outputs.1 + will_leak,
             gap: chord.from - outputs.0,
@@ -124,12 +130,11 @@ impl Input {
             drift: will_leak - leaked,
             decay,
             ticks: chord.ticks,
-        };
-        pixel.follow(&curve, chord.start, |t| chord.light_at(t), emit);
+        }
     }
 
     /// Follows the output of the second of two low-passes over a chord: their outputs `before` it, and its own at the `end`.
-    fn follow_filtered_twice(
+    pub(super) fn follow_filtered_twice(
         &self,
         pixel: &mut Pixel<'_>,
         chord: &Chord,
@@ -145,7 +150,14 @@ impl Input {
         if pixel.rests_until(chord.end(), (least + leaked, most + will_leak)) {
             return;
         }
-        let curve = FilteredTwice {
+        let curve = self.filtered_twice(chord, decays, before, end);
+        pixel.follow(&curve, chord.start, |t| chord.light_at(t), emit);
+    }
+
+    /// Returns what a comparator sees of the output of the second of two low-passes.
+    pub(super) fn filtered_twice(&self, chord: &Chord, decays: Decays, before: (f64, f64), end: f64) -> FilteredTwice {
+        let (leaked, will_leak) = self.leaked(chord);
+        FilteredTwice {
             start: before.1 + leaked,
             end: end + will_leak,
             lag: before.0 - before.1,
@@ -154,8 +166,7 @@ impl Input {
             drift: will_leak - leaked,
             decays,
             ticks: chord.ticks,
-        };
-        pixel.follow(&curve, chord.start, |t| chord.light_at(t), emit);
+        }
     }
 
     /// How far the reference has leaked at both ends of a chord.
@@ -165,13 +176,13 @@ impl Input {
 }
 
 /// A part of an interval over which the input is straight.
-struct Chord {
+pub(super) struct Chord {
     /// Ticks from the interval's start to its own, and its length.
-    start: i64,
-    ticks: i64,
+    pub(super) start: i64,
+    pub(super) ticks: i64,
     /// Log intensity at both ends.
-    from: f64,
-    to: f64,
+    pub(super) from: f64,
+    pub(super) to: f64,
 }
 
 #[allow(clippy::cast_precision_loss, reason = "intervals are shorter than 2^53 us")]
@@ -182,7 +193,7 @@ impl Chord {
     }
 
     /// Luma + `log_eps` so many ticks after its start.
-    fn light_at(&self, t: f64) -> f64 {
+    pub(super) fn light_at(&self, t: f64) -> f64 {
         libm::exp(self.from + (self.to - self.from) * (t / self.ticks as f64))
     }
 }
