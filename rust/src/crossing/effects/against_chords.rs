@@ -59,7 +59,7 @@ fn nodes(line: Line, slopes: (f64, f64), tolerance: f64) -> Vec<(i64, f64)> {
 /// Frames of very different change and bend: the engine makes the same events, whether it takes the chords itself or is
 /// given them. Every seventh pixel has a sparse sample of its own.
 #[test]
-#[allow(clippy::cast_precision_loss, reason = "small")]
+#[allow(clippy::cast_precision_loss, clippy::cast_possible_truncation, reason = "small")]
 fn cubics_are_the_chords_that_stand_for_them() {
     for (source_follower_hz, strength) in [(f64::INFINITY, 1.0), (250.0, 1.0), (250.0, 0.1), (5000.0, 3.0)] {
         let parameters = CrossingParameters { interpolation: Interpolation::Hermite, ..CrossingParameters::default() };
@@ -70,7 +70,7 @@ fn cubics_are_the_chords_that_stand_for_them() {
         let mut last: Option<(Vec<f64>, Vec<f64>)> = None;
         for frame in 0..40 {
             let ticks = [4772, 937, 13, 3, 1, 20_011][usize::try_from(frame % 6).expect("small")];
-            let still = |i: usize| if i % 5 == 0 { 0.0 } else { strength };
+            let still = |i: usize| if i.is_multiple_of(5) { 0.0 } else { strength };
             let logs: Vec<f64> = (0..SIZE.pixels()).map(|i| still(i) * spread(frame, i)).collect();
             let rates: Vec<f64> =
                 (0..SIZE.pixels()).map(|i| still(i) * 3e6 / ticks as f64 * spread(frame + 1000, i)).collect();
@@ -80,7 +80,7 @@ fn cubics_are_the_chords_that_stand_for_them() {
                     let line = Line { from: from[i], to: logs[i], ticks };
                     let seconds = ticks as f64 * 1e-6;
                     let nodes = nodes(line, (slopes[i] * seconds, rates[i] * seconds), tolerance);
-                    let own = i % 7 == 0 && ticks > 1;
+                    let own = i.is_multiple_of(7) && ticks > 1;
                     bent += usize::from(!nodes.is_empty() && !own);
                     let samples = if own { vec![(ticks / 2, spread(frame + 2000, i))] } else { nodes };
                     let samples = samples.iter().map(|&(tick, log)| (i as u32, t_us + tick, log));
