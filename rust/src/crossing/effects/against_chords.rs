@@ -62,10 +62,11 @@ fn nodes(line: Line, slopes: (f64, f64), tolerance: f64) -> Vec<(i64, f64)> {
 #[allow(clippy::cast_precision_loss, clippy::cast_possible_truncation, reason = "small")]
 fn cubics_are_the_chords_that_stand_for_them() {
     for (source_follower_hz, strength) in [(f64::INFINITY, 1.0), (250.0, 1.0), (250.0, 0.1), (5000.0, 3.0)] {
-        let parameters = CrossingParameters { interpolation: Interpolation::Hermite, ..CrossingParameters::default() };
-        let (tolerance, effects) = (0.01 * parameters.least_threshold(), effects(source_follower_hz));
-        let engine = || CrossingEngine::with_effects(SIZE, parameters.clone(), &effects, 3, Some(1)).expect("valid");
-        let (mut taken, mut given) = (engine(), engine());
+        let (lines, effects) = (CrossingParameters::default(), effects(source_follower_hz));
+        let cubics = CrossingParameters { interpolation: Interpolation::Hermite, ..lines.clone() };
+        let tolerance = 0.01 * lines.least_threshold();
+        let engine = |p| CrossingEngine::with_effects(SIZE, p, &effects, 3, Some(1)).expect("valid");
+        let (mut taken, mut given) = (engine(cubics), engine(lines));
         let (mut bent, mut count, mut t_us) = (0, 0, 0);
         let mut last: Option<(Vec<f64>, Vec<f64>)> = None;
         for frame in 0..40 {
@@ -89,19 +90,17 @@ fn cubics_are_the_chords_that_stand_for_them() {
                 }
             }
             t_us += if frame == 0 { 0 } else { ticks };
-            let push = |engine: &mut CrossingEngine, sparse: &[(u32, i64, f64)]| {
+            let push = |engine: &mut CrossingEngine, rate, sparse: &[(u32, i64, f64)]| {
                 let pixel: Vec<u32> = sparse.iter().map(|sample| sample.0).collect();
                 let times: Vec<i64> = sparse.iter().map(|sample| sample.1).collect();
                 let samples: Vec<f64> = sparse.iter().map(|sample| sample.2).collect();
                 let sparse = SparseSamples { pixel: &pixel, t_us: &times, samples: &samples };
                 let mut events = Vec::<Event>::new();
-                engine
-                    .push_log(Frame { t_us, samples: &logs, rate: Some(&rates), sparse }, &mut events)
-                    .expect("valid");
+                engine.push_log(Frame { t_us, samples: &logs, rate, sparse }, &mut events).expect("valid");
                 events
             };
-            let events = push(&mut taken, &both);
-            assert_eq!(events, push(&mut given, &chords), "frame {frame} of {source_follower_hz} Hz");
+            let events = push(&mut taken, Some(&rates), &both);
+            assert_eq!(events, push(&mut given, None, &chords), "frame {frame} of {source_follower_hz} Hz");
             count += events.len();
             last = Some((logs, rates));
         }
@@ -170,11 +169,13 @@ proptest! {
     #[test]
     fn a_pixel_that_rests_would_have_no_event(
         state in state(), from in -0.3f64..0.3, to in -0.3f64..0.3, outputs in (-0.3f64..0.3, -0.3f64..0.3),
-        first in -2.0f64..2.0, second in -2.0f64..2.0, twice in any::<bool>(), leak_hz in prop_oneof![Just(0.0), 1.0f64..500.0],
+        beyond in prop::option::weighted(0.2, -1e-3f64..1e-3), first in -2.0f64..2.0, second in -2.0f64..2.0, twice in any::<bool>(), leak_hz in prop_oneof![Just(0.0), 1.0f64..500.0],
     ) {
+        let c = Thresholds { on: 0.11, off: 0.13 };
+        let to = beyond.map_or(to, |beyond| state.reference.up().value(c) + beyond); // next to a level
         let decays = Decays { first: 10f64.powf(first), second: 10f64.powf(second) };
         let leak = Leak { rate_hz: leak_hz, ..Effects::default().leak };
-        let drift = Leaks::new(leak, 3, true, 0, &[Thresholds { on: 0.11, off: 0.13 }]).drift(0, 2000.0, (from, to));
+        let drift = Leaks::new(leak, 3, true, 0, &[c]).drift(0, 2000.0, (from, to));
         let input = Input { drift, from, to, ticks: TICKS };
         let chord = Chord { start: 0, ticks: TICKS, from, to };
         let light = |t| chord.light_at(t);
