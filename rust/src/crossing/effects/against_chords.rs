@@ -172,8 +172,15 @@ proptest! {
         beyond in prop::option::weighted(0.2, -1e-3f64..1e-3), first in -2.0f64..2.0, second in -2.0f64..2.0, twice in any::<bool>(), leak_hz in prop_oneof![Just(0.0), 1.0f64..500.0],
     ) {
         let c = Thresholds { on: 0.11, off: 0.13 };
-        let to = beyond.map_or(to, |beyond| state.reference.up().value(c) + beyond); // next to a level
-        let decays = Decays { first: 10f64.powf(first), second: 10f64.powf(second) };
+        let mut decays = Decays { first: 10f64.powf(first), second: 10f64.powf(second) };
+        let (mut from, mut to, mut outputs) = (from, to, outputs);
+        if let Some(beyond) = beyond {
+            // From below to next to a level, and fast enough to come there.
+            let level = state.reference.up().value(c);
+            let below = |value: f64| level - 0.7 * value.abs();
+            (from, to, outputs) = (below(from), level + beyond, (below(outputs.0), below(outputs.1)));
+            decays = Decays { first: 10.0 * decays.first.max(1.0), second: 10.0 * decays.second.max(1.0) };
+        }
         let leak = Leak { rate_hz: leak_hz, ..Effects::default().leak };
         let drift = Leaks::new(leak, 3, true, 0, &[c]).drift(0, 2000.0, (from, to));
         let input = Input { drift, from, to, ticks: TICKS };
