@@ -154,7 +154,7 @@ def test_white_is_a_value_of_the_video_itself(
 
     def run(**settings: Any) -> FrameRun:
         settings = {"interpolation": "linear", "transfer": "linear", **settings}
-        return FrameRun(open_frames(path), complete(FrameSettings, settings, of="a test"))
+        return FrameRun(open_frames(path), complete(FrameSettings, settings, taker="a test"))
 
     def luma(**settings: Any) -> npt.NDArray[np.float32]:
         image = next(run(**settings).packets()).luma

@@ -325,7 +325,7 @@ def test_what_is_refused_and_how_long_the_ways_on_take() -> None:
     assert estimate.run_s(16) == 2 * estimate.run_s(8) == pytest.approx(200)
 
     def refusal(noise: NoiseEstimate | None = estimate, **settings: Any) -> str:
-        given = complete(FolderSettings, {"renderer": "integrator", **settings}, of="the test")
+        given = complete(FolderSettings, {"renderer": "integrator", **settings}, taker="the test")
         with pytest.raises(NoiseError) as refused:
             refuse_noise(noise, floor, given)
         return str(refused.value)
@@ -354,7 +354,7 @@ def test_what_is_refused_and_how_long_the_ways_on_take() -> None:
         (estimate, {"noise_share": 0.5}),
         (estimate, {"samples": "auto"}),
     ):
-        refuse_noise(noise, floor, complete(FolderSettings, settings, of="the test"))
+        refuse_noise(noise, floor, complete(FolderSettings, settings, taker="the test"))
 
 
 @pytest.mark.usefixtures("llvm")

@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, TypeGuard
 
 from .argument_error import ArgumentError
 
 
-def is_number(value: object, *, whole: bool = False) -> bool:
-    """Whether a value is one number, an integer where it must be ``whole``; a truth value is none."""
+def is_number(value: object, *, whole: bool = False) -> TypeGuard[float]:
+    """Tell whether a value is one number, an integer where it must be ``whole``; a truth value is none."""
     single = not isinstance(value, bool) and getattr(value, "shape", ()) == ()
     return single and hasattr(value, "__index__" if whole else "__float__")
 

@@ -81,10 +81,16 @@ def names_checked(taker: Taker) -> Taker:
 
 
 def no_argument(
-    of: Callable[..., Any] | str, given: str, names: Iterable[str], effects: Mapping[str, str] | None = None
+    taker: Callable[..., Any] | str, given: str, names: Iterable[str], effects: Mapping[str, str] | None = None
 ) -> str:
-    """What is said of an argument that a function does not have."""
-    who = of if isinstance(of, str) else of.__qualname__.removesuffix(".__init__")
+    """Say of an argument that a function does not have it, and name the one that is close.
+
+    Args:
+        taker: the function or class, or who else takes arguments.
+        given: the argument.
+        names, effects: as of :func:`did_you_mean`.
+    """
+    who = taker if isinstance(taker, str) else taker.__qualname__.removesuffix(".__init__")
     near = did_you_mean(given, names := list(names), effects)
     listed = f"; it has {', '.join(names)}" if len(names) <= _LISTED else ""
     return f"{who} has no argument {given!r}{near or listed}"

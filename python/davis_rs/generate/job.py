@@ -22,7 +22,7 @@ from ..simulation.folder import simulate_to_folder
 from ..simulation.monte_carlo_noise import noise_before_run, refuse_noise
 from ..simulation.no_events import NoEventsWarning
 from ..simulation.noise_estimate import NoiseError, NoiseEstimate, NoiseWarning
-from ..simulation.settings import FolderSettings, ViewSettings, complete, only, view_scene
+from ..simulation.settings import FolderSettings, complete, view_scene
 from .folder import discard, publish, working_folder
 from .manifest import describe_folder
 from .sequence import DrawnSequence
@@ -79,7 +79,7 @@ def noise_of(sequence: DrawnSequence) -> NoiseEstimate | None:
     Raises:
         NoiseError: if there will be more than the plan accepts, in the words of a plan.
     """
-    settings = complete(FolderSettings, _settings(sequence), of=str(sequence))
+    settings = complete(FolderSettings, _settings(sequence), taker=str(sequence))
     scene = sequence.on_path(sequence.scene())
     noise = noise_before_run(scene, settings)
     if not sequence.accept_noise:
@@ -108,7 +108,7 @@ def warn_of_looks(sequence: DrawnSequence) -> None:
     """
     scene = sequence.on_path(sequence.scene())
     if scene.lost_looks:
-        viewed = view_scene(scene, complete(ViewSettings, only(ViewSettings, sequence.settings), of="generate"))
+        viewed = view_scene(scene, complete(FolderSettings, sequence.settings, taker="generate"))
         warn_of_lost_looks(viewed.scene, lost_look_shares(viewed.scene, viewed.camera), stacklevel=2)
 
 

@@ -121,9 +121,9 @@ class DrawnSequence:
             return moved(start_pose(scene), given)
         if "time" not in given:
             return moved(scene.path.pose(start_s if self.parameters.get("motion") is None else 0.0), given)
-        if not 0 <= given["time"] <= scene.path.duration_s:
+        if not 0 <= given.time <= scene.path.duration_s:
             raise ValueError(f"time must lie on the scene's path, 0..{scene.path.duration_s:g} s, got {given['time']}")
-        return moved(scene.path.pose(given["time"]), given)
+        return moved(scene.path.pose(given.time), given)
 
     def check(self, scene_of: Callable[[DrawnSequence], Scene] = scene) -> MemoryForecast:
         """Refuse what can be refused without rendering; the rest shows when the simulator is made.
@@ -142,17 +142,17 @@ class DrawnSequence:
         declared = settings_of(FolderSettings)
         for name, value in self.settings.items():
             self._named(partial(declared[name].check, value), declared[name].key)
-        settings = complete(FolderSettings, self.settings, of=str(self))
+        settings = complete(FolderSettings, self.settings, taker=str(self))
         viewed = self._named(lambda: view_scene(scene, settings), "camera", "size", "sensor")
         self._named(lambda: viewed.sensor_effects, "lux_per_luma")
         self._named(lambda: chosen_sampling(settings), "render_rate", "max_displacement", "tolerance")
         self._named(lambda: make_motion_capture(settings), *(name for name in _CAPTURE if name in self.parameters))
         self._named(lambda: make_imu(settings), "imu", "imu_rate", "imu_effects")
-        effects, _ = self._named(lambda: read_effects(settings["effects"]), "effects")
+        effects, _ = self._named(lambda: read_effects(settings.effects), "effects")
         thresholds = {
-            "contrast_threshold": settings["contrast_threshold"],
-            "contrast_threshold_off": settings["contrast_threshold_off"],
-            "log_eps": settings["log_eps"],
+            "contrast_threshold": settings.contrast_threshold,
+            "contrast_threshold_off": settings.contrast_threshold_off,
+            "log_eps": settings.log_eps,
         }
         given: dict[str, Any] = {name: value for name, value in thresholds.items() if value is not None}
         self._named(lambda: CrossingEngine(1, 1, **given, effects=effects.engine_settings()), *thresholds, "effects")

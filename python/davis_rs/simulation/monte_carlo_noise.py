@@ -28,7 +28,7 @@ from ..geometry.pose import FloatArray
 from ..geometry.trajectory.trajectory import Trajectory
 from ..geometry.trajectory.views import Views
 from ..render.base import Renderer
-from ..render.choice import make_renderer, why_not_noise_free
+from ..render.choice import why_not_noise_free
 from ..render.integrator.base import SceneRenderer
 from ..sampling.rules import FixedRate, MaxDisplacement, TimeSampling
 from ..sampling.tolerance import Tolerance
@@ -36,17 +36,19 @@ from ..scene.scene import Scene
 from .noise_estimate import NOISE_LIMIT, NoiseError, NoiseEstimate, percent, share_text
 from .settings import (
     AUTO,
-    FolderSettings,
+    SamplingSettings,
     ViewSettings,
     chosen_sampling,
     complete,
-    renderer_settings,
+    renderer_of,
     takes_settings,
     view_scene,
 )
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
+
+    from .settings.keywords import ViewKeywords
 
 PIXELS = 256
 """How many pixels are followed."""
@@ -79,7 +81,7 @@ IntArray = npt.NDArray[np.int64]
 
 
 @takes_settings(ViewSettings)
-def estimate_noise(scene: Scene, **settings: Unpack[ViewSettings]) -> NoiseEstimate | None:
+def estimate_noise(scene: Scene, **settings: Unpack[ViewKeywords]) -> NoiseEstimate | None:
     """Estimate how many events along a scene's camera path will be Monte Carlo noise; None where there is none at all.
 
     Only what Mitsuba's integrators render has noise: for the native renderer and the table kernel it is None.
@@ -98,14 +100,13 @@ def estimate_noise(scene: Scene, **settings: Unpack[ViewSettings]) -> NoiseEstim
         ValueError: for a value out of range, a scene without a camera path, or one that cannot be rendered.
         OSError: if a scene file or a calibration cannot be read.
     """
-    return _estimate_in(scene, complete(ViewSettings, settings, of=estimate_noise))
+    return _estimate_in(scene, complete(ViewSettings, settings, taker=estimate_noise))
 
 
-def _estimate_in(scene: Scene, given: ViewSettings, sampling: TimeSampling | None = None) -> NoiseEstimate | None:
-    viewed = view_scene(scene, given)
-    renderer = make_renderer(viewed.scene, viewed.camera, **renderer_settings(given))
+def _estimate_in(scene: Scene, settings: ViewSettings, sampling: TimeSampling | None = None) -> NoiseEstimate | None:
+    viewed = view_scene(scene, settings)
     return estimate_noise_of(
-        renderer,
+        renderer_of(viewed, settings),
         viewed.scene.path,
         contrast_threshold=viewed.contrast_threshold,
         contrast_threshold_off=viewed.contrast_threshold_off,
@@ -124,7 +125,7 @@ def estimate_noise_of(
     sampling: TimeSampling | None = None,
     cost_share: float = COST_SHARE,
 ) -> NoiseEstimate | None:
-    """The same as :func:`estimate_noise`, for an existing renderer, which may have a lens.
+    """Estimate as :func:`estimate_noise` does, for an existing renderer, which may have a lens.
 
     The same arguments give the same estimate.
 
@@ -175,18 +176,18 @@ def _estimate(look: _Look, thresholds: tuple[float, float], log_eps: float, run_
     )
 
 
-def noise_before_run(scene: Scene, settings: FolderSettings) -> NoiseEstimate | None:
-    """The same as :func:`estimate_noise`, for a run with complete settings."""
+def noise_before_run(scene: Scene, settings: SamplingSettings) -> NoiseEstimate | None:
+    """Estimate as :func:`estimate_noise` does, for a run with these settings."""
     return _estimate_in(scene, settings, chosen_sampling(settings).sampling)
 
 
-def refuse_noise(noise: NoiseEstimate | None, scene: Scene, settings: FolderSettings) -> None:
+def refuse_noise(noise: NoiseEstimate | None, scene: Scene, settings: ViewSettings) -> None:
     """Refuse a run that would have too much noise.
 
     Args:
         noise: that was estimated.
         scene: of the run.
-        settings: of the run, complete.
+        settings: of the run.
 
     Raises:
         NoiseError: if more than 20 % of the events would be noise, or than ``noise_share`` if that is more. It has all
@@ -194,9 +195,9 @@ def refuse_noise(noise: NoiseEstimate | None, scene: Scene, settings: FolderSett
     """
     if noise is None:
         return
-    limit = max(NOISE_LIMIT, settings["noise_share"])
-    by_auto = noise.samples_for(settings["noise_share"])
-    samples = by_auto if settings["samples"] == AUTO else noise.samples
+    limit = max(NOISE_LIMIT, settings.noise_share)
+    by_auto = noise.samples_for(settings.noise_share)
+    samples = by_auto if settings.samples == AUTO else noise.samples
     share = noise.share_at(samples)
     if not share > limit:
         return
@@ -208,11 +209,11 @@ def refuse_noise(noise: NoiseEstimate | None, scene: Scene, settings: FolderSett
             "rendered",
             "what keeps the renderers without noise from this scene:",
         ]
-        if settings["renderer"] != AUTO:
+        if settings.renderer != AUTO:
             lines.append(f"- Mitsuba's integrators were asked for: give {given('renderer', AUTO)}")
         lines += [f"- {obstacle}" for obstacle in obstacles]
         lines += ["the ways on:", "- mend what is listed: then no event is noise"]
-        if settings["samples"] != AUTO:
+        if settings.samples != AUTO:
             left = noise.share_at(by_auto)
             above = ", still above the limit," if left > limit else ""
             auto = f"with {by_auto} samples about {percent(left)} are noise{above} and the run takes"

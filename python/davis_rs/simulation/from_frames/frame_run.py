@@ -1,11 +1,11 @@
-"""A run over frames: settings made whole, then packets of events."""
+"""Runs over frames: decides what settings leave open, then makes packets of events."""
 
 from __future__ import annotations
 
 import math
 import warnings
 from collections.abc import Iterator
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from itertools import chain
 from typing import Any
 
@@ -25,7 +25,7 @@ from ...sensor.parameters import SensorParameters
 from ...sensor.presets import read_once, sensor_parameters
 from ..model_version import MODEL
 from ..no_events import warned_without_events
-from ..settings import LOG_EPS, FrameSettings, camera_of_size
+from ..settings import LOG_EPS, FrameSettings, camera_of_size, first_given
 from .event_forecast import EventForecast
 from .frame_part import FramePart, frame_part
 from .frame_source import Encoding, FrameSource, StampedFrame
@@ -50,7 +50,7 @@ class FrameRun:
 
     Args:
         source: of the frames.
-        settings: complete ones of :class:`~davis_rs.simulation.settings.FrameSettings`.
+        settings: of the run.
         from_zero: the first frame that is taken gets the stamp 0; else stamps stay as the source has them.
 
     Attributes:
@@ -73,33 +73,33 @@ class FrameRun:
     """
 
     def __init__(self, source: FrameSource, settings: FrameSettings, *, from_zero: bool = False) -> None:
-        self.settings = settings.copy()
-        self.settings["sensor"] = read_once(self.settings["sensor"])
+        self.settings = settings = replace(settings, sensor=read_once(settings.sensor))
         self.source = source
-        _check_times(self.settings)
+        _check_times(settings)
         self._taken = self._frames_between()
         first = next(self._taken, None)
         if first is None:
             raise ValueError(f"{source.name}: there are no frames{self._between_words()}")
         self._first = first
         self._start_us = self._end_us = 0 if from_zero else _rounded(first.t_ns, 1000)
-        sensor = sensor_parameters(self.settings["sensor"])
-        white_level, log_eps = (self.settings[name] for name in ("white_level", "log_eps"))
-        self._values = FrameValues(source.encoding(first), first.image, white_level=white_level, log_eps=log_eps)
+        sensor = sensor_parameters(settings.sensor)
+        self._values = FrameValues(
+            source.encoding(first), first.image, white_level=settings.white_level, log_eps=settings.log_eps
+        )
         self.light = self._light_of(self._values.encoding)
         self._part = self._part_of(first, sensor)
         self.size = self._part.size
-        wanted = self.settings["camera"]
-        self.camera: Camera | None = None if wanted is None else camera_of_size(wanted, self.size, "the frames")
-        on = _first(self.settings["contrast_threshold"], sensor.contrast_threshold, CONTRAST_THRESHOLD)
-        off = _first(self.settings["contrast_threshold_off"], sensor.contrast_threshold_off, on)
+        lens = settings.camera
+        self.camera: Camera | None = None if lens is None else camera_of_size(lens, self.size, "the frames")
+        on = first_given(settings.contrast_threshold, sensor.contrast_threshold, CONTRAST_THRESHOLD)
+        off = first_given(settings.contrast_threshold_off, sensor.contrast_threshold_off, on)
         self.contrast_threshold, self.contrast_threshold_off = on, off
-        self.start_phase = self.settings["start_phase"] or sensor.start_phase
-        self.lux_per_luma = _first(self.settings["lux_per_luma"], LUX_PER_LUMA)
+        self.start_phase = settings.start_phase or sensor.start_phase
+        self.lux_per_luma = first_given(settings.lux_per_luma, LUX_PER_LUMA)
         self.effects, self.left_out = self._effects(sensor)
         self._optics = self._lens()
-        self._dark_luma = _first(sensor.dark_luma(self.lux_per_luma), LOG_EPS)
-        self.log_eps = _first(log_eps, self._dark_level(self.light))
+        self._dark_luma = first_given(sensor.dark_luma(self.lux_per_luma), LOG_EPS)
+        self.log_eps = first_given(settings.log_eps, self._dark_level(self.light))
         # What is averaged over areas or blurred has finer levels than the frames, and rounding shows less.
         plain = self._optics is None and self.size == (self._part.width, self._part.height)
         self.quantisation = QuantisationCount(self.light.levels if plain else None)
@@ -109,7 +109,7 @@ class FrameRun:
         self.memory = frames_forecast(
             self.size,
             frame_bytes=first.image.nbytes / math.prod(self.size),
-            flow=self.settings["interpolation"] in ("auto", "flow"),
+            flow=settings.interpolation in ("auto", "flow"),
             effects=bool(self.effects.engine_settings()),
         )
         self.memory.refuse()
@@ -121,8 +121,8 @@ class FrameRun:
             interpolation=self.interpolation.engine,
             effects=self.effects.engine_settings(),
             start_phase=self.start_phase,
-            seed=self.settings["seed"],
-            threads=self.settings["threads"],
+            seed=settings.seed,
+            threads=settings.threads,
         )
 
     @property
@@ -179,8 +179,8 @@ class FrameRun:
 
     def describe(self) -> dict[str, Any]:
         """All that a repetition needs, for meta.json; what was found on the way is there after :meth:`packets`."""
-        sensor = self.settings["sensor"]
-        given = {name: value for name, value in self.settings.items() if name not in _TOLD_ELSEWHERE}
+        sensor = self.settings.sensor
+        given = {name: value for name, value in self.settings.by_name().items() if name not in _TOLD_ELSEWHERE}
         return {
             "davis_rs": __version__,
             "model": MODEL,
@@ -229,7 +229,7 @@ class FrameRun:
     def notes(self) -> Iterator[str]:
         """What is assumed about the frames, a line each, for people."""
         about = self.source.describe()
-        transfer = f"{self.light.transfer} ({'given' if self.settings['transfer'] else self._why_transfer(about)})"
+        transfer = f"{self.light.transfer} ({'given' if self.settings.transfer else self._why_transfer(about)})"
         step = (
             f" in steps of {self._values.encoding.step:.4g}, as in the first frame," if self._values.step_found else ""
         )
@@ -242,7 +242,7 @@ class FrameRun:
         yield f"{self.source.name}: {encoded}"
         if self._first.t_ns:
             yield start_line(self._first.t_ns, "the frames")
-        if self.settings["log_eps"] is None and self.log_eps > self._dark_luma:
+        if self.settings.log_eps is None and self.log_eps > self._dark_luma:
             yield (
                 f"log_eps {self.log_eps:.3g}: with {self._dark_luma:.3g} one grey level in the dark would be more than "
                 f"C = {min(self.contrast_threshold, self.contrast_threshold_off):g} (--log-eps)"
@@ -266,7 +266,7 @@ class FrameRun:
         return "by the type of the values"
 
     def _light_of(self, encoding: Encoding) -> Light:
-        return Light(encoding, self.settings["transfer"], self.settings["white_level"])
+        return Light(encoding, self.settings.transfer, self.settings.white_level)
 
     def _dark_level(self, light: Light) -> float:
         """The dark level that keeps a step of these frames below C."""
@@ -280,7 +280,7 @@ class FrameRun:
         """Warn where all frames together show another step than the first, by which the dark level was chosen."""
         shown = self._values.shown()
         fitting = self._dark_level(self._light_of(shown))
-        if self.settings["log_eps"] is None and not math.isclose(fitting, self.log_eps, rel_tol=_SAME_DARK_LEVEL):
+        if self.settings.log_eps is None and not math.isclose(fitting, self.log_eps, rel_tol=_SAME_DARK_LEVEL):
             warnings.warn(
                 f"{self.source.name}: all frames together have values in steps of {shown.step:.4g}, and the first "
                 f"frame did not show it: log_eps {fitting:.3g} fits them, {self.log_eps:.3g} was taken",
@@ -290,8 +290,8 @@ class FrameRun:
 
     def _frames_between(self) -> Iterator[StampedFrame]:
         """The frames from start to stop, their stamps increasing."""
-        start_ns = round(self.settings["start_s"] * 1e9)
-        stop_s = self.settings["stop_s"]
+        start_ns = round(self.settings.start_s * 1e9)
+        stop_s = self.settings.stop_s
         first_ns = last_ns = None
         for frame in self.source.frames():
             if last_ns is not None and frame.t_ns <= last_ns:
@@ -315,7 +315,7 @@ class FrameRun:
 
     def _seen(self, frames: Iterator[StampedFrame]) -> Iterator[SensorFrame]:
         shape, dtype = self._first.image.shape, self._first.image.dtype
-        scale = 1000 * self.settings["slow_motion"]
+        scale = 1000 * self.settings.slow_motion
         last_us, last = -1, None
         for frame in frames:
             if frame.image.shape != shape:
@@ -347,7 +347,7 @@ class FrameRun:
     def _part_of(self, first: StampedFrame, sensor: SensorParameters) -> FramePart:
         height, width = first.image.shape[:2]
         asked = self.settings
-        part = frame_part(width, height, crop=asked["crop"], roi=asked["roi"], size=asked["size"])
+        part = frame_part(width, height, crop=asked.crop, roi=asked.roi, size=asked.size)
         (width, height), own = part.size, (sensor.width, sensor.height)
         if own[0] is None or own[1] is None or part.size == own:
             return part
@@ -361,7 +361,7 @@ class FrameRun:
     def _effects(self, sensor: SensorParameters) -> tuple[Effects, tuple[str, ...]]:
         """Return the given effects over the sensor's, and the names of the sensor's that frames do not allow."""
         named = effects_of(
-            self.settings["effects"],
+            self.settings.effects,
             not_planned="is for a scene that can be rendered; for frames name {sensor} or {effects}",
         )
         if named.aps is not None:
@@ -376,7 +376,7 @@ class FrameRun:
         return Optics(self.camera, self.effects) if self.effects.optical else None
 
     def _interpolation(self) -> Interpolation:
-        chosen, step_px = self.settings["interpolation"], self.settings["max_displacement_px"]
+        chosen, step_px = self.settings.interpolation, self.settings.max_displacement_px
         if chosen == "linear":
             return Linear()
         if chosen == "cubic":
@@ -389,10 +389,10 @@ class FrameRun:
             raise ImportError(f"{error}; or choose interpolation linear or cubic, which do without") from error
 
     def _between_words(self) -> str:
-        stop_s = self.settings["stop_s"]
+        stop_s = self.settings.stop_s
         end = "the end" if stop_s is None else f"{stop_s:g} s"
-        whole = self.settings["start_s"] == 0 and stop_s is None
-        return "" if whole else f" between {self.settings['start_s']:g} s and {end}"
+        whole = self.settings.start_s == 0 and stop_s is None
+        return "" if whole else f" between {self.settings.start_s:g} s and {end}"
 
 
 _SAME_DARK_LEVEL = 0.05
@@ -402,9 +402,9 @@ _TOLD_ELSEWHERE = {"camera", "size", "effects", "threads", "crop", "roi", "trans
 
 
 def _check_times(settings: FrameSettings) -> None:
-    if settings["stop_s"] is not None and settings["stop_s"] <= settings["start_s"]:
+    if settings.stop_s is not None and settings.stop_s <= settings.start_s:
         raise ArgumentError(
-            "{stop_s} must be after {start_s}, got {:g} s and {:g} s", settings["stop_s"], settings["start_s"]
+            "{stop_s} must be after {start_s}, got {:g} s and {:g} s", settings.stop_s, settings.start_s
         )
 
 
@@ -416,12 +416,8 @@ def _rounded(value_ns: int, unit_ns: float) -> int:
     return round(value_ns / unit_ns)
 
 
-def _both_floating(one: np.dtype[Any], other: np.dtype[Any]) -> bool:
-    return np.issubdtype(one, np.floating) and np.issubdtype(other, np.floating)
-
-
-def _first(*values: float | None) -> float:
-    return next(value for value in values if value is not None)
+def _both_floating(first: np.dtype[np.generic], second: np.dtype[np.generic]) -> bool:
+    return np.issubdtype(first, np.floating) and np.issubdtype(second, np.floating)
 
 
 def _seconds(t_ns: int) -> str:
