@@ -71,7 +71,7 @@ def names_checked(taker: Taker) -> Taker:
     names = frozenset(names_of(taker))
 
     @wraps(taker)
-    def checked(*arguments: Any, **by_name: Any) -> Any:
+    def checked(*arguments: object, **by_name: object) -> object:
         for name in by_name:
             if name not in names:
                 raise TypeError(no_argument(taker, name, names_of(taker)))

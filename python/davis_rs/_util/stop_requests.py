@@ -7,7 +7,6 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
-from typing import Any
 
 
 @contextmanager
@@ -20,7 +19,7 @@ def stop_requests() -> Iterator[Callable[[], bool]]:
         signal.signal(number, before[number])
 
     try:
-        before: dict[int, Any] = {int(number): signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+        before = {int(number): signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
         for number in before:
             signal.signal(number, wish)
     except ValueError:  # not in the main thread: signals are the caller's

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -211,7 +210,7 @@ def _matrix(rotation: FloatArray, position: FloatArray) -> FloatArray:
     return matrix
 
 
-def _room(scale: float, texel: float) -> dict[str, Any]:
+def _room(scale: float, texel: float) -> dict[str, object]:
     box = np.diag([0.03 * scale, 0.025 * scale, 0.03 * scale, 1.0])
     box[:3, 3] = np.array([0.05, 0.03, 0.03]) * scale
     return {
@@ -223,7 +222,7 @@ def _room(scale: float, texel: float) -> dict[str, Any]:
     }
 
 
-def _floor(scale: float, texel: float) -> dict[str, Any]:
+def _floor(scale: float, texel: float) -> dict[str, object]:
     """A floor of squares of random grey, the brightest three times as bright as the darkest."""
     grey = np.random.Generator(np.random.PCG64(7)).uniform(0.25, 0.75, (_TEXELS, _TEXELS))
     data = np.repeat(grey[..., None], 3, -1).astype(np.float32)
@@ -235,7 +234,7 @@ def _floor(scale: float, texel: float) -> dict[str, Any]:
     }
 
 
-def _wires() -> dict[str, Any]:
+def _wires() -> dict[str, object]:
     parts = _room(1.0, 0.02)
     del parts["box"]
     for k, (x, pixels) in enumerate(zip(np.linspace(-0.09, 0.11, 6), [0.3, 0.45, 1.0] * 2, strict=True)):

@@ -10,7 +10,7 @@ import json
 from collections.abc import Generator
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -113,7 +113,7 @@ def exact_crossings(renderer: Renderer, recipe: Recipe, *, pixels: float = EXACT
     """
     engine = recipe.engine(renderer, "linear")
     times = _instants(renderer, recipe, pixels)
-    found: list[tuple[npt.NDArray[Any], ...]] = []
+    found: list[tuple[npt.NDArray[np.generic], ...]] = []
     last_us = 0
     for start in range(0, len(times), renderer.poses_per_launch):
         batch = times[start : start + renderer.poses_per_launch]

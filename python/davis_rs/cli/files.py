@@ -192,7 +192,7 @@ def _parts(text: str | None) -> tuple[str, ...] | None:
     return () if text == "none" else tuple(name.strip() for name in text.split(","))
 
 
-def _option(text: str) -> tuple[str, Any]:
+def _option(text: str) -> tuple[str, bool | int | str]:
     name, equals, value = text.partition("=")
     if not (name.isidentifier() and equals):
         raise argparse.ArgumentTypeError(f"expected NAME=VALUE such as compression=lz4, got {text!r}")

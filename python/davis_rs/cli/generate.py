@@ -6,7 +6,6 @@ import argparse
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 from .._util.terminal_text import tell
 from ..generate import generate_sequences, load_sequence_plan, verify_sequences
@@ -75,7 +74,7 @@ def _verify(options: argparse.Namespace) -> int:
     return 1 if wrong else 0
 
 
-def _flat(parameters: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:
+def _flat(parameters: Mapping[str, object], prefix: str = "") -> Iterator[tuple[str, str]]:
     for key, value in parameters.items():
         if isinstance(value, Mapping):
             yield from _flat(value, f"{prefix}{key}.")
@@ -83,7 +82,7 @@ def _flat(parameters: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str
             yield prefix + key, _short(value)
 
 
-def _short(value: Any) -> str:
+def _short(value: object) -> str:
     if isinstance(value, list):
         return f"[{', '.join(map(_short, value))}]"
     return f"{value:.6g}" if isinstance(value, float) else "-" if value is None else str(value)

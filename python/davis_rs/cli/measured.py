@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, TypedDict
 
 from .._util.progress import progress
 from .common import sensor_size
@@ -42,7 +42,7 @@ def measured(path: str, options: argparse.Namespace) -> StreamStatistics:
     from ..inspection.statistics import measure_stream
 
     with progress(f"reading {path}", 100.0, unit="%", show=not options.quiet) as bar:
-        return measure_stream(path, progress=lambda share: bar.to(100.0 * share), **_part(options))
+        return measure_stream(path, progress=lambda share: bar.to(100.0 * share), **_measured(options))
 
 
 def measured_with_frames(path: str, options: argparse.Namespace, lux: float | None) -> MeasuredRecording:
@@ -50,9 +50,19 @@ def measured_with_frames(path: str, options: argparse.Namespace, lux: float | No
     from ..calibrate.sensor import measure_recording
 
     with progress(f"reading {path}", 100.0, unit="%", show=not options.quiet) as bar:
-        return measure_recording(path, progress=lambda share: bar.to(100.0 * share), lux=lux, **_part(options))
+        return measure_recording(path, progress=lambda share: bar.to(100.0 * share), lux=lux, **_measured(options))
 
 
-def _part(options: argparse.Namespace) -> dict[str, Any]:
-    region = None if options.quiet_region is None else tuple(options.quiet_region)
-    return {"size": options.size, "quiet": region, "start_s": options.start_s, "stop_s": options.stop_s}
+class _Measured(TypedDict):
+    """Which pixels and which time of a recording are measured."""
+
+    size: tuple[int, int] | None
+    quiet: tuple[int, int, int, int] | None
+    start_s: float
+    stop_s: float | None
+
+
+def _measured(options: argparse.Namespace) -> _Measured:
+    region = options.quiet_region
+    quiet = None if region is None else (region[0], region[1], region[2], region[3])
+    return {"size": options.size, "quiet": quiet, "start_s": options.start_s, "stop_s": options.stop_s}

@@ -8,7 +8,6 @@ import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -233,8 +232,9 @@ class LiveOutput:
 
 
 def _decode(options: argparse.Namespace) -> int:
-    policy: dict[str, Any] = {"backward": "keep", "outside": "drop", "max_packet_bytes": options.max_packet_bytes}
-    with open_reader(options.recording, **policy) as reader:
+    with open_reader(
+        options.recording, backward="keep", outside="drop", max_packet_bytes=options.max_packet_bytes
+    ) as reader:
         source = _stream(reader, options)
         output: DecodedOutput | None = None
         if options.output is not None:

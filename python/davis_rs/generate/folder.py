@@ -8,7 +8,32 @@ import re
 import shutil
 from itertools import count
 from pathlib import Path
+from typing import TypedDict
 from uuid import uuid4
+
+
+class ShardFile(TypedDict):
+    """What the manifest says of a file with many sequences: its name, size in bytes and SHA-256."""
+
+    name: str
+    bytes: int
+    sha256: str
+
+
+class _Line(TypedDict):
+    name: str
+    parameters: dict[str, object]
+    events: int
+    duration_us: int
+    files: int
+    sha256: str
+
+
+class ManifestLine(_Line, total=False):
+    """What the manifest says of a sequence; ``shard`` is there where its files are in one."""
+
+    shard: ShardFile
+
 
 CHECKSUMS = "sha256sums.txt"
 """In every folder, of all other files that it is made with, by name and as ``sha256sum --check`` reads it."""

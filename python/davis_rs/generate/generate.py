@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from functools import cache, partial
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, overload
+from typing import TYPE_CHECKING, overload
 
 from .._util.argument_error import ArgumentError
 from .._util.budget import readable_bytes
@@ -19,7 +19,7 @@ from ..scene.files.mesh_scene import Axis
 from ..scene.load import load_scene
 from ..scene.scene import Scene
 from ..simulation.noise_estimate import NoiseError
-from .folder import discard_hidden
+from .folder import ManifestLine, discard_hidden
 from .job import begin_worker, make_sequence, noise_of, warn_of_looks
 from .manifest import Manifest, claim_root, describe_folder, read_manifest, write_plan
 from .sequence import DrawnSequence
@@ -258,7 +258,7 @@ def _outcomes(
     workers: int | None,
     cluster: str | Path | Client | None,
     say: Callable[[str], None],
-) -> Generator[Outcome[DrawnSequence, dict[str, Any]], None, None]:
+) -> Generator[Outcome[DrawnSequence, ManifestLine], None, None]:
     if not missing:
         return
     if cluster is not None:
@@ -281,10 +281,10 @@ def _outcomes(
     )
 
 
-def _make(root: Path, threads: int, sequence: DrawnSequence) -> dict[str, Any]:
+def _make(root: Path, threads: int, sequence: DrawnSequence) -> ManifestLine:
     return make_sequence(sequence, root, threads)
 
 
-def _make_on_cluster(root: Path, sequence: DrawnSequence, threads: int) -> dict[str, Any]:
+def _make_on_cluster(root: Path, sequence: DrawnSequence, threads: int) -> ManifestLine:
     begin_worker(threads)
     return make_sequence(sequence, root, threads)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -48,7 +48,7 @@ def write_hdf5_shard(path: Path, folders: Sequence[Path]) -> None:
                 group[f"files/{name}"] = np.frombuffer(data, np.uint8)
 
 
-def _add(group: h5py.Group, name: str, values: npt.NDArray[Any]) -> None:
+def _add(group: h5py.Group, name: str, values: npt.NDArray[np.generic]) -> None:
     import h5py
 
     if values.dtype.kind in "US":  # names of shapes

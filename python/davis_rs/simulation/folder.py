@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -62,7 +62,7 @@ def simulate_to_folder(
     start_s: float = 0.0,
     duration_s: float | None = None,
     overwrite: bool = False,
-    meta: Mapping[str, Any] | None = None,
+    meta: Mapping[str, object] | None = None,
     quiet: bool = False,
     **settings: Unpack[FolderKeywords],
 ) -> SimulationReport:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
@@ -86,7 +85,7 @@ class NoiseEstimate:
         enough = (n for n in SAMPLE_NUMBERS if n > self.samples and self.share_at(n) <= share)
         return self.samples if not self.known or self.share_at(self.samples) <= share else next(enough, 1024)
 
-    def describe(self, samples: int | None = None) -> dict[str, Any]:
+    def describe(self, samples: int | None = None) -> dict[str, object]:
         """Return the estimate in JSON's types, for meta.json.
 
         Args:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, TypedDict
 
 import numpy as np
 import numpy.typing as npt
@@ -14,7 +14,7 @@ from .._util.argument_checks import check_number
 from .._util.argument_error import ArgumentError
 from .._util.read_ahead import read_ahead
 from ..events.arrays import EventArray, concatenate_events
-from ..events.packet import Packet
+from ..events.packet import Displacement, Packet
 from ..geometry.pose import Pose, PoseLike, as_pose
 from ..geometry.trajectory.trajectory import SegmentTrajectory, Trajectory
 from ..geometry.trajectory.views import Views
@@ -27,7 +27,7 @@ from ..sampling.keyframes import Keyframe, Stretch
 from ..scene.scene import Scene
 from ..sensor.effects import with_optics
 from .due_instants import DueInstant, due_instants
-from .run_description import describe_run
+from .run_description import SimulatorDescription, describe_run
 from .settings import Resolved, SimulatorSettings, complete, resolve, takes_settings, truth_rates_hz
 
 if TYPE_CHECKING:
@@ -39,6 +39,15 @@ TRUTH_MAPS = ("flow", "mask", "normal")
 """Maps of the ground truth that fall due at rates of their own."""
 
 _LATEST_US = 1 << 53
+
+
+class _TruthMaps(TypedDict, total=False):
+    """Fields of a :class:`Packet`."""
+
+    flow: npt.NDArray[np.float32]
+    displacement: Displacement
+    shapes: npt.NDArray[np.uint16]
+    normals: npt.NDArray[np.float32]
 
 
 @takes_settings(SimulatorSettings)
@@ -224,7 +233,7 @@ class Simulator:
         """How often a pixel reached a level before its last event was read out and its reset over; 0 without a bus."""
         return self._engine.missed_events
 
-    def describe(self) -> dict[str, Any]:
+    def describe(self) -> SimulatorDescription:
         """Return everything that is needed to repeat the run, for meta.json."""
         parameters = {
             **self.settings.by_name(),
@@ -238,9 +247,15 @@ class Simulator:
             "sampling": repr(self.sampling),
             "refine": self.refine,
         }
-        described = describe_run(self.scene, self.camera, self.renderer, self.effects, parameters)
-        lost = {str(look): share for look, share in self.lost_looks.items()}
-        return {**described, "custom_effects": self.custom_effects.describe(), "lost_looks": lost}
+        return describe_run(
+            self.scene,
+            self.camera,
+            self.renderer,
+            self.effects,
+            parameters,
+            custom_effects=self.custom_effects,
+            lost_looks=self.lost_looks,
+        )
 
     def _packets(self, trajectory: Trajectory, start_us: int, end_us: int, *, ahead: bool = False) -> Iterator[Packet]:
         """Packets of (start_us, end_us], or of the very first instant too; the trajectory starts at ``start_us``.
@@ -289,9 +304,9 @@ class Simulator:
             yield Packet(packet_start, due.t_us, events, pose, luma, depth, frame, **truth)
             due = next(instants, due)
 
-    def _truth(self, stretch: Stretch, due: DueInstant) -> dict[str, Any]:
-        """The packet's maps of the ground truth that fall due."""
-        maps: dict[str, Any] = {}
+    def _truth(self, stretch: Stretch, due: DueInstant) -> _TruthMaps:
+        """Render the packet's maps of the ground truth that fall due."""
+        maps: _TruthMaps = {}
         if self.surfaces is None or due.due.isdisjoint(TRUTH_MAPS):
             return maps
         size = self.camera.height, self.camera.width

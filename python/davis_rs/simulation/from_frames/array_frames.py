@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from ..._util.budget import Budget
 from ..._util.untrusted import decoding, regular_file
-from .frame_source import Encoding, FrameSource, GivenStamps, StampedFrame, Stamps, charge_frame
+from .frame_source import Encoding, FrameArray, FrameSource, GivenStamps, StampedFrame, Stamps, charge_frame
 
 
 class ArrayFrames(FrameSource):
@@ -45,7 +44,7 @@ class ArrayFrames(FrameSource):
     def encoding(self, first: StampedFrame) -> Encoding:
         return Encoding.of(first.image.dtype, first.where)
 
-    def describe(self) -> dict[str, Any]:
+    def describe(self) -> dict[str, object]:
         return {"kind": "arrays", "name": self.name}
 
 
@@ -63,11 +62,11 @@ class NpyFrames(ArrayFrames):
             stack = np.load(regular_file(path), mmap_mode="r", allow_pickle=False)
         super().__init__(stack, stamps_ns, str(path))
 
-    def describe(self) -> dict[str, Any]:
+    def describe(self) -> dict[str, object]:
         return {"kind": "npy", "file": self.name}
 
 
-def _checked(image: npt.NDArray[Any], where: str) -> npt.NDArray[Any]:
+def _checked(image: FrameArray, where: str) -> FrameArray:
     """The frame with one or three values a pixel."""
     if image.ndim == 3 and image.shape[2] == 1:
         image = image[..., 0]

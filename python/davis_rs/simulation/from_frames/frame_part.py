@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from ..._util.argument_checks import as_size, parse_size
 from ..._util.argument_error import ArgumentError
+from .frame_source import FrameArray
 
 _SAME_SHAPE = 0.01
 """How far the two sides may be reduced by different factors: a pixel or so of rounding, not a stretched image."""
@@ -29,7 +30,7 @@ class FramePart(NamedTuple):
     height: int
     size: tuple[int, int]
 
-    def cut(self, image: npt.NDArray[np.generic]) -> npt.NDArray[np.generic]:
+    def cut(self, image: FrameArray) -> FrameArray:
         """The rectangle of a frame (H, W, ...), not copied."""
         return image[self.top : self.top + self.height, self.left : self.left + self.width]
 

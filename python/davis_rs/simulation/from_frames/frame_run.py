@@ -25,6 +25,7 @@ from ...sensor.parameters import SensorParameters
 from ...sensor.presets import read_once, sensor_parameters
 from ..model_version import MODEL
 from ..no_events import warned_without_events
+from ..run_description import RunDescription
 from ..settings import LOG_EPS, FrameSettings, camera_of_size, first_given
 from .event_forecast import EventForecast
 from .frame_part import FramePart, frame_part
@@ -43,8 +44,26 @@ _FRAMES_AHEAD = 4
 """Frames that are decoded while the ones before them are worked on."""
 
 
+class FramesDescription(RunDescription):
+    """What ``meta.json`` says of events from frames too.
+
+    Attributes:
+        frames: what they are and how they are taken.
+        start_time_ns: the stamp of the first frame.
+        interpolation: what lies between frames.
+        camera: lens and size of the image; None where that is not known.
+        effects_left_out: effects of the sensor that frames cannot have.
+    """
+
+    frames: dict[str, object]
+    start_time_ns: int
+    interpolation: dict[str, object]
+    camera: dict[str, object] | None
+    effects_left_out: list[str]
+
+
 class FrameRun:
-    """Frames on their way to events, by settings that are all decided; :meth:`packets` goes through them once.
+    """Makes events from frames: decides the settings, then :meth:`packets` goes through the frames once.
 
     The first frame is read at once: it says how large the sensor is.
 
@@ -127,16 +146,16 @@ class FrameRun:
 
     @property
     def dropped_events(self) -> int:
-        """How many events the readout has dropped so far."""
+        """Count the events that the readout has dropped so far."""
         return self._engine.dropped_events
 
     @property
     def missed_events(self) -> int:
-        """How often a pixel has reached a level before its last event was read out and its reset over."""
+        """Count how often a pixel has reached a level before its last event was read out and its reset over."""
         return self._engine.missed_events
 
     def packets(self) -> Iterator[Packet]:
-        """One packet a frame: it ends at the frame's instant, and ``luma`` is what the pixels saw there.
+        """Yield one packet a frame: it ends at the frame's instant, and ``luma`` is what the pixels saw there.
 
         The first has no events: it sets the references. Where a readout still holds events at the end, one more brings
         them.
@@ -172,13 +191,13 @@ class FrameRun:
         yield from self.flush()
 
     def flush(self) -> Iterator[Packet]:
-        """What a readout still holds after the last frame: a packet, if there is any."""
+        """Yield what a readout still holds after the last frame: a packet, if there is any."""
         late = self._engine.flush()
         if len(late):
             yield Packet(self._end_us, int(late["t"][-1]), late, None)
 
-    def describe(self) -> dict[str, Any]:
-        """All that a repetition needs, for meta.json; what was found on the way is there after :meth:`packets`."""
+    def describe(self) -> FramesDescription:
+        """Return all that a repetition needs, for meta.json; after :meth:`packets` also what the frames showed."""
         sensor = self.settings.sensor
         given = {name: value for name, value in self.settings.by_name().items() if name not in _TOLD_ELSEWHERE}
         return {
@@ -203,8 +222,8 @@ class FrameRun:
             "effects_left_out": list(self.left_out),
         }
 
-    def describe_frames(self) -> dict[str, Any]:
-        """What the frames are and how they are taken, for meta.json; the step of those that were read so far."""
+    def describe_frames(self) -> dict[str, object]:
+        """Return what the frames are and how they are taken, for meta.json, by those that were read so far."""
         return {
             **self.source.describe(),
             "transfer": self.light.transfer,
@@ -217,7 +236,7 @@ class FrameRun:
 
     @property
     def step_line(self) -> str:
-        """What follows from the step that the first frame shows, for people; "" where it is as the source says."""
+        """Say what follows from the step that the first frame shows, for people; "" where it is as the source says."""
         if not self._values.step_found:
             return ""
         return (
@@ -227,7 +246,7 @@ class FrameRun:
         )
 
     def notes(self) -> Iterator[str]:
-        """What is assumed about the frames, a line each, for people."""
+        """Say what is assumed about the frames, a line each, for people."""
         about = self.source.describe()
         transfer = f"{self.light.transfer} ({'given' if self.settings.transfer else self._why_transfer(about)})"
         step = (
@@ -254,13 +273,13 @@ class FrameRun:
             yield f"of the sensor's effects {names} is left out: the intensity frames are what came in"
 
     def findings(self) -> Iterator[str]:
-        """What was found on the way, a line each, for people."""
+        """Say what was found on the way, a line each, for people."""
         yield from self.interpolation.findings()
         if self.quantisation.counts and self.quantisation.suspect:
             yield str(self.quantisation)
 
     @staticmethod
-    def _why_transfer(about: dict[str, Any]) -> str:
+    def _why_transfer(about: dict[str, object]) -> str:
         if about["kind"] == "video":
             return "as the video says" if about["transfer_stated"] else "the video does not say"
         return "by the type of the values"
@@ -269,7 +288,7 @@ class FrameRun:
         return Light(encoding, self.settings.transfer, self.settings.white_level)
 
     def _dark_level(self, light: Light) -> float:
-        """The dark level that keeps a step of these frames below C."""
+        """Choose the dark level that keeps a step of these frames below C."""
         return dark_level(light.levels, min(self.contrast_threshold, self.contrast_threshold_off), self._dark_luma)
 
     def _warn_of_values(self) -> None:
@@ -289,7 +308,7 @@ class FrameRun:
             )
 
     def _frames_between(self) -> Iterator[StampedFrame]:
-        """The frames from start to stop, their stamps increasing."""
+        """Yield the frames from start to stop, their stamps increasing."""
         start_ns = round(self.settings.start_s * 1e9)
         stop_s = self.settings.stop_s
         first_ns = last_ns = None
@@ -305,7 +324,7 @@ class FrameRun:
                 yield frame
 
     def _sensor_frames(self) -> Iterator[SensorFrame]:
-        """The frames as the sensor sees them, made ahead in a thread of their own."""
+        """Yield the frames as the sensor sees them, made ahead in a thread of their own."""
         count = 0
         for frame in read_ahead(self._seen(chain([self._first], self._taken)), most=_FRAMES_AHEAD):
             count += 1
@@ -409,14 +428,14 @@ def _check_times(settings: FrameSettings) -> None:
 
 
 def _rounded(value_ns: int, unit_ns: float) -> int:
-    """The time in the unit, rounded to the nearest with halves up; an integer where the unit is one."""
+    """Round a time to the nearest unit, halves up; exactly where the unit is an integer."""
     if unit_ns == int(unit_ns):
         unit = int(unit_ns)
         return (2 * value_ns + unit) // (2 * unit)
     return round(value_ns / unit_ns)
 
 
-def _both_floating(first: np.dtype[np.generic], second: np.dtype[np.generic]) -> bool:
+def _both_floating(first: np.dtype[Any], second: np.dtype[Any]) -> bool:
     return np.issubdtype(first, np.floating) and np.issubdtype(second, np.floating)
 
 

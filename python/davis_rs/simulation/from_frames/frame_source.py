@@ -25,6 +25,9 @@ def charge_frame(budget: Budget, width: int, height: int) -> None:
     budget.take(PIXEL_BYTES * width * height, f"a frame of {width} x {height} pixels")
 
 
+FrameArray = npt.NDArray[Any]
+"""A frame (H, W) or (H, W, 3): uint8, uint16 or floating point, which is known only when it is read."""
+
 Stamps = Iterator[int] | Sequence[int]
 """Stamps in nanoseconds, one a frame: as many as there are frames, or an iterator that may have more."""
 
@@ -39,7 +42,7 @@ class StampedFrame(NamedTuple):
     """
 
     t_ns: int
-    image: npt.NDArray[Any]
+    image: FrameArray
     where: str
 
 
@@ -64,7 +67,7 @@ class Encoding:
 
     @property
     def step(self) -> float | None:
-        """How far apart neighbouring values of the source are; None for floating point."""
+        """Return how far apart neighbouring values of the source are; None for floating point."""
         return None if self.levels is None else (self.white - self.black) / self.levels
 
     def in_frame(self, value: float) -> float:
@@ -102,7 +105,7 @@ class GivenStamps:
         self._count = 0
 
     def next(self, where: str) -> int:
-        """The stamp of the frame at ``where``, in nanoseconds.
+        """Return the stamp of the frame at ``where``, in nanoseconds.
 
         Raises:
             ValueError: if there is none.
@@ -114,7 +117,7 @@ class GivenStamps:
         return int(t_ns)
 
     def end(self) -> None:
-        """Checks that no stamps are left; to be called after the last frame.
+        """Check that no stamps are left; to be called after the last frame.
 
         Raises:
             ValueError: if there are more stamps.
@@ -148,5 +151,5 @@ class FrameSource(ABC):
         """Return how values encode light; a source may know it only from the first frame on."""
 
     @abstractmethod
-    def describe(self) -> dict[str, Any]:
+    def describe(self) -> dict[str, object]:
         """Return what a repetition needs, in JSON's types, for meta.json."""

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from .frame_source import Encoding
+from .frame_source import Encoding, FrameArray
 
 _CERTAIN = 16.0
 """A step is believed if values of a finer source would show it by chance with a probability below exp(-16)."""
@@ -51,7 +50,7 @@ class FrameValues:
     """
 
     def __init__(
-        self, stated: Encoding, first: npt.NDArray[Any], *, white_level: float | None, log_eps: float | None
+        self, stated: Encoding, first: FrameArray, *, white_level: float | None, log_eps: float | None
     ) -> None:
         self._stated = stated
         self._white_given, self._dark_given = white_level is not None, log_eps is not None
@@ -69,7 +68,7 @@ class FrameValues:
         """Whether the first frame shows larger steps than the source says."""
         return self.encoding != self._stated
 
-    def add(self, image: npt.NDArray[Any]) -> None:
+    def add(self, image: FrameArray) -> None:
         """Take the values of a frame."""
         if self._stated.by_type:
             self._largest = max(self._largest, float(image.max()))
@@ -142,7 +141,7 @@ def _step_of(values: npt.NDArray[np.intp]) -> float | None:
     return float(gaps[gaps <= 1.5 * least].mean())
 
 
-def _are_eight_bits(image: npt.NDArray[Any], white: float) -> bool:
+def _are_eight_bits(image: FrameArray, white: float) -> bool:
     """Whether values of floating point are the integers from 0 to 255, times ``white`` / 255."""
     if not (image.min() >= 0 and image.max() <= white):
         return False

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -55,7 +54,7 @@ class Motion:
         self.unsure += unsure
         self.largest_px = max(self.largest_px, moved_px)
 
-    def describe(self) -> dict[str, Any]:
+    def describe(self) -> dict[str, object]:
         """The counts in JSON's types."""
         return {
             "intervals_without_frames_between": self.by_cubics,
@@ -136,7 +135,7 @@ class FramesBetween(Interpolation):
             if given != len(asked):
                 raise ValueError(f"{where}: it was asked for {len(asked)} frames, and gave {given}")
 
-    def describe(self) -> dict[str, Any]:
+    def describe(self) -> dict[str, object]:
         rule = "flow" if self._interpolator is None else "interpolator"
         name = {} if self._interpolator is None else {"interpolator": repr(self._interpolator)}
         return {"rule": rule, **name, **self.motion.describe()}
@@ -188,7 +187,7 @@ class Auto(Interpolation):
             yield Sample(frame.t_us, frame.luma, rate, frame)
             last = frame
 
-    def describe(self) -> dict[str, Any]:
+    def describe(self) -> dict[str, object]:
         return {"rule": "auto", **self.motion.describe()}
 
     def findings(self) -> Iterator[str]:

@@ -9,7 +9,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ..._util.argument_checks import check_type
 from ..._util.folder_report import FolderReport
@@ -49,7 +49,7 @@ def frames_to_folder(
     path: str | Path,
     *,
     overwrite: bool = False,
-    meta: Mapping[str, Any] | None = None,
+    meta: Mapping[str, object] | None = None,
     quiet: bool = False,
     **settings: Unpack[FrameFolderKeywords],
 ) -> FramesReport:
@@ -162,7 +162,7 @@ def _write_all(
             break
 
 
-def _found(run: FrameRun) -> dict[str, Any]:
+def _found(run: FrameRun) -> dict[str, object]:
     """What a run found on its way, for meta.json."""
     count = run.quantisation
     return {

@@ -5,15 +5,14 @@ from __future__ import annotations
 import io
 import warnings
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
 from ..._core import DecodeError
 from ..._util.budget import Budget
 from ..._util.untrusted import decoding, read_charged
-from .frame_source import charge_frame
+from .frame_source import FrameArray, charge_frame
 
 if TYPE_CHECKING:
     from PIL.Image import Image
@@ -27,7 +26,7 @@ _FORMATS = ("PNG", "JPEG", "TIFF", "BMP")
 _GREY, _COLOUR, _WITH_ALPHA = {"1", "L"}, {"RGB", "P"}, {"LA", "RGBA", "PA", "La", "RGBa"}
 
 
-def read_frame_image(path: Path) -> npt.NDArray[Any]:
+def read_frame_image(path: Path) -> FrameArray:
     """The image (H, W) or (H, W, 3): uint8 or uint16 as encoded, or float32.
 
     An image that its EXIF data turns is turned. An alpha channel is left out where it is opaque throughout.
@@ -54,7 +53,7 @@ def _opened(data: bytes) -> Image:
         return PIL.Image.open(io.BytesIO(data), formats=_FORMATS)
 
 
-def _read_with_pillow(path: Path, data: bytes, budget: Budget) -> npt.NDArray[Any]:
+def _read_with_pillow(path: Path, data: bytes, budget: Budget) -> FrameArray:
     from PIL import ImageOps, UnidentifiedImageError
 
     deep = False
@@ -122,7 +121,7 @@ _TIFF = (b"II*\0", b"MM\0*", *_BIG_TIFF)
 _WIDTH, _HEIGHT, _BITS_PER_SAMPLE = 256, 257, 258
 
 
-def _read_with_opencv(path: Path, data: bytes) -> npt.NDArray[Any]:
+def _read_with_opencv(path: Path, data: bytes) -> FrameArray:
     try:
         import cv2
     except ImportError as error:
@@ -142,7 +141,7 @@ def _read_with_opencv(path: Path, data: bytes) -> npt.NDArray[Any]:
     return np.ascontiguousarray(image[..., 2::-1])  # OpenCV has blue first
 
 
-def _read_exr(path: Path, data: bytes, budget: Budget) -> npt.NDArray[Any]:
+def _read_exr(path: Path, data: bytes, budget: Budget) -> FrameArray:
     import OpenEXR
 
     with decoding(path):

@@ -6,7 +6,6 @@ import re
 from collections.abc import Iterator
 from itertools import islice
 from pathlib import Path, PurePosixPath
-from typing import Any
 
 from ..._core import DecodeError
 from ..._util.argument_error import ArgumentError
@@ -70,7 +69,7 @@ class ImageFolder(FrameSource):
     def encoding(self, first: StampedFrame) -> Encoding:
         return Encoding.of(first.image.dtype, first.where)
 
-    def describe(self) -> dict[str, Any]:
+    def describe(self) -> dict[str, object]:
         first = self._listed_files[0][1].name
         return {
             "kind": "images",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
-from typing import Any, ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -56,7 +56,7 @@ class Interpolation(ABC):
         """Samples in the order of time: one at each frame, and any between two."""
 
     @abstractmethod
-    def describe(self) -> dict[str, Any]:
+    def describe(self) -> dict[str, object]:
         """The rule and what it has found so far, for meta.json."""
 
     def findings(self) -> Iterator[str]:
@@ -72,7 +72,7 @@ class Linear(Interpolation):
     def samples(self, frames: Iterator[SensorFrame]) -> Iterator[Sample]:
         return (Sample(frame.t_us, frame.luma, None, frame) for frame in frames)
 
-    def describe(self) -> dict[str, Any]:
+    def describe(self) -> dict[str, object]:
         return {"rule": "linear"}
 
 
@@ -94,7 +94,7 @@ class Cubic(Interpolation):
     def samples(self, frames: Iterator[SensorFrame]) -> Iterator[Sample]:
         return (Sample(frame.t_us, frame.luma, rate, frame) for frame, rate in with_rates(frames, self._log_eps))
 
-    def describe(self) -> dict[str, Any]:
+    def describe(self) -> dict[str, object]:
         return {"rule": "cubic"}
 
 

@@ -6,7 +6,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from textwrap import wrap
-from typing import Any
 
 from ...sensor.effects import Effect, Effects
 from .effects_together import SetForecast
@@ -72,7 +71,7 @@ class EffectPlan:
         off = {item.effect.name for item in self.items} - chosen.keys()
         return self.kept.with_defaults(Effects.of(chosen.values())).without(off)
 
-    def describe(self) -> dict[str, Any]:
+    def describe(self) -> dict[str, object]:
         """Return the plan in JSON's types, for meta.json: what was found of each effect and of the set."""
         items = [{**asdict(item), "effect": item.effect.name} for item in self.items]
         return {
@@ -92,7 +91,7 @@ class EffectPlan:
         return "\n".join([*_table(self, long=False), "", *_wrapped(_summary(self))])
 
 
-def _without_nan(item: dict[str, Any]) -> dict[str, Any]:
+def _without_nan(item: dict[str, object]) -> dict[str, object]:
     """The same with None for NaN, which JSON lacks."""
     return {
         name: _without_nan(value) if isinstance(value, dict) else None if value != value else value
