@@ -51,10 +51,8 @@ def _typed_dict(declaration: type[Settings]) -> str:
     # The annotations are as they are written, because the modules have postponed evaluation.
     keys = [f"    {name}: {annotation}" for name, annotation in declaration.__annotations__.items()]
     head = f"class {_name(declaration)}({', '.join(bases or ['TypedDict'])}, total=False):"
-    return (
-        "\n".join([head, f'    """The keyword arguments of :class:`{declaration.__name__}`."""', "", *keys]).rstrip()
-        + "\n"
-    )
+    docstring = f'    """Names the keyword arguments of :class:`{declaration.__name__}`."""'
+    return "\n".join([head, docstring, "", *keys]).rstrip() + "\n"
 
 
 def _name(declaration: type) -> str:

@@ -1,4 +1,4 @@
-"""Did you mean ...? for names that users type."""
+"""Asks "did you mean ...?" for names that users type."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _LISTED = 12
 
 
 def did_you_mean(given: str, names: Iterable[str], effects: Mapping[str, str] | None = None) -> str:
-    """A question that names what was probably meant, to be put behind a message; empty where nothing is close.
+    """Return a question that names what was probably meant, to be put behind a message; "" where nothing is close.
 
     Args:
         names: that are allowed in its place.
@@ -46,12 +46,12 @@ def did_you_mean(given: str, names: Iterable[str], effects: Mapping[str, str] | 
 
 
 def without_unit(name: str) -> str:
-    """The name of a setting without the unit with which it ends."""
+    """Return the name of a setting without the unit with which it ends."""
     return next((name.removesuffix(unit) for unit in _UNITS if name.endswith(unit)), name)
 
 
 def names_of(taker: Callable[..., Any]) -> list[str]:
-    """The arguments that a function or a class takes by name."""
+    """List the arguments that a function or a class takes by name."""
     parameters = inspect.signature(taker).parameters.values()
     by_name = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
     return [one.name for one in parameters if one.kind in by_name and one.name != "self"]

@@ -1,4 +1,4 @@
-"""Progress of long work, alike for all of it: a bar in a terminal, a plain line now and then in a pipe or a log."""
+"""Shows the progress of long work: a bar in a terminal, a plain line now and then in a pipe or a log."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _Item = TypeVar("_Item")
 
 
 class Progress:
-    """How far a piece of work is. This one shows nothing.
+    """Counts how far a piece of work is; shows nothing.
 
     Attributes:
         done, total: in the work's own unit; ``total`` may be corrected on the way.
@@ -65,7 +65,7 @@ def progress(what: str, total: float, *, unit: str = "", start: float = 0.0, sho
 
 
 def each(items: Iterable[_Item], what: str, total: int, *, unit: str = "", show: bool = True) -> Iterator[_Item]:
-    """The items, one after the other, with a bar that counts them."""
+    """Yield the items, one after the other, with a bar that counts them."""
     with progress(what, total, unit=unit, show=show) as bar:
         for item in items:
             yield item
@@ -81,7 +81,7 @@ def say(text: str) -> None:
 
 
 def speed_of(done: float, seconds: float, unit: str) -> str:
-    """How fast, to two digits however slow: 0.0043 s/s."""
+    """Write a speed to two digits however slow: 0.0043 s/s."""
     if done <= 0 or seconds <= 0:
         return f"?{unit}/s"
     rate = done / seconds
@@ -89,7 +89,7 @@ def speed_of(done: float, seconds: float, unit: str) -> str:
 
 
 class _Bar(Progress):
-    """A bar of tqdm's."""
+    """Shows a bar of tqdm's."""
 
     def __init__(self, what: str, total: float, unit: str, start: float) -> None:
         from tqdm import tqdm
@@ -129,7 +129,7 @@ _shown: list[_Bar] = []
 
 
 class _Lines(Progress):
-    """A line a minute."""
+    """Shows a line a minute."""
 
     def __init__(self, what: str, total: float, unit: str, start: float) -> None:
         super().__init__(total)

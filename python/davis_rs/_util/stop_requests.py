@@ -1,4 +1,4 @@
-"""Shuts down gracefully: defers SIGINT and SIGTERM to a safe point."""
+"""Defers SIGINT and SIGTERM to a safe point, for a graceful shutdown."""
 
 from __future__ import annotations
 

@@ -13,7 +13,7 @@ DEEPEST = 50
 
 
 def read_yaml(path: Path) -> object:
-    """What a YAML file holds: a key that stands twice is refused, and ``1e-3`` is a number, as in YAML 1.2 and JSON.
+    """Read a YAML file: a key that stands twice is refused, and ``1e-3`` is a number, as in YAML 1.2 and JSON.
 
     Raises:
         OSError: if it cannot be read, or is no regular file.

@@ -1,4 +1,4 @@
-"""Brute force: luma rendered at every few microseconds, whatever happens; slow, and blind to no cause."""
+"""Renders luma at every few microseconds, whatever happens: slow, and blind to no cause."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ IntArray = npt.NDArray[np.int64]
 
 
 class DenseProbe(NamedTuple):
-    """What :func:`dense_probe` finds.
+    """Says what :func:`dense_probe` finds.
 
     Attributes:
         events: along lines between its frames.
@@ -50,5 +50,5 @@ def dense_probe(
 
 
 def early(events: EventArray, probe: DenseProbe, *, by_us: int) -> int:
-    """How many events come more than ``by_us`` before their pixel's luma first changes."""
+    """Count the events that come more than ``by_us`` before their pixel's luma first changes."""
     return int((events["t"] < probe.unchanged_until_us[events["y"], events["x"]] - by_us).sum())

@@ -1,4 +1,4 @@
-"""What a frame rate costs, as a table and as a picture."""
+"""Writes what a frame rate costs, as a table and as a picture."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _COLOURS = {"linear": "#D55E00", "cubic": "#0072B2", "flow": "#009E73", "auto": 
 
 
 def write_frame_rates_csv(measured: Sequence[VideoErrors], path: Path) -> None:
-    """A line for each setting."""
+    """Write a line for each setting."""
     with whole_file(path) as place, place.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow(_COLUMNS)
@@ -29,7 +29,7 @@ def write_frame_rates_csv(measured: Sequence[VideoErrors], path: Path) -> None:
 
 
 def frame_rates_markdown(measured: Sequence[VideoErrors], facts: Mapping[str, str]) -> str:
-    """A page: the facts, and a table; of each rate and depth the least error in bold."""
+    """Write a page: the facts, and a table; of each rate and depth the least error in bold."""
     lines = ["# Frame rates", "", *(f"- {name}: {text}" for name, text in facts.items()), ""]
     lines += [
         "Errors of time are in microseconds, missing and spurious events in per cent of the exact ones. Bold: the",
@@ -64,7 +64,7 @@ def frame_rates_markdown(measured: Sequence[VideoErrors], facts: Mapping[str, st
 
 
 def draw_frame_rates(measured: Sequence[VideoErrors], path: Path, title: str) -> None:
-    """Three panels: median, 99th percentile, missing and spurious, against frames a second.
+    """Draw three panels: median, 99th percentile, missing and spurious, against frames a second.
 
     Raises:
         ImportError: without matplotlib, saying how to get it.

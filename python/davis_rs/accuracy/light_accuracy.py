@@ -1,4 +1,4 @@
-"""What baked light saves and errs: against Mitsuba's path tracer, on a few instants of a camera's path."""
+"""Measures what baked light saves and errs, against Mitsuba's path tracer, on a few instants of a camera's path."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ HEADS = ("light", "bake s", "ms a frame", "events", "median us", "p99 us", "miss
 
 @dataclass(frozen=True)
 class LightErrors:
-    """How far events, and log luma, of one way to light a scene are from the reference's.
+    """Says how far events, and log luma, of one way to light a scene are from the reference's.
 
     Attributes:
         what: is judged, for people.
@@ -59,14 +59,14 @@ class LightErrors:
     log_rms: float
 
     def __str__(self) -> str:
-        """A row of a table in Markdown, under :data:`HEADS`."""
+        """Write a row of a table in Markdown, under :data:`HEADS`."""
         cost = ["" if value is None else f"{value:.3g}" for value in (self.bake_s, self.frame_ms)]
         figures = [f"{self.events:,}", f"{self.median_us:.0f}", f"{self.p99_us:.0f}", f"{self.wrong_percent:.1f}"]
         return f"| {' | '.join([self.what, *cost, *figures, f'{self.log_rms:.3f}'])} |"
 
 
 class LightComparison:
-    """Baked light, and the path tracer with few samples, against the mean luma of independent runs with many.
+    """Compares baked light, and the path tracer with few samples, with the mean luma of independent runs with many.
 
     All see the same instants, between which log luma is linear, so that nothing but light is compared.
 
@@ -158,7 +158,7 @@ class LightComparison:
         return concatenate_events([engine.push(int(t_us), frame) for t_us, frame in zip(stamps, luma, strict=True)])
 
     def _timed(self, renderer: Renderer) -> tuple[LumaFrames, float]:
-        """Luma, and the least milliseconds a frame of three tries, one where they are long."""
+        """Return luma, and the least milliseconds a frame of three tries; of one try where it is long."""
         luma, least = renderer.luma(self._views[:1]), np.inf
         for _ in range(3):
             start = time.perf_counter()
@@ -174,7 +174,7 @@ _PLANNED_SAMPLES, _TRIED_SAMPLES = 64, 2
 
 
 def light_cost(renderer: Renderer, scene: Scene) -> str | None:
-    """What baking saves and errs, in a line, for one who plans a run; None for a renderer without baked light.
+    """Say in a line what baking saves and errs, for one who plans a run; None for a renderer without baked light.
 
     One frame of the path tracer is rendered with few samples; with more, it takes as many times as long.
     """

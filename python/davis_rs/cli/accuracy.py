@@ -1,4 +1,4 @@
-"""The command line: davis-rs accuracy."""
+"""Runs davis-rs accuracy."""
 
 from __future__ import annotations
 
@@ -108,7 +108,7 @@ def _accuracy(options: argparse.Namespace) -> int:
 
 
 def _judged_scene(options: argparse.Namespace) -> tuple[Scene, Camera]:
-    """The scene on its path, and the camera that sees it."""
+    """Return the scene on its path, and the camera that sees it."""
     scene = on_trajectory(options, scene_of(options, options.quiet), quiet=options.quiet)
     viewed = view_scene(scene, complete(ViewSettings, given_settings(options, ViewSettings), taker="davis-rs accuracy"))
     return scene, viewed.camera

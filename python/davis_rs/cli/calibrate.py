@@ -1,4 +1,4 @@
-"""The command line: davis-rs calibrate intrinsics, hand-eye, camera-imu."""
+"""Runs davis-rs calibrate intrinsics, hand-eye, camera-imu."""
 
 from __future__ import annotations
 

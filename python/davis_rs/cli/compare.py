@@ -1,4 +1,4 @@
-"""The command line: davis-rs compare."""
+"""Runs davis-rs compare."""
 
 from __future__ import annotations
 

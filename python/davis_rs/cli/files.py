@@ -1,4 +1,4 @@
-"""The command line: davis-rs convert, davis-rs info."""
+"""Runs davis-rs convert, davis-rs info."""
 
 from __future__ import annotations
 
@@ -169,13 +169,13 @@ def _print_rest(path: str) -> None:
 
 @contextmanager
 def _bar(what: str, *, quiet: bool) -> Iterator[Callable[[float], object]]:
-    """A progress bar that is told the share that is done."""
+    """Show a progress bar that is told the fraction that is done."""
     with progress(what, 100.0, unit="%", show=not quiet) as bar:
         yield lambda share: bar.to(100.0 * share)
 
 
 def _microseconds(text: str) -> int:
-    """Decimal seconds as microseconds, exactly."""
+    """Parse decimal seconds as microseconds, exactly."""
     try:
         t_us = Decimal(text) * 1_000_000
         if t_us != t_us.to_integral_value():

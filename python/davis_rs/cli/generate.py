@@ -1,4 +1,4 @@
-"""The command line: davis-rs generate."""
+"""Runs davis-rs generate."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ def _short(value: object) -> str:
 
 
 def _table(rows: Mapping[str, Mapping[str, str]]) -> list[str]:
-    """What all sequences have in common once, and then a row for each."""
+    """Write what all sequences have in common once, and then a row for each."""
     keys = list(dict.fromkeys(key for row in rows.values() for key in row))
     values = {key: [row.get(key, "-") for row in rows.values()] for key in keys}
     common = [key for key in keys if len(set(values[key])) == 1]

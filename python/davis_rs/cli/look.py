@@ -1,4 +1,4 @@
-"""The command line: davis-rs check, davis-rs view."""
+"""Runs davis-rs check, davis-rs view."""
 
 from __future__ import annotations
 

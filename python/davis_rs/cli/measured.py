@@ -1,4 +1,4 @@
-"""The command line: streams whose statistics are measured, as ``compare`` and ``calibrate sensor`` do."""
+"""Measures the statistics of streams, for ``compare`` and ``calibrate sensor``."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def add_measured(parser: argparse.ArgumentParser) -> None:
 
 
 def measured(path: str, options: argparse.Namespace) -> StreamStatistics:
-    """The statistics of a stream, with a progress bar."""
+    """Measure the statistics of a stream, with a progress bar."""
     from ..inspection.statistics import measure_stream
 
     with progress(f"reading {path}", 100.0, unit="%", show=not options.quiet) as bar:
@@ -46,7 +46,7 @@ def measured(path: str, options: argparse.Namespace) -> StreamStatistics:
 
 
 def measured_with_frames(path: str, options: argparse.Namespace, lux: float | None) -> MeasuredRecording:
-    """The same, and the recording's frames; ``lux`` is what its quiet pixels see, None if it is not known."""
+    """Measure the same, and the recording's frames; ``lux`` is what its quiet pixels see, None if it is not known."""
     from ..calibrate.sensor import measure_recording
 
     with progress(f"reading {path}", 100.0, unit="%", show=not options.quiet) as bar:
@@ -54,7 +54,7 @@ def measured_with_frames(path: str, options: argparse.Namespace, lux: float | No
 
 
 class _Measured(TypedDict):
-    """Which pixels and which time of a recording are measured."""
+    """Says which pixels and which time of a recording are measured."""
 
     size: tuple[int, int] | None
     quiet: tuple[int, int, int, int] | None

@@ -1,4 +1,4 @@
-"""The command line: davis-rs plan."""
+"""Runs davis-rs plan."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The command line: davis-rs sensors."""
+"""Runs davis-rs sensors."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The command line: davis-rs sequences."""
+"""Runs davis-rs sequences."""
 
 from __future__ import annotations
 

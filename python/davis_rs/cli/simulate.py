@@ -1,4 +1,4 @@
-"""The command line: davis-rs simulate and davis-rs sequence."""
+"""Runs davis-rs simulate and davis-rs sequence."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Many sequences with randomised parameters, from a plan, by processes of this machine or of a cluster.
+"""Generates many sequences with randomised parameters from a plan, by processes of this machine or of a cluster.
 
 ``sequence_plan`` -> ``parse`` -> ``distributions``, ``motion``, ``random_scene`` -> ``kinds``; ``shards`` ->
 ``hdf5_shard``, ``webdataset_shard`` -> ``sequence_arrays``; ``sequence`` (what is drawn) -> ``job`` -> ``folder``

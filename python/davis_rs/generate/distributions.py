@@ -14,7 +14,7 @@ from .._util.random_words import Words
 
 
 class Distribution(ABC):
-    """A distribution that stands in a plan in place of a value."""
+    """Stands in a plan in place of a value, which is drawn from it."""
 
     @abstractmethod
     def draw(self, words: Words) -> object:
@@ -23,7 +23,7 @@ class Distribution(ABC):
 
 @dataclass(frozen=True)
 class Uniform(Distribution):
-    """``{uniform: [a, b]}``: a number between a and b, a < b."""
+    """Draws a number between a and b, a < b: ``{uniform: [a, b]}``."""
 
     low: float
     high: float
@@ -37,7 +37,7 @@ class Uniform(Distribution):
 
 @dataclass(frozen=True)
 class LogUniform(Distribution):
-    """``{log_uniform: [a, b]}``: a number whose logarithm is uniform, 0 < a < b."""
+    """Draws a number whose logarithm is uniform, 0 < a < b: ``{log_uniform: [a, b]}``."""
 
     low: float
     high: float
@@ -54,7 +54,7 @@ class LogUniform(Distribution):
 
 @dataclass(frozen=True)
 class Integers(Distribution):
-    """``{integers: [a, b]}``: an integer from a to b, both of them possible, a < b."""
+    """Draws an integer from a to b, both of them possible, a < b: ``{integers: [a, b]}``."""
 
     low: int
     high: int
@@ -68,7 +68,7 @@ class Integers(Distribution):
 
 @dataclass(frozen=True)
 class Normal(Distribution):
-    """``{normal: [mean, sigma], min: a, max: b}``: the normal distribution, sigma > 0.
+    """Draws from the normal distribution, sigma > 0: ``{normal: [mean, sigma], min: a, max: b}``.
 
     Where min or max are given, it is cut off there: what lies outside is never drawn, not moved to the bound.
     """
@@ -106,7 +106,7 @@ class Normal(Distribution):
 
 @dataclass(frozen=True)
 class Choice(Distribution):
-    """``{choice: [x, y, ...], weights: [1, 2, ...]}``: one of the options; without weights all are as likely.
+    """Draws one of the options: ``{choice: [x, y, ...], weights: [1, 2, ...]}``; without weights all are as likely.
 
     An option may hold distributions of its own.
     """

@@ -1,4 +1,4 @@
-"""All sequences of a plan into a folder."""
+"""Generates all sequences of a plan into a folder."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ CHECKED_FIRST = 200
 
 @dataclass(frozen=True)
 class Generated:
-    """What :func:`generate_sequences` did.
+    """Says what :func:`generate_sequences` did.
 
     Attributes:
         root: the folder.
@@ -164,7 +164,7 @@ def generate_sequences(
 
 
 class DrawnSequences(Sequence[DrawnSequence]):
-    """Sequences of a plan, each drawn when it is asked for: a plan of a million takes no more memory than one of ten.
+    """Draws each sequence of a plan when it is asked for: a plan of a million takes no more memory than one of ten.
 
     Args:
         plan: what they are drawn from.
@@ -193,7 +193,7 @@ class DrawnSequences(Sequence[DrawnSequence]):
 
 
 def draw_sequences(plan: SequencePlan) -> DrawnSequences:
-    """All sequences of a plan."""
+    """Return all sequences of a plan."""
     return DrawnSequences(plan)
 
 
@@ -227,7 +227,7 @@ def check_sequences(
 def _fitting_workers(
     workers: int | None, sequences: int, memory: MemoryForecast | None, say: Callable[[str], None]
 ) -> int:
-    """How many processes work at a time; says so where memory allows fewer than there would be."""
+    """Return how many processes work at a time; says so where memory allows fewer than there would be."""
     wanted = min(workers or len(os.sched_getaffinity(0)), sequences)
     if memory is None:
         return wanted

@@ -1,4 +1,4 @@
-"""Sequences in one HDF5 file: a group for each."""
+"""Writes sequences into one HDF5 file: a group for each."""
 
 from __future__ import annotations
 

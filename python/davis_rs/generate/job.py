@@ -1,4 +1,4 @@
-"""Making one sequence, in whatever process."""
+"""Makes one sequence, in whatever process."""
 
 from __future__ import annotations
 

@@ -13,7 +13,7 @@ _DEGREES = {"_deg": "_rad", "_deg_s": "_rad_s"}
 
 @dataclass(frozen=True)
 class Key:
-    """A key of a kind.
+    """Describes a key of a kind.
 
     Attributes:
         argument: of the function, that it sets.

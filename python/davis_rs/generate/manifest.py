@@ -18,7 +18,7 @@ from .sequence_plan import SequencePlan
 
 
 class PlanRecord(TypedDict):
-    """What a folder says of its plan. Folders of davis_rs 0.2.0 have no ``model``."""
+    """Holds what a folder says of its plan. Folders of davis_rs 0.2.0 have no ``model``."""
 
     davis_rs: str
     model: int
@@ -53,7 +53,7 @@ def describe_folder(folder: Path) -> ManifestLine:
 
 
 class Manifest:
-    """The manifest of a run at work: on the disk at the beginning, every ``period_s`` at most, and by :meth:`write`.
+    """Writes the manifest of a run at work: at the beginning, every ``period_s`` at most, and by :meth:`write`.
 
     Attributes:
         lines: of the sequences that are whole, by name.

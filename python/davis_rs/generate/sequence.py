@@ -38,7 +38,7 @@ Made = TypeVar("Made")
 
 @dataclass(frozen=True)
 class DrawnSequence:
-    """A sequence of a plan, that any process can make which sees the plan's files.
+    """Describes a sequence of a plan, which any process can make that sees the plan's files.
 
     Attributes:
         name: of its folder.
@@ -124,9 +124,9 @@ class DrawnSequence:
             return moved(start_pose(scene), given)
         if "time" not in given:
             return moved(scene.path.pose(start_s if self.parameters.get("motion") is None else 0.0), given)
-        if not 0 <= given.time <= scene.path.duration_s:
+        if not 0 <= given["time"] <= scene.path.duration_s:
             raise ValueError(f"time must lie on the scene's path, 0..{scene.path.duration_s:g} s, got {given['time']}")
-        return moved(scene.path.pose(given.time), given)
+        return moved(scene.path.pose(given["time"]), given)
 
     def check(self, scene_of: Callable[[DrawnSequence], Scene] = scene) -> MemoryForecast:
         """Refuse what can be refused without rendering; the rest shows when the simulator is made.

@@ -1,4 +1,4 @@
-"""What is in a sequence's folder as arrays: what shards hold of it."""
+"""Reads a sequence's folder as arrays, which shards hold."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ Arrays = dict[str, npt.NDArray[np.generic]]
 
 
 class SequenceArrays(NamedTuple):
-    """A sequence.
+    """Holds a sequence as arrays.
 
     Attributes:
         meta: ``meta.json``, as it is.

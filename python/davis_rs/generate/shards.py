@@ -26,7 +26,7 @@ MOST_IN_A_SHARD = 100_000
 
 @dataclass(frozen=True)
 class Shards:
-    """How sequences are packed into files.
+    """Says how sequences are packed into files.
 
     Attributes:
         format: a key of ``WRITERS``.

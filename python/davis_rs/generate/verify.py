@@ -1,4 +1,4 @@
-"""Whether sequences that were generated are still what they were."""
+"""Verifies that sequences that were generated are still what they were."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Sequences in one tar file that WebDataset reads: a sequence's files have the same name up to the first dot."""
+"""Writes sequences into one tar file for WebDataset: a sequence's files have the same name up to the first dot."""
 
 from __future__ import annotations
 

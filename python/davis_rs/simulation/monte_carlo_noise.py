@@ -1,4 +1,4 @@
-"""How many events of a scene that Mitsuba's integrators render are Monte Carlo noise: an estimate before the run.
+"""Estimates before a run how many events of a scene that Mitsuba's integrators render are Monte Carlo noise.
 
 Light paths are drawn at random. The random numbers of a ray depend on the seed and on the ray's place in the frame,
 and are the same in every frame. So a pixel at rest makes no events of noise. When the camera moves, each pixel's error
@@ -145,7 +145,7 @@ def estimate_noise_of(
 
 
 def _frames(sampling: TimeSampling | None, look: _Look) -> float:
-    """How many frames a rule renders, roughly, for each keyframe that the estimate counts."""
+    """Return how many frames a rule renders, roughly, for each keyframe that the estimate counts."""
     if isinstance(sampling, FixedRate):
         return sampling.rate_hz * look.trajectory.duration_s / look.keyframes
     if isinstance(sampling, Tolerance):
@@ -228,7 +228,7 @@ def refuse_noise(noise: NoiseEstimate | None, scene: Scene, settings: ViewSettin
 
 
 def _about(seconds: float) -> str:
-    """A time as people say it: ``about 5 minutes``."""
+    """Write a time as people say it: ``about 5 minutes``."""
     units = {"second": 1, "minute": 60, "hour": 3600, "day": 86400}
     unit = [unit for unit, length in units.items() if seconds >= 1.5 * length or unit == "second"][-1]
     count = seconds / units[unit]
@@ -237,7 +237,7 @@ def _about(seconds: float) -> str:
 
 
 class _Look:
-    """A few pixels in a few stretches of a path, and how many seeds the cost allows."""
+    """Renders a few pixels in a few stretches of a path, with as many seeds as the cost allows."""
 
     def __init__(
         self, renderer: SceneRenderer, trajectory: Trajectory, rule: MaxDisplacement, cost_share: float
@@ -260,7 +260,7 @@ class _Look:
         self.pixel = _spread_pixels(size, int(np.clip(allowed // self.seeds, min(FEWEST_PIXELS, size), PIXELS)))
 
     def is_the_same(self) -> bool:
-        """Whether two seeds give the same luma at the first and the last instant."""
+        """Tell whether two seeds give the same luma at the first and the last instant."""
         ends = np.array([self.times[0][0], self.times[-1][-1]])
         return np.array_equal(self._samples(ends, 0), self._samples(ends, 1))
 
@@ -291,7 +291,7 @@ class _Look:
 
 
 def _stretches(renderer: Renderer, trajectory: Trajectory, rule: MaxDisplacement, stretches: int) -> list[IntArray]:
-    """The keyframes of stretches, spread evenly over the path; of a short path all that there are."""
+    """Return the keyframes of stretches, spread evenly over the path; of a short path all that there are."""
     end_us = round(trajectory.duration_s * 1e6)
     wanted = stretches * KEYFRAMES
     first = [0, *islice(rule.instants(renderer, trajectory, end_us), wanted)]
@@ -309,7 +309,7 @@ def _stretches(renderer: Renderer, trajectory: Trajectory, rule: MaxDisplacement
 
 
 def _spread_pixels(size: int, count: int) -> IntArray:
-    """Indices y W + x of ``count`` pixels: one in each of ``count`` equal runs, at places that form no pattern."""
+    """Return indices y W + x of ``count`` pixels: one in each of ``count`` equal runs, without a pattern."""
     edges = np.linspace(0, size, count + 1)
     golden = np.arange(count) * ((math.sqrt(5) - 1) / 2) % 1
     return np.minimum((edges[:-1] + golden * np.diff(edges)).astype(np.int64), size - 1)
@@ -339,7 +339,7 @@ def _mismatch(
 
 
 def _events(luma: FloatArray, t_us: IntArray, thresholds: tuple[float, float], log_eps: float) -> EventArray:
-    """The events of pixels (keyframes, pixels)."""
+    """Return the events of pixels (keyframes, pixels)."""
     engine = CrossingEngine(
         luma.shape[1],
         1,

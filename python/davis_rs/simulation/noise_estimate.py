@@ -1,4 +1,4 @@
-"""What an estimate of Monte Carlo noise says: the share of events that are noise, by the number of samples."""
+"""Says what an estimate of Monte Carlo noise found: the fraction of events that are noise, by the number of samples."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class NoiseError(ValueError):
 
 @dataclass(frozen=True)
 class NoiseEstimate:
-    """How many events of a run are noise.
+    """Says how many events of a run are noise.
 
     A share is that of missing and spurious events (:func:`~davis_rs.compare_events`, within 10 ms) in the number of
     events without noise; it may exceed 1.
@@ -62,7 +62,7 @@ class NoiseEstimate:
 
     @property
     def known(self) -> bool:
-        """Whether :meth:`share_at` has a result."""
+        """Tell whether :meth:`share_at` has a result."""
         return bool(self.measured) or not self.noisy
 
     def share_at(self, samples: float) -> float:
@@ -121,7 +121,7 @@ class NoiseEstimate:
 
 
 def share_text(share: float, these_are: str) -> str:
-    """A share of noise in words.
+    """Write a fraction of noise in words.
 
     Args:
         these_are: ``these events are``, or what else is said of them.
@@ -132,5 +132,5 @@ def share_text(share: float, these_are: str) -> str:
 
 
 def percent(share: float) -> str:
-    """A share to two digits, or to a whole percent."""
+    """Write a fraction in percent, to two digits or to a whole percent."""
     return f"{100 * share:.0f} %" if share >= 0.1 else f"{100 * share:.2g} %"

@@ -25,7 +25,7 @@ _LEFT_OUT = {"camera", "size", "effects", "custom_effects", "poses_per_launch", 
 
 
 class RunDescription(TypedDict):
-    """What ``meta.json`` says of every run, in JSON's types.
+    """Holds what ``meta.json`` says of every run, in JSON's types.
 
     Attributes:
         davis_rs: our version.
@@ -45,7 +45,7 @@ class RunDescription(TypedDict):
 
 
 class SimulatorDescription(RunDescription):
-    """What ``meta.json`` says of a simulator too.
+    """Holds what ``meta.json`` says of a simulator too.
 
     Attributes:
         camera: lens and size of the image.

@@ -42,7 +42,7 @@ _LATEST_US = 1 << 53
 
 
 class _TruthMaps(TypedDict, total=False):
-    """Fields of a :class:`Packet`."""
+    """Names the fields of a :class:`Packet` that a map of the ground truth fills."""
 
     flow: npt.NDArray[np.float32]
     displacement: Displacement
@@ -154,7 +154,8 @@ class Simulator:
 
     @property
     def shape_names(self) -> tuple[str, ...]:
-        """The names of the shapes in masks: number 1 is the first; () if no map of the ground truth was requested."""
+        """Return the names of the shapes in masks: number 1 is the first; () if no map of the ground truth was
+        requested."""
         return () if self.surfaces is None else self.surfaces.names
 
     def run(self) -> Iterator[Packet]:
@@ -225,12 +226,13 @@ class Simulator:
 
     @property
     def dropped_events(self) -> int:
-        """Number of events that the readout has dropped; 0 unless it is set to drop events."""
+        """Return the number of events that the readout has dropped; 0 unless it is set to drop events."""
         return self._engine.dropped_events
 
     @property
     def missed_events(self) -> int:
-        """How often a pixel reached a level before its last event was read out and its reset over; 0 without a bus."""
+        """Return how often a pixel reached a level before its last event was read out and its reset over; 0 without
+        a bus."""
         return self._engine.missed_events
 
     def describe(self) -> SimulatorDescription:
@@ -258,7 +260,7 @@ class Simulator:
         )
 
     def _packets(self, trajectory: Trajectory, start_us: int, end_us: int, *, ahead: bool = False) -> Iterator[Packet]:
-        """Packets of (start_us, end_us], or of the very first instant too; the trajectory starts at ``start_us``.
+        """Yield packets of (start_us, end_us], or of the very first instant too; the trajectory starts at ``start_us``.
 
         Args:
             ahead: render in a thread of its own, while the crossing engine works on the keyframes before.
@@ -323,7 +325,7 @@ class Simulator:
         return maps
 
     def _frame(self, luma: npt.NDArray[np.float32], t_us: int) -> npt.NDArray[np.float32] | None:
-        """The frame that active pixels make, where they are not ideal."""
+        """Return the frame that active pixels make, where they are not ideal."""
         aps = self.effects.aps
         if aps is None:
             return None
@@ -335,7 +337,7 @@ class Simulator:
         return aps.read_out(exposed, frame=number, seed=self.settings.seed)
 
     def _lit(self, keyframe: Keyframe) -> Keyframe:
-        """The keyframe as the pixels see it."""
+        """Return the keyframe as the pixels see it."""
         if self._exposure is None:
             return keyframe
         keyframe = keyframe._replace(luma=self.custom_effects.luma(keyframe.t_us, keyframe.luma))

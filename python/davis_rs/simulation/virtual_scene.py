@@ -1,4 +1,4 @@
-"""A simulated scene as the source of a virtual camera: what the simulator computes, as the words a DAVIS would send."""
+"""Feeds a virtual camera from a simulated scene: what the simulator computes, as the words a DAVIS would send."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _FULL_SCALE = 1023
 def virtual_davis_of_scene(
     scene: Scene, *, duration_s: float | None = None, show_progress: bool = False
 ) -> VirtualDavis:
-    """A virtual camera that sees a scene from the scene's own camera path: events and frames, then nothing.
+    """Make a virtual camera that sees a scene from the scene's own camera path: events and frames, then nothing.
 
     The scene is simulated here, before anything is sent, so that the camera can keep time.
 

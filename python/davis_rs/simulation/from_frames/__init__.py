@@ -1,4 +1,4 @@
-"""Frames to events: video, image folders and arrays, seen by the pixels of an event camera.
+"""Makes events from frames: video, image folders and arrays, seen by the pixels of an event camera.
 
 ``frames_folder`` (a dataset folder), ``events_from_frames`` (packets) -> ``frame_run`` -> ``interpolation``,
 ``frames_between`` (flow, a user's interpolator) -> ``optical_flow``; ``light`` (values to luma), ``quantisation``

@@ -1,4 +1,4 @@
-"""Frames from arrays: a stack, a .npy file, or any iterable of arrays."""
+"""Reads frames from arrays: a stack, a .npy file, or any iterable of arrays."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from .frame_source import Encoding, FrameArray, FrameSource, GivenStamps, Stampe
 
 
 class ArrayFrames(FrameSource):
-    """Frames that Python has, each (H, W), (H, W, 1) or (H, W, 3): uint8, uint16 or floating point.
+    """Hands on frames that Python has, each (H, W), (H, W, 1) or (H, W, 3): uint8, uint16 or floating point.
 
     Args:
         images: a stack (n, H, W[, 3]), or an iterable of frames, which is gone through once.
@@ -49,7 +49,7 @@ class ArrayFrames(FrameSource):
 
 
 class NpyFrames(ArrayFrames):
-    """The frames of a ``.npy`` file (n, H, W) or (n, H, W, 3), mapped into memory rather than read as a whole.
+    """Reads the frames of a ``.npy`` file (n, H, W) or (n, H, W, 3), mapped into memory rather than read as a whole.
 
     Raises:
         OSError: if it cannot be read.
@@ -67,7 +67,7 @@ class NpyFrames(ArrayFrames):
 
 
 def _checked(image: FrameArray, where: str) -> FrameArray:
-    """The frame with one or three values a pixel."""
+    """Return the frame with one or three values a pixel."""
     if image.ndim == 3 and image.shape[2] == 1:
         image = image[..., 0]
     if image.ndim == 3 and image.shape[2] == 4:

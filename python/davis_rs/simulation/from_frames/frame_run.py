@@ -45,7 +45,7 @@ _FRAMES_AHEAD = 4
 
 
 class FramesDescription(RunDescription):
-    """What ``meta.json`` says of events from frames too.
+    """Holds what ``meta.json`` says of events from frames too.
 
     Attributes:
         frames: what they are and how they are taken.

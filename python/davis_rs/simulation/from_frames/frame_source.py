@@ -1,4 +1,4 @@
-"""The interface of a source of frames, whatever its file format is."""
+"""Declares the interface of a source of frames, whatever its file format is."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ Stamps = Iterator[int] | Sequence[int]
 
 
 class StampedFrame(NamedTuple):
-    """A frame as its file has it.
+    """Holds a frame as its file has it.
 
     Attributes:
         t_ns: its stamp in nanoseconds.
@@ -48,7 +48,7 @@ class StampedFrame(NamedTuple):
 
 @dataclass(frozen=True)
 class Encoding:
-    """How the values of all frames of a source stand for light.
+    """Says how the values of all frames of a source stand for light.
 
     Attributes:
         transfer: the transfer function that the source itself names, as the setting ``transfer`` takes it.
@@ -92,7 +92,7 @@ class Encoding:
 
 
 class GivenStamps:
-    """Stamps that are given apart from the frames: hands out one a frame, and sees that both end together.
+    """Hands out stamps that are given apart from the frames, one a frame, and sees that both end together.
 
     Args:
         stamps: an iterator may have more than there are frames.
@@ -127,7 +127,7 @@ class GivenStamps:
 
 
 class FrameSource(ABC):
-    """Frames with their stamps, one after the other.
+    """Yields frames with their stamps, one after the other.
 
     Attributes:
         name: of the file or folder, for titles.

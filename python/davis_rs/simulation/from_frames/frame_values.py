@@ -1,4 +1,4 @@
-"""What the values of frames show of themselves: how far apart they are, and whether white is what it is taken for."""
+"""Finds out what the values of frames show: how far apart they are, and whether white is what it is taken for."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ class FrameValues:
 
     @property
     def step_found(self) -> bool:
-        """Whether the first frame shows larger steps than the source says."""
+        """Tell whether the first frame shows larger steps than the source says."""
         return self.encoding != self._stated
 
     def add(self, image: FrameArray) -> None:
@@ -127,7 +127,7 @@ class FrameValues:
 
 
 def _step_of(values: npt.NDArray[np.intp]) -> float | None:
-    """The step of the increasing values that occur; None where there are too few to tell.
+    """Return the step of the increasing values that occur; None where there are too few to tell.
 
     n values that lie anywhere within a range R have no gap below g with a probability of about exp(-n^2 (g - 1) / R).
     Where values were stretched and then rounded, single steps differ, and their mean is taken.
@@ -142,7 +142,7 @@ def _step_of(values: npt.NDArray[np.intp]) -> float | None:
 
 
 def _are_eight_bits(image: FrameArray, white: float) -> bool:
-    """Whether values of floating point are the integers from 0 to 255, times ``white`` / 255."""
+    """Tell whether values of floating point are the integers from 0 to 255, times ``white`` / 255."""
     if not (image.min() >= 0 and image.max() <= white):
         return False
     values = np.asarray(image, np.float64) * (255 / white)

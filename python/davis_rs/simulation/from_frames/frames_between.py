@@ -1,4 +1,4 @@
-"""Frames made between frames: along optical flow, by an interpolator of the user's, or only where the image moves."""
+"""Makes frames between frames: along optical flow, by a user's interpolator, or only where the image moves."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _HIDDEN = 0.25
 
 
 class Motion:
-    """What was seen of the image's motion, for people and for meta.json.
+    """Counts what was seen of the image's motion, for people and for meta.json.
 
     Attributes:
         by_cubics, by_frames: how many intervals were taken by cubics, and with frames made between.
@@ -55,7 +55,7 @@ class Motion:
         self.largest_px = max(self.largest_px, moved_px)
 
     def describe(self) -> dict[str, object]:
-        """The counts in JSON's types."""
+        """Return the counts in JSON's types."""
         return {
             "intervals_without_frames_between": self.by_cubics,
             "intervals_with_frames_between": self.by_frames,
@@ -65,7 +65,7 @@ class Motion:
         }
 
     def warnings(self) -> Iterator[str]:
-        """What cannot be known, a line each."""
+        """Say what cannot be known, a line each."""
         if self.unsure:
             yield (
                 f"in {self.unsure} of {self.by_cubics + self.by_frames} intervals the image moves too far from a frame "
@@ -113,7 +113,7 @@ class FramesBetween(Interpolation):
             yield Sample(t_us, luma, None, None)
 
     def _asked(self, last: SensorFrame, frame: SensorFrame, shares: npt.NDArray[np.float64]) -> Iterator[LumaFrame]:
-        """What the user's interpolator makes, checked."""
+        """Return what the user's interpolator makes, checked."""
         assert self._interpolator is not None
         where = f"the interpolator, between {last.where} and {frame.where}"
         for start in range(0, len(shares), _BATCH):
@@ -147,7 +147,8 @@ class FramesBetween(Interpolation):
 
 
 class Auto(Interpolation):
-    """Cubics where the image moves by less than :data:`CUBIC_UP_TO_PX` between two frames, flow where it moves further.
+    """Takes cubics where the image moves by less than :data:`CUBIC_UP_TO_PX` between two frames, flow where it moves
+    more.
 
     Args:
         log_eps: as of the crossing engine.
@@ -201,7 +202,7 @@ class Auto(Interpolation):
 
 
 def _as_luma(image: npt.ArrayLike, shape: tuple[int, ...], where: str) -> LumaFrame:
-    """What an interpolator gave for a frame, as a copy of our own: it may use one array for all."""
+    """Copy what an interpolator gave for a frame: it may use one array for all."""
     array = np.asarray(image)
     if array.shape != shape:
         raise ValueError(f"{where}: frames must have the shape {shape}, got {'None' if image is None else array.shape}")
@@ -212,7 +213,7 @@ def _as_luma(image: npt.ArrayLike, shape: tuple[int, ...], where: str) -> LumaFr
 
 
 def instants(start_us: int, end_us: int, moved_px: float, step_px: float) -> npt.NDArray[np.int64]:
-    """Whole microseconds strictly between start and end. Between two of them the image moves by ``step_px`` at most."""
+    """Choose whole microseconds strictly between start and end; between two the image moves by ``step_px`` at most."""
     parts = min(max(math.ceil(moved_px / step_px - 1e-6), 1), MOST_FRAMES + 1, end_us - start_us)
     return start_us + np.arange(1, parts, dtype=np.int64) * (end_us - start_us) // parts
 

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class FramesReport(FolderReport):
-    """What :func:`frames_to_folder` wrote.
+    """Says what :func:`frames_to_folder` wrote.
 
     Attributes:
         frames: how many were taken.
@@ -127,7 +127,7 @@ def frames_to_folder(
 
 @dataclass
 class _Counted:
-    """How much of a run was written."""
+    """Says how much of a run was written."""
 
     frames: int = 0
     events: int = 0
@@ -163,7 +163,7 @@ def _write_all(
 
 
 def _found(run: FrameRun) -> dict[str, object]:
-    """What a run found on its way, for meta.json."""
+    """Return what a run found on its way, for meta.json."""
     count = run.quantisation
     return {
         "frames": run.describe_frames(),

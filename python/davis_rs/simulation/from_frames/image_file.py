@@ -1,4 +1,4 @@
-"""One image file as an array: by Pillow, 16-bit colour by OpenCV, OpenEXR by its own library."""
+"""Reads one image file as an array: by Pillow, 16-bit colour by OpenCV, OpenEXR by its own library."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _GREY, _COLOUR, _WITH_ALPHA = {"1", "L"}, {"RGB", "P"}, {"LA", "RGBA", "PA", "La
 
 
 def read_frame_image(path: Path) -> FrameArray:
-    """The image (H, W) or (H, W, 3): uint8 or uint16 as encoded, or float32.
+    """Read an image (H, W) or (H, W, 3): uint8 or uint16 as encoded, or float32.
 
     An image that its EXIF data turns is turned. An alpha channel is left out where it is opaque throughout.
 
@@ -95,7 +95,7 @@ def _read_with_pillow(path: Path, data: bytes, budget: Budget) -> FrameArray:
 
 
 def _has_deep_colour(image: Image, data: bytes) -> bool:
-    """Whether it is a PNG or a TIFF with 16-bit colour, of which Pillow would keep 8 bits without a word."""
+    """Tell whether it is a PNG or a TIFF with 16-bit colour, of which Pillow would keep 8 bits without a word."""
     if image.format == "PNG":
         return data[24:25] == b"\x10" and data[25:26] in (b"\x02", b"\x04", b"\x06")
     if image.format == "TIFF":
@@ -105,7 +105,7 @@ def _has_deep_colour(image: Image, data: bytes) -> bool:
 
 
 def _tiff_size(path: Path, data: bytes) -> tuple[int, int]:
-    """Width and height by the first directory of a TIFF file."""
+    """Read width and height from the first directory of a TIFF file."""
     from PIL.TiffImagePlugin import ImageFileDirectory_v2
 
     with decoding(path):

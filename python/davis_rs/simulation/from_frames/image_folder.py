@@ -1,4 +1,4 @@
-"""A folder of images as frames, with the lists of stamps that ESIM, vid2e and dataset folders have."""
+"""Reads a folder of images as frames, with the lists of stamps that ESIM, vid2e and dataset folders have."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _SUB_FOLDERS = ("imgs", "images")
 
 
 class ImageFolder(FrameSource):
-    """The images of a folder, in the order of a list of stamps, or of the numbers in their names.
+    """Reads the images of a folder, in the order of a list of stamps, or of the numbers in their names.
 
     Args:
         path: the folder.
@@ -80,7 +80,7 @@ class ImageFolder(FrameSource):
         }
 
     def _listed(self) -> list[tuple[int, Path]] | None:
-        """Stamps and files of a list in the folder, if there is one."""
+        """Read stamps and files of a list in the folder, if there is one."""
         for name, unit in _LISTS.items():
             path = self._folder / name
             if not path.is_file():
@@ -120,7 +120,7 @@ class ImageFolder(FrameSource):
 
 
 def _images(folder: Path) -> list[Path]:
-    """The images of the folder, or of the sub-folder that vid2e and datasets keep them in, by the numbers in their
+    """List the images of the folder, or of the sub-folder that vid2e and datasets keep them in, by the numbers in their
     names."""
     found = _images_in(folder)
     for name in _SUB_FOLDERS:
@@ -140,6 +140,6 @@ def _images_in(folder: Path) -> list[Path]:
 
 
 def _by_numbers(file: Path) -> tuple[list[tuple[str, int]], str]:
-    """A key by which frame_2 comes before frame_10."""
+    """Return a key by which frame_2 comes before frame_10."""
     parts = re.findall(r"(\D*)(\d*)", file.stem)
     return [(text, int(number or -1)) for text, number in parts], file.name

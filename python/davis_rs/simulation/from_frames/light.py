@@ -1,4 +1,4 @@
-"""Light: from the values of a frame to linear luma."""
+"""Turns the values of a frame into linear luma."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ class Light:
             self.levels = self._decode((steps - self.black) / (self.white - self.black))
 
     def luma(self, image: FrameArray, where: str) -> LumaFrame:
-        """Linear luma (H, W), float32, of a frame (H, W) or (H, W, 3).
+        """Return linear luma (H, W), float32, of a frame (H, W) or (H, W, 3).
 
         Raises:
             ValueError: for a value that is NaN, infinite or negative, naming the frame and the pixel.

@@ -1,4 +1,4 @@
-"""Optical flow between two frames, and frames at instants between them: OpenCV's DIS, both ways, with occlusions."""
+"""Computes optical flow between two frames by OpenCV's DIS, both ways, with occlusions, and frames between them."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ whatever smooth continuation makes of it, and no events come from there."""
 
 
 def opencv() -> Any:
-    """OpenCV.
+    """Import OpenCV.
 
     Raises:
         ImportError: saying how to get it.
@@ -65,7 +65,7 @@ class FlowFinder:
         self._dis = self._cv2.DISOpticalFlow_create(self._cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
 
     def flow(self, before: LumaFrame, after: LumaFrame) -> FlowField:
-        """The flow from each pixel of ``before`` (H, W) to its place in ``after``.
+        """Compute the flow from each pixel of ``before`` (H, W) to its position in ``after``.
 
         Raises:
             ValueError: for frames of more than 32,766 pixels on a side.
@@ -88,7 +88,7 @@ class FlowFinder:
         return np.ascontiguousarray(found[:height, :width])
 
     def between(self, before: LumaFrame, after: LumaFrame) -> FlowPair:
-        """The flow there and back."""
+        """Compute the flow there and back."""
         return FlowPair.of(before, after, self.flow(before, after), self.flow(after, before))
 
     def _padded(self, grey: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
@@ -97,7 +97,7 @@ class FlowFinder:
 
 
 def displacement(frame: LumaFrame, flow: FlowField) -> float:
-    """How far the image moves, in pixels: the 98th percentile of the pixels that have texture; 0 without any."""
+    """Return how far the image moves, in pixels: the 98th percentile of pixels that have texture; 0 without any."""
     cv2 = opencv()
     grey = _as_grey(frame, _white(frame)).astype(np.float32)
     across, down = (cv2.Sobel(grey, -1, 1 - k, k, ksize=3, scale=1 / 8) for k in (0, 1))
@@ -108,7 +108,7 @@ def displacement(frame: LumaFrame, flow: FlowField) -> float:
 
 @dataclass(frozen=True, eq=False)
 class FlowPair:
-    """Two frames, and how each moves to the other.
+    """Holds two frames, and how each moves to the other.
 
     Attributes:
         before, after: linear luma (H, W).
@@ -126,22 +126,22 @@ class FlowPair:
 
     @classmethod
     def of(cls, before: LumaFrame, after: LumaFrame, forward: FlowField, backward: FlowField) -> FlowPair:
-        """The pair of flows, with the occlusions that follow from them."""
+        """Make the pair of flows, with the occlusions that follow from them."""
         seen = (_seen(one, other) for one, other in ((forward, backward), (backward, forward)))
         return cls(before, after, forward, backward, *seen)
 
     @property
     def displacement_px(self) -> float:
-        """How far the image moves, in pixels, as :func:`displacement`."""
+        """Return how far the image moves, in pixels, as :func:`displacement`."""
         return max(displacement(self.before, self.forward), displacement(self.after, self.backward))
 
     @property
     def occluded(self) -> float:
-        """Share of the pixels of ``before`` whose flow there and back do not agree."""
+        """Return the fraction of the pixels of ``before`` whose flow there and back do not agree."""
         return float((self.seen_after < 0.5).mean())
 
     def frames(self, shares: npt.ArrayLike) -> Iterator[LumaFrame]:
-        """The frame at each share of the way, in 0..1: what is seen moves straight, at constant speed.
+        """Make the frame at each fraction of the way, in 0..1: what is seen moves straight, at constant speed.
 
         A pixel is taken from both frames, by how near they are in time, and from one alone where it is hidden in the
         other.
@@ -156,7 +156,7 @@ class FlowPair:
 
     @staticmethod
     def _from(frame: LumaFrame, flow: FlowField, seen: LumaFrame, share: float) -> tuple[LumaFrame, LumaFrame]:
-        """A frame, and how sure its pixels are, moved along its flow by a share of it."""
+        """Move a frame, and how sure its pixels are, along its flow by a fraction of it."""
         cv2 = opencv()
         x, y = _grid(*frame.shape)
         step = np.float32(share)
@@ -183,7 +183,7 @@ def _grid(height: int, width: int) -> tuple[LumaFrame, LumaFrame]:
 
 
 def _seen(there: FlowField, back: FlowField) -> LumaFrame:
-    """Whether what moves by ``there`` comes back by ``back`` to where it was: 1, and 0 where it misses widely."""
+    """Tell whether what moves by ``there`` comes back by ``back`` to where it was: 1, and 0 where it misses widely."""
     x, y = _grid(*there.shape[:2])
     returned = opencv().remap(back, x + there[..., 0], y + there[..., 1], 1, None, _BORDER)
     missed = (there[..., 0] + returned[..., 0]) ** 2 + (there[..., 1] + returned[..., 1]) ** 2
@@ -191,7 +191,7 @@ def _seen(there: FlowField, back: FlowField) -> LumaFrame:
 
 
 def _white(luma: LumaFrame) -> float:
-    """What is shown as white: all but the brightest highlights are below it."""
+    """Return what is shown as white: all but the brightest highlights are below it."""
     return float(np.percentile(luma, 99.5)) or 1.0
 
 

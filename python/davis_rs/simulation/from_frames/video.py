@@ -1,4 +1,4 @@
-"""A video file as frames: the container's own stamps, range, matrix and transfer function, by PyAV (FFmpeg)."""
+"""Reads a video file as frames: the container's own stamps, range, matrix and transfer function, by PyAV (FFmpeg)."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ files (HLS, DASH, concat, image2) open whatever they name."""
 
 
 class Video(FrameSource):
-    """The frames of a video file's first video stream, turned upright as its metadata say.
+    """Reads the frames of a video file's first video stream, turned upright as its metadata say.
 
     Colour is decoded without FFmpeg's 8-bit conversion: Y'CbCr in the stream's own bits and range goes through the
     matrix that the stream names to R'G'B' of 16 bits.
@@ -151,7 +151,7 @@ class Video(FrameSource):
 
     @contextmanager
     def _opened(self) -> Iterator[tuple[Any, Any]]:
-        """The container and its first video stream."""
+        """Open the container and its first video stream."""
         av = _pyav()
         with _ffmpeg_errors(self.name):
             # A file, whatever its name looks like, and nothing that its contents may refer to elsewhere.
@@ -200,7 +200,7 @@ def _ffmpeg_errors(where: str) -> Iterator[None]:
 
 @dataclass(frozen=True)
 class _StreamFormat:
-    """What a stream says of itself, and what is taken where it says nothing; its fields are those of meta.json.
+    """Holds what a stream says of itself, and what is taken where it says nothing; its fields are those of meta.json.
 
     Attributes:
         codec, pixel_format: by FFmpeg's names.
@@ -295,7 +295,7 @@ class _Converter:
         return self._of_yuv(frame, bits, black, span, full)
 
     def _of_yuv(self, frame: Any, bits: int, black: float, span: float, full: bool) -> npt.NDArray[np.uint16]:
-        """R'G'B' from Y'CbCr: chroma brought to all pixels by FFmpeg, the matrix in float32."""
+        """Compute R'G'B' from Y'CbCr: chroma brought to all pixels by FFmpeg, the matrix in float32."""
         target = "yuv444p" if bits == 8 else f"yuv444p{bits}le"
         if frame.format.name not in (target, target.replace("yuv", "yuvj")):
             number = _FULL if full else _LIMITED
@@ -320,7 +320,7 @@ def _to_16_bits(image: npt.NDArray[np.float32]) -> npt.NDArray[np.uint16]:
 
 
 def _plane(frame: Any, number: int, bits: int) -> npt.NDArray[np.float32]:
-    """A plane of a planar frame (h, w), without the padding of its lines."""
+    """Return a plane of a planar frame (h, w), without the padding of its lines."""
     plane = frame.planes[number]
     dtype = np.dtype(np.uint8 if bits == 8 else np.dtype("<u2"))
     lines = np.frombuffer(plane, dtype).reshape(-1, plane.line_size // dtype.itemsize)

@@ -1,4 +1,4 @@
-"""What a plan says: of each effect what leaving it out does and what having it costs, and a table for people."""
+"""Writes a plan: of each effect what leaving it out does and what having it costs, and a table for people."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _WIDTH = 118
 
 @dataclass(frozen=True)
 class PlannedEffect:
-    """What leaving out an effect would do, and what having it costs.
+    """Says what leaving out an effect would do, and what having it costs.
 
     Attributes:
         effect: with its values.
@@ -43,7 +43,7 @@ class PlannedEffect:
 
 @dataclass(frozen=True)
 class EffectPlan:
-    """Which effects a sequence calls for; its string is a short table for people, :meth:`explain` a long one.
+    """Says which effects a sequence calls for; its string is a short table for people, :meth:`explain` a long one.
 
     Attributes:
         items: one for each candidate, in the order in which light and events meet them.
@@ -66,7 +66,8 @@ class EffectPlan:
 
     @property
     def effects(self) -> Effects:
-        """The effects called for and those kept; other candidates are switched off, so no sensor brings them back."""
+        """Return the effects called for and those kept; other candidates are switched off, so no sensor brings them
+        back."""
         chosen = {item.effect.name: item.effect for item in self.items if item.called_for}
         off = {item.effect.name for item in self.items} - chosen.keys()
         return self.kept.with_defaults(Effects.of(chosen.values())).without(off)
@@ -92,7 +93,7 @@ class EffectPlan:
 
 
 def _without_nan(item: dict[str, object]) -> dict[str, object]:
-    """The same with None for NaN, which JSON lacks."""
+    """Return the same with None for NaN, which JSON lacks."""
     return {
         name: _without_nan(value) if isinstance(value, dict) else None if value != value else value
         for name, value in item.items()
@@ -100,7 +101,7 @@ def _without_nan(item: dict[str, object]) -> dict[str, object]:
 
 
 def _table(plan: EffectPlan, *, long: bool) -> list[str]:
-    """One row an effect, and in the long table what was seen of the sequence below it."""
+    """Write one row an effect, and in the long table what was seen of the sequence below it."""
     rows = [_HEADS + (_MORE_HEADS if long else ()), *(_cells(item, long=long) for item in plan.items)]
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     lines = [_line(rows[0], widths)]
@@ -112,7 +113,7 @@ def _table(plan: EffectPlan, *, long: bool) -> list[str]:
 
 
 def _summary(plan: EffectPlan) -> list[str]:
-    """What is called for, and what the set does."""
+    """Say what is called for, and what the set does."""
     called = [item.effect.name for item in plan.items if item.called_for]
     kept = f", next to what was given: {', '.join(effect.name for effect in plan.kept)}" if plan.kept else ""
     lines = [
@@ -146,7 +147,7 @@ def _share_of(percent: float) -> str:
 
 
 def _notes(plan: EffectPlan) -> list[str]:
-    """What the columns mean."""
+    """Say what the columns mean."""
     tolerance, scale = f"{100 * plan.effects_tolerance:g} %", plan.scale
     return [
         f"Of each effect left out alone, compared with ideal pixels, in {plan.duration_s:g} s with about "

@@ -1,4 +1,4 @@
-"""Parts of a sequence as some pixels see them, and what an engine makes of them under effects."""
+"""Holds parts of a sequence as some pixels see them, and makes events of them under effects."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ IntArray = npt.NDArray[np.int64]
 
 
 class LumaSegment(NamedTuple):
-    """Consecutive keyframes of some or all pixels.
+    """Holds consecutive keyframes of some or all pixels.
 
     Attributes:
         t_us: (k,) microseconds of the sequence.
@@ -33,7 +33,7 @@ class LumaSegment(NamedTuple):
 
 @dataclass(frozen=True)
 class LumaSample:
-    """Parts of a sequence as some pixels see them, and the engine that turns them into events.
+    """Holds parts of a sequence as some pixels see them, and the engine that turns them into events.
 
     Levels are those of references that begin at the sequence's first instant: there each part's engine begins, too, and
     goes straight to where the part does. What happens on the way does not count, but what has leaked until then has.
@@ -56,7 +56,7 @@ class LumaSample:
 
     @property
     def size(self) -> tuple[int, int]:
-        """Width and height."""
+        """Return width and height."""
         return self.origin.shape[2], self.origin.shape[1]
 
     @property
@@ -65,29 +65,29 @@ class LumaSample:
 
     @property
     def pixel_frames(self) -> int:
-        """How many pixels of how many keyframes there are, but for the first of each part."""
+        """Return how many pixels of how many keyframes there are, but for the first of each part."""
         return sum(len(part.t_us) - 1 for part in self.parts) * self.pixels
 
     @cached_property
     def ideal_parts(self) -> list[EventArray]:
-        """The events of ideal pixels, part by part."""
+        """Return the events of ideal pixels, part by part."""
         return [self.part_events(part, None) for part in self.parts]
 
     @cached_property
     def ideal(self) -> EventArray:
-        """The events of ideal pixels."""
+        """Return the events of ideal pixels."""
         return concatenate_events(self.ideal_parts)
 
     def events(self, effects: Effects | None) -> EventArray:
-        """The events of the parts under effects."""
+        """Make the events of the parts under effects."""
         return concatenate_events([self.part_events(part, effects) for part in self.parts])
 
     def part_events(self, part: LumaSegment, effects: Effects | None) -> EventArray:
-        """The events of one part."""
+        """Make the events of one part."""
         return concatenate_events(push_all(self.engine_at(part, effects), part))
 
     def engine_at(self, part: LumaSegment, effects: Effects | None) -> CrossingEngine:
-        """An engine that has taken the first frame of a part."""
+        """Make an engine that has taken the first frame of a part."""
         width, height = self.size
         engine = CrossingEngine(
             width,
@@ -106,12 +106,12 @@ class LumaSample:
         return engine
 
     def through(self, lens: Callable[[LumaFrames], LumaFrames]) -> LumaSample:
-        """The same behind a lens, which maps luma (k, H, W) to luma."""
+        """Return the same behind a lens, which maps luma (k, H, W) to luma."""
         parts = [LumaSegment(part.t_us, lens(part.luma)) for part in self.parts]
         return replace(self, origin=lens(self.origin), parts=parts)
 
     def steps(self) -> Steps:
-        """All keyframes with their next ones."""
+        """Return all keyframes with their next ones."""
         eps = np.float32(self.log_eps)
         pairs = [(np.diff(part.t_us) * 1e-6, part.luma.reshape(len(part.luma), -1)) for part in self.parts]
         return Steps(
@@ -123,7 +123,7 @@ class LumaSample:
 
 
 def push_all(engine: CrossingEngine, part: LumaSegment) -> list[EventArray]:
-    """The events of all frames of a part but the first, which the engine has."""
+    """Make the events of all frames of a part but the first, which the engine has."""
     return [engine.push(t_us, luma) for t_us, luma in zip(part.t_us[1:].tolist(), part.luma[1:], strict=True)]
 
 
@@ -136,7 +136,7 @@ def event_intervals_us(events: EventArray) -> IntArray:
 
 
 class Steps(NamedTuple):
-    """What lies between consecutive keyframes.
+    """Holds what lies between consecutive keyframes.
 
     Attributes:
         length_s: (k,) seconds.

@@ -1,4 +1,4 @@
-"""What becomes of a stream when effects are left out."""
+"""Compares a stream with what is left of it when effects are left out."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ...events.matching import EventComparison, compare_events
 
 @dataclass(frozen=True)
 class TimeScale:
-    """What times of events are compared with.
+    """Holds what times of events are compared with.
 
     Attributes:
         window_us: how far apart two events may be that count as the same.
@@ -41,13 +41,13 @@ class TimeScale:
 
     @property
     def price_us(self) -> float:
-        """What an event without a partner adds to the distance."""
+        """Return what an event without a partner adds to the distance."""
         return (self.window_us + 0.5) / 2
 
 
 @dataclass(frozen=True)
 class OmissionError:
-    """How a stream changes when effects are left out, in percent of the larger of the two streams.
+    """Says how a stream changes when effects are left out, in percent of the larger of the two streams.
 
     Attributes:
         count_percent: events without the effects minus those with them.
@@ -70,7 +70,7 @@ class OmissionError:
 
     @property
     def worst_percent(self) -> float:
-        """The largest of the errors in count, rate and time, which a tolerance limits."""
+        """Return the largest of the errors in count, rate and time, which a tolerance limits."""
         return max(abs(self.count_percent), self.rate_percent, self.time_percent)
 
     def with_added(self, made: float, events: float) -> OmissionError:
@@ -126,7 +126,7 @@ def omission_error_of_added(made: float, events: float) -> OmissionError:
 
 
 def _counts(events: EventArray, size: tuple[int, int]) -> npt.NDArray[np.int64]:
-    """Events of each pixel and polarity."""
+    """Return events of each pixel and polarity."""
     width, height = size
     index = (events["y"].astype(np.int64) * width + events["x"]) * 2 + (events["p"] != 0)
     return np.bincount(index, minlength=2 * width * height)

@@ -1,4 +1,4 @@
-"""What leaving an effect out does to a sequence, and what was seen of the sequence that says so: effect by effect."""
+"""Estimates what leaving an effect out does to a sequence, and says what was seen of it, effect by effect."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class OmissionEstimator:
     scale: TimeScale
 
     def __call__(self, effect: Effect) -> tuple[OmissionError, str]:
-        """What leaving out an effect on events does, and what was seen of the sequence, in words."""
+        """Estimate what leaving out an effect on events does, and say what was seen of the sequence."""
         estimator = ESTIMATORS[type(effect)]
         return estimator(self, effect)
 
@@ -57,13 +57,14 @@ class OmissionEstimator:
         return omission_error(without, with_effect, size=sample.size, scale=self.scale)[0]
 
     def in_engine(self, effect: Effect) -> OmissionError:
-        """The omission error, from the engine's run on the scattered pixels."""
+        """Return the omission error, from the engine's run on the scattered pixels."""
         sample = self.sequence.pixels
         return self.compare(sample, sample.ideal, sample.events(Effects.of([effect])))
 
     @property
     def scene_events(self) -> float:
-        """The number of events of ideal pixels on the whole sensor and sequence. It is scaled by keyframes, because
+        """Return the number of events of ideal pixels on the whole sensor and sequence. It is scaled by keyframes,
+        because
         both follow the motion."""
         return self.whole(len(self.sequence.pixels.ideal))
 
@@ -74,11 +75,11 @@ class OmissionEstimator:
         return events / sample.sensor_share * ((len(self.sequence.t_us) - 1) / seen)
 
     def of_rate(self, hz: float) -> float:
-        """The number of events in the whole sequence at ``hz`` events per pixel and second."""
+        """Return the number of events in the whole sequence at ``hz`` events per pixel and second."""
         return hz * self.sequence.camera.width * self.sequence.camera.height * self.sequence.duration_us * 1e-6
 
     def added(self, hz: float) -> OmissionError:
-        """The omission error of events that come on top of the scene's, at a rate for each pixel."""
+        """Return the omission error of events that come on top of the scene's, at a rate for each pixel."""
         return omission_error_of_added(self.of_rate(hz), self.scene_events)
 
 
@@ -165,7 +166,7 @@ def _leak(estimator: OmissionEstimator, effect: LeakRate) -> tuple[OmissionError
 
 
 def static_leak_events(drift: float, effect: LeakRate, sample: LumaSample) -> float:
-    """Events that a leak makes in a pixel that sees a static scene, in the mean over pixels.
+    """Count the events that a leak makes in a pixel that sees a static scene, in the mean over pixels.
 
     Until the first one, a reference drifts from where it was at the start.
 
@@ -184,7 +185,7 @@ def static_leak_events(drift: float, effect: LeakRate, sample: LumaSample) -> fl
 
 
 def _sum_of_floors(value: FloatArray) -> FloatArray:
-    """The integral of floor(x) from 0 to a value; 0 below."""
+    """Return the integral of floor(x) from 0 to a value; 0 below."""
     whole = np.floor(np.maximum(value, 0.0))
     return np.asarray(whole * (whole - 1) / 2 + whole * (np.maximum(value, 0.0) - whole))
 

@@ -1,4 +1,4 @@
-"""The settings of events from frames (video, images, arrays), each declared once, next to those of a simulation."""
+"""Declares the settings of events from frames (video, images, arrays), next to those of a simulation."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ INTERPOLATIONS = ("auto", "linear", "cubic", "flow")
 
 @dataclass(frozen=True, kw_only=True)
 class _LightSettings(Settings):
-    """What the values of a frame stand for."""
+    """Declares what the values of a frame stand for."""
 
     transfer: str | None = declare(
         None,
@@ -60,7 +60,7 @@ class _LightSettings(Settings):
 
 @dataclass(frozen=True, kw_only=True)
 class _PartSettings(Settings):
-    """Which part of the frames is taken, in time and in space."""
+    """Declares which part of the frames is taken, in time and in space."""
 
     start_s: float = declare(
         0.0,
@@ -134,7 +134,7 @@ class _PartSettings(Settings):
 
 @dataclass(frozen=True, kw_only=True)
 class _BetweenSettings(Settings):
-    """How light runs between two frames."""
+    """Declares how light runs between two frames."""
 
     interpolation: str | Callable[..., Any] = declare(
         "auto",
@@ -161,7 +161,7 @@ class _BetweenSettings(Settings):
 
 @dataclass(frozen=True, kw_only=True)
 class FrameSettings(EngineSettings, PixelSettings, _BetweenSettings, _PartSettings, _LightSettings):
-    """The settings of :func:`~davis_rs.events_from_frames`."""
+    """Declares the settings of :func:`~davis_rs.events_from_frames`."""
 
     sensor: SensorParameters | str | os.PathLike[str] | None = declare(None, SENSOR)
     effects: EffectsLike | None = declare(
@@ -178,7 +178,8 @@ class FrameSettings(EngineSettings, PixelSettings, _BetweenSettings, _PartSettin
 
 @dataclass(frozen=True, kw_only=True)
 class FrameFolderSettings(FolderFileSettings, FrameSettings):
-    """The settings of :func:`~davis_rs.frames_to_folder`: those of the events, and what is written next to them."""
+    """Declares the settings of :func:`~davis_rs.frames_to_folder`: those of the events, and what is written next to
+    them."""
 
     images_every: int = declare(
         1,

@@ -1,4 +1,4 @@
-"""Which camera a simulation has: from the scene, a calibration, a size and a sensor, which must agree."""
+"""Decides which camera a simulation has: by the scene, a calibration, a size and a sensor, which must agree."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def image_camera(
     size: tuple[int, int] | str | None,
     sensor: SensorParameters,
 ) -> Camera:
-    """The camera that the arguments ask for together.
+    """Make the camera that the arguments ask for together.
 
     Args:
         camera: a camera, a preset's name or a ``calib.txt``; None takes the scene's lens.
@@ -51,7 +51,7 @@ def image_camera(
 
 
 def camera_of_size(camera: Camera | str | os.PathLike[str], wanted: tuple[int, int] | None, source: str) -> Camera:
-    """A camera, a preset's name or a ``calib.txt``, for an image of a size.
+    """Load a camera, a preset's name or a ``calib.txt``, for an image of a size.
 
     Args:
         wanted: (width, height) in pixels; None takes the camera's own.
@@ -114,7 +114,7 @@ def _centred(camera: Camera) -> bool:
 
 
 def _with_same_view(camera: Camera, width: int, height: int) -> Camera:
-    """The same lens on another size, with the same horizontal field of view."""
+    """Return the same lens on another size, with the same horizontal field of view."""
     scale = width / camera.width
     return replace(
         camera,

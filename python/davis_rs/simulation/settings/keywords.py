@@ -20,7 +20,7 @@ from ...sensor.parameters import SensorParameters
 
 
 class PixelKeywords(TypedDict, total=False):
-    """The keyword arguments of :class:`PixelSettings`."""
+    """Names the keyword arguments of :class:`PixelSettings`."""
 
     contrast_threshold: float | None
     contrast_threshold_off: float | None
@@ -30,7 +30,7 @@ class PixelKeywords(TypedDict, total=False):
 
 
 class ViewKeywords(PixelKeywords, total=False):
-    """The keyword arguments of :class:`ViewSettings`."""
+    """Names the keyword arguments of :class:`ViewSettings`."""
 
     sensor: SensorParameters | str | os.PathLike[str] | None
     camera: Camera | str | os.PathLike[str] | None
@@ -45,23 +45,23 @@ class ViewKeywords(PixelKeywords, total=False):
 
 
 class EffectsToleranceKeywords(TypedDict, total=False):
-    """The keyword arguments of :class:`EffectsToleranceSettings`."""
+    """Names the keyword arguments of :class:`EffectsToleranceSettings`."""
 
     effects_tolerance: float | None
 
 
 class PlanKeywords(EffectsToleranceKeywords, ViewKeywords, total=False):
-    """The keyword arguments of :class:`PlanSettings`."""
+    """Names the keyword arguments of :class:`PlanSettings`."""
 
 
 class EngineKeywords(TypedDict, total=False):
-    """The keyword arguments of :class:`EngineSettings`."""
+    """Names the keyword arguments of :class:`EngineSettings`."""
 
     threads: int | None
 
 
 class SamplingKeywords(EngineKeywords, ViewKeywords, total=False):
-    """The keyword arguments of :class:`SamplingSettings`."""
+    """Names the keyword arguments of :class:`SamplingSettings`."""
 
     frame_rate_hz: float
     depth_rate_hz: float
@@ -79,32 +79,32 @@ class SamplingKeywords(EngineKeywords, ViewKeywords, total=False):
 
 
 class CustomKeywords(SamplingKeywords, total=False):
-    """The keyword arguments of :class:`CustomSettings`."""
+    """Names the keyword arguments of :class:`CustomSettings`."""
 
     custom_effects: object | None
 
 
 class SimulatorKeywords(CustomKeywords, total=False):
-    """The keyword arguments of :class:`SimulatorSettings`."""
+    """Names the keyword arguments of :class:`SimulatorSettings`."""
 
     effects: EffectsLike | None
 
 
 class SimulationKeywords(EffectsToleranceKeywords, CustomKeywords, total=False):
-    """The keyword arguments of :class:`SimulationSettings`."""
+    """Names the keyword arguments of :class:`SimulationSettings`."""
 
     effects: EffectsLike | None
 
 
 class FolderFileKeywords(TypedDict, total=False):
-    """The keyword arguments of :class:`FolderFileSettings`."""
+    """Names the keyword arguments of :class:`FolderFileSettings`."""
 
     events_format: str
     image_gain: float | None
 
 
 class FolderKeywords(FolderFileKeywords, SimulationKeywords, total=False):
-    """The keyword arguments of :class:`FolderSettings`."""
+    """Names the keyword arguments of :class:`FolderSettings`."""
 
     accept_noise: bool | None
     imu: Imu | str | None
@@ -122,7 +122,7 @@ class FolderKeywords(FolderFileKeywords, SimulationKeywords, total=False):
 
 
 class _LightKeywords(TypedDict, total=False):
-    """The keyword arguments of :class:`_LightSettings`."""
+    """Names the keyword arguments of :class:`_LightSettings`."""
 
     transfer: str | None
     white_level: float | None
@@ -130,7 +130,7 @@ class _LightKeywords(TypedDict, total=False):
 
 
 class _PartKeywords(TypedDict, total=False):
-    """The keyword arguments of :class:`_PartSettings`."""
+    """Names the keyword arguments of :class:`_PartSettings`."""
 
     start_s: float
     stop_s: float | None
@@ -142,20 +142,20 @@ class _PartKeywords(TypedDict, total=False):
 
 
 class _BetweenKeywords(TypedDict, total=False):
-    """The keyword arguments of :class:`_BetweenSettings`."""
+    """Names the keyword arguments of :class:`_BetweenSettings`."""
 
     interpolation: str | Callable[..., Any]
     max_displacement_px: float
 
 
 class FrameKeywords(EngineKeywords, PixelKeywords, _BetweenKeywords, _PartKeywords, _LightKeywords, total=False):
-    """The keyword arguments of :class:`FrameSettings`."""
+    """Names the keyword arguments of :class:`FrameSettings`."""
 
     sensor: SensorParameters | str | os.PathLike[str] | None
     effects: EffectsLike | None
 
 
 class FrameFolderKeywords(FolderFileKeywords, FrameKeywords, total=False):
-    """The keyword arguments of :class:`FrameFolderSettings`."""
+    """Names the keyword arguments of :class:`FrameFolderSettings`."""
 
     images_every: int

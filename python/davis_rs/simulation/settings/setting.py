@@ -78,7 +78,8 @@ _DECLARED = "declared"
 
 @dataclass(frozen=True, kw_only=True)
 class Settings:
-    """Base of the dataclasses that declare settings. Every field has a default and comes from :func:`declare`."""
+    """Declares nothing yet: the base of the dataclasses that declare settings. Every field has a default and comes from
+    :func:`declare`."""
 
     def by_name(self) -> dict[str, object]:
         """Return the settings by name, in the order of their declaration; values are not copied."""
@@ -90,7 +91,7 @@ SettingsType = TypeVar("SettingsType", bound=Settings)
 
 @dataclass(frozen=True)
 class Setting:
-    """A setting as options, keys and checks see it: its name, its type and what is declared of it.
+    """Describes a setting as options, keys and checks see it: its name, its type and what is declared of it.
 
     Attributes:
         name: of the Python argument, and in meta.json; it ends with the unit where there is one.

@@ -1,4 +1,4 @@
-"""The settings of a simulation, each declared once, as a field of a frozen dataclass.
+"""Declares the settings of a simulation, each once, as a field of a frozen dataclass.
 
 Command-line options, keys of plans, the arguments of Python, what meta.json keeps and docs/settings.md all follow from
 these fields. A dataclass lists its fields base by base from the last base to the first; tables and ``--help`` keep
@@ -46,7 +46,7 @@ EFFECT_FORM = "NAME[=VALUE[,PARAMETER=VALUE...]]"
 
 @dataclass(frozen=True, kw_only=True)
 class PixelSettings(Settings):
-    """What the pixels are like, wherever their light comes from."""
+    """Declares what the pixels are like, wherever their light comes from."""
 
     contrast_threshold: float | None = declare(
         None,
@@ -103,7 +103,7 @@ class PixelSettings(Settings):
 
 @dataclass(frozen=True, kw_only=True)
 class ViewSettings(PixelSettings):
-    """How the sensor sees the scene; the planner of effects needs these settings too."""
+    """Declares how the sensor sees the scene; the planner of effects needs these settings too."""
 
     sensor: SensorParameters | str | os.PathLike[str] | None = declare(
         None,
@@ -208,7 +208,7 @@ class ViewSettings(PixelSettings):
 
 @dataclass(frozen=True, kw_only=True)
 class EffectsToleranceSettings(Settings):
-    """How effects are planned."""
+    """Declares how effects are planned."""
 
     effects_tolerance: float | None = declare(
         None,
@@ -226,12 +226,12 @@ class EffectsToleranceSettings(Settings):
 
 @dataclass(frozen=True, kw_only=True)
 class PlanSettings(EffectsToleranceSettings, ViewSettings):
-    """The settings of :func:`~davis_rs.plan_effects`."""
+    """Declares the settings of :func:`~davis_rs.plan_effects`."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class EngineSettings(Settings):
-    """How the crossing engine runs."""
+    """Declares how the crossing engine runs."""
 
     threads: int | None = declare(
         None,
@@ -248,7 +248,7 @@ class EngineSettings(Settings):
 
 @dataclass(frozen=True, kw_only=True)
 class FolderFileSettings(Settings):
-    """How frames and events are written into a folder."""
+    """Declares how frames and events are written into a folder."""
 
     events_format: str = declare(
         "text",
@@ -272,7 +272,7 @@ class FolderFileSettings(Settings):
 
 @dataclass(frozen=True, kw_only=True)
 class SamplingSettings(EngineSettings, ViewSettings):
-    """What the sensor records, and how finely time is sampled."""
+    """Declares what the sensor records, and how finely time is sampled."""
 
     frame_rate_hz: float = declare(
         40.0,
@@ -412,7 +412,7 @@ class SamplingSettings(EngineSettings, ViewSettings):
 
 @dataclass(frozen=True, kw_only=True)
 class CustomSettings(SamplingSettings):
-    """What a user adds of their own."""
+    """Declares what a user adds of their own."""
 
     custom_effects: object | None = declare(
         None,
@@ -428,7 +428,7 @@ class CustomSettings(SamplingSettings):
 
 @dataclass(frozen=True, kw_only=True)
 class SimulatorSettings(CustomSettings):
-    """The settings of :class:`~davis_rs.Simulator`."""
+    """Declares the settings of :class:`~davis_rs.Simulator`."""
 
     effects: EffectsLike | None = declare(
         None,
@@ -443,7 +443,7 @@ class SimulatorSettings(CustomSettings):
 
 @dataclass(frozen=True, kw_only=True)
 class SimulationSettings(EffectsToleranceSettings, CustomSettings):
-    """The settings of :func:`~davis_rs.simulate`: a simulator's, with effects that may be planned first."""
+    """Declares the settings of :func:`~davis_rs.simulate`: a simulator's, with effects that may be planned first."""
 
     effects: EffectsLike | None = declare(
         None,
@@ -460,7 +460,8 @@ class SimulationSettings(EffectsToleranceSettings, CustomSettings):
 
 @dataclass(frozen=True, kw_only=True)
 class FolderSettings(FolderFileSettings, SimulationSettings):
-    """The settings of :func:`~davis_rs.simulate_to_folder`: a simulation's, and what is written next to the events."""
+    """Declares the settings of :func:`~davis_rs.simulate_to_folder`: a simulation's, and what is written next to the
+    events."""
 
     accept_noise: bool | None = declare(
         None,
