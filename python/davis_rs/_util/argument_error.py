@@ -113,11 +113,11 @@ def _parts(rule: str, values: Sequence[object], names: Mapping[str, str | Sequen
         elif name is not None:
             # The value may hold empty braces itself.
             pieces = formatter.parse(spec or "")
-            value = "".join(one[0] if one[1] is None else f"{one[0]}{next(left)}" for one in pieces)
+            value = "".join(piece[0] if piece[1] is None else f"{piece[0]}{next(left)}" for piece in pieces)
             given = names.get(name, name)
-            for place, one in enumerate([given] if isinstance(given, str) else given):
-                parts += [", "] if place else []
-                parts.append(Argument(one, value))
+            for index, argument in enumerate([given] if isinstance(given, str) else given):
+                parts += [", "] if index else []
+                parts.append(Argument(argument, value))
     return tuple(part for part in parts if part)
 
 

@@ -137,13 +137,13 @@ def limits_in_use() -> Limits:
     """
     limits = Limits()
     for entry in os.environ.get(VARIABLE, "").split():
-        found = _ENTRY.fullmatch(entry)
+        parsed = _ENTRY.fullmatch(entry)
         try:
-            name, number, unit = found.groups() if found else ("", "", "")
+            name, number, unit = parsed.groups() if parsed else ("", "", "")
             value = float(number) * _UNITS[unit.lower()]
         except ValueError:
-            found = None
-        if found is None or not 0 < value < 2**62 or (unit and name.lower() != "bytes"):
+            parsed = None
+        if parsed is None or not 0 < value < 2**62 or (unit and name.lower() != "bytes"):
             raise ValueError(f"{VARIABLE} is like 'bytes=8GiB items=1e8 seconds=600': got {entry!r}")
         match name.lower():
             case "bytes":
@@ -157,7 +157,7 @@ def limits_in_use() -> Limits:
 
 def readable_bytes(size: int) -> str:
     """Write a number of bytes in the unit that suits it."""
-    for unit, one in (("GiB", 1 << 30), ("MiB", 1 << 20), ("KiB", 1 << 10)):
-        if size >= one:
-            return f"{size / one:.3g} {unit}"
+    for unit, unit_bytes in (("GiB", 1 << 30), ("MiB", 1 << 20), ("KiB", 1 << 10)):
+        if size >= unit_bytes:
+            return f"{size / unit_bytes:.3g} {unit}"
     return f"{size} bytes"

@@ -139,8 +139,8 @@ _OF_FRAMES, _FRAMES_AT_ONCE, _FLOW = 130, 8, 2400
 def available_bytes() -> int | None:
     """Return what this process may still take, by the system, its control groups and its limits; None if nobody
     says."""
-    found = [_of_the_system(), _of_the_limit(), *_of_the_groups()]
-    return min((max(0, size) for size in found if size is not None), default=None)
+    limits = [_of_the_system(), _of_the_limit(), *_of_the_groups()]
+    return min((max(0, size) for size in limits if size is not None), default=None)
 
 
 def _of_the_system() -> int | None:
@@ -159,7 +159,7 @@ def _of_the_limit() -> int | None:
 
 def _of_the_groups(root: Path = Path("/sys/fs/cgroup"), own: Path = Path("/proc/self/cgroup")) -> list[int]:
     """Return what the control groups leave that this process is in, of both versions; caches can be given up."""
-    found = []
+    left = []
     for line in _read(own).splitlines():
         number, controllers, path = line.split(":", 2)
         version_2 = (number, controllers) == ("0", "")
@@ -176,8 +176,8 @@ def _of_the_groups(root: Path = Path("/sys/fs/cgroup"), own: Path = Path("/proc/
             if most.isdigit() and used.isdigit() and int(most) < _NO_LIMIT:
                 stat = _fields(group / "memory.stat")
                 cached = stat.get("inactive_file", 0) if version_2 else stat.get("total_inactive_file", 0)
-                found.append(int(most) - int(used) + cached)
-    return found
+                left.append(int(most) - int(used) + cached)
+    return left
 
 
 _NO_LIMIT = 1 << 60

@@ -143,10 +143,10 @@ class _Lines(Progress):
             return
         self._said = now
         speed = speed_of(self.done - self._start, now - self._began, self._unit)
-        share = 100 * self.done / self.total if self.total else 100.0
+        percent = 100 * self.done / self.total if self.total else 100.0
         more = f", {note}" if note else ""
         tell(
-            f"{self._what}: {share:.0f} %, {self.done:.4g} of {self.total:.4g}{self._unit}, {speed}{more}",
+            f"{self._what}: {percent:.0f} %, {self.done:.4g} of {self.total:.4g}{self._unit}, {speed}{more}",
             file=sys.stderr,
             flush=True,
         )

@@ -32,8 +32,8 @@ def tell(text: object = "", *, file: TextIO | None = None, end: str = "\n", flus
     print(printable(text, lines=True), file=file, end=end, flush=flush)
 
 
-def _escape(found: re.Match[str]) -> str:
-    character = found[0]
+def _escape(match: re.Match[str]) -> str:
+    character = match[0]
     if "\udc80" <= character <= "\udcff":
         return f"\\x{ord(character) - 0xDC00:02x}"
     return character.encode("unicode_escape").decode("ascii")

@@ -95,8 +95,8 @@ def read_text(path: str | os.PathLike[str], limit: int = MAX_TEXT_BYTES) -> str:
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        found = f"{data[error.start]:#04x}"
-        raise DecodeError(f"{os.fspath(path)}: not a text file, byte {error.start} is {found}") from None
+        byte = f"{data[error.start]:#04x}"
+        raise DecodeError(f"{os.fspath(path)}: not a text file, byte {error.start} is {byte}") from None
 
 
 @contextmanager

@@ -132,8 +132,8 @@ def whole_file(path: str | os.PathLike[str], *, overwrite: bool = True) -> Itera
 
 def write_whole(path: str | os.PathLike[str], content: str | bytes) -> None:
     """Write a file at once, in UTF-8 if it is text; see :func:`whole_file`."""
-    with whole_file(path) as place:
-        place.write_bytes(content.encode() if isinstance(content, str) else content)
+    with whole_file(path) as working:
+        working.write_bytes(content.encode() if isinstance(content, str) else content)
 
 
 def is_sink(path: Path) -> bool:

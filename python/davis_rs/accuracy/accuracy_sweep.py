@@ -217,10 +217,10 @@ class Sweep:
 
     def _errors(self, events: EventArray, log: FloatArray, reference: EventArray, reference_log: FloatArray) -> Errors:
         size, window = (self.camera.width, self.camera.height), self.recipe.window_us * TICKS_PER_US
-        found = compare_events(in_ticks(events), reference, size=size, window_us=window)
+        comparison = compare_events(in_ticks(events), reference, size=size, window_us=window)
         log_rms = float(np.sqrt(np.mean((log - reference_log) ** 2))) / self.recipe.contrast_threshold
-        median_us, p99_us = found.median_us / TICKS_PER_US, found.p99_us / TICKS_PER_US
-        return Errors(median_us, p99_us, found.missing_percent, found.spurious_percent, log_rms)
+        median_us, p99_us = comparison.median_us / TICKS_PER_US, comparison.p99_us / TICKS_PER_US
+        return Errors(median_us, p99_us, comparison.missing_percent, comparison.spurious_percent, log_rms)
 
     def _renderer(self, samples: int) -> Renderer:
         return make_renderer(self._judged, self.camera, samples=samples)

@@ -141,7 +141,7 @@ class FrameRateSweep:
         if self._reference is None:
             self._reference = exact_crossings(self._renderer, self._recipe).events
         judged = self._reference[self._reference["t"] <= times[-1] * TICKS_PER_US]
-        found = compare_events(
+        comparison = compare_events(
             in_ticks(events),
             judged,
             size=(self.camera.width, self.camera.height),
@@ -151,10 +151,10 @@ class FrameRateSweep:
             setting,
             self.path_px / self.duration_s / setting.fps,
             len(events),
-            found.median_us / TICKS_PER_US,
-            found.p99_us / TICKS_PER_US,
-            found.missing_percent,
-            found.spurious_percent,
+            comparison.median_us / TICKS_PER_US,
+            comparison.p99_us / TICKS_PER_US,
+            comparison.missing_percent,
+            comparison.spurious_percent,
         )
 
     def _frames(self, times: list[int]) -> npt.NDArray[np.float32]:

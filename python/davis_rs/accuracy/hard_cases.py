@@ -107,15 +107,15 @@ def hard_cases_page(results: Sequence[HardCaseResult], facts: Mapping[str, str])
         "|---|---|---:|---:|---:|---:|---:|---:|",
     ]
     for result in results:
-        found = result.compared
+        comparison = result.compared
         cells = [
             result.case.name,
             result.preset,
             f"{result.keyframes:,}",
-            f"{found.compared:,}",
-            f"{found.reference:,}",
-            f"{found.missing_percent:.2f} + {found.spurious_percent:.2f}",
-            f"{found.median_us:.0f} / {found.p99_us:.0f}",
+            f"{comparison.compared:,}",
+            f"{comparison.reference:,}",
+            f"{comparison.missing_percent:.2f} + {comparison.spurious_percent:.2f}",
+            f"{comparison.median_us:.0f} / {comparison.p99_us:.0f}",
             f"{result.early:,}",
         ]
         lines.append("| " + " | ".join(cells) + " |")

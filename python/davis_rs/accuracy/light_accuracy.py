@@ -117,10 +117,10 @@ class LightComparison:
         """Measure errors: of the reference, the path tracer with each number of ``samples``, and baked light."""
         runs = [self._run(seed) for seed in range(_FIRST_SEED, _FIRST_SEED + self._runs)]
         # Neighbours in time are in different halves.
-        one, other = (np.asarray(np.mean(half, axis=0), np.float32) for half in (runs[::2], runs[1::2]))
+        even, odd = (np.asarray(np.mean(half, axis=0), np.float32) for half in (runs[::2], runs[1::2]))
         self.reference = np.mean(runs, axis=0, dtype=np.float32)
         what = f"reference: {self._runs} runs of {self._samples:,} samples; its halves compared"
-        yield self._errors(what, one, other, None, None)
+        yield self._errors(what, even, odd, None, None)
         for count in samples:
             tracer = make_renderer(self.scene, self.camera, kind="integrator", samples=count, seed=0)
             luma, ms = self._timed(tracer)
@@ -137,19 +137,19 @@ class LightComparison:
         luma = tracer.luma(self._views)
         if file is not None:
             file.parent.mkdir(parents=True, exist_ok=True)
-            with whole_file(file) as place:
-                np.save(place, luma)
+            with whole_file(file) as working:
+                np.save(working, luma)
         return luma
 
     def _errors(
         self, what: str, luma: LumaFrames, other: LumaFrames, bake_s: float | None, ms: float | None
     ) -> LightErrors:
         own, true = self._events(luma), self._events(other)
-        found = compare_events(own, true, size=(self.camera.width, self.camera.height), window_us=WINDOW_US)
+        comparison = compare_events(own, true, size=(self.camera.width, self.camera.height), window_us=WINDOW_US)
         eps, contrast = 1e-3, self.scene.contrast_threshold
         log_rms = float(np.sqrt(np.mean((np.log(luma + eps) - np.log(other + eps)) ** 2))) / contrast
-        wrong = found.missing_percent + found.spurious_percent
-        return LightErrors(what, bake_s, ms, len(own), found.median_us, found.p99_us, wrong, log_rms)
+        wrong = comparison.missing_percent + comparison.spurious_percent
+        return LightErrors(what, bake_s, ms, len(own), comparison.median_us, comparison.p99_us, wrong, log_rms)
 
     def _events(self, luma: LumaFrames) -> EventArray:
         contrast = self.scene.contrast_threshold
@@ -183,10 +183,10 @@ def light_cost(renderer: Renderer, scene: Scene) -> str | None:
     views = Views.along(scene.path, np.zeros(1))
     tracer = make_renderer(scene, renderer.camera, kind="integrator", samples=_TRIED_SAMPLES)
     ms = []
-    for one in (renderer, tracer):
-        one.luma(views)
+    for timed in (renderer, tracer):
+        timed.luma(views)
         start = time.perf_counter()
-        one.luma(views)
+        timed.luma(views)
         ms.append(1000 * (time.perf_counter() - start))
     by_paths = ms[1] * _PLANNED_SAMPLES / _TRIED_SAMPLES
     maps = renderer.baked.maps

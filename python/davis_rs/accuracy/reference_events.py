@@ -113,7 +113,7 @@ def exact_crossings(renderer: Renderer, recipe: Recipe, *, pixels: float = EXACT
     """
     engine = recipe.engine(renderer, "linear")
     times = _instants(renderer, recipe, pixels)
-    found: list[tuple[npt.NDArray[np.generic], ...]] = []
+    crossings: list[tuple[npt.NDArray[np.generic], ...]] = []
     last_us = 0
     for start in range(0, len(times), renderer.poses_per_launch):
         batch = times[start : start + renderer.poses_per_launch]
@@ -130,9 +130,9 @@ def exact_crossings(renderer: Renderer, recipe: Recipe, *, pixels: float = EXACT
             sign = np.where(events["p"] == 1, 1.0, -1.0)
             level = before[pixel] + sign * nth * recipe.contrast_threshold
             bracket = np.broadcast_to(np.array([[last_us], [t_us]]) * TICKS_PER_US, (2, len(pixel)))
-            found.append((pixel, sign, level, bracket))
+            crossings.append((pixel, sign, level, bracket))
             last_us = t_us
-    pixel, sign, level, (low, high) = (np.concatenate(column, -1) for column in zip(*found, strict=True))
+    pixel, sign, level, (low, high) = (np.concatenate(column, -1) for column in zip(*crossings, strict=True))
     ticks = _first_ticks(renderer, recipe, pixel, sign, level, low, high)
     events = np.zeros(len(pixel), EVENT_DTYPE)
     events["t"], events["p"] = ticks, sign > 0
@@ -194,7 +194,7 @@ def fine_reference(
     )
     size, window_us = (renderer.camera.width, renderer.camera.height), recipe.window_us * TICKS_PER_US
     frames = _cached_frames(cache, key)
-    found: FineReference | None = None
+    latest: FineReference | None = None
     halvings = range(round(np.log2(coarsest / finest)) + 1)
     rounds = {coarsest / 2**halving: _instants(renderer, recipe, coarsest / 2**halving) for halving in halvings}
     most = len(frames.keys() | np.unique(np.concatenate([*rounds.values()])).tolist())
@@ -206,18 +206,18 @@ def fine_reference(
         luma = np.stack([frames[t_us] for t_us in times.tolist()])
         events = _cubic_events(renderer, recipe, times, luma)
         shift, changed = (np.nan, np.nan), np.nan
-        if found is not None:
-            compared = compare_events(found.events, events, size=size, window_us=window_us)
+        if latest is not None:
+            compared = compare_events(latest.events, events, size=size, window_us=window_us)
             shift = (compared.median_us / TICKS_PER_US, compared.p99_us / TICKS_PER_US)
             changed = compared.missing_percent + compared.spurious_percent
-        found = FineReference(events, times, luma, pixels, shift, changed)
+        latest = FineReference(events, times, luma, pixels, shift, changed)
         if shift[0] <= recipe.window_us / 1000:
             break
-    assert found is not None
+    assert latest is not None
     cache.parent.mkdir(parents=True, exist_ok=True)
-    with whole_file(cache) as place, place.open("wb") as file:
-        np.savez(file, key=np.array(key), t_us=found.t_us, luma=found.luma)
-    return found
+    with whole_file(cache) as working, working.open("wb") as file:
+        np.savez(file, key=np.array(key), t_us=latest.t_us, luma=latest.luma)
+    return latest
 
 
 def _cached_frames(cache: Path, key: str) -> dict[int, npt.NDArray[np.float32]]:

@@ -33,7 +33,7 @@ _ERRORS: dict[str, tuple[str, Value]] = {
 def write_csv(measured: Sequence[Measurement], path: Path) -> None:
     """Write all numbers, one row a setting; replaces the file in one go, so that there is always a whole one."""
     rows = [_row(measurement) for measurement in measured]
-    with whole_file(path) as place, place.open("w", newline="", encoding="utf-8") as file:
+    with whole_file(path) as working, working.open("w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, list(rows[0]) if rows else [])
         writer.writeheader()
         writer.writerows(rows)
@@ -191,8 +191,8 @@ def draw(measured: Sequence[Measurement], path: Path, title: str) -> None:
     handles, labels = axes[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=5, frameon=False, fontsize=8.5)
     figure.suptitle(title, fontsize=11)
-    with whole_file(path) as place:
-        figure.savefig(place, format="png")
+    with whole_file(path) as working:
+        figure.savefig(working, format="png")
 
 
 def _panel(axis: Axes, points: Sequence[tuple[Measurement, float, float]], families: Sequence[str]) -> None:
@@ -207,12 +207,12 @@ def _panel(axis: Axes, points: Sequence[tuple[Measurement, float, float]], famil
         axis.plot(*zip(*own, strict=True) if own else ([], []), label=family, zorder=3, **style)
     middle = math.sqrt(min(x for _, x, _ in points) * max(x for _, x, _ in points))
     presets = sorted((x, y, m.setting.preset) for m, x, y in points if m.setting.preset)
-    for place, (x, y, name) in enumerate(presets):
+    for index, (x, y, name) in enumerate(presets):
         # Below and above in turn, as two may lie close together.
         axis.annotate(
             name,
             (x, y),
-            xytext=(8 if x < middle else -8, 10 if place % 2 else -18),
+            xytext=(8 if x < middle else -8, 10 if index % 2 else -18),
             ha="left" if x < middle else "right",
             textcoords="offset points",
             fontsize=9,

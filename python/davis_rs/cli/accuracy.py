@@ -156,8 +156,8 @@ def _frame_rates(options: argparse.Namespace) -> int:
     measured: list[VideoErrors] = []
     interrupted = False
     try:
-        for one in each(prepared.measure(settings), "videos", len(settings), show=not options.quiet):
-            measured.append(one)
+        for errors in each(prepared.measure(settings), "videos", len(settings), show=not options.quiet):
+            measured.append(errors)
             write_frame_rates_csv(measured, folder / "frame_rates.csv")
     except KeyboardInterrupt:
         say(LINE)

@@ -171,7 +171,7 @@ def _print_rest(path: str) -> None:
 def _bar(what: str, *, quiet: bool) -> Iterator[Callable[[float], object]]:
     """Show a progress bar that is told the fraction that is done."""
     with progress(what, 100.0, unit="%", show=not quiet) as bar:
-        yield lambda share: bar.to(100.0 * share)
+        yield lambda fraction: bar.to(100.0 * fraction)
 
 
 def _microseconds(text: str) -> int:

@@ -42,7 +42,7 @@ def measured(path: str, options: argparse.Namespace) -> StreamStatistics:
     from ..inspection.statistics import measure_stream
 
     with progress(f"reading {path}", 100.0, unit="%", show=not options.quiet) as bar:
-        return measure_stream(path, progress=lambda share: bar.to(100.0 * share), **_measured(options))
+        return measure_stream(path, progress=lambda fraction: bar.to(100.0 * fraction), **_measured(options))
 
 
 def measured_with_frames(path: str, options: argparse.Namespace, lux: float | None) -> MeasuredRecording:
@@ -50,7 +50,9 @@ def measured_with_frames(path: str, options: argparse.Namespace, lux: float | No
     from ..calibrate.sensor import measure_recording
 
     with progress(f"reading {path}", 100.0, unit="%", show=not options.quiet) as bar:
-        return measure_recording(path, progress=lambda share: bar.to(100.0 * share), lux=lux, **_measured(options))
+        return measure_recording(
+            path, progress=lambda fraction: bar.to(100.0 * fraction), lux=lux, **_measured(options)
+        )
 
 
 class _Measured(TypedDict):

@@ -116,8 +116,8 @@ def _add_backward(parser: argparse.ArgumentParser) -> None:
 
 
 def _devices(_: argparse.Namespace) -> int:
-    found = find_devices()
-    for device in found:
+    devices = find_devices()
+    for device in devices:
         kind = "FX3" if device.product == FX3 else "FX2"
         line = f"bus {device.bus} address {device.address}  {kind} firmware {device.firmware}"
         if device.problem is not None:
@@ -135,9 +135,9 @@ def _devices(_: argparse.Namespace) -> int:
             tell(f"{line}  {camera.chip}  serial {camera.serial}  {size}  logic {camera.logic_version}")
         except OSError as error:
             tell(f"{line}  serial {device.serial}\n{error.strerror or error}")
-    if not found:
+    if not devices:
         tell("no DAVIS camera on the USB", file=sys.stderr)
-    return 0 if found else 1
+    return 0 if devices else 1
 
 
 def _record(options: argparse.Namespace) -> int:

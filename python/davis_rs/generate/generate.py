@@ -180,13 +180,13 @@ class DrawnSequences(Sequence[DrawnSequence]):
         return len(self._indices)
 
     @overload
-    def __getitem__(self, place: int) -> DrawnSequence: ...
+    def __getitem__(self, index: int) -> DrawnSequence: ...
     @overload
-    def __getitem__(self, place: slice) -> DrawnSequences: ...
-    def __getitem__(self, place: int | slice) -> DrawnSequence | DrawnSequences:
-        if isinstance(place, slice):
-            return DrawnSequences(self._plan, self._indices[place])
-        index = self._indices[place]
+    def __getitem__(self, index: slice) -> DrawnSequences: ...
+    def __getitem__(self, index: int | slice) -> DrawnSequence | DrawnSequences:
+        if isinstance(index, slice):
+            return DrawnSequences(self._plan, self._indices[index])
+        index = self._indices[index]
         parameters = self._plan.parameters(index)
         name = sequence_name(index)
         return DrawnSequence(name, index, parameters, self._base, self._digest, self._plan.accept_noise)
@@ -213,8 +213,8 @@ def check_sequences(
     def scene_at(name: str, up: Axis | None, scale: float | None) -> Scene:
         return load_scene(name, up=up, scale=scale)
 
-    def scene_of(one: DrawnSequence) -> Scene:
-        return one.scene() if one.scene_key is None else scene_at(*one.scene_key)
+    def scene_of(drawn: DrawnSequence) -> Scene:
+        return drawn.scene() if drawn.scene_key is None else scene_at(*drawn.scene_key)
 
     try:
         checked = each(sequences, "checking", len(sequences), unit="sequences", show=not quiet)

@@ -199,8 +199,8 @@ def _lock(descriptor: int, root: Path) -> None:
 
 
 def _replace(path: Path, text: str) -> None:
-    part = path.with_name(f".{path.name}.part")
-    part.write_text(text)
-    sync(part)
-    part.replace(path)
+    unfinished = path.with_name(f".{path.name}.part")
+    unfinished.write_text(text)
+    sync(unfinished)
+    unfinished.replace(path)
     sync(path.parent)

@@ -12,8 +12,7 @@ from uuid import uuid4
 
 from .._util.extras import require
 from .folder import ManifestLine, ShardFile, file_sha256, sync, withdraw
-from .hdf5_shard import write_hdf5_shard
-from .webdataset_shard import write_webdataset_shard
+from .shard_formats import write_hdf5_shard, write_webdataset_shard
 
 WRITERS: dict[str, tuple[str, Callable[[Path, Sequence[Path]], None]]] = {
     "hdf5": (".h5", write_hdf5_shard),

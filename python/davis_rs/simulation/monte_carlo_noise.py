@@ -164,10 +164,10 @@ def _estimate(look: _Look, thresholds: tuple[float, float], log_eps: float, run_
     measured, events = [], 0
     blocks = 1
     while blocks <= max(1, look.seeds // 4):
-        share, events = _mismatch(frames, look.times, blocks, thresholds, log_eps)
+        fraction, events = _mismatch(frames, look.times, blocks, thresholds, log_eps)
         # An average of k seeds against that of all others: errors of both add up, as if of an average of fewer.
         effective = 1 / (1 / blocks + 1 / (look.seeds - blocks))
-        measured.append((look.base * effective, share))
+        measured.append((look.base * effective, fraction))
         blocks *= 2
     if events < FEWEST_EVENTS:
         measured = []
@@ -198,14 +198,14 @@ def refuse_noise(noise: NoiseEstimate | None, scene: Scene, settings: ViewSettin
     limit = max(NOISE_LIMIT, settings.noise_share)
     by_auto = noise.samples_for(settings.noise_share)
     samples = by_auto if settings.samples == AUTO else noise.samples
-    share = noise.share_at(samples)
-    if not share > limit:
+    fraction = noise.share_at(samples)
+    if not fraction > limit:
         return
     obstacles = why_not_noise_free(view_scene(scene, settings).scene)
 
     def said(given: Callable[[str, str], str]) -> str:
         lines = [
-            f"{share_text(share, 'the events would be')} at {samples} samples; above {percent(limit)} nothing is "
+            f"{share_text(fraction, 'the events would be')} at {samples} samples; above {percent(limit)} nothing is "
             "rendered",
             "what keeps the renderers without noise from this scene:",
         ]
@@ -297,15 +297,15 @@ def _stretches(renderer: Renderer, trajectory: Trajectory, rule: MaxDisplacement
     first = [0, *islice(rule.instants(renderer, trajectory, end_us), wanted)]
     if len(first) <= wanted:
         return [np.unique(np.array([*first, end_us], np.int64))]
-    found = [np.array(first[:KEYFRAMES], np.int64)]
+    stretches_us = [np.array(first[:KEYFRAMES], np.int64)]
     for number in range(1, stretches):
-        start_us = max(end_us * number // stretches, int(found[-1][-1]))
+        start_us = max(end_us * number // stretches, int(stretches_us[-1][-1]))
         rest = trajectory.crop(start_us * 1e-6)
         instants = islice(rule.instants(renderer, rest, end_us - start_us, start_us=start_us), KEYFRAMES - 1)
         t_us = np.array([start_us, *(start_us + t_us for t_us in instants)], np.int64)
         if len(t_us) > 1:
-            found.append(t_us)
-    return found
+            stretches_us.append(t_us)
+    return stretches_us
 
 
 def _spread_pixels(size: int, count: int) -> IntArray:
@@ -330,11 +330,11 @@ def _mismatch(
     for luma, t_us in zip(frames, times, strict=True):
         total = luma.sum(0, dtype=np.float64)
         for group in range(min(4, len(luma) // blocks)):
-            part = luma[group * blocks : (group + 1) * blocks].sum(0, dtype=np.float64)
-            streams = [part / blocks, (total - part) / (len(luma) - blocks)]
+            summed = luma[group * blocks : (group + 1) * blocks].sum(0, dtype=np.float64)
+            streams = [summed / blocks, (total - summed) / (len(luma) - blocks)]
             ours, theirs = (_events(mean, t_us, thresholds, log_eps) for mean in streams)
-            found = compare_events(ours, theirs, size=(luma.shape[2], 1))
-            wrong, right = wrong + found.missing + found.spurious, right + found.reference
+            comparison = compare_events(ours, theirs, size=(luma.shape[2], 1))
+            wrong, right = wrong + comparison.missing + comparison.spurious, right + comparison.reference
     return (wrong / right if right else math.nan), right
 
 

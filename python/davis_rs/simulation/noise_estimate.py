@@ -75,9 +75,9 @@ class NoiseEstimate:
             return 0.0
         if not self.measured:
             return math.nan
-        counts, shares = (np.array(column) for column in zip(*self.measured, strict=True))
+        counts, fractions = (np.array(column) for column in zip(*self.measured, strict=True))
         inside = float(np.clip(samples, counts[0], counts[-1]))
-        logs = np.log(np.maximum(shares, 1e-6))
+        logs = np.log(np.maximum(fractions, 1e-6))
         return float(np.exp(np.interp(np.log(inside), np.log(counts), logs)) * math.sqrt(inside / samples))
 
     def samples_for(self, share: float) -> int:
@@ -91,14 +91,14 @@ class NoiseEstimate:
         Args:
             samples: rays a pixel of the run, where others were chosen by the estimate.
         """
-        shares = {f"{count:.4g}": float(f"{share:.4g}") for count, share in self.measured}
+        fractions = {f"{count:.4g}": float(f"{fraction:.4g}") for count, fraction in self.measured}
         samples = self.samples if samples is None else samples
-        share = self.share_at(samples)
+        fraction = self.share_at(samples)
         return {
-            "share": None if math.isnan(share) else float(f"{share:.4g}"),
+            "share": None if math.isnan(fraction) else float(f"{fraction:.4g}"),
             "samples": samples,
             "log_noise_over_c": float(f"{self.log_noise * math.sqrt(self.samples / samples):.4g}"),
-            "measured": shares,
+            "measured": fractions,
             "rays": self.rays,
         }
 
@@ -120,17 +120,17 @@ class NoiseEstimate:
         return told if more > 1024 else f"{told}; {more} samples: about {percent(self.share_at(more))}"
 
 
-def share_text(share: float, these_are: str) -> str:
+def share_text(fraction: float, these_are: str) -> str:
     """Write a fraction of noise in words.
 
     Args:
         these_are: ``these events are``, or what else is said of them.
     """
-    if share >= 0.995:
-        return f"most of {these_are} Monte Carlo noise ({100 * share:.0f} missing or spurious to 100 right ones)"
-    return f"about {percent(share)} of {these_are} Monte Carlo noise (missing or spurious)"
+    if fraction >= 0.995:
+        return f"most of {these_are} Monte Carlo noise ({100 * fraction:.0f} missing or spurious to 100 right ones)"
+    return f"about {percent(fraction)} of {these_are} Monte Carlo noise (missing or spurious)"
 
 
-def percent(share: float) -> str:
+def percent(fraction: float) -> str:
     """Write a fraction in percent, to two digits or to a whole percent."""
-    return f"{100 * share:.0f} %" if share >= 0.1 else f"{100 * share:.2g} %"
+    return f"{100 * fraction:.0f} %" if fraction >= 0.1 else f"{100 * fraction:.2g} %"

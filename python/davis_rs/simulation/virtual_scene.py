@@ -73,6 +73,6 @@ def _full_scale_of(luma: npt.NDArray[np.float32]) -> float:
     return _WHITE_SHARE / white if white > 0 else 1.0
 
 
-def _frame(shares: npt.NDArray[np.float32], start_us: int, end_us: int) -> Frame:
-    pixels = (np.rint(np.clip(shares, 0, 1) * _FULL_SCALE)).astype(np.uint16) << 6
+def _frame(values: npt.NDArray[np.float32], start_us: int, end_us: int) -> Frame:
+    pixels = (np.rint(np.clip(values, 0, 1) * _FULL_SCALE)).astype(np.uint16) << 6
     return Frame(start_us, start_us, end_us, end_us, 0, 0, pixels.astype(np.uint16), exposure_us=end_us - start_us)

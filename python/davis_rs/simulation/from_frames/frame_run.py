@@ -366,10 +366,10 @@ class FrameRun:
     def _part_of(self, first: StampedFrame, sensor: SensorParameters) -> FramePart:
         height, width = first.image.shape[:2]
         asked = self.settings
-        part = frame_part(width, height, crop=asked.crop, roi=asked.roi, size=asked.size)
-        (width, height), own = part.size, (sensor.width, sensor.height)
-        if own[0] is None or own[1] is None or part.size == own:
-            return part
+        area = frame_part(width, height, crop=asked.crop, roi=asked.roi, size=asked.size)
+        (width, height), own = area.size, (sensor.width, sensor.height)
+        if own[0] is None or own[1] is None or area.size == own:
+            return area
         advice = (
             "frames are not enlarged; a sensor file without width and height takes any size"
             if width < own[0] or height < own[1]

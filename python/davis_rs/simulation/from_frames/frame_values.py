@@ -87,11 +87,11 @@ class FrameValues:
         black, white = (self._stated.in_frame(value) for value in (self._stated.black, self._stated.white))
         if step is None or not _FEWEST_LEVELS * step <= white - black <= _AS_FINE * (self._stated.levels or 0) * step:
             return self._stated
-        found = self._stated
-        if found.in_frames is None and (values % step == 0).all():
+        encoding = self._stated
+        if encoding.in_frames is None and (values % step == 0).all():
             white = white // step * step  # of 8 bits that are shifted to 16 it is 255 times 256
-            found = replace(found, white=white)
-        return replace(found, levels=round((white - black) / step))
+            encoding = replace(encoding, white=white)
+        return replace(encoding, levels=round((white - black) / step))
 
     def doubts(self) -> Iterator[str]:
         """Yield what is doubtful about white and steps in the frames so far, a line each, and each one once."""

@@ -107,17 +107,17 @@ class FramesBetween(Interpolation):
         pair = self._finder.between(last.luma, frame.luma)
         times = instants(last.t_us, frame.t_us, pair.displacement_px, self._step_px)
         self.motion.add(pair.displacement_px, len(times), unsure=_unsure(pair))
-        shares = (times - last.t_us) / (frame.t_us - last.t_us)
-        made = pair.frames(shares) if self._interpolator is None else self._asked(last, frame, shares)
+        fractions = (times - last.t_us) / (frame.t_us - last.t_us)
+        made = pair.frames(fractions) if self._interpolator is None else self._asked(last, frame, fractions)
         for t_us, luma in zip(times.tolist(), made, strict=True):
             yield Sample(t_us, luma, None, None)
 
-    def _asked(self, last: SensorFrame, frame: SensorFrame, shares: npt.NDArray[np.float64]) -> Iterator[LumaFrame]:
+    def _asked(self, last: SensorFrame, frame: SensorFrame, fractions: npt.NDArray[np.float64]) -> Iterator[LumaFrame]:
         """Return what the user's interpolator makes, checked."""
         assert self._interpolator is not None
         where = f"the interpolator, between {last.where} and {frame.where}"
-        for start in range(0, len(shares), _BATCH):
-            asked = shares[start : start + _BATCH]
+        for start in range(0, len(fractions), _BATCH):
+            asked = fractions[start : start + _BATCH]
             given = 0
             # Copies: what it writes into them must not change the frames that the events come from.
             images = self._interpolator(last.luma.copy(), frame.luma.copy(), asked.copy())
@@ -182,8 +182,8 @@ class Auto(Interpolation):
                 pair = FlowPair.of(last.luma, frame.luma, forward, self._finder.flow(frame.luma, last.luma))
                 times = instants(last.t_us, frame.t_us, pair.displacement_px, self._step_px)
                 self.motion.add(pair.displacement_px, len(times), unsure=_unsure(pair))
-                shares = (times - last.t_us) / (frame.t_us - last.t_us)
-                for t_us, luma in zip(times.tolist(), pair.frames(shares), strict=True):
+                fractions = (times - last.t_us) / (frame.t_us - last.t_us)
+                for t_us, luma in zip(times.tolist(), pair.frames(fractions), strict=True):
                     yield Sample(t_us, luma, straight, None)
             yield Sample(frame.t_us, frame.luma, rate, frame)
             last = frame

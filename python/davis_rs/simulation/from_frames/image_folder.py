@@ -85,7 +85,7 @@ class ImageFolder(FrameSource):
             path = self._folder / name
             if not path.is_file():
                 continue
-            found = []
+            stamped = []
             for number, words in text_lines(read_text(path)):
                 if number == 1 and not words[0][:1].isdigit():  # a line of column names
                     continue
@@ -94,11 +94,11 @@ class ImageFolder(FrameSource):
                     raise DecodeError(
                         f"{path}, line {number}: expected a stamp and a file of this folder, found {words}"
                     )
-                found.append((parse_stamp(words[0], path, number, unit), self._folder / file))
-            if not found:
+                stamped.append((parse_stamp(words[0], path, number, unit), self._folder / file))
+            if not stamped:
                 raise ValueError(f"{path} lists no images")
             self._stamps_from = name
-            return found
+            return stamped
         return None
 
     def _own_stamps(self) -> tuple[Stamps, str]:
@@ -122,16 +122,16 @@ class ImageFolder(FrameSource):
 def _images(folder: Path) -> list[Path]:
     """List the images of the folder, or of the sub-folder that vid2e and datasets keep them in, by the numbers in their
     names."""
-    found = _images_in(folder)
+    images = _images_in(folder)
     for name in _SUB_FOLDERS:
-        if not found and (folder / name).is_dir():
-            found = _images_in(folder / name)
-    if not found:
+        if not images and (folder / name).is_dir():
+            images = _images_in(folder / name)
+    if not images:
         raise ValueError(f"{folder} has no images in it ({', '.join(IMAGE_SUFFIXES)})")
-    kinds = sorted({file.suffix.lower() for file in found})
+    kinds = sorted({file.suffix.lower() for file in images})
     if len(kinds) > 1 and set(kinds) not in ({".jpg", ".jpeg"}, {".tif", ".tiff"}):
         raise ValueError(f"{folder} has images of several kinds ({', '.join(kinds)}): which are the frames?")
-    return found
+    return images
 
 
 def _images_in(folder: Path) -> list[Path]:

@@ -82,10 +82,10 @@ class FlowFinder:
         threads = self._cv2.getNumThreads()
         self._cv2.setNumThreads(1)  # DIS cuts a frame into as many strips as there are threads, and their edges show
         try:
-            found = self._dis.calc(*grey, None)
+            field = self._dis.calc(*grey, None)
         finally:
             self._cv2.setNumThreads(threads)
-        return np.ascontiguousarray(found[:height, :width])
+        return np.ascontiguousarray(field[:height, :width])
 
     def between(self, before: LumaFrame, after: LumaFrame) -> FlowPair:
         """Compute the flow there and back."""
@@ -140,26 +140,26 @@ class FlowPair:
         """Return the fraction of the pixels of ``before`` whose flow there and back do not agree."""
         return float((self.seen_after < 0.5).mean())
 
-    def frames(self, shares: npt.ArrayLike) -> Iterator[LumaFrame]:
+    def frames(self, fractions: npt.ArrayLike) -> Iterator[LumaFrame]:
         """Make the frame at each fraction of the way, in 0..1: what is seen moves straight, at constant speed.
 
         A pixel is taken from both frames, by how near they are in time, and from one alone where it is hidden in the
         other.
         """
-        for share in np.asarray(shares, np.float64).tolist():
-            y_before, seen_after = self._from(self.before, self.forward, self.seen_after, share)
-            y_after, seen_before = self._from(self.after, self.backward, self.seen_before, 1 - share)
+        for fraction in np.asarray(fractions, np.float64).tolist():
+            y_before, seen_after = self._from(self.before, self.forward, self.seen_after, fraction)
+            y_after, seen_before = self._from(self.after, self.backward, self.seen_before, 1 - fraction)
             # What the first frame shows and the second does not, must not be mixed with the second; and back.
-            w_before = np.float32(1 - share) * (seen_before + _FLOOR)
-            w_after = np.float32(share) * (seen_after + _FLOOR)
+            w_before = np.float32(1 - fraction) * (seen_before + _FLOOR)
+            w_after = np.float32(fraction) * (seen_after + _FLOOR)
             yield np.asarray((w_before * y_before + w_after * y_after) / (w_before + w_after), np.float32)
 
     @staticmethod
-    def _from(frame: LumaFrame, flow: FlowField, seen: LumaFrame, share: float) -> tuple[LumaFrame, LumaFrame]:
+    def _from(frame: LumaFrame, flow: FlowField, seen: LumaFrame, fraction: float) -> tuple[LumaFrame, LumaFrame]:
         """Move a frame, and how sure its pixels are, along its flow by a fraction of it."""
         cv2 = opencv()
         x, y = _grid(*frame.shape)
-        step = np.float32(share)
+        step = np.float32(fraction)
         moved = flow
         # The pixel that comes to p is q with q + share flow(q) = p.
         for _ in range(_TURNS):

@@ -73,8 +73,8 @@ class QuantisationCount:
         self.suspect += int(np.count_nonzero(of_a_step.reshape(before.shape)[events["y"], events["x"]]))
 
     def __str__(self) -> str:
-        share = 100 * self.suspect / self.total if self.total else 0.0
+        percent = 100 * self.suspect / self.total if self.total else 0.0
         return (
-            f"{self.suspect:,} of {self.total:,} events ({share:.2g} %) came where the pixel changed by one grey level "
-            "or less between two frames: rounding alone may have made them"
+            f"{self.suspect:,} of {self.total:,} events ({percent:.2g} %) came where the pixel changed by one "
+            "grey level or less between two frames: rounding alone may have made them"
         )

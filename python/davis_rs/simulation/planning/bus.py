@@ -18,7 +18,7 @@ _PEAK_EVENTS = 50
 
 def through_bus(sample: LumaSample, effect: Readout, scale: TimeScale, rows: int) -> tuple[OmissionError, str]:
     """Estimate what leaving out the bus does to the events of ideal pixels, and say what was seen of them."""
-    waits = [_waits_us(events, effect, sample.sensor_share, rows) for events in sample.ideal_parts]
+    waits = [_waits_us(events, effect, sample.sensor_share, rows) for events in sample.ideal_segments]
     wait_us = np.concatenate(waits)
     carried = wait_us[~np.isnan(wait_us)]
     peak = _peak_rate(sample)
@@ -32,7 +32,7 @@ def through_bus(sample: LumaSample, effect: Readout, scale: TimeScale, rows: int
         return NO_ERROR, seen
     error_us = _delays_us(carried, effect, sample.seed)
     dropped = 100 * float(np.isnan(wait_us).mean())
-    found = OmissionError(
+    error = OmissionError(
         dropped,
         dropped,
         scale.error_percent(error_us, 0, len(wait_us)),
@@ -41,13 +41,13 @@ def through_bus(sample: LumaSample, effect: Readout, scale: TimeScale, rows: int
         float(np.median(error_us)) if len(carried) else math.nan,
         float(np.percentile(error_us, 99)) if len(carried) else math.nan,
     )
-    return found, seen
+    return error, seen
 
 
 def carried_events(
     events: EventArray, effect: Readout, sensor_share: float, rows: int, seed: int, *, refractory_us: float
 ) -> EventArray:
-    """Return a part's events with the stamps that the bus gives them, without those that are dropped or missed."""
+    """Return a segment's events with the stamps that the bus gives them, without those that are dropped or missed."""
     wait_us = _waits_us(events, effect, sensor_share, rows, refractory_us)
     carried, kept = events[~np.isnan(wait_us)].copy(), wait_us[~np.isnan(wait_us)]
     carried["t"] += np.rint(_delays_us(kept, effect, seed)).astype(np.int64)

@@ -30,7 +30,9 @@ class Costs:
     def _windows(self) -> LumaSample:
         """Return whole frames in a few windows, each from 0 on: so no noise comes before them."""
         sample = self._sequence.frames
-        return replace(sample, parts=[LumaSegment(part.t_us - part.t_us[0], part.luma) for part in sample.parts])
+        return replace(
+            sample, segments=[LumaSegment(segment.t_us - segment.t_us[0], segment.luma) for segment in sample.segments]
+        )
 
     def __call__(self, effect: Effect) -> tuple[float, float]:
         """Return nanoseconds a pixel and keyframe (of the APS: and intensity frame), and an event; NaN where neither
@@ -42,7 +44,7 @@ class Costs:
             return np.nan, np.nan
         effects = Effects.of([effect])
         if effects.optical:
-            frames = sum(len(part.luma) for part in sample.parts)
+            frames = sum(len(segment.luma) for segment in sample.segments)
             return 1e9 * _median_s(lambda: self._through_lens(effects)) / (frames * sample.pixels), np.nan
         # In turn, so that a slow moment of the machine meets both.
         more_s = [self._pushing_s(effects) - self._pushing_s(None) for _ in range(_ROUNDS)]
@@ -76,13 +78,13 @@ class Costs:
 
     def _through_lens(self, effects: Effects) -> None:
         lens = Optics(self._sequence.camera, effects)
-        for part in self._windows.parts:
-            lens.frames(part.luma)
+        for segment in self._windows.segments:
+            lens.frames(segment.luma)
 
     def _pushing_s(self, effects: Effects | None) -> float:
         sample = self._windows
-        engines = [(sample.engine_at(part, effects), part) for part in sample.parts]
-        return _seconds(lambda: [push_all(engine, part) for engine, part in engines])
+        engines = [(sample.engine_at(segment, effects), segment) for segment in sample.segments]
+        return _seconds(lambda: [push_all(engine, segment) for engine, segment in engines])
 
     def _aps(self, aps: Aps) -> float:
         sequence = self._sequence
@@ -93,7 +95,7 @@ class Costs:
     def _made(self, effect: Effect) -> float:
         """Return an upper bound of the number of noise events."""
         sample = self._windows
-        seen_us = sum(int(part.t_us[-1]) for part in sample.parts)
+        seen_us = sum(int(segment.t_us[-1]) for segment in sample.segments)
         return most_noise_hz(effect, sample) * sample.pixels * seen_us * 1e-6
 
 

@@ -119,21 +119,27 @@ def _summary(plan: EffectPlan) -> list[str]:
     lines = [
         f"Called for at a tolerance of {100 * plan.effects_tolerance:g} %: {', '.join(called) or 'none'}{kept}.",
     ]
-    found = plan.together
-    if found is None:
+    together = plan.together
+    if together is None:
         if any(item.effect.name != "aps" for item in plan.items):
             lines.append("The set was not run as a whole: its noise would make too many events.")
         return lines
-    lines.append(f"Together: about {found.events:,.0f} events; ideal pixels: {plan.events:,.0f}.")
-    where = f"{found.held_out:,} other pixels" if found.held_out else "the same pixels (the sensor has too few others)"
-    if found.chosen == found.candidates:
+    lines.append(f"Together: about {together.events:,.0f} events; ideal pixels: {plan.events:,.0f}.")
+    where = (
+        f"{together.held_out:,} other pixels"
+        if together.held_out
+        else "the same pixels (the sensor has too few others)"
+    )
+    if together.chosen == together.candidates:
         lines.append("These are all of the candidates that act on events.")
         return lines
-    share = "there is no difference" if math.isnan(found.explained_percent) else _share_of(found.explained_percent)
-    cost = "" if math.isnan(found.cost_percent) else f" at {found.cost_percent:.0f} % of the cost"
-    left = found.omission
+    explained = (
+        "there is no difference" if math.isnan(together.explained_percent) else _share_of(together.explained_percent)
+    )
+    cost = "" if math.isnan(together.cost_percent) else f" at {together.cost_percent:.0f} % of the cost"
+    left = together.omission
     lines.append(
-        f"These {found.chosen} of {found.candidates} effects on events: {share}{cost}. "
+        f"These {together.chosen} of {together.candidates} effects on events: {explained}{cost}. "
         f"Compared with all of them on {where}, the events err by {_percent(left.count_percent)} in count, "
         f"{_percent(left.rate_percent)} in rate and {_percent(left.time_percent)} in time."
     )
@@ -179,17 +185,17 @@ def _line(cells: Sequence[str], widths: Sequence[int]) -> str:
 
 def _cells(item: PlannedEffect, *, long: bool) -> tuple[str, ...]:
     start = (item.effect.name, _called(item))
-    found, cost = item.omission, _cost(item)
+    omission, cost = item.omission, _cost(item)
     if not math.isnan(item.frame_change_percent):
         frames = (*start, "-", "-", f"{_percent(item.frame_change_percent)} of frames")
         return (*frames, "-", "-", "-", cost) if long else frames
-    errors = (*start, *map(_percent, (found.count_percent, found.rate_percent, found.time_percent)))
+    errors = (*start, *map(_percent, (omission.count_percent, omission.rate_percent, omission.time_percent)))
     if not long:
         return errors
-    shift = "-" if math.isnan(found.median_us) else f"{_time(found.median_us)} / {_time(found.p99_us)}"
-    sign = ("-" if found.count_percent < 0 else "+") if abs(found.count_percent) >= 0.01 else ""
+    shift = "-" if math.isnan(omission.median_us) else f"{_time(omission.median_us)} / {_time(omission.p99_us)}"
+    sign = ("-" if omission.count_percent < 0 else "+") if abs(omission.count_percent) >= 0.01 else ""
     signed = (*start, sign + errors[2], *errors[3:])
-    return (*signed, _percent(found.missing_percent), _percent(found.spurious_percent), shift, cost)
+    return (*signed, _percent(omission.missing_percent), _percent(omission.spurious_percent), shift, cost)
 
 
 def _called(item: PlannedEffect) -> str:
@@ -218,9 +224,9 @@ def _three_digits(value: float) -> str:
 
 
 def _cost(item: PlannedEffect) -> str:
-    ns, of = item.cost_ns_per_event, "event"
+    ns, unit = item.cost_ns_per_event, "event"
     if math.isnan(ns):
-        ns, of = item.cost_ns_per_pixel, "pixel"
+        ns, unit = item.cost_ns_per_pixel, "pixel"
     if math.isnan(ns):
         return "-"
-    return f"{_time(ns * 1e-3)}/{of}" if ns >= 1000 else f"{_three_digits(ns)} ns/{of}"
+    return f"{_time(ns * 1e-3)}/{unit}" if ns >= 1000 else f"{_three_digits(ns)} ns/{unit}"

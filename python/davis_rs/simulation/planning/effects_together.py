@@ -121,7 +121,7 @@ class _Pixels:
         """Return all events but those of hot pixels."""
         sample = self._through(effects.optical)
         in_pixels = Effects.of(e for e in effects if e.acts_on != "luma" and e.name not in _ADDED_OR_BEHIND)
-        parts = [sample.part_events(part, in_pixels or None) for part in sample.parts]
+        parts = [sample.segment_events(segment, in_pixels or None) for segment in sample.segments]
         bus = effects.readout
         if bus is not None:
             rows, held = self._estimator.sequence.camera.height, effects.refractory_period_us

@@ -32,11 +32,11 @@ class TimeScale:
         counted = np.minimum(shifts_us[shifts_us > self.sampling_error_us], self.interval_us)
         return 100 * (float(counted.sum()) / self.interval_us + moved_too_far) / max(events, 1)
 
-    def distance_us(self, found: EventComparison) -> float:
+    def distance_us(self, comparison: EventComparison) -> float:
         """Return Victor and Purpura's distance, by :func:`compare_events`' price of an event without a partner."""
-        shifts_us = np.abs(found.time_error_us)
+        shifts_us = np.abs(comparison.time_error_us)
         return float(shifts_us[shifts_us > self.sampling_error_us].sum()) + self.price_us * (
-            found.missing + found.spurious
+            comparison.missing + comparison.spurious
         )
 
     @property
@@ -75,14 +75,14 @@ class OmissionError:
 
     def with_added(self, made: float, events: float) -> OmissionError:
         """Return the same where leaving out takes ``made`` more events than the larger stream's ``events`` have."""
-        share = made / max(events + made, 1.0)
+        fraction = made / max(events + made, 1.0)
         return replace(
             self,
-            count_percent=self.count_percent * (1 - share) - 100 * share,
-            rate_percent=self.rate_percent * (1 - share) + 100 * share,
-            time_percent=self.time_percent * (1 - share),
-            missing_percent=self.missing_percent * (1 - share) + 100 * share,
-            spurious_percent=self.spurious_percent * (1 - share),
+            count_percent=self.count_percent * (1 - fraction) - 100 * fraction,
+            rate_percent=self.rate_percent * (1 - fraction) + 100 * fraction,
+            time_percent=self.time_percent * (1 - fraction),
+            missing_percent=self.missing_percent * (1 - fraction) + 100 * fraction,
+            spurious_percent=self.spurious_percent * (1 - fraction),
         )
 
 
@@ -100,20 +100,20 @@ def omission_error(
     Returns:
         The error, and the distance between the streams in microseconds (:meth:`TimeScale.distance_us`).
     """
-    found = compare_events(without, with_effects, size=size, window_us=scale.window_us)
+    comparison = compare_events(without, with_effects, size=size, window_us=scale.window_us)
     events = max(len(without), len(with_effects))
     percent = 100 / max(events, 1)
     change = _counts(without, size) - _counts(with_effects, size)
     error = OmissionError(
         percent * float(change.sum()),
         percent * float(np.abs(change).sum()),
-        scale.error_percent(found.time_error_us, min(found.missing, found.spurious), events),
-        percent * found.missing,
-        percent * found.spurious,
-        found.median_us,
-        found.p99_us,
+        scale.error_percent(comparison.time_error_us, min(comparison.missing, comparison.spurious), events),
+        percent * comparison.missing,
+        percent * comparison.spurious,
+        comparison.median_us,
+        comparison.p99_us,
     )
-    return error, scale.distance_us(found)
+    return error, scale.distance_us(comparison)
 
 
 def omission_error_of_added(made: float, events: float) -> OmissionError:

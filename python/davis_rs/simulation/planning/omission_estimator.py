@@ -71,7 +71,7 @@ class OmissionEstimator:
     def whole(self, events: float) -> float:
         """Scales a number of events of the sampled pixels up to the whole sensor and sequence."""
         sample = self.sequence.pixels
-        seen = sum(len(part.t_us) - 1 for part in sample.parts)
+        seen = sum(len(segment.t_us) - 1 for segment in sample.segments)
         return events / sample.sensor_share * ((len(self.sequence.t_us) - 1) / seen)
 
     def of_rate(self, hz: float) -> float:
@@ -87,7 +87,7 @@ def _vignetting(estimator: OmissionEstimator, effect: Vignetting) -> tuple[Omiss
     sample, sequence = estimator.sequence.pixels, estimator.sequence
     gain = effect.gain(sequence.camera).ravel()
     shaded = sample.through(lambda luma: luma * gain[sequence.pixel])
-    darkest = float(np.percentile(np.concatenate([part.luma.ravel() for part in shaded.parts]), 1))
+    darkest = float(np.percentile(np.concatenate([segment.luma.ravel() for segment in shaded.segments]), 1))
     seen = (
         f"corners get {100 * gain.min():.3g} % of the light; then 1 % of all pixels see less than luma {darkest:.3g}, "
         f"against a dark level of {sample.log_eps:g}"
@@ -99,7 +99,7 @@ def _lens_blur(estimator: OmissionEstimator, effect: LensBlur) -> tuple[Omission
     sample = estimator.sequence.frames
     blurred = sample.through(Optics(estimator.sequence.camera, Effects.of([effect])).frames)
     eps = np.float32(sample.log_eps)
-    pairs = zip(sample.parts, blurred.parts, strict=True)
+    pairs = zip(sample.segments, blurred.segments, strict=True)
     squares = [np.mean(np.log((a.luma + eps) / (b.luma + eps)) ** 2, dtype=np.float64) for a, b in pairs]
     rms = math.sqrt(np.mean(squares)) / sample.contrast_threshold
     seen = f"a spot of {effect.sigma_px:g} px takes {rms:.2g} C (rms) from log luma: detail as fine as that"
@@ -114,10 +114,10 @@ def _bandwidth(estimator: OmissionEstimator, effect: PhotoreceptorBandwidth) -> 
     slope = np.abs(steps.change) / steps.length_s[:, None].astype(np.float32)
     quick = slope > 2 * np.pi * corner_hz * sample.contrast_threshold
     moved = float(np.abs(steps.change).sum(dtype=np.float64))
-    share = float(np.abs(steps.change)[quick].sum(dtype=np.float64)) / moved if moved else 0.0
+    fraction = float(np.abs(steps.change)[quick].sum(dtype=np.float64)) / moved if moved else 0.0
     seen = (
         f"corner {corner_hz.min():.3g}..{corner_hz.max():.3g} Hz (median {np.median(corner_hz):.3g}); dL/dt up to "
-        f"{slope.max():.3g} /s: {100 * share:.3g} % of the change is faster than C in a time constant"
+        f"{slope.max():.3g} /s: {100 * fraction:.3g} % of the change is faster than C in a time constant"
     )
     return estimator.in_engine(effect), seen
 
@@ -154,13 +154,13 @@ def _leak(estimator: OmissionEstimator, effect: LeakRate) -> tuple[OmissionError
     made = of_a_pixel * sample.pixels
     if made > FLOOD:
         return counted, seen
-    found = estimator.in_engine(effect)
+    error = estimator.in_engine(effect)
     # What little the sample shows of few events is left to the rate, and so is what falls between the sample's parts.
     seen_or_known = replace(
-        found,
-        missing_percent=max(found.missing_percent, counted.missing_percent),
-        rate_percent=max(found.rate_percent, counted.rate_percent),
-        count_percent=counted.count_percent if made < _FEW else found.count_percent,
+        error,
+        missing_percent=max(error.missing_percent, counted.missing_percent),
+        rate_percent=max(error.rate_percent, counted.rate_percent),
+        count_percent=counted.count_percent if made < _FEW else error.count_percent,
     )
     return seen_or_known, seen
 
@@ -173,9 +173,9 @@ def static_leak_events(drift: float, effect: LeakRate, sample: LumaSample) -> fl
     Args:
         drift: what leaks in the whole time, in the mean over pixels, in units of C_on.
     """
-    shares = (np.arange(_PIXELS) + 0.5) / _PIXELS
+    quantiles = (np.arange(_PIXELS) + 0.5) / _PIXELS
     deviation = math.sqrt(math.log1p(effect.spread**2))
-    normal = np.array([NormalDist().inv_cdf(share) for share in shares.tolist()])
+    normal = np.array([NormalDist().inv_cdf(share) for share in quantiles.tolist()])
     drifts = drift * np.exp(deviation * normal - deviation**2 / 2)
     if sample.start_phase == "zero":
         return float(np.floor(drifts).mean())

@@ -98,20 +98,20 @@ class SequenceSample:
         chosen = _spread(self.t_us, PARTS, SAMPLING_KEYFRAMES // PARTS)
         finer = [np.unique(np.concatenate([t_us, (t_us[1:] + t_us[:-1]) // 2])) for t_us in chosen]
         coarse, fine = (self._sample_at(parts, self.pixel, self.renderer) for parts in (chosen, finer))
-        found = compare_events(coarse.ideal, fine.ideal, size=coarse.size, window_us=window_us)
-        return max(4 / 3 * found.median_us, 1.0) if found.matched else 1.0
+        comparison = compare_events(coarse.ideal, fine.ideal, size=coarse.size, window_us=window_us)
+        return max(4 / 3 * comparison.median_us, 1.0) if comparison.matched else 1.0
 
     def _sample_at(self, chosen: list[IntArray], pixel: IntArray, renderer: Renderer) -> LumaSample:
-        parts = [LumaSegment(t_us, self._samples(t_us, pixel, renderer)) for t_us in chosen]
+        segments = [LumaSegment(t_us, self._samples(t_us, pixel, renderer)) for t_us in chosen]
         origin = self._samples(self.t_us[:1], pixel, renderer)
-        return LumaSample(origin, parts, *self._engine, len(pixel) / self._size)
+        return LumaSample(origin, segments, *self._engine, len(pixel) / self._size)
 
     @cached_property
     def frames(self) -> LumaSample:
         """Return all pixels in a few windows."""
         chosen = _spread(self.t_us, WINDOWS, WHOLE_FRAMES)
-        parts = [LumaSegment(t_us, self.luma(t_us)) for t_us in chosen]
-        return LumaSample(self.luma(self.t_us[:1]), parts, *self._engine, 1.0)
+        segments = [LumaSegment(t_us, self.luma(t_us)) for t_us in chosen]
+        return LumaSample(self.luma(self.t_us[:1]), segments, *self._engine, 1.0)
 
     def luma(self, t_us: IntArray) -> LumaFrames:
         """Return whole frames (k, H, W)."""
@@ -161,12 +161,12 @@ def _scattered(width: int, height: int, seed: int) -> IntArray:
     columns = int(np.clip(round(math.sqrt(wanted * width / height)), 1, width // across))
     rows = int(np.clip(round(wanted / columns), 1, height // down))
     random = np.random.Generator(np.random.Philox(seed))
-    found = []
+    pixels = []
     for row in range(rows):
         for column in range(columns):
             left, right = column * width // columns, (column + 1) * width // columns
             top, bottom = row * height // rows, (row + 1) * height // rows
             x = random.integers(left, right - across, endpoint=True) + np.arange(across)
             y = random.integers(top, bottom - down, endpoint=True) + np.arange(down)
-            found.append((y[:, None] * width + x).ravel())
-    return np.concatenate(found)
+            pixels.append((y[:, None] * width + x).ravel())
+    return np.concatenate(pixels)

@@ -45,8 +45,12 @@ def image_camera(
         raise ArgumentError("{size} {} contradicts the sensor's {} pixels", _text(asked), _text(own))
     wanted = asked or own
     if camera is None:
-        found = scene.own_camera
-        return found if wanted in (None, (found.width, found.height)) else _with_same_view(found, *wanted)
+        own_camera = scene.own_camera
+        return (
+            own_camera
+            if wanted in (None, (own_camera.width, own_camera.height))
+            else _with_same_view(own_camera, *wanted)
+        )
     return camera_of_size(camera, wanted, "size" if asked is not None else "the sensor")
 
 
