@@ -45,7 +45,7 @@ class RunDescription(TypedDict):
 
 
 class SimulatorDescription(RunDescription):
-    """Holds what ``meta.json`` says of a simulator too.
+    """Holds what ``meta.json`` says of a simulator, next to what :class:`RunDescription` has.
 
     Attributes:
         camera: lens and size of the image.

@@ -45,7 +45,7 @@ _FRAMES_AHEAD = 4
 
 
 class FramesDescription(RunDescription):
-    """Holds what ``meta.json`` says of events from frames too.
+    """Holds what ``meta.json`` says of events from frames, next to what :class:`RunDescription` has.
 
     Attributes:
         frames: what they are and how they are taken.
