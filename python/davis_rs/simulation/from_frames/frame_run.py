@@ -1,4 +1,4 @@
-"""Runs over frames: decides what settings leave open, then makes packets of events."""
+"""Runs over frames: reads them by settings that are decided, and makes packets of events."""
 
 from __future__ import annotations
 
@@ -12,33 +12,23 @@ from typing import Any
 import numpy as np
 
 from ..._core import CrossingEngine, __version__
-from ..._util.argument_error import ArgumentError
 from ..._util.folder_report import start_line
-from ..._util.memory_forecast import frames_forecast
 from ..._util.read_ahead import read_ahead
 from ...events.arrays import EventArray, concatenate_events
 from ...events.packet import Packet
-from ...geometry.camera import Camera
-from ...sensor.effects import Effects, Optics
-from ...sensor.effects.effects import effects_of
+from ...sensor.effects import Optics
 from ...sensor.parameters import SensorParameters
-from ...sensor.presets import read_once, sensor_parameters
+from ...sensor.presets import read_once
 from ..model_version import MODEL
 from ..no_events import warned_without_events
 from ..run_description import RunDescription
-from ..settings import LOG_EPS, FrameSettings, camera_of_size, first_given
+from ..settings import FrameSettings
 from .event_forecast import EventForecast
-from .frame_part import FramePart, frame_part
-from .frame_source import Encoding, FrameSource, StampedFrame
+from .frame_source import FrameSource, StampedFrame
 from .frame_values import FrameValues, FrameValuesWarning
-from .frames_between import Auto, FramesBetween
-from .interpolation import Cubic, Interpolation, Linear, SensorFrame
-from .light import Light
-from .quantisation import QuantisationCount, dark_level
-
-CONTRAST_THRESHOLD = 0.15
-LUX_PER_LUMA = 1000.0
-"""What a scene has where nothing says else (:class:`~davis_rs.Scene`)."""
+from .interpolation import SensorFrame
+from .quantisation import QuantisationCount
+from .resolved_frames import check_times, resolve_frames
 
 _FRAMES_AHEAD = 4
 """Frames that are decoded while the ones before them are worked on."""
@@ -63,7 +53,7 @@ class FramesDescription(RunDescription):
 
 
 class FrameRun:
-    """Makes events from frames: decides the settings, then :meth:`packets` goes through the frames once.
+    """Makes events from frames; :meth:`packets` goes through them once.
 
     The first frame is read at once: it says how large the sensor is.
 
@@ -80,6 +70,7 @@ class FrameRun:
         log_eps: dark level in units of luma.
         light: how values become luma.
         effects: of the pixels and the readout.
+        resolved: all that is decided.
         left_out: effects of the sensor that frames cannot have.
         quantisation: events that rounding may have made.
         interpolation: what lies between frames.
@@ -94,48 +85,37 @@ class FrameRun:
     def __init__(self, source: FrameSource, settings: FrameSettings, *, from_zero: bool = False) -> None:
         self.settings = settings = replace(settings, sensor=read_once(settings.sensor))
         self.source = source
-        _check_times(settings)
+        check_times(settings)
         self._taken = self._frames_between()
         first = next(self._taken, None)
         if first is None:
             raise ValueError(f"{source.name}: there are no frames{self._between_words()}")
         self._first = first
         self._start_us = self._end_us = 0 if from_zero else _rounded(first.t_ns, 1000)
-        sensor = sensor_parameters(settings.sensor)
         self._values = FrameValues(
             source.encoding(first), first.image, white_level=settings.white_level, log_eps=settings.log_eps
         )
-        self.light = self._light_of(self._values.encoding)
-        self._part = self._part_of(first, sensor)
-        self.size = self._part.size
-        lens = settings.camera
-        self.camera: Camera | None = None if lens is None else camera_of_size(lens, self.size, "the frames")
-        on = first_given(settings.contrast_threshold, sensor.contrast_threshold, CONTRAST_THRESHOLD)
-        off = first_given(settings.contrast_threshold_off, sensor.contrast_threshold_off, on)
-        self.contrast_threshold, self.contrast_threshold_off = on, off
-        self.start_phase = settings.start_phase or sensor.start_phase
-        self.lux_per_luma = first_given(settings.lux_per_luma, LUX_PER_LUMA)
-        self.effects, self.left_out = self._effects(sensor)
-        self._optics = self._lens()
-        self._dark_luma = first_given(sensor.dark_luma(self.lux_per_luma), LOG_EPS)
-        self.log_eps = first_given(settings.log_eps, self._dark_level(self.light))
+        self.resolved = resolved = resolve_frames(first.image, self._values.encoding, settings)
+        self.size, self.camera, self.light = resolved.area.size, resolved.camera, resolved.light
+        self.effects, self.left_out = resolved.effects, resolved.left_out
+        self.log_eps, self.start_phase = resolved.log_eps, resolved.start_phase
+        self.contrast_threshold = resolved.contrast_threshold
+        self.contrast_threshold_off = resolved.contrast_threshold_off
+        self._optics = Optics(self.camera, self.effects) if self.effects.optical else None
         # What is averaged over areas or blurred has finer levels than the frames, and rounding shows less.
-        plain = self._optics is None and self.size == (self._part.width, self._part.height)
+        plain = self._optics is None and self.size == (resolved.area.width, resolved.area.height)
         self.quantisation = QuantisationCount(self.light.levels if plain else None)
         refractory = self.effects.refractory_period_us
-        self._forecast = EventForecast(min(on, off), self.log_eps, 0.0 if refractory is None else refractory.period_us)
-        self.interpolation = self._interpolation()
-        self.memory = frames_forecast(
-            self.size,
-            frame_bytes=first.image.nbytes / math.prod(self.size),
-            flow=settings.interpolation in ("auto", "flow"),
-            effects=bool(self.effects.engine_settings()),
+        self._forecast = EventForecast(
+            resolved.least_threshold, self.log_eps, 0.0 if refractory is None else refractory.period_us
         )
+        self.interpolation = resolved.interpolation()
+        self.memory = resolved.memory(first.image)
         self.memory.refuse()
         self._engine = CrossingEngine(
             *self.size,
-            contrast_threshold=on,
-            contrast_threshold_off=off,
+            contrast_threshold=self.contrast_threshold,
+            contrast_threshold_off=self.contrast_threshold_off,
             log_eps=self.log_eps,
             interpolation=self.interpolation.engine,
             effects=self.effects.engine_settings(),
@@ -216,7 +196,7 @@ class FrameRun:
                 "contrast_threshold_off": self.contrast_threshold_off,
                 "start_phase": self.start_phase,
                 "log_eps": self.log_eps,
-                "lux_per_luma": self.lux_per_luma,
+                "lux_per_luma": self.resolved.lux_per_luma,
             },
             "effects": self.effects.describe(),
             "effects_left_out": list(self.left_out),
@@ -231,7 +211,7 @@ class FrameRun:
             "white_level": self.light.white,
             "value_step": self._values.encoding.step,
             "value_step_of_all_frames": self._values.shown().step,
-            "part": {**self._part._asdict(), "size": list(self.size)},
+            "part": {**self.resolved.area._asdict(), "size": list(self.size)},
         }
 
     @property
@@ -261,10 +241,10 @@ class FrameRun:
         yield f"{self.source.name}: {encoded}"
         if self._first.t_ns:
             yield start_line(self._first.t_ns, "the frames")
-        if self.settings.log_eps is None and self.log_eps > self._dark_luma:
+        if self.settings.log_eps is None and self.log_eps > self.resolved.dark_luma:
             yield (
-                f"log_eps {self.log_eps:.3g}: with {self._dark_luma:.3g} one grey level in the dark would be more than "
-                f"C = {min(self.contrast_threshold, self.contrast_threshold_off):g} (--log-eps)"
+                f"log_eps {self.log_eps:.3g}: with {self.resolved.dark_luma:.3g} one grey level in the dark would be "
+                f"more than C = {self.resolved.least_threshold:g} (--log-eps)"
             )
         if line := self.memory.line():
             yield line
@@ -284,13 +264,6 @@ class FrameRun:
             return "as the video says" if about["transfer_stated"] else "the video does not say"
         return "by the type of the values"
 
-    def _light_of(self, encoding: Encoding) -> Light:
-        return Light(encoding, self.settings.transfer, self.settings.white_level)
-
-    def _dark_level(self, light: Light) -> float:
-        """Choose the dark level that keeps a step of these frames below C."""
-        return dark_level(light.levels, min(self.contrast_threshold, self.contrast_threshold_off), self._dark_luma)
-
     def _warn_of_values(self) -> None:
         for doubt in self._values.doubts():
             warnings.warn(f"{self.source.name}: {doubt}", FrameValuesWarning, stacklevel=3)
@@ -298,7 +271,7 @@ class FrameRun:
     def _warn_of_other_steps(self) -> None:
         """Warn where all frames together show another step than the first, by which the dark level was chosen."""
         shown = self._values.shown()
-        fitting = self._dark_level(self._light_of(shown))
+        fitting = self.resolved.fitting_log_eps(shown)
         if self.settings.log_eps is None and not math.isclose(fitting, self.log_eps, rel_tol=_SAME_DARK_LEVEL):
             warnings.warn(
                 f"{self.source.name}: all frames together have values in steps of {shown.step:.4g}, and the first "
@@ -354,7 +327,7 @@ class FrameRun:
             if t_us == last_us:
                 raise ValueError(f"{frame.where}: it falls on the same microsecond as the frame before it ({t_us} us)")
             last_us = t_us
-            luma = self._part.reduce(self.light.luma(self._part.cut(frame.image), frame.where))
+            luma = self.resolved.area.reduce(self.light.luma(self.resolved.area.cut(frame.image), frame.where))
             if self._optics is not None:
                 luma = self._optics.frames(luma[None])[0]
             seen = SensorFrame(t_us, luma, frame.where)
@@ -362,50 +335,6 @@ class FrameRun:
                 self._forecast.check(last, seen)
             last = seen
             yield seen
-
-    def _part_of(self, first: StampedFrame, sensor: SensorParameters) -> FramePart:
-        height, width = first.image.shape[:2]
-        asked = self.settings
-        area = frame_part(width, height, crop=asked.crop, roi=asked.roi, size=asked.size)
-        (width, height), own = area.size, (sensor.width, sensor.height)
-        if own[0] is None or own[1] is None or area.size == own:
-            return area
-        advice = (
-            "frames are not enlarged; a sensor file without width and height takes any size"
-            if width < own[0] or height < own[1]
-            else f"size={own[0]}x{own[1]} reduces them"
-        )
-        raise ValueError(f"the sensor has {own[0]} x {own[1]} pixels, the frames give {width} x {height}: {advice}")
-
-    def _effects(self, sensor: SensorParameters) -> tuple[Effects, tuple[str, ...]]:
-        """Return the given effects over the sensor's, and the names of the sensor's that frames do not allow."""
-        named = effects_of(
-            self.settings.effects,
-            not_planned="is for a scene that can be rendered; for frames name {sensor} or {effects}",
-        )
-        if named.aps is not None:
-            raise ValueError(
-                "the effect aps makes intensity frames from light, but here intensity frames are the input"
-            )
-        of_sensor = sensor.effects(self.lux_per_luma)
-        left_out = ("aps",) if of_sensor.aps is not None else ()
-        return named.with_defaults(of_sensor.without(left_out)), left_out
-
-    def _lens(self) -> Optics | None:
-        return Optics(self.camera, self.effects) if self.effects.optical else None
-
-    def _interpolation(self) -> Interpolation:
-        chosen, step_px = self.settings.interpolation, self.settings.max_displacement_px
-        if chosen == "linear":
-            return Linear()
-        if chosen == "cubic":
-            return Cubic(self.log_eps)
-        try:
-            if chosen == "auto":
-                return Auto(self.log_eps, step_px)
-            return FramesBetween(step_px, None if isinstance(chosen, str) else chosen)
-        except ImportError as error:
-            raise ImportError(f"{error}; or choose interpolation linear or cubic, which do without") from error
 
     def _between_words(self) -> str:
         stop_s = self.settings.stop_s
@@ -418,13 +347,6 @@ _SAME_DARK_LEVEL = 0.05
 """How far two dark levels may differ and hardly change the events."""
 
 _TOLD_ELSEWHERE = {"camera", "size", "effects", "threads", "crop", "roi", "transfer", "white_level", "interpolation"}
-
-
-def _check_times(settings: FrameSettings) -> None:
-    if settings.stop_s is not None and settings.stop_s <= settings.start_s:
-        raise ArgumentError(
-            "{stop_s} must be after {start_s}, got {:g} s and {:g} s", settings.stop_s, settings.start_s
-        )
 
 
 def _rounded(value_ns: int, unit_ns: float) -> int:
