@@ -78,8 +78,7 @@ _DECLARED = "declared"
 
 @dataclass(frozen=True, kw_only=True)
 class Settings:
-    """Declares nothing yet: the base of the dataclasses that declare settings. Every field has a default and comes from
-    :func:`declare`."""
+    """Holds settings, each a field with a default that comes from :func:`declare`; the base of all declarations."""
 
     def by_name(self) -> dict[str, object]:
         """Return the settings by name, in the order of their declaration; values are not copied."""
