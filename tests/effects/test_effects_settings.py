@@ -348,7 +348,7 @@ def test_effects_are_taken_in_one_grammar_everywhere(form: Any, monkeypatch: pyt
     """By a simulator, a run over frames and the planner of effects; the simulation plans what it is asked for."""
     assert Simulator(PLANES, size=(6, 4), effects=form).effects == FORMS[0]
     frames = ArrayFrames(np.ones((2, 4, 6), np.float32), [0, 1000])
-    assert FrameRun(frames, complete(FrameSettings, {"effects": form}, of="a test")).effects == FORMS[0]
+    assert FrameRun(frames, complete(FrameSettings, {"effects": form}, taker="a test")).effects == FORMS[0]
     taken: list[Effects] = []
     monkeypatch.setattr(
         planner, "plan_effects_of", lambda _, __, effects, *, keep, **___: taken.extend([effects, keep])

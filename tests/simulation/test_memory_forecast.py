@@ -188,6 +188,6 @@ def test_frames_are_forecast_by_their_size(tmp_path: Path) -> None:
     """A frame that is larger than its part that is taken counts whole."""
     np.save(tmp_path / "frames.npy", np.zeros((3, 60, 80), np.uint8))
     source = davis_rs.open_frames(tmp_path / "frames.npy", fps=100)
-    runs = [FrameRun(source, complete(FrameSettings, {"crop": crop}, of="a test")) for crop in (None, "40x30")]
+    runs = [FrameRun(source, complete(FrameSettings, {"crop": crop}, taker="a test")) for crop in (None, "40x30")]
     whole, part = (sum(run.memory.bytes_per_pixel.values()) for run in runs)
     assert part > whole

@@ -1,4 +1,4 @@
-"""What other simulators call settings and effects that are here too, for users who come from them.
+"""Lists what other simulators call settings and effects that are here too, for users who come from them.
 
 Sources of the names: v2e's v2e_args.py and EventEmulator (Hu, Liu and Delbruck, CVPR Workshops 2021); the flags of ESIM
 (Rebecq, Gehrig and Scaramuzza, CoRL 2018); esim_py and esim_torch of rpg_vid2e (Gehrig et al., CVPR 2020).
@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 
 class Elsewhere(NamedTuple):
-    """A name that another simulator has.
+    """Names a setting of another simulator.
 
     Attributes:
         whose: the simulator's.

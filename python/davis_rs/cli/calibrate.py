@@ -1,4 +1,4 @@
-"""The command line: davis-rs calibrate intrinsics, hand-eye, camera-imu."""
+"""Runs davis-rs calibrate intrinsics, hand-eye, camera-imu."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import argparse
 import json
 import sys
 from pathlib import Path
-from typing import Any
 
 from .._util.terminal_text import tell
 from .._util.whole_file import write_whole
@@ -158,7 +157,7 @@ def _camera(options: argparse.Namespace, dataset: Dataset) -> Camera:
     return dataset.camera if options.camera is None else load_camera(options.camera)
 
 
-def _done(result: Any, output: Path | None) -> int:
+def _done(result: object, output: Path | None) -> int:
     if output is not None:
         write_whole(output, json.dumps(as_dict(result), indent=2) + "\n")
     tell(report(result))

@@ -15,7 +15,6 @@ from ..events.arrays import EventArray
 from ..geometry.camera import Camera
 from ..render.native.renderer import NativeRenderer
 from ..scene.scene import Scene, check_scene
-from ..simulation.settings import SimulatorSettings
 from ..simulation.simulator import Simulator
 from .event_crossings import find_crossings
 from .event_derivatives import EventTimeDerivatives, check_quantities
@@ -27,6 +26,8 @@ from .pixel_means import MeanLogLumaField
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
+
+    from ..simulation.settings.keywords import SimulatorKeywords
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -85,7 +86,7 @@ class EventTimeModel:
         thresholds: npt.ArrayLike | None = None,
         *,
         edges: str = "rays",
-        **settings: Unpack[SimulatorSettings],
+        **settings: Unpack[SimulatorKeywords],
     ) -> None:
         if edges not in EDGES:
             raise ArgumentError("{edges} must be {}, got {!r}", " or ".join(map(repr, EDGES)), edges)
