@@ -96,7 +96,7 @@ def check_scene_dictionary(node: Mapping[str, Any]) -> None:
 
 
 def _file_names(path: Path, budget: Budget) -> list[str]:
-    """The files that a scene file names, with its defaults in the place of its variables."""
+    """Return the files that a scene file names, with its defaults in the place of its variables."""
     depth, names, defaults = 0, list[str](), dict[str, str]()
 
     def start(tag: str, attributes: dict[str, str]) -> None:
@@ -149,7 +149,7 @@ _Elements = list[tuple[str, int, list[list[str]]]]
 
 
 def _header(data: bytes) -> tuple[str, _Elements, int]:
-    """Format; name, number and properties of the elements; and where they begin."""
+    """Return format; name, number and properties of the elements; and where they begin."""
     end = data.find(b"end_header")
     if not data.startswith(b"ply") or end < 0:
         raise ValueError("it must begin with 'ply', and its header must end")
@@ -212,7 +212,7 @@ def _binary_indices(data: memoryview, elements: _Elements, order: str) -> Iterat
 
 
 def _equal_rows(data: memoryview, number: int, properties: list[list[str]], order: str) -> npt.NDArray[Any] | None:
-    """The rows as one array, where each list has as many values as in the first row; triangles have."""
+    """Return the rows as one array, where each list has as many values as in the first row; triangles have."""
     fields: list[Any] = []
     at = 0
     for k, one in enumerate(properties):

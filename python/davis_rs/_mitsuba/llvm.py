@@ -51,7 +51,7 @@ class Libllvm(NamedTuple):
 
 
 def find_libllvm() -> Libllvm | None:
-    """The usable libLLVM to take, or None.
+    """Return the usable libLLVM to take, or None.
 
     A library named in ``DRJIT_LIBLLVM_PATH`` is the only candidate. Otherwise it is the newest of the system (or of a
     conda environment); without one that of the Rust toolchain that built this package; without that the newest of
@@ -85,7 +85,8 @@ def why_none() -> str:
 
 
 def libllvm_major(path: Path) -> int | None:
-    """The major version of a libLLVM, from its real file name or else by asking it; None if it cannot be loaded."""
+    """Return the major version of a libLLVM, from its real file name or else by asking it; None if it cannot be
+    loaded."""
     if not path.is_file():
         return None
     match = re.search(r"libLLVM-(\d+)|libLLVM\.so\.(\d+)", path.resolve().name)
@@ -119,7 +120,8 @@ def _of_rustup() -> Iterable[Path]:
 
 
 def _ask_version(path: Path) -> int | None:
-    """LLVMGetVersion (there since LLVM 16), called in a process of its own: a library loaded here would be Dr.Jit's."""
+    """Return LLVMGetVersion (there since LLVM 16), called in a process of its own: a library loaded here would be
+    Dr.Jit's."""
     program = (
         "import ctypes, sys; v = ctypes.c_uint(); "
         "ctypes.CDLL(sys.argv[1]).LLVMGetVersion(ctypes.byref(v), None, None); print(v.value)"

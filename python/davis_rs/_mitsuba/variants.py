@@ -82,7 +82,7 @@ def variant(name: str) -> Iterator[tuple[Any, Any]]:
 
 
 def variant_is_free() -> bool:
-    """Whether nobody has set a variant yet, we included."""
+    """Return whether nobody has set a variant yet, we included."""
     return _modules()[0].variant() is None
 
 
@@ -158,7 +158,7 @@ def _with_mitsuba_types(node: Mapping[str, Any], mi: Any) -> dict[str, Any]:
 
 
 def versions(variant_name: str) -> dict[str, str]:
-    """Versions of what renders, for a record of the run."""
+    """Return versions of what renders, for a record of the run."""
     mi, dr = _modules()
     found = {"mitsuba": mi.__version__, "drjit": dr.__version__, "variant": variant_name}
     if variant_name == FAST:

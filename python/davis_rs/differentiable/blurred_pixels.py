@@ -27,7 +27,7 @@ class BlurredPixels:
         self.weights = (np.outer(_BLUR, _BLUR) if renderer.blur else np.ones((1, 1))).ravel()
 
     def neighbours(self, pixel: IntArray) -> IntArray:
-        """(n, m) the pixels whose luma, times :attr:`weights`, adds up to that of pixels (n,), y W + x."""
+        """Return (n, m) the pixels whose luma, times :attr:`weights`, adds up to that of pixels (n,), y W + x."""
         y, x = np.divmod(pixel, self._camera.width)
         rows = mirrored(y[:, None] + self._rows, self._camera.height)
         return rows * self._camera.width + mirrored(x[:, None] + self._columns, self._camera.width)

@@ -51,7 +51,7 @@ class ChangedRays(NamedTuple):
     change: FloatArray
 
     def take(self, index: IntArray) -> ChangedRays:
-        """Some of them, by their numbers."""
+        """Return some of them, by their numbers."""
         return ChangedRays(
             self.event[index],
             self.ray[index],
@@ -97,7 +97,8 @@ class _LitPlaces(NamedTuple):
         return np.concatenate([of_edges, of_faces], 1)
 
     def matter(self, occluders: _Occluders, row: IntArray, which: IntArray) -> Flags:
-        """Whether some of these functions matter where they are: the place lies behind the edge, or in the triangle."""
+        """Return whether some of these functions matter where they are: the place lies behind the edge, or in the
+        triangle."""
         of_edge = which < len(occluders.along)
         matter = np.empty(len(row), np.bool_)
         place, light = self.place[row], self.light[row]
@@ -119,7 +120,7 @@ class _LitPlaces(NamedTuple):
         return np.where(of_edge, matter, (inward >= 0).all(-1))
 
     def gradient(self, occluders: _Occluders, row: IntArray, which: IntArray) -> FloatArray:
-        """Of some of the functions by the place, while the light stays."""
+        """Return of some of the functions by the place, while the light stays."""
         edge = np.minimum(which, len(occluders.along) - 1)
         face = np.maximum(which - len(occluders.along), 0)
         of_edge = np.cross(occluders.along[edge], self.light[row])
@@ -154,12 +155,13 @@ class EdgePasses:
             self._occluders.append(_Occluders(start, end - start, np.cross(start, end), planes))
 
     def changed(self, ends: tuple[Views, Views], pixel: IntArray) -> tuple[FloatArray, FloatArray, ChangedRays]:
-        """Luma of pixels (n,) at the first of two views each, at the second but for the rays that change, and these."""
+        """Return luma of pixels (n,) at the first of two views each, at the second but for the rays that change, and
+        these."""
         around = self._pixels.neighbours(pixel)
         count, near = around.shape
         view, flat = np.repeat(np.arange(count, dtype=np.uint32), near), around.ravel().astype(np.uint32)
         (before, dark, luma), (after, dark_after, luma_after) = (
-            self._renderer.ray_sights(views, view, flat) for views in ends
+            self._renderer.ray_hits(views, view, flat) for views in ends
         )
         weights = np.tile(self._pixels.weights, count)[:, None] / self._renderer.rays
         changed, ray = np.nonzero((before != after) | (dark != dark_after))
@@ -176,7 +178,7 @@ class EdgePasses:
         return start, stop - np.bincount(rays.event, rays.change, count), rays
 
     def passes(self, ends: tuple[Views, Views], rays: ChangedRays) -> Passes:
-        """When edges pass rays that change."""
+        """Return when edges pass rays that change."""
         passes = Passes(np.full(len(rays.event), np.nan), np.zeros((len(rays.event), 6)))
         cameras = [self._renderer.cameras(views) for views in ends]
         surfaces = rays.before != rays.after
@@ -188,7 +190,7 @@ class EdgePasses:
         return passes
 
     def _surface_passes(self, cameras: list[list[Views]], rays: ChangedRays) -> Passes:
-        """By the edges of the two triangles that a ray sees."""
+        """Return by the edges of the two triangles that a ray sees."""
         triangles = np.stack([rays.before, rays.after], 1)
         known = triangles != _NOTHING
         triangles = np.where(known, triangles, 0)
@@ -224,11 +226,11 @@ class EdgePasses:
         return passes
 
     def _meeting_passes(self, cameras: list[list[Views]], rays: ChangedRays) -> Passes:
-        """By the line in which the planes of two triangles meet."""
+        """Return by the line in which the planes of two triangles meet."""
         ray, camera = rays.ray, cameras[0][0]
 
         def planes(of_end: list[Views], triangle: IntArray) -> tuple[FloatArray, FloatArray]:
-            """Normals in camera axes, and the camera's height above the planes."""
+            """Return normals in camera axes, and the camera's height above the planes."""
             position, rotation = _poses(of_end, rays.event, self._frames[triangle])
             plane = self._table.planes[triangle]
             normal = np.einsum("nji,nj->ni", rotation, plane[:, :3])
@@ -266,7 +268,7 @@ class EdgePasses:
         return passes
 
     def _one_shadow(self, cameras: list[list[Views]], rays: ChangedRays, frame: int, light: int) -> Passes:
-        """By what is in one frame, before one light."""
+        """Return by what is in one frame, before one light."""
         occluders = self._occluders[frame]
         start, end = (self._lit_places(of_end, rays, frame, light) for of_end in cameras)
         value, value_after = start.sides(occluders), end.sides(occluders)
@@ -291,7 +293,7 @@ class EdgePasses:
         return passes
 
     def _places(self, cameras: list[Views], rays: ChangedRays) -> tuple[FloatArray, FloatArray]:
-        """What rays hit, and the surface's normal there, in camera axes."""
+        """Return what rays hit, and the surface's normal there, in camera axes."""
         position, rotation = _poses(cameras, rays.event, self._frames[rays.before])
         plane = self._table.planes[rays.before]
         normal = np.einsum("nji,nj->ni", rotation, plane[:, :3])
@@ -315,14 +317,14 @@ class EdgePasses:
 
     @staticmethod
     def _in_camera(cameras: list[Views], event: IntArray, frames: IntArray, edges: FloatArray) -> FloatArray:
-        """Edges' ends (m, e, 2, 3), each in its own frame, in camera axes."""
+        """Return edges' ends (m, e, 2, 3), each in its own frame, in camera axes."""
         positions, rotations = _poses(cameras, event, frames)
         # A row of places times a matrix: its transpose times each place.
         return np.asarray((edges - positions[..., None, :]) @ rotations)
 
 
 def _poses(cameras: list[Views], event: IntArray, frames: IntArray) -> tuple[FloatArray, FloatArray]:
-    """Positions and rotations of the cameras of events, in frames of the scene."""
+    """Return positions and rotations of the cameras of events, in frames of the scene."""
     positions = np.stack([view.positions for view in cameras], 1)[event, frames]
     rotations = np.stack([view.rotations for view in cameras], 1)[event, frames]
     return positions, rotations
@@ -333,6 +335,6 @@ _EVERYWHERE = ("constant", "baked", "visible")
 
 
 def _root(start: FloatArray, end: FloatArray) -> tuple[FloatArray, Flags]:
-    """Where between two instants a function passes 0, as a share of the time; and whether it does."""
+    """Return where between two instants a function passes 0, as a share of the time; and whether it does."""
     passed = (start < 0) != (end < 0)
     return np.where(passed, start / np.where(passed, start - end, 1.0), 0.0), passed

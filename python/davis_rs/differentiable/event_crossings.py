@@ -58,7 +58,7 @@ class _Search:
         self._put(which)
 
     def step_us(self, which: IntArray) -> FloatArray:
-        """How far the crossing is along the slope; NaN where log luma does not move towards it."""
+        """Return how far the crossing is along the slope; NaN where log luma does not move towards it."""
         rising = self._sign[which] * self.here.rate[which]
         ahead = self._sign[which] * (self._level[which] - self.here.value[which])
         return np.where(rising > 0, _US * ahead / np.where(rising > 0, rising, 1.0), np.nan)
@@ -78,7 +78,7 @@ def find_crossings(
     *,
     within_us: float,
 ) -> Crossings:
-    """The crossings of levels (n,) of log luma of pixels (n,) next to instants (n,), microseconds.
+    """Return the crossings of levels (n,) of log luma of pixels (n,) next to instants (n,), microseconds.
 
     From an instant at which the level is not reached yet the crossing lies later, else before: steps that double lead
     there, and slopes and halves of the interval to within 0.02 us.

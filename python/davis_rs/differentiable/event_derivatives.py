@@ -58,7 +58,7 @@ class EventDerivatives(ABC):
         return self.smooth
 
     def jacobian(self, of: Sequence[str]) -> FloatArray:
-        """(n, columns) of unknowns, NaN where nothing is known.
+        """Return (n, columns) of unknowns, NaN where nothing is known.
 
         The unknowns are those of :func:`~davis_rs.differentiable.event_time_jacobian`.
 
@@ -72,7 +72,7 @@ class EventDerivatives(ABC):
         return jacobian
 
     def pose_parts(self) -> tuple[FloatArray, FloatArray]:
-        """(n, 6) each: by an increment of the pose at the event, and by one of the pose at the start of the run.
+        """Return (n, 6) each: by an increment of the pose at the event, and by one of the pose at the start of the run.
 
         Units and axes are those of ``pose`` in :func:`~davis_rs.differentiable.event_time_jacobian`, whose columns are
         the sum of both. 0 where nothing is known. With them goes any path of increments: times its weights at the
@@ -88,7 +88,7 @@ class EventDerivatives(ABC):
         return at_event, at_start
 
     def control_points(self, count: int, *, degree: int = 3) -> csr_array:
-        """Sparse (n, 6 ``count``): by the control points of a spline of increments of the path.
+        """Return sparse (n, 6 ``count``): by the control points of a spline of increments of the path.
 
         The spline is that of :func:`~davis_rs.differentiable.spline_weights` over the run's path, as in
         :func:`~davis_rs.differentiable.moved`. Column 6 i + k is number
@@ -111,7 +111,7 @@ class EventDerivatives(ABC):
         return _rows_of(csr_array, np.concatenate(columns, 1), np.concatenate(values, 1), 6 * count)
 
     def contrast_threshold_map(self) -> csr_array:
-        """Sparse (n, 2 W H): by each pixel's own thresholds, natural-log units.
+        """Return sparse (n, 2 W H): by each pixel's own thresholds, natural-log units.
 
         Column y W + x is the ON threshold of pixel (x, y), column W H + y W + x its OFF threshold. 0 for a jump.
         """
@@ -123,7 +123,8 @@ class EventDerivatives(ABC):
         return _rows_of(csr_array, columns, self._columns("contrast_threshold") * self.ok[:, None], 2 * pixels)
 
     def reflectance(self) -> csr_array:
-        """Sparse (n, texels): by the reflectance of each texel of the scene, all of its channels alike; 0 for a jump.
+        """Return sparse (n, texels): by the reflectance of each texel of the scene, all of its channels alike; 0 for a
+        jump.
 
         A texel is 0..1; :meth:`texture_columns` tells which column is whose. With J the matrix, ``J.T @ g`` is the
         gradient of a loss that has the derivatives g (n,) by what moves: reverse mode. Baked light that bounces from a
@@ -137,7 +138,7 @@ class EventDerivatives(ABC):
         return per_log @ (start - self.field.by_texel(self.t_us, self.levels.pixel))
 
     def texture_columns(self) -> dict[str, IntArray]:
-        """For each shape, ``<id>.reflectance``, the columns (H, W) of its texels in :meth:`reflectance`."""
+        """Return for each shape, ``<id>.reflectance``, the columns (H, W) of its texels in :meth:`reflectance`."""
         table = self.field.renderer.table
         return {
             f"{shape.id()}.reflectance": first + np.arange(height * width).reshape(height, width)
@@ -148,10 +149,10 @@ class EventDerivatives(ABC):
 
     @abstractmethod
     def _per_log(self) -> FloatArray:
-        """(n, 1) by how much it moves where the level of the event rises over log luma, by natural-log unit."""
+        """Return (n, 1) by how much it moves where the level of the event rises over log luma, by natural-log unit."""
 
     def _own_pose_parts(self) -> tuple[FloatArray, FloatArray]:
-        """Those of :meth:`pose_parts` by increments of the path as it is."""
+        """Return those of :meth:`pose_parts` by increments of the path as it is."""
         return -self.here.pose * self._per_log(), self.start.pose * self._per_log()
 
     def _columns(self, name: str) -> FloatArray:
@@ -197,7 +198,7 @@ class EventTimeDerivatives(EventDerivatives):
         return self.smooth | self.jump
 
     def _per_log(self) -> FloatArray:
-        """(n, 1) microseconds by log luma, 0 where it is not log luma that makes the event."""
+        """Return (n, 1) microseconds by log luma, 0 where it is not log luma that makes the event."""
         return np.where(self.smooth, _US / np.where(self.smooth, self.here.rate, 1.0), 0.0)[:, None]
 
     def _own_pose_parts(self) -> tuple[FloatArray, FloatArray]:
@@ -242,7 +243,7 @@ def check_quantities(of: Sequence[str]) -> None:
 
 
 def _rows_of(csr_array: type, columns: IntArray, values: FloatArray, width: int) -> csr_array:
-    """A sparse matrix of (n, k) entries, k in each row."""
+    """Return a sparse matrix of (n, k) entries, k in each row."""
     n, k = columns.shape
     matrix = csr_array((values.ravel(), columns.ravel(), np.arange(n + 1) * k), shape=(n, width))
     matrix.sum_duplicates()

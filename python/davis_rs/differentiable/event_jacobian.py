@@ -110,7 +110,7 @@ class EventTimeModel:
         self.thresholds = _threshold_maps(simulator, thresholds)
 
     def changed(self, increments: npt.ArrayLike | None, thresholds: npt.ArrayLike | None) -> EventTimeModel:
-        """The same with the path moved, see :class:`MovedPath`, or with other thresholds; None leaves either."""
+        """Return the same with the path moved, see :class:`MovedPath`, or with other thresholds; None leaves either."""
         other = copy(self)
         if increments is not None:
             other.path = MovedPath(self.path, increments)
@@ -154,7 +154,7 @@ class EventTimeModel:
         return derivatives, found.found
 
     def start_and_level(self, levels: EventLevels) -> tuple[LogLuma, FloatArray]:
-        """Log luma of each event's pixel at the start of the run, and the level (n,) of the event."""
+        """Return log luma of each event's pixel at the start of the run, and the level (n,) of the event."""
         pixels, of_pixel = np.unique(levels.pixel, return_inverse=True)
         start = self.field.at_start(pixels).take(of_pixel)
         on, off = self.thresholds[:, levels.pixel]
@@ -168,7 +168,7 @@ class EventTimeModel:
         which: Flags,
         windows_us: Sequence[tuple[float, float]],
     ) -> tuple[Flags, FloatArray]:
-        """Whether a ray's jump about an instant makes an event, and how its time moves with the pose."""
+        """Return whether a ray's jump about an instant makes an event, and how its time moves with the pose."""
         jump, jump_pose = np.zeros(len(level), np.bool_), np.zeros((len(level), 6))
         if self.jumps is None:
             return jump, jump_pose
@@ -208,7 +208,7 @@ def event_time_jacobian(
     edges: str = "rays",
     **settings: Any,
 ) -> tuple[FloatArray, Flags]:
-    """How the times of a run's events move with what the run was made with.
+    """Return how the times of a run's events move with what the run was made with.
 
     An event is where log luma L of its pixel has changed by n_on C_on - n_off C_off since the start of the run. By the
     implicit function theorem its time moves with an unknown u by dt/du = -(dL/du(t) - dL/du(0) - dlevel/du) / (dL/dt).
@@ -273,7 +273,7 @@ def event_time_derivatives(
     edges: str = "rays",
     **settings: Any,
 ) -> EventTimeDerivatives:
-    """All that is needed for any block of derivatives of a run's event times, dense or sparse.
+    """Return all that is needed for any block of derivatives of a run's event times, dense or sparse.
 
     >>> derivatives = event_time_derivatives(scene, events, accuracy="exact")
     >>> jacobian = scipy.sparse.hstack([derivatives.control_points(20), derivatives.contrast_threshold_map()])
@@ -286,7 +286,7 @@ def event_time_derivatives(
 
 
 def _threshold_maps(simulator: Simulator, thresholds: npt.ArrayLike | None) -> FloatArray:
-    """(2, pixels)."""
+    """Return (2, pixels)."""
     camera = simulator.camera
     if thresholds is None:
         both = [[simulator.contrast_threshold], [simulator.contrast_threshold_off]]
@@ -304,11 +304,11 @@ def _threshold_maps(simulator: Simulator, thresholds: npt.ArrayLike | None) -> F
 
 
 def _parts(index: IntArray) -> list[IntArray]:
-    """Numbers of events in parts that are worked on together."""
+    """Return numbers of events in parts that are worked on together."""
     return np.split(index, range(_TOGETHER, len(index), _TOGETHER)) if len(index) else []
 
 
 def _step_us(here: LogLuma, level: FloatArray) -> FloatArray:
-    """How far the crossing is, along the slope; infinitely where there is none."""
+    """Return how far the crossing is, along the slope; infinitely where there is none."""
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.asarray(_US * (level - here.value) / here.rate)

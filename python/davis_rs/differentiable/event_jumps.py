@@ -46,7 +46,7 @@ class EventJumps:
     def find(
         self, from_us: FloatArray, to_us: FloatArray, pixel: IntArray, sign: FloatArray, luma: FloatArray
     ) -> Jumps:
-        """The jumps by which luma of pixels (n,) reaches a level between two instants (n,), a short time apart.
+        """Return the jumps by which luma of pixels (n,) reaches a level between two instants (n,), a short time apart.
 
         Args:
             sign: (n,) 1 where it rises to the level, -1 where it falls.
@@ -91,6 +91,7 @@ class EventJumps:
 
 
 def _differ(one: FloatArray, other: FloatArray) -> Flags:
-    """Whether rows (n, 6) by an increment of the pose differ, in their position's part or in their rotation's."""
+    """Return whether rows (n, 6) by an increment of the pose differ, in their position's part or in their
+    rotation's."""
     off, size = ((part.reshape(-1, 2, 3) ** 2).sum(-1) for part in (one - other, other))
     return np.asarray((off > _ALIKE**2 * size).any(1))

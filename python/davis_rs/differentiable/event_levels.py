@@ -31,7 +31,7 @@ class EventLevels(NamedTuple):
     off: FloatArray
 
     def take(self, index: IntArray) -> EventLevels:
-        """Some of them, by their numbers."""
+        """Return some of them, by their numbers."""
         return EventLevels(self.t_us[index], self.pixel[index], self.sign[index], self.on[index], self.off[index])
 
 

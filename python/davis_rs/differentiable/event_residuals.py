@@ -155,7 +155,7 @@ def _check_positive(name: str, value: float) -> None:
 
 
 def _blocks(levels: EventLevels, block: int) -> Iterator[IntArray]:
-    """Numbers of events, pixel by pixel, about ``block`` at a time; a pixel is never divided."""
+    """Yield numbers of events, pixel by pixel, about ``block`` at a time; a pixel is never divided."""
     order = np.argsort(levels.pixel, kind="stable")
     firsts = np.flatnonzero(np.diff(levels.pixel[order], prepend=-1))
     begin = 0
@@ -193,7 +193,7 @@ def _time_residuals(model: EventTimeModel, levels: EventLevels, index: IntArray,
 
 
 def _more_events(model: EventTimeModel, last: EventLevels) -> Flags:
-    """Whether pixels have more events after these."""
+    """Return whether pixels have more events after these."""
     _, level = model.start_and_level(last)
     end_us = np.full(len(level), model.field.duration_s * 1e6)
     beyond = model.field.at(end_us, last.pixel).value - level

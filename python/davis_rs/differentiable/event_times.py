@@ -60,7 +60,7 @@ class EventTimes:
     def derivatives(
         self, increments: npt.ArrayLike | None = None, thresholds: npt.ArrayLike | None = None
     ) -> tuple[EventTimeDerivatives, Flags]:
-        """The crossings, and (n,) which of them are known with their derivatives; arguments as for a call."""
+        """Return the crossings, and (n,) which of them are known with their derivatives; arguments as for a call."""
         model = self._model.changed(increments, thresholds)
         derivatives, found = model.search(self._levels, self._within_us)
         return derivatives, found & derivatives.ok
@@ -68,7 +68,7 @@ class EventTimes:
     def __call__(
         self, increments: torch.Tensor | None = None, thresholds: torch.Tensor | None = None
     ) -> tuple[torch.Tensor, torch.Tensor]:
-        """The times (n,) of the events, float64, microseconds; and (n,) whether each is known.
+        """Return the times (n,) of the events, float64, microseconds; and (n,) whether each is known.
 
         One that is not known keeps its stamp, without a gradient.
 

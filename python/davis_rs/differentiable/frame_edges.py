@@ -40,7 +40,7 @@ class FrameEdges:
         self._edges, self._pixels = TurnedEdges(self._renderer), camera.width * camera.height
 
     def attached_zero(self, poses: CameraPoses, t_s: FloatArray, kernel: TableKernel) -> Any:
-        """0 for each pixel (n H W) of n poses at times (n,), with the derivatives that edges have by the poses.
+        """Return 0 for each pixel (n H W) of n poses at times (n,), with the derivatives that edges have by the poses.
 
         Warns:
             UserWarning: if more than 1 % of the change at edges stays unexplained, and so is left out.
@@ -57,7 +57,7 @@ class FrameEdges:
         return total
 
     def _slopes(self, views: Views, kernel: TableKernel) -> FloatArray:
-        """(n H W, 6): luma by an increment of the pose."""
+        """Return (n H W, 6): luma by an increment of the pose."""
         found = np.zeros((len(views) * self._pixels, 6))
         together = max(_RAYS_TOGETHER // self._renderer.rays, 1)
         known = unknown = 0.0
@@ -86,7 +86,7 @@ class FrameEdges:
 
 
 def _luma(kernel: TableKernel, views: Views, rays: FloatArray, scene_at: SceneAt) -> FloatArray:
-    """Luma along one ray of each view, without derivatives."""
+    """Return luma along one ray of each view, without derivatives."""
     import drjit as dr
     import mitsuba as mi
 
@@ -105,7 +105,7 @@ def _columns(vectors: FloatArray) -> list[Any]:
 
 
 def _views(poses: CameraPoses, t_s: FloatArray) -> Views:
-    """Cameras at rest, each at its own time (n,)."""
+    """Return cameras at rest, each at its own time (n,)."""
     import drjit as dr
 
     count = len(poses)
@@ -119,7 +119,7 @@ def _views(poses: CameraPoses, t_s: FloatArray) -> Views:
 
 
 def _increments(poses: CameraPoses) -> list[Any]:
-    """Zeros, attached to the poses: position in world axes, then the rotation vector in camera axes."""
+    """Return zeros, attached to the poses: position in world axes, then the rotation vector in camera axes."""
     import drjit as dr
     import mitsuba as mi
 

@@ -32,7 +32,7 @@ class DifferentiableKernel(TableKernel):
                 self._vectors[f"{light.name}.{_VECTORS[light.kind]}"] = number
 
     def parameters(self) -> dict[str, Any]:
-        """The scene's own values, ``mi.TensorXf``, by name."""
+        """Return the scene's own values, ``mi.TensorXf``, by name."""
         lights = self._table.lights
         return {
             **{name: tensor(_reflectances(self._table.textures, number)) for name, number in self._textures.items()},
@@ -41,7 +41,7 @@ class DifferentiableKernel(TableKernel):
         }
 
     def replaced(self, parameters: Mapping[str, Any]) -> TableKernel:
-        """This kernel with other values for some of its parameters, attached to them.
+        """Return this kernel with other values for some of its parameters, attached to them.
 
         Raises:
             ValueError: for a name that is not there, or a value of another shape.
@@ -76,7 +76,7 @@ class DifferentiableKernel(TableKernel):
         return kernel
 
     def moved_lights(self, parameters: Mapping[str, Any]) -> list[str]:
-        """The names of places and directions of lights among the replacements that are not the scene's own."""
+        """Return the names of places and directions of lights among the replacements that are not the scene's own."""
         moved = []
         for name, number in self._vectors.items():
             if name in parameters:
@@ -89,7 +89,7 @@ class DifferentiableKernel(TableKernel):
         return moved
 
     def _with_textures(self, group: int, replacements: Mapping[int, Any]) -> Any:
-        """The kernel's buffer of texels as luma, each texture in its frame, with some of them replaced."""
+        """Return the kernel's buffer of texels as luma, each texture in its frame, with some of them replaced."""
         import drjit as dr
         import mitsuba as mi
 
@@ -131,7 +131,7 @@ class _Components(list[Any]):
 
 
 def _reflectances(textures: TextureTable, number: int) -> npt.NDArray[np.float32]:
-    """Linear RGB (H, W, 3) of a texture: its texels under a red, a green and a blue light."""
+    """Return linear RGB (H, W, 3) of a texture: its texels under a red, a green and a blue light."""
     by_channel = copy.copy(textures)
     by_channel.group_weights = list(np.eye(3))
     first, width, height, _ = textures.sizes[number].tolist()

@@ -41,7 +41,7 @@ class LogLuma(NamedTuple):
     log_eps: FloatArray
 
     def take(self, index: IntArray) -> LogLuma:
-        """Those of some pixels, in the order of their numbers."""
+        """Return those of some pixels, in the order of their numbers."""
         return LogLuma(*(column[index] for column in self))
 
     def put(self, index: IntArray, other: LogLuma) -> None:
@@ -76,11 +76,11 @@ class LogLumaField:
         self.of_light_name = np.array([[name == one for one in self.light_names] for name in names], np.float64)
 
     def views(self, t_us: FloatArray) -> Views:
-        """The camera at instants (n,), microseconds; those that rounding puts just before 0 are at 0."""
+        """Return the camera at instants (n,), microseconds; those that rounding puts just before 0 are at 0."""
         return Views.along(self.path, np.clip(t_us * 1e-6, 0.0, self.path.duration_s))
 
     def at(self, t_us: FloatArray, pixel: IntArray) -> LogLuma:
-        """Log luma of pixels (n,), y W + x, each at its own instant (n,), microseconds from the path's start."""
+        """Return log luma of pixels (n,), y W + x, each at its own instant (n,), microseconds from the path's start."""
         # Pixel after pixel: what they see of textures is then still at hand.
         order = np.argsort(pixel, kind="stable")
         chunks = [order[first : first + _TOGETHER] for first in range(0, max(len(order), 1), _TOGETHER)]
@@ -90,11 +90,11 @@ class LogLumaField:
         return LogLuma(*(np.concatenate(columns)[back] for columns in zip(*parts, strict=True)))
 
     def at_start(self, pixel: IntArray) -> LogLuma:
-        """Log luma of pixels (n,) at the path's first instant."""
+        """Return log luma of pixels (n,) at the path's first instant."""
         return self._of_view(self.views(np.zeros(1)), np.zeros(len(pixel), np.uint32), pixel)
 
     def by_texel(self, t_us: FloatArray, pixel: IntArray) -> csr_array:
-        """Sparse (n, texels): dL by the reflectance of the table's texels, each pixel at its own instant."""
+        """Return sparse (n, texels): dL by the reflectance of the table's texels, each pixel at its own instant."""
         from scipy.sparse import csr_array, vstack
 
         texels = int(np.prod(self.renderer.table.textures.sizes[:, 1:3].astype(np.int64), axis=1).sum())

@@ -53,7 +53,7 @@ class MeanLogLumaField(LogLumaField):
         return surfaces._replace(pose=surfaces.pose + pose, rate=surfaces.rate + (pose * motion).sum(1))
 
     def _of_edges(self, views: Views, pixel: IntArray) -> FloatArray:
-        """(n, 6) dY by an increment of the pose."""
+        """Return (n, 6) dY by an increment of the pose."""
         found = np.zeros((len(pixel), 6))
         known, unknown = np.zeros(len(pixel)), np.zeros(len(pixel))
         event, around = self._around(pixel)
@@ -73,7 +73,8 @@ class MeanLogLumaField(LogLumaField):
         return found
 
     def _around(self, pixel: IntArray) -> tuple[IntArray, IntArray]:
-        """All pixels whose rays may lie next to an edge in what pixels (n,) take: for which of them, and its number."""
+        """Return all pixels whose rays may lie next to an edge in what pixels (n,) take: for which of them, and its
+        number."""
         camera = self.renderer.camera
         y, x = np.divmod(pixel, camera.width)
         rows, columns = y[:, None] + self._rows, x[:, None] + self._columns

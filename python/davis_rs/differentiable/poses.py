@@ -29,7 +29,7 @@ class CameraPoses:
 
     @classmethod
     def at(cls, poses: Sequence[PoseLike]) -> CameraPoses:
-        """Poses as constants: where to start from, see :meth:`perturbed`."""
+        """Return poses as constants: where to start from, see :meth:`perturbed`."""
         views = Views.at_rest(poses)
         with variant(FAST) as (mi, _):
             positions, rotations = (
@@ -40,7 +40,7 @@ class CameraPoses:
 
     @classmethod
     def from_quaternions(cls, poses: Any) -> CameraPoses:
-        """Poses (n, 7), a tensor: position in metres, then the rotation (x, y, z, w), Hamilton, normalised here.
+        """Return poses (n, 7), a tensor: position in metres, then the rotation (x, y, z, w), Hamilton, normalised here.
 
         Raises:
             ValueError: for another shape.
@@ -56,7 +56,7 @@ class CameraPoses:
             return cls(mi.Point3f(px, py, pz), rotations)
 
     def perturbed(self, increments: Any) -> CameraPoses:
-        """These poses, moved by ``increments`` (n, 6), a tensor: one row for each pose, or several rows for one.
+        """Return these poses, moved by ``increments`` (n, 6), a tensor: one row for each pose, or several rows for one.
 
         A row is a translation in world axes, metres, then a rotation vector in camera axes, radians:
         position + row[:3], R_world_camera exp(row[3:]). Where a row is zero the pose keeps its bits.
@@ -71,7 +71,7 @@ class CameraPoses:
             return CameraPoses(self.positions + mi.Vector3f(dx, dy, dz), self.rotations @ exponential_map(*vector))
 
     def gather(self, index: Any) -> CameraPoses:
-        """The poses of an index array; where a number is the same for all, it stays one."""
+        """Return the poses of an index array; where a number is the same for all, it stays one."""
         import drjit as dr
         import mitsuba as mi
 
@@ -88,7 +88,7 @@ class CameraPoses:
 
 
 def exponential_map(x: Any, y: Any, z: Any) -> Any:
-    """exp of a rotation vector (Rodrigues' formula), smooth through zero, as a ``mi.Matrix3f``."""
+    """Return exp of a rotation vector (Rodrigues' formula), smooth through zero, as a ``mi.Matrix3f``."""
     import drjit as dr
     import mitsuba as mi
 
@@ -108,7 +108,7 @@ def exponential_map(x: Any, y: Any, z: Any) -> Any:
 
 
 def spline(control_points: Any, t_s: npt.ArrayLike, *, duration_s: float, degree: int = 3) -> Any:
-    """Values (n, k) at the times ``t_s`` (n,) of the B-spline with ``control_points`` (m, k), both tensors.
+    """Return values (n, k) at the times ``t_s`` (n,) of the B-spline with ``control_points`` (m, k), both tensors.
 
     Uniform knots over 0..``duration_s``, clamped: the curve begins at the first control point and ends at the last.
     Degree 3 is the cubic B-spline, degree 1 is linear from point to point. As ``increments`` of
@@ -138,7 +138,7 @@ def spline(control_points: Any, t_s: npt.ArrayLike, *, duration_s: float, degree
 
 
 def tensor(values: Any) -> Any:
-    """A Dr.Jit array, attached as it is, or anything that NumPy takes, as a ``mi.TensorXf``."""
+    """Return a Dr.Jit array, attached as it is, or anything that NumPy takes, as a ``mi.TensorXf``."""
     import drjit as dr
     import mitsuba as mi
 

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from .._mitsuba.variants import FAST, default_variant, load_scene_source, variant
 from .._util.argument_error import ArgumentError
 from ..geometry.camera import Camera
-from ..render.matte import simplify_materials
+from ..render.diffuse_materials import simplify_materials
 from ..render.motion.scene_updates import scene_motion
 from ..render.obstacles import Unsuitable
 from ..render.rays.camera_rays import CameraRays, Lanes
@@ -96,7 +96,7 @@ class DifferentiableRenderer:
     def luma(
         self, poses: CameraPoses, parameters: Mapping[str, Any] | None = None, *, t_s: npt.ArrayLike | None = None
     ) -> Any:
-        """Linear luma of n poses, a ``mi.TensorXf`` (n, H, W), attached to the poses and the parameters.
+        """Return linear luma of n poses, a ``mi.TensorXf`` (n, H, W), attached to the poses and the parameters.
 
         All rays of all poses are traced at once: with no loop in it, reverse mode needs no more than the memory of
         n H W samples numbers, a few times over. ``dr.backward`` after each of several batches adds up the gradients.
@@ -158,7 +158,8 @@ class DifferentiableRenderer:
 
 
 def _blur_along(luma: Any, size: int, stride: int) -> Any:
-    """One of the two passes of :func:`davis_rs.events.luma.blur_3x3`: along ``size`` pixels, ``stride`` apart."""
+    """Return one of the two passes of :func:`davis_rs.events.luma.blur_3x3`: along ``size`` pixels, ``stride``
+    apart."""
     import drjit as dr
     import mitsuba as mi
 

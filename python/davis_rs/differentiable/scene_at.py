@@ -27,7 +27,7 @@ class SceneAt:
         self._columns = [columns.get(light.name) for light in table.lights]
 
     def around(self, ray: Any, view: Any) -> Surroundings | None:
-        """What surrounds rays, each at the time with the number ``view``; None where nothing ever changes."""
+        """Return what surrounds rays, each at the time with the number ``view``; None where nothing ever changes."""
         import drjit as dr
         import mitsuba as mi
 

@@ -67,7 +67,7 @@ class TurnedEdges:
         self._to_either_side_px = 1 / math.sqrt(renderer.rays)
 
     def turns(self, views: Views, pixel: IntArray, luma: RayLuma) -> Iterator[Turn]:
-        """The two turns of pixels (n,), y W + x, each seen in its own one of n views."""
+        """Yield the two turns of pixels (n,), y W + x, each seen in its own one of n views."""
         for axis, column, focal_px in zip((1, 0), _TURN_COLUMNS, (self._camera.fx, self._camera.fy), strict=True):
             angle = self._to_either_side_px / focal_px
             ends = _turned(views, axis, np.full(len(pixel), -angle)), _turned(views, axis, np.full(len(pixel), angle))
@@ -86,7 +86,7 @@ class TurnedEdges:
             yield Turn(rays.event, seen, part, after - before, _slope(passes, column))
 
     def _pixels(self, ray: FloatArray, axis: int, angle: FloatArray) -> tuple[IntArray, FloatArray]:
-        """Pixels in which the camera sees what it sees along rays while it is turned, and the parts in them.
+        """Return pixels in which the camera sees what it sees along rays while it is turned, and the parts in them.
 
         What lies on the border of two pixels is half in each, as it is on average where the camera moves a little.
         """
@@ -104,7 +104,7 @@ class TurnedEdges:
 
 
 def _slope(passes: Passes, column: int) -> FloatArray:
-    """What the edges add that pass rays while the camera turns about one axis.
+    """Return what the edges add that pass rays while the camera turns about one axis.
 
     Edges that lie along the image's motion pass few rays, each with a large part. So both turns share an edge, by the
     squares of its normal's components, which are as how its share of the way moves with either turn.
@@ -115,13 +115,13 @@ def _slope(passes: Passes, column: int) -> FloatArray:
 
 
 def _turned(views: Views, axis: int, angle: FloatArray) -> Views:
-    """Each view (n,) about an axis of its camera, by an angle in radians (n,)."""
+    """Return each view (n,) about an axis of its camera, by an angle in radians (n,)."""
     rotations = views.rotations @ _turns(axis, angle)
     return Views(views.t_s, views.positions, rotations, views.velocities, views.angular_rates)
 
 
 def _turns(axis: int, angle: FloatArray) -> FloatArray:
-    """Rotations (n, 3, 3) about an axis by angles (n,); none where an angle is NaN."""
+    """Return rotations (n, 3, 3) about an axis by angles (n,); none where an angle is NaN."""
     from scipy.spatial.transform import Rotation
 
     vector = np.zeros((len(angle), 3))

@@ -116,7 +116,8 @@ class Camera:
         return xy.reshape(pixel.shape)
 
     def _undistorted(self, pixel: FloatArray) -> tuple[FloatArray, FloatArray, npt.NDArray[np.bool_]]:
-        """Ray directions x and y of pixels (n, 2), and whether each was found where the distortion does not fold."""
+        """Return ray directions x and y of pixels (n, 2), and whether each was found where the distortion does not
+        fold."""
         u, v = (pixel[:, 0] - self.cx) / self.fx, (pixel[:, 1] - self.cy) / self.fy
         x, y = u.copy(), v.copy()
         for _ in range(50):
@@ -140,12 +141,13 @@ class Camera:
         return np.stack([rows[0] * self.fx, rows[1] * self.fy], -2)
 
     def _squared_radius_of_fold(self) -> float:
-        """Smallest r^2 where the distorted radius, r (1 + k1 r^2 + k2 r^4 + k3 r^6), stops growing; inf if nowhere."""
+        """Return smallest r^2 where the distorted radius, r (1 + k1 r^2 + k2 r^4 + k3 r^6), stops growing; inf if
+        nowhere."""
         roots = np.roots([7 * self.k3, 5 * self.k2, 3 * self.k1, 1.0])
         return float(roots.real[(roots.imag == 0) & (roots.real > 0)].min(initial=np.inf))
 
     def _distort(self, x: FloatArray, y: FloatArray) -> _Distorted:
-        """Distorted normalised coordinates, and their derivatives."""
+        """Return distorted normalised coordinates, and their derivatives."""
         k1, k2, p1, p2, k3 = self.distortion
         r2 = x * x + y * y
         radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))

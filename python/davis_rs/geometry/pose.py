@@ -121,7 +121,7 @@ def as_pose(given: PoseLike, argument: str = "pose") -> Pose:
 
 
 def _numbers(values: Any, what: str) -> FloatArray:
-    """A new array of numbers."""
+    """Return a new array of numbers."""
     try:
         if values is None:
             raise TypeError
@@ -169,7 +169,7 @@ def describe_pose(pose: Pose) -> dict[str, object]:
 
 
 def hamilton(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Hamilton product a * b of quaternions (..., 4) in the order (x, y, z, w).
+    """Return Hamilton product a * b of quaternions (..., 4) in the order (x, y, z, w).
 
     Unlike a product of scipy's Rotations it is linear in both, so that the sign stays continuous.
     """
@@ -182,7 +182,7 @@ def conjugate(q: FloatArray) -> FloatArray:
 
 
 def body_rates(q: FloatArray, dq_dt: FloatArray) -> FloatArray:
-    """Angular rate (..., 3) in body axes, rad/s, of unit quaternions: q' = q * (omega, 0) / 2 (Hamilton)."""
+    """Return angular rate (..., 3) in body axes, rad/s, of unit quaternions: q' = q * (omega, 0) / 2 (Hamilton)."""
     return 2.0 * hamilton(conjugate(q), dq_dt)[..., :3]
 
 

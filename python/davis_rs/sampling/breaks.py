@@ -51,7 +51,8 @@ class Break(NamedTuple):
 
 
 def find_breaks(trajectory: Trajectory, motion: SceneMotion, start_us: int, end_us: int) -> Iterator[Break]:
-    """The breaks of a camera's path, of moving objects and of lights after ``start_us``, in order, found as asked for.
+    """Yield the breaks of a camera's path, of moving objects and of lights after ``start_us``, in order, found as asked
+    for.
 
     Args:
         trajectory: the camera's; its time 0 is at ``start_us`` of the sequence.
@@ -74,14 +75,14 @@ def break_instants(breaks: Iterable[Break], start_us: int, *, both: bool) -> Ite
 
 
 def _object_breaks(path: Trajectory) -> FloatArray:
-    """The breaks of an object's path, and its end, from which on the object stands still."""
+    """Return the breaks of an object's path, and its end, from which on the object stands still."""
     end = [path.duration_s]
     moves = max(np.abs(path.velocities(end)).max(), np.abs(path.angular_rates(end)).max()) > _SMALLEST_JUMP
     return np.concatenate([path.breaks_s(), end if moves else []])
 
 
 def _path_breaks(path: Trajectory, breaks_s: FloatArray, zero_us: int) -> list[Break]:
-    """Breaks of a path whose time 0 is at ``zero_us``."""
+    """Return breaks of a path whose time 0 is at ``zero_us``."""
     if len(breaks_s) == 0:
         return []
     before = np.ceil(zero_us + breaks_s * 1e6 - _ROUNDING_US).astype(np.int64) - 1
@@ -89,7 +90,7 @@ def _path_breaks(path: Trajectory, breaks_s: FloatArray, zero_us: int) -> list[B
 
 
 def _teleports(path: Trajectory, t_s: FloatArray) -> BoolArray:
-    """Whether the pose at each instant goes further than its rates explain."""
+    """Return whether the pose at each instant goes further than its rates explain."""
     sides = [np.clip(t_s + step, 0.0, path.duration_s) for step in (-_STEP_S, _STEP_S)]
     jumps = np.zeros(len(t_s), np.bool_)
     for poses, rates in ((path.positions, path.velocities), (path.quaternions, path.angular_rates)):

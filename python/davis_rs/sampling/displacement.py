@@ -107,13 +107,13 @@ class DisplacementClock:
         self._pixels_per_rad = focal * (1 + float((camera.rays(_centres(camera, _TILE)) ** 2).sum(-1).max()))
 
     def path_at(self, t_us: int) -> float:
-        """The path until an instant, which may lie no more than a block before the last one asked for."""
+        """Return the path until an instant, which may lie no more than a block before the last one asked for."""
         while self._t_us[-1] < min(t_us, self._end_us):
             self._extend()
         return float(np.interp(t_us, self._t_us, self._path))
 
     def time_at(self, path: float, until_us: int | None = None) -> int | None:
-        """The microsecond in which the path becomes so long; None where it does not by ``until_us`` or the end.
+        """Return the microsecond in which the path becomes so long; None where it does not by ``until_us`` or the end.
 
         With ``until_us`` no more than the block around it is looked at: ``path_at(until_us)`` stays within reach.
         """
@@ -125,7 +125,7 @@ class DisplacementClock:
         return int(np.interp(path, self._path, self._t_us))
 
     def estimated_path(self) -> float:
-        """About how long the whole path is: by the speeds at a few instants, without the change of lights."""
+        """Return about how long the whole path is: by the speeds at a few instants, without the change of lights."""
         t_us = np.unique(np.linspace(0, self._end_us, _ESTIMATE).astype(np.int64))
         speeds = [float(self._fastest(self._pooled([int(one)])[0], np.array([one * 1e-6]))[0]) for one in t_us]
         return float(np.sum(np.diff(t_us) * np.add(speeds[1:], speeds[:-1]) / 2) * 1e-6)
@@ -187,7 +187,7 @@ class DisplacementClock:
         self._nearest = nearest
 
     def _breaks_until(self, stop_us: int) -> list[int]:
-        """Instants next to breaks that were not given before."""
+        """Return instants next to breaks that were not given before."""
         found = []
         while self._next_break < min(stop_us, self._end_us):
             found.append(self._next_break)
@@ -195,7 +195,7 @@ class DisplacementClock:
         return found
 
     def _where_motion_bends(self, t_us: FloatArray, nearest: float) -> FloatArray:
-        """The instants, and more where speed does not change evenly between them, or a rest begins or ends."""
+        """Return the instants, and more where speed does not change evenly between them, or a rest begins or ends."""
 
         def rates(at_us: FloatArray) -> FloatArray:
             """Return about as many pixels per second as each part of the motion makes at the most."""
@@ -224,7 +224,7 @@ class DisplacementClock:
         return _divided(t_us, rates, bent)
 
     def _where_light_bends(self, t_us: FloatArray) -> FloatArray:
-        """The instants, and more where a light does not change evenly between them."""
+        """Return the instants, and more where a light does not change evenly between them."""
 
         def bent(left: FloatArray, right: FloatArray, values: Rates) -> BoolArray:
             before, middle, after = values
@@ -233,7 +233,7 @@ class DisplacementClock:
         return _divided(t_us, lambda at_us: self._log_strengths(at_us * 1e-6), bent)
 
     def _nearest_at(self, t_us: int) -> FloatArray:
-        """The least depth in each tile at an instant."""
+        """Return the least depth in each tile at an instant."""
         if t_us not in self._ahead:
             # Several maps in one launch; those of blocks to come are kept for them.
             times = sorted({min(t_us + i * _BLOCK_US, self._end_us) for i in range(_BLOCKS_A_LAUNCH)})
@@ -241,13 +241,13 @@ class DisplacementClock:
         return self._ahead[t_us]
 
     def _pooled(self, times: list[int]) -> FloatArray:
-        """The least depth in each tile (n, tiles) at instants in microseconds."""
+        """Return the least depth in each tile (n, tiles) at instants in microseconds."""
         depths = self._renderer.depth(self._views(np.array(times) * 1e-6))
         pooled = np.minimum.reduceat(np.minimum.reduceat(depths, self._rows, 1), self._columns, 2)
         return pooled.reshape(len(times), -1).astype(np.float64)
 
     def _fastest(self, depth: FloatArray, t_s: FloatArray) -> FloatArray:
-        """The largest flow of any tile at each time, in pixels per second."""
+        """Return the largest flow of any tile at each time, in pixels per second."""
         views = self._views(t_s)
         speed = _largest(self._flow(views, depth))
         if self._renderer.motion.objects:
@@ -255,7 +255,7 @@ class DisplacementClock:
         return np.where(speed > _REST_PX_S, speed, 0.0)
 
     def _light_path(self, t_s: FloatArray) -> FloatArray:
-        """What lights add to the path from the first of n times until each of the others."""
+        """Return what lights add to the path from the first of n times until each of the others."""
         changes = np.abs(np.diff(self._log_strengths(t_s), axis=0)).max(1)
         return np.asarray(np.cumsum(changes) / LIGHT_PER_PIXEL)
 
@@ -291,7 +291,8 @@ class _ObjectSpeeds:
         return speed
 
     def _within(self, own: Views, box: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Least and largest depth (n, tiles) of a box (2, 3) along the tiles' rays, in its own frame; NaN: none."""
+        """Return least and largest depth (n, tiles) of a box (2, 3) along the tiles' rays, in its own frame;
+        NaN: none."""
         away = np.linalg.norm(own.positions - box.mean(0), axis=-1) + np.linalg.norm(box[1] - box[0]) / 2
         margin = (self._spread * away)[:, None, None]
         directions = np.einsum("nij,tj->nti", own.rotations, self._rays)
@@ -304,7 +305,7 @@ class _ObjectSpeeds:
 
 
 def _evenly(start_us: int, stop_us: int, step_us: int, more_us: list[int]) -> FloatArray:
-    """Instants from start to stop, no more than a step apart, and some more."""
+    """Return instants from start to stop, no more than a step apart, and some more."""
     steps = -(-(stop_us - start_us) // step_us)
     even = np.linspace(start_us, stop_us, steps + 1)
     return np.union1d(even, more_us) if more_us else even
@@ -315,7 +316,8 @@ def _divided(
     function: Callable[[FloatArray], FloatArray],
     bent: Callable[[FloatArray, FloatArray, Rates], BoolArray],
 ) -> FloatArray:
-    """Instants with the middle of two neighbours added, down to a microsecond, where the function is bent in between.
+    """Return instants with the middle of two neighbours added, down to a microsecond, where the function is bent in
+    between.
 
     Args:
         function: instants (n,) -> values (n, k).
@@ -339,12 +341,12 @@ def _divided(
 
 @lru_cache(maxsize=8)
 def _flow_of_tiles(camera: Camera, size: int) -> OpticalFlow:
-    """Flow at the tiles' middles. A simulator that is driven step by step makes a clock for each step."""
+    """Return flow at the tiles' middles. A simulator that is driven step by step makes a clock for each step."""
     return OpticalFlow(camera, _centres(camera, size))
 
 
 def _centres(camera: Camera, size: int) -> FloatArray:
-    """Centres (tiles, 2) of tiles of size x size pixels, row by row."""
+    """Return centres (tiles, 2) of tiles of size x size pixels, row by row."""
     columns, rows = np.arange(0, camera.width, size), np.arange(0, camera.height, size)
     centres = np.stack(np.meshgrid(columns + (size - 1) / 2, rows + (size - 1) / 2), -1)
     return np.minimum(centres, (camera.width - 1, camera.height - 1)).reshape(-1, 2)

@@ -50,7 +50,7 @@ def expose(
     exposure_us: int,
     row_readout_us: float = 0.0,
 ) -> FloatArray:
-    """Mean luma (H, W), float64, over the time (t_us - exposure_us, t_us] in which the shutter is open.
+    """Return mean luma (H, W), float64, over the time (t_us - exposure_us, t_us] in which the shutter is open.
 
     The shutter closes at the frame's own instant, so that a frame needs nothing of the future. It cannot open before
     the first stretch begins: there the exposure is shorter, and the mean is that of what is left. A shutter that does
@@ -119,14 +119,15 @@ class _RowTimes:
         return np.asarray(np.where(length > 0, within / np.where(length > 0, length, 1.0), first))
 
     def between(self, nodes_us: FloatArray) -> FloatArray:
-        """The weight (n, H) of each instant (n,) at each row's closing: linear between the two instants around it."""
+        """Return the weight (n, H) of each instant (n,) at each row's closing: linear between the two instants around
+        it."""
         at = np.interp(self.close_us, nodes_us, np.arange(len(nodes_us)))
         weights: FloatArray = np.clip(1 - np.abs(at - np.arange(len(nodes_us))[:, None]), 0.0, None)
         return weights
 
 
 def _expose_rows(luma: npt.NDArray[np.float32], stretches: Sequence[Stretch], rows: _RowTimes) -> FloatArray:
-    """The same as :func:`expose`, for a rolling shutter."""
+    """Return the same as :func:`expose`, for a rolling shutter."""
     first_us = math.floor(rows.open_us[0])
     bounds = [(stretch, max(stretch.start_us, first_us), min(stretch.end_us, rows.t_us)) for stretch in stretches]
     parts = [(*bound, _fastest(*bound)) for bound in bounds if bound[1] < bound[2]]
@@ -178,7 +179,8 @@ class KeyframeExposure:
             self._seen.popleft()
 
     def mean(self, t_us: int) -> npt.NDArray[np.float64]:
-        """Mean luma (H, W) over the exposure that ends at ``t_us``, the last keyframe; shorter at the very start."""
+        """Return mean luma (H, W) over the exposure that ends at ``t_us``, the last keyframe; shorter at the very
+        start."""
         if self._row_readout_us > 0:
             return self._mean_of_rows(t_us)
         open_us = max(t_us - self._exposure_us, self._seen[0][0])
@@ -211,19 +213,20 @@ class KeyframeExposure:
 
 
 def subframe_instants(stretch: Stretch, start_us: int, end_us: int) -> IntArray:
-    """The times of sub-frames for a global shutter that is open in (start_us, end_us] of a stretch."""
+    """Return the times of sub-frames for a global shutter that is open in (start_us, end_us] of a stretch."""
     return _middles(start_us, end_us, _fastest(stretch, start_us, end_us), SUBFRAME_PX)
 
 
 def _middles(start_us: int, end_us: int, speed: float, step: float) -> IntArray:
-    """The middles of equal parts, start_us < end_us, in which what has that speed a microsecond moves no further."""
+    """Return the middles of equal parts, start_us < end_us, in which what has that speed a microsecond moves no
+    further."""
     length_us = end_us - start_us
     count = int(np.clip(np.ceil(length_us * speed / step), 1, length_us))
     return start_us + ((2 * np.arange(count) + 1) * length_us + count) // (2 * count)
 
 
 def _fastest(stretch: Stretch, start_us: int, end_us: int) -> float:
-    """The largest speed of any pixel in (start_us, end_us], in pixels per microsecond."""
+    """Return the largest speed of any pixel in (start_us, end_us], in pixels per microsecond."""
     offset_us, length_us = start_us - stretch.start_us, end_us - start_us
     # The clock would count the change of lights too, in which sub-frames need not be told apart.
     renderer = _with_lights(stretch.renderer, dict.fromkeys(stretch.renderer.motion.lights, _STEADY))
@@ -260,14 +263,14 @@ class _MeanProfile(LightProfile):
 
 
 def _in_mean_light(renderer: Renderer, length_us: float) -> Renderer:
-    """The renderer, with lights as they are on the average over ``length_us`` around each instant."""
+    """Return the renderer, with lights as they are on the average over ``length_us`` around each instant."""
     return _with_lights(
         renderer, {name: _MeanProfile(profile, length_us) for name, profile in renderer.motion.lights.items()}
     )
 
 
 def _with_lights(renderer: Renderer, lights: Mapping[str, LightProfile]) -> Renderer:
-    """The renderer, with other profiles for the same lights; it shares all else with the one given."""
+    """Return the renderer, with other profiles for the same lights; it shares all else with the one given."""
     if not lights:
         return renderer
     motion, other = renderer.motion, copy(renderer)

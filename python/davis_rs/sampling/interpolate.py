@@ -58,7 +58,7 @@ def end_slopes(
     stop: FloatArray,
     interval_us: int,
 ) -> tuple[FloatArray, FloatArray]:
-    """Slopes of the cubics at both ends of an interval, over its length, that the engine takes.
+    """Return slopes of the cubics at both ends of an interval, over its length, that the engine takes.
 
     They make no extremum which the samples do not support.
 

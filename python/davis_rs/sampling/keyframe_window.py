@@ -51,7 +51,7 @@ class KeyframeWindow:
         return np.cumsum([False, *cut])
 
     def slope(self, k: int) -> LogLuma:
-        """Slope of log luma (H, W), 1/s, at keyframe k, from it and one on either side; 0 where it has none.
+        """Return slope of log luma (H, W), 1/s, at keyframe k, from it and one on either side; 0 where it has none.
 
         Both intervals around the keyframe have it. It is measured at the scale of the longer one: in noise, as which
         textures finer than a pixel come, the slope towards a keyframe close by says nothing about that.
@@ -81,7 +81,8 @@ class KeyframeWindow:
         return result
 
     def _others(self, k: int, length_us: int, within: IntArray, most: int) -> list[int]:
-        """Up to ``most`` keyframes on either side of keyframe k, which is one end of an interval of ``length_us``.
+        """Return up to ``most`` keyframes on either side of keyframe k, which is one end of an interval of
+        ``length_us``.
 
         They are of those ``within``, its own part between cuts. Those less than half an interval apart are passed over:
         one close by would hide how the interval bends.
@@ -96,7 +97,7 @@ class KeyframeWindow:
         return others
 
     def _missed(self, k: int, others: list[int], part: IntArray, tolerated: float) -> BoolFrame:
-        """The pixels whose prediction from ``others`` misses keyframe k by more than is tolerated."""
+        """Return the pixels whose prediction from ``others`` misses keyframe k by more than is tolerated."""
         log = self.log_luma
         if min(others) < k < max(others):
             times = (self.t_us[k], *(self.t_us[i] for i in others))

@@ -40,7 +40,8 @@ class SparseSamples(NamedTuple):
     def neighbours(
         self, pixel: IntArray, t_us: IntArray, *, after: Literal["at", "past"]
     ) -> tuple[tuple[IntArray, BoolArray], tuple[IntArray, BoolArray]]:
-        """The samples of n pixels before and after n instants of the interval: (which, whether there is one), each.
+        """Return the samples of n pixels before and after n instants of the interval: (which, whether there is one),
+        each.
 
         Args:
             after: a sample ``at`` the instant comes after it, or only one ``past`` it does.
@@ -124,7 +125,7 @@ class Stretch:
 
 
 def exact_log_luma(luma: npt.NDArray[np.float32], log_eps: float) -> FloatArray:
-    """Log intensity (n,) of n samples, to the bit as the crossing engine has it."""
+    """Return log intensity (n,) of n samples, to the bit as the crossing engine has it."""
     columns = 1024
     padded = np.zeros(-(-len(luma) // columns) * columns, np.float32)
     padded[: len(luma)] = luma
@@ -132,7 +133,7 @@ def exact_log_luma(luma: npt.NDArray[np.float32], log_eps: float) -> FloatArray:
 
 
 def slope(t_us: Sequence[int], log_luma: Sequence[LogLuma], k: int) -> LogLuma:
-    """Slope dL/dt (H, W) in 1/s at frame k of two or more: that of the parabola through it and its neighbours.
+    """Return slope dL/dt (H, W) in 1/s at frame k of two or more: that of the parabola through it and its neighbours.
 
     The first and the last have one neighbour: there it is the chord's.
 
@@ -150,14 +151,14 @@ def slope(t_us: Sequence[int], log_luma: Sequence[LogLuma], k: int) -> LogLuma:
 
 
 def _chord(t_us: Sequence[int], log_luma: Sequence[LogLuma], k: int) -> LogLuma:
-    """Slope of the line from frame k to the next."""
+    """Return slope of the line from frame k to the next."""
     result = log_luma[k + 1] - log_luma[k]
     result /= np.float32((t_us[k + 1] - t_us[k]) * 1e-6)
     return result
 
 
 def lagrange_weights(t: FloatArray, at: float) -> FloatArray:
-    """Weights (n,) of the samples at n instants in the polynomial through them, at another instant."""
+    """Return weights (n,) of the samples at n instants in the polynomial through them, at another instant."""
     others = ~np.eye(len(t), dtype=np.bool_)
     ratios = (at - t)[None] / np.where(others, t[:, None] - t[None], 1.0)
     return np.asarray(np.where(others, ratios, 1.0).prod(1))

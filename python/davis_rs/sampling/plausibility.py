@@ -27,7 +27,8 @@ _FEWEST = 2
 
 
 def probed(stretch: Stretch, start_us: int, end_us: int) -> Iterator[int]:
-    """Instants, increasing, at which keyframes belong within a span, because something happens that was not foreseen.
+    """Yield instants, increasing, at which keyframes belong within a span, because something happens that was not
+    foreseen.
 
     In the middle of the span some pixels, spread over the image, must lie where the line between its ends says. If
     half of those that change do not, the span is halved there, and each half is probed in turn, down to a microsecond.

@@ -20,7 +20,7 @@ from .plausibility import probed
 
 
 def periodic_instants(rate_hz: float, start_us: int, end_us: int) -> Iterator[int]:
-    """Instants round(k 1e6 / rate) us, k = 0, 1, ..., that lie in [start_us, end_us]; none for rate 0.
+    """Return instants round(k 1e6 / rate) us, k = 0, 1, ..., that lie in [start_us, end_us]; none for rate 0.
 
     Rounded half up in exact arithmetic, so that no rate drifts.
 
@@ -107,7 +107,7 @@ class ScheduledSampling(TimeSampling):
 
 
 def _with_probed(stretch: Stretch, times: Iterator[int]) -> Iterator[int]:
-    """The times of keyframes, and those that probes of long spans ask for."""
+    """Yield the times of keyframes, and those that probes of long spans ask for."""
     last_us = stretch.start_us
     for t_us in times:
         yield from probed(stretch, last_us, t_us)

@@ -136,7 +136,7 @@ class _Control:
             window.drop(dropped)
 
     def _steps(self) -> Iterator[tuple[list[int], bool]]:
-        """Times to render next, and whether they are the last."""
+        """Yield times to render next, and whether they are the last."""
         times: list[int] = []
         for t_us in self._instants():
             times.append(t_us)
@@ -146,7 +146,7 @@ class _Control:
         yield times, True
 
     def _instants(self) -> Iterator[int]:
-        """The instants at which to render. Each is found when it is asked for, from the spacing at that time."""
+        """Yield the instants at which to render. Each is found when it is asked for, from the spacing at that time."""
         stretch = self._stretch
         length_us = stretch.end_us - stretch.start_us
         clock = DisplacementClock(stretch.renderer, stretch.trajectory, length_us, start_us=stretch.start_us)
@@ -168,7 +168,7 @@ class _Control:
             last_us = required_us
 
     def _required(self) -> Iterator[int]:
-        """What is due, and both sides of breaks, which cut what comes before from what comes after."""
+        """Return what is due, and both sides of breaks, which cut what comes before from what comes after."""
         stretch = self._stretch
         at_breaks = break_instants(map(self._cut, stretch.breaks()), stretch.start_us, both=True)
         return (t_us for t_us, _ in groupby(heapq.merge(stretch.due, at_breaks)))
@@ -178,7 +178,7 @@ class _Control:
         return found
 
     def _probed(self, start_us: int, end_us: int) -> Iterator[int]:
-        """The same as :func:`probed`; a jump that it finds becomes a cut."""
+        """Yield the same as :func:`probed`; a jump that it finds becomes a cut."""
         last_us = start_us
         for t_us in [*probed(self._stretch, start_us, end_us), end_us]:
             if t_us == last_us + 1 and end_us > start_us + 1:
@@ -215,7 +215,7 @@ class _Control:
         return untrusted, split
 
     def _sparse(self, untrusted: list[BoolFrame], first: int, end: int) -> Iterator[SparseSamples | None]:
-        """The samples of untrusted pixels within each interval in first..end."""
+        """Yield the samples of untrusted pixels within each interval in first..end."""
         if end <= first:
             return
         tracks = self._tracks(first, end)
@@ -247,7 +247,7 @@ class _Control:
             yield SparseSamples(pixel[chosen].astype(np.uint32), t_us[chosen], luma[chosen])
 
     def _tracks(self, first: int, end: int) -> list[EdgeTracks] | None:
-        """Luma of the pixels that edges pass within each interval in first..end; None where nobody can tell."""
+        """Return luma of the pixels that edges pass within each interval in first..end; None where nobody can tell."""
         if not self._settings.edges:
             return None
         t_us = np.array(self._window.t_us[first : end + 1])
@@ -266,7 +266,8 @@ class _Control:
         return tracks
 
     def _pieces(self, untrusted: list[BoolFrame], tracks: list[EdgeTracks] | None, first: int, end: int) -> _Pieces:
-        """The intervals in first..end of the pixels that are untrusted there, or that edges sweep, but for tracks."""
+        """Return the intervals in first..end of the pixels that are untrusted there, or that edges sweep, but for
+        tracks."""
         window, most = self._window, self._settings.halvings
         sweeps = self._sweeps(first, end) if tracks is None else None
         in_any_case = np.array([0, min(_FOR_ONE_EDGE, most), most])
@@ -344,12 +345,12 @@ class _Pieces(NamedTuple):
         )
 
     def line(self, t_us: IntArray) -> LogLuma:
-        """Log luma on the line between both ends."""
+        """Return log luma on the line between both ends."""
         share = ((t_us - self.start_us) / (self.end_us - self.start_us)).astype(np.float32)
         return np.asarray(self.before + share * (self.after - self.before))
 
     def halves(self, t_us: IntArray, log: LogLuma) -> _Pieces:
-        """All first parts, then all second parts, of the pieces cut at ``t_us``, where log luma is ``log``."""
+        """Return all first parts, then all second parts, of the pieces cut at ``t_us``, where log luma is ``log``."""
         return _Pieces(
             np.tile(self.interval, 2),
             np.tile(self.pixel, 2),

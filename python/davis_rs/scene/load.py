@@ -108,7 +108,7 @@ def start_pose(scene: Scene) -> Pose:
 
 
 def _scene_of_file(path: Path) -> Scene:
-    """A Mitsuba XML file, with the camera and the start that its first sensor gives."""
+    """Return a Mitsuba XML file, with the camera and the start that its first sensor gives."""
     camera: Camera | None = None
     start: Pose | None = None
     with variant(default_variant()[0]) as (mi, _):
@@ -119,7 +119,7 @@ def _scene_of_file(path: Path) -> Scene:
 
 
 def _camera_and_pose(sensor: Any, mi: Any) -> tuple[Camera | None, Pose]:
-    """A sensor's pinhole camera, None if it is not a perspective one, and where it stands."""
+    """Return a sensor's pinhole camera, None if it is not a perspective one, and where it stands."""
     parameters = mi.traverse(sensor)
     matrix = np.array(parameters["to_world"].matrix, np.float64).reshape(4, 4)
     # Mitsuba's cameras look along z too, but their x points left and their y up.

@@ -54,6 +54,6 @@ def lost_looks(parts: Mapping[str, MeshPart]) -> tuple[LostLook, ...]:
 
 
 def shown(names: tuple[str, ...]) -> str:
-    """Names in a message: the first few."""
+    """Return names in a message: the first few."""
     more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
     return ", ".join(names[:_NAMED]) + more

@@ -93,7 +93,7 @@ def ball(
 
 
 def _grid(points: FloatArray, window: Window) -> Mesh:
-    """Two triangles between each four neighbours of a grid of points (rows, columns, 3), its first row lowest.
+    """Return two triangles between each four neighbours of a grid of points (rows, columns, 3), its first row lowest.
 
     Where a row shrinks to a point one of the two has no area, and is left out.
     """

@@ -8,7 +8,7 @@ from .._core import DecodeError
 
 
 def named_file(name: str, beside: Path, folder: Path, place: str) -> Path:
-    """The file that a scene's file means by ``name``. It need not be there.
+    """Return the file that a scene's file means by ``name``. It need not be there.
 
     Args:
         beside: the file that names it; the name counts from that file's folder.

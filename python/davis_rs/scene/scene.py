@@ -160,7 +160,7 @@ def check_scene(scene: object) -> None:
 
 
 def _from(path: Trajectory, start_s: float) -> Trajectory:
-    """An object's path from ``start_s`` on; after its end the object stands still."""
+    """Return an object's path from ``start_s`` on; after its end the object stands still."""
     if start_s < path.duration_s:
         return path.crop(start_s)
     last = path.pose(path.duration_s)

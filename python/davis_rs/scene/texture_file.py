@@ -86,7 +86,7 @@ class TextureFiles:
         self._known: dict[Path, EncodedTexture] = {}
 
     def read(self, path: Path, named_in: str) -> EncodedTexture:
-        """The texels of a file of 8 bits a channel, in sRGB.
+        """Return the texels of a file of 8 bits a channel, in sRGB.
 
         Args:
             named_in: file and line that name it, for messages.
@@ -110,7 +110,7 @@ class TextureFiles:
 def texture_of_bytes(
     data: bytes | memoryview, name: str, budget: Budget, formats: tuple[str, ...] = FORMATS
 ) -> EncodedTexture:
-    """An image file's bytes as texels. The size in its header is charged before they are decoded.
+    """Return an image file's bytes as texels. The size in its header is charged before they are decoded.
 
     Args:
         name: how messages call it.
@@ -149,7 +149,7 @@ def check_size(width: int, height: int, name: str) -> None:
 
 
 def _decoded(image: Image, name: str, budget: Budget) -> EncodedTexture:
-    """The texels, strip by strip, so that no second copy of the whole is made."""
+    """Return the texels, strip by strip, so that no second copy of the whole is made."""
     width, height = image.size
     size = f"{name}: a texture of {width} x {height} texels"
     budget.take(_TEXEL_BYTES * width * height, size)
@@ -164,7 +164,7 @@ def _decoded(image: Image, name: str, budget: Budget) -> EncodedTexture:
 
 
 def _strips(height: int, width: int) -> Iterator[slice]:
-    """The rows of an image, about :data:`_STRIP` texels at a time."""
+    """Yield the rows of an image, about :data:`_STRIP` texels at a time."""
     step = max(1, _STRIP // width)
     for start in range(0, height, step):
         yield slice(start, min(start + step, height))

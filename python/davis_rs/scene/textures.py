@@ -88,7 +88,8 @@ def value_noise(size: int, random: np.random.RandomState) -> FloatArray:
 def _shape(
     size: int, random: np.random.RandomState
 ) -> tuple[npt.NDArray[np.int_], npt.NDArray[np.int_], npt.NDArray[np.bool_]]:
-    """One hard-edged shape at a random place: rows and columns of a window, wrapped around the borders, and a mask."""
+    """Return one hard-edged shape at a random place: rows and columns of a window, wrapped around the borders, and a
+    mask."""
     centre_x, centre_y, scale, angle, kind = random.random_sample(5) * (size, size, 1, 1, 3)
     radius = size * 0.02 * (6.0**scale)  # many small ones, some large
     reach = int(radius * 1.5) + 1

@@ -70,14 +70,14 @@ class ChipBias:
     cascode: bool = False
 
     def word(self, bias: CoarseFineBias | None = None) -> int:
-        """The 15-bit word that sets it, by default to its default: enabled, at the normal current level."""
+        """Return the 15-bit word that sets it, by default to its default: enabled, at the normal current level."""
         bias = bias or self.default
         flags = _ENABLED | (_N_TYPE if self.n_type else 0) | (0 if self.cascode else _NORMAL) | _NORMAL_CURRENT
         return flags | bias.fine << _FINE_BIT | bias.coarse << _COARSE_BIT
 
 
 def bias_of_word(word: int) -> CoarseFineBias:
-    """The current that a coarse-fine word asks for; what its other bits say is left aside.
+    """Return the current that a coarse-fine word asks for; what its other bits say is left aside.
 
     Raises:
         ValueError: for a number of more than 15 bits.
@@ -159,7 +159,7 @@ BiasValues = Mapping[str, CoarseFineBias | tuple[int, int]]
 
 
 def as_biases(biases: str | BiasValues) -> dict[str, CoarseFineBias]:
-    """A set of biases by name, from "indoors", "outdoors", or names with (coarse, fine).
+    """Return a set of biases by name, from "indoors", "outdoors", or names with (coarse, fine).
 
     The case of a name does not matter: the dataset writes ONBn for OnBn.
 

@@ -139,7 +139,7 @@ class _Signal:
 
 
 def _coarse_offset(signal: _Signal, path: SampledTrajectory, poses: GroundTruth, max_offset_s: float) -> float:
-    """The offset of a grid that leaves the smallest share of the signal unexplained."""
+    """Return the offset of a grid that leaves the smallest share of the signal unexplained."""
     thin = signal.thinned(_COARSE_SAMPLES)
     steps = max(1, round(max_offset_s / _COARSE_STEP_S))
     shares: dict[float, float] = {}
@@ -158,7 +158,7 @@ def _coarse_offset(signal: _Signal, path: SampledTrajectory, poses: GroundTruth,
 
 
 def _refined(signal: _Signal, path: SampledTrajectory, start_s: float, offset_s: float) -> ClockAlignment:
-    """Least squares in offset and drift."""
+    """Return least squares in offset and drift."""
     from scipy.optimize import least_squares
 
     # The same samples at every trial: those that stay within the poses while offset and drift settle.

@@ -292,7 +292,7 @@ _Made = TypeVar("_Made")
 
 
 def _made(effect: Callable[..., _Made], **values: float | None) -> _Made | None:
-    """The effect with what is known of it; None where its first value is unknown."""
+    """Return the effect with what is known of it; None where its first value is unknown."""
     known = {name: value for name, value in values.items() if value is not None}
     return effect(**known) if next(iter(values)) in known else None
 

@@ -19,8 +19,8 @@ from ..geometry.pose import Pose, PoseLike, as_pose
 from ..geometry.trajectory.trajectory import SegmentTrajectory, Trajectory
 from ..geometry.trajectory.views import Views
 from ..render.choice import make_renderer
-from ..render.truth import SceneSurfaces, lost_look_shares
-from ..render.truth.lost_look_shares import warn_of_lost_looks
+from ..render.truth import SceneSurfaces, lost_look_fractions
+from ..render.truth.lost_look_fractions import warn_of_lost_looks
 from ..sampling.event_refinement import EventRefinement
 from ..sampling.exposure import KeyframeExposure, expose
 from ..sampling.keyframes import Keyframe, Stretch
@@ -128,7 +128,7 @@ class Simulator:
         )
         self.memory = memory_of(self.camera, self.settings, self.effects, ray_bytes=plain.ray_bytes)
         self.memory.refuse()
-        self.lost_looks = lost_look_shares(self.scene, self.camera, plain)
+        self.lost_looks = lost_look_fractions(self.scene, self.camera, plain)
         warn_of_lost_looks(self.scene, self.lost_looks, stacklevel=2)
         self.renderer = with_optics(plain, self.effects)
         self._engine = CrossingEngine(

@@ -231,7 +231,7 @@ def running(
 def _swing(
     share: FloatArray, duration_s: float, fastest_hz: float, random: np.random.Generator, slot: tuple[int, int] | None
 ) -> FloatArray:
-    """One degree of freedom over the share of the time, from rest: alone in its slot first, then with all."""
+    """Return one degree of freedom over the share of the time, from rest: alone in its slot first, then with all."""
     own = random.uniform(0.8, 1.2)
     hz = random.uniform(0.5, 1.0, 2) * fastest_hz
     wander = np.sin(2 * np.pi * np.outer(share * duration_s, hz) + random.uniform(0, 2 * np.pi, 2)).sum(1)
@@ -267,7 +267,7 @@ def _bump(x: FloatArray, start: float, end: float, edge: float) -> FloatArray:
 def _scaled(
     start: Pose, t: FloatArray, shift: FloatArray, turn: FloatArray, top_speed: float, top_rate: float, kind: str
 ) -> SampledTrajectory:
-    """The path of shifts and turns (n, 3) in camera axes, each scaled to its top speed."""
+    """Return the path of shifts and turns (n, 3) in camera axes, each scaled to its top speed."""
     from scipy.optimize import brentq
 
     level = _turned(start, t, start.position + shift @ start.rotation.T, 0 * turn, kind)
@@ -292,7 +292,8 @@ def _scaled(
 
 
 def _turned(start: Pose, t: FloatArray, position: FloatArray, turn: FloatArray, kind: str) -> SampledTrajectory:
-    """A path at these positions (n, 3), turned from the start by these vectors (n, 3) in camera axes, of below pi."""
+    """Return a path at these positions (n, 3), turned from the start by these vectors (n, 3) in camera axes, of below
+    pi."""
     return SampledTrajectory(t, position, _turned_quaternions(start, turn), description={"kind": kind})
 
 
@@ -306,7 +307,7 @@ def _times(duration_s: float) -> FloatArray:
 
 
 def _level(start: Pose) -> tuple[FloatArray, FloatArray]:
-    """Ahead and to the right in the horizontal plane."""
+    """Return ahead and to the right in the horizontal plane."""
     ahead = start.rotation[:, 2] * (1.0, 1.0, 0.0)
     if np.linalg.norm(ahead) < 1e-3:
         raise ValueError(f"the optical axis must not point straight up or down, got {start.rotation[:, 2].tolist()}")

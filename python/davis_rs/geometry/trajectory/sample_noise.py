@@ -18,7 +18,7 @@ _MEDIAN_OF_NORMAL = 0.6744897501960817
 
 
 def pose_noise(t_s: npt.ArrayLike, positions: npt.ArrayLike, quaternions: npt.ArrayLike) -> tuple[float, float]:
-    """White noise of positions along an axis (m) and of rotations about one (rad); 0 where none is to be seen.
+    """Return white noise of positions along an axis (m) and of rotations about one (rad); 0 where none is to be seen.
 
     Args:
         t_s: (n,), increasing. positions: (n, 3). quaternions: (n, 4), of any sign and of norm 1 but for rounding.
@@ -31,7 +31,8 @@ def pose_noise(t_s: npt.ArrayLike, positions: npt.ArrayLike, quaternions: npt.Ar
 
 
 def white_noise(t: FloatArray, y: FloatArray) -> float:
-    """The rms of white noise in the columns of samples y (n, m) at increasing times t (n,); 0 if none is to be seen.
+    """Return the rms of white noise in the columns of samples y (n, m) at increasing times t (n,); 0 if none is to be
+    seen.
 
     A divided difference of order d, taken over d + 1 neighbours with weights of unit norm, cancels every polynomial of
     a lower degree than d and keeps the rms of white noise. Over rising d, what smooth motion leaves of itself becomes
@@ -56,7 +57,7 @@ def white_noise(t: FloatArray, y: FloatArray) -> float:
 
 
 def _divided_differences(t: FloatArray, y: FloatArray, order: int) -> FloatArray:
-    """One of every ``order + 1`` neighbours, for each column of y, of weights whose squares add up to 1."""
+    """Return one of every ``order + 1`` neighbours, for each column of y, of weights whose squares add up to 1."""
     windows = np.lib.stride_tricks.sliding_window_view(t, order + 1)
     weights = np.ones(windows.shape)
     for other in range(order + 1):

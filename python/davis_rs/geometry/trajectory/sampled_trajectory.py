@@ -186,7 +186,8 @@ class SampledTrajectory(Trajectory):
 
 
 def rotation_through(t_s: FloatArray, quaternions: FloatArray) -> Callable[[FloatArray], FloatArray]:
-    """The unit quaternions, over time, of the :class:`SampledTrajectory` through these samples, which begin at 0.
+    """Return the unit quaternions, over time, of the :class:`SampledTrajectory` through these samples, which begin at
+    0.
 
     It saves those who ask for rotations alone the fit of positions.
     """
@@ -200,7 +201,7 @@ def _unit(q: FloatArray) -> FloatArray:
 
 
 def _continuous(q: FloatArray) -> FloatArray:
-    """The quaternions with norm 1, each with the sign that is nearer to the one before."""
+    """Return the quaternions with norm 1, each with the sign that is nearer to the one before."""
     q = _unit(q)
     turns = np.where((q[1:] * q[:-1]).sum(1) < 0, -1.0, 1.0)
     q[1:] *= np.cumprod(turns)[:, None]
@@ -252,7 +253,8 @@ def _check_samples(
 
 
 def _fit(t: FloatArray, y: FloatArray, sigma: float) -> Any:
-    """A BSpline of y over t in [0, t[-1]] with rms residual ``sigma`` in each of a sample's three free directions.
+    """Return a BSpline of y over t in [0, t[-1]] with rms residual ``sigma`` in each of a sample's three free
+    directions.
 
     A position (n, 3) has three, and so has a unit quaternion (n, 4): it never moves along itself.
     """
@@ -293,5 +295,5 @@ def _fit(t: FloatArray, y: FloatArray, sigma: float) -> Any:
 
 
 def _bands(matrix: Any, width: int) -> FloatArray:
-    """The diagonals 0 to -width of a sparse symmetric matrix, as solveh_banded takes them."""
+    """Return the diagonals 0 to -width of a sparse symmetric matrix, as solveh_banded takes them."""
     return np.array([np.pad(matrix.diagonal(-k), (0, k)) for k in range(width + 1)])

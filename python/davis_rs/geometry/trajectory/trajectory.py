@@ -192,7 +192,7 @@ class Trajectory(ABC):
         return top
 
     def _difference(self, function: Callable[[npt.ArrayLike], FloatArray], t_s: npt.ArrayLike) -> FloatArray:
-        """Central differences of a function of time, from within the trajectory at its ends, too."""
+        """Return central differences of a function of time, from within the trajectory at its ends, too."""
         t = self.times(t_s)
         step = min(_DIFFERENCE_STEP_S, self.duration_s / 4)
         middle = np.clip(t, step, self.duration_s - step)
@@ -204,7 +204,8 @@ class Trajectory(ABC):
 
 
 def mean_rates(quaternions: Callable[[FloatArray], FloatArray], duration_s: float, window_s: float) -> FloatArray:
-    """Mean angular rates (n,) in rad/s over each of the windows of :meth:`Trajectory.top_speeds`, > 0 seconds long.
+    """Return mean angular rates (n,) in rad/s over each of the windows of :meth:`Trajectory.top_speeds`, > 0 seconds
+    long.
 
     Args:
         quaternions: the unit quaternions (n, 4) at times (n,), of which rounding puts some just after ``duration_s``.
@@ -216,7 +217,7 @@ def mean_rates(quaternions: Callable[[FloatArray], FloatArray], duration_s: floa
 
 
 def _windows(duration_s: float, window_s: float) -> tuple[FloatArray, float]:
-    """The times at which the windows of a path begin, and their length."""
+    """Return the times at which the windows of a path begin, and their length."""
     window_s = min(window_s, duration_s)
     last_s = duration_s - window_s
     t = np.linspace(0.0, last_s, max(round(last_s / 1e-3), 2000) + 1) if last_s > 0 else np.zeros(1)

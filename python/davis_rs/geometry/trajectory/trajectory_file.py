@@ -105,7 +105,8 @@ def read_trajectory(
 
 
 def _samples(path: str | Path, text: str) -> Iterator[tuple[str, int, list[str], list[float]]]:
-    """The name of each sample in messages, its stamp in nanoseconds, and its seven numbers, as text and as they are."""
+    """Yield the name of each sample in messages, its stamp in nanoseconds, and its seven numbers, as text and as they
+    are."""
     separator: str | None = None
     started = False
     for number, raw in enumerate(text.splitlines(), 1):
@@ -133,7 +134,7 @@ def _check_header(where: str, line: str) -> None:
 
 
 def _last_digit(words: Iterable[str]) -> float:
-    """The place value of the last digit of the number that has most of them: 0.001 for 1.5 and 2.125."""
+    """Return the place value of the last digit of the number that has most of them: 0.001 for 1.5 and 2.125."""
     finest = min(int(Decimal(word).as_tuple().exponent) for word in words)
     return 10.0**finest
 

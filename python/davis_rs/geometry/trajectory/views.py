@@ -87,7 +87,7 @@ class Views:
         return len(self.t_s)
 
     def __getitem__(self, index: slice | npt.NDArray[np.integer]) -> Views:
-        """The views of a slice, or of an array of indices, in its order."""
+        """Return the views of a slice, or of an array of indices, in its order."""
         return Views(
             self.t_s[index],
             self.positions[index],

@@ -101,12 +101,12 @@ def waypoint_trajectory(
 
 
 def _ramped(length: float, speed: float, ramp_s: float) -> tuple[float, Callable[[FloatArray], FloatArray]]:
-    """How long a length takes with ramps of the speed at both ends, and how far one has got at any time."""
+    """Return how long a length takes with ramps of the speed at both ends, and how far one has got at any time."""
     ramp_s = min(ramp_s, length / speed)
     duration_s = length / speed + ramp_s
 
     def risen(t: FloatArray) -> FloatArray:
-        """The integral of a smooth step over a ramp, 3 x^2 - 2 x^3, and of 1 after it."""
+        """Return the integral of a smooth step over a ramp, 3 x^2 - 2 x^3, and of 1 after it."""
         if ramp_s == 0:
             return t
         x = np.clip(t / ramp_s, 0.0, 1.0)

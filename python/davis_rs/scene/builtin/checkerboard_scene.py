@@ -26,13 +26,14 @@ _BLACK, _GREY, _WHITE = 0.08, 0.3, 0.9
 
 @cache
 def board_in_world() -> Pose:
-    """T_world_board: the board's own axes and origin are those of :class:`.Checkerboard`."""
+    """Return T_world_board: the board's own axes and origin are those of :class:`.Checkerboard`."""
     origin = _CENTRE - _AXES @ DATASET_BOARD.centre
     return Pose.from_matrix(np.block([[_AXES, origin[:, None]], [np.zeros((1, 3)), np.ones((1, 1))]]))
 
 
 def checkerboard() -> Scene:
-    """A checkerboard of 6 x 7 tiles of 70 mm on a white panel before a grey wall, for the DAVIS240C's lens; 20 s.
+    """Return a checkerboard of 6 x 7 tiles of 70 mm on a white panel before a grey wall, for the DAVIS240C's lens; 20
+    s.
 
     Light falls straight on the board and from everywhere at once, so that one colour is equally bright everywhere. The
     camera goes :func:`around_board` at up to about 1 m/s and 130 deg/s.
@@ -43,7 +44,7 @@ def checkerboard() -> Scene:
 
 
 def around_board(duration_s: float, *, pace: float = 1.0, gaze_pace: float = 1.0) -> SampledTrajectory:
-    """A path around the board by up to 35 degrees to either side and 30 up and down, 0.6 to 1.2 m away.
+    """Return a path around the board by up to 35 degrees to either side and 30 up and down, 0.6 to 1.2 m away.
 
     It rolls by up to 35 degrees and lets the board wander over the image: every rotation and translation is excited,
     which calibrating against a hand or an IMU needs.
@@ -79,7 +80,7 @@ def around_board(duration_s: float, *, pace: float = 1.0, gaze_pace: float = 1.0
 
 
 def _looking(forward: FloatArray, yaw: FloatArray, pitch: FloatArray, roll: FloatArray) -> FloatArray:
-    """Quaternions of cameras that look along ``forward`` (n, 3), then turned about their own y, x and z."""
+    """Return quaternions of cameras that look along ``forward`` (n, 3), then turned about their own y, x and z."""
     from scipy.spatial.transform import Rotation
 
     right = np.cross(forward, [0.0, 0.0, 1.0])

@@ -30,7 +30,7 @@ _DARK, _BRIGHT = 0.03, 0.9
 
 
 def fence() -> Scene:
-    """Thin vertical and slanted bars and the letters DAVIS before a wall, passed sideways; 2 s, C = 0.15.
+    """Return thin vertical and slanted bars and the letters DAVIS before a wall, passed sideways; 2 s, C = 0.15.
 
     The camera swings 0.8 m to and fro, at up to 1.3 m/s (some 170 px/s at the fence), turning and rolling a little.
     """
@@ -79,7 +79,7 @@ def _fence() -> dict[str, Any]:
 
 
 def _bars() -> dict[str, Any]:
-    """Upright bars 11 cm apart, and two families of slanted ones just behind them; dark and bright in turn."""
+    """Return upright bars 11 cm apart, and two families of slanted ones just behind them; dark and bright in turn."""
     # In degrees, metres, number to either side, metres.
     families = [(0.0, 0.11, 15, _FENCE_M), (40.0, 0.37, 5, _FENCE_M + 1e-4), (-63.0, 0.53, 3, _FENCE_M + 2e-4)]
     bars: dict[str, Any] = {}
@@ -120,7 +120,7 @@ def _letters() -> dict[str, Any]:
 
 
 def _facing(degrees: float) -> FloatArray:
-    """Axes of a rectangle that faces the camera, its own y upright but for a turn clockwise."""
+    """Return axes of a rectangle that faces the camera, its own y upright but for a turn clockwise."""
     angle = np.radians(degrees)
     across, along = np.array([np.cos(angle), 0.0, -np.sin(angle)]), np.array([np.sin(angle), 0.0, np.cos(angle)])
     return np.stack([across, along, np.cross(across, along)], 1)

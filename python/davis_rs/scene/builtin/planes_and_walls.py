@@ -18,7 +18,7 @@ from ..scene import Scene
 
 
 def three_planes() -> Scene:
-    """Three textured planes at three depths, seen from a circle of 0.2 m radius; 2 s, C = 0.15.
+    """Return three textured planes at three depths, seen from a circle of 0.2 m radius; 2 s, C = 0.15.
 
     The middle plane is the nearest, and the camera always above it: it sees both of its edges from the high side, in
     front of the farther planes. So no shadow of the light, which stands high above, can be seen.
@@ -64,7 +64,7 @@ def _planes() -> dict[str, Any]:
 
 
 def _plane(centre: list[float], half: tuple[float, float], seed: int) -> dict[str, Any]:
-    """A horizontal plane, facing up."""
+    """Return a horizontal plane, facing up."""
     return textured_rectangle(centre, np.eye(3), half, seed=seed, period=0.8, darkest=0.02, shapes=900)
 
 
@@ -72,7 +72,8 @@ _TOP_SPEED, _TOP_RATE = 5.31, np.radians(109.0)
 
 
 def three_walls() -> Scene:
-    """A corner of two walls and a floor, seen on a fast 6-DOF path; 2 s, C = 0.2, at most 5.31 m/s and 109 deg/s."""
+    """Return a corner of two walls and a floor, seen on a fast 6-DOF path; 2 s, C = 0.2, at most 5.31 m/s and 109
+    deg/s."""
     from scipy.spatial.transform import Rotation
 
     # Sines a_i sin(2 pi f t + phase) in each of x, y, z and of a rotation vector; amplitudes before scaling.
@@ -89,7 +90,7 @@ def three_walls() -> Scene:
         return np.asarray((amplitude * waves).sum(-2))
 
     def rates(t: FloatArray, amplitude: FloatArray) -> FloatArray:
-        """Body rates of exp(r(t)): the right Jacobian of SO(3) times dr/dt."""
+        """Return body rates of exp(r(t)): the right Jacobian of SO(3) times dr/dt."""
         r, dr = sines(t, amplitude, False), sines(t, amplitude, True)
         angle = np.linalg.norm(r, axis=-1, keepdims=True)
         safe = np.maximum(angle, 1e-9)

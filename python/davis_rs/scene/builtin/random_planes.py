@@ -167,7 +167,7 @@ class _Motion:
         at, half = world @ position, duration_s / 2
 
         def travelled(t: FloatArray, first: Any, last: Any) -> Any:
-            """The integral of a value that goes evenly from the first to the last, from half of the time on."""
+            """Return the integral of a value that goes evenly from the first to the last, from half of the time on."""
             return first * (t - half) + (last - first) * (t * t - half * half) / (2 * duration_s)
 
         def quaternions(t: FloatArray) -> FloatArray:
@@ -227,7 +227,7 @@ class _Object:
         return f"{self.name}: {mesh}{self.image.name}"
 
     def shape(self, read: _Reader) -> Any:
-        """It in its own frame, for Mitsuba."""
+        """Return it in its own frame, for Mitsuba."""
         texture = read(self.image)
         if self.mesh is not None:
             return shape(_fitted(self.mesh, self.half_m), texture)
@@ -253,7 +253,8 @@ def _source(background: Path, background_m: float, objects: Sequence[_Object], r
 
 
 def _fitted(path: Path, radius: float) -> Mesh:
-    """All triangles of a mesh file, about its middle, in a ball of this radius; v downwards, as rows of images go.
+    """Return all triangles of a mesh file, about its middle, in a ball of this radius; v downwards, as rows of images
+    go.
 
     Parts without texture coordinates get those of the box around the mesh, seen along its thinnest side.
     """
@@ -287,7 +288,7 @@ def _drawn_file(files: Sequence[Path], seed: int, path: str) -> Path:
 
 
 def _in_ball(words: Words) -> FloatArray:
-    """Uniform in the unit ball, and not at its very middle."""
+    """Return uniform in the unit ball, and not at its very middle."""
     while True:
         point = np.array([words.uniform(-1, 1) for _ in range(3)])
         if 1e-6 < point @ point <= 1:
@@ -299,7 +300,7 @@ def _unit(vector: FloatArray) -> FloatArray:
 
 
 def _about(axis: Any, angle: float) -> FloatArray:
-    """The rotation (3, 3) about an axis."""
+    """Return the rotation (3, 3) about an axis."""
     return rotation_matrices(np.array([*_unit(np.asarray(axis)) * math.sin(angle / 2), math.cos(angle / 2)]))
 
 

@@ -114,16 +114,16 @@ class GltfFile:
             raise self.error("extensionsRequired", f"{plain(required[0])} is not read{advice}")
 
     def error(self, place: str, rule: str) -> DecodeError:
-        """The error for what breaks a rule at a place of the file."""
+        """Return the error for what breaks a rule at a place of the file."""
         return DecodeError(f"{self.path}: {place}: {rule}")
 
     def item(self, name: str, index: Any, place: str) -> Any:
-        """Number ``index`` of one of the document's lists, that ``place`` names."""
+        """Return number ``index`` of one of the document's lists, that ``place`` names."""
         items = getattr(self.document, name) or []
         return items[self.whole(index, place, f"of the {len(items)} {name}", len(items) - 1)]
 
     def whole(self, value: Any, place: str, what: str, most: int) -> int:
-        """A whole number from 0 to ``most``."""
+        """Return a whole number from 0 to ``most``."""
         if not isinstance(value, int) or isinstance(value, bool) or not 0 <= value <= most:
             raise self.error(place, f"must be a number {what}, counted from 0, got {plain(value)}")
         return value
@@ -138,7 +138,7 @@ class GltfFile:
         return found
 
     def array(self, index: Any, place: str, *, width: tuple[int, ...], finite: bool = True) -> Values:
-        """The values (n, width) of an accessor: float64, integers that are no shares as they are.
+        """Return the values (n, width) of an accessor: float64, integers that are no shares as they are.
 
         Args:
             width: how many numbers an element may have.
@@ -157,12 +157,12 @@ class GltfFile:
         return values
 
     def unbacked(self, index: Any, place: str) -> bool:
-        """Whether an accessor has no data of its own: all of it is 0."""
+        """Return whether an accessor has no data of its own: all of it is 0."""
         accessor = self.item("accessors", index, place)
         return accessor.bufferView is None and accessor.sparse is None
 
     def image(self, item: Any, place: str) -> tuple[bytes | memoryview, Path | None]:
-        """The bytes of one of the images, which ``place`` names, and its file if it is one of its own."""
+        """Return the bytes of one of the images, which ``place`` names, and its file if it is one of its own."""
         if item.bufferView is not None:
             return self._view(item.bufferView, place)[0], None
         if not isinstance(item.uri, str):
@@ -173,7 +173,7 @@ class GltfFile:
         return read_charged(file, self.budget), file
 
     def _parsed(self, text: bytes) -> Item:
-        """The JSON, charged before there is more of it than its text."""
+        """Return the JSON, charged before there is more of it than its text."""
         values = sum(map(text.count, (b",", b":", b"[", b"{")))
         self.budget.take(_VALUE_BYTES * values, f"JSON with {values} values")
         self.budget.count(text.count(b"{"), "objects of the JSON")
@@ -235,7 +235,7 @@ class GltfFile:
         return changed
 
     def _view(self, index: Any, place: str) -> tuple[memoryview, Any]:
-        """The bytes of a buffer view, and its stride."""
+        """Return the bytes of a buffer view, and its stride."""
         view = self.item("bufferViews", index, f"{place}.bufferView")
         place = f"bufferViews[{index}]"
         buffer = self._buffer(view.buffer, place)
@@ -276,7 +276,7 @@ class GltfFile:
             raise self.error(place, f"is no base64: {error}") from None
 
     def _local(self, uri: str, place: str) -> Path:
-        """A file next to this one, or below."""
+        """Return a file next to this one, or below."""
         name = unquote(uri)
         if re.match(r"[A-Za-z][\w+.-]*:", name) or "\\" in name:
             raise self.error(place, f"must name a file in the scene's folder, got {plain(uri)}")
@@ -290,19 +290,19 @@ class GltfFile:
 
 
 def unknown(extension: str) -> bool:
-    """Whether an extension may change where surfaces are, for all that is known of it."""
+    """Return whether an extension may change where surfaces are, for all that is known of it."""
     known = extension in _READ | _UNSEEN | _COMPRESSED
     return not known and re.fullmatch(r"[A-Z0-9]+_materials_\w+", extension) is None
 
 
 def plain(value: Any) -> str:
-    """Something of the file in a message: short, and on one line."""
+    """Return something of the file in a message: short, and on one line."""
     text = repr(value)
     return text if len(text) <= 60 else f"{text[:57]}..."
 
 
 def _parts(data: bytes) -> tuple[bytes, memoryview]:
-    """The JSON of a file, and its binary chunk, which may be empty."""
+    """Return the JSON of a file, and its binary chunk, which may be empty."""
     if data[:4] != b"glTF":
         return data, memoryview(b"")
     if len(data) < _HEADER_BYTES:

@@ -62,7 +62,7 @@ class GltfMaterials:
         self._images: dict[int, tuple[EncodedTexture, tuple[Path, ...]]] = {}
 
     def __getitem__(self, index: int | None) -> Matte:
-        """The material of this number; that of surfaces without one for None."""
+        """Return the material of this number; that of surfaces without one for None."""
         if index not in self._known:
             self._known[index] = self._default() if index is None else self._read(index)
         return self._known[index]
@@ -90,7 +90,7 @@ class GltfMaterials:
         return made._replace(lost=tuple(lost))
 
     def _textured(self, made: Matte, info: Any, place: str, lost: dict[str, None]) -> tuple[Matte, bool]:
-        """A material with its texture, and whether that is opaque everywhere."""
+        """Return a material with its texture, and whether that is opaque everywhere."""
         file, info = self._file, _dictionary(info)
         texture = file.item("textures", info.get("index"), place)
         source = texture.source
@@ -151,7 +151,7 @@ class GltfMaterials:
         return wraps[0]
 
     def _lost(self, item: Any) -> Iterator[str]:
-        """What of a material is not shown."""
+        """Yield what of a material is not shown."""
         surface, extensions = item.pbrMetallicRoughness, _dictionary(item.extensions)
         metallic = 1.0 if surface is None or surface.metallicFactor is None else surface.metallicFactor
         if "KHR_materials_unlit" in extensions:
@@ -172,7 +172,7 @@ class GltfMaterials:
 
 
 def _diffuse(item: Any) -> tuple[str, Any, Any]:
-    """How the file calls a material's diffuse colour, its factor, and its texture; the latter as they are."""
+    """Return how the file calls a material's diffuse colour, its factor, and its texture; the latter as they are."""
     surface, gloss = item.pbrMetallicRoughness, _dictionary(item.extensions).get(_GLOSS)
     if gloss is not None:
         gloss = _dictionary(gloss)
@@ -181,5 +181,5 @@ def _diffuse(item: Any) -> tuple[str, Any, Any]:
 
 
 def _dictionary(value: Any) -> dict[str, Any]:
-    """An object of the file; {} for anything else."""
+    """Return an object of the file; {} for anything else."""
     return value if isinstance(value, dict) else {}

@@ -55,7 +55,7 @@ class Primitive(NamedTuple):
         shape = len(matrices), *self.corners.shape[:2]
 
         def each(values: FloatArray) -> FloatArray:
-            """Values at the corners of each copy as (k m, 3, ...), from those of all copies or of one."""
+            """Return values at the corners of each copy as (k m, 3, ...), from those of all copies or of one."""
             values = np.broadcast_to(values.reshape(-1, *shape[1:], values.shape[-1]), (*shape, values.shape[-1]))
             turned = np.where(mirrored[:, None, None, None], values[:, :, ::-1], values)
             return turned.reshape(-1, 3, values.shape[-1])
@@ -89,7 +89,7 @@ class GltfMeshes:
         self._triangles = 0
 
     def of(self, node: Any, place: str, count: int = 1) -> list[Primitive]:
-        """The primitives of a node's mesh, which it shows ``count`` times."""
+        """Return the primitives of a node's mesh, which it shows ``count`` times."""
         file, index = self._file, node.mesh
         mesh = file.item("meshes", index, f"{place}.mesh")
         if node.skin is not None:
@@ -155,7 +155,7 @@ class GltfMeshes:
         )
 
     def _colours(self, given: FloatArray | None, matte: Matte) -> tuple[FloatArray | None, tuple[str, ...]]:
-        """Colours of vertices (v, 3) where they are shown, and what is lost of them."""
+        """Return colours of vertices (v, 3) where they are shown, and what is lost of them."""
         if given is None:
             return None, ()
         lost = []
@@ -171,7 +171,7 @@ class GltfMeshes:
         return colours, tuple(lost)
 
     def _uv(self, attributes: dict[str, Any], matte: Matte, count: int, place: str) -> FloatArray | None:
-        """The texture coordinates that the material's texture takes, as it transforms them."""
+        """Return the texture coordinates that the material's texture takes, as it transforms them."""
         if matte.uv_set is None:
             return None
         name = f"TEXCOORD_{matte.uv_set}"
@@ -190,7 +190,7 @@ class GltfMeshes:
         return np.asarray(values, np.float64)
 
     def _faces(self, item: Any, mode: int, count: int, place: str) -> npt.NDArray[np.int64]:
-        """The vertices (m, 3) of the triangles, in lists, strips or fans."""
+        """Return the vertices (m, 3) of the triangles, in lists, strips or fans."""
         if item.indices is None:
             order = np.arange(count)
         else:
@@ -211,7 +211,7 @@ class GltfMeshes:
 
 
 def joined(primitives: list[Primitive], matte: Matte) -> MeshPart:
-    """Primitives of one :attr:`Primitive.kind` as one part."""
+    """Return primitives of one :attr:`Primitive.kind` as one part."""
     first = primitives[0]
 
     def together(name: str) -> FloatArray | None:

@@ -62,7 +62,7 @@ class Track(NamedTuple):
     kind: str
 
     def at(self, t: FloatArray, end_s: float) -> tuple[FloatArray, FloatArray]:
-        """Values and rates (n, width) at times (n,); ``end_s`` is when everything ends."""
+        """Return values and rates (n, width) at times (n,); ``end_s`` is when everything ends."""
         times, values = self.times, self.values
         if len(times) == 1:
             return np.repeat(values, len(t), 0), np.zeros((len(t), values.shape[1]))
@@ -157,7 +157,7 @@ class NodeTree:
         return cls(file, nodes, tracks, float(max(ends, default=0.0)), lost)
 
     def chain(self, index: int) -> list[Node]:
-        """A node and those that it is within, the outermost first."""
+        """Return a node and those that it is within, the outermost first."""
         found, at = [], self.nodes[index]
         while True:
             found.append(at)
@@ -166,13 +166,13 @@ class NodeTree:
             at = self.nodes[at.parent]
 
     def moves(self, index: int) -> bool:
-        """Whether an animation moves a node, or one that it is within."""
+        """Return whether an animation moves a node, or one that it is within."""
         return any(
             len(track.times) > 1 for node in self.chain(index) for track in self.tracks.get(node.index, {}).values()
         )
 
     def matrices(self, index: int, t: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """The node's transform to the scene's axes (n, 4, 4) at times (n,), and its rate."""
+        """Return the node's transform to the scene's axes (n, 4, 4) at times (n,), and its rate."""
         matrix, rate = np.tile(np.eye(4), (len(t), 1, 1)), np.zeros((len(t), 4, 4))
         for node in self.chain(index):
             local, local_rate = self._local(node, t)
@@ -180,7 +180,8 @@ class NodeTree:
         return matrix, rate
 
     def instances(self, index: int) -> FloatArray:
-        """The transforms (n, 4, 4) within a node of what it shows, of EXT_mesh_gpu_instancing; of one without any."""
+        """Return the transforms (n, 4, 4) within a node of what it shows, of EXT_mesh_gpu_instancing; of one without
+        any."""
         given = (self.nodes[index].item.extensions or {}).get(_INSTANCING)
         if given is None:
             return np.eye(4)[None]
@@ -201,7 +202,7 @@ class NodeTree:
         return _composed(every["translation"], _unit(self.file, every["rotation"], place), every["scale"])
 
     def path(self, index: int, to_world: FloatArray, flip: FloatArray, duration_s: float) -> tuple[Any, FloatArray]:
-        """How a node moves, as a trajectory, and what its own axes are stretched by first (3, 3).
+        """Return how a node moves, as a trajectory, and what its own axes are stretched by first (3, 3).
 
         Args:
             to_world: (4, 4), from the scene's axes.
@@ -302,7 +303,7 @@ class NodeTree:
 
 
 def _walk(file: GltfFile) -> Iterator[Node]:
-    """The nodes of the default scene, parents first."""
+    """Yield the nodes of the default scene, parents first."""
     document = file.document
     every = document.nodes or []
     if document.scenes:
@@ -360,7 +361,8 @@ def _tracks(file: GltfFile, nodes: dict[int, Node], lost: dict[str, dict[str, No
 
 
 def _target(target: Any) -> tuple[Any, str]:
-    """The node and its property that a channel moves; for anything else the path of KHR_animation_pointer alone."""
+    """Return the node and its property that a channel moves; for anything else the path of
+    KHR_animation_pointer alone."""
     given = (target.extensions or {}).get("KHR_animation_pointer")
     if target.path != "pointer" or not isinstance(given, dict):
         return target.node, str(target.path)
@@ -402,7 +404,7 @@ def _unit(file: GltfFile, quaternions: FloatArray, place: str) -> FloatArray:
 
 
 def _composed(translation: FloatArray, rotation: FloatArray, scale: FloatArray) -> FloatArray:
-    """Transforms (n, 4, 4) of translations (n, 3), unit quaternions (n, 4) and scales (n, 3)."""
+    """Return transforms (n, 4, 4) of translations (n, 3), unit quaternions (n, 4) and scales (n, 3)."""
     matrix = np.tile(np.eye(4), (len(translation), 1, 1))
     matrix[:, :3, :3] = rotation_matrices(rotation) * scale[:, None]
     matrix[:, :3, 3] = translation
@@ -410,7 +412,7 @@ def _composed(translation: FloatArray, rotation: FloatArray, scale: FloatArray) 
 
 
 def _within(times: list[FloatArray], end_s: float) -> FloatArray:
-    """All times between 0 and the end, each once, in order."""
+    """Return all times between 0 and the end, each once, in order."""
     every = np.unique(np.concatenate([np.empty(0), *times]))
     return every[(every > 0) & (every < end_s)]
 

@@ -133,7 +133,8 @@ class _GltfScene:
         )
 
     def _shapes(self) -> tuple[dict[str, MeshPart], dict[str, Trajectory]]:
-        """All parts by their ids: those at rest in the world, those that move in their own axes, with their paths."""
+        """Return all parts by their ids: those at rest in the world, those that move in their own axes, with their
+        paths."""
         at_rest: dict[tuple[Any, ...], list[Primitive]] = {}
         moving: list[tuple[Node, list[Primitive], Trajectory]] = []
         start = np.zeros(1)
@@ -178,7 +179,7 @@ class _GltfScene:
         return joined(primitives, matte)
 
     def _corners(self, shapes: dict[str, MeshPart], objects: dict[str, Trajectory]) -> FloatArray:
-        """All corners where they are at first."""
+        """Return all corners where they are at first."""
         found = [np.empty((0, 3))]
         for name, part in shapes.items():
             corners = part.corners.reshape(-1, 3)
@@ -257,7 +258,7 @@ class _GltfScene:
         return given
 
     def _camera(self) -> tuple[Camera | None, Pose | None, Trajectory | None, str]:
-        """Lens, start, path and what is to be said of them; an animated camera comes before others."""
+        """Return lens, start, path and what is to be said of them; an animated camera comes before others."""
         seen = [node for node in self.tree.nodes.values() if node.item.camera is not None]
         cameras = [(node, self.file.item("cameras", node.item.camera, f"nodes[{node.index}].camera")) for node in seen]
         usable = [(node, camera) for node, camera in cameras if camera.type == "perspective"]
@@ -308,7 +309,7 @@ class _Names:
         self._next: dict[str, int] = {}
 
     def unused(self, name: str) -> str:
-        """An id like ``name`` that no other has."""
+        """Return an id like ``name`` that no other has."""
         plain_name = re.sub(r"\W", "_", name)[:80]
         found, number = plain_name, self._next.get(plain_name, 1)
         while found in self._next:

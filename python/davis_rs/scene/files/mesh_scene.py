@@ -100,19 +100,20 @@ def check_axis_and_scale(up: str | None, scale: float) -> None:
 
 
 def to_z_up(up: Axis) -> FloatArray:
-    """The rotation (3, 3) of a file's axes into the world's."""
+    """Return the rotation (3, 3) of a file's axes into the world's."""
     return np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]) if up == "y" else np.eye(3)
 
 
 def _in_world(part: MeshPart, up: Axis, scale: float) -> MeshPart:
-    """A part in metres, with z up."""
+    """Return a part in metres, with z up."""
     turn = to_z_up(up)
     normals = None if part.normals is None else part.normals @ turn.T
     return part._replace(corners=part.corners @ turn.T * scale, normals=normals)
 
 
 def _shape_ids(parts: list[MeshPart]) -> list[str]:
-    """The ids of all parts. Names that differ only in characters that an id cannot have are told apart by place."""
+    """Return the ids of all parts. Names that differ only in characters that an id cannot have are told apart
+    by place."""
     if len(parts) == 1:
         return ["mesh"]
     names = [re.sub(r"\W", "_", part.material) for part in parts]
@@ -130,7 +131,7 @@ def _source(parts: dict[str, MeshPart]) -> dict[str, Any]:
 
 
 def usual_light() -> dict[str, Any]:
-    """A sun behind the start of :func:`around`, to its left and above, and light from all sides."""
+    """Return a sun behind the start of :func:`around`, to its left and above, and light from all sides."""
     right, down, forward = look_at(_direction(0.0), np.zeros(3)).T
     direction = (forward + 0.6 * down + 0.6 * right).tolist()
     return {
@@ -140,7 +141,7 @@ def usual_light() -> dict[str, Any]:
 
 
 def mitsuba_shape(part: MeshPart) -> Any:
-    """A part in world axes as a shape; made under the variant that loads the scene."""
+    """Return a part in world axes as a shape; made under the variant that loads the scene."""
     import mitsuba as mi
 
     given, uv = part.reflectance, part.uv
@@ -156,7 +157,7 @@ def mitsuba_shape(part: MeshPart) -> Any:
 
 
 def colours_as_texture(colours: FloatArray) -> tuple[Texture, FloatArray]:
-    """A texture that shows colours at corners, linear between: of 2 x 2 texels for each triangle.
+    """Return a texture that shows colours at corners, linear between: of 2 x 2 texels for each triangle.
 
     Corners lie at the centres of three of the four texels. The fourth continues the plane through their colours, so
     that the bilinear lookup between them is linear. It may lie outside of 0 to 1, but no point of the triangle does.
@@ -180,13 +181,13 @@ def colours_as_texture(colours: FloatArray) -> tuple[Texture, FloatArray]:
 
 
 def _direction(angle_rad: float) -> FloatArray:
-    """Unit vector from the mesh to the camera, turned so far from its start in front of the mesh (-y)."""
+    """Return unit vector from the mesh to the camera, turned so far from its start in front of the mesh (-y)."""
     out, rise = np.cos(_ELEVATION_RAD), np.sin(_ELEVATION_RAD)
     return np.array([out * np.sin(angle_rad), -out * np.cos(angle_rad), rise])
 
 
 def around(centre: FloatArray, radius: float) -> CallableTrajectory:
-    """Once around a ball, which fills :data:`_FILLED` of the image's height, looking at its centre."""
+    """Return once around a ball, which fills :data:`_FILLED` of the image's height, looking at its centre."""
     # The rim of a ball is seen at the angle whose sine is radius / distance.
     distance = radius * np.hypot(1.0, 2 * CAMERA.fy / (_FILLED * CAMERA.height))
     rate = 2 * np.pi / _TURN_S

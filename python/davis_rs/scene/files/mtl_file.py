@@ -73,7 +73,7 @@ class Materials:
                 self._lost[name][_LOOKS[key]] = None
 
     def texture(self, name: str) -> Path | None:
-        """The file of a material's texture; None without one.
+        """Return the file of a material's texture; None without one.
 
         Raises:
             DecodeError: if it does not lie in the scene's folder.
@@ -97,7 +97,7 @@ class Materials:
 
 
 def text_lines(data: bytes, budget: Budget) -> Iterator[str]:
-    """The lines of a text of OBJ or MTL, in UTF-8 or nearly so, each made when it is asked for.
+    """Return the lines of a text of OBJ or MTL, in UTF-8 or nearly so, each made when it is asked for.
 
     Raises:
         DecodeError: if there are more than the budget allows.
@@ -118,7 +118,7 @@ def _colour(text: str, where: str) -> FloatArray:
 
 
 def _is_different(key: str, text: str) -> bool:
-    """Whether a line's numbers are other than those of an opaque, dark and smooth surface that is no metal."""
+    """Return whether a line's numbers are other than those of an opaque, dark and smooth surface that is no metal."""
     try:
         values = np.array([float(word) for word in text.split()])
     except ValueError:

@@ -29,7 +29,7 @@ _WITHOUT_SURFACE = {"p": "points", "l": "lines"}
 
 
 def read_obj(path: Path, budget: Budget) -> list[MeshPart]:
-    """The parts of an OBJ file, one a material that faces use, in the order of their first use.
+    """Return the parts of an OBJ file, one a material that faces use, in the order of their first use.
 
     Polygons are cut into triangles; ``v x y z r g b`` gives a colour (sRGB) to the vertices of faces without a
     material. Points, lines and faces without area have no surface: they are left out. Groups have no meaning here.
@@ -152,7 +152,7 @@ class _ObjFile:
         ]
 
     def _vertex_colours(self, count: int) -> FloatArray | None:
-        """Linear RGB (count, 3) of the vertices, or None where not all have one."""
+        """Return linear RGB (count, 3) of the vertices, or None where not all have one."""
         if len(self.colours) != 3 * count or not count:
             if self.colours:
                 what = f"colours of vertices are left out because not all of the {count} have one"

@@ -59,7 +59,8 @@ class _Element:
 
 
 def read_ply(path: Path, budget: Budget) -> list[MeshPart]:
-    """A PLY file as one part: polygons cut into triangles, with normals, texture coordinates and colours of vertices.
+    """Return a PLY file as one part: polygons cut into triangles, with normals, texture coordinates and colours of
+    vertices.
 
     Strips of triangles (the element ``tristrips``, as in Stanford's repository: lists of vertices, -1 between strips)
     are read, too. Edges, and faces without area, have no surface: they are left out. Colours of vertices as integers
@@ -98,7 +99,7 @@ def read_ply(path: Path, budget: Budget) -> list[MeshPart]:
 
 
 def _header(path: Path, data: bytes) -> tuple[str, str, list[_Element], int]:
-    """Byte order, name of the texture or nothing, elements, and where the body starts."""
+    """Return byte order, name of the texture or nothing, elements, and where the body starts."""
     first, _, _ = data[:8].partition(b"\n")
     end = data.find(b"end_header")
     start = data.find(b"\n", end) + 1
@@ -131,7 +132,7 @@ def _header(path: Path, data: bytes) -> tuple[str, str, list[_Element], int]:
 
 
 def _vertices(path: Path, element: _Element, rows: list[Columns]) -> Columns:
-    """The columns of the vertices, and as "full scale" the number that stands for a colour of 1."""
+    """Return the columns of the vertices, and as "full scale" the number that stands for a colour of 1."""
     if len(rows) > 1:
         raise ValueError(f"{path}: vertices with lists of different lengths are not read")
     kind = next((kind for name, kind, _ in element.properties if name == "red"), "f4")
@@ -154,7 +155,8 @@ class _Body:
         return text.split()
 
     def rows(self, element: _Element) -> list[Columns]:
-        """All rows of an element, those together whose lists are of the same lengths; "row" is a row's number."""
+        """Return all rows of an element, those together whose lists are of the same lengths; "row" is a row's
+        number."""
         if not element.properties or not element.count:
             return []
         start = self.at
@@ -173,7 +175,7 @@ class _Body:
         return [self._columns(element, lengths, np.array(values)) for lengths, values in found.items()]
 
     def _row(self, element: _Element) -> tuple[list[int], list[float]]:
-        """The next row: the lengths of its lists, and all its numbers but these."""
+        """Return the next row: the lengths of its lists, and all its numbers but these."""
         lengths: list[int] = []
         values: list[float] = []
         for _, kind, length in element.properties:
@@ -204,7 +206,7 @@ class _Body:
             raise ValueError(f"{self.path}: in the element {element.name!r}: {error}") from None
 
     def _alike(self, element: _Element, lengths: list[int]) -> Columns | None:
-        """The rows of an element whose lists all have these lengths, or None where some have others."""
+        """Return the rows of an element whose lists all have these lengths, or None where some have others."""
         layout: list[tuple[str, str, tuple[int, ...]]] = []
         left = iter(lengths)
         for index, (_, kind, length) in enumerate(element.properties):
@@ -232,7 +234,7 @@ class _Body:
         width: int,
         end: int,
     ) -> Columns | None:
-        """The rows of an element until ``end`` as one table, or None where some have lists of other lengths."""
+        """Return the rows of an element until ``end`` as one table, or None where some have lists of other lengths."""
         if self.order:
             table = np.frombuffer(self.data, np.dtype(layout), element.count, self.at)
             parts = [table[name].reshape(element.count, -1).astype(np.float64) for name, _, _ in layout]
@@ -258,7 +260,7 @@ class _Body:
 
 
 def _faces(path: Path, positions: FloatArray, faces: list[Columns], repairs: Repairs) -> Iterator[Indices]:
-    """The polygons, cut into triangles."""
+    """Yield the polygons, cut into triangles."""
     for rows in faces:
         polygons = _indices(path, rows, "face", len(positions), least=0)
         if polygons.shape[1] < 3:
@@ -268,7 +270,7 @@ def _faces(path: Path, positions: FloatArray, faces: list[Columns], repairs: Rep
 
 
 def _strips(path: Path, positions: FloatArray, strips: list[Columns], repairs: Repairs) -> Iterator[Indices]:
-    """The triangles of strips."""
+    """Yield the triangles of strips."""
     for rows in strips:
         for strip, row in zip(_indices(path, rows, "strip", len(positions), least=-1), rows["row"], strict=True):
             triangles = cut_strip(strip)
@@ -279,7 +281,7 @@ def _strips(path: Path, positions: FloatArray, strips: list[Columns], repairs: R
 
 
 def _indices(path: Path, rows: Columns, what: str, count: int, *, least: int) -> Indices:
-    """The vertices (m, n) that rows name, each from ``least`` to ``count`` - 1."""
+    """Return the vertices (m, n) that rows name, each from ``least`` to ``count`` - 1."""
     given = next((rows[name] for name in _INDICES if name in rows), np.empty((len(rows["row"]), 0)))
     if given.ndim != 2:
         given = np.empty((len(rows["row"]), 0))
@@ -338,7 +340,7 @@ def _part(
 
 
 def _colours(path: Path, vertices: Columns) -> tuple[FloatArray | None, bool]:
-    """Linear RGB (v, 3) of the vertices, or None where the file has no colours; and whether all are opaque."""
+    """Return linear RGB (v, 3) of the vertices, or None where the file has no colours; and whether all are opaque."""
     given = _stacked(vertices, ("red", "green", "blue"))
     if given is None:
         return None, True
@@ -351,7 +353,7 @@ def _colours(path: Path, vertices: Columns) -> tuple[FloatArray | None, bool]:
 
 
 def _stacked(columns: Columns, names: Sequence[str]) -> FloatArray | None:
-    """These columns side by side, or None where one is not there."""
+    """Return these columns side by side, or None where one is not there."""
     if not all(name in columns and columns[name].ndim == 1 for name in names):
         return None
     return np.stack([columns[name] for name in names], 1)

@@ -23,7 +23,7 @@ SMALLEST_SIDE = 16
 
 
 def image_files(folder: str | Path) -> tuple[Path, ...]:
-    """The images in a folder and its subfolders, by their suffix, in the order of their names.
+    """Return the images in a folder and its subfolders, by their suffix, in the order of their names.
 
     Raises:
         OSError: if there is no such folder, or it cannot be read.
@@ -33,7 +33,7 @@ def image_files(folder: str | Path) -> tuple[Path, ...]:
 
 
 def mesh_files(folder: str | Path) -> tuple[Path, ...]:
-    """The meshes (OBJ, PLY) in a folder and its subfolders, likewise."""
+    """Return the meshes (OBJ, PLY) in a folder and its subfolders, likewise."""
     return _files(Path(folder), tuple(MESH_READERS), "meshes")
 
 
@@ -62,7 +62,7 @@ def check_image(path: Path) -> None:
 
 
 def read_image_texture(path: Path, longest_side: int) -> Texture:
-    """An image as reflectance (H, W, 3) in linear RGB, with at most ``longest_side`` texels on a side.
+    """Return an image as reflectance (H, W, 3) in linear RGB, with at most ``longest_side`` texels on a side.
 
     A larger one is made smaller by means over areas, in linear light.
 

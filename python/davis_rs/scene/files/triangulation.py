@@ -180,14 +180,15 @@ def _ears(points: FloatArray) -> tuple[Indices, bool]:
 
 
 def _turns(ring: FloatArray) -> FloatArray:
-    """Twice the signed area of each corner (n, 2) with its neighbours: > 0 where the ring turns left."""
+    """Return twice the signed area of each corner (n, 2) with its neighbours: > 0 where the ring turns left."""
     before, after = ring - np.roll(ring, 1, 0), np.roll(ring, -1, 0) - ring
     turns: FloatArray = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
     return turns
 
 
 def _inside(points: FloatArray, triangle: FloatArray) -> bool:
-    """Whether any of the points (k, 2) lies in a triangle (3, 2) that turns left, or on its rim but at no corner."""
+    """Return whether any of the points (k, 2) lies in a triangle (3, 2) that turns left, or on its rim but at no
+    corner."""
     to = points[:, None] - triangle
     side = np.roll(triangle, -1, 0) - triangle
     within = (side[:, 0] * to[..., 1] - side[:, 1] * to[..., 0] >= 0).all(1)

@@ -59,7 +59,7 @@ def _boxes(hdr: bool) -> dict[str, Any]:
 
 
 def _pictures() -> dict[str, Any]:
-    """Posters on the wall ahead and those to the sides, 2 mm before them."""
+    """Return posters on the wall ahead and those to the sides, 2 mm before them."""
     rocks = stones(128, 192, 72, low=0.08, high=0.8, stone=18.0)
     planes = blocks(128, 73, low=0.08, high=0.85, count=60)
     page = text(128, 74, line=12, ink=0.08, paper=0.9)
@@ -91,7 +91,7 @@ def _stacks(random: np.random.RandomState) -> dict[str, Any]:
 
 
 def _places() -> Iterator[tuple[float, float]]:
-    """Middles of the squares that have a stack: around the camera's place, but not behind it."""
+    """Yield middles of the squares that have a stack: around the camera's place, but not behind it."""
     for row in range(5):
         for column in range(-3, 4):
             x, y = _CELL_M * column, 0.35 + _CELL_M * row
@@ -101,7 +101,7 @@ def _places() -> Iterator[tuple[float, float]]:
 
 
 def _covers() -> list[Texture]:
-    """What boxes are printed with; 48 texels are 3 to 9 mm each on a box's side, about what a pixel sees."""
+    """Return what boxes are printed with; 48 texels are 3 to 9 mm each on a box's side, about what a pixel sees."""
     pictures = [blocks(48, 62 + k, low=0.08, high=0.8, count=40) for k in range(5)]
     pages = [text(48, 67 + k, line=9, ink=0.1, paper=paper) for k, paper in enumerate((0.8, 0.45))]
     signs = [

@@ -38,7 +38,8 @@ _WALK = [
 
 
 def dynamic() -> Scene:
-    """The office of :func:`~davis_rs.scene.sequences.office_scene.office` with a person in it, for 60 s; C = 0.5.
+    """Return the office of :func:`~davis_rs.scene.sequences.office_scene.office` with a person in it, for 60 s; C =
+    0.5.
 
     The person sits at the desk and types in the air, 8 to 20 cm above the height of the keyboard, stands up (the chair
     rolls back), walks to and fro before the desk at up to about 1.5 m/s, turning to the camera at the ends, stops and
@@ -64,7 +65,7 @@ def dynamic() -> Scene:
 
 @cache
 def performance() -> dict[str, SampledTrajectory]:
-    """The paths of the person's parts and of the chair; :data:`DURATION_S` long."""
+    """Return the paths of the person's parts and of the chair; :data:`DURATION_S` long."""
     t = np.linspace(0.0, DURATION_S, round(DURATION_S * _RATE_HZ) + 1)
     sits = _keyed(t, [(0, 1), (8, 1), (9.5, 0), (54, 0), (55.5, 1)])
     placed = _joints(t, sits).placed()
@@ -74,7 +75,7 @@ def performance() -> dict[str, SampledTrajectory]:
 
 
 def _joints(t: FloatArray, sits: FloatArray) -> Joints:
-    """What every joint does at the times (n,)."""
+    """Return what every joint does at the times (n,)."""
     x, degrees = (_keyed(t, [(key[0], key[column]) for key in _WALK]) for column in (1, 2))
     speed = np.abs(np.gradient(x, t))
     swing = _rounded(0.5 * np.clip(speed / 1.2, 0.0, 1.0))[:, None]
@@ -97,7 +98,7 @@ def _joints(t: FloatArray, sits: FloatArray) -> Joints:
 
 
 def _keyed(t: FloatArray, keys: list[tuple[float, float]]) -> FloatArray:
-    """A number that goes from key (time, value) to key, at rest in each."""
+    """Return a number that goes from key (time, value) to key, at rest in each."""
     times, values = np.array(keys, np.float64).T
     k = np.clip(np.searchsorted(times, t, side="right") - 1, 0, len(times) - 2)
     share = np.clip((t - times[k]) / (times[k + 1] - times[k]), 0.0, 1.0)

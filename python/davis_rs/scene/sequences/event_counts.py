@@ -41,7 +41,7 @@ class EventCount:
 
 
 def read_counts(path: str | Path = MEASURED) -> dict[str, EventCount]:
-    """Counts by the sequences' names, from a CSV file.
+    """Return counts by the sequences' names, from a CSV file.
 
     Raises:
         OSError: if it cannot be read.

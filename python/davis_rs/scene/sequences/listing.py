@@ -24,7 +24,7 @@ WORDS = 4
 def table(
     sequences: Iterable[Sequence], counts: Mapping[str, EventCount], recorded: Mapping[str, EventCount]
 ) -> list[tuple[str, ...]]:
-    """A row of cells for each sequence; a ``-`` is not counted.
+    """Return a row of cells for each sequence; a ``-`` is not counted.
 
     Args:
         counts: of ideal pixels, by name.
@@ -55,7 +55,7 @@ def _row(sequence: Sequence, counts: tuple[EventCount | None, EventCount | None]
 
 
 def as_text(rows: Rows[Rows[str]]) -> str:
-    """Columns of equal width under :data:`HEAD`, numbers to the right."""
+    """Return columns of equal width under :data:`HEAD`, numbers to the right."""
     widths = [max(map(len, column)) for column in zip(HEAD, *rows, strict=True)]
     return "\n".join(
         "  ".join(

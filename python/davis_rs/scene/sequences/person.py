@@ -34,7 +34,7 @@ _DARK: Window = (0.77, 0.52, 0.98, 0.98)
 
 
 def parts() -> dict[str, Mesh]:
-    """The parts by name, each in its own frame."""
+    """Return the parts by name, each in its own frame."""
     torso = [
         box([-0.17, -0.1, -0.08], [0.17, 0.1, 0.1], window=_TROUSERS),
         box([-0.19, -0.11, 0.1], [0.19, 0.12, 0.54], window=_SHIRT),
@@ -59,7 +59,7 @@ def parts() -> dict[str, Mesh]:
 
 
 def clothes() -> Texture:
-    """A checked shirt above; trousers, skin, and what is dark (hair and shoes) below."""
+    """Return a checked shirt above; trousers, skin, and what is dark (hair and shoes) below."""
     shirt = grid(81, 8, 16, (8, 8), joint=0.45, low=0.22, high=0.4)
     below = [noise(82, 0.1, 0.2)[:64, :64], noise(83, 0.4, 0.6)[:64, :32], noise(84, 0.06, 0.15)[:64, :32]]
     return finished(np.concatenate([shirt, np.concatenate(below, axis=1)])[..., 0].astype(np.float64))
@@ -88,7 +88,7 @@ class Joints:
     aside: FloatArray
 
     def placed(self) -> dict[str, tuple[FloatArray, Any]]:
-        """Positions (n, 3) and SciPy rotations of the parts in the world.
+        """Return positions (n, 3) and SciPy rotations of the parts in the world.
 
         The lower ankle is within 2 cm of its height over a flat foot. Feet turn with their shins, so that in a walk
         toes reach up to 4 cm into the floor where a heel is raised.

@@ -12,12 +12,13 @@ from .reflectance import GREY, Tint, between, finished
 
 
 def noise(seed: int, low: float, high: float, *, size: int = 256, tint: Tint = GREY) -> Texture:
-    """Plaster, carpet, asphalt, grass: coarse and fine grain between two reflectances, even in log reflectance."""
+    """Return plaster, carpet, asphalt, grass: coarse and fine grain between two reflectances, even in log
+    reflectance."""
     return finished(between(low, high, value_noise(size, np.random.RandomState(seed))), tint)
 
 
 def wood(seed: int, low: float = 0.2, high: float = 0.55) -> Texture:
-    """Grain along the rows."""
+    """Return grain along the rows."""
     grain = value_noise(256, np.random.RandomState(seed))
     return finished(low + (high - low) * grain[:, np.arange(256) // 8], (1.0, 0.8, 0.6))
 
@@ -25,7 +26,7 @@ def wood(seed: int, low: float = 0.2, high: float = 0.55) -> Texture:
 def writing(
     seed: int, *, lines: int, columns: int, paper: float, ink: float, cell: tuple[int, int] = (4, 3)
 ) -> Texture:
-    """Lines of words of one to nine letters, ragged to the right, here and there an empty line.
+    """Return lines of words of one to nine letters, ragged to the right, here and there an empty line.
 
     Args:
         cell: texels of a line and of a letter.
@@ -46,7 +47,8 @@ def writing(
 
 
 def books(seed: int, *, width: int = 256, height: int = 64) -> Texture:
-    """A shelf full of spines: of their own widths, heights and brightness, with a band or two; dark above them."""
+    """Return a shelf full of spines: of their own widths, heights and brightness, with a band or two; dark
+    above them."""
     random = np.random.RandomState(seed)
     shelf = np.full((height, width), 0.1)
     place = 0
@@ -65,7 +67,8 @@ def books(seed: int, *, width: int = 256, height: int = 64) -> Texture:
 def grid(
     seed: int, rows: int, columns: int, cell: tuple[int, int], *, joint: float, low: float, high: float
 ) -> Texture:
-    """Keys, tiles, slabs, bricks: cells (texels high and wide) of their own brightness, a joint of a texel between."""
+    """Return keys, tiles, slabs, bricks: cells (texels high and wide) of their own brightness, a joint of a texel
+    between."""
     random = np.random.RandomState(seed)
     cells = np.repeat(np.repeat(random.uniform(low, high, (rows, columns)), cell[0], 0), cell[1], 1)
     cells[:: cell[0]] = joint
@@ -74,7 +77,8 @@ def grid(
 
 
 def facade(seed: int, *, floors: int, bays: int, texels: int = 256) -> Texture:
-    """The front of a house: rows of windows with frames, glazing bars and sills on a wall of courses, doors below."""
+    """Return the front of a house: rows of windows with frames, glazing bars and sills on a wall of courses, doors
+    below."""
     random = np.random.RandomState(seed)
     wall = random.uniform(0.2, 0.55)
     front = wall * (0.75 + 0.5 * value_noise(texels, random))
@@ -100,7 +104,7 @@ def facade(seed: int, *, floors: int, bays: int, texels: int = 256) -> Texture:
 
 
 def leaves(seed: int, *, size: int = 256, count: int = 1500) -> Texture:
-    """A crown or a hedge from outside: lit and unlit leaves, and dark gaps between them."""
+    """Return a crown or a hedge from outside: lit and unlit leaves, and dark gaps between them."""
     random = np.random.RandomState(seed)
     level = 0.25 * value_noise(size, random)
     y, x = np.mgrid[-9:10, -9:10]

@@ -17,7 +17,7 @@ from .reflectance import between, finished
 
 
 def stones(height: int, width: int, seed: int, *, low: float, high: float, stone: float) -> Texture:
-    """A rock face, (height, width, 3): stones of different brightness with dark joints, grained and stained.
+    """Return a rock face, (height, width, 3): stones of different brightness with dark joints, grained and stained.
 
     Args:
         height, width: texels.
@@ -41,7 +41,8 @@ def stones(height: int, width: int, seed: int, *, low: float, high: float, stone
 
 
 def blocks(size: int, seed: int, *, low: float, high: float, count: int) -> Texture:
-    """Overlapping upright rectangles, (size, size, 3), a tenth to half as wide and high as all, from low to high."""
+    """Return overlapping upright rectangles, (size, size, 3), a tenth to half as wide and high as all, from low to
+    high."""
     random = np.random.RandomState(seed)
     level = np.full((size, size), 0.5)
     for _ in range(count):
@@ -52,7 +53,7 @@ def blocks(size: int, seed: int, *, low: float, high: float, count: int) -> Text
 
 
 def text(size: int, seed: int, *, line: int, ink: float, paper: float) -> Texture:
-    """A page, (size, size, 3): lines of words whose letters are bars; every sixth line or so is a heading.
+    """Return a page, (size, size, 3): lines of words whose letters are bars; every sixth line or so is a heading.
 
     Args:
         size: texels a side.
@@ -87,7 +88,7 @@ def plain_shapes(
     ink: float,
     paper: float,
 ) -> Texture:
-    """Discs, triangles, squares, hexagons and stars on plain paper, (height, width, 3); none touches another.
+    """Return discs, triangles, squares, hexagons and stars on plain paper, (height, width, 3); none touches another.
 
     Args:
         height, width: texels.
@@ -116,7 +117,7 @@ def plain_shapes(
 
 
 def _outside(kind: str, dx: FloatArray, dy: FloatArray, radius: float, angle: float) -> FloatArray:
-    """How far outside of a shape places are (negative within), texels."""
+    """Return how far outside of a shape places are (negative within), texels."""
     if kind == "disc":
         return np.asarray(np.sqrt(dx * dx + dy * dy) - radius)
     # The sides of a polygon, or of a star through the corners of a pentagon: how far past each.

@@ -16,11 +16,12 @@ GREY: Tint = (1.0, 1.0, 1.0)
 
 
 def finished(reflectance: FloatArray, tint: Tint = GREY) -> Texture:
-    """RGB (H, W, 3) from grey (H, W), rounded to eight bits."""
+    """Return RGB (H, W, 3) from grey (H, W), rounded to eight bits."""
     rgb = np.clip(reflectance[..., None] * np.array(tint), 0.0, 1.0)
     return (np.round(rgb * 255) / 255).astype(np.float32)
 
 
 def between(low: float, high: float, level: FloatArray) -> FloatArray:
-    """Reflectance of levels, clipped to [0, 1]: even in log reflectance, equal contrast in the dark and the bright."""
+    """Return reflectance of levels, clipped to [0, 1]: even in log reflectance, equal contrast in the dark and the
+    bright."""
     return np.asarray(low * (high / low) ** np.clip(level, 0, 1))

@@ -28,7 +28,7 @@ def empty_room(
     floor: dict[str, Any] | float = 0.3,
     ceiling: float = 0.8,
 ) -> dict[str, Any]:
-    """Four walls, a floor at z = 0 and a ceiling, from ``x[0]`` to ``x[1]`` and so on, with these reflectances.
+    """Return four walls, a floor at z = 0 and a ceiling, from ``x[0]`` to ``x[1]`` and so on, with these reflectances.
 
     The walls differ a little, as the light on them does in a real room, so that corners are seen.
     """
@@ -53,7 +53,8 @@ def empty_room(
 
 
 def covered_box(centre: FloatArray, size: FloatArray, turn: float, cover: Texture | float) -> dict[str, Any]:
-    """An upright box of this size (3,), metres, turned about the vertical (radians): each side shows its cover."""
+    """Return an upright box of this size (3,), metres, turned about the vertical (radians): each side shows its
+    cover."""
     cos, sin = np.cos(turn), np.sin(turn)
     to_world = np.eye(4)
     to_world[:3, :3] = np.array([[cos, -sin, 0], [sin, cos, 0], [0, 0, 1]]) * size / 2
@@ -64,13 +65,13 @@ def covered_box(centre: FloatArray, size: FloatArray, turn: float, cover: Textur
 
 
 def lamp(position: tuple[float, float, float], lux: float, distance_m: float) -> dict[str, Any]:
-    """A point light that gives ``lux`` on a surface that faces it from ``distance_m``."""
+    """Return a point light that gives ``lux`` on a surface that faces it from ``distance_m``."""
     intensity = np.pi * distance_m**2 * lux / LUX_PER_LUMA
     return {"type": "point", "position": list(position), "intensity": float(intensity)}
 
 
 def general_light(lux: float) -> dict[str, Any]:
-    """Light from all directions that gives ``lux`` on any surface, like what a room's walls and windows scatter.
+    """Return light from all directions that gives ``lux`` on any surface, like what a room's walls and windows scatter.
 
     It stands for light that was reflected often, so nothing shades it: only the table kernel and the native
     renderer, which take constant light as unoccluded, show it within closed walls. A scene with it is ``ambient``.

@@ -69,7 +69,7 @@ class Sequence:
 
 @functools.lru_cache(maxsize=32)
 def _scene(sequence: Sequence) -> Scene:
-    """Kept, because a trajectory of 60 s takes a second to be made."""
+    """Return kept, because a trajectory of 60 s takes a second to be made."""
     scene = sequence.make_scene()
     trajectory = scene.trajectory if sequence.make_motion is None else sequence.make_motion(scene)
     return replace(

@@ -25,7 +25,7 @@ _SHEET_M, _PITCH_M = 0.512, 0.54
 
 
 def slider_wall(distance_m: float, hdr: bool = False) -> Scene:
-    """A wall hung with prints, exactly so far in front of a camera that slides 1.04 m to its right.
+    """Return a wall hung with prints, exactly so far in front of a camera that slides 1.04 m to its right.
 
     Lit evenly, or (``hdr``) by a lamp close to the wall, half-way along the slide: from 2400 lux down to 95 lux at the
     ends of the slide, 83 where the wall is as close as 0.23 m. The dataset's distances are 0.231 m (slider_close,
@@ -110,7 +110,7 @@ _OBJECTS = [
 
 
 def slider_depth() -> Scene:
-    """Printed boxes on a table at 0.58 to 1.8 m, before a wall at 2.6 m; the camera slides 1.09 m to its right.
+    """Return printed boxes on a table at 0.58 to 1.8 m, before a wall at 2.6 m; the camera slides 1.09 m to its right.
 
     The front of the nearest two is exactly 0.584 m from the camera's way and parallel to the image. A synthetic
     counterpart by kind of layout: objects at several depths, each before others; not the dataset's objects.

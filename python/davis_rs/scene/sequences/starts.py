@@ -10,7 +10,7 @@ from ..parts import look_at
 
 
 def start_looking_at(position: npt.ArrayLike, target: npt.ArrayLike) -> Pose:
-    """A camera at a place that looks at another, upright."""
+    """Return a camera at a place that looks at another, upright."""
     from scipy.spatial.transform import Rotation
 
     start, end = np.asarray(position, np.float64), np.asarray(target, np.float64)

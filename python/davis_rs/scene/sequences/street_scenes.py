@@ -26,7 +26,7 @@ _LUX_PER_LUMA = 80_000.0
 
 
 def outdoors() -> Scene:
-    """A sunny path between trees, a street to its right and gardens to its left, 400 m ahead; C = 0.4.
+    """Return a sunny path between trees, a street to its right and gardens to its left, 400 m ahead; C = 0.4.
 
     For a camera carried straight ahead, 300 m at most, by a person who walks or runs: slabs and grass, trees whose
     shadows lie on the path, hedges, houses on both sides, lamps, parked cars, and a skyline at the end. A synthetic
@@ -44,7 +44,7 @@ def outdoors() -> Scene:
 
 
 def urban() -> Scene:
-    """Five-storey fronts, shops and parked cars on both sides of a city street, from its pavement; C = 0.4.
+    """Return five-storey fronts, shops and parked cars on both sides of a city street, from its pavement; C = 0.4.
 
     For a camera held by hand that looks across and along the street. A synthetic counterpart of the dataset's by kind
     of things and light, not a copy: nobody walks or drives, and fronts are flat but for their balconies and signs.
@@ -67,7 +67,7 @@ def _strip(left: float, right: float, z: float, period: float) -> Mesh:
 
 
 def _skyline(seed: int) -> list[Mesh]:
-    """High blocks at both ends and far to the sides."""
+    """Return high blocks at both ends and far to the sides."""
     random = np.random.RandomState(seed)
     blocks = []
     for x0, y0, x1, y1 in [(-90, 405, 90, 440), (-90, -100, 90, -65), (-95, -80, -80, 420), (80, -80, 95, 420)]:

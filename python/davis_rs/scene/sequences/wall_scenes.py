@@ -24,7 +24,7 @@ _EVEN = {"lamp": lamp((0.5, -2.5, 1.9), 350.0, 3.8), "general": general_light(15
 
 
 def shapes() -> Scene:
-    """A white wall with a few dozen plain black shapes of 5 to 25 cm, in an evenly lit room.
+    """Return a white wall with a few dozen plain black shapes of 5 to 25 cm, in an evenly lit room.
 
     A synthetic counterpart of the dataset's shapes by kind: plain, black on white, flat; sizes and places are other
     ones.
@@ -33,7 +33,8 @@ def shapes() -> Scene:
 
 
 def poster(hdr: bool = False) -> Scene:
-    """A wall covered by a poster of rocks, in an evenly lit room or (``hdr``) by a lamp close to it: 80 to 2400 lux.
+    """Return a wall covered by a poster of rocks, in an evenly lit room or (``hdr``) by a lamp close to it: 80 to 2400
+    lux.
 
     A synthetic counterpart of the dataset's poster and hdr_poster by kind of texture and light: dense, irregular, flat;
     the rocks are other ones, and the lamp has no shade, so its spot has a soft edge.
@@ -79,7 +80,7 @@ def _poster(hdr: bool) -> dict[str, Any]:
 
 
 def _on_the_wall(printed: Texture) -> dict[str, Any]:
-    """A sheet in the middle of the wall, 0.1 mm before it."""
+    """Return a sheet in the middle of the wall, 0.1 mm before it."""
     height, width = printed.shape[:2]
     half = (width * _TEXEL_M / 2, height * _TEXEL_M / 2)
     return rectangle([0.0, _WALL_M, _HEIGHT_M / 2], FACING, half, bitmap(printed))

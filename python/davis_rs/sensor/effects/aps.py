@@ -153,7 +153,7 @@ class Aps(Effect):
         return (signal * luma_per_dn).astype(np.float32)
 
     def _gathered(self, signal: FloatArray, highest: float, seed: int, frame: int) -> FloatArray:
-        """The signal in DN with the shot noise of its electrons, no more of them than a pixel holds."""
+        """Return the signal in DN with the shot noise of its electrons, no more of them than a pixel holds."""
         per_dn = self.electrons_per_dn
         if per_dn is None:
             if self.full_well_e is None:
@@ -169,7 +169,7 @@ class Aps(Effect):
 
 @lru_cache(maxsize=16)
 def _fixed(seed: int, purpose: int, shape: tuple[int, ...]) -> FloatArray:
-    """Standard normal draws that stay from frame to frame; kept, because each frame needs them."""
+    """Return standard normal draws that stay from frame to frame; kept, because each frame needs them."""
     pattern = Aps().random(seed, purpose=purpose).standard_normal(shape)
     pattern.flags.writeable = False
     return pattern

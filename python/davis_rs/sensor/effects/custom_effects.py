@@ -67,7 +67,7 @@ class CustomEffects:
                 one.begin(width, height, seed)  # type: ignore[attr-defined]
 
     def __bool__(self) -> bool:
-        """Whether there is any."""
+        """Return whether there is any."""
         return bool(self._effects)
 
     @property
@@ -149,7 +149,7 @@ class CustomEffects:
 
 
 def load_custom_effect(entry: str) -> object:
-    """The object that ``MODULE:NAME`` or ``FILE.py:NAME`` stands for.
+    """Return the object that ``MODULE:NAME`` or ``FILE.py:NAME`` stands for.
 
     The working directory's modules are found as well. A class or a function is called without arguments.
 
@@ -200,7 +200,7 @@ def _import(name: str, entry: str) -> Any:
 
 
 def _frame(effect: object, method: str, t_us: int, result: Any, shape: tuple[int, ...], dtype: Any) -> _Frame:
-    """What an effect returned, if it is a finite frame of that shape."""
+    """Return what an effect returned, if it is a finite frame of that shape."""
     where = _at(effect, method, t_us)
     array = np.asarray(result)
     if array.shape != shape:

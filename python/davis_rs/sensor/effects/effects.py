@@ -125,7 +125,7 @@ class Effects:
         return Effects.of(effect for effect in self if effect.acts_on == "luma")
 
     def __bool__(self) -> bool:
-        """Whether any is on."""
+        """Return whether any is on."""
         return any(True for _ in self)
 
     def engine_settings(self) -> dict[str, dict[str, Any]]:
@@ -146,7 +146,7 @@ names, objects, numbers or parameters by name."""
 
 
 def read_effects(given: EffectsLike | None) -> tuple[Effects, bool]:
-    """The effects that something stands for, none for None; and whether others are to be planned.
+    """Return the effects that something stands for, none for None; and whether others are to be planned.
 
     Raises:
         ValueError: for an effect or a parameter that is not there, a value that is missing, malformed or out of range.
@@ -161,7 +161,7 @@ def read_effects(given: EffectsLike | None) -> tuple[Effects, bool]:
 
 
 def effects_of(given: EffectsLike | None, *, not_planned: str) -> Effects:
-    """As :func:`read_effects`, where nothing can be planned.
+    """Return as :func:`read_effects`, where nothing can be planned.
 
     Args:
         not_planned: what is said of ``auto``: why, and what to do; a part of an :class:`ArgumentError`'s rule.
@@ -179,7 +179,7 @@ def effects_of(given: EffectsLike | None, *, not_planned: str) -> Effects:
 def named_effects(
     given: Effect | Mapping[str, Any] | str | Iterable[str | Effect] | None, among: Mapping[str, type[Effect]] = EFFECTS
 ) -> dict[str, Effect]:
-    """The effects that something stands for, by name; of several of one kind the last one counts.
+    """Return the effects that something stands for, by name; of several of one kind the last one counts.
 
     Args:
         given: see :data:`EffectsLike`.
@@ -228,7 +228,8 @@ def _class_of(name: str, among: Mapping[str, type[Effect]]) -> type[Effect]:
 
 
 def _effect_of(name: str, effect_class: type[Effect], value: Any) -> Effect:
-    """An effect of a class: the object itself, or one with the first parameter, or with its parameters by name."""
+    """Return an effect of a class: the object itself, or one with the first parameter, or with its parameters
+    by name."""
     if isinstance(value, effect_class):
         return value
     if value is None or isinstance(value, Effect):

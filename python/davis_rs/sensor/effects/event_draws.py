@@ -46,7 +46,7 @@ def event_draws(events: EventArray, seed: int, purpose: int = 0) -> npt.NDArray[
 
 
 def _mixed(words: npt.NDArray[np.uint64]) -> npt.NDArray[np.uint64]:
-    """SplitMix64's finaliser, modulo 2^64 as arrays of integers compute."""
+    """Return SplitMix64's finaliser, modulo 2^64 as arrays of integers compute."""
     for shift, factor in _SHIFTS_AND_FACTORS:
         words = (words ^ (words >> np.uint64(shift))) * np.uint64(factor)
     return words ^ (words >> np.uint64(31))

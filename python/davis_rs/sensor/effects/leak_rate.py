@@ -17,7 +17,7 @@ REFERENCE_C = 25.0
 
 
 def warmth(temperature_c: float, doubling_c: float) -> float:
-    """How much more a junction leaks than at 25 degrees."""
+    """Return how much more a junction leaks than at 25 degrees."""
     return float(2 ** ((temperature_c - REFERENCE_C) / doubling_c))
 
 

@@ -72,17 +72,18 @@ def blur_frame(frame: LumaFrames, weights: npt.NDArray[np.float32], out: LumaFra
 
 
 def _continued(rows: LumaFrames, radius: int) -> LumaFrames:
-    """The rows, extended by ``radius`` mirrored rows at either end."""
+    """Return the rows, extended by ``radius`` mirrored rows at either end."""
     return rows.take(mirrored(np.arange(-radius, len(rows) + radius), len(rows)), axis=0)
 
 
 def blur_squares(luma: LumaFrames, weights: npt.NDArray[np.float32]) -> LumaFrames:
-    """What :func:`blur_frame` makes of the middles (m,) of squares (2 radius + 1, 2 radius + 1, m), bit by bit."""
+    """Return what :func:`blur_frame` makes of the middles (m,) of squares (2 radius + 1, 2 radius + 1, m), bit
+    by bit."""
     return _along_columns(_along_columns(luma, weights)[0], weights)[0]
 
 
 def _along_columns(rows: LumaFrames, weights: npt.NDArray[np.float32]) -> LumaFrames:
-    """Weighted sums of rows around each that has ``radius`` of them on either side, from the middle outwards."""
+    """Return weighted sums of rows around each that has ``radius`` of them on either side, from the middle outwards."""
     radius = len(weights) - 1
     count = len(rows) - 2 * radius
     total = weights[0] * rows[radius : radius + count]
@@ -95,7 +96,8 @@ def _along_columns(rows: LumaFrames, weights: npt.NDArray[np.float32]) -> LumaFr
 
 
 def _gaussian(k: npt.NDArray[np.int64], variance: float) -> npt.NDArray[np.float64]:
-    """Normalised weights proportional to exp(-a k^2), at k = 0, 1, ..., whose variance over both sides is given."""
+    """Return normalised weights proportional to exp(-a k^2), at k = 0, 1, ..., whose variance over both sides
+    is given."""
     from scipy.optimize import brentq
 
     def weights(a: float) -> npt.NDArray[np.float64]:

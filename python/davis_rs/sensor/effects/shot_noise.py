@@ -135,7 +135,8 @@ class ShotNoise(EngineEffect):
     def mean_rate_hz(
         self, contrast_threshold: float, contrast_threshold_off: float, mismatch: ThresholdMismatch, light: float
     ) -> float:
-        """:meth:`rate_hz` in the mean over pixels whose thresholds differ; most of it may come from few pixels."""
+        """Return :meth:`rate_hz` in the mean over pixels whose thresholds differ; most of it may come from few
+        pixels."""
         factors, weights = mismatch.nodes()
         rates = self.rate_hz(contrast_threshold * factors, contrast_threshold_off * factors, light)
         return float((rates * weights).sum())

@@ -52,7 +52,7 @@ class ThresholdMismatch(EngineEffect):
         return self.sigma == self.column_parity == self.columns == self.rows == 0
 
     def nodes(self) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-        """Factors of a threshold and their weights, for means over the pixels of a sensor, by Gauss's rule.
+        """Return factors of a threshold and their weights, for means over the pixels of a sensor, by Gauss's rule.
 
         Returns:
             float64 (2, n) factors, of even and of odd columns, and float64 (n,) weights, whose sum is 1/2.

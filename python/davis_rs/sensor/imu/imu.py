@@ -176,7 +176,7 @@ def as_imu(samples: npt.ArrayLike) -> ImuArray:
 
 
 def _motion(trajectory: Trajectory, imu: Imu, t_us: npt.NDArray[np.int64]) -> FloatArray:
-    """Ideal readings (n, 6), as late and as smooth as the IMU makes them."""
+    """Return ideal readings (n, 6), as late and as smooth as the IMU makes them."""
     t: FloatArray = t_us.astype(np.float64) * 1e-6 - imu.lag_s
     if imu.low_pass is None:
         return _readings(trajectory, imu, t)
@@ -187,7 +187,7 @@ def _motion(trajectory: Trajectory, imu: Imu, t_us: npt.NDArray[np.int64]) -> Fl
 
 
 def _readings(trajectory: Trajectory, imu: Imu, t_s: FloatArray) -> FloatArray:
-    """Specific force and angular rate in the axes of the IMU, (n, 6)."""
+    """Return specific force and angular rate in the axes of the IMU, (n, 6)."""
     t = np.clip(t_s, 0.0, trajectory.duration_s)
     rotation, arm = imu.place.rotation, imu.place.lever_arm
     rates = trajectory.angular_rates(t)

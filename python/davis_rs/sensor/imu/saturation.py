@@ -50,5 +50,5 @@ class ImuSaturation(Effect):
 
 
 def full_scales(acceleration_g: float, rate_deg_s: float) -> FloatArray:
-    """The full scales of the six axes, (6,), in m/s^2 and rad/s."""
+    """Return the full scales of the six axes, (6,), in m/s^2 and rad/s."""
     return np.repeat([acceleration_g * STANDARD_GRAVITY, np.radians(rate_deg_s)], 3)

@@ -44,7 +44,7 @@ driver sends; what no source is known for is left open.
 
 @cache
 def preset_file(name: str) -> SensorFile:
-    """A preset with its description and its sources.
+    """Return a preset with its description and its sources.
 
     Raises:
         KeyError: for another name.
@@ -72,7 +72,7 @@ def load_sensor(name_or_path: str | os.PathLike[str]) -> SensorParameters:
 
 
 def load_sensor_file(name_or_path: str | os.PathLike[str]) -> SensorFile:
-    """The same as :func:`load_sensor`, with description, sources and uncertainties."""
+    """Return the same as :func:`load_sensor`, with description, sources and uncertainties."""
     name = os.fspath(name_or_path)
     if name in _NAMES:
         return preset_file(name)
@@ -83,7 +83,7 @@ def load_sensor_file(name_or_path: str | os.PathLike[str]) -> SensorFile:
 
 
 def sensor_parameters(sensor: str | os.PathLike[str] | SensorParameters | None) -> SensorParameters:
-    """A sensor by its name or its file; None is the ideal one.
+    """Return a sensor by its name or its file; None is the ideal one.
 
     Raises:
         ValueError, OSError: as :func:`load_sensor`.
@@ -94,7 +94,7 @@ def sensor_parameters(sensor: str | os.PathLike[str] | SensorParameters | None) 
 
 
 def read_once(sensor: str | os.PathLike[str] | SensorParameters | None) -> str | SensorParameters | None:
-    """A sensor that no longer depends on a file: its parameters where it is one, else as it is given.
+    """Return a sensor that no longer depends on a file: its parameters where it is one, else as it is given.
 
     A run reads its sensor once, so that all of its parts, and its record, have the same one.
 

@@ -14,7 +14,7 @@ RECORDED = "recorded"
 
 
 def recorded_sensor(biases: str) -> SensorParameters:
-    """The DAVIS240C with the biases of the dataset's recordings.
+    """Return the DAVIS240C with the biases of the dataset's recordings.
 
     Both thresholds, the source follower's corner and the refractory period follow from the biases
     (:meth:`~davis_rs.SensorParameters.from_biases`), all else is that of the preset ``davis240c``. Two values do not
@@ -50,7 +50,7 @@ _LUX = 200.0
 
 
 def _noise_hz(sensor: SensorParameters) -> float:
-    """Noise events of a pixel per second, in the mean over pixels."""
+    """Return noise events of a pixel per second, in the mean over pixels."""
     effects = sensor.effects(1.0)
     noise, on = effects.shot_noise_rms, sensor.contrast_threshold
     assert noise is not None

@@ -97,12 +97,12 @@ class SensorFile:
 
 @cache
 def parameter_names() -> tuple[str, ...]:
-    """The names of all parameters of a sensor."""
+    """Return the names of all parameters of a sensor."""
     return tuple(one.name for one in fields(SensorParameters))
 
 
 def unit_of(name: str) -> str:
-    """The unit of a parameter, which the end of its name tells; ``"1"`` for a pure number."""
+    """Return the unit of a parameter, which the end of its name tells; ``"1"`` for a pure number."""
     if name in _UNITS_OF_NAMES:
         return _UNITS_OF_NAMES[name]
     ends = (end for end in _UNITS if name.endswith(f"_{end}"))
@@ -183,7 +183,7 @@ def save_sensor(
 
 
 def sensor_yaml(sensor: SensorFile) -> str:
-    """The text of a sensor file: each value that is given, with its unit, its uncertainty and its source."""
+    """Return the text of a sensor file: each value that is given, with its unit, its uncertainty and its source."""
     import yaml
 
     # YAML reads other line separators than its own back as spaces, unless they are escaped.
@@ -213,7 +213,7 @@ def sensor_yaml(sensor: SensorFile) -> str:
 
 
 def _mapping(file: Path, what: str, content: Any, known: Iterable[str]) -> dict[str, Any]:
-    """A mapping whose keys are all known."""
+    """Return a mapping whose keys are all known."""
     known = tuple(known)
     if not isinstance(content, dict):
         raise DecodeError(f"{file}: {what} must be a mapping of keys to values, got {_shown(content)}")
@@ -225,7 +225,7 @@ def _mapping(file: Path, what: str, content: Any, known: Iterable[str]) -> dict[
 
 
 def _checked(file: Path, name: str, value: Any) -> Any:
-    """A value whose type is the parameter's; its range is checked by the parameter's own class."""
+    """Return a value whose type is the parameter's; its range is checked by the parameter's own class."""
     kind = _kinds()[name]
     if value is None:
         return None
@@ -243,14 +243,14 @@ def _checked(file: Path, name: str, value: Any) -> Any:
 
 
 def _is_number(value: Any) -> bool:
-    """Whether it is a number; not an integer beyond the range of floats, with which nothing can be computed."""
+    """Return whether it is a number; not an integer beyond the range of floats, with which nothing can be computed."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         return False
     return isinstance(value, float) or abs(value) <= sys.float_info.max
 
 
 def _shown(value: Any) -> str:
-    """A value for a message: not all of a long one, and none of an integer that Python will not write out."""
+    """Return a value for a message: not all of a long one, and none of an integer that Python will not write out."""
     try:
         return f"{value!r:.60}"
     except ValueError:
@@ -259,7 +259,7 @@ def _shown(value: Any) -> str:
 
 @cache
 def _kinds() -> Mapping[str, type]:
-    """The type of each parameter's value, from the annotations of :class:`SensorParameters`."""
+    """Return the type of each parameter's value, from the annotations of :class:`SensorParameters`."""
     kinds = {}
     for name, annotation in get_type_hints(SensorParameters).items():
         members = [one for one in get_args(annotation) or (annotation,) if one is not type(None)]

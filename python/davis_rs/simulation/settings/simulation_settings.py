@@ -174,7 +174,7 @@ class ViewSettings(PixelSettings, total=False):
     renderer: Annotated[
         str,
         Declared(
-            f"renderer: {', '.join(f'{kind.name} ({kind.does})' for kind in KINDS.values())}, or auto: the first "
+            f"renderer: {', '.join(f'{kind.name} ({kind.summary})' for kind in KINDS.values())}, or auto: the first "
             f"possible one of {', '.join(kind.name for kind in AUTOMATIC)}",
             "auto",
             choices=RENDERERS,
