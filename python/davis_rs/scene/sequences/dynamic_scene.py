@@ -1,4 +1,4 @@
-"""The scene ``dynamic``: the office with a person in it who sits, stands up, walks to and fro and waves."""
+"""Makes the scene ``dynamic``: the office with a person in it who sits, stands up, walks to and fro and waves."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from .room import LUX_PER_LUMA
 from .starts import start_looking_at
 
 DURATION_S = 60.0
-"""Of what the person does; then it stays seated."""
+"""Length of what the person does; then it stays seated."""
 _RATE_HZ = 50.0
 _SMOOTH_S = 0.07
 """Standard deviation of the Gaussian that rounds off all joints: no muscle jerks."""
@@ -38,7 +38,7 @@ _WALK = [
 
 
 def dynamic() -> Scene:
-    """Return the office of :func:`~davis_rs.scene.sequences.office_scene.office` with a person in it, for 60 s; C =
+    """Make the office of :func:`~davis_rs.scene.sequences.office_scene.office` with a person in it, for 60 s; C =
     0.5.
 
     The person sits at the desk and types in the air, 8 to 20 cm above the height of the keyboard, stands up (the chair
@@ -65,7 +65,7 @@ def dynamic() -> Scene:
 
 @cache
 def performance() -> dict[str, SampledTrajectory]:
-    """Return the paths of the person's parts and of the chair; :data:`DURATION_S` long."""
+    """Make the paths of the person's parts and of the chair; :data:`DURATION_S` long."""
     t = np.linspace(0.0, DURATION_S, round(DURATION_S * _RATE_HZ) + 1)
     sits = _keyed(t, [(0, 1), (8, 1), (9.5, 0), (54, 0), (55.5, 1)])
     placed = _joints(t, sits).placed()
@@ -75,7 +75,7 @@ def performance() -> dict[str, SampledTrajectory]:
 
 
 def _joints(t: FloatArray, sits: FloatArray) -> Joints:
-    """Return what every joint does at the times (n,)."""
+    """Return the angles of all joints at times (n,)."""
     x, degrees = (_keyed(t, [(key[0], key[column]) for key in _WALK]) for column in (1, 2))
     speed = np.abs(np.gradient(x, t))
     swing = _rounded(0.5 * np.clip(speed / 1.2, 0.0, 1.0))[:, None]
@@ -98,7 +98,7 @@ def _joints(t: FloatArray, sits: FloatArray) -> Joints:
 
 
 def _keyed(t: FloatArray, keys: list[tuple[float, float]]) -> FloatArray:
-    """Return a number that goes from key (time, value) to key, at rest in each."""
+    """Interpolate between keys (time, value) smoothly, at rest at each."""
     times, values = np.array(keys, np.float64).T
     k = np.clip(np.searchsorted(times, t, side="right") - 1, 0, len(times) - 2)
     share = np.clip((t - times[k]) / (times[k + 1] - times[k]), 0.0, 1.0)

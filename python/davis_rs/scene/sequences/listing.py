@@ -1,4 +1,4 @@
-"""The paper's table next to that of the simulated sequences."""
+"""Lists the paper's table next to that of the simulated sequences."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ HEAD = (
     *("T [s]", "ours", "TS [m/s]", "ours", "RS [deg/s]", "ours"),
     *("NE", "ours", "recorded sensor"),
 )
-"""What the columns of :func:`table` are."""
+"""The heads of the columns of :func:`table`."""
 
 WORDS = 4
 """The number of columns from the left that hold words; the others hold numbers."""
@@ -55,7 +55,7 @@ def _row(sequence: Sequence, counts: tuple[EventCount | None, EventCount | None]
 
 
 def as_text(rows: Rows[Rows[str]]) -> str:
-    """Return columns of equal width under :data:`HEAD`, numbers to the right."""
+    """Format columns of equal width under :data:`HEAD`, numbers to the right."""
     widths = [max(map(len, column)) for column in zip(HEAD, *rows, strict=True)]
     return "\n".join(
         "  ".join(

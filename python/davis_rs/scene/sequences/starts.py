@@ -1,4 +1,4 @@
-"""Poses from which a camera starts in a scene."""
+"""Makes poses from which a camera starts in a scene."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from ..parts import look_at
 
 
 def start_looking_at(position: npt.ArrayLike, target: npt.ArrayLike) -> Pose:
-    """Return a camera at a place that looks at another, upright."""
+    """Return the pose of an upright camera at a point that looks at another."""
     from scipy.spatial.transform import Rotation
 
     start, end = np.asarray(position, np.float64), np.asarray(target, np.float64)

@@ -1,21 +1,20 @@
-"""The scenes ``outdoors`` and ``urban``: a path between gardens and a street, and the fronts of a city street."""
+"""Makes the scenes ``outdoors`` and ``urban``: a path between gardens and a street, and the fronts of a city street."""
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
+from ..._mitsuba.types import SceneDictionary
 from ...geometry.camera import PRESETS
 from ..meshes import Mesh, box, merged, quad, shape
 from ..parts import DIRECT
 from ..scene import Scene
-from .place_textures import grid, leaves, noise, writing
 from .starts import start_looking_at
 from .street_parts import car, front_window, fronts, house, lamp_post, row_of_houses, trees
+from .surface_textures import grid, leaves, noise, writing
 
 _REACH = (-60.0, 400.0)
-"""Along y, metres: the camera starts at 0."""
+"""The extent along y in metres; the camera starts at 0."""
 
 _SUNLIGHT = {
     "sun": {"type": "directional", "direction": [0.62, 0.42, -0.66], "irradiance": 2.6},
@@ -26,7 +25,7 @@ _LUX_PER_LUMA = 80_000.0
 
 
 def outdoors() -> Scene:
-    """Return a sunny path between trees, a street to its right and gardens to its left, 400 m ahead; C = 0.4.
+    """Make a sunny path between trees, a street to its right and gardens to its left, 400 m ahead; C = 0.4.
 
     For a camera carried straight ahead, 300 m at most, by a person who walks or runs: slabs and grass, trees whose
     shadows lie on the path, hedges, houses on both sides, lamps, parked cars, and a skyline at the end. A synthetic
@@ -44,7 +43,7 @@ def outdoors() -> Scene:
 
 
 def urban() -> Scene:
-    """Return five-storey fronts, shops and parked cars on both sides of a city street, from its pavement; C = 0.4.
+    """Make five-storey fronts, shops and parked cars on both sides of a city street, from its pavement; C = 0.4.
 
     For a camera held by hand that looks across and along the street. A synthetic counterpart of the dataset's by kind
     of things and light, not a copy: nobody walks or drives, and fronts are flat but for their balconies and signs.
@@ -60,14 +59,14 @@ def urban() -> Scene:
 
 
 def _strip(left: float, right: float, z: float, period: float) -> Mesh:
-    """Return a strip of ground along the street."""
+    """Make a strip of ground along the street."""
     start, end = _REACH
     repeats = ((right - left) / period, (end - start) / period)
     return quad([left, start, z], [right - left, 0, 0], [0, end - start, 0], (0, 0, *repeats))
 
 
 def _skyline(seed: int) -> list[Mesh]:
-    """Return high blocks at both ends and far to the sides."""
+    """Make high blocks at both ends and far to the sides."""
     random = np.random.RandomState(seed)
     blocks = []
     for x0, y0, x1, y1 in [(-90, 405, 90, 440), (-90, -100, 90, -65), (-95, -80, -80, 420), (80, -80, 95, 420)]:
@@ -79,7 +78,7 @@ def _skyline(seed: int) -> list[Mesh]:
     return blocks
 
 
-def _outdoors() -> dict[str, Any]:
+def _outdoors() -> SceneDictionary:
     rows = [
         *row_of_houses(101, -11.0, _REACH, height=(5, 8), width=(9, 14), gap=(1, 4)),
         *row_of_houses(102, 16.0, _REACH, height=(5, 9), width=(9, 14), gap=(0, 3)),
@@ -120,7 +119,7 @@ def _parked(random: np.random.RandomState, x: float, y: float) -> tuple[Mesh, Me
     return body.moved(place), dark.moved(place)
 
 
-def _urban() -> dict[str, Any]:
+def _urban() -> SceneDictionary:
     reach = (-60.0, 120.0)
     rows = [
         *row_of_houses(201, -7.0, reach, height=(14, 18), width=(11, 16), gap=(0, 0)),

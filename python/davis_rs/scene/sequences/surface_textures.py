@@ -1,4 +1,4 @@
-"""Textures of rooms and streets: carpet, wood, writing, books, keys, facades, paving, leaves.
+"""Draws textures of rooms and streets: carpet, wood, writing, books, keys, facades, paving, leaves.
 
 They come from frozen random numbers. All repeat.
 """
@@ -12,13 +12,13 @@ from .reflectance import GREY, Tint, between, finished
 
 
 def noise(seed: int, low: float, high: float, *, size: int = 256, tint: Tint = GREY) -> Texture:
-    """Return plaster, carpet, asphalt, grass: coarse and fine grain between two reflectances, even in log
+    """Draw plaster, carpet, asphalt, grass: coarse and fine grain between two reflectances, even in log
     reflectance."""
     return finished(between(low, high, value_noise(size, np.random.RandomState(seed))), tint)
 
 
 def wood(seed: int, low: float = 0.2, high: float = 0.55) -> Texture:
-    """Return grain along the rows."""
+    """Draw grain along the rows."""
     grain = value_noise(256, np.random.RandomState(seed))
     return finished(low + (high - low) * grain[:, np.arange(256) // 8], (1.0, 0.8, 0.6))
 
@@ -26,7 +26,7 @@ def wood(seed: int, low: float = 0.2, high: float = 0.55) -> Texture:
 def writing(
     seed: int, *, lines: int, columns: int, paper: float, ink: float, cell: tuple[int, int] = (4, 3)
 ) -> Texture:
-    """Return lines of words of one to nine letters, ragged to the right, here and there an empty line.
+    """Draw lines of words of one to nine letters, ragged to the right, here and there an empty line.
 
     Args:
         cell: texels of a line and of a letter.
@@ -47,7 +47,7 @@ def writing(
 
 
 def books(seed: int, *, width: int = 256, height: int = 64) -> Texture:
-    """Return a shelf full of spines: of their own widths, heights and brightness, with a band or two; dark
+    """Draw a shelf full of spines: of their own widths, heights and brightness, with a band or two; dark
     above them."""
     random = np.random.RandomState(seed)
     shelf = np.full((height, width), 0.1)
@@ -67,7 +67,7 @@ def books(seed: int, *, width: int = 256, height: int = 64) -> Texture:
 def grid(
     seed: int, rows: int, columns: int, cell: tuple[int, int], *, joint: float, low: float, high: float
 ) -> Texture:
-    """Return keys, tiles, slabs, bricks: cells (texels high and wide) of their own brightness, a joint of a texel
+    """Draw keys, tiles, slabs, bricks: cells (texels high and wide) of their own brightness, a joint of a texel
     between."""
     random = np.random.RandomState(seed)
     cells = np.repeat(np.repeat(random.uniform(low, high, (rows, columns)), cell[0], 0), cell[1], 1)
@@ -77,7 +77,7 @@ def grid(
 
 
 def facade(seed: int, *, floors: int, bays: int, texels: int = 256) -> Texture:
-    """Return the front of a house: rows of windows with frames, glazing bars and sills on a wall of courses, doors
+    """Draw the front of a house: rows of windows with frames, glazing bars and sills on a wall of courses, doors
     below."""
     random = np.random.RandomState(seed)
     wall = random.uniform(0.2, 0.55)
@@ -104,7 +104,7 @@ def facade(seed: int, *, floors: int, bays: int, texels: int = 256) -> Texture:
 
 
 def leaves(seed: int, *, size: int = 256, count: int = 1500) -> Texture:
-    """Return a crown or a hedge from outside: lit and unlit leaves, and dark gaps between them."""
+    """Draw a crown or a hedge from outside: lit and unlit leaves, and dark gaps between them."""
     random = np.random.RandomState(seed)
     level = 0.25 * value_noise(size, random)
     y, x = np.mgrid[-9:10, -9:10]
