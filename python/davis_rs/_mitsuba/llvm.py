@@ -1,9 +1,9 @@
-"""Which libLLVM Mitsuba's fast variant shall use, decided before Dr.Jit is imported.
+"""Decides which libLLVM Mitsuba's fast variant shall use, before Dr.Jit is imported.
 
 Dr.Jit takes the first libLLVM that it finds. Versions 15 and 16 pass its initialisation and then abort the process at
 the first kernel, which nothing can catch; 14 and older are refused. So a usable library is looked for here, by version,
 and named to Dr.Jit through ``DRJIT_LIBLLVM_PATH``. The system's libraries come first. Where there is none, that of a
-Rust toolchain from rustup serves: it exports what Dr.Jit asks for, and whoever built this package has one.
+Rust toolchain from rustup serves: it exports what Dr.Jit needs, and every machine that built this package has one.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ class Libllvm(NamedTuple):
 
 
 def find_libllvm() -> Libllvm | None:
-    """Return the usable libLLVM to take, or None.
+    """Find the libLLVM to use, or return None.
 
     A library named in ``DRJIT_LIBLLVM_PATH`` is the only candidate. Otherwise it is the newest of the system (or of a
     conda environment); without one that of the Rust toolchain that built this package; without that the newest of
@@ -59,14 +59,14 @@ def find_libllvm() -> Libllvm | None:
     """
     named = os.environ.get("DRJIT_LIBLLVM_PATH")
     if named:
-        places: list[tuple[Iterable[Path], str]] = [([Path(named)], "named in DRJIT_LIBLLVM_PATH")]
+        sources: list[tuple[Iterable[Path], str]] = [([Path(named)], "named in DRJIT_LIBLLVM_PATH")]
     else:
-        places = [
+        sources = [
             (_of_the_system(), "the newest of the system"),
             (_of_the_build(), "of the Rust toolchain that built davis_rs; the system has none"),
             (_of_rustup(), "of a Rust toolchain; the system has none"),
         ]
-    for candidates, origin in places:
+    for candidates, origin in sources:
         if (newest := _newest_usable(candidates)) is not None:
             return Libllvm(newest, origin)
     return None

@@ -72,5 +72,11 @@ JitMatrix: TypeAlias = Any
 JitRay: TypeAlias = Any
 """``mi.Ray3f``: a ray for each lane."""
 
+JitTensor: TypeAlias = Any
+"""``mi.TensorXf``: an array with a shape."""
+
+TensorLike: TypeAlias = Any
+"""What ``mi.TensorXf`` can be made of: one of Dr.Jit's arrays, which stays attached, or anything that NumPy takes."""
+
 JitArray: TypeAlias = Any
 """Any of Dr.Jit's arrays, or the class of one."""

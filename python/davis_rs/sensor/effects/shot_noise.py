@@ -1,4 +1,4 @@
-"""Events from noise."""
+"""Defines the effect of events from noise."""
 
 from __future__ import annotations
 
@@ -10,8 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..._util.argument_error import ArgumentError
-from .effect import Where
-from .engine_effect import EngineEffect
+from .effect import EngineEffect, Where
 from .threshold_mismatch import ThresholdMismatch
 
 _MOST_RATIO = 100.0
