@@ -1,4 +1,4 @@
-"""A camera path that is moved by increments: the unknowns of pose and trajectory estimation."""
+"""Moves a camera path by increments, which are the unknowns of pose and trajectory estimation."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
 
 _SMALL = 1e-4
-"""Angle, radians, below which series serve: what they leave out is less than 1e-16."""
+"""Angle, radians, below which series are used; their error is less than 1e-16."""
 
 
 class MovedPath(Trajectory):
@@ -89,7 +89,7 @@ def moved(scene: Scene, increments: npt.ArrayLike, *, degree: int = 3) -> Scene:
 
     >>> scene = moved(scene, 1e-3 * np.eye(6)[0])  # 1 mm along the world's x
 
-    The path keeps its length. Its derivatives, ``pose`` and ``control_points``, are those by what is added to these
+    The path keeps its length. Its derivatives, ``pose`` and ``control_points``, are those by an addition to these
     increments. Take a part of a scene (``scene.crop``) before, not after.
 
     Raises:

@@ -1,4 +1,4 @@
-"""Weights of the control points of a clamped, uniform B-spline."""
+"""Computes weights of the control points of a clamped, uniform B-spline."""
 
 from __future__ import annotations
 
