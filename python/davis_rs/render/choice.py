@@ -32,7 +32,7 @@ from .table.renderer import TableRenderer
 
 @dataclass(frozen=True)
 class _Request:
-    """What :func:`make_renderer` was asked for.
+    """The arguments of :func:`make_renderer`.
 
     Attributes:
         by_name: the renderer was named, not chosen by ``auto``.

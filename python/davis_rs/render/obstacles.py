@@ -16,7 +16,7 @@ _PLUGINS = {"BlendBSDF": "blendbsdf", "MeshAttribute": "mesh_attribute", "Polari
 
 @dataclass(frozen=True)
 class Obstacle:
-    """Something in a scene that a renderer cannot render.
+    """A property of a scene that a renderer cannot render.
 
     Attributes:
         rule: which rule of the renderer is broken: ``is a sphere, not made of triangles``.

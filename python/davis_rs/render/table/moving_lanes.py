@@ -41,7 +41,7 @@ class Body(NamedTuple):
 
 
 class Surroundings(NamedTuple):
-    """What moves and flickers, for lanes of rays: all objects; and for each light its factor, None where it is
+    """The moving bodies and flickering lights for lanes of rays; a factor is None where a light is
     steady."""
 
     bodies: Sequence[Body]

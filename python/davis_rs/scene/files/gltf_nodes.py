@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ...geometry.pose import FloatArray, hamilton, rotation_matrices
-from ...geometry.trajectory.trajectory import CallableTrajectory
+from ...geometry.trajectory.trajectory import CallableTrajectory, Trajectory
 from .gltf_file import GltfFile, Item, plain
 from .rounding import ROUNDING
 
@@ -206,7 +206,7 @@ class NodeTree:
 
     def path(
         self, index: int, to_world: FloatArray, flip: FloatArray, duration_s: float
-    ) -> tuple[CallableTrajectory, FloatArray]:
+    ) -> tuple[Trajectory, FloatArray]:
         """Return a node's motion as a trajectory, and the stretch (3, 3) of its own axes that comes before it.
 
         Args:

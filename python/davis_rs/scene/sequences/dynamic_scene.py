@@ -86,7 +86,7 @@ def _joints(t: FloatArray, sits: FloatArray) -> Joints:
     types = seated * np.stack([np.sin(11.0 * t), np.sin(13.0 * t + 1)], 1)
     waves = np.stack([0 * t, _keyed(t, [(29, 0), (30, 1), (35.5, 1), (36.5, 0)])], 1)
     return Joints(
-        place=_rounded(np.column_stack([x, _SEAT[1] + 0.16 * (1 - sits)])),
+        position=_rounded(np.column_stack([x, _SEAT[1] + 0.16 * (1 - sits)])),
         heading=_rounded(np.radians(degrees)),
         lean=_rounded(0.06 + 1.6 * sits * (1 - sits) + 0.04 * np.sin(0.9 * t)),
         hips=_rounded(np.pi / 2 * seated + swing * legs),

@@ -18,7 +18,7 @@ MEASURED_RECORDED = Path(__file__).with_name("measured_recorded.csv")
 
 @dataclass(frozen=True)
 class EventCount:
-    """How many events a sequence has.
+    """The number of events of a sequence.
 
     Attributes:
         name: of the sequence.

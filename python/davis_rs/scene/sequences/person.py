@@ -81,7 +81,7 @@ class Joints:
         aside: (n, 2): the arm's, away from the body.
     """
 
-    place: FloatArray
+    position: FloatArray
     heading: FloatArray
     lean: FloatArray
     hips: FloatArray
@@ -104,7 +104,7 @@ class Joints:
         reach = THIGH_M * np.cos(self.hips) + SHIN_M * np.cos(self.hips - self.knees)
         # The longer of the two, rounded off where they take turns.
         height = _ROUND_M * np.logaddexp(*(reach.T / _ROUND_M))
-        hips = np.column_stack([self.place, ANKLE_M + height])
+        hips = np.column_stack([self.position, ANKLE_M + height])
         body = about("z", self.heading)
         trunk = body * about("x", -self.lean)
         placed: dict[str, tuple[FloatArray, Rotation]] = {"torso": (hips, trunk)}
