@@ -107,9 +107,9 @@ class LogLumaField:
             counts, seen, values = self.renderer.texel_gradients(views, view, around, self.pixels.weights)
             rows = np.append(0, np.cumsum(counts, dtype=np.int64))
             values = values * np.repeat(1 / (luma + self.log_eps), counts)
-            part = csr_array((values, seen, rows), shape=(len(around), texels))
-            part.sum_duplicates()
-            parts.append(part)
+            block = csr_array((values, seen, rows), shape=(len(around), texels))
+            block.sum_duplicates()
+            parts.append(block)
         return vstack(parts, format="csr")
 
     def _at(self, views: Views, pixel: IntArray) -> LogLuma:

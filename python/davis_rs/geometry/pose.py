@@ -80,10 +80,10 @@ class Pose:
         r = m[:3, :3]
         off = float(np.abs(r @ r.T - np.eye(3)).max())
         if off > _ROTATION_TOLERANCE or np.linalg.det(r) < 0:
-            found = f"is off by {off:.3g}" if off > _ROTATION_TOLERANCE else "is mirrored"
+            fault = f"is off by {off:.3g}" if off > _ROTATION_TOLERANCE else "is mirrored"
             raise ValueError(
                 f"a pose matrix must hold a rotation (orthonormal within {_ROTATION_TOLERANCE:g}, right-handed), "
-                f"got {r.tolist()}, which {found}"
+                f"got {r.tolist()}, which {fault}"
             )
         return cls(m[:3, 3], Rotation.from_matrix(r).as_quat())
 

@@ -187,8 +187,8 @@ class Trajectory(ABC):
             ("angular rate", top.rate_rad_s, max_rate_rad_s, top.rate_at_s, "rad/s"),
         ):
             if not value <= limit:
-                found = f"{value:.6g} {unit} {over} at {at_s:.6g} s"
-                raise ValueError(f"the trajectory's {what} must be at most {limit:g} {unit}, got {found}")
+                reached = f"{value:.6g} {unit} {over} at {at_s:.6g} s"
+                raise ValueError(f"the trajectory's {what} must be at most {limit:g} {unit}, got {reached}")
         return top
 
     def _difference(self, function: Callable[[npt.ArrayLike], FloatArray], t_s: npt.ArrayLike) -> FloatArray:

@@ -135,10 +135,10 @@ class GltfFile:
         clipped."""
         items = value if isinstance(value, list | tuple) else [value]
         kinds = (isinstance(one, int | float) and not isinstance(one, bool) for one in items)
-        found = within(np.array(items, np.float64), low, high) if len(items) == count and all(kinds) else None
-        if found is None:
+        got = within(np.array(items, np.float64), low, high) if len(items) == count and all(kinds) else None
+        if got is None:
             raise self.error(where, f"must be {count} numbers from {low:g} to {high:g}, got {plain(value)}")
-        return found
+        return got
 
     def array(self, index: object, where: str, *, width: tuple[int, ...], finite: bool = True) -> Values:
         """Return the values (n, width) of an accessor: float64, or int64 where they are not normalised.
@@ -192,8 +192,8 @@ class GltfFile:
         count = self.whole(accessor.count, f"{where}.count", "of elements", 2**31 - 1)
         kind, width = _COMPONENTS.get(accessor.componentType), _WIDTHS.get(accessor.type)
         if kind is None or width is None:
-            found = f"{plain(accessor.componentType)}, {plain(accessor.type)}"
-            raise self.error(where, f"must have a componentType and a type of glTF 2.0, got {found}")
+            got = f"{plain(accessor.componentType)}, {plain(accessor.type)}"
+            raise self.error(where, f"must have a componentType and a type of glTF 2.0, got {got}")
         wanted = f"{where}: {count} elements of {width} numbers"
         if accessor.bufferView is not None:
             values = self._elements(accessor.bufferView, accessor.byteOffset, count, width, kind, where)
@@ -315,8 +315,8 @@ def _parts(data: bytes) -> tuple[bytes, memoryview]:
     version, length, first = struct.unpack_from("<3I", data, 4)
     end = _HEADER_BYTES + first
     if version != 2 or not end <= length <= len(data) or data[16:20] != b"JSON":
-        found = f"version {version}, {length} of {len(data)} bytes"
-        raise ValueError(f"a GLB file must be of version 2, whole, and begin with its JSON, got {found}")
+        got = f"version {version}, {length} of {len(data)} bytes"
+        raise ValueError(f"a GLB file must be of version 2, whole, and begin with its JSON, got {got}")
     text, at = data[_HEADER_BYTES:end], end
     while at + 8 <= length:  # chunks of unknown kinds are skipped
         size, kind = struct.unpack_from("<I4s", data, at)

@@ -74,26 +74,26 @@ class Track(NamedTuple):
         fraction = np.clip((t - times[segment]) / span, 0.0, 1.0)[:, None]
         first, second = values[segment], values[segment + 1]
         if self.kind == "STEP":
-            found = np.where(fraction >= 1, second, first)
-            rate = np.zeros_like(found)
+            result = np.where(fraction >= 1, second, first)
+            rate = np.zeros_like(result)
         elif self.kind == "CUBICSPLINE":
-            found, rate = self._cubic(segment, span[:, None], fraction)
+            result, rate = self._cubic(segment, span[:, None], fraction)
         elif values.shape[1] == 4:
-            found, rate = _slerp(first, second, fraction, span[:, None])
+            result, rate = _slerp(first, second, fraction, span[:, None])
         else:
-            found = first + fraction * (second - first)
+            result = first + fraction * (second - first)
             rate = (second - first) / span[:, None]
-        return found, np.where(held[:, None], 0.0, rate)
+        return result, np.where(held[:, None], 0.0, rate)
 
     def _cubic(self, segment: npt.NDArray[np.intp], span: FloatArray, s: FloatArray) -> tuple[FloatArray, FloatArray]:
         assert self.tangents is not None
         incoming, outgoing = self.tangents
         first, second = self.values[segment], self.values[segment + 1]
         start, end = span * outgoing[segment], span * incoming[segment + 1]
-        found = (2 * s**3 - 3 * s**2 + 1) * first + (s**3 - 2 * s**2 + s) * start
-        found = found + (3 * s**2 - 2 * s**3) * second + (s**3 - s**2) * end
+        result = (2 * s**3 - 3 * s**2 + 1) * first + (s**3 - 2 * s**2 + s) * start
+        result = result + (3 * s**2 - 2 * s**3) * second + (s**3 - s**2) * end
         rate = (6 * s**2 - 6 * s) * (first - second) + (3 * s**2 - 4 * s + 1) * start + (3 * s**2 - 2 * s) * end
-        return found, rate / span
+        return result, rate / span
 
     @property
     def moves(self) -> bool:
@@ -254,9 +254,9 @@ class NodeTree:
         signs = np.diag(flip)
 
         def quaternion(t: FloatArray) -> FloatArray:
-            found = _quaternions(rigid(t)[0][:, :3, :3] * flip)
+            result = _quaternions(rigid(t)[0][:, :3, :3] * flip)
             near = reference[np.clip(np.searchsorted(grid, t, side="right") - 1, 0, len(grid) - 1)]
-            return np.where((found * near).sum(1, keepdims=True) < 0, -found, found)
+            return np.where((result * near).sum(1, keepdims=True) < 0, -result, result)
 
         def angular_rate(t: FloatArray) -> FloatArray:
             matrix, rate = rigid(t)
@@ -283,24 +283,24 @@ class NodeTree:
             if np.abs(matrix[3] - [0, 0, 0, 1]).max() > 1e-6:
                 raise self.file.error(f"{where}.matrix", "must be an affine transform")
             return np.tile(matrix, (len(t), 1, 1)), np.zeros((len(t), 4, 4))
-        found: dict[str, tuple[FloatArray, FloatArray]] = {}
+        result: dict[str, tuple[FloatArray, FloatArray]] = {}
         for name, width in _WIDTHS.items():
             if name in tracks:
-                found[name] = tracks[name].at(t, self.duration_s)
+                result[name] = tracks[name].at(t, self.duration_s)
                 continue
             given = getattr(item, name)
             rest = np.array(_REST[name]) if given is None else self.file.numbers(given, f"{where}.{name}", width)
             if name == "rotation":
                 rest = _unit(self.file, rest[None], f"{where}.rotation")[0]
-            found[name] = np.tile(rest, (len(t), 1)), np.zeros((len(t), width))
-        quaternion, turning = found["rotation"]
+            result[name] = np.tile(rest, (len(t), 1)), np.zeros((len(t), width))
+        quaternion, turning = result["rotation"]
         length = np.linalg.norm(quaternion, axis=1, keepdims=True)
         if not (length > 1e-6).all():
             raise self.file.error(f"{where}.rotation", "an animation takes it through 0: it has no direction there")
         unit = quaternion / length
         turning = (turning - unit * (unit * turning).sum(1, keepdims=True)) / length
         spin = rotation_matrices(unit) @ _skew(2 * hamilton(unit * [-1, -1, -1, 1], turning)[:, :3])
-        (translation, speed), (scale, growing) = found["translation"], found["scale"]
+        (translation, speed), (scale, growing) = result["translation"], result["scale"]
         change = np.zeros((len(t), 4, 4))
         change[:, :3, :3] = spin * scale[:, None] + rotation_matrices(unit) * growing[:, None]
         change[:, :3, 3] = speed
@@ -402,8 +402,8 @@ def _unit(file: GltfFile, quaternions: FloatArray, where: str) -> FloatArray:
     length = np.linalg.norm(quaternions, axis=1, keepdims=True)
     wrong = np.abs(length - 1) > _UNIT
     if wrong.any():
-        found = quaternions[int(wrong.argmax())].tolist()
-        raise file.error(where, f"rotations must be unit quaternions, got {plain(found)}")
+        result = quaternions[int(wrong.argmax())].tolist()
+        raise file.error(where, f"rotations must be unit quaternions, got {plain(result)}")
     return quaternions / length
 
 
@@ -424,8 +424,8 @@ def _within(times: list[FloatArray], end_s: float) -> FloatArray:
 def _quaternions(rotations: FloatArray) -> FloatArray:
     from scipy.spatial.transform import Rotation
 
-    found: FloatArray = Rotation.from_matrix(rotations).as_quat()
-    return found
+    result: FloatArray = Rotation.from_matrix(rotations).as_quat()
+    return result
 
 
 def _continuous(quaternions: FloatArray) -> FloatArray:

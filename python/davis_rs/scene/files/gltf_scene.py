@@ -30,7 +30,7 @@ from .rounding import ROUNDING
 
 LUMENS_PER_WATT = 683.0
 """Lux or candela for one unit of Mitsuba's linear light, because glTF gives lights in these. Blender's exporter uses
-the same luminous efficacy, so the resulting numbers are those in Blender: watts divided by 4 pi for lamps."""
+the same luminous efficacy, so the resulting numbers are those in Blender: watts divided by 4 pi for point lights."""
 
 WHITE_LUX = LUMENS_PER_WATT * np.pi
 """Illuminance of a white surface of luma 1 under such lights."""
@@ -311,10 +311,10 @@ class _Names:
     def unused(self, name: str) -> str:
         """Return an id like ``name`` that is not in use."""
         plain_name = re.sub(r"\W", "_", name)[:80]
-        found, number = plain_name, self._next.get(plain_name, 1)
-        while found in self._next:
+        candidate, number = plain_name, self._next.get(plain_name, 1)
+        while candidate in self._next:
             number += 1
-            found = f"{plain_name}_{number}"
+            candidate = f"{plain_name}_{number}"
         self._next[plain_name] = number
-        self._next.setdefault(found, 1)
-        return found
+        self._next.setdefault(candidate, 1)
+        return candidate

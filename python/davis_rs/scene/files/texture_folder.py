@@ -93,8 +93,8 @@ def read_image_texture(path: Path, longest_side: int) -> Texture:
 def _files(folder: Path, suffixes: Sequence[str], what: str) -> tuple[Path, ...]:
     if not folder.is_dir():
         raise NotADirectoryError(f"{folder} is no folder: it must be one with {what}")
-    found = (path for path in folder.rglob("*") if path.suffix.lower() in suffixes and path.is_file())
-    files = sorted((path for path in found if not path.name.startswith(".")), key=lambda path: path.as_posix())
+    paths = (path for path in folder.rglob("*") if path.suffix.lower() in suffixes and path.is_file())
+    files = sorted((path for path in paths if not path.name.startswith(".")), key=lambda path: path.as_posix())
     if not files:
         raise ValueError(f"{folder}: there are no {what} in it ({', '.join(suffixes)})")
     return tuple(files)

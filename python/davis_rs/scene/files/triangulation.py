@@ -158,7 +158,7 @@ def _ears(points: FloatArray) -> tuple[Indices, bool]:
     triangle (Meisters, Polygons have ears, 1975).
     """
     ring = np.arange(len(points))
-    found: list[Indices] = []
+    triangles: list[Indices] = []
     crossed = False
     start = 0
     while len(ring) > 3:
@@ -172,11 +172,11 @@ def _ears(points: FloatArray) -> tuple[Indices, bool]:
         if ear is None:
             ear = int(turns.argmax())
             crossed = crossed or bool(turns.min() < -_STRAIGHT)
-        found.append(corners[ear])
+        triangles.append(corners[ear])
         ring = np.delete(ring, ear)
         start = int(ear)
     crossed = crossed or bool(_turns(points[ring]).min() < -_STRAIGHT)
-    return np.array([*found, ring]), crossed
+    return np.array([*triangles, ring]), crossed
 
 
 def _turns(ring: FloatArray) -> FloatArray:

@@ -105,7 +105,7 @@ def _covers() -> list[Texture]:
     pictures = [blocks(48, 62 + k, low=0.08, high=0.8, count=40) for k in range(5)]
     pages = [text(48, 67 + k, line=9, ink=0.1, paper=paper) for k, paper in enumerate((0.8, 0.45))]
     signs = [
-        plain_shapes(48, 48, 69 + k, cell=16, radius=(4.0, 6.5), share=0.9, ink=ink, paper=0.3)
+        plain_shapes(48, 48, 69 + k, cell=16, radius=(4.0, 6.5), fraction=0.9, ink=ink, paper=0.3)
         for k, ink in enumerate((0.05, 0.85))
     ]
     return [*pictures, *pages, *signs]

@@ -101,8 +101,8 @@ def _keyed(t: FloatArray, keys: list[tuple[float, float]]) -> FloatArray:
     """Interpolate between keys (time, value) smoothly, at rest at each."""
     times, values = np.array(keys, np.float64).T
     k = np.clip(np.searchsorted(times, t, side="right") - 1, 0, len(times) - 2)
-    share = np.clip((t - times[k]) / (times[k + 1] - times[k]), 0.0, 1.0)
-    return np.asarray(values[k] + (values[k + 1] - values[k]) * share**2 * (3 - 2 * share))
+    fraction = np.clip((t - times[k]) / (times[k + 1] - times[k]), 0.0, 1.0)
+    return np.asarray(values[k] + (values[k + 1] - values[k]) * fraction**2 * (3 - 2 * fraction))
 
 
 def _rounded(values: FloatArray) -> FloatArray:

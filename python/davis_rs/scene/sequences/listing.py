@@ -59,8 +59,8 @@ def as_text(rows: Rows[Rows[str]]) -> str:
     widths = [max(map(len, column)) for column in zip(HEAD, *rows, strict=True)]
     return "\n".join(
         "  ".join(
-            cell.ljust(width) if place < WORDS else cell.rjust(width)
-            for place, (cell, width) in enumerate(zip(row, widths, strict=True))
+            cell.ljust(width) if column < WORDS else cell.rjust(width)
+            for column, (cell, width) in enumerate(zip(row, widths, strict=True))
         ).rstrip()
         for row in (HEAD, *rows)
     )

@@ -87,7 +87,7 @@ def plain_shapes(
     *,
     cell: int,
     radius: tuple[float, float],
-    share: float,
+    fraction: float,
     ink: float,
     paper: float,
 ) -> Texture:
@@ -97,7 +97,7 @@ def plain_shapes(
         height, width: texels.
         cell: side in texels of the squares that hold at most one shape each.
         radius: smallest and largest, texels; at most a third of ``cell``.
-        share: of the squares that have a shape.
+        fraction: of the squares that have a shape.
         ink, paper: reflectances.
     """
     random = np.random.RandomState(seed)
@@ -106,7 +106,7 @@ def plain_shapes(
     for top in range(0, height - cell + 1, cell):
         for left in range(0, width - cell + 1, cell):
             here, scale, at_x, at_y, angle, kind = random.random_sample(6)
-            if here > share:
+            if here > fraction:
                 continue
             r = radius[0] * (radius[1] / radius[0]) ** scale
             free = cell / 2 - r - 1

@@ -43,12 +43,12 @@ def empty_room(
         ("floor", 2, 0.0, UPWARDS, (half[0], half[1]), floor),
         ("ceiling", 2, height, UPWARDS, (half[0], half[1]), ceiling),
     ]
-    found = {}
+    shapes = {}
     for name, axis, place, axes, halves, reflectance in sides:
         centre = middle.copy()
         centre[axis] = place
-        found[name] = rectangle(centre.tolist(), axes, halves, reflectance)
-    return found
+        shapes[name] = rectangle(centre.tolist(), axes, halves, reflectance)
+    return shapes
 
 
 def covered_box(centre: FloatArray, size: FloatArray, turn: float, cover: Texture | float) -> SceneDictionary:

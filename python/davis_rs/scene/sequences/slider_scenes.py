@@ -27,7 +27,7 @@ _SHEET_M, _PITCH_M = 0.512, 0.54
 def slider_wall(distance_m: float, hdr: bool = False) -> Scene:
     """Make a wall hung with prints, exactly so far in front of a camera that slides 1.04 m to its right.
 
-    Lit evenly, or (``hdr``) by a lamp close to the wall, half-way along the slide: from 2400 lux down to 95 lux at the
+    Lit evenly, or (``hdr``) by a light close to the wall, half-way along the slide: from 2400 lux down to 95 lux at the
     ends of the slide, 83 where the wall is as close as 0.23 m. The dataset's distances are 0.231 m (slider_close,
     slider_hdr_close) and 0.584 m (slider_far, slider_hdr_far).
 
@@ -87,7 +87,7 @@ def _sheets() -> list[Texture]:
         text(256, 82, line=18, ink=0.08, paper=0.8),
         stones(256, 256, 83, low=0.06, high=0.85, stone=20.0),
         blocks(256, 84, low=0.06, high=0.9, count=90),
-        plain_shapes(256, 256, 85, cell=42, radius=(6.0, 14.0), share=0.9, ink=0.85, paper=0.1),
+        plain_shapes(256, 256, 85, cell=42, radius=(6.0, 14.0), fraction=0.9, ink=0.85, paper=0.1),
     ]
 
 
@@ -131,7 +131,7 @@ def _depths() -> SceneDictionary:
     covers = [
         blocks(48, 86, low=0.08, high=0.8, count=20),
         text(64, 87, line=12, ink=0.08, paper=0.8),
-        plain_shapes(48, 48, 88, cell=16, radius=(4.0, 6.5), share=0.9, ink=0.85, paper=0.15),
+        plain_shapes(48, 48, 88, cell=16, radius=(4.0, 6.5), fraction=0.9, ink=0.85, paper=0.15),
         blocks(48, 89, low=0.08, high=0.8, count=30),
         stones(64, 64, 91, low=0.1, high=0.8, stone=12.0),
     ]

@@ -73,8 +73,8 @@ def _skyline(seed: int) -> list[Mesh]:
         for _ in range(14):
             wide, deep, height = random.uniform(14, 30), 12.0, random.uniform(10, 38)
             walls, _ = house(wide, deep, height, 1.0, front_window(int(random.randint(8))))
-            place = [random.uniform(x0, x1), random.uniform(y0, y1), 0.0]
-            blocks.append(walls.moved(place, np.pi / 2 if x1 - x0 < 50 else 0.0))
+            base = [random.uniform(x0, x1), random.uniform(y0, y1), 0.0]
+            blocks.append(walls.moved(base, np.pi / 2 if x1 - x0 < 50 else 0.0))
     return blocks
 
 
@@ -115,8 +115,8 @@ def _outdoors() -> SceneDictionary:
 
 def _parked(random: np.random.RandomState, x: float, y: float) -> tuple[Mesh, Mesh]:
     body, dark = car()
-    place = [x + random.uniform(-0.15, 0.15), y + random.uniform(-2.5, 2.5), 0.0]
-    return body.moved(place), dark.moved(place)
+    base = [x + random.uniform(-0.15, 0.15), y + random.uniform(-2.5, 2.5), 0.0]
+    return body.moved(base), dark.moved(base)
 
 
 def _urban() -> SceneDictionary:

@@ -34,11 +34,11 @@ def writing(
     random = np.random.RandomState(seed)
     marks = np.zeros((lines, columns))
     for line in marks[1:-1]:
-        place, end = 1 + int(random.randint(3)), int(columns * random.uniform(0.4, 1.0)) - 1
-        while place < end and random.random_sample() < 0.97:
+        position, end = 1 + int(random.randint(3)), int(columns * random.uniform(0.4, 1.0)) - 1
+        while position < end and random.random_sample() < 0.97:
             word = int(random.randint(1, 10))
-            line[place : min(place + word, end)] = 1
-            place += word + 1
+            line[position : min(position + word, end)] = 1
+            position += word + 1
     marks[random.random_sample(lines) < 0.12] = 0
     marks *= random.uniform(0.5, 1.0, marks.shape)
     rows = np.zeros((lines, cell[0], columns, cell[1]))
@@ -51,16 +51,16 @@ def books(seed: int, *, width: int = 256, height: int = 64) -> Texture:
     above them."""
     random = np.random.RandomState(seed)
     shelf = np.full((height, width), 0.1)
-    place = 0
-    while place < width:
-        end = place + int(random.randint(5, 14))
+    position = 0
+    while position < width:
+        end = position + int(random.randint(5, 14))
         top = int(random.randint(2, height // 3))
         brightness = 0.14 * 3.5 ** random.random_sample()
-        shelf[top:, place + 1 : end] = brightness
+        shelf[top:, position + 1 : end] = brightness
         for _ in range(int(random.randint(0, 3))):
             band = int(random.randint(top, height - 4))
-            shelf[band : band + int(random.randint(2, 8)), place + 1 : end] = 0.14 * 3.5 ** random.random_sample()
-        place = end
+            shelf[band : band + int(random.randint(2, 8)), position + 1 : end] = 0.14 * 3.5 ** random.random_sample()
+        position = end
     return finished(shelf)
 
 

@@ -37,7 +37,7 @@ def poster(hdr: bool = False) -> Scene:
     lux.
 
     A synthetic counterpart of the dataset's poster and hdr_poster by kind of texture and light: dense, irregular, flat;
-    the rocks are other ones, and the lamp has no shade, so its spot has a soft edge.
+    the rocks are other ones, and the light has no shade, so its spot has a soft edge.
     """
     return _before_a_wall("hdr_poster" if hdr else "poster", partial(_poster, hdr))
 
@@ -57,7 +57,7 @@ def _before_a_wall(name: str, source: Callable[[], SceneDictionary]) -> Scene:
 
 
 def _shapes() -> SceneDictionary:
-    printed = plain_shapes(504, 1064, 41, cell=56, radius=(5.0, 25.0), share=0.16, ink=0.12, paper=0.75)
+    printed = plain_shapes(504, 1064, 41, cell=56, radius=(5.0, 25.0), fraction=0.16, ink=0.12, paper=0.75)
     return {
         "type": "scene",
         "integrator": DIRECT,

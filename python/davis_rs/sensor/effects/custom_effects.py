@@ -56,16 +56,16 @@ class CustomEffects:
         else:
             given = effects if isinstance(effects, list | tuple) else (effects,)
         self._effects = [load_custom_effect(one) if isinstance(one, str) else one for one in given]
-        for one in self._effects:
-            if isinstance(one, type) or not any(callable(getattr(one, method, None)) for method in _METHODS):
-                hint = "; an object is wanted, this is a class" if isinstance(one, type) else ""
+        for effect in self._effects:
+            if isinstance(effect, type) or not any(callable(getattr(effect, method, None)) for method in _METHODS):
+                hint = "; an object is wanted, this is a class" if isinstance(effect, type) else ""
                 raise ValueError(
-                    f"a custom effect must have one of the methods {', '.join(_METHODS)}, got {one!r}{hint}"
+                    f"a custom effect must have one of the methods {', '.join(_METHODS)}, got {effect!r}{hint}"
                 )
         self._width, self._height = width, height
-        for one in self._effects:
-            if callable(getattr(one, "begin", None)):
-                one.begin(width, height, seed)  # type: ignore[attr-defined]
+        for effect in self._effects:
+            if callable(getattr(effect, "begin", None)):
+                effect.begin(width, height, seed)  # type: ignore[attr-defined]
 
     def __bool__(self) -> bool:
         """Return whether there are any effects."""
