@@ -1,11 +1,12 @@
-"""Makes parts of the built-in scenes: rectangles, and the axes of a camera."""
+"""Makes parts of the built-in scenes: rectangles, the axes of a camera, and the pose from which it starts."""
 
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 
 from .._mitsuba.types import SceneDictionary
-from ..geometry.pose import FloatArray
+from ..geometry.pose import FloatArray, Pose
 from .textures import patchwork
 
 DIRECT = {"type": "direct", "emitter_samples": 1, "bsdf_samples": 0}
@@ -62,3 +63,11 @@ def look_at(position: FloatArray, target: FloatArray) -> FloatArray:
     right = np.cross(forward, [0.0, 0, 1])
     right /= np.linalg.norm(right)
     return np.stack([right, np.cross(forward, right), forward], 1)
+
+
+def start_looking_at(position: npt.ArrayLike, target: npt.ArrayLike) -> Pose:
+    """Return the pose of an upright camera at a point that looks at another."""
+    from scipy.spatial.transform import Rotation
+
+    start, end = np.asarray(position, np.float64), np.asarray(target, np.float64)
+    return Pose(start, Rotation.from_matrix(look_at(start, end)).as_quat())

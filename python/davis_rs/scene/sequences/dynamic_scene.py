@@ -10,11 +10,11 @@ from ...geometry.camera import PRESETS
 from ...geometry.pose import FloatArray
 from ...geometry.trajectory.sampled_trajectory import SampledTrajectory
 from ..meshes import shape
+from ..parts import start_looking_at
 from ..scene import Scene
 from .office_scene import chair, office_room
 from .person import Joints, clothes, parts
 from .room import LUX_PER_LUMA
-from .starts import start_looking_at
 
 DURATION_S = 60.0
 """Length of what the person does; then it stays seated."""

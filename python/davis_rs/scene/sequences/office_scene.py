@@ -7,11 +7,10 @@ import numpy as np
 from ..._mitsuba.types import SceneDictionary
 from ...geometry.camera import PRESETS
 from ..meshes import Mesh, box, merged, quad, shape, tube
-from ..parts import DIRECT
+from ..parts import DIRECT, start_looking_at
 from ..scene import Scene
 from ..textures import patchwork
 from .room import LUX_PER_LUMA, general_light
-from .starts import start_looking_at
 from .surface_textures import books, facade, grid, noise, wood, writing
 
 # The room, metres: x to the right, y ahead, to the wall behind the desk, z up from the floor.

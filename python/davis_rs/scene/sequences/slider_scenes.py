@@ -10,12 +10,11 @@ import numpy as np
 from ..._mitsuba.types import SceneDictionary
 from ..._util.argument_error import ArgumentError
 from ...geometry.camera import PRESETS
-from ..parts import DIRECT, rectangle
+from ..parts import DIRECT, rectangle, start_looking_at
 from ..scene import Scene
 from ..textures import Texture, bitmap, patchwork
 from .prints import blocks, plain_shapes, stones, text
 from .room import FACING, LUX_PER_LUMA, covered_box, empty_room, general_light, point_light
-from .starts import start_looking_at
 
 _EYE_M = (0.0, 0.0, 1.2)
 _SLIDE_M = 1.04

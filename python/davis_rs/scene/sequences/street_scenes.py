@@ -7,9 +7,8 @@ import numpy as np
 from ..._mitsuba.types import SceneDictionary
 from ...geometry.camera import PRESETS
 from ..meshes import Mesh, box, merged, quad, shape
-from ..parts import DIRECT
+from ..parts import DIRECT, start_looking_at
 from ..scene import Scene
-from .starts import start_looking_at
 from .street_parts import car, front_window, fronts, house, lamp_post, row_of_houses, trees
 from .surface_textures import grid, leaves, noise, writing
 

@@ -7,12 +7,11 @@ from functools import partial
 
 from ..._mitsuba.types import SceneDictionary
 from ...geometry.camera import PRESETS
-from ..parts import DIRECT, rectangle
+from ..parts import DIRECT, rectangle, start_looking_at
 from ..scene import Scene
 from ..textures import Texture, bitmap
 from .prints import plain_shapes, stones
 from .room import FACING, LUX_PER_LUMA, empty_room, general_light, point_light
-from .starts import start_looking_at
 
 _EYE_M, _WALL_M, _HEIGHT_M = 1.4, 1.1, 2.8
 """The camera's height, its distance from the wall, and the room's height; at the wall a pixel is 5.5 mm wide."""
