@@ -92,9 +92,9 @@ class Renderer(ABC):
 
         The rate counts the motion of the camera and of all objects, and the change of the lights. It is the rate of
         the surfaces that the rays hit, with shading and texture. It leaves out what appears, vanishes or passes into
-        shadow: at the edges of surfaces and shadows true luma changes in another way. The native renderer and the table
-            kernel differentiate, and inside surfaces are as exact as float32; the others take differences over 0.04
-            pixels of motion, with the same random numbers, good to about 1 %.
+        shadow, because at the edges of surfaces and shadows true luma changes in another way. The native renderer and
+        the table kernel differentiate, and inside surfaces are as exact as float32; the others take differences over
+        0.04 pixels of motion, with the same random numbers, good to about 1 %.
         """
         frames, rates = self._luma_and_rate(views) if len(views) else (self._blank(views), self._blank(views))
         return self._finished(frames), self._finished(rates)
