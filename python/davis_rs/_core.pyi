@@ -963,7 +963,7 @@ class SceneRenderer:
                 pixels or steps.
         """
 
-    def ray_sights(
+    def ray_hits(
         self, rays: PixelRays, views: _Views, view: npt.NDArray[np.uint32], pixel: npt.NDArray[np.uint32]
     ) -> tuple[npt.NDArray[np.uint32], npt.NDArray[np.uint64], npt.NDArray[np.float64]]:
         """Find what each ray of single pixels sees, in float64.

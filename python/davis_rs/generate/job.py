@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Any
 
 from .._mitsuba.variants import default_variant, variant
-from ..render.kept_scenes import keep_scenes
-from ..render.truth import lost_look_shares
-from ..render.truth.lost_look_shares import warn_of_lost_looks
+from ..render.scene_cache import enable_scene_cache
+from ..render.truth import lost_look_fractions
+from ..render.truth.lost_look_fractions import warn_of_lost_looks
 from ..scene.files.mesh_scene import Axis
 from ..scene.load import load_scene
 from ..scene.lost_looks import LostLookWarning
@@ -59,7 +59,7 @@ def begin_worker(threads: int) -> None:
 
     Dr.Jit gets ``threads`` threads, and what is made of a scene is kept for the next sequence that has the same one.
     """
-    keep_scenes()
+    enable_scene_cache()
     with variant(default_variant()[0]) as (_, dr):
         dr.set_thread_count(threads)
 
@@ -109,7 +109,7 @@ def warn_of_looks(sequence: DrawnSequence) -> None:
     scene = sequence.on_path(sequence.scene())
     if scene.lost_looks:
         viewed = view_scene(scene, complete(FolderSettings, sequence.settings, taker="generate"))
-        warn_of_lost_looks(viewed.scene, lost_look_shares(viewed.scene, viewed.camera), stacklevel=2)
+        warn_of_lost_looks(viewed.scene, lost_look_fractions(viewed.scene, viewed.camera), stacklevel=2)
 
 
 @lru_cache(maxsize=4)

@@ -19,8 +19,8 @@ from ..geometry.pose import Pose, PoseLike, as_pose
 from ..geometry.trajectory.trajectory import SegmentTrajectory, Trajectory
 from ..geometry.trajectory.views import Views
 from ..render.base import Renderer
-from ..render.truth import SceneSurfaces, lost_look_shares
-from ..render.truth.lost_look_shares import warn_of_lost_looks
+from ..render.truth import SceneSurfaces, lost_look_fractions
+from ..render.truth.lost_look_fractions import warn_of_lost_looks
 from ..sampling.event_refinement import EventRefinement
 from ..sampling.exposure import KeyframeExposure, expose
 from ..sampling.keyframes import Keyframe, Stretch
@@ -118,7 +118,7 @@ class Simulator:
         self.sampling, self.refine = resolved.sampling, resolved.refine
         self.effects, self.custom_effects = resolved.effects, resolved.custom_effects
         self.memory = resolved.memory(plain.ray_bytes)
-        self.lost_looks = lost_look_shares(self.scene, self.camera, plain)
+        self.lost_looks = lost_look_fractions(self.scene, self.camera, plain)
         self.renderer = with_optics(plain, self.effects)
         self._engine = CrossingEngine(
             self.camera.width,

@@ -6,7 +6,7 @@ use pyo3::prelude::*;
 
 use super::arrays::column;
 use crate::render::{
-    BEFORE_LIGHTS, Beam, EdgeTracks, Emission, Light, LightKind, LightMapTables, PixelRays, Pose, RaySight, Renderer,
+    BEFORE_LIGHTS, Beam, EdgeTracks, Emission, Light, LightKind, LightMapTables, PixelRays, Pose, RayHit, Renderer,
     Scene, SceneTables, Sky, TrackSettings, View,
 };
 
@@ -459,7 +459,7 @@ impl PySceneRenderer {
     ///
     /// Raises:
     ///     ValueError: for views that do not fit the scene, or a view or pixel that is not there.
-    fn ray_sights<'py>(
+    fn ray_hits<'py>(
         &self,
         py: Python<'py>,
         rays: &PyPixelRays,
@@ -469,8 +469,8 @@ impl PySceneRenderer {
     ) -> PyResult<(Flat<'py, u32>, Flat<'py, u64>, Flat<'py, f64>)> {
         let views = self.views(&views)?;
         let (view, pixel): (Vec<u32>, Vec<u32>) = view_pixels(view, pixel)?.into_iter().unzip();
-        let mut sights = vec![RaySight::default(); pixel.len() * rays.0.rays()];
-        py.detach(|| self.0.ray_sights(&rays.0, &views, &view, &pixel, &mut sights))?;
+        let mut sights = vec![RayHit::default(); pixel.len() * rays.0.rays()];
+        py.detach(|| self.0.ray_hits(&rays.0, &views, &view, &pixel, &mut sights))?;
         let triangles: Vec<u32> = sights.iter().map(|sight| sight.triangle).collect();
         let hidden: Vec<u64> = sights.iter().map(|sight| sight.hidden).collect();
         let luma: Vec<f64> = sights.iter().map(|sight| sight.luma).collect();

@@ -27,7 +27,7 @@ pub(super) const PIXELS_OF_THREAD: usize = 64;
 
 /// What one ray sees.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct RaySight {
+pub struct RayHit {
     /// The triangle's number in the scene's tables, [`NO_TRIANGLE`] for none.
     pub triangle: u32,
     /// Bit n mod 64 is turned over for each light n that falls on the place, but for what lies between.
@@ -111,13 +111,13 @@ impl Renderer {
     /// # Errors
     ///
     /// [`Error::Argument`] as for [`Self::gradients`].
-    pub fn ray_sights(
+    pub fn ray_hits(
         &self,
         rays: &PixelRays,
         views: &[View],
         of_view: &[u32],
         pixels: &[u32],
-        sights: &mut [RaySight],
+        sights: &mut [RayHit],
     ) -> Result<()> {
         let views = &self.centred(views)?;
         check_numbers(rays, views, of_view, pixels, 1)?;
@@ -130,7 +130,7 @@ impl Renderer {
                 self.each_ray(rays, &lit, &[pixel], &mut room, |_, _, seen, shaded| {
                     if let Some(sight) = sights.next() {
                         let triangle = seen.map_or(NO_TRIANGLE, |hit| hit.surface.number);
-                        *sight = RaySight { triangle, hidden: shaded.hidden, luma: shaded.luma };
+                        *sight = RayHit { triangle, hidden: shaded.hidden, luma: shaded.luma };
                     }
                 });
             });

@@ -64,7 +64,7 @@ mod visibility;
 pub use beam::Beam;
 pub use edge_tracks::{EdgeTracks, TrackSettings};
 #[cfg(feature = "python")]
-pub use gradients::{BEFORE_LIGHTS, RaySight};
+pub use gradients::{BEFORE_LIGHTS, RayHit};
 pub use light_map::{Emission, LightMapTables};
 pub use pixel_rays::PixelRays;
 pub use renderer::Renderer;

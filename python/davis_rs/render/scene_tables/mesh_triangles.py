@@ -1,24 +1,24 @@
-"""The triangles of a Mitsuba mesh, with planes, texture coordinates and normals as affine maps of a place."""
+"""Takes the triangles of a Mitsuba mesh: planes, and affine maps of a point to texture coordinates and normals."""
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import numpy.typing as npt
+
+from ..._mitsuba.types import JitFloat, Mitsuba, MitsubaShape
 
 FloatArray = npt.NDArray[np.float64]
 
 
 class MeshTriangles:
-    """A mesh's triangles in float64.
+    """The triangles of a mesh, in float64.
 
     Attributes:
         corners: (n, 3, 3), metres.
         count: n.
     """
 
-    def __init__(self, shape: Any) -> None:
+    def __init__(self, shape: MitsubaShape) -> None:
         self.shape = shape
         faces = np.array(shape.faces_buffer()).reshape(-1, 3)
         self.corners = self._per_corner(shape.vertex_positions_buffer(), faces, 3)
@@ -39,20 +39,22 @@ class MeshTriangles:
         )
 
     @staticmethod
-    def _per_corner(buffer: Any, faces: npt.NDArray[Any], width: int) -> FloatArray:
+    def _per_corner(buffer: JitFloat, faces: npt.NDArray[np.uint32], width: int) -> FloatArray:
         return np.array(buffer, np.float64).reshape(-1, width)[faces]
 
     def planes(self) -> FloatArray:
+        """Return the planes (n, 4): unit normal and offset, normal . p + offset = 0."""
         offsets = -np.einsum("ij,ij->i", self.normals, self.corners[:, 0])
         return np.concatenate([self.normals, offsets[:, None]], 1)
 
     def affine(self, values: FloatArray) -> FloatArray:
-        """Return maps (n, 4) that have the values (n, 3) at a triangle's corners, and are linear between."""
+        """Return the affine maps (n, 4) of a point that have the values (n, 3) at each triangle's corners."""
         slopes = np.einsum("ij,ijk->ik", values[:, 1:] - values[:, :1], self.gradients)
         offsets = values[:, 0] - np.einsum("ij,ij->i", slopes, self.corners[:, 0])
         return np.concatenate([slopes, offsets[:, None]], 1)
 
     def texture_maps(self) -> tuple[FloatArray, FloatArray]:
+        """Return affine maps (n, 4) of a point to the texture coordinates u and v."""
         if self.uv is None:
             # Without texture coordinates Mitsuba takes the barycentric ones.
             barycentric = np.broadcast_to(np.array([[0.0, 1, 0], [0, 0, 1]]), (self.count, 2, 3))
@@ -60,7 +62,7 @@ class MeshTriangles:
         return self.affine(self.uv[..., 0]), self.affine(self.uv[..., 1])
 
     def normal_maps(self) -> tuple[FloatArray, bool]:
-        """Return maps (n, 3, 4) of the shading normal, and whether any triangle is smooth (its normals vary)."""
+        """Return affine maps (n, 3, 4) of a point to the shading normal, and whether any triangle's normals vary."""
         flat = np.zeros((self.count, 3, 4))
         flat[..., 3] = self.normals
         if self.vertex_normals is None:
@@ -69,10 +71,10 @@ class MeshTriangles:
         differs = np.abs(self.vertex_normals - self.normals[:, None]).max() > 1e-5
         return maps, bool(differs)
 
-    def turned(self, normal_maps: FloatArray, mi: Any) -> float:
+    def turned(self, normal_maps: FloatArray, mi: Mitsuba) -> float:
         """Return -1 where Mitsuba's normals are the opposite (flipped, or a mirrored rectangle), else 1.
 
-        A mesh is turned as a whole: its first triangle with an area tells.
+        All triangles of a mesh are turned alike, so the first one that has an area decides.
         """
         facing = np.flatnonzero(self.normals.any(1))
         if not len(facing):

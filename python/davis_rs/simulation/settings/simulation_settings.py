@@ -180,7 +180,7 @@ class ViewSettings(PixelSettings):
     renderer: str = declare(
         "auto",
         Declared(
-            f"renderer: {', '.join(f'{kind.name} ({kind.does})' for kind in KINDS.values())}, or auto: the first "
+            f"renderer: {', '.join(f'{kind.name} ({kind.summary})' for kind in KINDS.values())}, or auto: the first "
             f"possible one of {', '.join(kind.name for kind in AUTOMATIC)}",
             choices=RENDERERS,
             group=_ACCURACY,
