@@ -22,8 +22,7 @@ from ..._util.holding import Hold
 from ...events.arrays import EventArray
 from ...geometry.pose import Pose
 from ..formats import FORMATS
-from ..formats.files import part_of
-from ..formats.system import naming
+from ..formats.destination import naming, part_of
 
 
 @dataclass(frozen=True)

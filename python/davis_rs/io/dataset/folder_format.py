@@ -17,7 +17,8 @@ from ..._util.untrusted import regular_file
 from ...events.arrays import EventArray
 from ...geometry.camera import Camera
 from ..formats.blocks import Blocks, Place
-from ..formats.interface import EventReader, EventWriter, Format, Limits, Target
+from ..formats.destination import Destination, Limits
+from ..formats.interface import EventReader, EventWriter, Format
 from ..formats.parts import (
     ALL_PARTS,
     CAMERA,
@@ -80,21 +81,15 @@ class FolderWriter(EventWriter):
 
     def __init__(
         self,
-        target: Target,
+        destination: Destination,
         *,
-        format: str,
-        size: tuple[int, int],
-        limits: Limits,
-        overwrite: bool,
         events: str = "text",
     ) -> None:
-        if not isinstance(target, str | os.PathLike):
-            raise ValueError("a dataset folder cannot be written into a stream")
-        super().__init__(target, format=format, size=size, limits=limits)
+        self._root = destination.path("a dataset folder")
+        super().__init__(destination)
         check_event_format(events, self.size)
-        self._root = Path(target)
         self.source = ""
-        self.hold = claim_folder(self._root, overwrite=overwrite)
+        self.hold = claim_folder(self._root, overwrite=destination.overwrite)
         self._file = EventFile(self._root, events, self.size)
         self._images = ImageFiles(self._root, FRAMES)
         self._depth = ImageFiles(self._root, DEPTH_MAPS)
@@ -315,6 +310,7 @@ class FolderFormat(Format):
     options = ("events",)
     holds = ALL_PARTS
     limits = Limits()
+    writer = FolderWriter
 
     def sniff(self, head: bytes, path: Path) -> bool:
         return False
@@ -336,9 +332,6 @@ class FolderFormat(Format):
     def make_room(self, path: Path) -> None:
         if path.is_dir():
             remove_dataset(path)
-
-    def open_writer(self, target: Target, size: tuple[int, int], *, overwrite: bool, **options: Any) -> FolderWriter:
-        return FolderWriter(target, format=self.name, size=size, limits=self.limits, overwrite=overwrite, **options)
 
     def open_reader(self, path: str | os.PathLike[str], rules: ReadRules = ReadRules()) -> FolderReader:  # noqa: B008
         return FolderReader(Path(path), rules)

@@ -17,7 +17,8 @@ from ..._util.close_names import did_you_mean
 from ..._util.untrusted import MAX_PACKET_BYTES, guarded
 from ...events.arrays import EventArray
 from ..dataset.folder_format import FolderFormat, FolderReader, FolderWriter, part_counts
-from ..formats.interface import EventReader, EventWriter, Roi, Target, WriteReport, check_slice
+from ..formats.destination import Target
+from ..formats.interface import EventReader, EventWriter, Roi, WriteReport, check_slice
 from ..formats.parts import ALL_PARTS, PARTS, Part
 from ..formats.reading import Breach
 from ..formats.recorded import RecordedParts

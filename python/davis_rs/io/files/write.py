@@ -12,7 +12,8 @@ from ..._util.close_names import did_you_mean
 from ..._util.holding import FileHold
 from ..._util.whole_file import Workplace, is_sink
 from ..dataset.folder_format import FolderFormat
-from ..formats.interface import EventWriter, Format, Target
+from ..formats.destination import Target
+from ..formats.interface import EventWriter, Format
 from ..formats.registry import format_named, format_of_suffix
 
 

@@ -12,10 +12,11 @@ loses nothing that it has seen written.
 
 from .aedat4 import Aedat4Format
 from .bag import BagFormat
+from .destination import Limits
 from .dsec import DsecFormat
 from .e2vid import E2vidFormat
 from .evt import EVT2, EVT3
-from .interface import EventReader, EventWriter, Format, Limits, TruncatedFileWarning, WriteReport
+from .interface import EventReader, EventWriter, Format, TruncatedFileWarning, WriteReport
 from .mvsec import MvsecFormat
 from .npy import NpyFormat
 from .npz import NpzFormat

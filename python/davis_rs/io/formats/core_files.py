@@ -12,7 +12,8 @@ import numpy as np
 from ..._core import EventFileReader, EventFileWriter
 from ...events.arrays import EventArray
 from .blocks import Blocks, Place, blocks_of
-from .interface import EventReader, EventWriter, Failing, Limits, Target, warn_truncated
+from .destination import Destination, Limits
+from .interface import EventReader, EventWriter, Failing, warn_truncated
 from .reading import ReadRules
 
 _STEP = 1 << 13
@@ -23,12 +24,17 @@ _SCANNED = 1 << 10
 class CoreWriter(EventWriter):
     """A writer of a format of the core; ``options`` are those of :class:`davis_rs._core.EventFileWriter`."""
 
-    def __init__(
-        self, target: Target, *, format: str, size: tuple[int, int], limits: Limits, overwrite: bool, **options: Any
-    ) -> None:
-        super().__init__(target, format=format, size=size, limits=limits)
+    def __init__(self, destination: Destination, **options: Any) -> None:
+        super().__init__(destination)
         width, height = self.size
-        self._core = EventFileWriter(target, format, width=width, height=height, overwrite=overwrite, **options)
+        self._core = EventFileWriter(
+            destination.target,
+            destination.format,
+            width=width,
+            height=height,
+            overwrite=destination.overwrite,
+            **options,
+        )
 
     def _take(self, packet: EventArray) -> None:
         # The core checks before it writes: a packet that it refuses has left nothing.

@@ -11,9 +11,10 @@ import numpy.typing as npt
 from ..._core import DecodeError
 from ..._util.untrusted import decoding
 from ...events.arrays import EventArray
+from .destination import Limits
 from .hdf5 import Hdf5Format, Hdf5Reader, Hdf5Writer
 from .hdf5_links import find_inside
-from .interface import Failing, Limits
+from .interface import Failing
 from .parts import FRAMES
 
 

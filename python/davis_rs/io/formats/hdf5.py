@@ -19,12 +19,12 @@ from ..._util.extras import from_extra, require
 from ..._util.untrusted import decoding
 from ...events.arrays import EVENT_DTYPE, EventArray
 from .blocks import BLOCK, Blocks, Place, equal_blocks
-from .files import claim
+from .destination import Destination, Target
 from .hdf5_chunks import Rows
 from .hdf5_dataset import CHUNK, GrowingDataset, check_compression
 from .hdf5_disk import Hdf5File
 from .hdf5_links import find_inside
-from .interface import EventReader, EventWriter, Format, Limits, Target, warn_truncated
+from .interface import EventReader, EventWriter, Format, warn_truncated
 from .reading import ANY_SIZE, ReadRules
 
 if TYPE_CHECKING:
@@ -50,23 +50,18 @@ class Hdf5Writer(EventWriter):
 
     def __init__(
         self,
-        target: Target,
+        destination: Destination,
         *,
-        format: str,
-        size: tuple[int, int],
-        limits: Limits,
-        overwrite: bool,
         compression: str,
         level: int,
     ) -> None:
-        if not isinstance(target, str | os.PathLike):
-            raise ValueError("HDF5 needs a file: it cannot be written into a stream")
-        super().__init__(target, format=format, size=size, limits=limits)
+        destination.path("HDF5 needs a file: it")
+        super().__init__(destination)
         check_compression(compression, level)
         self._compression, self._level = compression, level
         self._columns: dict[str, GrowingDataset] = {}
         self._rows = 0
-        self._hdf5 = Hdf5File(claim(target, overwrite=overwrite))
+        self._hdf5 = Hdf5File(destination.claim())
         try:
             root = self._hdf5.file.attrs
             root["sensor_resolution"] = np.array([self.size[1], self.size[0]], np.int64)
@@ -316,16 +311,8 @@ class Hdf5Format(Format):
         **options: Any,
     ) -> EventWriter:
         self.require_libraries(compression=compression)
-        return self.writer(
-            target,
-            format=self.name,
-            size=size,
-            limits=self.limits,
-            overwrite=overwrite,
-            compression=self.default_compression if compression is None else compression,
-            level=level,
-            **options,
-        )
+        compression = self.default_compression if compression is None else compression
+        return super().open_writer(target, size, overwrite=overwrite, compression=compression, level=level, **options)
 
     def open_reader(self, path: str | os.PathLike[str], rules: ReadRules = ReadRules()) -> EventReader:  # noqa: B008
         return self.reader(Path(path), format=self.name, rules=rules)

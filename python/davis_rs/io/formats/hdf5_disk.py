@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..._util.extras import from_extra
-from .system import naming
+from .destination import naming
 
 if TYPE_CHECKING:
     import h5py

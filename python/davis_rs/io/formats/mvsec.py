@@ -11,10 +11,10 @@ import numpy.typing as npt
 from ..._core import DecodeError
 from ..._util.untrusted import decoding
 from ...events.arrays import EventArray
+from .destination import Limits
 from .hdf5 import Hdf5Format
 from .hdf5_dataset import GrowingDataset
 from .hdf5_parts import Hdf5PartsReader, Hdf5PartsWriter, Series
-from .interface import Limits
 from .parts import ALL_PARTS, DEPTH, FLOW, FRAMES, IMU, POSES, PoseSample
 
 _LEFT = "davis/left/"

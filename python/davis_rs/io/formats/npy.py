@@ -15,10 +15,9 @@ from ..._core import DecodeError
 from ..._util.untrusted import above_limit, decoding
 from ...events.arrays import EVENT_DTYPE, EventArray, as_events
 from .blocks import BLOCK, Blocks, Place, equal_blocks
-from .files import claim
-from .interface import EventReader, EventWriter, Format, Limits, Target, warn_truncated
+from .destination import Destination, naming
+from .interface import EventReader, EventWriter, Format, warn_truncated
 from .reading import ReadRules
-from .system import naming
 
 _LONGEST_HEADER = 10_000
 """As NumPy's own limit."""
@@ -39,22 +38,23 @@ class NpyWriter(EventWriter):
     """Appends events, and puts their number into the header after each packet: NumPy then reads all that was written,
     also when the process was killed."""
 
-    def __init__(self, target: Target, *, format: str, size: tuple[int, int], limits: Limits, overwrite: bool) -> None:
-        super().__init__(target, format=format, size=size, limits=limits)
-        self._owned = isinstance(target, str | os.PathLike)
+    def __init__(self, destination: Destination) -> None:
+        super().__init__(destination)
+        self._owned = not destination.is_stream
         self._count = 0
         with naming(self.path):
-            self._file = self._open(target, overwrite=overwrite)
+            self._file = self._open(destination)
             if not self._file.seekable():
                 raise ValueError(
-                    f"{format} states the number of events at its beginning, but {self.path} is not seekable"
+                    f"{self.format} states the number of events at its beginning, but {self.path} is not seekable"
                 )
             self._start = self._file.tell()
             self._begin()
 
-    def _open(self, target: Target, *, overwrite: bool) -> BinaryIO:
+    def _open(self, destination: Destination) -> BinaryIO:
+        target = destination.target
         if isinstance(target, str | os.PathLike):
-            return claim(target, overwrite=overwrite).open("r+b", buffering=0)
+            return destination.claim().open("r+b", buffering=0)
         return target
 
     def _begin(self) -> None:
@@ -188,12 +188,10 @@ class NpyFormat(Format):
 
     name = "npy"
     suffixes = (".npy",)
+    writer = NpyWriter
 
     def sniff(self, head: bytes, path: Path) -> bool:
         return head.startswith(MAGIC)
-
-    def open_writer(self, target: Target, size: tuple[int, int], *, overwrite: bool) -> EventWriter:
-        return NpyWriter(target, format=self.name, size=size, limits=self.limits, overwrite=overwrite)
 
     def open_reader(self, path: str | os.PathLike[str], rules: ReadRules = ReadRules()) -> EventReader:  # noqa: B008
         return NpyReader(path, format=self.name, rules=rules)

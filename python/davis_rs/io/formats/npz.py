@@ -16,8 +16,8 @@ from ..._core import DecodeError, crc32, crc32_combine
 from ..._util.untrusted import decoding
 from ...events.arrays import EventArray
 from .blocks import BLOCK, Blocks, equal_blocks, refuse
-from .files import PartFile
-from .interface import EventReader, EventWriter, Format, Target, warn_truncated
+from .destination import Destination, PartFile
+from .interface import EventReader, Format, warn_truncated
 from .npy import HEADER, NpyReader, NpyWriter, npy_header, read_header, to_events
 from .reading import ReadRules
 
@@ -37,10 +37,11 @@ class NpzWriter(NpyWriter):
     _part: PartFile | None = None
     _crc = 0
 
-    def _open(self, target: Target, *, overwrite: bool) -> BinaryIO:
+    def _open(self, destination: Destination) -> BinaryIO:
+        target = destination.target
         if not isinstance(target, str | os.PathLike):
             return target
-        self._part = PartFile(target, overwrite=overwrite)
+        self._part = destination.claim_part()
         return self._part.part.open("r+b", buffering=0)
 
     def _begin(self) -> None:
@@ -128,12 +129,10 @@ class NpzFormat(Format):
 
     name = "npz"
     suffixes = (".npz",)
+    writer = NpzWriter
 
     def sniff(self, head: bytes, path: Path) -> bool:
         return head.startswith(b"PK\x03\x04")
-
-    def open_writer(self, target: Target, size: tuple[int, int], *, overwrite: bool) -> EventWriter:
-        return NpzWriter(target, format=self.name, size=size, limits=self.limits, overwrite=overwrite)
 
     def open_reader(self, path: str | os.PathLike[str], rules: ReadRules = ReadRules()) -> EventReader:  # noqa: B008
         file = Path(path)

@@ -17,11 +17,10 @@ from ..._util.extras import from_extra, require
 from ..._util.untrusted import decoding
 from ...events.arrays import EVENT_DTYPE, EventArray
 from .blocks import UNKNOWN_US, Blocks, Place, blocks_of
-from .files import PartFile
-from .interface import CHUNK, EventReader, EventWriter, Format, Limits, Target
+from .destination import Destination, Limits, naming
+from .interface import CHUNK, EventReader, EventWriter, Format
 from .parquet_footer import MAGIC, RowGroup, check_pages, read_row_groups
 from .reading import ReadRules
-from .system import naming
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -45,18 +44,14 @@ class ParquetWriter(EventWriter):
 
     def __init__(
         self,
-        target: Target,
+        destination: Destination,
         *,
-        format: str,
-        size: tuple[int, int],
-        limits: Limits,
-        overwrite: bool,
         level: int = 1,
         row_group: int = CHUNK,
     ) -> None:
         if row_group < 1:
             raise ArgumentError("{row_group} must be at least 1: got {}", row_group)
-        super().__init__(target, format=format, size=size, limits=limits)
+        super().__init__(destination)
         with from_extra("parquet"):
             import pyarrow as pa
             import pyarrow.parquet as pq
@@ -71,8 +66,10 @@ class ParquetWriter(EventWriter):
             name: np.empty(row_group, dtype) for name, dtype in dtypes.items()
         }
         self._count = 0
-        self._file = PartFile(target, overwrite=overwrite) if isinstance(target, str | os.PathLike) else None
-        self._sink = pa.OSFile(str(self._file.part), "wb") if self._file is not None else pa.PythonFile(target, "w")
+        self._file = None if destination.is_stream else destination.claim_part()
+        self._sink = (
+            pa.PythonFile(destination.target, "w") if self._file is None else pa.OSFile(str(self._file.part), "wb")
+        )
         self._writer = pq.ParquetWriter(
             self._sink,
             self._schema,
@@ -238,6 +235,7 @@ class ParquetFormat(Format):
     name = "parquet"
     suffixes = (".parquet", ".pq")
     options = ("level", "row_group")
+    writer = ParquetWriter
     limits = Limits()
 
     def sniff(self, head: bytes, path: Path) -> bool:
@@ -245,9 +243,6 @@ class ParquetFormat(Format):
 
     def require_libraries(self, **_: Any) -> None:
         require("parquet", "pyarrow")
-
-    def open_writer(self, target: Target, size: tuple[int, int], *, overwrite: bool, **options: Any) -> EventWriter:
-        return ParquetWriter(target, format=self.name, size=size, limits=self.limits, overwrite=overwrite, **options)
 
     def open_reader(self, path: str | os.PathLike[str], rules: ReadRules = ReadRules()) -> EventReader:  # noqa: B008
         return ParquetReader(Path(path), format=self.name, rules=rules)

@@ -9,7 +9,8 @@ from pathlib import Path
 from ..._core import EventFileReader
 from ...events.arrays import EventArray
 from .core_files import CoreReader, CoreWriter
-from .interface import EventWriter, Format, Limits, Target
+from .destination import Limits
+from .interface import Format
 from .reading import ANY_SIZE, ReadRules
 
 _SEARCHED = 1 << 16
@@ -54,23 +55,12 @@ class TextFormat(Format):
     name = "text"
     suffixes = (".txt",)
     options = ("size_line",)
+    writer = CoreWriter
     limits = Limits()
 
     def sniff(self, head: bytes, path: Path) -> bool:
         # Whatever begins with a number: what is wrong with the rest is then told with its line.
         return re.match(rb"[-+]?\d", head) is not None
-
-    def open_writer(
-        self, target: Target, size: tuple[int, int], *, overwrite: bool, size_line: bool = False
-    ) -> EventWriter:
-        return CoreWriter(
-            target,
-            format=self.name,
-            size=size,
-            limits=self.limits,
-            overwrite=overwrite,
-            size_line=size_line,
-        )
 
     def open_reader(self, path: str | os.PathLike[str], rules: ReadRules = ReadRules()) -> TextReader:  # noqa: B008
         return TextReader(path, format=self.name, limits=Limits(width=ANY_SIZE[0], height=ANY_SIZE[1]), rules=rules)
