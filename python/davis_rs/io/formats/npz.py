@@ -13,6 +13,7 @@ from typing import BinaryIO
 import numpy as np
 
 from ..._core import DecodeError, crc32, crc32_combine
+from ..._util.budget import Budget
 from ..._util.untrusted import decoding
 from ...events.arrays import EventArray
 from .blocks import BLOCK, Blocks, equal_blocks, refuse
@@ -26,6 +27,11 @@ _LOCAL = struct.Struct("<4s5H3L2H")
 """Signature, version, flags, method, time, date, CRC-32, two sizes, lengths of name and extra field."""
 _DATE = (0, 0x21)
 """Midnight of 1980-01-01: the same events are the same bytes."""
+_END, _END_64 = b"PK\x05\x06", b"PK\x06\x06"
+_END_LENGTH = 22 + 0xFFFF
+"""The record that an archive ends with, and the longest comment behind it."""
+_MEMBER, _MEMBER_HELD = 46, 600
+"""Bytes of a member of the list of members: the fewest in the file, and in memory."""
 _LATER = 0xFFFFFFFF
 """A size that stands in the extra field, where it has 64 bits."""
 
@@ -89,13 +95,15 @@ class DeflatedReader(EventReader):
 
     def _packets(self, chunk: int, start_us: int | None, stop_us: int | None) -> Iterator[EventArray]:
         self._done = 0
+        budget = Budget(self.path)
         with zipfile.ZipFile(self.path) as archive, archive.open(self._member) as file:
             read_header(file, self.path, self.rules.max_packet_bytes)
             at_once = min(chunk, self.rules.max_packet_bytes // self._dtype.itemsize)
             while self._done < self._count:
-                with decoding(self.path, f"after event {self._done}"):
-                    data = file.read(min(at_once, self._count - self._done) * self._dtype.itemsize)
-                packet = np.frombuffer(bytearray(data), self._dtype, len(data) // self._dtype.itemsize)
+                size = min(at_once, self._count - self._done) * self._dtype.itemsize
+                with budget.borrow(2 * size, "a piece of the array"), decoding(self.path, f"after event {self._done}"):
+                    data = file.read(size)
+                    packet = np.frombuffer(bytearray(data), self._dtype, len(data) // self._dtype.itemsize)
                 if not len(packet):
                     raise DecodeError(f"{self.path}: {self._member} holds {self._done} of {self._count} events")
                 self._done += len(packet)
@@ -136,6 +144,7 @@ class NpzFormat(Format):
 
     def open_reader(self, path: str | os.PathLike[str], rules: ReadRules = ReadRules()) -> EventReader:  # noqa: B008
         file = Path(path)
+        _charge_members(file)
         try:
             with zipfile.ZipFile(file) as archive:
                 member = _events_of(archive, file)
@@ -157,6 +166,24 @@ class NpzFormat(Format):
             *_, name, extra = _LOCAL.unpack(stream.read(_LOCAL.size))
         start = member.header_offset + _LOCAL.size + name + extra
         return NpyReader(file, format=self.name, rules=rules, start=start, end=start + member.file_size)
+
+
+def _charge_members(path: Path) -> None:
+    """Charge the archive's list of members, all of which ``zipfile`` makes objects of, before it does so.
+
+    Raises:
+        DecodeError: if the file's budget does not hold it.
+    """
+    with path.open("rb") as file:
+        size = file.seek(0, os.SEEK_END)
+        file.seek(max(0, size - _END_LENGTH - 76))
+        tail = file.read()
+    end, end_64 = tail.rfind(_END), tail.rfind(_END_64)
+    if 0 <= end <= len(tail) - 22:
+        length = int.from_bytes(tail[end + 12 : end + 16], "little")
+        if length == _LATER and 0 <= end_64 <= len(tail) - 48:
+            length = int.from_bytes(tail[end_64 + 40 : end_64 + 48], "little")
+        Budget(path).take(min(length, size) // _MEMBER * _MEMBER_HELD, "the list of the archive's members")
 
 
 def _events_of(archive: zipfile.ZipFile, path: Path) -> zipfile.ZipInfo:

@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from ..._core import DecodeError, fill_events
 from ..._util.argument_error import ArgumentError
+from ..._util.budget import Budget
 from ..._util.extras import from_extra, require
 from ..._util.untrusted import decoding
 from ...events.arrays import EVENT_DTYPE, EventArray
@@ -138,7 +139,8 @@ class ParquetReader(EventReader):
     def __init__(self, path: Path, *, format: str, rules: ReadRules) -> None:
         with from_extra("parquet"):
             import pyarrow.parquet as pq
-        self._row_groups = read_row_groups(path, self._COLUMNS)
+        self._budget = Budget(path)
+        self._row_groups = read_row_groups(path, self._COLUMNS, self._budget)
         with decoding(path):
             self._file = pq.ParquetFile(path)
             schema = self._file.schema_arrow
@@ -198,10 +200,12 @@ class ParquetReader(EventReader):
     def _batches(self, groups: list[int], chunk: int) -> Iterator[pa.RecordBatch]:
         self._done = 0
         for group in groups:
-            check_pages(self.path, self._row_groups[group], self.rules.max_packet_bytes)
-            for batch in self._file.iter_batches(chunk, row_groups=[group], columns=list(self._COLUMNS)):
-                yield batch
-                self._done += batch.num_rows
+            row_group = self._row_groups[group]
+            check_pages(self.path, row_group, self.rules.max_packet_bytes)
+            with self._budget.borrow(row_group.bytes, f"row group {group}"):  # Arrow reads all of it before the first
+                for batch in self._file.iter_batches(chunk, row_groups=[group], columns=list(self._COLUMNS)):
+                    yield batch
+                    self._done += batch.num_rows
         self._done = self.events
 
     def _fill(self, events: EventArray, batch: pa.RecordBatch) -> None:

@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..._core import DecodeError
+from ..._util.budget import Budget
 from ...events.arrays import EventArray
 from ...events.decoded import Decoded, Frame, TriggerKind
 from .recording import event_array, grey, imu_array, known_chip, size_of, trigger_array
@@ -77,7 +78,7 @@ class Aedat3File(RecordingFile):
         remarks = Remarks() if remarks is None else remarks
         wanted = {kind for kind, what in _HOLD.items() if what in kinds}
         everything = set(kinds) == set(KINDS)
-        left_out = _LeftOut()
+        left_out, budget = _LeftOut(), Budget(self.path)
         with self.path.open("rb") as file:
             total = file.seek(0, 2)
             at = file.seek(self._start)
@@ -100,7 +101,8 @@ class Aedat3File(RecordingFile):
                     for first in range(0, there, 1 if kind == _FRAME else _AT_ONCE):
                         count = 1 if kind == _FRAME else min(_AT_ONCE, there - first)
                         place = (at + first * size, kind, size, overflow, count)
-                        part = self._part(file, place, left_out)
+                        with budget.borrow(count * size, f"a packet at byte {at}"):
+                            part = self._part(file, place, left_out)
                         yield Piece(part, (place[0] + count * size) / total, place)
                 elif everything:
                     left_out.others += 1
