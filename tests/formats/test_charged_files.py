@@ -23,7 +23,7 @@ LIMIT = 1 << 26
 SCHEMA, CHANNEL, MESSAGE, CHUNK = 3, 4, 5, 6
 
 
-def refused(monkeypatch: pytest.MonkeyPatch, budget: str, what: str) -> object:
+def refused(monkeypatch: pytest.MonkeyPatch, budget: str, what: str) -> pytest.RaisesExc[DecodeError]:
     """The context in which a file must be refused by a budget, which the message names."""
     monkeypatch.setenv(VARIABLE, budget)
     return pytest.raises(DecodeError, match=rf"{what}.*{VARIABLE}={budget.partition('=')[0]}=")
