@@ -83,7 +83,7 @@ def _converted(events: npt.NDArray[np.void], of: np.dtype[np.void], to: np.dtype
 
 
 def _fields(dtype: np.dtype[np.void]) -> dict[str, str]:
-    """The name that a layout gives to each of our fields."""
+    """Return the name that a layout gives to each of our fields."""
     found = {ours: [name for name in names if name in (dtype.names or ())] for ours, names in _NAMES.items()}
     for ours, names in found.items():
         if len(names) != 1:

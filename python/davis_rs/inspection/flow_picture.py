@@ -42,7 +42,7 @@ def flow_picture(flow: npt.NDArray[np.float32], most: float) -> npt.NDArray[np.u
 
 
 def flow_wheel(side: int) -> npt.NDArray[np.uint8]:
-    """The wheel itself, uint8 (side, side, 4): transparent outside of it."""
+    """Return the wheel itself, uint8 (side, side, 4): transparent outside of it."""
     axis = np.linspace(-1, 1, side)
     u, v = np.meshgrid(axis, axis)
     picture = flow_picture(np.stack([u, v], -1).astype(np.float32), 1.0)

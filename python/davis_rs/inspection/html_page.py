@@ -151,7 +151,7 @@ def _kept_text(kept: dict[str, tuple[int, int]]) -> str:
 
 
 def _page(label: str, kept: dict[str, tuple[int, int]], data: dict[str, Any]) -> bytes:
-    """The whole page. What comes from files is escaped, and the policy lets only the script of this hash run."""
+    """Return the whole page. What comes from files is escaped, and the policy lets only the script of this hash run."""
     parts = files(__package__) / "web"
     script = (
         '"use strict";\n(() => {\n'

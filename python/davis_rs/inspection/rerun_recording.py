@@ -139,7 +139,7 @@ class _Writer:
         self._interval_us = max(1.0, (instants[-1] - instants[0]) / max(1, len(instants) - 1))
 
     def blueprint(self) -> Any:
-        """How the viewer arranges it."""
+        """Return how the viewer arranges it."""
         import rerun.blueprint as rrb
 
         sequence = self._sequence
@@ -168,7 +168,7 @@ class _Writer:
         return rrb.Blueprint(rows, rrb.TimePanel(timeline=_TIMELINE), collapse_panels=True)
 
     def frames(self) -> None:
-        """Intensity frames, as PNG."""
+        """Log intensity frames, as PNG."""
         sequence, numbers = self._sequence, self._frame_numbers
         if not sequence.frame_times:
             return
@@ -179,7 +179,7 @@ class _Writer:
         self.kept["frames"] = len(numbers), len(sequence.frame_times)
 
     def accumulated_events(self) -> None:
-        """All events since the instant before, ON red and OFF blue."""
+        """Log all events since the instant before, ON red and OFF blue."""
         events, (width, height) = self._sequence.events, self._sequence.size
         white, done = np.ones((height, width)), 0
         for t_us in each(self._instants, "event pictures", len(self._instants), unit="pictures", show=self._show):
@@ -189,7 +189,7 @@ class _Writer:
             done = until
 
     def event_cloud(self, most: int) -> None:
-        """Events as points (x, y, t), with y upwards in the picture."""
+        """Log events as points (x, y, t), with y upwards in the picture."""
         rr, sequence = self._rr, self._sequence
         kept = sample_events(sequence.events, most)
         self.kept["events"] = len(kept), len(sequence.events)
@@ -215,7 +215,7 @@ class _Writer:
         self._send("events/rate", middles, rr.Scalars.columns(scalars=rates))
 
     def depth_and_flow(self) -> None:
-        """Depth in metres (0 where nothing is hit), and flow as colours."""
+        """Log depth in metres (0 where nothing is hit), and flow as colours."""
         rr, sequence = self._rr, self._sequence
         depth, flow = sequence.depth_times, sequence.flow_times
         for number in (numbers := self._chosen(len(depth))):
@@ -281,6 +281,6 @@ class _Writer:
 
 
 def _fastest(flow: npt.NDArray[np.float32]) -> float:
-    """The speed that 99 % of the pixels do not exceed."""
+    """Return the speed that 99 % of the pixels do not exceed."""
     speed = np.hypot(flow[..., 0], flow[..., 1])
     return float(np.nanpercentile(speed, 99)) if np.isfinite(speed).any() else 1.0

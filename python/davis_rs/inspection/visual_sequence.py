@@ -102,7 +102,7 @@ def open_visual_sequence(path: str | Path, *, size: tuple[int, int] | None = Non
 
 
 def nearest(times_us: Sequence[int], t_us: int) -> int | None:
-    """The index of the time that is nearest, None where there is none."""
+    """Return the index of the time that is nearest, None where there is none."""
     return min(range(len(times_us)), key=lambda i: abs(times_us[i] - t_us), default=None)
 
 
@@ -112,7 +112,7 @@ def display_grey(linear: npt.NDArray[np.floating[Any]]) -> GreyImage:
 
 
 def _label(dataset: Dataset, size: tuple[int, int]) -> str:
-    """One line: the scene or else the folder's name, C, the sensor, and the share of noise."""
+    """Return one line: the scene or else the folder's name, C, the sensor, and the share of noise."""
     said = describe_dataset(dataset)
     sensor = f"sensor {size[0]} x {size[1]}"
     if said.effects is not None:
@@ -182,7 +182,7 @@ def _of_events(
 
 
 def _whole(frame: Frame, size: tuple[int, int]) -> GreyImage:
-    """A camera's frame where it lies on the sensor, white around it."""
+    """Return a camera's frame where it lies on the sensor, white around it."""
     width, height = size
     image = np.ones((height, width))
     part = frame.pixels[: height - frame.y, : width - frame.x] / _FRAME_WHITE

@@ -10,7 +10,7 @@ _EMPTY_PARTS = np.array([0x0005, 0x0007, 0x0008, 0x000A], "<u2").tobytes()
 
 
 def gap_words(words: bytes) -> bytes:
-    """The words to put in place of lost ones.
+    """Return the words to put in place of lost ones.
 
     Timestamps are relative to the wraps before them and columns to the row before them: so resets of the clock, wraps,
     the last timestamp and the last row stay, in their order. An empty sample and an empty frame are added: they make

@@ -111,19 +111,19 @@ def find_board(
 
 
 def encode(image: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
-    """A frame of linear light, (H, W), its brightest hundredth brought to white, gamma-coded."""
+    """Return a frame of linear light, (H, W), its brightest hundredth brought to white, gamma-coded."""
     white = max(float(np.percentile(image, 99)), 1.0)
     coded: npt.NDArray[np.uint8] = np.round(255 * np.clip(image / white, 0, 1) ** (1 / 2.2)).astype(np.uint8)
     return coded
 
 
 def _least_spacing(grid: npt.NDArray[np.float32]) -> float:
-    """The least distance between neighbouring corners, in pixels."""
+    """Return the least distance between neighbouring corners, in pixels."""
     return float(min(np.linalg.norm(np.diff(grid, axis=axis), axis=2).min() for axis in (0, 1)))
 
 
 def _upside_down(image: npt.NDArray[np.uint8], grid: npt.NDArray[np.float32]) -> bool:
-    """Whether the tiles between the corners are white where they should be black."""
+    """Return whether the tiles between the corners are white where they should be black."""
     middles = (grid[1:, 1:] + grid[:-1, 1:] + grid[1:, :-1] + grid[:-1, :-1]) / 4
     x, y = np.round(middles).astype(int).reshape(-1, 2).T
     row, column = np.indices(middles.shape[:2])

@@ -71,7 +71,8 @@ class HandEyePoses(NamedTuple):
     z: FloatArray
 
     def moved(self, step: FloatArray) -> HandEyePoses:
-        """The poses after small motions (12,): rotation vector and translation of X, then of Z, in their own axes."""
+        """Return the poses after small motions (12,): rotation vector and translation of X, then of Z, in their own
+        axes."""
         return HandEyePoses(moved(self.x, step[:6]), moved(self.z, step[6:]))
 
 
@@ -199,13 +200,14 @@ def linear_hand_eye(hand_poses: FloatArray, camera_poses: FloatArray) -> FloatAr
 
 
 def _disagreement(a: FloatArray, x: FloatArray, b: FloatArray) -> float:
-    """How far A' X B'^-1 = Z is from being one rotation."""
+    """Return how far A' X B'^-1 = Z is from being one rotation."""
     z = (a @ x @ inverse(b))[:, :3, :3]
     return float(np.linalg.norm(vector_of(z[0].T @ z), axis=1).sum())
 
 
 def covariance_of_sum(terms: FloatArray) -> FloatArray:
-    """The covariance (p, p) of the sum of a series of p-vectors (n, p) of mean 0 that may depend on their neighbours.
+    """Return the covariance (p, p) of the sum of a series of p-vectors (n, p) of mean 0 that may depend on their
+    neighbours.
 
     Products of terms up to some distance in the series are added, with weights that fall to 0 there (Bartlett's). The
     distance follows from how much a term resembles the next one; it is 0 where that is no more than chance would give.
@@ -273,6 +275,6 @@ class Reprojection:
         return np.asarray(inverse(poses.x) @ self._hand_world @ poses.z)
 
     def _points(self, poses: HandEyePoses) -> FloatArray:
-        """The corners in camera axes, (n, m, 3)."""
+        """Return the corners in camera axes, (n, m, 3)."""
         to_camera = self._from_board(poses)
         return np.asarray(self._board.corners @ np.swapaxes(to_camera[:, :3, :3], 1, 2) + to_camera[:, None, :3, 3])

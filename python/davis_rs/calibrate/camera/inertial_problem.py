@@ -138,7 +138,7 @@ class InertialProblem:
         return InertialState(zero, zero, rotation, np.zeros(3), self._lag, bias, np.zeros(3), gravity)
 
     def moved(self, s: InertialState, step: FloatArray) -> InertialState:
-        """The state after a step of all unknowns, in the order of :class:`InertialState`."""
+        """Return the state after a step of all unknowns, in the order of :class:`InertialState`."""
         n = 3 * self._spline.basis.size
         tail = step[2 * n :]
         return InertialState(
@@ -256,7 +256,8 @@ class InertialProblem:
         return solve(derivative.T @ derivative, last)[-_TAIL:][:7, :7]
 
     def scatter(self, s: InertialState) -> tuple[float, float, float]:
-        """What is left, root mean square of an axis: of angular rates (rad/s), accelerations (m/s^2), corners (px)."""
+        """Return what is left, root mean square of an axis: of angular rates (rad/s), accelerations (m/s^2), corners
+        (px)."""
         r, n, m = self.residuals(s), 3 * self.samples, 6 * len(self._t)
         rate, acceleration, pixel = (float(np.sqrt(np.mean(p**2))) for p in np.split(r, [n, 2 * n, 2 * n + m])[:3])
         return rate * self._gyroscope, acceleration * self._accelerometer, pixel * self._pixel
@@ -269,7 +270,8 @@ class InertialProblem:
         return self._spline.rates(s.turns, t), np.einsum("nji,nj->ni", turns, acceleration - s.gravity)
 
     def _seen(self, t_s: FloatArray, margin_s: float) -> npt.NDArray[np.bool_]:
-        """Which times lie between two views close to each other, and at least the margin from where no views are."""
+        """Return which times lie between two views close to each other, and at least the margin from where no views
+        are."""
         gap = np.flatnonzero(np.diff(self._t) > _LONGEST_GAP_S)
         begins = self._t[np.concatenate([[0], gap + 1])] + margin_s
         ends = self._t[np.concatenate([gap, [-1]])] - margin_s
@@ -277,7 +279,8 @@ class InertialProblem:
         return np.asarray((stretch >= 0) & (t_s < ends[stretch]))
 
     def _first_lag(self, readings: Readings) -> float:
-        """The lag to within a few milliseconds, from the turning speeds of both, which do not depend on the axes."""
+        """Return the lag to within a few milliseconds, from the turning speeds of both, which do not depend on the
+        axes."""
         zero = np.zeros((self._spline.basis.size, 3))
         lags = np.linspace(-_LONGEST_LAG_S, _LONGEST_LAG_S, 41)
         inside = self._seen(readings.t_s, 2 * _LONGEST_LAG_S)

@@ -57,5 +57,5 @@ def inverse(transforms: FloatArray) -> FloatArray:
 
 
 def moved(pose: FloatArray, motion: FloatArray) -> FloatArray:
-    """A transform (4, 4) times the small one of a rotation vector and a translation, (6,), in its own axes."""
+    """Return a transform (4, 4) times the small one of a rotation vector and a translation, (6,), in its own axes."""
     return pose @ transform(rotation_of(motion[:3]), motion[3:])

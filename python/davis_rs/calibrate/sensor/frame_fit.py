@@ -75,7 +75,7 @@ def _thresholds(recording: MeasuredRecording, leak_hz: Measured | None) -> Thres
 
 
 def _receptor(recording: MeasuredRecording, found: ThresholdFit) -> _Receptor | None:
-    """What tells the photoreceptor; None where that lags too little to be told."""
+    """Return what tells the photoreceptor; None where that lags too little to be told."""
     by_light, lux, samples = found.lag_by_light, recording.lux, recording.samples
     if by_light is None or lux is None or samples is None or not _is_told(by_light):
         return None
@@ -134,7 +134,7 @@ def _is_told(lag: Measured) -> bool:
 
 
 def _corner(lag_s: Measured) -> Measured:
-    """The corner that lags so much. Its error is the one to higher frequencies, which is the larger one."""
+    """Return the corner that lags so much. Its error is the one to higher frequencies, which is the larger one."""
     corner = 1 / (2 * math.pi * lag_s.value)
     return Measured(corner, corner * lag_s.sigma / (lag_s.value - lag_s.sigma))
 

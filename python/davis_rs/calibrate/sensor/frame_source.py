@@ -44,7 +44,7 @@ class FrameSource:
 
 
 def open_frames(path: str | os.PathLike[str], size: tuple[int, int]) -> FrameSource | None:
-    """The frames of whatever :func:`davis_rs.open_reader` opens; None where it has no place for any.
+    """Return the frames of whatever :func:`davis_rs.open_reader` opens; None where it has no place for any.
 
     Frames of AEDAT 2.0 are held in memory, all others are read one by one. A frame of a camera stands for the middle of
     its exposure. A dataset folder of this package stamps frames at the end of the exposure that its ``meta.json``

@@ -54,7 +54,7 @@ def find_hot_pixels(recordings: Sequence[StreamStatistics]) -> tuple[Finding, ..
 
 
 def _usual(one: StreamStatistics) -> npt.NDArray[np.float64]:
-    """Events of a polarity in the pixels around each."""
+    """Return events of a polarity in the pixels around each."""
     from scipy.ndimage import median_filter
 
     return np.maximum(*(median_filter(counts, size=5, mode="mirror").astype(np.float64) for counts in one.counts))
@@ -77,7 +77,7 @@ def _of_calm(
 
 
 def _log_normal(rates: npt.NDArray[np.float64], least_hz: float) -> tuple[Measured, float]:
-    """The median of a log-normal law of known spread that is cut off below, and the share that lies above.
+    """Return the median of a log-normal law of known spread that is cut off below, and the share that lies above.
 
     The error is that upwards, which is the larger one.
     """

@@ -30,10 +30,10 @@ class KnownParameters:
         return self._base.parameters
 
     def get(self, name: str) -> Measured | None:
-        """What was found of a parameter, or what the base has, with its error or 0; None where neither knows it."""
+        """Return what was found of a parameter, or what the base has, with its error or 0; None where neither knows it."""
         return self._found.get(name) or self.of_base(name)
 
     def of_base(self, name: str) -> Measured | None:
-        """What the base has."""
+        """Return what the base has."""
         value = getattr(self.base, name)
         return None if value is None else Measured(float(value), self._base.uncertainties.get(name, 0.0))

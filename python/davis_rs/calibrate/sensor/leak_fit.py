@@ -40,7 +40,7 @@ the time is a whole number of periods or not."""
 
 
 def find_leak(recordings: Sequence[StreamStatistics]) -> Finding:
-    """The mean rate: ON less OFF events of quiet pixels, because events of noise come in pairs."""
+    """Return the mean rate: ON less OFF events of quiet pixels, because events of noise come in pairs."""
     leaks, scatter = [], []
     for one in recordings:
         if not one.quiet.any():
@@ -90,7 +90,7 @@ def _signal_hides_leak(one: StreamStatistics) -> str | None:
 
 
 def find_leak_variation(recordings: Sequence[StreamStatistics], off_over_on: float | None) -> tuple[Finding, Finding]:
-    """How rates differ from pixel to pixel, and how intervals of one pixel do, as shares of their means.
+    """Return how rates differ from pixel to pixel, and how intervals of one pixel do, as shares of their means.
 
     The spread is that of ON less OFF events between diagonal neighbours, so that what varies smoothly over the sensor,
     as a signal or light does, is no part of it. Subtracted is what counts of one rate scatter: a clock's unknown phase,
@@ -141,7 +141,7 @@ def _variation(one: StreamStatistics, off_over_on: float | None) -> _Variation:
 
 
 def _variance_of_early_events(off_over_on: float | None, noise: float) -> Measured:
-    """What noise adds to the relative variance of leak intervals of pixels without an OFF event.
+    """Return what noise adds to the relative variance of leak intervals of pixels without an OFF event.
 
     Shortly before a leak event noise may make the ON event, and no OFF event follows, see
     :func:`~davis_rs.calibrate.sensor.noise_fit.find_noise`. The higher C_off, the more of the noise does so.
@@ -192,7 +192,7 @@ def _spread(net: npt.NDArray[np.float64], calm: npt.NDArray[np.bool_], jitter: M
 
 
 def _calm(one: StreamStatistics) -> npt.NDArray[np.bool_]:
-    """Those of the quiet pixels that have the fewest OFF events."""
+    """Return those of the quiet pixels that have the fewest OFF events."""
     off = one.counts[0]
     return np.asarray(one.quiet & (off <= np.quantile(off[one.quiet], _CALM_SHARE)))
 

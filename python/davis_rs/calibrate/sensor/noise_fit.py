@@ -36,7 +36,7 @@ def find_noise(
     lux: Sequence[float | None],
     parameters: KnownParameters,
 ) -> tuple[Finding, Finding]:
-    """The rms of the noise, and the light in which its square is halved.
+    """Return the rms of the noise, and the light in which its square is halved.
 
     Quiet pixels make as many pairs of noise events as Rice's formula says, see
     :class:`~davis_rs.sensor.effects.ShotNoise`, in the mean over their thresholds. OFF events are counted, because a
@@ -124,7 +124,7 @@ class _Problem:
     said: str
 
     def solve(self) -> tuple[Measured, Measured | None]:
-        """The rms, and the half light if it is to be found."""
+        """Return the rms, and the half light if it is to be found."""
         from scipy.optimize import least_squares
 
         given = [one for one in self.given if one.sigma > 0]

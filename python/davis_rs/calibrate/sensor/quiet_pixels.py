@@ -34,7 +34,7 @@ def signal_in(one: StreamStatistics) -> str | None:
 
 
 def neighbours_with_events(counts: npt.NDArray[np.int64], quiet: npt.NDArray[np.bool_]) -> Pairs:
-    """Whether pixels fire together with their neighbours, as signal makes them, and noise does not.
+    """Return whether pixels fire together with their neighbours, as signal makes them, and noise does not.
 
     Diagonal neighbours, because quiet pixels were chosen by the ones next to them, see
     :data:`~davis_rs.inspection.statistics.stream_statistics.QUIET_SHARE`.

@@ -116,7 +116,7 @@ class SignalSampler:
             self._sample(int(events["t"][-1]) - MOST_GAP_S * 1e6)
 
     def finish(self) -> SignalSamples:
-        """All samples; the sampler takes no more events then."""
+        """Return all samples; the sampler takes no more events then."""
         self._sample(np.inf)
         samples = np.concatenate([np.zeros(0, SAMPLE_DTYPE), *self._samples])
         samples = samples[np.argsort(samples["pixel"], kind="stable")]
@@ -237,7 +237,7 @@ def _between(
     earlier: npt.NDArray[np.float64],
     later: npt.NDArray[np.float64],
 ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-    """How much of a level the signal has gone, and how fast it goes.
+    """Return how much of a level the signal has gone, and how fast it goes.
 
     A cubic whose slope at both ends is that of the parabola through the event and both of its neighbours, at most three
     times the chord's, so that it never turns; where a neighbour is missing the slope makes the curve a parabola.

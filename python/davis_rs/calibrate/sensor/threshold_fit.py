@@ -154,7 +154,7 @@ class _Regression:
         self.turn = 0
 
     def improve(self) -> None:
-        """One round."""
+        """Make one round."""
         self.columns()
         self.weigh()
         self.solve()
@@ -280,7 +280,7 @@ class _Regression:
         return np.asarray(on * self.pairs.on - off * self.pairs.off, np.float64)
 
     def solved(self, normal: FloatArray, right: FloatArray) -> FloatArray:
-        """The unknowns of all, with what is known of them beforehand."""
+        """Return the unknowns of all, with what is known of them beforehand."""
         normal, right = normal.copy(), right.copy()
         black = self.black_known or Measured(self.black, 1e3 * float(np.median(self.middle)))
         lag = Measured(0.0, _LAG_SIGMA_S)
@@ -309,7 +309,7 @@ class _Regression:
         self.own = centre * np.clip(1 + self.shrink * (value / centre - 1), 0.3, 3.0)
 
     def result(self) -> ThresholdFit:
-        """What was found, with errors.
+        """Return what was found, with errors.
 
         Raises:
             NotIdentifiable: where frames do not follow the events.

@@ -50,7 +50,7 @@ RAW = "raw"
 
 
 def raw_tensors(events: EventArray) -> dict[str, torch.Tensor]:
-    """The fields of events as tensors of shape (n,) without a copy: t int64, x and y int16, p uint8.
+    """Return the fields of events as tensors of shape (n,) without a copy: t int64, x and y int16, p uint8.
 
     Coordinates above 32,767, which int16 does not hold, are copied to int32.
     """

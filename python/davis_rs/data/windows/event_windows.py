@@ -145,7 +145,7 @@ class EventWindows(Sequence[EventWindow]):
         return FrameCuts(t_us[(t_us >= self._first_us) & (t_us <= self._stop_us)])
 
     def _of_folder(self, start_us: int, end_us: int) -> dict[str, Any]:
-        """What a folder has of a window."""
+        """Return what a folder has of a window."""
         if (folder := self.dataset) is None:
             return {}
         until_us = end_us + 1 if self.by == "frames" else end_us
@@ -174,7 +174,7 @@ def _images(images: list[StampedImage], start_us: int, end_us: int, read: Callab
 
 
 def _pose_at(poses: GroundTruth, t_us: int) -> Pose | None:
-    """The pose at an instant between the first and the last one."""
+    """Return the pose at an instant between the first and the last one."""
     after = int(np.searchsorted(poses.t_us, t_us))
     if after == len(poses.t_us):
         return None

@@ -45,7 +45,7 @@ class WindowImages(Sequence[_Image], Generic[_Image]):
 
 
 def no_images() -> WindowImages[Any]:
-    """The images of a window without any."""
+    """Return the images of a window without any."""
     return WindowImages(np.zeros(0, np.int64), 0, lambda _: None)
 
 

@@ -54,7 +54,7 @@ def compare_streams(
 
 
 def _cells(one: StreamStatistics) -> dict[str, str]:
-    """A column of the table, by the names of its rows."""
+    """Return a column of the table, by the names of its rows."""
     found = one.describe()
     hot, order = found["hot_pixels"], found["column_order"]
     cells = {

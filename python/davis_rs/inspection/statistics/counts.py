@@ -68,7 +68,7 @@ class Histogram:
 
 
 def bin_edges() -> IntArray:
-    """The first value of each bin, and one behind the last bin."""
+    """Return the first value of each bin, and one behind the last bin."""
     exact = np.arange(_EXACT, dtype=np.int64)
     octaves = [np.arange(_HALF, _EXACT, dtype=np.int64) << k for k in range(1, _OCTAVES + 1)]
     return np.concatenate([exact, *octaves, [np.iinfo(np.int64).max]])

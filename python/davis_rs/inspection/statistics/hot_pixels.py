@@ -45,7 +45,7 @@ class HotPixels:
 
 
 def find_hot_pixels(pixels: PixelSums, duration_s: float) -> HotPixels:
-    """The hot pixels of a stream."""
+    """Return the hot pixels of a stream."""
     from scipy.ndimage import median_filter
 
     events = pixels.events
@@ -69,8 +69,8 @@ def find_hot_pixels(pixels: PixelSums, duration_s: float) -> HotPixels:
 
 
 def _variation(pixels: PixelSums) -> npt.NDArray[np.float64]:
-    """The coefficient of variation of the intervals of each polarity and pixel, (2, H, W); infinite with fewer than
-    three."""
+    """Return the coefficient of variation of the intervals of each polarity and pixel, (2, H, W); infinite with fewer
+    than three."""
     count = pixels.intervals
     with np.errstate(invalid="ignore", divide="ignore"):
         mean = pixels.interval_sum / count

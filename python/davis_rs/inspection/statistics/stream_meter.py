@@ -141,7 +141,7 @@ def measure_stream(
 
 
 def _between(pieces: Iterator[EventArray], start_s: float, stop_s: float | None) -> Iterator[EventArray]:
-    """The events of a part, in seconds after the first event."""
+    """Yield the events of a part, in seconds after the first event."""
     if start_s == 0 and stop_s is None:
         yield from pieces
         return

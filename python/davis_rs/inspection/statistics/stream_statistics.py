@@ -37,7 +37,7 @@ class Measured(NamedTuple):
 
 
 def _to_digits(number: float, digits: int) -> str:
-    """A number rounded to ``digits`` digits; with an exponent only from a million on, or below 0.0001."""
+    """Return a number rounded to ``digits`` digits; with an exponent only from a million on, or below 0.0001."""
     return f"{float(f'{number:.{digits}g}'):g}"
 
 
@@ -156,7 +156,7 @@ def evaluate(
     outside: int,
     quiet: Region | None,
 ) -> StreamStatistics:
-    """The statistics from what was added up.
+    """Return the statistics from what was added up.
 
     Raises:
         ValueError: for a region that is not in the sensor.
@@ -195,7 +195,7 @@ def evaluate(
 def _quiet_pixels(
     events: npt.NDArray[np.int64], cold: npt.NDArray[np.bool_], region: Region | None
 ) -> npt.NDArray[np.bool_]:
-    """The pixels, bool (H, W), that are quiet, or the cold ones of a region."""
+    """Return the pixels, bool (H, W), that are quiet, or the cold ones of a region."""
     height, width = cold.shape
     if region is not None:
         x0, y0, x1, y1 = region
@@ -223,7 +223,7 @@ def _quiet_pixels(
 
 
 def _parity(counts: npt.NDArray[np.int64], cold: npt.NDArray[np.bool_], axis: int) -> Measured:
-    """Events at even places over those at odd ones, along an axis; its scatter is that of pairs of neighbours."""
+    """Return events at even positions over those at odd ones, along an axis; its scatter is that of pairs of neighbours."""
     lines = np.where(cold, counts, 0).sum(axis=1 - axis, dtype=np.float64)
     width = np.maximum(cold.sum(axis=1 - axis), 1)
     per_pixel = lines / width
@@ -244,7 +244,7 @@ def _rate(events: int, seconds: float) -> Measured:
 
 
 def _share(part: int, total: int) -> Measured:
-    """A share with its standard deviation (Agresti and Coull's: with one of none it does not vanish)."""
+    """Return a fraction with its standard deviation (Agresti and Coull's: with one of none it does not vanish)."""
     if total == 0:
         return Measured(math.nan, math.nan)
     smooth = (part + 2) / (total + 4)
@@ -270,7 +270,7 @@ def _range(values: npt.NDArray[np.float64]) -> dict[str, float] | None:
 
 
 def _plain(found: Any) -> Any:
-    """The statistics in JSON's types; NaN and infinity become None."""
+    """Return the statistics in JSON's types; NaN and infinity become None."""
     if isinstance(found, Measured):
         return {"value": _plain(found.value), "sigma": _plain(found.sigma)}
     if isinstance(found, dict):

@@ -136,7 +136,7 @@ class NpzTruth(EventTruthFile):
 
 
 def open_event_truth(folder: Path, kind: str, shape_names: Sequence[str]) -> EventTruthFile:
-    """The file of a dataset folder that holds truth at events.
+    """Return the file of a dataset folder that holds truth at events.
 
     Args:
         kind: ``h5`` or ``npz``.

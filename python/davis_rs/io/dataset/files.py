@@ -34,7 +34,7 @@ class ImageSeries:
     suffix: str
 
     def image_name(self, number: int) -> str:
-        """The path inside the dataset folder of image ``number``, as the list names it."""
+        """Return the path inside the dataset folder of image ``number``, as the list names it."""
         return f"{self.folder}/frame_{number:08d}{self.suffix}"
 
 
@@ -86,7 +86,7 @@ def check_event_format(format: str, size: tuple[int, int]) -> None:
 
 
 def event_file(folder: Path) -> Path:
-    """The folder's event file; where there is none, the one that a killed writer left unfinished, as NAME.part;
+    """Return the folder's event file; where there is none, the one that a killed writer left unfinished, as NAME.part;
     ``events.txt`` where there is nothing at all."""
     whole = [folder / name for name in EVENT_FILES.values()]
     parts = [part_of(path) for path in whole]
@@ -163,7 +163,7 @@ class ImageFiles:
 
 
 def stamp(t_us: int) -> str:
-    """A time in microseconds as the text formats write it: seconds with nine decimals, by integer arithmetic."""
+    """Return a time in microseconds as the text formats write it: seconds with nine decimals, by integer arithmetic."""
     return f"{t_us // 1_000_000}.{t_us % 1_000_000:06d}000"
 
 
@@ -172,7 +172,7 @@ def pose_line(t_us: int, pose: Pose) -> str:
 
 
 def stamped_line(t_us: int, values: npt.NDArray[np.float64]) -> str:
-    """A time and values (n,), written exactly."""
+    """Return a time and values (n,), written exactly."""
     return " ".join([stamp(t_us), *map(repr, values.tolist())]) + "\n"
 
 
@@ -182,7 +182,7 @@ def as_grey(frame: npt.NDArray[np.float32], image_gain: float) -> npt.NDArray[np
 
 
 def encode_png(grey: npt.NDArray[np.uint8 | np.uint16]) -> bytes:
-    """A grey image (H, W) of 8 or 16 bits."""
+    """Return a grey image (H, W) of 8 or 16 bits."""
     from PIL import Image
 
     stream = io.BytesIO()
@@ -191,7 +191,7 @@ def encode_png(grey: npt.NDArray[np.uint8 | np.uint16]) -> bytes:
 
 
 def encode_exr(channels: Mapping[str, npt.NDArray[np.float32]]) -> bytes:
-    """Images (H, W) by the names of their channels."""
+    """Return images (H, W) by the names of their channels."""
     import OpenEXR
 
     # Into memory: OpenEXR's own file errors have no errno.
@@ -274,7 +274,7 @@ def require_folder_room(path: Path, *, overwrite: bool) -> None:
 
 
 def _is_claimed(path: Path) -> bool:
-    """Whether a writer was killed before it had an event file."""
+    """Return whether a writer was killed before it had an event file."""
     meta = path / META
     return meta.stat().st_size == len(CLAIMED) and meta.read_bytes() == CLAIMED
 

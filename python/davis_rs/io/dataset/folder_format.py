@@ -235,12 +235,12 @@ class FolderReader(EventReader):
         self._events.close()
 
     def images(self) -> Iterator[tuple[int, npt.NDArray[np.uint8]]]:
-        """Intensity frames as (t_us, uint8 (height, width))."""
+        """Yield intensity frames as (t_us, uint8 (height, width))."""
         for number, image in enumerate(self.dataset.frames):
             yield image.t_us, self.dataset.read_image(number)
 
     def depth_maps(self) -> Iterator[tuple[int, npt.NDArray[np.float32]]]:
-        """Depth maps as (t_us, float32 (height, width) in metres)."""
+        """Yield depth maps as (t_us, float32 (height, width) in metres)."""
         for number, image in enumerate(self.dataset.depth_maps):
             yield image.t_us, self.dataset.read_depth(number)
 
@@ -261,7 +261,7 @@ class FolderReader(EventReader):
             yield PoseSample(t_us, position, quaternion)
 
     def cameras(self) -> Iterator[tuple[int, Calibration]]:
-        """The calibration as (0, calibration), nothing where there is none."""
+        """Yield the calibration as (0, calibration), nothing where there is none."""
         if (self.dataset.path / CALIBRATION).exists():
             camera = self.dataset.camera
             size = self.dataset.size or self.sensor or (camera.width, camera.height)
@@ -281,7 +281,7 @@ class FolderReader(EventReader):
 
 
 def part_counts(dataset: Dataset) -> dict[str, int]:
-    """How many there are of what a folder has next to its events, by what messages call them.
+    """Return how many there are of what a folder has next to its events, by what messages call them.
 
     Raises:
         OSError, DecodeError: if a part cannot be read.

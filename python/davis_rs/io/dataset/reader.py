@@ -235,7 +235,7 @@ class Dataset:
         return self._read_png(self.frames[index].path, "L", "an 8-bit")
 
     def _read_png(self, path: Path, mode: str, what: str) -> npt.NDArray[Any]:
-        """A grey image of a mode of Pillow."""
+        """Return a grey image of a mode of Pillow."""
         from PIL import Image
 
         budget = Budget(path)
@@ -294,7 +294,7 @@ class Dataset:
         return images
 
     def _stamped_rows(self, name: str, layout: str, what: str) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float64]]:
-        """A text file of stamps and numbers: times (n,) and numbers (n, k)."""
+        """Return a text file of stamps and numbers: times (n,) and numbers (n, k)."""
         path = self.path / name
         times, rows = [], []
         for number, words in self._lines(name, layout):
@@ -309,7 +309,7 @@ class Dataset:
         return np.array(times, np.int64), np.array(rows, np.float64).reshape(-1, len(layout.split()) - 1)
 
     def _lines(self, name: str, layout: str) -> Iterator[tuple[int, list[str]]]:
-        """The numbered lines of a text file, in words; none where it does not exist. '#' starts a comment line."""
+        """Yield the numbered lines of a text file, in words; none where it does not exist. '#' starts a comment line."""
         path = self.path / name
         if not path.exists():
             return

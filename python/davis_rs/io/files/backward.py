@@ -39,7 +39,7 @@ class TimeOrder:
         self.splits = 0
 
     def push(self, events: EventArray) -> list[EventArray]:
-        """The packet as one or more runs; the first continues the last run of the packet before.
+        """Return the packet as one or more runs; the first continues the last run of the packet before.
 
         It may be empty, where a new run begins with the packet.
 

@@ -143,7 +143,7 @@ class _Item(NamedTuple):
 
 
 def _items(reader: EventReader, part: Part, start_us: int | None, stop_us: int | None) -> Iterator[_Item]:
-    """What a reader has of a part; a calibration holds for all times."""
+    """Yield what a reader has of a part; a calibration holds for all times."""
     for t_us, *values in guarded(reader.path, iter(getattr(reader, part.read)())):
         if part.name == "camera" or ((start_us is None or t_us >= start_us) and (stop_us is None or t_us < stop_us)):
             yield _Item(int(t_us), part, tuple(values))
@@ -208,7 +208,7 @@ def _moved(events: EventArray, shift: int) -> EventArray:
 
 
 def _left_out(reader: EventReader, held: list[Part]) -> str:
-    """What a source has next to its events and the parts that are held, with counts where they are known."""
+    """Return what a source has next to its events and the parts that are held, with counts where they are known."""
     kept = {part.counted for part in held}
     if isinstance(reader, FolderReader):
         return ", ".join(f"{count:,} {what}" for what, count in part_counts(reader.dataset).items() if what not in kept)

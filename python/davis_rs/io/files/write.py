@@ -66,7 +66,7 @@ def open_writer(
 def _whole_writer(
     format: Format, path: Path, size: tuple[int, int], overwrite: bool, options: Mapping[str, Any]
 ) -> EventWriter:
-    """A writer into a hidden place next to the path."""
+    """Return a writer into a hidden place next to the path."""
     workplace = Workplace(
         path,
         require_room=lambda: format.require_room(path, overwrite=overwrite),
@@ -83,7 +83,7 @@ def _whole_writer(
 
 
 def _format_for(path: Target, format: str | None, options: Mapping[str, Any]) -> Format:
-    """The format that is asked for, if it has these options and its libraries are there.
+    """Return the format that is asked for, if it has these options and its libraries are there.
 
     Raises:
         ValueError, TypeError, ImportError: as :func:`open_writer`.

@@ -89,7 +89,7 @@ class BagReader(RosReader):
         return topics.typestore(1).deserialize_ros1(raw.data, raw.type)
 
     def blocks(self) -> Blocks:
-        """A block is all messages of one of the bag's times; the bag is read once."""
+        """Read the bag once: a block is all messages of one of its times."""
         if self._reader is None:
             refuse(self.path, "the bag has no index")
         times: list[list[int]] = []  # time of the messages in ns, number of their events, first event's time

@@ -69,7 +69,7 @@ def refuse(path: str | os.PathLike[str], why: str) -> NoReturn:
 
 
 def pieces(blocks: Blocks, first: int, stop: int) -> Iterator[tuple[int, slice]]:
-    """The blocks that hold events ``first`` to ``stop``, and which part of each."""
+    """Yield the blocks that hold events ``first`` to ``stop``, and which part of each."""
     block = int(np.searchsorted(blocks.starts, first, side="right")) - 1
     while first < stop:
         start, end = int(blocks.starts[block]), int(blocks.starts[block + 1])

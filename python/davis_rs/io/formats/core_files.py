@@ -69,7 +69,7 @@ class CoreReader(EventReader):
         return self._core.bytes / max(self._core.file_size, 1)
 
     def _open(self, start_us: int | None = None, stop_us: int | None = None) -> EventFileReader:
-        """The core's reader of the whole file, or of a part of it with all events of a slice of time."""
+        """Return the core's reader of the whole file, or of a part of it with all events of a slice of time."""
         return EventFileReader(self.path, self.format, in_order=self.rules.in_order)
 
     def _packets(self, chunk: int, start_us: int | None, stop_us: int | None) -> Iterator[EventArray]:
@@ -103,7 +103,7 @@ class CoreReader(EventReader):
             warn_truncated(self.path, f"the last {left_over} bytes, from byte {byte}, are no whole record")
 
     def _past(self, packet: EventArray, stop_us: int | None) -> bool:
-        """Whether nothing before ``stop_us`` can follow, since the format keeps times in order."""
+        """Return whether nothing before ``stop_us`` can follow, since the format keeps times in order."""
         return False
 
     def _read(self, start_us: int | None, stop_us: int | None) -> EventArray:

@@ -99,7 +99,7 @@ class E2vidReader(Hdf5Reader):
     names = ("events/ts", "events/xs", "events/ys", "events/ps")
 
     def images(self) -> Iterator[tuple[int, npt.NDArray[np.uint8]]]:
-        """Intensity frames as (t_us, uint8 (height, width)), in the order of their names."""
+        """Yield intensity frames as (t_us, uint8 (height, width)), in the order of their names."""
         with decoding(self.path, "images"):
             group = self._find("images")
             names = [] if group is None else sorted(group)

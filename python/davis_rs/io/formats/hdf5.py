@@ -180,11 +180,11 @@ class Hdf5Reader(EventReader):
         self._file.close()
 
     def _find(self, name: str) -> Any:
-        """The dataset or group of a name, None where there is none."""
+        """Return the dataset or group of a name, None where there is none."""
         return find_inside(self.path, self._file, name)
 
     def _rows_of(self, dataset: h5py.Dataset, rows: int, row: tuple[int | None, ...] = ()) -> Rows:
-        """The rows of a dataset of the file, within its limits."""
+        """Return the rows of a dataset of the file, within its limits."""
         return Rows(self.path, dataset, rows, self.rules.max_packet_bytes, self._budget, row)
 
     @abstractmethod
@@ -266,7 +266,7 @@ class Hdf5Reader(EventReader):
 
 
 def open_hdf5(path: str | os.PathLike[str]) -> h5py.File:
-    """An HDF5 file for reading, with the compressions of hdf5plugin.
+    """Return an HDF5 file for reading, with the compressions of hdf5plugin.
 
     Raises:
         ImportError: if a library is missing, with the extra that brings it.

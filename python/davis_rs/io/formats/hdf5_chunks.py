@@ -111,7 +111,7 @@ class Rows:
         self.close()
 
     def _chunk_at(self, first: int) -> npt.NDArray[Any]:
-        """The rows of the chunk, or of all chunks side by side, that begins at a row."""
+        """Return the rows of the chunk, or of all chunks side by side, that begins at a row."""
         if first != self._first:
             self._first, self._kept = -1, self._kept[:0]
             with decoding(self._path, f"{self._dataset.name}, the chunk at {first}"):
@@ -128,7 +128,7 @@ class Rows:
         return self._kept
 
     def _unpack(self, place: tuple[int, ...]) -> npt.NDArray[Any]:
-        """What a chunk holds, as far as it lies within the dataset."""
+        """Return what a chunk holds, as far as it lies within the dataset."""
         dataset = self._dataset
         inside = tuple(
             slice(o, min(o + step, side)) for o, step, side in zip(place, dataset.chunks, dataset.shape, strict=True)
@@ -150,14 +150,14 @@ class Rows:
         return found
 
     def _is_plain(self) -> bool:
-        """Whether values lie in the file as they do in an array."""
+        """Return whether values lie in the file as they do in an array."""
         import h5py
 
         return self.dtype.kind in "iuf" and self._dataset.id.get_type() == h5py.h5t.py_create(self.dtype)
 
     def _inflated(self, data: bytes, *, shuffled: bool) -> npt.NDArray[Any]:
-        """The values of a chunk of gzip's: here, because HDF5 unpacks it without a limit, so that it would have to be
-        unpacked before."""
+        """Return the values of a chunk of gzip's: here, because HDF5 unpacks it without a limit, so that it would have
+        to be unpacked before."""
         stream = zlib.decompressobj()
         values = stream.decompress(data, self._chunk_bytes + 1)
         if len(values) != self._chunk_bytes or not stream.eof:
@@ -202,7 +202,7 @@ def check_dataset(
 
 
 def _filters(path: str | os.PathLike[str], dataset: h5py.Dataset) -> list[int]:
-    """The numbers of a dataset's filters, in the order in which they were applied.
+    """Return the numbers of a dataset's filters, in the order in which they were applied.
 
     Raises:
         DecodeError: for a compression of which it is not known what it unpacks to.
@@ -226,7 +226,7 @@ def _filters(path: str | os.PathLike[str], dataset: h5py.Dataset) -> list[int]:
 
 
 def _unpacked(number: int, data: bytes, limit: int) -> int:
-    """What a chunk unpacks to, or more; where it is above the limit, any number above it."""
+    """Return what a chunk unpacks to, or more; where it is above the limit, any number above it."""
     if number == _BLOSC:
         return int.from_bytes(data[4:8], "little")
     if number in (_LZ4, _BITSHUFFLE):
@@ -244,7 +244,8 @@ def _unpacked(number: int, data: bytes, limit: int) -> int:
 
 
 def _zstd_size(frame: bytes) -> int:
-    """The size that a frame's header states (RFC 8878, 3.1.1.1); 0 where it states none, which the filter refuses."""
+    """Return the size that a frame's header states (RFC 8878, 3.1.1.1); 0 where it states none, which the filter
+    refuses."""
     descriptor = frame[4] if len(frame) > 4 else 0
     single = descriptor >> 5 & 1
     begin = 5 + (1 - single) + (0, 1, 2, 4)[descriptor & 3]

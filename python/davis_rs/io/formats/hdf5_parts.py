@@ -168,14 +168,14 @@ class Hdf5PartsReader(Hdf5Reader):
     series: ClassVar[Mapping[str, Series]]
 
     def images(self) -> Iterator[tuple[int, npt.NDArray[np.uint8]]]:
-        """Intensity frames as (t_us, uint8 (height, width))."""
+        """Yield intensity frames as (t_us, uint8 (height, width))."""
         for t_us, image in self._rows(FRAMES, (None, None)):
             if image.dtype != np.uint8:
                 raise DecodeError(f"{self.path}: images must be uint8, found {image.dtype}")
             yield t_us, image
 
     def depth_maps(self) -> Iterator[tuple[int, npt.NDArray[np.float32]]]:
-        """Depth maps as (t_us, float32 (height, width) in metres)."""
+        """Yield depth maps as (t_us, float32 (height, width) in metres)."""
         for t_us, depth in self._rows(DEPTH, (None, None)):
             yield t_us, depth.astype(np.float32)
 
@@ -195,7 +195,7 @@ class Hdf5PartsReader(Hdf5Reader):
             yield PoseSample(t_us, pose[:3].astype(np.float64), pose[3:].astype(np.float64))
 
     def cameras(self) -> Iterator[tuple[int, Calibration]]:
-        """The calibration as (0, calibration), nothing where there is none."""
+        """Yield the calibration as (0, calibration), nothing where there is none."""
         values = []
         with decoding(self.path, CALIBRATION):
             if self._find(CALIBRATION) is None:

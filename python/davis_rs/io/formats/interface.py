@@ -339,7 +339,7 @@ class EventReader(ABC):
         return self.check.take(select(events, start_us, stop_us, None))
 
     def _checked(self, chunk: int, start_us: int | None, stop_us: int | None) -> Iterator[EventArray]:
-        """The packets, once they have passed the check; all of them, where times may go back."""
+        """Yield the packets, once they have passed the check; all of them, where times may go back."""
         check = self.check = self._new_check()
         packets = self._packets(chunk, start_us, stop_us) if self.rules.in_order else self._packets(chunk, None, None)
         for packet in guarded(self.path, packets):
@@ -354,7 +354,7 @@ class EventReader(ABC):
         start_us <= t < stop_us, and perhaps others. What is handed out belongs to the caller."""
 
     def _read(self, start_us: int | None, stop_us: int | None) -> EventArray:
-        """All events with start_us <= t < stop_us, and perhaps others, as one array of the caller's."""
+        """Return all events with start_us <= t < stop_us, and perhaps others, as one array of the caller's."""
         parts = (select(packet, start_us, stop_us, None) for packet in self._packets(CHUNK, start_us, stop_us))
         return concatenate_events(list(parts))
 
@@ -461,7 +461,7 @@ def check_slice(start_us: int | None, stop_us: int | None, roi: Roi | None) -> N
 
 
 def select(events: EventArray, start_us: int | None, stop_us: int | None, roi: Roi | None) -> EventArray:
-    """The events of a slice, as :meth:`EventReader.iter` defines it; without a copy where all of them are."""
+    """Return the events of a slice, as :meth:`EventReader.iter` defines it; without a copy where all of them are."""
     keep = np.ones(len(events), np.bool_)
     if start_us is not None:
         keep &= events["t"] >= start_us

@@ -44,7 +44,7 @@ class McapScan:
             self._topics = {message.topic: message.type for message in self.messages()}
 
     def topics(self) -> dict[str, str]:
-        """The types of all topics."""
+        """Return the types of all topics."""
         return dict(self._topics or {})
 
     def messages(self) -> Iterator[ScannedMessage]:

@@ -114,7 +114,7 @@ class MvsecReader(Hdf5PartsReader):
     row = (4,)
 
     def depth_maps(self) -> Iterator[tuple[int, npt.NDArray[np.float32]]]:
-        """Depth maps as (t_us, float32 (height, width) in metres), inf where there is none."""
+        """Yield depth maps as (t_us, float32 (height, width) in metres), inf where there is none."""
         for t_us, depth in super().depth_maps():
             yield t_us, np.where(np.isnan(depth), np.float32(np.inf), depth)
 

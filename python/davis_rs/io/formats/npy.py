@@ -28,7 +28,7 @@ HEADER = 192
 
 
 def npy_header(count: int) -> bytes:
-    """The header of an array of ``count`` events."""
+    """Return the header of an array of ``count`` events."""
     text = f"{{'descr': {np.lib.format.dtype_to_descr(EVENT_DTYPE)!r}, 'fortran_order': False, 'shape': ({count},), }}"
     length = HEADER - len(MAGIC) - 4
     return MAGIC + b"\x01\x00" + length.to_bytes(2, "little") + text.ljust(length - 1).encode() + b"\n"
@@ -172,7 +172,7 @@ class NpyReader(EventReader):
         return self._offset + self._events * self._dtype.itemsize
 
     def _find(self, t_us: int) -> int:
-        """The first event at or after ``t_us``."""
+        """Return the first event at or after ``t_us``."""
         if not self._events:
             return 0
         times = np.memmap(self.path, self._dtype, "r", self._offset, (self._events,))["t"]

@@ -196,7 +196,7 @@ def _events_of(archive: zipfile.ZipFile, path: Path) -> zipfile.ZipInfo:
 
 
 def _is_ours(path: Path) -> bool:
-    """Whether the file begins as those of :class:`NpzWriter` do, whatever is said of sizes."""
+    """Return whether the file begins as those of :class:`NpzWriter` do, whatever is said of sizes."""
     with path.open("rb") as file:
         begin, whole = file.read(_LOCAL.size + len(_NAME)), _local_header(0, 0)
     return begin[:14] == whole[:14] and begin[18:] == whole[18 : len(begin)]
@@ -209,7 +209,7 @@ def _local_header(crc: int, size: int) -> bytes:
 
 
 def _directory(crc: int, size: int, place: int) -> bytes:
-    """The central directory, which begins at ``place``, and its two ends, of 64 and of 32 bits."""
+    """Return the central directory, which begins at ``place``, and its two ends, of 64 and of 32 bits."""
     sizes = struct.pack("<2H2Q", 1, 16, size, size)
     fields = (45, 45, 0, zipfile.ZIP_STORED, *_DATE, crc, _LATER, _LATER, len(_NAME), len(sizes), 0, 0, 0, 0, 0)
     entry = struct.pack("<4s6H3L5H2L", b"PK\x01\x02", *fields) + _NAME + sizes

@@ -213,7 +213,7 @@ class ParquetReader(EventReader):
         fill_events(events, t, x, y, p)
 
     def _column(self, batch: pa.RecordBatch, name: str) -> npt.NDArray[Any]:
-        """A column of the type that events have."""
+        """Return a column of the type that events have."""
         column = batch.column(batch.schema.get_field_index(name))
         if column.null_count:
             raise DecodeError(f"{self.path}: {column.null_count} values of {name} are missing")
@@ -253,7 +253,7 @@ class ParquetFormat(Format):
 
 
 def _touches(group: RowGroup, start_us: int | None, stop_us: int | None) -> bool:
-    """Whether a row group may hold events of a slice of time, by its statistics."""
+    """Return whether a row group may hold events of a slice of time, by its statistics."""
     t = next(column for column in group.columns if column.name == "t")
     if t.least is None or t.largest is None:
         return True
@@ -261,7 +261,7 @@ def _touches(group: RowGroup, start_us: int | None, stop_us: int | None) -> bool
 
 
 def _least_us(group: RowGroup) -> int:
-    """The time of a row group's first event, where its statistics tell."""
+    """Return the time of a row group's first event, where its statistics tell."""
     least = next(column for column in group.columns if column.name == "t").least
     return UNKNOWN_US if least is None else least
 

@@ -105,7 +105,7 @@ def check_map(what: str, image: npt.NDArray[np.generic], shape: Iterable[int], d
 
 
 def on_sensor(image: npt.NDArray[np.uint8], x: int, y: int, size: tuple[int, int] | None) -> npt.NDArray[np.uint8]:
-    """An image whose first pixel lies at ``x``, ``y`` as one of the whole sensor, 0 where it does not reach."""
+    """Return an image whose first pixel lies at ``x``, ``y`` as one of the whole sensor, 0 where it does not reach."""
     height, width = image.shape
     if size is None or (x, y, width, height) == (0, 0, *size):
         return image

@@ -78,7 +78,7 @@ class EventCheck:
         self.dropped_outside = 0
 
     def take(self, events: EventArray) -> EventArray:
-        """The events that are handed out.
+        """Return the events that are handed out.
 
         Raises:
             DecodeError: for the first one that breaks a rule, with its number, counted from 0 among those read.

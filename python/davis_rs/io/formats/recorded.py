@@ -33,8 +33,9 @@ class RecordedParts:
     sensor: tuple[int, int] | None
 
     def images(self) -> Iterator[tuple[int, npt.NDArray[np.uint8]]]:
-        """Intensity frames as (t_us, uint8 (height, width)) of the sensor's size, stamped with the middle of their
-        exposure; 0 where a frame does not cover the sensor. A camera's 10 bits lose the last two, which ``notes`` say.
+        """Yield intensity frames as (t_us, uint8 (height, width)) of the sensor's size, stamped with the middle of
+        their exposure; 0 where a frame does not cover the sensor. A camera's 10 bits lose the last two, which ``notes``
+        say.
         """
         remarks = Remarks()
         for piece in self.recording.pieces(("frames",), remarks):

@@ -176,7 +176,7 @@ class Ros2Writer(RosWriter):
 
 
 def _is_single(path: Path) -> bool:
-    """Whether a rosbag2 of this name is one file of MCAP, and not a folder."""
+    """Return whether a rosbag2 of this name is one file of MCAP, and not a folder."""
     return path.suffix.lower() == ".mcap"
 
 

@@ -25,7 +25,7 @@ _ZSTD = b"\x28\xb5\x2f\xfd"
 
 
 def storage_files(path: Path) -> list[Path]:
-    """The files of a rosbag2 that hold its messages, in their order: those of a folder, or the file itself."""
+    """Return the files of a rosbag2 that hold its messages, in their order: those of a folder, or the file itself."""
     if not path.is_dir():
         return [path]
 

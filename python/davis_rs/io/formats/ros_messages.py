@@ -49,7 +49,7 @@ _OWN_MESSAGES = {
 
 @cache
 def typestore(version: Literal[1, 2] = 1) -> Typestore:
-    """The message types of ROS 1 (Noetic) or ROS 2 (Humble), of dvs_msgs and of event_camera_msgs.
+    """Return the message types of ROS 1 (Noetic) or ROS 2 (Humble), of dvs_msgs and of event_camera_msgs.
 
     Raises:
         ImportError: without rosbags, with the extra that brings it.
@@ -65,7 +65,7 @@ def typestore(version: Literal[1, 2] = 1) -> Typestore:
 
 
 def header(store: Typestore, seq: int, t_us: int, frame_id: str) -> Any:
-    """A std_msgs/Header; that of ROS 2 has no number."""
+    """Return a std_msgs/Header; that of ROS 2 has no number."""
     seconds, microseconds = divmod(t_us, 1_000_000)
     time = store.types["builtin_interfaces/msg/Time"](sec=seconds, nanosec=microseconds * 1000)
     kind = store.types["std_msgs/msg/Header"]
@@ -125,5 +125,5 @@ def pose_fields(store: Typestore, position: npt.ArrayLike, quaternion: npt.Array
 
 
 def stamp_us(stamp: Any) -> int:
-    """A time of ROS in microseconds, to the nearest, halves up."""
+    """Return a time of ROS in microseconds, to the nearest, halves up."""
     return int(stamp.sec) * 1_000_000 + (int(stamp.nanosec) + 500) // 1000

@@ -99,11 +99,11 @@ class RosWriter(EventWriter):
 
     @abstractmethod
     def _pack(self, events: EventArray, sequence: int) -> tuple[messages.Topic, bytes]:
-        """A message of events."""
+        """Return a message of events."""
 
     @abstractmethod
     def _serialize(self, message: Any, type_: str) -> bytes:
-        """The bytes of a message."""
+        """Return the bytes of a message."""
 
     def _message(self, topic: messages.Topic, t_us: int, *, frame_id: str | None = None, **fields: Any) -> None:
         """Write one message of a topic other than the events'."""
@@ -127,7 +127,7 @@ class RosWriter(EventWriter):
                     self._send()
 
     def _next(self, topic: str) -> int:
-        """The number of the topic's next message."""
+        """Return the number of the topic's next message."""
         sequence = self._sequences.get(topic, 0)
         self._sequences[topic] = sequence + 1
         return sequence

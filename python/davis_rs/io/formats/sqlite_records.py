@@ -67,11 +67,11 @@ class SqliteScan:
                 self._topics[number] = name, type_
 
     def topics(self) -> dict[str, str]:
-        """The types of all topics."""
+        """Return the types of all topics."""
         return dict(self._topics.values())
 
     def messages(self) -> Iterator[ScannedMessage]:
-        """All messages."""
+        """Yield all messages."""
         with self._open() as database:
             rows = self._count(database)
             [(first, last)] = self._select(database, "SELECT min(timestamp), max(timestamp) FROM messages", 1)
@@ -85,7 +85,7 @@ class SqliteScan:
                 yield ScannedMessage(*self._topics[number], t_ns, data, share)
 
     def _count(self, database: sqlite3.Connection) -> int:
-        """How many messages there are: before anything sorts them, because pages that lead in circles never end."""
+        """Return how many messages there are: before anything sorts them, because pages that lead in circles never end."""
         if self._rows is None:
             most = self._size // _LEAST_ROW + 1
             query = f"SELECT count(*), total(size) FROM (SELECT length(data) AS size FROM messages LIMIT {most})"
@@ -96,7 +96,7 @@ class SqliteScan:
         return self._rows
 
     def _select(self, database: sqlite3.Connection, query: str, most: int) -> Iterator[tuple[Any, ...]]:
-        """The rows of a query, of which there may be ``most``. Time counts while SQLite works, row by row."""
+        """Yield the rows of a query, of which there may be ``most``. Time counts while SQLite works, row by row."""
         self._budget.start_clock()
         try:
             for number, row in enumerate(database.execute(query)):

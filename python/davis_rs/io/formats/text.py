@@ -28,7 +28,7 @@ class TextReader(CoreReader):
         return stop_us is not None and len(packet) > 0 and bool(packet["t"][-1] >= stop_us)
 
     def _find(self, start_us: int) -> int:
-        """The beginning of a line, 0 or one before which all times are below ``start_us``, by bisection."""
+        """Return the beginning of a line, 0 or one before which all times are below ``start_us``, by bisection."""
         with self.path.open("rb") as file:
             low, high = 0, file.seek(0, os.SEEK_END)
             while high - low > _SEARCHED:
@@ -67,6 +67,6 @@ class TextFormat(Format):
 
 
 def _stamp(line: bytes) -> int | None:
-    """The time of a line in microseconds, rounded down, if it begins with one."""
+    """Return the time of a line in microseconds, rounded down, if it begins with one."""
     match = re.match(rb"([0-9]{1,13})\.([0-9]{1,9}) ", line)
     return None if match is None else int(match[1] + match[2].ljust(6, b"0")[:6])

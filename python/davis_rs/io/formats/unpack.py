@@ -15,7 +15,7 @@ _AT_ONCE = 1 << 20
 
 
 def unpack_bz2(path: str | os.PathLike[str], data: bytes, limit: int) -> bytes:
-    """What a bzip2 stream unpacks to.
+    """Return what a bzip2 stream unpacks to.
 
     Raises:
         DecodeError: if it is malformed, or has more than ``limit`` bytes.
@@ -24,7 +24,7 @@ def unpack_bz2(path: str | os.PathLike[str], data: bytes, limit: int) -> bytes:
 
 
 def unpack_lz4(path: str | os.PathLike[str], data: bytes, limit: int) -> bytes:
-    """What an LZ4 frame unpacks to.
+    """Return what an LZ4 frame unpacks to.
 
     Raises:
         DecodeError: if it is malformed, or has more than ``limit`` bytes.
@@ -35,7 +35,7 @@ def unpack_lz4(path: str | os.PathLike[str], data: bytes, limit: int) -> bytes:
 
 
 def unpack_zstd(path: str | os.PathLike[str], data: bytes, limit: int) -> bytes:
-    """What a Zstandard frame unpacks to.
+    """Return what a Zstandard frame unpacks to.
 
     Raises:
         DecodeError: if it is malformed, or has more than ``limit`` bytes.

@@ -170,11 +170,11 @@ class _Clock:
 
     @classmethod
     def at_start(cls, first: int) -> _Clock:
-        """The clock of a file by its first stamp: one below 0 is from a camera that had been on for 36 minutes."""
+        """Return the clock of a file by its first stamp: one below 0 is from a camera that had been on for 36 minutes."""
         return cls(1 << 32 if first < 0 else 0, first)
 
     def unwrapped(self, stamps: npt.NDArray[Any]) -> npt.NDArray[np.int64]:
-        """The times of the records that come next."""
+        """Return the times of the records that come next."""
         t = np.concatenate([np.array([self.last]), stamps.astype(np.int64)])
         anew = (t[1:] < t[:-1] - (1 << 31)).cumsum() << 32
         self.last = int(t[-1])
@@ -192,7 +192,7 @@ class _ImuWords:
         self._words = self._whole = 0
 
     def take(self, address: npt.NDArray[np.uint32], t: npt.NDArray[np.int64]) -> npt.NDArray[Any]:
-        """The samples that end in these records."""
+        """Return the samples that end in these records."""
         self._words += int(np.count_nonzero(address & _IMU == _IMU))
         address, t = np.concatenate([self._address, address]), np.concatenate([self._t, t])
         kept = max(len(address) - _WORDS + 1, 0)
@@ -206,7 +206,7 @@ class _ImuWords:
         return imu_array(t[words[:, 0]], counts[:, :3], counts[:, 4:], counts[:, 3] / 340 + 35, **self._scales)
 
     def finish(self, notes: list[str]) -> int:
-        """How many words of a sample stand at the end of the file."""
+        """Return how many words of a sample stand at the end of the file."""
         code = _codes(self._address)
         begins = np.flatnonzero(code == 0)
         left = len(code) - int(begins[-1]) if len(begins) else 0
@@ -218,12 +218,12 @@ class _ImuWords:
 
 
 def _codes(address: npt.NDArray[np.uint32]) -> npt.NDArray[np.int64]:
-    """Which word of an inertial sample each record is, :data:`_WORDS` where it is something else."""
+    """Return which word of an inertial sample each record is, :data:`_WORDS` where it is something else."""
     return np.where(address & _IMU == _IMU, (address >> 28 & 7).astype(np.int64), _WORDS)
 
 
 def _header(file: BinaryIO) -> bytes:
-    """The lines that a file begins with."""
+    """Return the lines that a file begins with."""
     data = b""
     while more := file.read(max(len(data), 1 << 16)):
         data += more
@@ -241,7 +241,7 @@ def _lines(data: bytes) -> bytes:
 
 
 def _line(header: bytes, pattern: bytes) -> str:
-    """What a pattern finds in the header, or nothing."""
+    """Return what a pattern finds in the header, or nothing."""
     match = re.search(pattern, header)
     return "" if match is None else match[1].decode("latin-1").strip()
 
@@ -264,7 +264,7 @@ def _triggers(t: npt.NDArray[np.int64], kind: npt.NDArray[np.uint32]) -> tuple[n
 
 
 def _full_scale(sensor: str, given: int | None, header: bytes, notes: list[str]) -> int:
-    """The one given, or the one of the header, or jAER's default."""
+    """Return the one given, or the one of the header, or jAER's default."""
     pattern, ranges, default, unit = _PREFERENCES[sensor]
     if given is not None:
         if given not in ranges:

@@ -123,7 +123,7 @@ class Aedat3File(RecordingFile):
             return self._part(file, place, _LeftOut()).events
 
     def _part(self, file: BinaryIO, place: tuple[int, ...], left_out: _LeftOut) -> Decoded:
-        """The events of one kind that stand at a place, or those of them that a cut file still has."""
+        """Return the events of one kind that stand at a place, or those of them that a cut file still has."""
         at, kind, size, overflow, count = place
         file.seek(at)
         data, base = file.read(count * size), overflow << 31
@@ -167,7 +167,7 @@ def _triggers(pairs: npt.NDArray[Any], base: int) -> npt.NDArray[Any]:
 
 
 def _frame(place: str, data: bytes, base: int) -> Frame | None:
-    """A frame, or None if it is marked as not valid."""
+    """Return a frame, or None if it is marked as not valid."""
     if len(data) < _FRAME_HEADER.size:
         raise DecodeError(f"{place}: a frame has at least {_FRAME_HEADER.size} bytes, found {len(data)}")
     info, start, end, exposed, covered, width, height, x, y = _FRAME_HEADER.unpack_from(data)

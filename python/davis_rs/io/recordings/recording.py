@@ -97,7 +97,7 @@ class Recording:
 
 
 def known_chip(given: str | None, found: str) -> str:
-    """The decoder's name of the camera's chip: the one given, or the one that a file's text names; or empty.
+    """Return the decoder's name of the camera's chip: the one given, or the one that a file's text names; or empty.
 
     Raises:
         ValueError: if what is given is not one.
@@ -127,7 +127,7 @@ def spanned(events: EventArray) -> tuple[int, int]:
 
 
 def inside(events: EventArray, width: int, height: int, notes: list[str]) -> EventArray:
-    """The events of the image; a note tells of others."""
+    """Return the events of the image; a note tells of others."""
     within = (events["x"] < width) & (events["y"] < height)
     if within.all():
         return events
@@ -136,7 +136,7 @@ def inside(events: EventArray, width: int, height: int, notes: list[str]) -> Eve
 
 
 def event_array(t: npt.ArrayLike, x: npt.ArrayLike, y: npt.ArrayLike, p: npt.ArrayLike) -> EventArray:
-    """Events from columns of one length."""
+    """Return events from columns of one length."""
     events = np.zeros(len(np.asarray(t)), EVENT_DTYPE)
     events["t"], events["x"], events["y"], events["p"] = t, x, y, p
     return events
@@ -168,7 +168,7 @@ def trigger_array(t: npt.NDArray[Any], kind: npt.NDArray[Any]) -> npt.NDArray[An
 
 
 def _dated(triggers: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """All but resets, whose time says nothing."""
+    """Return all but resets, whose time says nothing."""
     return triggers[triggers["kind"] != TriggerKind.TIMESTAMP_RESET]
 
 

@@ -82,7 +82,7 @@ class RecordingFile(ABC):
         """
 
     def has(self, kind: str) -> bool:
-        """Whether there is any of a kind.
+        """Return whether there is any of a kind.
 
         Raises:
             OSError, DecodeError: if it cannot be read, or is malformed before the first.
@@ -90,7 +90,7 @@ class RecordingFile(ABC):
         return any(len(getattr(piece.decoded, kind)) for piece in self.pieces((kind,)))
 
     def events_at(self, place: tuple[int, ...]) -> EventArray:
-        """The events of a piece that had this place.
+        """Return the events of a piece that had this place.
 
         Raises:
             OSError, DecodeError: if they cannot be read.
