@@ -205,7 +205,7 @@ class VirtualDavis:
         return None
 
     def read(self, size: int, timeout_s: float) -> bytes:
-        """Make a bulk transfer from the data endpoint: return what is there, at most ``size`` bytes; none after the timeout.
+        """Make a bulk transfer from the data endpoint: return at most ``size`` bytes of what is there.
 
         Raises:
             Unplugged: once it is; what was taken before stays taken.

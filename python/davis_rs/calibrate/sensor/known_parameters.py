@@ -30,7 +30,7 @@ class KnownParameters:
         return self._base.parameters
 
     def get(self, name: str) -> Measured | None:
-        """Return what was found of a parameter, or what the base has, with its error or 0; None where neither knows it."""
+        """Return what was found of a parameter, or what the base has, with its error or 0; None if neither knows."""
         return self._found.get(name) or self.of_base(name)
 
     def of_base(self, name: str) -> Measured | None:

@@ -221,6 +221,6 @@ def _problem(known: Sequence[_Quiet], parameters: KnownParameters) -> _Problem |
 
 
 def _half_lux(parameters: SensorParameters) -> float | None:
-    """As the sensor's own effects have it."""
+    """Return the half light as the sensor's own effects have it."""
     noise = SensorParameters.effects(parameters, 1.0).shot_noise_rms
     return None if noise is None or math.isinf(noise.half_luma) else noise.half_luma

@@ -28,7 +28,7 @@ def find_readout(recordings: Sequence[StreamStatistics]) -> Iterable[Finding]:
 
 
 def find_parity(recordings: Sequence[StreamStatistics]) -> Iterable[Finding]:
-    """Return events at even positions over those at odd ones, and what that says of thresholds if events go by 1 / C."""
+    """Yield events at even over odd positions, and what that says of thresholds if events go by 1 / C."""
     ratios: dict[tuple[str, int], Measured] = {}
     for words, pairs in (
         ("even / odd columns", [one.column_parity for one in recordings]),

@@ -161,7 +161,7 @@ class _Regression:
         self.turn += 1
 
     def columns(self) -> None:
-        """The log ratio, and what each unknown adds to it, at the present unknowns."""
+        """Compute the log ratio, and what each unknown adds to it, at the present unknowns."""
         pairs, (on, off) = self.pairs, self.own[:, self.pairs.own]
         light = np.maximum(pairs.value - self.black, 1e-3 * float(np.median(pairs.value)))
         self.ratio = np.diff(np.log(light), axis=0)[0]

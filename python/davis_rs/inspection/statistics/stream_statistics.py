@@ -223,7 +223,7 @@ def _quiet_pixels(
 
 
 def _parity(counts: npt.NDArray[np.int64], cold: npt.NDArray[np.bool_], axis: int) -> Measured:
-    """Return events at even positions over those at odd ones, along an axis; its scatter is that of pairs of neighbours."""
+    """Return events at even over odd positions along an axis; its scatter is that of pairs of neighbours."""
     lines = np.where(cold, counts, 0).sum(axis=1 - axis, dtype=np.float64)
     width = np.maximum(cold.sum(axis=1 - axis), 1)
     per_pixel = lines / width

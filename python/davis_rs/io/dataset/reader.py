@@ -309,7 +309,7 @@ class Dataset:
         return np.array(times, np.int64), np.array(rows, np.float64).reshape(-1, len(layout.split()) - 1)
 
     def _lines(self, name: str, layout: str) -> Iterator[tuple[int, list[str]]]:
-        """Yield the numbered lines of a text file, in words; none where it does not exist. '#' starts a comment line."""
+        """Yield the numbered lines of a text file, in words; none where it is missing. '#' starts a comment line."""
         path = self.path / name
         if not path.exists():
             return

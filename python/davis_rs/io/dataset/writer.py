@@ -58,7 +58,7 @@ _FRAME_PERCENTILE = 98.0
 
 
 def image_gain_for(frame: npt.NDArray[np.float32]) -> float:
-    """Return the image gain at which the frame's 98th percentile comes to 0.8 of full scale; 1.0 where that is black."""
+    """Return the image gain that brings the frame's 98th percentile to 0.8 of full scale; 1.0 where that is black."""
     white = float(np.percentile(frame, _FRAME_PERCENTILE))
     return _FRAME_FULL_SCALE / white if white > 0 else 1.0
 

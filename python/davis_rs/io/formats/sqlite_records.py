@@ -85,7 +85,7 @@ class SqliteScan:
                 yield ScannedMessage(*self._topics[number], t_ns, data, share)
 
     def _count(self, database: sqlite3.Connection) -> int:
-        """Return how many messages there are: before anything sorts them, because pages that lead in circles never end."""
+        """Count the messages before anything sorts them, because pages that lead in circles never end."""
         if self._rows is None:
             most = self._size // _LEAST_ROW + 1
             query = f"SELECT count(*), total(size) FROM (SELECT length(data) AS size FROM messages LIMIT {most})"

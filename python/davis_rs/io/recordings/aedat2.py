@@ -170,7 +170,7 @@ class _Clock:
 
     @classmethod
     def at_start(cls, first: int) -> _Clock:
-        """Return the clock of a file by its first stamp: one below 0 is from a camera that had been on for 36 minutes."""
+        """Return a file's clock by its first stamp: one below 0 is from a camera that had been on for 36 minutes."""
         return cls(1 << 32 if first < 0 else 0, first)
 
     def unwrapped(self, stamps: npt.NDArray[Any]) -> npt.NDArray[np.int64]:

@@ -76,7 +76,7 @@ def _extent(places: npt.NDArray[np.int64]) -> tuple[int, int]:
 
 
 def _passes(samples: Samples, read: int, *, at_least: float) -> list[npt.NDArray[np.intp]]:
-    """Return the samples of one read, split into passes over the image; only passes of at least ``at_least`` samples."""
+    """Return the samples of one read, split into passes over the image of at least ``at_least`` samples each."""
     places = np.flatnonzero(samples.read == read)
     x, y = samples.x[places], samples.y[places]
     # Column by column or, where the wire's are swapped, row by row, and in either direction.
