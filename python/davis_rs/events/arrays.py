@@ -1,4 +1,4 @@
-"""The event array: the one type in which every source of events and every consumer of them meets."""
+"""Defines the event array: the one type in which every source of events and every consumer of them meets."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What comes out of a DAVIS besides events: inertial samples, frames, triggers; and all of it together."""
+"""Defines what comes out of a DAVIS besides events: inertial samples, frames, triggers; and all of it together."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A figure of a sequence: intensity frame, events, depth map, and events over time."""
+"""Draws a figure of a sequence: intensity frame, events, depth map, and events over time."""
 
 from __future__ import annotations
 

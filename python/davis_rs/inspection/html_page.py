@@ -1,4 +1,4 @@
-"""A sequence as one HTML file, which any browser shows without a server and without a network."""
+"""Writes a sequence as one HTML file, which any browser shows without a server and without a network."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A sequence for the viewer of Rerun (https://rerun.io): all that it has, on one timeline."""
+"""Writes a sequence for the viewer of Rerun (https://rerun.io): all that it has, on one timeline."""
 
 from __future__ import annotations
 

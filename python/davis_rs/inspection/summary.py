@@ -1,4 +1,4 @@
-"""What is in an event file or a dataset folder: counts, rates, gaps, and how fast the camera moved."""
+"""Summarises an event file or a dataset folder: counts, rates, gaps, and how fast the camera moved."""
 
 from __future__ import annotations
 

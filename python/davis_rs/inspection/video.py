@@ -1,4 +1,4 @@
-"""A video of a sequence: its intensity frames next to its events."""
+"""Makes a video of a sequence: its intensity frames next to its events."""
 
 from __future__ import annotations
 

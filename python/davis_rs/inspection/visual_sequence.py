@@ -1,4 +1,4 @@
-"""What a figure or a video is drawn from: events, frames and depth of a folder, an event file or a recording."""
+"""Opens what a figure or a video is drawn from: events, frames and depth of a folder, an event file or a recording."""
 
 from __future__ import annotations
 

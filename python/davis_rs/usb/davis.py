@@ -1,4 +1,4 @@
-"""A live camera: ``with Davis.open() as camera: for packet in camera: ...``"""
+"""Runs a live camera: ``with Davis.open() as camera: for packet in camera: ...``"""
 
 from __future__ import annotations
 

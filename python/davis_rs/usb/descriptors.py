@@ -1,4 +1,4 @@
-"""The USB descriptors of a DAVIS: what any host reads before it can talk to the camera.
+"""Holds the USB descriptors of a DAVIS: what any host reads before it can talk to the camera.
 
 Source: Universal Serial Bus Specification 2.0, section 9.6.
 """

@@ -1,4 +1,4 @@
-"""A camera on the USB, through pyusb: find it, read and write its registers, receive its data.
+"""Talks to a camera on the USB, through pyusb: finds it, reads and writes its registers, receives its data.
 
 Every refusal of the system becomes an OSError that says what to do about it.
 """

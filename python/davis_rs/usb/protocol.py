@@ -1,4 +1,4 @@
-"""The registers of a DAVIS and the orders in which they are written, as data: nothing here does I/O.
+"""Lists the registers of a DAVIS and the orders in which they are written, as data: nothing here does I/O.
 
 A camera's logic is set through registers of 32 bits, addressed by module and parameter. Writing and reading one is a
 vendor request on the control endpoint; the events come from one bulk endpoint.

@@ -1,4 +1,4 @@
-"""What is kept of data that cannot be kept: enough that everything after them decodes as if nothing was lost."""
+"""Keeps enough of lost data that everything after them decodes as if nothing was lost."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A backend of pyusb whose devices are virtual cameras: everything above libusb runs as with a real one."""
+"""Gives pyusb a backend whose devices are virtual cameras: everything above libusb runs as with a real one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A DAVIS in software: its descriptors, its registers, and a stream that runs as the registers say, in real time.
+"""Runs a DAVIS in software: its descriptors, its registers, and a stream that runs as the registers say.
 
 It knows nothing of pyusb, sockets or threads of its own: :mod:`davis_rs.usb.virtual_backend` gives it to pyusb, and a
 USB/IP server can give it to a kernel. It stands for the camera's logic and USB controller; what its pixels see is the

@@ -1,4 +1,4 @@
-"""The corners of a checkerboard in frames, to a fraction of a pixel."""
+"""Finds the corners of a checkerboard in frames, to a fraction of a pixel."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a path, a transform, a lag and biases say that a camera and an IMU measure, against what they did measure."""
+"""Compares what a path, a transform, a lag and biases predict of a camera and an IMU with what they measured."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What calibrations found, for people and for programs."""
+"""Tells what calibrations found, for people and for programs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What was found of one quantity, or why it was not."""
+"""Holds what was found of one quantity, or why it was not."""
 
 from __future__ import annotations
 

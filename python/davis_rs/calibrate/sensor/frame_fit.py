@@ -1,4 +1,4 @@
-"""What recordings with frames tell, in addition to what their events do."""
+"""Fits what recordings with frames tell, in addition to what their events do."""
 
 from __future__ import annotations
 

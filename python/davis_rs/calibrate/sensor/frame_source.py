@@ -1,4 +1,4 @@
-"""The intensity frames of anything that has them, one by one, with the instants that they stand for."""
+"""Reads the intensity frames of anything that has them, one by one, with the instants that they stand for."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How many pixels are hot, and how often they fire."""
+"""Finds how many pixels are hot, and how often they fire."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is known of a sensor when one of its parameters is fitted: what was found before, and the base."""
+"""Holds what is known of a sensor when one of its parameters is fitted: what was found before, and the base."""
 
 from __future__ import annotations
 

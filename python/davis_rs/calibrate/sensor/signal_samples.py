@@ -1,4 +1,4 @@
-"""What a pixel's events say of log intensity at the instants of frames, next to the frames' values there."""
+"""Samples log intensity by a pixel's events at the instants of frames, next to the frames' values there."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a sensor makes of a scene in which nothing moves: leak, noise and hot pixels alone."""
+"""Simulates a scene in which nothing moves: leak, noise and hot pixels alone."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The events of a window as tensors."""
+"""Makes tensors of the events of a window."""
 
 from __future__ import annotations
 

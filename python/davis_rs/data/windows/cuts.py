@@ -1,4 +1,4 @@
-"""Where windows begin and end: by time, by count, between frames."""
+"""Cuts streams into windows: by time, by count, between frames."""
 
 from __future__ import annotations
 

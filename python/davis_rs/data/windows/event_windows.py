@@ -1,4 +1,4 @@
-"""Any event file, or a dataset folder, as a sequence of windows."""
+"""Reads any event file, or a dataset folder, as a sequence of windows."""
 
 from __future__ import annotations
 

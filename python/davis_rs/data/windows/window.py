@@ -1,4 +1,4 @@
-"""One window of events, with what belongs to it."""
+"""Holds one window of events, with what belongs to it."""
 
 from __future__ import annotations
 

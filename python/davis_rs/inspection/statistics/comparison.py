@@ -1,4 +1,4 @@
-"""The statistics of two streams side by side."""
+"""Compares the statistics of two streams side by side."""
 
 from __future__ import annotations
 

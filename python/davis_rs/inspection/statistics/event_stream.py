@@ -1,4 +1,4 @@
-"""The events of anything that can be read, piece by piece."""
+"""Reads the events of anything that can be read, piece by piece."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What was measured of a stream."""
+"""Holds what was measured of a stream."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The files of a dataset folder: their names, and writing them so that what is there can always be read."""
+"""Names the files of a dataset folder, and writes them so that what is there can always be read."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A dataset folder as one of the formats: written part by part, and read so."""
+"""Makes a dataset folder one of the formats: written part by part, and read so."""
 
 from __future__ import annotations
 

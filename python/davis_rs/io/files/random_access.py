@@ -1,4 +1,4 @@
-"""Any events of a file, by number or by time, without reading those before them."""
+"""Reads any events of a file, by number or by time, without reading those before them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How large the sensor of an event file is: as the file says, or what lies next to it, or the caller."""
+"""Finds how large the sensor of an event file is: by the file, by what lies next to it, or by the caller."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A bag's index and its chunks by rosbags, which trusts what a bag says of sizes: here it may not."""
+"""Reads a bag's index and its chunks by rosbags, within bounds, because rosbags trusts what a bag says of sizes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The records of a bag without an index, from its beginning to its last whole one."""
+"""Reads the records of a bag without an index, from its beginning to its last whole one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The events of a file in blocks, each of which can be read without those before it."""
+"""Cuts the events of a file into blocks, each of which can be read without those before it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What every event format offers: one writer, one reader, and the format itself, which opens them."""
+"""Defines what every event format offers: one writer, one reader, and the format itself, which opens them."""
 
 from __future__ import annotations
 

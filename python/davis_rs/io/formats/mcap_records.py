@@ -1,4 +1,4 @@
-"""The messages of an MCAP file, from its beginning to its last whole record, finished or not."""
+"""Reads the messages of an MCAP file, from its beginning to its last whole record, finished or not."""
 
 from __future__ import annotations
 

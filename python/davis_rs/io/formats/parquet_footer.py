@@ -1,5 +1,7 @@
-"""Parquet's metadata and page headers before Arrow acts on them: it ends the process where types contradict each other,
-and takes memory for whatever a page claims to unpack to."""
+"""Checks Parquet's metadata and page headers before Arrow acts on them.
+
+Arrow ends the process where types contradict each other, and takes memory for whatever a page claims to unpack to.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a recording may have next to its events: the parts, how each is handed on, and which writers take them."""
+"""Lists what a recording may have next to its events: how each part is handed on, and which writers take it."""
 
 from __future__ import annotations
 

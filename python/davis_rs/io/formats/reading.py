@@ -1,4 +1,4 @@
-"""The rules that events of every file keep, whatever its format, and what is done where they do not."""
+"""Checks the rules that events of every file keep, and does what is asked for where they do not."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The formats there are, by name, by suffix and by content."""
+"""Finds formats by name, by suffix and by content."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The topics of the public bags, and what their messages hold, in ROS 1 and ROS 2."""
+"""Defines the topics of the public bags, and what their messages hold, in ROS 1 and ROS 2."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The messages of a rosbag2 in SQLite."""
+"""Reads the messages of a rosbag2 in SQLite."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A camera's bytes, as ``davis-rs record`` writes them: the stream of the USB, decoded again."""
+"""Decodes a camera's bytes, the stream of the USB, as ``davis-rs record`` writes them."""
 
 from __future__ import annotations
 

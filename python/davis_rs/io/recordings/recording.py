@@ -1,4 +1,4 @@
-"""What a recording holds, whatever its format was."""
+"""Holds what a recording has, whatever its format was."""
 
 from __future__ import annotations
 

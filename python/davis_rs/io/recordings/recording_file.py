@@ -1,4 +1,4 @@
-"""A camera's recording as it lies in a file: read piece by piece, whatever its format is."""
+"""Reads a camera's recording piece by piece, whatever its format is."""
 
 from __future__ import annotations
 
