@@ -197,10 +197,10 @@ class _Writer:
         self._stream.log("events/cloud", rr.ViewCoordinates.RDF, static=True)
         ends = np.searchsorted(kept["t"], self._instants, side="right")
         for t_us, first, last in zip(self._instants, [0, *ends[:-1]], ends, strict=True):
-            part = kept[first:last]
-            away = (part["t"] - sequence.start_us) * per_us
-            positions = np.stack([part["x"], part["y"], away], -1).astype(np.float32)
-            colours = np.where(part["p"][:, None] == 1, ON_RGB, OFF_RGB).astype(np.uint8)
+            points = kept[first:last]
+            away = (points["t"] - sequence.start_us) * per_us
+            positions = np.stack([points["x"], points["y"], away], -1).astype(np.float32)
+            colours = np.where(points["p"][:, None] == 1, ON_RGB, OFF_RGB).astype(np.uint8)
             self._at(t_us)
             self._stream.log("events/cloud", rr.Points3D(positions, colors=colours, radii=rr.Radius.ui_points(1.0)))
 

@@ -206,8 +206,8 @@ def _add_gaps(summary: EventSummary, t_us: npt.NDArray[np.int64]) -> None:
     steps = np.diff(t_us)
     summary.backward += int(np.count_nonzero(steps < 0))
     longest = np.argpartition(steps, -_GAPS)[-_GAPS:] if len(steps) > _GAPS else np.arange(len(steps))
-    found = [Gap(int(steps[at]), int(t_us[at])) for at in longest if steps[at] > 0]
-    summary.gaps = heapq.nlargest(_GAPS, [*summary.gaps, *found])
+    longer = [Gap(int(steps[at]), int(t_us[at])) for at in longest if steps[at] > 0]
+    summary.gaps = heapq.nlargest(_GAPS, [*summary.gaps, *longer])
 
 
 def dataset_contents(dataset: Dataset) -> str:

@@ -185,8 +185,8 @@ def _whole(frame: Frame, size: tuple[int, int]) -> GreyImage:
     """Return a camera's frame where it lies on the sensor, white around it."""
     width, height = size
     image = np.ones((height, width))
-    part = frame.pixels[: height - frame.y, : width - frame.x] / _FRAME_WHITE
-    image[frame.y : frame.y + part.shape[0], frame.x : frame.x + part.shape[1]] = part
+    visible = frame.pixels[: height - frame.y, : width - frame.x] / _FRAME_WHITE
+    image[frame.y : frame.y + visible.shape[0], frame.x : frame.x + visible.shape[1]] = visible
     return image
 
 

@@ -59,7 +59,7 @@ def find_devices(backend: Any = None) -> list[FoundDevice]:
         raise OSError("libusb 1.0 was not found; on Debian: apt-get install libusb-1.0-0") from None
     except OSError as error:
         raise OSError(error.errno or errno.EIO, f"the devices on the USB cannot be listed: {error}") from error
-    found = []
+    cameras = []
     for device in sorted(devices, key=lambda device: (device.bus, device.address)):
         if device.idProduct not in protocol.FIRMWARE_MIN:
             continue
@@ -73,8 +73,8 @@ def find_devices(backend: Any = None) -> list[FoundDevice]:
         finally:
             usb.util.dispose_resources(device)
         place = (device.bus, device.address, device.idProduct, device.bcdDevice & 0xFF)
-        found.append(FoundDevice(*place, serial, problem, device))
-    return found
+        cameras.append(FoundDevice(*place, serial, problem, device))
+    return cameras
 
 
 def _printable(text: str) -> str:

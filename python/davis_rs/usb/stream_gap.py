@@ -23,6 +23,6 @@ def gap_words(words: bytes) -> bytes:
     group = stream >> 12
     kept = (stream == _RESET) | (group == 7)
     for last_of in (stream >> 15 == 1, group == 1):
-        found = np.flatnonzero(last_of)
-        kept[found[-1:]] = True
+        positions = np.flatnonzero(last_of)
+        kept[positions[-1:]] = True
     return stream[kept].tobytes() + _EMPTY_PARTS

@@ -90,21 +90,21 @@ def find_board(
         ImportError: without OpenCV 4.
     """
     first_us = dataset.frames[0].t_us if len(dataset.frames) else 0
-    part = list(range(len(dataset.frames)))
+    chosen = list(range(len(dataset.frames)))
     if start_s or stop_s is not None:
         last_s = math.inf if stop_s is None else stop_s
-        part = [k for k in part if start_s <= 1e-6 * (dataset.frames[k].t_us - first_us) < last_s]
-        if not part:
+        chosen = [k for k in chosen if start_s <= 1e-6 * (dataset.frames[k].t_us - first_us) < last_s]
+        if not chosen:
             raise ValueError(f"{dataset.path} has no frame from {start_s:g} s to {last_s:g} s after the first one")
     views = []
-    for number in part:
+    for number in chosen:
         frame = dataset.frames[number]
         corners = find_corners(dataset.read_image(number), board)
         if corners is not None:
             views.append(BoardView(frame.t_us, number, corners))
     if not views:
         raise ValueError(
-            f"none of the {len(part)} frames of {dataset.path} shows all of a checkerboard of "
+            f"none of the {len(chosen)} frames of {dataset.path} shows all of a checkerboard of "
             f"{board.rows} x {board.columns} tiles"
         )
     return views

@@ -111,12 +111,12 @@ def calibrate_hand_eye(
             "the linear solution puts the board behind the camera: are these poses of the body that carries it, at the "
             "same times?"
         )
-    found = levenberg_marquardt(start, problem.residuals, problem.jacobian, HandEyePoses.moved)
+    refined = levenberg_marquardt(start, problem.residuals, problem.jacobian, HandEyePoses.moved)
     return HandEye(
-        hand_camera=found.x,
-        world_board=found.z,
-        covariance=problem.covariance(found),
-        rms_px=problem.rms_px(found),
+        hand_camera=refined.x,
+        world_board=refined.z,
+        covariance=problem.covariance(refined),
+        rms_px=problem.rms_px(refined),
         views=len(camera_poses),
         linear=x,
         linear_rms_px=problem.rms_px(start),

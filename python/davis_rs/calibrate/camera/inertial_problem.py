@@ -316,12 +316,12 @@ def _row_blocks(
     n, k, _ = tail.shape
     parts = []
     for terms in (turn_terms, place_terms):
-        part = csr_array((n * k, 3 * size))
+        block = csr_array((n * k, 3 * size))
         for basis, matrices in terms:
             coo = basis.tocoo()
             values = coo.data[:, None, None] * matrices[coo.row]
             row = np.broadcast_to(k * coo.row[:, None, None] + np.arange(k)[:, None], values.shape)
             column = np.broadcast_to(3 * coo.col[:, None, None] + np.arange(3), values.shape)
-            part = part + csr_array((values.ravel(), (row.ravel(), column.ravel())), shape=part.shape)
-        parts.append(part)
+            block = block + csr_array((values.ravel(), (row.ravel(), column.ravel())), shape=block.shape)
+        parts.append(block)
     return hstack([*parts, csr_array(tail.reshape(n * k, -1))], format="csr")

@@ -70,8 +70,8 @@ def _thresholds(recording: MeasuredRecording, leak_hz: Measured | None) -> Thres
     hot = np.zeros((events.size[1], events.size[0]), np.bool_)
     hot[events.hot_pixels.y, events.hot_pixels.x] = True
     fit = partial(fit_thresholds, samples, events.size[0], leak_hz=leak_hz, black=source.black, left_out=hot)
-    found = fit(over_light=recording.lux is not None)
-    return fit() if found.lag_by_light is not None and _receptor(recording, found) is None else found
+    fitted = fit(over_light=recording.lux is not None)
+    return fit() if fitted.lag_by_light is not None and _receptor(recording, fitted) is None else fitted
 
 
 def _receptor(recording: MeasuredRecording, found: ThresholdFit) -> _Receptor | None:

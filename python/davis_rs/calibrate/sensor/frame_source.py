@@ -110,6 +110,6 @@ def _whole(pixels: npt.NDArray[Any], x: int, y: int, size: tuple[int, int]) -> n
     """Values where they lie on the sensor, NaN around them."""
     width, height = size
     values = np.full((height, width), np.nan, np.float32)
-    part = pixels[: max(height - y, 0), : max(width - x, 0)]
-    values[y : y + part.shape[0], x : x + part.shape[1]] = part
+    visible = pixels[: max(height - y, 0), : max(width - x, 0)]
+    values[y : y + visible.shape[0], x : x + visible.shape[1]] = visible
     return values

@@ -64,15 +64,15 @@ def _of_calm(
     recordings: Sequence[StreamStatistics], calm: npt.NDArray[np.bool_]
 ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], int]:
     """Rates and variations of the hot pixels there, those of the longest recording, and how many pixels are noisy."""
-    found: dict[tuple[int, int], tuple[float, float, float]] = {}
+    pixels: dict[tuple[int, int], tuple[float, float, float]] = {}
     for one in sorted(recordings, key=lambda one: one.duration_s):
         hot = one.hot_pixels
         alike = (hot.variation < _MOST_VARIATION) & (hot.on_share > _LEAST_ON_SHARE)
         columns = (hot.x.tolist(), hot.y.tolist(), hot.rate_hz, hot.variation, alike)
         for x, y, rate, variation, periodic in zip(*columns, strict=True):
             if calm[y, x]:
-                found[x, y] = float(rate), float(variation), float(periodic)
-    rates, variation, periodic = np.array(list(found.values())).reshape(-1, 3).T
+                pixels[x, y] = float(rate), float(variation), float(periodic)
+    rates, variation, periodic = np.array(list(pixels.values())).reshape(-1, 3).T
     return rates[periodic > 0], variation[periodic > 0], int(np.count_nonzero(periodic == 0))
 
 

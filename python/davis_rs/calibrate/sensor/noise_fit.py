@@ -132,15 +132,15 @@ class _Problem:
         start = [math.log(self.given[0].value / 3.5)]
         start += [] if self.half_lux is not None else [math.log(float(np.sqrt(self.lux.min() * self.lux.max())))]
         start += [one.value for one in given]
-        found = least_squares(self._residuals, start, x_scale="jac")
-        covariance = np.linalg.pinv(found.jac.T @ found.jac)
+        solution = least_squares(self._residuals, start, x_scale="jac")
+        covariance = np.linalg.pinv(solution.jac.T @ solution.jac)
         sigmas = np.sqrt(np.diag(covariance))
         # Rates that scatter by more than their errors say so.
         freedom = len(self.quiet) - (1 if self.half_lux is not None else 2)
-        misfit = math.sqrt(max(2 * found.cost / freedom, 1.0)) if freedom > 0 else 1.0
+        misfit = math.sqrt(max(2 * solution.cost / freedom, 1.0)) if freedom > 0 else 1.0
         rms, *rest = (
             Measured(math.exp(value), math.exp(value) * misfit * sigma)
-            for value, sigma in zip(found.x.tolist(), sigmas.tolist(), strict=True)
+            for value, sigma in zip(solution.x.tolist(), sigmas.tolist(), strict=True)
         )
         return rms, rest[0] if self.half_lux is None else None
 

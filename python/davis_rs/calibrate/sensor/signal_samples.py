@@ -223,12 +223,15 @@ class _Pieces:
         p, t0, gap, turned = p[smooth], t0[smooth], gap[smooth], turned[:, smooth]
         part, rate = _between((t_us - t0) / gap, gap, *np.where(turned, np.nan, sides[:, smooth]))
         on = self._on_before[last + 1] - self._on_before[start]
-        found = np.zeros(len(pixel), SAMPLE_DTYPE)
-        found["pixel"], found["t_s"] = pixel, t_us * 1e-6
-        found["on"], found["off"] = on + np.where(p == 1, part, 0), last + 1 - start - on + np.where(p == 0, part, 0)
-        found["rate"] = np.where(p == 1, rate, -rate) * 1e6
-        found["turns"] = turned.any(axis=0)
-        return found
+        samples = np.zeros(len(pixel), SAMPLE_DTYPE)
+        samples["pixel"], samples["t_s"] = pixel, t_us * 1e-6
+        samples["on"], samples["off"] = (
+            on + np.where(p == 1, part, 0),
+            last + 1 - start - on + np.where(p == 0, part, 0),
+        )
+        samples["rate"] = np.where(p == 1, rate, -rate) * 1e6
+        samples["turns"] = turned.any(axis=0)
+        return samples
 
 
 def _between(
@@ -253,6 +256,6 @@ def _between(
         np.where(np.isnan(end), 2 - np.minimum(begin, 2), end),
     )
     begin, end = (np.clip(np.nan_to_num(one, nan=1.0), 0, 3) for one in (begin, end))
-    part = x**2 * (3 - 2 * x) + begin * x * (1 - x) ** 2 - end * x**2 * (1 - x)
+    cubic = x**2 * (3 - 2 * x) + begin * x * (1 - x) ** 2 - end * x**2 * (1 - x)
     slope = 6 * x * (1 - x) + begin * (1 - x) * (1 - 3 * x) - end * x * (2 - 3 * x)
-    return np.clip(part, 0, 1), np.maximum(slope, 0) / gap
+    return np.clip(cubic, 0, 1), np.maximum(slope, 0) / gap

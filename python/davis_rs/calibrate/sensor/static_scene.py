@@ -56,9 +56,9 @@ def static_events(
     for t_us in instants.tolist():
         events = engine.push(t_us, frame)
         pieces.append(events[events["t"] > settled_s * 1e6])
-    found = concatenate_events([*pieces, engine.flush()])
-    found["t"] -= round(settled_s * 1e6)
-    return found
+    stream = concatenate_events([*pieces, engine.flush()])
+    stream["t"] -= round(settled_s * 1e6)
+    return stream
 
 
 def before_a_leak(luma: npt.NDArray[np.float32], engine: CrossingEngine, seed: int) -> npt.NDArray[np.float32]:

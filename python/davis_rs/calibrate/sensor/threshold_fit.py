@@ -206,12 +206,12 @@ class _Regression:
     def solve(self) -> None:
         """Thresholds of pixels, then what they have in common."""
         pairs = self.pairs
-        found = self.of_pixels(self.weight, self.ratio)
+        fitted = self.of_pixels(self.weight, self.ratio)
         # What each unknown does to the thresholds that a pixel's own regression gives.
         effect = np.stack([self.of_pixels(self.weight, one).value for one in self.unknown], axis=1)
-        self.found, self.effect = found, effect
-        known = np.isfinite(found.error)
-        relative = np.where(known, found.error, 1e6) / self.own
+        self.found, self.effect = fitted, effect
+        known = np.isfinite(fitted.error)
+        relative = np.where(known, fitted.error, 1e6) / self.own
         certain = known * self.share**2 / (self.share**2 + relative**2)
         # Where only pixels with low thresholds have enough events, they would be preferred: the pixels around tell.
         self.surroundings = np.maximum(pairs.around(certain), 0)
@@ -224,7 +224,7 @@ class _Regression:
 
         # Between pixels: value = threshold + effect . unknowns.
         for polarity in (0, 1):
-            w, value, slopes = weight[polarity], found.value[polarity], effect[polarity]
+            w, value, slopes = weight[polarity], fitted.value[polarity], effect[polarity]
             for odd in (0, 1):
                 k, here = 2 * polarity + odd, w * (pairs.odd == odd)
                 normal[:, k, k] += grouped(here)
@@ -240,7 +240,7 @@ class _Regression:
         # Within pixels: what their own thresholds leave. Where ON and OFF events always come together they have none.
         inside = self.weight * np.asarray(known.any(axis=0))[pairs.own]
         left = [one - self.explained(effect[:, a]) for a, one in enumerate(self.unknown)]
-        rest = self.ratio - self.explained(found.value)
+        rest = self.ratio - self.explained(fitted.value)
         for a in range(len(self.others)):
             right[:, _OTHERS + a] += grouped(pairs.sum(inside * left[a] * rest))
             for b in range(len(self.others)):
@@ -253,7 +253,7 @@ class _Regression:
         self.others = solved[_OTHERS:].copy()
         self.others[_BLACK] = 0.0
         self.at_black = self.black + float(step)
-        value = found.value - np.tensordot(solved[_OTHERS:], effect, (0, 1))
+        value = fitted.value - np.tensordot(solved[_OTHERS:], effect, (0, 1))
         self.spread(value, relative)
         if self.turn < _ROUNDS - 1:
             most = 0.7 * (self.most_black - self.black)
@@ -318,7 +318,9 @@ class _Regression:
         whole_normal, whole_right = self.normal.sum(axis=0), self.right.sum(axis=0)
         table = np.array([self.summary(self.solved(whole_normal - self.normal[g], whole_right - self.right[g]),
                                        self.pairs.group != g) for g in groups])  # fmt: skip
-        found = np.array(self.summary(self.solved(whole_normal, whole_right), np.ones(len(self.pairs.pixel), np.bool_)))
+        estimate = np.array(
+            self.summary(self.solved(whole_normal, whole_right), np.ones(len(self.pairs.pixel), np.bool_))
+        )
         n = len(groups)
         sigma = _JACKKNIFE * np.sqrt((n - 1) / n * ((table - table.mean(axis=0)) ** 2).sum(axis=0))
         # What is known beforehand is the same for all groups; its error is that of the solution.
@@ -330,13 +332,13 @@ class _Regression:
                 sigma[:2] = np.hypot(sigma[:2], [moved[:2].mean(), moved[2:4].mean()])
         preferred = self.share**2 * (1 - np.average(self.surroundings, weights=self.pixel_weight))
         curvature = _CURVATURE / max(self.pairs.straight_share, 0.01) ** 2
-        sigma[:2] = np.hypot(sigma[:2], found[:2] * math.hypot(curvature, preferred))
-        sigma[3] = math.hypot(sigma[3], 2 * _MISMATCH_SHARE * found[3], _COMMON_ERROR * self.error2)
+        sigma[:2] = np.hypot(sigma[:2], estimate[:2] * math.hypot(curvature, preferred))
+        sigma[3] = math.hypot(sigma[3], 2 * _MISMATCH_SHARE * estimate[3], _COMMON_ERROR * self.error2)
         sigma[2] = math.hypot(sigma[2], _PARITY)
         sigma[4] = math.hypot(sigma[4], curvature * self.usual)
-        sigma[5:] = np.hypot(sigma[5:], math.hypot(_LAG_SHARE, 3 * curvature) * found[5:])
+        sigma[5:] = np.hypot(sigma[5:], math.hypot(_LAG_SHARE, 3 * curvature) * estimate[5:])
         on, off, parity, mismatch2, black, lag, *by_light = (
-            Measured(float(a), float(b)) for a, b in zip(found, sigma, strict=True)
+            Measured(float(a), float(b)) for a, b in zip(estimate, sigma, strict=True)
         )
         if not (on.value > _LEAST_SIGNIFICANCE * on.sigma and off.value > _LEAST_SIGNIFICANCE * off.sigma):
             raise NotIdentifiable(f"log intensity of frames follows events too loosely: C_on {on}, C_off {off}")

@@ -113,9 +113,9 @@ class EventWindows(Sequence[EventWindow]):
     def __getitem__(self, index: slice) -> EventWindows: ...
     def __getitem__(self, index: int | slice) -> EventWindow | EventWindows:
         if isinstance(index, slice):
-            part = copy.copy(self)
-            part._numbers = self._numbers[index]
-            return part
+            chosen = copy.copy(self)
+            chosen._numbers = self._numbers[index]
+            return chosen
         try:
             number = self._numbers[index]
         except IndexError:

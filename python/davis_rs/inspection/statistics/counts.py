@@ -39,8 +39,8 @@ class Histogram:
             # A large integer may round up to a power of two: its mantissa then lies in the octave above.
             exponents -= (values >> exponents) < np.where(exponents > 0, _HALF, 0)
             bins = exponents * _HALF + (values >> exponents)
-        found = np.bincount(bins)
-        self.counts[: len(found)] += found
+        added = np.bincount(bins)
+        self.counts[: len(added)] += added
         self.least = low if self.least is None else min(self.least, low)
         self.most = high if self.most is None else max(self.most, high)
 

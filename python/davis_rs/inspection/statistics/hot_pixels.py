@@ -75,5 +75,5 @@ def _variation(pixels: PixelSums) -> npt.NDArray[np.float64]:
     with np.errstate(invalid="ignore", divide="ignore"):
         mean = pixels.interval_sum / count
         variance = (pixels.interval_squares - count * mean**2) / (count - 1)
-        found = np.sqrt(np.maximum(variance, 0)) / mean
-    return np.where((count > 2) & (mean > 0), found, np.inf)
+        variation = np.sqrt(np.maximum(variance, 0)) / mean
+    return np.where((count > 2) & (mean > 0), variation, np.inf)

@@ -112,7 +112,7 @@ class StreamStatistics:
         pixels = self.size[0] * self.size[1]
         off, on = self.rates_hz.mean(axis=(1, 2)).tolist()
         parity = {"columns": self.column_parity, "rows": self.row_parity}
-        found = {
+        described = {
             "name": self.name,
             "kind": self.kind,
             "size": list(self.size),
@@ -141,7 +141,7 @@ class StreamStatistics:
             "quiet": {"pixels": int(self.quiet.sum()), "rate_hz": self.quiet_rate_hz, "on_share": self.quiet_on_share},
             "even_over_odd": {name: {"off": pair[0], "on": pair[1]} for name, pair in parity.items()},
         }
-        plain: dict[str, Any] = _plain(found)
+        plain: dict[str, Any] = _plain(described)
         return plain
 
 
@@ -255,8 +255,8 @@ _SHARES = (1, 10, 50, 90, 99)
 
 
 def _percentiles(histogram: Histogram) -> dict[str, float | int | None]:
-    found: dict[str, float | int | None] = {"intervals": histogram.total, "least": histogram.least}
-    return found | {f"p{share}": histogram.percentile(share) for share in _SHARES}
+    described: dict[str, float | int | None] = {"intervals": histogram.total, "least": histogram.least}
+    return described | {f"p{share}": histogram.percentile(share) for share in _SHARES}
 
 
 def _shape(histogram: Histogram) -> dict[str, float | int | None]:
@@ -269,14 +269,14 @@ def _range(values: npt.NDArray[np.float64]) -> dict[str, float] | None:
     return {"least": float(values.min()), "median": float(np.median(values)), "most": float(values.max())}
 
 
-def _plain(found: Any) -> Any:
+def _plain(measured: Any) -> Any:
     """Return the statistics in JSON's types; NaN and infinity become None."""
-    if isinstance(found, Measured):
-        return {"value": _plain(found.value), "sigma": _plain(found.sigma)}
-    if isinstance(found, dict):
-        return {key: _plain(one) for key, one in found.items()}
-    if isinstance(found, list | tuple):
-        return [_plain(one) for one in found]
-    if isinstance(found, np.generic):
-        found = found.item()
-    return None if isinstance(found, float) and not math.isfinite(found) else found
+    if isinstance(measured, Measured):
+        return {"value": _plain(measured.value), "sigma": _plain(measured.sigma)}
+    if isinstance(measured, dict):
+        return {key: _plain(one) for key, one in measured.items()}
+    if isinstance(measured, list | tuple):
+        return [_plain(one) for one in measured]
+    if isinstance(measured, np.generic):
+        measured = measured.item()
+    return None if isinstance(measured, float) and not math.isfinite(measured) else measured

@@ -420,7 +420,7 @@ class DatasetWriter:
             "interrupted": interrupted,
         }
         # Written under another name and then renamed, so that there is never half a meta.json.
-        part = self.path / META_PART
-        write_file(part, (json.dumps(meta, indent=2) + "\n").encode())
-        part.replace(self.path / META)
+        unfinished = self.path / META_PART
+        write_file(unfinished, (json.dumps(meta, indent=2) + "\n").encode())
+        unfinished.replace(self.path / META)
         return meta

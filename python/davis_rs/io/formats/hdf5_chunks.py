@@ -89,8 +89,8 @@ class Rows:
         """
         if not self._charged:
             with decoding(self._path, f"{self._dataset.name}, {start}..{end}"):
-                found: npt.NDArray[Any] = self._dataset[start:end]
-            return found
+                whole: npt.NDArray[Any] = self._dataset[start:end]
+            return whole
         step = self._dataset.chunks[0]
         rows = np.empty((max(0, end - start), *self._dataset.shape[1:]), self.dtype)
         for first in range(start - start % step, end, step):
@@ -121,9 +121,9 @@ class Rows:
                     shape = (min(self._dataset.chunks[0], len(self._dataset) - first), *self._dataset.shape[1:])
                     self._kept = np.empty(shape, self.dtype)
                     for place in self._places:
-                        part = self._unpack((first, *place))
-                        inside = (slice(o, o + n) for o, n in zip((0, *place), part.shape, strict=True))
-                        self._kept[tuple(inside)] = part
+                        columns = self._unpack((first, *place))
+                        inside = (slice(o, o + n) for o, n in zip((0, *place), columns.shape, strict=True))
+                        self._kept[tuple(inside)] = columns
             self._first = first
         return self._kept
 
@@ -146,8 +146,8 @@ class Rows:
         for number in filters:
             if number not in (_SHUFFLE, _FLETCHER) and _unpacked(number, data, self._limit) > self._limit:
                 raise above_limit(self._path, f"the chunk of {dataset.name} at {place[0]}", self._limit)
-        found: npt.NDArray[Any] = dataset[inside]
-        return found
+        unfiltered: npt.NDArray[Any] = dataset[inside]
+        return unfiltered
 
     def _is_plain(self) -> bool:
         """Return whether values lie in the file as they do in an array."""
@@ -180,12 +180,12 @@ def check_dataset(
         DecodeError: for the first rule that is broken.
     """
     name, file = dataset.name, os.fspath(path)
-    found = dataset.shape[1:]
-    fits = dataset.ndim == 1 + len(row) and all(want in (None, side) for want, side in zip(row, found, strict=True))
+    row_shape = dataset.shape[1:]
+    fits = dataset.ndim == 1 + len(row) and all(want in (None, side) for want, side in zip(row, row_shape, strict=True))
     if not fits or dataset.dtype.kind not in "biuf":
         form = f"of rows {row}".replace("None", "any") if row else "one-dimensional"
         raise DecodeError(f"{file}: {name} must be {form}, of numbers: found {dataset.shape}, {dataset.dtype}")
-    size = math.prod(found) * dataset.dtype.itemsize
+    size = math.prod(row_shape) * dataset.dtype.itemsize
     if row and size > limit:
         raise above_limit(path, f"a row of {name}", limit)
     if dataset.is_virtual or dataset.external or not os.path.samefile(dataset.file.filename, path):
@@ -196,7 +196,7 @@ def check_dataset(
         return
     if math.prod(dataset.chunks) * dataset.dtype.itemsize > limit:
         raise above_limit(path, f"a chunk of {name}", limit)
-    chunks = math.prod(-(-side // step) for side, step in zip((rows, *found), dataset.chunks, strict=True))
+    chunks = math.prod(-(-side // step) for side, step in zip((rows, *row_shape), dataset.chunks, strict=True))
     if dataset.id.get_num_chunks() < chunks:
         raise DecodeError(f"{file}: {name} says {rows} values, and does not hold all of their chunks")
 
@@ -208,14 +208,14 @@ def _filters(path: str | os.PathLike[str], dataset: h5py.Dataset) -> list[int]:
         DecodeError: for a compression of which it is not known what it unpacks to.
     """
     properties = dataset.id.get_create_plist()
-    found = [properties.get_filter(k) for k in range(properties.get_nfilters())]
-    for number, _, parameters, _ in found:
+    listed = [properties.get_filter(k) for k in range(properties.get_nfilters())]
+    for number, _, parameters, _ in listed:
         if len(parameters) < _PARAMETERS.get(number, 0):
             raise DecodeError(
                 f"{os.fspath(path)}: {dataset.name} has {len(parameters)} parameters of HDF5's filter {number}: "
                 f"expected {_PARAMETERS[number]} or more"
             )
-    filters = [number for number, *_ in found]
+    filters = [number for number, *_ in listed]
     packing = [number for number in filters if number not in (_SHUFFLE, _FLETCHER)]
     if len(packing) > 1 or not set(packing) <= {_DEFLATE, _LZF, _BLOSC, _LZ4, _BITSHUFFLE, _ZSTD}:
         raise DecodeError(

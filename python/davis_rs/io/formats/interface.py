@@ -316,14 +316,14 @@ class EventReader(ABC):
         waiting: list[EventArray] = []
         count = 0
         for packet in self._checked(chunk, start_us, stop_us):
-            part = select(packet, start_us, stop_us, roi)
-            while count + len(part) >= chunk:
+            selected = select(packet, start_us, stop_us, roi)
+            while count + len(selected) >= chunk:
                 cut = chunk - count
-                yield part[:cut] if not waiting else concatenate_events([*waiting, part[:cut]])
-                waiting, count, part = [], 0, part[cut:]
-            if len(part):
-                waiting.append(part)
-                count += len(part)
+                yield selected[:cut] if not waiting else concatenate_events([*waiting, selected[:cut]])
+                waiting, count, selected = [], 0, selected[cut:]
+            if len(selected):
+                waiting.append(selected)
+                count += len(selected)
         if waiting:
             yield waiting[0] if len(waiting) == 1 else concatenate_events(waiting)
 

@@ -110,6 +110,6 @@ def on_sensor(image: npt.NDArray[np.uint8], x: int, y: int, size: tuple[int, int
     if size is None or (x, y, width, height) == (0, 0, *size):
         return image
     whole = np.zeros(size[::-1], np.uint8)
-    part = image[: max(size[1] - y, 0), : max(size[0] - x, 0)]
-    whole[y : y + part.shape[0], x : x + part.shape[1]] = part
+    visible = image[: max(size[1] - y, 0), : max(size[0] - x, 0)]
+    whole[y : y + visible.shape[0], x : x + visible.shape[1]] = visible
     return whole

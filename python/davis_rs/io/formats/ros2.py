@@ -196,8 +196,12 @@ def _require_room(path: Path, *, overwrite: bool) -> None:
     single = _is_single(path)
     if single and path.is_file():
         return
-    found = list(path.iterdir()) if path.is_dir() else []
-    if single or not path.is_dir() or not all(file == path / METADATA or file in storage_files(path) for file in found):
+    entries = list(path.iterdir()) if path.is_dir() else []
+    if (
+        single
+        or not path.is_dir()
+        or not all(file == path / METADATA or file in storage_files(path) for file in entries)
+    ):
         raise FileExistsError(errno.EEXIST, "will not overwrite: no rosbag2 is there", str(path))
 
 

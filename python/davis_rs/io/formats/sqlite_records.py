@@ -121,15 +121,15 @@ class SqliteScan:
 
     def _check_tables(self, database: sqlite3.Connection) -> None:
         """Refuse what is called as a table that is read, and is none."""
-        found: dict[str, list[str]] = {name: [] for name in _READ}
+        kinds_of: dict[str, list[str]] = {name: [] for name in _READ}
         query = "SELECT lower(name), type, sql FROM sqlite_master WHERE lower(name) IN (?, ?)"
         for name, type_, sql in database.execute(query, tuple(_READ)):
             # The text is what SQLite goes by: a virtual table also has the type of a table.
             plain = str(sql).upper().startswith("CREATE TABLE ")
-            found[name].append(str(type_) if plain or type_ != "table" else "virtual table")
+            kinds_of[name].append(str(type_) if plain or type_ != "table" else "virtual table")
         for name, columns in _READ.items():
-            if found[name] != ["table"]:
-                kinds = ", ".join(found[name])
+            if kinds_of[name] != ["table"]:
+                kinds = ", ".join(kinds_of[name])
                 what = f"{name} is a {kinds:.40}, not a table" if kinds else f"there is no table {name}"
                 raise DecodeError(f"{self._path}: {what}: a rosbag2 in SQLite has the tables {', '.join(_READ)}")
             described = database.execute(f"PRAGMA table_xinfo({name})")

@@ -53,11 +53,11 @@ def _unpack(path: str | os.PathLike[str], data: bytes, limit: int, decompressor:
     with decoding(path, "a compressed chunk"):
         stream = decompressor()
         while not stream.eof:
-            part = stream.decompress(data, max_length=_AT_ONCE)
-            if not part and stream.needs_input:
+            piece = stream.decompress(data, max_length=_AT_ONCE)
+            if not piece and stream.needs_input:
                 raise DecodeError(f"{os.fspath(path)}: a compressed chunk has no end")
             data = b""
-            unpacked += part
+            unpacked += piece
             if len(unpacked) > limit:
                 raise above_limit(path, "a chunk", limit)
     return bytes(unpacked)

@@ -68,14 +68,14 @@ class Aedat2File(RecordingFile):
         with path.open("rb") as file:
             header = _header(file)
         self._start = len(header)
-        found = known_chip(chip, _line(header, rb"AEChip:\s*(\S+)"))
-        if not found:
+        chip_name = known_chip(chip, _line(header, rb"AEChip:\s*(\S+)"))
+        if not chip_name:
             raise DecodeError(
                 f"{path}, byte 0: a file of which no line '# AEChip:' names a DAVIS that is known; "
                 "its coordinates are mirrored in a size that only chip= can tell (davis_rs.read_recording)"
             )
-        self.width, self.height = size_of(found)
-        super().__init__(path, found, (self.width, self.height), started=_started(header))
+        self.width, self.height = size_of(chip_name)
+        super().__init__(path, chip_name, (self.width, self.height), started=_started(header))
         self._scale_notes: list[str] = []
         self.accelerometer_range_g = _full_scale("accelerometer", accelerometer_range_g, header, self._scale_notes)
         self.gyroscope_range_deg_s = _full_scale("gyroscope", gyroscope_range_deg_s, header, self._scale_notes)
@@ -270,9 +270,9 @@ def _full_scale(sensor: str, given: int | None, header: bytes, notes: list[str])
         if given not in ranges:
             raise ValueError(f"{sensor} range must be one of {ranges} {unit}, got {given}")
         return given
-    found = {int(value) for value in re.findall(pattern, header)} & set(ranges)
-    if len(found) == 1:
-        value = found.pop()
+    stated = {int(value) for value in re.findall(pattern, header)} & set(ranges)
+    if len(stated) == 1:
+        value = stated.pop()
         notes.append(f"{sensor} range +-{value} {unit}, from the preferences in the header")
         return value
     notes.append(f"{sensor} range assumed to be jAER's default, +-{default} {unit}: the file does not say")

@@ -70,8 +70,8 @@ class Aedat3File(RecordingFile):
         if form is not None and form[1].strip() != "RAW":
             raise DecodeError(f"{path}, byte {form.start(1)}: only the format RAW is read, found {form[1]!r}")
         source = re.search(r"#Source \d+: *([^\r\n]*)", header)
-        found = known_chip(chip, "" if source is None else source[1])
-        super().__init__(path, found, size_of(found) if found else None, started=_started(header))
+        known = known_chip(chip, "" if source is None else source[1])
+        super().__init__(path, known, size_of(known) if known else None, started=_started(header))
         self._start = end + len(_END)
 
     def pieces(self, kinds: Collection[str] = KINDS, remarks: Remarks | None = None) -> Iterator[Piece]:
@@ -102,8 +102,8 @@ class Aedat3File(RecordingFile):
                         count = 1 if kind == _FRAME else min(_AT_ONCE, there - first)
                         place = (at + first * size, kind, size, overflow, count)
                         with budget.borrow(count * size, f"a packet at byte {at}"):
-                            part = self._part(file, place, left_out)
-                        yield Piece(part, (place[0] + count * size) / total, place)
+                            decoded = self._part(file, place, left_out)
+                        yield Piece(decoded, (place[0] + count * size) / total, place)
                 elif everything:
                     left_out.others += 1
                 if there < number:

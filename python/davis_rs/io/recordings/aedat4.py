@@ -35,8 +35,8 @@ class Aedat4File(RecordingFile):
         self._limit = max_packet_bytes
         core = Aedat4Recording(path, [], max_packet_bytes)
         self.has_events = core.has_events
-        found = known_chip(chip, core.source)
-        super().__init__(path, found, core.size or (size_of(found) if found else None))
+        known = known_chip(chip, core.source)
+        super().__init__(path, known, core.size or (size_of(known) if known else None))
 
     def pieces(self, kinds: Collection[str] = KINDS, remarks: Remarks | None = None) -> Iterator[Piece]:
         if set(kinds) == {"events"} and not self.has_events:
