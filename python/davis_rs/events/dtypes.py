@@ -1,4 +1,4 @@
-"""Event arrays in the layouts of other libraries, and back."""
+"""Converts event arrays to the layouts of other libraries, and back."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Linear luma: what the renderers make and the pixels see."""
+"""Defines linear luma: what the renderers make and the pixels see."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Events as images: counts, time surfaces, times of last events, voxel grids and spike tensors, as networks take them.
+"""Makes images of events for networks: counts, time surfaces, last times, voxel grids and spike tensors.
 
 All take events as :func:`~davis_rs.as_events` does and the sensor's ``size`` as (width, height), and never change it.
 An event that lies outside of the sensor is a ValueError with its index.

@@ -1,4 +1,4 @@
-"""Checking a dataset folder: its structure, and its events against the rendered log intensity."""
+"""Checks a dataset folder: its structure, and its events against the rendered log intensity."""
 
 from __future__ import annotations
 

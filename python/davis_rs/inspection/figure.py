@@ -212,7 +212,7 @@ def _draw_depth(ax: Axes, sequence: VisualSequence, index: int | None) -> None:
 
 
 def _draw_band(ax: Axes, events: EventArray, rows: tuple[int, int], t_us: int, span_ms: float, width: int) -> None:
-    """Column over time of all events of a few rows: what moves evenly draws straight lines."""
+    """Draw column over time of all events of a few rows: what moves evenly draws straight lines."""
     colours = np.where(events["p"][:, None] == 1, ON_RGB, OFF_RGB) / 255.0
     ax.scatter((events["t"] - t_us) / 1e3, events["x"], c=colours, s=1.5, linewidths=0, rasterized=True)
     counted = f"{len(events):,} events of rows {rows[0]} to {rows[1] - 1}" if len(events) else "no events"
@@ -227,7 +227,7 @@ def _draw_band(ax: Axes, events: EventArray, rows: tuple[int, int], t_us: int, s
 
 
 def _ticks(side: int) -> list[int]:
-    """Pixels to name along a side: at most five, at round distances."""
+    """Return pixels to name along a side: at most five, at round distances."""
     step = next(step for step in (1, 2, 5, 10, 20, 30, 40, 60, 80, 100, 200, 400, 1000, 20_000) if side / step <= 4.5)
     return list(range(0, side, step))
 

@@ -190,7 +190,7 @@ def _window_us(sequence: VisualSequence, kept: int, duration_us: int) -> int:
 
 
 def _packed_events(sequence: VisualSequence, events: npt.NDArray[Any], duration_us: int) -> dict[str, Any]:
-    """Times in ticks with the polarity in the lowest bit, uint32; x and y alternating, uint16."""
+    """Return times in ticks with the polarity in the lowest bit, uint32; x and y alternating, uint16."""
     tick_us = -(-duration_us // _LARGEST_TICK)
     ticks = (events["t"] - sequence.start_us) // tick_us
     times = (ticks.astype(np.uint32) << np.uint32(1)) | events["p"].astype(np.uint32)
@@ -209,12 +209,12 @@ def _packed_rates(sequence: VisualSequence) -> dict[str, Any]:
 
 
 def _packed_frames(sequence: VisualSequence, most: int | None, show: bool) -> dict[str, Any]:
-    """Frames as PNG: those asked for, or as many as fit the share of the file that is theirs."""
+    """Return frames as PNG: those asked for, or as many as fit the share of the file that is theirs."""
     total = len(sequence.frame_times)
     encoded: dict[int, bytes] = {}
 
     def encode(chosen: Sequence[int]) -> int:
-        """Their bytes, all together."""
+        """Return their bytes, all together."""
         with progress("frames", len(chosen), unit="frames", show=show and len(chosen) > 8) as bar:
             for number in chosen:
                 if number not in encoded:
@@ -245,7 +245,7 @@ def _png(grey: npt.NDArray[np.float64]) -> bytes:
 
 
 def _packed_imu(sequence: VisualSequence) -> dict[str, Any] | None:
-    """Acceleration (m/s^2) and rotation (rad/s) of the samples in the sequence's time."""
+    """Return acceleration (m/s^2) and rotation (rad/s) of the samples in the sequence's time."""
     imu = sequence.read_imu()
     if not len(imu):
         return None
@@ -261,7 +261,7 @@ def _packed_imu(sequence: VisualSequence) -> dict[str, Any] | None:
 
 
 def _packed_path(sequence: VisualSequence) -> dict[str, Any] | None:
-    """Positions (m) and quaternions (x, y, z, w) of the poses in the sequence's time."""
+    """Return positions (m) and quaternions (x, y, z, w) of the poses in the sequence's time."""
     poses: GroundTruth = sequence.read_poses()
     if not len(poses.t_us):
         return None

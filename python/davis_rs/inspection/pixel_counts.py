@@ -1,4 +1,4 @@
-"""Events in each pixel, in memory that the events need rather than the sensor."""
+"""Counts events in each pixel, in memory that the events need rather than the sensor."""
 
 from __future__ import annotations
 

@@ -236,7 +236,7 @@ class _Writer:
         self.notes.append(f"optical flow: full colour is {fastest:,.0f} px/s in all its pictures")
 
     def camera(self) -> None:
-        """Poses, path and pinhole. Rerun has pixel centres at halves."""
+        """Log poses, path and pinhole. Rerun has pixel centres at halves."""
         rr, sequence, poses = self._rr, self._sequence, self._sequence.read_poses()
         if len(poses.t_us):
             columns = rr.Transform3D.columns(translation=poses.positions, quaternion=poses.quaternions)
@@ -253,7 +253,7 @@ class _Writer:
             self.notes.append("the lens's distortion is left out in 3D, because Rerun's camera is a pinhole")
 
     def imu(self) -> None:
-        """Acceleration and angular rate along x, y and z."""
+        """Log acceleration and angular rate along x, y and z."""
         rr, imu = self._rr, self._sequence.read_imu()
         if not len(imu):
             return

@@ -1,4 +1,4 @@
-"""Choosing the part of a long sequence that a page or a recording for a viewer keeps."""
+"""Chooses the part of a long sequence that a page or a recording for a viewer keeps."""
 
 from __future__ import annotations
 

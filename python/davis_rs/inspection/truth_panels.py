@@ -1,4 +1,4 @@
-"""Panels of a figure with what a camera cannot give: optical flow, shapes and surface normals."""
+"""Draws panels of a figure with what a camera cannot give: optical flow, shapes and surface normals."""
 
 from __future__ import annotations
 

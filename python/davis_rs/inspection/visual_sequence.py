@@ -107,7 +107,7 @@ def nearest(times_us: Sequence[int], t_us: int) -> int | None:
 
 
 def display_grey(linear: npt.NDArray[np.floating[Any]]) -> GreyImage:
-    """Linear values in 0..1 as a display wants them, in 0..1 (IEC 61966-2-1, the sRGB transfer curve)."""
+    """Return linear values in 0..1 as a display wants them, in 0..1 (IEC 61966-2-1, the sRGB transfer curve)."""
     return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
 
 

@@ -26,7 +26,7 @@ def device_descriptor(product: int, firmware: int) -> bytes:
 
 
 def endpoint_descriptors(product: int) -> tuple[bytes, ...]:
-    """Endpoints in the order of the interface: the FX3's debug endpoint, the data endpoint."""
+    """Return endpoints in the order of the interface: the FX3's debug endpoint, the data endpoint."""
     data = struct.pack(ENDPOINT_LAYOUT, 7, ENDPOINT, DATA_ENDPOINT, BULK, PACKET, 0)
     debug = struct.pack(ENDPOINT_LAYOUT, 7, ENDPOINT, DEBUG_ENDPOINT, INTERRUPT, 64, 4)
     return (debug, data) if product == FX3 else (data,)

@@ -78,7 +78,7 @@ def find_devices(backend: Any = None) -> list[FoundDevice]:
 
 
 def _printable(text: str) -> str:
-    """Text of a device without what a terminal would obey."""
+    """Return a device's text without what a terminal would obey."""
     return "".join(letter if letter.isprintable() else ascii(letter)[1:-1] for letter in text)
 
 

@@ -1,4 +1,4 @@
-"""Reading a camera in a thread of its own, so that transfers go on while the program does something else."""
+"""Reads a camera in a thread of its own, so that transfers go on while the program does something else."""
 
 from __future__ import annotations
 

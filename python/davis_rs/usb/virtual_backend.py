@@ -47,7 +47,7 @@ class VirtualBackend(IBackend):  # type: ignore[misc]  # pyusb has no types
         """No hub is above."""
 
     def get_device_descriptor(self, device: VirtualDavis) -> SimpleNamespace:
-        """Descriptor and place of a camera."""
+        """Return descriptor and place of a camera."""
         number = self._cameras.index(device) + 1
         place = {"bus": 1, "address": number, "port_number": number, "port_numbers": (number,), "speed": 3}
         content = _control(device, 0x80, 6, descriptors.DEVICE << 8, 0, 18)

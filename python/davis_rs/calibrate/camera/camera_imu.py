@@ -1,4 +1,4 @@
-"""Camera and IMU: how they sit on each other, and how late the IMU's stamps are."""
+"""Calibrates camera and IMU: how they sit on each other, and how late the IMU's stamps are."""
 
 from __future__ import annotations
 
@@ -119,7 +119,7 @@ def calibrate_camera_imu(
 
 
 def _averaged(imu: ImuArray, rate_hz: float) -> Readings:
-    """Means of as many neighbouring samples as bring them to about this rate."""
+    """Return means of as many neighbouring samples as bring them to about this rate."""
     if len(imu) < _LEAST_SAMPLES:
         raise ValueError(f"camera and IMU need at least {_LEAST_SAMPLES} samples of the IMU, got {len(imu)}")
     samples = Readings(imu["t"] * 1e-6, imu["accel"], imu["gyro"])

@@ -1,4 +1,4 @@
-"""Hand-eye calibration: where the camera sits on a body that is tracked from outside."""
+"""Calibrates hand-eye: where the camera sits on a body that is tracked from outside."""
 
 from __future__ import annotations
 
@@ -170,7 +170,7 @@ def _check_agreement(hand_poses: FloatArray, camera_poses: FloatArray) -> None:
 
 
 def linear_hand_eye(hand_poses: FloatArray, camera_poses: FloatArray) -> FloatArray:
-    """Tsai's solution X, (4, 4), of A X = X B for all pairs of poses A' and B', (n, 4, 4) each.
+    """Return Tsai's solution X, (4, 4), of A X = X B for all pairs of poses A' and B', (n, 4, 4) each.
 
     It breaks down where X is half a turn; so it is solved for four orientations of the camera's axes, of which at least
     one is far from that, and the one that fits best is taken.
@@ -255,7 +255,7 @@ class Reprojection:
         return np.asarray(by_point @ np.concatenate([by_x, by_z], -1)).reshape(-1, 12)
 
     def rms_px(self, poses: HandEyePoses) -> float:
-        """Root mean square distance of the corners, pixels."""
+        """Return root mean square distance of the corners, pixels."""
         return float(np.sqrt(np.square(self.residuals(poses)).reshape(-1, 2).sum(1).mean()))
 
     def covariance(self, poses: HandEyePoses) -> FloatArray:

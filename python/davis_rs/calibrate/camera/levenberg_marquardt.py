@@ -1,4 +1,4 @@
-"""Least squares over what is no vector: states that small steps move (poses, say).
+"""Solves least squares over what is no vector: states that small steps move (poses, say).
 
 scipy's own solver wants a vector space.
 """

@@ -1,4 +1,4 @@
-"""OpenCV, which calibration alone needs."""
+"""Imports OpenCV, which calibration alone needs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Uniform B-splines as sparse matrices: values and derivatives are linear in the coefficients."""
+"""Evaluates uniform B-splines as sparse matrices: values and derivatives are linear in the coefficients."""
 
 from __future__ import annotations
 

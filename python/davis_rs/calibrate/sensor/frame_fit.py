@@ -28,7 +28,7 @@ _LEAST_SIGNIFICANCE = 4.0
 
 
 def find_of_frames(recordings: Sequence[MeasuredRecording], leak_hz: Measured | None) -> Iterator[Finding]:
-    """Thresholds, mismatch, bandwidth, exposure and noise of frames, each found or with the reason why not."""
+    """Yield thresholds, mismatch, bandwidth, exposure and noise of frames, each found or with the reason why not."""
     framed = [one for one in recordings if one.samples is not None]
     if not framed:
         why = "there are no frames"

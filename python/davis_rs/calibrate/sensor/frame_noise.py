@@ -1,4 +1,4 @@
-"""Noise of frames: how values of pixels that see no change scatter, over how bright they are (photon transfer)."""
+"""Measures noise of frames: how values without change scatter, over how bright they are (photon transfer)."""
 
 from __future__ import annotations
 

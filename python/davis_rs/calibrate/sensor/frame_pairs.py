@@ -1,4 +1,4 @@
-"""Pairs of a pixel's samples: how much log intensity changed between two frames, and which events came in between."""
+"""Pairs a pixel's samples: how much log intensity changed between two frames, and which events came in between."""
 
 from __future__ import annotations
 

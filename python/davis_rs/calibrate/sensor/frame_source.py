@@ -107,7 +107,7 @@ def _of_file(file: Path, size: tuple[int, int]) -> Iterator[StampedFrame]:
 
 
 def _whole(pixels: npt.NDArray[Any], x: int, y: int, size: tuple[int, int]) -> npt.NDArray[np.float32]:
-    """Values where they lie on the sensor, NaN around them."""
+    """Return values where they lie on the sensor, NaN around them."""
     width, height = size
     values = np.full((height, width), np.nan, np.float32)
     visible = pixels[: max(height - y, 0), : max(width - x, 0)]

@@ -23,7 +23,7 @@ _RATE = ("rate of hot pixels", "hot_pixel_rate_hz")
 
 
 def find_hot_pixels(recordings: Sequence[StreamStatistics]) -> tuple[Finding, ...]:
-    """Their share of the pixels that are calm enough to show them, and the median of their rates.
+    """Return their share of the pixels that are calm enough to show them, and the median of their rates.
 
     Noise makes pixels with low thresholds fire often, too, at random and with both polarities: those are counted, but
     not taken as hot. Rates are taken to be log-normal with the spread of :class:`~davis_rs.sensor.effects.HotPixels`.
@@ -63,7 +63,8 @@ def _usual(one: StreamStatistics) -> npt.NDArray[np.float64]:
 def _of_calm(
     recordings: Sequence[StreamStatistics], calm: npt.NDArray[np.bool_]
 ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], int]:
-    """Rates and variations of the hot pixels there, those of the longest recording, and how many pixels are noisy."""
+    """Return rates and variations of the hot pixels there, those of the longest recording, and how many pixels are
+    noisy."""
     pixels: dict[tuple[int, int], tuple[float, float, float]] = {}
     for one in sorted(recordings, key=lambda one: one.duration_s):
         hot = one.hot_pixels

@@ -1,4 +1,4 @@
-"""Leak from pixels that see no signal: its rate, how it differs from pixel to pixel, and how regular it is."""
+"""Fits leak from pixels that see no signal: its rate, how it differs from pixel to pixel, and how regular it is."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def find_leak(recordings: Sequence[StreamStatistics]) -> Finding:
 
 
 def _signal_hides_leak(one: StreamStatistics) -> str | None:
-    """Why ON less OFF events of the calm pixels are no leak; None if they may be.
+    """Return why ON less OFF events of the calm pixels are no leak; None if they may be.
 
     Where nearly every pixel has events, :func:`signal_in` cannot tell. But if pixels have more OFF events than they
     have ON events above these, and the difference is alike in neighbours, it comes from what they see.
@@ -198,6 +198,6 @@ def _calm(one: StreamStatistics) -> npt.NDArray[np.bool_]:
 
 
 def mean_rate(counts: npt.NDArray[np.float64], duration_s: float, least: float) -> Measured:
-    """Mean rate of pixels, with the standard deviation of their scatter, but no less than ``least``."""
+    """Return mean rate of pixels, with the standard deviation of their scatter, but no less than ``least``."""
     scatter = float(counts.std(ddof=1)) / math.sqrt(len(counts)) / duration_s if len(counts) > 1 else math.inf
     return Measured(float(counts.mean()) / duration_s, max(scatter, least))

@@ -1,4 +1,4 @@
-"""Shot noise from how often pixels fire in known light."""
+"""Fits shot noise from how often pixels fire in known light."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ class _Quiet(NamedTuple):
 
 
 def _off_rate(one: StreamStatistics) -> Measured | None:
-    """OFF events of a quiet pixel per second; None where signal or too few events are seen.
+    """Return OFF events of a quiet pixel per second; None where signal or too few events are seen.
 
     Pixels with low thresholds make most of the noise, and some of them look hot: they are counted.
     """
@@ -176,7 +176,7 @@ def _off_events_hz(
     light: float,
     leak_hz: float,
 ) -> npt.NDArray[np.float64]:
-    """OFF events of pixels with these thresholds per second.
+    """Return OFF events of pixels with these thresholds per second.
 
     Each pair that begins with an OFF event has one. One that begins with an ON event has none where the leak has
     brought the signal within half of C_off of the next ON event: noise on its way back then does not reach the OFF

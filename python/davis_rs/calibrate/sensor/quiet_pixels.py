@@ -1,4 +1,4 @@
-"""Whether the pixels that count as quiet see no signal."""
+"""Checks whether the pixels that count as quiet see no signal."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class Pairs(NamedTuple):
 
 
 def signal_in(one: StreamStatistics) -> str | None:
-    """Why the quiet pixels of a recording are not quiet; None if they are.
+    """Return why the quiet pixels of a recording are not quiet; None if they are.
 
     Neighbours that fire together see signal. Where nearly every pixel has events this cannot be told, and is not.
     """

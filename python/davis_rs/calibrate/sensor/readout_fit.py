@@ -1,4 +1,4 @@
-"""Bounds that any stream gives: on the refractory period and on the bus; and the parity of columns and rows."""
+"""Finds bounds that any stream gives: on the refractory period and on the bus; and the parity of columns and rows."""
 
 from __future__ import annotations
 

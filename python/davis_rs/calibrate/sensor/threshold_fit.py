@@ -1,4 +1,4 @@
-"""Contrast thresholds from frames: how much log intensity changes between two frames, against the events in between."""
+"""Fits contrast thresholds to frames: changes of log intensity between two, against the events in between."""
 
 from __future__ import annotations
 
@@ -204,7 +204,7 @@ class _Regression:
         self.weight = robust * bright / self.sigma**2
 
     def solve(self) -> None:
-        """Thresholds of pixels, then what they have in common."""
+        """Fit thresholds of pixels, then what they have in common."""
         pairs = self.pairs
         fitted = self.of_pixels(self.weight, self.ratio)
         # What each unknown does to the thresholds that a pixel's own regression gives.
@@ -291,7 +291,7 @@ class _Regression:
         return np.asarray(np.linalg.solve(normal, right), np.float64)
 
     def spread(self, value: FloatArray, relative: FloatArray) -> None:
-        """Mismatch, and each pixel's thresholds shrunk to the mean by their errors."""
+        """Fit mismatch, and each pixel's thresholds shrunk to the mean by their errors."""
         pairs, centre = self.pairs, self.mean[:, self.pairs.odd]
         rest = self.ratio - self.others @ self.unknown - (self.at_black - self.black) * self.unknown[_BLACK]
         first, second = (self.of_pixels(self.weight * (pairs.half == half), rest) for half in (0, 1))
@@ -357,7 +357,7 @@ class _Regression:
         )  # fmt: skip
 
     def summary(self, solved: FloatArray, kept: npt.NDArray[np.bool_]) -> list[float]:
-        """C_on, C_off, parity, mismatch^2, black level, lag, its part that goes by 1 / I in the usual light."""
+        """Return C_on, C_off, parity, mismatch^2, black level, lag, its part that goes by 1 / I in the usual light."""
         (on_even, on_odd), (off_even, off_odd) = solved[:4].reshape(2, 2)
         parity = ((on_odd - on_even) / (on_odd + on_even) + (off_odd - off_even) / (off_odd + off_even)) / 2
         importance = self.importance * kept

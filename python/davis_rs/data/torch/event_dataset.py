@@ -1,4 +1,4 @@
-"""Windows of one or more files and folders as a map-style data set."""
+"""Makes windows of one or more files and folders as a map-style data set."""
 
 from __future__ import annotations
 

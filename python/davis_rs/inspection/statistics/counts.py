@@ -1,4 +1,4 @@
-"""Histograms of non-negative integers over many orders of magnitude, and what they say."""
+"""Counts histograms of non-negative integers over many orders of magnitude, and what they say."""
 
 from __future__ import annotations
 

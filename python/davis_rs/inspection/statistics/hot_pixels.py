@@ -1,4 +1,4 @@
-"""Hot pixels: those that fire on their own, as far as events alone can tell."""
+"""Finds hot pixels: those that fire on their own, as far as events alone can tell."""
 
 from __future__ import annotations
 

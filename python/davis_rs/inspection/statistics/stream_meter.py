@@ -1,4 +1,4 @@
-"""Measuring a stream in one pass."""
+"""Measures a stream in one pass."""
 
 from __future__ import annotations
 

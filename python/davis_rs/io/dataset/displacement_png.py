@@ -1,4 +1,4 @@
-"""Displacement of pixels as 16-bit PNG, as KITTI and DSEC have it."""
+"""Packs displacement of pixels as 16-bit PNG, as KITTI and DSEC have it."""
 
 from __future__ import annotations
 

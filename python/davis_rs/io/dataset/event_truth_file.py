@@ -1,4 +1,4 @@
-"""Ground truth at each event, as columns next to the events' own: HDF5 or npz."""
+"""Writes ground truth at each event, as columns next to the events' own: HDF5 or npz."""
 
 from __future__ import annotations
 

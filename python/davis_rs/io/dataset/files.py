@@ -177,7 +177,7 @@ def stamped_line(t_us: int, values: npt.NDArray[np.float64]) -> str:
 
 
 def as_grey(frame: npt.NDArray[np.float32], image_gain: float) -> npt.NDArray[np.uint8]:
-    """Linear luma as an 8-bit frame: round(255 x image_gain x luma), clipped."""
+    """Return linear luma as an 8-bit frame: round(255 x image_gain x luma), clipped."""
     return np.rint(np.minimum(255 * image_gain * frame.astype(np.float64), 255)).astype(np.uint8)
 
 

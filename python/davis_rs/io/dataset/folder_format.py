@@ -245,17 +245,17 @@ class FolderReader(EventReader):
             yield image.t_us, self.dataset.read_depth(number)
 
     def flow_maps(self) -> Iterator[tuple[int, npt.NDArray[np.float32]]]:
-        """Maps of optical flow as (t_us, float32 (height, width, 2) in pixels per second)."""
+        """Yield maps of optical flow as (t_us, float32 (height, width, 2) in pixels per second)."""
         for number, image in enumerate(self.dataset.flow_maps):
             yield image.t_us, self.dataset.read_flow(number)
 
     def imu(self) -> Iterator[ImuSample]:
-        """IMU samples."""
+        """Yield IMU samples."""
         for sample in self.dataset.imu:
             yield ImuSample(int(sample["t"]), sample["accel"].astype(np.float64), sample["gyro"].astype(np.float64))
 
     def poses(self) -> Iterator[PoseSample]:
-        """Poses, T_world_camera."""
+        """Yield poses, T_world_camera."""
         truth = self.dataset.groundtruth
         for t_us, position, quaternion in zip(truth.t_us.tolist(), truth.positions, truth.quaternions, strict=True):
             yield PoseSample(t_us, position, quaternion)

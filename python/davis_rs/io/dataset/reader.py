@@ -1,4 +1,4 @@
-"""Reading a dataset folder: one of ours, or one of the public Event-Camera Dataset."""
+"""Reads a dataset folder: one of ours, or one of the public Event-Camera Dataset."""
 
 from __future__ import annotations
 
@@ -372,7 +372,7 @@ def _is_number(value: Any) -> bool:
 
 
 def _parse_stamp(word: str, path: Path, number: int) -> int:
-    """Decimal seconds to microseconds in integer arithmetic, to the nearest (halves up)."""
+    """Convert decimal seconds to microseconds in integer arithmetic, to the nearest (halves up)."""
     match = re.fullmatch(r"([0-9]{1,12})(?:\.([0-9]{1,18}))?", word)
     if match is None:
         raise DecodeError(f"{path}, line {number}: expected a time in decimal seconds, found {word[:40]!r}")
@@ -381,7 +381,7 @@ def _parse_stamp(word: str, path: Path, number: int) -> int:
 
 
 def _read_exr(path: Path, *names: str) -> npt.NDArray[np.float32]:
-    """Channels of an image, float32: (H, W) of one, (H, W, k) of several."""
+    """Return channels of an image, float32: (H, W) of one, (H, W, k) of several."""
     import OpenEXR
 
     budget = Budget(path)

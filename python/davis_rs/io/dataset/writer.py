@@ -1,4 +1,4 @@
-"""Writing a sequence as a folder in the layout of the public Event-Camera Dataset."""
+"""Writes a sequence as a folder in the layout of the public Event-Camera Dataset."""
 
 from __future__ import annotations
 

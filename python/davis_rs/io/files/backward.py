@@ -1,4 +1,4 @@
-"""Times that go back in a decoded stream, and what to do about them before it is written."""
+"""Tells of times that go back in a decoded stream, and what to do about them before it is written."""
 
 from __future__ import annotations
 

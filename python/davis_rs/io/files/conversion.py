@@ -1,4 +1,4 @@
-"""From one container to another, with all parts of a recording that both can hold, in constant memory."""
+"""Converts from one container to another, with all parts of a recording that both can hold, in constant memory."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Files that decoded streams are written into: one class for each format, chosen by the file's suffix."""
+"""Writes decoded streams into files: one class for each format, chosen by the file's suffix."""
 
 from __future__ import annotations
 

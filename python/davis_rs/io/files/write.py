@@ -1,4 +1,4 @@
-"""Writing events to a file of any format."""
+"""Writes events to a file of any format."""
 
 from __future__ import annotations
 

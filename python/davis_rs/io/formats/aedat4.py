@@ -1,4 +1,4 @@
-"""AEDAT 4.0, the files of iniVation's DV and of its newer cameras."""
+"""Writes and reads AEDAT 4.0, the files of iniVation's DV and of its newer cameras."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""ROS 1 bags with the topics of the public Event-Camera Dataset."""
+"""Writes ROS 1 bags with the topics of the public Event-Camera Dataset."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Reading ROS 1 bags: ours, and those of the public Event-Camera Dataset."""
+"""Reads ROS 1 bags: ours, and those of the public Event-Camera Dataset."""
 
 from __future__ import annotations
 

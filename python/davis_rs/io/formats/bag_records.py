@@ -89,7 +89,7 @@ def _records(stream: BinaryIO, size: int) -> Iterator[tuple[Header, bytes]]:
 
 
 def _named(header: Header, data: bytes) -> tuple[str, str]:
-    """Topic and type of a connection."""
+    """Return topic and type of a connection."""
     from rosbags.rosbag1.reader import Header as Fields
     from rosbags.typesys.msg import normalize_msgtype
 

@@ -42,7 +42,7 @@ class Blocks:
 def blocks_of(
     counts: npt.ArrayLike, first_us: npt.ArrayLike | None, places: npt.ArrayLike, last_us: int = UNKNOWN_US
 ) -> Blocks:
-    """Blocks by the number of events of each."""
+    """Return blocks by the number of events of each."""
     numbers = np.asarray(counts, np.int64)
     starts = np.concatenate([np.zeros(1, np.int64), np.cumsum(numbers)])
     times = np.full(len(numbers), UNKNOWN_US, np.int64) if first_us is None else np.asarray(first_us, np.int64)
@@ -51,7 +51,8 @@ def blocks_of(
 
 
 def equal_blocks(events: int, size: int) -> Blocks:
-    """Blocks of ``size`` events each, the last one shorter; their places are their first and last events' numbers."""
+    """Return blocks of ``size`` events each, the last one shorter; their places are their first and last events'
+    numbers."""
     starts = np.append(np.arange(0, events, size, dtype=np.int64), events)
     return Blocks(starts, np.full(len(starts) - 1, UNKNOWN_US, np.int64), np.stack([starts[:-1], starts[1:]], axis=1))
 

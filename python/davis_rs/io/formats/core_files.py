@@ -1,4 +1,4 @@
-"""Writers and readers of the formats that the Rust core encodes and decodes."""
+"""Defines writers and readers of the formats that the Rust core encodes and decodes."""
 
 from __future__ import annotations
 

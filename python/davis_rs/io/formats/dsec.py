@@ -1,4 +1,4 @@
-"""HDF5 in the layout of DSEC: events/{t, x, y, p}, ms_to_idx, t_offset; and what DSEC has in other files, in groups."""
+"""Writes and reads DSEC's HDF5: events/{t, x, y, p}, ms_to_idx, t_offset; what DSEC has in other files, in groups."""
 
 from __future__ import annotations
 

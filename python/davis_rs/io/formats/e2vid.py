@@ -1,4 +1,4 @@
-"""HDF5 in the layout of e2vid and event_cnn_minimal: events/{xs, ys, ts, ps}, times in seconds."""
+"""Writes and reads HDF5 in the layout of e2vid and event_cnn_minimal: events/{xs, ys, ts, ps}, times in seconds."""
 
 from __future__ import annotations
 

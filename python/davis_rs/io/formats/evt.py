@@ -1,4 +1,4 @@
-"""EVT 2.0 and EVT 3.0, Prophesee's ``.raw`` files: words of 32 and of 16 bits."""
+"""Writes and reads EVT 2.0 and EVT 3.0, Prophesee's ``.raw`` files: words of 32 and of 16 bits."""
 
 from __future__ import annotations
 

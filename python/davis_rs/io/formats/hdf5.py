@@ -1,4 +1,4 @@
-"""Events in HDF5: what the layouts of DSEC and of e2vid share."""
+"""Writes and reads events in HDF5: what the layouts of DSEC and of e2vid share."""
 
 from __future__ import annotations
 
@@ -189,7 +189,7 @@ class Hdf5Reader(EventReader):
 
     @abstractmethod
     def _times(self, values: npt.NDArray[Any]) -> npt.NDArray[np.int64]:
-        """Microseconds from what the dataset of times holds."""
+        """Return microseconds from what the dataset of times holds."""
 
     def _size(self) -> tuple[int, int] | None:
         resolution = self._file.attrs.get("sensor_resolution")

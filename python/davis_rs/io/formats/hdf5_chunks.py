@@ -1,4 +1,4 @@
-"""Rows of HDF5's datasets, each chunk of which is checked and unpacked once.
+"""Reads rows of HDF5's datasets, each chunk of which is checked and unpacked once.
 
 HDF5's filters take memory for whatever a chunk claims, or unpacks to. HDF5 forgets a chunk of more than 1 MiB at once,
 so that it would be unpacked again for each piece that is read of it.

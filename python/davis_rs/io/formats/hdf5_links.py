@@ -1,4 +1,4 @@
-"""Finding what HDF5's names stand for within one file: links to other files are not followed."""
+"""Finds what HDF5's names stand for within one file: links to other files are not followed."""
 
 from __future__ import annotations
 

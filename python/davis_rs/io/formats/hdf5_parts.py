@@ -1,4 +1,4 @@
-"""Series of stamped arrays next to the events in an HDF5 file, written as they come and read one by one."""
+"""Writes series of stamped arrays next to the events in an HDF5 file as they come, and reads them one by one."""
 
 from __future__ import annotations
 
@@ -180,17 +180,17 @@ class Hdf5PartsReader(Hdf5Reader):
             yield t_us, depth.astype(np.float32)
 
     def flow_maps(self) -> Iterator[tuple[int, npt.NDArray[np.float32]]]:
-        """Maps of optical flow as (t_us, float32 (height, width, 2) in pixels per second)."""
+        """Yield maps of optical flow as (t_us, float32 (height, width, 2) in pixels per second)."""
         for t_us, flow in self._rows(FLOW, (None, None, 2)):
             yield t_us, flow.astype(np.float32)
 
     def imu(self) -> Iterator[ImuSample]:
-        """IMU samples."""
+        """Yield IMU samples."""
         for t_us, sample in self._rows(IMU, (6,)):
             yield ImuSample(t_us, sample[:3].astype(np.float64), sample[3:].astype(np.float64))
 
     def poses(self) -> Iterator[PoseSample]:
-        """Poses, T_world_camera."""
+        """Yield poses, T_world_camera."""
         for t_us, pose in self._rows(POSES, (7,)):
             yield PoseSample(t_us, pose[:3].astype(np.float64), pose[3:].astype(np.float64))
 

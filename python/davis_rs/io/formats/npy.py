@@ -1,4 +1,4 @@
-"""NumPy's .npy: an event array as it is in memory."""
+"""Writes and reads NumPy's .npy: an event array as it is in memory."""
 
 from __future__ import annotations
 

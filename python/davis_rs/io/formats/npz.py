@@ -1,4 +1,4 @@
-"""NumPy's .npz: a zip archive, here with the one array ``events``."""
+"""Writes and reads NumPy's .npz: a zip archive, here with the one array ``events``."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Events in Parquet: columns t, x, y, p, times as differences."""
+"""Writes and reads events in Parquet: columns t, x, y, p, times as differences."""
 
 from __future__ import annotations
 

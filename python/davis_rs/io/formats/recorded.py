@@ -1,4 +1,4 @@
-"""Recordings of cameras as event files: AEDAT 2.0 and 3.1, and a camera's own bytes, which are only read."""
+"""Reads recordings of cameras as event files: AEDAT 2.0 and 3.1, and a camera's own bytes, which are only read."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class RecordedParts:
         self._found(remarks)
 
     def imu(self) -> Iterator[ImuSample]:
-        """IMU samples."""
+        """Yield IMU samples."""
         remarks = Remarks()
         for piece in self.recording.pieces(("imu",), remarks):
             for sample in piece.decoded.imu:

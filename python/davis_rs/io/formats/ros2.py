@@ -1,4 +1,4 @@
-"""rosbag2: bags of ROS 2 with the topics of the public Event-Camera Dataset."""
+"""Writes rosbag2: bags of ROS 2 with the topics of the public Event-Camera Dataset."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Reading rosbag2: folders and single files, in SQLite or MCAP."""
+"""Reads rosbag2: folders and single files, in SQLite or MCAP."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Messages of events in ROS 2's encoding (CDR): ``dvs_msgs/EventArray`` and ``event_camera_msgs/EventPacket``."""
+"""Packs and unpacks messages of events in CDR: ``dvs_msgs/EventArray`` and ``event_camera_msgs/EventPacket``."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Reading the topics of the public bags: what bags of ROS 1 and ROS 2 share."""
+"""Reads the topics of the public bags: what bags of ROS 1 and ROS 2 share."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ class RosReader(EventReader):
             yield t_us, self._pixels(message, np.dtype("f4"), ("32FC1",))
 
     def flow_maps(self, topic: str | None = None) -> Iterator[tuple[int, npt.NDArray[np.float32]]]:
-        """Maps of optical flow as (t_us, float32 (height, width, 2) in pixels per second).
+        """Yield maps of optical flow as (t_us, float32 (height, width, 2) in pixels per second).
 
         Raises:
             DecodeError: for an encoding other than 32FC2.
@@ -71,13 +71,13 @@ class RosReader(EventReader):
             yield t_us, self._pixels(message, np.dtype("f4"), ("32FC2",), channels=2)
 
     def imu(self, topic: str | None = None) -> Iterator[ImuSample]:
-        """IMU samples."""
+        """Yield IMU samples."""
         for t_us, message in self._of(topics.INERTIAL, topic):
             a, w = message.linear_acceleration, message.angular_velocity
             yield ImuSample(t_us, np.array([a.x, a.y, a.z]), np.array([w.x, w.y, w.z]))
 
     def poses(self, topic: str | None = None) -> Iterator[PoseSample]:
-        """Poses, of whatever frames the bag's topic is in."""
+        """Yield poses, of whatever frames the bag's topic is in."""
         for t_us, message in self._of(topics.POSES, topic):
             p, q = message.pose.position, message.pose.orientation
             yield PoseSample(t_us, np.array([p.x, p.y, p.z]), np.array([q.x, q.y, q.z, q.w]))

@@ -1,4 +1,4 @@
-"""Writing the topics of the public bags: what bags of ROS 1 and ROS 2 share."""
+"""Writes the topics of the public bags: what bags of ROS 1 and ROS 2 share."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""events.txt, the text of the public Event-Camera Dataset: a line ``timestamp x y polarity`` an event."""
+"""Writes and reads the public Event-Camera Dataset's events.txt: a line ``timestamp x y polarity`` an event."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Thrift's compact protocol, as Parquet's metadata and page headers are written in it.
+"""Reads Thrift's compact protocol, as Parquet's metadata and page headers are written in it.
 
 Source: Apache Thrift, compact protocol encoding.
 """

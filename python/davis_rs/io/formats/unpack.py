@@ -1,4 +1,4 @@
-"""Compressed chunks and messages of bags, with a limit on what they unpack to."""
+"""Unpacks compressed chunks and messages of bags, with a limit on what they unpack to."""
 
 from __future__ import annotations
 

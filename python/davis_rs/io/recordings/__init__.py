@@ -1,4 +1,4 @@
-"""Recordings of cameras: AEDAT 2.0 (jAER), 3.1 (cAER) and 4 (DV), and a camera's own bytes, as the decoder's arrays.
+"""Reads recordings of cameras: AEDAT 2.0 (jAER), 3.1 (cAER) and 4 (DV), and a camera's own bytes.
 
 Source: docs.inivation.com, AEDAT file formats; jAER's and libcaer's public sources for what those leave open.
 """

@@ -1,4 +1,4 @@
-"""AEDAT 2.0, jAER's format: records of address and time, eight bytes each, big-endian, after lines of text.
+"""Reads AEDAT 2.0, jAER's format: records of address and time, eight bytes each, big-endian, after lines of text.
 
 An address with bit 31 clear is an event (y in bits 22-30, x 12-21, polarity 11) or, with bit 10, an external input.
 With bit 31 set it is a sample of a frame or, with bits 10 and 11 too, a word of an inertial sample. Of events both
@@ -256,7 +256,7 @@ def _started(header: bytes) -> datetime | None:
 
 
 def _triggers(t: npt.NDArray[np.int64], kind: npt.NDArray[np.uint32]) -> tuple[npt.NDArray[Any], int]:
-    """Triggers, and how many there are of unknown kinds."""
+    """Return triggers, and how many there are of unknown kinds."""
     # Older versions did not write the kind.
     kind = np.where(kind == 0, TriggerKind.INPUT_PULSE, kind)
     known = (kind >= TriggerKind.INPUT_FALLING) & (kind <= TriggerKind.INPUT_PULSE)

@@ -1,4 +1,4 @@
-"""Frames of AEDAT 2.0: samples of single pixels, each pixel read twice, put together to images."""
+"""Assembles frames of AEDAT 2.0: samples of single pixels, each pixel read twice, put together to images."""
 
 from __future__ import annotations
 

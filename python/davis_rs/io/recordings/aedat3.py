@@ -1,4 +1,4 @@
-"""AEDAT 3.1, cAER's format: packets of one type each, little-endian, after lines of text.
+"""Reads AEDAT 3.1, cAER's format: packets of one type each, little-endian, after lines of text.
 
 Source: docs.inivation.com, AEDAT 3.1; libcaer's events (the same structures in memory).
 """

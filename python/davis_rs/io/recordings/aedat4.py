@@ -1,4 +1,4 @@
-"""AEDAT 4, DV's format, as the Rust core reads it.
+"""Reads AEDAT 4, DV's format, as the Rust core reads it.
 
 Source: docs.inivation.com, AEDAT 4.0; the schemas of dv-processing.
 """

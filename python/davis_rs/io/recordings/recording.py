@@ -116,13 +116,13 @@ _LATEST = {"240": "C", "346": "B"}
 
 
 def size_of(chip: str) -> tuple[int, int]:
-    """Width and height of a chip."""
+    """Return width and height of a chip."""
     device = Device(chip)
     return device.width, device.height
 
 
 def spanned(events: EventArray) -> tuple[int, int]:
-    """Width and height that the events need."""
+    """Return width and height that the events need."""
     return (int(events["x"].max()) + 1, int(events["y"].max()) + 1) if len(events) else (0, 0)
 
 
@@ -151,7 +151,8 @@ def imu_array(
     g: float = 1.0,
     deg_s: float = 1.0,
 ) -> npt.NDArray[Any]:
-    """Samples from columns: acceleration (n, 3) in units of ``g`` times gravity, rotation (n, 3) of ``deg_s`` deg/s."""
+    """Return samples from columns: acceleration (n, 3) in units of ``g`` times gravity, rotation (n, 3) of ``deg_s``
+    deg/s."""
     imu = np.zeros(len(t), IMU_DTYPE)
     imu["t"], imu["temperature"] = t, temperature
     # The units first, as the decoder does it: the same counts are then the same numbers.
@@ -161,7 +162,7 @@ def imu_array(
 
 
 def trigger_array(t: npt.NDArray[Any], kind: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """Triggers from columns of one length."""
+    """Return triggers from columns of one length."""
     triggers = np.zeros(len(t), TRIGGER_DTYPE)
     triggers["t"], triggers["kind"] = t, kind
     return triggers
@@ -173,7 +174,8 @@ def _dated(triggers: npt.NDArray[Any]) -> npt.NDArray[Any]:
 
 
 def grey(pixels: npt.NDArray[Any], order: str) -> npt.NDArray[np.uint16]:
-    """Intensities of 16 bits from pixels (height, width, channels) of 16 bits: one, or ``RGB`` or ``BGR`` and alpha."""
+    """Return intensities of 16 bits from pixels (height, width, channels) of 16 bits: one, or ``RGB`` or ``BGR`` and
+    alpha."""
     if pixels.shape[2] == 1:
         return pixels[:, :, 0].astype(np.uint16)
     red, green, blue = (pixels[:, :, order.index(colour)] for colour in "RGB")
