@@ -138,7 +138,7 @@ def _checked(array: npt.ArrayLike, what: str, size: tuple[int, int]) -> EventArr
 
 
 def _time_errors(t_us: _Integers, is_ours: _Flags, first: _Flags, window_us: int) -> _Integers:
-    """Return errors of the pairs of a best matching; events in the order (pixel and polarity, time, reference first)."""
+    """Return errors of the pairs of a best matching of events in order (pixel and polarity, time, reference first)."""
     paired = _coincident(t_us, is_ours, first)
     rest = np.flatnonzero(~paired)
     group = np.cumsum(first)[rest]

@@ -34,7 +34,7 @@ def _no_poses() -> GroundTruth:
     return GroundTruth(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 4)))
 
 
-def _no_imu() -> npt.NDArray[Any]:
+def _no_imu() -> npt.NDArray[np.void]:
     return np.zeros(0, IMU_DTYPE)
 
 
@@ -75,7 +75,7 @@ class VisualSequence:
     shape_names: Sequence[str] = ()
     normal_times: Sequence[int] = ()
     read_normals: Callable[[int], npt.NDArray[np.float32]] = field(default=lambda _: np.ones((1, 1, 3), np.float32))
-    read_imu: Callable[[], npt.NDArray[Any]] = _no_imu
+    read_imu: Callable[[], npt.NDArray[np.void]] = _no_imu
     read_poses: Callable[[], GroundTruth] = _no_poses
     read_camera: Callable[[], Camera | None] = field(default=lambda: None)
 
@@ -167,7 +167,7 @@ def _of_events(
     events: EventArray,
     frame_times: Sequence[int] = (),
     read_frame: Callable[[int], GreyImage] = lambda _: np.ones((1, 1)),
-    read_imu: Callable[[], npt.NDArray[Any]] = _no_imu,
+    read_imu: Callable[[], npt.NDArray[np.void]] = _no_imu,
 ) -> VisualSequence:
     _check_inside(events, size, path)
     back = events["t"][1:] < events["t"][:-1]

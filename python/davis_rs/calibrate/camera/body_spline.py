@@ -41,7 +41,7 @@ class BodySpline:
         return np.asarray(self._course(t_s).as_matrix() @ turn)
 
     def rates(self, coefficients: FloatArray, t_s: FloatArray) -> FloatArray:
-        """Return angular rates in the body's axes, (n, 3), rad/s: Exp(-d) w_0 + J(d) d', J the right Jacobian of SO(3)."""
+        """Return rates in the body's axes, (n, 3), rad/s: Exp(-d) w_0 + J(d) d', J the right Jacobian of SO(3)."""
         d, rate = self.basis.matrix(t_s) @ coefficients, self.basis.matrix(t_s, 1) @ coefficients
         turned = np.einsum("nji,nj->ni", rotation_of(d), self._course(t_s, 1))
         return np.asarray(turned + np.einsum("nij,nj->ni", right_jacobian(d), rate))

@@ -263,7 +263,7 @@ class InertialProblem:
         return rate * self._gyroscope, acceleration * self._accelerometer, pixel * self._pixel
 
     def _in_camera(self, s: InertialState, lag_s: float) -> tuple[FloatArray, FloatArray]:
-        """Return angular rate and specific force at the IMU, (n, 3) each, in camera axes, when each reading was taken."""
+        """Return angular rate and specific force at the IMU, (n, 3) each, in camera axes, at the times of readings."""
         t = self._readings.t_s - lag_s
         acceleration = self._spline.basis.matrix(t, 2) @ s.places
         turns = self._spline.rotations(s.turns, t)
@@ -310,7 +310,7 @@ def _aligning(rates: FloatArray, readings: FloatArray) -> tuple[FloatArray, Floa
 def _row_blocks(
     turn_terms: list[tuple[Any, FloatArray]], place_terms: list[tuple[Any, FloatArray]], tail: FloatArray, size: int
 ) -> Any:
-    """Return rows of the Jacobian, of residuals (n, k): sums of basis (n, size) times blocks (n, k, 3), then the tail."""
+    """Return rows of the Jacobian of residuals (n, k): sums of basis (n, size) times blocks (n, k, 3), the tail."""
     from scipy.sparse import csr_array, hstack
 
     n, k, _ = tail.shape

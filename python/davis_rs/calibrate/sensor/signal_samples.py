@@ -198,7 +198,7 @@ class _Pieces:
         self._place = 0
 
     def at(self, t_us: float) -> SampleArray:
-        """Return samples of an instant, later than the one before, of pixels where the signal is known; without values."""
+        """Return samples of a later instant than the one before, of pixels with a known signal; without values."""
         place = int(np.searchsorted(self.events["t"], t_us, side="right"))
         self.before += np.bincount(self.pixel[self._place : place], minlength=len(self.before))
         self._place = place

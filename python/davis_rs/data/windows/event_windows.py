@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, Literal, overload
 
 import numpy as np
+import numpy.typing as npt
 
 from ..._util.argument_error import ArgumentError
 from ..._util.close_names import names_checked
@@ -163,7 +164,7 @@ class EventWindows(Sequence[EventWindow]):
         }
 
 
-def _times(images: list[StampedImage]) -> np.ndarray[Any, np.dtype[np.int64]]:
+def _times(images: list[StampedImage]) -> npt.NDArray[np.int64]:
     return np.array([image.t_us for image in images], np.int64)
 
 

@@ -269,7 +269,7 @@ def _range(values: npt.NDArray[np.float64]) -> dict[str, float] | None:
     return {"least": float(values.min()), "median": float(np.median(values)), "most": float(values.max())}
 
 
-def _plain(measured: Any) -> Any:
+def _plain(measured: object) -> Any:
     """Return the statistics in JSON's types; NaN and infinity become None."""
     if isinstance(measured, Measured):
         return {"value": _plain(measured.value), "sigma": _plain(measured.sigma)}

@@ -223,7 +223,7 @@ def append_lines(path: Path, lines: str) -> None:
         raise
 
 
-def as_json(meta: Mapping[str, Any]) -> dict[str, Any]:
+def as_json(meta: Mapping[str, object]) -> dict[str, Any]:
     """Return ``meta`` as it will read back from JSON."""
     loaded: dict[str, Any] = json.loads(json.dumps(meta, default=_plain, allow_nan=False))
     return loaded

@@ -7,7 +7,6 @@ import os
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -322,7 +321,7 @@ class FolderFormat(Format):
             return False
         return True
 
-    def require_libraries(self, *, events: str = "text", **_: Any) -> None:
+    def require_libraries(self, *, events: str = "text", **_: object) -> None:
         if events in EVENT_FILES:
             FORMATS[events].require_libraries()
 

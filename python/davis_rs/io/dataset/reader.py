@@ -367,7 +367,7 @@ def _check_meta(path: Path, meta: dict[str, Any]) -> None:
 _LARGEST_PARAMETER = 1e12
 
 
-def _is_number(value: Any) -> bool:
+def _is_number(value: object) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 

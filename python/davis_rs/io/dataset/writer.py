@@ -127,7 +127,7 @@ class DatasetWriter:
         flow_png: str | None = None,
         events_format: str = "text",
         imu: Imu | None = None,
-        meta: Mapping[str, Any] | None = None,
+        meta: Mapping[str, object] | None = None,
     ) -> None:
         check_image_gain(image_gain)
         if check_frames < 0:
@@ -240,7 +240,7 @@ class DatasetWriter:
             self._abandon(interrupted=False)
             raise
 
-    def finish(self, meta: Mapping[str, Any] | None = None, *, interrupted: bool = False) -> dict[str, Any]:
+    def finish(self, meta: Mapping[str, object] | None = None, *, interrupted: bool = False) -> dict[str, Any]:
         """Close every file, write ``meta.json`` and return what it holds.
 
         ``meta.json`` holds ``meta`` (added to what the constructor was given) and, under keys that are the writer's

@@ -9,7 +9,6 @@ from bisect import bisect_left
 from collections import OrderedDict
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -89,7 +88,7 @@ class RandomAccess:
         self._extent = reader.size or reader.extent
         self._opened: _Opened | None = _Opened(reader)
 
-    def __getstate__(self) -> dict[str, Any]:
+    def __getstate__(self) -> dict[str, object]:
         return {**self.__dict__, "_opened": None}
 
     def __repr__(self) -> str:

@@ -138,7 +138,7 @@ class BagFormat(Format):
     def sniff(self, head: bytes, path: Path) -> bool:
         return head.startswith(b"#ROSBAG V2.0\n")
 
-    def require_libraries(self, **_: Any) -> None:
+    def require_libraries(self, **_: object) -> None:
         require("ros", "rosbags")
 
     def open_reader(self, path: str | os.PathLike[str], rules: ReadRules = ReadRules()) -> BagReader:  # noqa: B008

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, NoReturn
+from typing import NoReturn
 
 import numpy as np
 import numpy.typing as npt
@@ -79,5 +79,5 @@ def pieces(blocks: Blocks, first: int, stop: int) -> Iterator[tuple[int, slice]]
         block += 1
 
 
-Place = npt.NDArray[Any]
+Place = npt.NDArray[np.int64]
 """A row of :attr:`Blocks.places`."""

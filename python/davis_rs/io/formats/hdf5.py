@@ -295,7 +295,7 @@ class Hdf5Format(Format):
     writer: ClassVar[type[Hdf5Writer]]
     reader: ClassVar[type[Hdf5Reader]]
 
-    def require_libraries(self, *, compression: str | None = None, **_: Any) -> None:
+    def require_libraries(self, *, compression: str | None = None, **_: object) -> None:
         require("hdf5", "h5py")
         if (compression or self.default_compression) != "none":
             require("hdf5", "hdf5plugin", "numcodecs")

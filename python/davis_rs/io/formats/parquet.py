@@ -245,7 +245,7 @@ class ParquetFormat(Format):
     def sniff(self, head: bytes, path: Path) -> bool:
         return head.startswith(MAGIC)
 
-    def require_libraries(self, **_: Any) -> None:
+    def require_libraries(self, **_: object) -> None:
         require("parquet", "pyarrow")
 
     def open_reader(self, path: str | os.PathLike[str], rules: ReadRules = ReadRules()) -> EventReader:  # noqa: B008

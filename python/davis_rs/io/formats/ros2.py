@@ -231,7 +231,7 @@ class Ros2Format(Format):
     def sniff_folder(self, path: Path) -> bool:
         return bool(storage_files(path)) or (path / METADATA).is_file()
 
-    def require_libraries(self, **_: Any) -> None:
+    def require_libraries(self, **_: object) -> None:
         require("ros", "rosbags")
 
     def require_room(self, path: Path, *, overwrite: bool) -> None:

@@ -63,7 +63,7 @@ class Aedat2File(RecordingFile):
         chip: str | None = None,
         accelerometer_range_g: int | None = None,
         gyroscope_range_deg_s: int | None = None,
-        **_: Any,
+        **_: object,
     ) -> None:
         with path.open("rb") as file:
             header = _header(file)
@@ -173,7 +173,7 @@ class _Clock:
         """Return a file's clock by its first stamp: one below 0 is from a camera that had been on for 36 minutes."""
         return cls(1 << 32 if first < 0 else 0, first)
 
-    def unwrapped(self, stamps: npt.NDArray[Any]) -> npt.NDArray[np.int64]:
+    def unwrapped(self, stamps: npt.NDArray[np.integer[Any]]) -> npt.NDArray[np.int64]:
         """Return the times of the records that come next."""
         t = np.concatenate([np.array([self.last]), stamps.astype(np.int64)])
         anew = (t[1:] < t[:-1] - (1 << 31)).cumsum() << 32
@@ -191,7 +191,7 @@ class _ImuWords:
         self._address, self._t = np.zeros(0, np.uint32), np.zeros(0, np.int64)
         self._words = self._whole = 0
 
-    def take(self, address: npt.NDArray[np.uint32], t: npt.NDArray[np.int64]) -> npt.NDArray[Any]:
+    def take(self, address: npt.NDArray[np.uint32], t: npt.NDArray[np.int64]) -> npt.NDArray[np.void]:
         """Return the samples that end in these records."""
         self._words += int(np.count_nonzero(address & _IMU == _IMU))
         address, t = np.concatenate([self._address, address]), np.concatenate([self._t, t])
@@ -255,7 +255,7 @@ def _started(header: bytes) -> datetime | None:
         return None
 
 
-def _triggers(t: npt.NDArray[np.int64], kind: npt.NDArray[np.uint32]) -> tuple[npt.NDArray[Any], int]:
+def _triggers(t: npt.NDArray[np.int64], kind: npt.NDArray[np.uint32]) -> tuple[npt.NDArray[np.void], int]:
     """Return triggers, and how many there are of unknown kinds."""
     # Older versions did not write the kind.
     kind = np.where(kind == 0, TriggerKind.INPUT_PULSE, kind)

@@ -10,7 +10,7 @@ import struct
 from collections.abc import Collection, Iterator
 from datetime import datetime
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import BinaryIO
 
 import numpy as np
 import numpy.typing as npt
@@ -58,7 +58,7 @@ class Aedat3File(RecordingFile):
 
     format = "AEDAT 3.1"
 
-    def __init__(self, path: Path, *, chip: str | None = None, **_: Any) -> None:
+    def __init__(self, path: Path, *, chip: str | None = None, **_: object) -> None:
         with path.open("rb") as file:
             data = file.read(_LONGEST_HEADER)
         end = data.find(_END)
@@ -152,12 +152,12 @@ class _LeftOut:
         self.invalid = self.others = 0
 
 
-def _imu(samples: npt.NDArray[Any], base: int) -> npt.NDArray[Any]:
+def _imu(samples: npt.NDArray[np.void], base: int) -> npt.NDArray[np.void]:
     t = samples["t"].astype(np.int64) + base
     return imu_array(t, samples["accel"], samples["gyro"], samples["temperature"])
 
 
-def _triggers(pairs: npt.NDArray[Any], base: int) -> npt.NDArray[Any]:
+def _triggers(pairs: npt.NDArray[np.void], base: int) -> npt.NDArray[np.void]:
     kinds = np.zeros(128, np.uint8)
     kinds[list(_KINDS)] = list(_KINDS.values())
     kind = kinds[pairs["data"] >> 1 & 0x7F]

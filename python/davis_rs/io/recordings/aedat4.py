@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator
 from pathlib import Path
-from typing import Any
 
 from ..._core import Aedat4Recording, DecodeError
 from ..._util.untrusted import MAX_PACKET_BYTES
@@ -30,7 +29,7 @@ class Aedat4File(RecordingFile):
     one_way = "a packet does not say where the next one of its stream is"
 
     def __init__(
-        self, path: Path, *, chip: str | None = None, max_packet_bytes: int = MAX_PACKET_BYTES, **_: Any
+        self, path: Path, *, chip: str | None = None, max_packet_bytes: int = MAX_PACKET_BYTES, **_: object
     ) -> None:
         self._limit = max_packet_bytes
         core = Aedat4Recording(path, [], max_packet_bytes)

@@ -53,9 +53,9 @@ class Recording:
     width: int
     height: int
     events: EventArray
-    imu: npt.NDArray[Any]
+    imu: npt.NDArray[np.void]
     frames: list[Frame]
-    triggers: npt.NDArray[Any]
+    triggers: npt.NDArray[np.void]
     started: datetime | None = None
     accelerometer_range_g: int | None = None
     gyroscope_range_deg_s: int | None = None
@@ -143,14 +143,14 @@ def event_array(t: npt.ArrayLike, x: npt.ArrayLike, y: npt.ArrayLike, p: npt.Arr
 
 
 def imu_array(
-    t: npt.NDArray[Any],
-    accel: npt.NDArray[Any],
-    gyro: npt.NDArray[Any],
-    temperature: npt.NDArray[Any],
+    t: npt.NDArray[np.int64],
+    accel: npt.NDArray[np.number[Any]],
+    gyro: npt.NDArray[np.number[Any]],
+    temperature: npt.NDArray[np.number[Any]],
     *,
     g: float = 1.0,
     deg_s: float = 1.0,
-) -> npt.NDArray[Any]:
+) -> npt.NDArray[np.void]:
     """Return samples from columns: acceleration (n, 3) in units of ``g`` times gravity, rotation (n, 3) of ``deg_s``
     deg/s."""
     imu = np.zeros(len(t), IMU_DTYPE)
@@ -161,19 +161,19 @@ def imu_array(
     return imu
 
 
-def trigger_array(t: npt.NDArray[Any], kind: npt.NDArray[Any]) -> npt.NDArray[Any]:
+def trigger_array(t: npt.NDArray[np.int64], kind: npt.NDArray[np.integer[Any]]) -> npt.NDArray[np.void]:
     """Return triggers from columns of one length."""
     triggers = np.zeros(len(t), TRIGGER_DTYPE)
     triggers["t"], triggers["kind"] = t, kind
     return triggers
 
 
-def _dated(triggers: npt.NDArray[Any]) -> npt.NDArray[Any]:
+def _dated(triggers: npt.NDArray[np.void]) -> npt.NDArray[np.void]:
     """Return all but resets, whose time says nothing."""
     return triggers[triggers["kind"] != TriggerKind.TIMESTAMP_RESET]
 
 
-def grey(pixels: npt.NDArray[Any], order: str) -> npt.NDArray[np.uint16]:
+def grey(pixels: npt.NDArray[np.integer[Any]], order: str) -> npt.NDArray[np.uint16]:
     """Return intensities of 16 bits from pixels (height, width, channels) of 16 bits: one, or ``RGB`` or ``BGR`` and
     alpha."""
     if pixels.shape[2] == 1:
