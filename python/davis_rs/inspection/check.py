@@ -56,7 +56,7 @@ class CheckReport:
         instants: the comparison at each instant whose luma is stored, after the first.
         void: effects of the sensor under which events need not explain log intensity, so that nothing was compared.
         converted: whether the folder was converted from another container: it has no luma to compare with.
-        noise: share of events that Monte Carlo noise makes missing or spurious, as the run estimated it; None where it
+        noise: ratio of events that Monte Carlo noise makes missing or spurious, as the run estimated it; None where it
             did not. Rendered luma has the same noise, so no check can see it.
         made_by: the version and the model that made it, where that is not today's model.
     """

@@ -186,7 +186,7 @@ def _pose_at(poses: GroundTruth, t_us: int) -> Pose | None:
     from scipy.spatial.transform import Rotation, Slerp
 
     span_us = poses.t_us[after - 1 : after + 1]
-    share = float(t_us - span_us[0]) / float(span_us[1] - span_us[0])
-    position = poses.positions[after - 1] * (1 - share) + poses.positions[after] * share
+    fraction = float(t_us - span_us[0]) / float(span_us[1] - span_us[0])
+    position = poses.positions[after - 1] * (1 - fraction) + poses.positions[after] * fraction
     arc = Slerp([0.0, 1.0], Rotation.from_quat(poses.quaternions[after - 1 : after + 1]))
-    return Pose(position, arc(share).as_quat())
+    return Pose(position, arc(fraction).as_quat())

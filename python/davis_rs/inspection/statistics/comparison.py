@@ -116,8 +116,8 @@ def _with_unit(value: float | None, unit: str) -> str:
     return "-" if value is None else f"{_number(value)} {unit}"
 
 
-def _percent(share: float | None) -> str:
-    return "-" if share is None else f"{100 * share:.1f} %"
+def _percent(fraction: float | None) -> str:
+    return "-" if fraction is None else f"{100 * fraction:.1f} %"
 
 
 def _three(

@@ -56,12 +56,12 @@ class Histogram:
         middles = 0.5 * (edges[:-1] + edges[1:] - 1)
         return float(np.average(middles, weights=self.counts)) if self.total else float("nan")
 
-    def percentile(self, share: float) -> float:
-        """Return the value that ``share`` percent of all do not exceed, to the width of its bin; NaN without values."""
+    def percentile(self, percent: float) -> float:
+        """Return the value that ``percent`` of all do not exceed, to the width of its bin; NaN without values."""
         if self.least is None or self.most is None:
             return float("nan")
         below = np.cumsum(self.counts)
-        at = int(np.searchsorted(below, max(share / 100 * below[-1], 1)))
+        at = int(np.searchsorted(below, max(percent / 100 * below[-1], 1)))
         edges = bin_edges()
         middle = 0.5 * (float(edges[at]) + float(edges[at + 1]) - 1)
         return min(max(middle, float(self.least)), float(self.most))

@@ -89,7 +89,7 @@ def convert(
         backward, outside, max_packet_bytes: see :func:`davis_rs.open_reader`; how many events were dropped is a
             ``UserWarning``.
         overwrite: whether an existing target may be replaced.
-        progress: is told the share of the source that is done, 0..1.
+        progress: is told the fraction of the source that is done, 0..1.
         options: those of the target's format.
 
     Raises:

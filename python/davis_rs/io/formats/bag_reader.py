@@ -138,7 +138,7 @@ class BagReader(RosReader):
             for message in scan_messages(self.path, self._limit):
                 if wanted(message.topic, message.type):
                     if events:
-                        self._done = message.share
+                        self._done = message.fraction
                     yield RawMessage(message.topic, message.type, message.t_ns, message.data)
             return
         connections = [c for c in self._reader.connections if wanted(c.topic, c.msgtype)]

@@ -19,13 +19,13 @@ _CONNECTION_HELD = 300
 
 
 class ScannedMessage(NamedTuple):
-    """A message, and the share of the file that lies behind it."""
+    """A message, and the fraction of the file that lies behind it."""
 
     topic: str
     type: str
     t_ns: int
     data: bytes
-    share: float
+    fraction: float
 
 
 def unpackers(path: Path, limit: int) -> dict[str, Callable[[bytes], bytes]]:
@@ -55,7 +55,7 @@ def scan_messages(path: Path, limit: int) -> Iterator[ScannedMessage]:
             if header.get_uint8("op") != RecordType.CHUNK:
                 continue
             chunk = unpack[header.get_string("compression")](data)
-            share = file.tell() / size
+            fraction = file.tell() / size
             with budget.borrow(len(chunk), "a chunk"):
                 for header, data in _records(io.BytesIO(chunk), len(chunk)):
                     operation, connection = header.get_uint8("op"), header.get_uint32("conn")
@@ -65,7 +65,7 @@ def scan_messages(path: Path, limit: int) -> Iterator[ScannedMessage]:
                             budget.take(_CONNECTION_HELD + sum(map(len, names)), "the names of connections")
                         connections[connection] = names
                     elif operation == RecordType.MSGDATA and connection in connections:
-                        yield ScannedMessage(*connections[connection], header.get_time("time"), data, share)
+                        yield ScannedMessage(*connections[connection], header.get_time("time"), data, fraction)
 
 
 def _records(stream: BinaryIO, size: int) -> Iterator[tuple[Header, bytes]]:

@@ -291,7 +291,7 @@ class EventReader(ABC):
 
     @property
     def progress(self) -> float:
-        """The share of the file that the current iteration has read, 0 .. 1."""
+        """The fraction of the file that the current iteration has read, 0 .. 1."""
         return 0.0
 
     @final

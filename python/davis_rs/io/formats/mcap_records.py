@@ -54,13 +54,13 @@ class McapScan:
             for kind, length in self._records(file):
                 if kind in (_DATA_END, _FOOTER):
                     return
-                share = file.tell() / self._size
+                fraction = file.tell() / self._size
                 if kind == _CHUNK:
-                    yield from self._in_order(self._chunk(file, length), names, share)
+                    yield from self._in_order(self._chunk(file, length), names, fraction)
                 elif kind in (_SCHEMA, _CHANNEL, _MESSAGE):
                     if length > self._limit:
                         raise above_limit(self._path, "a record", self._limit)
-                    yield from names.take(kind, memoryview(file.read(length)), share)
+                    yield from names.take(kind, memoryview(file.read(length)), fraction)
 
     def _summary(self, file: BinaryIO) -> dict[str, str] | None:
         """Return topics and types as the summary at the file's end has them; None without one."""
@@ -85,14 +85,14 @@ class McapScan:
                     list(names.take(kind, memoryview(file.read(length)), 1.0))
             return names.topics() or None
 
-    def _in_order(self, chunk: bytes, names: _Names, share: float) -> Iterator[ScannedMessage]:
+    def _in_order(self, chunk: bytes, names: _Names, fraction: float) -> Iterator[ScannedMessage]:
         """Yield the messages of a chunk in order of time."""
         held = 0
         messages = []
         try:
             self._budget.take(len(chunk), "a chunk")
             held += len(chunk)
-            for message in _inside(self._path, chunk, names, share):
+            for message in _inside(self._path, chunk, names, fraction):
                 size = _MESSAGE_HELD + len(message.data)
                 self._budget.take(size, "the messages of a chunk")
                 held += size
@@ -168,7 +168,7 @@ class _Names:
         """Return the types of the topics so far."""
         return {channel.topic: self._schemas.get(channel.schema, "") for channel in self._channels.values()}
 
-    def take(self, kind: int, content: memoryview, share: float) -> Iterator[ScannedMessage]:
+    def take(self, kind: int, content: memoryview, fraction: float) -> Iterator[ScannedMessage]:
         """Note a schema or a channel; hand out a message."""
         if kind == _SCHEMA:
             (number,) = struct.unpack_from("<H", content)
@@ -183,10 +183,10 @@ class _Names:
             channel = self._channels.get(number)
             if channel is not None:
                 type_ = self._schemas.get(channel.schema, "")
-                yield ScannedMessage(channel.topic, type_, t_ns, bytes(content[22:]), share)
+                yield ScannedMessage(channel.topic, type_, t_ns, bytes(content[22:]), fraction)
 
 
-def _inside(path: Path, chunk: bytes, names: _Names, share: float) -> Iterator[ScannedMessage]:
+def _inside(path: Path, chunk: bytes, names: _Names, fraction: float) -> Iterator[ScannedMessage]:
     """Yield the messages of a chunk, in its own order."""
     place, content = 0, memoryview(chunk)
     while place < len(chunk):
@@ -196,7 +196,7 @@ def _inside(path: Path, chunk: bytes, names: _Names, share: float) -> Iterator[S
         place += _HEAD.size
         if length > len(chunk) - place:
             raise DecodeError(f"{path}: a record of {length} bytes goes beyond its chunk")
-        yield from names.take(kind, content[place : place + length], share)
+        yield from names.take(kind, content[place : place + length], fraction)
         place += length
 
 

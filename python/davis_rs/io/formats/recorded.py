@@ -79,7 +79,7 @@ class RecordedReader(RecordedParts, EventReader):
     def _packets(self, chunk: int, start_us: int | None, stop_us: int | None) -> Iterator[EventArray]:
         remarks = Remarks()
         for piece in self.recording.pieces(("events",), remarks):
-            events, self._done = piece.decoded.events, piece.share
+            events, self._done = piece.decoded.events, piece.fraction
             for start in range(0, len(events), chunk):
                 yield events[start : start + chunk]
             if stop_us is not None and len(events) and events["t"][0] >= stop_us:

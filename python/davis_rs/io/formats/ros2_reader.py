@@ -95,7 +95,7 @@ class Ros2Reader(RosReader):
             for message in guarded(self.path, scan.messages()):
                 if wanted(message.topic, message.type):
                     if events:
-                        self._done = (number + message.share) / len(self._scans)
+                        self._done = (number + message.fraction) / len(self._scans)
                     yield self._unpacked(message)
 
     def _unpacked(self, message: ScannedMessage) -> RawMessage:

@@ -81,8 +81,8 @@ class SqliteScan:
                     continue
                 if not (isinstance(t_ns, int) and isinstance(data, bytes)):
                     raise DecodeError(f"{self._path}: a message must have a time and bytes, found {t_ns!r:.40}")
-                share = (t_ns - first) / max(1, last - first)
-                yield ScannedMessage(*self._topics[number], t_ns, data, share)
+                fraction = (t_ns - first) / max(1, last - first)
+                yield ScannedMessage(*self._topics[number], t_ns, data, fraction)
 
     def _count(self, database: sqlite3.Connection) -> int:
         """Count the messages before anything sorts them, because pages that lead in circles never end."""

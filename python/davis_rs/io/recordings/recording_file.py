@@ -36,12 +36,12 @@ class Piece(NamedTuple):
 
     Attributes:
         decoded: what it holds. Events may lie outside of the sensor.
-        share: of the file that is read with it, 0..1.
+        fraction: of the file that is read with it, 0..1.
         place: where its events are, for :meth:`RecordingFile.events_at`; None where they follow from those before them.
     """
 
     decoded: Decoded
-    share: float
+    fraction: float
     place: tuple[int, ...] | None = None
 
 
