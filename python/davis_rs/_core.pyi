@@ -2,12 +2,13 @@
 
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any, BinaryIO, Protocol, TypedDict, final
+from typing import Any, BinaryIO, TypedDict, final
 
 import numpy as np
 import numpy.typing as npt
 
 from .events.decoded import Decoded, Frame
+from .sensor.effects import EffectsLike
 
 __all__ = [
     "RUST_SYSROOT",
@@ -44,9 +45,6 @@ RUST_SYSROOT: str
 """The Rust toolchain that built this module, as ``rustc --print sysroot`` named it; empty if it could not be asked."""
 
 _SparseSamples = tuple[npt.NDArray[np.integer[Any]], npt.NDArray[np.integer[Any]], npt.NDArray[np.floating[Any]]]
-
-class _Effects(Protocol):
-    def engine_settings(self) -> dict[str, dict[str, Any]]: ...
 
 class _Aedat4(TypedDict):
     events: npt.NDArray[np.void]
@@ -253,8 +251,9 @@ class CrossingEngine:
         contrast_threshold_off: C_off, likewise; None means C_on.
         log_eps: dark level in units of luma, > 0.
         interpolation: ``linear``, or ``hermite``: cubics through samples and rates of change.
-        effects: :class:`davis_rs.Effects`, of which those on the log signal, in the pixel and on the stream act here;
-            None for ideal pixels.
+        effects: :class:`davis_rs.Effects`, or what stands for them in other calls: texts such as
+            ``"refractory_period_us=100"``, or numbers and parameters by name. Those on the log signal, in the pixel and
+            on the stream act here. None for ideal pixels.
         start_phase: where references lie at the first frame: ``zero``, at its log intensity; ``stationary``, so that
             L - R is uniform in (-C_off, C_on), drawn for each pixel, as in a camera that has run before.
         seed: of thresholds, start phases and noise, 0..2^64 - 1; None means 0.
@@ -277,7 +276,7 @@ class CrossingEngine:
         contrast_threshold_off: float | npt.NDArray[np.floating[Any]] | None = None,
         log_eps: float = 1e-3,
         interpolation: str = "linear",
-        effects: _Effects | Mapping[str, Mapping[str, float | None]] | None = None,
+        effects: EffectsLike | None = None,
         start_phase: str = "zero",
         seed: int | None = None,
         threads: int | None = None,
@@ -1015,7 +1014,13 @@ def latest_times(
     """
 
 def voxel_grid(
-    events: npt.NDArray[np.void], size: tuple[int, int], bins: int, start_us: int, stop_us: int, endpoint: bool
+    events: npt.NDArray[np.void],
+    size: tuple[int, int],
+    bins: int,
+    start_us: int,
+    stop_us: int,
+    include_stop: bool,
+    endpoint: bool,
 ) -> npt.NDArray[np.float64]:
     """Sum polarities (+1 ON, -1 OFF) in planes of time; :func:`davis_rs.events.represent.voxel_grid` is made of it.
 
@@ -1025,7 +1030,8 @@ def voxel_grid(
         events: anything with the fields t, x, y, p; those outside of the window are left out.
         size: (width, height) of the sensor.
         bins: number of planes, >= 1.
-        start_us, stop_us: the window in microseconds, both ends included; the first plane is at ``start_us``.
+        start_us, stop_us: the window in microseconds, start <= t < stop; the first plane is at ``start_us``.
+        include_stop: whether events at ``stop_us`` count too.
         endpoint: whether the last plane is at ``stop_us``, or one step before it.
 
     Returns:
@@ -1036,7 +1042,13 @@ def voxel_grid(
     """
 
 def spike_tensor(
-    events: npt.NDArray[np.void], size: tuple[int, int], bins: int, start_us: int, stop_us: int, times: bool
+    events: npt.NDArray[np.void],
+    size: tuple[int, int],
+    bins: int,
+    start_us: int,
+    stop_us: int,
+    include_stop: bool,
+    times: bool,
 ) -> npt.NDArray[np.float64]:
     """Sum measurements of events in planes of time, by polarity: :func:`davis_rs.events.represent.event_spike_tensor`.
 
@@ -1046,9 +1058,9 @@ def spike_tensor(
         events: anything with the fields t, x, y, p; those outside of the window are left out.
         size: (width, height) of the sensor.
         bins: number of planes of each polarity, >= 1.
-        start_us, stop_us: the window in microseconds, both ends included; planes go from ``start_us`` to
-            ``stop_us``.
-        times: whether an event adds its place in the window (0 at the start, 1 at the end), or one.
+        start_us, stop_us: the window in microseconds, start <= t < stop; planes go from ``start_us`` to ``stop_us``.
+        include_stop: whether events at ``stop_us`` count too.
+        times: whether an event adds its position in the window (0 at the start, 1 at the end), or one.
 
     Returns:
         float64, shape (2 * bins, height, width), OFF before ON.

@@ -202,6 +202,11 @@ def test_a_name_that_is_no_setting_is_told_with_the_nearest(taker: Any) -> None:
         ("pos_thres", "contrast_threshold? (pos_thres in v2e)"),
         ("contrast_threshold_neg", "contrast_threshold_off? (contrast_threshold_neg in ESIM)"),
         ("Cp", "contrast_threshold? (cp in rpg_vid2e)"),
+        ("spp", "samples? (spp in Mitsuba)"),
+        (
+            "simulation_post_gaussian_blur_sigma",
+            "effects={'lens_blur_px': ...}? (simulation_post_gaussian_blur_sigma in",
+        ),
         ("leak_rate_hz", "effects={'leak_rate_hz': ...}"),
         ("leak_rate", "effects={'leak_rate_hz': ...}"),
         ("refractory_period_s", "effects={'refractory_period_us': ...}? (refractory_period_s in v2e; here in micro"),

@@ -16,7 +16,18 @@ pub(super) fn check_effects(effects: &Bound<'_, PyAny>) -> PyResult<()> {
     Ok(from_python(Some(effects))?.check()?)
 }
 
-/// What acts on the log signal, in the pixel and on the stream: a dictionary, or an object with `engine_settings`.
+/// Read what stands for effects in every other call too: Python's parser reads what is not `davis_rs.Effects` already.
+pub(super) fn from_any(effects: Option<&Bound<'_, PyAny>>) -> PyResult<Effects> {
+    let Some(given) = effects else { return Ok(Effects::default()) };
+    let py = given.py();
+    let rule = PyDict::new(py);
+    rule.set_item("not_planned", "is for a scene that can be rendered; here name {effects}")?;
+    let parser = py.import("davis_rs.sensor.effects.effects")?.getattr("effects_of")?;
+    from_python(Some(&parser.call((given,), Some(&rule))?))
+}
+
+/// Read the settings of effects on the log signal, in the pixel and on the stream, from a dictionary with all of their
+/// parameters or from an object with `engine_settings`.
 pub(super) fn from_python(effects: Option<&Bound<'_, PyAny>>) -> PyResult<Effects> {
     let mut all = Effects::default();
     let Some(effects) = effects else { return Ok(all) };

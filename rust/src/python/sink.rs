@@ -28,7 +28,7 @@ impl Sink {
         let py = target.py();
         let options = PyDict::new(py);
         options.set_item("overwrite", overwrite)?;
-        py.import("davis_rs.io.formats.files")?.call_method("claim", (target,), Some(&options))?;
+        py.import("davis_rs.io.formats.destination")?.call_method("claim", (target,), Some(&options))?;
         // Opening a pipe waits for its reader.
         let file = py.detach(|| OpenOptions::new().write(true).open(&path)).map_err(Error::io(&name))?;
         let regular = file.metadata().map_err(Error::io(&name))?.is_file();
