@@ -9,18 +9,18 @@ use std::sync::{Mutex, OnceLock};
 
 use rayon::prelude::*;
 
-use super::bins::Bins;
-use super::cone::FrameCones;
-use super::edges::Edges;
-use super::lights::{SeenLight, Surroundings, background, seen_lights};
-use super::pixel_rays::{BLOCK, PIXELS, PixelRays, TILE};
+use super::geometry::pixel_rays::{BLOCK, PIXELS, PixelRays, TILE};
+use super::geometry::view::View;
+use super::light::cone::FrameCones;
+use super::light::lights::{SeenLight, Surroundings, background, seen_lights};
+use super::light::shadows::{moving_cones, still_cones};
 use super::samples::{self, Pixels, Sample, in_one_spot};
 use super::scene::Scene;
-use super::shadows::{moving_cones, still_cones};
 use super::tile::{self, Shaders, TileImage, TileScratch, TileView};
-use super::tracks::Sight;
-use super::view::View;
-use super::visibility::NOTHING;
+use super::time::edges::Edges;
+use super::time::tracks::Sight;
+use super::visibility::bins::Bins;
+use super::visibility::nearest::NOTHING;
 use crate::error::{Error, Result};
 use crate::threads::{SHARED, Threads};
 
@@ -32,14 +32,14 @@ pub const NO_TRIANGLE: u32 = NOTHING;
 /// A pixel depends on its view and its rays alone: not on the other views or pixels, the threads or the processor.
 #[derive(Debug)]
 pub struct Renderer {
-    pub(super) scene: Scene,
+    pub(crate) scene: Scene,
     still: FrameCones,
     threads: Option<Threads>,
     rooms: Spares<Room>,
     scratch: Spares<TileScratch>,
     pixels: Spares<Pixels>,
     /// Of the scene, once somebody wants to know them.
-    pub(super) edges: OnceLock<Edges>,
+    pub(crate) edges: OnceLock<Edges>,
 }
 
 /// How many views are done band by band together, at most, and how many triangles they may have in all.
@@ -212,7 +212,7 @@ impl Renderer {
         })
     }
 
-    pub(super) fn centred(&self, views: &[View]) -> Result<Vec<View>> {
+    pub(crate) fn centred(&self, views: &[View]) -> Result<Vec<View>> {
         let (frames, lights) = (self.scene.frames(), self.scene.lights());
         match views.iter().find(|view| view.poses.len() != frames || view.factors.len() != lights) {
             None => Ok(views.iter().map(|view| self.scene.centred(view)).collect()),
@@ -225,7 +225,7 @@ impl Renderer {
     }
 
     /// Does work on the renderer's threads, or else on those that all share.
-    pub(super) fn install<R: Send>(&self, work: impl FnOnce() -> R + Send) -> Result<R> {
+    pub(crate) fn install<R: Send>(&self, work: impl FnOnce() -> R + Send) -> Result<R> {
         Ok(self.threads.as_ref().unwrap_or(&SHARED).pool()?.install(work))
     }
 
@@ -317,7 +317,7 @@ impl Renderer {
     }
 
     /// What each ray of pixels of one view sees, pixel by pixel; gives the order in which the pixels were found.
-    pub(super) fn sights(
+    pub(crate) fn sights(
         &self,
         rays: &PixelRays,
         view: &View,
@@ -391,7 +391,7 @@ fn put<T: Copy>(rays: &PixelRays, tile: usize, pixels: &[T; PIXELS], band: &mut 
     }
 }
 
-pub(super) fn check_room(expected: usize, got: usize) -> Result<()> {
+pub(crate) fn check_room(expected: usize, got: usize) -> Result<()> {
     if expected == got { Ok(()) } else { Err(Error::Argument(format!("there must be room for {expected}, got {got}"))) }
 }
 

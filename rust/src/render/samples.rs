@@ -6,23 +6,23 @@
 //!
 //! What must not break: a pixel has the same bits as in a frame.
 
-use super::linear::Rect;
-use super::pixel_rays::{LANES, Part, PixelRays};
+use super::geometry::linear::Rect;
+use super::geometry::pixel_rays::{LANES, Part, PixelRays};
 
 /// A single pixel: by view and tile first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub(super) struct Sample {
-    pub(super) view: u32,
-    pub(super) tile: usize,
-    pub(super) place: usize,
+pub(crate) struct Sample {
+    pub(crate) view: u32,
+    pub(crate) tile: usize,
+    pub(crate) place: usize,
     /// Where its luma belongs.
-    pub(super) index: usize,
+    pub(crate) index: usize,
 }
 
 /// Pixels, each of a view, view by view and each view's tile by tile.
 ///
 /// Many views are asked for few pixels each: they are counted into their places, and only those of a view are compared.
-pub(super) fn sorted(rays: &PixelRays, views: usize, pixels: &[(u32, u32)]) -> Vec<Sample> {
+pub(crate) fn sorted(rays: &PixelRays, views: usize, pixels: &[(u32, u32)]) -> Vec<Sample> {
     let mut places = vec![0; views + 1];
     for (view, _) in pixels {
         places[*view as usize + 1] += 1;
@@ -43,7 +43,7 @@ pub(super) fn sorted(rays: &PixelRays, views: usize, pixels: &[(u32, u32)]) -> V
 }
 
 /// Whether pixels lie in one spot: in tiles that touch each other.
-pub(super) fn in_one_spot(rays: &PixelRays, samples: &[Sample]) -> bool {
+pub(crate) fn in_one_spot(rays: &PixelRays, samples: &[Sample]) -> bool {
     let (mut low, mut high) = ([usize::MAX; 2], [0; 2]);
     for sample in samples {
         let at = [sample.tile % rays.columns, sample.tile / rays.columns];
@@ -57,7 +57,7 @@ pub(super) fn in_one_spot(rays: &PixelRays, samples: &[Sample]) -> bool {
 
 /// The rays of some pixels, one pixel after the other, as one block.
 #[derive(Debug)]
-pub(super) struct Pixels {
+pub(crate) struct Pixels {
     x: Vec<f32>,
     y: Vec<f32>,
     around: Rect,
@@ -72,7 +72,7 @@ impl Default for Pixels {
 
 impl Pixels {
     /// Takes the rays of other pixels.
-    pub(super) fn gather(&mut self, rays: &PixelRays, samples: &[Sample]) {
+    pub(crate) fn gather(&mut self, rays: &PixelRays, samples: &[Sample]) {
         let rays_of_pixel = rays.rays();
         let count = samples.len() * rays_of_pixel;
         self.count = samples.len();
@@ -91,16 +91,16 @@ impl Pixels {
         self.around = Rect::around::<LANES>(&self.x, &self.y);
     }
 
-    pub(super) fn count(&self) -> usize {
+    pub(crate) fn count(&self) -> usize {
         self.count
     }
 
     /// What the rays lie in.
-    pub(super) fn around(&self) -> &Rect {
+    pub(crate) fn around(&self) -> &Rect {
         &self.around
     }
 
-    pub(super) fn part(&self) -> Part<'_> {
+    pub(crate) fn part(&self) -> Part<'_> {
         Part { x: &self.x, y: &self.y, around: &self.around, blocks: std::slice::from_ref(&self.around) }
     }
 }

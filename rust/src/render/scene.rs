@@ -7,13 +7,13 @@
 
 use std::ops::Range;
 
-use super::beam::Beam;
-use super::hierarchy::Hierarchy;
-use super::light_map::{Emission, LightMapTables, SideMap};
-use super::sky::Sky;
-use super::texture::{self, Texture};
-use super::vector::{Bounds, Vector, add, cross, dot, largest, sub};
-use super::view::View;
+use super::geometry::hierarchy::Hierarchy;
+use super::geometry::vector::{Bounds, Vector, add, cross, dot, largest, sub};
+use super::geometry::view::View;
+use super::light::beam::Beam;
+use super::light::light_map::{Emission, LightMapTables, SideMap};
+use super::light::sky::Sky;
+use super::light::texture::{self, Texture};
 use crate::error::{Error, Result};
 
 /// What shines: where, and how.
@@ -91,49 +91,49 @@ pub struct SceneTables {
 
 /// How a triangle's surface reflects.
 #[derive(Clone, Debug)]
-pub(super) struct Surface {
+pub(crate) struct Surface {
     /// In the tables that the scene was made of.
-    pub(super) number: u32,
-    pub(super) plane: [f64; 4],
-    pub(super) u: [f64; 4],
-    pub(super) v: [f64; 4],
+    pub(crate) number: u32,
+    pub(crate) plane: [f64; 4],
+    pub(crate) u: [f64; 4],
+    pub(crate) v: [f64; 4],
     /// None where the shading normal is the plane's.
-    pub(super) normal: Option<Box<[[f64; 4]; 3]>>,
-    pub(super) texture: u32,
-    pub(super) two_sided: bool,
-    pub(super) frame: u32,
+    pub(crate) normal: Option<Box<[[f64; 4]; 3]>>,
+    pub(crate) texture: u32,
+    pub(crate) two_sided: bool,
+    pub(crate) frame: u32,
     /// Of the front and the back; None where no light is baked.
-    pub(super) light_maps: Option<Box<[SideMap; 2]>>,
+    pub(crate) light_maps: Option<Box<[SideMap; 2]>>,
     /// From the front.
-    pub(super) emission: Option<Emission>,
+    pub(crate) emission: Option<Emission>,
 }
 
 /// What stands still in one frame: triangles side by side, and the hierarchy over them.
 #[derive(Debug)]
-pub(super) struct Frame {
+pub(crate) struct Frame {
     /// What was taken from all of its coordinates, so that they are small.
-    pub(super) centre: Vector,
-    pub(super) triangles: Range<usize>,
-    pub(super) hierarchy: Hierarchy,
+    pub(crate) centre: Vector,
+    pub(crate) triangles: Range<usize>,
+    pub(crate) hierarchy: Hierarchy,
 }
 
 /// A scene, ready to be rendered. Coordinates are those of each frame less its centre.
 #[derive(Debug)]
 pub struct Scene {
-    pub(super) frames: Vec<Frame>,
-    pub(super) corners: Vec<[Vector; 3]>,
-    pub(super) surfaces: Vec<Surface>,
-    pub(super) textures: Vec<Texture>,
+    pub(crate) frames: Vec<Frame>,
+    pub(crate) corners: Vec<[Vector; 3]>,
+    pub(crate) surfaces: Vec<Surface>,
+    pub(crate) textures: Vec<Texture>,
     /// Each with the one after it.
-    pub(super) texels: Vec<Vec<u64>>,
+    pub(crate) texels: Vec<Vec<u64>>,
     /// Of the light maps, for each baked light.
-    pub(super) irradiance: Vec<Vec<u64>>,
-    pub(super) lights: Vec<Light>,
-    pub(super) sky: Option<Sky>,
-    pub(super) shadows: bool,
-    pub(super) step: f64,
+    pub(crate) irradiance: Vec<Vec<u64>>,
+    pub(crate) lights: Vec<Light>,
+    pub(crate) sky: Option<Sky>,
+    pub(crate) shadows: bool,
+    pub(crate) step: f64,
     /// How many times farther from the surface than from the light an occluder may lie.
-    pub(super) farthest: f32,
+    pub(crate) farthest: f32,
 }
 
 impl Scene {
@@ -217,7 +217,7 @@ impl Scene {
     }
 
     /// A view with the camera where it is in the frames less their centres.
-    pub(super) fn centred(&self, view: &View) -> View {
+    pub(crate) fn centred(&self, view: &View) -> View {
         let mut view = view.clone();
         for (pose, frame) in view.poses.iter_mut().zip(&self.frames) {
             pose.position = sub(pose.position, frame.centre);

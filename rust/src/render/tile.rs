@@ -8,34 +8,34 @@
 
 use multiversion::multiversion;
 
-use super::bins::{Bins, Entry, Seen};
-use super::cast::Caster;
+use super::geometry::pixel_rays::{BLOCKS, LANES, PIXELS, Part, PixelRays, TileRays};
+use super::geometry::vector::single;
 use super::lanes::{Lanes, MOST};
-use super::lights::Surroundings;
-use super::patch::Patch;
-use super::pixel_rays::{BLOCKS, LANES, PIXELS, Part, PixelRays, TileRays};
+use super::light::cast::Caster;
+use super::light::lights::Surroundings;
+use super::light::patch::Patch;
+use super::light::shade::Shader;
 use super::samples::Pixels;
-use super::shade::Shader;
-use super::sorted::{Picked, Portion, Sorted};
-use super::tracks::Sight;
-use super::vector::single;
-use super::visibility::{NOTHING, Nearest};
+use super::time::tracks::Sight;
+use super::visibility::bins::{Bins, Entry, Seen};
+use super::visibility::nearest::{NOTHING, Nearest};
+use super::visibility::sorted::{Picked, Portion, Sorted};
 
 /// What all tiles of a view share.
-pub(super) struct TileView<'a> {
-    pub(super) rays: &'a PixelRays,
-    pub(super) lit: Surroundings<'a>,
+pub(crate) struct TileView<'a> {
+    pub(crate) rays: &'a PixelRays,
+    pub(crate) lit: Surroundings<'a>,
     /// Luma of what is not hit, and its rate.
-    pub(super) background: (f32, f32),
-    pub(super) bins: &'a Bins,
+    pub(crate) background: (f32, f32),
+    pub(crate) bins: &'a Bins,
 }
 
 /// Room for a tile's work.
 #[derive(Debug, Default)]
-pub(super) struct TileScratch {
+pub(crate) struct TileScratch {
     list: Vec<Entry>,
     rays: TileRays,
-    pub(super) nearest: Nearest,
+    pub(crate) nearest: Nearest,
     caster: Caster,
     sorted: Vec<Sorted>,
     visible: Vec<u32>,
@@ -45,25 +45,25 @@ pub(super) struct TileScratch {
 }
 
 /// The triangles that a tile saw, ready to be shaded: its neighbour of the same view mostly sees the same.
-pub(super) type Shaders<'a> = Vec<Shader<'a>>;
+pub(crate) type Shaders<'a> = Vec<Shader<'a>>;
 
 /// Among more than this none is looked for.
 const FEW_SHADERS: usize = 8;
 
 /// Pixels of a tile, by block and lane.
 #[derive(Debug)]
-pub(super) struct TileImage {
-    pub(super) luma: [f32; PIXELS],
-    pub(super) rate: [f32; PIXELS],
+pub(crate) struct TileImage {
+    pub(crate) luma: [f32; PIXELS],
+    pub(crate) rate: [f32; PIXELS],
 }
 
 impl TileImage {
-    pub(super) const BLACK: Self = Self { luma: [0.0; PIXELS], rate: [0.0; PIXELS] };
+    pub(crate) const BLACK: Self = Self { luma: [0.0; PIXELS], rate: [0.0; PIXELS] };
 }
 
 /// Luma of a tile's pixels. A pixel's rays are added up in the lattice's order, each with the bits that it has alone.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
-pub(super) fn luma<'a, const RATE: bool>(
+pub(crate) fn luma<'a, const RATE: bool>(
     of: &TileView<'a>,
     tile: usize,
     scratch: &mut TileScratch,
@@ -83,7 +83,7 @@ pub(super) fn luma<'a, const RATE: bool>(
 
 /// Luma of single pixels, with the bits that they have in their tiles; `number` is the tile's in the view's bins.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
-pub(super) fn samples(of: &TileView, number: usize, pixels: &Pixels, scratch: &mut TileScratch, found: &mut Vec<f32>) {
+pub(crate) fn samples(of: &TileView, number: usize, pixels: &Pixels, scratch: &mut TileScratch, found: &mut Vec<f32>) {
     let part = pixels.part();
     of.bins.of_tile(number, part.around, &mut scratch.list);
     shade::<false>(of, &part, scratch, &mut vec![]);
@@ -92,7 +92,7 @@ pub(super) fn samples(of: &TileView, number: usize, pixels: &Pixels, scratch: &m
 
 /// What each ray of single pixels sees, one pixel after the other; the mean of a pixel's luma has the bits of [`samples`].
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
-pub(super) fn sights(of: &TileView, number: usize, pixels: &Pixels, scratch: &mut TileScratch, found: &mut Vec<Sight>) {
+pub(crate) fn sights(of: &TileView, number: usize, pixels: &Pixels, scratch: &mut TileScratch, found: &mut Vec<Sight>) {
     let part = pixels.part();
     of.bins.of_tile(number, part.around, &mut scratch.list);
     shade::<true>(of, &part, scratch, &mut vec![]);
@@ -263,7 +263,7 @@ fn pixel_mean(rays: &[f32]) -> f32 {
 
 /// For each of a tile's rays the inverse depth of what it sees, and the number of this triangle in the scene.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
-pub(super) fn nearest<Each: FnMut(usize, f32, u32)>(
+pub(crate) fn nearest<Each: FnMut(usize, f32, u32)>(
     bins: &Bins,
     rays: &PixelRays,
     tile: usize,

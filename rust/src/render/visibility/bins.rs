@@ -7,39 +7,39 @@
 //! What must not break:
 //! - Two triangles with a common edge have functions of exactly opposite sign there, so no ray passes between them.
 //! - A triangle is left out of a tile only if none of the tile's rays would see it, to the last bit
-//!   ([`super::linear`]).
+//!   ([`crate::render::geometry::linear`]).
 
-use super::hierarchy::{Boxes, Region, WIDTH};
-use super::linear::{Linear, Rect};
-use super::pixel_rays::PixelRays;
-use super::scene::Scene;
-use super::vector::{Vector, cross, dot, largest, scale, single, sub};
-use super::view::{Pose, View};
+use crate::render::geometry::hierarchy::{Boxes, Region, WIDTH};
+use crate::render::geometry::linear::{Linear, Rect};
+use crate::render::geometry::pixel_rays::PixelRays;
+use crate::render::geometry::vector::{Vector, cross, dot, largest, scale, single, sub};
+use crate::render::geometry::view::{Pose, View};
+use crate::render::scene::Scene;
 
 /// A triangle before the camera.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Seen {
+pub(crate) struct Seen {
     /// None of them is negative for the rays that pass through the triangle.
-    pub(super) edges: [Linear; 3],
+    pub(crate) edges: [Linear; 3],
     /// 1 / depth of the triangle's plane.
-    pub(super) inverse_depth: Linear,
+    pub(crate) inverse_depth: Linear,
     /// No corner is nearer than this; inf where the triangle reaches behind the camera.
-    pub(super) nearest: f32,
+    pub(crate) nearest: f32,
     /// Its number in the scene.
-    pub(super) triangle: u32,
+    pub(crate) triangle: u32,
 }
 
 /// A triangle in a tile.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Entry {
+pub(crate) struct Entry {
     /// Its place among the triangles before the camera.
-    pub(super) seen: u32,
+    pub(crate) seen: u32,
     /// Whether every ray of the tile passes through it.
-    pub(super) covers: bool,
+    pub(crate) covers: bool,
 }
 
 /// Which part of a triangle a tile or block sees.
-pub(super) enum Cover {
+pub(crate) enum Cover {
     Nothing,
     Part,
     Everything,
@@ -72,7 +72,7 @@ impl Seen {
     }
 
     #[inline]
-    pub(super) fn covers(&self, part: &Rect) -> Cover {
+    pub(crate) fn covers(&self, part: &Rect) -> Cover {
         if self.edges.iter().any(|edge| edge.highest(part) < 0.0) {
             return Cover::Nothing;
         }
@@ -82,7 +82,7 @@ impl Seen {
 
     /// The largest inverse depth that it may have in a part of the image.
     #[inline]
-    pub(super) fn nearest_in(&self, part: &Rect) -> f32 {
+    pub(crate) fn nearest_in(&self, part: &Rect) -> f32 {
         let nearest = self.inverse_depth.highest(part);
         if nearest < self.nearest { nearest } else { self.nearest }
     }
@@ -90,8 +90,8 @@ impl Seen {
 
 /// The triangles of a view, and lists of them for the tiles. It is filled anew for each view.
 #[derive(Debug, Default)]
-pub(super) struct Bins {
-    pub(super) seen: Vec<Seen>,
+pub(crate) struct Bins {
+    pub(crate) seen: Vec<Seen>,
     /// Of each tile the inverse depth behind which nothing is seen.
     hidden: Vec<f32>,
     found: Vec<(u32, Entry)>,
@@ -103,7 +103,7 @@ pub(super) struct Bins {
 
 impl Bins {
     /// Sorts what the view sees into its tiles; where `wanted` is given, into those alone.
-    pub(super) fn fill(&mut self, scene: &Scene, view: &View, rays: &PixelRays, wanted: Option<&[bool]>) {
+    pub(crate) fn fill(&mut self, scene: &Scene, view: &View, rays: &PixelRays, wanted: Option<&[bool]>) {
         self.clear(rays.tiles());
         self.each(scene, view, &rays.all, |bins, pose, triangle, corners, extent| {
             let columns = rays.reaching(0, extent[0][0], extent[1][0]);
@@ -129,7 +129,7 @@ impl Bins {
     }
 
     /// Finds what one part of the image sees, as if it were the only tile, number 0.
-    pub(super) fn fill_part(&mut self, scene: &Scene, view: &View, part: &Rect) {
+    pub(crate) fn fill_part(&mut self, scene: &Scene, view: &View, part: &Rect) {
         self.clear(1);
         self.each(scene, view, part, |bins, pose, triangle, corners, extent| {
             let Some(seen) = Seen::new(scene, pose, triangle, corners) else { return };
@@ -141,7 +141,7 @@ impl Bins {
     }
 
     /// A tile's triangles, without those that are hidden behind one that covers it.
-    pub(super) fn of_tile(&self, tile: usize, part: &Rect, list: &mut Vec<Entry>) {
+    pub(crate) fn of_tile(&self, tile: usize, part: &Rect, list: &mut Vec<Entry>) {
         list.clear();
         let entries = &self.entries[self.starts[tile] as usize..self.starts[tile + 1] as usize];
         let hidden = self.hidden[tile];

@@ -5,9 +5,9 @@
 //!
 //! What must not break: the bits are the same on every processor.
 
-use super::vector::{Vector, cross};
-use super::view::Pose;
 use crate::error::{Error, Result};
+use crate::render::geometry::vector::{Vector, cross};
+use crate::render::geometry::view::Pose;
 
 const LARGEST_SIDE: usize = 1 << 13;
 
@@ -23,7 +23,7 @@ pub struct Sky {
 }
 
 impl Sky {
-    pub(super) fn check(&self, lights: usize) -> Result<()> {
+    pub(crate) fn check(&self, lights: usize) -> Result<()> {
         let fits = (1..=LARGEST_SIDE).contains(&self.side) && self.texels.len() == (self.side + 2) * (self.side + 2);
         if fits && (self.light as usize) < lights && self.texels.iter().all(|t| t.is_finite() && *t >= 0.0) {
             return Ok(());
@@ -39,14 +39,14 @@ impl Sky {
 
     /// Luma along the ray (x, y, 1) in camera axes, and its rate.
     #[allow(clippy::cast_possible_truncation, reason = "float64 is rounded to float32")]
-    pub(super) fn luma(&self, pose: &Pose, x: f32, y: f32) -> (f32, f32) {
+    pub(crate) fn luma(&self, pose: &Pose, x: f32, y: f32) -> (f32, f32) {
         let (luma, rate) = self.along(pose, f64::from(x), f64::from(y));
         (luma as f32, rate as f32)
     }
 
     /// The same in float64.
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, clippy::cast_precision_loss, reason = "in range")]
-    pub(super) fn along(&self, pose: &Pose, x: f64, y: f64) -> (f64, f64) {
+    pub(crate) fn along(&self, pose: &Pose, x: f64, y: f64) -> (f64, f64) {
         let ray: Vector = [x, y, 1.0];
         let (at, at_rate) = octahedral(pose.vector(ray), pose.vector(cross(pose.angular_rate, ray)));
         let (mut cell, mut past) = ([0; 2], [0.0; 2]);

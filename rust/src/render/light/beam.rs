@@ -8,10 +8,10 @@
 
 use std::f32::consts::{FRAC_PI_2, PI};
 
-use super::lanes::Lanes;
-use super::lanes::Rays;
-use super::vector::{Vector, single};
-use super::view::Pose;
+use crate::render::geometry::vector::{Vector, single};
+use crate::render::geometry::view::Pose;
+use crate::render::lanes::Lanes;
+use crate::render::lanes::Rays;
 
 /// How a light in a place shines to its sides.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -31,7 +31,7 @@ pub enum Beam {
 
 impl Beam {
     /// Whether all numbers of it make sense.
-    pub(super) fn is_valid(&self) -> bool {
+    pub(crate) fn is_valid(&self) -> bool {
         let (axis, angles) = match *self {
             Self::Cosine(axis) => (axis, true),
             Self::Spot { axis, full, cutoff } => (axis, 0.0 <= full && full < cutoff && cutoff <= std::f64::consts::PI),
@@ -41,7 +41,7 @@ impl Beam {
 
     /// In camera axes.
     #[allow(clippy::cast_possible_truncation, reason = "float64 is rounded to float32")]
-    pub(super) fn seen(&self, camera: &Pose) -> SeenBeam {
+    pub(crate) fn seen(&self, camera: &Pose) -> SeenBeam {
         let (axis, spot) = match *self {
             Self::Cosine(axis) => (axis, None),
             Self::Spot { axis, full, cutoff } => (axis, Some([full as f32, cutoff as f32])),
@@ -53,7 +53,7 @@ impl Beam {
 
 /// A beam in camera axes, and how it turns there.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct SeenBeam {
+pub(crate) struct SeenBeam {
     axis: [f32; 3],
     axis_rate: [f32; 3],
     /// Full and cutoff angle of a spot.
@@ -87,7 +87,7 @@ impl SeenBeam {
     /// Takes from the light of a place, and from its rate, what the beam does not send to where rays hit.
     #[inline(always)]
     #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
-    pub(super) fn take<const RATE: bool, const FULL: bool>(
+    pub(crate) fn take<const RATE: bool, const FULL: bool>(
         &self,
         (place, place_rate): ([f32; 3], [f32; 3]),
         rays: &Rays<FULL>,

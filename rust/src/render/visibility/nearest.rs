@@ -7,11 +7,11 @@
 //! path.
 
 use super::bins::{Bins, Cover, Entry, Seen};
-use super::linear::Rect;
-use super::pixel_rays::{BLOCKS, LANES, Part};
+use crate::render::geometry::linear::Rect;
+use crate::render::geometry::pixel_rays::{BLOCKS, LANES, Part};
 
 /// No triangle.
-pub(super) const NOTHING: u32 = u32::MAX;
+pub(crate) const NOTHING: u32 = u32::MAX;
 
 /// Lists longer than this are ordered from front to back.
 const LONG: usize = 8;
@@ -24,17 +24,17 @@ const BETWEEN: usize = 4;
 
 /// The nearest triangle of each ray: its place in the tile's list, and its inverse depth there, 0 for nothing.
 #[derive(Debug, Default)]
-pub(super) struct Nearest {
-    pub(super) place: Vec<u32>,
-    pub(super) inverse_depth: Vec<f32>,
+pub(crate) struct Nearest {
+    pub(crate) place: Vec<u32>,
+    pub(crate) inverse_depth: Vec<f32>,
     /// Of blocks whose rays all see the same triangle, as their corners tell, its place; else [`NOTHING`]. Its rays are
     /// left to who wants to know more of them.
-    pub(super) only: [u32; BLOCKS],
+    pub(crate) only: [u32; BLOCKS],
     /// How many blocks the rays lie in, and how many there are in each.
-    pub(super) blocks: usize,
-    pub(super) length: usize,
+    pub(crate) blocks: usize,
+    pub(crate) length: usize,
     /// Of the other blocks, how many rays see each triangle of the list.
-    pub(super) counts: Vec<[u32; BLOCKS]>,
+    pub(crate) counts: Vec<[u32; BLOCKS]>,
     /// Of blocks of tiles with many triangles, the rays sorted by what they see; empty for the other blocks.
     sorted: [Vec<u32>; BLOCKS],
     /// Where those of each triangle end there.
@@ -55,7 +55,7 @@ struct Candidate {
 impl Nearest {
     /// Finds them for rays that lie in some blocks, the same number in each.
     #[inline(always)]
-    pub(super) fn find(&mut self, bins: &Bins, list: &[Entry], part: &Part) {
+    pub(crate) fn find(&mut self, bins: &Bins, list: &[Entry], part: &Part) {
         let Part { x, y, around, blocks } = *part;
         self.blocks = blocks.len();
         self.length = x.len() / blocks.len();
@@ -185,14 +185,14 @@ impl Nearest {
     }
 
     /// Numbers of the rays of a block that see a triangle, where they are known.
-    pub(super) fn sorted(&self, block: usize, place: u32) -> Option<&[u32]> {
+    pub(crate) fn sorted(&self, block: usize, place: u32) -> Option<&[u32]> {
         let sorted = &self.sorted[block];
         let end = (!sorted.is_empty()).then(|| self.ends[place as usize][block])?;
         sorted.get((end - self.counts[place as usize][block]) as usize..end as usize)
     }
 
     /// Whether any ray sees the triangle at a place in the list.
-    pub(super) fn sees(&self, place: u32) -> bool {
+    pub(crate) fn sees(&self, place: u32) -> bool {
         self.only.contains(&place) || self.counts[place as usize] != [0; BLOCKS]
     }
 

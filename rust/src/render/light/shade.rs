@@ -9,16 +9,16 @@
 use std::f64::consts::FRAC_1_PI;
 
 use super::beam::SeenBeam;
-use super::bins::Seen;
 use super::cast::Caster;
-use super::lanes::{Lanes, Rays};
 use super::light_map::SideMap;
 use super::lights::{SeenKind, SeenLight, Surroundings};
-use super::linear::Linear;
-use super::scene::Scene;
 use super::texture::{Clamp, Fold, Mirror, Repeat, Sampler, Taps, Texture, Wrap, parted};
-use super::vector::{Vector, dot, single};
-use super::view::Pose;
+use crate::render::geometry::linear::Linear;
+use crate::render::geometry::vector::{Vector, dot, single};
+use crate::render::geometry::view::Pose;
+use crate::render::lanes::{Lanes, Rays};
+use crate::render::scene::Scene;
+use crate::render::visibility::bins::Seen;
 
 /// A linear function of the ray, and its rate.
 #[derive(Clone, Copy, Debug)]
@@ -73,9 +73,9 @@ struct Lit {
 
 /// A triangle as a camera sees it.
 #[derive(Debug)]
-pub(super) struct Shader<'a> {
+pub(crate) struct Shader<'a> {
     /// The triangle's number in the scene.
-    pub(super) triangle: u32,
+    pub(crate) triangle: u32,
     scene: &'a Scene,
     texture: &'a Texture,
     inverse_depth: Changing,
@@ -89,11 +89,11 @@ pub(super) struct Shader<'a> {
     two_sided: bool,
     lit: Vec<Lit>,
     /// Whether all of it is black.
-    pub(super) dark: bool,
+    pub(crate) dark: bool,
 }
 
 impl<'a> Shader<'a> {
-    pub(super) fn new(of: &Surroundings<'a>, seen: &Seen) -> Self {
+    pub(crate) fn new(of: &Surroundings<'a>, seen: &Seen) -> Self {
         let Surroundings { scene, view, lights, .. } = *of;
         let surface = &scene.surfaces[seen.triangle as usize];
         let pose = &view.poses[surface.frame as usize];
@@ -150,7 +150,7 @@ impl<'a> Shader<'a> {
     }
 
     /// Whether a light of this number falls on it.
-    pub(super) fn lit_by(&self, light: usize) -> bool {
+    pub(crate) fn lit_by(&self, light: usize) -> bool {
         self.lit.iter().any(|lit| lit.light == light)
     }
 }
@@ -299,13 +299,13 @@ fn turned_map(rows: &[Map; 3], pose: &Pose, i: usize) -> Affine {
 }
 
 /// Luma and, where it is wanted, its rate.
-pub(super) type Reflected = (Lanes, Lanes);
+pub(crate) type Reflected = (Lanes, Lanes);
 
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 impl Shader<'_> {
     /// What rays see of the triangle.
     #[inline(always)]
-    pub(super) fn luma<const RATE: bool, const FULL: bool>(
+    pub(crate) fn luma<const RATE: bool, const FULL: bool>(
         &self,
         rays: &Rays<'_, FULL>,
         caster: &Caster,

@@ -6,23 +6,23 @@
 //! What must not break: the candidates for a spot of the image include every triangle that one of its rays may hit
 //! first.
 
-use super::hierarchy::{Boxes, Region, WIDTH};
-use super::scene::Scene;
-use super::vector::{Vector, cross, dot, scale, sub};
-use super::view::View;
+use crate::render::geometry::hierarchy::{Boxes, Region, WIDTH};
+use crate::render::geometry::vector::{Vector, cross, dot, scale, sub};
+use crate::render::geometry::view::View;
+use crate::render::scene::Scene;
 
 /// What of a distance is rounding.
 const ROUNDING: f64 = 1e-12;
 
 /// A ray from an origin, in units of its direction, in one frame of a scene.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Ray {
-    pub(super) origin: Vector,
-    pub(super) direction: Vector,
+pub(crate) struct Ray {
+    pub(crate) origin: Vector,
+    pub(crate) direction: Vector,
 }
 
 /// The lowest and the highest x and y of some rays (x, y, 1) in camera axes.
-pub(super) type Spot = [[f64; 2]; 2];
+pub(crate) type Spot = [[f64; 2]; 2];
 
 /// A triangle as a camera sees it: linear functions of the ray.
 #[derive(Clone, Copy, Debug)]
@@ -72,11 +72,11 @@ fn bounds(function: &Vector, spot: &Spot) -> [f64; 2] {
 
 /// The triangles that rays in one spot may meet first.
 #[derive(Debug, Default)]
-pub(super) struct Candidates(Vec<Seen>);
+pub(crate) struct Candidates(Vec<Seen>);
 
 impl Candidates {
     /// Looks for those of another spot.
-    pub(super) fn search(&mut self, scene: &Scene, view: &View, spot: &Spot, stack: &mut Vec<u32>) {
+    pub(crate) fn search(&mut self, scene: &Scene, view: &View, spot: &Spot, stack: &mut Vec<u32>) {
         self.0.clear();
         // No ray sees farther than the triangle that covers the whole spot.
         let mut farthest = 0.0;
@@ -97,7 +97,7 @@ impl Candidates {
     }
 
     /// The nearest triangle that a ray meets, and its depth.
-    pub(super) fn first(&self, [x, y, _]: Vector) -> Option<(u32, f64)> {
+    pub(crate) fn first(&self, [x, y, _]: Vector) -> Option<(u32, f64)> {
         let at = |function: &Vector| function[0] * x + function[1] * y + function[2];
         let (mut nearest, mut most) = (None, 0.0);
         for seen in &self.0 {
@@ -191,7 +191,7 @@ fn meets(corners: &[Vector; 3], plane: &[f64; 4], ray: &Ray) -> Option<f64> {
 }
 
 /// Whether a ray meets any triangle but one before its end; `rays` are the ray in each of the scene's frames.
-pub(super) fn is_blocked(scene: &Scene, rays: &[Ray], end: f64, but: u32, stack: &mut Vec<u32>) -> bool {
+pub(crate) fn is_blocked(scene: &Scene, rays: &[Ray], end: f64, but: u32, stack: &mut Vec<u32>) -> bool {
     for (frame, ray) in scene.frames.iter().zip(rays) {
         let (first, mut blocked) = (frame.triangles.start, false);
         frame.hierarchy.visit(stack, &Reaching::new(ray, end), |range| {

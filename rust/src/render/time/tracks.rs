@@ -10,18 +10,18 @@ use super::edges::Pass;
 
 /// What one ray sees.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Sight {
-    pub(super) luma: f32,
+pub(crate) struct Sight {
+    pub(crate) luma: f32,
     /// Its rate per second, along the surface.
-    pub(super) rate: f32,
-    /// The triangle's number in the scene; [`super::visibility::NOTHING`] where there is none.
-    pub(super) triangle: u32,
+    pub(crate) rate: f32,
+    /// The triangle's number in the scene; [`crate::render::visibility::nearest::NOTHING`] where there is none.
+    pub(crate) triangle: u32,
     /// 1 / z; 0 where there is nothing.
-    pub(super) inverse_depth: f32,
+    pub(crate) inverse_depth: f32,
 }
 
 /// Of how many instants of each span the rays of pixels are rendered, at the most.
-pub(super) const INSTANTS: usize = 5;
+pub(crate) const INSTANTS: usize = 5;
 
 /// How closely an edge must lie to the nearer of two surfaces, as a share of inverse depth, to belong to it.
 const OWN: f64 = 0.02;
@@ -71,34 +71,34 @@ impl Course {
 
 /// What a ray sees between two edges that pass it.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Glimpse {
-    pub(super) ray: u32,
+pub(crate) struct Glimpse {
+    pub(crate) ray: u32,
     /// When, from 0 to 1 of the span.
-    pub(super) share: f64,
-    pub(super) sight: Sight,
+    pub(crate) share: f64,
+    pub(crate) sight: Sight,
 }
 
 /// A pixel in one span.
 #[derive(Debug)]
-pub(super) struct Pixel<'a> {
+pub(crate) struct Pixel<'a> {
     /// Its rays at the instants that were rendered, none where they were not; the first, middle and last always are.
-    pub(super) sights: [Option<&'a [Sight]>; INSTANTS],
+    pub(crate) sights: [Option<&'a [Sight]>; INSTANTS],
     /// By ray and time; shares are those of the whole span.
-    pub(super) passes: &'a [Pass],
+    pub(crate) passes: &'a [Pass],
     /// By ray and time.
-    pub(super) glimpses: &'a [Glimpse],
+    pub(crate) glimpses: &'a [Glimpse],
 }
 
 /// When the instants are.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Span {
+pub(crate) struct Span {
     /// Microseconds.
-    pub(super) t_us: [i64; INSTANTS],
+    pub(crate) t_us: [i64; INSTANTS],
 }
 
 impl Span {
     /// The share of an instant.
-    pub(super) fn share(&self, instant: usize) -> f64 {
+    pub(crate) fn share(&self, instant: usize) -> f64 {
         #[allow(clippy::cast_precision_loss, reason = "spans are short")]
         let [at, length] =
             [self.t_us[instant] - self.t_us[0], self.t_us[INSTANTS - 1] - self.t_us[0]].map(|t| t as f64);
@@ -106,7 +106,7 @@ impl Span {
     }
 
     /// The share of the middle.
-    pub(super) fn middle(&self) -> f64 {
+    pub(crate) fn middle(&self) -> f64 {
         self.share(INSTANTS / 2)
     }
 
@@ -127,9 +127,9 @@ impl Span {
 
 /// Change of log luma that is tolerated, and the dark level.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Tolerated {
-    pub(super) log: f32,
-    pub(super) log_eps: f32,
+pub(crate) struct Tolerated {
+    pub(crate) log: f32,
+    pub(crate) log_eps: f32,
 }
 
 impl Tolerated {
@@ -139,18 +139,18 @@ impl Tolerated {
 }
 
 /// A sample of a pixel.
-pub(super) type Sample = (i64, f32);
+pub(crate) type Sample = (i64, f32);
 
 /// What a pixel does between two of the instants.
 #[derive(Debug)]
-pub(super) struct Piece {
+pub(crate) struct Piece {
     ends: [usize; 2],
     /// Change of the rays that do not jump.
     even: f64,
     /// The rays that jump, by time.
     jumps: Vec<Jump>,
     /// Rays that edges pass so often that it is not known what they see between these, and when to look.
-    pub(super) unseen: Vec<(u32, f64)>,
+    pub(crate) unseen: Vec<(u32, f64)>,
     /// How far rays that do not jump go beyond what their rates at both ends tell, into a shadow or over fine texture; and
     /// how far those that jump would go along a rate that is not believed.
     doubt: f64,
@@ -158,7 +158,7 @@ pub(super) struct Piece {
 
 impl Piece {
     /// Whether any ray jumps in it, or may have done.
-    pub(super) fn is_passed(&self) -> bool {
+    pub(crate) fn is_passed(&self) -> bool {
         !self.unseen.is_empty() || !self.jumps.is_empty()
     }
 
@@ -236,7 +236,7 @@ impl Pixel<'_> {
     }
 
     /// Luma at an instant that was rendered: the same additions as in a frame.
-    pub(super) fn luma(&self, instant: usize) -> f32 {
+    pub(crate) fn luma(&self, instant: usize) -> f32 {
         let sights = self.sights(instant);
         #[allow(clippy::cast_precision_loss, reason = "there are at most 1024 rays a pixel")]
         let rays = sights.len() as f32;
@@ -296,18 +296,18 @@ impl Pixel<'_> {
     }
 
     /// What it does before and after the middle.
-    pub(super) fn halves(&self, span: &Span) -> [Piece; 2] {
+    pub(crate) fn halves(&self, span: &Span) -> [Piece; 2] {
         [[0, INSTANTS / 2], [INSTANTS / 2, INSTANTS - 1]].map(|ends| self.piece(ends, span))
     }
 
     /// What it does between all of the instants, where all were rendered.
-    pub(super) fn quarters(&self, span: &Span) -> Option<[Piece; INSTANTS - 1]> {
+    pub(crate) fn quarters(&self, span: &Span) -> Option<[Piece; INSTANTS - 1]> {
         let rendered = self.sights.iter().all(Option::is_some);
         rendered.then(|| std::array::from_fn(|first| self.piece([first, first + 1], span)))
     }
 
     /// Whether it is to be rendered half way between the instants that always are, too.
-    pub(super) fn wants_more(&self, halves: &[Piece; 2], span: &Span, tolerated: Tolerated) -> bool {
+    pub(crate) fn wants_more(&self, halves: &[Piece; 2], span: &Span, tolerated: Tolerated) -> bool {
         let tolerated = tolerated.luma(self.luma(INSTANTS / 2));
         if halves.iter().any(|piece| !piece.unseen.is_empty() || piece.doubt > f64::from(tolerated)) {
             return true;
@@ -321,7 +321,7 @@ impl Pixel<'_> {
 
     /// Samples between the span's ends, increasing in time, between which luma changes evenly; and whether its rays do
     /// what neither edges nor their rates tell. The pieces are all of the span.
-    pub(super) fn samples(&self, pieces: &[Piece], span: &Span, tolerated: Tolerated, found: &mut Vec<Sample>) -> bool {
+    pub(crate) fn samples(&self, pieces: &[Piece], span: &Span, tolerated: Tolerated, found: &mut Vec<Sample>) -> bool {
         let mut unknown = false;
         for piece in pieces {
             unknown |= piece.doubt > f64::from(tolerated.luma(self.luma(piece.ends[1])));
@@ -365,8 +365,8 @@ impl Pixel<'_> {
 #[cfg(test)]
 #[allow(clippy::cast_precision_loss, reason = "small numbers")]
 mod tests {
-    use super::super::visibility::NOTHING;
     use super::*;
+    use crate::render::visibility::nearest::NOTHING;
 
     const SPAN: Span = Span { t_us: [1000, 1010, 1020, 1030, 1040] };
     const TOLERATED: Tolerated = Tolerated { log: 1e-3, log_eps: 1e-3 };

@@ -21,13 +21,13 @@ const CUTS: usize = 12;
 const VISIT: f64 = 0.5;
 
 /// Boxes side by side in a node, which are tested together.
-pub(super) const WIDTH: usize = 8;
+pub(crate) const WIDTH: usize = 8;
 
 /// Up to [`WIDTH`] boxes: their lowest and highest x, y and z.
 #[derive(Clone, Debug)]
-pub(super) struct Boxes {
-    pub(super) low: [[f32; WIDTH]; 3],
-    pub(super) high: [[f32; WIDTH]; 3],
+pub(crate) struct Boxes {
+    pub(crate) low: [[f32; WIDTH]; 3],
+    pub(crate) high: [[f32; WIDTH]; 3],
 }
 
 #[derive(Clone, Debug)]
@@ -42,17 +42,17 @@ struct Node {
 }
 
 /// A part of space that boxes are tested for.
-pub(super) trait Region {
+pub(crate) trait Region {
     /// Which boxes it may meet; those that do not touch it may be among them where they lie within float32's rounding.
     fn meets(&self, boxes: &Boxes) -> [bool; WIDTH];
 }
 
 /// Boxes in boxes. Triangles are numbered in its order: those of a leaf, and of any node, follow each other.
 #[derive(Debug, Default)]
-pub(super) struct Hierarchy {
+pub(crate) struct Hierarchy {
     nodes: Vec<Node>,
     /// No coordinate of its triangles is larger.
-    pub(super) reach: f64,
+    pub(crate) reach: f64,
 }
 
 /// A node of two, before these are gathered into nodes of [`WIDTH`].
@@ -65,7 +65,7 @@ struct Fork {
 
 impl Hierarchy {
     /// The hierarchy of triangles with these bounds, and in its order their old numbers.
-    pub(super) fn new(bounds: &[Bounds]) -> (Self, Vec<u32>) {
+    pub(crate) fn new(bounds: &[Bounds]) -> (Self, Vec<u32>) {
         let mut order: Vec<u32> = (0..index(bounds.len())).collect();
         let mut hierarchy = Self::default();
         if bounds.is_empty() {
@@ -125,7 +125,7 @@ impl Hierarchy {
     /// that this is enough by `false`.
     #[inline(always)]
     #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
-    pub(super) fn visit(&self, stack: &mut Vec<u32>, region: &impl Region, mut leaf: impl FnMut(Range<usize>) -> bool) {
+    pub(crate) fn visit(&self, stack: &mut Vec<u32>, region: &impl Region, mut leaf: impl FnMut(Range<usize>) -> bool) {
         stack.clear();
         if !self.nodes.is_empty() {
             stack.push(0);
@@ -150,7 +150,7 @@ impl Hierarchy {
 
 /// A float32 at or below a number, as near as there is.
 #[allow(clippy::cast_possible_truncation, reason = "what is rounded up is taken down again")]
-pub(super) fn below(x: f64) -> f32 {
+pub(crate) fn below(x: f64) -> f32 {
     let single = x as f32;
     if f64::from(single) > x { single.next_down() } else { single }
 }

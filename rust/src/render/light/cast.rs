@@ -9,13 +9,13 @@
 
 use multiversion::multiversion;
 
-use super::bins::Seen;
-use super::hierarchy::WIDTH;
-use super::lanes::{Lanes, MOST, Rays, STEP};
 use super::lights::{SeenKind, Surroundings};
 use super::shadows::{Occluders, Shadow};
-use super::sorted::gathered;
-use super::vector::{dot, single};
+use crate::render::geometry::hierarchy::WIDTH;
+use crate::render::geometry::vector::{dot, single};
+use crate::render::lanes::{Lanes, MOST, Rays, STEP};
+use crate::render::visibility::bins::Seen;
+use crate::render::visibility::sorted::gathered;
 
 /// More cones than this are first tested together against a box around all places.
 const FEW: usize = 12;
@@ -25,9 +25,9 @@ const FEW: usize = 12;
 /// Rays that lie side by side are looked at when they are shaded. The others are before, those of several triangles
 /// together: many triangles are seen by few rays each.
 #[derive(Debug, Default)]
-pub(super) struct Caster {
+pub(crate) struct Caster {
     /// What throws the shadows.
-    pub(super) shadow: Shadow,
+    pub(crate) shadow: Shadow,
     receivers: Vec<Receiver>,
     /// Of each receiver its normal in each of the scene's frames.
     normals: Vec<[f32; 3]>,
@@ -53,7 +53,7 @@ struct Receiver {
 
 impl Caster {
     /// Forgets all receivers.
-    pub(super) fn clear(&mut self) {
+    pub(crate) fn clear(&mut self) {
         self.numbers.clear();
         self.receivers.clear();
         self.normals.clear();
@@ -61,7 +61,7 @@ impl Caster {
     }
 
     /// Adds a triangle, and its rays that do not lie side by side.
-    pub(super) fn fall_on(&mut self, of: &Surroundings, seen: &Seen, scattered: &[u32]) {
+    pub(crate) fn fall_on(&mut self, of: &Surroundings, seen: &Seen, scattered: &[u32]) {
         let surface = &of.scene.surfaces[seen.triangle as usize];
         let pose = &of.view.poses[surface.frame as usize];
         let normal = [surface.plane[0], surface.plane[1], surface.plane[2]];
@@ -83,7 +83,7 @@ impl Caster {
     }
 
     /// Finds which of the rays that were added see places that are hidden from each light.
-    pub(super) fn cast(&mut self, x: &[f32], y: &[f32]) {
+    pub(crate) fn cast(&mut self, x: &[f32], y: &[f32]) {
         let mut hidden = std::mem::take(&mut self.hidden);
         hidden.resize_with(self.lights, Vec::new);
         for of_light in &mut hidden {
@@ -103,14 +103,14 @@ impl Caster {
     /// Whether anything may hide a light of this number.
     #[inline(always)]
     #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
-    pub(super) fn hides(&self, light: usize) -> bool {
+    pub(crate) fn hides(&self, light: usize) -> bool {
         self.shadow.hides(light)
     }
 
     /// Takes away a light, and its rate, from rays that see places of a receiver which are hidden from it.
     #[inline(always)]
     #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
-    pub(super) fn take<const FULL: bool>(
+    pub(crate) fn take<const FULL: bool>(
         &self,
         (receiver, light): (usize, usize),
         rays: &Rays<'_, FULL>,

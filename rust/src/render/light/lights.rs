@@ -7,23 +7,23 @@
 
 use super::beam::SeenBeam;
 use super::cone::FrameCones;
-use super::scene::{LightKind, Scene};
-use super::vector::{Vector, add, sub};
-use super::view::View;
+use crate::render::geometry::vector::{Vector, add, sub};
+use crate::render::geometry::view::View;
+use crate::render::scene::{LightKind, Scene};
 
 /// A light in camera axes, and how it changes there.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct SeenLight {
-    pub(super) kind: SeenKind,
-    pub(super) group: usize,
-    pub(super) strength: f64,
-    pub(super) strength_rate: f64,
-    pub(super) beam: Option<SeenBeam>,
+pub(crate) struct SeenLight {
+    pub(crate) kind: SeenKind,
+    pub(crate) group: usize,
+    pub(crate) strength: f64,
+    pub(crate) strength_rate: f64,
+    pub(crate) beam: Option<SeenBeam>,
 }
 
 /// Where it shines from.
 #[derive(Clone, Copy, Debug)]
-pub(super) enum SeenKind {
+pub(crate) enum SeenKind {
     /// A place, and its rate.
     Point(Vector, Vector),
     /// The unit vector towards the light, and its rate.
@@ -36,18 +36,18 @@ pub(super) enum SeenKind {
 
 /// What surrounds all triangles of a view.
 #[derive(Debug)]
-pub(super) struct Surroundings<'a> {
-    pub(super) scene: &'a Scene,
-    pub(super) view: &'a View,
-    pub(super) lights: &'a [SeenLight],
+pub(crate) struct Surroundings<'a> {
+    pub(crate) scene: &'a Scene,
+    pub(crate) view: &'a View,
+    pub(crate) lights: &'a [SeenLight],
     /// The cones of what stands still.
-    pub(super) still: &'a FrameCones,
+    pub(crate) still: &'a FrameCones,
     /// The cones of each body.
-    pub(super) moving: &'a [FrameCones],
+    pub(crate) moving: &'a [FrameCones],
 }
 
 /// Lights in the order of their colours, which is that in which they are added up.
-pub(super) fn seen_lights(scene: &Scene, view: &View) -> Vec<SeenLight> {
+pub(crate) fn seen_lights(scene: &Scene, view: &View) -> Vec<SeenLight> {
     let camera = &view.poses[0];
     let mut lights: Vec<SeenLight> = scene
         .lights
@@ -79,7 +79,7 @@ pub(super) fn seen_lights(scene: &Scene, view: &View) -> Vec<SeenLight> {
 
 /// Luma of a ray that hits nothing, and its rate.
 #[allow(clippy::cast_possible_truncation, reason = "float64 is rounded to float32")]
-pub(super) fn background(scene: &Scene, view: &View) -> (f32, f32) {
+pub(crate) fn background(scene: &Scene, view: &View) -> (f32, f32) {
     let of = |which: usize| -> f64 {
         scene.lights.iter().zip(&view.factors).map(|(l, f)| l.strength * l.background * f[which]).sum()
     };

@@ -30,15 +30,15 @@ pub struct Emission {
 
 /// The map of one side of a triangle.
 #[derive(Clone, Debug)]
-pub(super) struct SideMap {
-    pub(super) u: [f64; 4],
-    pub(super) v: [f64; 4],
-    pub(super) texture: Texture,
+pub(crate) struct SideMap {
+    pub(crate) u: [f64; 4],
+    pub(crate) v: [f64; 4],
+    pub(crate) texture: Texture,
 }
 
 impl LightMapTables {
     /// The maps of the front and the back of each of `triangles` triangles; none where there are no tables.
-    pub(super) fn checked(&self, triangles: usize) -> Result<Vec<[SideMap; 2]>> {
+    pub(crate) fn checked(&self, triangles: usize) -> Result<Vec<[SideMap; 2]>> {
         if self.layouts.is_empty() && self.uv_maps.is_empty() && self.texels.is_empty() {
             return Ok(vec![]);
         }

@@ -4,11 +4,11 @@
 //!
 //! What must not break: the box contains each point as its ray finds it in float32, so it is larger by all roundings.
 
-use super::bins::Seen;
 use super::lights::Surroundings;
-use super::linear::Rect;
-use super::vector::{Bounds, Vector, add, largest, sub};
-use super::view::{Pose, View};
+use crate::render::geometry::linear::Rect;
+use crate::render::geometry::vector::{Bounds, Vector, add, largest, sub};
+use crate::render::geometry::view::{Pose, View};
+use crate::render::visibility::bins::Seen;
 
 /// What roundings of an inverse depth amount to, by the sum of its parts.
 const ROUNDING: f64 = 4e-7;
@@ -16,16 +16,16 @@ const ROUNDING: f64 = 4e-7;
 /// A box around what is seen of some triangles of one frame, in its coordinates: it holds each place as its rays find it in
 /// float32.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Patch {
-    pub(super) frame: usize,
-    pub(super) bounds: Bounds,
+pub(crate) struct Patch {
+    pub(crate) frame: usize,
+    pub(crate) bounds: Bounds,
     /// How large a part of the image is there, square metres.
     size: f64,
 }
 
 impl Patch {
     /// Of one triangle.
-    pub(super) fn new(of: &Surroundings, seen: &Seen, part: &Rect) -> Self {
+    pub(crate) fn new(of: &Surroundings, seen: &Seen, part: &Rect) -> Self {
         let Surroundings { scene, view, .. } = *of;
         let frame = scene.surfaces[seen.triangle as usize].frame as usize;
         let pose = &view.poses[frame];
@@ -55,14 +55,14 @@ impl Patch {
     }
 
     /// This and another patch as one, where that is not much larger than the two.
-    pub(super) fn with(&self, other: &Self) -> Option<Self> {
+    pub(crate) fn with(&self, other: &Self) -> Option<Self> {
         let bounds = self.bounds.with(&other.bounds);
         let larger = bounds.half_area() > self.bounds.half_area() + other.bounds.half_area() + self.size;
         (self.frame == other.frame && !larger).then_some(Self { bounds, ..*self })
     }
 
     /// Its corners in camera axes.
-    pub(super) fn corners(&self, view: &View) -> [Vector; 8] {
+    pub(crate) fn corners(&self, view: &View) -> [Vector; 8] {
         let pose = &view.poses[self.frame];
         self.bounds.corners().map(|corner| pose.turned(sub(corner, pose.position)))
     }
@@ -91,11 +91,11 @@ fn off_by_the_farthest(seen: &Seen, part: &Rect, pose: &Pose, corners: &[Vector;
 
 #[cfg(test)]
 mod tests {
-    use super::super::bins::Bins;
-    use super::super::scene::{Scene, SceneTables};
     use super::super::shadows::Placing;
-    use super::super::vector::cross;
     use super::*;
+    use crate::render::geometry::vector::cross;
+    use crate::render::scene::{Scene, SceneTables};
+    use crate::render::visibility::bins::Bins;
     use proptest::prelude::*;
 
     /// Looks along a heading, and down by a pitch.

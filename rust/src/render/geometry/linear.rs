@@ -7,22 +7,22 @@
 
 /// A part of the image in undistorted coordinates: the x and y of ray directions (x, y, 1) in camera axes.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Rect {
-    pub(super) low: [f32; 2],
-    pub(super) high: [f32; 2],
+pub(crate) struct Rect {
+    pub(crate) low: [f32; 2],
+    pub(crate) high: [f32; 2],
 }
 
 impl Rect {
     /// What holds nothing yet.
-    pub(super) const NONE: Self = Self { low: [f32::INFINITY; 2], high: [f32::NEG_INFINITY; 2] };
+    pub(crate) const NONE: Self = Self { low: [f32::INFINITY; 2], high: [f32::NEG_INFINITY; 2] };
 
-    pub(super) fn add(&mut self, x: f32, y: f32) {
+    pub(crate) fn add(&mut self, x: f32, y: f32) {
         self.low = [self.low[0].min(x), self.low[1].min(y)];
         self.high = [self.high[0].max(x), self.high[1].max(y)];
     }
 
     /// What holds some points, `LANES` of which are looked at together; their number is a multiple of it.
-    pub(super) fn around<const LANES: usize>(x: &[f32], y: &[f32]) -> Self {
+    pub(crate) fn around<const LANES: usize>(x: &[f32], y: &[f32]) -> Self {
         let [(left, right), (top, bottom)] = [x, y].map(|values| {
             let (mut low, mut high) = ([f32::INFINITY; LANES], [f32::NEG_INFINITY; LANES]);
             for values in values.chunks_exact(LANES) {
@@ -36,7 +36,7 @@ impl Rect {
         Self { low: [left, top], high: [right, bottom] }
     }
 
-    pub(super) fn corners(&self) -> [[f32; 2]; 4] {
+    pub(crate) fn corners(&self) -> [[f32; 2]; 4] {
         let (low, high) = (self.low, self.high);
         [low, [high[0], low[1]], [low[0], high[1]], high]
     }
@@ -48,23 +48,23 @@ impl Rect {
 /// they are computed, not only as they ought to be: a part of the image may be decided upon at its corners, and every
 /// ray in it would have decided the same.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Linear(pub(super) [f32; 3]);
+pub(crate) struct Linear(pub(crate) [f32; 3]);
 
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 impl Linear {
     #[inline(always)]
-    pub(super) fn at(self, x: f32, y: f32) -> f32 {
+    pub(crate) fn at(self, x: f32, y: f32) -> f32 {
         self.0[0] * x + (self.0[1] * y + self.0[2])
     }
 
     #[inline(always)]
-    pub(super) fn highest(self, part: &Rect) -> f32 {
+    pub(crate) fn highest(self, part: &Rect) -> f32 {
         let [a, b, _] = self.0;
         self.at(if a > 0.0 { part.high[0] } else { part.low[0] }, if b > 0.0 { part.high[1] } else { part.low[1] })
     }
 
     #[inline(always)]
-    pub(super) fn lowest(self, part: &Rect) -> f32 {
+    pub(crate) fn lowest(self, part: &Rect) -> f32 {
         let [a, b, _] = self.0;
         self.at(if a > 0.0 { part.low[0] } else { part.high[0] }, if b > 0.0 { part.low[1] } else { part.high[1] })
     }

@@ -5,80 +5,80 @@
 //! What must not break: operations are in a fixed order, because results reach every pixel.
 
 /// A vector or a place.
-pub(super) type Vector = [f64; 3];
+pub(crate) type Vector = [f64; 3];
 
-pub(super) fn dot(a: Vector, b: Vector) -> f64 {
+pub(crate) fn dot(a: Vector, b: Vector) -> f64 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
-pub(super) fn cross(a: Vector, b: Vector) -> Vector {
+pub(crate) fn cross(a: Vector, b: Vector) -> Vector {
     [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 }
 
-pub(super) fn add(a: Vector, b: Vector) -> Vector {
+pub(crate) fn add(a: Vector, b: Vector) -> Vector {
     std::array::from_fn(|i| a[i] + b[i])
 }
 
-pub(super) fn sub(a: Vector, b: Vector) -> Vector {
+pub(crate) fn sub(a: Vector, b: Vector) -> Vector {
     std::array::from_fn(|i| a[i] - b[i])
 }
 
-pub(super) fn scale(a: Vector, by: f64) -> Vector {
+pub(crate) fn scale(a: Vector, by: f64) -> Vector {
     a.map(|component| component * by)
 }
 
 /// The largest of the components' magnitudes.
-pub(super) fn largest(a: Vector) -> f64 {
+pub(crate) fn largest(a: Vector) -> f64 {
     a[0].abs().max(a[1].abs()).max(a[2].abs())
 }
 
 #[allow(clippy::cast_possible_truncation, reason = "float64 is rounded to float32")]
-pub(super) fn single<const N: usize>(values: [f64; N]) -> [f32; N] {
+pub(crate) fn single<const N: usize>(values: [f64; N]) -> [f32; N] {
     values.map(|value| value as f32)
 }
 
 /// An axis-aligned box.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Bounds {
-    pub(super) low: Vector,
-    pub(super) high: Vector,
+pub(crate) struct Bounds {
+    pub(crate) low: Vector,
+    pub(crate) high: Vector,
 }
 
 impl Bounds {
-    pub(super) const NONE: Self = Self { low: [f64::INFINITY; 3], high: [f64::NEG_INFINITY; 3] };
+    pub(crate) const NONE: Self = Self { low: [f64::INFINITY; 3], high: [f64::NEG_INFINITY; 3] };
 
-    pub(super) fn of(points: &[Vector]) -> Self {
+    pub(crate) fn of(points: &[Vector]) -> Self {
         points.iter().fold(Self::NONE, |bounds, &point| bounds.with(&Self { low: point, high: point }))
     }
 
-    pub(super) fn with(&self, other: &Self) -> Self {
+    pub(crate) fn with(&self, other: &Self) -> Self {
         Self {
             low: std::array::from_fn(|i| self.low[i].min(other.low[i])),
             high: std::array::from_fn(|i| self.high[i].max(other.high[i])),
         }
     }
 
-    pub(super) fn within(&self, other: &Self) -> Self {
+    pub(crate) fn within(&self, other: &Self) -> Self {
         Self {
             low: std::array::from_fn(|i| self.low[i].max(other.low[i])),
             high: std::array::from_fn(|i| self.high[i].min(other.high[i])),
         }
     }
 
-    pub(super) fn grown(&self, by: f64) -> Self {
+    pub(crate) fn grown(&self, by: f64) -> Self {
         Self { low: self.low.map(|x| x - by), high: self.high.map(|x| x + by) }
     }
 
-    pub(super) fn centre(&self) -> Vector {
+    pub(crate) fn centre(&self) -> Vector {
         std::array::from_fn(|i| f64::midpoint(self.low[i], self.high[i]))
     }
 
-    pub(super) fn corners(&self) -> [Vector; 8] {
+    pub(crate) fn corners(&self) -> [Vector; 8] {
         std::array::from_fn(|k| std::array::from_fn(|i| if k >> i & 1 == 0 { self.low[i] } else { self.high[i] }))
     }
 
     /// Half of the surface's area.
-    pub(super) fn half_area(&self) -> f64 {
+    pub(crate) fn half_area(&self) -> f64 {
         let [x, y, z] = sub(self.high, self.low);
         x * y + y * z + z * x
     }

@@ -8,22 +8,22 @@
 
 use rayon::prelude::*;
 
-use super::first_hit::Candidates;
 use super::framed_lights::{FramedLight, framed_lights};
-use super::pixel_rays::PixelRays;
-use super::renderer::{NO_TRIANGLE, Renderer, check_room};
-use super::scene::Scene;
 use super::slopes::{Hit, Shaded, on_plane, shade};
-use super::vector::{Vector, add, cross, dot, scale};
-use super::view::View;
 use crate::error::{Error, Result};
+use crate::render::geometry::pixel_rays::PixelRays;
+use crate::render::geometry::vector::{Vector, add, cross, dot, scale};
+use crate::render::geometry::view::View;
+use crate::render::renderer::{NO_TRIANGLE, Renderer, check_room};
+use crate::render::scene::Scene;
+use crate::render::visibility::first_hit::Candidates;
 
 /// Numbers of a gradient before those of the lights: luma, its rate per second, and its derivatives by the camera's
 /// position in world axes and by a rotation vector in camera axes.
 pub const BEFORE_LIGHTS: usize = 8;
 
 /// Pixels that a thread takes at a time.
-pub(super) const PIXELS_OF_THREAD: usize = 64;
+pub(crate) const PIXELS_OF_THREAD: usize = 64;
 
 /// What one ray sees.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -37,14 +37,14 @@ pub struct RaySight {
 }
 
 /// A view, and its lights in each frame.
-pub(super) struct Lit<'a> {
-    pub(super) number: u32,
+pub(crate) struct Lit<'a> {
+    pub(crate) number: u32,
     view: &'a View,
     lights: Vec<Vec<FramedLight>>,
 }
 
 impl<'a> Lit<'a> {
-    pub(super) fn new(scene: &Scene, views: &'a [View], number: u32) -> Self {
+    pub(crate) fn new(scene: &Scene, views: &'a [View], number: u32) -> Self {
         let view = &views[number as usize];
         let lights = (0..scene.frames.len()).map(|frame| framed_lights(scene, view, frame)).collect();
         Self { number, view, lights }
@@ -53,7 +53,7 @@ impl<'a> Lit<'a> {
 
 /// Room for one ray after the other.
 #[derive(Default)]
-pub(super) struct Room {
+pub(crate) struct Room {
     stack: Vec<u32>,
     candidates: Candidates,
     shaded: Shaded,
@@ -190,7 +190,7 @@ impl Renderer {
 
     /// Hands each ray of pixels on: its pixel's number among them, its direction in camera axes, what it hits, and what
     /// it sees there.
-    pub(super) fn each_ray(
+    pub(crate) fn each_ray(
         &self,
         rays: &PixelRays,
         lit: &Lit,
@@ -261,7 +261,7 @@ impl Renderer {
     }
 }
 
-pub(super) fn check_numbers(
+pub(crate) fn check_numbers(
     rays: &PixelRays,
     views: &[View],
     of_view: &[u32],

@@ -11,14 +11,14 @@ use super::linear::Rect;
 use crate::error::{Error, Result};
 
 /// Side of a tile in pixels.
-pub(super) const TILE: usize = 8;
+pub(crate) const TILE: usize = 8;
 /// Side of a block: a tile has two by two.
-pub(super) const BLOCK: usize = 4;
-pub(super) const BLOCKS: usize = (TILE / BLOCK) * (TILE / BLOCK);
+pub(crate) const BLOCK: usize = 4;
+pub(crate) const BLOCKS: usize = (TILE / BLOCK) * (TILE / BLOCK);
 /// Pixels of a block, which take their rays side by side.
-pub(super) const LANES: usize = BLOCK * BLOCK;
+pub(crate) const LANES: usize = BLOCK * BLOCK;
 /// Pixels of a tile.
-pub(super) const PIXELS: usize = TILE * TILE;
+pub(crate) const PIXELS: usize = TILE * TILE;
 
 const MOST_RAYS: usize = 1024;
 
@@ -65,20 +65,20 @@ enum Places {
 
 /// Room for the rays of a tile, where they have to be put together.
 #[derive(Debug, Default)]
-pub(super) struct TileRays {
+pub(crate) struct TileRays {
     x: Aligned,
     y: Aligned,
 }
 
 /// Rays that are worked on together, in blocks that follow each other and have the same number of them.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Part<'a> {
-    pub(super) x: &'a [f32],
-    pub(super) y: &'a [f32],
+pub(crate) struct Part<'a> {
+    pub(crate) x: &'a [f32],
+    pub(crate) y: &'a [f32],
     /// All of them lie in it.
-    pub(super) around: &'a Rect,
+    pub(crate) around: &'a Rect,
     /// What each block's rays lie in; [`BLOCKS`] at most.
-    pub(super) blocks: &'a [Rect],
+    pub(crate) blocks: &'a [Rect],
 }
 
 /// Coordinates of columns or rows of tiles.
@@ -102,15 +102,15 @@ impl Reach {
 /// Where a tile reaches beyond the image, the pixel at its edge stands for those that are not there.
 #[derive(Debug)]
 pub struct PixelRays {
-    pub(super) width: usize,
-    pub(super) height: usize,
-    pub(super) rays: usize,
-    pub(super) columns: usize,
-    pub(super) rows: usize,
+    pub(crate) width: usize,
+    pub(crate) height: usize,
+    pub(crate) rays: usize,
+    pub(crate) columns: usize,
+    pub(crate) rows: usize,
     places: Places,
     tiles: Vec<Rect>,
     blocks: Vec<Rect>,
-    pub(super) all: Rect,
+    pub(crate) all: Rect,
     /// Of tiles' columns and rows.
     reach: [Reach; 2],
 }
@@ -280,7 +280,7 @@ impl PixelRays {
     }
 
     /// Column and row of a tile's pixel, by block and lane; they may lie beyond the image.
-    pub(super) fn pixel(&self, tile: usize, place: usize) -> (usize, usize) {
+    pub(crate) fn pixel(&self, tile: usize, place: usize) -> (usize, usize) {
         let (block, lane) = (place / LANES, place % LANES);
         let per_row = TILE / BLOCK;
         (
@@ -290,14 +290,14 @@ impl PixelRays {
     }
 
     /// The tile of a pixel, and the pixel's place in it.
-    pub(super) fn tile_of(&self, pixel: usize) -> (usize, usize) {
+    pub(crate) fn tile_of(&self, pixel: usize) -> (usize, usize) {
         let (column, row) = (pixel % self.width, pixel / self.width);
         let block = row % TILE / BLOCK * (TILE / BLOCK) + column % TILE / BLOCK;
         (row / TILE * self.columns + column / TILE, block * LANES + row % BLOCK * BLOCK + column % BLOCK)
     }
 
     /// A tile's rays, which may be put together in a room.
-    pub(super) fn of_tile<'a>(&'a self, tile: usize, room: &'a mut TileRays) -> Part<'a> {
+    pub(crate) fn of_tile<'a>(&'a self, tile: usize, room: &'a mut TileRays) -> Part<'a> {
         let count = PIXELS * self.rays;
         let (x, y) = match &self.places {
             Places::Rays { x, y } => {
@@ -325,7 +325,7 @@ impl PixelRays {
     }
 
     /// Copies the rays of a pixel of a tile, in the lattice's order.
-    pub(super) fn copy_pixel(&self, tile: usize, place: usize, x: &mut [f32], y: &mut [f32]) {
+    pub(crate) fn copy_pixel(&self, tile: usize, place: usize, x: &mut [f32], y: &mut [f32]) {
         match &self.places {
             Places::Rays { x: all_x, y: all_y } => {
                 let first = (tile * PIXELS + place / LANES * LANES) * self.rays + place % LANES;
@@ -344,16 +344,16 @@ impl PixelRays {
         }
     }
 
-    pub(super) fn tiles(&self) -> usize {
+    pub(crate) fn tiles(&self) -> usize {
         self.columns * self.rows
     }
 
-    pub(super) fn tile(&self, tile: usize) -> &Rect {
+    pub(crate) fn tile(&self, tile: usize) -> &Rect {
         &self.tiles[tile]
     }
 
     /// The columns (axis 0) or rows (1) of tiles that may reach into low..high.
-    pub(super) fn reaching(&self, axis: usize, low: f32, high: f32) -> std::ops::Range<usize> {
+    pub(crate) fn reaching(&self, axis: usize, low: f32, high: f32) -> std::ops::Range<usize> {
         // Both ascend. Some ten numbers are counted sooner than halved, because nothing has to be guessed.
         let Reach { low: lowest, high: highest } = &self.reach[axis];
         let first = highest.iter().map(|&x| usize::from(x < low)).sum();

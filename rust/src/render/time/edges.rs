@@ -8,11 +8,11 @@
 
 use std::collections::HashMap;
 
-use super::linear::{Linear, Rect};
-use super::pixel_rays::{LANES, Part, PixelRays, TileRays};
-use super::scene::Scene;
-use super::vector::{Vector, cross, dot, largest, single, sub};
-use super::view::View;
+use crate::render::geometry::linear::{Linear, Rect};
+use crate::render::geometry::pixel_rays::{LANES, Part, PixelRays, TileRays};
+use crate::render::geometry::vector::{Vector, cross, dot, largest, single, sub};
+use crate::render::geometry::view::View;
+use crate::render::scene::Scene;
 
 /// What of a distance is rounding.
 const ROUNDING: f64 = 1e-9;
@@ -179,23 +179,23 @@ impl MovingEdge {
 
 /// An edge that passes a ray.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Pass {
+pub(crate) struct Pass {
     /// Row by row.
-    pub(super) pixel: u32,
-    pub(super) ray: u32,
+    pub(crate) pixel: u32,
+    pub(crate) ray: u32,
     /// When, from 0 to 1 of the time that is looked at.
-    pub(super) share: f64,
+    pub(crate) share: f64,
     /// 1 / z of the edge there.
-    pub(super) inverse_depth: f64,
+    pub(crate) inverse_depth: f64,
 }
 
 /// The edges of a scene's triangles.
 #[derive(Debug)]
-pub(super) struct Edges(Vec<Edge>);
+pub(crate) struct Edges(Vec<Edge>);
 
 impl Edges {
     /// Those of a scene. Corners at the same place are one.
-    pub(super) fn of_scene(scene: &Scene) -> Self {
+    pub(crate) fn of_scene(scene: &Scene) -> Self {
         type Key = (u32, [[u64; 3]; 2]);
         let mut wings: HashMap<Key, Vec<Vector>> = HashMap::new();
         let mut order: Vec<(Key, Edge)> = vec![];
@@ -227,7 +227,7 @@ impl Edges {
     ///
     /// Edges in the middle of a plane do not count. The camera must not turn or go far meanwhile: what moves is taken to go along parabolas. An edge that is hidden
     /// itself passes rays too.
-    pub(super) fn passes(&self, rays: &PixelRays, views: [&View; 3], middle: f64) -> Vec<Pass> {
+    pub(crate) fn passes(&self, rays: &PixelRays, views: [&View; 3], middle: f64) -> Vec<Pass> {
         let mut moving = vec![];
         let mut tiles: Vec<(u32, u32)> = vec![];
         for edge in &self.0 {
@@ -303,9 +303,9 @@ fn of_tile(edge: &MovingEdge, rays: &PixelRays, tile: usize, part: &Part, found:
 mod tests {
     use proptest::prelude::*;
 
-    use super::super::view::Pose;
-    use super::super::{Renderer, SceneTables};
     use super::*;
+    use crate::render::geometry::view::Pose;
+    use crate::render::{Renderer, SceneTables};
 
     const SIDE: usize = 8;
     const STEPS: usize = 50;

@@ -5,15 +5,15 @@
 //!
 //! What must not break: what is found for a box is true for each point in it as float32 computes it.
 
-use super::hierarchy::{Boxes, Region, WIDTH};
-use super::vector::{Vector, cross, dot, largest, scale, single, sub};
+use crate::render::geometry::hierarchy::{Boxes, Region, WIDTH};
+use crate::render::geometry::vector::{Vector, cross, dot, largest, scale, single, sub};
 
 /// Seen from its side a triangle hides nothing: it is this share as wide as its corners are far from the light.
 const EDGE_ON: f64 = 1e-7;
 
 /// Where a light shines from, in the frame of what it is hidden by.
 #[derive(Clone, Copy, Debug)]
-pub(super) enum Source {
+pub(crate) enum Source {
     /// A place.
     Point(Vector),
     /// The unit vector towards the light.
@@ -23,7 +23,7 @@ pub(super) enum Source {
 /// A place q is hidden where none of the three edges is negative and the height lies below 0; each is
 /// a x + (b y + (c z + d)). Seen from a point light at height 1 the triangle lies at 0.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Cone {
+pub(crate) struct Cone {
     edges: [[f32; 4]; 3],
     height: [f32; 4],
 }
@@ -31,7 +31,7 @@ pub(super) struct Cone {
 impl Cone {
     const NONE: Self = Self { edges: [[0.0, 0.0, 0.0, -1.0]; 3], height: [0.0, 0.0, 0.0, 1.0] };
 
-    pub(super) fn new(corners: &[Vector; 3], source: &Source) -> Self {
+    pub(crate) fn new(corners: &[Vector; 3], source: &Source) -> Self {
         let [a, b, c] = *corners;
         let normal = cross(sub(b, a), sub(c, a));
         let area = dot(normal, normal).sqrt();
@@ -67,7 +67,7 @@ impl Cone {
     #[inline(always)]
     #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
     #[allow(clippy::needless_bitwise_bool, reason = "a lazy operator is a branch, which vectors cannot take")]
-    pub(super) fn hides_place(&self, x: f32, y: f32, z: f32, farthest: f32) -> bool {
+    pub(crate) fn hides_place(&self, x: f32, y: f32, z: f32, farthest: f32) -> bool {
         let height = at(&self.height, x, y, z);
         let inside = (at(&self.edges[0], x, y, z) >= 0.0)
             & (at(&self.edges[1], x, y, z) >= 0.0)
@@ -88,34 +88,34 @@ fn at(c: &[f32; 4], x: f32, y: f32, z: f32) -> f32 {
 
 /// The cones of [`WIDTH`] triangles: what of a box each of them hides is found for all together.
 #[derive(Clone, Debug)]
-pub(super) struct Packet {
+pub(crate) struct Packet {
     /// The coefficients of the three edges and of the height.
     functions: [[[f32; WIDTH]; 4]; 4],
 }
 
 /// The cones of one frame's triangles behind each light, in the order of the seen lights; none for light from all sides.
-pub(super) type FrameCones = Vec<Vec<Packet>>;
+pub(crate) type FrameCones = Vec<Vec<Packet>>;
 
 /// Cones that were picked out of packets, in packets again; and the triangles that they lie behind.
 #[derive(Debug, Default)]
-pub(super) struct Gathered {
-    pub(super) packets: Vec<Packet>,
-    pub(super) triangles: Vec<u32>,
+pub(crate) struct Gathered {
+    pub(crate) packets: Vec<Packet>,
+    pub(crate) triangles: Vec<u32>,
 }
 
 impl Gathered {
-    pub(super) fn clear(&mut self) {
+    pub(crate) fn clear(&mut self) {
         self.packets.clear();
         self.triangles.clear();
     }
 
-    pub(super) fn is_empty(&self) -> bool {
+    pub(crate) fn is_empty(&self) -> bool {
         self.triangles.is_empty()
     }
 
     /// Adds the cone in one lane of a packet.
     #[inline]
-    pub(super) fn push(&mut self, from: &Packet, lane: usize, triangle: u32) {
+    pub(crate) fn push(&mut self, from: &Packet, lane: usize, triangle: u32) {
         let to = self.triangles.len() % WIDTH;
         if to == 0 {
             self.packets.push(Packet::NONE);
@@ -132,9 +132,9 @@ impl Gathered {
 }
 
 /// What cones hide of a box: by cone, whether it may hide any of it, and whether it hides all.
-pub(super) struct Hides {
-    pub(super) any: [bool; WIDTH],
-    pub(super) all: [bool; WIDTH],
+pub(crate) struct Hides {
+    pub(crate) any: [bool; WIDTH],
+    pub(crate) all: [bool; WIDTH],
 }
 
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
@@ -151,7 +151,7 @@ impl Packet {
     };
 
     /// The cones behind some triangles; the last packet is filled up with what hides nothing.
-    pub(super) fn behind(triangles: &[[Vector; 3]], source: &Source, packets: &mut Vec<Self>) {
+    pub(crate) fn behind(triangles: &[[Vector; 3]], source: &Source, packets: &mut Vec<Self>) {
         packets.clear();
         packets.extend(triangles.chunks(WIDTH).map(|some| {
             let mut packet = Self::NONE;
@@ -167,14 +167,14 @@ impl Packet {
         }));
     }
 
-    pub(super) fn cone(&self, lane: usize) -> Cone {
+    pub(crate) fn cone(&self, lane: usize) -> Cone {
         let [a, b, c, height] = self.functions.map(|function| function.map(|lanes| lanes[lane]));
         Cone { edges: [a, b, c], height }
     }
 
     /// What they hide of a box, as it is computed for each place in it.
     #[inline(always)]
-    pub(super) fn hides(&self, [low, high]: &[[f32; 3]; 2], farthest: f32) -> Hides {
+    pub(crate) fn hides(&self, [low, high]: &[[f32; 3]; 2], farthest: f32) -> Hides {
         let [a, b, c, height] = &self.functions;
         let (a, b, c) = (bounds(a, low, high), bounds(b, low, high), bounds(c, low, high));
         let height = bounds(height, low, high);
@@ -211,7 +211,7 @@ fn bounds(function: &[[f32; WIDTH]; 4], low: &[f32; 3], high: &[f32; 3]) -> [[f3
 }
 
 /// All that lies between a box and a light, a little more.
-pub(super) struct Shaft {
+pub(crate) struct Shaft {
     end: f32,
     /// Of each axis the box's lowest coordinate and one over the way from there to the light; and the same of its highest,
     /// turned round.
@@ -219,7 +219,7 @@ pub(super) struct Shaft {
 }
 
 impl Shaft {
-    pub(super) fn new([low, high]: &[[f32; 3]; 2], source: &Source) -> Self {
+    pub(crate) fn new([low, high]: &[[f32; 3]; 2], source: &Source) -> Self {
         let end = match source {
             Source::Point(_) => 1.0,
             Source::Directional(_) => f32::INFINITY,

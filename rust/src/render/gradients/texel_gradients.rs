@@ -7,12 +7,12 @@
 
 use rayon::prelude::*;
 
-use super::gradients::{Lit, PIXELS_OF_THREAD, Room, check_numbers};
-use super::pixel_rays::PixelRays;
-use super::renderer::Renderer;
+use super::pixel_gradients::{Lit, PIXELS_OF_THREAD, Room, check_numbers};
 use super::slopes::taps;
-use super::view::View;
 use crate::error::{Error, Result};
+use crate::render::geometry::pixel_rays::PixelRays;
+use crate::render::geometry::view::View;
+use crate::render::renderer::Renderer;
 
 /// Derivatives of k sums of pixels by texels, those of each sum after those of the one before.
 #[derive(Clone, Debug, Default, PartialEq)]

@@ -9,15 +9,15 @@
 use multiversion::multiversion;
 
 use super::cone::{FrameCones, Gathered, Packet, Shaft, Source};
-use super::hierarchy::{Hierarchy, WIDTH, below};
 use super::lights::{SeenKind, SeenLight, Surroundings};
 use super::patch::Patch;
-use super::scene::{LightKind, Scene};
-use super::vector::{Bounds, largest, single};
-use super::view::{Pose, View};
+use crate::render::geometry::hierarchy::{Hierarchy, WIDTH, below};
+use crate::render::geometry::vector::{Bounds, largest, single};
+use crate::render::geometry::view::{Pose, View};
+use crate::render::scene::{LightKind, Scene};
 
 /// The cones of all that stands still.
-pub(super) fn still_cones(scene: &Scene) -> FrameCones {
+pub(crate) fn still_cones(scene: &Scene) -> FrameCones {
     if !scene.shadows {
         return vec![];
     }
@@ -39,7 +39,7 @@ pub(super) fn still_cones(scene: &Scene) -> FrameCones {
 }
 
 /// The cones of what moves, as it is in a view: by frame, without the world's.
-pub(super) fn moving_cones(scene: &Scene, view: &View, lights: &[SeenLight], cones: &mut Vec<FrameCones>) {
+pub(crate) fn moving_cones(scene: &Scene, view: &View, lights: &[SeenLight], cones: &mut Vec<FrameCones>) {
     if !scene.shadows {
         return;
     }
@@ -65,23 +65,23 @@ fn source(light: &SeenLight, pose: &Pose) -> Option<Source> {
 
 /// Camera axes to a frame's, in float32.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Placing {
+pub(crate) struct Placing {
     rotation: [[f32; 3]; 3],
     position: [f32; 3],
 }
 
 impl Placing {
-    pub(super) fn new(pose: &Pose) -> Self {
+    pub(crate) fn new(pose: &Pose) -> Self {
         Self { rotation: pose.rotation.map(single), position: single(pose.position) }
     }
 }
 
 /// What may hide places from one light, in one frame.
 #[derive(Debug)]
-pub(super) struct Occluders {
-    pub(super) frame: usize,
-    pub(super) placing: Placing,
-    pub(super) cones: Gathered,
+pub(crate) struct Occluders {
+    pub(crate) frame: usize,
+    pub(crate) placing: Placing,
+    pub(crate) cones: Gathered,
 }
 
 #[derive(Debug, Default)]
@@ -96,17 +96,17 @@ struct LightShadow {
 
 /// What throws shadows on some triangles in one part of the image.
 #[derive(Debug, Default)]
-pub(super) struct Shadow {
+pub(crate) struct Shadow {
     lights: Vec<LightShadow>,
     stack: Vec<u32>,
     /// The world's frame, by which surfaces are stepped off.
-    pub(super) world: Placing,
-    pub(super) step: f32,
+    pub(crate) world: Placing,
+    pub(crate) step: f32,
 }
 
 impl Shadow {
     /// Finds what may hide some of the lights from a patch of one triangle, or where `alone` is None, of several.
-    pub(super) fn search(
+    pub(crate) fn search(
         &mut self,
         of: &Surroundings,
         patch: &Patch,
@@ -179,29 +179,29 @@ impl Shadow {
     }
 
     /// Whether single places may be hidden from any light.
-    pub(super) fn falls(&self) -> bool {
+    pub(crate) fn falls(&self) -> bool {
         self.lights.iter().any(|shadow| shadow.used > 0)
     }
 
     /// Whether anything may hide a light of this number.
     #[inline(always)]
     #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
-    pub(super) fn hides(&self, light: usize) -> bool {
+    pub(crate) fn hides(&self, light: usize) -> bool {
         self.lights.get(light).is_some_and(|shadow| shadow.dark || shadow.used > 0)
     }
 
     /// Whether nothing of a light reaches them.
-    pub(super) fn is_dark(&self, light: usize) -> bool {
+    pub(crate) fn is_dark(&self, light: usize) -> bool {
         self.lights[light].dark
     }
 
     /// What may hide some places from a light.
-    pub(super) fn occluders(&self, light: usize) -> &[Occluders] {
+    pub(crate) fn occluders(&self, light: usize) -> &[Occluders] {
         &self.lights[light].frames[..self.lights[light].used]
     }
 
     /// How many times farther from the surface than from the light an occluder may lie.
-    pub(super) fn farthest(&self, light: usize) -> f32 {
+    pub(crate) fn farthest(&self, light: usize) -> f32 {
         self.lights[light].farthest
     }
 }
@@ -265,7 +265,7 @@ impl Found<'_> {
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 impl Placing {
     #[inline(always)]
-    pub(super) fn place(&self, x: f32, y: f32, z: f32) -> [f32; 3] {
+    pub(crate) fn place(&self, x: f32, y: f32, z: f32) -> [f32; 3] {
         let row = |k: usize| {
             let r = &self.rotation[k];
             r[0] * x + (r[1] * y + (r[2] * z + self.position[k]))

@@ -6,27 +6,27 @@
 //! What must not break: at the three views, the motion goes through them.
 
 use super::tracks::{INSTANTS, Span};
-use super::view::{Pose, View};
+use crate::render::geometry::view::{Pose, View};
 
 /// Parabolas through the views at a span's ends and in its middle.
 ///
 /// Rates are those of the parabolas, because a span may begin or end where motion or light has a corner: there a view's
 /// own rates may be those of the other side.
-pub(super) struct SmoothMotion<'a> {
+pub(crate) struct SmoothMotion<'a> {
     views: [&'a View; 3],
     middle: f64,
     length_s: f64,
 }
 
 impl<'a> SmoothMotion<'a> {
-    pub(super) fn new(views: [&'a View; 3], span: Span) -> Self {
+    pub(crate) fn new(views: [&'a View; 3], span: Span) -> Self {
         #[allow(clippy::cast_precision_loss, reason = "spans are short")]
         let length_s = (span.t_us[INSTANTS - 1] - span.t_us[0]) as f64 * 1e-6;
         Self { views, middle: span.middle(), length_s }
     }
 
     /// The view at a share of the span.
-    pub(super) fn at(&self, share: f64) -> View {
+    pub(crate) fn at(&self, share: f64) -> View {
         let weights = self.weights(share);
         let mut view = self.views[1].clone();
         for (frame, pose) in view.poses.iter_mut().enumerate() {
@@ -40,7 +40,7 @@ impl<'a> SmoothMotion<'a> {
     }
 
     /// A view at a share of the span, with the rates that there are.
-    pub(super) fn with_rates(&self, mut view: View, share: f64) -> View {
+    pub(crate) fn with_rates(&self, mut view: View, share: f64) -> View {
         let weights = self.slopes(share);
         for (frame, pose) in view.poses.iter_mut().enumerate() {
             pose.velocity = std::array::from_fn(|i| self.mixed(weights, |view| view.poses[frame].position[i]));

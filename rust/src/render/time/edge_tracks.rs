@@ -10,12 +10,12 @@
 use rayon::prelude::*;
 
 use super::edges::{Edges, Pass};
-use super::pixel_rays::PixelRays;
-use super::renderer::{Renderer, check_room};
 use super::smooth_motion::SmoothMotion;
 use super::tracks::{Glimpse, INSTANTS, Piece, Pixel, Sight, Span, Tolerated};
-use super::view::View;
 use crate::error::{Error, Result};
+use crate::render::geometry::pixel_rays::PixelRays;
+use crate::render::geometry::view::View;
+use crate::render::renderer::{Renderer, check_room};
 
 /// What [`Renderer::edge_tracks`] is to do.
 #[derive(Clone, Copy, Debug)]

@@ -6,29 +6,29 @@
 
 use std::ops::Range;
 
-use super::lanes::{Lanes, MOST, Rays, STEP};
-use super::visibility::Nearest;
+use super::nearest::Nearest;
+use crate::render::lanes::{Lanes, MOST, Rays, STEP};
 
 /// Rays that lie side by side.
 #[derive(Clone, Debug)]
-pub(super) struct Row {
-    pub(super) range: Range<usize>,
+pub(crate) struct Row {
+    pub(crate) range: Range<usize>,
     /// Whether all of them see the triangle; else some of them do.
-    pub(super) all: bool,
+    pub(crate) all: bool,
 }
 
 /// The rays that see a triangle.
 #[derive(Debug, Default)]
-pub(super) struct Sorted {
+pub(crate) struct Sorted {
     /// [`MOST`] each, or fewer.
-    pub(super) rows: Vec<Row>,
+    pub(crate) rows: Vec<Row>,
     /// Numbers of the others, where few of a block see it.
-    pub(super) scattered: Vec<u32>,
+    pub(crate) scattered: Vec<u32>,
 }
 
 impl Sorted {
     /// Finds those of the triangle at a place in the tile's list.
-    pub(super) fn of_triangle(&mut self, nearest: &Nearest, place: u32) {
+    pub(crate) fn of_triangle(&mut self, nearest: &Nearest, place: u32) {
         self.rows.clear();
         self.scattered.clear();
         let length = nearest.length;
@@ -77,14 +77,14 @@ impl Sorted {
 }
 
 /// Rays to be shaded: all at once, or fewer.
-pub(super) enum Portion<'a> {
+pub(crate) enum Portion<'a> {
     Full(Rays<'a, true>),
     Fewer(Rays<'a, false>),
 }
 
 /// Room for rays that do not lie side by side.
 #[derive(Debug)]
-pub(super) struct Picked {
+pub(crate) struct Picked {
     numbers: [u32; MOST],
     x: Lanes,
     y: Lanes,
@@ -99,7 +99,7 @@ impl Default for Picked {
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 impl Row {
     #[inline(always)]
-    pub(super) fn rays<'a>(&self, x: &'a [f32], y: &'a [f32], room: &'a mut Picked) -> Portion<'a> {
+    pub(crate) fn rays<'a>(&self, x: &'a [f32], y: &'a [f32], room: &'a mut Picked) -> Portion<'a> {
         let count = self.range.len().next_multiple_of(STEP).min(MOST);
         // Of rays that follow those of the row nothing is worked out.
         let (x, y) = (&x[self.range.start..], &y[self.range.start..]);
@@ -113,7 +113,7 @@ impl Row {
 
     /// Puts values where they belong: those of the rays that see the triangle, by the triangles that all see.
     #[inline(always)]
-    pub(super) fn put(&self, values: &Lanes, nearest: &Nearest, place: u32, out: &mut [f32]) {
+    pub(crate) fn put(&self, values: &Lanes, nearest: &Nearest, place: u32, out: &mut [f32]) {
         let out = &mut out[self.range.clone()];
         if self.all {
             match out.first_chunk_mut() {
@@ -137,7 +137,7 @@ impl<'a> Portion<'a> {
 
     /// Up to [`MOST`] rays by their numbers; the last one stands for what is missing.
     #[inline(always)]
-    pub(super) fn picked(numbers: &[u32], x: &[f32], y: &[f32], room: &'a mut Picked) -> Self {
+    pub(crate) fn picked(numbers: &[u32], x: &[f32], y: &[f32], room: &'a mut Picked) -> Self {
         let Picked { numbers: padded, x: some_x, y: some_y } = room;
         *padded = [numbers.last().copied().unwrap_or_default(); MOST];
         padded[..numbers.len()].copy_from_slice(numbers);
@@ -149,7 +149,7 @@ impl<'a> Portion<'a> {
 
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
-pub(super) fn gathered(values: &[f32], numbers: &[u32; MOST], count: usize) -> Lanes {
+pub(crate) fn gathered(values: &[f32], numbers: &[u32; MOST], count: usize) -> Lanes {
     // Nothing refers to this, so values may be gathered while it is written.
     let mut found = Lanes::ZERO;
     for i in 0..count.min(MOST) {

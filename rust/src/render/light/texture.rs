@@ -6,8 +6,8 @@
 //! What must not break: the order of the mix (in both rows, then between them), and the check that all texels lie in
 //! the buffer.
 
-use super::lanes::{Lanes, MOST, Pairs};
 use crate::error::{Error, Result};
+use crate::render::lanes::{Lanes, MOST, Pairs};
 
 /// A float32 that is added to small whole numbers, whose last bits are then these numbers.
 const WHOLE: f32 = 8_388_608.0;
@@ -16,7 +16,7 @@ const LARGEST_SIDE: i64 = 1 << 22;
 
 /// What a texture shows beyond its edges.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Wrap {
+pub(crate) enum Wrap {
     Repeat,
     Clamp,
     Mirror,
@@ -24,22 +24,22 @@ pub(super) enum Wrap {
 
 /// Where a texture's texels lie in a buffer, in a frame of one texel around it.
 #[derive(Clone, Debug)]
-pub(super) struct Texture {
-    pub(super) first: usize,
-    pub(super) width: u32,
-    pub(super) height: u32,
-    pub(super) wrap: Wrap,
+pub(crate) struct Texture {
+    pub(crate) first: usize,
+    pub(crate) width: u32,
+    pub(crate) height: u32,
+    pub(crate) wrap: Wrap,
 }
 
 impl Texture {
     /// Whether it is of one texel, and so the same everywhere.
-    pub(super) fn is_constant(&self) -> bool {
+    pub(crate) fn is_constant(&self) -> bool {
         self.width == 1 && self.height == 1
     }
 }
 
 /// The textures of a scene, each in a frame of one texel.
-pub(super) fn checked(layouts: &[[i64; 4]], texels: &[Vec<f32>]) -> Result<Vec<Texture>> {
+pub(crate) fn checked(layouts: &[[i64; 4]], texels: &[Vec<f32>]) -> Result<Vec<Texture>> {
     let length = texels.first().map_or(0, Vec::len);
     if texels.iter().any(|group| group.len() != length || !group.iter().all(|t| t.is_finite())) {
         return Err(Error::Argument("the texels of all light colours must be finite and equally many".to_owned()));
@@ -68,7 +68,7 @@ pub(super) fn checked(layouts: &[[i64; 4]], texels: &[Vec<f32>]) -> Result<Vec<T
 }
 
 /// Texels, each with the one after it: a row of two is then fetched at once.
-pub(super) fn paired(texels: &[f32]) -> Vec<u64> {
+pub(crate) fn paired(texels: &[f32]) -> Vec<u64> {
     let after = texels.iter().skip(1).chain([&0.0]);
     texels.iter().zip(after).map(|(one, next)| u64::from(one.to_bits()) | u64::from(next.to_bits()) << 32).collect()
 }
@@ -77,7 +77,7 @@ pub(super) fn paired(texels: &[f32]) -> Vec<u64> {
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 #[allow(clippy::cast_possible_truncation, reason = "a half each")]
-pub(super) fn parted(pair: u64) -> [f32; 2] {
+pub(crate) fn parted(pair: u64) -> [f32; 2] {
     [f32::from_bits(pair as u32), f32::from_bits((pair >> 32) as u32)]
 }
 
@@ -89,13 +89,13 @@ fn misplaced(number: usize, layout: &[i64; 4], length: usize) -> Error {
 }
 
 /// How a wrap mode folds a coordinate back into the texture: where to, and in which direction it goes on there.
-pub(super) trait Fold {
+pub(crate) trait Fold {
     fn fold(coordinate: f32) -> (f32, f32);
 }
 
-pub(super) struct Repeat;
-pub(super) struct Clamp;
-pub(super) struct Mirror;
+pub(crate) struct Repeat;
+pub(crate) struct Clamp;
+pub(crate) struct Mirror;
 
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 impl Fold for Repeat {
@@ -127,7 +127,7 @@ impl Fold for Mirror {
 
 /// A texture under lights of one colour.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Sampler<'a> {
+pub(crate) struct Sampler<'a> {
     /// Each with the one after it.
     texels: &'a [u64],
     /// As many as there are texels.
@@ -141,7 +141,7 @@ pub(super) struct Sampler<'a> {
 impl<'a> Sampler<'a> {
     #[inline(always)]
     #[allow(clippy::cast_precision_loss, reason = "a side has at most 2^22 texels")]
-    pub(super) fn new(texture: &Texture, buffer: &'a [u64]) -> Self {
+    pub(crate) fn new(texture: &Texture, buffer: &'a [u64]) -> Self {
         let (stride, rows) = (texture.width + 2, texture.height + 2);
         let count = stride * rows;
         let texels = &buffer[texture.first..][..count as usize];
@@ -150,7 +150,7 @@ impl<'a> Sampler<'a> {
 
     /// Reflectance of a texture that is the same everywhere.
     #[inline(always)]
-    pub(super) fn only(&self) -> f32 {
+    pub(crate) fn only(&self) -> f32 {
         parted(self.texels[0])[0]
     }
 
@@ -158,7 +158,7 @@ impl<'a> Sampler<'a> {
     ///
     /// One after the other, so that many of them are on their way from memory at once.
     #[inline(always)]
-    pub(super) fn corners(&self, taps: &Taps, n: usize) -> [Pairs; 2] {
+    pub(crate) fn corners(&self, taps: &Taps, n: usize) -> [Pairs; 2] {
         let mut corners = [Pairs::ZERO; 2];
         for (corner, offset) in corners.iter_mut().zip([0, self.stride]) {
             for i in 0..n {
@@ -179,19 +179,19 @@ impl<'a> Sampler<'a> {
 
 /// Where rays hit a texture: for each the texel at or before the place, and how far it is past it in x and in y.
 #[derive(Debug)]
-pub(super) struct Taps {
+pub(crate) struct Taps {
     texel: [u32; MOST],
-    pub(super) x: Lanes,
-    pub(super) y: Lanes,
+    pub(crate) x: Lanes,
+    pub(crate) y: Lanes,
 }
 
 #[allow(clippy::inline_always, reason = "becomes its callers' vector code")]
 impl Taps {
-    pub(super) const NONE: Self = Self { texel: [0; MOST], x: Lanes::ZERO, y: Lanes::ZERO };
+    pub(crate) const NONE: Self = Self { texel: [0; MOST], x: Lanes::ZERO, y: Lanes::ZERO };
 
     /// Sets that of a ray which hits the texture at (u, v). Gives texels per unit of u and of v there.
     #[inline(always)]
-    pub(super) fn set<F: Fold>(&mut self, ray: usize, sampler: &Sampler, u: f32, v: f32) -> [f32; 2] {
+    pub(crate) fn set<F: Fold>(&mut self, ray: usize, sampler: &Sampler, u: f32, v: f32) -> [f32; 2] {
         let (column, x, by_u) = before::<F>(u, sampler.size[0]);
         let (row, y, by_v) = before::<F>(v, sampler.size[1]);
         self.texel[ray] = row * sampler.stride + column;

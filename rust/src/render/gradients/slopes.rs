@@ -3,24 +3,24 @@
 //! Light on a diffuse surface depends only on the point. So this one derivative gives those by the camera's position,
 //! its rotation, and time.
 //!
-//! What must not break: luma is that of [`super::shade`] up to rounding, and shadows follow the rule of all renderers.
+//! What must not break: luma is that of [`crate::render::light::shade`] up to rounding, and shadows follow the rule of all renderers.
 
 use std::f64::consts::FRAC_1_PI;
 
-use super::beam::Beam;
-use super::first_hit::{Ray, is_blocked};
 use super::framed_lights::{FramedKind, FramedLight};
-use super::light_map::SideMap;
-use super::scene::{Scene, Surface};
-use super::texture::{Texture, Wrap, parted};
-use super::vector::{Vector, add, dot, largest, scale, sub};
-use super::view::View;
+use crate::render::geometry::vector::{Vector, add, dot, largest, scale, sub};
+use crate::render::geometry::view::View;
+use crate::render::light::beam::Beam;
+use crate::render::light::light_map::SideMap;
+use crate::render::light::texture::{Texture, Wrap, parted};
+use crate::render::scene::{Scene, Surface};
+use crate::render::visibility::first_hit::{Ray, is_blocked};
 
 /// A number, and its derivative by a place.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Sloped {
-    pub(super) value: f64,
-    pub(super) slope: Vector,
+pub(crate) struct Sloped {
+    pub(crate) value: f64,
+    pub(crate) slope: Vector,
 }
 
 impl Sloped {
@@ -36,35 +36,35 @@ impl Sloped {
 
 /// Where a ray meets a triangle.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Hit<'a> {
-    pub(super) surface: &'a Surface,
-    pub(super) triangle: u32,
+pub(crate) struct Hit<'a> {
+    pub(crate) surface: &'a Surface,
+    pub(crate) triangle: u32,
     /// In camera axes.
-    pub(super) seen: Vector,
+    pub(crate) seen: Vector,
     /// In the frame of the triangle.
-    pub(super) place: Vector,
+    pub(crate) place: Vector,
     /// In the same frame.
-    pub(super) direction: Vector,
+    pub(crate) direction: Vector,
     /// Whether the camera is on the side that the plane's normal points to.
-    pub(super) in_front: bool,
+    pub(crate) in_front: bool,
 }
 
 /// What a ray sees: luma by the place that it hits, its rate where nothing moves but the lights, and the part of each
 /// light in it.
 #[derive(Debug, Default)]
-pub(super) struct Shaded {
-    pub(super) luma: f64,
-    pub(super) slope: Vector,
-    pub(super) rate: f64,
-    pub(super) by_light: Vec<f64>,
+pub(crate) struct Shaded {
+    pub(crate) luma: f64,
+    pub(crate) slope: Vector,
+    pub(crate) rate: f64,
+    pub(crate) by_light: Vec<f64>,
     /// What falls of each light on the surface, irradiance / pi under its strength.
-    pub(super) falls: Vec<f64>,
+    pub(crate) falls: Vec<f64>,
     /// Bit n mod 64 is turned over for each light n that something hides.
-    pub(super) hidden: u64,
+    pub(crate) hidden: u64,
 }
 
 /// Finds what a ray sees of the triangle that it hits.
-pub(super) fn shade(
+pub(crate) fn shade(
     scene: &Scene,
     view: &View,
     lights: &[FramedLight],
@@ -250,7 +250,7 @@ fn looked_up(texture: &Texture, texels: &[u64], maps: [&[f64; 4]; 2], place: Vec
 }
 
 /// The texels that a lookup at a place mixes, by their numbers in the buffer, and their weights; several may be the same.
-pub(super) fn taps(texture: &Texture, maps: [&[f64; 4]; 2], place: Vector) -> [(usize, f64); 4] {
+pub(crate) fn taps(texture: &Texture, maps: [&[f64; 4]; 2], place: Vector) -> [(usize, f64); 4] {
     if texture.is_constant() {
         return [(texture.first, 1.0), (texture.first, 0.0), (texture.first, 0.0), (texture.first, 0.0)];
     }
@@ -305,7 +305,7 @@ fn folded(wrap: Wrap, coordinate: f64) -> (f64, f64) {
 
 /// How luma changes where the ray that hits a place is shifted by a vector: the place stays on the plane, and goes along
 /// the ray's direction as far as that takes.
-pub(super) fn on_plane(slope: Vector, plane: &[f64; 4], direction: Vector) -> Vector {
+pub(crate) fn on_plane(slope: Vector, plane: &[f64; 4], direction: Vector) -> Vector {
     let normal = [plane[0], plane[1], plane[2]];
     sub(slope, scale(normal, dot(slope, direction) / dot(normal, direction)))
 }

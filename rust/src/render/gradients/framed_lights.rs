@@ -3,26 +3,26 @@
 //! Derivatives ([`super::slopes`]) are computed in the frame of the triangle that is hit, so lights are brought there
 //! first.
 //!
-//! What must not break: lights and their rates agree with those that frames are rendered with ([`super::lights`]).
+//! What must not break: lights and their rates agree with those that frames are rendered with ([`crate::render::light::lights`]).
 
-use super::beam::Beam;
-use super::scene::{Light, LightKind, Scene};
-use super::vector::{Vector, add, cross, scale, sub};
-use super::view::{Pose, View};
+use crate::render::geometry::vector::{Vector, add, cross, scale, sub};
+use crate::render::geometry::view::{Pose, View};
+use crate::render::light::beam::Beam;
+use crate::render::scene::{Light, LightKind, Scene};
 
 /// A light in the axes of a frame, and how it changes there.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct FramedLight {
-    pub(super) kind: FramedKind,
-    pub(super) group: usize,
+pub(crate) struct FramedLight {
+    pub(crate) kind: FramedKind,
+    pub(crate) group: usize,
     /// Strength under its factor, and its rate.
-    pub(super) strength: [f64; 2],
+    pub(crate) strength: [f64; 2],
     /// The beam, its axis turned into the frame, and the axis's rate.
-    pub(super) beam: Option<(Beam, Vector)>,
+    pub(crate) beam: Option<(Beam, Vector)>,
 }
 
 #[derive(Clone, Copy, Debug)]
-pub(super) enum FramedKind {
+pub(crate) enum FramedKind {
     /// A place, and its rate.
     Point(Vector, Vector),
     /// The unit vector towards the light, and its rate.
@@ -34,7 +34,7 @@ pub(super) enum FramedKind {
 }
 
 /// The lights of a view in one of its frames.
-pub(super) fn framed_lights(scene: &Scene, view: &View, frame: usize) -> Vec<FramedLight> {
+pub(crate) fn framed_lights(scene: &Scene, view: &View, frame: usize) -> Vec<FramedLight> {
     let (camera, own) = (&view.poses[0], &view.poses[frame]);
     let of_light = |(light, factor): (&Light, &[f64; 2])| FramedLight {
         kind: match light.kind {
