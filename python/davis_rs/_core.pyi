@@ -1,4 +1,4 @@
-"""The Rust core."""
+"""The Rust core. The types are kept here; all else is made by ``.ci/stub`` from the extension module."""
 
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -46,7 +46,7 @@ RUST_SYSROOT: str
 _SparseSamples = tuple[npt.NDArray[np.integer[Any]], npt.NDArray[np.integer[Any]], npt.NDArray[np.floating[Any]]]
 
 class _Effects(Protocol):
-    def engine_settings(self) -> dict[str, dict[str, Any]]: ...
+    def engine_settings(self) -> Mapping[str, Mapping[str, float | None]]: ...
 
 class _Aedat4(TypedDict):
     events: npt.NDArray[np.void]
@@ -100,18 +100,23 @@ class Device:
     @property
     def chip(self) -> str:
         """The chip's name."""
+
     @property
     def width(self) -> int:
         """Number of columns of the events' image: x is less than this."""
+
     @property
     def height(self) -> int:
         """Number of rows of the events' image: y is less than this."""
+
     @property
     def frame_width(self) -> int:
         """Columns of a full frame."""
+
     @property
     def frame_height(self) -> int:
         """Rows of a full frame."""
+
     @property
     def adc_mhz(self) -> float:
         """Clock of the frame converter in MHz, in which exposures are counted."""
@@ -154,9 +159,11 @@ class Decoder:
         Raises:
             ValueError: for data of another kind.
         """
+
     @property
     def device(self) -> Device:
         """The camera whose stream is decoded."""
+
     @property
     def stats(self) -> dict[str, int]:
         """Counts of faults in the stream, by kind; all zero for one without a fault.
@@ -200,10 +207,10 @@ class Encoder:
     def __new__(cls, device: str | Device, *, accel_range: int = 1, gyro_range: int = 1) -> Encoder: ...
     def encode(
         self,
-        events: npt.NDArray[Any] | None = None,
-        imu: npt.NDArray[Any] | None = None,
+        events: npt.NDArray[np.void] | None = None,
+        imu: npt.NDArray[np.void] | None = None,
         frames: Iterable[Frame] | None = None,
-        triggers: npt.NDArray[Any] | None = None,
+        triggers: npt.NDArray[np.void] | None = None,
     ) -> bytes:
         """Encode the next packet and return its bytes; the GIL is released.
 
@@ -223,6 +230,7 @@ class Encoder:
             ValueError: for times that go back, or what does not fit the camera, with the index; nothing is encoded
                 then.
         """
+
     @property
     def device(self) -> Device:
         """The camera whose stream is made."""
@@ -275,7 +283,7 @@ class CrossingEngine:
         *,
         contrast_threshold: float | npt.NDArray[np.floating[Any]] | None = None,
         contrast_threshold_off: float | npt.NDArray[np.floating[Any]] | None = None,
-        log_eps: float = 1e-3,
+        log_eps: float = 0.001,
         interpolation: str = "linear",
         effects: _Effects | Mapping[str, Mapping[str, float | None]] | None = None,
         start_phase: str = "zero",
@@ -315,6 +323,7 @@ class CrossingEngine:
                 events. The engine is then as it was.
             MemoryError: if there is no memory for the events. The engine is then as it was.
         """
+
     def push_log(
         self,
         t_us: int,
@@ -339,41 +348,50 @@ class CrossingEngine:
             ValueError: as :meth:`push`, for log intensity that is NaN or beyond +-746, or an engine that has been fed
                 with luma. The engine is then as it was.
         """
+
     def flush(self) -> npt.NDArray[np.void]:
         """Return the events that the readout effect still holds: requested up to the last frame, stamped after it.
 
         Returns:
             Events (:data:`davis_rs.EVENT_DTYPE`), sorted; none without that effect.
         """
+
     @property
     def dropped_events(self) -> int:
         """How many events the readout effect has dropped so far; 0 without it."""
+
     @property
     def missed_events(self) -> int:
         """How often a pixel reached a level before its last event was read out and its reset over; 0 without a bus."""
+
     @property
     def contrast_threshold(self) -> float | npt.NDArray[np.float64]:
         """C_on in natural-log units: one number for all pixels, or float64, shape (height, width), one for each."""
+
     @property
     def contrast_threshold_off(self) -> float | npt.NDArray[np.float64]:
         """C_off in natural-log units: one number for all pixels, or float64, shape (height, width), one for each."""
+
     @property
     def reference(self) -> npt.NDArray[np.float64]:
         """The reference R in log intensity, float64, shape (height, width).
 
         NaN before the first frame, and where a refractory period holds a pixel in reset.
         """
+
     @property
     def last_event_us(self) -> npt.NDArray[np.int64]:
         """The surface of active events: the time of each pixel's last event in microseconds, -1 where there was none.
 
         int64, shape (height, width).
         """
+
     def state(self) -> dict[str, Any]:
         """Return what decides which events come next, as numbers and arrays: parameters, time, last frame, counters.
 
         For :meth:`from_state`, and for NumPy's or any other storage; pickling stores the same.
         """
+
     @staticmethod
     def from_state(state: dict[str, Any], *, threads: int | None = None) -> CrossingEngine:
         """Return an engine that continues from :meth:`state` as the original engine would have.
@@ -431,6 +449,7 @@ class EventFileWriter:
                 a writer that is finished.
             OSError: if the file refuses.
         """
+
     def flush(self) -> None:
         """Hand everything to the operating system.
 
@@ -438,12 +457,14 @@ class EventFileWriter:
             ValueError: for a writer that is finished.
             OSError: if the file refuses.
         """
+
     def finish(self) -> int:
         """Write what is left, close the file and return its size in bytes; again, only the size.
 
         Raises:
             OSError: if the file refuses; it is closed then.
         """
+
     def abandon(self) -> None:
         """Close the file as it is, without what is left to write."""
 
@@ -490,6 +511,7 @@ class EventFileReader:
             DecodeError: where the file breaks its format, with the place.
             OSError: if the file refuses.
         """
+
     def read(self, enough: int) -> npt.NDArray[np.void]:
         """Read the next events: at least ``enough`` and not many more, fewer at the end; the GIL is released.
 
@@ -500,6 +522,7 @@ class EventFileReader:
             DecodeError: where the file breaks its format, with the place.
             OSError: if the file refuses.
         """
+
     def scan(self, enough: int) -> npt.NDArray[np.int64]:
         """Find the blocks that can be read by themselves: the next ones, from where the reader is; the GIL is released.
 
@@ -514,6 +537,7 @@ class EventFileReader:
             DecodeError: where the file breaks its format, or for a time that is below 0 or goes back, with the place.
             OSError: if the file refuses.
         """
+
     def read_block(self, byte: int, state: Sequence[int], end: int) -> npt.NDArray[np.void]:
         """Read the events of a block that :meth:`scan` has found in this file; the GIL is released.
 
@@ -530,18 +554,23 @@ class EventFileReader:
             OSError: if the file refuses.
             ValueError: for a state that no decoder has.
         """
+
     @property
     def over(self) -> bool:
         """Whether the end of the file was reached."""
+
     @property
     def size(self) -> tuple[int, int] | None:
         """The sensor's (width, height), where the file says it and once that part was read; None otherwise."""
+
     @property
     def bytes(self) -> int:
         """How many bytes of the file were decoded so far."""
+
     @property
     def file_size(self) -> int:
         """How many bytes the file has."""
+
     @property
     def left_over(self) -> int:
         """Number of bytes left at the end of the file that are no complete record."""
@@ -577,18 +606,23 @@ class Aedat4Recording:
             OSError: if it cannot be read.
             DecodeError: for the first packet that does not follow the format, with its byte.
         """
+
     @property
     def size(self) -> tuple[int, int] | None:
         """The sensor's (width, height), where the header says."""
+
     @property
     def source(self) -> str:
         """The camera that the header names, or ""."""
+
     @property
     def has_events(self) -> bool:
         """Whether the header announces a stream of events."""
+
     @property
     def bytes(self) -> int:
         """Bytes of the file that were read."""
+
     @property
     def cut(self) -> str | None:
         """What the end of the file cuts off, and where; known once it was read to its end."""
