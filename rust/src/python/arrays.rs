@@ -92,6 +92,34 @@ pub(super) fn column<'py, T: Element>(array: &Bound<'py, PyAny>, name: &str) -> 
     Ok(converted.cast_into::<PyArray1<T>>()?.readonly())
 }
 
+/// Returns the numbers of a [`column`].
+pub(super) fn numbers<T: Element + Copy>(array: &Bound<'_, PyAny>, name: &str) -> PyResult<Vec<T>> {
+    Ok(column(array, name)?.as_slice()?.to_vec())
+}
+
+/// Returns the numbers of each array of a list.
+pub(super) fn lists<T: Element + Copy>(arrays: &[Bound<'_, PyAny>], name: &str) -> PyResult<Vec<Vec<T>>> {
+    arrays.iter().map(|array| numbers(array, name)).collect()
+}
+
+/// Splits a flat array into groups of N numbers.
+pub(super) fn groups<T: Element + Copy, const N: usize>(array: &Bound<'_, PyAny>, name: &str) -> PyResult<Vec<[T; N]>> {
+    let array: PyReadonlyArray1<T> = column(array, name)?;
+    let (groups, rest) = array.as_slice()?.as_chunks::<N>();
+    if !rest.is_empty() {
+        return Err(PyValueError::new_err(format!(
+            "{name} must be groups of {N}, got {} numbers",
+            array.as_slice()?.len()
+        )));
+    }
+    Ok(groups.to_vec())
+}
+
+/// Splits a flat matrix into its rows.
+pub(super) fn rows<const N: usize, const M: usize, const K: usize>(flat: [f64; N]) -> [[f64; M]; K] {
+    std::array::from_fn(|i| std::array::from_fn(|j| flat[i * M + j]))
+}
+
 /// A time in microseconds.
 pub(super) fn microseconds(t_us: &Bound<'_, PyAny>) -> PyResult<i64> {
     whole(t_us, || format!("a time must lie in 0..2^63 us, got {t_us}"))

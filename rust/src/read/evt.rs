@@ -1,6 +1,8 @@
-//! What EVT 2.0 and EVT 3.0 share: the text before the words.
+//! What EVT 2.0 and EVT 3.0 share: the text before the words, and times whose high part goes round.
 
+use super::reader::{Decode, DecoderState};
 use crate::error::{Error, Result};
+use crate::event::Event;
 
 /// A header is no longer; what goes on beyond is no `.raw` file.
 const LONGEST: usize = 1 << 16;
@@ -90,6 +92,99 @@ impl Preamble {
     /// What is added to all times.
     pub(super) fn start_us(&self) -> i64 {
         self.0.as_ref().map_or(0, |header| header.start_us)
+    }
+}
+
+/// Words of one of the formats, and the state that they change.
+pub trait Words: Default + Send + Sync {
+    /// Decodes whole words, adds `start_us` to their times, and returns how many bytes they have.
+    fn decode(&mut self, bytes: &[u8], start_us: i64, events: &mut Vec<Event>) -> usize;
+
+    /// See [`Decode::state`].
+    fn state(&self) -> DecoderState;
+
+    /// See [`Decode::resume`].
+    ///
+    /// # Errors
+    /// [`Error::Argument`] for a state that no decoder has.
+    fn resume(&mut self, state: DecoderState) -> Result<()>;
+}
+
+/// Decodes a `.raw` file: a header, then words.
+#[derive(Default)]
+pub struct EvtDecoder<W> {
+    preamble: Preamble,
+    words: W,
+}
+
+impl<W: Words> EvtDecoder<W> {
+    /// A decoder of a file's bytes, from its beginning.
+    #[must_use]
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// A decoder of words alone, without a header before them: those of packets of a stream.
+    #[must_use]
+    pub fn of_words() -> Self {
+        Self { preamble: Preamble::none(), words: W::default() }
+    }
+}
+
+impl<W: Words> Decode for EvtDecoder<W> {
+    fn decode(&mut self, bytes: &[u8], events: &mut Vec<Event>) -> Result<usize> {
+        let Some(used) = self.preamble.pass(bytes)? else { return Ok(0) };
+        Ok(used + self.words.decode(&bytes[used..], self.preamble.start_us(), events))
+    }
+
+    fn end(&mut self, bytes: &[u8], _events: &mut Vec<Event>) -> Result<usize> {
+        self.preamble.end(bytes)
+    }
+
+    fn size(&self) -> Option<(u32, u32)> {
+        self.preamble.size()
+    }
+
+    fn state(&self) -> DecoderState {
+        self.words.state()
+    }
+
+    fn resume(&mut self, byte: usize, state: DecoderState) -> Result<()> {
+        if byte == 0 {
+            self.preamble = Preamble::default();
+        }
+        self.words.resume(state)
+    }
+}
+
+/// The high part of a time, rounds included: a counter that goes round at `ROUND`. It has none before its first value.
+#[derive(Clone, Copy, Default)]
+pub(super) struct HighTime<const ROUND: i64>(Option<i64>);
+
+impl<const ROUND: i64> HighTime<ROUND> {
+    pub(super) fn get(self) -> Option<i64> {
+        self.0
+    }
+
+    /// Takes the counter's next value; one that goes back by half a round or more has gone round.
+    pub(super) fn advance(&mut self, value: i64) {
+        let Some(last) = self.0 else {
+            self.0 = Some(value);
+            return;
+        };
+        let same_round = last - last % ROUND + value;
+        self.0 = Some(if last - same_round >= ROUND / 2 { same_round + ROUND } else { same_round });
+    }
+
+    /// The number that stands for it in a decoder's state: 0 for none.
+    pub(super) fn state(self) -> i64 {
+        self.0.map_or(0, |high| high + 1)
+    }
+
+    /// That of a state, which must lie below `end`.
+    pub(super) fn of_state(state: i64, end: i64) -> Result<Self> {
+        let next: i64 = part(state, end)?;
+        Ok(Self((next > 0).then(|| next - 1)))
     }
 }
 

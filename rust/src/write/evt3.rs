@@ -34,8 +34,7 @@ impl Evt3Encoder {
     /// An encoder for a sensor of at most 2048 x 2048 pixels; a larger one is cut to that.
     #[must_use]
     pub fn new(width: u32, height: u32) -> Self {
-        let limits = Limits { width: width.min(SIDE), height: height.min(SIDE), ..Self::LIMITS };
-        Self { limits, high: -1, low: u16::MAX, y: u16::MAX, words: Vec::new() }
+        Self { limits: Self::LIMITS.for_sensor(width, height), high: -1, low: u16::MAX, y: u16::MAX, words: Vec::new() }
     }
 
     /// An encoder of words alone that begins at a time of its own: what it writes first is that time's high part, so

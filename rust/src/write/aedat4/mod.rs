@@ -38,9 +38,8 @@ impl Aedat4Encoder {
     /// the Unix time of the events' 0.
     #[must_use]
     pub fn new(width: u32, height: u32, compression: Compression, start_us: i64) -> Self {
-        let side = Self::LIMITS.width;
         Self {
-            limits: Limits { latest_us: i64::MAX - start_us, width: width.min(side), height: height.min(side) },
+            limits: Limits { latest_us: i64::MAX - start_us, ..Self::LIMITS }.for_sensor(width, height),
             start_us,
             compressor: Compressor::new(compression),
             bytes: 0,

@@ -1,72 +1,15 @@
-//! `SceneRenderer` and `PixelRays` for Python.
+//! `SceneRenderer` for Python.
 
-use numpy::{Element, IntoPyArray, PyArray1, PyReadonlyArray1};
-use pyo3::exceptions::PyValueError;
+use numpy::{IntoPyArray, PyArray1};
 use pyo3::prelude::*;
 
-use super::arrays::column;
-use crate::render::{
-    BEFORE_LIGHTS, Beam, EdgeTracks, Emission, Light, LightKind, LightMapTables, PixelRays, Pose, RaySight, Renderer,
-    Scene, SceneTables, Sky, TrackSettings, View,
+use super::pixel_rays::PyPixelRays;
+use super::scene_tables::{
+    EmissionTuple, LightMapTuple, LightTuple, SkyTuple, emission_table, light_map_tables, numbered, sky_map, uv_maps,
 };
-
-/// The lattice rays of a sensor's pixels, as undistorted image coordinates.
-///
-/// Args:
-///     width, height: of the sensor, in pixels, 1..65535.
-///     rays: rays of each pixel, 1..1024.
-///     table: float32 (rays * height * width * 2), flat: x and y of the direction (x, y, 1) in camera axes, by ray of
-///         the lattice and pixel, row by row.
-///
-/// Raises:
-///     ValueError: for a size or number of rays out of range, or a table of another length or with numbers that are not
-///         finite.
-#[pyclass(name = "PixelRays", module = "davis_rs._core", frozen)]
-pub(super) struct PyPixelRays(PixelRays);
-
-#[pymethods]
-impl PyPixelRays {
-    #[new]
-    fn new(width: usize, height: usize, rays: usize, table: &Bound<'_, PyAny>) -> PyResult<Self> {
-        Ok(Self(PixelRays::new(width, height, rays, column::<f32>(table, "table")?.as_slice()?)?))
-    }
-
-    /// Make the rays of a sensor from tables of a few rows each, so that no table of all of them is needed.
-    ///
-    /// Args:
-    ///     width, height, rays: as for the class.
-    ///     rows: rows of the image in a table, a multiple of 8; the last one may have fewer.
-    ///     next: called with the first row of a part; returns its table, as that of the class.
-    ///
-    /// Raises:
-    ///     ValueError: as the class does.
-    #[staticmethod]
-    fn from_parts(width: usize, height: usize, rays: usize, rows: usize, next: &Bound<'_, PyAny>) -> PyResult<Self> {
-        let part = |first: usize| -> PyResult<Vec<f32>> {
-            Ok(column::<f32>(&next.call1((first,))?, "table")?.as_slice()?.to_vec())
-        };
-        Ok(Self(PixelRays::from_parts(width, height, rays, rows, part)?))
-    }
-
-    /// Make the rays of a sensor without distortion. They take next to no memory, and have the bits of a table.
-    ///
-    /// Args:
-    ///     width, height, rays: as for the class.
-    ///     x: float32 (rays * width), flat: x of (x, y, 1) by ray of the lattice and column.
-    ///     y: float32 (rays * height), flat: y by ray of the lattice and row.
-    ///
-    /// Raises:
-    ///     ValueError: as the class does.
-    #[staticmethod]
-    fn grid(width: usize, height: usize, rays: usize, x: &Bound<'_, PyAny>, y: &Bound<'_, PyAny>) -> PyResult<Self> {
-        let (x, y) = (column::<f32>(x, "x")?, column::<f32>(y, "y")?);
-        Ok(Self(PixelRays::grid(width, height, rays, x.as_slice()?, y.as_slice()?)?))
-    }
-
-    fn __repr__(&self) -> String {
-        format!("PixelRays({} x {}, rays={})", self.0.width(), self.0.height(), self.0.rays())
-    }
-}
+use super::views::{Views, view_pixels, views_of};
+use crate::python::arrays::{groups, lists, numbers, rows};
+use crate::render::{BEFORE_LIGHTS, EdgeTracks, LightMapTables, RaySight, Renderer, Scene, SceneTables, TrackSettings};
 
 /// Renders diffuse triangles under direct light: luma, its rate, and depth.
 ///
@@ -107,24 +50,13 @@ impl PyPixelRays {
 /// Raises:
 ///     ValueError: for arrays that do not belong together, or no threads.
 #[pyclass(name = "SceneRenderer", module = "davis_rs._core", frozen)]
-pub(super) struct PySceneRenderer(Renderer);
-
-/// Where cameras are, and what surrounds them: positions, rotations, velocities and rates of each view in each frame;
-/// factors and their rates of each view and light.
-type Views<'py> =
-    (Bound<'py, PyAny>, Bound<'py, PyAny>, Bound<'py, PyAny>, Bound<'py, PyAny>, Bound<'py, PyAny>, Bound<'py, PyAny>);
+pub(in crate::python) struct PySceneRenderer(Renderer);
 
 /// An array without its shape.
 type Flat<'py, T> = Bound<'py, PyArray1<T>>;
 
 /// Pixels, those with something unseen, the samples' pixels, instants and luma, and how much was rendered.
 type TrackTuple<'py> = (Flat<'py, u32>, Flat<'py, u32>, Flat<'py, u32>, Flat<'py, i64>, Flat<'py, f32>, usize);
-
-/// Kind, group, strength, background, vector and beam of a light.
-type LightTuple = (String, u32, f64, f64, [f64; 3], Option<([f64; 3], Option<(f64, f64)>)>);
-
-/// `u_maps`, `v_maps`, layouts and texels of the light maps.
-type LightMapTuple<'py> = (Bound<'py, PyAny>, Bound<'py, PyAny>, Bound<'py, PyAny>, Vec<Bound<'py, PyAny>>);
 
 #[pymethods]
 impl PySceneRenderer {
@@ -167,46 +99,32 @@ impl PySceneRenderer {
         texels: Vec<Bound<'_, PyAny>>,
         lights: Vec<LightTuple>,
         light_maps: Option<LightMapTuple<'_>>,
-        emissions: Option<(Bound<'_, PyAny>, Bound<'_, PyAny>)>,
-        sky: Option<(u32, usize, Bound<'_, PyAny>)>,
+        emissions: Option<EmissionTuple<'_>>,
+        sky: Option<SkyTuple<'_>>,
         shadows: bool,
         centre: [f64; 3],
         step: f64,
         end: f64,
         threads: Option<usize>,
     ) -> PyResult<Self> {
-        let (u_maps, v_maps) = (groups::<f64, 4>(u_maps, "u_maps")?, groups::<f64, 4>(v_maps, "v_maps")?);
-        if u_maps.len() != v_maps.len() {
-            return Err(PyValueError::new_err(format!(
-                "{} u_maps need as many v_maps, got {}",
-                u_maps.len(),
-                v_maps.len()
-            )));
-        }
+        let texture_maps = uv_maps(u_maps, v_maps)?;
         let tables = SceneTables {
             corners: groups::<f64, 9>(corners, "corners")?.into_iter().map(rows).collect(),
             planes: groups(planes, "planes")?,
-            uv_maps: u_maps.into_iter().zip(v_maps).map(|(u, v)| [u, v]).collect(),
+            uv_maps: texture_maps,
             normal_maps: normal_maps.map_or(Ok(vec![]), |maps| {
                 PyResult::Ok(groups::<f64, 12>(maps, "normal_maps")?.into_iter().map(rows).collect())
             })?,
-            textures: column::<u32>(textures, "textures")?.as_slice()?.to_vec(),
-            two_sided: column::<u32>(two_sided, "two_sided")?.as_slice()?.iter().map(|&flag| flag != 0).collect(),
-            frames: column::<u32>(frames, "frames")?.as_slice()?.to_vec(),
+            textures: numbers::<u32>(textures, "textures")?,
+            two_sided: numbers::<u32>(two_sided, "two_sided")?.into_iter().map(|flag| flag != 0).collect(),
+            frames: numbers::<u32>(frames, "frames")?,
             frame_count,
             layouts: groups(layouts, "layouts")?,
-            texels: texels
-                .iter()
-                .map(|group| PyResult::Ok(column::<f32>(group, "texels")?.as_slice()?.to_vec()))
-                .collect::<PyResult<_>>()?,
+            texels: lists(&texels, "texels")?,
             lights: numbered(lights)?,
             light_maps: light_maps.map_or(Ok(LightMapTables::default()), light_map_tables)?,
             emissions: emissions.map_or(Ok(vec![]), emission_table)?,
-            sky: sky
-                .map(|(light, side, texels)| {
-                    PyResult::Ok(Sky { light, side, texels: column::<f32>(&texels, "sky")?.as_slice()?.to_vec() })
-                })
-                .transpose()?,
+            sky: sky.map(sky_map).transpose()?,
             shadows,
             centre,
             step,
@@ -239,7 +157,7 @@ impl PySceneRenderer {
         views: Views<'py>,
         rate: bool,
     ) -> PyResult<(Flat<'py, f32>, Option<Flat<'py, f32>>)> {
-        let views = self.views(&views)?;
+        let views = views_of(self.0.scene(), &views)?;
         let room = || vec![0f32; views.len() * rays.0.pixels()];
         let (mut luma, mut rates) = (room(), rate.then(room));
         py.detach(|| self.0.luma(&rays.0, &views, &mut luma, rates.as_deref_mut()))?;
@@ -266,7 +184,7 @@ impl PySceneRenderer {
         view: &Bound<'py, PyAny>,
         pixel: &Bound<'py, PyAny>,
     ) -> PyResult<Flat<'py, f32>> {
-        let (pixels, views) = (view_pixels(view, pixel)?, self.views(&views)?);
+        let (pixels, views) = (view_pixels(view, pixel)?, views_of(self.0.scene(), &views)?);
         let mut luma = vec![0f32; pixels.len()];
         py.detach(|| self.0.samples(&rays.0, &views, &pixels, &mut luma))?;
         Ok(luma.into_pyarray(py))
@@ -303,7 +221,7 @@ impl PySceneRenderer {
         tolerated: f32,
         log_eps: f32,
     ) -> PyResult<Vec<TrackTuple<'py>>> {
-        let (views, t_us) = (self.views(&views)?, column::<i64>(t_us, "t_us")?.as_slice()?.to_vec());
+        let (views, t_us) = (views_of(self.0.scene(), &views)?, numbers::<i64>(t_us, "t_us")?);
         let settings = TrackSettings { reach, tolerated, log_eps };
         let tracks = py.detach(|| self.0.edge_tracks(&rays.0, &views, &t_us, settings))?;
         let tuple = |tracks: EdgeTracks| {
@@ -337,7 +255,7 @@ impl PySceneRenderer {
         rays: &PyPixelRays,
         views: Views<'py>,
     ) -> PyResult<(Flat<'py, f32>, Flat<'py, u32>)> {
-        let views = self.views(&views)?;
+        let views = views_of(self.0.scene(), &views)?;
         let size = views.len() * rays.0.pixels();
         let (mut depth, mut triangles) = (vec![0f32; size], vec![0u32; size]);
         py.detach(|| self.0.depth(&rays.0, &views, &mut depth, &mut triangles))?;
@@ -365,7 +283,7 @@ impl PySceneRenderer {
         view: &Bound<'py, PyAny>,
         pixel: &Bound<'py, PyAny>,
     ) -> PyResult<(Flat<'py, f32>, Flat<'py, u32>)> {
-        let (pixels, views) = (view_pixels(view, pixel)?, self.views(&views)?);
+        let (pixels, views) = (view_pixels(view, pixel)?, views_of(self.0.scene(), &views)?);
         let mut found = vec![(0f32, 0u32); pixels.len()];
         py.detach(|| self.0.hits(&rays.0, &views, &pixels, &mut found))?;
         let (depth, triangles): (Vec<f32>, Vec<u32>) = found.into_iter().unzip();
@@ -400,10 +318,10 @@ impl PySceneRenderer {
         pixel: &Bound<'py, PyAny>,
         weights: &Bound<'py, PyAny>,
     ) -> PyResult<Flat<'py, f64>> {
-        let views = self.views(&views)?;
-        let view = column::<u32>(view, "view")?.as_slice()?.to_vec();
-        let pixel = column::<u32>(pixel, "pixel")?.as_slice()?.to_vec();
-        let weights = column::<f64>(weights, "weights")?.as_slice()?.to_vec();
+        let views = views_of(self.0.scene(), &views)?;
+        let view = numbers::<u32>(view, "view")?;
+        let pixel = numbers::<u32>(pixel, "pixel")?;
+        let weights = numbers::<f64>(weights, "weights")?;
         let mut gradients = vec![0.0; view.len() * (BEFORE_LIGHTS + self.0.scene().lights())];
         py.detach(|| self.0.gradients(&rays.0, &views, &view, &pixel, &weights, &mut gradients))?;
         Ok(gradients.into_pyarray(py))
@@ -436,11 +354,11 @@ impl PySceneRenderer {
         weights: &Bound<'py, PyAny>,
         steps: &Bound<'py, PyAny>,
     ) -> PyResult<(Flat<'py, u32>, Flat<'py, u32>, Flat<'py, f64>)> {
-        let views = self.views(&views)?;
-        let view = column::<u32>(view, "view")?.as_slice()?.to_vec();
-        let pixel = column::<u32>(pixel, "pixel")?.as_slice()?.to_vec();
-        let weights = column::<f64>(weights, "weights")?.as_slice()?.to_vec();
-        let steps = column::<f64>(steps, "steps")?.as_slice()?.to_vec();
+        let views = views_of(self.0.scene(), &views)?;
+        let view = numbers::<u32>(view, "view")?;
+        let pixel = numbers::<u32>(pixel, "pixel")?;
+        let weights = numbers::<f64>(weights, "weights")?;
+        let steps = numbers::<f64>(steps, "steps")?;
         let found = py.detach(|| self.0.texel_gradients(&rays.0, &views, &view, &pixel, &weights, &steps))?;
         Ok((found.counts.into_pyarray(py), found.texels.into_pyarray(py), found.values.into_pyarray(py)))
     }
@@ -467,7 +385,7 @@ impl PySceneRenderer {
         view: &Bound<'py, PyAny>,
         pixel: &Bound<'py, PyAny>,
     ) -> PyResult<(Flat<'py, u32>, Flat<'py, u64>, Flat<'py, f64>)> {
-        let views = self.views(&views)?;
+        let views = views_of(self.0.scene(), &views)?;
         let (view, pixel): (Vec<u32>, Vec<u32>) = view_pixels(view, pixel)?.into_iter().unzip();
         let mut sights = vec![RaySight::default(); pixel.len() * rays.0.rays()];
         py.detach(|| self.0.ray_sights(&rays.0, &views, &view, &pixel, &mut sights))?;
@@ -488,133 +406,4 @@ impl PySceneRenderer {
             scene.lights()
         )
     }
-}
-
-impl PySceneRenderer {
-    fn views(&self, views: &Views<'_>) -> PyResult<Vec<View>> {
-        let (frames, lights) = (self.0.scene().frames(), self.0.scene().lights());
-        let positions = groups::<f64, 3>(&views.0, "positions")?;
-        let rotations = groups::<f64, 9>(&views.1, "rotations")?;
-        let velocities = groups::<f64, 3>(&views.2, "velocities")?;
-        let rates = groups::<f64, 3>(&views.3, "angular_rates")?;
-        let (factors, factor_rates) = (column::<f64>(&views.4, "factors")?, column::<f64>(&views.5, "factor_rates")?);
-        let count = positions.len() / frames;
-        let lengths = [positions.len(), rotations.len(), velocities.len(), rates.len()];
-        let of_lights = [factors.as_slice()?.len(), factor_rates.as_slice()?.len()];
-        if lengths != [count * frames; 4] || of_lights != [count * lights; 2] {
-            return Err(PyValueError::new_err(format!(
-                "views of {frames} frames and {lights} lights need as many poses and factors, got {lengths:?}, {of_lights:?}"
-            )));
-        }
-        let of_light = |i: usize| PyResult::Ok([factors.as_slice()?[i], factor_rates.as_slice()?[i]]);
-        (0..count)
-            .map(|view| {
-                Ok(View {
-                    poses: (view * frames..(view + 1) * frames)
-                        .map(|i| Pose {
-                            position: positions[i],
-                            rotation: rows(rotations[i]),
-                            velocity: velocities[i],
-                            angular_rate: rates[i],
-                        })
-                        .collect(),
-                    factors: (view * lights..(view + 1) * lights).map(of_light).collect::<PyResult<_>>()?,
-                })
-            })
-            .collect()
-    }
-}
-
-/// Pixels as a view and a pixel in it.
-fn view_pixels(view: &Bound<'_, PyAny>, pixel: &Bound<'_, PyAny>) -> PyResult<Vec<(u32, u32)>> {
-    let (view, pixel) = (column::<u32>(view, "view")?, column::<u32>(pixel, "pixel")?);
-    let (view, pixel) = (view.as_slice()?, pixel.as_slice()?);
-    if view.len() != pixel.len() {
-        return Err(PyValueError::new_err(format!(
-            "view and pixel must be of one length, got {} and {}",
-            view.len(),
-            pixel.len()
-        )));
-    }
-    Ok(view.iter().copied().zip(pixel.iter().copied()).collect())
-}
-
-/// Lights, of which those that are baked are numbered.
-fn numbered(lights: Vec<LightTuple>) -> PyResult<Vec<Light>> {
-    let mut baked = 0..;
-    lights.into_iter().map(|tuple| light(tuple, &mut baked)).collect()
-}
-
-fn light_map_tables((u_maps, v_maps, layouts, texels): LightMapTuple<'_>) -> PyResult<LightMapTables> {
-    let (u_maps, v_maps) = (groups::<f64, 4>(&u_maps, "u_maps")?, groups::<f64, 4>(&v_maps, "v_maps")?);
-    if u_maps.len() != v_maps.len() {
-        return Err(PyValueError::new_err(format!(
-            "{} u_maps need as many v_maps, got {}",
-            u_maps.len(),
-            v_maps.len()
-        )));
-    }
-    Ok(LightMapTables {
-        uv_maps: u_maps.into_iter().zip(v_maps).map(|(u, v)| [u, v]).collect(),
-        layouts: groups(&layouts, "layouts")?,
-        texels: texels
-            .iter()
-            .map(|map| PyResult::Ok(column::<f32>(map, "texels")?.as_slice()?.to_vec()))
-            .collect::<PyResult<_>>()?,
-    })
-}
-
-/// What triangles emit; those of luma 0 nothing.
-fn emission_table((lumas, lights): (Bound<'_, PyAny>, Bound<'_, PyAny>)) -> PyResult<Vec<Option<Emission>>> {
-    let (lumas, lights) = (column::<f64>(&lumas, "emissions")?, column::<u32>(&lights, "emissions")?);
-    let (lumas, lights) = (lumas.as_slice()?, lights.as_slice()?);
-    if lumas.len() != lights.len() {
-        return Err(PyValueError::new_err(format!(
-            "{} emissions need as many lights, got {}",
-            lumas.len(),
-            lights.len()
-        )));
-    }
-    Ok(lumas.iter().zip(lights).map(|(&luma, &light)| (luma != 0.0).then_some(Emission { light, luma })).collect())
-}
-
-fn light(
-    (kind, group, strength, background, vector, beam): LightTuple,
-    baked: &mut impl Iterator<Item = u32>,
-) -> PyResult<Light> {
-    let kind = match kind.as_str() {
-        "point" => LightKind::Point(vector),
-        "directional" => LightKind::Directional(vector),
-        "constant" => LightKind::Constant,
-        "baked" => LightKind::Baked(baked.next().unwrap_or(u32::MAX)),
-        "visible" => LightKind::Visible,
-        _ => {
-            return Err(PyValueError::new_err(format!(
-                "a light is point, directional, constant, baked or visible, got {kind:?}"
-            )));
-        }
-    };
-    let beam = beam.map(|(axis, angles)| match angles {
-        None => Beam::Cosine(axis),
-        Some((full, cutoff)) => Beam::Spot { axis, full, cutoff },
-    });
-    Ok(Light { kind, group, strength, background, beam })
-}
-
-/// A flat array as groups of N numbers.
-fn groups<T: Element + Copy, const N: usize>(array: &Bound<'_, PyAny>, name: &str) -> PyResult<Vec<[T; N]>> {
-    let array: PyReadonlyArray1<T> = column(array, name)?;
-    let (groups, rest) = array.as_slice()?.as_chunks::<N>();
-    if !rest.is_empty() {
-        return Err(PyValueError::new_err(format!(
-            "{name} must be groups of {N}, got {} numbers",
-            array.as_slice()?.len()
-        )));
-    }
-    Ok(groups.to_vec())
-}
-
-/// Rows of a matrix.
-fn rows<const N: usize, const M: usize, const K: usize>(flat: [f64; N]) -> [[f64; M]; K] {
-    std::array::from_fn(|i| std::array::from_fn(|j| flat[i * M + j]))
 }
