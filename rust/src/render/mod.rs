@@ -11,7 +11,7 @@
 //! decided at their corners ([`linear`](geometry::linear)), and the rays of one triangle are shaded together
 //! ([`sorted`](visibility::sorted), [`lanes`]).
 //!
-//! - [`geometry`]: vectors, the [`hierarchy`](geometry::hierarchy) that finds triangles, the camera's
+//! - [`geometry`]: vectors, the BVH ([`bvh`](geometry::bvh)) that finds triangles, the camera's
 //!   [`view`](geometry::view) and its [`pixel_rays`](geometry::pixel_rays).
 //! - [`visibility`]: [`bins`](visibility::bins) and the [`nearest`](visibility::nearest) triangle of each ray.
 //! - [`light`]: [`shade`](light::shade) computes luma from [`lights`](light::lights), [`light_map`](light::light_map),

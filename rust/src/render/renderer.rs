@@ -166,10 +166,11 @@ impl Renderer {
         check_room(pixels.len(), found.len())?;
         let size = rays.width * rays.height;
         if let Some((view, pixel)) = pixels.iter().find(|(v, p)| *v as usize >= views.len() || *p as usize >= size) {
-            return Err(Error::Argument(format!(
-                "pixel {pixel} of view {view} is outside of the {size} pixels of {} views",
-                views.len()
-            )));
+            return Err(Error::Argument(if *view as usize >= views.len() {
+                format!("view {view} is outside of the {} views", views.len())
+            } else {
+                format!("pixel {pixel} is outside of the view's {size}")
+            }));
         }
         let order = samples::sorted(rays, views.len(), pixels);
         let of_views: Vec<&[Sample]> = order.chunk_by(|a, b| a.view == b.view).collect();

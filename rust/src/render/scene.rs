@@ -1,13 +1,13 @@
 //! A diffuse scene of triangles, as the renderer keeps it: made from tables that are checked once.
 //!
-//! Triangles are stored in the order of the hierarchy, and coordinates are relative to the centre of each frame, so
+//! Triangles are stored in the order of the BVH, and coordinates are relative to the centre of each frame, so
 //! that float32 is accurate far from the origin too.
 //!
 //! What must not break: everything that later code takes for granted about the tables is checked in [`Scene::new`].
 
 use std::ops::Range;
 
-use super::geometry::hierarchy::Hierarchy;
+use super::geometry::bvh::Bvh;
 use super::geometry::vector::{Bounds, Vector, add, cross, dot, largest, sub};
 use super::geometry::view::View;
 use super::light::beam::Beam;
@@ -108,13 +108,13 @@ pub(crate) struct Surface {
     pub(crate) emission: Option<Emission>,
 }
 
-/// What stands still in one frame: triangles side by side, and the hierarchy over them.
+/// What stands still in one frame: triangles side by side, and the BVH over them.
 #[derive(Debug)]
 pub(crate) struct Frame {
     /// What was taken from all of its coordinates, so that they are small.
     pub(crate) centre: Vector,
     pub(crate) triangles: Range<usize>,
-    pub(crate) hierarchy: Hierarchy,
+    pub(crate) bvh: Bvh,
 }
 
 /// A scene, ready to be rendered. Coordinates are those of each frame less its centre.
@@ -188,7 +188,7 @@ impl Scene {
         };
         let own: Vec<Bounds> =
             bounds.iter().map(|b| Bounds { low: sub(b.low, centre), high: sub(b.high, centre) }).collect();
-        let (hierarchy, order) = Hierarchy::new(&own);
+        let (bvh, order) = Bvh::new(&own);
         let first = self.corners.len();
         for &at in &order {
             let i = members[at as usize];
@@ -213,7 +213,7 @@ impl Scene {
                 emission: tables.emissions.get(i).copied().flatten(),
             });
         }
-        self.frames.push(Frame { centre, triangles: first..self.corners.len(), hierarchy });
+        self.frames.push(Frame { centre, triangles: first..self.corners.len(), bvh });
     }
 
     /// A view with the camera where it is in the frames less their centres.

@@ -11,7 +11,7 @@ use multiversion::multiversion;
 
 use super::lights::{SeenKind, Surroundings};
 use super::shadows::{Occluders, Shadow};
-use crate::render::geometry::hierarchy::WIDTH;
+use crate::render::geometry::bvh::WIDTH;
 use crate::render::geometry::vector::{dot, single};
 use crate::render::lanes::{Lanes, MOST, Rays, STEP};
 use crate::render::visibility::bins::Seen;

@@ -5,7 +5,7 @@
 //!
 //! What must not break: what is found for a box is true for each point in it as float32 computes it.
 
-use crate::render::geometry::hierarchy::{Boxes, Region, WIDTH};
+use crate::render::geometry::bvh::{Boxes, Region, WIDTH};
 use crate::render::geometry::vector::{Vector, cross, dot, largest, scale, single, sub};
 
 /// Seen from its side a triangle hides nothing: it is this share as wide as its corners are far from the light.

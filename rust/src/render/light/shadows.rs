@@ -1,6 +1,6 @@
 //! Shadows: finds what may hide points of a triangle, seen in a part of the image, from a light.
 //!
-//! The search is made once for each patch and light, in the hierarchy of each frame. [`super::cast`] then tests single
+//! The search is made once for each patch and light, in the BVH of each frame. [`super::cast`] then tests single
 //! points against what was found.
 //!
 //! What must not break: everything that may hide a point of the patch is found. Where all of the patch is known to be
@@ -11,7 +11,7 @@ use multiversion::multiversion;
 use super::cone::{FrameCones, Gathered, Packet, Shaft, Source};
 use super::lights::{SeenKind, SeenLight, Surroundings};
 use super::patch::Patch;
-use crate::render::geometry::hierarchy::{Hierarchy, WIDTH, below};
+use crate::render::geometry::bvh::{Bvh, WIDTH, below};
 use crate::render::geometry::vector::{Bounds, largest, single};
 use crate::render::geometry::view::{Pose, View};
 use crate::render::scene::{LightKind, Scene};
@@ -169,9 +169,9 @@ impl Shadow {
         let packets = if frame == 0 { &of.still[number] } else { &of.moving[frame - 1][number] };
         let first = of.scene.frames[frame].triangles.start;
         let found = Found { first, part, farthest: shadow.farthest, alone };
-        let hierarchy = &of.scene.frames[frame].hierarchy;
+        let bvh = &of.scene.frames[frame].bvh;
         let shaft = Shaft::new(part, &source);
-        shadow.dark = search_leaves(hierarchy, &shaft, packets, &found, &mut self.stack, &mut occluders.cones);
+        shadow.dark = search_leaves(bvh, &shaft, packets, &found, &mut self.stack, &mut occluders.cones);
         if !occluders.cones.is_empty() {
             (occluders.frame, occluders.placing) = (frame, Placing::new(pose));
             shadow.used += 1;
@@ -209,7 +209,7 @@ impl Shadow {
 /// Adds the cones of all triangles in a shaft that may hide some of a patch; says whether one of them hides it all.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
 fn search_leaves(
-    hierarchy: &Hierarchy,
+    bvh: &Bvh,
     shaft: &Shaft,
     packets: &[Packet],
     found: &Found,
@@ -217,7 +217,7 @@ fn search_leaves(
     cones: &mut Gathered,
 ) -> bool {
     let mut dark = false;
-    hierarchy.visit(stack, shaft, |leaf| {
+    bvh.visit(stack, shaft, |leaf| {
         dark = found.add(packets, leaf, cones);
         !dark
     });

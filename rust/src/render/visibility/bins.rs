@@ -9,7 +9,7 @@
 //! - A triangle is left out of a tile only if none of the tile's rays would see it, to the last bit
 //!   ([`crate::render::geometry::linear`]).
 
-use crate::render::geometry::hierarchy::{Boxes, Region, WIDTH};
+use crate::render::geometry::bvh::{Boxes, Region, WIDTH};
 use crate::render::geometry::linear::{Linear, Rect};
 use crate::render::geometry::pixel_rays::PixelRays;
 use crate::render::geometry::vector::{Vector, cross, dot, largest, scale, single, sub};
@@ -166,9 +166,9 @@ impl Bins {
     ) {
         let mut stack = std::mem::take(&mut self.stack);
         for (frame, pose) in scene.frames.iter().zip(&view.poses) {
-            let pyramid = Pyramid::new(part, pose, frame.hierarchy.reach);
+            let pyramid = Pyramid::new(part, pose, frame.bvh.reach);
             let first = frame.triangles.start;
-            frame.hierarchy.visit(&mut stack, &pyramid, |leaf| {
+            frame.bvh.visit(&mut stack, &pyramid, |leaf| {
                 for triangle in leaf {
                     let triangle = first + triangle;
                     let corners = scene.corners[triangle].map(|corner| pose.turned(sub(corner, pose.position)));

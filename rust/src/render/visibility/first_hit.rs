@@ -6,7 +6,7 @@
 //! What must not break: the candidates for a spot of the image include every triangle that one of its rays may hit
 //! first.
 
-use crate::render::geometry::hierarchy::{Boxes, Region, WIDTH};
+use crate::render::geometry::bvh::{Boxes, Region, WIDTH};
 use crate::render::geometry::vector::{Vector, cross, dot, scale, sub};
 use crate::render::geometry::view::View;
 use crate::render::scene::Scene;
@@ -82,7 +82,7 @@ impl Candidates {
         let mut farthest = 0.0;
         for (number, frame) in scene.frames.iter().enumerate() {
             let pyramid = Pyramid::new(view, number, spot);
-            frame.hierarchy.visit(stack, &pyramid, |range| {
+            frame.bvh.visit(stack, &pyramid, |range| {
                 for triangle in frame.triangles.start + range.start..frame.triangles.start + range.end {
                     let Some(seen) = Seen::new(scene, view, triangle, spot) else { continue };
                     if seen.covers(spot) {
@@ -110,7 +110,7 @@ impl Candidates {
     }
 }
 
-/// What a camera sees in a spot of its image, in the hierarchy of a frame.
+/// What a camera sees in a spot of its image, in the BVH of a frame.
 struct Pyramid {
     origin: Vector,
     /// Of its sides, into it.
@@ -146,7 +146,7 @@ impl Region for Pyramid {
     }
 }
 
-/// A ray and how far it goes, in the hierarchy of its frame.
+/// A ray and how far it goes, in the BVH of its frame.
 struct Reaching {
     origin: Vector,
     per_direction: Vector,
@@ -194,7 +194,7 @@ fn meets(corners: &[Vector; 3], plane: &[f64; 4], ray: &Ray) -> Option<f64> {
 pub(crate) fn is_blocked(scene: &Scene, rays: &[Ray], end: f64, but: u32, stack: &mut Vec<u32>) -> bool {
     for (frame, ray) in scene.frames.iter().zip(rays) {
         let (first, mut blocked) = (frame.triangles.start, false);
-        frame.hierarchy.visit(stack, &Reaching::new(ray, end), |range| {
+        frame.bvh.visit(stack, &Reaching::new(ray, end), |range| {
             blocked = (first + range.start..first + range.end).any(|triangle| {
                 triangle != but as usize
                     && meets(&scene.corners[triangle], &scene.surfaces[triangle].plane, ray)

@@ -1,4 +1,4 @@
-//! A hierarchy of boxes over triangles: finds the triangles in a region of space without a look at all of them.
+//! A bounding volume hierarchy (BVH): finds the triangles in a region of space without testing all of them.
 //!
 //! A node has [`WIDTH`] boxes, because that many are tested together in vector code.
 //!
@@ -11,13 +11,13 @@ use std::ops::Range;
 
 use super::vector::{Bounds, largest};
 
-/// Triangles in a leaf, at most; unless they all lie at one place.
+/// Triangles in a leaf, at most; unless they all lie at one point.
 const LEAF: usize = WIDTH;
 
-/// Candidates for a cut along an axis.
+/// Candidates for a split along an axis.
 const CUTS: usize = 12;
 
-/// What a visit to a node costs, in tests of a triangle.
+/// Cost of visiting a node, in triangle tests.
 const VISIT: f64 = 0.5;
 
 /// Boxes side by side in a node, which are tested together.
@@ -47,58 +47,58 @@ pub(crate) trait Region {
     fn meets(&self, boxes: &Boxes) -> [bool; WIDTH];
 }
 
-/// Boxes in boxes. Triangles are numbered in its order: those of a leaf, and of any node, follow each other.
+/// A BVH with wide nodes. Triangles are numbered in its order: those of a leaf, and of any node, follow each other.
 #[derive(Debug, Default)]
-pub(crate) struct Hierarchy {
+pub(crate) struct Bvh {
     nodes: Vec<Node>,
     /// No coordinate of its triangles is larger.
     pub(crate) reach: f64,
 }
 
-/// A node of two, before these are gathered into nodes of [`WIDTH`].
-struct Fork {
+/// A node of the binary BVH, before it is collapsed into nodes of [`WIDTH`].
+struct BinaryNode {
     bounds: Bounds,
     range: Range<usize>,
     /// The first of two that lie side by side; None for a leaf.
     first: Option<usize>,
 }
 
-impl Hierarchy {
-    /// The hierarchy of triangles with these bounds, and in its order their old numbers.
+impl Bvh {
+    /// Builds the BVH of triangles with these bounds. Returns it, and the triangles' old indices in its order.
     pub(crate) fn new(bounds: &[Bounds]) -> (Self, Vec<u32>) {
         let mut order: Vec<u32> = (0..index(bounds.len())).collect();
-        let mut hierarchy = Self::default();
+        let mut bvh = Self::default();
         if bounds.is_empty() {
-            return (hierarchy, order);
+            return (bvh, order);
         }
-        let fork = |range: Range<usize>, order: &[u32]| {
+        let node = |range: Range<usize>, order: &[u32]| {
             let bounds = order[range.clone()].iter().fold(Bounds::NONE, |all, &i| all.with(&bounds[i as usize]));
-            Fork { bounds, range, first: None }
+            BinaryNode { bounds, range, first: None }
         };
-        let mut forks = vec![fork(0..order.len(), &order)];
-        hierarchy.reach = largest(forks[0].bounds.low).max(largest(forks[0].bounds.high));
+        let mut nodes = vec![node(0..order.len(), &order)];
+        bvh.reach = largest(nodes[0].bounds.low).max(largest(nodes[0].bounds.high));
         let mut at = 0;
-        while at < forks.len() {
-            let range = forks[at].range.clone();
-            if let Some(middle) = split(&forks[at].bounds, bounds, &mut order[range.clone()]) {
-                forks[at].first = Some(forks.len());
-                forks.push(fork(range.start..range.start + middle, &order));
-                forks.push(fork(range.start + middle..range.end, &order));
+        while at < nodes.len() {
+            let range = nodes[at].range.clone();
+            if let Some(middle) = split(&nodes[at].bounds, bounds, &mut order[range.clone()]) {
+                nodes[at].first = Some(nodes.len());
+                nodes.push(node(range.start..range.start + middle, &order));
+                nodes.push(node(range.start + middle..range.end, &order));
             }
             at += 1;
         }
-        hierarchy.gather(&forks, vec![0]);
-        (hierarchy, order)
+        bvh.collapse(&nodes, vec![0]);
+        (bvh, order)
     }
 
     /// Collapses the binary tree into a wide node, largest area first, and does the same below it. Returns the node's
     /// index.
-    fn gather(&mut self, forks: &[Fork], mut members: Vec<usize>) -> u32 {
+    fn collapse(&mut self, nodes: &[BinaryNode], mut members: Vec<usize>) -> u32 {
         while members.len() < WIDTH {
-            let open = (0..members.len()).filter(|&i| forks[members[i]].first.is_some());
-            let area = |i: usize| forks[members[i]].bounds.half_area();
+            let open = (0..members.len()).filter(|&i| nodes[members[i]].first.is_some());
+            let area = |i: usize| nodes[members[i]].bounds.half_area();
             let Some(largest) = open.max_by(|&i, &j| area(i).total_cmp(&area(j))) else { break };
-            let first = forks[members[largest]].first.unwrap_or_default();
+            let first = nodes[members[largest]].first.unwrap_or_default();
             members[largest] = first;
             members.insert(largest + 1, first + 1);
         }
@@ -106,16 +106,16 @@ impl Hierarchy {
         let boxes = Boxes { low: [[f32::INFINITY; WIDTH]; 3], high: [[f32::NEG_INFINITY; WIDTH]; 3] };
         self.nodes.push(Node { boxes, first: [0; WIDTH], count: [0; WIDTH], used: members.len() });
         for (lane, &member) in members.iter().enumerate() {
-            let fork = &forks[member];
-            let (first, count) = match fork.first {
-                Some(first) => (self.gather(forks, vec![first, first + 1]), 0),
-                None => (index(fork.range.start), index(fork.range.len())),
+            let child = &nodes[member];
+            let (first, count) = match child.first {
+                Some(first) => (self.collapse(nodes, vec![first, first + 1]), 0),
+                None => (index(child.range.start), index(child.range.len())),
             };
-            let node = &mut self.nodes[number];
-            (node.first[lane], node.count[lane]) = (first, count);
+            let wide = &mut self.nodes[number];
+            (wide.first[lane], wide.count[lane]) = (first, count);
             for axis in 0..3 {
-                node.boxes.low[axis][lane] = below(fork.bounds.low[axis]);
-                node.boxes.high[axis][lane] = -below(-fork.bounds.high[axis]);
+                wide.boxes.low[axis][lane] = below(child.bounds.low[axis]);
+                wide.boxes.high[axis][lane] = -below(-child.bounds.high[axis]);
             }
         }
         index(number)
@@ -148,7 +148,7 @@ impl Hierarchy {
     }
 }
 
-/// A float32 at or below a number, as near as there is.
+/// Returns the largest float32 at or below a number.
 #[allow(clippy::cast_possible_truncation, reason = "what is rounded up is taken down again")]
 pub(crate) fn below(x: f64) -> f32 {
     let single = x as f32;
@@ -160,7 +160,7 @@ fn index(n: usize) -> u32 {
     n as u32
 }
 
-/// Orders triangles so that those before the returned place are one child, the rest the other; None for a leaf.
+/// Orders triangles so that those before the returned position are one child, the rest the other; None for a leaf.
 ///
 /// The cut is the one with the least expected cost by the surface area heuristic.
 ///
@@ -218,8 +218,8 @@ fn split(around: &Bounds, bounds: &[Bounds], order: &mut [u32]) -> Option<usize>
 
 #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a share of CUTS")]
 fn bin(bounds: &Bounds, centres: &Bounds, axis: usize) -> usize {
-    let share = (bounds.centre()[axis] - centres.low[axis]) / (centres.high[axis] - centres.low[axis]);
-    ((share * CUTS as f64) as usize).min(CUTS - 1)
+    let fraction = (bounds.centre()[axis] - centres.low[axis]) / (centres.high[axis] - centres.low[axis]);
+    ((fraction * CUTS as f64) as usize).min(CUTS - 1)
 }
 
 #[cfg(test)]
@@ -237,27 +237,27 @@ mod tests {
     }
 
     proptest! {
-        /// Every triangle is in one leaf, in its box; a visit finds all that meet a place.
+        /// Every triangle is in one leaf, in its box; a visit finds all that contain a point.
         #[test]
         fn a_visit_finds_what_is_there(
-            places in prop::collection::vec((prop::array::uniform3(-3i8..4), prop::array::uniform3(0u8..3)), 0..60),
+            boxes in prop::collection::vec((prop::array::uniform3(-3i8..4), prop::array::uniform3(0u8..3)), 0..60),
             probe in prop::array::uniform3(-4i8..5),
         ) {
-            let bounds: Vec<Bounds> = places
+            let bounds: Vec<Bounds> = boxes
                 .iter()
                 .map(|(low, size)| Bounds {
                     low: low.map(f64::from),
                     high: std::array::from_fn(|i| f64::from(low[i]) + f64::from(size[i])),
                 })
                 .collect();
-            let (hierarchy, order) = Hierarchy::new(&bounds);
+            let (bvh, order) = Bvh::new(&bounds);
             let mut sorted = order.clone();
             sorted.sort_unstable();
             prop_assert_eq!(sorted, (0..index(bounds.len())).collect::<Vec<_>>());
             let probe = probe.map(f64::from);
             let holds = |b: &Bounds| (0..3).all(|i| b.low[i] <= probe[i] && probe[i] <= b.high[i]);
             let mut found = vec![];
-            hierarchy.visit(&mut vec![], &Probe(probe), |range| {
+            bvh.visit(&mut vec![], &Probe(probe), |range| {
                 found.extend(order[range].iter().copied().filter(|&i| holds(&bounds[i as usize])));
                 true
             });
